@@ -1,10 +1,12 @@
 """
-Check a release: version, changelog, conda recipe, archives, and the installed wheel on the oldest and newest Python.
+Check a release: version, changelog, conda recipe, archives, and the installed wheel on the oldest
+and newest Python.
 
-    python .ci/release_check.py [--tests FOLDER ...]      FOLDER: only these tests, such as tests/records
+    python .ci/release_check.py [--tests FOLDER ...]      FOLDER: only these tests, such as
+    tests/records
 
-The version is that of the tag of the current commit. Without a tag the check is a rehearsal: the changelog may then still
-say "Unreleased". Archives are left in dist/.
+The version is that of the tag of the current commit. Without a tag the check is a rehearsal: the
+changelog may then still say "Unreleased". Archives are left in dist/.
 """
 
 import argparse
@@ -80,7 +82,9 @@ def stated_version() -> str:
             refuse(f"{name}: no version")
         found[name] = match[1]
     if len(set(found.values())) != 1:
-        refuse("versions differ: " + ", ".join(f"{name} {version}" for name, version in found.items()))
+        refuse(
+            "versions differ: " + ", ".join(f"{name} {version}" for name, version in found.items())
+        )
     return found["CITATION.cff"]
 
 
@@ -100,7 +104,10 @@ def tag_of_commit() -> str | None:
 
 
 def check_version(version: str, tag: str | None) -> None:
-    """Compare the version with the tag; a tagged tree must be clean, and its origin the stated address."""
+    """
+    Compare the version with the tag; a tagged tree must be clean, and its origin the stated
+    address.
+    """
     if tag is None:
         print(f"no tag at this commit; the tag of version {version} is v{version}")
         return
@@ -110,7 +117,9 @@ def check_version(version: str, tag: str | None) -> None:
         refuse("the working tree has changes that are not committed")
     origin = git("remote", "get-url", "origin").removesuffix(".git")
     home = re.search(
-        r'^Repository = "(.+)"$', (ROOT / "pyproject.toml").read_text(encoding="utf-8"), re.MULTILINE
+        r'^Repository = "(.+)"$',
+        (ROOT / "pyproject.toml").read_text(encoding="utf-8"),
+        re.MULTILINE,
     )
     if origin.startswith("https://") and home and origin != home[1]:
         refuse(f"origin is {origin}, but pyproject.toml states {home[1]}")
@@ -125,7 +134,9 @@ def check_changelog(version: str, *, released: bool) -> None:
     if not re.search(r"^- ", section, re.MULTILINE):
         refuse(f"CHANGELOG.md: no section [{version}] with entries")
     date = re.search(
-        r'^date-released: "(.+)"$', (ROOT / "CITATION.cff").read_text(encoding="utf-8"), re.MULTILINE
+        r'^date-released: "(.+)"$',
+        (ROOT / "CITATION.cff").read_text(encoding="utf-8"),
+        re.MULTILINE,
     )
     if date is None and not released and version not in sections:  # nothing is released yet
         return
@@ -133,7 +144,8 @@ def check_changelog(version: str, *, released: bool) -> None:
         refuse('CITATION.cff: no line date-released: "YYYY-MM-DD"')
     if version in sections and section.partition("\n")[0].strip() != f"- {date[1]}":
         refuse(
-            f"CHANGELOG.md: the section of {version} must be headed ## [{version}] - {date[1]}, as in CITATION.cff"
+            f"CHANGELOG.md: the section of {version} must be headed ## [{version}] - {date[1]}, as"
+            " in CITATION.cff"
         )
 
 
@@ -146,7 +158,9 @@ def _is_date(text: str) -> bool:
 
 
 def check_recipe(version: str) -> None:
-    """Render the conda recipe; this finds unknown keys, malformed requirements and missing variables."""
+    """
+    Render the conda recipe; this finds unknown keys, malformed requirements and missing variables.
+    """
     from rattler_build import RattlerBuildError, Stage0Recipe
 
     step("conda recipe")
@@ -173,7 +187,9 @@ def build_archives() -> Path:
 
 def oldest_and_newest() -> list[Path]:
     """Interpreters of the oldest and the newest supported version that are here."""
-    supported = re.findall(r"Python :: (3\.\d+)", (ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    supported = re.findall(
+        r"Python :: (3\.\d+)", (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    )
     here = [python for version in supported if (python := interpreter(version)) is not None]
     if not here:
         refuse(f"no Python {supported[0]} to {supported[-1]} found")
@@ -186,14 +202,19 @@ def interpreter(version: str) -> Path | None:
     for candidate in (shutil.which(f"python{version}"), *map(str, reversed(kept))):
         words = "import sys, venv, ensurepip; print('%d.%d' % sys.version_info[:2])"
         if candidate is not None:
-            done = subprocess.run([candidate, "-c", words], capture_output=True, text=True, check=False)
+            done = subprocess.run(
+                [candidate, "-c", words], capture_output=True, text=True, check=False
+            )
             if done.returncode == 0 and done.stdout.strip() == version:
                 return Path(candidate)
     return None
 
 
 def check_installed(python: Path, wheel: Path, version: str, tests: list[str]) -> None:
-    """Install the wheel into a clean environment, run a study, and run tests in a folder without the sources."""
+    """
+    Install the wheel into a clean environment, run a study, and run tests in a folder without the
+    sources.
+    """
     step(f"{python}: install, run and test outside the tree")
     with tempfile.TemporaryDirectory() as folder:
         place, environment = Path(folder), Path(folder) / "environment"
@@ -204,7 +225,13 @@ def check_installed(python: Path, wheel: Path, version: str, tests: list[str]) -
         home = place / "home"
         home.mkdir()
         env = {"PATH": f"{own.parent}{os.pathsep}{os.environ['PATH']}", "HOME": str(home)}
-        call(own, "-c", f"import pymantaray; assert pymantaray.__version__ == {version!r}", cwd=home, env=env)
+        call(
+            own,
+            "-c",
+            f"import pymantaray; assert pymantaray.__version__ == {version!r}",
+            cwd=home,
+            env=env,
+        )
         call(mantaray, "study", "run", "quick", "--quiet", "--out", "run", cwd=home, env=env)
         call(own, "-m", "pip", "install", "--quiet", "--group", f"{ROOT / 'pyproject.toml'}:test")
         tree = place / "tree"
@@ -213,7 +240,19 @@ def check_installed(python: Path, wheel: Path, version: str, tests: list[str]) -
                 ROOT / name, tree / name, ignore=shutil.ignore_patterns("__pycache__", *NEED_SOURCE)
             )
         shutil.copy2(ROOT / "pyproject.toml", tree)
-        call(own, "-m", "pytest", "-q", "-n", "auto", "--dist", "worksteal", *tests, cwd=tree, env=env)
+        call(
+            own,
+            "-m",
+            "pytest",
+            "-q",
+            "-n",
+            "auto",
+            "--dist",
+            "worksteal",
+            *tests,
+            cwd=tree,
+            env=env,
+        )
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
 """
 Every figure that the project promises: what was measured, beside what, and the goal.
 
-Run with ``python benchmarks/all_rows.py [NUMBER ...]``, all rows or some; ``--list`` shows them, ``--quick`` leaves out those that
-take minutes. Each row is printed by one of the other benchmarks, which run one after another, once for all rows they
-have; a row shows what they print of it, medians of several runs, and its peer where it has one. A benchmark whose data or peer is
-not here says so. CPU time counts; wall times beside it hold for a machine with nothing else to do.
+Run with ``python benchmarks/all_rows.py [NUMBER ...]``, all rows or some; ``--list`` shows them,
+``--quick`` leaves out those that take minutes. Each row is printed by one of the other benchmarks,
+which run one after another, once for all rows they have; a row shows what they print of it, medians
+of several runs, and its peer where it has one. A benchmark whose data or peer is not here says so.
+CPU time counts; wall times beside it hold for a machine with nothing else to do.
 """
 
 import argparse
@@ -26,7 +27,9 @@ HERE = Path(__file__).parent
 
 
 class Row(NamedTuple):
-    """A work, its goal, the benchmark that measures it, and the lines to show of it, all if empty."""
+    """
+    A work, its goal, the benchmark that measures it, and the lines to show of it, all if empty.
+    """
 
     work: str
     goal: str
@@ -45,7 +48,8 @@ ROWS = (
     Row("first call in a fresh install", "5 s; 10 s for all kernels", "bench_start.py", "^kernels"),
     Row(
         "smooth links of 0.5 to 12 km in the reference's duct",
-        "in one call 12 thousandths of a sort, 0.7 ms with both ends at 50 m or above; no link above 3 ms",
+        "in one call 12 thousandths of a sort, 0.7 ms with both ends at 50 m or above; no link"
+        " above 3 ms",
         "bench_tail.py",
         "^duct|^sort",
     ),
@@ -56,11 +60,20 @@ ROWS = (
         "^gulf",
     ),
     Row(
-        "Beaufort 3-D preset, a link", "150 us", "bench_links.py --threads 1 --media arctic-3d fram-3d", "3d"
+        "Beaufort 3-D preset, a link",
+        "150 us",
+        "bench_links.py --threads 1 --media arctic-3d fram-3d",
+        "3d",
     ),
-    Row("linear media beside Bellhop", "1,500 times", "compare_reference.py", "linear|Bellhop|absolute"),
     Row(
-        "one-dimensional media beside Bellhop; an in-process 2-D one took 13 to 26 ms a link elsewhere",
+        "linear media beside Bellhop",
+        "1,500 times",
+        "compare_reference.py",
+        "linear|Bellhop|absolute",
+    ),
+    Row(
+        "one-dimensional media beside Bellhop; an in-process 2-D one took 13 to 26 ms a link"
+        " elsewhere",
         "100 times",
         "compare_reference.py",
         r"^\| (medium|[abcd]_)",
@@ -74,7 +87,13 @@ ROWS = (
     ),
     Row("raw cast, 2 km links, 7 surface bounces", "2 ms", "bench_tail.py", "^cast"),
     Row("report of quick", "5 s", "bench_study.py quick", "", True),
-    Row("full Beaufort study, warm", "10 s", "bench_study.py beaufort", r"^(stage|all|\w+ +\d)", True),
+    Row(
+        "full Beaufort study, warm",
+        "10 s",
+        "bench_study.py beaufort",
+        r"^(stage|all|\w+ +\d)",
+        True,
+    ),
     Row(
         "the same from an empty cache of kernels",
         "40 s",
@@ -102,7 +121,9 @@ ROWS = (
     Row("range models and joint estimation", "none", "bench_range_models.py", "", True),
     Row("robust estimation", "none", "bench_robust.py", "", True),
     Row(
-        "a solve of a million poses: CPU [s], peak memory [MiB]", "8 s", "complexity.py --point poses 1000010"
+        "a solve of a million poses: CPU [s], peak memory [MiB]",
+        "8 s",
+        "complexity.py --point poses 1000010",
     ),
     Row(
         "a ping of 11 vehicles in a simulator's loop; four clients and two workers",
@@ -135,13 +156,20 @@ def printed(benchmark: str) -> tuple[str, float, float]:
         check=False,
     )
     wall, after = time.perf_counter() - start, resource.getrusage(resource.RUSAGE_CHILDREN)
-    text = done.stdout if done.returncode == 0 else done.stdout + f"failed: {done.stderr.strip()[-300:]}"
+    text = (
+        done.stdout
+        if done.returncode == 0
+        else done.stdout + f"failed: {done.stderr.strip()[-300:]}"
+    )
     return text, after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime, wall
 
 
 def print_row(number: int, row: Row) -> None:
     text, cpu, wall = printed(row.benchmark)
-    print(f"\n{number}. {row.work}; goal: {row.goal}\n   {row.benchmark} ({cpu:.0f} s of CPU, {wall:.0f} s)")
+    print(
+        f"\n{number}. {row.work}; goal: {row.goal}\n   {row.benchmark} ({cpu:.0f} s of CPU,"
+        f" {wall:.0f} s)"
+    )
     for line in text.splitlines():
         if line.strip() and re.search(f"{row.lines}|^failed|^nothing|^no reference", line):
             print(f"   | {line}")
@@ -158,14 +186,16 @@ def machine() -> str:
         np.sort(numbers)
         seconds.append(time.process_time() - start)
     return (
-        f"{names[0] if names else platform.processor()}, {os.cpu_count()} processors, load {os.getloadavg()[0]:.1f};"
-        f" Python {platform.python_version()}, NumPy {np.__version__};"
+        f"{names[0] if names else platform.processor()}, {os.cpu_count()} processors, load"
+        f" {os.getloadavg()[0]:.1f}; Python {platform.python_version()}, NumPy {np.__version__};"
         f" sorting a million numbers takes {1e3 * statistics.median(seconds):.1f} ms"
     )
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("rows", nargs="*", type=int, metavar="NUMBER")
     parser.add_argument("--list", action="store_true", help="show the rows only")
     parser.add_argument("--quick", action="store_true", help="leave out what takes minutes")

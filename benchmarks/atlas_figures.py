@@ -3,7 +3,8 @@ Draw the maps of docs/how-to/atlas.md: both synthetic regions, every fourth colu
 
     python benchmarks/atlas_figures.py [FOLDER]
 
-The atlases go into a folder, by default ``runs/atlas``; one that is there already is drawn as it is. About 3 minutes of CPU.
+The atlases go into a folder, by default ``runs/atlas``; one that is there already is drawn as it
+is. About 3 minutes of CPU.
 """
 
 import sys

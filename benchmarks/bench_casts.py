@@ -1,8 +1,12 @@
-"""Time the two-point solver in raw casts of 1 m, thinned and smoothed, and say what that does to travel times.
+"""
+Time the two-point solver in raw casts of 1 m, thinned and smoothed, and say what that does to
+travel times.
 
-Run with ``python benchmarks/bench_casts.py CAST.csv...``. Links, up to 6 km long, join depths of 10 to 300 m. For each cast and treatment:
-levels, milliseconds of CPU a link, links with an arrival, and how far the earliest arrival is from that in the raw cast, piecewise linear,
-which is traced exactly. The profile of ``docs/how-to/travel-times.md`` stands beside them. One thread, after a link that compiles.
+Run with ``python benchmarks/bench_casts.py CAST.csv...``. Links, up to 6 km long, join depths of 10
+to 300 m. For each cast and treatment: levels, milliseconds of CPU a link, links with an arrival,
+and how far the earliest arrival is from that in the raw cast, piecewise linear, which is traced
+exactly. The profile of ``docs/how-to/travel-times.md`` stands beside them. One thread, after a link
+that compiles.
 """
 
 import argparse
@@ -48,7 +52,8 @@ def main() -> None:
     options = parser.parse_args()
     ends = links(options.links)
     print(
-        f"{'':34} levels  ms/link  heard   change of the earliest arrival [us]: median, 90 %, links that differ"
+        f"{'':34} levels  ms/link  heard   change of the earliest arrival [us]: median, 90 %,"
+        " links that differ"
     )
     spent, _ = first_times(Medium.from_profile(*DOCS, bottom_depth=3000.0), ends, options.bounces)
     print(f"{'profile of the page, smooth':34} {DOCS[0].size:6d} {spent:8.3f}")
@@ -77,7 +82,8 @@ def main() -> None:
             lost = int(np.count_nonzero(np.isfinite(first) != np.isfinite(exact)))
             heard = int(np.isfinite(first).sum())
             print(
-                f"  {label:32} {levels.size:6d} {spent:8.2f} {heard:6d} {median:10.1f} {most:10.1f} {lost:6d}"
+                f"  {label:32} {levels.size:6d} {spent:8.2f} {heard:6d} {median:10.1f}"
+                f" {most:10.1f} {lost:6d}"
             )
 
 

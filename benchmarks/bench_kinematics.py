@@ -18,11 +18,14 @@ def main() -> None:
     seconds = []
     for _ in range(6):
         start = time.perf_counter()
-        truth = simulate(fleet, ocean, duration=168 * 3600.0, physics_step=0.125, sampling_period=200.0)
+        truth = simulate(
+            fleet, ocean, duration=168 * 3600.0, physics_step=0.125, sampling_period=200.0
+        )
         seconds.append(time.perf_counter() - start)
     print(
-        f"{truth.position.shape[0]} vehicles, {168 * 3600 * 8:,} steps each: first call {seconds[0]:.2f} s,"
-        f" then {statistics.median(seconds[1:]):.2f} s ({min(seconds[1:]):.2f} to {max(seconds[1:]):.2f})"
+        f"{truth.position.shape[0]} vehicles, {168 * 3600 * 8:,} steps each: first call"
+        f" {seconds[0]:.2f} s, then {statistics.median(seconds[1:]):.2f} s ({min(seconds[1:]):.2f}"
+        f" to {max(seconds[1:]):.2f})"
     )
 
 

@@ -1,16 +1,20 @@
-"""Time the two-point solver: microseconds per link by medium, direct and with bounces, by threads or on a CUDA device.
+"""
+Time the two-point solver: microseconds per link by medium, direct and with bounces, by threads or
+on a CUDA device.
 
-Run with ``python benchmarks/bench_links.py``. Media: isovelocity, constant gradient, Munk's channel, one column of the
-synthetic Beaufort Sea (Arctic 1-D), that sea in full (Arctic 3-D) and the synthetic Fram Strait in full, both also with
-piecewise linear interpolation. Links are the paper's: 42 pings of 11 vehicles, 2,310 unordered pairs, at made-up positions:
-its grid and target depths, each vehicle at the surface or at depth by chance, displaced by 2 km. Medians of several runs after
-one that compiles; smallest and largest beside them, and the CPU time of the process, which other work on the machine
-disturbs less.
+Run with ``python benchmarks/bench_links.py``. Media: isovelocity, constant gradient, Munk's
+channel, one column of the synthetic Beaufort Sea (Arctic 1-D), that sea in full (Arctic 3-D) and
+the synthetic Fram Strait in full, both also with piecewise linear interpolation. Links are the
+paper's: 42 pings of 11 vehicles, 2,310 unordered pairs, at made-up positions: its grid and target
+depths, each vehicle at the surface or at depth by chance, displaced by 2 km. Medians of several
+runs after one that compiles; smallest and largest beside them, and the CPU time of the process,
+which other work on the machine disturbs less.
 
-``--bounces N`` adds N reflections at the surface and N at the bottom (2 in the figures of the docs). ``--threads 1 2`` names the
-thread counts. ``--links N`` takes more pings, ``--vehicles N`` all pairs of N vehicles spread over 20 km x 20 km instead.
-``--device cuda`` solves on a CUDA device, one thread a link. ``--both-ways`` solves the links of the 3-D media from both
-ends and compares.
+``--bounces N`` adds N reflections at the surface and N at the bottom (2 in the figures of the
+docs). ``--threads 1 2`` names the thread counts. ``--links N`` takes more pings, ``--vehicles N``
+all pairs of N vehicles spread over 20 km x 20 km instead. ``--device cuda`` solves on a CUDA
+device, one thread a link. ``--both-ways`` solves the links of the 3-D media from both ends and
+compares.
 """
 
 import argparse
@@ -28,7 +32,9 @@ from pymantaray.ocean import open_ocean, to_local
 from pymantaray.records import RayStatus
 
 GRID = (
-    np.array([[0, 0], *[[n, e] for n in (2, -2) for e in (-3, 0, 3)], *[[0, e] for e in (-6, -3, 3, 6)]])
+    np.array(
+        [[0, 0], *[[n, e] for n in (2, -2) for e in (-3, 0, 3)], *[[0, e] for e in (-6, -3, 3, 6)]]
+    )
     * 1e3
 )
 TARGETS = np.array([0.5, 500, 2000, 750, 1000, 1750, 1250, 2250, 1500, 250, 2500])
@@ -39,7 +45,9 @@ LEVELS = np.concatenate(
 
 
 def fleet_links(rng: np.random.Generator, n_links: int) -> tuple[np.ndarray, np.ndarray]:
-    """Both ends of the first n_links pairs of as many pings as it takes, shape (n_links, 3) each [m]."""
+    """
+    Both ends of the first n_links pairs of as many pings as it takes, shape (n_links, 3) each [m].
+    """
     first, second = np.triu_indices(len(GRID), k=1)
     ends: tuple[list[np.ndarray], list[np.ndarray]] = ([], [])
     for _ in range(-(-n_links // first.size)):
@@ -52,7 +60,9 @@ def fleet_links(rng: np.random.Generator, n_links: int) -> tuple[np.ndarray, np.
 
 def crowd_links(rng: np.random.Generator, n_vehicles: int) -> tuple[np.ndarray, np.ndarray]:
     """Both ends of all pairs of vehicles in a square of 20 km. [m]"""
-    place = np.column_stack([rng.uniform(-10e3, 10e3, (n_vehicles, 2)), rng.choice(TARGETS, n_vehicles)])
+    place = np.column_stack(
+        [rng.uniform(-10e3, 10e3, (n_vehicles, 2)), rng.choice(TARGETS, n_vehicles)]
+    )
     first, second = np.triu_indices(n_vehicles, k=1)
     return place[first], place[second]
 
@@ -122,10 +132,11 @@ def time_links(
     where = "CUDA" if options.device == "cuda" else f"{threads} threads"
     print(
         f"{name:10} {bounces} bounces, {where}: {statistics.median(each):7.1f} us a link"
-        f" ({min(each):.1f} to {max(each):.1f}; CPU {1e6 * statistics.median(busy) / len(source):.1f}),"
-        f" {statistics.median(seconds):6.2f} s for {len(source)},"
-        f" {len(arrivals.link)} arrivals, {np.count_nonzero(arrivals.status != RayStatus.OK)} dropouts,"
-        f" peak {peak_memory():.0f} MiB",
+        f" ({min(each):.1f} to {max(each):.1f}; CPU"
+        f" {1e6 * statistics.median(busy) / len(source):.1f}), {statistics.median(seconds):6.2f} s"
+        f" for {len(source)}, {len(arrivals.link)} arrivals,"
+        f" {np.count_nonzero(arrivals.status != RayStatus.OK)} dropouts, peak {peak_memory():.0f}"
+        " MiB",
         flush=True,
     )
 
@@ -137,9 +148,9 @@ def compare_ends(name: str, medium: Medium, bounces: int) -> None:
     counts = [np.bincount(a.link, minlength=len(source)) for a in (there, back)]
     gap = np.abs(there.first().travel_time - back.first().travel_time) * 1e6
     print(
-        f"{name} solved from both ends: {np.count_nonzero(counts[0] != counts[1])} links differ in their arrivals;"
-        f" first arrivals differ by {np.nanmedian(gap):.4f} us (median), {np.nanpercentile(gap, 99):.3f} (p99),"
-        f" {np.nanmax(gap):.3f} (max)"
+        f"{name} solved from both ends: {np.count_nonzero(counts[0] != counts[1])} links differ in"
+        f" their arrivals; first arrivals differ by {np.nanmedian(gap):.4f} us (median),"
+        f" {np.nanpercentile(gap, 99):.3f} (p99), {np.nanmax(gap):.3f} (max)"
     )
 
 
@@ -157,7 +168,9 @@ def main() -> None:
     )
     options = parser.parse_args()
     rng = np.random.default_rng(1)
-    ends = crowd_links(rng, options.vehicles) if options.vehicles else fleet_links(rng, options.links)
+    ends = (
+        crowd_links(rng, options.vehicles) if options.vehicles else fleet_links(rng, options.links)
+    )
     for name in options.media:
         medium = MEDIA[name]()
         for bounces in options.bounces:

@@ -1,8 +1,11 @@
-"""Time `mantaray.locate` and its memory against the number of pings and nodes.
+"""
+Time `mantaray.locate` and its memory against the number of pings and nodes.
 
-Run with ``python benchmarks/bench_locate.py [--sizes N:K ...]``. Each size is a survey of N pings, each answered by one of K nodes in turn, or, with
-``N:Kall``, by all K. Times are CPU of one process without imports and compilation, the search for hyperparameters included; memory is
-the largest resident size so far, so that sizes should rise. Rows: pings, nodes, two-way times, seconds of CPU, those per time, MiB, model chosen, largest error.
+Run with ``python benchmarks/bench_locate.py [--sizes N:K ...]``. Each size is a survey of N pings,
+each answered by one of K nodes in turn, or, with ``N:Kall``, by all K. Times are CPU of one process
+without imports and compilation, the search for hyperparameters included; memory is the largest
+resident size so far, so that sizes should rise. Rows: pings, nodes, two-way times, seconds of CPU,
+those per time, MiB, model chosen, largest error.
 """
 
 import argparse
@@ -29,7 +32,9 @@ def survey(medium: Medium, pings: int, nodes: int, *, every: bool) -> tuple[Surv
     rng = np.random.default_rng(3)
     side = int(np.ceil(np.sqrt(nodes)))
     grid = np.stack(np.meshgrid(np.arange(side), np.arange(side)), axis=-1).reshape(-1, 2)[:nodes]
-    truth = np.column_stack([400.0 * (grid - (side - 1) / 2.0), 1300.0 + rng.uniform(-20.0, 20.0, nodes)])
+    truth = np.column_stack(
+        [400.0 * (grid - (side - 1) / 2.0), 1300.0 + rng.uniform(-20.0, 20.0, nodes)]
+    )
     node = np.tile(np.arange(nodes), pings) if every else np.arange(pings) % nodes
     at = np.repeat(10.0 * np.arange(pings), nodes) if every else 10.0 * np.arange(pings)
     turn = at / 450.0
@@ -68,7 +73,8 @@ def main() -> None:
         worst = float(np.abs(found.positions - truth).max())
         model = found.hyperparameters["sound_speed"]
         print(
-            f"{int(pings):7d} {int(nodes):5d} {len(one):8d} {spent:7.2f} {1e6 * spent / len(one):8.0f} {peak:6.0f}  {model:9s} {worst:.3f}",
+            f"{int(pings):7d} {int(nodes):5d} {len(one):8d} {spent:7.2f}"
+            f" {1e6 * spent / len(one):8.0f} {peak:6.0f}  {model:9s} {worst:.3f}",
             flush=True,
         )
 

@@ -1,15 +1,21 @@
-"""Count the direct rays that the two-point solver loses at ranges to 30 km, and time it.
+"""
+Count the direct rays that the two-point solver loses at ranges to 30 km, and time it.
 
-Run with ``python benchmarks/bench_lost_rays.py [MEDIUM ...]``. The media are ``0`` to ``9``, synthetic water with several extrema of the sound
-speed that vary horizontally, and ``gulf``, the Gulf Stream file in ../shared/data beside the repository. Rays within 14.5 dB are counted in
-one of three ways, whose tables list links by range:
+Run with ``python benchmarks/bench_lost_rays.py [MEDIUM ...]``. The media are ``0`` to ``9``,
+synthetic water with several extrema of the sound speed that vary horizontally, and ``gulf``, the
+Gulf Stream file in ../shared/data beside the repository. Rays within 14.5 dB are counted in one of
+three ways, whose tables list links by range:
 
-- By default, ``--links`` random links per medium are solved from one end, from the other (``canonical=False``), and as by default. A
-  search loses a ray that another one finds. This needs no oracle, and counts no ray that all searches lose.
-- ``--write LINKS.npz`` writes these links for `fans_on_gpu.py` and ends. ``--rays LINKS.npz RAYS.npz`` compares the solver with the result:
-  fans of 131,072 rays in three dimensions, one from each end of each link. A ray counts as lost if a finer fan
-  (`tests/section_fan.py`, which shares no code with the solver) finds it as well.
-- ``--fans N`` needs no GPU: N fans of 131,072 rays per medium go to 480 receivers each, in the vertical section from one end. The rest
+- By default, ``--links`` random links per medium are solved from one end, from the other
+  (``canonical=False``), and as by default. A
+  search loses a ray that another one finds. This needs no oracle, and counts no ray that all
+  searches lose.
+- ``--write LINKS.npz`` writes these links for `fans_on_gpu.py` and ends. ``--rays LINKS.npz
+  RAYS.npz`` compares the solver with the result:
+  fans of 131,072 rays in three dimensions, one from each end of each link. A ray counts as lost if
+  a finer fan (`tests/section_fan.py`, which shares no code with the solver) finds it as well.
+- ``--fans N`` needs no GPU: N fans of 131,072 rays per medium go to 480 receivers each, in the
+  vertical section from one end. The rest
   is as above.
 """
 
@@ -52,7 +58,10 @@ EDGES = np.array([1e3, 6e3, 12e3, 18e3, 25e3, 30e3 + 1.0])  # m
 
 
 class Count(NamedTuple):
-    """Links of a medium: distance [m], whether a ray exists, whether the search is complete, lost rays, and CPU time [s]."""
+    """
+    Links of a medium: distance [m], whether a ray exists, whether the search is complete, lost
+    rays, and CPU time [s].
+    """
 
     distance: NDArray[np.float64]
     has_ray: NDArray[np.bool_]
@@ -69,7 +78,9 @@ def solved(medium: Medium, links: Links, *, canonical: bool = True) -> tuple[Arr
     return arrivals, time.process_time() - start
 
 
-def count(links: Links, rays: list[Rays], solution: tuple[Arrivals, float], lost: list[Lost]) -> Count:
+def count(
+    links: Links, rays: list[Rays], solution: tuple[Arrivals, float], lost: list[Lost]
+) -> Count:
     """Count of one search; rays are those of all searches and fans."""
     has_ray = np.zeros(len(links.source), dtype=bool)
     for part in rays:
@@ -94,7 +105,9 @@ def both_ends(medium: Medium, links: Links) -> dict[str, Count]:
     return counts
 
 
-def against_rays(name: str, medium: Medium, links: Links, table: dict[str, NDArray]) -> dict[str, Count]:
+def against_rays(
+    name: str, medium: Medium, links: Links, table: dict[str, NDArray]
+) -> dict[str, Count]:
     """Rays of both fans of each link that the solver loses."""
     solution, fan, lost = solved(medium, links), SectionFan(medium), []
     found = found_rays(solution[0])
@@ -104,7 +117,10 @@ def against_rays(name: str, medium: Medium, links: Links, table: dict[str, NDArr
     limits = SPACE.time, SPACE.level
     apart = [len(missing(a, b, *limits)) for a, b in (rays, rays[::-1])]
     number = sum(int(is_strong(part).sum()) for part in rays)
-    print(f"{name}: {number} rays of fans, {sum(apart)} of which only the fan from one end finds", flush=True)
+    print(
+        f"{name}: {number} rays of fans, {sum(apart)} of which only the fan from one end finds",
+        flush=True,
+    )
     return {"by default, against fans from both ends": count(links, rays, solution, lost)}
 
 
@@ -113,7 +129,9 @@ def against_fans(medium: Medium, number: int) -> dict[str, Count]:
     fan, counts = SectionFan(medium), []
     for each in random_fans(fan, number):
         solution = solved(medium, each.links)
-        lost = lost_after_a_second_look(fan, each.links, each.rays, found_rays(solution[0]), SECTION)
+        lost = lost_after_a_second_look(
+            fan, each.links, each.rays, found_rays(solution[0]), SECTION
+        )
         counts.append(count(each.links, [each.rays], solution, lost))
     return {"by default, against fans in the section": joined(counts)}
 
@@ -124,7 +142,9 @@ def joined(counts: list[Count]) -> Count:
     for part in counts:
         lost += [ray._replace(link=ray.link + first) for ray in part.lost]
         first += part.distance.size
-    columns = (np.concatenate(column) for column in zip(*(part[:3] for part in counts), strict=True))
+    columns = (
+        np.concatenate(column) for column in zip(*(part[:3] for part in counts), strict=True)
+    )
     return Count(*columns, lost, sum(part.seconds for part in counts))
 
 
@@ -138,21 +158,25 @@ def print_table(title: str, c: Count) -> None:
     )
     print(f"\n{title}: {1e6 * c.seconds / c.distance.size:.0f} us of CPU per link\n")
     print(
-        "| range [km] | links | with rays | not complete | lose one | within 12 dB | false dropouts | lose the first |"
+        "| range [km] | links | with rays | not complete | lose one | within 12 dB | false"
+        " dropouts | lose the first |"
     )
     print("|---|---|---|---|---|---|---|---|")
     for low, high in pairwise(EDGES):
         mine = (c.distance >= low) & (c.distance < high)
         numbers = [sum(mine[link] for link in links) for links in kinds]
         here = [mine.sum(), (mine & c.has_ray).sum(), (mine & ~c.complete).sum(), *numbers]
-        print(f"| {low / 1e3:.0f} to {high / 1e3:.0f} | " + " | ".join(f"{n:,}" for n in here) + " |")
+        print(
+            f"| {low / 1e3:.0f} to {high / 1e3:.0f} | " + " | ".join(f"{n:,}" for n in here) + " |"
+        )
 
 
 def print_lost(name: str, lost: list[Lost]) -> None:
     for ray in sorted(lost):
         kind = "false dropout" if ray.dropout else "first arrival" if ray.first else ""
         print(
-            f"  {name} link {ray.link}: {ray.time:.7f} s, {ray.level:.1f} dB, {ray.angle:.6f} rad {kind}",
+            f"  {name} link {ray.link}: {ray.time:.7f} s, {ray.level:.1f} dB, {ray.angle:.6f} rad"
+            f" {kind}",
             flush=True,
         )
 
@@ -178,7 +202,9 @@ def write(path: Path, media: dict[str, Medium], links: dict[str, Links]) -> None
 
 def parsed() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("media", nargs="*", metavar="MEDIUM", help=f"of {', '.join(MEDIA)}; default: all")
+    parser.add_argument(
+        "media", nargs="*", metavar="MEDIUM", help=f"of {', '.join(MEDIA)}; default: all"
+    )
     parser.add_argument("--links", type=int, default=900, help="random links per medium")
     parser.add_argument("--seed", type=int, default=1, help="of the random links")
     way = parser.add_mutually_exclusive_group()

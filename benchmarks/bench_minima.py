@@ -1,9 +1,11 @@
-"""Search generated graphs for their lowest minimum, and certify it.
+"""
+Search generated graphs for their lowest minimum, and certify it.
 
-Run with ``python benchmarks/bench_minima.py``. The first table has 23 generated files (`tests/two_minima.py`), solved with
-``--start best --random-starts 24``: costs from the file, the lowest cost, the cost of a search with other random starts, the share of
-starts that end at the lowest cost, and the certificate. The second table has survey lines and cooperative vehicles whose odometry has
-1, 10 and 100 times the noise, started without the truth, with several seeds each.
+Run with ``python benchmarks/bench_minima.py``. The first table has 23 generated files
+(`tests/two_minima.py`), solved with ``--start best --random-starts 24``: costs from the file, the
+lowest cost, the cost of a search with other random starts, the share of starts that end at the
+lowest cost, and the certificate. The second table has survey lines and cooperative vehicles whose
+odometry has 1, 10 and 100 times the noise, started without the truth, with several seeds each.
 """
 
 import argparse
@@ -48,7 +50,8 @@ def reached(cost: float, best: float) -> bool:
 def print_files(random_starts: int) -> None:
     """Print the table of generated files."""
     print(
-        "| file | from file | lowest | other search | starts at the lowest | status | certificate | CPU [s] |"
+        "| file | from file | lowest | other search | starts at the lowest | status | certificate"
+        " | CPU [s] |"
     )
     print("|---|---|---|---|---|---|---|---|")
     for name, text in two_minima.FILES.items():
@@ -62,15 +65,18 @@ def print_files(random_starts: int) -> None:
         what = "certified" if proof.certified else proof.reason or f"{proof.least_eigenvalue:.2g}"
         share = np.mean([reached(c, best) for c in own.values()])
         print(
-            f"| `{name}` | {own['file']:.4g} | {best:.4g} | {again:.4g} | {100 * share:.0f} % | {result.solution.status.name} | {what}"
-            f" | {seconds:.1f} |",
+            f"| `{name}` | {own['file']:.4g} | {best:.4g} | {again:.4g} | {100 * share:.0f} % |"
+            f" {result.solution.status.name} | {what} | {seconds:.1f} |",
             flush=True,
         )
 
 
 def print_noise(random_starts: int, seeds: int) -> None:
     """Print the table of odometry noise."""
-    print("| graph | noise | certified | dead reckoning | chordal | relaxation | random | `--start best` |")
+    print(
+        "| graph | noise | certified | dead reckoning | chordal | relaxation | random | `--start"
+        " best` |"
+    )
     print("|---|---|---|---|---|---|---|---|")
     for kind, make in (("survey", two_minima.survey), ("cooperative", two_minima.cooperative)):
         for factor in (1.0, 10.0, 100.0):
@@ -81,7 +87,9 @@ def print_noise(random_starts: int, seeds: int) -> None:
                 result, plain = (solved(text, name, count, 0) for count in (random_starts, 0))
                 own = costs(result)
                 best = min(own.values())
-                random = [reached(c, best) for start, c in own.items() if start.startswith("random")]
+                random = [
+                    reached(c, best) for start, c in own.items() if start.startswith("random")
+                ]
                 fine = result.solution.usable
                 rows.append(
                     [
@@ -95,7 +103,10 @@ def print_noise(random_starts: int, seeds: int) -> None:
                     ]
                 )
             share = 100.0 * np.mean(np.array(rows, dtype=float), axis=0)
-            print(f"| {kind} | {factor:g} | {' | '.join(f'{value:.0f} %' for value in share)} |", flush=True)
+            print(
+                f"| {kind} | {factor:g} | {' | '.join(f'{value:.0f} %' for value in share)} |",
+                flush=True,
+            )
 
 
 def main() -> None:
@@ -105,7 +116,9 @@ def main() -> None:
     )
     parser.add_argument("--random-starts", type=int, default=24)
     parser.add_argument("--seeds", type=int, default=10)
-    parser.add_argument("--tables", nargs="*", default=["files", "noise"], choices=("files", "noise"))
+    parser.add_argument(
+        "--tables", nargs="*", default=["files", "noise"], choices=("files", "noise")
+    )
     arguments = parser.parse_args()
     if "files" in arguments.tables:
         print_files(arguments.random_starts)

@@ -1,9 +1,12 @@
-"""Measure the mixture of arrivals in studies whose receivers take wrong arrivals, over many realizations.
+"""
+Measure the mixture of arrivals in studies whose receivers take wrong arrivals, over many
+realizations.
 
-Run with ``python benchmarks/bench_mixture.py``. The study `quick` is the preset; in `surface` four vehicles are at or near the surface
-(`factories.TINY` of the tests). Both have two surface bounces, one bottom bounce and ``mistaken = "strongest-detected"``. Each row has the root
-mean square error at the pings, its ratio to that of straight ranges, the ratio of the standard deviations that the covariances give, and
-NEES, with standard errors from a jackknife over realizations.
+Run with ``python benchmarks/bench_mixture.py``. The study `quick` is the preset; in `surface` four
+vehicles are at or near the surface (`factories.TINY` of the tests). Both have two surface bounces,
+one bottom bounce and ``mistaken = "strongest-detected"``. Each row has the root mean square error
+at the pings, its ratio to that of straight ranges, the ratio of the standard deviations that the
+covariances give, and NEES, with standard errors from a jackknife over realizations.
 """
 
 import argparse
@@ -88,7 +91,10 @@ def numbers(run: Run, solution: GraphSolution) -> Row:
 
 
 def jackknife(statistic: Callable[[np.ndarray], float], columns: np.ndarray) -> tuple[float, float]:
-    """Return a statistic of columns (n_realizations, ...) and its standard error; NaN for one realization."""
+    """
+    Return a statistic of columns (n_realizations, ...) and its standard error; NaN for one
+    realization.
+    """
     n = len(columns)
     each = [statistic(np.delete(columns, k, axis=0)) for k in range(n)] if n > 1 else [np.nan]
     return statistic(columns), float(np.sqrt((n - 1) / n * np.sum((each - np.mean(each)) ** 2)))
@@ -97,7 +103,8 @@ def jackknife(statistic: Callable[[np.ndarray], float], columns: np.ndarray) -> 
 def show(name: str, rows: dict[str, list[Row]]) -> None:
     """Print the row of each condition."""
     print(
-        f"\n| {name}, {len(rows['straight'])} realizations | all vehicles [m] | under water [m] | ratio, all | ratio, under water"
+        f"\n| {name}, {len(rows['straight'])} realizations | all vehicles [m] | under water [m] |"
+        " ratio, all | ratio, under water"
         " | expected ratio, all | expected ratio, under water | NEES | usable | CPU [s] |"
     )
     print(f"|{'---|' * 10}")
@@ -113,14 +120,17 @@ def show(name: str, rows: dict[str, list[Row]]) -> None:
 
     for condition in rows:
         places = "all", "under water", "expected, all", "expected, under water"
-        pairs = [np.stack([column(c, key) for c in (condition, "straight")], axis=1) for key in places]
+        pairs = [
+            np.stack([column(c, key) for c in (condition, "straight")], axis=1) for key in places
+        ]
         cells = [jackknife(root, column(condition, key)) for key in places[:2]]
         cells += [jackknife(ratio, pair) for pair in pairs]
         cells.append(jackknife(lambda x: float(np.mean(x)), column(condition, "nees")))
         texts = [f"{value:.2f} ± {error:.2f}" for value, error in cells]
         texts.append(f"{100.0 * np.mean(column(condition, 'usable')):.0f} %")
         print(
-            f"| `{condition}` | {' | '.join(texts)} | {np.median(column(condition, 'seconds')):.1f} |",
+            f"| `{condition}` | {' | '.join(texts)} | {np.median(column(condition, 'seconds')):.1f}"
+            " |",
             flush=True,
         )
 
@@ -130,10 +140,16 @@ def main() -> None:
     parser = argparse.ArgumentParser(
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--studies", nargs="*", default=["surface", "quick"], choices=("surface", "quick"))
-    parser.add_argument("--conditions", nargs="*", default=list(CONDITIONS), choices=tuple(CONDITIONS))
+    parser.add_argument(
+        "--studies", nargs="*", default=["surface", "quick"], choices=("surface", "quick")
+    )
+    parser.add_argument(
+        "--conditions", nargs="*", default=list(CONDITIONS), choices=tuple(CONDITIONS)
+    )
     parser.add_argument("--realizations", type=int, default=25)
-    parser.add_argument("--seconds", type=float, default=np.inf, help="stop each study after this time")
+    parser.add_argument(
+        "--seconds", type=float, default=np.inf, help="stop each study after this time"
+    )
     arguments = parser.parse_args()
     names = ["straight", *(c for c in arguments.conditions if c != "straight")]
     for study in arguments.studies:
@@ -150,7 +166,8 @@ def main() -> None:
             for name, solution in solved.items():
                 rows[name].append(numbers(run, solution))
             own = ", ".join(
-                f"{name} {np.sqrt(r[-1]['all']):.2f} m (cost {r[-1]['cost']:.1f})" for name, r in rows.items()
+                f"{name} {np.sqrt(r[-1]['all']):.2f} m (cost {r[-1]['cost']:.1f})"
+                for name, r in rows.items()
             )
             print(f"{study} {k}: {own}", file=sys.stderr, flush=True)
             if time.monotonic() - begin > arguments.seconds:

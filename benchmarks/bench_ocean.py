@@ -1,11 +1,13 @@
-"""Time and peak memory of opening and preparing an ocean of the paper's size: 251 x 76 points, 40 levels.
+"""
+Time and peak memory of opening and preparing an ocean of the paper's size: 251 x 76 points, 40
+levels.
 
-Run with ``python benchmarks/bench_ocean.py``. The file has HYCOM's schema and the synthetic Beaufort Sea's
-values, once packed as HYCOM packs (NetCDF-3, 16-bit integers), once as NetCDF-4 in double precision. Each
-case runs in a process of its own, so that the peak is that of opening and preparing: `open_ocean`, `to_local`
-and `Medium.from_dataset`, imports included and apart. A child process reads NetCDF-4; its peak is told too.
-The goal is 3 s and 500 MB; on a busy
-machine look at the CPU time.
+Run with ``python benchmarks/bench_ocean.py``. The file has HYCOM's schema and the synthetic
+Beaufort Sea's values, once packed as HYCOM packs (NetCDF-3, 16-bit integers), once as NetCDF-4 in
+double precision. Each case runs in a process of its own, so that the peak is that of opening and
+preparing: `open_ocean`, `to_local` and `Medium.from_dataset`, imports included and apart. A child
+process reads NetCDF-4; its peak is told too. The goal is 3 s and 500 MB; on a busy machine look at
+the CPU time.
 """
 
 import json
@@ -60,7 +62,9 @@ def write_files(folder: Path) -> dict[str, Path]:
         for name in ocean.data_vars
     }
     paths = {"packed NetCDF-3": folder / "packed.nc", "double NetCDF-4": folder / "double.nc"}
-    ocean.to_netcdf(paths["packed NetCDF-3"], engine="scipy", format="NETCDF3_64BIT", encoding=packing)
+    ocean.to_netcdf(
+        paths["packed NetCDF-3"], engine="scipy", format="NETCDF3_64BIT", encoding=packing
+    )
     ocean.to_netcdf(paths["double NetCDF-4"], engine="netcdf4")
     return paths
 
@@ -78,7 +82,9 @@ def main() -> None:
                     text=True,
                 )
                 runs.append(json.loads(answer.stdout))
-            print(f"{name}, {path.stat().st_size / 1e6:.1f} MB, median of {REPEATS} (and the worst)")
+            print(
+                f"{name}, {path.stat().st_size / 1e6:.1f} MB, median of {REPEATS} (and the worst)"
+            )
             for key in runs[0]:
                 values = [run[key] for run in runs]
                 print(f"  {key:<20} {np.median(values):7.2f} ({max(values):.2f})")

@@ -1,10 +1,13 @@
-"""Latency and memory of the estimator on board, in a mission of 24 h with odometry at 10 Hz.
+"""
+Latency and memory of the estimator on board, in a mission of 24 h with odometry at 10 Hz.
 
-Run with ``python benchmarks/bench_onboard.py [--hours 24] [--lag 60]``. The vehicle is AUV `B` of the preset `survey`. Its odometry
-has the noise of the preset, spread evenly over the steps; it has a depth each second. Every 5 minutes it hears the beacon `A` and both
-landmarks, and one range of five is delayed by 10 s. The range model is the eigenrays of the preset's ocean. Latencies are those of one call and of the
-position after it: CPU time of the thread, and wall-clock time, which also counts the other work of the machine. Memory is the resident set
-of the process, printed every 24th of the mission.
+Run with ``python benchmarks/bench_onboard.py [--hours 24] [--lag 60]``. The vehicle is AUV `B` of
+the preset `survey`. Its odometry has the noise of the preset, spread evenly over the steps; it has
+a depth each second. Every 5 minutes it hears the beacon `A` and both landmarks, and one range of
+five is delayed by 10 s. The range model is the eigenrays of the preset's ocean. Latencies are those
+of one call and of the position after it: CPU time of the thread, and wall-clock time, which also
+counts the other work of the machine. Memory is the resident set of the process, printed every 24th
+of the mission.
 """
 
 import argparse
@@ -24,7 +27,11 @@ from pymantaray.water.ocean import build_medium
 from pymantaray.water.water import mission_ocean
 
 RATE = 10  # odometry per second
-PING, DELAY, EVERY = 300, 10, 5  # s between pings, s of delay, and one of this number of ranges is delayed
+PING, DELAY, EVERY = (
+    300,
+    10,
+    5,
+)  # s between pings, s of delay, and one of this number of ranges is delayed
 
 
 class Flight(NamedTuple):
@@ -37,7 +44,10 @@ class Flight(NamedTuple):
 
 
 def fly(hours: float, rng: np.random.Generator) -> tuple[Flight, Medium, dict[str, np.ndarray]]:
-    """Motion of AUV `B` with the noise of its odometry, the water, and the positions of beacon and landmarks."""
+    """
+    Motion of AUV `B` with the noise of its odometry, the water, and the positions of beacon and
+    landmarks.
+    """
     config = load_study("survey")
     ocean = mission_ocean(config)
     vehicles = {vehicle.name: vehicle for vehicle in config.fleet.build()}
@@ -52,13 +62,18 @@ def fly(hours: float, rng: np.random.Generator) -> tuple[Flight, Medium, dict[st
     to_world = matrix_from_quaternion(quaternion)
     way = np.einsum("nji,nj->ni", to_world[:-1], np.diff(position, axis=0))
     turn = so3_log(np.swapaxes(to_world[:-1], 1, 2) @ to_world[1:])
-    period, speed = config.mission.sampling_period_s, float(np.median(np.linalg.norm(way, axis=1)) * RATE)
+    period, speed = (
+        config.mission.sampling_period_s,
+        float(np.median(np.linalg.norm(way, axis=1)) * RATE),
+    )
     noise = config.noise.model.odometry_sigma(
         [1.0, 0.0, 0.0, 0.0], [[speed * period, 0.0, 0.0]], [0.0, period]
     )
     sigma = noise[0] / np.sqrt(period * RATE)
     step = np.hstack([way, turn]) + sigma[[3, 4, 5, 0, 1, 2]] * rng.standard_normal((len(way), 6))
-    members = {mark.name: np.array([mark.north, mark.east, mark.depth]) for mark in config.landmarks}
+    members = {
+        mark.name: np.array([mark.north, mark.east, mark.depth]) for mark in config.landmarks
+    }
     station = next(vehicle for vehicle in config.fleet.vehicles if vehicle.name == "A")
     members["A"] = np.array([station.north, station.east, station.depth])
     medium = build_medium(ocean, config.acoustics.interpolation, config.acoustics.earth)
@@ -72,7 +87,10 @@ def memory() -> float:
 
 
 class Clock:
-    """Latencies of calls by kind, in arrays that are filled before the mission, so that they do not grow."""
+    """
+    Latencies of calls by kind, in arrays that are filled before the mission, so that they do not
+    grow.
+    """
 
     def __init__(self, estimator: OnlineEstimator, steps: int) -> None:
         self._estimator = estimator
@@ -97,8 +115,9 @@ class Clock:
             ends = np.median(ms[:tenth, 0]), np.median(ms[-tenth:, 0])
             print(
                 f"{kind:10} {len(ms):7d} calls, ms of CPU: median {np.median(ms[:, 0]):7.3f}, 99 %"
-                f" {np.percentile(ms[:, 0], 99):7.3f}; median of the first tenth {ends[0]:.3f}, of the last {ends[1]:.3f};"
-                f" wall-clock ms: median {np.median(ms[:, 1]):7.3f}, 99 % {np.percentile(ms[:, 1], 99):7.3f}"
+                f" {np.percentile(ms[:, 0], 99):7.3f}; median of the first tenth {ends[0]:.3f}, of"
+                f" the last {ends[1]:.3f}; wall-clock ms: median {np.median(ms[:, 1]):7.3f}, 99 %"
+                f" {np.percentile(ms[:, 1], 99):7.3f}"
             )
 
 
@@ -119,7 +138,9 @@ def main() -> None:
         now, step = k / RATE, flight.step[k - 1]
         clock.call("odometry", "odometry", now, step[:3], step[3:], flight.sigma)
         if k % RATE == 0:
-            clock.call("depth", "depth", now, flight.position[k, 2] + 0.01 * rng.standard_normal(), 0.01)
+            clock.call(
+                "depth", "depth", now, flight.position[k, 2] + 0.01 * rng.standard_normal(), 0.01
+            )
         if k % (PING * RATE) == 0:
             for name, place in members.items():
                 number += 1
@@ -140,8 +161,8 @@ def main() -> None:
     print("memory in MB: " + ", ".join(f"{megabytes:.1f}" for megabytes in used))
     counts = {name: count for name, count in estimator.counts().items() if count}
     print(
-        f"{options.hours:g} h, history of {options.lag:g} s; {time.process_time() - begin:.0f} s of CPU; error at the end"
-        f" {error:.2f} m; {counts}"
+        f"{options.hours:g} h, history of {options.lag:g} s; {time.process_time() - begin:.0f} s of"
+        f" CPU; error at the end {error:.2f} m; {counts}"
     )
 
 

@@ -1,8 +1,11 @@
-"""Time on-line estimators over a whole mission, and compare them with the batch: time of each update, memory, and errors.
+"""
+Time on-line estimators over a whole mission, and compare them with the batch: time of each update,
+memory, and errors.
 
-Run with ``python benchmarks/bench_online.py RUN``; the run is a folder of ``mantaray study run``, such as that of the preset beaufort.
-The estimators are iSAM2, its fixed-lag smoother, and the error-state Kalman filter. Times include the estimate after the update. Errors
-are those of vehicles under water at the pings, and of all poses, in a realization with straight ranges.
+Run with ``python benchmarks/bench_online.py RUN``; the run is a folder of ``mantaray study run``,
+such as that of the preset beaufort. The estimators are iSAM2, its fixed-lag smoother, and the
+error-state Kalman filter. Times include the estimate after the update. Errors are those of vehicles
+under water at the pings, and of all poses, in a realization with straight ranges.
 """
 
 import argparse
@@ -58,7 +61,8 @@ def show(
         own = (update_time > edges[q] if q else update_time >= 0.0) & (update_time <= edges[q + 1])
         at_ping = own & np.isin(update_time, pings)
         cells = [
-            f"{1e3 * np.median(seconds[rows]):.1f} / {1e3 * np.percentile(seconds[rows], 95):.1f} / {1e3 * seconds[rows].max():.1f}"
+            f"{1e3 * np.median(seconds[rows]):.1f} / {1e3 * np.percentile(seconds[rows], 95):.1f}"
+            f" / {1e3 * seconds[rows].max():.1f}"
             if rows.any()
             else "-"
             for rows in (at_ping, own & ~at_ping)
@@ -68,7 +72,11 @@ def show(
 
 def compare(name: str, position: np.ndarray, run: Run, o: Measurements, batch: np.ndarray) -> str:
     """Row of the errors of positions (n_poses, 3), and of their distance from the batch."""
-    submerged, samples, shape = submerged_at_pings(run.truth, o), ping_samples(o), run.truth.position.shape
+    submerged, samples, shape = (
+        submerged_at_pings(run.truth, o),
+        ping_samples(o),
+        run.truth.position.shape,
+    )
     cells = []
     for reference in (run.truth.position, batch.reshape(shape)):
         distance = np.linalg.norm(position.reshape(shape) - reference, axis=-1)
@@ -84,7 +92,9 @@ def main() -> None:
     )
     parser.add_argument("run", type=Path)
     parser.add_argument("--lag", type=float, nargs="*", default=[3600.0], help="lags [s]")
-    parser.add_argument("--relinearize", type=float, nargs="*", default=[1e-3, 1e-2], help="[m, rad]")
+    parser.add_argument(
+        "--relinearize", type=float, nargs="*", default=[1e-3, 1e-2], help="[m, rad]"
+    )
     parser.add_argument("--realization", type=int, default=0)
     parser.add_argument("--without", nargs="*", default=[], choices=("isam2", "kalman"))
     arguments = parser.parse_args()
@@ -92,15 +102,21 @@ def main() -> None:
     o = run.noisy_measurements(arguments.realization)
     graph = noisy_graphs(run, o)["straight"]
     pings = o.time[ping_samples(o)]
-    batch = solve_conditions(o, ["straight"], (run.truth.position, run.truth.quaternion))["straight"]
+    batch = solve_conditions(o, ["straight"], (run.truth.position, run.truth.quaternion))[
+        "straight"
+    ]
     start = batch.values
-    methods = {} if "kalman" in arguments.without else {"Kalman filter": (Method(kalman=True), None)}
+    methods = (
+        {} if "kalman" in arguments.without else {"Kalman filter": (Method(kalman=True), None)}
+    )
     for lag in arguments.lag:
         for threshold in arguments.relinearize:
             name = f"fixed lag, {lag / 3600.0:.3g} h, {threshold:g}"
             methods[name] = Method(lag=lag, incremental=True), threshold
     errors = [compare("batch", batch.position, run, o, batch.position)]
-    print("| estimator | quarter | ping: median / 95 % / longest [ms] | sample [ms] | memory [MiB] |")
+    print(
+        "| estimator | quarter | ping: median / 95 % / longest [ms] | sample [ms] | memory [MiB] |"
+    )
     print("|---|---|---|---|---|")
     for name, (method, threshold) in methods.items():
         options = SolveOptions(incremental=IncrementalOptions(relinearize=threshold or 1e-3))
@@ -118,7 +134,8 @@ def main() -> None:
         name = f"iSAM2, {threshold:g}, each pose at its time"
         errors.append(compare(name, found.position, run, o, batch.position))
     print(
-        "\n| estimator | RMSE at pings [m] | all poses [m] | largest [m] | from batch: at pings [m] | all poses [m] | largest [m] |"
+        "\n| estimator | RMSE at pings [m] | all poses [m] | largest [m] | from batch: at pings"
+        " [m] | all poses [m] | largest [m] |"
     )
     print("|---|---|---|---|---|---|---|")
     print("\n".join(errors))

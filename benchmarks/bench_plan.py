@@ -1,13 +1,15 @@
 """
-Planned errors of designs, compared with full studies of the same designs: values, order and the designs on the front.
+Planned errors of designs, compared with full studies of the same designs: values, order and the
+designs on the front.
 
     python benchmarks/bench_plan.py [--designs sample|front] [--realizations 25] [--folder FOLDER]
 
-`sample` draws 20 random designs: place and depth of a receiver, ping interval, standard deviation of ranges and knowledge of the water.
-`front` takes all 20 combinations of none to three receivers with five ping intervals, whose costs differ. All designs change the preset
-`quick`. The plan evaluates them without realizations. A sweep runs their studies; their errors come from the records of the runs:
-positions of vehicles under water at the pings. `--folder` keeps the studies, and resumes them. Standard errors are bootstraps over
-realizations.
+`sample` draws 20 random designs: place and depth of a receiver, ping interval, standard deviation
+of ranges and knowledge of the water. `front` takes all 20 combinations of none to three receivers
+with five ping intervals, whose costs differ. All designs change the preset `quick`. The plan
+evaluates them without realizations. A sweep runs their studies; their errors come from the records
+of the runs: positions of vehicles under water at the pings. `--folder` keeps the studies, and
+resumes them. Standard errors are bootstraps over realizations.
 """
 
 import argparse
@@ -58,7 +60,9 @@ RESAMPLES = 500
 def plan_of(free: dict[str, Any], realizations: int) -> DeploymentPlan:
     """Plan whose base is the preset quick with one receiver and one condition."""
     condition = {"name": "assumed", "range_model": MEAN}
-    base = load_study("quick", realizations=realizations, conditions=[condition], landmarks=RECEIVERS[:1])
+    base = load_study(
+        "quick", realizations=realizations, conditions=[condition], landmarks=RECEIVERS[:1]
+    )
     return DeploymentPlan(base, PlanSection(free=free, costs=COSTS, objectives=("error", "cost")))
 
 
@@ -67,7 +71,9 @@ def random_designs(realizations: int, count: int = 20, seed: int = 1) -> PlanRes
     plan = plan_of(SAMPLE, realizations)
     evaluate = DesignEvaluator(plan)
     points = LatinHypercube(len(SAMPLE), rng=np.random.default_rng(seed)).random(count)
-    designs = [{key: at(v, x) for (key, v), x in zip(SAMPLE.items(), row, strict=True)} for row in points]
+    designs = [
+        {key: at(v, x) for (key, v), x in zip(SAMPLE.items(), row, strict=True)} for row in points
+    ]
     return PlanResults(plan, designs, [evaluate(design) for design in designs], evaluate({}))
 
 
@@ -79,13 +85,18 @@ def at(values: Any, share: float) -> Any:
 
 
 def studied(results: PlanResults, folder: Path) -> list[np.ndarray]:
-    """Sizes of the position errors of each design, shape (realizations, pings and vehicles under water)."""
+    """
+    Sizes of the position errors of each design, shape (realizations, pings and vehicles under
+    water).
+    """
     table: dict[str, Any] = {key: [d[key] for d in results.designs] for key in results.plan.keys}
     table |= {"name": "design", "labels": list(range(len(results.designs)))}
     sweep = Sweep(results.plan.base, zipped=[table])
     run_sweep(sweep, folder, workers=1, studies=True)
     keys = {number: key for key, number in SweepPlan(sweep).points.items()}
-    return [errors_at_pings(folder / "studies" / keys[number]) for number in range(len(results.designs))]
+    return [
+        errors_at_pings(folder / "studies" / keys[number]) for number in range(len(results.designs))
+    ]
 
 
 def errors_at_pings(folder: Path) -> np.ndarray:
@@ -105,7 +116,10 @@ def score(errors: np.ndarray, name: str) -> float:
 
 
 def resampled(errors: list[np.ndarray], name: str) -> np.ndarray:
-    """Scores of studies with resampled realizations, the same ones for all designs, shape (RESAMPLES, n_designs)."""
+    """
+    Scores of studies with resampled realizations, the same ones for all designs, shape (RESAMPLES,
+    n_designs).
+    """
     count, rng = len(errors[0]), np.random.default_rng(1)
     draws = rng.integers(0, count, (RESAMPLES, count))
     return np.array([[score(design[draw], name) for design in errors] for draw in draws])
@@ -119,23 +133,40 @@ def print_scores(results: PlanResults, errors: list[np.ndarray], name: str) -> N
     study = np.array([score(design, name) for design in errors])
     error = draws.std(axis=0, ddof=1)
     difference = 100.0 * (plan / study - 1.0)
-    columns = {"planned [m]": plan, "study [m]": study, "SE [m]": error, "difference [%]": difference}
+    columns = {
+        "planned [m]": plan,
+        "study [m]": study,
+        "SE [m]": error,
+        "difference [%]": difference,
+    }
     table = table.rename(columns=names).assign(**columns).sort_values("study [m]")
     with pd.option_context("display.width", 250, "display.max_columns", None):
-        print(f"\n{SCORES[name]}\n{table.to_string(index=False, float_format=lambda x: f'{x:.2f}')}")
+        print(
+            f"\n{SCORES[name]}\n{table.to_string(index=False, float_format=lambda x: f'{x:.2f}')}"
+        )
     again = [tau(a, b) for a, b in zip(draws[::2], draws[1::2], strict=True)]
     low, median = np.quantile(again, [0.05, 0.5])
     print(f"Kendall's tau of plan and study: {tau(plan, study):.3f}")
-    print(f"Kendall's tau of two studies with different noise: median {median:.3f}, 5 % quantile {low:.3f}")
     print(
-        f"differences: {difference.min():.1f} to {difference.max():.1f} %, median size {np.median(abs(difference)):.1f} %;"
-        f" standard errors of the studies: {100 * min(error / study):.1f} to {100 * max(error / study):.1f} %"
+        f"Kendall's tau of two studies with different noise: median {median:.3f}, 5 % quantile"
+        f" {low:.3f}"
+    )
+    print(
+        f"differences: {difference.min():.1f} to {difference.max():.1f} %, median size"
+        f" {np.median(abs(difference)):.1f} %; standard errors of the studies:"
+        f" {100 * min(error / study):.1f} to {100 * max(error / study):.1f} %"
     )
 
 
 def words(value: Any) -> Any:
     """Value in a table; the kind of a range model, and the number of receivers."""
-    return value["kind"] if isinstance(value, dict) else len(value) if isinstance(value, list) else value
+    return (
+        value["kind"]
+        if isinstance(value, dict)
+        else len(value)
+        if isinstance(value, list)
+        else value
+    )
 
 
 def tau(a: np.ndarray, b: np.ndarray) -> float:

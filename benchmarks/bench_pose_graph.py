@@ -1,10 +1,14 @@
-"""Solve plain pose graphs beside GTSAM's stock Levenberg-Marquardt: spheres of 2,500 poses, from edges composed and from chordal initialization.
+"""
+Solve plain pose graphs beside GTSAM's stock Levenberg-Marquardt: spheres of 2,500 poses, from edges
+composed and from chordal initialization.
 
-Run with ``python benchmarks/bench_pose_graph.py``. The spheres are the public sphere2500 that GTSAM ships, with its noise as GTSAM's
-reader takes it (the first three of the diagonal for the rotation: 0.3 rad) and as it was meant, and one made here, 50 rings of 50 poses,
-with 0.1 rad and 0.2 m on each edge. Stock is `LevenbergMarquardtOptimizer` with zero tolerances, one iteration at a time, until its
-cost is within 1e-6 of ours, or stands still. CPU time of the process, ours with everything, stock's without building its
-graph; both take turns, medians. The last rows are of reading a chain of 95,000 poses from PyFactorGraph text and from g2o.
+Run with ``python benchmarks/bench_pose_graph.py``. The spheres are the public sphere2500 that GTSAM
+ships, with its noise as GTSAM's reader takes it (the first three of the diagonal for the rotation:
+0.3 rad) and as it was meant, and one made here, 50 rings of 50 poses, with 0.1 rad and 0.2 m on
+each edge. Stock is `LevenbergMarquardtOptimizer` with zero tolerances, one iteration at a time,
+until its cost is within 1e-6 of ours, or stands still. CPU time of the process, ours with
+everything, stock's without building its graph; both take turns, medians. The last rows are of
+reading a chain of 95,000 poses from PyFactorGraph text and from g2o.
 """
 
 import argparse
@@ -29,7 +33,9 @@ from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
 SAME, STANDS_STILL, MOST = 1e-6, 1e-12, 300
 
 
-def pose_graph(ends: np.ndarray, step: np.ndarray, turn: np.ndarray, covariance: np.ndarray) -> FactorGraph:
+def pose_graph(
+    ends: np.ndarray, step: np.ndarray, turn: np.ndarray, covariance: np.ndarray
+) -> FactorGraph:
     """Graph of one vehicle, its first pose held."""
     n = int(ends.max()) + 1
     graph = FactorGraph(
@@ -38,7 +44,9 @@ def pose_graph(ends: np.ndarray, step: np.ndarray, turn: np.ndarray, covariance:
         pose_vehicle=np.zeros(n, dtype=int),
         pose_number=np.arange(n),
         pose_time=np.arange(n, dtype=float),
-        factors={"edge": KINDS["edge"].table(ends, [step, quaternion_from_matrix(turn)], covariance)},
+        factors={
+            "edge": KINDS["edge"].table(ends, [step, quaternion_from_matrix(turn)], covariance)
+        },
     )
     return anchor_loose_parts(graph, somewhere(graph))[0]
 
@@ -80,7 +88,9 @@ def made_sphere(
     one = np.concatenate([np.arange(n - 1), np.arange(n - rings)])
     other = np.concatenate([np.arange(1, n), np.arange(rings, n)])
     back = np.swapaxes(rotation[one], 1, 2)
-    step = np.einsum("nij,nj->ni", back, place[other] - place[one]) + rng.normal(0, length, (one.size, 3))
+    step = np.einsum("nij,nj->ni", back, place[other] - place[one]) + rng.normal(
+        0, length, (one.size, 3)
+    )
     turn = back @ rotation[other] @ so3_exp(rng.normal(0, angle, (one.size, 3)))
     sigma = np.array([angle] * 3 + [length] * 3)
     return pose_graph(
@@ -100,7 +110,11 @@ def stock(graph: FactorGraph, start: GraphValues, until: float) -> tuple[int, fl
     """The same of GTSAM's, until its cost is as good as some cost, or stands still."""
     factors, values = to_gtsam(graph, start)
     parameters = gtsam.LevenbergMarquardtParams()
-    for limit in (parameters.setRelativeErrorTol, parameters.setAbsoluteErrorTol, parameters.setErrorTol):
+    for limit in (
+        parameters.setRelativeErrorTol,
+        parameters.setAbsoluteErrorTol,
+        parameters.setErrorTol,
+    ):
         limit(0.0)
     begin = time.process_time()
     optimizer = gtsam.LevenbergMarquardtOptimizer(factors, values, parameters)
@@ -114,7 +128,10 @@ def stock(graph: FactorGraph, start: GraphValues, until: float) -> tuple[int, fl
 
 
 def made_chain(n: int = 95_000) -> tuple[FactorGraph, GraphValues]:
-    """Poses about one metre apart, each turned at random from the last, whose full covariances all differ."""
+    """
+    Poses about one metre apart, each turned at random from the last, whose full covariances all
+    differ.
+    """
     rng = np.random.default_rng(0)
     root = 0.1 * np.eye(6) + 0.01 * np.tril(rng.standard_normal((n - 1, 6, 6)), -1)
     graph = pose_graph(
@@ -140,8 +157,8 @@ def reading(repeat: int) -> None:
                 open_graph(file)
                 seconds.append(time.process_time() - begin)
             print(
-                f"reading {graph.n_poses:,} poses, {file.suffix[1:]}, {file.stat().st_size / 1e6:.0f} MB:"
-                f" {statistics.median(seconds):.2f} s"
+                f"reading {graph.n_poses:,} poses, {file.suffix[1:]},"
+                f" {file.stat().st_size / 1e6:.0f} MB: {statistics.median(seconds):.2f} s"
             )
 
 
@@ -158,7 +175,8 @@ def main() -> None:
         "sphere of 0.1 rad, 0.2 m": made_sphere(),
     }
     print(
-        f"{'graph':<30} {'start':<15} {'ours: steps':>11} {'cost':>12} {'CPU s':>6} {'stock: steps':>12} {'cost':>12} {'CPU s':>6} {'ratio':>6}"
+        f"{'graph':<30} {'start':<15} {'ours: steps':>11} {'cost':>12} {'CPU s':>6}"
+        f" {'stock: steps':>12} {'cost':>12} {'CPU s':>6} {'ratio':>6}"
     )
     for name, graph in graphs.items():
         values = somewhere(graph)
@@ -176,8 +194,9 @@ def main() -> None:
                 statistics.median, zip(*rows, strict=True)
             )
             print(
-                f"{name:<30} {where:<15} {steps:>11.0f} {cost:>12.6g} {seconds:>6.2f} {their_steps:>12.0f}"
-                f" {their_cost:>12.6g} {their_seconds:>6.2f} {seconds / their_seconds:>6.2f}"
+                f"{name:<30} {where:<15} {steps:>11.0f} {cost:>12.6g} {seconds:>6.2f}"
+                f" {their_steps:>12.0f} {their_cost:>12.6g} {their_seconds:>6.2f}"
+                f" {seconds / their_seconds:>6.2f}"
             )
     reading(repeat)
 

@@ -1,8 +1,10 @@
 """
-Time that range models take, and where they end: outer iterations against a plain solve of the same graph.
+Time that range models take, and where they end: outer iterations against a plain solve of the same
+graph.
 
-``NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/bench_range_models.py`` measures one core; the first, untimed
-mission compiles the solver. "Extra" is in plain solves: what a model takes beyond the plain solve, rays included.
+``NUMBA_NUM_THREADS=1 OMP_NUM_THREADS=1 python benchmarks/bench_range_models.py`` measures one core;
+the first, untimed mission compiles the solver. "Extra" is in plain solves: what a model takes
+beyond the plain solve, rays included.
 """
 
 import argparse
@@ -69,7 +71,9 @@ def main() -> None:
     }
     solver, rows = GraphSolver(), []
     for realization in range(-1, arguments.realizations):
-        o = perturb(mission.measurements, root_seed=config.study.seed, realization=max(realization, 0))
+        o = perturb(
+            mission.measurements, root_seed=config.study.seed, realization=max(realization, 0)
+        )
         plain, base = timed(solve_conditions, o, ["straight"], truth, solver=solver)
         found = {"straight, plain": (base, plain["straight"])}
         for name, make in makers.items():
@@ -80,17 +84,21 @@ def main() -> None:
             continue
         near = found["eigenray from truth"][1].position
         for name, (seconds, s) in found.items():
-            rows.append((name, seconds, (seconds - base) / base, s, np.abs(s.position - near).max()))
+            rows.append(
+                (name, seconds, (seconds - base) / base, s, np.abs(s.position - near).max())
+            )
     print(
-        f"{'model':46} {'median [s]':>10} {'extra':>6} {'steps':>5} {'asked':>5} {'gated':>5} {'status':>8} {'off [m]':>9}"
+        f"{'model':46} {'median [s]':>10} {'extra':>6} {'steps':>5} {'asked':>5} {'gated':>5}"
+        f" {'status':>8} {'off [m]':>9}"
     )
     for name in dict.fromkeys(row[0] for row in rows):
         mine = [row for row in rows if row[0] == name]
         s = mine[0][3]
         print(
-            f"{name:46} {statistics.median(r[1] for r in mine):10.2f} {statistics.median(r[2] for r in mine):6.2f}"
-            f" {max(r[3].iterations for r in mine):5d} {max(r[3].expansions for r in mine):5d}"
-            f" {max(r[3].gated_links for r in mine):5d} {s.status.name:>8} {max(r[4] for r in mine):9.1e}"
+            f"{name:46} {statistics.median(r[1] for r in mine):10.2f}"
+            f" {statistics.median(r[2] for r in mine):6.2f} {max(r[3].iterations for r in mine):5d}"
+            f" {max(r[3].expansions for r in mine):5d} {max(r[3].gated_links for r in mine):5d}"
+            f" {s.status.name:>8} {max(r[4] for r in mine):9.1e}"
         )
 
 

@@ -1,8 +1,11 @@
-"""Compare robust losses, graduated non-convexity and iSAM2 replay on ranges of which some are far too long.
+"""
+Compare robust losses, graduated non-convexity and iSAM2 replay on ranges of which some are far too
+long.
 
-Run with ``python benchmarks/bench_robust.py`` for the preset ``quick``, or with ``--run FOLDER`` for the measurements of
-a run. Ranges are straight ones with their noise; a share of them, drawn by a seeded generator, gets a late
-arrival's error of 50 to 500 m. Every estimator starts at dead reckoning and at the truth.
+Run with ``python benchmarks/bench_robust.py`` for the preset ``quick``, or with ``--run FOLDER``
+for the measurements of a run. Ranges are straight ones with their noise; a share of them, drawn by
+a seeded generator, gets a late arrival's error of 50 to 500 m. Every estimator starts at dead
+reckoning and at the truth.
 """
 
 import argparse
@@ -38,7 +41,9 @@ LATE = (50.0, 500.0)  # m
 
 def values_of(position: np.ndarray, quaternion: np.ndarray, landmarks: np.ndarray) -> GraphValues:
     return GraphValues(
-        position=position.reshape(-1, 3), quaternion=quaternion.reshape(-1, 4), landmark_position=landmarks
+        position=position.reshape(-1, 3),
+        quaternion=quaternion.reshape(-1, 4),
+        landmark_position=landmarks,
     )
 
 
@@ -47,12 +52,16 @@ def with_outliers(graph: FactorGraph, rate: float, seed: int) -> tuple[FactorGra
     ranges = graph["range"]
     late = rng.random(len(ranges)) < rate
     error = np.where(late, rng.uniform(*LATE, late.size), 0.0)
-    return graph.with_factors(range=ranges.with_columns(distance=ranges.column("distance") + error)), late
+    return graph.with_factors(
+        range=ranges.with_columns(distance=ranges.column("distance") + error)
+    ), late
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--run", type=Path, help="folder of a run; by default the preset quick is simulated")
+    parser.add_argument(
+        "--run", type=Path, help="folder of a run; by default the preset quick is simulated"
+    )
     parser.add_argument("--rates", type=float, nargs="+", default=[0.0, 0.1, 0.3])
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument(
@@ -69,7 +78,10 @@ def main() -> None:
     else:
         config = load_study("quick")
         mission = simulate_mission(config, Stopwatch(), lambda *_: None)
-        truth, o = mission.truth, perturb(mission.measurements, root_seed=config.study.seed, realization=0)
+        truth, o = (
+            mission.truth,
+            perturb(mission.measurements, root_seed=config.study.seed, realization=0),
+        )
     graph = build_graph(o, "straight")
     starts = {
         "dead reckoning": values_of(*dead_reckon(o), o.landmark_position),
@@ -81,10 +93,12 @@ def main() -> None:
         return float(np.sqrt(np.mean(np.sum((position - true) ** 2, axis=1))))
 
     print(
-        f"{graph.n_poses} poses, {len(graph['range'])} ranges; dead reckoning {ate(reckoned.position):.2f} m"
+        f"{graph.n_poses} poses, {len(graph['range'])} ranges; dead reckoning"
+        f" {ate(reckoned.position):.2f} m"
     )
     print(
-        f"{'late':>5} {'loss':14} {'start':14} {'status':13} {'steps':>5} {'cost':>10} {'ATE [m]':>8} {'[s]':>6} kept out"
+        f"{'late':>5} {'loss':14} {'start':14} {'status':13} {'steps':>5} {'cost':>10}"
+        f" {'ATE [m]':>8} {'[s]':>6} kept out"
     )
     for rate in arguments.rates:
         dirty, late = with_outliers(graph, rate, arguments.seed)
@@ -98,14 +112,18 @@ def main() -> None:
                 note = ""
                 if name != "least squares" and found.usable:
                     low = LOSSES[name].weight(whitened_ranges(dirty, found.values)) < 0.1
-                    note = f"{np.count_nonzero(low & late)} of {np.count_nonzero(late)} late, {np.count_nonzero(low & ~late)} good"
+                    note = (
+                        f"{np.count_nonzero(low & late)} of {np.count_nonzero(late)} late,"
+                        f" {np.count_nonzero(low & ~late)} good"
+                    )
                 print(
-                    f"{rate:5.0%} {name:14} {start:14} {found.status.name:13} {found.iterations:5d} {found.final_cost:10.1f}"
-                    f" {ate(found.position):8.2f} {seconds:6.2f} {note}",
+                    f"{rate:5.0%} {name:14} {start:14} {found.status.name:13} {found.iterations:5d}"
+                    f" {found.final_cost:10.1f} {ate(found.position):8.2f} {seconds:6.2f} {note}",
                     flush=True,
                 )
     print(
-        f"{'replay':24} {'status':8} {'off [mm]':>8} {'on line':>8} {'batch':>8} {'updates':>7} {'median [s]':>10} {'max [s]':>8}"
+        f"{'replay':24} {'status':8} {'off [mm]':>8} {'on line':>8} {'batch':>8} {'updates':>7}"
+        f" {'median [s]':>10} {'max [s]':>8}"
     )
     dirty, _ = with_outliers(graph, 0.1, arguments.seed)
     tight = SolveOptions(step_tolerance=1e-6)
@@ -122,8 +140,9 @@ def main() -> None:
         on_line = solve_incrementally(used, reckoned, loss=loss, options=options)
         off = np.abs(on_line.solution.position - batch.position).max()
         print(
-            f"{label:24} {on_line.solution.status.name:8} {1e3 * off:8.2f} {ate(on_line.position):8.2f} {ate(batch.position):8.2f}"
-            f" {on_line.seconds.size:7d} {np.median(on_line.seconds):10.4f} {on_line.seconds.max():8.3f}",
+            f"{label:24} {on_line.solution.status.name:8} {1e3 * off:8.2f}"
+            f" {ate(on_line.position):8.2f} {ate(batch.position):8.2f} {on_line.seconds.size:7d}"
+            f" {np.median(on_line.seconds):10.4f} {on_line.seconds.max():8.3f}",
             flush=True,
         )
 

@@ -1,11 +1,16 @@
-"""Time the ranging service: latency and throughput of pings in a process and over HTTP, and memory under many requests.
+"""
+Time the ranging service: latency and throughput of pings in a process and over HTTP, and memory
+under many requests.
 
-Run with ``python benchmarks/bench_service.py``. The ocean is the synthetic Beaufort Sea in full, places are drawn in 10 km x 10 km and the
-upper 900 m, or are those of the paper's fleet: 11 vehicles are 1 ping x 10 receivers, a crowd is 1 x 1,000. Each line has the CPU time of a ping, which
-other work on the machine disturbs less, the median and the 99th percentile of its wall time, and pings a second by the wall. Over HTTP there is one client with one connection, or several at a time.
+Run with ``python benchmarks/bench_service.py``. The ocean is the synthetic Beaufort Sea in full,
+places are drawn in 10 km x 10 km and the upper 900 m, or are those of the paper's fleet: 11
+vehicles are 1 ping x 10 receivers, a crowd is 1 x 1,000. Each line has the CPU time of a ping,
+which other work on the machine disturbs less, the median and the 99th percentile of its wall time,
+and pings a second by the wall. Over HTTP there is one client with one connection, or several at a
+time.
 
-``--requests N`` sends so many instead, good, malformed and oversized ones in turn by chance, from 4 clients, and prints the server's
-memory as they go (100,000 in the figures of the docs).
+``--requests N`` sends so many instead, good, malformed and oversized ones in turn by chance, from 4
+clients, and prints the server's memory as they go (100,000 in the figures of the docs).
 """
 
 import argparse
@@ -39,7 +44,10 @@ LOUD = STILL | {
     "ranging": {"timing": "two-way", "turn_around_s": 0.1},
     "detection": {"source_level_db": 185.0, "frequency_hz": 25e3, "bandwidth_hz": 5e3},
 }
-VARYING = {"ocean": {"source": "synthetic:beaufort", "time_varying": True}, "mission": {"duration_h": 24.0}}
+VARYING = {
+    "ocean": {"source": "synthetic:beaufort", "time_varying": True},
+    "mission": {"duration_h": 24.0},
+}
 CLIENTS = 4
 Place = tuple[np.ndarray, np.ndarray]
 
@@ -51,7 +59,9 @@ def sound(tree: dict[str, object]) -> SoundConfig:
 def places(n_pings: int, n_receivers: int) -> list[Place]:
     rng = np.random.default_rng(0)
     low, high = (-5e3, -5e3, 1.0), (5e3, 5e3, 900.0)
-    return [(rng.uniform(low, high), rng.uniform(low, high, (n_receivers, 3))) for _ in range(n_pings)]
+    return [
+        (rng.uniform(low, high), rng.uniform(low, high, (n_receivers, 3))) for _ in range(n_pings)
+    ]
 
 
 def fleet(n_pings: int) -> list[Place]:
@@ -66,10 +76,13 @@ def fleet(n_pings: int) -> list[Place]:
 
 
 def report(what: str, walls: list[float], cpu: str, together: float) -> None:
-    """Print a line: times of single pings, CPU time, and pings a second where all took so long. [s]"""
+    """
+    Print a line: times of single pings, CPU time, and pings a second where all took so long. [s]
+    """
     print(
-        f"{what:<56} {len(walls):4d} pings: CPU {cpu}; wall median {1e3 * statistics.median(walls):7.2f},"
-        f" p99 {1e3 * np.percentile(walls, 99):7.2f} ms, {len(walls) / together:6.1f} pings/s"
+        f"{what:<56} {len(walls):4d} pings: CPU {cpu}; wall median"
+        f" {1e3 * statistics.median(walls):7.2f}, p99 {1e3 * np.percentile(walls, 99):7.2f} ms,"
+        f" {len(walls) / together:6.1f} pings/s"
     )
 
 
@@ -81,14 +94,23 @@ def one_by_one(what: str, ping: Callable[[Place], object], pings: list[Place]) -
         ping(place)
         walls.append(time.perf_counter() - wall)
         cpus.append(time.process_time() - cpu)
-    mean, median, p99 = (1e3 * f(cpus) for f in (np.mean, np.median, lambda x: np.percentile(x, 99)))
+    mean, median, p99 = (
+        1e3 * f(cpus) for f in (np.mean, np.median, lambda x: np.percentile(x, 99))
+    )
     report(
-        what, walls, f"mean {mean:7.2f}, median {median:7.2f}, p99 {p99:7.2f} ms", time.perf_counter() - begin
+        what,
+        walls,
+        f"mean {mean:7.2f}, median {median:7.2f}, p99 {p99:7.2f} ms",
+        time.perf_counter() - begin,
     )
 
 
 def together(
-    what: str, ping: Callable[[Place], object], pings: list[Place], cpu: Callable[[], float], clients: int
+    what: str,
+    ping: Callable[[Place], object],
+    pings: list[Place],
+    cpu: Callable[[], float],
+    clients: int,
 ) -> None:
     """Time pings of several clients at a time, with the CPU time of whoever works."""
 
@@ -115,7 +137,10 @@ def in_process() -> None:
         service = RangingService(sound(tree))
         one_by_one(f"in the process: {name}", lambda p, s=service: s.ping(0.0, *p), pings)
     varying = sound(VARYING)
-    for name, interval, n_pings in (("each its own water", 0.0, 20), ("water of 600 s", 600.0, 500)):
+    for name, interval, n_pings in (
+        ("each its own water", 0.0, 20),
+        ("water of 600 s", 600.0, 500),
+    ):
         service = RangingService(varying, water_interval=interval)
         clock = iter(np.linspace(0.0, 3600.0, n_pings))
         one_by_one(
@@ -163,7 +188,10 @@ def cpu_of(process: subprocess.Popen[str]) -> float:
 
 
 def body_of(place: Place) -> bytes:
-    ends = [dict(zip(("north", "east", "depth"), p.tolist(), strict=True)) for p in (place[0], *place[1])]
+    ends = [
+        dict(zip(("north", "east", "depth"), p.tolist(), strict=True))
+        for p in (place[0], *place[1])
+    ]
     return json.dumps({"time": 0.0, "source": ends[0], "receivers": ends[1:]}).encode()
 
 
@@ -185,12 +213,17 @@ def over_http() -> None:
             free = [http.client.HTTPConnection("127.0.0.1", port) for _ in range(clients)]
             pings = [(body_of(p), None) for p in places(n_pings, n_receivers)]
 
-            def ping(place: tuple[bytes, None], free: list[http.client.HTTPConnection] = free) -> None:
+            def ping(
+                place: tuple[bytes, None], free: list[http.client.HTTPConnection] = free
+            ) -> None:
                 connection = free.pop()
                 ask(connection, place[0])
                 free.append(connection)
 
-            what = f"HTTP, clients {clients}, workers {workers}: 1 x {n_receivers:,} (CPU of the server)"
+            what = (
+                f"HTTP, clients {clients}, workers {workers}: 1 x {n_receivers:,} (CPU of the"
+                " server)"
+            )
             together(what, ping, pings, lambda p=process: cpu_of(p), clients)
 
 
@@ -199,7 +232,11 @@ def many_requests(n: int) -> None:
     good = [body_of(p) for p in places(200, 3)]
     dice, begin = random.Random(0), time.perf_counter()
     cut = [body[: dice.randrange(len(body))] for body in good]
-    wrong = [body.replace(b"north", b"nord", 1) for body in good[:20]] + [b"NaN", b"\xff\xfe", b"[" * 10_000]
+    wrong = [body.replace(b"north", b"nord", 1) for body in good[:20]] + [
+        b"NaN",
+        b"\xff\xfe",
+        b"[" * 10_000,
+    ]
     oversized = [b" " * (MAX_BYTES + 1)]
     with serving() as (process, port), ThreadPoolExecutor(CLIENTS) as pool:
         statuses: Counter[int] = Counter()
@@ -217,12 +254,18 @@ def many_requests(n: int) -> None:
             for counts in pool.map(send, range(CLIENTS * part, CLIENTS * (part + 1))):
                 statuses += counts
             rss = subprocess.run(
-                ["ps", "-o", "rss=", "-p", str(process.pid)], capture_output=True, text=True, check=True
+                ["ps", "-o", "rss=", "-p", str(process.pid)],
+                capture_output=True,
+                text=True,
+                check=True,
             )
-            answered = ", ".join(f"{count:,} of {status}" for status, count in sorted(statuses.items()))
+            answered = ", ".join(
+                f"{count:,} of {status}" for status, count in sorted(statuses.items())
+            )
             print(
-                f"{statuses.total():7,} requests after {time.perf_counter() - begin:6.0f} s, server's CPU"
-                f" {cpu_of(process):6.0f} s, memory {int(rss.stdout) / 1024:6.1f} MB; {answered}"
+                f"{statuses.total():7,} requests after {time.perf_counter() - begin:6.0f} s,"
+                f" server's CPU {cpu_of(process):6.0f} s, memory {int(rss.stdout) / 1024:6.1f} MB;"
+                f" {answered}"
             )
 
 

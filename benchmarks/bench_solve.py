@@ -1,14 +1,18 @@
-"""Time the estimator at the paper's size against a plain GTSAM script: 11 vehicles, 3,025 poses each, 4,620 ranges.
+"""
+Time the estimator at the paper's size against a plain GTSAM script: 11 vehicles, 3,025 poses each,
+4,620 ranges.
 
-Run with ``python benchmarks/bench_solve.py``. No ocean is needed: floats drift by a random walk and dive as
-the paper's do; refraction is a made-up error of 30 m. The script loops over the same measurements, adds GTSAM's factors
-one by one and optimises with GTSAM's own optimizers, by Gauss-Newton until a step is as small as ours has to be and by
-Levenberg-Marquardt until the cost stands still. Accuracy is the largest distance of a pose from the optimum of the
-script, iterated on until a step is 1e-8 m. All take turns; medians, and the CPU time of the process beside the
-wall clock, which other work on the machine disturbs more. Cold is a first realization; warm is a later one, which
-has starting values and noise models or an ordering from before.
+Run with ``python benchmarks/bench_solve.py``. No ocean is needed: floats drift by a random walk and
+dive as the paper's do; refraction is a made-up error of 30 m. The script loops over the same
+measurements, adds GTSAM's factors one by one and optimises with GTSAM's own optimizers, by
+Gauss-Newton until a step is as small as ours has to be and by Levenberg-Marquardt until the cost
+stands still. Accuracy is the largest distance of a pose from the optimum of the script, iterated on
+until a step is 1e-8 m. All take turns; medians, and the CPU time of the process beside the wall
+clock, which other work on the machine disturbs more. Cold is a first realization; warm is a later
+one, which has starting values and noise models or an ordering from before.
 
-``--sizes`` prints time and memory of missions of 1e3 to 1e6 poses. ``--regions`` runs both of the paper's studies as well, 25 realizations under two conditions each, on two workers.
+``--sizes`` prints time and memory of missions of 1e3 to 1e6 poses. ``--regions`` runs both of the
+paper's studies as well, 25 realizations under two conditions each, on two workers.
 """
 
 import argparse
@@ -44,8 +48,12 @@ PERIOD, N_TIMES, SPEED = 200.0, 3025, 0.5
 TARGETS = np.array([0.5, 500, 2000, 750, 2250, 1500, 250, 2500, 1000, 1750, 1250])
 
 
-def fleet(rng: np.random.Generator, *, turn: float, n_times: int = N_TIMES) -> tuple[np.ndarray, np.ndarray]:
-    """True positions and rotation matrices; ``turn`` is the sigma of the heading's random walk [rad]."""
+def fleet(
+    rng: np.random.Generator, *, turn: float, n_times: int = N_TIMES
+) -> tuple[np.ndarray, np.ndarray]:
+    """
+    True positions and rotation matrices; ``turn`` is the sigma of the heading's random walk [rad].
+    """
     clock = np.arange(n_times) * PERIOD
     position = np.empty((TARGETS.size, n_times, 3))
     for a, target in enumerate(TARGETS):
@@ -61,7 +69,9 @@ def fleet(rng: np.random.Generator, *, turn: float, n_times: int = N_TIMES) -> t
     grid = np.array([[x, y] for x in (-4e3, 0, 4e3) for y in (-4.5e3, -1.5e3, 1.5e3, 4.5e3)])[:11]
     position[1:, :, :2] += (grid[grid.any(axis=1)][:10] + rng.normal(0, 100, (10, 2)))[:, None]
     heading = np.cumsum(rng.normal(0, turn, (TARGETS.size, n_times)), axis=1)
-    rotation, _ = se3_exp(np.stack([0 * heading, 0 * heading, heading, *[0 * heading] * 3], axis=-1))
+    rotation, _ = se3_exp(
+        np.stack([0 * heading, 0 * heading, heading, *[0 * heading] * 3], axis=-1)
+    )
     return position, rotation
 
 
@@ -121,7 +131,9 @@ def observe(position: np.ndarray, rotation: np.ndarray, rng: np.random.Generator
 
 
 def ours(o, condition, initial, solver) -> tuple[np.ndarray, int]:
-    solution = solver.solve(build_graph(o, condition), initial, model_is_right=condition == "straight")
+    solution = solver.solve(
+        build_graph(o, condition), initial, model_is_right=condition == "straight"
+    )
     assert solution.status == SolveStatus.OK
     return solution.position, solution.iterations
 
@@ -142,32 +154,41 @@ def compare(realizations: int, turn: float) -> None:
         landmark_position=np.zeros((0, 3)),
     )
     values, solver = plain_gtsam.start(truth), GraphSolver()
-    solve_conditions(observe(position, rotation, np.random.default_rng(0)), CONDITIONS, truth, solver=solver)
+    solve_conditions(
+        observe(position, rotation, np.random.default_rng(0)), CONDITIONS, truth, solver=solver
+    )
     rows, both, sums = defaultdict(list), [], []
     for realization in range(realizations):
         o = observe(position, rotation, np.random.default_rng(1 + realization))
         of_both = []
         for condition in CONDITIONS:
-            tight, _ = plain_gtsam.solve(o, condition, truth, plain_gtsam.gauss_newton, 1e-8, values)
+            tight, _ = plain_gtsam.solve(
+                o, condition, truth, plain_gtsam.gauss_newton, 1e-8, values
+            )
             jobs = {
                 "ours, cold": lambda o, c: ours(o, c, initial, GraphSolver()),
                 "ours, warm": lambda o, c: ours(o, c, initial, solver),
             }
             for name, method, tolerance in PLAIN:
                 for when, v in (("cold", None), ("warm", values)):
-                    jobs[f"{name}, {when}"] = lambda o, c, m=method, t=tolerance, v=v: plain_gtsam.solve(
-                        o, c, truth, m, t, v
+                    jobs[f"{name}, {when}"] = lambda o, c, m=method, t=tolerance, v=v: (
+                        plain_gtsam.solve(o, c, truth, m, t, v)
                     )
             for name in np.roll(list(jobs), 3 * realization):
                 (found, steps), seconds = timed(jobs[name], o, condition)
-                rows[condition, name].append((*seconds, steps, np.linalg.norm(found - tight, axis=1).max()))
+                rows[condition, name].append(
+                    (*seconds, steps, np.linalg.norm(found - tight, axis=1).max())
+                )
             of_both.append(rows[condition, f"{PLAIN[0][0]}, warm"][-1][:2])
         both.append(timed(solve_conditions, o, CONDITIONS, truth, solver=solver)[1])
         sums.append(np.sum(of_both, axis=0))
     print(
-        f"{'condition':10} {'build and solve':32} {'wall [s]':>9} {'CPU [s]':>8} {'steps':>6} {'off [m]':>8}"
+        f"{'condition':10} {'build and solve':32} {'wall [s]':>9} {'CPU [s]':>8} {'steps':>6}"
+        f" {'off [m]':>8}"
     )
-    table = {key: (*np.median(row, axis=0)[:3], max(r[3] for r in row)) for key, row in rows.items()}
+    table = {
+        key: (*np.median(row, axis=0)[:3], max(r[3] for r in row)) for key, row in rows.items()
+    }
     for (condition, name), (wall, cpu, steps, off) in table.items():
         print(f"{condition:10} {name:32} {wall:9.2f} {cpu:8.2f} {steps:6.0f} {off:8.1e}")
     for condition in CONDITIONS:
@@ -176,31 +197,42 @@ def compare(realizations: int, turn: float) -> None:
             mine = table[condition, f"ours, {when}"]
             best = min((v for v in rivals if v is not mine and v[3] <= 1e-5), key=lambda v: v[1])
             print(
-                f"{condition}, {when}: {mine[0] / best[0]:.2f} (wall), {mine[1] / best[1]:.2f} (CPU)"
-                " times the fastest script that is within 1e-5 m"
+                f"{condition}, {when}: {mine[0] / best[0]:.2f} (wall), {mine[1] / best[1]:.2f}"
+                " (CPU) times the fastest script that is within 1e-5 m"
             )
-    wall, cpu = (statistics.median(b[i] / s[i] for b, s in zip(both, sums, strict=True)) for i in (0, 1))
+    wall, cpu = (
+        statistics.median(b[i] / s[i] for b, s in zip(both, sums, strict=True)) for i in (0, 1)
+    )
     print(
-        f"solve_conditions, both, warm: {np.median(both, axis=0)[0]:.2f} s (CPU {np.median(both, axis=0)[1]:.2f} s),"
-        f" {wall:.2f} (wall), {cpu:.2f} (CPU) times the plain Gauss-Newton scripts"
+        f"solve_conditions, both, warm: {np.median(both, axis=0)[0]:.2f} s (CPU"
+        f" {np.median(both, axis=0)[1]:.2f} s), {wall:.2f} (wall), {cpu:.2f} (CPU) times the plain"
+        " Gauss-Newton scripts"
     )
 
 
 def sizes() -> None:
-    """Print what a solve takes against the number of poses: missions of 11 vehicles, longer and longer."""
+    """
+    Print what a solve takes against the number of poses: missions of 11 vehicles, longer and
+    longer.
+    """
     print(f"{'poses':>9} {'ranges':>8} {'CPU [s]':>8} {'steps':>6} {'peak memory [GiB]':>18}")
     for n_times in (100, 300, 1000, 3025, 10_000, 30_000, 100_000):
         position, rotation = fleet(np.random.default_rng(0), turn=0.0, n_times=n_times)
         o = observe(position, rotation, np.random.default_rng(1))
         start = GraphValues(
-            position.reshape(-1, 3), quaternion_from_matrix(rotation).reshape(-1, 4), np.zeros((0, 3))
+            position.reshape(-1, 3),
+            quaternion_from_matrix(rotation).reshape(-1, 4),
+            np.zeros((0, 3)),
         )
         graph = build_graph(o, "straight")
         GraphSolver().solve(graph, start)  # compiles
         solution, (_, cpu) = timed(GraphSolver().solve, graph, start)
         peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 2**20
         ranges = len(graph["range"])
-        print(f"{graph.n_poses:9d} {ranges:8d} {cpu:8.2f} {solution.iterations:6d} {peak:18.2f}", flush=True)
+        print(
+            f"{graph.n_poses:9d} {ranges:8d} {cpu:8.2f} {solution.iterations:6d} {peak:18.2f}",
+            flush=True,
+        )
 
 
 def regions(workers: int) -> None:
@@ -212,30 +244,45 @@ def regions(workers: int) -> None:
         with tempfile.TemporaryDirectory() as folder:
             before = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime
             run, (wall, _) = timed(
-                run_study, config.model_copy(update={"study": study}), Path(folder) / name, workers=workers
+                run_study,
+                config.model_copy(update={"study": study}),
+                Path(folder) / name,
+                workers=workers,
             )
             seconds = run.manifest["seconds"]
             e = run.estimates
             cpu = resource.getrusage(resource.RUSAGE_CHILDREN).ru_utime - before
-            usable = np.isin(e.solve_status, [status for status in SolveStatus if status.usable]).sum()
+            usable = np.isin(
+                e.solve_status, [status for status in SolveStatus if status.usable]
+            ).sum()
             solver = RealizationSolver(run)
             first, *later = (timed(solver.solve, n)[1][1] for n in range(6))
         solving, total = solving + seconds["realizations"], total + wall
         print(
-            f"{name}: {seconds['realizations']:.0f} s for {e.solve_status.size} solves ({usable} usable) on {workers}"
-            f" workers (CPU {cpu:.0f} s), {wall:.0f} s with mission, rays and files; one realization, perturbed, solved twice, covariances and all, {first:.2f} s"
-            f" of CPU at first, {statistics.median(later):.2f} s later; load {os.getloadavg()[0]:.1f}"
+            f"{name}: {seconds['realizations']:.0f} s for {e.solve_status.size} solves ({usable}"
+            f" usable) on {workers} workers (CPU {cpu:.0f} s), {wall:.0f} s with mission, rays and"
+            f" files; one realization, perturbed, solved twice, covariances and all, {first:.2f} s"
+            f" of CPU at first, {statistics.median(later):.2f} s later; load"
+            f" {os.getloadavg()[0]:.1f}"
         )
     print(f"both regions: {solving:.0f} s, {total:.0f} s with mission, rays and files")
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--realizations", type=int, default=3)
-    parser.add_argument("--turn", type=float, default=0.0, help="sigma of the heading's random walk [rad]")
-    parser.add_argument("--regions", action="store_true", help="run both of the paper's studies, too")
+    parser.add_argument(
+        "--turn", type=float, default=0.0, help="sigma of the heading's random walk [rad]"
+    )
+    parser.add_argument(
+        "--regions", action="store_true", help="run both of the paper's studies, too"
+    )
     parser.add_argument("--workers", type=int, default=2)
-    parser.add_argument("--sizes", action="store_true", help="time and memory against poses, nothing else")
+    parser.add_argument(
+        "--sizes", action="store_true", help="time and memory against poses, nothing else"
+    )
     arguments = parser.parse_args()
     if arguments.sizes:
         sizes()

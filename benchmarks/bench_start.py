@@ -1,8 +1,11 @@
-"""Time from the command to the first answer: compilation of the kernels, imports, and messages that need neither.
+"""
+Time from the command to the first answer: compilation of the kernels, imports, and messages that
+need neither.
 
-Run with ``python benchmarks/bench_start.py``. Kernels are compiled in a fresh process into a cache folder of its own, so that the
-installed one is left alone; the same process again takes them from there. Commands run several times: median and largest.
-CPU seconds of the child processes, which other work on the machine disturbs less than wall time.
+Run with ``python benchmarks/bench_start.py``. Kernels are compiled in a fresh process into a cache
+folder of its own, so that the installed one is left alone; the same process again takes them from
+there. Commands run several times: median and largest. CPU seconds of the child processes, which
+other work on the machine disturbs less than wall time.
 """
 
 import argparse
@@ -83,7 +86,10 @@ def child(arguments: list[str], folder: str, **environment: str) -> tuple[str, f
 
 
 def measure_kernels() -> dict[str, dict[str, float]]:
-    """CPU seconds of each part from an empty cache and from a full one, and CPU and wall seconds of the whole process."""
+    """
+    CPU seconds of each part from an empty cache and from a full one, and CPU and wall seconds of
+    the whole process.
+    """
     figures = {}
     with tempfile.TemporaryDirectory() as cache:
         for label in ("from an empty cache", "from a full cache"):
@@ -117,7 +123,8 @@ def main() -> None:
     for name, seconds in measure_commands(options.runs).items():
         cpu, wall = ([pair[k] for pair in seconds] for k in (0, 1))
         print(
-            f"{name}: {statistics.median(cpu):.2f} s of CPU ({max(cpu):.2f}), wall {statistics.median(wall):.2f} s"
+            f"{name}: {statistics.median(cpu):.2f} s of CPU ({max(cpu):.2f}), wall"
+            f" {statistics.median(wall):.2f} s"
         )
 
 

@@ -1,10 +1,11 @@
 """
 What a study costs: wall clock and CPU of its stages and processes, and its report figure by figure.
 
-Run with ``python benchmarks/bench_study.py [STUDY] [OPTIONS of mantaray study run]``; ``--fresh`` before them compiles
-all kernels again, in a folder of its own. The command itself runs, and says by its progress where it is; its CPU time
-and that of its processes are read from ``/proc`` twenty times a second. A row of blocks a process shows how much of a
-core it had. Other work on the machine disturbs the wall clock more than the CPU time.
+Run with ``python benchmarks/bench_study.py [STUDY] [OPTIONS of mantaray study run]``; ``--fresh``
+before them compiles all kernels again, in a folder of its own. The command itself runs, and says by
+its progress where it is; its CPU time and that of its processes are read from ``/proc`` twenty
+times a second. A row of blocks a process shows how much of a core it had. Other work on the machine
+disturbs the wall clock more than the CPU time.
 """
 
 import contextlib
@@ -108,13 +109,19 @@ def print_run(stages: list, looks: list, end: float) -> None:
         cpu = "".join(f"{used(looks, pid, low, high):12.2f}" for pid in names)
         print(f"{stage:<14}{low:9.2f}{high - low:9.2f}{cpu}")
     cpu = [used(looks, pid, -1.0, end) for pid in names]
-    print(f"{'all':<14}{0.0:9.2f}{end:9.2f}" + "".join(f"{x:12.2f}" for x in cpu) + f"  sum {sum(cpu):.2f}\n")
+    print(
+        f"{'all':<14}{0.0:9.2f}{end:9.2f}"
+        + "".join(f"{x:12.2f}" for x in cpu)
+        + f"  sum {sum(cpu):.2f}\n"
+    )
     edges = [end * i / COLUMNS for i in range(COLUMNS + 1)]
     marks = [" "] * COLUMNS
     for stage, begin in stages:
         place = min(int(begin / end * COLUMNS), COLUMNS - 1)
         marks[place] = stage[0]
-    print(f"{'':<12}{''.join(marks)}  first letters of the stages; a column is {end / COLUMNS:.2f} s")
+    print(
+        f"{'':<12}{''.join(marks)}  first letters of the stages; a column is {end / COLUMNS:.2f} s"
+    )
     for pid, name in names.items():
         share = [used(looks, pid, a, b) / (b - a) for a, b in pairwise(edges)]
         print(f"{name:<12}" + "".join(BLOCKS[min(int(s * 8 + 0.5), 8)] for s in share))

@@ -27,7 +27,9 @@ POINTS = 10_000
 
 def cpu() -> tuple[float, float]:
     """CPU seconds of this process, and of workers that have ended."""
-    own, others = (resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+    own, others = (
+        resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)
+    )
     return own.ru_utime + own.ru_stime, others.ru_utime + others.ru_stime
 
 
@@ -93,7 +95,8 @@ def overhead() -> None:
         own, others = (b - a - f for a, b, f in zip(before, cpu(), first, strict=True))
         print(f"{POINTS} points that take no time, one worker: {wall:.1f} s of wall time")
         print(
-            f"  CPU a point: {1e3 * own / POINTS:.2f} ms in the parent, {1e3 * others / POINTS:.2f} ms in the worker"
+            f"  CPU a point: {1e3 * own / POINTS:.2f} ms in the parent,"
+            f" {1e3 * others / POINTS:.2f} ms in the worker"
         )
         listed = ", ".join(f"{done}: {mib:.0f}" for done, mib in sorted(memory.items()))
         print(f"  memory of the parent by points done [MiB]: {listed}")
@@ -109,7 +112,8 @@ def overhead() -> None:
             begun, before = time.perf_counter(), cpu()
             call()
             print(
-                f"  {what}: {cpu()[0] - before[0]:.2f} s of CPU, {time.perf_counter() - begun:.2f} s of wall time"
+                f"  {what}: {cpu()[0] - before[0]:.2f} s of CPU, {time.perf_counter() - begun:.2f}"
+                " s of wall time"
             )
 
 
@@ -125,10 +129,13 @@ def sharing() -> None:
         run_sweep(noises(config, 10), out / "ten", workers=1)
         ten = sum(cpu()) - begin - one - 3.0 * start
     print(
-        f"quick, CPU without the start of a worker ({start:.1f} s): one point {one:.2f} s, ten noises {ten:.2f} s"
+        f"quick, CPU without the start of a worker ({start:.1f} s): one point {one:.2f} s, ten"
+        f" noises {ten:.2f} s"
     )
     print(f"  ten times one {10.0 * one:.1f} s: {100.0 * (1.0 - ten / (10.0 * one)):.0f} % saved")
-    print(f"  largest worker: {resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024:.0f} MiB")
+    print(
+        f"  largest worker: {resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024:.0f} MiB"
+    )
 
 
 def scaling(points: int = 450) -> None:
@@ -141,23 +148,35 @@ def scaling(points: int = 450) -> None:
             wall, used[count] = time.perf_counter() - begun, sum(cpu()) - before
         took[count] = min(wall, took.get(count, wall))
         print(
-            f"{count} workers: {wall:.1f} s of wall time, {used[count]:.1f} s of CPU, load {os.getloadavg()[0]:.1f}"
+            f"{count} workers: {wall:.1f} s of wall time, {used[count]:.1f} s of CPU, load"
+            f" {os.getloadavg()[0]:.1f}"
         )
-    print(f"  CPU of one by CPU of two workers: {used[1] / used[2]:.2f}, the efficiency where both are busy")
+    print(
+        f"  CPU of one by CPU of two workers: {used[1] / used[2]:.2f}, the efficiency where both"
+        " are busy"
+    )
     print(f"  efficiency by wall time, where nothing else runs: {took[1] / took[2] / 2.0:.2f}")
 
 
 def dask() -> None:
-    """Of points whose study takes no time, by a scheduler and a worker in this process: what each of a thousand more takes."""
+    """
+    Of points whose study takes no time, by a scheduler and a worker in this process: what each of a
+    thousand more takes.
+    """
     from distributed import Client
 
     config, took = small(), {100: [], 1100: []}
     with (
         folder() as out,
-        Client(processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None) as client,
+        Client(
+            processes=False, n_workers=1, threads_per_worker=1, dashboard_address=None
+        ) as client,
     ):
         run_sweep(noises(config, 2), out / "first", client=client)
-        solve, tasks._solve = tasks._solve, lambda task, *_: {"key": task.key, "conditions": {}, "links": {}}
+        solve, tasks._solve = (
+            tasks._solve,
+            lambda task, *_: {"key": task.key, "conditions": {}, "links": {}},
+        )
         for repeat in range(3):
             for count, seconds in took.items():
                 before = cpu()[0]
@@ -166,7 +185,8 @@ def dask() -> None:
         tasks._solve = solve
     few, many = (statistics.median(seconds) for seconds in took.values())
     print(
-        f"Dask: {many - few:.2f} ms of CPU a point: plan, client, scheduler, worker and store; load {os.getloadavg()[0]:.1f}"
+        f"Dask: {many - few:.2f} ms of CPU a point: plan, client, scheduler, worker and store;"
+        f" load {os.getloadavg()[0]:.1f}"
     )
 
 

@@ -1,13 +1,17 @@
-"""Size, building time and error of travel-time tables, by medium, and the time of a look-up.
+"""
+Size, building time and error of travel-time tables, by medium, and the time of a look-up.
 
-Run with ``python benchmarks/bench_table.py [MEDIUM ...]``. The media are ``a`` to ``f`` of the reference travel times, and ``hycom``, the file
-in ../shared/data beside the repository. Each table has source depths of 5 to 200 m, receiver depths of 5 to 1,000 m and ranges of 10 to
-6,000 m, to the north of the middle of the medium. The error is that of the range at the solver's travel time on ``--links`` random links,
-times ten cosines of the ray's angle if it is steeper than 84 degrees. ``beyond`` counts links whose error exceeds the bound,
-``wrong`` links with a range in the table and no ray, or with the status SHADOW and a ray, and ``refused`` is the share of the links
-with a ray that have the status BORDER.
+Run with ``python benchmarks/bench_table.py [MEDIUM ...]``. The media are ``a`` to ``f`` of the
+reference travel times, and ``hycom``, the file in ../shared/data beside the repository. Each table
+has source depths of 5 to 200 m, receiver depths of 5 to 1,000 m and ranges of 10 to 6,000 m, to the
+north of the middle of the medium. The error is that of the range at the solver's travel time on
+``--links`` random links, times ten cosines of the ray's angle if it is steeper than 84 degrees.
+``beyond`` counts links whose error exceeds the bound, ``wrong`` links with a range in the table and
+no ray, or with the status SHADOW and a ray, and ``refused`` is the share of the links with a ray
+that have the status BORDER.
 
-``reader`` instead of a medium builds the table of the page docs/how-to/travel-time-table.md, and times 10,000,000 look-ups of random ranges with the C reader.
+``reader`` instead of a medium builds the table of the page docs/how-to/travel-time-table.md, and
+times 10,000,000 look-ups of random ranges with the C reader.
 """
 
 import argparse
@@ -66,15 +70,18 @@ def print_medium(name: str, water: Water, tolerance: float, links: int) -> None:
     table.horizontal_range(*places.T)
     look_up = (time.process_time() - start) / links
     by_status = ", ".join(
-        f"{one.name.lower()} {error[status == one].max():.4f} m of {np.count_nonzero(status == one)}"
+        f"{one.name.lower()} {error[status == one].max():.4f} m of"
+        f" {np.count_nonzero(status == one)}"
         for one in HAS_RANGE
         if np.any(status == one)
     )
     print(
-        f"{name:6} {table.tree.nbytes / 1e3:5.0f} kB {len(table.tree.corner):6d} cells {seconds:6.1f} s of CPU;"
-        f" error median {np.median(error):.4f}, 99.9 % {np.percentile(error, 99.9):.4f} m; largest: {by_status};"
-        f" beyond {np.count_nonzero(error > tolerance)}, wrong {found.wrong}, refused {found.refused} of"
-        f" {found.with_ray} ({100.0 * found.refused / found.with_ray:.1f} %); {1e6 * look_up:.1f} us a look-up in NumPy",
+        f"{name:6} {table.tree.nbytes / 1e3:5.0f} kB {len(table.tree.corner):6d} cells"
+        f" {seconds:6.1f} s of CPU; error median {np.median(error):.4f}, 99.9 %"
+        f" {np.percentile(error, 99.9):.4f} m; largest: {by_status}; beyond"
+        f" {np.count_nonzero(error > tolerance)}, wrong {found.wrong}, refused {found.refused} of"
+        f" {found.with_ray} ({100.0 * found.refused / found.with_ray:.1f} %); {1e6 * look_up:.1f}"
+        " us a look-up in NumPy",
         flush=True,
     )
 
@@ -86,7 +93,10 @@ def node_of(water: Water) -> tuple[float, float]:
 
 
 class Errors(NamedTuple):
-    """Errors of the ranges [m] and status of their links, and numbers of wrong outcomes, of refused links and of links with a ray."""
+    """
+    Errors of the ranges [m] and status of their links, and numbers of wrong outcomes, of refused
+    links and of links with a ray.
+    """
 
     error: np.ndarray
     status: np.ndarray
@@ -132,7 +142,8 @@ def print_c_reader(number: int = 10_000_000) -> None:
         (folder / "mantaray_table.h").write_text(c_header())
         reader = str(ROOT / "tests" / "online" / "read_table.c")
         subprocess.run(
-            ["cc", "-std=c99", "-O2", f"-I{folder}", reader, "-o", str(folder / "reader"), "-lm"], check=True
+            ["cc", "-std=c99", "-O2", f"-I{folder}", reader, "-o", str(folder / "reader"), "-lm"],
+            check=True,
         )
         low, high = np.array([limit[:2] for limit in limits]).T
         places = np.random.default_rng(0).uniform(low, high, (200_000, 3))
@@ -142,15 +153,18 @@ def print_c_reader(number: int = 10_000_000) -> None:
         found = table.horizontal_range(places[:, 0], places[:, 1], places[:, 2] / 1500.0)
         share = np.isin(found.status, HAS_RANGE).mean()
         print(
-            f"reader {(folder / 'table.mtt').stat().st_size / 1e3:.0f} kB; {number:,} look-ups of a range,"
-            f" {100.0 * share:.1f} % with a range: {1e9 * float(answer.stdout.split()[0]):.0f} ns of CPU each"
+            f"reader {(folder / 'table.mtt').stat().st_size / 1e3:.0f} kB; {number:,} look-ups of a"
+            f" range, {100.0 * share:.1f} % with a range:"
+            f" {1e9 * float(answer.stdout.split()[0]):.0f} ns of CPU each"
         )
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("media", nargs="*", help="a to f, hycom or reader")
-    parser.add_argument("--tolerance", type=float, default=0.05, help="bound of the error in metres")
+    parser.add_argument(
+        "--tolerance", type=float, default=0.05, help="bound of the error in metres"
+    )
     parser.add_argument("--links", type=int, default=100_000)
     options = parser.parse_args()
     for name, water in waters(options.media):

@@ -1,13 +1,17 @@
-"""Count and time the links that the two-point solver finds hardest: shallow ducts, links without a ray, raw casts.
+"""
+Count and time the links that the two-point solver finds hardest: shallow ducts, links without a
+ray, raw casts.
 
-Run with ``python benchmarks/bench_tail.py``; it needs the reference and the real data in ../shared/data beside the repository, and without
-them does nothing. One thread; each link is solved by itself, so that CPU time and rays of the fan are known of each, and some sets of links
-in one call.
+Run with ``python benchmarks/bench_tail.py``; it needs the reference and the real data in
+../shared/data beside the repository, and without them does nothing. One thread; each link is solved
+by itself, so that CPU time and rays of the fan are known of each, and some sets of links in one
+call.
 
-``duct``: medium `e` of the reference (an Arctic duct with a front and an eddy), smooth, 2,310 links of 0.5 to 12 km between
-twelve depths. ``gulf``, ``gulf-1d``: a map of 60 ranges and 60 depths from one source in HYCOM's Gulf Stream, and in the
-profile at its source: links with a direct ray and links without. ``cast``: links of 2 km in a raw Arctic cast of 1 m, `linear`, direct and
-with 7 reflections at the surface. Beside them the time of sorting a million numbers.
+``duct``: medium `e` of the reference (an Arctic duct with a front and an eddy), smooth, 2,310 links
+of 0.5 to 12 km between twelve depths. ``gulf``, ``gulf-1d``: a map of 60 ranges and 60 depths from
+one source in HYCOM's Gulf Stream, and in the profile at its source: links with a direct ray and
+links without. ``cast``: links of 2 km in a raw Arctic cast of 1 m, `linear`, direct and with 7
+reflections at the surface. Beside them the time of sorting a million numbers.
 """
 
 import argparse
@@ -19,7 +23,14 @@ from typing import NamedTuple
 import numpy as np
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.acoustics._kernels.layout import N_ARRIVAL, N_INFO, RAYS, Results, Settings, solver_room
+from pymantaray.acoustics._kernels.layout import (
+    N_ARRIVAL,
+    N_INFO,
+    RAYS,
+    Results,
+    Settings,
+    solver_room,
+)
 from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.acoustics.solving import MAX_ARRIVALS
 from pymantaray.ocean import open_ocean, read_cast, to_local
@@ -39,7 +50,9 @@ class Cost(NamedTuple):
     arrivals: np.ndarray
 
 
-def solve_each(medium: Medium, ends: Ends, surface_bounces: int = 0, *, canonical: bool = True) -> Cost:
+def solve_each(
+    medium: Medium, ends: Ends, surface_bounces: int = 0, *, canonical: bool = True
+) -> Cost:
     """Solve links one by one, canonical from their deeper ends, else from the first ones."""
     domain, room = medium.domain(), solver_room(medium.depth.size)
     bounces = (surface_bounces, 0) if surface_bounces else None
@@ -64,9 +77,10 @@ def row(name: str, cost: Cost, links: np.ndarray, sort_seconds: float) -> None:
         return
     each, rays = 1e6 * cost.seconds[links], cost.rays[links]
     print(
-        f"{name:34} {links.sum():5d} links {cost.arrivals[links].sum():5d} arrivals: {each.mean():8.0f} us a link on average,"
-        f" median {np.median(each):7.0f}, worst {each.max():8.0f};"
-        f" {rays.mean():7.0f} rays of fans, most {rays.max():6.0f}; {1e-3 * each.mean() / sort_seconds:6.1f} thousandths of a sort",
+        f"{name:34} {links.sum():5d} links {cost.arrivals[links].sum():5d} arrivals:"
+        f" {each.mean():8.0f} us a link on average, median {np.median(each):7.0f}, worst"
+        f" {each.max():8.0f}; {rays.mean():7.0f} rays of fans, most {rays.max():6.0f};"
+        f" {1e-3 * each.mean() / sort_seconds:6.1f} thousandths of a sort",
         flush=True,
     )
 
@@ -80,7 +94,8 @@ def one_call(name: str, medium: Medium, ends: Ends, sort_seconds: float) -> None
         seconds.append(time.process_time() - start)
     each = 1e6 * statistics.median(seconds[1:]) / len(ends[0])
     print(
-        f"{name:34} {len(ends[0]):5d} links in one call: {each:8.0f} us a link; {1e-3 * each / sort_seconds:6.1f} thousandths of a sort",
+        f"{name:34} {len(ends[0]):5d} links in one call: {each:8.0f} us a link;"
+        f" {1e-3 * each / sort_seconds:6.1f} thousandths of a sort",
         flush=True,
     )
 
@@ -102,7 +117,9 @@ def duct_links() -> Ends:
     azimuth, half = rng.uniform(0, 2 * np.pi, n), 0.5 * rng.uniform(500.0, 12e3, n)
     step = half[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     depth = rng.choice(DEPTHS, (n, 2))
-    return np.column_stack([middle - step, depth[:, 0]]), np.column_stack([middle + step, depth[:, 1]])
+    return np.column_stack([middle - step, depth[:, 0]]), np.column_stack(
+        [middle + step, depth[:, 1]]
+    )
 
 
 def bench_duct(sort_seconds: float) -> None:
@@ -126,8 +143,12 @@ def bench_duct(sort_seconds: float) -> None:
 
 def map_links(source: np.ndarray, azimuth: float, longest: float, deepest: float) -> Ends:
     """From a source to 60 ranges and 60 depths."""
-    r, z = np.meshgrid(np.linspace(longest / 60, longest, 60), np.linspace(deepest / 60, deepest, 60))
-    receiver = np.column_stack([r.ravel() * np.cos(azimuth), r.ravel() * np.sin(azimuth), z.ravel()])
+    r, z = np.meshgrid(
+        np.linspace(longest / 60, longest, 60), np.linspace(deepest / 60, deepest, 60)
+    )
+    receiver = np.column_stack(
+        [r.ravel() * np.cos(azimuth), r.ravel() * np.sin(azimuth), z.ravel()]
+    )
     receiver[:, :2] += source[:2]
     return np.broadcast_to(source, receiver.shape).copy(), receiver
 
@@ -136,7 +157,10 @@ def random_links(medium: Medium, n: int) -> Ends:
     """Links of 0.5 to 20 km at random places of a medium, with both ends between 5 and 200 m."""
     rng = np.random.default_rng(1)
     source, receiver = np.empty((n, 3)), np.empty((n, 3))
-    low, high = np.array([medium.north[0], medium.east[0]]), np.array([medium.north[-1], medium.east[-1]])
+    low, high = (
+        np.array([medium.north[0], medium.east[0]]),
+        np.array([medium.north[-1], medium.east[-1]]),
+    )
     azimuth, length = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(500.0, 20e3, n)
     step = length[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
     least, most = np.maximum(low, low - step), np.minimum(high, high - step)
@@ -160,7 +184,8 @@ def bench_maps(sort_seconds: float) -> None:
         row(f"{name}, without", cost, cost.status != RayStatus.OK, sort_seconds)
         more = solve_each(medium, ends, canonical=False).arrivals - cost.arrivals
         print(
-            f"{name}, from the source: {(more > 0).sum()} links with more arrivals, {(more < 0).sum()} with fewer"
+            f"{name}, from the source: {(more > 0).sum()} links with more arrivals,"
+            f" {(more < 0).sum()} with fewer"
         )
 
 

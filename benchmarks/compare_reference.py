@@ -1,13 +1,17 @@
-"""Set the solver beside the reference tables and Bellhop: errors and CPU time by medium, as Markdown tables.
+"""
+Set the solver beside the reference tables and Bellhop: errors and CPU time by medium, as Markdown
+tables.
 
-Run with ``python benchmarks/compare_reference.py [FOLDER]``; the folder with the reference tables is by default
-../shared/data/reference beside the repository, and without it nothing is done. Errors are of the earliest direct arrival of
-each link in `linear` media, which is what the tables mean, without an amplitude cut-off. Times are CPU time of the
-process on one thread after compilation, so that other work on the machine counts little: each link is solved alone, the call's
-overhead included, several times, of which the median is taken; then all in one call. `smooth` media through the same
-grid values are another ocean, so only their time is shown. ``--multipath`` adds every arrival with up to three
-reflections, ``--tolerances`` how the error falls with the tolerance in the `smooth` media, ``--bellhop`` the two-dimensional
-Bellhop of ``pelagic`` (GPL; used here only, never by the package) on the links of the four media that are profiles.
+Run with ``python benchmarks/compare_reference.py [FOLDER]``; the folder with the reference tables
+is by default ../shared/data/reference beside the repository, and without it nothing is done. Errors
+are of the earliest direct arrival of each link in `linear` media, which is what the tables mean,
+without an amplitude cut-off. Times are CPU time of the process on one thread after compilation, so
+that other work on the machine counts little: each link is solved alone, the call's overhead
+included, several times, of which the median is taken; then all in one call. `smooth` media through
+the same grid values are another ocean, so only their time is shown. ``--multipath`` adds every
+arrival with up to three reflections, ``--tolerances`` how the error falls with the tolerance in the
+`smooth` media, ``--bellhop`` the two-dimensional Bellhop of ``pelagic`` (GPL; used here only, never
+by the package) on the links of the four media that are profiles.
 """
 
 import argparse
@@ -49,7 +53,10 @@ def load_links(folder: Path, name: str) -> tuple[pd.DataFrame, Array, Array]:
 def cpu_ms(
     medium: Medium, source: Array, receiver: Array, runs: int, cutoff: float | None
 ) -> tuple[Array, float]:
-    """CPU time of each link alone, the median of several runs, and of a link when all are solved at once. [ms]"""
+    """
+    CPU time of each link alone, the median of several runs, and of a link when all are solved at
+    once. [ms]
+    """
     find_eigenrays(medium, source[:1], receiver[:1], spreading_cutoff_db=cutoff, threads=1)
     spent = np.empty((runs, len(source)))
     together = np.empty(runs)
@@ -67,12 +74,16 @@ def cpu_ms(
 def errors_of(error: Array, digits: int) -> str:
     """Median, root mean square and largest of errors in seconds, as microseconds."""
     e = 1e6 * error
-    return f"{np.median(e):.{digits}f}, {math.sqrt(np.mean(e * e)):.{digits}f}, {np.abs(e).max():.{digits}f}"
+    return (
+        f"{np.median(e):.{digits}f}, {math.sqrt(np.mean(e * e)):.{digits}f},"
+        f" {np.abs(e).max():.{digits}f}"
+    )
 
 
 def compare_direct(folder: Path, runs: int) -> None:
     print(
-        "| medium | direct arrivals | found by Bellhop | found by MantaRay | error of Bellhop: median, rms, max [us] | error of MantaRay [us] |"
+        "| medium | direct arrivals | found by Bellhop | found by MantaRay | error of Bellhop:"
+        " median, rms, max [us] | error of MantaRay [us] |"
     )
     print("|---|---|---|---|---|---|")
     cost, errors = [], []
@@ -86,12 +97,14 @@ def compare_direct(folder: Path, runs: int) -> None:
         for travel_time in (rows.bellhop_direct_s.to_numpy(), first.travel_time):
             hit = np.isfinite(travel_time)
             ghosts = np.count_nonzero(hit & ~exists)
-            found.append(f"{np.count_nonzero(hit & exists)}" + (f" and {ghosts} false" if ghosts else ""))
+            found.append(
+                f"{np.count_nonzero(hit & exists)}" + (f" and {ghosts} false" if ghosts else "")
+            )
             error.append((travel_time - exact)[hit & exists])
         errors.append(error)
         print(
-            f"| {name} | {np.count_nonzero(exists)} | {found[0]} | {found[1]} | {errors_of(error[0], 0)} |"
-            f" {errors_of(error[1], 6)} |",
+            f"| {name} | {np.count_nonzero(exists)} | {found[0]} | {found[1]} |"
+            f" {errors_of(error[0], 0)} | {errors_of(error[1], 6)} |",
             flush=True,
         )
         spent = [
@@ -101,21 +114,26 @@ def compare_direct(folder: Path, runs: int) -> None:
         cost.append((name, rows.bellhop_cpu_ms_1thread.to_numpy(), spent))
     print()
     print(
-        "CPU time per link [ms], median / 90th percentile of links solved alone (mean of all in one call):\n"
+        "CPU time per link [ms], median / 90th percentile of links solved alone (mean of all in"
+        " one call):\n"
     )
     print(
-        "| medium | Bellhop | linear, no cut-off | linear | smooth | ratio of Bellhop's median to linear | to smooth |"
+        "| medium | Bellhop | linear, no cut-off | linear | smooth | ratio of Bellhop's median to"
+        " linear | to smooth |"
     )
     print("|---|---|---|---|---|---|---|")
     for name, bellhop, spent in cost:
         cells = [f"{np.median(bellhop):.0f} / {np.percentile(bellhop, 90):,.0f}"]
-        cells += [f"{np.median(s):.2f} / {np.percentile(s, 90):.2f} ({all_of:.2f})" for s, all_of in spent]
+        cells += [
+            f"{np.median(s):.2f} / {np.percentile(s, 90):.2f} ({all_of:.2f})" for s, all_of in spent
+        ]
         cells += [f"{np.median(bellhop) / np.median(s):,.0f}" for s, _ in spent[1:]]
         print(f"| {name} | {' | '.join(cells)} |")
     bellhop = np.concatenate([b for _, b, _ in cost])
     names = ("linear without cut-off", "linear", "smooth")
     print(
-        f"\nAll {bellhop.size} links, Bellhop: median {np.median(bellhop):.0f} ms, sum {bellhop.sum() / 1e3:.1f} s"
+        f"\nAll {bellhop.size} links, Bellhop: median {np.median(bellhop):.0f} ms, sum"
+        f" {bellhop.sum() / 1e3:.1f} s"
     )
     for k, label in enumerate(names):
         alone = np.concatenate([spent[k][0] for _, _, spent in cost])
@@ -126,13 +144,18 @@ def compare_direct(folder: Path, runs: int) -> None:
         )
     for k, label in enumerate(("Bellhop", "MantaRay")):
         e = 1e6 * np.abs(np.concatenate([error[k] for error in errors]))
-        print(f"{label}: absolute error, median {np.median(e):.3g} us, rms {math.sqrt(np.mean(e**2)):.3g} us")
+        print(
+            f"{label}: absolute error, median {np.median(e):.3g} us, rms"
+            f" {math.sqrt(np.mean(e**2)):.3g} us"
+        )
 
 
 def image_times(
     source: Array, receiver: Array, speed: float, depth: float, n_s: int, n_b: int
 ) -> list[float]:
-    """Travel times in an isovelocity wave guide with so many reflections: 1 or 2, by the image method."""
+    """
+    Travel times in an isovelocity wave guide with so many reflections: 1 or 2, by the image method.
+    """
     across = np.hypot(*(receiver - source)[:2])
     zs, zr = source[2], receiver[2]
     downs = []
@@ -146,15 +169,20 @@ def image_times(
 def compare_multipath(folder: Path) -> None:
     table = pd.read_csv(folder / "multipath.csv")
     print(
-        "\n| medium | rows of the table | found | not in the table | largest error [ns] | CPU ms per link |"
+        "\n| medium | rows of the table | found | not in the table | largest error [ns] | CPU ms"
+        " per link |"
     )
     print("|---|---|---|---|---|---|")
     for name in MEDIA[:4]:
         rows, source, receiver = load_links(folder, name)
         medium = load_medium(folder, name, "linear")
-        find_eigenrays(medium, source[:1], receiver[:1], MOST, MOST, spreading_cutoff_db=None, threads=1)
+        find_eigenrays(
+            medium, source[:1], receiver[:1], MOST, MOST, spreading_cutoff_db=None, threads=1
+        )
         start = time.process_time()
-        got = find_eigenrays(medium, source, receiver, MOST, MOST, spreading_cutoff_db=None, threads=1)
+        got = find_eigenrays(
+            medium, source, receiver, MOST, MOST, spreading_cutoff_db=None, threads=1
+        )
         spent = time.process_time() - start
         expected = table[table.medium == name]
         worst, found, images, extra = 0.0, 0, 0, 0
@@ -163,7 +191,11 @@ def compare_multipath(folder: Path) -> None:
                 for n_b in range(MOST + 1 - n_s):
                     same = (expected.surface_bounces == n_s) & (expected.bottom_bounces == n_b)
                     want = expected.travel_time_s[same & (expected.link == label)].to_numpy()
-                    pick = (got.link == link) & (got.surface_bounces == n_s) & (got.bottom_bounces == n_b)
+                    pick = (
+                        (got.link == link)
+                        & (got.surface_bounces == n_s)
+                        & (got.bottom_bounces == n_b)
+                    )
                     mine = got.travel_time[pick]
                     for travel_time in want:
                         gap = np.abs(mine - travel_time)
@@ -180,7 +212,8 @@ def compare_multipath(folder: Path) -> None:
                     extra += mine.size
         beyond = f"{extra}" + (f", and {images} by the image method" if images else "")
         print(
-            f"| {name} | {len(expected)} | {found} | {beyond} | {worst * 1e9:.3f} | {1e3 * spent / len(rows):.1f} |",
+            f"| {name} | {len(expected)} | {found} | {beyond} | {worst * 1e9:.3f} |"
+            f" {1e3 * spent / len(rows):.1f} |",
             flush=True,
         )
 
@@ -199,12 +232,17 @@ def compare_tolerances(folder: Path) -> None:
             got = find_eigenrays(medium, source, receiver, tolerance=tolerance, threads=1).first()
             spent = 1e6 * (time.process_time() - start) / len(source)
             gap = 1e6 * np.abs(got.travel_time - exact)
-            cells.append(f"{np.nanmedian(gap):.2g}, {np.nanmax(gap):.2g} us ({spent:.0f} us of CPU)")
+            cells.append(
+                f"{np.nanmedian(gap):.2g}, {np.nanmax(gap):.2g} us ({spent:.0f} us of CPU)"
+            )
         print(f"| {name} | {' | '.join(cells)} |", flush=True)
 
 
 class Beams(NamedTuple):
-    """Settings of Bellhop: kind of beams, how many, how far about the chord [deg], and the step along them (0: a tenth of the depth) [m]."""
+    """
+    Settings of Bellhop: kind of beams, how many, how far about the chord [deg], and the step along
+    them (0: a tenth of the depth) [m].
+    """
 
     label: str
     kind: str
@@ -216,15 +254,25 @@ class Beams(NamedTuple):
 STEEPEST = 89.0  # deg
 BEAMS = (
     Beams("hat, 1,000 beams in all, its own step", "geometric_hat_cartesian", 1000, 180.0, 0.0),
-    Beams("Gaussian, 1,000 beams in all, its own step", "geometric_gaussian_cartesian", 1000, 180.0, 0.0),
+    Beams(
+        "Gaussian, 1,000 beams in all, its own step",
+        "geometric_gaussian_cartesian",
+        1000,
+        180.0,
+        0.0,
+    ),
     Beams("hat, 1,000 beams in 30 degrees, 10 m", "geometric_hat_cartesian", 1000, 15.0, 10.0),
     Beams("hat, 4,000 beams in 30 degrees, 10 m", "geometric_hat_cartesian", 4000, 15.0, 10.0),
 )
 FREQUENCY = 10_000.0  # Hz; sets the width of Gaussian beams
 
 
-def direct_arrivals(medium: Medium, source: Array, receiver: Array, beams: Beams) -> tuple[Array, float]:
-    """Travel times of Bellhop's arrivals without a reflection [s], and the CPU time of its run. [ms]"""
+def direct_arrivals(
+    medium: Medium, source: Array, receiver: Array, beams: Beams
+) -> tuple[Array, float]:
+    """
+    Travel times of Bellhop's arrivals without a reflection [s], and the CPU time of its run. [ms]
+    """
     from pelagic import bellhop
 
     bed = float(medium.bed.depth.max())
@@ -265,9 +313,13 @@ def direct_arrivals(medium: Medium, source: Array, receiver: Array, beams: Beams
 
 
 def compare_bellhop(folder: Path) -> None:
-    """Earliest direct arrival of the two-dimensional Bellhop, its arrival nearest to the truth, and MantaRay's."""
+    """
+    Earliest direct arrival of the two-dimensional Bellhop, its arrival nearest to the truth, and
+    MantaRay's.
+    """
     print(
-        "\n| medium | settings | direct arrivals | found | earliest: median, rms, max [us] | nearest [us] | CPU ms per link |"
+        "\n| medium | settings | direct arrivals | found | earliest: median, rms, max [us] |"
+        " nearest [us] | CPU ms per link |"
     )
     print("|---|---|---|---|---|---|---|")
     for name in PROFILES:
@@ -275,23 +327,34 @@ def compare_bellhop(folder: Path) -> None:
         medium = load_medium(folder, name, "linear")
         exact = rows.travel_time_s.to_numpy()
         for beams in BEAMS:
-            solved = [direct_arrivals(medium, a, b, beams) for a, b in zip(source, receiver, strict=True)]
-            pairs = [(times, truth) for (times, _), truth in zip(solved, exact, strict=True) if times.size]
+            solved = [
+                direct_arrivals(medium, a, b, beams) for a, b in zip(source, receiver, strict=True)
+            ]
+            pairs = [
+                (times, truth)
+                for (times, _), truth in zip(solved, exact, strict=True)
+                if times.size
+            ]
             hits = [(times, truth) for times, truth in pairs if np.isfinite(truth)]
             earliest = np.array([times.min() - truth for times, truth in hits])
-            nearest = np.array([(times - truth)[np.abs(times - truth).argmin()] for times, truth in hits])
+            nearest = np.array(
+                [(times - truth)[np.abs(times - truth).argmin()] for times, truth in hits]
+            )
             ghosts = f" and {len(pairs) - len(hits)} false" if len(pairs) > len(hits) else ""
             print(
-                f"| {name} | {beams.label} | {np.count_nonzero(np.isfinite(exact))} | {len(hits)}{ghosts} |"
-                f" {errors_of(earliest, 0)} | {errors_of(nearest, 0)} | {np.median([ms for _, ms in solved]):.0f} |",
+                f"| {name} | {beams.label} | {np.count_nonzero(np.isfinite(exact))} |"
+                f" {len(hits)}{ghosts} | {errors_of(earliest, 0)} | {errors_of(nearest, 0)} |"
+                f" {np.median([ms for _, ms in solved]):.0f} |",
                 flush=True,
             )
         spent, _ = cpu_ms(medium, source, receiver, 3, None)
-        first = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None).first().travel_time
+        first = (
+            find_eigenrays(medium, source, receiver, spreading_cutoff_db=None).first().travel_time
+        )
         error = (first - exact)[np.isfinite(exact) & np.isfinite(first)]
         print(
-            f"| {name} | MantaRay | {np.count_nonzero(np.isfinite(exact))} | {error.size} | {errors_of(error, 6)} |"
-            f" the same | {np.median(spent):.2f} |",
+            f"| {name} | MantaRay | {np.count_nonzero(np.isfinite(exact))} | {error.size} |"
+            f" {errors_of(error, 6)} | the same | {np.median(spent):.2f} |",
             flush=True,
         )
 
@@ -303,9 +366,13 @@ def main() -> None:
     parser.add_argument(
         "--multipath", action="store_true", help="also every arrival with up to three reflections"
     )
-    parser.add_argument("--tolerances", action="store_true", help="also how errors fall with the tolerance")
     parser.add_argument(
-        "--bellhop", action="store_true", help="only the two-dimensional Bellhop of pelagic, on profiles"
+        "--tolerances", action="store_true", help="also how errors fall with the tolerance"
+    )
+    parser.add_argument(
+        "--bellhop",
+        action="store_true",
+        help="only the two-dimensional Bellhop of pelagic, on profiles",
     )
     options = parser.parse_args()
     if not (options.folder / "direct.csv").is_file():

@@ -1,20 +1,24 @@
 """
-Time and memory against the number of links, vehicles, poses and grid points; a table and a figure with slopes.
+Time and memory against the number of links, vehicles, poses and grid points; a table and a figure
+with slopes.
 
-Run with ``python benchmarks/complexity.py``; ``--upto N`` leaves out larger points. Each point is measured in a process of its
-own, on one thread: CPU seconds of the work after all that it needs is compiled and loaded, and the most memory that the process
-has had, imports included. What was measured is kept in ``docs/figures/complexity.csv``, so that a run that was stopped goes on,
-``--fresh`` measures again. A point that takes more than ``--limit`` CPU seconds or asks for more than ``--memory`` GiB is
-kept as such: that is where it breaks.
+Run with ``python benchmarks/complexity.py``; ``--upto N`` leaves out larger points. Each point is
+measured in a process of its own, on one thread: CPU seconds of the work after all that it needs is
+compiled and loaded, and the most memory that the process has had, imports included. What was
+measured is kept in ``docs/figures/complexity.csv``, so that a run that was stopped goes on,
+``--fresh`` measures again. A point that takes more than ``--limit`` CPU seconds or asks for more
+than ``--memory`` GiB is kept as such: that is where it breaks.
 
 links
     the paper's, solved in the synthetic Beaufort Sea in full; more of them are more pings
 vehicles
     all pairs of them in a square of 20 km, one ping, in the same sea
 poses
-    11 vehicles over a longer and longer mission, 4,620 ranges for 33,275 poses: graph built and solved with straight ranges
+    11 vehicles over a longer and longer mission, 4,620 ranges for 33,275 poses: graph built and
+    solved with straight ranges
 grid
-    points of a 3-D medium of 40 levels, from the paper's 76 x 251 on: the medium made of sound speeds, and one link
+    points of a 3-D medium of 40 levels, from the paper's 76 x 251 on: the medium made of sound
+    speeds, and one link
 """
 
 import argparse
@@ -50,7 +54,9 @@ LETTERS = dict(zip(SIZES, "abcd", strict=True))
 
 
 class Point(NamedTuple):
-    """One measurement; CPU seconds and MiB are empty where it broke, and then `outcome` says by what."""
+    """
+    One measurement; CPU seconds and MiB are empty where it broke, and then `outcome` says by what.
+    """
 
     sweep: str
     size: int
@@ -85,7 +91,11 @@ def poses(size: int) -> Callable[[], object]:
 
 def grid(size: int) -> Callable[[], object]:
     n_north, n_east = GRIDS[size]
-    north, east, depth = 4e3 * np.arange(n_north), 4e3 * np.arange(n_east), np.linspace(0.0, 4e3, 40)
+    north, east, depth = (
+        4e3 * np.arange(n_north),
+        4e3 * np.arange(n_east),
+        np.linspace(0.0, 4e3, 40),
+    )
     speed = np.empty((n_north, n_east, 40))
     speed[:] = 1450.0 + 0.016 * depth
     speed += 5.0 * np.sin(north / 6e4)[:, None, None] * np.exp(-depth / 300.0)
@@ -129,14 +139,21 @@ def point(sweep: str, size: int, limit: float, memory: float) -> Point:
     if done.returncode == 0:
         cpu, peak = json.loads(done.stdout)
         return Point(sweep, size, f"{cpu:.4g}", f"{peak:.0f}", "measured")
-    last = done.stderr.strip().splitlines()[-1] if done.stderr.strip() else f"signal {-done.returncode}"
+    last = (
+        done.stderr.strip().splitlines()[-1]
+        if done.stderr.strip()
+        else f"signal {-done.returncode}"
+    )
     if "MemoryError" in last or "memory" in last.lower():
         return Point(sweep, size, "", "", f"more than {memory:g} GiB")
     raise SystemExit(done.stderr)
 
 
 def draw(points: list[Point], path: Path) -> None:
-    """CPU time above, memory below, a column a sweep; the slope is that of the last two points measured."""
+    """
+    CPU time above, memory below, a column a sweep; the slope is that of the last two points
+    measured.
+    """
     from pymantaray.pages import style
 
     @style.styled
@@ -149,7 +166,9 @@ def draw(points: list[Point], path: Path) -> None:
             mine = [p for p in points if p.sweep == sweep and p.outcome == "measured"]
             size = np.array([p.size for p in mine], dtype=float)
             values = [[float(p.cpu_s) for p in mine], [float(p.peak_mib) for p in mine]]
-            for axes, y, colour in zip(panels[:, column], values, (style.BLUE, style.ORANGE), strict=True):
+            for axes, y, colour in zip(
+                panels[:, column], values, (style.BLUE, style.ORANGE), strict=True
+            ):
                 axes.loglog(size, y, "o-", color=colour, markersize=3.0)
                 if len(mine) > 1:
                     slope = np.diff(np.log(y[-2:]))[0] / np.diff(np.log(size[-2:]))[0]
@@ -188,10 +207,14 @@ def draw(points: list[Point], path: Path) -> None:
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawTextHelpFormatter
+    )
     parser.add_argument("--point", nargs=2, metavar=("SWEEP", "SIZE"), help=argparse.SUPPRESS)
     parser.add_argument("--upto", type=int, default=10**9, help="leave out points of more")
-    parser.add_argument("--limit", type=float, default=200.0, help="CPU seconds that a point may take")
+    parser.add_argument(
+        "--limit", type=float, default=200.0, help="CPU seconds that a point may take"
+    )
     parser.add_argument("--memory", type=float, default=8.0, help="GiB that it may ask for")
     parser.add_argument("--fresh", action="store_true", help="measure again what has been measured")
     parser.add_argument(
@@ -211,7 +234,9 @@ def main() -> None:
             ]
     for sweep, sizes in SIZES.items():
         if any((sweep, size) not in {p[:2] for p in points} for size in sizes):
-            point(sweep, sizes[0], options.limit, options.memory)  # what is compiled is kept on disk
+            point(
+                sweep, sizes[0], options.limit, options.memory
+            )  # what is compiled is kept on disk
         for size in sizes:
             if size > options.upto or (sweep, size) in {p[:2] for p in points}:
                 continue

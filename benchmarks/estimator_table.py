@@ -1,4 +1,6 @@
-"""Print the table of `docs/how-to/estimators.md` from runs of the estimators' presets: what each row is worth in each region.
+"""
+Print the table of `docs/how-to/estimators.md` from runs of the estimators' presets: what each row
+is worth in each region.
 
 Run with ``python benchmarks/estimator_table.py RUN...``; all runs need the same rows.
 """
@@ -20,7 +22,8 @@ def column(run: Path) -> pd.DataFrame:
     cells = [
         {
             "all poses": f"{row['rmse_m']:.2f}",
-            "at pings (median)": f"{row['rmse_m_at_pings']:.2f} ± {row['rmse_standard_error_m_at_pings']:.2f} ({row['median_m_at_pings']:.2f})",
+            "at pings (median)": f"{row['rmse_m_at_pings']:.2f} ±"
+            f" {row['rmse_standard_error_m_at_pings']:.2f} ({row['median_m_at_pings']:.2f})",
             "from `straight`": f"{row['from_straight_rmse_m']:.2f}",
             "NEES (inside)": f"{nees(row['median_ratio'])} ({row['inside']})",
             "CPU [s]": f"{row['cpu_median_s']:.2f}",
@@ -60,7 +63,10 @@ def main() -> None:
             .loc["straight", "bound_rmse_m"]
         )
         costs = pd.read_csv(run / "tables" / "costs.csv").iloc[0]
-        print(f"{run.name}: {costs['realizations']} realizations, seed {costs['seed']}, bound {bound:.2f} m")
+        print(
+            f"{run.name}: {costs['realizations']} realizations, seed {costs['seed']}, bound"
+            f" {bound:.2f} m"
+        )
 
 
 if __name__ == "__main__":

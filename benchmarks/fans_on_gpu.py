@@ -1,10 +1,13 @@
 """
-Brute-force fans of rays in three dimensions on a GPU, one from each end of each link: the oracle of `bench_lost_rays.py` at any range.
+Brute-force fans of rays in three dimensions on a GPU, one from each end of each link: the oracle of
+`bench_lost_rays.py` at any range.
 
-Run with ``python benchmarks/fans_on_gpu.py LINKS.npz RAYS.npz`` on a machine with CuPy and SciPy; the package is not needed. LINKS.npz is
-written by ``bench_lost_rays.py --write LINKS.npz``, and ``--rays LINKS.npz RAYS.npz`` compares. Nothing here is shared with the solver: SciPy's splines through the grid values give the field,
-a fixed-step RK4 integrates the rays, each ray is turned out of the plane until it ends in it, and every change of sign of the miss
-between neighbouring rays is a ray. A fan of ``--rays`` rays covers launch angles up to 0.35 rad on both sides of the horizontal.
+Run with ``python benchmarks/fans_on_gpu.py LINKS.npz RAYS.npz`` on a machine with CuPy and SciPy;
+the package is not needed. LINKS.npz is written by ``bench_lost_rays.py --write LINKS.npz``, and
+``--rays LINKS.npz RAYS.npz`` compares. Nothing here is shared with the solver: SciPy's splines
+through the grid values give the field, a fixed-step RK4 integrates the rays, each ray is turned out
+of the plane until it ends in it, and every change of sign of the miss between neighbouring rays is
+a ray. A fan of ``--rays`` rays covers launch angles up to 0.35 rad on both sides of the horizontal.
 """
 
 import argparse
@@ -103,7 +106,10 @@ class Medium:
         return [cp.asarray(basis(x, nu)) for nu in range(3)]
 
     def stations(self, source, azimuth, r):
-        """Cubics in depth of the sound speed and its first and second derivative across the track, at ranges r; (n, layers, 12)."""
+        """
+        Cubics in depth of the sound speed and its first and second derivative across the track, at
+        ranges r; (n, layers, 12).
+        """
         un, ue = np.cos(azimuth), np.sin(azimuth)
         wn, we = (
             self._weights(self.north, source[0] + r * un),
@@ -156,7 +162,9 @@ class Batch:
         self.c_source = np.array(
             [medium.speed(s[0], z) for s, z in zip(sections, self.z_source, strict=True)]
         )
-        self.c_end = np.array([medium.speed(s[-1], z) for s, z in zip(sections, self.z_end, strict=True)])
+        self.c_end = np.array(
+            [medium.speed(s[-1], z) for s, z in zip(sections, self.z_end, strict=True)]
+        )
         self.first_station = np.concatenate([[0], np.cumsum([len(s) for s in sections])[:-1]])
         self.first_bed = np.concatenate([[0], np.cumsum([len(b) for b in beds])[:-1]])
         self.stations, self.beds = cp.concatenate(sections), cp.asarray(np.concatenate(beds))
@@ -189,7 +197,10 @@ class Batch:
         return out
 
     def roots(self, links, first_angle, spacing, out):
-        """Rays at changes of sign: link, angle, travel time, level [dB], slope [m/rad], grazing, and cross-track offset [m]."""
+        """
+        Rays at changes of sign: link, angle, travel time, level [dB], slope [m/rad], grazing, and
+        cross-track offset [m].
+        """
         miss = out[:, :, Z] - cp.asarray(self.z_end[links])[:, None]
         wet = (out[:, :, TOP] > -GRAZING) & (out[:, :, BED] > -GRAZING)
         row, i = cp.nonzero(wet[:, :-1] & wet[:, 1:] & (miss[:, :-1] * miss[:, 1:] <= 0.0))
@@ -211,11 +222,18 @@ class Batch:
         return np.column_stack([which, angle, at[:, T], level, np.abs(slope), grazing, at[:, Y]])
 
     def dips(self, links, out):
-        """Links and indices of rays about which the miss has an extremum near zero without a change of sign."""
+        """
+        Links and indices of rays about which the miss has an extremum near zero without a change of
+        sign.
+        """
         miss = out[:, :, Z] - cp.asarray(self.z_end[links])[:, None]
         wet = (out[:, :, TOP] > -GRAZING) & (out[:, :, BED] > -GRAZING)
         size, bend = cp.abs(miss), cp.abs(miss[:, :-2] - 2.0 * miss[:, 1:-1] + miss[:, 2:])
-        low = (size[:, 1:-1] <= size[:, :-2]) & (size[:, 1:-1] <= size[:, 2:]) & (size[:, 1:-1] < bend)
+        low = (
+            (size[:, 1:-1] <= size[:, :-2])
+            & (size[:, 1:-1] <= size[:, 2:])
+            & (size[:, 1:-1] < bend)
+        )
         one_sign = (miss[:, :-2] * miss[:, 1:-1] > 0.0) & (miss[:, 2:] * miss[:, 1:-1] > 0.0)
         row, i = cp.nonzero(low & one_sign & wet[:, :-2] & wet[:, 1:-1] & wet[:, 2:])
         return links[cp.asnumpy(row)], cp.asnumpy(i) + 1
@@ -262,7 +280,10 @@ def main():
             results[f"{name}_{end}"] = rows[rows[:, 3] < 20.0]
             strong = (rows[:, 3] < 15.0) & (rows[:, 5] == 0.0)
             seconds = time.perf_counter() - start
-            print(f"{name}, from the {end}: {strong.sum()} rays within 15 dB, {seconds:.1f} s", flush=True)
+            print(
+                f"{name}, from the {end}: {strong.sum()} rays within 15 dB, {seconds:.1f} s",
+                flush=True,
+            )
         np.savez_compressed(options.out, **results)
 
 

@@ -1,7 +1,9 @@
 """
-Make the figures of the documentation again, by the commands that docs/figures/README.md shows beneath each.
+Make the figures of the documentation again, by the commands that docs/figures/README.md shows
+beneath each.
 
-    python benchmarks/gallery.py [all | NAME...]     names of figures, such as atlas_fram; all: those marked as not run too
+    python benchmarks/gallery.py [all | NAME...]     names of figures, such as atlas_fram; all:
+    those marked as not run too
 """
 
 import os
@@ -30,7 +32,9 @@ def main(names: list[str]) -> None:
         asked = "all" in names or set(figures) & set(names)
         if asked or not (names or long):
             print("\n".join(f"docs/figures/{figure}.png" for figure in figures), flush=True)
-            subprocess.run(["bash", "-euo", "pipefail", "-c", text], cwd=ROOT, env=environment, check=True)
+            subprocess.run(
+                ["bash", "-euo", "pipefail", "-c", text], cwd=ROOT, env=environment, check=True
+            )
 
 
 if __name__ == "__main__":

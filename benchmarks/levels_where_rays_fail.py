@@ -1,9 +1,12 @@
-"""Compare levels in shadows, beside caustics and near the surface with a parabolic equation, one line per link.
+"""
+Compare levels in shadows, beside caustics and near the surface with a parabolic equation, one line
+per link.
 
-Run with ``python benchmarks/levels_where_rays_fail.py``: the parabolic equation is the one in `tests/oracles.py`, and
-shares no code with the package. All levels are those of a tone at the centre of the band, relative to spherical spreading. The
-water has no absorption, and the sea bed reflects nothing. The settings of the package were chosen with the fixed places;
-``--places random`` compares at other places, drawn once, in the ducts and in a duct of another shape.
+Run with ``python benchmarks/levels_where_rays_fail.py``: the parabolic equation is the one in
+`tests/oracles.py`, and shares no code with the package. All levels are those of a tone at the
+centre of the band, relative to spherical spreading. The water has no absorption, and the sea bed
+reflects nothing. The settings of the package were chosen with the fixed places; ``--places random``
+compares at other places, drawn once, in the ducts and in a duct of another shape.
 """
 
 import argparse
@@ -55,7 +58,9 @@ def random_places(
     rng = np.random.default_rng(seed)
     steps = rng.integers(round(ranges[0] / spacing), round(ranges[1] / spacing) + 1, n)
     return tuple(
-        zip((spacing * steps).tolist(), rng.integers(*depths, n).astype(float).tolist(), strict=True)
+        zip(
+            (spacing * steps).tolist(), rng.integers(*depths, n).astype(float).tolist(), strict=True
+        )
     )
 
 
@@ -99,7 +104,10 @@ OTHER_DUCTS = {  # sound speed, depths of the source and of the receivers [m]
 
 
 def random_waters() -> dict[str, Water]:
-    """Ducts with a random source and 13 random receivers each, which the settings of the package were not chosen for."""
+    """
+    Ducts with a random source and 13 random receivers each, which the settings of the package were
+    not chosen for.
+    """
     waters = {}
     for number, (name, (speed, sources, depths)) in enumerate(OTHER_DUCTS.items()):
         seed = RANDOM_SEED + number
@@ -136,7 +144,10 @@ def wave_db(water: Water, hz: float) -> np.ndarray:
 
 
 def predicted_db(water: Water, hz: float) -> pd.DataFrame:
-    """Transmission loss of each link: the strongest ray alone, the sum of all rays, and the package's. [dB]"""
+    """
+    Transmission loss of each link: the strongest ray alone, the sum of all rays, and the package's.
+    [dB]
+    """
     medium, (source, receiver), n = medium_of(water), ends_of(water), len(water.places)
     arrivals = find_eigenrays(medium, source, receiver, *BOUNCES, None)
     loss = transmission_loss(medium, source, receiver, arrivals, hz)
@@ -144,7 +155,11 @@ def predicted_db(water: Water, hz: float) -> pd.DataFrame:
     table["n_rays"] = np.bincount(arrivals.link, minlength=n)
     tails = find_tails(medium, source, receiver, arrivals, hz, bounces=BOUNCES)
     received = received_loss_db(arrivals, loss, hz, 0.1 * hz, coherent=True, tails=tails)
-    phase = 2.0 * np.pi * hz * arrivals.travel_time + loss.boundary_phase - 0.5 * np.pi * arrivals.caustics
+    phase = (
+        2.0 * np.pi * hz * arrivals.travel_time
+        + loss.boundary_phase
+        - 0.5 * np.pi * arrivals.caustics
+    )
     pressure = 10.0 ** (-loss.total_db / 20.0) * np.exp(1j * phase)
     for link in np.unique(arrivals.link):
         rows = np.flatnonzero(arrivals.link == link)
@@ -180,12 +195,17 @@ def compare(name: str, hz: float, places: str = "fixed") -> pd.DataFrame:
 
 
 def summary(rows: pd.DataFrame) -> pd.DataFrame:
-    """Links within 3 dB of the waves, by water and frequency; a link without a prediction is not within."""
+    """
+    Links within 3 dB of the waves, by water and frequency; a link without a prediction is not
+    within.
+    """
     errors = rows.columns[rows.columns.str.endswith("_minus_wave_db")]
     groups = rows.groupby(["water", "frequency_hz"], sort=False)
     table = pd.DataFrame({"links": groups.size()})
     for error in errors:
-        within = (rows[error].abs() < WITHIN).groupby([rows["water"], rows["frequency_hz"]], sort=False)
+        within = (rows[error].abs() < WITHIN).groupby(
+            [rows["water"], rows["frequency_hz"]], sort=False
+        )
         table[error.removesuffix("_minus_wave_db")] = within.sum()
     table["median_db"] = groups["predicted_minus_wave_db"].agg(lambda e: e.abs().median())
     table["largest_db"] = groups["predicted_minus_wave_db"].agg(lambda e: e.abs().max())
@@ -197,11 +217,15 @@ def main() -> None:
     parser.add_argument(
         "--frequencies", type=float, nargs="+", default=[3000.0, 8000.0, 12000.0], help="[Hz]"
     )
-    parser.add_argument("--places", choices=list(PLACES), default="fixed", help="receivers to compare at")
+    parser.add_argument(
+        "--places", choices=list(PLACES), default="fixed", help="receivers to compare at"
+    )
     parser.add_argument("--waters", nargs="+", default=[""], help="parts of names of water columns")
     parser.add_argument("--out", type=Path, help="file for the table of links (CSV)")
     options = parser.parse_args()
-    names = [name for name in PLACES[options.places] if any(part in name for part in options.waters)]
+    names = [
+        name for name in PLACES[options.places] if any(part in name for part in options.waters)
+    ]
     tables = [compare(name, hz, options.places) for name in names for hz in options.frequencies]
     rows = pd.concat(tables, ignore_index=True)
     print(rows.to_string(index=False, float_format="{:.2f}".format))

@@ -1,8 +1,12 @@
-"""Print how far a model's sound speed is from casts by depth: what a belief taken from a model errs by.
+"""
+Print how far a model's sound speed is from casts by depth: what a belief taken from a model errs
+by.
 
-Run with ``python benchmarks/model_minus_cast.py [DATA]``; DATA holds ``casts`` and ``hycom`` and is by default ../shared/data beside the
-repository. A cast is averaged over the cells of the model's levels. The first pair is of one month and place, but the model is our synthetic
-Beaufort Sea; the second is HYCOM's own column, a year later and 300 km away, so that its difference holds a year and an eddy too.
+Run with ``python benchmarks/model_minus_cast.py [DATA]``; DATA holds ``casts`` and ``hycom`` and is
+by default ../shared/data beside the repository. A cast is averaged over the cells of the model's
+levels. The first pair is of one month and place, but the model is our synthetic Beaufort Sea; the
+second is HYCOM's own column, a year later and 300 km away, so that its difference holds a year and
+an eddy too.
 """
 
 import argparse
@@ -18,7 +22,10 @@ DATA = Path(__file__).parents[2] / "shared" / "data"
 COLUMN = "hycom_glby_930_20210308T12_beaufort_point_ncss.csv"
 SCALE, OFFSET, MISSING = 0.001, 20.0, -30000.0  # of its packed integers
 PAIRS = {
-    "synthetic Beaufort Sea": ("beaufort_axctd_20140724_74N140W.csv", "beaufort_axctd_20140724_75N140W.csv"),
+    "synthetic Beaufort Sea": (
+        "beaufort_axctd_20140724_74N140W.csv",
+        "beaufort_axctd_20140724_75N140W.csv",
+    ),
     "HYCOM, 8 March 2021": ("beaufort_xctd_icex20_1.csv", "beaufort_xctd_icex20_4.csv"),
 }
 ICEX = (71.2, -142.4)  # of the casts that do not say where they were taken
@@ -58,10 +65,13 @@ def main() -> None:
         for name in names:
             own_place = "icex" not in name
             cast = read_cast(
-                data / "casts" / name, **({} if own_place else dict(zip(("lat", "lon"), ICEX, strict=True)))
+                data / "casts" / name,
+                **({} if own_place else dict(zip(("lat", "lon"), ICEX, strict=True))),
             )
             depth, *water = (
-                synthetic_column(cast.lat, cast.lon) if own_place else hycom_column(data / "hycom" / COLUMN)
+                synthetic_column(cast.lat, cast.lon)
+                if own_place
+                else hycom_column(data / "hycom" / COLUMN)
             )
             levels = depth[depth <= DOWN_TO]
             modelled = sound_speed(water[0], water[1], depth, cast.lat, cast.lon)[: levels.size]
@@ -70,7 +80,9 @@ def main() -> None:
         table = pd.DataFrame(columns)
         print(f"\n{model} less casts [m/s], by depth [m]")
         print(table.to_string(float_format="{:+.1f}".format))
-        print("rms of the upper 300 m:", np.sqrt((table.loc[:300.0] ** 2).mean()).round(2).to_dict())
+        print(
+            "rms of the upper 300 m:", np.sqrt((table.loc[:300.0] ** 2).mean()).round(2).to_dict()
+        )
 
 
 if __name__ == "__main__":

@@ -1,4 +1,6 @@
-"""Print what differs between runs of one study in several oceans, as a Markdown table: water, fleet, ranges, estimates.
+"""
+Print what differs between runs of one study in several oceans, as a Markdown table: water, fleet,
+ranges, estimates.
 
 Run with ``python benchmarks/ocean_on_the_day.py RUN...``.
 """
@@ -15,12 +17,18 @@ LEVELS = (0.0, 100.0, 400.0, 1000.0)  # m
 
 
 def water(run: Run) -> Iterator[tuple[str, str]]:
-    """Spread of the sound speed over the study's domain and over the fleet's part of it, and its change with depth."""
+    """
+    Spread of the sound speed over the study's domain and over the fleet's part of it, and its
+    change with depth.
+    """
     ocean, places = run.ocean, run.truth.position[..., :2]
     low, high = places.min(axis=(0, 1)), places.max(axis=(0, 1))
     sides = [2e-3 * float(ocean[axis].values[-1]) for axis in ("north", "east")]
     yield "domain, north and east [km]", " x ".join(f"{side:.0f}" for side in sides)
-    yield "fleet, all the time, north and east [km]", " x ".join(f"{1e-3 * side:.1f}" for side in high - low)
+    yield (
+        "fleet, all the time, north and east [km]",
+        " x ".join(f"{1e-3 * side:.1f}" for side in high - low),
+    )
     path = ocean["sound_speed"].interp(
         north=("place", places[..., 0].ravel()[::20]), east=("place", places[..., 1].ravel()[::20])
     )
@@ -49,9 +57,19 @@ def fleet(run: Run) -> Iterator[tuple[str, str]]:
 def ranges(results: RunResults) -> Iterator[tuple[str, str]]:
     """Dropouts, and the range error with its parts, over all links."""
     lost = results.tables["dropouts"].frame.query("category == 'all links'").iloc[0]
-    yield "dropouts [%]", f"{lost['percent']:.1f} ({lost['shadow']} in a shadow, {lost['weak']} weak)"
-    for row in results.tables["range_error_split"].frame.query("category == 'all links'").to_dict("records"):
-        yield f"range error, {row['part']}: mean, sd [m]", f"{row['mean_m']:+.1f}, {row['sd_m']:.1f}"
+    yield (
+        "dropouts [%]",
+        f"{lost['percent']:.1f} ({lost['shadow']} in a shadow, {lost['weak']} weak)",
+    )
+    for row in (
+        results.tables["range_error_split"]
+        .frame.query("category == 'all links'")
+        .to_dict("records")
+    ):
+        yield (
+            f"range error, {row['part']}: mean, sd [m]",
+            f"{row['mean_m']:+.1f}, {row['sd_m']:.1f}",
+        )
 
 
 def estimates(results: RunResults) -> Iterator[tuple[str, str]]:
@@ -65,7 +83,10 @@ def estimates(results: RunResults) -> Iterator[tuple[str, str]]:
     for row in at_pings.to_dict("records"):
         yield (
             f"`{row['condition']}` at pings, RMSE; from `straight` [m]; NEES",
-            f"{row['rmse_m']:.2f}; {row['from_straight_rmse_m']:.2f}; {nees.get(row['condition'], np.nan):.3g}",
+            (
+                f"{row['rmse_m']:.2f}; {row['from_straight_rmse_m']:.2f};"
+                f" {nees.get(row['condition'], np.nan):.3g}"
+            ),
         )
 
 

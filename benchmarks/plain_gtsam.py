@@ -1,4 +1,7 @@
-"""The estimator's graph as a GTSAM user writes and solves it, for comparison; nothing but measurements is shared."""
+"""
+The estimator's graph as a GTSAM user writes and solves it, for comparison; nothing but measurements
+is shared.
+"""
 
 import gtsam
 import numpy as np
@@ -7,16 +10,23 @@ from pymantaray.records import Measurements, RayStatus
 
 
 def build(o: Measurements, refracted: bool) -> gtsam.NonlinearFactorGraph:
-    """The graph as a GTSAM user writes it down: a loop over each sensor, a noise model for each level of noise."""
+    """
+    The graph as a GTSAM user writes it down: a loop over each sensor, a noise model for each level
+    of noise.
+    """
     graph = gtsam.NonlinearFactorGraph()
     sigmas, pose, rotation = gtsam.noiseModel.Diagonal.Sigmas, gtsam.Pose3, gtsam.Rot3.Quaternion
     n_vehicles, n_times = o.depth.shape
     for a in range(n_vehicles):
         first = pose(rotation(*o.first_quaternion[a]), o.first_position[a])
         graph.add(gtsam.PriorFactorPose3(a * n_times, first, sigmas(o.first_sigma[a])))
-        vertical = gtsam.noiseModel.Diagonal.Precisions(np.array([0.0, 0.0, o.depth_sigma[a] ** -2]))
+        vertical = gtsam.noiseModel.Diagonal.Precisions(
+            np.array([0.0, 0.0, o.depth_sigma[a] ** -2])
+        )
         for k in range(n_times):
-            graph.add(gtsam.GPSFactor(a * n_times + k, np.array([0.0, 0.0, o.depth[a, k]]), vertical))
+            graph.add(
+                gtsam.GPSFactor(a * n_times + k, np.array([0.0, 0.0, o.depth[a, k]]), vertical)
+            )
         turns, moves, noise = o.odometry_rotation[a], o.odometry_translation[a], o.odometry_sigma[a]
         for k in range(n_times - 1):
             step = pose(rotation(*turns[k]), moves[k])
@@ -36,7 +46,9 @@ def build(o: Measurements, refracted: bool) -> gtsam.NonlinearFactorGraph:
 
 def start(truth: tuple[np.ndarray, np.ndarray]) -> gtsam.Values:
     values = gtsam.Values()
-    for key, (t, q) in enumerate(zip(truth[0].reshape(-1, 3), truth[1].reshape(-1, 4), strict=True)):
+    for key, (t, q) in enumerate(
+        zip(truth[0].reshape(-1, 3), truth[1].reshape(-1, 4), strict=True)
+    ):
         values.insert(key, gtsam.Pose3(gtsam.Rot3.Quaternion(*q), t))
     return values
 
@@ -47,7 +59,9 @@ def gauss_newton(graph, values, ordering, tolerance: float) -> tuple[gtsam.Value
     parameters.setOrdering(ordering)
     optimizer = gtsam.GaussNewtonOptimizer(graph, values, parameters)
     while optimizer.iterations() < 50:
-        before = gtsam.Values(optimizer.values())  # what the optimizer shows dies with its next step
+        before = gtsam.Values(
+            optimizer.values()
+        )  # what the optimizer shows dies with its next step
         optimizer.iterate()
         if np.abs(before.localCoordinates(optimizer.values()).vector()).max() <= tolerance:
             break

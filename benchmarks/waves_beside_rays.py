@@ -1,9 +1,12 @@
-"""Set band-limited impulse responses of ray theory beside those of wave theory: times and levels by frequency.
+"""
+Set band-limited impulse responses of ray theory beside those of wave theory: times and levels by
+frequency.
 
-Run with ``python benchmarks/waves_beside_rays.py``; it needs ``pyram`` (split-step Padé parabolic equation, BSD) and, for
-``--modes``, ``pelagic`` (KRAKEN, GPL; used here only, never by the package). Links are seeded by name below: places in the
-synthetic Beaufort Sea and Fram Strait (their middle columns, and sections through the full fields). The sea bed absorbs
-all sound, so what arrives is direct or reflected at the surface.
+Run with ``python benchmarks/waves_beside_rays.py``; it needs ``pyram`` (split-step Padé parabolic
+equation, BSD) and, for ``--modes``, ``pelagic`` (KRAKEN, GPL; used here only, never by the
+package). Links are seeded by name below: places in the synthetic Beaufort Sea and Fram Strait
+(their middle columns, and sections through the full fields). The sea bed absorbs all sound, so what
+arrives is direct or reflected at the surface.
 """
 
 import argparse
@@ -54,7 +57,10 @@ class Link:
 
 
 class Band(NamedTuple):
-    """Hann-weighted band: centre and half-amplitude width [Hz], and the time after which its responses repeat [s]."""
+    """
+    Hann-weighted band: centre and half-amplitude width [Hz], and the time after which its responses
+    repeat [s].
+    """
 
     centre: float
     width: float
@@ -68,7 +74,10 @@ class Band(NamedTuple):
     def frequencies(self) -> np.ndarray:
         """Multiples of 1 / window in the band, twice its width from end to end. [Hz]"""
         step = 1.0 / self.window
-        first, last = np.ceil((self.centre - self.width) / step), np.floor((self.centre + self.width) / step)
+        first, last = (
+            np.ceil((self.centre - self.width) / step),
+            np.floor((self.centre + self.width) / step),
+        )
         return step * np.arange(first + 1, last)
 
     def weights(self) -> np.ndarray:
@@ -83,7 +92,9 @@ def middle_column(sea: Medium) -> Medium:
 
 
 def ends(link: Link) -> tuple[np.ndarray, np.ndarray]:
-    return np.array([0.0, 0.0, link.source_depth]), np.array([link.distance, 0.0, link.receiver_depth])
+    return np.array([0.0, 0.0, link.source_depth]), np.array(
+        [link.distance, 0.0, link.receiver_depth]
+    )
 
 
 def section(medium: Medium, link: Link, n_ranges: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -96,9 +107,15 @@ def section(medium: Medium, link: Link, n_ranges: int) -> tuple[np.ndarray, np.n
 
 
 def parabolic(
-    frequency: float, link: Link, water: tuple[np.ndarray, np.ndarray, np.ndarray], finer: float = 1.0
+    frequency: float,
+    link: Link,
+    water: tuple[np.ndarray, np.ndarray, np.ndarray],
+    finer: float = 1.0,
 ) -> complex:
-    """Pressure at the receiver of a source of 1 at 1 m, time dependence exp(-i omega t); steps are shorter by a factor."""
+    """
+    Pressure at the receiver of a source of 1 at 1 m, time dependence exp(-i omega t); steps are
+    shorter by a factor.
+    """
     depth, ranges, speed = water
     wavelength = float(speed.mean()) / frequency
     steps = int(np.ceil(finer * link.distance / (WAVELENGTHS_A_STEP * wavelength)))
@@ -119,7 +136,10 @@ def parabolic(
 
 
 def modal(band: Band, link: Link, water: tuple[np.ndarray, np.ndarray, np.ndarray]) -> np.ndarray:
-    """Spectrum at the receiver as the sum of KRAKEN's modes over a fast bed, time dependence exp(-i omega t)."""
+    """
+    Spectrum at the receiver as the sum of KRAKEN's modes over a fast bed, time dependence exp(-i
+    omega t).
+    """
     from pelagic import kraken
 
     depth, _, speed = water
@@ -132,7 +152,10 @@ def modal(band: Band, link: Link, water: tuple[np.ndarray, np.ndarray, np.ndarra
             "frequency": band.frequencies().tolist(),
             "interpolation": "n2_linear",
             "media": [
-                {"to": float(depth[-1]), "ssp": np.column_stack([depth, speed[:, 0]])[levels].tolist()}
+                {
+                    "to": float(depth[-1]),
+                    "ssp": np.column_stack([depth, speed[:, 0]])[levels].tolist(),
+                }
             ],
             "surface": "vacuum",
             "bottom": {"type": "halfspace", "cp": 1800.0, "rho": 1.0, "ap": 0.5},
@@ -160,7 +183,10 @@ def modal(band: Band, link: Link, water: tuple[np.ndarray, np.ndarray, np.ndarra
 
 
 def caustics(medium: Medium, link: Link, arrivals: Arrivals) -> np.ndarray:
-    """How many caustics each ray has touched: zeros of its unfolded depth's derivative by the launch angle."""
+    """
+    How many caustics each ray has touched: zeros of its unfolded depth's derivative by the launch
+    angle.
+    """
     source, _ = ends(link)
     at = np.linspace(0.02, 1.0, 4000) * link.distance
     counts = np.zeros(arrivals.link.size, dtype=int)
@@ -186,11 +212,19 @@ def unfolded_depth(paths: RayPaths, ray: int) -> CubicHermiteSpline:
 
 
 def ray_spectrum(band: Band, medium: Medium, link: Link) -> tuple[Arrivals, np.ndarray]:
-    """All arrivals of a link, and the spectrum of their sum in the band, caustics and reflections in its phases."""
+    """
+    All arrivals of a link, and the spectrum of their sum in the band, caustics and reflections in
+    its phases.
+    """
     source, receiver = ends(link)
     arrivals = find_eigenrays(medium, source[None], receiver[None], MAX_SURFACE_BOUNCES, 0, None)
-    loss = transmission_loss(medium, source[None], receiver[None], arrivals, frequency_hz=band.centre)
-    turns = np.exp(-0.5j * np.pi * caustics(medium, link, arrivals)) * (-1.0) ** arrivals.surface_bounces
+    loss = transmission_loss(
+        medium, source[None], receiver[None], arrivals, frequency_hz=band.centre
+    )
+    turns = (
+        np.exp(-0.5j * np.pi * caustics(medium, link, arrivals))
+        * (-1.0) ** arrivals.surface_bounces
+    )
     phase = 2j * np.pi * band.frequencies()[:, None] * arrivals.travel_time
     return arrivals, (10.0 ** (-loss.geometric_db / 20.0) * turns * np.exp(phase)).sum(axis=1)
 
@@ -202,7 +236,10 @@ def envelope(band: Band, spectrum: np.ndarray, time: np.ndarray) -> np.ndarray:
 
 
 class Compared(NamedTuple):
-    """One link in one band, waves and rays: envelopes relative to spherical spreading over the straight distance."""
+    """
+    One link in one band, waves and rays: envelopes relative to spherical spreading over the
+    straight distance.
+    """
 
     time: np.ndarray
     """After the chord's. [s]"""
@@ -212,10 +249,16 @@ class Compared(NamedTuple):
     misfit: float
     """Energy of the difference of both responses over the waves' energy."""
     leak: tuple[float, float] | None
-    """Level [dB] and time after the chord's [s] of what the leakage model lets through where no ray goes."""
+    """
+    Level [dB] and time after the chord's [s] of what the leakage model lets through where no ray
+    goes.
+    """
 
     def row(self, link: Link, band: Band) -> dict[str, Any]:
-        """The waves' highest peak, NaN below what they resolve, and the rays' highest within half a resolved time of it."""
+        """
+        The waves' highest peak, NaN below what they resolve, and the rays' highest within half a
+        resolved time of it.
+        """
         peak = int(np.argmax(self.wave))
         row = {"link": link.name, "frequency_hz": band.centre, "rays": self.arrivals}
         level = 20.0 * np.log10(self.wave[peak])
@@ -225,17 +268,29 @@ class Compared(NamedTuple):
             row["leak_minus_wave_ms"] = 1e3 * (self.leak[1] - self.time[peak])
         if self.arrivals == 0:
             return row | {"resolved_ms": 500.0 / band.width}
-        near = int(np.argmax(np.where(np.abs(self.time - self.time[peak]) < 0.5 / band.width, self.ray, 0.0)))
+        near = int(
+            np.argmax(
+                np.where(np.abs(self.time - self.time[peak]) < 0.5 / band.width, self.ray, 0.0)
+            )
+        )
         row["ray_minus_wave_db"] = 20.0 * np.log10(self.ray[near] / self.wave[peak])
         row["ray_minus_wave_ms"] = 1e3 * (self.time[near] - self.time[peak])
         return row | {"resolved_ms": 500.0 / band.width, "misfit": self.misfit}
 
 
 def leak(band: Band, medium: Medium, link: Link, chord: float) -> tuple[float, float] | None:
-    """Level relative to spherical spreading [dB] and time after the chord's [s] of what leaks; None where no ray is near."""
+    """
+    Level relative to spherical spreading [dB] and time after the chord's [s] of what leaks; None
+    where no ray is near.
+    """
     source, receiver = ends(link)
     leaks = find_leaks(
-        medium, source[None], receiver[None], Leakage(), band.centre, bounces=(MAX_SURFACE_BOUNCES, 0)
+        medium,
+        source[None],
+        receiver[None],
+        Leakage(),
+        band.centre,
+        bounces=(MAX_SURFACE_BOUNCES, 0),
     )
     if not leaks.link.size:
         return None
@@ -275,18 +330,23 @@ def compare_modes(sea: Medium, link: Link, band: Band) -> None:
     wave = spectrum * np.linalg.norm(receiver - source)
     peak = int(np.argmax(reference.wave))
     near = int(
-        np.argmax(np.where(np.abs(reference.time - reference.time[peak]) < 0.5 / band.width, wave, 0.0))
+        np.argmax(
+            np.where(np.abs(reference.time - reference.time[peak]) < 0.5 / band.width, wave, 0.0)
+        )
     )
     gap = 20.0 * np.log10(wave[near] / reference.wave[peak])
     late = 1e3 * (reference.time[near] - reference.time[peak])
     print(
-        f"{link.name}, {band.centre:.0f} Hz: modes beside the parabolic equation {gap:+.2f} dB, {late:+.2f} ms",
+        f"{link.name}, {band.centre:.0f} Hz: modes beside the parabolic equation {gap:+.2f} dB,"
+        f" {late:+.2f} ms",
         flush=True,
     )
 
 
 def check(sea: Medium, link: Link, band: Band) -> None:
-    """Print what steps of half the length, and twice the time, change in the waves' highest peak."""
+    """
+    Print what steps of half the length, and twice the time, change in the waves' highest peak.
+    """
     reference = compare(sea, link, band)
     longer = band._replace(window=2.0 * band.window)
     for label, other in (
@@ -295,7 +355,9 @@ def check(sea: Medium, link: Link, band: Band) -> None:
     ):
         gap = 20.0 * np.log10(other.wave.max() / reference.wave.max())
         late = 1e3 * (other.time[np.argmax(other.wave)] - reference.time[np.argmax(reference.wave)])
-        print(f"{link.name}, {band.centre:.0f} Hz, {label}: {gap:+.3f} dB, {late:+.2f} ms", flush=True)
+        print(
+            f"{link.name}, {band.centre:.0f} Hz, {label}: {gap:+.3f} dB, {late:+.2f} ms", flush=True
+        )
 
 
 LINKS = (
@@ -326,14 +388,19 @@ def draw(table: pd.DataFrame, seas: dict[str, Medium], path: Path) -> None:
         figure = style.new_figure(
             style.DOUBLE,
             5.2,
-            f"Middle columns of the synthetic seas; envelopes at {DRAWN_AT:.0f} Hz, {DRAWN_AT / 4:.0f} Hz wide",
+            f"Middle columns of the synthetic seas; envelopes at {DRAWN_AT:.0f} Hz,"
+            f" {DRAWN_AT / 4:.0f} Hz wide",
         )
         grid = figure.add_gridspec(3, 2)
-        for place, letter, link in zip(((0, 0), (0, 1), (1, 0), (1, 1)), "abcd", DRAWN, strict=True):
+        for place, letter, link in zip(
+            ((0, 0), (0, 1), (1, 0), (1, 1)), "abcd", DRAWN, strict=True
+        ):
             axes = figure.add_subplot(grid[place])
             compared = compare(seas[link.sea], link, Band.around(DRAWN_AT))
             axes.plot(1e3 * compared.time, compared.wave, color=style.INK, label="Waves")
-            axes.plot(1e3 * compared.time, compared.ray, color=style.ORANGE, linestyle="--", label="Rays")
+            axes.plot(
+                1e3 * compared.time, compared.ray, color=style.ORANGE, linestyle="--", label="Rays"
+            )
             axes.set_xlim(-25.0, 40.0)
             axes.set_ylim(0.0, None)
             style.panel_title(axes, letter, link.name)
@@ -345,7 +412,9 @@ def draw(table: pd.DataFrame, seas: dict[str, Medium], path: Path) -> None:
                 axes.legend()
         axes = figure.add_subplot(grid[2, :])
         cycle = zip(
-            (style.BLUE, style.SKY, style.PINK, style.GREEN, style.ORANGE, style.GREY), "osD^v<", strict=True
+            (style.BLUE, style.SKY, style.PINK, style.GREEN, style.ORANGE, style.GREY),
+            "osD^v<",
+            strict=True,
         )
         rows = table.dropna(subset=["ray_minus_wave_db"])
         names = [
@@ -356,7 +425,11 @@ def draw(table: pd.DataFrame, seas: dict[str, Medium], path: Path) -> None:
         for name, (colour, marker) in zip(names, cycle, strict=True):
             mine = rows[rows["link"] == name]
             axes.semilogx(
-                mine["frequency_hz"], mine["ray_minus_wave_db"], color=colour, marker=marker, label=name
+                mine["frequency_hz"],
+                mine["ray_minus_wave_db"],
+                color=colour,
+                marker=marker,
+                label=name,
             )
         axes.axhspan(-3.0, 3.0, color=style.BAND, zorder=0)
         ticks = sorted(set(rows["frequency_hz"]))
@@ -374,11 +447,17 @@ def draw(table: pd.DataFrame, seas: dict[str, Medium], path: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument(
-        "--frequencies", type=float, nargs="+", default=[250.0, 500.0, 1000.0, 2000.0], help="centres [Hz]"
+        "--frequencies",
+        type=float,
+        nargs="+",
+        default=[250.0, 500.0, 1000.0, 2000.0],
+        help="centres [Hz]",
     )
     parser.add_argument("--links", nargs="+", default=[""], help="parts of names of links")
     parser.add_argument(
-        "--modes", action="store_true", help="only KRAKEN beside the parabolic equation, two links, 250 Hz"
+        "--modes",
+        action="store_true",
+        help="only KRAKEN beside the parabolic equation, two links, 250 Hz",
     )
     parser.add_argument(
         "--check",
@@ -386,7 +465,9 @@ def main() -> None:
         help="only the waves beside those of half the steps and of twice the time",
     )
     parser.add_argument("--workers", type=int, default=1)
-    parser.add_argument("--out", type=Path, default=FIGURES, help="folder of waves_beside_rays.csv and .png")
+    parser.add_argument(
+        "--out", type=Path, default=FIGURES, help="folder of waves_beside_rays.csv and .png"
+    )
     options = parser.parse_args()
     seas = {"beaufort": arctic(), "fram": fram()}
     if options.modes:

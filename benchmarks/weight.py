@@ -1,7 +1,9 @@
-"""Size of package and tests: lines, lines of code proper, modules, functions too long or with too many arguments.
+"""
+Size of package and tests: lines, lines of code proper, modules, functions too long or with too many
+arguments.
 
-Code proper has no docstrings, imports, comments and blank lines. Keyword-only options with a default do not count as
-arguments of a public function.
+Code proper has no docstrings, imports, comments and blank lines. Keyword-only options with a
+default do not count as arguments of a public function.
 
 python benchmarks/weight.py [ROOT]
 """
@@ -26,7 +28,9 @@ def functions(path: Path):
             private = node.name.startswith("_")
             options = zip(a.kwonlyargs, a.kw_defaults, strict=True)
             counted = [n for n, default in options if private or default is None]
-            arguments = [n for n in (*a.posonlyargs, *a.args, *counted) if n.arg not in {"self", "cls"}]
+            arguments = [
+                n for n in (*a.posonlyargs, *a.args, *counted) if n.arg not in {"self", "cls"}
+            ]
             yield node.name, lines, len(arguments)
 
 
@@ -67,7 +71,9 @@ def main() -> None:
         print(f"{folder:16} {lines:6} {code:13}")
     lines, code = np.sum(list(counts.values()), axis=0)
     print(f"package: {lines} lines, {code} of code proper, {len(package)} modules")
-    print(f"tests: {sum(len(p.read_text().splitlines()) for p in tests)} lines, {len(tests)} modules")
+    print(
+        f"tests: {sum(len(p.read_text().splitlines()) for p in tests)} lines, {len(tests)} modules"
+    )
     print(f"functions of more than {LONGEST} lines: {len(long)}: {', '.join(long)}")
     print(f"functions of more than {MAX_ARGUMENTS} arguments: {len(wide)}: {', '.join(wide)}")
 

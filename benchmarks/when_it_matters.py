@@ -1,4 +1,7 @@
-"""Draw the map of where refraction begins to matter, from a sweep that was run of `examples/when_it_matters.toml`."""
+"""
+Draw the map of where refraction begins to matter, from a sweep that was run of
+`examples/when_it_matters.toml`.
+"""
 
 import argparse
 
@@ -27,7 +30,9 @@ def main() -> None:
     given = parser.parse_args()
     table = open_sweep(given.sweep).table()
     table = table[table["status"] == "done"]
-    table["over_bound"] = table["ping_rmse_m"] / table.groupby("point")["ping_bound_rmse_m"].transform("min")
+    table["over_bound"] = table["ping_rmse_m"] / table.groupby("point")[
+        "ping_bound_rmse_m"
+    ].transform("min")
     columns = [
         "mission.ping_interval_h",
         "odometry",
@@ -37,7 +42,9 @@ def main() -> None:
         "over_bound",
     ]
     print(table[columns].to_string(index=False, float_format="{:.2f}".format))
-    figure, grid = plt.subplots(2, 3, figsize=(7.16, 4.6), sharex=True, sharey=True, layout="constrained")
+    figure, grid = plt.subplots(
+        2, 3, figsize=(7.16, 4.6), sharex=True, sharey=True, layout="constrained"
+    )
     for axes, (condition, title) in zip(grid.ravel(), PANELS.items(), strict=True):
         part = table[table["condition"] == condition]
         error, ratio = (
@@ -46,7 +53,9 @@ def main() -> None:
             ]
             for name in ("ping_rmse_m", "over_bound")
         )
-        image = axes.imshow(ratio, norm=LogNorm(1.0, 100.0), cmap="YlOrRd", aspect="auto", origin="lower")
+        image = axes.imshow(
+            ratio, norm=LogNorm(1.0, 100.0), cmap="YlOrRd", aspect="auto", origin="lower"
+        )
         for (row, column), value in np.ndenumerate(error.to_numpy()):
             good = ratio.iloc[row, column] <= GOOD
             axes.text(
@@ -60,7 +69,9 @@ def main() -> None:
                 color="white" if ratio.iloc[row, column] > 30.0 else "black",
             )
         axes.set_title(title, fontsize=8, loc="left")
-        axes.set_xticks(range(ratio.shape[1]), [f"{hours:g}" for hours in ratio.columns], fontsize=7)
+        axes.set_xticks(
+            range(ratio.shape[1]), [f"{hours:g}" for hours in ratio.columns], fontsize=7
+        )
         axes.set_yticks(range(ratio.shape[0]), ratio.index, fontsize=7)
     figure.supxlabel("hours between pings", fontsize=8)
     figure.supylabel("odometry's noise", fontsize=8)
@@ -68,7 +79,8 @@ def main() -> None:
     bar.set_label("over the least that is possible", fontsize=8)
     bar.ax.tick_params(labelsize=7)
     figure.suptitle(
-        "Vehicles under water at pings: error, root mean square [m]; bold within 1.5 of the bound. Synthetic ocean.",
+        "Vehicles under water at pings: error, root mean square [m]; bold within 1.5 of the bound."
+        " Synthetic ocean.",
         fontsize=8,
     )
     figure.savefig(given.out, dpi=200)

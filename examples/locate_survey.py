@@ -1,8 +1,11 @@
-"""Make a survey of three transponders whose truth is known: pings, drop points and a cast, for `mantaray locate`.
+"""
+Make a survey of three transponders whose truth is known: pings, drop points and a cast, for
+`mantaray locate`.
 
-Run with ``python examples/locate_survey.py FOLDER``. A ship sails a circle and a cross over the nodes at 2 m/s, rolls and pitches, and
-pings each node every 40 s. The water is faster than the cast by a fraction that drifts by 3e-4, times have noise of 0.1 ms, and 3 %
-of them are wrong by up to 0.6 s. The transponders answer after 13 ms; antenna and transducer are 21 m apart.
+Run with ``python examples/locate_survey.py FOLDER``. A ship sails a circle and a cross over the
+nodes at 2 m/s, rolls and pitches, and pings each node every 40 s. The water is faster than the cast
+by a fraction that drifts by 3e-4, times have noise of 0.1 ms, and 3 % of them are wrong by up to
+0.6 s. The transponders answer after 13 ms; antenna and transducer are 21 m apart.
 """
 
 import json
@@ -15,8 +18,16 @@ from scipy.spatial.transform import Rotation
 from pymantaray import LocalFrame, Medium, find_eigenrays
 
 CENTRE = LocalFrame(44.83, -125.11)
-NODES = {"P1": (410.0, -20.0, 1296.0), "P2": (-250.0, 380.0, 1310.0), "P3": (-230.0, -365.0, 1288.0)}
-DROPPED = {"P1": (425.0, -31.0, 1300.0), "P2": (-262.0, 371.0, 1300.0), "P3": (-214.0, -352.0, 1300.0)}
+NODES = {
+    "P1": (410.0, -20.0, 1296.0),
+    "P2": (-250.0, 380.0, 1310.0),
+    "P3": (-230.0, -365.0, 1288.0),
+}
+DROPPED = {
+    "P1": (425.0, -31.0, 1300.0),
+    "P2": (-262.0, 371.0, 1300.0),
+    "P3": (-214.0, -352.0, 1300.0),
+}
 LEVER = (6.0, -2.5, 20.0)  # antenna to transducer: forward, starboard, down, in metres
 TURN_AROUND, SIGMA, GROSS = 0.013, 1e-4, 0.03
 RADIUS, SPEED, INTERVAL, PINGS = 900.0, 2.0, 40.0, 300
@@ -29,7 +40,10 @@ def cast() -> tuple[np.ndarray, np.ndarray]:
 
 
 def ship(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Antenna's north, east, depth [m] and heading, pitch, roll [rad]: laps of a circle, and a cross on every third."""
+    """
+    Antenna's north, east, depth [m] and heading, pitch, roll [rad]: laps of a circle, and a cross
+    on every third.
+    """
     turn = SPEED / RADIUS * time
     crossing = np.floor(turn / (2.0 * np.pi)) % 3 == 2
     angle = np.where(crossing, np.pi / 4.0, turn)
@@ -40,7 +54,9 @@ def ship(time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         np.radians(1.5) * np.sin(2.0 * np.pi * time / 7.0),
         np.radians(2.5) * np.sin(2.0 * np.pi * time / 11.0 + 1.0),
     ]
-    return np.column_stack([along * np.cos(angle), along * np.sin(angle), -up]), np.column_stack(attitude)
+    return np.column_stack([along * np.cos(angle), along * np.sin(angle), -up]), np.column_stack(
+        attitude
+    )
 
 
 def transducer(time: np.ndarray) -> np.ndarray:
@@ -79,14 +95,21 @@ def main(folder: str) -> None:
 
     head = ["time", "node", "two_way_time_s"]
     start = np.datetime64("2023-06-20T00:00:00", "us")
-    columns = [(start + np.round(1e6 * time).astype("timedelta64[us]")).astype(str), np.array(names)[node]]
+    columns = [
+        (start + np.round(1e6 * time).astype("timedelta64[us]")).astype(str),
+        np.array(names)[node],
+    ]
     columns.append(np.char.mod("%.7f", measured))
     for end, at in (("", time), ("_rx", received)):
         antenna, attitude = ship(at)
         lat, lon = CENTRE.to_geodetic(antenna[:, 0], antenna[:, 1])
         head += [f"{name}{end}" for name in ("lat", "lon")] + [f"depth{end}_m"]
         head += [f"{name}{end}_deg" for name in ("heading", "pitch", "roll")]
-        columns += [np.char.mod("%.9f", lat), np.char.mod("%.9f", lon), np.char.mod("%.4f", antenna[:, 2])]
+        columns += [
+            np.char.mod("%.9f", lat),
+            np.char.mod("%.9f", lon),
+            np.char.mod("%.4f", antenna[:, 2]),
+        ]
         columns += [np.char.mod("%.5f", angle) for angle in np.degrees(attitude).T]
     rows = [",".join(row) for row in zip(*columns, strict=True)]
     (out / "pings.csv").write_text("\n".join([",".join(head), *rows]) + "\n")

@@ -1,10 +1,12 @@
 """
-A vehicle estimates its position on board: dead reckoning, ranges at two constant sound speeds, and MantaRay's travel-time table.
+A vehicle estimates its position on board: dead reckoning, ranges at two constant sound speeds, and
+MantaRay's travel-time table.
 
-`python examples/on_board.py [FIGURE]` runs a mission of 20 minutes below warm surface water (packages: `pymantaray[serve]`). Two beacons
-ping in turn. The program starts `mantaray serve`, which computes what the vehicle hears and when. The loop feeds four estimators with
-the same odometry, depths and travel times, prints their errors, and draws truth and estimates. One constant speed is 1,500 m/s, the
-other is the speed of the profile at the vehicle's depth of 60 m.
+`python examples/on_board.py [FIGURE]` runs a mission of 20 minutes below warm surface water
+(packages: `pymantaray[serve]`). Two beacons ping in turn. The program starts `mantaray serve`,
+which computes what the vehicle hears and when. The loop feeds four estimators with the same
+odometry, depths and travel times, prints their errors, and draws truth and estimates. One constant
+speed is 1,500 m/s, the other is the speed of the profile at the vehicle's depth of 60 m.
 """
 
 import http.client
@@ -25,7 +27,9 @@ from pymantaray.water import open_water
 STEP, PING, DURATION = 0.1, 20.0, 1200.0  # s
 START = StartPose((0.0, -600.0, 60.0), sigma=[0.001, 0.001, 0.01, 2.0, 2.0, 0.2])
 BEACONS = {"B1": Beacon((2500.0, 500.0, 200.0)), "B2": Beacon((-500.0, 2500.0, 200.0))}
-ODOMETRY_SIGMA = np.array([2e-5, 2e-5, 2e-4, 0.01, 0.01, 0.005])  # of a step; heading and speed drift besides
+ODOMETRY_SIGMA = np.array(
+    [2e-5, 2e-5, 2e-4, 0.01, 0.01, 0.005]
+)  # of a step; heading and speed drift besides
 GYRO_BIAS, SCALE_ERROR = 2e-5, 0.01  # rad/s, 1
 TRAVEL_TIME_SIGMA = 3e-4  # s
 
@@ -55,10 +59,14 @@ def server(profile: Path) -> Iterator[http.client.HTTPConnection]:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             assert process.stdout is not None
-            ready = next((line for line in process.stdout if line.startswith("listening on ")), None)
+            ready = next(
+                (line for line in process.stdout if line.startswith("listening on ")), None
+            )
             if ready is None:
                 sys.exit("on_board.py: the server did not start")
-            with closing(http.client.HTTPConnection(ready.split("//")[1].strip(), timeout=60)) as connection:
+            with closing(
+                http.client.HTTPConnection(ready.split("//")[1].strip(), timeout=60)
+            ) as connection:
                 yield connection
         finally:
             process.terminate()
@@ -87,7 +95,9 @@ def estimators(profile: Path) -> dict[str, OnlineEstimator]:
     medium, _ = water.at_start
     at_vehicle = float(medium.sound_speed_at([START.position])[0])
     # without the third numbers, cells are halved to 0.2 m and building takes ten times as long
-    table = build_table(water, (195.0, 205.0, 2.5), (50.0, 70.0, 2.5), (500.0, 4000.0, 50.0), tolerance=0.1)
+    table = build_table(
+        water, (195.0, 205.0, 2.5), (50.0, 70.0, 2.5), (500.0, 4000.0, 50.0), tolerance=0.1
+    )
     wide = {"lag": 30.0, "gate": np.inf}
     return {
         "dead reckoning": OnlineEstimator(START, {}, 1500.0, **wide),
@@ -145,7 +155,8 @@ def fly(
                 arrival, travel_time = heard
                 measured = travel_time + TRAVEL_TIME_SIGMA * rng.standard_normal()
                 on_its_way.append((arrival, now, beacon, measured))
-        # decoding takes a second; the server's travel time belongs to the vehicle's position at the ping
+        # decoding takes a second; the server's travel time belongs to the vehicle's position at the
+        # ping
         while on_its_way and on_its_way[0][0] + 1.0 <= now:
             _, sent, beacon, measured = on_its_way.pop(0)
             for estimator in fleet.values():
@@ -160,7 +171,10 @@ def print_errors(fleet: dict[str, OnlineEstimator], tracks: dict[str, list[np.nd
     for name, estimator in fleet.items():
         error = np.linalg.norm((np.array(tracks[name]) - truth)[:, :2], axis=1)
         rms, used = np.sqrt(np.mean(error**2)), estimator.counts()["used"]
-        print(f"{name:15} error {rms:6.2f} m RMS, {error[-1]:6.2f} m at the end; {used} measurements used")  # noqa: T201
+        print(
+            f"{name:15} error {rms:6.2f} m RMS, {error[-1]:6.2f} m at the end; {used} measurements"
+            " used"
+        )
 
 
 def draw(tracks: dict[str, np.ndarray], figure: str) -> None:

@@ -1,8 +1,10 @@
 """
-Vehicles that another program moves: their ranges through an ocean by three roads, and what estimators make of them.
+Vehicles that another program moves: their ranges through an ocean by three roads, and what
+estimators make of them.
 
-Three unicycles are integrated in plain numpy and written as a table. The table goes through `measure`, through a study whose
-fleet it is, and, ping by ping, through a `RangingService`: the travel times are the same to the last digit.
+Three unicycles are integrated in plain numpy and written as a table. The table goes through
+`measure`, through a study whose fleet it is, and, ping by ping, through a `RangingService`: the
+travel times are the same to the last digit.
 
     python examples/own_trajectories.py [FOLDER]      a new folder for the table and the study's run
 """
@@ -45,7 +47,10 @@ trajectories = "mission.csv"
 
 
 def unicycles(duration: float = 3600.0, step: float = 10.0) -> pd.DataFrame:
-    """Poses of three vehicles that swim at constant speed and turn at a constant rate, each at its depth."""
+    """
+    Poses of three vehicles that swim at constant speed and turn at a constant rate, each at its
+    depth.
+    """
     time = np.arange(0.0, duration + step, step)
     parts = []
     for name, start, speed, heading, rate, depth in (
@@ -56,7 +61,9 @@ def unicycles(duration: float = 3600.0, step: float = 10.0) -> pd.DataFrame:
         headings = heading + rate * time
         place = np.zeros((time.size, 2)) + start
         for k in range(time.size - 1):  # x' = v cos(heading), y' = v sin(heading)
-            place[k + 1] = place[k] + speed * step * np.array([np.cos(headings[k]), np.sin(headings[k])])
+            place[k + 1] = place[k] + speed * step * np.array(
+                [np.cos(headings[k]), np.sin(headings[k])]
+            )
         parts.append(
             pd.DataFrame(
                 {
@@ -73,9 +80,13 @@ def unicycles(duration: float = 3600.0, step: float = 10.0) -> pd.DataFrame:
 
 
 def ping_by_ping(config: StudyConfig, fleet: pd.DataFrame, times: list[float]) -> pd.Series:
-    """One-way travel time of each ping to each listener, asked for as a simulator would in its loop. [s]"""
+    """
+    One-way travel time of each ping to each listener, asked for as a simulator would in its loop.
+    [s]
+    """
     places = {
-        name: rows.set_index("time")[["north", "east", "depth"]] for name, rows in fleet.groupby("vehicle")
+        name: rows.set_index("time")[["north", "east", "depth"]]
+        for name, rows in fleet.groupby("vehicle")
     }
     out = {}
     with RangingService(config) as service:
@@ -84,7 +95,10 @@ def ping_by_ping(config: StudyConfig, fleet: pd.DataFrame, times: list[float]) -
             for source, place in at.items():
                 listeners = [name for name in at if name != source]
                 ping = service.ping(time, place, [at[name] for name in listeners])
-                out |= {(time, source, name): t for name, t in zip(listeners, ping.travel_time, strict=True)}
+                out |= {
+                    (time, source, name): t
+                    for name, t in zip(listeners, ping.travel_time, strict=True)
+                }
     return pd.Series(out)
 
 
@@ -99,17 +113,20 @@ def main(folder: Path) -> None:
 
     ranges = measure(folder / "mission.csv", OCEAN, INTERVAL)
     errors = range_error_table(ranges.measurements, ranges.ranging_truth, ranges.truth).iloc[-1]
-    print(f"{errors['n']} of {errors['attempts']} ranges heard, error {errors['mean_m']:+.2f} m on average")  # noqa: T201
+    print(
+        f"{errors['n']} of {errors['attempts']} ranges heard, error {errors['mean_m']:+.2f} m on"
+        " average"
+    )
 
     config = load_study(folder / "study.toml")
     study = run_study(config, folder / "run", workers=1)
     table = ranges.ranges().set_index(["time", "transmitter", "receiver"])["travel_time"]
     by_study = study.ranges().set_index(["time", "transmitter", "receiver"])["travel_time"]
     by_ping = ping_by_ping(config, fleet, table.index.unique("time").tolist())
-    print("study: the same travel times:", table.equals(by_study))  # noqa: T201
-    print("service: the same travel times:", table.equals(by_ping.reindex(table.index)))  # noqa: T201
+    print("study: the same travel times:", table.equals(by_study))
+    print("service: the same travel times:", table.equals(by_ping.reindex(table.index)))
     for row in error_table(study.truth, study.estimates).itertuples():
-        print(f"{row.condition:<10} mean position error {row.mean_m:.2f} m")  # noqa: T201
+        print(f"{row.condition:<10} mean position error {row.mean_m:.2f} m")
 
 
 if __name__ == "__main__":

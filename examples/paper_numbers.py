@@ -1,4 +1,7 @@
-"""Print the numbers of docs/paper.md that are in no table: python examples/paper_numbers.py RUN [RUN ...]."""
+"""
+Print the numbers of docs/paper.md that are in no table: python examples/paper_numbers.py RUN [RUN
+...].
+"""
 
 import sys
 
@@ -9,7 +12,10 @@ from pymantaray.records import RayStatus
 
 
 def main() -> None:
-    """Mean range error of what the station keeper sends and hears, largest distance, cost against expectation."""
+    """
+    Mean range error of what the station keeper sends and hears, largest distance, cost against
+    expectation.
+    """
     if len(sys.argv) == 1:
         sys.exit("name folders of runs: python examples/paper_numbers.py RUN [RUN ...]")
     for folder in sys.argv[1:]:
@@ -19,14 +25,15 @@ def main() -> None:
         error = o.refracted_range - o.straight_range
         station = int(np.argmax(run.truth.role == "station"))
         sent, got = (
-            error[heard & (end == station)].mean() for end in (o.range_transmitter, o.range_receiver)
+            error[heard & (end == station)].mean()
+            for end in (o.range_transmitter, o.range_receiver)
         )
-        print(f"{folder}: {o.name[station]} sends {sent:+.1f} m, hears {got:+.1f} m")  # noqa: T201
-        print(f"  largest distance {o.straight_range.max() / 1e3:.1f} km")  # noqa: T201
+        print(f"{folder}: {o.name[station]} sends {sent:+.1f} m, hears {got:+.1f} m")
+        print(f"  largest distance {o.straight_range.max() / 1e3:.1f} km")
         for c, condition in enumerate(e.condition):
             if condition != "odometry":
                 ratio = np.median(e.final_cost[c] / e.expected_cost[c])
-                print(f"  {condition}: cost {ratio:.4g} times its expectation")  # noqa: T201
+                print(f"  {condition}: cost {ratio:.4g} times its expectation")
 
 
 if __name__ == "__main__":

@@ -1,10 +1,11 @@
 """
 Make up a campaign of measured travel times whose truth is known, for `mantaray replay`.
 
-Six nodes hang under drifting ice and send in turn for an hour. Clocks are off, receivers change now and then to a later arrival
-and stay with it, two casts were taken, and some receptions come where no ray goes. `python examples/replay_campaign.py FOLDER`
-writes events.csv, casts.csv and truth.json. `python examples/replay_campaign.py FOLDER rough` makes another campaign: eight hours between
-six nodes on rough fast ice, clocks that drift, and one node with a wrong position.
+Six nodes hang under drifting ice and send in turn for an hour. Clocks are off, receivers change now
+and then to a later arrival and stay with it, two casts were taken, and some receptions come where
+no ray goes. `python examples/replay_campaign.py FOLDER` writes events.csv, casts.csv and
+truth.json. `python examples/replay_campaign.py FOLDER rough` makes another campaign: eight hours
+between six nodes on rough fast ice, clocks that drift, and one node with a wrong position.
 """
 
 import json
@@ -15,7 +16,13 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pymantaray.acoustics import BoundarySurface, Medium, choose_arrivals, find_eigenrays, link_loss_db
+from pymantaray.acoustics import (
+    BoundarySurface,
+    Medium,
+    choose_arrivals,
+    find_eigenrays,
+    link_loss_db,
+)
 from pymantaray.geometry import LocalFrame, stream
 from pymantaray.geometry.roughness import Roughness
 
@@ -73,7 +80,14 @@ CAMPS = {  # north, east, depth [m]
     "E": (-1300.0, -900.0, 40.0),
     "F": (800.0, 1800.0, 35.0),
 }
-DRIFTS = {"A": 1.0e-7, "B": -2.0e-7, "C": 0.5e-7, "D": 2.0e-7, "E": -1.5e-7, "F": 0.0}  # s/s, of the clocks
+DRIFTS = {
+    "A": 1.0e-7,
+    "B": -2.0e-7,
+    "C": 0.5e-7,
+    "D": 2.0e-7,
+    "E": -1.5e-7,
+    "F": 0.0,
+}  # s/s, of the clocks
 WRONG_CAMP, WRONG_BY = "C", (6.0, -5.0)  # true minus stated position, north and east [m]
 ICE, SLOPE, LENGTH, TRUE_DRAW = 1.5, math.radians(0.5), 20.0, 1000
 BOUNCES = 7
@@ -135,7 +149,9 @@ def travel_times(events: pd.DataFrame, seed: int) -> tuple[np.ndarray, np.ndarra
 
 
 def later_candidate(events: pd.DataFrame, seed: int) -> np.ndarray:
-    """Whether each receiver is on the second candidate: a Markov chain of each sender and receiver."""
+    """
+    Whether each receiver is on the second candidate: a Markov chain of each sender and receiver.
+    """
     second = np.zeros(len(events), dtype=bool)
     stays = math.exp(-INTERVAL / CORRELATION)
     for (source, receiver), rows in events.groupby(["source", "receiver"]).groups.items():
@@ -155,7 +171,9 @@ def write_drifting(out: Path, seed: int) -> None:
     noise = SIGMA * stream(seed, 0, "campaign", "noise").standard_normal(len(events))
     clock = events["receiver"].map(OFFSETS) - events["source"].map(OFFSETS)
     frame = LocalFrame(*CENTRE)
-    table = pd.DataFrame({"time": START + (1e3 * events["seconds"]).round().astype("timedelta64[ms]")})
+    table = pd.DataFrame(
+        {"time": START + (1e3 * events["seconds"]).round().astype("timedelta64[ms]")}
+    )
     for end in ("source", "receiver"):
         place = places(events, end)
         lat, lon = frame.to_geodetic(place[:, 0], place[:, 1])
@@ -163,7 +181,9 @@ def write_drifting(out: Path, seed: int) -> None:
         table[f"{end}_depth"] = place[:, 2]
     table["travel_time"] = time + clock + noise
     table["sigma"] = SIGMA
-    table.to_csv(out / "events.csv", index=False, date_format="%Y-%m-%dT%H:%M:%S.%f", float_format="%.12g")
+    table.to_csv(
+        out / "events.csv", index=False, date_format="%Y-%m-%dT%H:%M:%S.%f", float_format="%.12g"
+    )
     rows = [
         {"station": name, "time": str(when), "depth": z, "sound_speed": c}
         for name, (when, speed) in casts().items()
@@ -179,7 +199,7 @@ def write_drifting(out: Path, seed: int) -> None:
         "without_a_ray": int((~heard).sum()),
     }
     (out / "truth.json").write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
-    print(f"{out}: {len(events)} events, {int((~heard).sum())} of them where no ray goes")  # noqa: T201
+    print(f"{out}: {len(events)} events, {int((~heard).sum())} of them where no ray goes")
 
 
 def rays_on_ice() -> dict[tuple[str, str], tuple[np.ndarray, np.ndarray]]:
@@ -216,12 +236,18 @@ def events_on_ice(seed: int) -> pd.DataFrame:
                 continue  # a shadow for this ice
             draw = stream(seed, 0, "campaign", "rough", source, receiver)
             taken = -1
-            for at in np.arange(0.0, 3600.0 * HOURS, TURN) + names.index(source) * TURN / len(names):
+            for at in np.arange(0.0, 3600.0 * HOURS, TURN) + names.index(source) * TURN / len(
+                names
+            ):
                 if taken < 0 or draw.random() > math.exp(-TURN / STAY):
                     taken = taken_arrival(spreading, draw)
                 late = at - 1800.0 * HOURS
-                clock = OFFSETS[receiver] - OFFSETS[source] + late * (DRIFTS[receiver] - DRIFTS[source])
-                rows.append((at, source, receiver, time[taken] + clock + SIGMA * draw.standard_normal()))
+                clock = (
+                    OFFSETS[receiver] - OFFSETS[source] + late * (DRIFTS[receiver] - DRIFTS[source])
+                )
+                rows.append(
+                    (at, source, receiver, time[taken] + clock + SIGMA * draw.standard_normal())
+                )
     table = pd.DataFrame(rows, columns=["time", "source", "receiver", "travel_time"])
     for end in ("source", "receiver"):
         place = np.array([CAMPS[name] for name in table[end]])
@@ -245,7 +271,7 @@ def write_on_ice(out: Path, seed: int) -> None:
         "sigma_s": SIGMA,
     }
     (out / "truth.json").write_text(json.dumps(truth, indent=2) + "\n", encoding="utf-8")
-    print(f"{out}: {len(events)} events on rough ice")  # noqa: T201
+    print(f"{out}: {len(events)} events on rough ice")
 
 
 def main(folder: str = "campaign", kind: str = "drifting", seed: int = 1) -> None:

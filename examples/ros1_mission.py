@@ -1,8 +1,8 @@
 """
 A mission for the node of ros1_ranging.py, recorded to a bag: `python3 ros1_mission.py own.bag`.
 
-Three vehicles publish their poses once per second of simulated time, and each pings every minute. All odometry and all ranges that the
-node publishes are written to the bag.
+Three vehicles publish their poses once per second of simulated time, and each pings every minute.
+All odometry and all ranges that the node publishes are written to the bag.
 """
 
 import math
@@ -16,7 +16,11 @@ from nav_msgs.msg import Odometry
 from sensor_msgs.msg import Range
 from std_msgs.msg import Header
 
-FLEET = {"A": (0.0, 0.0, 30.0, 0.0), "B": (2500.0, 400.0, 120.0, 1.5), "C": (-1500.0, 3000.0, 300.0, -2.0)}
+FLEET = {
+    "A": (0.0, 0.0, 30.0, 0.0),
+    "B": (2500.0, 400.0, 120.0, 1.5),
+    "C": (-1500.0, 3000.0, 300.0, -2.0),
+}
 """North, east, depth at the start [m], and heading [rad]."""
 SPEED, START, DURATION, INTERVAL = 1.5, 1000, 300, 60  # m/s; s, of the simulated clock
 PATIENCE = 60.0  # s without a new answer, after which the mission ends
@@ -29,7 +33,10 @@ def pose(name, now):
     message = Odometry(child_frame_id=f"{name}/base_link")
     message.header.stamp, message.header.frame_id = rospy.Time.from_sec(now), "map"
     place = message.pose.pose.position
-    place.x, place.y = east + SPEED * elapsed * math.sin(heading), north + SPEED * elapsed * math.cos(heading)
+    place.x, place.y = (
+        east + SPEED * elapsed * math.sin(heading),
+        north + SPEED * elapsed * math.cos(heading),
+    )
     place.z = -depth
     message.pose.pose.orientation.z = math.sin((math.pi / 2 - heading) / 2)
     message.pose.pose.orientation.w = math.cos((math.pi / 2 - heading) / 2)
@@ -62,7 +69,11 @@ def main():
             if now > START and (now - START) % INTERVAL == 0:
                 pings.publish(Header(stamp=rospy.Time.from_sec(float(now)), frame_id=name))
         time.sleep(0.002)
-    expected, count, since = DURATION // INTERVAL * len(FLEET) * (len(FLEET) - 1), -1, time.monotonic()
+    expected, count, since = (
+        DURATION // INTERVAL * len(FLEET) * (len(FLEET) - 1),
+        -1,
+        time.monotonic(),
+    )
     while len(ranges) < expected and time.monotonic() - since < PATIENCE:
         if len(ranges) != count:
             count, since = len(ranges), time.monotonic()

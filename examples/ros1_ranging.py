@@ -1,11 +1,12 @@
 """
 A ROS 1 node that answers pings with refracted ranges.
 
-It needs ROS 1 and the standard library. The ranges come from `mantaray serve synthetic:beaufort`, which may run in another Python.
-`python3 ros1_ranging.py A B C --port 8642` reads the poses of vehicles A, B and C from /A/odom and so on (nav_msgs/Odometry: east,
-north, up) and pings from /ping (std_msgs/Header: stamp, and the transmitter as frame_id). For each receiver it publishes
-sensor_msgs/Range on /RECEIVER/range: the refracted range, with the arrival time as stamp and the transmitter as frame_id. A lost range
-is +Inf (REP 117), with the time of the ping as stamp.
+It needs ROS 1 and the standard library. The ranges come from `mantaray serve synthetic:beaufort`,
+which may run in another Python. `python3 ros1_ranging.py A B C --port 8642` reads the poses of
+vehicles A, B and C from /A/odom and so on (nav_msgs/Odometry: east, north, up) and pings from /ping
+(std_msgs/Header: stamp, and the transmitter as frame_id). For each receiver it publishes
+sensor_msgs/Range on /RECEIVER/range: the refracted range, with the arrival time as stamp and the
+transmitter as frame_id. A lost range is +Inf (REP 117), with the time of the ping as stamp.
 """
 
 import argparse
@@ -31,7 +32,9 @@ class Ranging:
         self.server = http.client.HTTPConnection("127.0.0.1", port, timeout=60)
         self.poses = {name: [] for name in vehicles}
         self.waiting = []
-        self.answers = {name: rospy.Publisher(f"/{name}/range", Range, queue_size=100) for name in vehicles}
+        self.answers = {
+            name: rospy.Publisher(f"/{name}/range", Range, queue_size=100) for name in vehicles
+        }
         for name in vehicles:
             rospy.Subscriber(f"/{name}/odom", Odometry, self.moved, callback_args=name)
         rospy.Subscriber("/ping", Header, self.pinged)
@@ -40,16 +43,23 @@ class Ranging:
         """Keep a pose."""
         place = message.pose.pose.position
         with self.lock:
-            bisect.insort(self.poses[name], (message.header.stamp.to_sec(), place.y, place.x, -place.z))
+            bisect.insort(
+                self.poses[name], (message.header.stamp.to_sec(), place.y, place.x, -place.z)
+            )
             del self.poses[name][:-KEPT]
             self.answer()
 
     def pinged(self, ping):
-        """Answer a ping, or keep it until all poses of its time are there: topics have no common order."""
+        """
+        Answer a ping, or keep it until all poses of its time are there: topics have no common
+        order.
+        """
         with self.lock:
             if ping.frame_id not in self.poses:
                 rospy.logwarn(
-                    "ignored a ping of %r: unknown vehicle (known: %s)", ping.frame_id, ", ".join(self.poses)
+                    "ignored a ping of %r: unknown vehicle (known: %s)",
+                    ping.frame_id,
+                    ", ".join(self.poses),
                 )
                 return
             self.waiting.append(ping)
@@ -80,7 +90,11 @@ class Ranging:
             heard = end["arrival_time"] is not None
             if not heard:
                 rospy.loginfo(
-                    "%s at %g s: %s gets no range: %s", transmitter, time, end["name"], end["status"]
+                    "%s at %g s: %s gets no range: %s",
+                    transmitter,
+                    time,
+                    end["name"],
+                    end["status"],
                 )
             message.header.stamp = rospy.Time.from_sec(end["arrival_time"] if heard else time)
             message.header.frame_id = transmitter
@@ -99,9 +113,13 @@ def interpolated(poses, time):
 
 def main():
     """Run the node until ROS ends it."""
-    parser = argparse.ArgumentParser(description="a ROS 1 node that answers pings with refracted ranges")
+    parser = argparse.ArgumentParser(
+        description="a ROS 1 node that answers pings with refracted ranges"
+    )
     parser.add_argument("vehicles", nargs="+")
-    parser.add_argument("--port", type=int, default=8642, help="port of `mantaray serve` on this machine")
+    parser.add_argument(
+        "--port", type=int, default=8642, help="port of `mantaray serve` on this machine"
+    )
     options = parser.parse_args(rospy.myargv()[1:])
     rospy.init_node("mantaray_ranging")
     Ranging(options.vehicles, options.port)

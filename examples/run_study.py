@@ -12,11 +12,11 @@ def main() -> None:
     seen = run.measurements
     heard = seen.range_status == RayStatus.OK
     error = seen.refracted_range[heard] - seen.straight_range[heard]
-    print(f"{run.path}: {heard.sum()} of {heard.size} ranges heard")  # noqa: T201
-    print(f"range error {error.mean():+.2f} m on average, {error.std():.2f} m spread")  # noqa: T201
+    print(f"{run.path}: {heard.sum()} of {heard.size} ranges heard")
+    print(f"range error {error.mean():+.2f} m on average, {error.std():.2f} m spread")
     for condition, position in zip(run.estimates.condition, run.estimates.position, strict=True):
         distance = np.linalg.norm(position - run.truth.position, axis=-1)
-        print(f"{condition:<10} ATE {np.sqrt((distance**2).mean()):6.2f} m")  # noqa: T201
+        print(f"{condition:<10} ATE {np.sqrt((distance**2).mean()):6.2f} m")
 
 
 if __name__ == "__main__":

@@ -1,4 +1,7 @@
-"""Ask a server of ranges from another process, by the standard library alone: `mantaray serve synthetic:beaufort` first."""
+"""
+Ask a server of ranges from another process, by the standard library alone: `mantaray serve
+synthetic:beaufort` first.
+"""
 
 import http.client
 import json
@@ -13,9 +16,14 @@ FLEET = {
 
 
 def ask(
-    connection: http.client.HTTPConnection, method: str, path: str, body: dict[str, Any] | None = None
+    connection: http.client.HTTPConnection,
+    method: str,
+    path: str,
+    body: dict[str, Any] | None = None,
 ) -> dict[str, Any]:
-    """One request by a connection that stays open; what the server refuses is an error with its line."""
+    """
+    One request by a connection that stays open; what the server refuses is an error with its line.
+    """
     connection.request(method, path, None if body is None else json.dumps(body))
     response = connection.getresponse()
     answer: dict[str, Any] = json.loads(response.read())
@@ -32,13 +40,15 @@ def main() -> None:
         connection.connect()
     except ConnectionRefusedError:
         sys.exit(f"nobody listens on port {port}; start `mantaray serve synthetic:beaufort` first")
-    print(ask(connection, "GET", "/")["title"])  # noqa: T201
+    print(ask(connection, "GET", "/")["title"])
     for turn, (source, place) in enumerate(FLEET.items()):
         others = [{"name": name, **end} for name, end in FLEET.items() if name != source]
-        answer = ask(connection, "POST", "/ping", {"time": 10.0 * turn, "source": place, "receivers": others})
+        answer = ask(
+            connection, "POST", "/ping", {"time": 10.0 * turn, "source": place, "receivers": others}
+        )
         for end in answer["receivers"]:
             when = "not" if end["arrival_time"] is None else f"at {end['arrival_time']:.6f} s"
-            print(f"{end['name']} hears {source} {when} ({end['status']})")  # noqa: T201
+            print(f"{end['name']} hears {source} {when} ({end['status']})")
 
 
 if __name__ == "__main__":

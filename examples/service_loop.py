@@ -1,4 +1,7 @@
-"""A simulator's loop that hears by refracted sound: unicycles ping in turn, each message arrives when its ray does."""
+"""
+A simulator's loop that hears by refracted sound: unicycles ping in turn, each message arrives when
+its ray does.
+"""
 
 import heapq
 
@@ -21,7 +24,9 @@ def move(position: np.ndarray, heading: np.ndarray) -> tuple[np.ndarray, np.ndar
 def main() -> None:
     """Let each vehicle ping in its slot, and tell what the others make of it."""
     rng = np.random.default_rng(7)
-    position = np.column_stack([rng.uniform(-2e3, 2e3, (len(NAMES), 2)), [20.0, 60.0, 150.0, 300.0]])
+    position = np.column_stack(
+        [rng.uniform(-2e3, 2e3, (len(NAMES), 2)), [20.0, 60.0, 150.0, 300.0]]
+    )
     heading = rng.uniform(0.0, 2.0 * np.pi, len(NAMES))
     on_its_way: list[tuple[float, str, str, float, float]] = []
     with RangingService("synthetic:beaufort") as service:
@@ -34,16 +39,25 @@ def main() -> None:
                 for row, k in enumerate(others):
                     if np.isfinite(ping.arrival_time[row]):
                         straight = float(ping.straight_range[row])
-                        event = (float(ping.arrival_time[row]), NAMES[k], NAMES[sender], now, straight)
+                        event = (
+                            float(ping.arrival_time[row]),
+                            NAMES[k],
+                            NAMES[sender],
+                            now,
+                            straight,
+                        )
                         heapq.heappush(on_its_way, event)
                     else:
                         status = RayStatus(ping.status[row]).name.lower()
-                        print(f"{now:7.3f} s {NAMES[sender]} pings, {NAMES[k]} hears nothing: {status}")  # noqa: T201
+                        print(
+                            f"{now:7.3f} s {NAMES[sender]} pings, {NAMES[k]} hears nothing:"
+                            f" {status}"
+                        )
             position, heading = move(position, heading)
             while on_its_way and on_its_way[0][0] <= now + STEP:
                 time, receiver, source, sent, straight = heapq.heappop(on_its_way)
                 error = NOMINAL_SPEED * (time - sent) - straight
-                print(f"{time:7.3f} s {receiver} hears {source}: {error:+6.2f} m off at 1500 m/s")  # noqa: T201
+                print(f"{time:7.3f} s {receiver} hears {source}: {error:+6.2f} m off at 1500 m/s")
 
 
 if __name__ == "__main__":

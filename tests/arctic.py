@@ -1,8 +1,11 @@
 """
-A made-up campaign under rough Arctic ice: ten pairs, 1.4 to 3.2 km apart, at depths of 20 to 90 m, and one-way times.
+A made-up campaign under rough Arctic ice: ten pairs, 1.4 to 3.2 km apart, at depths of 20 to 90 m,
+and one-way times.
 
-The ice is a sum of random waves on a grid, the rays are those of the general solver, and the water differs from the cast by displaced layers. A receiver takes the
-first arrival above a random threshold and stays with it for a while. None of this uses the package's rough ice or its candidates.
+The ice is a sum of random waves on a grid, the rays are those of the general solver, and the water
+differs from the cast by displaced layers. A receiver takes the first arrival above a random
+threshold and stays with it for a while. None of this uses the package's rough ice or its
+candidates.
 """
 
 import numpy as np
@@ -28,7 +31,10 @@ ERROR = 2e-4  # s, of a measured time
 
 
 def cast(shift=0.0):
-    """Sound speed at DEPTH: cold upward-refracting water with a warm layer and thin steps; layers displaced by a shift [m]."""
+    """
+    Sound speed at DEPTH: cold upward-refracting water with a warm layer and thin steps; layers
+    displaced by a shift [m].
+    """
     z = DEPTH - shift * np.exp(-(((DEPTH - 60.0) / 50.0) ** 2))
     warm = 6.0 * np.exp(-(((z - 60.0) / 12.0) ** 2)) + 18.0 * (
         1.0 - np.exp(-np.maximum(z - 100.0, 0.0) / 100.0)
@@ -37,7 +43,10 @@ def cast(shift=0.0):
 
 
 def ice(rng, step=5.0, half=2600.0, waves=600):
-    """Underside of ice as a sum of waves whose wavenumbers are normal, which gives a Gaussian spectrum."""
+    """
+    Underside of ice as a sum of waves whose wavenumbers are normal, which gives a Gaussian
+    spectrum.
+    """
     axis = np.arange(-half, half + step, step)
     k = rng.normal(0.0, np.sqrt(2.0) / LENGTH, (2, waves))
     phase = rng.uniform(0.0, 2.0 * np.pi, waves)
@@ -51,7 +60,9 @@ def arrivals_of(rng, epochs):
     under, names, found = ice(rng), list(NODES), {}
     drift = rng.normal(0.0, 0.6, (len(names), 3)) * [1.0, 1.0, 0.1]
     for epoch in range(epochs):
-        medium = Medium.from_profile(DEPTH, cast(rng.normal(0.0, 1.5)), bottom_depth=BOTTOM, ice_draft=under)
+        medium = Medium.from_profile(
+            DEPTH, cast(rng.normal(0.0, 1.5)), bottom_depth=BOTTOM, ice_draft=under
+        )
         place = {n: np.array(NODES[n]) + epoch * drift[i] for i, n in enumerate(names)}
         pairs = [(a, b) for i, a in enumerate(names) for b in names[i + 1 :]]
         a, b = (np.array([place[pair[k]] for pair in pairs]) for k in range(2))
@@ -83,7 +94,9 @@ def make_events(seed=5, events=1252, epochs=4, hours=8.0):
         if before is not None and rng.random() < np.exp(-(t - before[0]) / STAY):
             k = int(np.argmin(np.abs(delay - before[1])))
         else:
-            loud = np.flatnonzero(spreading + rng.normal(0.0, 4.0, spreading.size) < spreading.min() + 5.0)
+            loud = np.flatnonzero(
+                spreading + rng.normal(0.0, 4.0, spreading.size) < spreading.min() + 5.0
+            )
             k = int(loud[0]) if loud.size else int(np.argmin(spreading))
         last[source, receiver] = t, delay[k]
         ends = {}

@@ -1,13 +1,15 @@
 """
-Attempts to make MantaRay run foreign code, hang, fill memory or disk, or end without one clear line.
+Attempts to make MantaRay run foreign code, hang, fill memory or disk, or end without one clear
+line.
 
-Each class is a generator of attempts, which are commands in a folder that the attempt has prepared. They run one by one in
-forked processes with limits of time and memory, on a run, oceans and tables that are made once.
+Each class is a generator of attempts, which are commands in a folder that the attempt has prepared.
+They run one by one in forked processes with limits of time and memory, on a run, oceans and tables
+that are made once.
 
     python tests/attacks.py [CLASS ...] [--log FILE]
 
-prints the faults and a count by class; `tests/test_attacks.py` does the same. To add a class write a generator of `Attempt`
-and decorate it by `attack`.
+prints the faults and a count by class; `tests/test_attacks.py` does the same. To add a class write
+a generator of `Attempt` and decorate it by `attack`.
 """
 
 import argparse
@@ -75,7 +77,9 @@ class Material:
         plain = ocean.drop_attrs()
         for kind in (2, 3):
             plain.to_zarr(folder / f"ocean{kind}.zarr", zarr_format=kind, consolidated=False)
-        self.links = "source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth\n"
+        self.links = (
+            "source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth\n"
+        )
         self.links += "0,0,50,1000,200,80\n0,0,50,-900,100,120\n"
         rows = [
             f"{60 * k},{who},{10 * k + away},{5 * k},50"
@@ -106,15 +110,25 @@ def run_one(attempt: Attempt, material: Material) -> str:
         if code is None:
             faults.append(f"hangs for {TIME_LIMIT:g} s")
         elif code not in attempt.codes:
-            faults.append(f"ends with {code}: {said[-200:]!r}" if attempt.call else f"ends with {code}")
+            faults.append(
+                f"ends with {code}: {said[-200:]!r}" if attempt.call else f"ends with {code}"
+            )
         if memory > MEMORY_LIMIT:
             faults.append(f"takes {memory / 2**20:.1f} GiB")
         if "Traceback" in said:
             faults.append("traceback: " + said.strip().splitlines()[-1][:200])
         errors = [line for line in said.splitlines() if line.startswith("error: ")]
-        if code == 2 and not errors and attempt.call is None and not (folder / ".out").stat().st_size:
+        if (
+            code == 2
+            and not errors
+            and attempt.call is None
+            and not (folder / ".out").stat().st_size
+        ):
             faults.append(f"no line that says why: {said[:200]!r}")
-        if any(words in said for words in ("; see mantaray ", "No such option")) and attempt.call is None:
+        if (
+            any(words in said for words in ("; see mantaray ", "No such option"))
+            and attempt.call is None
+        ):
             faults.append(f"a wrong command: {said[:200]!r}")  # of this script
         if len(errors) > 5:
             faults.append(f"{len(errors)} error lines")
@@ -123,12 +137,18 @@ def run_one(attempt: Attempt, material: Material) -> str:
         if (folder / SPRUNG).exists():
             faults.append("foreign code ran")
         after = {
-            path for path in map(str, folder.rglob("*")) if not Path(path).name.startswith((".err", ".out"))
+            path
+            for path in map(str, folder.rglob("*"))
+            if not Path(path).name.startswith((".err", ".out"))
         }
         new = {
-            path for path in after - before if Path(path).name not in attempt.outputs or code not in (0, 1)
+            path
+            for path in after - before
+            if Path(path).name not in attempt.outputs or code not in (0, 1)
         }
-        half = [path for path in new if path.endswith(".part") or Path(path).name in attempt.outputs]
+        half = [
+            path for path in new if path.endswith(".part") or Path(path).name in attempt.outputs
+        ]
         if half and code not in (0, 1):
             faults.append(f"half written: {', '.join(Path(path).name for path in half)}")
         return "; ".join(faults)
@@ -208,7 +228,9 @@ def damages(content: bytes, seed: int) -> Iterator[tuple[str, Callable[[Path], o
 @attack
 def damaged_runs(material):
     """Each file of a run folder spoiled in each way, and the run shown or exported."""
-    commands = itertools.cycle([["study", "show", "run"], ["export", "run", "--to", "tum", "--out", "out"]])
+    commands = itertools.cycle(
+        [["study", "show", "run"], ["export", "run", "--to", "tum", "--out", "out"]]
+    )
     run = material.folder / "run"
     files = sorted(
         path
@@ -237,7 +259,9 @@ def damaged_oceans(material):
         spoilt = bytearray(content if k % 2 else content[: rng.randrange(len(content))])
         for _ in range(rng.choice([1, 10, 1000])):
             if spoilt:
-                spoilt[rng.randrange(len(spoilt) if k % 3 else min(len(spoilt), 8192))] = rng.randrange(256)
+                spoilt[rng.randrange(len(spoilt) if k % 3 else min(len(spoilt), 8192))] = (
+                    rng.randrange(256)
+                )
         yield Attempt(
             f"ocean {k}",
             ["ocean", "show", "sea.nc"]
@@ -257,7 +281,10 @@ class Trap:
 
 @attack
 def hostile_zarr(material):
-    """Codecs that run code by every spelling and place, damaged metadata, links, chunks that fill the memory."""
+    """
+    Codecs that run code by every spelling and place, damaged metadata, links, chunks that fill the
+    memory.
+    """
     import pickle
 
     names = [
@@ -320,28 +347,47 @@ def hostile_zarr(material):
 
         yield Attempt(f"format {kind} chunk of {size}", ["ocean", "show", "o.zarr"], large, (2,))
     for kind, text in itertools.product(
-        (2, 3), ["", "{", "[]", "null", "3", "{" * 5000, "[" * 90000, '{"shape": [1e999]}', "\0" * 50]
+        (2, 3),
+        ["", "{", "[]", "null", "3", "{" * 5000, "[" * 90000, '{"shape": [1e999]}', "\0" * 50],
     ):
 
         def damaged(folder, kind=kind, text=text):
             shutil.copytree(material.folder / f"ocean{kind}.zarr", folder / "o.zarr")
             (folder / "o.zarr" / "lat" / (".zarray" if kind == 2 else "zarr.json")).write_text(text)
 
-        yield Attempt(f"format {kind} metadata {text[:10]!r}", ["ocean", "show", "o.zarr"], damaged, (2,))
+        yield Attempt(
+            f"format {kind} metadata {text[:10]!r}", ["ocean", "show", "o.zarr"], damaged, (2,)
+        )
 
 
 @attack
 def bombs(material):
-    """Small files that unpack to a lot: Parquet, bags, chunks of NetCDF; and tables that are large or strange."""
+    """
+    Small files that unpack to a lot: Parquet, bags, chunks of NetCDF; and tables that are large or
+    strange.
+    """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    words = ["ranges", "m.parquet", "--ocean", "synthetic:fram", "--interval", "5 min", "--out", "out"]
+    words = [
+        "ranges",
+        "m.parquet",
+        "--ocean",
+        "synthetic:fram",
+        "--interval",
+        "5 min",
+        "--out",
+        "out",
+    ]
     for n, columns, text in itertools.product((2 * 10**5, 10**6), (60, 150), (0, 10**6)):
 
         def parquet(folder, n=n, columns=columns, text=text):
-            number = pa.DictionaryArray.from_arrays(pa.array(np.zeros(n, dtype="i1")), pa.array([0.0]))
-            own = dict.fromkeys(["time", "north", "east", "depth", *map(str, range(columns))], number)
+            number = pa.DictionaryArray.from_arrays(
+                pa.array(np.zeros(n, dtype="i1")), pa.array([0.0])
+            )
+            own = dict.fromkeys(
+                ["time", "north", "east", "depth", *map(str, range(columns))], number
+            )
             if text:
                 own["vehicle"] = pa.DictionaryArray.from_arrays(
                     pa.array(np.zeros(n, dtype="i1")), pa.array(["v" * text])
@@ -354,13 +400,24 @@ def bombs(material):
                     file.write_table(table, row_group_size=n)
 
         yield Attempt(f"parquet {n} x {columns}, text of {text}", words, parquet, (2,), ("out",))
-    for mode, size in itertools.product(("message", "storage", "file", "bz2", "lz4"), (3 * 2**27, 2**20)):
+    for mode, size in itertools.product(
+        ("message", "storage", "file", "bz2", "lz4"), (3 * 2**27, 2**20)
+    ):
 
         def bag(folder, mode=mode, size=size):
             _bag(folder / ("m.bag" if mode in ("bz2", "lz4") else "m"), size, mode)
 
         name = "m.bag" if mode in ("bz2", "lz4") else "m"
-        limited = ["ranges", name, "--ocean", "synthetic:fram", "--interval", "5 min", "--out", "out"]
+        limited = [
+            "ranges",
+            name,
+            "--ocean",
+            "synthetic:fram",
+            "--interval",
+            "5 min",
+            "--out",
+            "out",
+        ]
         yield Attempt(f"bag by {mode}, {size} bytes", limited, bag, (2,), ("out",))
     for size in (3 * 10**8, 4 * 10**8):
 
@@ -404,7 +461,9 @@ def _bag(path, size, mode):
         writer.set_compression(Writer1.CompressionFormat[mode.upper()])
     else:
         writer = Writer2(
-            path, version=9, storage_plugin=StoragePlugin.MCAP if mode == "storage" else StoragePlugin.SQLITE3
+            path,
+            version=9,
+            storage_plugin=StoragePlugin.MCAP if mode == "storage" else StoragePlugin.SQLITE3,
         )
         writer.set_compression(CompressionMode[mode.upper()], CompressionFormat.ZSTD)
     make = store.types
@@ -421,7 +480,9 @@ def _bag(path, size, mode):
         bag.write(
             connection,
             1,
-            (store.serialize_ros1 if ros == 1 else store.serialize_cdr)(make[kind](header, pose), kind),
+            (store.serialize_ros1 if ros == 1 else store.serialize_cdr)(
+                make[kind](header, pose), kind
+            ),
         )
 
 
@@ -440,7 +501,9 @@ def full_disks(material):
         shutil.copy(material.folder / "ocean.nc", folder / "sea.nc")
         (folder / "links.csv").write_text(material.links)
 
-    for (name, words), size in itertools.product(commands.items(), (0, 1, 100, 1000, 4096, 10000, 20000)):
+    for (name, words), size in itertools.product(
+        commands.items(), (0, 1, 100, 1000, 4096, 10000, 20000)
+    ):
         yield Attempt(
             f"{name} in {size} bytes",
             words,
@@ -513,9 +576,25 @@ def start():
 
 @attack
 def signals(material):
-    """Ctrl-C and requests to stop at any moment, imports and writing included; kill -9 leaves no output that looks whole."""
-    main = "from pymantaray.__main__ import main; import sys; print('ready', file=sys.stderr, flush=True); main()"
-    words = ["ranges", "m.csv", "--ocean", "synthetic:fram", "--interval", "60", "--out", "out", "--quiet"]
+    """
+    Ctrl-C and requests to stop at any moment, imports and writing included; kill -9 leaves no
+    output that looks whole.
+    """
+    main = (
+        "from pymantaray.__main__ import main; import sys; print('ready', file=sys.stderr,"
+        " flush=True); main()"
+    )
+    words = [
+        "ranges",
+        "m.csv",
+        "--ocean",
+        "synthetic:fram",
+        "--interval",
+        "60",
+        "--out",
+        "out",
+        "--quiet",
+    ]
     for k, number in enumerate([signal.SIGINT, signal.SIGTERM, signal.SIGKILL] * 8):
 
         def call(folder, k=k, number=number):
@@ -529,13 +608,22 @@ def signals(material):
             _, said = process.communicate(timeout=TIME_LIMIT)
             whole = (folder / "out" / "manifest.json").exists()
             faults = []
-            if process.returncode not in (0, 130, 143, -signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT):
+            if process.returncode not in (
+                0,
+                130,
+                143,
+                -signal.SIGKILL,
+                -signal.SIGTERM,
+                -signal.SIGINT,
+            ):
                 faults.append(f"ends with {process.returncode}")
             if "Traceback" in said:
                 faults.append(said.strip().splitlines()[-1])
             if (folder / "out").exists() and not whole:
                 faults.append("half written: out")
-            if number != signal.SIGKILL and [p for p in folder.iterdir() if p.name.endswith(".part")]:
+            if number != signal.SIGKILL and [
+                p for p in folder.iterdir() if p.name.endswith(".part")
+            ]:
                 faults.append("a temporary file is left")
             return "; ".join(faults)
 
@@ -544,7 +632,9 @@ def signals(material):
 
 @attack
 def connections(material):
-    """Requests to one server that are no HTTP, no JSON, no ping, too many, too slow or of other sites."""
+    """
+    Requests to one server that are no HTTP, no JSON, no ping, too many, too slow or of other sites.
+    """
     server = _Server(material)
     try:
         rng = random.Random(3)
@@ -558,7 +648,9 @@ def connections(material):
                 b"POST /ping HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
                 % len(body)
             )
-            yield Attempt(f"body {k}", [], call=lambda _, t=text + bytes(body): server.fault(t), codes=(0,))
+            yield Attempt(
+                f"body {k}", [], call=lambda _, t=text + bytes(body): server.fault(t), codes=(0,)
+            )
         for k in range(40):
             head = bytearray(
                 b"POST /ping HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
@@ -566,7 +658,10 @@ def connections(material):
             for _ in range(rng.choice([1, 3, 20])):
                 head[rng.randrange(len(head) - 4)] = rng.randrange(256)
             yield Attempt(
-                f"head {k}", [], call=lambda _, t=bytes(head): server.fault(t, may_close=True), codes=(0,)
+                f"head {k}",
+                [],
+                call=lambda _, t=bytes(head): server.fault(t, may_close=True),
+                codes=(0,),
             )
         for head in (
             "Host: evil.example",
@@ -574,13 +669,22 @@ def connections(material):
             "Host: localhost\r\nOrigin: null",
             "Host: 127.0.0.1.evil",
         ):
-            text = f"POST /ping HTTP/1.1\r\n{head}\r\nConnection: close\r\nContent-Length: {len(good)}\r\n\r\n{good}"
+            text = (
+                f"POST /ping HTTP/1.1\r\n{head}\r\nConnection: close\r\nContent-Length:"
+                f" {len(good)}\r\n\r\n{good}"
+            )
             yield Attempt(
-                head[-30:], [], call=lambda _, t=text: server.fault(t.encode(), status=403), codes=(0,)
+                head[-30:],
+                [],
+                call=lambda _, t=text: server.fault(t.encode(), status=403),
+                codes=(0,),
             )
         for count in (98, 150, 400):
             yield Attempt(
-                f"{count} idle connections", [], call=lambda _, n=count: server.beside(n, b""), codes=(0,)
+                f"{count} idle connections",
+                [],
+                call=lambda _, n=count: server.beside(n, b""),
+                codes=(0,),
             )
             yield Attempt(
                 f"{count} slow headers",
@@ -597,7 +701,9 @@ def connections(material):
                 codes=(0,),
             )
         for k in range(10):
-            yield Attempt(f"worker killed {k}", [], call=lambda _: server.without_worker(good), codes=(0,))
+            yield Attempt(
+                f"worker killed {k}", [], call=lambda _: server.without_worker(good), codes=(0,)
+            )
     finally:
         server.end()
 
@@ -610,7 +716,10 @@ class _Server:
         words = ["serve", str(material.folder / "ocean.nc"), "--port", "0", "--workers", "1"]
         self._log = (material.folder / "server.log").open("w+")
         self.process = subprocess.Popen(
-            [sys.executable, "-P", "-c", main, *words], stdout=subprocess.PIPE, stderr=self._log, text=True
+            [sys.executable, "-P", "-c", main, *words],
+            stdout=subprocess.PIPE,
+            stderr=self._log,
+            text=True,
         )
         line = " "
         while line and "listening" not in line:
@@ -648,13 +757,17 @@ class _Server:
             return f"status {match[1]}"
         answer = json.loads(body.encode("latin-1"))
         if int(match[1]) >= 400 and not (
-            list(answer) == ["error"] and answer["error"].isprintable() and len(answer["error"]) <= 480
+            list(answer) == ["error"]
+            and answer["error"].isprintable()
+            and len(answer["error"]) <= 480
         ):
             return f"answer {body[:100]!r}"
         return "" if self.answers() else "server is gone"
 
     def beside(self, count, start):
-        held = [socket.create_connection(("127.0.0.1", self.port), timeout=60) for _ in range(count)]
+        held = [
+            socket.create_connection(("127.0.0.1", self.port), timeout=60) for _ in range(count)
+        ]
         for line in held:
             try:
                 line.sendall(start)
@@ -666,10 +779,15 @@ class _Server:
         return fault
 
     def without_worker(self, good):
-        children = Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        children = (
+            Path(f"/proc/{self.process.pid}/task/{self.process.pid}/children").read_text().split()
+        )
         for child in children:
             os.kill(int(child), signal.SIGKILL)
-        text = f"POST /ping HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Length: {len(good)}\r\n\r\n{good}"
+        text = (
+            "POST /ping HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Length:"
+            f" {len(good)}\r\n\r\n{good}"
+        )
         return self.fault(text.encode(), status=200)
 
 
@@ -710,7 +828,9 @@ def secrets(material):
             sys.stdout.flush()
             sys.stderr.flush()
             said = (folder / ".out").read_text() + (folder / ".err").read_text()
-            return "repeats a secret" if secret in said else "" if code == 2 else f"ends with {code}"
+            return (
+                "repeats a secret" if secret in said else "" if code == 2 else f"ends with {code}"
+            )
 
         yield Attempt(f"{command} {address}", [], call=call, codes=(0,))
 
@@ -738,7 +858,10 @@ def main():
     parser.add_argument("classes", nargs="*", default=list(CLASSES), metavar="CLASS")
     parser.add_argument("--log", type=Path)
     options = parser.parse_args()
-    with tempfile.TemporaryDirectory() as folder, (options.log or Path(os.devnull)).open("w") as file:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        (options.log or Path(os.devnull)).open("w") as file,
+    ):
         counts, faults = run_classes(
             options.classes, Path(folder), lambda line: print(line, file=file, flush=True)
         )
@@ -746,7 +869,8 @@ def main():
         print(fault)
     for name, count in counts.items():
         print(
-            f"{name:16} {count:4} attempts, {sum(fault.startswith(f'{name}: ') for fault in faults)} faults"
+            f"{name:16} {count:4} attempts,"
+            f" {sum(fault.startswith(f'{name}: ') for fault in faults)} faults"
         )
     print(f"{'all':16} {sum(counts.values()):4} attempts, {len(faults)} faults")
     raise SystemExit(bool(faults))

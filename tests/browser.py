@@ -4,7 +4,12 @@ import shutil
 from typing import Any
 
 BROWSER = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+    (
+        path
+        for name in ("chromium", "chromium-browser", "google-chrome")
+        if (path := shutil.which(name))
+    ),
+    None,
 )
 """Program of the browser, if there is one on this machine."""
 
@@ -19,5 +24,7 @@ def faults(page: Any) -> list[tuple[str, list[Any]]]:
 
 def overflow(page: Any) -> int:
     """Number of pixels by which an open page is wider than the window."""
-    width: int = page.evaluate("document.documentElement.scrollWidth - document.documentElement.clientWidth")
+    width: int = page.evaluate(
+        "document.documentElement.scrollWidth - document.documentElement.clientWidth"
+    )
     return width

@@ -1,4 +1,7 @@
-"""Made-up surveys whose truth is known: closed-form travel times in a linear profile, rotations written out, made without the package's code."""
+"""
+Made-up surveys whose truth is known: closed-form travel times in a linear profile, rotations
+written out, made without the package's code.
+"""
 
 from dataclasses import dataclass
 
@@ -14,11 +17,16 @@ SURFACE_SPEED, GRADIENT = 1480.0, 0.017
 
 def direct_time(a, b):
     """Travel time of the direct ray between places. [s]"""
-    return direct_travel_time_linear_gradient(a, b, sound_speed_surface=SURFACE_SPEED, gradient=GRADIENT)
+    return direct_travel_time_linear_gradient(
+        a, b, sound_speed_surface=SURFACE_SPEED, gradient=GRADIENT
+    )
 
 
 def to_world(attitude, vector):
-    """Body vector (forward, starboard, down) of headings, pitches and rolls in north, east, down, written out."""
+    """
+    Body vector (forward, starboard, down) of headings, pitches and rolls in north, east, down,
+    written out.
+    """
     h, p, r = attitude.T
     f, s, d = vector
     ch, sh, cp, sp, cr, sr = np.cos(h), np.sin(h), np.cos(p), np.sin(p), np.cos(r), np.sin(r)
@@ -49,7 +57,10 @@ class Campaign:
 
 
 def sailed(time, radius, speed=2.0):
-    """Place (n, 3) and heading of a ship that sails circles of two radii and a cross over them, 1 m waves."""
+    """
+    Place (n, 3) and heading of a ship that sails circles of two radii and a cross over them, 1 m
+    waves.
+    """
     turn = speed / radius * time
     lap = np.floor(turn / (2.0 * np.pi)).astype(int) % 3
     size = np.choose(lap, [radius, 0.5 * radius, radius])
@@ -77,10 +88,15 @@ def make_campaign(
     prior_sigma=(5.0, 5.0, 5.0),
     truth=None,
 ):
-    """Ping each node in turn; the fraction by which the water is faster than the profile is a red sum of waves of rms drift."""
+    """
+    Ping each node in turn; the fraction by which the water is faster than the profile is a red sum
+    of waves of rms drift.
+    """
     rng = np.random.default_rng(seed)
     angle = 2.0 * np.pi * (np.arange(nodes) + 0.2) / nodes
-    prior = np.column_stack([500.0 * np.cos(angle), 500.0 * np.sin(angle), depth + 12.0 * np.arange(nodes)])
+    prior = np.column_stack(
+        [500.0 * np.cos(angle), 500.0 * np.sin(angle), depth + 12.0 * np.arange(nodes)]
+    )
     drawn = prior + rng.normal(size=prior.shape) * prior_sigma
     truth = drawn if truth is None else truth
     arm = np.asarray(lever) + rng.normal(size=3) * lever_sigma
@@ -94,12 +110,16 @@ def make_campaign(
     phase = rng.uniform(0.0, 2.0 * np.pi, 12)
 
     def fraction(t):
-        return drift * np.sum(size * np.sin(2.0 * np.pi * np.asarray(t)[..., None] / period + phase), axis=-1)
+        return drift * np.sum(
+            size * np.sin(2.0 * np.pi * np.asarray(t)[..., None] / period + phase), axis=-1
+        )
 
     def attitude_at(t):
         heading = 2.0 / radius * t + np.pi / 2.0
         pitch = np.radians(1.5) * np.sin(2.0 * np.pi * t / 7.0)
-        return np.column_stack([heading, pitch, np.radians(2.5) * np.sin(2.0 * np.pi * t / 11.0 + 1.0)])
+        return np.column_stack(
+            [heading, pitch, np.radians(2.5) * np.sin(2.0 * np.pi * t / 11.0 + 1.0)]
+        )
 
     def transducer_at(t):
         return sailed(t, radius) + to_world(attitude_at(t), arm)
@@ -141,7 +161,9 @@ def survey_of(campaign, *, turn_around=0.013, turn_around_sigma=0.0, sigma=None,
     """A campaign as the solver takes it, with what it knows beforehand."""
     nodes = [
         Node(name, tuple(place), tuple(spread), turn_around, turn_around_sigma)
-        for name, place, spread in zip(campaign.names, campaign.prior, campaign.prior_sigma, strict=True)
+        for name, place, spread in zip(
+            campaign.names, campaign.prior, campaign.prior_sigma, strict=True
+        )
     ]
     fields = {
         "nodes": nodes,
@@ -162,7 +184,9 @@ def profile_csv(folder, name="cast.csv", head="depth_m,sound_speed", step=250.0)
     """The campaign's profile as a table; its path."""
     depth = np.arange(0.0, 3001.0, step)
     path = folder / name
-    path.write_text("\n".join([head, *(f"{z:g},{SURFACE_SPEED + GRADIENT * z:.9f}" for z in depth)]) + "\n")
+    path.write_text(
+        "\n".join([head, *(f"{z:g},{SURFACE_SPEED + GRADIENT * z:.9f}" for z in depth)]) + "\n"
+    )
     return path
 
 
@@ -170,7 +194,9 @@ SITE = (34.96, 139.26)
 
 
 def write_garpos(campaign, folder, *, end="\r\n", lever_sigma=(0.0, 0.0, 0.0)):
-    """A campaign in the files of GARPOS, its ini file in a folder of its own; the ini file's path."""
+    """
+    A campaign in the files of GARPOS, its ini file in a folder of its own; the ini file's path.
+    """
     (folder / "obsdata").mkdir(parents=True, exist_ok=True)
     (folder / "initcfg" / "SITE").mkdir(parents=True, exist_ok=True)
     profile_csv(folder / "obsdata", "SITE-svp.csv", "depth,speed")
@@ -194,7 +220,8 @@ def write_garpos(campaign, folder, *, end="\r\n", lever_sigma=(0.0, 0.0, 0.0)):
             rows.append("")
     (folder / "obsdata" / "SITE-obs.csv").write_bytes((end.join(rows) + end).encode())
     stations = "\n".join(
-        f" {name}_dPos = {p[1]:.4f} {p[0]:.4f} {-p[2]:.4f} {s[1]:.4f} {s[0]:.4f} {s[2]:.4f} 0.0 0.0 0.0"
+        f" {name}_dPos = {p[1]:.4f} {p[0]:.4f} {-p[2]:.4f} {s[1]:.4f} {s[0]:.4f} {s[2]:.4f} 0.0"
+        " 0.0 0.0"
         for name, p, s in zip(campaign.names, campaign.prior, campaign.prior_sigma, strict=True)
     )
     f, s, d = campaign.lever[0]
@@ -227,9 +254,19 @@ def write_garpos(campaign, folder, *, end="\r\n", lever_sigma=(0.0, 0.0, 0.0)):
 
 
 def write_obsrange(
-    folder, *, seed=1, deep=2500.0, drop=(-5.2, -132.5), offset=(140.0, -230.0), name="S01", hemisphere=None
+    folder,
+    *,
+    seed=1,
+    deep=2500.0,
+    drop=(-5.2, -132.5),
+    offset=(140.0, -230.0),
+    name="S01",
+    hemisphere=None,
 ):
-    """Survey text as of Scripps for one node, some events without an answer and two gross errors; path and true place."""
+    """
+    Survey text as of Scripps for one node, some events without an answer and two gross errors; path
+    and true place.
+    """
     rng = np.random.default_rng(seed)
     turn = np.linspace(0.0, 1.8 * np.pi, 60)
     place = np.column_stack([1700.0 * np.cos(turn), 1700.0 * np.sin(turn), np.zeros(60)])
@@ -257,8 +294,9 @@ def write_obsrange(
             lines.append("Event skipped - Timeout or Badly formatted data was received")
         clock = f"2018:114:{6 + i // 60:02d}:{i % 60:02d}:30"
         lines.append(
-            f" {ms[i]:.0f} msec. Lat: {int(abs(lat[i]))} {abs(lat[i]) % 1.0 * 60.0:.5f} {'S' if lat[i] < 0 else 'N'}  Lon:"
-            f" {int(abs(lon[i]))} {abs(lon[i]) % 1.0 * 60.0:.5f} {'W' if lon[i] < 0 else 'E'}  Alt: 29.42 Time(UTC): {clock}"
+            f" {ms[i]:.0f} msec. Lat: {int(abs(lat[i]))} {abs(lat[i]) % 1.0 * 60.0:.5f}"
+            f" {'S' if lat[i] < 0 else 'N'}  Lon: {int(abs(lon[i]))} {abs(lon[i]) % 1.0 * 60.0:.5f}"
+            f" {'W' if lon[i] < 0 else 'E'}  Alt: 29.42 Time(UTC): {clock}"
         )
     path = folder / f"{name}.txt"
     path.write_bytes(("\r\n".join(lines) + "\r\n").encode())
@@ -266,7 +304,9 @@ def write_obsrange(
 
 
 def write_gnatss(campaign, folder, *, geoid=-26.0):
-    """A campaign in the files of GNATSS, positions those of the transducer; the configuration's path."""
+    """
+    A campaign in the files of GNATSS, positions those of the transducer; the configuration's path.
+    """
     frame = pyproj.Proj(proj="aeqd", lat_0=SITE[0], lon_0=SITE[1], ellps="GRS80")
     to_xyz = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978", always_xy=True)
     arm, k = np.array(campaign.lever[0]), len(campaign.names)
@@ -293,20 +333,26 @@ def write_gnatss(campaign, folder, *, geoid=-26.0):
     (folder / "pxp_tt").write_text("\n".join(ping_rows) + "\n")
     (folder / "POS_FREED_TRANS_TWTT").write_text("\n".join(positions) + "\n")
     levels = np.arange(0.0, 3001.0, 250.0)
-    (folder / "ctd").write_text("".join(f"{-z:.4f} {SURFACE_SPEED + GRADIENT * z:.6f}\n" for z in levels))
+    (folder / "ctd").write_text(
+        "".join(f"{-z:.4f} {SURFACE_SPEED + GRADIENT * z:.6f}\n" for z in levels)
+    )
     entries = []
     for place in campaign.prior:
         lon, lat = frame(place[1], place[0], inverse=True)
         entries.append(
-            f"    - lat: {lat:.9f}\n      lon: {lon:.9f}\n      height: {geoid - place[2]:.4f}\n      internal_delay: 0.013"
+            f"    - lat: {lat:.9f}\n      lon: {lon:.9f}\n      height: {geoid - place[2]:.4f}\n  "
+            "    internal_delay: 0.013"
         )
     path = folder / "config.yaml"
     path.write_text(
         "site_id: TEST\nsolver:\n  transponders:\n"
         + "\n".join(entries)
-        + f"\n  geoid_undulation: {geoid}\n  array_center:\n    lat: {SITE[0]}\n    lon: {SITE[1]}\n"
-        "  travel_times_variance: 1e-10\n  transducer_delay_time: 0.0\n  input_files:\n    sound_speed:\n      path: ./ctd\n"
-        "    travel_times:\n      path: ./pxp_tt\n    gps_solution:\n      path: ./POS_FREED_TRANS_TWTT\n"
+        + f"\n  geoid_undulation: {geoid}\n  array_center:\n    lat: {SITE[0]}\n    lon:"
+        f" {SITE[1]}\n"
+        "  travel_times_variance: 1e-10\n  transducer_delay_time: 0.0\n  input_files:\n   "
+        " sound_speed:\n      path: ./ctd\n"
+        "    travel_times:\n      path: ./pxp_tt\n    gps_solution:\n      path:"
+        " ./POS_FREED_TRANS_TWTT\n"
     )
     return path
 
@@ -320,7 +366,11 @@ def write_table(campaign, folder, *, unit="s"):
     )
     rows = ["# pings of a test", head]
     for i, time in enumerate(campaign.time):
-        cells = [f"{time:.6f}", campaign.names[campaign.node[i]], f"{size * campaign.two_way[i]:.7f}"]
+        cells = [
+            f"{time:.6f}",
+            campaign.names[campaign.node[i]],
+            f"{size * campaign.two_way[i]:.7f}",
+        ]
         for place, attitude in zip(campaign.antenna, campaign.attitude, strict=True):
             cells += [f"{x:.5f}" for x in place[i]] + [f"{x:.6f}" for x in np.degrees(attitude[i])]
         rows.append(",".join([*cells, "yes"]))

@@ -12,7 +12,10 @@ from pymantaray.config import load_study, study_toml
 
 @pytest.fixture
 def mantaray(capsys, monkeypatch):
-    """Call `mantaray` with words; give its exit code and what it printed, which is the same on a busy machine."""
+    """
+    Call `mantaray` with words; give its exit code and what it printed, which is the same on a busy
+    machine.
+    """
     monkeypatch.setattr("pymantaray.cli.output._LINE_INTERVAL", 3600.0)
 
     def call(*words):
@@ -27,7 +30,10 @@ def mantaray(capsys, monkeypatch):
 
 @pytest.fixture
 def told(mantaray):
-    """Call `mantaray` with words and ``--json``: what it told, which is one JSON object without NaN, and nothing else."""
+    """
+    Call `mantaray` with words and ``--json``: what it told, which is one JSON object without NaN,
+    and nothing else.
+    """
 
     def call(*words, code=0):
         done = mantaray(*words, "--json")
@@ -39,7 +45,10 @@ def told(mantaray):
 
 @pytest.fixture
 def small_text():
-    """Text of a study that takes seconds: the quick preset for four hours in a small window, dead reckoning only."""
+    """
+    Text of a study that takes seconds: the quick preset for four hours in a small window, dead
+    reckoning only.
+    """
     return study_toml(
         load_study(
             "quick",

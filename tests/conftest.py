@@ -45,18 +45,24 @@ with TemporaryDirectory() as folder:
 
 
 def pytest_configure(config):
-    """Processes that tests start and interrupt inherit what a shell's background job ignores: Ctrl-C."""
+    """
+    Processes that tests start and interrupt inherit what a shell's background job ignores: Ctrl-C.
+    """
     if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
         signal.signal(signal.SIGINT, signal.default_int_handler)
     if config.getoption("numprocesses", None) and "PYTEST_XDIST_WORKER" not in os.environ:
-        # each process of the tests has a processor: threads of OpenBLAS that wait for one take it from others, up to 20 times
-        # what they compute (tests/apps/study/test_study_anywhere.py compares numbers of threads)
+        # each process of the tests has a processor: threads of OpenBLAS that wait for one take it
+        # from others, up to 20 times what they compute (tests/apps/study/test_study_anywhere.py
+        # compares numbers of threads)
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-        # tests start hundreds of interpreters: without bytecode, each of them compiles all that it imports for seconds
+        # tests start hundreds of interpreters: without bytecode, each of them compiles all that it
+        # imports for seconds
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
         path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
         # once, before there are workers
-        subprocess.run([sys.executable, "-c", COMPILE], check=True, env=os.environ | {"PYTHONPATH": path})
+        subprocess.run(
+            [sys.executable, "-c", COMPILE], check=True, env=os.environ | {"PYTHONPATH": path}
+        )
 
 
 @pytest.fixture(scope="session")

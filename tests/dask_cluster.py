@@ -13,14 +13,17 @@ def free_port():
 
 
 def client_here(threads):
-    """A client of a worker in this process, which works however little memory the machine has left."""
+    """
+    A client of a worker in this process, which works however little memory the machine has left.
+    """
     from distributed import Client
 
     return Client(
         processes=False,
         n_workers=1,
         threads_per_worker=threads,
-        dashboard_address="127.0.0.1:0",  # with None the scheduler takes 8787, which others may have
+        # with None the scheduler takes 8787, which others may have
+        dashboard_address="127.0.0.1:0",
         memory_limit=0,
     )
 
@@ -44,7 +47,9 @@ class Cluster:
 
     def dask(self, *words):
         command = [sys.executable, "-m", "dask", *words, "--no-dashboard"]
-        return subprocess.Popen(command, stderr=self.log, env=os.environ | {"NUMBA_NUM_THREADS": "1"})
+        return subprocess.Popen(
+            command, stderr=self.log, env=os.environ | {"NUMBA_NUM_THREADS": "1"}
+        )
 
     def kill(self):
         for process in [*self.workers, self.scheduler]:

@@ -17,9 +17,22 @@ from hypothesis import Phase, settings
 
 from pymantaray.acoustics import Medium
 from pymantaray.estimation import GraphValues, dead_reckon
-from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, se3_exp, so3_exp, so3_log
+from pymantaray.geometry.se3 import (
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    se3_exp,
+    so3_exp,
+    so3_log,
+)
 from pymantaray.jobs.pool import Pool
-from pymantaray.records import Arrivals, Estimates, Measurements, RangingTruth, RayStatus, Trajectories
+from pymantaray.records import (
+    Arrivals,
+    Estimates,
+    Measurements,
+    RangingTruth,
+    RayStatus,
+    Trajectories,
+)
 from pymantaray.sensing import Landmark, OneWay, PingSchedule, ReceptionOptions, measure_ranges
 
 TINY = tomllib.loads("""
@@ -134,11 +147,21 @@ def far_from(fleet, seed=0):
     rng = np.random.default_rng(seed)
     turn = so3_exp(rng.normal(0, 1.0, (*fleet.quaternion.shape[:2], 3)))
     turned = matrix_from_quaternion(fleet.quaternion) @ turn
-    return fleet.position + rng.normal(0, 500.0, fleet.position.shape), quaternion_from_matrix(turned)
+    return fleet.position + rng.normal(0, 500.0, fleet.position.shape), quaternion_from_matrix(
+        turned
+    )
 
 
 def make_fleet(
-    seed=0, *, n_vehicles=3, n_times=30, turn=0.3, n_landmarks=0, range_error=0.0, dropouts=0.0, gnss_every=0
+    seed=0,
+    *,
+    n_vehicles=3,
+    n_times=30,
+    turn=0.3,
+    n_landmarks=0,
+    range_error=0.0,
+    dropouts=0.0,
+    gnss_every=0,
 ):
     """Build a fleet; `turn` is the sigma of each body's rotation per step [rad]."""
     rng = np.random.default_rng(seed)
@@ -154,7 +177,8 @@ def make_fleet(
         rotation[:, k + 1] = rotation[:, k] @ so3_exp(rng.normal(0, turn, (n_vehicles, 3)))
     step = np.swapaxes(rotation[:, :-1], 2, 3) @ rotation[:, 1:]
     moved = np.einsum("atji,atj->ati", rotation[:, :-1], np.diff(position, axis=1))
-    # the same sigma on all axes, of the size of the motion: ranges of this fleet are hard to fit from some starts
+    # the same sigma on all axes, of the size of the motion: ranges of this fleet are hard to fit
+    # from some starts
     turned, way = (np.linalg.norm(v, axis=-1, keepdims=True) for v in (so3_log(step), moved))
     odometry_sigma = np.concatenate(
         [
@@ -166,7 +190,10 @@ def make_fleet(
     )
     landmark = rng.uniform(-2000, 2000, (n_landmarks, 3)) + np.array([0, 0, 3000])
     fixes = np.arange(0, n_times, gnss_every) if gnss_every else np.arange(0)
-    gnss_vehicle, gnss_sample = np.repeat(np.arange(n_vehicles), fixes.size), np.tile(fixes, n_vehicles)
+    gnss_vehicle, gnss_sample = (
+        np.repeat(np.arange(n_vehicles), fixes.size),
+        np.tile(fixes, n_vehicles),
+    )
     n = n_vehicles + n_landmarks
     pairs = [(i, j) for i in range(n) for j in range(n) if i != j and min(i, j) < n_vehicles]
     pairs = np.array(pairs, dtype=int).reshape(-1, 2)
@@ -212,7 +239,8 @@ def add_noise(o, seed):
         odometry_rotation=quaternion_from_matrix(step @ jump[0]),
         odometry_translation=o.odometry_translation + np.einsum("atij,atj->ati", step, jump[1]),
         depth=o.depth + o.depth_sigma[:, None] * rng.standard_normal(o.depth.shape),
-        gnss_position=o.gnss_position + o.gnss_sigma[:, None] * rng.standard_normal(o.gnss_position.shape),
+        gnss_position=o.gnss_position
+        + o.gnss_sigma[:, None] * rng.standard_normal(o.gnss_position.shape),
         landmark_position=o.landmark_position
         + o.landmark_sigma[:, None] * rng.standard_normal(o.landmark_position.shape),
         first_position=o.first_position + np.einsum("aij,aj->ai", first_rotation, first[1]),
@@ -223,20 +251,28 @@ def add_noise(o, seed):
 
 
 def trajectories(position, *, names=None, roles=None, time=None, quaternion=None):
-    """Truth of shape (vehicles, times, 3): a station and floats called A, B, ..., level and awake unless said otherwise."""
+    """
+    Truth of shape (vehicles, times, 3): a station and floats called A, B, ..., level and awake
+    unless said otherwise.
+    """
     n, n_times, _ = position.shape
     return Trajectories(
         name=np.array(list("ABCDEFGHIJKMNOPQRSTUVWXYZ"[:n]) if names is None else names),
         role=np.array(["station", *["float"] * (n - 1)] if roles is None else roles),
         time=200.0 * np.arange(n_times) if time is None else time,
         position=position,
-        quaternion=np.broadcast_to([1.0, 0, 0, 0], (n, n_times, 4)) if quaternion is None else quaternion,
+        quaternion=np.broadcast_to([1.0, 0, 0, 0], (n, n_times, 4))
+        if quaternion is None
+        else quaternion,
         status=np.zeros((n, n_times)),
     )
 
 
 def measure(truth, landmarks, fixes, attempts, **columns):
-    """Measurements without noise by a fleet, less those of odometry and of ranges: fixes and attempts are given."""
+    """
+    Measurements without noise by a fleet, less those of odometry and of ranges: fixes and attempts
+    are given.
+    """
     n, (vehicle, sample) = len(truth.name), fixes
     return Measurements(
         name=truth.name,
@@ -283,10 +319,11 @@ def estimates(truth, position, conditions=("straight", "refracted"), *, quaterni
 
 def ranges(truth, rng, attempts, *, status=None, landmarks=()):
     """
-    Measurements without noise and their truth for attempts (transmitter, receiver, sample), a row each.
+    Measurements without noise and their truth for attempts (transmitter, receiver, sample), a row
+    each.
 
-    Chords and rays have travel times of their own, rays being faster; landmarks L0, L1, ... are where they
-    are given.
+    Chords and rays have travel times of their own, rays being faster; landmarks L0, L1, ... are
+    where they are given.
     """
     n, n_times = truth.position.shape[:2]
     marks = np.array(landmarks, dtype=float).reshape(-1, 3)
@@ -320,7 +357,11 @@ def ranges(truth, rng, attempts, *, status=None, landmarks=()):
 def python(code, *arguments, environment=None, **options):
     """Run code in a process of its own; what it printed and said is text."""
     command = [sys.executable, "-c", code, *map(str, arguments)]
-    options = {"env": os.environ | (environment or {}), "capture_output": True, "text": True} | options
+    options = {
+        "env": os.environ | (environment or {}),
+        "capture_output": True,
+        "text": True,
+    } | options
     return subprocess.run(command, check=False, **options)
 
 
@@ -336,7 +377,9 @@ def assert_same(one, other, *, but=()):
     """Two records are equal in every column, but for some."""
     for f in fields(one):
         if f.name not in but:
-            np.testing.assert_array_equal(getattr(one, f.name), getattr(other, f.name), err_msg=f.name)
+            np.testing.assert_array_equal(
+                getattr(one, f.name), getattr(other, f.name), err_msg=f.name
+            )
 
 
 def names_in(folder):
@@ -359,8 +402,15 @@ HIDDEN = Landmark("L1", (4000.0, 0.0, 250.0))
 
 
 def ridged(crest=150.0, *, speed=1450.0, gradient=0.0, bottom=1000.0):
-    """Water in which a ridge across the north axis at 2 km hides `HIDDEN` from the south, but not from a bounce above."""
-    north, east, depth = np.array([-5e3, 1.9e3, 2e3, 2.1e3, 8e3]), np.array([-5e3, 5e3]), np.array([0.0, 4e3])
+    """
+    Water in which a ridge across the north axis at 2 km hides `HIDDEN` from the south, but not from
+    a bounce above.
+    """
+    north, east, depth = (
+        np.array([-5e3, 1.9e3, 2e3, 2.1e3, 8e3]),
+        np.array([-5e3, 5e3]),
+        np.array([0.0, 4e3]),
+    )
     bathymetry = np.full((5, 2), bottom)
     bathymetry[2] = crest
     return Medium.from_grid(
@@ -373,7 +423,9 @@ def ridged(crest=150.0, *, speed=1450.0, gradient=0.0, bottom=1000.0):
     )
 
 
-def range_fleet(truth, landmarks, medium, *, currents=None, timing=None, progress=None, **reception):
+def range_fleet(
+    truth, landmarks, medium, *, currents=None, timing=None, progress=None, **reception
+):
     """Ranges every 800 s; all else is what the receivers listen for."""
     return measure_ranges(
         truth,
@@ -390,8 +442,13 @@ def range_fleet(truth, landmarks, medium, *, currents=None, timing=None, progres
 GAPS = (1500, 900, 1200, 2200, 1700, 800, 1900, 1300, 1500)
 
 
-def twisted(depth, speed=None, *, bed=900.0, noise=60.0, seed=41, gaps=GAPS, interpolation="smooth"):
-    """Cells of 0.8 to 2.2 km, none of them plane, on a slope, under water of 1500 m/s or a profile that a front crosses."""
+def twisted(
+    depth, speed=None, *, bed=900.0, noise=60.0, seed=41, gaps=GAPS, interpolation="smooth"
+):
+    """
+    Cells of 0.8 to 2.2 km, none of them plane, on a slope, under water of 1500 m/s or a profile
+    that a front crosses.
+    """
     north = np.cumsum([0.0, *gaps])
     east = np.linspace(0.0, 12e3, 9)
     relief = noise * np.random.default_rng(seed).uniform(-1.0, 1.0, (north.size, east.size))
@@ -401,7 +458,9 @@ def twisted(depth, speed=None, *, bed=900.0, noise=60.0, seed=41, gaps=GAPS, int
         c += 4.0 * np.tanh((north[:, None, None] - 6e3) / 3e3) * np.exp(-depth / 400.0)
         c += 2.0 * np.sin(east[:, None] / 4e3) * np.exp(-depth / 300.0)
     bathymetry = bed + 0.03 * north[:, None] - 0.015 * east + relief
-    return Medium.from_grid(north, east, depth, c, bathymetry=bathymetry, interpolation=interpolation)
+    return Medium.from_grid(
+        north, east, depth, c, bathymetry=bathymetry, interpolation=interpolation
+    )
 
 
 def inner_links(n, seed, *, top=20.0, east=(2e3, 10e3)):
@@ -442,7 +501,9 @@ def make_front(interpolation="smooth"):
     c = arctic(z) + 6.0 * np.tanh((n - 20_000.0) / 8000.0) * np.exp(-z / 400.0)
     c += 5.0 * np.exp(-((n - 15e3) ** 2 + (e - 18e3) ** 2) / 9e3**2 - ((z - 150.0) / 120.0) ** 2)
     bottom = 3000.0 - 0.01 * n[..., 0]
-    return Medium.from_grid(north, east, ARCTIC_DEPTH, c, bathymetry=bottom, interpolation=interpolation)
+    return Medium.from_grid(
+        north, east, ARCTIC_DEPTH, c, bathymetry=bottom, interpolation=interpolation
+    )
 
 
 def front_links(n, seed):
@@ -451,7 +512,9 @@ def front_links(n, seed):
     ends = []
     for _ in range(2):
         depth = rng.choice([0.5, 60.0, 130.0, 250.0, 500.0, 1250.0, 2000.0], n)
-        ends.append(np.column_stack([rng.uniform(14e3, 24e3, n), rng.uniform(10e3, 20e3, n), depth]))
+        ends.append(
+            np.column_stack([rng.uniform(14e3, 24e3, n), rng.uniform(10e3, 20e3, n), depth])
+        )
     return ends
 
 
@@ -472,7 +535,8 @@ def pool_here(work, *_):
 @contextmanager
 def small_disk(folder: Path, size: str) -> Iterator[Callable[[str], None]]:
     """
-    A folder as a file system of its own, of a size as ``256k``; gives what sets its options anew, as ``size=8m`` or ``ro``.
+    A folder as a file system of its own, of a size as ``256k``; gives what sets its options anew,
+    as ``size=8m`` or ``ro``.
 
     A test is skipped where none can be mounted.
     """
@@ -480,7 +544,12 @@ def small_disk(folder: Path, size: str) -> Iterator[Callable[[str], None]]:
 
     def mount(*words: str) -> bool:
         try:
-            return subprocess.run(["mount", *words, folder], capture_output=True, check=False).returncode == 0
+            return (
+                subprocess.run(
+                    ["mount", *words, folder], capture_output=True, check=False
+                ).returncode
+                == 0
+            )
         except OSError:
             return False
 

@@ -1,4 +1,7 @@
-"""Rays that the solver loses, by comparison with fans or with its own search from the other end, and the media in which they are counted."""
+"""
+Rays that the solver loses, by comparison with fans or with its own search from the other end, and
+the media in which they are counted.
+"""
 
 from collections.abc import Iterator
 from pathlib import Path
@@ -37,7 +40,9 @@ class Links(NamedTuple):
 
 
 class Look(NamedTuple):
-    """Tolerances of time [s] and level [dB], and half width [rad] and number of rays of the finer fan."""
+    """
+    Tolerances of time [s] and level [dB], and half width [rad] and number of rays of the finer fan.
+    """
 
     time: float
     level: float
@@ -52,7 +57,9 @@ SPACE = Look(3e-6, 2.5, 4.0 * 2.0 * WIDEST / N_RAYS)  # of rays in three dimensi
 
 
 class Lost(NamedTuple):
-    """A ray that a search did not find; dropout: it found no other, first: it found only later ones."""
+    """
+    A ray that a search did not find; dropout: it found no other, first: it found only later ones.
+    """
 
     link: int
     angle: float
@@ -63,7 +70,10 @@ class Lost(NamedTuple):
 
 
 class Fan(NamedTuple):
-    """Source (3) [m], azimuth [rad], receivers (n, 2) by range and depth [m], rays of the brute-force fan."""
+    """
+    Source (3) [m], azimuth [rad], receivers (n, 2) by range and depth [m], rays of the brute-force
+    fan.
+    """
 
     source: NDArray[np.float64]
     azimuth: float
@@ -121,7 +131,10 @@ def random_links(medium, number, seed, shortest=1e3, farthest=FARTHEST) -> Links
 
 
 def random_fans(fan, number, first=0, n_rays=N_RAYS, farthest=FARTHEST) -> Iterator[Fan]:
-    """Fans number first, first + 1, ... of a seeded series, 480 links of 1 km and more each, ends in the upper 500 m."""
+    """
+    Fans number first, first + 1, ... of a seeded series, 480 links of 1 km and more each, ends in
+    the upper 500 m.
+    """
     rng, done = np.random.default_rng(7), 0
     while done < first + number:
         source, far = _drawn(rng, fan.medium, farthest)
@@ -147,14 +160,19 @@ def _drawn(rng, medium, distance):
 def _over_water(medium, source, receiver, depth):
     """True if all of a line is in the domain of a medium, over water of at least a depth [m]."""
     along = source + np.linspace(0.0, 1.0, 15)[:, None] * (receiver - source)
-    inside = [axis[0] <= x <= axis[-1] for axis, x in zip((medium.north, medium.east), receiver, strict=True)]
+    inside = [
+        axis[0] <= x <= axis[-1]
+        for axis, x in zip((medium.north, medium.east), receiver, strict=True)
+    ]
     return all(inside) and medium.bottom_depth(along).min() >= depth
 
 
 def ends(source, azimuth, receivers):
     """Both ends of all links of a fan."""
     along = receivers[:, :1] * np.array([np.cos(azimuth), np.sin(azimuth)])
-    return np.tile(source, (len(receivers), 1)), np.column_stack([source[:2] + along, receivers[:, 1]])
+    return np.tile(source, (len(receivers), 1)), np.column_stack(
+        [source[:2] + along, receivers[:, 1]]
+    )
 
 
 def found_rays(arrivals) -> Rays:
@@ -220,7 +238,10 @@ def lost_rays(rays, found) -> list[Lost]:
 
 
 def rays_near(fan, source, receiver, angle, look=SECTION) -> Rays:
-    """Rays of a `SectionFan` near a launch angle in three dimensions, one of those that count as one ray."""
+    """
+    Rays of a `SectionFan` near a launch angle in three dimensions, one of those that count as one
+    ray.
+    """
     away = receiver[:2] - source[:2]
     place, azimuth = np.array([np.hypot(*away), receiver[2]]), np.arctan2(*away[::-1])
     near = fan.near(source, azimuth, place, angle, look.half_width, 8.0, look.n_rays)
@@ -229,7 +250,10 @@ def rays_near(fan, source, receiver, angle, look=SECTION) -> Rays:
 
 
 def lost_after_a_second_look(fan, links, rays, found, look=SECTION) -> list[Lost]:
-    """Strong rays that two finer fans in three dimensions find near rays of another fan, and that are not among found rays."""
+    """
+    Strong rays that two finer fans in three dimensions find near rays of another fan, and that are
+    not among found rays.
+    """
     lost = {}
     for i in missing(rays, found, look.time, look.level):
         link = rays.link[i]

@@ -51,13 +51,21 @@ class Made:
         truth = factories.trajectories(position, names=self.names, time=time)
         samples = np.linspace(N_TIME // 6, N_TIME - 1, self.pings).astype(int) if self.pings else []
         marks = rng.uniform(-3e3, 3e3, (self.landmarks, 3)) * [1.0, 1.0, 0.0] + [0.0, 0.0, 900.0]
-        attempts = [(i, j, s) for s in samples for i in range(n) for j in range(n + self.landmarks) if i != j]
+        attempts = [
+            (i, j, s)
+            for s in samples
+            for i in range(n)
+            for j in range(n + self.landmarks)
+            if i != j
+        ]
         lost = rng.random(len(attempts)) < self.lost
         status = np.where(lost, rng.choice([1, 2, 3, 4, 5], len(attempts)), int(RayStatus.OK))
         ranges = factories.ranges(truth, rng, attempts, status=status, landmarks=marks)
         shape = (len(self.conditions), self.realizations, *position.shape)
         scale = np.resize([50.0, 3.0, 9.0, 2.0, 40.0], shape[0])[:, None, None, None, None]
-        solved = factories.estimates(truth, position + scale * rng.standard_normal(shape), self.conditions)
+        solved = factories.estimates(
+            truth, position + scale * rng.standard_normal(shape), self.conditions
+        )
         status, position = np.array(solved.solve_status), np.array(solved.position)
         for place in self.failed:
             status[place], position[place] = SolveStatus.FAILED, np.nan
@@ -73,8 +81,15 @@ class Made:
             "study": config.study.model_copy(update=study),
             "ocean": config.ocean.model_copy(update={"source": source}),
         }
-        (folder / names.CONFIG).write_text(study_toml(config.model_copy(update=changes)), encoding="utf-8")
-        manifest = {"format": 4, "study": "quick", "versions": {"numpy": "<2>"}, "seconds": {"rays": 1.5}}
+        (folder / names.CONFIG).write_text(
+            study_toml(config.model_copy(update=changes)), encoding="utf-8"
+        )
+        manifest = {
+            "format": 4,
+            "study": "quick",
+            "versions": {"numpy": "<2>"},
+            "seconds": {"rays": 1.5},
+        }
         write_json(manifest, folder / "manifest.json")
         files = (names.TRUTH, names.MEASUREMENTS, names.RANGING_TRUTH, names.ESTIMATES)
         for name, record in zip(files, self.records(), strict=True):
@@ -84,9 +99,15 @@ class Made:
         water = Medium.from_profile([0.0, 4000.0], [1440.0, 1508.0], bottom_depth=4000.0)
         find_eigenrays(water, nowhere, nowhere).save(folder / names.ARRIVALS)
         attrs = {"title": self.title, "source": "test", "synthetic": self.synthetic}
-        write_netcdf(make_water().assign_attrs(attrs | {"time": "2014-07-15T12:00:00"}), folder / names.OCEAN)
+        write_netcdf(
+            make_water().assign_attrs(attrs | {"time": "2014-07-15T12:00:00"}), folder / names.OCEAN
+        )
         write_netcdf(make_profile().assign_attrs(attrs), folder / names.PROFILE)
-        region = {"centre [deg N]": "74.5", "made up": "yes" if self.synthetic else "no", "source": "test"}
+        region = {
+            "centre [deg N]": "74.5",
+            "made up": "yes" if self.synthetic else "no",
+            "source": "test",
+        }
         pd.Series(region, name=self.title).rename_axis("property").to_csv(folder / names.REGION)
         if self.rays:
             write_netcdf(make_rays(), folder / names.RAY_PICTURE)
@@ -96,12 +117,22 @@ class Made:
 def make_profile():
     depth = np.array([0.0, 50.0, 100.0, 300.0, 1000.0, 3000.0, 5000.0])
     mean = np.where(depth < 4000.0, 1440.0 + 0.017 * depth, np.nan)
-    columns = {"mean": mean, "min": mean - 3.0, "max": mean + 5.0, "count": np.where(depth < 4000.0, 9, 0)}
-    return xr.Dataset({name: ("depth", values) for name, values in columns.items()}, coords={"depth": depth})
+    columns = {
+        "mean": mean,
+        "min": mean - 3.0,
+        "max": mean + 5.0,
+        "count": np.where(depth < 4000.0, 9, 0),
+    }
+    return xr.Dataset(
+        {name: ("depth", values) for name, values in columns.items()}, coords={"depth": depth}
+    )
 
 
 def make_water():
-    horizontal, depth = np.linspace(-3e4, 3e4, 4), np.array([0.0, 50.0, 100.0, 300.0, 1000.0, 3000.0, 5000.0])
+    horizontal, depth = (
+        np.linspace(-3e4, 3e4, 4),
+        np.array([0.0, 50.0, 100.0, 300.0, 1000.0, 3000.0, 5000.0]),
+    )
     speed = np.broadcast_to(1440.0 + 0.017 * depth, (4, 4, 7))
     return xr.Dataset(
         {
@@ -166,13 +197,20 @@ SURE, GOOD, FAR = [0.99, 1.0, 1.01, 1.0], [1.02, 0.98, 1.3, 1.0], [150.0, 900.0,
 
 
 def consistency_rows(ratios, few=()):
-    """Ratios by condition and statistic at `HOURS`; bounds of 0.9 to 1.1, wider for conditions of few solves."""
-    rows = [(*key, *row) for key, values in ratios.items() for row in zip(HOURS, values, strict=True)]
+    """
+    Ratios by condition and statistic at `HOURS`; bounds of 0.9 to 1.1, wider for conditions of few
+    solves.
+    """
+    rows = [
+        (*key, *row) for key, values in ratios.items() for row in zip(HOURS, values, strict=True)
+    ]
     table = pd.DataFrame(rows, columns=["condition", "statistic", "time_h", "ratio"])
     reach = np.where(table["condition"].isin(few), 0.15, 0.1)
     inside = (table["ratio"] - 1.0).abs() <= reach
     freedom = np.where(table["condition"].isin(few), 440, 550)
-    return table.assign(degrees_of_freedom=freedom, low=1.0 - reach, high=1.0 + reach, inside=inside)
+    return table.assign(
+        degrees_of_freedom=freedom, low=1.0 - reach, high=1.0 + reach, inside=inside
+    )
 
 
 def unknown_rows(condition, names, prior, sigma, error):
@@ -182,7 +220,10 @@ def unknown_rows(condition, names, prior, sigma, error):
 
 @pytest.fixture(scope="session")
 def tables():
-    """Of three conditions: one that knows itself, one that errs once, one that is far off; of modes and of clocks."""
+    """
+    Of three conditions: one that knows itself, one that errs once, one that is far off; of modes
+    and of clocks.
+    """
     ratios = {
         ("odometry", "horizontal"): SURE,
         ("straight", "horizontal"): GOOD,
@@ -248,7 +289,11 @@ def texts(figure):
 
 
 def vertical_lines(axes):
-    return {line.get_color(): line.get_xdata()[0] for line in axes.lines if len(set(line.get_xdata())) == 1}
+    return {
+        line.get_color(): line.get_xdata()[0]
+        for line in axes.lines
+        if len(set(line.get_xdata())) == 1
+    }
 
 
 def steps(axes):

@@ -1,4 +1,7 @@
-"""Calls that feed an estimator on board: a mission with odometry at 10 Hz, or the measurements of a fleet."""
+"""
+Calls that feed an estimator on board: a mission with odometry at 10 Hz, or the measurements of a
+fleet.
+"""
 
 import numpy as np
 
@@ -14,11 +17,17 @@ STEP_SIGMA = [1e-4] * 3 + [0.005] * 3
 
 def feed(estimator, calls):
     """Outcomes of calls ``(method, arguments, options)``."""
-    return [getattr(estimator, f"add_{name}")(*arguments, **options) for name, arguments, options in calls]
+    return [
+        getattr(estimator, f"add_{name}")(*arguments, **options)
+        for name, arguments, options in calls
+    ]
 
 
 def mission(seconds=60.0, *, period=0.1, seed=1):
-    """Calls of a vehicle that turns slowly, with depths each second and pings every 7.03 s, and its true positions by time."""
+    """
+    Calls of a vehicle that turns slowly, with depths each second and pings every 7.03 s, and its
+    true positions by time.
+    """
     rng = np.random.default_rng(seed)
     calls, truth, rotation, position = [], {}, np.eye(3), np.array([0.0, 0.0, 50.0])
     way, turn = np.array([1.5, 0.0, 0.02]) * period, np.array([0.0, 0.0, 0.02]) * period
@@ -53,17 +62,26 @@ def fleet_estimator(o, ranges, **options):
 
 
 def fleet_calls(o, distance):
-    """Calls with all measurements of a fleet in the order of time; ``distance`` is the column of the ranges."""
+    """
+    Calls with all measurements of a fleet in the order of time; ``distance`` is the column of the
+    ranges.
+    """
     calls, names = [], [str(name) for name in (*o.name, *o.landmark_name)]
     rotation = so3_log(matrix_from_quaternion(o.odometry_rotation))
     for k, time in enumerate(o.time.tolist()):
         for v, vehicle in enumerate(o.name):
             own = {"vehicle": str(vehicle)}
             if k:
-                step = o.odometry_translation[v, k - 1], rotation[v, k - 1], o.odometry_sigma[v, k - 1]
+                step = (
+                    o.odometry_translation[v, k - 1],
+                    rotation[v, k - 1],
+                    o.odometry_sigma[v, k - 1],
+                )
                 calls.append(("odometry", (time, *step), own))
             calls.append(("depth", (time, o.depth[v, k], o.depth_sigma[v]), own))
-    for v, k, place, sigma in zip(o.gnss_vehicle, o.gnss_sample, o.gnss_position, o.gnss_sigma, strict=True):
+    for v, k, place, sigma in zip(
+        o.gnss_vehicle, o.gnss_sample, o.gnss_position, o.gnss_sigma, strict=True
+    ):
         calls.append(("fix", (float(o.time[k]), place, sigma), {"vehicle": names[v]}))
     for row in np.flatnonzero(np.isin(o.range_status, ARRIVES)):
         ends = int(o.range_transmitter[row]), int(o.range_receiver[row])
@@ -72,6 +90,10 @@ def fleet_calls(o, distance):
         time = float(o.time[o.range_sample[row]])
         measured = getattr(o, distance)[row] / speed, o.range_sigma[row] / speed
         calls.append(
-            ("range", (time, names[source], *measured), {"vehicle": names[vehicle], "sound_speed": speed})
+            (
+                "range",
+                (time, names[source], *measured),
+                {"vehicle": names[vehicle], "sound_speed": speed},
+            )
         )
     return sorted(calls, key=lambda call: call[1][0])

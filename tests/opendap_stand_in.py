@@ -1,8 +1,9 @@
 """
-A THREDDS stand-in on loopback: pydap's server for OPeNDAP with HYCOM's schema, and one that breaks HTTP itself.
+A THREDDS stand-in on loopback: pydap's server for OPeNDAP with HYCOM's schema, and one that breaks
+HTTP itself.
 
-The fields are closed forms of depth, place and time, packed as HYCOM packs them; the axes are those of HYCOM's global
-grids and are never held in memory as a whole.
+The fields are closed forms of depth, place and time, packed as HYCOM packs them; the axes are those
+of HYCOM's global grids and are never held in memory as a whole.
 """
 
 import gzip
@@ -22,8 +23,8 @@ from pydap.handlers.lib import BaseHandler
 from pydap.model import BaseType, DatasetType, GridType
 
 DEPTHS = np.fromstring(  # metres
-    "0 2 4 6 8 10 12 15 20 25 30 35 40 45 50 60 70 80 90 100 125 150 200 250 300 350 400 500 600 700 800 900 1000"
-    " 1250 1500 2000 2500 3000 4000 5000",
+    "0 2 4 6 8 10 12 15 20 25 30 35 40 45 50 60 70 80 90 100 125 150 200 250 300 350 400 500 600"
+    " 700 800 900 1000 1250 1500 2000 2500 3000 4000 5000",
     sep=" ",
 )
 FILL = -30000
@@ -71,7 +72,11 @@ def truth(name, hour, depth, lat, lon):
     else:
         value = 0.2 * np.sin(11 * east) * np.exp(-depth / 800.0) + 0.001 * np.radians(lat)
     value = value + 0.01 * np.sin(hour / 3.0)
-    floor = 2600.0 + 3600.0 * np.sin(3 * east + 1.0) * np.cos(np.radians(2 * lat)) + 300 * np.sin(200 * east)
+    floor = (
+        2600.0
+        + 3600.0 * np.sin(3 * east + 1.0) * np.cos(np.radians(2 * lat))
+        + 300 * np.sin(200 * east)
+    )
     return np.where(depth <= floor, value, np.nan)
 
 
@@ -113,7 +118,9 @@ class Model:
         for name in self.variables:
             grid = GridType(name)
             attributes = packing | {"add_offset": np.float32(OFFSETS[name])}
-            grid[name] = BaseType(name, Packed(name, tuple(axes.values())), dims=tuple(axes), **attributes)
+            grid[name] = BaseType(
+                name, Packed(name, tuple(axes.values())), dims=tuple(axes), **attributes
+            )
             grid.attributes.update(attributes)
             for axis, values in axes.items():
                 grid[axis] = BaseType(axis, values, dims=(axis,))
@@ -147,7 +154,9 @@ class Thredds:
         self.account = None
 
     def __call__(self, environ, start_response):
-        address = environ["PATH_INFO"] + ("?" + environ["QUERY_STRING"] if environ["QUERY_STRING"] else "")
+        address = environ["PATH_INFO"] + (
+            "?" + environ["QUERY_STRING"] if environ["QUERY_STRING"] else ""
+        )
         self.asked.append(address)
         if self.account and environ.get("HTTP_AUTHORIZATION") != self.account:
             start_response("401 Unauthorized", [])
@@ -171,9 +180,15 @@ class Thredds:
 
     def misbehave(self, what, environ, start_response):
         plain = {  # status, body, header
-            "500": ("500 Internal Server Error", b"<html>\n<h1>java.lang.NullPointerException</h1></html>"),
+            "500": (
+                "500 Internal Server Error",
+                b"<html>\n<h1>java.lang.NullPointerException</h1></html>",
+            ),
             "page": ("200 OK", b"<html><body>down for maintenance</body></html>"),
-            "error": ("200 OK", b'Error {\n    code = 500;\n    message = "timeout in reader";\n};\n'),
+            "error": (
+                "200 OK",
+                b'Error {\n    code = 500;\n    message = "timeout in reader";\n};\n',
+            ),
             "garbage": ("200 OK", np.random.default_rng(0).bytes(5000)),
             "loop": ("302 Found", b"", ("Location", environ["PATH_INFO"])),
         }
@@ -192,18 +207,25 @@ class Thredds:
         half = whole[: len(whole) // 2]
         body, length, *gzipped = {
             "drip": lambda: (self.drip(whole), len(whole)),
-            "cut": lambda: ([half], len(whole)),  # fewer bytes than announced, then the connection closes
+            "cut": lambda: (
+                [half],
+                len(whole),
+            ),  # fewer bytes than announced, then the connection closes
             "chunk": lambda: (self.broken(half), None),  # chunked without an end
             "short": lambda: ([half], len(half)),  # honest about its length, not about its content
             "flood": lambda: ([whole, b"\0" * (65 << 20)], len(whole) + (65 << 20)),
             "shift": lambda: (
-                [re.sub(rb"(?<=Data:\n)....", b"\0\0\0\1", whole, count=1, flags=re.DOTALL)],  # one element
+                [
+                    re.sub(rb"(?<=Data:\n)....", b"\0\0\0\1", whole, count=1, flags=re.DOTALL)
+                ],  # one element
                 len(whole),
             ),
             "gzip": lambda: ([gzip.compress(whole)], None, ("Content-Encoding", "gzip")),
             "gzip cut": lambda: ([gzip.compress(whole)[:-100]], None, ("Content-Encoding", "gzip")),
         }[what]()
-        start_response(head["status"], [*gzipped, *([("Content-Length", str(length))] if length else [])])
+        start_response(
+            head["status"], [*gzipped, *([("Content-Length", str(length))] if length else [])]
+        )
         return body
 
     def broken(self, half):
@@ -224,7 +246,9 @@ class Running:
         logging.getLogger("waitress").setLevel(logging.CRITICAL)
         self.app = app
         self.map = {}
-        self.server = waitress.server.create_server(app, map=self.map, host="127.0.0.1", port=0, threads=4)
+        self.server = waitress.server.create_server(
+            app, map=self.map, host="127.0.0.1", port=0, threads=4
+        )
         self.root = f"http://127.0.0.1:{self.server.effective_port}/thredds/dodsC"
         self.thread = threading.Thread(target=self.serve, daemon=True)
         self.thread.start()
@@ -242,7 +266,10 @@ class Running:
 
 
 def reanalysis(year):
-    """53.X as served: a year from 12Z to 09Z, -180 to 180, with the run of 31 December missing and other gaps."""
+    """
+    53.X as served: a year from 12Z to 09Z, -180 to 180, with the run of 31 December missing and
+    other gaps.
+    """
     steps = three_hourly(f"{year}-01-01T12", f"{year + 1}-01-01T12")
     gaps = ["2014-07-05T12", "2014-12-31T12", "2014-12-31T15", "2015-01-01T09", "2014-03-03T03"]
     gaps = [*np.array(gaps, steps.dtype), *three_hourly("2014-06-28T12", "2014-06-29T12")]
@@ -250,7 +277,10 @@ def reanalysis(year):
 
 
 class Endless:
-    """A server that never comes to the end of an answer: of its headers, of its promises or of its text."""
+    """
+    A server that never comes to the end of an answer: of its headers, of its promises or of its
+    text.
+    """
 
     def __init__(self, what):
         self.first, self.again, self.pause = {

@@ -1,4 +1,7 @@
-"""Independent solvers and closed forms that tests hold the package against; none of them uses its kernels."""
+"""
+Independent solvers and closed forms that tests hold the package against; none of them uses its
+kernels.
+"""
 
 import subprocess
 import sys
@@ -13,7 +16,13 @@ from numba import njit
 from numpy.typing import NDArray
 from scipy.fft import dst
 from scipy.integrate import solve_ivp
-from scipy.interpolate import AAA, CubicSpline, NdBSpline, RegularGridInterpolator, make_interp_spline
+from scipy.interpolate import (
+    AAA,
+    CubicSpline,
+    NdBSpline,
+    RegularGridInterpolator,
+    make_interp_spline,
+)
 from scipy.special import erfc
 
 from pymantaray.estimation import RangeEndpoints
@@ -23,11 +32,12 @@ Array = NDArray[np.float64]
 
 def nonlinear_vector_factors(graph, believed, initial):
     """
-    The optimum of a graph whose ranges are a model's, by factors that ask the model at every evaluation.
+    The optimum of a graph whose ranges are a model's, by factors that ask the model at every
+    evaluation.
 
-    One nonlinear factor for the ranges of each ping, with Jacobians of its own: slow, and independent of expansions.
-    Variances that depend on the rays are those of the start. A link that is not possible has no residual and no
-    gradient.
+    One nonlinear factor for the ranges of each ping, with Jacobians of its own: slow, and
+    independent of expansions. Variances that depend on the rays are those of the start. A link that
+    is not possible has no residual and no gradient.
     """
     from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
 
@@ -61,14 +71,19 @@ def nonlinear_vector_factors(graph, believed, initial):
         initial_cost=factors.error(values),
         final_cost=factors.error(end),
         unknowns=np.array(end.atVector(shared[0])) if shared else None,
-        unknowns_covariance=gtsam.Marginals(factors, end).marginalCovariance(shared[0]) if shared else None,
+        unknowns_covariance=gtsam.Marginals(factors, end).marginalCovariance(shared[0])
+        if shared
+        else None,
     )
 
 
 def _links_at(values, r, rows, n_poses):
     """Links of some ranges with their ends where GTSAM values have them."""
     ends = (
-        [values.atPose3(k).translation() if k < n_poses else values.atPoint3(k) for k in end[rows].tolist()]
+        [
+            values.atPose3(k).translation() if k < n_poses else values.atPoint3(k)
+            for k in end[rows].tolist()
+        ]
         for end in (r.transmitter, r.receiver)
     )
     return RangeEndpoints(r.time[rows], *map(np.array, ends), r.sound_speed[rows])
@@ -84,7 +99,10 @@ def _asking(believed, rows, keys, root, graph):
         found, by_unknowns = believed.predict(_links_at(at, r, rows, n), rows, u)
         fine = found.possible
         if jacobians is not None:
-            gradients = (r.transmitter, found.transmitter_gradient), (r.receiver, found.receiver_gradient)
+            gradients = (
+                (r.transmitter, found.transmitter_gradient),
+                (r.receiver, found.receiver_gradient),
+            )
             for i, key in enumerate(keys):
                 jacobian = sum((ends[rows] == key)[:, None] * by for ends, by in gradients)
                 if key == graph.n_variables:
@@ -92,7 +110,9 @@ def _asking(believed, rows, keys, root, graph):
                 elif key < n:
                     turned = jacobian @ at.atPose3(key).rotation().matrix()
                     jacobian = np.hstack([np.zeros((rows.size, 3)), turned])
-                weighted = np.where(fine, speed, 0.0)[:, None] * np.where(fine[:, None], jacobian, 0.0)
+                weighted = np.where(fine, speed, 0.0)[:, None] * np.where(
+                    fine[:, None], jacobian, 0.0
+                )
                 jacobians[i] = np.asfortranarray(np.linalg.solve(root, weighted))
         residual = np.where(fine, speed * (found.travel_time - r.travel_time[rows]), 0.0)
         return np.linalg.solve(root, residual)
@@ -104,12 +124,14 @@ class DenseFan:
     """
     Eigenrays of a vertical section by brute force, sharing no code with the solver.
 
-    Hamilton's equations in range by RK4 with fixed steps, thousands of rays at a time, through scipy's splines; a step that crosses
-    the surface or the bed is cut there by the secant method and goes on reflected. Intervals of launch angle with a change
-    of sign between rays of the same reflections, an extremum of the miss near zero, or a change of reflections are divided by 8,
+    Hamilton's equations in range by RK4 with fixed steps, thousands of rays at a time, through
+    scipy's splines; a step that crosses the surface or the bed is cut there by the secant method
+    and goes on reflected. Intervals of launch angle with a change of sign between rays of the same
+    reflections, an extremum of the miss near zero, or a change of reflections are divided by 8,
     three times. Spreading comes from differences of depth between neighbouring rays.
 
-    ``profile`` gives the sound speed as a `PPoly` of depth, by range; with reflections it must be the same everywhere. [m]
+    ``profile`` gives the sound speed as a `PPoly` of depth, by range; with reflections it must be
+    the same everywhere. [m]
     """
 
     # m; a ray that turns this near a boundary may count as in the water, or reflected, or not
@@ -163,7 +185,10 @@ class DenseFan:
         t = a[0] / (a[0] - b[0])
         _, p, time, side = ((1 - t) * a + t * b)[:4]
         link, angle = link[row], nodes[row, at] + t * width
-        n = float(self.profile(0.0)(depth)) / np.array([self.profile(r)(z) for r, z in receivers])[link]
+        n = (
+            float(self.profile(0.0)(depth))
+            / np.array([self.profile(r)(z) for r, z in receivers])[link]
+        )
         # tube: |dz| cos(arrival) across the plane's ray, side * h of launch out of the plane
         slope = np.abs(b[0] - a[0]) / width
         area = slope * np.sqrt(n**2 - p**2) / n * side
@@ -176,18 +201,29 @@ class DenseFan:
         )
         one = order[~twice]  # a root at a node may show on both sides
         bounces = a[4:6, one].astype(int)
-        return self.Rays(link[one], *bounces, angle[one], time[one], spreading[one], slope[one], grazing[one])
+        return self.Rays(
+            link[one], *bounces, angle[one], time[one], spreading[one], slope[one], grazing[one]
+        )
 
     def _trace(self, depth, angles, steps):
-        """Yield states, bounces, order of bounces and nearness to a boundary of turning points after each step."""
+        """
+        Yield states, bounces, order of bounces and nearness to a boundary of turning points after
+        each step.
+        """
         start = self.profile(0.0)
         self._c_source = float(start(depth))
         y = np.array([np.full(angles.size, depth), np.sin(angles), 0.0 * angles, 0.0 * angles])
-        bounces, order = np.zeros((2, angles.size), dtype=int), np.zeros(angles.size, dtype=np.int64)
+        bounces, order = (
+            np.zeros((2, angles.size), dtype=int),
+            np.zeros(angles.size, dtype=np.int64),
+        )
         nearest = np.full(angles.size, np.inf)
         with np.errstate(invalid="ignore"):
             for i in range(steps):
-                middle, end = self.profile((i + 0.5) * self.step), self.profile((i + 1.0) * self.step)
+                middle, end = (
+                    self.profile((i + 0.5) * self.step),
+                    self.profile((i + 1.0) * self.step),
+                )
                 new = self._advance((start, middle, end), y, self.step)
                 self._reflect(start, y, new, bounces, order)
                 gap = np.minimum(new[0], self.bottom - new[0])
@@ -196,7 +232,10 @@ class DenseFan:
                 yield y, bounces, order, nearest
 
     def _advance(self, profiles, y, step):
-        """One RK4 step of depth, its slowness, travel time and lateral spreading; steps (n,) may differ by ray."""
+        """
+        One RK4 step of depth, its slowness, travel time and lateral spreading; steps (n,) may
+        differ by ray.
+        """
 
         def rates(profile, y):
             c, slope = profile(y[0]), profile(y[0], 1)
@@ -212,7 +251,9 @@ class DenseFan:
         return y + step / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
 
     def _reflect(self, profile, y, new, bounces, order):
-        """Cut the steps of rays that crossed a boundary, reflect them and finish the step; in place."""
+        """
+        Cut the steps of rays that crossed a boundary, reflect them and finish the step; in place.
+        """
         for at, wall, sign in ((0, 0.0, -1.0), (1, self.bottom, 1.0)):
             out = np.flatnonzero(sign * (new[0] - wall) > 0.0)
             if out.size == 0 or not any(self.most):
@@ -246,21 +287,27 @@ class DenseFan:
             edge = (alive[:-1] != alive[1:]) | (~same & alive[:-1] & alive[1:])
             size = np.abs(miss)
             dip = np.zeros(miss.size, dtype=bool)
-            dip[1:-1] = (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:]) & (miss[:-2] * miss[2:] > 0.0)
+            dip[1:-1] = (
+                (size[1:-1] <= size[:-2]) & (size[1:-1] <= size[2:]) & (miss[:-2] * miss[2:] > 0.0)
+            )
             bend = np.zeros(miss.size)
             bend[1:-1] = np.abs(miss[:-2] - 2.0 * miss[1:-1] + miss[2:])
-            dip &= size < bend  # a parabola's vertex lies at most an eighth of this beyond the middle node
+            dip &= (
+                size < bend
+            )  # a parabola's vertex lies at most an eighth of this beyond the middle node
         return np.flatnonzero(change | edge | dip[:-1] | dip[1:])
 
 
 class Shooting:
     """
-    Travel times in a smooth medium by a solver of another kind: scipy's DOP853 on the full Hamiltonian, with shooting.
+    Travel times in a smooth medium by a solver of another kind: scipy's DOP853 on the full
+    Hamiltonian, with shooting.
 
-    The field is scipy's own tensor-product spline through the same grid values, legs are integrated in time and cut where they meet the
-    surface or the bilinear bed, where the slowness is mirrored about the normal, and two launch angles are varied by Newton's
-    method until the ray meets its receiver: no section, no axis, no variational equations. The package gives first guesses
-    of the launch and of the legs' times.
+    The field is scipy's own tensor-product spline through the same grid values, legs are integrated
+    in time and cut where they meet the surface or the bilinear bed, where the slowness is mirrored
+    about the normal, and two launch angles are varied by Newton's method until the ray meets its
+    receiver: no section, no axis, no variational equations. The package gives first guesses of the
+    launch and of the legs' times.
     """
 
     LONGEST_STEP = 15.0  # m; the spline's third derivative jumps at every level
@@ -271,7 +318,10 @@ class Shooting:
         self.speed = field_of(medium)
 
     def times(self, source, receiver, launch, walls, times):
-        """Travel times of rays launched about unit vectors that meet walls (n, k), with legs of about times (n, k + 1)."""
+        """
+        Travel times of rays launched about unit vectors that meet walls (n, k), with legs of about
+        times (n, k + 1).
+        """
         angles = np.stack([np.arctan2(launch[:, 1], launch[:, 0]), np.arcsin(launch[:, 2])])
         n, delta = len(source), 1e-5
         turns = delta * np.array([[[0.0], [0.0]], [[1.0], [0.0]], [[0.0], [1.0]]])
@@ -296,7 +346,9 @@ class Shooting:
         """End states and travel times of rays."""
         azimuth, elevation = angles
         level = np.cos(elevation)
-        unit = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1)
+        unit = np.stack(
+            [level * np.cos(azimuth), level * np.sin(azimuth), np.sin(elevation)], axis=1
+        )
         state = np.concatenate([source, unit / self.speed(source)[:, None]], axis=1)
         total, m = np.zeros(len(source)), self.medium
         for leg in range(walls.shape[1]):
@@ -320,12 +372,16 @@ class Shooting:
         return self._run(state, last), total + last
 
     def _run(self, state, duration):
-        """Integrate rays (n, 6) of position and slowness for their own times, possibly negative. [s]"""
+        """
+        Integrate rays (n, 6) of position and slowness for their own times, possibly negative. [s]
+        """
 
         def rates(_, flat):
             y = flat.reshape(len(state), 6)
             c = self.speed(y[:, :3])
-            gradient = np.stack([self.speed(y[:, :3], nu=nu) for nu in np.eye(3, dtype=int)], axis=1)
+            gradient = np.stack(
+                [self.speed(y[:, :3], nu=nu) for nu in np.eye(3, dtype=int)], axis=1
+            )
             change = np.concatenate([(c * c)[:, None] * y[:, 3:], -gradient / c[:, None]], axis=1)
             return (change * duration[:, None]).ravel()
 
@@ -341,8 +397,8 @@ def direct_travel_time_linear_gradient(source, receiver, *, sound_speed_surface,
     """
     Travel time [s] of the direct ray where sound speed is ``c0 + g z``, boundaries ignored.
 
-    The metric ds/c is that of the hyperbolic half-space, so t = 2/|g| arcsinh(|g| d / 2 sqrt(c_s c_r)) for ends d apart with
-    speeds c_s and c_r; this form keeps its digits for small gradients.
+    The metric ds/c is that of the hyperbolic half-space, so t = 2/|g| arcsinh(|g| d / 2 sqrt(c_s
+    c_r)) for ends d apart with speeds c_s and c_r; this form keeps its digits for small gradients.
     """
     a, b = np.asarray(source, dtype=float), np.asarray(receiver, dtype=float)
     speeds = [sound_speed_surface + gradient * end[..., 2] for end in (a, b)]
@@ -351,9 +407,12 @@ def direct_travel_time_linear_gradient(source, receiver, *, sound_speed_surface,
 
 
 def field_of(medium, values=None):
-    """Scipy's interpolator of a medium's sound speed, or of values (north, east, depth, k), by the medium's definition.
+    """
+    Scipy's interpolator of a medium's sound speed, or of values (north, east, depth, k), by the
+    medium's definition.
 
-    Linear, or cubic not-a-knot splines horizontally and a natural cubic spline in depth; one column is the same everywhere.
+    Linear, or cubic not-a-knot splines horizontally and a natural cubic spline in depth; one column
+    is the same everywhere.
     """
     values = medium.sound_speed if values is None else values
     if values.shape[0] == 1:
@@ -366,14 +425,23 @@ def field_of(medium, values=None):
         return RegularGridInterpolator((medium.north, medium.east, medium.depth), values)
     north = make_interp_spline(medium.north, values, k=3, axis=0)
     east = make_interp_spline(medium.east, north.c, k=3, axis=1)
-    depth = make_interp_spline(medium.depth, np.moveaxis(east.c, 0, 1), k=3, axis=2, bc_type="natural")
+    depth = make_interp_spline(
+        medium.depth, np.moveaxis(east.c, 0, 1), k=3, axis=2, bc_type="natural"
+    )
     return NdBSpline((north.t, east.t, depth.t), np.moveaxis(depth.c, 0, 2), 3)
 
 
 def sheet_under(north, east, sheet, place):
-    """Bilinear depth under places (n, 2 or more), its slopes (n, 2), and the distance to the lines of its grid."""
+    """
+    Bilinear depth under places (n, 2 or more), its slopes (n, 2), and the distance to the lines of
+    its grid.
+    """
     if sheet.shape == (1, 1):
-        return np.full(len(place), sheet[0, 0]), np.zeros((len(place), 2)), np.full(len(place), np.inf)
+        return (
+            np.full(len(place), sheet[0, 0]),
+            np.zeros((len(place), 2)),
+            np.full(len(place), np.inf),
+        )
     cells = []
     for axis, k in ((north, 0), (east, 1)):
         i = np.clip(np.searchsorted(axis, place[:, k]) - 1, 0, axis.size - 2)
@@ -381,15 +449,27 @@ def sheet_under(north, east, sheet, place):
     (i, u, dn), (j, v, de) = cells
     b00, b10, b01, b11 = (sheet[i + p, j + q] for p, q in ((0, 0), (1, 0), (0, 1), (1, 1)))
     depth = (b00 * (1 - u) + b10 * u) * (1 - v) + (b01 * (1 - u) + b11 * u) * v
-    slopes = (((b10 - b00) * (1 - v) + (b11 - b01) * v) / dn, ((b01 - b00) * (1 - u) + (b11 - b10) * u) / de)
+    slopes = (
+        ((b10 - b00) * (1 - v) + (b11 - b01) * v) / dn,
+        ((b01 - b00) * (1 - u) + (b11 - b10) * u) / de,
+    )
     edge = np.minimum(np.minimum(u, 1.0 - u) * dn, np.minimum(v, 1.0 - v) * de)
     return depth, np.stack(slopes, axis=-1), edge
 
 
 def cf_errors(files):
-    """Errors against the CF conventions, by the checker of the IOOS, in a process of its own: what it imports warns."""
+    """
+    Errors against the CF conventions, by the checker of the IOOS, in a process of its own: what it
+    imports warns.
+    """
     pytest.importorskip("compliance_checker", reason="needs compliance-checker")
-    command = [Path(sys.executable).with_name("compliance-checker"), "-t", "cf:1.11", "-c", "lenient"]
+    command = [
+        Path(sys.executable).with_name("compliance-checker"),
+        "-t",
+        "cf:1.11",
+        "-c",
+        "lenient",
+    ]
     checked = subprocess.run([*command, *files], capture_output=True, text=True, check=False)
     failed = checked.returncode or "exceptions occurred" in checked.stdout + checked.stderr
     return checked.stdout + checked.stderr if failed else ""
@@ -397,15 +477,21 @@ def cf_errors(files):
 
 class ParabolicEquation:
     """
-    Field of a point source in water whose sound speed depends on depth, below a free surface: a split-step parabolic equation.
+    Field of a point source in water whose sound speed depends on depth, below a free surface: a
+    split-step parabolic equation.
 
-    One step is exp(i k0 dr (sqrt(1 + X) - 1)), approximated by a rational function of X on the axis (AAA algorithm), whose poles need
-    one tridiagonal solution each. Second derivatives are compact differences of fourth order. The source is its plane-wave spectrum up
-    to 22 degrees from the horizontal, the image included; steeper sound is tapered. Below `deepest` a layer absorbs all sound.
+    One step is exp(i k0 dr (sqrt(1 + X) - 1)), approximated by a rational function of X on the axis
+    (AAA algorithm), whose poles need one tridiagonal solution each. Second derivatives are compact
+    differences of fourth order. The source is its plane-wave spectrum up to 22 degrees from the
+    horizontal, the image included; steeper sound is tapered. Below `deepest` a layer absorbs all
+    sound.
     """
 
     def __init__(self, speed, hz, source_depth, deepest, spacing, *, cells=8.0, wavelengths=16.0):
-        """`speed` is a function of depth; ranges are multiples of `spacing`, depths go to `deepest`. [m]"""
+        """
+        `speed` is a function of depth; ranges are multiples of `spacing`, depths go to `deepest`.
+        [m]
+        """
         self.hz, self.spacing = hz, spacing
         c0 = float(speed(np.array([source_depth]))[0])
         self.k0, wavelength = 2.0 * np.pi * hz / c0, c0 / hz
@@ -419,7 +505,9 @@ class ParabolicEquation:
         self.start = self._spectrum_of_source(source_depth, (n + 1) * self.dz, n)
 
     def _rational(self, phase):
-        """Poles of the step's rational function, its constant and residues, and its largest error."""
+        """
+        Poles of the step's rational function, its constant and residues, and its largest error.
+        """
         x = np.concatenate([np.linspace(-14.0, -1.2, 80), np.linspace(-1.2, 0.06, 700)])
         root = np.sqrt(np.maximum(1.0 + x, 0.0)) + 1j * np.sqrt(np.maximum(-1.0 - x, 0.0))
         step = np.exp(1j * phase * (root - 1.0)) * 0.5 * erfc((-0.5 - x) / 0.07)
@@ -438,7 +526,10 @@ class ParabolicEquation:
         return 0.25j * np.sqrt(2.0 / np.pi) * np.exp(-0.25j * np.pi) * dst(lines, type=1)
 
     def pressure(self, n_ranges, depths):
-        """Pressure re 1 m at `spacing` times 1 to n_ranges (first axis) and some depths, time as exp(-i omega t)."""
+        """
+        Pressure re 1 m at `spacing` times 1 to n_ranges (first axis) and some depths, time as
+        exp(-i omega t).
+        """
         at = np.asarray(depths) / self.dz - 1.0
         first = np.clip(np.floor(at).astype(int) - 2, 0, self.start.size - 6)
         near = np.arange(6)
@@ -450,13 +541,20 @@ class ParabolicEquation:
         for row in range(n_ranges):
             _march(u, self.steps, self.weights, *self.factors)
             r = self.spacing * (row + 1)
-            out[row] = (u[first[:, None] + near] * share).sum(axis=1) * np.exp(1j * self.k0 * r) / np.sqrt(r)
+            out[row] = (
+                (u[first[:, None] + near] * share).sum(axis=1)
+                * np.exp(1j * self.k0 * r)
+                / np.sqrt(r)
+            )
         return out
 
 
 @njit(cache=True)
 def _tridiagonal_factors(poles, index, off):
-    """Factors of one matrix per pole: multipliers below the diagonal, inverse pivots, and what is above the diagonal."""
+    """
+    Factors of one matrix per pole: multipliers below the diagonal, inverse pivots, and what is
+    above the diagonal.
+    """
     shape = index.size, poles.size
     lower, pivot, upper = (
         np.zeros(shape, np.complex128),
@@ -504,5 +602,11 @@ def _march(u, steps, weights, lower, pivot, upper):
 
 def image_source(source_depth, distance, depth, wavenumber):
     """Pressure re 1 m of a source and its image below a free surface in water of one speed."""
-    straight, mirrored = np.hypot(distance, depth - source_depth), np.hypot(distance, depth + source_depth)
-    return np.exp(1j * wavenumber * straight) / straight - np.exp(1j * wavenumber * mirrored) / mirrored
+    straight, mirrored = (
+        np.hypot(distance, depth - source_depth),
+        np.hypot(distance, depth + source_depth),
+    )
+    return (
+        np.exp(1j * wavenumber * straight) / straight
+        - np.exp(1j * wavenumber * mirrored) / mirrored
+    )

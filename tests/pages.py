@@ -1,8 +1,9 @@
 """
-Pages of the documentation as a reader follows them: each block that can run does, in order, in a folder of the page.
+Pages of the documentation as a reader follows them: each block that can run does, in order, in a
+folder of the page.
 
-Blocks of python, sh and console run unless a comment on the line above says why not; what it can say is in `MARKS`. A block
-of text, or without a language, behind one that ran is what that prints.
+Blocks of python, sh and console run unless a comment on the line above says why not; what it can
+say is in `MARKS`. A block of text, or without a language, behind one that ran is what that prints.
 """
 
 import contextlib
@@ -75,7 +76,9 @@ def follow(page: Path, folder: Path, languages: tuple[str, ...] = RUNS) -> dict[
             f"{place}: {block.mark!r} is none of {', '.join(MARKS)}"
         )
         if block.mark in ("file", "add to"):
-            with (folder / block.said).open("w" if block.mark == "file" else "a", encoding="utf-8") as file:
+            with (folder / block.said).open(
+                "w" if block.mark == "file" else "a", encoding="utf-8"
+            ) as file:
                 file.write(block.text)
         if block.language in languages and block.mark != "not run":
             printed = run_block(block, folder, names, place)
@@ -87,7 +90,10 @@ def follow(page: Path, folder: Path, languages: tuple[str, ...] = RUNS) -> dict[
 
 
 def run_block(block: Block, folder: Path, names: dict[str, Any], place: str) -> str:
-    """Run a block; what it prints. Output within a console block is compared with what its commands print."""
+    """
+    Run a block; what it prints. Output within a console block is compared with what its commands
+    print.
+    """
     if block.language == "python":
         out = io.StringIO()
         with contextlib.chdir(folder), contextlib.redirect_stdout(out):
@@ -126,7 +132,9 @@ def compare(shown: str, printed: str, place: str) -> None:
 
 
 def agree(expected: str, line: str) -> bool:
-    """Whether a printed line is as shown: words equal, numbers to a millionth, spaces however many."""
+    """
+    Whether a printed line is as shown: words equal, numbers to a millionth, spaces however many.
+    """
     parts = re.split(rf"({_NUMBER}|\.\.\.|\s+)", expected.strip())
     kinds = {"...": ".*"}
     pattern = "".join(
@@ -138,7 +146,8 @@ def agree(expected: str, line: str) -> bool:
     match = re.fullmatch(pattern, line.strip())
     numbers = [p for p in parts if re.fullmatch(_NUMBER, p)]
     return match is not None and all(
-        isclose(as_float(a), as_float(b), rel_tol=1e-6) for a, b in zip(numbers, match.groups(), strict=True)
+        isclose(as_float(a), as_float(b), rel_tol=1e-6)
+        for a, b in zip(numbers, match.groups(), strict=True)
     )
 
 
@@ -169,10 +178,12 @@ def _cast(name: str, latitude: float, deepest: float) -> Callable[[Path], None]:
     def write(folder: Path) -> None:
         depth = np.arange(0.0, deepest + 1.0, 5.0)
         rows = "".join(
-            f"{z:g},{-1.0 + z / 2000.0:.3f},{30.0 + 5.0 * (1 - np.exp(-z / 200.0)):.3f}\n" for z in depth
+            f"{z:g},{-1.0 + z / 2000.0:.3f},{30.0 + 5.0 * (1 - np.exp(-z / 200.0)):.3f}\n"
+            for z in depth
         )
         (folder / name).write_text(
-            f"# {name}, lat {latitude}, lon -140\ndepth_m,temperature_degC,practical_salinity\n{rows}"
+            f"# {name}, lat {latitude}, lon"
+            f" -140\ndepth_m,temperature_degC,practical_salinity\n{rows}"
         )
 
     return write
@@ -182,7 +193,9 @@ def _graph(folder: Path) -> None:
     """A factor graph of the latest run."""
     if not (folder / "runs").exists():
         _run(folder)
-    shutil.copy2(folder / "runs" / "latest" / "pyfg" / "realization-0-refracted.pyfg", folder / "graph.pyfg")
+    shutil.copy2(
+        folder / "runs" / "latest" / "pyfg" / "realization-0-refracted.pyfg", folder / "graph.pyfg"
+    )
 
 
 def _study(folder: Path) -> None:
@@ -203,7 +216,10 @@ def _sea_floor(folder: Path) -> None:
                 {"units": "m", "standard_name": "height_above_mean_sea_level"},
             )
         },
-        {"lat": ("lat", lat, {"units": "degrees_north"}), "lon": ("lon", lon, {"units": "degrees_east"})},
+        {
+            "lat": ("lat", lat, {"units": "degrees_north"}),
+            "lon": ("lon", lon, {"units": "degrees_east"}),
+        },
     ).to_netcdf(folder / "GEBCO_2024.nc")
 
 

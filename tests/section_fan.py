@@ -1,7 +1,10 @@
-"""Brute-force fans of rays for many receivers at once: an independent oracle for direct rays in a smooth 3-D medium.
+"""
+Brute-force fans of rays for many receivers at once: an independent oracle for direct rays in a
+smooth 3-D medium.
 
-It shares no code with the solver. scipy's splines through the medium's grid values give the field, a fixed-step RK4
-integrates the rays, and every sign change between neighbouring rays of a fan of 1e5 is a ray.
+It shares no code with the solver. scipy's splines through the medium's grid values give the field,
+a fixed-step RK4 integrates the rays, and every sign change between neighbouring rays of a fan of
+1e5 is a ray.
 """
 
 from typing import NamedTuple
@@ -32,7 +35,10 @@ class Rays(NamedTuple):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 def _rates(layers, depth, k, z, p, y, q, c_source):
-    """Derivatives of depth, slowness, time, tube width, offset and its slowness by range at one station, and the layer."""
+    """
+    Derivatives of depth, slowness, time, tube width, offset and its slowness by range at one
+    station, and the layer.
+    """
     n = depth.size
     while k < n - 2 and z >= depth[k + 1]:
         k += 1
@@ -62,7 +68,10 @@ def _rates(layers, depth, k, z, p, y, q, c_source):
 
 @njit(nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 def _trace(section, depth, bed, step, stops, z_source, c_source, angle, q0, out):
-    """Trace rays; out (n, stops, 8) takes Z, P, T, A, Y, Q and the clearances so far after each of the numbers of steps."""
+    """
+    Trace rays; out (n, stops, 8) takes Z, P, T, A, Y, Q and the clearances so far after each of the
+    numbers of steps.
+    """
     for i in range(angle.size):
         z, p, t, a, y, q = z_source, np.sin(angle[i]), 0.0, 0.0, 0.0, q0[i]
         k, top, floor, stop = 0, z_source, bed[0] - z_source, 0
@@ -98,20 +107,33 @@ def _trace(section, depth, bed, step, stops, z_source, c_source, angle, q0, out)
 
 
 class SectionFan:
-    """Fans of a source along one azimuth through a smooth medium, of which only the grid and its values are used."""
+    """
+    Fans of a source along one azimuth through a smooth medium, of which only the grid and its
+    values are used.
+    """
 
     def __init__(self, medium):
         self.medium = medium
-        self.coefficients = CubicSpline(medium.depth, medium.sound_speed, axis=2, bc_type="natural").c
-        self.coefficients = np.moveaxis(self.coefficients[::-1], (0, 1), (3, 2))  # north, east, layer, power
+        self.coefficients = CubicSpline(
+            medium.depth, medium.sound_speed, axis=2, bc_type="natural"
+        ).c
+        self.coefficients = np.moveaxis(
+            self.coefficients[::-1], (0, 1), (3, 2)
+        )  # north, east, layer, power
 
     def _weights(self, nodes, x):
-        """Values, first and second derivatives of the interpolating splines of unit vectors at x; (3, n, nodes)."""
+        """
+        Values, first and second derivatives of the interpolating splines of unit vectors at x; (3,
+        n, nodes).
+        """
         basis = make_interp_spline(nodes, np.eye(nodes.size), k=min(3, nodes.size - 1))
         return np.stack([basis(x, nu) for nu in range(3)])
 
     def section(self, source, azimuth, step, n_steps, full=False):
-        """Cubics in depth of the sound speed at twice as many ranges as steps, in the plane or with derivatives across it."""
+        """
+        Cubics in depth of the sound speed at twice as many ranges as steps, in the plane or with
+        derivatives across it.
+        """
         m = self.medium
         r = 0.5 * step * np.arange(2 * n_steps + 1)
         if m.north.size == 1:
@@ -127,7 +149,9 @@ class SectionFan:
             for n in range(m.north.size):
                 here = np.flatnonzero(np.abs(wn[i, :, n]) > 0.0)
                 part = we[j, here] @ self.coefficients[n].reshape(m.east.size, -1)
-                total[here] += wn[i, here, n][:, None, None] * part.reshape(here.size, *total.shape[1:])
+                total[here] += wn[i, here, n][:, None, None] * part.reshape(
+                    here.size, *total.shape[1:]
+                )
             return total
 
         c = value(0, 0)
@@ -143,13 +167,17 @@ class SectionFan:
         return sheet_under(m.bed.north, m.bed.east, m.bed.depth, place)[0]
 
     def _speed(self, layers, z):
-        k = np.clip(np.searchsorted(self.medium.depth, z, side="right") - 1, 0, self.medium.depth.size - 2)
+        k = np.clip(
+            np.searchsorted(self.medium.depth, z, side="right") - 1, 0, self.medium.depth.size - 2
+        )
         x = z - self.medium.depth[k]
         d = layers[k]
         return d[0] + x * (d[1] + x * (d[2] + x * d[3]))
 
     def trace(self, source, azimuth, angle, q, step, stops, section=None):
-        """States (n, stops, 8) of rays after numbers of steps, in the vertical section or another one."""
+        """
+        States (n, stops, 8) of rays after numbers of steps, in the vertical section or another one.
+        """
         if section is None:
             section = self.section(source, azimuth, step, int(stops[-1]))
         bed = self._bed(source, azimuth, step, int(stops[-1]))
@@ -159,13 +187,22 @@ class SectionFan:
         return out, c_source, section
 
     def eigenrays(self, source, azimuth, receivers, angle, step=15.0):
-        """Rays in the plane, of a fan at equally spaced launch angles, to receivers (range, a whole number of steps, and depth)."""
+        """
+        Rays in the plane, of a fan at equally spaced launch angles, to receivers (range, a whole
+        number of steps, and depth).
+        """
         ends = np.rint(receivers[:, 0] / step).astype(np.int64)
         stops, where = np.unique(ends, return_inverse=True)
         out, c_source, section = self.trace(source, azimuth, angle, 0.0 * angle, step, stops)
         rows, dips = [], []
         for link, (stop, (distance, depth)) in enumerate(zip(where, receivers, strict=True)):
-            place = distance, depth, source[2], c_source, self._speed(section[2 * ends[link]], depth)
+            place = (
+                distance,
+                depth,
+                source[2],
+                c_source,
+                self._speed(section[2 * ends[link]], depth),
+            )
             rows.append(_roots(link, angle, out[:, stop], place))
             dips += [(link, stop, i, place) for i in _dips(out[:, stop], depth)]
         if dips:
@@ -180,7 +217,10 @@ class SectionFan:
         return Rays(*(np.concatenate(column) for column in zip(*rows, strict=True)))
 
     def near(self, source, azimuth, receiver, angle, half_width=4e-4, step=10.0, n_rays=401):
-        """Rays near a launch angle that meet one receiver in three dimensions: each ray of the fan is turned until it ends in the plane."""
+        """
+        Rays near a launch angle that meet one receiver in three dimensions: each ray of the fan is
+        turned until it ends in the plane.
+        """
         n_steps = int(np.ceil(receiver[0] / step))
         stops, step = np.array([n_steps]), receiver[0] / n_steps
         angles = angle + np.linspace(-half_width, half_width, n_rays)
@@ -193,10 +233,15 @@ class SectionFan:
                 break
             if turn < 3:
                 better = q[came] - out[came, 0, Y] / out[came, 0, A]
-                q = np.interp(angles, angles[came], better)  # rays that did not come take their neighbours'
-        # the width across the plane: derivative of the offset by its slowness, which horizontal refraction changes
+                q = np.interp(
+                    angles, angles[came], better
+                )  # rays that did not come take their neighbours'
+        # the width across the plane: derivative of the offset by its slowness, which horizontal
+        # refraction changes
         beside = self.trace(source, azimuth, angles, q + _DIFFERENCE, step, stops, section)[0]
-        both = np.isfinite(out[:, 0, Z]) & np.isfinite(beside[:, 0, Z])  # states of other rays are not set
+        both = np.isfinite(out[:, 0, Z]) & np.isfinite(
+            beside[:, 0, Z]
+        )  # states of other rays are not set
         out[both, 0, A] = np.abs(beside[both, 0, Y] - out[both, 0, Y]) / _DIFFERENCE
         place = receiver[0], receiver[1], source[2], c_source, self._speed(section[-1], receiver[1])
         return Rays(*_roots(0, angles, out[:, 0], place))
@@ -207,7 +252,10 @@ def _wet(state):
 
 
 def _dips(state, depth):
-    """Rays about which the miss has an extremum near zero without a change of sign: a pair of rays may hide there."""
+    """
+    Rays about which the miss has an extremum near zero without a change of sign: a pair of rays may
+    hide there.
+    """
     with np.errstate(invalid="ignore"):
         miss, wet = state[:, Z] - depth, _wet(state)
         size, bend = np.abs(miss), np.abs(miss[:-2] - 2.0 * miss[1:-1] + miss[2:])
@@ -217,7 +265,10 @@ def _dips(state, depth):
 
 
 def _roots(link, angle, state, place):
-    """Rays of a fan that end at a place (range, depth, depth of the source, sound speed at the source and there)."""
+    """
+    Rays of a fan that end at a place (range, depth, depth of the source, sound speed at the source
+    and there).
+    """
     distance, depth, z_source, c_source, speed = place
     wet = _wet(state)
     with np.errstate(invalid="ignore"):

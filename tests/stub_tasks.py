@@ -18,7 +18,10 @@ from pymantaray.jobs.store import failure_content, open_store
 
 @dataclass(frozen=True)
 class Square:
-    """A number to be squared; a process that is given one of the deadly ones is killed, at most so many times."""
+    """
+    A number to be squared; a process that is given one of the deadly ones is killed, at most so
+    many times.
+    """
 
     number: int
     seconds: float = 0.0
@@ -73,7 +76,10 @@ class Squares(Queue):
 
 
 def run_squares(tasks, out, *, client=None, workers=1):
-    """Do the tasks that are not done; the line by which each that was begun failed, or None, by its number."""
+    """
+    Do the tasks that are not done; the line by which each that was begun failed, or None, by its
+    number.
+    """
     store = open_store(out)
     store.claim("job", "job.txt", {"job.txt", "squares", "marks"})
     store.write("job.txt", b"squares")

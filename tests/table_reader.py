@@ -1,4 +1,7 @@
-"""The C99 reader of travel-time tables: compile the reading program, run it, and put Python's results into the same form."""
+"""
+The C99 reader of travel-time tables: compile the reading program, run it, and put Python's results
+into the same form.
+"""
 
 import shutil
 import subprocess
@@ -28,19 +31,33 @@ def compiled(folder: Path, *options: str) -> Path:
     program = folder / "read_table"
     source = Path(__file__).with_name("online") / "read_table.c"
     assert COMPILER is not None
-    command = [COMPILER, *STRICT, *options, "-I", str(folder), str(source), "-o", str(program), "-lm"]
+    command = [
+        COMPILER,
+        *STRICT,
+        *options,
+        "-I",
+        str(folder),
+        str(source),
+        "-o",
+        str(program),
+        "-lm",
+    ]
     subprocess.run(command, check=True)
     return program
 
 
 def read(program: Path, table: Path, four: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Rows of `travel_time`, and of `horizontal_range` at ranges / 1500 s, as bits; the columns of ``four`` are depths, range and bearing."""
+    """
+    Rows of `travel_time`, and of `horizontal_range` at ranges / 1500 s, as bits; the columns of
+    ``four`` are depths, range and bearing.
+    """
     text = "\n".join(" ".join(float(x).hex() for x in row) for row in four)
     answer = subprocess.run(
         [program, table, "0"], input=text, capture_output=True, text=True, check=True, timeout=120
     )
     rows = np.array(
-        [[int(word) for word in line.split()] for line in answer.stdout.splitlines()], dtype=np.uint64
+        [[int(word) for word in line.split()] for line in answer.stdout.splitlines()],
+        dtype=np.uint64,
     )
     return rows[::2], rows[1::2]
 

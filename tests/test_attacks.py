@@ -1,4 +1,7 @@
-"""Hundreds of attempts to make MantaRay run foreign code, hang, fill memory or disk, or end without a clear line: none succeeds."""
+"""
+Hundreds of attempts to make MantaRay run foreign code, hang, fill memory or disk, or end without a
+clear line: none succeeds.
+"""
 
 import re
 import subprocess
@@ -12,7 +15,10 @@ pytestmark = [pytest.mark.slow, pytest.mark.network]
 
 @pytest.mark.parametrize("name", attacks.CLASSES)
 def test_no_attempt_succeeds(name):
-    """A process of its own forks the attempts: the memory of a fork includes that of the process that forked it."""
+    """
+    A process of its own forks the attempts: the memory of a fork includes that of the process that
+    forked it.
+    """
     done = subprocess.run(
         [sys.executable, attacks.__file__, name], capture_output=True, text=True, check=False
     )

@@ -1,8 +1,10 @@
 """
-A thousand attempts with names, numbers, dates and texts that no command can use: one line each, and no traceback.
+A thousand attempts with names, numbers, dates and texts that no command can use: one line each, and
+no traceback.
 
-Every value is put into each place of each kind of file, every path that is no file into each argument and each option that takes a
-file; rows are truncated, doubled and emptied; headers have thousands of names, and the files of surveys dates that do not exist.
+Every value is put into each place of each kind of file, every path that is no file into each
+argument and each option that takes a file; rows are truncated, doubled and emptied; headers have
+thousands of names, and the files of surveys dates that do not exist.
 """
 
 import contextlib
@@ -29,14 +31,19 @@ FILES = {  # name, and content with marked places
     + "<12>,<N>,<0.2>,0,<9>,2\n",
     "tracks.csv": "time,vehicle,north,east,depth\n0,A,0,0,10\n<60>,A,<9>,0,10\n0,B,500,0,10\n60,<B>,509,0,<10>\n",
     "a.tum": "0 0 0 10 0 0 0 1\n<60> 9 0 <10> 0 0 0 1\n",
-    "g.pyfg": "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2 1 A1 1 0 0\nEDGE_SE2 1 A0 A1 <1> 0 0 <0.1> 0 0 0.1 0 0.1\n",
+    "g.pyfg": "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2 1 A1 1 0 0\nEDGE_SE2 1 A0 A1 <1> 0 0 <0.1> 0 0"
+    " 0.1 0 0.1\n",
     "g.g2o": "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 <1> 1 0 0\nEDGE_SE2 0 1 <1> 0 0 <10> 0 0 10 0 10\n",
-    "s.toml": 'base = "quick"\n[study]\nname = "<x>"\nseed = <1>\n[mission]\nduration_h = <8>\n[ocean]\ntime = "<2014-07-15T12:00:00>"\n',
+    "s.toml": 'base = "quick"\n[study]\nname = "<x>"\nseed = <1>\n[mission]\nduration_h ='
+    ' <8>\n[ocean]\ntime = "<2014-07-15T12:00:00>"\n',
     "sweep.toml": 'base = "quick"\nseeds = [<1>]\n[cross]\n"noise.range_sigma" = [<1.0>, 2.0]\n',
 }
 COMMANDS = {
     "p.csv": ["rays times links.csv o.csv --profile {} --bathymetry 200 --force"],
-    "cast.csv": ["ocean from-cast {} o.nc --force --bathymetry 90", "ocean convert-cast {} o.asvp --force"],
+    "cast.csv": [
+        "ocean from-cast {} o.nc --force --bathymetry 90",
+        "ocean convert-cast {} o.asvp --force",
+    ],
     "links.csv": [
         "rays eigen {} o.csv --profile p.csv --bathymetry 200 --force",
         "rays times {} o.csv --profile p.csv --bathymetry 200 --force",
@@ -82,7 +89,15 @@ ROWS = {  # what becomes of the last row of a table
     "long": lambda row: row + "0" * 100_000,
 }
 PATHS = ("pipe", "loop", "sub", "/dev/zero", "n" * 300, "\x1b[2Jz", "none")
-DATES = ("2018-13-45", "0000-00-00", "2263-05-01", "9999-12-31", "-0001-01-01", "\x1b[31m", "9" * 400)
+DATES = (
+    "2018-13-45",
+    "0000-00-00",
+    "2263-05-01",
+    "9999-12-31",
+    "-0001-01-01",
+    "\x1b[31m",
+    "9" * 400,
+)
 
 
 def of_rows():
@@ -115,7 +130,9 @@ def of_options():
                 node = node.commands[word]
             for option in node.params:
                 meta = f"{option.metavar} {getattr(option, 'type_descriptor', '')}"
-                if not (option.opts[0].startswith("--") and re.search("FILE|FOLDER|CSV|TOML|path", meta)):
+                if not (
+                    option.opts[0].startswith("--") and re.search("FILE|FOLDER|CSV|TOML|path", meta)
+                ):
                     continue
                 for path in PATHS:
                     name = next(name for name, own in COMMANDS.items() if command in own)
@@ -129,7 +146,9 @@ def of_headers():
     table = f"{','.join(names)}\n{','.join('1' for _ in names)}\n"
     for name, commands in COMMANDS.items():
         if name.endswith(".csv"):
-            yield from ((name, table, command.format(name), f"{name} header") for command in commands)
+            yield from (
+                (name, table, command.format(name), f"{name} header") for command in commands
+            )
     keys = "\n".join(f"{name} = 1" for name in names)
     for name, head in (
         ("s.toml", 'base = "quick"\n'),
@@ -177,9 +196,16 @@ def attempts(folder):
             for value in VALUES:
                 count = iter(range(places))
                 changed = re.sub(
-                    r"<([^>]*)>", lambda m, c=count, p=place, v=value: v if next(c) == p else m[1], text
+                    r"<([^>]*)>",
+                    lambda m, c=count, p=place, v=value: v if next(c) == p else m[1],
+                    text,
                 )
-                yield name, changed, rng.choice(COMMANDS[name]).format(name), f"{name} {place} {value[:20]!r}"
+                yield (
+                    name,
+                    changed,
+                    rng.choice(COMMANDS[name]).format(name),
+                    f"{name} {place} {value[:20]!r}",
+                )
     odd = [
         "pipe",
         "loop",
@@ -196,9 +222,16 @@ def attempts(folder):
         for command in commands:
             for path in odd:
                 ending = "" if path.startswith("/") or path == "sub" else os.path.splitext(name)[1]  # noqa: PTH122
-                yield None, None, command.format(path + ending), f"{command.split()[0]} {path[:20]!r}"
+                yield (
+                    None,
+                    None,
+                    command.format(path + ending),
+                    f"{command.split()[0]} {path[:20]!r}",
+                )
                 words = command.format(name).split()
-                out = next((k for k, w in enumerate(words) if w.startswith("o.") or w == "run"), None)
+                out = next(
+                    (k for k, w in enumerate(words) if w.startswith("o.") or w == "run"), None
+                )
                 if out is not None:
                     words[out] = path + os.path.splitext(words[out])[1]  # noqa: PTH122
                     yield None, None, " ".join(words), f"output {words[0]} {path[:20]!r}"
@@ -243,9 +276,19 @@ def test_attempts_end_in_one_line_or_a_result(tmp_path, monkeypatch):
             (tmp_path / name).write_text(whole(FILES[name]))
         seconds = time.monotonic() - begin
         log.append(
-            {"what": what, "command": command[:200], "code": code, "seconds": seconds, "line": said[-200:]}
+            {
+                "what": what,
+                "command": command[:200],
+                "code": code,
+                "seconds": seconds,
+                "line": said[-200:],
+            }
         )
-        fine = code in (0, 1, 2) and not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", said) and seconds < 120.0
+        fine = (
+            code in (0, 1, 2)
+            and not re.search(r"[\x00-\x08\x0b-\x1f\x7f]", said)
+            and seconds < 120.0
+        )
         fine = fine and max(map(len, said.split("\n"))) < 2100 and "Traceback" not in said
         if not fine:
             failed.append(log[-1])
@@ -257,4 +300,6 @@ def test_attempts_end_in_one_line_or_a_result(tmp_path, monkeypatch):
     )
 
 
-test_attempts_end_in_one_line_or_a_result = pytest.mark.slow(test_attempts_end_in_one_line_or_a_result)
+test_attempts_end_in_one_line_or_a_result = pytest.mark.slow(
+    test_attempts_end_in_one_line_or_a_result
+)

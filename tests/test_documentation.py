@@ -1,4 +1,7 @@
-"""What the generated reference has to hold: every key of every configuration, every command, every exported name."""
+"""
+What the generated reference has to hold: every key of every configuration, every command, every
+exported name.
+"""
 
 import importlib
 import inspect
@@ -53,7 +56,9 @@ def is_quantity(annotation):
 def tables_of(page):
     """Rows by heading: key, meaning, unit, default, type."""
     out = {}
-    for heading, body in re.findall(r"^### `([^`]+)`\n(.*?)(?=^##|\Z)", page, re.MULTILINE | re.DOTALL):
+    for heading, body in re.findall(
+        r"^### `([^`]+)`\n(.*?)(?=^##|\Z)", page, re.MULTILINE | re.DOTALL
+    ):
         rows = [
             re.split(r"(?<!\\) *\| ", line.strip("| "))
             for line in body.splitlines()
@@ -72,7 +77,9 @@ def tables():
 @pytest.mark.parametrize("model", MODELS, ids=lambda model: model.__name__)
 def test_every_key_says_what_it_means_and_a_quantity_its_unit(model, tables):
     keys = [f for f in model.model_fields if model not in (StudyConfig, Catalogue, PlanFile)]
-    assert not keys or any(set(rows) == set(keys) for rows in tables.values()), f"no table has {keys}"
+    assert not keys or any(set(rows) == set(keys) for rows in tables.values()), (
+        f"no table has {keys}"
+    )
     for name, field in model.model_fields.items():
         assert field.description, f"{model.__name__}.{name}"
         unit = re.search(r"\[([^][]+)\]$", field.description)
@@ -84,12 +91,18 @@ def test_every_key_says_what_it_means_and_a_quantity_its_unit(model, tables):
 
 def test_the_page_shows_types_defaults_and_allowed_values(tables):
     assert tables["[ocean]"]["source"][2:] == ["", "must be given", "text or list of text"]
-    assert tables["[mission]"]["duration_h"][2:] == ["h", "`168.0`", "number > 0 or text with a unit"]
+    assert tables["[mission]"]["duration_h"][2:] == [
+        "h",
+        "`168.0`",
+        "number > 0 or text with a unit",
+    ]
     assert tables["[acoustics]"]["arrival"][4] == (
         '`"direct"`, `"first"`, `"strongest"`, `"direct-or-first"`'
     )
     assert tables["[detection]"]["shipping"][2:] == ["-", "-", "number ≥ 0 ≤ 1"]
-    assert tables['[[fleet.vehicles]] kind = "waypoints"']["points"][4] == "list of list of 3 numbers"
+    assert (
+        tables['[[fleet.vehicles]] kind = "waypoints"']["points"][4] == "list of list of 3 numbers"
+    )
     assert set(tables["[noise]"]) >= {"range_sigma", "attitude_tilt_sigma"}
 
 
@@ -116,7 +129,8 @@ def test_a_key_takes_text_if_and_only_if_the_page_says_so(model, tables):
             if models_within(field.annotation) or "kind" in name:
                 continue
             key = TypeAdapter(
-                Annotated[field.annotation, *field.metadata, "as the field"], config=ConfigDict(strict=True)
+                Annotated[field.annotation, *field.metadata, "as the field"],
+                config=ConfigDict(strict=True),
             )
             alone = rows[name][4].partition("list of")[0]  # what follows are kinds of its entries
             kinds = alone.removesuffix(" or ").split(" or ")
@@ -194,7 +208,9 @@ def test_a_quantity_takes_text_with_its_unit_and_no_other(model, name, unit):
         pytest.skip("a whole number of hours of a year")
     text, number = UNITS[unit]
     lists = lists_of(field.annotation)
-    conversions = [part for part in field.metadata if isinstance(part, BeforeValidator)]  # not the limits
+    conversions = [
+        part for part in field.metadata if isinstance(part, BeforeValidator)
+    ]  # not the limits
     key = TypeAdapter(
         Annotated[field.annotation, *conversions, "as the field"], config=ConfigDict(strict=True)
     )
@@ -210,14 +226,17 @@ def test_a_quantity_takes_text_with_its_unit_and_no_other(model, name, unit):
         assert all(f"found {wrong!r}; allowed: a number of " in line for line in lines), lines
 
 
-@pytest.mark.parametrize("model", [m for m in MODELS if issubclass(m, Section)], ids=lambda m: m.__name__)
+@pytest.mark.parametrize(
+    "model", [m for m in MODELS if issubclass(m, Section)], ids=lambda m: m.__name__
+)
 def test_every_key_that_may_have_no_value_takes_the_word_none(model):
     for name, field in model.model_fields.items():
         if models_within(field.annotation):
             may_lack = field.default in (None, ())
         else:
             key = TypeAdapter(
-                Annotated[field.annotation, *field.metadata, "as the field"], config=ConfigDict(strict=True)
+                Annotated[field.annotation, *field.metadata, "as the field"],
+                config=ConfigDict(strict=True),
             )
             may_lack = accepts(key, None)
         if may_lack and not field.is_required():
@@ -255,7 +274,10 @@ def test_every_command_is_there_with_all_its_options():
         assert not MARKUP.search(command.help), f"{words}: --help swallows part of {command.help!r}"
         for parameter in command.params:
             if parameter.name != "help" and not getattr(parameter, "hidden", False):
-                assert parameter.opts[-1] in section or parameter.metavar in section, (words, parameter.name)
+                assert parameter.opts[-1] in section or parameter.metavar in section, (
+                    words,
+                    parameter.name,
+                )
                 assert parameter.help, f"{' '.join(words)}: {parameter.name} has no help"
                 assert not MARKUP.search(parameter.help), (
                     f"{' '.join(words)}: --help swallows part of {parameter.help!r}"
@@ -277,12 +299,15 @@ def test_every_exported_name_is_described(folder):
         assert f"pymantaray.{home}.{name}\n" in pages[f"reference/api/{home}.md"]
         if inspect.isclass(thing) or inspect.isfunction(thing):
             assert thing.__doc__, name
-            assert not thing.__doc__.startswith(f"{name}("), f"{name} has only what dataclass gives it"
+            assert not thing.__doc__.startswith(f"{name}("), (
+                f"{name} has only what dataclass gives it"
+            )
         else:
             homes = [m for m in sys.modules if m.startswith(f"pymantaray.{folder}.")]
             sources = [Path(sys.modules[m].__file__).read_text() for m in homes]
             assert any(
-                re.search(rf"^{name}\b.*?\n(.*\n)*?\"\"\"", source, re.MULTILINE) for source in sources
+                re.search(rf"^{name}\b.*?\n(.*\n)*?\"\"\"", source, re.MULTILINE)
+                for source in sources
             )
 
 
@@ -337,7 +362,9 @@ def test_files_commands_and_options_that_a_record_names_are_there(page):
         if re.fullmatch(r"\w+\.py|test_\w+", words):
             name = words if words.endswith(".py") else f"def {words}("
             code = [
-                path for folder in ("src", "tests", "benchmarks") for path in (root / folder).rglob("*.py")
+                path
+                for folder in ("src", "tests", "benchmarks")
+                for path in (root / folder).rglob("*.py")
             ]
             assert any(path.name == name or name in path.read_text() for path in code), words
         script = re.search(r"benchmarks/\w+\.py", words)
@@ -345,7 +372,9 @@ def test_files_commands_and_options_that_a_record_names_are_there(page):
         known = (root / script[0]).read_text() if script else ""
         if command:
             parts = command[0].split()
-            head = next(" ".join(parts[:n]) for n in range(len(parts), 0, -1) if " ".join(parts[:n]) in tree)
+            head = next(
+                " ".join(parts[:n]) for n in range(len(parts), 0, -1) if " ".join(parts[:n]) in tree
+            )
             assert len(head.split()) > 1, words
             known = str([parameter.opts for parameter in tree[head].params])
         if known:

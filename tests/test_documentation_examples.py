@@ -19,7 +19,8 @@ GALLERY = DOCS / "figures" / "README.md"
 WITH_CODE = [
     p
     for p in PAGES
-    if p != GALLERY and any(b.language in RUNS and b.mark != "not run" for b in blocks_of(p.read_text()))
+    if p != GALLERY
+    and any(b.language in RUNS and b.mark != "not run" for b in blocks_of(p.read_text()))
 ]
 QUICK = ("reference/ocean-files.md", "theory/loss.md")
 """Pages that take seconds."""
@@ -30,7 +31,9 @@ def name_of(page: Path) -> str:
 
 
 def marked(page: Path):
-    return pytest.param(page, id=name_of(page), marks=() if name_of(page) in QUICK else pytest.mark.slow)
+    return pytest.param(
+        page, id=name_of(page), marks=() if name_of(page) in QUICK else pytest.mark.slow
+    )
 
 
 @pytest.mark.parametrize("page", [marked(page) for page in WITH_CODE])
@@ -40,7 +43,9 @@ def test_a_page_runs_as_it_stands(page, tmp_path):
     if name_of(page) == "how-to/travel-times.md":
         table = pd.read_csv(tmp_path / "times.csv")
         assert table["status"].tolist() == ["ok", "ok", "ok"]
-        np.testing.assert_allclose(table["travel_time_s"][:2], names["first"].travel_time, rtol=1e-11)
+        np.testing.assert_allclose(
+            table["travel_time_s"][:2], names["first"].travel_time, rtol=1e-11
+        )
         assert np.all(names["travel_time_sensitivity"](names["paths"], names["layers"]) <= 0.0)
     if name_of(page) == "reference/ocean-files.md":
         ocean = open_ocean(tmp_path / "ligurian.nc")
@@ -71,7 +76,9 @@ def test_commands_of_readme_fit_on_a_screen():
 @pytest.mark.parametrize("page", PAGES, ids=name_of)
 def test_marks_of_blocks_say_something(page):
     for block in blocks_of(page.read_text()):
-        assert block.mark is None or (block.mark in MARKS and len(block.said) > 3), f"line {block.line}"
+        assert block.mark is None or (block.mark in MARKS and len(block.said) > 3), (
+            f"line {block.line}"
+        )
         assert not block.language.isspace()
 
 
@@ -88,7 +95,8 @@ def test_what_is_shown_has_to_be_printed():
 def test_a_page_that_fails_is_told_with_its_line(tmp_path):
     page = tmp_path / "page.md"
     page.write_text(
-        "# A page\n\n<!-- not run: it ends everything -->\n```sh\nexit 1\n```\n\n```python\nx = 1 / 0\n```\n"
+        "# A page\n\n<!-- not run: it ends everything -->\n```sh\nexit 1\n```\n\n```python\nx = 1"
+        " / 0\n```\n"
     )
     with pytest.raises(ZeroDivisionError):
         follow(page, tmp_path)
@@ -101,11 +109,15 @@ def test_a_page_that_fails_is_told_with_its_line(tmp_path):
 def test_every_figure_has_a_caption_and_commands_that_write_it():
     gallery = runpy.run_path(str(ROOT / "benchmarks" / "gallery.py"))
     made = {
-        name: text for names, _, text in gallery["commands"](gallery["GALLERY"].read_text()) for name in names
+        name: text
+        for names, _, text in gallery["commands"](gallery["GALLERY"].read_text())
+        for name in names
     }
     assert set(made) == {path.stem for path in (DOCS / "figures").glob("*.png")}
     for name, text in made.items():
-        scripts = [(ROOT / script).read_text() for script in re.findall(r"benchmarks/\w+\.py", text)]
+        scripts = [
+            (ROOT / script).read_text() for script in re.findall(r"benchmarks/\w+\.py", text)
+        ]
         stem = re.split(r"_(?=fram$|beaufort$)", name)[0]
         assert any(stem in words for words in (text, *scripts)), name
 
@@ -113,10 +125,14 @@ def test_every_figure_has_a_caption_and_commands_that_write_it():
 SOURCES = sorted(path for path in (ROOT / "src").rglob("*.py") if ">>>" in path.read_text())
 
 
-@pytest.mark.parametrize("source", SOURCES, ids=lambda path: path.relative_to(ROOT / "src").as_posix())
+@pytest.mark.parametrize(
+    "source", SOURCES, ids=lambda path: path.relative_to(ROOT / "src").as_posix()
+)
 def test_examples_in_docstrings_print_what_they_show(source, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
-    module = importlib.import_module(".".join(source.relative_to(ROOT / "src").with_suffix("").parts))
+    module = importlib.import_module(
+        ".".join(source.relative_to(ROOT / "src").with_suffix("").parts)
+    )
     done = doctest.testmod(module, optionflags=doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE)
     assert done.failed == 0
     assert done.attempted or "+SKIP" in source.read_text()

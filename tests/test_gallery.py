@@ -16,13 +16,17 @@ QUICK = ("plot_eddy", "plot_foreign_graph")
 
 
 def has_own_scale(panel):
-    """True if the vertical axis has numbers; a panel that shares the axis of its neighbour has none."""
+    """
+    True if the vertical axis has numbers; a panel that shares the axis of its neighbour has none.
+    """
     shown = panel.yaxis.get_tick_params()
     return shown.get("labelleft", True) or shown.get("labelright", False)
 
 
 def marked(script: Path):
-    return pytest.param(script, id=script.stem, marks=() if script.stem in QUICK else pytest.mark.slow)
+    return pytest.param(
+        script, id=script.stem, marks=() if script.stem in QUICK else pytest.mark.slow
+    )
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
@@ -43,10 +47,17 @@ def test_a_script_draws_data_with_units(script, monkeypatch):
     figure = runpy.run_path(str(script))["figure"]
     figure.canvas.draw()
     axes = figure.axes[0]
-    drawn = [line.get_ydata() for line in axes.lines] + [mesh.get_array() for mesh in axes.collections]
+    drawn = [line.get_ydata() for line in axes.lines] + [
+        mesh.get_array() for mesh in axes.collections
+    ]
     assert any(
-        np.isfinite(np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)).any() for values in drawn
+        np.isfinite(np.ma.filled(np.ma.asarray(values, dtype=float), np.nan)).any()
+        for values in drawn
     )
-    assert all(re.search(r"\[.+\]$", panel.get_ylabel()) for panel in figure.axes if has_own_scale(panel))
+    assert all(
+        re.search(r"\[.+\]$", panel.get_ylabel()) for panel in figure.axes if has_own_scale(panel)
+    )
     plt.close("all")
-    assert [path for path in sorted(script.parent.iterdir()) if path.name != "__pycache__"] == before
+    assert [
+        path for path in sorted(script.parent.iterdir()) if path.name != "__pycache__"
+    ] == before

@@ -1,4 +1,6 @@
-"""Messages: none repeats a password or a token, and those of the library name arguments, not options."""
+"""
+Messages: none repeats a password or a token, and those of the library name arguments, not options.
+"""
 
 import ast
 import inspect
@@ -28,7 +30,8 @@ HIDDEN = {
     f"s3:/ann:{SECRET}@bucket/x: is a file": "s3://bucket/x: is a file",
     f"ann:{SECRET}@host:8786: no answer": "host:8786: no answer",
     f"https://host/sea.nc?token={SECRET}: an address": "https://host/sea.nc?token=...: an address",
-    f"https://host/a?x=1&X-Amz-Signature={SECRET}&b=2 and on": "https://host/a?x=...&X-Amz-Signature=...&b=... and on",
+    f"https://host/a?x=1&X-Amz-Signature={SECRET}&b=2 and"
+    " on": "https://host/a?x=...&X-Amz-Signature=...&b=... and on",
     f"sea.nc?sig={SECRET}": "sea.nc?sig=...",
     f"'https://host/#access_token={SECRET}'": "'https://host/#access_token=...'",
     f"http://a/b, http://ann:{SECRET}@c/d": "http://a/b, http://c/d",
@@ -56,12 +59,21 @@ def test_text_of_unknown_origin_becomes_one_short_line():
     assert one_line("a\nb\t\x1b[31mc " + "d" * 500, 20) == "a b [31mc ddddddd..."
 
 
-ADDRESSES = [f"https://ann:{SECRET}@nowhere.invalid/x.nc", f"https://nowhere.invalid/x.nc?token={SECRET}"]
+ADDRESSES = [
+    f"https://ann:{SECRET}@nowhere.invalid/x.nc",
+    f"https://nowhere.invalid/x.nc?token={SECRET}",
+]
 COMMANDS = [
-    "ocean check {}", "ocean show {}", "ocean perturb {} out.nc --method mean", "ocean fetch out.nc --servers {}", "rays times links.csv out.csv --ocean {}",
-    "ranges m.csv --out out --interval 60 --ocean {}", "ranges {} --ocean synthetic:fram --interval 60 --out out", "replay {} --ocean synthetic:fram", "graph show {}", "graph solve {}",
-    "study run {}", "study show {}", "study check {}", "sweep run {} --out out", "sweep status {}", "sweep collect {}", "serve {}",
-    "atlas {}", "export {} --to tum", "{}", "study {}", "sweep run sweep.toml --out {}", "sweep run sweep.toml --out out --scheduler {}",
+    ("ocean check"
+    " {}"), "ocean show {}", "ocean perturb {} out.nc --method mean", ("ocean fetch out.nc --servers"
+                           " {}"), "rays times links.csv out.csv --ocean {}",
+    ("ranges m.csv --out out --interval 60 --ocean"
+    " {}"), ("ranges {} --ocean synthetic:fram --interval 60 --out"
+           " out"), "replay {} --ocean synthetic:fram", "graph show {}", "graph solve {}",
+    "study run {}", "study show {}", "study check {}", ("sweep run {} --out"
+                                  " out"), "sweep status {}", "sweep collect {}", "serve {}",
+    "atlas {}", "export {} --to tum", "{}", "study {}", ("sweep run sweep.toml --out"
+                                          " {}"), "sweep run sweep.toml --out out --scheduler {}",
 ]  # fmt: skip
 
 
@@ -91,14 +103,26 @@ def test_no_scheduler_s_password_is_repeated(capsys, tmp_path, monkeypatch):
         '[sweep]\nname = "s"\nbase = "quick"\n[[grid]]\nfield = "study.seed"\nvalues = [1]\n'
     )
     with pytest.raises(SystemExit):
-        main(["sweep", "run", "sweep.toml", "--out", "out", "--scheduler", f"tcp://ann:{SECRET}@127.0.0.1:9"])
+        main(
+            [
+                "sweep",
+                "run",
+                "sweep.toml",
+                "--out",
+                "out",
+                "--scheduler",
+                f"tcp://ann:{SECRET}@127.0.0.1:9",
+            ]
+        )
     said = capsys.readouterr()
     assert SECRET not in said.out + said.err
 
 
 def test_logs_and_manifests_leave_secrets_out(capsys, monkeypatch):
     with log_to_stderr(quiet=False, verbose=0):
-        logging.getLogger("pymantaray.apps.sweep").warning("scheduler tls://ann:%s@host is gone", SECRET)
+        logging.getLogger("pymantaray.apps.sweep").warning(
+            "scheduler tls://ann:%s@host is gone", SECRET
+        )
     assert capsys.readouterr().err == "warning: scheduler tls://host is gone\n"
     monkeypatch.setattr(
         sys, "argv", ["/bin/mantaray", "sweep", "run", "--out", f"s3://ann:{SECRET}@bucket/x"]
@@ -112,8 +136,16 @@ FLAG = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
 
 
 def literals_of(tree):
-    """Texts of a module other than docstrings, with their lines; the fields of a formatted text are {}."""
-    parts = {id(part) for node in ast.walk(tree) if isinstance(node, ast.JoinedStr) for part in node.values}
+    """
+    Texts of a module other than docstrings, with their lines; the fields of a formatted text are
+    {}.
+    """
+    parts = {
+        id(part)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.JoinedStr)
+        for part in node.values
+    }
     parts |= {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
     for node in ast.walk(tree):
         if id(node) in parts:
@@ -126,7 +158,10 @@ def literals_of(tree):
 
 
 def library_texts():
-    """Place and text of every literal outside the command line; options of other programs and whole commands are no messages."""
+    """
+    Place and text of every literal outside the command line; options of other programs and whole
+    commands are no messages.
+    """
     for path in sorted(LIBRARY.rglob("*.py")):
         if LIBRARY / "cli" in path.parents:
             continue
@@ -147,7 +182,10 @@ def test_messages_of_the_library_have_no_options():
 
 
 def test_arguments_in_messages_are_options_of_a_command():
-    """An argument in backquotes, with or without a value, which the command line replaces by its option."""
+    """
+    An argument in backquotes, with or without a value, which the command line replaces by its
+    option.
+    """
     tree = typer.main.get_command(app)
     names = {p.name for command in commands_of(tree) for p in command.params} | set(_PARAMETERS)
     named = {
@@ -161,14 +199,22 @@ def test_arguments_in_messages_are_options_of_a_command():
 
 def test_the_command_line_names_its_options_instead_of_arguments():
     def command(
-        *, centre: Annotated[str, typer.Option()], force: Annotated[bool, typer.Option("--force/--keep")]
+        *,
+        centre: Annotated[str, typer.Option()],
+        force: Annotated[bool, typer.Option("--force/--keep")],
     ): ...
 
     use_options_of(inspect.signature(command).parameters.values())
     text = "give `centre`, `centre='1 2'`, `overwrite=True` or `depth`; `study.centre` is a key"
-    assert in_options(text) == "give --centre, --centre 1 2, --force or `depth`; `study.centre` is a key"
+    assert (
+        in_options(text)
+        == "give --centre, --centre 1 2, --force or `depth`; `study.centre` is a key"
+    )
 
 
 def commands_of(command):
     """Commands below a command, with the command itself."""
-    return [command, *(c for inner in getattr(command, "commands", {}).values() for c in commands_of(inner))]
+    return [
+        command,
+        *(c for inner in getattr(command, "commands", {}).values() for c in commands_of(inner)),
+    ]

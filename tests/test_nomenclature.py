@@ -1,4 +1,7 @@
-"""The nomenclature against everything that has a name in it: parameters, columns of records, keys of configurations."""
+"""
+The nomenclature against everything that has a name in it: parameters, columns of records, keys of
+configurations.
+"""
 
 import ast
 import importlib
@@ -31,7 +34,9 @@ def exported():
 def units_of(names, text):
     """Unit of each name of an entry: one for all, or as many as there are names."""
     units = [
-        u for bracket in re.findall(r"\[([^][]+)\](?=[\s,.;]|$)", text) for u in re.split(r", ", bracket)
+        u
+        for bracket in re.findall(r"\[([^][]+)\](?=[\s,.;]|$)", text)
+        for u in re.split(r", ", bracket)
     ]
     if len(set(units)) > 1 and len(units) == len(names):
         return units
@@ -41,9 +46,13 @@ def units_of(names, text):
 def documented():
     """Place, name and unit of all that is named in docstrings, records and configurations."""
     for place, thing in exported():
-        for names, text in ENTRY.findall(inspect.getdoc(thing) + "\n" if inspect.getdoc(thing) else ""):
+        for names, text in ENTRY.findall(
+            inspect.getdoc(thing) + "\n" if inspect.getdoc(thing) else ""
+        ):
             words = names.split(", ")
-            yield from ((place, name, unit) for name, unit in zip(words, units_of(words, text), strict=True))
+            yield from (
+                (place, name, unit) for name, unit in zip(words, units_of(words, text), strict=True)
+            )
         for f in fields(thing) if is_dataclass(thing) and inspect.isclass(thing) else ():
             if "dims" in f.metadata:
                 yield place, f.name, PAGES["column_unit"](f.name, f.metadata["units"])
@@ -74,11 +83,15 @@ def test_every_name_of_the_nomenclature_is_one_of_the_code():
     source = "".join(path.read_text() for path in (DOCS.parent / "src").rglob("*.py"))
     for entry in PAGES["nomenclature"]():
         word = entry.replace("...", r"\w+")
-        assert any(re.fullmatch(word, name) for name in names) or re.search(rf"\b{word}\b", source), entry
+        assert any(re.fullmatch(word, name) for name in names) or re.search(
+            rf"\b{word}\b", source
+        ), entry
 
 
 def test_no_docstring_begins_with_a_relative_clause():
-    """It begins with a verb or a noun, as in "Return True if ..." or "Travel time of each link."."""
+    """
+    It begins with a verb or a noun, as in "Return True if ..." or "Travel time of each link.".
+    """
     clause = re.compile(r"\s*(Whether|What|Told|How|Which|Who|Where)\b")
     begun = []
     for path in sorted((DOCS.parent / "src").rglob("*.py")):

@@ -1,4 +1,7 @@
-"""What is published: contents of wheel and source archive, and that both install into an empty environment and run there."""
+"""
+What is published: contents of wheel and source archive, and that both install into an empty
+environment and run there.
+"""
 
 import os
 import re
@@ -41,7 +44,9 @@ def empty(tmp_path_factory):
 def tracked():
     """Files of the package that belong into the archives."""
     suffixes = {".py", ".h", ".toml", ".html", ".js", ".css", ".mplstyle", ".typed"}
-    files = [path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts]
+    files = [
+        path for path in PACKAGE.rglob("*") if path.is_file() and "__pycache__" not in path.parts
+    ]
     assert {path.suffix or path.name for path in files} <= {*suffixes, "py.typed"}
     return {f"pymantaray/{path.relative_to(PACKAGE).as_posix()}" for path in files}
 
@@ -75,8 +80,13 @@ def test_archives_hold_the_package_and_nothing_else(archives):
 
 
 @pytest.mark.slow
-def test_the_wheel_runs_in_an_empty_environment_that_cannot_be_written_to(archives, empty, tmp_path):
-    """Outside the tree; kernels are kept in the user's cache then. The source archive installs there too."""
+def test_the_wheel_runs_in_an_empty_environment_that_cannot_be_written_to(
+    archives, empty, tmp_path
+):
+    """
+    Outside the tree; kernels are kept in the user's cache then. The source archive installs there
+    too.
+    """
     source, wheel = archives
     call(empty, "-m", "pip", "install", "--quiet", wheel)
     site = (
@@ -84,7 +94,9 @@ def test_the_wheel_runs_in_an_empty_environment_that_cannot_be_written_to(archiv
         / "pymantaray"
     )
     assert site.is_dir()
-    for folder in [path for path in (site, *site.rglob("*")) if path.is_dir() and path.name != "__pycache__"]:
+    for folder in [
+        path for path in (site, *site.rglob("*")) if path.is_dir() and path.name != "__pycache__"
+    ]:
         cache = folder / "__pycache__"  # root may write anywhere, but not into what is no folder
         if cache.exists():
             call("rm", "-r", cache)

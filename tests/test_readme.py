@@ -1,4 +1,7 @@
-"""The first page on a package index: absolute links that lead into this tree, and numbers that are those of the paper's page."""
+"""
+The first page on a package index: absolute links that lead into this tree, and numbers that are
+those of the paper's page.
+"""
 
 import re
 import subprocess
@@ -28,13 +31,17 @@ def test_files_that_repeat_the_address_of_the_repository_agree_with_the_project(
     """It is defined in `[project.urls]`; no other file of the repository contains it."""
     name = HOME.rpartition("/")[2]
     address = re.compile(rf"https://(?:github|raw\.githubusercontent)\.com/[\w-]+/{name}\b")
-    listed = subprocess.run(["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False).stdout
+    listed = subprocess.run(
+        ["git", "ls-files"], cwd=ROOT, capture_output=True, text=True, check=False
+    ).stdout
     texts = {
         path: (ROOT / path).read_text(encoding="utf-8")
         for path in listed.split()
         if path.endswith((".md", ".toml", ".cff", ".yaml", ".yml", ".py", ".html", ".rst"))
     }
-    found = {path: set(address.findall(text)) for path, text in texts.items() if address.search(text)}
+    found = {
+        path: set(address.findall(text)) for path, text in texts.items() if address.search(text)
+    }
     expected = {HOME, HOME.replace("github.com", "raw.githubusercontent.com")}
     assert all(addresses <= expected for addresses in found.values()), found
     assert set(found) <= {"pyproject.toml", "README.md", "CITATION.cff", "conda/recipe.yaml"}
@@ -44,7 +51,9 @@ def test_files_that_repeat_the_address_of_the_repository_agree_with_the_project(
 
 def test_numbers_beside_the_paper_are_those_of_its_page():
     page = (DOCS / "paper.md").read_text(encoding="utf-8")
-    rows = re.findall(r"^\| (.*) \|$", README.partition("## Comparison with the paper")[2], re.MULTILINE)
+    rows = re.findall(
+        r"^\| (.*) \|$", README.partition("## Comparison with the paper")[2], re.MULTILINE
+    )
     assert len(rows) == 6
     shown = [row.split(" | ") for row in rows[1:]]
     by_paper = {name: re.search(rf"^\| {re.escape(name)} \|(.*)\|$", page, re.MULTILINE) for name in
@@ -61,7 +70,9 @@ def test_numbers_beside_the_paper_are_those_of_its_page():
 
 def test_mantaray_is_cited_as_readme_and_citation_file_do():
     yaml = pytest.importorskip("yaml")
-    entry = next(reference for reference in citation(load_study("quick")) if reference.key == "mantaray")
+    entry = next(
+        reference for reference in citation(load_study("quick")) if reference.key == "mantaray"
+    )
     stated = re.search(r"^@software\{mantaray,$.*?^\}$", README, re.MULTILINE | re.DOTALL)
     fields = [dict(re.findall(r"(\w+) *= \{(.*)\}", text)) for text in (stated[0], entry.bibtex)]
     assert fields[0] == fields[1]

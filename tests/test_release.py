@@ -1,4 +1,6 @@
-"""The check of a release refuses what must not be published, and the recipe agrees with the package."""
+"""
+The check of a release refuses what must not be published, and the recipe agrees with the package.
+"""
 
 import re
 import runpy
@@ -61,7 +63,9 @@ def test_a_release_needs_a_dated_section_of_the_changelog(check, tmp_path, chang
 def test_the_recipe_needs_what_the_package_needs():
     recipe = yaml.safe_load((ROOT / "conda" / "recipe.yaml").read_text(encoding="utf-8"))
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    ours = {IN_CONDA.get(r.name, r.name): r.specifier for r in map(Requirement, project["dependencies"])}
+    ours = {
+        IN_CONDA.get(r.name, r.name): r.specifier for r in map(Requirement, project["dependencies"])
+    }
     rows = [row.split(" ", 1) for row in recipe["requirements"]["run"]]
     theirs = {name: SpecifierSet(version) for name, version in rows}
     assert theirs.pop("python") == SpecifierSet(project["requires-python"])
@@ -92,15 +96,26 @@ def test_tests_that_read_the_source_tree_are_not_run_on_the_wheel():
     """Elsewhere `ROOT` leads only to folders that are copied beside these tests."""
     script = runpy.run_path(str(ROOT / ".ci" / "release_check.py"))
     outside = re.compile(rf'ROOT / "(?!({"|".join(script["COPIED"])})["/]|pyproject)')
-    readers = {path.name for path in (ROOT / "tests").rglob("test_*.py") if outside.search(path.read_text())}
+    readers = {
+        path.name
+        for path in (ROOT / "tests").rglob("test_*.py")
+        if outside.search(path.read_text())
+    }
     assert {"test_readme.py", "test_release.py"} <= readers
-    assert [name for name in readers if not any(fnmatch(name, p) for p in script["NEED_SOURCE"])] == []
+    assert [
+        name for name in readers if not any(fnmatch(name, p) for p in script["NEED_SOURCE"])
+    ] == []
 
 
 def test_what_is_published_was_checked():
-    jobs = yaml.safe_load((ROOT / ".github" / "workflows" / "release.yml").read_text(encoding="utf-8"))[
-        "jobs"
-    ]
+    jobs = yaml.safe_load(
+        (ROOT / ".github" / "workflows" / "release.yml").read_text(encoding="utf-8")
+    )["jobs"]
     assert any(step.get("run") == "make release-check" for step in jobs["check"]["steps"])
-    assert (jobs["publish"]["needs"], jobs["publish"]["permissions"]) == ("check", {"id-token": "write"})
-    assert re.search(r"^release-check:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)
+    assert (jobs["publish"]["needs"], jobs["publish"]["permissions"]) == (
+        "check",
+        {"id-token": "write"},
+    )
+    assert re.search(
+        r"^release-check:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE
+    )

@@ -31,12 +31,17 @@ def public(folder):
                 if key == "__init__" or not key.startswith("_")
             }
             yield from (
-                (f"{name}.{key}", member) for key, member in members.items() if inspect.isroutine(member)
+                (f"{name}.{key}", member)
+                for key, member in members.items()
+                if inspect.isroutine(member)
             )
 
 
 def public_routines(folder):
-    """Public functions of a folder, and methods of its classes and their bases, each with its texts: its own and inherited."""
+    """
+    Public functions of a folder, and methods of its classes and their bases, each with its texts:
+    its own and inherited.
+    """
     module = importlib.import_module(folder)
     for name in getattr(module, "__all__", []):
         thing = getattr(module, name)
@@ -48,7 +53,9 @@ def public_routines(folder):
             else []
         )
         kept = types.FunctionType | classmethod | staticmethod
-        keys = {key for kind in kinds for key, member in vars(kind).items() if isinstance(member, kept)}
+        keys = {
+            key for kind in kinds for key, member in vars(kind).items() if isinstance(member, kept)
+        }
         for key in sorted(key for key in keys if not key.startswith("_")):
             texts = [inspect.getdoc(getattr(kind, key)) for kind in kinds if hasattr(kind, key)]
             yield f"{name}.{key}", getattr(thing, key), texts
@@ -89,7 +96,10 @@ PACKAGES = [
 
 
 def exported_things():
-    """Every exported name of every package, with the objects that have it and the packages that export them."""
+    """
+    Every exported name of every package, with the objects that have it and the packages that export
+    them.
+    """
     things: dict[str, dict[int, tuple[object, list[str]]]] = {}
     for package in PACKAGES:
         module = importlib.import_module(package)

@@ -1,4 +1,7 @@
-"""The documentation as a site, built from nothing: links and anchors, and names that lead to the nomenclature."""
+"""
+The documentation as a site, built from nothing: links and anchors, and names that lead to the
+nomenclature.
+"""
 
 import posixpath
 import runpy
@@ -35,9 +38,14 @@ def html(tmp_path_factory):
 @pytest.fixture(scope="module")
 def pages(html):
     """Articles and anchors by the place of their page."""
-    trees = {p: BeautifulSoup(p.read_text(encoding="utf-8"), "html.parser") for p in html.rglob("*.html")}
+    trees = {
+        p: BeautifulSoup(p.read_text(encoding="utf-8"), "html.parser") for p in html.rglob("*.html")
+    }
     return {
-        p.relative_to(html).as_posix(): (tree.article or tree, {e["id"] for e in tree.select("[id]")})
+        p.relative_to(html).as_posix(): (
+            tree.article or tree,
+            {e["id"] for e in tree.select("[id]")},
+        )
         for p, tree in trees.items()
     }
 
@@ -57,7 +65,8 @@ def test_every_link_leads_to_a_page_and_an_anchor(html, pages):
         for page, (article, _) in pages.items()
         if not page.startswith("_")  # sources and templates of the theme
         for place, anchor in links(page, article)
-        if not (html / place).is_file() or (anchor and place in pages and anchor not in pages[place][1])
+        if not (html / place).is_file()
+        or (anchor and place in pages and anchor not in pages[place][1])
     ]
     assert not dead, "\n".join(dead)
 
@@ -69,7 +78,9 @@ def test_names_of_quantities_lead_to_the_nomenclature(pages):
     for page, (article, _) in pages.items():
         if not page.startswith("reference/"):
             continue
-        keys = article.select("td:first-child code") if page == "reference/configuration.html" else ()
+        keys = (
+            article.select("td:first-child code") if page == "reference/configuration.html" else ()
+        )
         for names in (*article.select("dt > strong"), *keys):
             linked = {a.get_text(): a["href"] for a in names.select("a")}
             for name in names.get_text().split(", "):
@@ -180,4 +191,6 @@ def test_scripts_of_the_gallery_are_in_their_order(pages):
     article, _ = pages["scripts/index.html"]
     order = [link["href"] for link in article.select(".sphx-glr-thumbcontainer a")]
     assert order[0] == "plot_bent_ray.html"
-    assert sorted(order) == sorted(f"{path.stem}.html" for path in (EXAMPLES / "gallery").glob("plot_*.py"))
+    assert sorted(order) == sorted(
+        f"{path.stem}.html" for path in (EXAMPLES / "gallery").glob("plot_*.py")
+    )

@@ -1,4 +1,7 @@
-"""Laws of the package's structure: no circle of imports, and functions of limited length with few arguments."""
+"""
+Laws of the package's structure: no circle of imports, and functions of limited length with few
+arguments.
+"""
 
 import ast
 from collections.abc import Iterator
@@ -13,22 +16,32 @@ import pymantaray
 
 ROOT = Path(pymantaray.__file__).parent
 MODULES = {
-    ".".join(("pymantaray", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(".__init__"): path
+    ".".join(("pymantaray", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(
+        ".__init__"
+    ): path
     for path in ROOT.rglob("*.py")
 }
 TREES = {name: ast.parse(path.read_text()) for name, path in MODULES.items()}
-MAX_LINES = {"pymantaray.acoustics._kernels.trace.trace": 134}  # one step of a ray with all its events
+MAX_LINES = {
+    "pymantaray.acoustics._kernels.trace.trace": 134
+}  # one step of a ray with all its events
 USUAL_LINES, MAX_ARGUMENTS = 60, 8
 
 
 def _imports(tree: ast.Module, *, of_package: bool) -> Iterator[ast.Import | ast.ImportFrom]:
-    """Imports anywhere in a module; those for type checkers count in a package, whose lazy exports they are."""
+    """
+    Imports anywhere in a module; those for type checkers count in a package, whose lazy exports
+    they are.
+    """
     waiting: list[ast.AST] = [tree]
     while waiting:
         node = waiting.pop()
         if isinstance(node, ast.Import | ast.ImportFrom):
             yield node
-        elif not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test)) or of_package:
+        elif (
+            not (isinstance(node, ast.If) and "TYPE_CHECKING" in ast.unparse(node.test))
+            or of_package
+        ):
             waiting += ast.iter_child_nodes(node)
 
 
@@ -39,7 +52,9 @@ def _home(package: str, name: str) -> str:
         return f"{package}.{name}"
     if package in MODULES and MODULES[package].name == "__init__.py":
         for line in _imports(TREES[package], of_package=True):
-            if isinstance(line, ast.ImportFrom) and name in {a.asname or a.name for a in line.names}:
+            if isinstance(line, ast.ImportFrom) and name in {
+                a.asname or a.name for a in line.names
+            }:
                 return _home(str(line.module), name)
     return package
 
@@ -81,7 +96,8 @@ def test_scripts_import_names_that_exist():
                 missing += [
                     f"{path.name}: {line.module}.{alias.name}"
                     for alias in line.names
-                    if not hasattr(module, alias.name) and f"{line.module}.{alias.name}" not in MODULES
+                    if not hasattr(module, alias.name)
+                    and f"{line.module}.{alias.name}" not in MODULES
                 ]
     assert missing == []
 

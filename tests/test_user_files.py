@@ -91,7 +91,14 @@ def test_a_file_that_grows_or_has_no_size_is_read_to_the_limit(tmp_path):
     ):
         pass
     if Path("/proc/self/status").exists():  # a regular file with a size of 0
-        refused(RecordError, "more than 99 bytes", read_bytes, "/proc/self/status", RecordError, limit=99)
+        refused(
+            RecordError,
+            "more than 99 bytes",
+            read_bytes,
+            "/proc/self/status",
+            RecordError,
+            limit=99,
+        )
     assert first_bytes(tmp_path / "a", 3) == b"xxx"
     assert first_bytes("/dev/zero", 3) == first_bytes(tmp_path / "none", 3) == b""
     (tmp_path / "a").write_bytes(b"\xff\xfea")
@@ -137,7 +144,9 @@ def test_a_pattern_finds_what_glob_finds_and_stops(tmp_path, monkeypatch):
         absolute = str(tmp_path / pattern)
         assert matching_files(absolute, Path(), RecordError) == sorted(expected), pattern
     monkeypatch.setattr("pymantaray.user_files._MAX_SEARCHED", 5)
-    refused(RecordError, "more than 5 files to search", matching_files, "**/y", tmp_path, RecordError)
+    refused(
+        RecordError, "more than 5 files to search", matching_files, "**/y", tmp_path, RecordError
+    )
 
 
 def test_names_in_messages_are_short_and_printable():

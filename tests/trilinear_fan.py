@@ -1,4 +1,7 @@
-"""Fans of rays in a trilinear field from a grid: an oracle for direct rays that shares no code with the solver."""
+"""
+Fans of rays in a trilinear field from a grid: an oracle for direct rays that shares no code with
+the solver.
+"""
 
 import numpy as np
 from numba import njit
@@ -53,7 +56,10 @@ def _moved(s, h, k):
 
 @njit
 def _trace(axes, speed, source, launch, along, distance, step, out):
-    """Offset east and north, depth and time of rays in the plane at a distance; NaN outside the water or after a turn."""
+    """
+    Offset east and north, depth and time of rays in the plane at a distance; NaN outside the water
+    or after a turn.
+    """
     x0, y0 = source[0], source[1]
     for n in range(launch.shape[0]):
         c = _field(axes, speed, x0, y0, source[2])[0]
@@ -78,7 +84,9 @@ def _trace(axes, speed, source, launch, along, distance, step, out):
 
 
 def _fan(axes, speed, ends, elevations, step):
-    """Depths below the receiver and travel times of rays that end in the vertical line through it."""
+    """
+    Depths below the receiver and travel times of rays that end in the vertical line through it.
+    """
     source, receiver = ends
     distance = np.hypot(*(receiver - source)[:2])
     along = (receiver - source)[:2] / distance
@@ -97,7 +105,8 @@ def first_direct_time(axes, speed, source, receiver, half_angle=0.17, count=1601
     """
     Least travel time of the rays of a fan that meet a receiver [s]; NaN without a ray.
 
-    A second fan with a shorter step looks about each pair of neighbours on both sides of the receiver.
+    A second fan with a shorter step looks about each pair of neighbours on both sides of the
+    receiver.
     """
     ends = np.asarray(source, dtype=float), np.asarray(receiver, dtype=float)
     coarse = np.linspace(-half_angle, half_angle, count)

@@ -1,4 +1,7 @@
-"""Generated graph files with several minima: rings, tori and spheres with noise, a survey, and landmarks that may be mirrored in depth."""
+"""
+Generated graph files with several minima: rings, tori and spheres with noise, a survey, and
+landmarks that may be mirrored in depth.
+"""
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -33,7 +36,10 @@ def ring(n, twist, seed, rotation_sigma, translation_sigma):
 
 
 def drone(seed=3, *, wave=2.0, landmark=(40.0, 30.0, 25.0)):
-    """PyFactorGraph text of a nearly level path with ranges to a landmark, whose vertex is mirrored in depth."""
+    """
+    PyFactorGraph text of a nearly level path with ranges to a landmark, whose vertex is mirrored in
+    depth.
+    """
     rng = np.random.default_rng(seed)
     n, sigma = 40, np.repeat([0.02, 1e-3], 3)
     angle = np.linspace(0.0, 1.5 * np.pi, n)
@@ -46,7 +52,9 @@ def drone(seed=3, *, wave=2.0, landmark=(40.0, 30.0, 25.0)):
         noise = sigma * rng.normal(size=6)
         turn = Rotation.from_rotvec(noise[3:]).as_quat()
         step = place[k] - place[k - 1] + noise[:3]
-        lines.append(line("EDGE_SE3:QUAT", k, f"A{k - 1} A{k}", step, turn, upper(np.diag(sigma**2))))
+        lines.append(
+            line("EDGE_SE3:QUAT", k, f"A{k - 1} A{k}", step, turn, upper(np.diag(sigma**2)))
+        )
     for k in range(0, n, 2):
         distance = np.linalg.norm(place[k] - landmark) + rng.normal()
         lines.append(line("EDGE_RANGE", k, f"A{k} L0", distance, 1.0))
@@ -54,36 +62,50 @@ def drone(seed=3, *, wave=2.0, landmark=(40.0, 30.0, 25.0)):
 
 
 def pose_graph(place, rotation, pairs, start, sigma, rng):
-    """g2o text of relative poses with noise: sigma of translation [m] and rotation [rad]; vertices are the start."""
+    """
+    g2o text of relative poses with noise: sigma of translation [m] and rotation [rad]; vertices are
+    the start.
+    """
     spread = np.repeat(sigma, 3)
     lines = [line("VERTEX_SE3:QUAT", k, place[k], start[k].as_quat()) for k in range(len(place))]
     for a, b in pairs:
         noise = spread * rng.normal(size=6)
         step = rotation[a].inv().apply(place[b] - place[a]) + noise[:3]
         turn = rotation[a].inv() * rotation[b] * Rotation.from_rotvec(noise[3:])
-        lines.append(line("EDGE_SE3:QUAT", a, b, step, turn.as_quat(), upper(np.diag(spread**-2.0))))
+        lines.append(
+            line("EDGE_SE3:QUAT", a, b, step, turn.as_quat(), upper(np.diag(spread**-2.0)))
+        )
     return "\n".join(lines) + "\n"
 
 
 def torus(seed, sigma, *, twist=0, around=12, across=6):
-    """A torus of poses; the vertices of the file turn ``twist`` times too often on the way round."""
+    """
+    A torus of poses; the vertices of the file turn ``twist`` times too often on the way round.
+    """
     rng = np.random.default_rng(seed)
     k = np.arange(around * across)
     a, b = 2.0 * np.pi * (k // across) / around, 2.0 * np.pi * (k % across) / across
     radius = 10.0 + 3.0 * np.cos(b)
     place = np.column_stack([radius * np.cos(a), radius * np.sin(a), 3.0 * np.sin(b)])
-    true, twisted = (Rotation.from_rotvec(np.outer(turns * a, [0.0, 0.0, 1.0])) for turns in (1, 1 + twist))
+    true, twisted = (
+        Rotation.from_rotvec(np.outer(turns * a, [0.0, 0.0, 1.0])) for turns in (1, 1 + twist)
+    )
     pairs = [(i, (i // across) * across + (i + 1) % across) for i in k]
     pairs += [(i, (i + across) % k.size) for i in k]
     return pose_graph(place, true, pairs, twisted, sigma, rng)
 
 
 def sphere(seed, sigma, *, rings=6, each=10):
-    """A spiral of poses over a sphere, with edges between neighbours on successive turns; vertices are level."""
+    """
+    A spiral of poses over a sphere, with edges between neighbours on successive turns; vertices are
+    level.
+    """
     rng = np.random.default_rng(seed)
     k = np.arange(rings * each)
     polar, a = np.pi * (k + 0.5) / k.size, 2.0 * np.pi * k / each
-    place = 10.0 * np.column_stack([np.sin(polar) * np.cos(a), np.sin(polar) * np.sin(a), np.cos(polar)])
+    place = 10.0 * np.column_stack(
+        [np.sin(polar) * np.cos(a), np.sin(polar) * np.sin(a), np.cos(polar)]
+    )
     true = Rotation.from_rotvec(np.outer(a, [0.0, 0.0, 1.0])) * Rotation.from_rotvec(
         np.outer(polar, [0.0, 1.0, 0.0])
     )
@@ -92,7 +114,10 @@ def sphere(seed, sigma, *, rings=6, each=10):
 
 
 def survey(seed, factor=1.0, *, lines=6, each=8):
-    """Parallel survey lines; odometry has 0.02 m and 2 mrad a step times a factor, crossings 0.1 m and 0.02 rad."""
+    """
+    Parallel survey lines; odometry has 0.02 m and 2 mrad a step times a factor, crossings 0.1 m and
+    0.02 rad.
+    """
     rng = np.random.default_rng(seed)
     n = lines * each
     row, along = np.divmod(np.arange(n), each)
@@ -109,11 +134,16 @@ def survey(seed, factor=1.0, *, lines=6, each=8):
 
 
 def cooperative(seed, factor=1.0, *, vehicles=3, n=25):
-    """PyFactorGraph text of vehicles that measure ranges to each other and to a landmark; noise of odometry times a factor."""
+    """
+    PyFactorGraph text of vehicles that measure ranges to each other and to a landmark; noise of
+    odometry times a factor.
+    """
     rng = np.random.default_rng(seed)
     sigma, level = factor * np.repeat([0.05, 2e-3], 3), np.array([0.0, 0.0, 0.0, 1.0])
     first = np.array([[0.0, 0.0, 0.0], [60.0, 0.0, 10.0], [0.0, 60.0, -10.0]])[:vehicles]
-    step = np.cumsum(rng.normal(0, 0.3, (vehicles, n, 3)), axis=1) + rng.normal(0, 1.5, (vehicles, 1, 3))
+    step = np.cumsum(rng.normal(0, 0.3, (vehicles, n, 3)), axis=1) + rng.normal(
+        0, 1.5, (vehicles, 1, 3)
+    )
     place = first[:, None] + np.concatenate(
         [np.zeros((vehicles, 1, 3)), np.cumsum(step, axis=1)[:, :-1]], axis=1
     )

@@ -1,4 +1,7 @@
-"""Sphinx: theme, docstrings, and how names in docstrings become links. Sources are laid out by stage.py."""
+"""
+Sphinx: theme, docstrings, and how names in docstrings become links. Sources are laid out by
+stage.py.
+"""
 
 import importlib
 import re
@@ -115,7 +118,10 @@ def describe_data(_app, what, name, _obj, _options, lines):
 
 
 def resolve(app, env, node, contnode):
-    """Link a name to what is documented under it, whichever module the docstring or annotation has it from."""
+    """
+    Link a name to what is documented under it, whichever module the docstring or annotation has it
+    from.
+    """
     if node.get("refdomain") != "py":
         return None
     target = node["reftarget"].lstrip("~.").removesuffix("()")
@@ -132,7 +138,10 @@ def resolve(app, env, node, contnode):
 
 
 def link_quantities(app, doctree, docname):
-    """Link parameters, columns and keys of the reference to their entries in the nomenclature, which get anchors."""
+    """
+    Link parameters, columns and keys of the reference to their entries in the nomenclature, which
+    get anchors.
+    """
     if docname == "nomenclature":
         for row in doctree.findall(lambda node: isinstance(node, nodes.row) and len(node) == 5):
             for name in row[1].findall(nodes.literal):
@@ -141,9 +150,14 @@ def link_quantities(app, doctree, docname):
                     name["ids"].append(anchor)
     if not docname.startswith("reference/"):
         return
-    terms = [strong for term in doctree.findall(nodes.term) for strong in term.findall(nodes.strong)]
+    terms = [
+        strong for term in doctree.findall(nodes.term) for strong in term.findall(nodes.strong)
+    ]
     keys = [row[0].next_node(nodes.literal) for row in doctree.findall(nodes.row)]
-    for names in (*terms, *(key for key in keys if key is not None and key.parent.tagname != "reference")):
+    for names in (
+        *terms,
+        *(key for key in keys if key is not None and key.parent.tagname != "reference"),
+    ):
         parts = re.split(r"(, )", names.astext())
         names[:] = [link_quantity(app, docname, part) for part in parts]
 
@@ -180,7 +194,10 @@ OWN_WORDS = ("changelog", "reference/glossary", "reference/api/")
 
 
 def explain_terms(app, doctree, docname):
-    """Link the first occurrence of each term of the glossary on a page to its entry, with the meaning as tooltip."""
+    """
+    Link the first occurrence of each term of the glossary on a page to its entry, with the meaning
+    as tooltip.
+    """
     if docname.startswith(OWN_WORDS):
         return
     left = dict(TERMS)
@@ -211,7 +228,12 @@ def term_link(app, docname, word, written):
     page, anchor = app.env.domains["std"].objects["term", word]
     place = app.builder.get_relative_uri(docname, page)
     link = nodes.reference(
-        "", written, internal=True, refuri=f"{place}#{anchor}", reftitle=GLOSSARY[word], classes=["term"]
+        "",
+        written,
+        internal=True,
+        refuri=f"{place}#{anchor}",
+        reftitle=GLOSSARY[word],
+        classes=["term"],
     )
     return link
 
@@ -231,7 +253,9 @@ EMPTY_HEAD = re.compile(r"<th(?: class=\"head\")?>(?:<p>\s*</p>)?</th>")
 
 
 def name_for_screen_readers(_app, _page, _template, context, _doctree):
-    """Write empty heads of tables as cells, and name the buttons that open a section of the contents."""
+    """
+    Write empty heads of tables as cells, and name the buttons that open a section of the contents.
+    """
     context["body"] = EMPTY_HEAD.sub("<td></td>", context.get("body", ""))
     contents = context.get("generate_toctree_html")  # of the theme
     if contents is None:
@@ -255,4 +279,6 @@ def setup(app):
     app.connect("doctree-resolved", explain_terms)
     app.connect("html-page-context", name_for_screen_readers, priority=900)  # after the theme
     app.add_lexer("csv", TextLexer)
-    app.add_html_math_renderer("mathml", (mathml(display=False), None), (mathml(display=True), None))
+    app.add_html_math_renderer(
+        "mathml", (mathml(display=False), None), (mathml(display=True), None)
+    )

@@ -17,7 +17,10 @@ SUBJECTS = (
 
 
 class BySubject:
-    """Sort key of sphinx-gallery, which creates it with the folder of the scripts and calls it with the name of a file."""
+    """
+    Sort key of sphinx-gallery, which creates it with the folder of the scripts and calls it with
+    the name of a file.
+    """
 
     def __init__(self, folder: str) -> None:
         self.folder = folder

@@ -1,4 +1,7 @@
-"""Reference pages in Markdown from the code itself: configuration keys, commands, and the names that folders export."""
+"""
+Reference pages in Markdown from the code itself: configuration keys, commands, and the names that
+folders export.
+"""
 
 import re
 from collections.abc import Iterator
@@ -10,9 +13,11 @@ import pydantic
 import typer.main
 
 FOLDERS = (
-    "geometry", "records", "ocean", "ocean.fetch", "acoustics", "acoustics.bellhop", "fleet", "sensing", "estimation",
-    "evaluation", "exchange", "config", "water", "study", "sweep", "replay", "locate", "authors", "online", "plan", "atlas", "service", "report",
-)  # fmt: skip
+    *("geometry", "records", "ocean", "ocean.fetch", "acoustics", "fleet", "sensing", "estimation"),
+    *("evaluation", "exchange", "config", "water", "apps.study", "apps.sweep", "apps.replay"),
+    *("apps.locate", "apps.table", "apps.online", "apps.plan", "apps.atlas", "apps.service"),
+    *("apps.graphs", "apps.bellhop", "apps.rays", "apps.ranges", "apps.ocean", "apps.export"),
+)
 """Folders in the order in which data flows."""
 
 NOMENCLATURE = Path(__file__).resolve().parents[1] / "nomenclature.md"
@@ -23,7 +28,8 @@ _UNIT = re.compile(r"\s*\[([^][]+)\]\.?$")
 def nomenclature() -> dict[str, list[str]]:
     """Units of each name in the nomenclature; dots in a name stand for any word."""
     rows = [
-        [cell.strip() for cell in line.split("|")] for line in NOMENCLATURE.read_text("utf-8").splitlines()
+        [cell.strip() for cell in line.split("|")]
+        for line in NOMENCLATURE.read_text("utf-8").splitlines()
     ]
     units: dict[str, list[str]] = {}
     for cells in rows:
@@ -35,7 +41,10 @@ def nomenclature() -> dict[str, list[str]]:
 
 def quantity(name: str) -> str | None:
     """Name in the nomenclature that a parameter, a column or a key stands for."""
-    return next((entry for entry in nomenclature() if re.fullmatch(entry.replace("...", r"\w+"), name)), None)
+    return next(
+        (entry for entry in nomenclature() if re.fullmatch(entry.replace("...", r"\w+"), name)),
+        None,
+    )
 
 
 def column_unit(name: str, unit: str) -> str:
@@ -53,25 +62,36 @@ def configuration() -> dict[str, str]:
     from pymantaray.config import StudyConfig
     from pymantaray.ocean.fetch.catalogue import Catalogue
 
-    sweep = table(("key", "meaning"), [(f"`{key}`", text(meaning)) for key, meaning in KEYS.items()])
+    sweep = table(
+        ("key", "meaning"), [(f"`{key}`", text(meaning)) for key, meaning in KEYS.items()]
+    )
     parts = [
         "# Configuration keys",
         (
-            "This page lists all keys. It is generated from the models that check a configuration. `mantaray study show beaufort`"
-            " prints a complete study with comments, and `mantaray study init quick mine.toml` writes one that you can edit."
+            "This page lists all keys. It is generated from the models that check a configuration."
+            " `mantaray study show beaufort`"
+            " prints a complete study with comments, and `mantaray study init quick mine.toml`"
+            " writes one that you can edit."
             " Depth is positive down, and times are UTC."
-            " A length, time, speed, angle or frequency is a number in the unit of the table, or text with its own unit, such as"
-            ' `"2 km"`, `"1 d 12 h"`, `"500 ms"`, `"3 kn"`, `"10 deg"` and `"25 kHz"`. `-` stands for no default.'
+            " A length, time, speed, angle or frequency is a number in the unit of the table, or"
+            " text with its own unit, such as"
+            ' `"2 km"`, `"1 d 12 h"`, `"500 ms"`, `"3 kn"`, `"10 deg"` and `"25 kHz"`. `-` stands'
+            " for no default."
             " *Not in the paper* marks values that the paper does not specify"
-            " ([record 0001](../design/0001-what-the-paper-leaves-open.md)). The other defaults of noise and mission are those of the"
+            " ([record 0001](../design/0001-what-the-paper-leaves-open.md)). The other defaults of"
+            " noise and mission are those of the"
             " paper's tables."
         ),
         "## A study",
         (
-            "`mantaray study run` reads these keys. A key `base` at the top names a preset or another file. Keys that are absent have"
-            ' the value of the base, and `"none"` removes a value of the base. Every command that takes a study has `--set KEY=VALUE`.'
-            " `mantaray serve` uses only the sections `[ocean]`, `[mission]`, `[acoustics]`, `[ranging]` and `[detection]`, and"
-            " `mantaray replay` only `[detection]`. All other settings of `rays`, `ranges`, `replay` and `atlas` are"
+            "`mantaray study run` reads these keys. A key `base` at the top names a preset or"
+            " another file. Keys that are absent have"
+            ' the value of the base, and `"none"` removes a value of the base. Every command that'
+            " takes a study has `--set KEY=VALUE`."
+            " `mantaray serve` uses only the sections `[ocean]`, `[mission]`, `[acoustics]`,"
+            " `[ranging]` and `[detection]`, and"
+            " `mantaray replay` only `[detection]`. All other settings of `rays`, `ranges`,"
+            " `replay` and `atlas` are"
             " [options](commands.md)."
         ),
         *sections(StudyConfig),
@@ -79,12 +99,15 @@ def configuration() -> dict[str, str]:
         "`mantaray sweep run` reads these keys ([how-to](../how-to/sweep.md)).",
         sweep,
         "## A plan",
-        "`mantaray plan` reads these keys in the section `[plan]` of a study file ([how-to](../how-to/plan.md)).",
+        (
+            "`mantaray plan` reads these keys in the section `[plan]` of a study file"
+            " ([how-to](../how-to/plan.md))."
+        ),
         *sections(PlanFile),
         "## Servers of oceans",
         (
-            "The file of `mantaray ocean fetch --servers` and of the variable `MANTARAY_OCEAN_SERVERS` has these keys"
-            " ([how-to](../how-to/fetch-hycom.md))."
+            "The file of `mantaray ocean fetch --servers` and of the variable"
+            " `MANTARAY_OCEAN_SERVERS` has these keys ([how-to](../how-to/fetch-hycom.md))."
         ),
         *sections(Catalogue),
     ]
@@ -92,18 +115,26 @@ def configuration() -> dict[str, str]:
 
 
 def sections(model: type[pydantic.BaseModel]) -> Iterator[str]:
-    """Heading, meaning and table of keys of a model and of all models in it, each once, under its place in the file."""
+    """
+    Heading, meaning and table of keys of a model and of all models in it, each once, under its
+    place in the file.
+    """
     schema = model.model_json_schema()
     for place, entry in walk(schema):
         keys = entry.get("properties", {})
-        rows = [row(key, value, key in entry.get("required", ()), schema) for key, value in keys.items()]
+        rows = [
+            row(key, value, key in entry.get("required", ()), schema) for key, value in keys.items()
+        ]
         yield f"### `{place}`"
         yield text(entry.get("description", ""))
         yield table(("key", "meaning", "unit", "default", "type"), rows)
 
 
 def walk(schema: dict[str, Any]) -> list[tuple[str, dict[str, Any]]]:
-    """Tables of a configuration by their place in the file, in its order; kinds of an entry by their ``kind``."""
+    """
+    Tables of a configuration by their place in the file, in its order; kinds of an entry by their
+    ``kind``.
+    """
     out: list[tuple[str, dict[str, Any]]] = []
 
     def visit(place: str, entry: dict[str, Any], *, listed: bool) -> None:
@@ -157,7 +188,9 @@ def kind_of(value: dict[str, Any], schema: dict[str, Any]) -> Iterator[str]:
         yield ", ".join(f"`{toml(word)}`" for word in value.get("enum", [value.get("const")]))
     elif "$ref" in value:
         kind = (
-            schema["$defs"][value["$ref"].removeprefix("#/$defs/")]["properties"].get("kind", {}).get("const")
+            schema["$defs"][value["$ref"].removeprefix("#/$defs/")]["properties"]
+            .get("kind", {})
+            .get("const")
         )
         yield f'kind `"{kind}"`' if kind else "table"
     elif "anyOf" in value or "oneOf" in value:
@@ -201,15 +234,18 @@ def commands() -> dict[str, str]:
     parts = [
         "# Commands",
         (
-            "This page is generated from the program. `mantaray COMMAND --help` prints the same. A length, time, speed or angle is a"
-            " number in the unit given in its meaning, or text with its own unit, such as `'2 km'` and `'1 d 12 h'`, as in a"
+            "This page is generated from the program. `mantaray COMMAND --help` prints the same. A"
+            " length, time, speed or angle is a number in the unit given in its meaning, or text"
+            " with its own unit, such as `'2 km'` and `'1 d 12 h'`, as in a"
             " [configuration](configuration.md). See also the [exit codes](exit-codes.md)."
         ),
     ]
     for path, command in command_tree():
         parts += [f"## `{' '.join(path)}`", text(command.help or "")]
         context = command.make_context(" ".join(path), [], resilient_parsing=True)
-        parts.append(f"```text\n{' '.join([' '.join(path), *command.collect_usage_pieces(context)])}\n```")
+        parts.append(
+            f"```text\n{' '.join([' '.join(path), *command.collect_usage_pieces(context)])}\n```"
+        )
         rows = [
             parameter_row(p, context)
             for p in command.params
@@ -234,10 +270,28 @@ def command_tree() -> list[tuple[tuple[str, ...], Any]]:
 
 
 _WATER_COMMANDS = (
-    "rays times", "rays eigen", "rays trace", "rays plot", "rays compare-bellhop", "rays write-bellhop", "ranges", "replay",
-    "locate survey", "locate plan", "serve", "table", "atlas run", "study run", "sweep run", "plan", "ocean check", "ocean show",
-    "ocean plot", "ocean correct", "ocean perturb",
-)  # fmt: skip
+    "rays times",
+    "rays eigen",
+    "rays trace",
+    "rays plot",
+    "rays compare-bellhop",
+    "rays write-bellhop",
+    "ranges",
+    "replay",
+    "locate survey",
+    "locate plan",
+    "serve",
+    "table",
+    "atlas run",
+    "study run",
+    "sweep run",
+    "plan",
+    "ocean check",
+    "ocean show",
+    "ocean plot",
+    "ocean correct",
+    "ocean perturb",
+)
 _WATER_OPTIONS = {
     "sea floor": ("--bathymetry",),
     "ice": ("--ice",),
@@ -261,7 +315,9 @@ def water_table() -> str:
     rows = []
     for name in _WATER_COMMANDS:
         options = {option for p in commands[name].params for option in (*p.opts, *p.secondary_opts)}
-        sources = [f"`{option}`" for option in ("--ocean", "--profile", "--run") if option in options]
+        sources = [
+            f"`{option}`" for option in ("--ocean", "--profile", "--run") if option in options
+        ]
         if not {"--ocean", "--profile"} & options:
             sources = ["`--set ocean.source=...`" if name in _FROM_STUDY_FILES else "argument"]
         cells = []
@@ -282,11 +338,14 @@ def parameter_row(parameter: Any, context: Any) -> tuple[str, ...]:
     behind = re.search(r"  \[(.*)\]$", meaning)
     notes = behind[1].split("; ") if behind else []
     default = next(
-        (f"`{note.removeprefix('default: ')}`" for note in notes if note.startswith("default: ")), ""
+        (f"`{note.removeprefix('default: ')}`" for note in notes if note.startswith("default: ")),
+        "",
     )
     if "required" in notes:
         default = "must be given"
-    rest = "; ".join(f"`{note}`" for note in notes if note != "required" and not note.startswith("default: "))
+    rest = "; ".join(
+        f"`{note}`" for note in notes if note != "required" and not note.startswith("default: ")
+    )
     repeated = "may be repeated" if getattr(parameter, "multiple", False) else ""
     more = "; ".join(words for words in (rest, repeated) if words)
     meaning = text(meaning[: behind.start()] if behind else meaning)
@@ -307,23 +366,30 @@ def interface() -> dict[str, str]:
         doc = (module.__doc__ or "").strip()
         page = f"reference/api/{folder or 'pymantaray'}.md"
         first, _, rest = doc.partition("\n\n")
-        members = [m for m in module.__all__ if not folder or id(getattr(module, m)) not in described]
+        members = [
+            m for m in module.__all__ if not folder or id(getattr(module, m)) not in described
+        ]
         if folder:
             described |= {id(getattr(module, member)) for member in members}
         listing = "\n".join(f"   {name}.{member}" for member in members)
         target = "   :toctree: generated\n" if folder else ""
         pages[page] = (
-            f"# `{name}`\n\n{text(first)}\n\n{text(rest)}\n\n```{{eval-rst}}\n.. autosummary::\n{target}"
+            f"# `{name}`\n\n{text(first)}\n\n{text(rest)}\n\n```{{eval-rst}}\n.."
+            f" autosummary::\n{target}"
             f"   :nosignatures:\n\n{listing}\n```\n"
         )
         rows.append((f"[`{name}`]({folder or 'pymantaray'}.md)", text(first.replace("\n", " "))))
     pages["reference/api/errors.md"] = (
-        "# `pymantaray.errors`\n\n```{eval-rst}\n.. automodule:: pymantaray.errors\n   :members:\n   :member-order: bysource\n"
+        "# `pymantaray.errors`\n\n```{eval-rst}\n.. automodule:: pymantaray.errors\n   :members:\n"
+        "   :member-order: bysource\n"
         "   :show-inheritance:\n```\n"
     )
-    rows.append(("[`pymantaray.errors`](errors.md)", "Errors for users, each with a message of one line."))
+    rows.append(
+        ("[`pymantaray.errors`](errors.md)", "Errors for users, each with a message of one line.")
+    )
     index = (
-        "# Python interface\n\n`pymantaray` itself has the names that most users need. The folders are listed in the order in which data flows:"
+        "# Python interface\n\n`pymantaray` itself has the names that most users need. The folders"
+        " are listed in the order in which data flows:"
         f" no folder needs one that is below it.\n\n{table(('folder', 'content'), rows)}\n\n"
         + toctree([page.removeprefix("reference/api/").removesuffix(".md") for page in pages])
     )
@@ -339,22 +405,32 @@ def toctree(entries: list[str], *options: str) -> str:
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
     """Table in Markdown."""
     lines = [head, tuple("---" for _ in head), *rows]
-    return "\n".join("| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines)
+    return "\n".join(
+        "| " + " | ".join(cell.replace("|", "\\|") for cell in line) + " |" for line in lines
+    )
 
 
 def text(words: str) -> str:
-    """Docstring's words as Markdown: literals in single backticks, nothing else of it means anything."""
+    """
+    Docstring's words as Markdown: literals in single backticks, nothing else of it means anything.
+    """
     parts = re.split(r"(``.+?``|`[^`]+`)", re.sub(r"\s*\n\s*", " ", words.strip()))
     return "".join(
-        f"`{part.strip('`')}`" if part.startswith("`") else re.sub(r"([\\*_<>\[\]#$])", r"\\\1", part)
+        f"`{part.strip('`')}`"
+        if part.startswith("`")
+        else re.sub(r"([\\*_<>\[\]#$])", r"\\\1", part)
         for part in parts
     )
 
 
 def glossary() -> dict[str, str]:
-    """Page of the words that pages of runs and of the site show as tooltips, from the package's own list."""
+    """
+    Page of the words that pages of runs and of the site show as tooltips, from the package's own
+    list.
+    """
     from pymantaray.records.glossary import GLOSSARY
 
     entries = "\n\n".join(f"{word}\n  {meaning}" for word, meaning in GLOSSARY.items())
-    page = f"# Glossary\n\nOther pages show these meanings as tooltips.\n\n:::{{glossary}}\n{entries}\n:::\n"
+    head = "# Glossary\n\nOther pages show these meanings as tooltips.\n\n"
+    page = f"{head}:::{{glossary}}\n{entries}\n:::\n"
     return {"reference/glossary.md": page}

@@ -1,5 +1,6 @@
 """
-Lay out the sources of the built documentation: the Markdown pages as they are, an index of each folder, the reference.
+Lay out the sources of the built documentation: the Markdown pages as they are, an index of each
+folder, the reference.
 
 Run as ``python docs/site/stage.py build/docs-source``; files that do not change are not touched.
 """
@@ -28,14 +29,20 @@ EXAMPLES = ROOT / "examples"
 
 def stage(target: Path) -> None:
     """Write all sources below a folder, and take away what is no source any more."""
-    pages = {path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8") for path in own_pages()}
+    pages = {
+        path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8") for path in own_pages()
+    }
     contents = pages.pop("README.md")
-    pages |= reference_pages.configuration() | reference_pages.commands() | reference_pages.interface()
+    pages |= (
+        reference_pages.configuration() | reference_pages.commands() | reference_pages.interface()
+    )
     pages |= reference_pages.glossary() | {"notebooks/index.md": notebooks()}
     ordered = re.findall(r"\]\(([\w./-]+\.md)", contents)
     for folder, title in TITLES.items():
         pages[f"{folder}/index.md"] = index_page(folder, title, ordered, pages)
-    pages["changelog.md"] = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
+    pages["changelog.md"] = (
+        (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
+    )
     pages["index.md"] = landing(contents, pages)
     for name, words in pages.items():
         write(target / name, without_outside_links(name, words))
@@ -44,7 +51,9 @@ def stage(target: Path) -> None:
         if figure.suffix in {".png", ".csv"}:
             shutil.copy2(figure, target / "figures")
     for name in notebook_names():
-        write(target / "notebooks" / name, (EXAMPLES / "notebooks" / name).read_text(encoding="utf-8"))
+        write(
+            target / "notebooks" / name, (EXAMPLES / "notebooks" / name).read_text(encoding="utf-8")
+        )
     script = "locate_survey.py"  # a notebook runs it
     write(target / "examples" / script, (EXAMPLES / script).read_text(encoding="utf-8"))
     for path in target.rglob("*.md"):
@@ -67,7 +76,9 @@ def notebooks() -> str:
 
 def notebook_title(name: str) -> str:
     """Title of a notebook, in its first cell."""
-    cells = json.loads((EXAMPLES / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"))["cells"]
+    cells = json.loads((EXAMPLES / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"))[
+        "cells"
+    ]
     return heading("".join(cells[0]["source"]))
 
 
@@ -83,7 +94,9 @@ def own_pages() -> list[Path]:
 
 
 def index_page(folder: str, title: str, ordered: list[str], pages: dict[str, str]) -> str:
-    """List of a folder's pages: those that docs/README.md lists in its order, others behind, by name."""
+    """
+    List of a folder's pages: those that docs/README.md lists in its order, others behind, by name.
+    """
     there = [page for page in pages if page.startswith(f"{folder}/") and page.count("/") == 1]
     there.sort(key=lambda page: (ordered.index(page) if page in ordered else len(ordered), page))
     entries = [page.removeprefix(f"{folder}/").removesuffix(".md") for page in there]
@@ -92,7 +105,9 @@ def index_page(folder: str, title: str, ordered: list[str], pages: dict[str, str
         f"- [{heading(pages[f'{folder}/{entry}.md'])}]({entry}.md)"
         for entry in [*GENERATED.get(folder, ()), *own]
     )
-    return f"# {title}\n\n{listing}\n\n" + reference_pages.toctree([*GENERATED.get(folder, ()), *own])
+    return f"# {title}\n\n{listing}\n\n" + reference_pages.toctree(
+        [*GENERATED.get(folder, ()), *own]
+    )
 
 
 def landing(contents: str, pages: dict[str, str]) -> str:
@@ -102,7 +117,10 @@ def landing(contents: str, pages: dict[str, str]) -> str:
     folders = [f"{folder}/index" for folder in TITLES]
     made = ", ".join(
         f"[{heading(pages[page])}]({page})"
-        for page in (*(f"reference/{entry}.md" for entry in GENERATED["reference"]), "figures/README.md")
+        for page in (
+            *(f"reference/{entry}.md" for entry in GENERATED["reference"]),
+            "figures/README.md",
+        )
     )
     rest = contents.split("\n", 1)[1] + f"\nGenerated pages: {made}.\n"
     entries = [

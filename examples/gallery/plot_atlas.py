@@ -2,8 +2,9 @@
 Range errors over a region
 ==========================
 
-The bias atlas of the synthetic Beaufort Sea: the mean range error of 3 km links from 100 m to 300 m depth over four
-bearings, in every 8th column. Ranges are too short everywhere, most in the east and in eddies.
+The bias atlas of the synthetic Beaufort Sea: the mean range error of 3 km links from 100 m to 300 m
+depth over four bearings, in every 8th column. Ranges are too short everywhere, most in the east and
+in eddies.
 """
 
 import tempfile
@@ -15,7 +16,9 @@ from pymantaray import Atlas, AtlasLinks, open_atlas, run_atlas
 
 links = AtlasLinks(pairs=((100.0, 300.0),), distances=(3_000.0,), bearings=4)
 with tempfile.TemporaryDirectory() as folder:
-    path = run_atlas(Atlas("synthetic:beaufort", links, every=8), Path(folder) / "atlas.nc", workers=1)
+    path = run_atlas(
+        Atlas("synthetic:beaufort", links, every=8), Path(folder) / "atlas.nc", workers=1
+    )
     with open_atlas(path) as atlas:
         error = (
             atlas["range_error"]

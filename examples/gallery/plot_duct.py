@@ -2,7 +2,8 @@
 Sound in a duct
 ===============
 
-Water that is slowest at 150 m keeps sound near that depth: a fan of rays from the middle of the duct, and one from 20 m.
+Water that is slowest at 150 m keeps sound near that depth: a fan of rays from the middle of the
+duct, and one from 20 m.
 """
 
 import numpy as np
@@ -18,7 +19,9 @@ figure, panels = plt.subplots(
     1, 3, figsize=(8, 3.6), sharey=True, width_ratios=(1, 3, 3), layout="constrained"
 )
 panels[0].plot(speed, depth, color="#D55E00")
-panels[0].set(ylim=(600.0, 0.0), xlim=(1438.0, 1458.0), xlabel="Sound speed [m/s]", ylabel="Depth [m]")
+panels[0].set(
+    ylim=(600.0, 0.0), xlim=(1438.0, 1458.0), xlabel="Sound speed [m/s]", ylabel="Depth [m]"
+)
 angles = np.radians(np.linspace(-6, 6, 25))
 for axes, start in zip(panels[1:], (150.0, 20.0), strict=True):
     picture = ray_picture(
@@ -26,5 +29,7 @@ for axes, start in zip(panels[1:], (150.0, 20.0), strict=True):
     )
     fan = picture.sel(ray=picture["ray_arrives"] == 0)
     axes.plot(fan["ray_range"].T / 1e3, fan["ray_depth"].T, color="#0072B2", lw=0.7)
-    axes.set(xlabel="Distance [km]", ylabel="Depth [m]", title=f"From {start:g} m, within 6 degrees")
+    axes.set(
+        xlabel="Distance [km]", ylabel="Depth [m]", title=f"From {start:g} m, within 6 degrees"
+    )
     axes.label_outer()

@@ -2,9 +2,9 @@
 Through an eddy
 ===============
 
-Two vehicles at 150 m, 10 km apart, on either side of a warm eddy of 10 km radius. Sound that crosses it arrives early, and
-ranges are too short. Near the centre the eddy spreads the rays so far that their loss is more than 15 dB above
-spherical spreading: by default such rays are no arrivals.
+Two vehicles at 150 m, 10 km apart, on either side of a warm eddy of 10 km radius. Sound that
+crosses it arrives early, and ranges are too short. Near the centre the eddy spreads the rays so far
+that their loss is more than 15 dB above spherical spreading: by default such rays are no arrivals.
 """
 
 import numpy as np
@@ -22,7 +22,9 @@ medium = Medium.from_grid(axis, axis, depth, speed, bathymetry=np.full((61, 61),
 offset = np.linspace(-25e3, 25e3, 251)
 zero = np.zeros_like(offset)
 ray = find_eigenrays(
-    medium, np.stack([zero - 5e3, offset, zero + 150.0], 1), np.stack([zero + 5e3, offset, zero + 150.0], 1)
+    medium,
+    np.stack([zero - 5e3, offset, zero + 150.0], 1),
+    np.stack([zero + 5e3, offset, zero + 150.0], 1),
 ).first()
 figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
 axes.plot(offset / 1e3, 1442.4 * ray.travel_time - 10e3)

@@ -2,8 +2,9 @@
 Ranges of existing trajectories
 ===============================
 
-A table of time, vehicle and position in the synthetic Beaufort Sea: every pair ranges every 5 minutes. The two
-directions of a pair differ, because each range uses the sound speed at its transmitter.
+A table of time, vehicle and position in the synthetic Beaufort Sea: every pair ranges every 5
+minutes. The two directions of a pair differ, because each range uses the sound speed at its
+transmitter.
 """
 
 import tempfile
@@ -16,7 +17,11 @@ from matplotlib import pyplot as plt
 from pymantaray import measure
 
 time = np.arange(0.0, 7201.0, 60.0)
-moves = (("auv1", 0.0, 0.9, 0.3, 60.0), ("auv2", 3e3, -0.2, 0.8, 400.0), ("auv3", 5e3, 0.0, -0.5, 200.0))
+moves = (
+    ("auv1", 0.0, 0.9, 0.3, 60.0),
+    ("auv2", 3e3, -0.2, 0.8, 400.0),
+    ("auv3", 5e3, 0.0, -0.5, 200.0),
+)
 rows = [
     {"time": time, "vehicle": name, "north": n + u * time, "east": v * time, "depth": z}
     for name, n, u, v, z in moves
@@ -28,7 +33,10 @@ with tempfile.TemporaryDirectory() as folder:
 figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
 for link, part in ranges.groupby(["transmitter", "receiver"]):
     axes.plot(
-        part["time"] / 60.0, part["refracted_range"] - part["straight_range"], ".-", label=" to ".join(link)
+        part["time"] / 60.0,
+        part["refracted_range"] - part["straight_range"],
+        ".-",
+        label=" to ".join(link),
     )
 axes.set(xlabel="Time [min]", ylabel="Range error [m]")
 axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))

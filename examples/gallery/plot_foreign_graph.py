@@ -2,7 +2,8 @@
 An existing factor graph
 ========================
 
-Two vehicles on a square with ranges between them, in PyFactorGraph's text format: read, solved and drawn.
+Two vehicles on a square with ranges between them, in PyFactorGraph's text format: read, solved and
+drawn.
 """
 
 import tempfile
@@ -22,7 +23,8 @@ for name, path in (("A", square), ("B", np.roll(square, 4, axis=0))):
     lines += [f"VERTEX_SE2:PRIOR 0 {name}0 {path[0, 0]} {path[0, 1]} 0 1e-4 0 0 1e-4 0 1e-4"]
     steps = np.diff(path, axis=0) + rng.normal(0.0, 4.0, (7, 2))
     lines += [
-        f"EDGE_SE2 {k} {name}{k} {name}{k + 1} {x} {y} 0 16 0 0 16 0 1e-4" for k, (x, y) in enumerate(steps)
+        f"EDGE_SE2 {k} {name}{k} {name}{k + 1} {x} {y} 0 16 0 0 16 0 1e-4"
+        for k, (x, y) in enumerate(steps)
     ]
 for k, distance in enumerate(np.linalg.norm(square - np.roll(square, 4, axis=0), axis=1)):
     lines += [f"EDGE_RANGE {k} A{k} B{k} {distance + rng.normal()} 1"]

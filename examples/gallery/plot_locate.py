@@ -2,8 +2,9 @@
 Located nodes
 =============
 
-Three transponders at 1300 m and 900 two-way travel times from a ship that rolls, in water faster than the cast: the
-estimated positions, their 95 % ellipses, and the true positions, which are known because the survey is simulated.
+Three transponders at 1300 m and 900 two-way travel times from a ship that rolls, in water faster
+than the cast: the estimated positions, their 95 % ellipses, and the true positions, which are known
+because the survey is simulated.
 """
 
 import json
@@ -20,10 +21,14 @@ from pymantaray.acoustics import Medium, read_profile
 with tempfile.TemporaryDirectory() as folder:
     runpy.run_path("../locate_survey.py")["main"](folder)  # this script runs in its own folder
     data = Path(folder)
-    survey = read_survey(data / "pings.csv", ReadOptions(nodes=data / "nodes.csv", lever=(6.0, -2.5, 20.0)))
+    survey = read_survey(
+        data / "pings.csv", ReadOptions(nodes=data / "nodes.csv", lever=(6.0, -2.5, 20.0))
+    )
     cast = read_profile(data / "cast.csv")
     truth = json.loads((data / "truth.json").read_text())["nodes"]
-water = Medium.from_profile(cast.depth, cast.sound_speed, bottom_depth=1500.0, interpolation="linear")
+water = Medium.from_profile(
+    cast.depth, cast.sound_speed, bottom_depth=1500.0, interpolation="linear"
+)
 nodes = locate(survey, water, LocateOptions(speed_model="time")).nodes.set_index("name")
 
 
@@ -34,7 +39,9 @@ for k, (name, node) in enumerate(nodes.iterrows()):
     north, east = survey.frame.to_local(truth[name]["lat"], truth[name]["lon"])
     error = 100.0 * (node["east"] - east), 100.0 * (node["north"] - north)  # cm
     size = 200.0 * node["ellipse_major_m"], 200.0 * node["ellipse_minor_m"]
-    right.add_patch(Ellipse(error, *size, angle=90.0 - node["ellipse_azimuth_deg"], color=f"C{k}", alpha=0.2))
+    right.add_patch(
+        Ellipse(error, *size, angle=90.0 - node["ellipse_azimuth_deg"], color=f"C{k}", alpha=0.2)
+    )
     right.plot(*error, "o", color=f"C{k}")
 right.plot(0.0, 0.0, "k+", ms=14)
 left.set(title="Survey", xlabel="East [m]", ylabel="North [m]", aspect="equal")

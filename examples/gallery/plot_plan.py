@@ -2,8 +2,9 @@
 A plan: how deep to hang a receiver
 ===================================
 
-Twelve depths of a receiver T in the synthetic Fram Strait, evaluated without noise realizations. At 60 m
-and below, T loses less than half as many ranges as at the surface. Position errors change little.
+Twelve depths of a receiver T in the synthetic Fram Strait, evaluated without noise realizations. At
+60 m and below, T loses less than half as many ranges as at the surface. Position errors change
+little.
 """
 
 from matplotlib import pyplot as plt

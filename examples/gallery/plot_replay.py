@@ -2,8 +2,9 @@
 Measured beside predicted travel times
 ======================================
 
-A simulated campaign under ice: 400 measured travel times between six nodes with clock errors, and the travel times that
-rays in the casts predict. The offsets of the clocks are estimated. What remains is noise, and later arrivals (above zero).
+A simulated campaign under ice: 400 measured travel times between six nodes with clock errors, and
+the travel times that rays in the casts predict. The offsets of the clocks are estimated. What
+remains is noise, and later arrivals (above zero).
 """
 
 import runpy
@@ -32,6 +33,8 @@ for node, at in replay.events.groupby("receiver").groups.items():
     panels[0].plot(time[at], 1e3 * residual[at], ".", label=node)
     panels[1].plot(time[at], 1e3 * (residual - clocks)[at], ".")
 panels[0].set(ylabel="Measured minus predicted [ms]", xlabel="Time [min]", title="As measured")
-panels[1].set(ylabel="Measured minus predicted [ms]", xlabel="Time [min]", title="Clock offsets removed")
+panels[1].set(
+    ylabel="Measured minus predicted [ms]", xlabel="Time [min]", title="Clock offsets removed"
+)
 panels[1].label_outer()
 figure.legend(*panels[0].get_legend_handles_labels(), title="Receiver", loc="outside right center")

@@ -2,8 +2,9 @@
 A link under ice
 ================
 
-Two vehicles at 60 m depth and 4 km apart, in open water and under an ice keel of 40 m draft. No ray is direct: the water
-is slowest at the surface and bends sound up, so every ray reflects there, or at the underside of the ice.
+Two vehicles at 60 m depth and 4 km apart, in open water and under an ice keel of 40 m draft. No ray
+is direct: the water is slowest at the surface and bends sound up, so every ray reflects there, or
+at the underside of the ice.
 """
 
 import numpy as np

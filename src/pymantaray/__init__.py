@@ -1,4 +1,6 @@
-"""MantaRay: effects of refraction in the ocean on acoustic ranges, and on the positions estimated from them.
+"""
+MantaRay: effects of refraction in the ocean on acoustic ranges, and on the positions estimated from
+them.
 
 The names here are the public interface; each is imported from its folder when it is first used.
 """

@@ -15,13 +15,18 @@ def main() -> None:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < _MIN_ADDRESS_SPACE_MIB << 20:
         sys.stderr.write(
-            f"error: not enough memory: the limit of this process is {limit / 2**20:.0f} MiB (ulimit -v); set it to 4096 MiB or more\n"
+            f"error: not enough memory: the limit of this process is {limit / 2**20:.0f} MiB"
+            " (ulimit -v); set it to 4096 MiB or more\n"
         )
         raise SystemExit(2)
-    if not sys.warnoptions and "PYTHONWARNINGS" not in os.environ:  # of numpy, in this process and in workers
+    if (
+        not sys.warnoptions and "PYTHONWARNINGS" not in os.environ
+    ):  # of numpy, in this process and in workers
         warnings.simplefilter("ignore", RuntimeWarning)
         os.environ["PYTHONWARNINGS"] = "ignore::RuntimeWarning"
-    if threading.current_thread() is not threading.main_thread():  # only the main thread may handle signals
+    if (
+        threading.current_thread() is not threading.main_thread()
+    ):  # only the main thread may handle signals
         from pymantaray.cli.main import main as run
     else:
         before = signal.signal(signal.SIGINT, lambda *_: os._exit(130))

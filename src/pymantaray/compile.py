@@ -1,8 +1,8 @@
 """
 Compilation of numerical kernels: without reference counting, without the GIL, cached on disk.
 
-Python calls entries. Entries call kernels, which are compiled as part of them. Both are plain Python in CUDA's simulator
-(``NUMBA_ENABLE_CUDASIM=1``) and with ``NUMBA_DISABLE_JIT=1``.
+Python calls entries. Entries call kernels, which are compiled as part of them. Both are plain
+Python in CUDA's simulator (``NUMBA_ENABLE_CUDASIM=1``) and with ``NUMBA_DISABLE_JIT=1``.
 """
 
 import fcntl
@@ -37,19 +37,25 @@ _SHARED_SOURCES = tuple(
     )
 )
 
-# The caller owns the arrays, and they outlive the call. Inner loops therefore need no reference counting, which costs two
-# atomic operations per access and made a field evaluation six times slower.
+# The caller owns the arrays, and they outlive the call. Inner loops therefore need no reference
+# counting, which costs two atomic operations per access and made a field evaluation six times
+# slower.
 _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False}
 
-# Numba links, optimizes and compiles each function separately, and again within each direct or indirect caller. For kernels
-# that only kernels call, this takes more than half of the time. Here, kernels are linked, optimized and compiled as a whole
-# within entries. This uses private parts of Numba, so only in versions that were tested. With other versions, each kernel is
-# compiled separately, which takes several times as long. (In 0.61 and 0.62, code from the disk cache crashes the process.)
+# Numba links, optimizes and compiles each function separately, and again within each direct or
+# indirect caller. For kernels that only kernels call, this takes more than half of the time. Here,
+# kernels are linked, optimized and compiled as a whole within entries. This uses private parts of
+# Numba, so only in versions that were tested. With other versions, each kernel is compiled
+# separately, which takes several times as long. (In 0.61 and 0.62, code from the disk cache crashes
+# the process.)
 _TESTED_VERSIONS = (0, 63), (0, 68)
 
 
 def _compilers() -> tuple[dict[str, Any], ...]:
-    """Options that link kernels into entries, for kernels, shared kernels and entries; empty for an untested Numba version."""
+    """
+    Options that link kernels into entries, for kernels, shared kernels and entries; empty for an
+    untested Numba version.
+    """
     low, high = _TESTED_VERSIONS
     if not low <= tuple(int(n) for n in numba.__version__.split(".")[:2]) <= high:
         return {}, {}, {}
@@ -65,18 +71,24 @@ _KERNEL, _SHARED, _ENTRY = _compilers()
 
 @cache
 def _digest(folder: Path) -> str:
-    """Digest of all sources that are compiled into the entries of a folder, and of the version of Numba."""
+    """
+    Digest of all sources that are compiled into the entries of a folder, and of the version of
+    Numba.
+    """
     text = [p.read_bytes() for p in (*_SHARED_SOURCES, *sorted(folder.glob("*.py")))]
     return hashlib.sha256(numba.__version__.encode() + b"".join(text)).hexdigest()[:12]
 
 
-def cached_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], **options: Any) -> Any:
+def cached_on_disk(
+    decorate: Callable[..., Any], function: Callable[..., Any], **options: Any
+) -> Any:
     """
     Compile a function and cache it on disk, or in memory if no folder is writable.
 
-    Numba checks only the file of the function itself, not the files of the functions that it calls, so it could load stale
-    code. Here, the names of its cache files contain a digest of all sources. Files with other digests, and damaged files, are removed.
-    If several processes need code that is not cached, one compiles it and the others wait for at most half a minute.
+    Numba checks only the file of the function itself, not the files of the functions that it calls,
+    so it could load stale code. Here, the names of its cache files contain a digest of all sources.
+    Files with other digests, and damaged files, are removed. If several processes need code that is
+    not cached, one compiles it and the others wait for at most half a minute.
     """
     name = function.__qualname__
     digest = _digest(Path(function.__code__.co_filename).parent)
@@ -121,7 +133,8 @@ def _discard_damaged(disk_cache: Any, folder: Path, stem: str) -> None:
             return load(signature, context)
         except Exception as error:  # noqa: BLE001  damaged pickles raise many types
             warn_once(
-                f"{folder}: compiled kernels are damaged ({one_line(repr(error), 60)}); compiling them again"
+                f"{folder}: compiled kernels are damaged ({one_line(repr(error), 60)}); compiling"
+                " them again"
             )
             for file in folder.glob(f"{stem.replace('<', '').replace('>', '')}*.nb[ic]"):
                 with suppress(OSError):
@@ -133,7 +146,8 @@ def _discard_damaged(disk_cache: Any, folder: Path, stem: str) -> None:
 
 def _compile_in_one_process(compiled: Any, path: Path) -> None:
     """
-    Let a process that finds no code on disk wait for one that compiles it; the lock ends with its process.
+    Let a process that finds no code on disk wait for one that compiles it; the lock ends with its
+    process.
 
     After half a minute, a waiting process compiles in memory.
     """
@@ -164,7 +178,9 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
         finally:
             while locks:
                 with locks.pop() as lock, suppress(OSError):
-                    fcntl.flock(lock, fcntl.LOCK_UN)  # a process that was forked meanwhile has the file, too
+                    fcntl.flock(
+                        lock, fcntl.LOCK_UN
+                    )  # a process that was forked meanwhile has the file, too
 
     compiled._cache.load_overload = load_or_wait
     compiled.compile = compile_and_unlock
@@ -181,7 +197,8 @@ def _is_locked(file: TextIO) -> bool:
             announce_compilation()
             if time.monotonic() > end:
                 warn_once(
-                    f"another process has been compiling kernels for {_LOCK_WAIT:.0f} s; compiling them in memory"
+                    f"another process has been compiling kernels for {_LOCK_WAIT:.0f} s; compiling"
+                    " them in memory"
                 )
                 return False
             time.sleep(_LOCK_POLL)
@@ -230,17 +247,22 @@ def shared(function: Callable[..., Any]) -> Any:
 
 def compact(function: Callable[..., Any]) -> Callable[..., Any]:
     """
-    Mark an entry or a shared kernel whose loops need not be fast: they are neither unrolled nor vectorized.
+    Mark an entry or a shared kernel whose loops need not be fast: they are neither unrolled nor
+    vectorized.
 
-    LLVM then takes half of its time for it. It applies to all kernels that are compiled with it, but not to shared kernels
-    that it calls. Results are the same, because LLVM does not change the order of sums.
+    LLVM then takes half of its time for it. It applies to all kernels that are compiled with it,
+    but not to shared kernels that it calls. Results are the same, because LLVM does not change the
+    order of sums.
     """
     function.compact = True  # type: ignore[attr-defined]
     return function
 
 
 def inlined(function: Callable[..., Any]) -> Any:
-    """Compile an innermost kernel inline: passing a section's arrays costs more time than its arithmetic."""
+    """
+    Compile an innermost kernel inline: passing a section's arrays costs more time than its
+    arithmetic.
+    """
     return kernel(function, forceinline=True)
 
 
@@ -257,6 +279,6 @@ def _nothing() -> None:
     """Do nothing: `out_of_line` in plain Python."""
 
 
-# Prevents inlining of the calling function. NVVM inlines every call that it can, and the copies of the tracer alone made the
-# CUDA kernel three times as large.
+# Prevents inlining of the calling function. NVVM inlines every call that it can, and the copies of
+# the tracer alone made the CUDA kernel three times as large.
 out_of_line = _nothing if PLAIN else _noinline

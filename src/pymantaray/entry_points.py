@@ -27,6 +27,6 @@ def _load(point: EntryPoint) -> None:
     except Exception as error:  # of a package that is not ours
         package = point.dist.name if point.dist else point.value
         raise MantaRayError(
-            f"package {package!r}: its entry point {point.name!r} of {point.group!r} cannot be loaded:"
-            f" {type(error).__name__}: {error}; repair or uninstall the package"
+            f"package {package!r}: its entry point {point.name!r} of {point.group!r} cannot be"
+            f" loaded: {type(error).__name__}: {error}; repair or uninstall the package"
         ) from error

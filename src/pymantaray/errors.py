@@ -1,8 +1,9 @@
 """
 Exceptions for invalid input and impossible requests: one base class, one subclass per folder.
 
-A function raises the error of its folder if it cannot use an argument. The message is one line with the value and the
-allowed values. A docstring lists an error only if it does not follow from the description of the parameters.
+A function raises the error of its folder if it cannot use an argument. The message is one line with
+the value and the allowed values. A docstring lists an error only if it does not follow from the
+description of the parameters.
 """
 
 from collections.abc import Iterator
@@ -12,10 +13,15 @@ from pymantaray.messages import printable, without_secrets
 
 
 class MantaRayError(Exception):
-    """Invalid input or an impossible request; the message is one printable line, without passwords and tokens."""
+    """
+    Invalid input or an impossible request; the message is one printable line, without passwords and
+    tokens.
+    """
 
     def __init__(self, *arguments: object) -> None:
-        super().__init__(*(printable(without_secrets(a)) if isinstance(a, str) else a for a in arguments))
+        super().__init__(
+            *(printable(without_secrets(a)) if isinstance(a, str) else a for a in arguments)
+        )
 
 
 class GeometryError(MantaRayError):
@@ -103,9 +109,13 @@ class ExchangeError(MantaRayError):
 
 
 @contextmanager
-def optional_package(error: type[MantaRayError], where: object, name: str, extra: str) -> Iterator[None]:
+def optional_package(
+    error: type[MantaRayError], where: object, name: str, extra: str
+) -> Iterator[None]:
     """Raise an error with the command that installs an optional package if its import fails."""
     try:
         yield
     except ImportError:
-        raise error(f'{where}: {name} is not installed; pip install "pymantaray[{extra}]"') from None
+        raise error(
+            f'{where}: {name} is not installed; pip install "pymantaray[{extra}]"'
+        ) from None

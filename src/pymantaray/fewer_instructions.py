@@ -1,8 +1,9 @@
 """
 Fewer instructions in the code that Numba generates for LLVM, which would remove the others again.
 
-Numba stores variables and arrays in memory and loads them again. Here, they are values where possible, fields of tuples and arrays too.
-Instructions without a user are removed before the code becomes text. LLVM optimizes what remains to the same results.
+Numba stores variables and arrays in memory and loads them again. Here, they are values where
+possible, fields of tuples and arrays too. Instructions without a user are removed before the code
+becomes text. LLVM optimizes what remains to the same results.
 """
 
 from collections import Counter
@@ -48,13 +49,17 @@ def variables_without_memory(blocks: dict[int, Any]) -> set[str]:
     late = {
         name
         for name, offset in uses
-        if name in single and (order[first[name]] >= order[offset] or first[name] not in dominators[offset])
+        if name in single
+        and (order[first[name]] >= order[offset] or first[name] not in dominators[offset])
     }
     return single - late
 
 
 def extract_value(builder: Any, aggregate: Any, index: Any, name: str = "") -> Any:
-    """As llvmlite's IRBuilder.extract_value; a value that was inserted into the aggregate before is returned itself."""
+    """
+    As llvmlite's IRBuilder.extract_value; a value that was inserted into the aggregate before is
+    returned itself.
+    """
     indices = list(index) if isinstance(index, tuple | list) else [index]
     while isinstance(aggregate, kinds.InsertValue):
         inserted = list(aggregate.indices)
@@ -93,19 +98,26 @@ def remove_unused(module: Any) -> None:
 
 def _operands(one: Any) -> Any:
     """Values that an instruction uses."""
-    return [value for value, _ in one.incomings] if isinstance(one, kinds.PhiInstr) else one.operands
+    return (
+        [value for value, _ in one.incomings] if isinstance(one, kinds.PhiInstr) else one.operands
+    )
 
 
 @cache
 def make_array(kind: Any) -> Any:
-    """As Numba's make_array, but an array that exists as a value is stored in memory only when its address is needed."""
+    """
+    As Numba's make_array, but an array that exists as a value is stored in memory only when its
+    address is needed.
+    """
     plain = _numba_make_array(kind)
 
     class Array(plain):  # type: ignore[misc,valid-type]
         """An array's fields."""
 
         def __init__(self, context: Any, builder: Any, value: Any = None, ref: Any = None) -> None:
-            at_start = builder.block is builder.function.entry_basic_block  # before the memory of variables
+            at_start = (
+                builder.block is builder.function.entry_basic_block
+            )  # before the memory of variables
             if value is None or at_start or type(kind) is not types.Array:
                 super().__init__(context, builder, value, ref)
                 return

@@ -28,7 +28,10 @@ _KERNELS = (
 
 
 def versions() -> dict[str, str | None]:
-    """Versions of Python and of the packages that affect results; None for a package that is not installed."""
+    """
+    Versions of Python and of the packages that affect results; None for a package that is not
+    installed.
+    """
     return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
 
 
@@ -37,7 +40,8 @@ def code_version() -> str:
     """
     Version of the package with a hash of its source files, such as ``0.1.0+3f2a9c1b52d0``.
 
-    A checkout and its wheel have the same version. The hash excludes `cli` and `report`, which do not affect results.
+    A checkout and its wheel have the same version. The hash excludes `cli` and `report`, which do
+    not affect results.
     """
     root = Path(__file__).parent
     content = hashlib.sha256()
@@ -70,16 +74,19 @@ def installation() -> dict[str, Any]:
     Returns
     -------
     dict
-        ``version``, ``folder``, ``python``, ``platform``; ``packages``, one row each (name, version, needs, fault);
-        ``extras``, one row each (name, missing, install); ``folders``, one row each (use, folder, writable, remedy);
-        ``kernels`` (compiled, all); ``processors`` (cores, usable_cores, memory_gib); ``gpu`` (name or None, why_not);
-        ``faults``, one line for each problem that prevents normal use.
+        ``version``, ``folder``, ``python``, ``platform``; ``packages``, one row each (name,
+        version, needs, fault); ``extras``, one row each (name, missing, install); ``folders``, one
+        row each (use, folder, writable, remedy); ``kernels`` (compiled, all); ``processors``
+        (cores, usable_cores, memory_gib); ``gpu`` (name or None, why_not); ``faults``, one line for
+        each problem that prevents normal use.
     """
     packages, extras = _requirements()
     kernels = _kernels()
     folders = _folders(kernels)
     faults = [f"{row['name']}: {row['fault']}" for row in packages if row["fault"]]
-    faults += [f"{row['folder']}: not writable; {row['remedy']}" for row in folders if not row["writable"]]
+    faults += [
+        f"{row['folder']}: not writable; {row['remedy']}" for row in folders if not row["writable"]
+    ]
     name, why_not = gpu()
     return {
         "version": _version("pymantaray"),
@@ -98,7 +105,9 @@ def installation() -> dict[str, Any]:
             "usable_cores": len(os.sched_getaffinity(0))
             if hasattr(os, "sched_getaffinity")
             else os.cpu_count(),
-            "memory_gib": round(os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1),
+            "memory_gib": round(
+                os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1
+            ),
         },
         "gpu": {"name": name, "why_not": why_not},
         "faults": faults,
@@ -131,7 +140,13 @@ def _requirements() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
         fits = there is not None and requirement.specifier.contains(there, prereleases=True)
         marker = requirement.marker
         if marker is None:
-            fault = "" if fits else "is not installed" if there is None else "has an unsupported version"
+            fault = (
+                ""
+                if fits
+                else "is not installed"
+                if there is None
+                else "has an unsupported version"
+            )
             packages.append(
                 {
                     "name": requirement.name,
@@ -145,7 +160,11 @@ def _requirements() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
             missing = extras.setdefault(extra, [])
             missing += [] if fits else [f"{requirement.name}{requirement.specifier}"]
     rows = [
-        {"name": extra, "missing": missing, "install": f"pip install {shlex.quote(f'pymantaray[{extra}]')}"}
+        {
+            "name": extra,
+            "missing": missing,
+            "install": f"pip install {shlex.quote(f'pymantaray[{extra}]')}",
+        }
         for extra, missing in extras.items()
     ]
     return packages, rows
@@ -179,7 +198,9 @@ def _folders(kernels: list[Path]) -> list[dict[str, Any]]:
             "use": use,
             "folder": str(folder or "nowhere"),
             "writable": folder is not None and _writable(folder),
-            "remedy": f"set {variable} to a writable folder" if variable else "work in a writable folder",
+            "remedy": f"set {variable} to a writable folder"
+            if variable
+            else "work in a writable folder",
         }
         for use, folder, variable in uses
     ]

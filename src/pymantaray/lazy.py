@@ -1,4 +1,7 @@
-"""Public names of a package that are imported on first use, each listed once: in its ``if TYPE_CHECKING`` block."""
+"""
+Public names of a package that are imported on first use, each listed once: in its ``if
+TYPE_CHECKING`` block.
+"""
 
 import ast
 import sys
@@ -14,8 +17,9 @@ def lazy_exports(package: str) -> tuple[Callable[[str], Any], Callable[[], list[
     Parameters
     ----------
     package : str
-        Name of the package, whose ``__init__`` has ``if TYPE_CHECKING`` with lines such as
-        ``from pymantaray.acoustics import Medium as Medium``. Type checkers read them, and so does this function.
+        Name of the package, whose ``__init__`` has ``if TYPE_CHECKING`` with lines such as ``from
+        pymantaray.acoustics import Medium as Medium``. Type checkers read them, and so does this
+        function.
 
     Returns
     -------
@@ -36,6 +40,8 @@ def lazy_exports(package: str) -> tuple[Callable[[str], Any], Callable[[], list[
 def _homes(package: str) -> dict[str, str]:
     """Module of each name that a package imports for type checkers."""
     loader: Any = sys.modules[package].__spec__.loader  # type: ignore[union-attr]
-    blocks = (node for node in ast.parse(loader.get_source(package)).body if isinstance(node, ast.If))
+    blocks = (
+        node for node in ast.parse(loader.get_source(package)).body if isinstance(node, ast.If)
+    )
     lines = (line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom))
     return {name.name: str(line.module) for line in lines for name in line.names}

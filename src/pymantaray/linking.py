@@ -1,7 +1,10 @@
-"""Numba compilers that link kernels into the entries that call them, and optimize and compile each entry as a whole.
+"""
+Numba compilers that link kernels into the entries that call them, and optimize and compile each
+entry as a whole.
 
-A large kernel that several entries call is shared: it is compiled once, with all kernels that it calls, under a name that is
-the same in every process. The disk cache stores an entry with the machine code of its shared kernels.
+A large kernel that several entries call is shared: it is compiled once, with all kernels that it
+calls, under a name that is the same in every process. The disk cache stores an entry with the
+machine code of its shared kernels.
 """
 
 from collections.abc import Iterator
@@ -30,7 +33,8 @@ from pymantaray.release import release_code, release_module
 from pymantaray.shortcuts import QuickPassManager, shortcuts
 from pymantaray.unreachable import DecideByType
 
-# Passes of Numba for features that no kernel uses: with blocks, closures, exceptions, lists, array expressions.
+# Passes of Numba for features that no kernel uses: with blocks, closures, exceptions, lists, array
+# expressions.
 _SKIPPED_PASSES = {
     "with_lifting",
     "inline_closure_likes",
@@ -79,10 +83,12 @@ class KernelLibrary(Library):
 
 
 class EntryLibrary(Library):
-    """Code of an entry and of all kernels that it calls directly or indirectly, optimized once as a whole.
+    """
+    Code of an entry and of all kernels that it calls directly or indirectly, optimized once as a
+    whole.
 
-    ``needs`` is the machine code of shared kernels by symbol; a kernel follows the kernels that it calls. ``compact`` is True if
-    loops remain as they are.
+    ``needs`` is the machine code of shared kernels by symbol; a kernel follows the kernels that it
+    calls. ``compact`` is True if loops remain as they are.
     """
 
     _linking_libraries: list[Any]
@@ -99,12 +105,16 @@ class EntryLibrary(Library):
                 all_libraries[library] = None
                 waiting += [] if isinstance(library, EntryLibrary) else library._linking_libraries
         self._linking_libraries = [x for x in all_libraries if not isinstance(x, SharedLibrary)]
-        self.needs = {k: v for x in all_libraries if isinstance(x, SharedLibrary) for k, v in x.needs.items()}
+        self.needs = {
+            k: v for x in all_libraries if isinstance(x, SharedLibrary) for k, v in x.needs.items()
+        }
         self._reload_init = {partial(load_shared, tuple(self.needs.items()))}
         super().finalize()
 
     def _optimize_final_module(self) -> None:
-        """Skip Numba's first round, which prepares the pruning of reference counts: kernels have none."""
+        """
+        Skip Numba's first round, which prepares the pruning of reference counts: kernels have none.
+        """
         manager, builder = (
             _compact_passes(self._codegen) if self.compact else self._codegen._module_pass_manager()
         )
@@ -120,13 +130,19 @@ def _compact_passes(codegen: Any) -> tuple[Any, Any]:
 
 
 class SharedLibrary(EntryLibrary):
-    """Code of a shared kernel and of all kernels that it calls, optimized once as a whole; one per name and process."""
+    """
+    Code of a shared kernel and of all kernels that it calls, optimized once as a whole; one per
+    name and process.
+    """
 
     loaded: ClassVar[dict[str, "SharedLibrary"]] = {}
     symbol = ""
 
     def finalize(self) -> None:
-        """Compile the kernel, unless an entry from the disk cache has loaded it; its own code is the last in ``needs``."""
+        """
+        Compile the kernel, unless an entry from the disk cache has loaded it; its own code is the
+        last in ``needs``.
+        """
         if self.symbol not in self.loaded:
             super().finalize()
             self.needs[self.symbol] = self._get_compiled_object()
@@ -136,7 +152,10 @@ class SharedLibrary(EntryLibrary):
 
 
 def load_shared(needs: tuple[tuple[str, bytes], ...]) -> None:
-    """Load the machine code of shared kernels once per process; a kernel follows the kernels that it calls."""
+    """
+    Load the machine code of shared kernels once per process; a kernel follows the kernels that it
+    calls.
+    """
     for i, (symbol, code) in enumerate(needs):
         if symbol not in SharedLibrary.loaded:
             library = SharedLibrary(cpu_target.target_context.codegen(), symbol)
@@ -148,7 +167,10 @@ def load_shared(needs: tuple[tuple[str, bytes], ...]) -> None:
 
 
 class KernelLower(Lower):  # type: ignore[misc]
-    """Numba's lowering without debug information and without deletion of variables, which own nothing here."""
+    """
+    Numba's lowering without debug information and without deletion of variables, which own nothing
+    here.
+    """
 
     _disable_sroa_like_opt = False  # only for debug information
 
@@ -205,9 +227,12 @@ class KernelLowering(NativeLowering):  # type: ignore[misc]
         name = state.func_id.func_qualname
         state.library = self.library(state.targetctx.codegen(), name)
         state.library.compact = hasattr(state.func_id.func, "compact")
-        state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = True
+        state.flags.no_cpython_wrapper = state.flags.no_cfunc_wrapper = state.flags.no_compile = (
+            True
+        )
         changed: bool = super().run_pass(state)
-        # The dispatcher requires a distinct built-in function for each kernel. This one raises KeyError with this text.
+        # The dispatcher requires a distinct built-in function for each kernel. This one raises
+        # KeyError with this text.
         no_entry = ("{" + f"{name} is called by kernels only" + "}").format
         state.targetctx.insert_user_function(no_entry, state.cr.fndesc, [state.library])
         state["cr"] = state.cr._replace(cfunc=no_entry)
@@ -217,7 +242,10 @@ class KernelLowering(NativeLowering):  # type: ignore[misc]
 
 @register_pass(mutates_CFG=True, analysis_only=False)
 class SharedLowering(KernelLowering):
-    """The last pass for shared kernels: one compiled library for all entries, under a name without Numba's counter."""
+    """
+    The last pass for shared kernels: one compiled library for all entries, under a name without
+    Numba's counter.
+    """
 
     _name = "shared_lowering"
     library = SharedLibrary
@@ -250,7 +278,10 @@ class EntryLowering(NativeLowering):  # type: ignore[misc]
 
 
 class KernelCompiler(CompilerBase):  # type: ignore[misc]
-    """Numba's compiler with a different last pass, and without passes for features that kernels do not use."""
+    """
+    Numba's compiler with a different last pass, and without passes for features that kernels do not
+    use.
+    """
 
     lowering = KernelLowering
 
@@ -263,7 +294,9 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
             if own._name not in _SKIPPED_PASSES
         ]
         names = [own._name for own, _ in manager.passes]
-        manager.passes.insert(names.index("dead_branch_prune"), (DecideByType, "comparisons of types"))
+        manager.passes.insert(
+            names.index("dead_branch_prune"), (DecideByType, "comparisons of types")
+        )
         manager.finalize()
         return [manager]
 
@@ -287,7 +320,10 @@ class EntryCompiler(KernelCompiler):
 
 
 class ArrayByDataAndShape(ArrayModel):  # type: ignore[misc]
-    """A contiguous array of numbers that is passed by its data and shape, from which its other fields follow."""
+    """
+    A contiguous array of numbers that is passed by its data and shape, from which its other fields
+    follow.
+    """
 
     def get_argument_type(self) -> tuple[Any, ...]:
         """Types of the arguments."""
@@ -325,7 +361,10 @@ def _array_model(models: Any, kind: Any) -> Any:
 
 
 class ModelsOfArguments:
-    """Numba's models of types, with `ArrayByDataAndShape` for arrays in named tuples, which only kernels take."""
+    """
+    Numba's models of types, with `ArrayByDataAndShape` for arrays in named tuples, which only
+    kernels take.
+    """
 
     in_tuples = DataModelManager().chain(default_manager)
     in_tuples.register(types.Array, _array_model)
@@ -338,7 +377,10 @@ class ModelsOfArguments:
 
 @contextmanager
 def _arrays_by_data_and_shape() -> Iterator[None]:
-    """Pass two to four numbers per array of a workspace instead of seven to eleven; saves a tenth of the time."""
+    """
+    Pass two to four numbers per array of a workspace instead of seven to eleven; saves a tenth of
+    the time.
+    """
     context: Any = BaseContext
     pack = context.get_arg_packer
     packers = dict[Any, Any]()

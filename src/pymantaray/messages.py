@@ -1,4 +1,7 @@
-"""Messages: text from outside in one printable line without passwords and tokens, and warnings about the compilation of kernels."""
+"""
+Messages: text from outside in one printable line without passwords and tokens, and warnings about
+the compilation of kernels.
+"""
 
 import logging
 import re
@@ -13,16 +16,23 @@ _VALUE = re.compile(r"([?&#][\w.\[\]%-]+=)[^\s&#'\"]*?(?=[:;,]?(?:[\s&#'\"]|$))"
 
 
 def without_secrets(text: object) -> str:
-    """Remove users, passwords and query values from all URLs in a text; all values, since a token may have any name."""
+    """
+    Remove users, passwords and query values from all URLs in a text; all values, since a token may
+    have any name.
+    """
     return _VALUE.sub(r"\1...", _BARE_ACCOUNT.sub("", _ACCOUNT.sub("/", str(text))))
 
 
 def printable(text: str) -> str:
-    """Escape characters that a terminal may act on; line ends, and the bytes of file names that are not UTF-8, stay."""
+    """
+    Escape characters that a terminal may act on; line ends, and the bytes of file names that are
+    not UTF-8, stay.
+    """
     if text.isprintable():
         return text
     return "".join(
-        c if c.isprintable() or c == "\n" or "\udc80" <= c <= "\udcff" else ascii(c)[1:-1] for c in text
+        c if c.isprintable() or c == "\n" or "\udc80" <= c <= "\udcff" else ascii(c)[1:-1]
+        for c in text
     )
 
 
@@ -33,7 +43,9 @@ def one_line(text: object, longest: int = 160) -> str:
 
 
 def announce_compilation() -> None:
-    """Log that kernels are compiled, unless a warning already said that each process compiles them."""
+    """
+    Log that kernels are compiled, unless a warning already said that each process compiles them.
+    """
     if not warn_not_cached.cache_info().currsize:
         warn_once("compiling kernels: takes up to a minute, only the first time")
 
@@ -48,6 +60,6 @@ def warn_once(line: str) -> None:
 def warn_not_cached(cause: str) -> None:
     """Log once that compiled kernels cannot be stored."""
     warn_once(
-        f"compiled kernels cannot be cached: {cause}; "
-        "each process will compile them again; set NUMBA_CACHE_DIR to a writable folder"
+        f"compiled kernels cannot be cached: {cause}; each process will compile them again; set"
+        " NUMBA_CACHE_DIR to a writable folder"
     )

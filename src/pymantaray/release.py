@@ -1,8 +1,9 @@
 """
 Release of what Numba and llvmlite made on the way to machine code.
 
-Their objects refer to each other in cycles, so they stayed in memory until a garbage collection of a million objects, at the end of the
-process at the latest. Without the cycles, they are freed at once.
+Their objects refer to each other in cycles, so they stayed in memory until a garbage collection of
+a million objects, at the end of the process at the latest. Without the cycles, they are freed at
+once.
 """
 
 from collections.abc import Callable
@@ -24,7 +25,10 @@ def release_module(module: Any) -> None:
 
 
 def release_code(state: Any) -> None:
-    """Empty the scopes of a kernel's code after its last pass, and leave out the copy of the code for readers of its types."""
+    """
+    Empty the scopes of a kernel's code after its last pass, and leave out the copy of the code for
+    readers of its types.
+    """
     for block in state.func_ir.blocks.values():
         block.scope.localvars._con.clear()
     state.type_annotation = ""

@@ -1,8 +1,9 @@
 """
 Shorter ways through Numba while an entry is compiled. The compiled code is the same.
 
-Numba formats each instruction and the types of each pass for messages that nobody reads, colours the text of exceptions that it catches,
-and repeats searches and analyses. A replacement whose place does not exist in a version of Numba is left out.
+Numba formats each instruction and the types of each pass for messages that nobody reads, colours
+the text of exceptions that it catches, and repeats searches and analyses. A replacement whose place
+does not exist in a version of Numba is left out.
 """
 
 import gc
@@ -57,7 +58,10 @@ _WITHOUT_VARIABLES = {
 
 
 class QuickPassManager(PassManager):  # type: ignore[misc]
-    """Numba's manager of compiler passes, without events, and without checks and a text of all types for each pass."""
+    """
+    Numba's manager of compiler passes, without events, and without checks and a text of all types
+    for each pass.
+    """
 
     analyses: ClassVar[dict[Any, Any]] = {}
 
@@ -113,14 +117,20 @@ def _constants() -> Callable[..., Any]:
 
     def resolve_value_type(context: Any, value: Any) -> Any:
         if id(value) not in known:
-            known[id(value)] = value, resolve(context, value)  # with the value, which therefore keeps its id
+            known[id(value)] = (
+                value,
+                resolve(context, value),
+            )  # with the value, which therefore keeps its id
         return known[id(value)][1]
 
     return resolve_value_type
 
 
 def _implementations() -> Callable[..., Any]:
-    """Numba's search of an implementation; it loads all registries again only for the first search without result."""
+    """
+    Numba's search of an implementation; it loads all registries again only for the first search
+    without result.
+    """
     search = BaseContext.get_function
     missing = set[Any]()
 
@@ -140,9 +150,11 @@ def _implementations() -> Callable[..., Any]:
 
 def _refresh() -> Callable[..., Any]:
     """
-    Numba's search for new functions in its registries, only if there are more of them, or new modules.
+    Numba's search for new functions in its registries, only if there are more of them, or new
+    modules.
 
-    Numba copies a context for each function. All copies share their registries, which are kept by identity.
+    Numba copies a context for each function. All copies share their registries, which are kept by
+    identity.
     """
     refresh = BaseContext.refresh
     seen = dict[int, tuple[Any, int]]()
@@ -180,7 +192,10 @@ def _parameters() -> Callable[..., Any]:
 
 
 def _lifetimes() -> Callable[..., Any]:
-    """Numba's analysis of the lifetime of variables, only if it inserts the ends of lifetimes, which kernels do not need."""
+    """
+    Numba's analysis of the lifetime of variables, only if it inserts the ends of lifetimes, which
+    kernels do not need.
+    """
     run = postproc.PostProcessor.run
 
     def run_if_needed(self: Any, emit_dels: bool = False, extend_lifetimes: bool = False) -> None:
@@ -196,12 +211,17 @@ def _lifetimes() -> Callable[..., Any]:
 
 
 def _without_try() -> Callable[..., Any]:
-    """Numba's step to the next instruction; in functions without exception handlers, without a search for them, past unused code."""
+    """
+    Numba's step to the next instruction; in functions without exception handlers, without a search
+    for them, past unused code.
+    """
     search = byteflow.Flow._run_handle_exception
 
     def search_if_there(self: Any, runner: Any, state: Any) -> Any:
         code = self._bytecode
-        if getattr(code, "exception_entries", None) != ():  # handlers, or a Python without this table
+        if (
+            getattr(code, "exception_entries", None) != ()
+        ):  # handlers, or a Python without this table
             return search(self, runner, state)
         following = code[state._pc].next
         while following in code and code[following].opname == "CACHE":
@@ -213,11 +233,15 @@ def _without_try() -> Callable[..., Any]:
 
 
 def _without_with() -> Callable[..., Any]:
-    """Numba's removal of the variables of ``with`` blocks, only from functions that have such blocks."""
+    """
+    Numba's removal of the variables of ``with`` blocks, only from functions that have such blocks.
+    """
     remove = interpreter.peep_hole_delete_with_exit
 
     def remove_if_there(code: Any) -> Any:
-        there = any(isinstance(one, ir.EnterWith) for block in code.blocks.values() for one in block.body)
+        there = any(
+            isinstance(one, ir.EnterWith) for block in code.blocks.values() for one in block.body
+        )
         return remove(code) if there else code
 
     return remove_if_there
@@ -230,7 +254,10 @@ def _hash() -> Callable[..., Any]:
     def stored(self: Any) -> int:
         found = known.get(id(self))
         if found is None:
-            found = known[id(self)] = self, hash(self.key)  # with the type, which therefore keeps its id
+            found = known[id(self)] = (
+                self,
+                hash(self.key),
+            )  # with the type, which therefore keeps its id
         value: int = found[1]
         return value
 
@@ -256,7 +283,8 @@ class _ErrorContext:
 
 def _propagate(network: Any, inference: Any) -> list[Any]:
     """
-    As Numba's ConstraintNetwork.propagate, which collects warnings for each constraint, and repeats all calls in each round.
+    As Numba's ConstraintNetwork.propagate, which collects warnings for each constraint, and repeats
+    all calls in each round.
 
     A call whose signature is known is typed again only if the types of its arguments changed.
     """
@@ -277,7 +305,11 @@ def _propagate(network: Any, inference: Any) -> list[Any]:
                 again = errors.TypingError(str(error), loc=constraint.loc, highlighting=False)
                 caught.append(utils.chain_exception(again, error))
             else:
-                if inputs and not isinstance(inputs[-1], RecursiveCall) and _is_final(constraint.signature):
+                if (
+                    inputs
+                    and not isinstance(inputs[-1], RecursiveCall)
+                    and _is_final(constraint.signature)
+                ):
                     constraint.inputs = inputs
     return caught
 
@@ -302,7 +334,10 @@ def _single_assignments(states: Any, block: Any, handler: Any) -> list[Any]:
     """As Numba's _run_ssa_block_pass, which is a generator and logs each instruction."""
     on_assign = handler.on_assign
     on_other = handler.on_other
-    return [on_assign(states, x) if isinstance(x, ir.Assign) else on_other(states, x) for x in block.body]
+    return [
+        on_assign(states, x) if isinstance(x, ir.Assign) else on_other(states, x)
+        for x in block.body
+    ]
 
 
 def _variables(self: Any, value: Any) -> list[Any]:
@@ -340,7 +375,10 @@ def _unique_name(self: Any, name: str, deduplicate: bool = False) -> str:
 
 
 def _nothing(*_args: Any, **_kws: Any) -> None:
-    """Do nothing: an event for which nobody listens, or names of arguments for readers of LLVM's language."""
+    """
+    Do nothing: an event for which nobody listens, or names of arguments for readers of LLVM's
+    language.
+    """
 
 
 def _replacements() -> list[tuple[Any, str, Any]]:

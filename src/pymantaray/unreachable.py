@@ -1,8 +1,9 @@
 """
-Removal of code that the types of a kernel's arguments make unreachable, before Numba infers types and compiles what is called there.
+Removal of code that the types of a kernel's arguments make unreachable, before Numba infers types
+and compiles what is called there.
 
-Kinds are empty tuples and tuples of one number (`SMOOTH, LINEAR = (), (1,)`), so their comparison follows from their types. Without this
-pass, Numba compiles both branches, with the same results.
+Kinds are empty tuples and tuples of one number (`SMOOTH, LINEAR = (), (1,)`), so their comparison
+follows from their types. Without this pass, Numba compiles both branches, with the same results.
 """
 
 import operator
@@ -18,7 +19,9 @@ from numba.core.types.containers import BaseNamedTuple, BaseTuple
 
 @register_pass(mutates_CFG=False, analysis_only=False)
 class DecideByType(FunctionPass):  # type: ignore[misc]
-    """Replaces comparisons of kinds by their results, for which Numba's next pass removes branches."""
+    """
+    Replaces comparisons of kinds by their results, for which Numba's next pass removes branches.
+    """
 
     _name = "decide_by_type"
 
@@ -33,7 +36,9 @@ class DecideByType(FunctionPass):  # type: ignore[misc]
             for one in block.find_insts(ir.Assign):
                 equal = _equal(code, state.args, one.value)
                 if equal is not None:
-                    result = ir.Const(equal == (one.value.fn in (operator.eq, operator.is_)), one.loc)
+                    result = ir.Const(
+                        equal == (one.value.fn in (operator.eq, operator.is_)), one.loc
+                    )
                     definitions = code._definitions[one.target.name]
                     definitions[definitions.index(one.value)] = one.value = result
                     changed = True
@@ -43,7 +48,10 @@ class DecideByType(FunctionPass):  # type: ignore[misc]
 
 
 def _equal(code: Any, args: Any, value: Any) -> bool | None:
-    """True or False if an instruction compares an argument with None, or two tuples of which one is empty; otherwise None."""
+    """
+    True or False if an instruction compares an argument with None, or two tuples of which one is
+    empty; otherwise None.
+    """
     if not isinstance(value, ir.Expr) or value.op != "binop":
         return None
     sides = value.lhs, value.rhs
@@ -60,7 +68,10 @@ def _equal(code: Any, args: Any, value: Any) -> bool | None:
 
 
 def _length(code: Any, args: Any, variable: Any) -> int | None:
-    """Number of elements of a tuple that is an argument, a part of one or a constant of a module; otherwise None."""
+    """
+    Number of elements of a tuple that is an argument, a part of one or a constant of a module;
+    otherwise None.
+    """
     definition = guard(get_definition, code, variable)
     if isinstance(definition, ir.Expr) and definition.op == "getattr":
         owner = guard(get_definition, code, definition.value)

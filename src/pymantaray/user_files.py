@@ -1,4 +1,7 @@
-"""Opening of the files that a user names: regular files only, with a limit of size, and one error line for each cause."""
+"""
+Opening of the files that a user names: regular files only, with a limit of size, and one error line
+for each cause.
+"""
 
 import os
 import re
@@ -58,7 +61,9 @@ def open_regular(
         raise _cannot_be_read(path, refusal, error) from None
 
 
-def read_bytes(path: str | Path, refusal: Refusal, *, what: str = "a file", limit: int = MAX_BYTES) -> bytes:
+def read_bytes(
+    path: str | Path, refusal: Refusal, *, what: str = "a file", limit: int = MAX_BYTES
+) -> bytes:
     """Return the content of a regular file, as `open_regular`."""
     with open_regular(path, refusal, what=what, limit=limit) as file:
         content = file.read(limit + 1)
@@ -75,7 +80,10 @@ def read_text(
     limit: int = MAX_BYTES,
     errors: str = "strict",
 ) -> str:
-    """Return the text of a regular file in UTF-8, with or without a byte order mark, as `open_regular`."""
+    """
+    Return the text of a regular file in UTF-8, with or without a byte order mark, as
+    `open_regular`.
+    """
     try:
         return read_bytes(path, refusal, what=what, limit=limit).decode("utf-8-sig", errors)
     except UnicodeDecodeError:
@@ -97,7 +105,10 @@ def open_text(
 def check_regular(
     path: str | Path, refusal: Refusal, *, what: str = "a file", limit: int | None = None
 ) -> Path:
-    """Return the path of a regular file that a library opens by its name; raise an error for anything else."""
+    """
+    Return the path of a regular file that a library opens by its name; raise an error for anything
+    else.
+    """
     with open_regular(path, refusal, what=what, limit=2**63 if limit is None else limit):
         return Path(path)
 
@@ -117,10 +128,15 @@ def read_toml(path: str | Path, refusal: Refusal, *, limit: int = MAX_BYTES) -> 
 
 
 def parse_toml(text: str, label: str, refusal: Refusal) -> dict[str, Any]:
-    """Return the nested dictionaries of a TOML text; text that needs unlimited memory or stack is refused."""
+    """
+    Return the nested dictionaries of a TOML text; text that needs unlimited memory or stack is
+    refused.
+    """
     if long := _LONG_KEY.search(text):
         line = text.count("\n", 0, long.start()) + 1
-        raise refusal(f"{label}: not valid TOML: line {line}: a key of more than {_MAX_PARTS} parts")
+        raise refusal(
+            f"{label}: not valid TOML: line {line}: a key of more than {_MAX_PARTS} parts"
+        )
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -163,7 +179,9 @@ def matching_files(pattern: str, folder: Path, refusal: Refusal) -> list[Path]:
 
 
 def exists(path: str | Path) -> bool:
-    """True if there is a file or folder of this name; False also for a name that no file can have."""
+    """
+    True if there is a file or folder of this name; False also for a name that no file can have.
+    """
     try:
         os.stat(path)  # noqa: PTH116  Path.exists raises an error for long names
     except (OSError, ValueError):
@@ -187,7 +205,10 @@ def _entries(folder: Path, *, follow: bool) -> list[tuple[str, bool]]:
 
 
 def _opened(path: Path, refusal: Refusal, what: str, limit: int) -> IO[bytes]:
-    """Open a path after a check of its kind, without waiting for a writer, and check again what was opened."""
+    """
+    Open a path after a check of its kind, without waiting for a writer, and check again what was
+    opened.
+    """
     _check_state(path, path.stat(), refusal, what, limit)
     number = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_CLOEXEC", 0))
     file = os.fdopen(number, "rb")
@@ -199,7 +220,9 @@ def _opened(path: Path, refusal: Refusal, what: str, limit: int) -> IO[bytes]:
     return file
 
 
-def _check_state(path: Path, state: os.stat_result, refusal: Refusal, what: str, limit: int) -> None:
+def _check_state(
+    path: Path, state: os.stat_result, refusal: Refusal, what: str, limit: int
+) -> None:
     if stat.S_ISDIR(state.st_mode):
         raise refusal(f"{shown(path)}: is a folder; name {what}")
     if not stat.S_ISREG(state.st_mode):

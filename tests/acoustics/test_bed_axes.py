@@ -31,7 +31,9 @@ def medium(bed_axis=None, bed=slope, interpolation="smooth"):
 
 def hill(north, east):
     """A hill of 1,500 m that stands between two grid lines of the water."""
-    return (500.0 + ((north[:, None] - 2550.0) ** 2 + (east - 250.0) ** 2) / 1000.0).clip(max=2000.0)
+    return (500.0 + ((north[:, None] - 2550.0) ** 2 + (east - 250.0) ** 2) / 1000.0).clip(
+        max=2000.0
+    )
 
 
 def ends(n=30):
@@ -55,7 +57,9 @@ def test_a_plane_on_finer_axes_is_the_same_plane(interpolation):
 def test_a_hill_between_the_waters_grid_lines_blocks_and_reflects():
     fine = np.concatenate([[-10e3], np.arange(-500.0, 5.6e3, 100.0), [10e3]])
     water = medium(fine, hill)
-    np.testing.assert_allclose(water.bottom_depth([[2550.0, 250.0]]), 505.0)  # the top lies within a cell
+    np.testing.assert_allclose(
+        water.bottom_depth([[2550.0, 250.0]]), 505.0
+    )  # the top lies within a cell
     below, above = [50.0, 250.0, 800.0], [5050.0, 250.0, 800.0]
     assert find_eigenrays(water, below, above).status[0] == RayStatus.BLOCKED
     assert find_eigenrays(medium(None, hill), below, above).status[0] == RayStatus.OK
@@ -76,7 +80,13 @@ def test_a_local_data_set_with_its_own_floor_axes():
             "sound_speed": (("north", "east", "depth"), SPEED),
             "sea_floor_depth": (("floor_north", "floor_east"), hill(fine, fine)),
         },
-        coords={"north": AXIS, "east": AXIS, "depth": DEPTH, "floor_north": fine, "floor_east": fine},
+        coords={
+            "north": AXIS,
+            "east": AXIS,
+            "depth": DEPTH,
+            "floor_north": fine,
+            "floor_east": fine,
+        },
     )
     water = Medium.from_dataset(ocean)
     np.testing.assert_array_equal(water.bed.depth, hill(fine, fine))

@@ -1,4 +1,6 @@
-"""Searches from both ends of a link: one row a ray, and what is known if neither search is complete."""
+"""
+Searches from both ends of a link: one row a ray, and what is known if neither search is complete.
+"""
 
 import numpy as np
 import pytest
@@ -14,10 +16,18 @@ OK, SHADOW, BLOCKED, WEAK, UNRESOLVED = (
 
 
 def results(*links):
-    """Results of links, each (status, resolved, rays), a ray being (time, launch angle, arrival angle, surface bounces)."""
+    """
+    Results of links, each (status, resolved, rays), a ray being (time, launch angle, arrival angle,
+    surface bounces).
+    """
     rays = [ray for _, _, link in links for ray in link]
     rows, info = np.zeros((len(rays), layout.N_ARRIVAL)), np.zeros((len(links), layout.N_INFO))
-    columns = [layout.TRAVEL_TIME, layout.LAUNCH_ANGLE, layout.ARRIVAL_ANGLE, layout.SURFACE_BOUNCES]
+    columns = [
+        layout.TRAVEL_TIME,
+        layout.LAUNCH_ANGLE,
+        layout.ARRIVAL_ANGLE,
+        layout.SURFACE_BOUNCES,
+    ]
     if rays:
         rows[:, columns] = rays
     info[:, layout.RESOLVED] = [resolved for _, resolved, _ in links]
@@ -59,13 +69,17 @@ def test_two_copies_of_a_pair_stay_two_rays():
 @pytest.mark.parametrize("known", [0, 1])
 def test_the_ray_of_a_narrow_pair_that_one_search_lacks_is_added(known):
     pair = [(2.0, 0.1, -0.1, 0), (2.0 + 4e-8, 0.1 + 5e-5, -0.1, 0)]
-    merged = both_ends.merged(results((OK, 0, [pair[known]])), np.array([0]), results((OK, 0, pair)))
+    merged = both_ends.merged(
+        results((OK, 0, [pair[known]])), np.array([0]), results((OK, 0, pair))
+    )
     assert times(merged, 0) == [2.0, 2.0 + 4e-8]
 
 
 def test_reflected_rays_of_the_other_search_are_not_added():
     merged = both_ends.merged(
-        results((OK, 0, [(1.0, 0.1, 0.1, 0)])), np.array([0]), results((OK, 0, [(2.0, 0.1, 0.1, 1)]))
+        results((OK, 0, [(1.0, 0.1, 0.1, 0)])),
+        np.array([0]),
+        results((OK, 0, [(2.0, 0.1, 0.1, 1)])),
     )
     assert times(merged, 0) == [1.0]
 
@@ -90,6 +104,8 @@ def test_a_link_without_an_arrival_is_unresolved_only_if_neither_search_is_compl
 
 
 def test_a_link_that_only_the_other_search_solves_is_ok():
-    found = both_ends.merged(results((SHADOW, 0, [])), np.array([0]), results((OK, 0, [(2.0, 0.1, 0.1, 0)])))
+    found = both_ends.merged(
+        results((SHADOW, 0, [])), np.array([0]), results((OK, 0, [(2.0, 0.1, 0.1, 0)]))
+    )
     assert both_ends.without_certificate(found).status.tolist() == [OK]
     assert found.info[0].tolist() == results((OK, 0, [(2.0, 0.1, 0.1, 0)])).info[0].tolist()

@@ -1,4 +1,6 @@
-"""Rays between points above an uneven sea bed: blocked exactly if the straight line meets the bed."""
+"""
+Rays between points above an uneven sea bed: blocked exactly if the straight line meets the bed.
+"""
 
 import numpy as np
 import pytest
@@ -13,7 +15,10 @@ DEPTH = np.array([0.0, 100.0, 200.0, 300.0])
 
 
 def least_gap(bed: np.ndarray, source: np.ndarray, receiver: np.ndarray) -> np.ndarray:
-    """Smallest distance in depth between straight lines and a bilinear bed, from 4,001 points of each. [m]"""
+    """
+    Smallest distance in depth between straight lines and a bilinear bed, from 4,001 points of each.
+    [m]
+    """
     depth_of = RegularGridInterpolator((NORTH, EAST), bed)
     t = np.linspace(0.0, 1.0, 4001)[:, None]
     return np.array(
@@ -29,11 +34,15 @@ def test_straight_rays_are_blocked_exactly_where_they_meet_the_bed(interpolation
     rng = np.random.default_rng(7)
     bed = rng.uniform(150.0, 300.0, (NORTH.size, EAST.size))
     speed = np.full((NORTH.size, EAST.size, DEPTH.size), 1500.0)
-    medium = Medium.from_grid(NORTH, EAST, DEPTH, speed, bathymetry=bed, interpolation=interpolation)
+    medium = Medium.from_grid(
+        NORTH, EAST, DEPTH, speed, bathymetry=bed, interpolation=interpolation
+    )
     n = 600
     # up to the edges of the grid, where the rays near the bed are not known from its cells
     ends = [
-        np.column_stack([rng.uniform(-3e3, 3e3, n), rng.uniform(-2e3, 2e3, n), rng.uniform(1.0, 250.0, n)])
+        np.column_stack(
+            [rng.uniform(-3e3, 3e3, n), rng.uniform(-2e3, 2e3, n), rng.uniform(1.0, 250.0, n)]
+        )
         for _ in range(2)
     ]
     depth_of = RegularGridInterpolator((NORTH, EAST), bed)
@@ -44,4 +53,6 @@ def test_straight_rays_are_blocked_exactly_where_they_meet_the_bed(interpolation
     sure = np.abs(gap) > 0.05
     assert (gap[sure] < 0.0).sum() > 50
     assert (gap[sure] > 20.0).sum() > 50
-    np.testing.assert_array_equal(status[sure], np.where(gap[sure] < 0.0, RayStatus.BLOCKED, RayStatus.OK))
+    np.testing.assert_array_equal(
+        status[sure], np.where(gap[sure] < 0.0, RayStatus.BLOCKED, RayStatus.OK)
+    )

@@ -1,4 +1,7 @@
-"""How kernels are compiled: linked into entries, cached on disk only as long as no source changes, in memory where no disk can be written."""
+"""
+How kernels are compiled: linked into entries, cached on disk only as long as no source changes, in
+memory where no disk can be written.
+"""
 
 import gc
 import itertools
@@ -28,7 +31,10 @@ from pymantaray.compile import entry, kernel
 from pymantaray.geometry import EarthSphere
 
 LINKED = bool(compilation._KERNEL)
-"""Whether kernels are linked into entries, which say that they are compiled; else Numba compiles each by itself."""
+"""
+Whether kernels are linked into entries, which say that they are compiled; else Numba compiles each
+by itself.
+"""
 INNER = """
 from pymantaray.compile import kernel
 
@@ -48,12 +54,18 @@ def scaled(x):
 
 @pytest.fixture
 def two_files(tmp_path):
-    """An entry that calls a kernel of another file, run in a process of its own; returns what it prints and says."""
+    """
+    An entry that calls a kernel of another file, run in a process of its own; returns what it
+    prints and says.
+    """
     (tmp_path / "outer.py").write_text(OUTER)
 
     def run(factor, before="", **environment):
         (tmp_path / "inner.py").write_text(INNER.format(factor=factor))
-        code = f"{before}\nfrom outer import scaled\nprint(scaled(1.0), scaled.stats.cache_path is not None)"
+        code = (
+            f"{before}\nfrom outer import scaled\nprint(scaled(1.0), scaled.stats.cache_path is"
+            " not None)"
+        )
         environment |= {"PYTHONDONTWRITEBYTECODE": "1"}
         done = python(code, environment=environment, cwd=tmp_path)
         return done.stdout.split(), done.stderr
@@ -131,7 +143,10 @@ def test_a_process_does_not_wait_for_ever_for_one_that_is_stopped(tmp_path):
             with start([sys.executable, "short.py"]) as second:
                 printed, said = second.communicate(timeout=120)
             assert printed == "calls\n2.0 0\n", said
-            assert "another process has been compiling kernels for 1 s; compiling them in memory" in said
+            assert (
+                "another process has been compiling kernels for 1 s; compiling them in memory"
+                in said
+            )
         finally:
             first.send_signal(signal.SIGCONT)
         assert first.communicate(timeout=120)[0] == "calls\n2.0 0\n"
@@ -193,12 +208,16 @@ def raised(x):
 
 def test_shared_kernel_is_found_by_entries_that_are_compiled_and_by_those_cached_on_disk(tmp_path):
     (tmp_path / "both.py").write_text(SHARED)
-    for first, second, lines in (("plain", "plain", 1), ("plain", "raised", 1), ("raised", "plain", 0)):
+    for first, second, lines in (
+        ("plain", "plain", 1),
+        ("plain", "raised", 1),
+        ("raised", "plain", 0),
+    ):
         code = f"import both\nprint(both.{first}(3.0), both.{second}(3.0))"
         done = python(code, environment={"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, cwd=tmp_path)
-        assert done.stdout.split() == [{"plain": "18.0", "raised": "27.0"}[x] for x in (first, second)], (
-            done.stderr
-        )
+        assert done.stdout.split() == [
+            {"plain": "18.0", "raised": "27.0"}[x] for x in (first, second)
+        ], done.stderr
         assert done.stderr.count("compiling kernels") == lines * LINKED
 
 
@@ -227,7 +246,10 @@ Fields = namedtuple("Fields", "cube across whole truth pair")
 
 def summed(fields, i):
     sizes = (
-        fields.cube.size + 10 * fields.across.size + 100 * fields.whole.size + 1000 * fields.pair[1].shape[1]
+        fields.cube.size
+        + 10 * fields.across.size
+        + 100 * fields.whole.size
+        + 1000 * fields.pair[1].shape[1]
     )
     values = fields.cube[i, 2, 3] + fields.across[1, i] + fields.whole[i] + fields.pair[0][i, 1]
     return sizes, values, fields.cube[i].strides[0], fields.truth[i]
@@ -248,7 +270,9 @@ def sum_by_others(fields, i):
 
 def test_arrays_in_named_tuples_reach_kernels_whole_and_functions_of_others_as_before():
     cube, square = np.arange(24.0).reshape(2, 3, 4), np.arange(9.0).reshape(3, 3)
-    fields = Fields(cube, square.T, np.arange(5), np.array([True, False]), (square, square[:, :2].copy()))
+    fields = Fields(
+        cube, square.T, np.arange(5), np.array([True, False]), (square, square[:, :2].copy())
+    )
     assert sum_by_kernel(fields, 1) == sum_by_others(fields, 1) == summed(fields, 1)
 
 
@@ -261,7 +285,10 @@ def first_and_rest(pair, swap):
 
 @entry
 def walk(values, n):
-    """Variables that change in loops and branches, tuples in tuples, and views of arrays, whose addresses are needed."""
+    """
+    Variables that change in loops and branches, tuples in tuples, and views of arrays, whose
+    addresses are needed.
+    """
     total, last, found = 0.0, -1.0, False
     rows = values.reshape(2, values.size // 2)
     for i in range(n):
@@ -282,7 +309,10 @@ def walk(values, n):
 def test_variables_tuples_and_views_have_the_values_of_plain_python():
     values = np.arange(8.0)
     ours, plain = values.copy(), values.copy()
-    python_kernel = {"first_and_rest": getattr(first_and_rest, "py_func", first_and_rest), "range": range}
+    python_kernel = {
+        "first_and_rest": getattr(first_and_rest, "py_func", first_and_rest),
+        "range": range,
+    }
     body = getattr(walk, "py_func", walk)
     expected = type(body)(body.__code__, python_kernel)(plain, 5)
     assert walk(ours, 5) == expected
@@ -307,7 +337,10 @@ Whole = namedtuple("Whole", "part pair")
 
 @kernel
 def by_kind(whole, pair, maybe):
-    """Comparisons in all forms of code: of fields, of parts of tuples, in conditions with others, as values, of changed variables."""
+    """
+    Comparisons in all forms of code: of fields, of parts of tuples, in conditions with others, as
+    values, of changed variables.
+    """
     part, total = whole.part, 0
     first, second = pair
     total += 1 if part.kind == at.SMOOTH else 2
@@ -368,7 +401,12 @@ def test_numba_is_unchanged_after_a_compilation_even_if_it_failed():
 
 
 LONG = {}
-exec("def steps(x):\n" + "".join(f"    x = max({i}.0 * x, 1.0)\n" for i in range(200)) + "    return x", LONG)  # noqa: S102
+exec(  # noqa: S102
+    "def steps(x):\n"
+    + "".join(f"    x = max({i}.0 * x, 1.0)\n" for i in range(200))
+    + "    return x",
+    LONG,
+)
 steps = kernel(LONG["steps"])
 
 
@@ -379,7 +417,10 @@ def call_steps(x):
 
 @pytest.mark.skipif(not LINKED, reason="this Numba keeps what it made")
 def test_what_compilers_made_on_the_way_is_freed_without_a_garbage_collection():
-    """They left a million objects in cycles, whose collection took two seconds at the end of a process."""
+    """
+    They left a million objects in cycles, whose collection took two seconds at the end of a
+    process.
+    """
     kinds = ir.Inst, ir.Block, ir.Var, llvm_ir.Instruction, llvm_ir.Block, TypeVar
 
     def there():
@@ -417,14 +458,20 @@ def call_twice(a, b, c):
 
 @pytest.mark.skipif(compilation.PLAIN, reason="plain Python has no intrinsics")
 def test_instructions_that_are_first_needed_during_a_compilation_are_found():
-    """A first start failed by chance: an instruction is registered for a type when it is first needed, without a new module."""
+    """
+    A first start failed by chance: an instruction is registered for a type when it is first needed,
+    without a new module.
+    """
     assert call_twice(np.int64(3), np.float64(0.5), np.float32(0.25)) == 7.5
 
 
 @pytest.mark.skipif(compilation.PLAIN, reason="plain Python compiles nothing")
 @pytest.mark.parametrize("earth", [None, EarthSphere(6371e3)])
 def test_a_medium_from_another_process_needs_no_other_kernels(earth):
-    """Its arrays can be written, for which Numba compiled all kernels again, in each process of a service."""
+    """
+    Its arrays can be written, for which Numba compiled all kernels again, in each process of a
+    service.
+    """
     medium = Medium.from_profile([0.0, 90.0], [1450.0, 1460.0], bottom_depth=90.0, earth=earth)
     ends = [0.0, 0.0, 10.0], [500.0, 0.0, 20.0]
     size = len(pickle.dumps(medium))
@@ -446,7 +493,11 @@ def test_change_in_a_called_file_is_seen_wherever_the_cache_lies(two_files, tmp_
         printed, said = two_files(factor, **environment)
         assert printed == [str(factor), "True"], said
         assert said.count("compiling kernels") == said.count("\n") == lines * LINKED
-    kept = [*(folder if place == "NUMBA_CACHE_DIR" else tmp_path / "__pycache__").rglob("outer.scaled*.nbi")]
+    kept = [
+        *(folder if place == "NUMBA_CACHE_DIR" else tmp_path / "__pycache__").rglob(
+            "outer.scaled*.nbi"
+        )
+    ]
     assert len(kept) == 1  # that of the first factor is gone
 
 
@@ -473,7 +524,10 @@ def test_where_a_disk_is_full_kernels_go_on_in_memory_and_one_line_says_so(two_f
 
 def test_types_of_registers_come_back_from_disk_in_another_process(tmp_path):
     """Kernels that take them are kept where each is compiled by itself."""
-    way = "from numba.core import serialize\nfrom pymantaray.acoustics._kernels.lanes import LANES, MASK\n"
+    way = (
+        "from numba.core import serialize\nfrom pymantaray.acoustics._kernels.lanes import LANES,"
+        " MASK\n"
+    )
     path = f"{tmp_path}/types"
     python(f"{way}open({path!r}, 'wb').write(serialize.dumps((LANES, MASK)))")
     assert (
@@ -530,7 +584,9 @@ print(sums[0] == sums[1], np.array_equal(*out), *(len(*x.inspect_llvm().values()
 @pytest.mark.skipif(not LINKED, reason="this Numba compiles each kernel by itself")
 def test_compact_code_is_smaller_and_has_the_same_results(tmp_path):
     (tmp_path / "sums.py").write_text(SUMS)
-    done = python("import sums", environment={"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, cwd=tmp_path)
+    done = python(
+        "import sums", environment={"NUMBA_CACHE_DIR": str(tmp_path / "cache")}, cwd=tmp_path
+    )
     same_sum, same_values, small, large = done.stdout.split()
     assert (same_sum, same_values) == ("True", "True"), done.stderr
     assert int(small) < 0.8 * int(large)

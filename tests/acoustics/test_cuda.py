@@ -1,4 +1,7 @@
-"""The kernels on CUDA: the simulator's digits, compilation without a device, and workspaces no larger than needed."""
+"""
+The kernels on CUDA: the simulator's digits, compilation without a device, and workspaces no larger
+than needed.
+"""
 
 from pathlib import Path
 
@@ -15,7 +18,13 @@ SOURCE = np.array(
     [[5e3, 5e3, 115.0], [6e3, 6e3, 500.0], [5e3, 5e3, 3000.0], [5e3, 5e3, 20.0], [2e3, 9e3, 60.0]]
 )
 RECEIVER = np.array(
-    [[7e3, 5.5e3, 135.0], [6e3, 6e3, 500.0], [5.5e3, 5e3, 100.0], [3e4, 5e3, -1.0], [3e3, 9e3, 70.0]]
+    [
+        [7e3, 5.5e3, 135.0],
+        [6e3, 6e3, 500.0],
+        [5.5e3, 5e3, 100.0],
+        [3e4, 5e3, -1.0],
+        [3e3, 9e3, 70.0],
+    ]
 )
 FIELDS = (
     "link",
@@ -26,7 +35,9 @@ FIELDS = (
     "status",
     "chord_travel_time",
 )
-ATOL_TIME = 1e-12  # s; both round as IEEE 754 prescribes, elementary functions may differ in the last digit
+ATOL_TIME = (
+    1e-12  # s; both round as IEEE 754 prescribes, elementary functions may differ in the last digit
+)
 
 SIMULATE = """
 import sys
@@ -94,7 +105,9 @@ def solve(device):
 @pytest.mark.slow
 def test_simulated_device_gives_the_digits_of_the_processor(tmp_path):
     file = tmp_path / "cuda.npz"
-    done = python(SIMULATE, file, *Path(__file__).parents[:2], environment={"NUMBA_ENABLE_CUDASIM": "1"})
+    done = python(
+        SIMULATE, file, *Path(__file__).parents[:2], environment={"NUMBA_ENABLE_CUDASIM": "1"}
+    )
     assert done.returncode == 0, done.stderr[-2000:]
     simulated = np.load(file)
     for name, expected in solve("cpu").items():
@@ -137,7 +150,8 @@ def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt
     for medium in media():
         domain = medium.domain()
         results = []
-        # of two brackets of one ray the first counts: their order goes with the number of intervals halved at a time
+        # of two brackets of one ray the first counts: their order goes with the number of intervals
+        # halved at a time
         for sizes in (shapes(Z.size, halved=1), least_shapes(domain, longest)):
             both = (*sizes, *flight_shapes(sizes, 2))
             blocks = [np.full(np.prod(size, dtype=int) + 2 * guard, dirt) for size in both]
@@ -147,7 +161,9 @@ def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt
             out = Results(np.zeros((4, 64, N_ARRIVAL)), counts, status, np.empty((4, N_INFO)))
             for first in (1, 0):
                 ends, share = (SOURCE[some], RECEIVER[some]), (first, 2)
-                solve_links(domain, (1, 1), Settings(15.0, 1e-3, True, False), *ends, share, room, out)
+                solve_links(
+                    domain, (1, 1), Settings(15.0, 1e-3, True, False), *ends, share, room, out
+                )
             for name, block in zip((*Work._fields, *Flights._fields), blocks, strict=True):
                 edges = np.concatenate([block[:guard], block[-guard:]])
                 assert np.array_equal(edges, np.full(2 * guard, dirt), equal_nan=True), name

@@ -22,14 +22,19 @@ def uniform(interpolation="smooth", speed=DUCT, bottom=3500.0):
 ])  # fmt: skip
 def test_positions_outside_the_water_are_a_status(receiver, status):
     n = np.linspace(0, 1e4, 5)
-    medium = Medium.from_grid(n, n, Z, np.broadcast_to(DUCT, (5, 5, 16)), bathymetry=np.full((5, 5), 3500.0))
+    medium = Medium.from_grid(
+        n, n, Z, np.broadcast_to(DUCT, (5, 5, 16)), bathymetry=np.full((5, 5), 3500.0)
+    )
     first = find_eigenrays(medium, [5e3, 5e3, 10.0], receiver).first()
     assert first.status[0] == status
     assert np.isnan(first.travel_time[0]) == (status != RayStatus.OK)
 
 
 def test_upward_refraction_makes_a_shadow_below_which_the_margin_is_reported():
-    """Where sound speed falls with depth, rays from near the surface bend down, away from a far neighbour."""
+    """
+    Where sound speed falls with depth, rays from near the surface bend down, away from a far
+    neighbour.
+    """
     c = 1500.0 - 0.05 * np.minimum(Z, 200.0)
     medium = uniform(speed=c)
     first = find_eigenrays(medium, [0, 0, 5.0], [8e3, 0, 10.0]).first()
@@ -58,7 +63,9 @@ def test_picture_holds_the_eigenrays_from_end_to_end():
 def test_picture_says_of_each_eigenray_what_the_search_says_of_its_arrival():
     medium, ends = uniform(), ([0.0, 0.0, 100.0], [6e3, 0.0, 900.0])
     arrivals = find_eigenrays(medium, *ends, 1, 1)
-    picture = ray_picture(medium, *ends, max_surface_bounces=1, max_bottom_bounces=1, fan_angles=[0.1])
+    picture = ray_picture(
+        medium, *ends, max_surface_bounces=1, max_bottom_bounces=1, fan_angles=[0.1]
+    )
     rays = picture.isel(ray=picture.ray_arrives.values == 1)
     np.testing.assert_array_equal(rays.ray_travel_time, arrivals.travel_time)
     np.testing.assert_array_equal(rays.ray_surface_bounces, arrivals.surface_bounces)
@@ -78,7 +85,11 @@ def test_picture_of_a_link_without_rays_has_none():
     north = np.linspace(-1e3, 11e3, 13)
     sill = np.where(np.abs(north - 5e3) < 1.0, 100.0, 3000.0)
     medium = Medium.from_grid(
-        north, [-1e3, 1e3], [0.0, 3000.0], np.full((13, 2, 2), 1500.0), bathymetry=np.tile(sill[:, None], 2)
+        north,
+        [-1e3, 1e3],
+        [0.0, 3000.0],
+        np.full((13, 2, 2), 1500.0),
+        bathymetry=np.tile(sill[:, None], 2),
     )
     picture = ray_picture(medium, [0.0, 0.0, 900.0], [10e3, 0.0, 900.0])
     assert picture.sizes["ray"] == 0
@@ -87,7 +98,9 @@ def test_picture_of_a_link_without_rays_has_none():
 
 
 def test_a_bounced_arrival_makes_a_link_without_direct_ray_ok():
-    """Behind a ridge and in a shadow; the first arrival and the slowness are those of the bounced ray."""
+    """
+    Behind a ridge and in a shadow; the first arrival and the slowness are those of the bounced ray.
+    """
     north = np.linspace(0.0, 10e3, 11)
     bed = np.where(np.arange(11) == 5, 300.0, 1000.0)[:, None] * np.ones(2)
     speed = np.full((11, 2, 2), 1500.0)
@@ -114,7 +127,10 @@ def test_a_bounced_arrival_makes_a_link_without_direct_ray_ok():
 
 
 def test_the_cut_off_applies_to_bounced_rays_too():
-    """With images the spreading is known: the rays at 15 dB of a steep link fall on either side of the limit."""
+    """
+    With images the spreading is known: the rays at 15 dB of a steep link fall on either side of the
+    limit.
+    """
     medium = Medium.from_profile([0.0, 200.0], [1500.0, 1500.0], bottom_depth=200.0)
     ends = [0.0, 0.0, 100.0], [30.0, 0.0, 110.0]
     everything = find_eigenrays(medium, *ends, 3, 3, None)
@@ -137,7 +153,11 @@ def test_axes_of_two_and_three_points_fall_back_to_lower_degree():
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
 def test_sound_speed_at_grid_points_is_the_grids(interpolation):
-    n, e, z = np.linspace(0.0, 8e3, 5), np.linspace(0.0, 9e3, 4), np.array([0.0, 10.0, 200.0, 1e3, 3e3])
+    n, e, z = (
+        np.linspace(0.0, 8e3, 5),
+        np.linspace(0.0, 9e3, 4),
+        np.array([0.0, 10.0, 200.0, 1e3, 3e3]),
+    )
     c = 1500.0 + np.random.default_rng(1).normal(size=(5, 4, 5))
     medium = Medium.from_grid(n, e, z, c, bathymetry=3000.0, interpolation=interpolation)
     nodes = np.stack(np.meshgrid(n, e, z, indexing="ij"), axis=-1).reshape(-1, 3)
@@ -154,8 +174,13 @@ def test_repr_of_a_medium_is_one_line_without_the_field():
 
 
 def test_pair_about_a_caustic_that_surfaces_just_beyond_the_receiver_is_found():
-    """Rays on both sides of the pair leave the water just before the receiver, in one manner: those between do not."""
-    medium = Medium.from_dataset(to_local(open_ocean("synthetic:beaufort"), half_extent=(60e3, 60e3)))
+    """
+    Rays on both sides of the pair leave the water just before the receiver, in one manner: those
+    between do not.
+    """
+    medium = Medium.from_dataset(
+        to_local(open_ocean("synthetic:beaufort"), half_extent=(60e3, 60e3))
+    )
     ends = np.array([[-3389.58995, -1103.41914, 0.5], [-1145.21881, -2735.56894, 0.5]])
     for source, receiver in (ends, ends[::-1]):
         arrivals = find_eigenrays(medium, source, receiver, canonical=False)

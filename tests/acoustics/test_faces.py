@@ -1,4 +1,7 @@
-"""Rays through cells with linear sound speed: steps that end at faces agree with circular arcs in closed form."""
+"""
+Rays through cells with linear sound speed: steps that end at faces agree with circular arcs in
+closed form.
+"""
 
 import numpy as np
 import pytest
@@ -8,7 +11,10 @@ from pymantaray.acoustics import Medium, find_eigenrays
 
 @pytest.fixture(scope="module")
 def media():
-    """A layered medium, whose rays are arcs, and one that differs from it by less than rounding of a ray, whose rays take steps."""
+    """
+    A layered medium, whose rays are arcs, and one that differs from it by less than rounding of a
+    ray, whose rays take steps.
+    """
     rng = np.random.default_rng(8)
     depth = np.concatenate([[0.0], np.cumsum(rng.uniform(5.0, 250.0, 14))])
     speed = 1470.0 + np.cumsum(rng.normal(0.0, 4.0, 15)) + 0.012 * depth

@@ -1,11 +1,20 @@
-"""Arrivals that a receiver cannot separate: the image source, limits of the band, and the field across a caustic."""
+"""
+Arrivals that a receiver cannot separate: the image source, limits of the band, and the field across
+a caustic.
+"""
 
 import numpy as np
 import pytest
 from oracles import image_source
 from refusals import refused
 
-from pymantaray.acoustics import Medium, find_eigenrays, find_tails, received_loss_db, transmission_loss
+from pymantaray.acoustics import (
+    Medium,
+    find_eigenrays,
+    find_tails,
+    received_loss_db,
+    transmission_loss,
+)
 from pymantaray.acoustics.levels.caustics import fold_between, fold_pairs, waves_of
 from pymantaray.errors import AcousticsError
 
@@ -14,10 +23,15 @@ DEPTHS = np.array([3.0, 5.0, 10.0, 20.0, 40.0])
 
 
 def shallow(draft=0.0):
-    """Uniform water below a flat surface or the flat underside of ice: ends, arrivals with one reflection, and losses."""
+    """
+    Uniform water below a flat surface or the flat underside of ice: ends, arrivals with one
+    reflection, and losses.
+    """
     water = Medium.from_profile([0.0, 500.0], [SPEED, SPEED], bottom_depth=500.0, ice_draft=draft)
     source = np.tile([0.0, 0.0, 5.0 + draft], (DEPTHS.size, 1))
-    receiver = np.column_stack([np.full(DEPTHS.size, 1500.0), np.zeros(DEPTHS.size), DEPTHS + draft])
+    receiver = np.column_stack(
+        [np.full(DEPTHS.size, 1500.0), np.zeros(DEPTHS.size), DEPTHS + draft]
+    )
     arrivals = find_eigenrays(water, source, receiver, 1, 0)
     assert arrivals.link.tolist() == np.repeat(np.arange(DEPTHS.size), 2).tolist()
     return arrivals, transmission_loss(water, source, receiver, arrivals, HZ)
@@ -35,18 +49,26 @@ def test_the_coherent_sum_of_direct_and_reflected_sound_is_that_of_source_and_im
 
 
 def test_the_band_decides_by_default_what_is_summed():
-    """Delays of 14 us to 0.18 ms: all are summed in a band of 50 Hz, none is in one of 1 MHz at least within 0.1 dB."""
+    """
+    Delays of 14 us to 0.18 ms: all are summed in a band of 50 Hz, none is in one of 1 MHz at least
+    within 0.1 dB.
+    """
     arrivals, loss = shallow()
     alone = received_loss_db(arrivals, loss, HZ, 200.0, coherent=False)
     np.testing.assert_array_equal(alone, loss.total_db)
     tone = received_loss_db(arrivals, loss, HZ, 200.0, coherent=True)
-    np.testing.assert_allclose(received_loss_db(arrivals, loss, HZ, 50.0), tone, rtol=0.0, atol=0.01)
+    np.testing.assert_allclose(
+        received_loss_db(arrivals, loss, HZ, 50.0), tone, rtol=0.0, atol=0.01
+    )
     np.testing.assert_allclose(received_loss_db(arrivals, loss, HZ, 1e7), alone, rtol=0.0, atol=0.1)
 
 
 def test_a_link_with_one_arrival_keeps_its_loss_to_the_last_digit():
     water = Medium.from_profile([0.0, 500.0], [SPEED, SPEED], bottom_depth=500.0)
-    ends = np.tile([0.0, 0.0, 50.0], (3, 1)), np.array([[900.0, 0.0, z] for z in (10.0, 50.0, 200.0)])
+    ends = (
+        np.tile([0.0, 0.0, 50.0], (3, 1)),
+        np.array([[900.0, 0.0, z] for z in (10.0, 50.0, 200.0)]),
+    )
     arrivals = find_eigenrays(water, *ends)
     loss = transmission_loss(water, *ends, arrivals, HZ)
     for coherent in (True, False, "auto"):
@@ -55,10 +77,15 @@ def test_a_link_with_one_arrival_keeps_its_loss_to_the_last_digit():
 
 
 def munk():
-    """The deep sea's channel: from 300 m, at 25 km, rays reach no depth above 3.2 km; two of a fold end there."""
+    """
+    The deep sea's channel: from 300 m, at 25 km, rays reach no depth above 3.2 km; two of a fold
+    end there.
+    """
     z = np.arange(0.0, 5001.0, 25.0)
     eta = 2.0 * (z - 1300.0) / 1300.0
-    return Medium.from_profile(z, 1500.0 * (1.0 + 0.00737 * (eta - 1.0 + np.exp(-eta))), bottom_depth=5000.0)
+    return Medium.from_profile(
+        z, 1500.0 * (1.0 + 0.00737 * (eta - 1.0 + np.exp(-eta))), bottom_depth=5000.0
+    )
 
 
 @pytest.fixture(scope="module")
@@ -68,7 +95,13 @@ def beside_the_fold():
     source = np.tile([0.0, 0.0, 300.0], (depth.size, 1))
     receiver = np.column_stack([np.full(depth.size, 25e3), np.zeros(depth.size), depth])
     arrivals = find_eigenrays(water, source, receiver, spreading_cutoff_db=None)
-    return water, source, receiver, arrivals, transmission_loss(water, source, receiver, arrivals, 200.0)
+    return (
+        water,
+        source,
+        receiver,
+        arrivals,
+        transmission_loss(water, source, receiver, arrivals, 200.0),
+    )
 
 
 def test_far_inside_a_fold_the_uniform_field_is_the_sum_of_both_rays(beside_the_fold):
@@ -92,7 +125,10 @@ def test_far_inside_a_fold_the_uniform_field_is_the_sum_of_both_rays(beside_the_
 
 
 def test_the_field_continues_across_the_caustic(beside_the_fold):
-    """Behind the edge the continued field has the ratios of Airy's function with the width that the rays inside have."""
+    """
+    Behind the edge the continued field has the ratios of Airy's function with the width that the
+    rays inside have.
+    """
     from scipy.special import airy
 
     water, source, receiver, arrivals, loss = beside_the_fold

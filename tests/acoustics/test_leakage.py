@@ -1,4 +1,7 @@
-"""Sound where no ray goes: Airy's law beside its own integral, the edge's beside Fresnel's, and where both are used."""
+"""
+Sound where no ray goes: Airy's law beside its own integral, the edge's beside Fresnel's, and where
+both are used.
+"""
 
 import numpy as np
 import pytest
@@ -16,7 +19,10 @@ HZ = 1000.0
 
 
 def wave(distance, width):
-    """Field of a fold at a distance on its dark side: the integral of cos(t^3 / 3 + x t) over t, along a way on which it decays."""
+    """
+    Field of a fold at a distance on its dark side: the integral of cos(t^3 / 3 + x t) over t, along
+    a way on which it decays.
+    """
     x, turn = distance / width, np.exp(1j * np.pi / 6.0)
 
     def integrand(t):
@@ -29,12 +35,17 @@ def wave(distance, width):
 @pytest.mark.parametrize("width", [0.7, 2.5, 13.0])
 @pytest.mark.parametrize("distance", [0.0, 1.0, 5.0, 20.0])
 def test_airy_s_level_is_that_of_the_fold_s_own_integral(width, distance):
-    """Two rays of equal intensity, far inside, beat to four times one of them: there the integral is calibrated."""
+    """
+    Two rays of equal intensity, far inside, beat to four times one of them: there the integral is
+    calibrated.
+    """
     if distance / width > 8.0:
         return
     x = np.linspace(-12.0, -11.0, 60)  # more than half a beat
     crest = np.max([wave(k * width, width) ** 2 * np.sqrt(-k) for k in x])
-    one = 0.25 * crest / np.sqrt(2.0 / width)  # intensity of one ray 2 m inside, by the law of distance^-1/2
+    one = (
+        0.25 * crest / np.sqrt(2.0 / width)
+    )  # intensity of one ray 2 m inside, by the law of distance^-1/2
     phase = 4.0 / 3.0 * (2.0 / width) ** 1.5
     level = airy_spreading_db(distance, phase, np.zeros(2))
     assert -level == pytest.approx(10.0 * np.log10(wave(distance, width) ** 2 / one), abs=0.1)
@@ -45,19 +56,27 @@ def test_airy_s_level_stays_finite_deep_in_the_dark_and_falls_with_frequency():
     deep = [airy_spreading_db(m, phase, np.zeros(2)) for m in (10.0, 100.0, 1000.0)]
     assert np.isfinite(deep).all()
     assert np.diff(deep).min() > 100.0
-    assert airy_spreading_db(20.0, 10.0 * phase, np.zeros(2)) > airy_spreading_db(20.0, phase, np.zeros(2))
+    assert airy_spreading_db(20.0, 10.0 * phase, np.zeros(2)) > airy_spreading_db(
+        20.0, phase, np.zeros(2)
+    )
 
 
 @pytest.mark.parametrize("nu", [-0.5, 0.0, 0.5, 1.0, 2.4, 8.0])
 def test_the_edge_s_level_is_fresnel_s(nu):
-    """The field behind a half plane, |0.5 - C + i (0.5 - S)| / sqrt(2): the formula is within 0.3 dB of it."""
+    """
+    The field behind a half plane, |0.5 - C + i (0.5 - S)| / sqrt(2): the formula is within 0.3 dB
+    of it.
+    """
     s, c = fresnel(nu)
     exact = -20.0 * np.log10(np.hypot(0.5 - c, 0.5 - s) / np.sqrt(2.0))
     assert knife_edge_db(nu) == pytest.approx(exact, abs=0.3)
 
 
 def test_behind_a_ridge_sound_comes_by_its_crest():
-    """Crest at 150 m half-way, ends at 250 m, 4 km apart: 2 x hypot(2000, 100) m, and 6 dB at the border."""
+    """
+    Crest at 150 m half-way, ends at 250 m, 4 km apart: 2 x hypot(2000, 100) m, and 6 dB at the
+    border.
+    """
     source, receiver = np.array([[0.0, 0.0, 250.0]]), np.array([HIDDEN.position])
     water = ridged(speed=1450.0)
     assert not find_eigenrays(water, source, receiver).link.size
@@ -74,7 +93,10 @@ def test_behind_a_ridge_sound_comes_by_its_crest():
 
 
 def airy_modes(speed, gradient, depth, distance, hz):
-    """Pressure re 1 m of the sum of creeping modes below a pressure-release surface where 1 / c^2 is linear in depth."""
+    """
+    Pressure re 1 m of the sum of creeping modes below a pressure-release surface where 1 / c^2 is
+    linear in depth.
+    """
     k, rotation = 2.0 * np.pi * hz / speed, np.exp(-1j * np.pi / 3.0)
     beta = (2.0 * k * k * gradient / speed) ** (1.0 / 3.0)
     root = ai_zeros(40)[0]
@@ -89,8 +111,9 @@ def test_what_creeps_has_level_and_time_of_all_modes_and_is_the_same_from_either
     """
     Airy functions are exact where 1 / c^2 is linear.
 
-    The bounds are the error of the model's step in depth: 0.10 dB and 32 us are the largest differences here. The first mode alone, of
-    which an earlier test had the rate of decay, differs from the sum by up to 0.15 dB over the 500 m between these receivers.
+    The bounds are the error of the model's step in depth: 0.10 dB and 32 us are the largest
+    differences here. The first mode alone, of which an earlier test had the rate of decay, differs
+    from the sum by up to 0.15 dB over the 500 m between these receivers.
     """
     speed, gradient, depth = 1460.0, 0.15, 20.0
     levels = np.append(np.arange(0.0, 60.0, 0.25), np.arange(60.0, 501.0, 2.0))
@@ -101,17 +124,23 @@ def test_what_creeps_has_level_and_time_of_all_modes_and_is_the_same_from_either
     for distance in (graze + 500.0, graze + 1000.0):
         end = np.array([distance, 0.0, depth])
         creep = creep_along_surface(water, source, end, hz)
-        modes = [airy_modes(speed, gradient, depth, distance, f) for f in (hz - small, hz, hz + small)]
+        modes = [
+            airy_modes(speed, gradient, depth, distance, f) for f in (hz - small, hz, hz + small)
+        ]
         level = -20.0 * np.log10(abs(modes[1]) * distance)
         assert creep.spreading_db == pytest.approx(level, abs=0.15)
         turn = np.angle(modes[2] / modes[0] * np.exp(-4j * np.pi * small * distance / speed))
         time = distance / speed + turn / (4.0 * np.pi * small)
         assert creep.travel_time == pytest.approx(time, abs=4e-5)
-        assert creep_along_surface(water, end, source, hz).spreading_db == pytest.approx(creep.spreading_db)
+        assert creep_along_surface(water, end, source, hz).spreading_db == pytest.approx(
+            creep.spreading_db
+        )
 
 
 def test_nothing_creeps_to_a_place_that_rays_reach_or_below_water_that_sends_none_up():
-    water = Medium.from_profile([0.0, 500.0], [1460.0, 1385.0], bottom_depth=500.0, interpolation="linear")
+    water = Medium.from_profile(
+        [0.0, 500.0], [1460.0, 1385.0], bottom_depth=500.0, interpolation="linear"
+    )
     source, graze = np.array([0.0, 0.0, 20.0]), 2.0 * np.sqrt(2.0 * 1460.0 / 0.15 * 20.0)
     assert creep_along_surface(water, source, np.array([0.9 * graze, 0.0, 20.0]), HZ) is None
     assert creep_along_surface(ridged(), source, np.array([graze + 500.0, 0.0, 20.0]), HZ) is None
@@ -142,15 +171,22 @@ def test_scattered_sound_is_a_floor():
 
 
 def munk():
-    """The deep sea's channel: from 300 m, at 25 km, rays reach no depth above 3.2 km; two of a fold end there."""
+    """
+    The deep sea's channel: from 300 m, at 25 km, rays reach no depth above 3.2 km; two of a fold
+    end there.
+    """
     z = np.arange(0.0, 5001.0, 25.0)
     eta = 2.0 * (z - 1300.0) / 1300.0
-    return Medium.from_profile(z, 1500.0 * (1.0 + 0.00737 * (eta - 1.0 + np.exp(-eta))), bottom_depth=5000.0)
+    return Medium.from_profile(
+        z, 1500.0 * (1.0 + 0.00737 * (eta - 1.0 + np.exp(-eta))), bottom_depth=5000.0
+    )
 
 
 @pytest.fixture(scope="module")
 def fold():
-    """Medium, source, range, and depth, vertical slowness and launch angle along a fan about the fold."""
+    """
+    Medium, source, range, and depth, vertical slowness and launch angle along a fan about the fold.
+    """
     water, source, far = munk(), np.array([0.0, 0.0, 300.0]), 25e3
     pair = find_eigenrays(water, source, [far, 0.0, 3260.0], spreading_cutoff_db=None).launch_angle
     angle = np.linspace(pair.min(), pair.max(), 81)
@@ -161,7 +197,10 @@ def fold():
 
 @pytest.mark.parametrize("hz", [200.0, 800.0])
 def test_beyond_a_caustic_width_time_and_level_are_those_of_the_fan(fold, hz):
-    """l^3 = z'' / (2 omega^2 p'^2), by derivatives of depth z and vertical slowness p by the launch angle."""
+    """
+    l^3 = z'' / (2 omega^2 p'^2), by derivatives of depth z and vertical slowness p by the launch
+    angle.
+    """
     water, source, far, angle, depth, slowness = fold
     omega, middle = 2.0 * np.pi * hz, int(np.argmin(depth))
     assert 10 < middle < angle.size - 10
@@ -186,13 +225,16 @@ def test_beyond_a_caustic_width_time_and_level_are_those_of_the_fan(fold, hz):
 def test_the_result_does_not_depend_on_the_threads_and_lit_links_are_left_to_rays():
     source = np.tile([0.0, 0.0, 250.0], (3, 1))
     receiver = np.array([HIDDEN.position, [4000.0, 0.0, 200.0], [4000.0, 0.0, 240.0]])
-    one, four = (find_leaks(ridged(), source, receiver, Leakage(250.0), HZ, threads=n) for n in (1, 4))
+    one, four = (
+        find_leaks(ridged(), source, receiver, Leakage(250.0), HZ, threads=n) for n in (1, 4)
+    )
     np.testing.assert_array_equal(one.arrivals.spreading_db, four.arrivals.spreading_db)
     assert not find_leaks(ridged(), source[:0], receiver[:0], Leakage(), HZ).link.size
 
 
 @pytest.mark.parametrize(
-    ("message", "values"), [("reach is 0 m", {"reach": 0.0}), ("scatter_db is -3 dB", {"scatter_db": -3.0})]
+    ("message", "values"),
+    [("reach is 0 m", {"reach": 0.0}), ("scatter_db is -3 dB", {"scatter_db": -3.0})],
 )
 def test_what_is_no_leakage_is_refused(message, values):
     refused(AcousticsError, message, Leakage, **values)

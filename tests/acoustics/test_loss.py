@@ -1,4 +1,7 @@
-"""Transmission loss: amplitudes of the image method, circular arcs; reflection at bed and surface by exact limits."""
+"""
+Transmission loss: amplitudes of the image method, circular arcs; reflection at bed and surface by
+exact limits.
+"""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -54,11 +57,15 @@ def paths(arrivals):
 
 
 def image_sources():
-    """Bounces and length of every image of the source with up to two of each, by the classical series."""
+    """
+    Bounces and length of every image of the source with up to two of each, by the classical series.
+    """
     for m in range(-2, 3):
         for sign in (1, -1):
             depth = 2 * m * DEPTH + sign * SOURCE[2]
-            surface, bottom = (abs(m), abs(m)) if sign == 1 else ((m - 1, m) if m > 0 else (1 - m, -m))
+            surface, bottom = (
+                (abs(m), abs(m)) if sign == 1 else ((m - 1, m) if m > 0 else (1 - m, -m))
+            )
             if max(surface, bottom) <= 2:
                 yield surface, bottom, float(np.hypot(RANGE, depth - RECEIVER[2]))
 
@@ -73,7 +80,9 @@ def test_solver_tracer_and_loss_together_are_the_image_method(arrivals, paths):
     np.testing.assert_allclose(arrivals.travel_time[order], d / C, rtol=1e-12, atol=3e-9)
     bare = transmission_loss(*LINK, arrivals, FREQUENCY)
     amplitude = 10.0 ** (-bare.total_db / 20.0) * np.exp(1j * bare.boundary_phase)
-    np.testing.assert_allclose(amplitude[order], (-1.0) ** s / d, rtol=1e-6)  # as the solver's tubes
+    np.testing.assert_allclose(
+        amplitude[order], (-1.0) ** s / d, rtol=1e-6
+    )  # as the solver's tubes
     for name in ("absorption_db", "surface_db", "bottom_db"):
         assert not np.any(getattr(bare, name))
     angle = np.arccos(RANGE / d)
@@ -98,7 +107,9 @@ def test_solver_tracer_and_loss_together_are_the_image_method(arrivals, paths):
         ice_draft=BoundarySurface(0.0, reflection=IceCover(6.0)),
     )
     same = transmission_loss(own, SOURCE, RECEIVER, arrivals, FREQUENCY)
-    np.testing.assert_array_equal(same.total_db, loss.total_db)  # the medium's reflections are the default
+    np.testing.assert_array_equal(
+        same.total_db, loss.total_db
+    )  # the medium's reflections are the default
     np.testing.assert_array_equal(same.boundary_phase, loss.boundary_phase)
     bounces = find_bounces(paths)
     counts = np.bincount(bounces.arrival, minlength=arrivals.link.size)
@@ -107,7 +118,10 @@ def test_solver_tracer_and_loss_together_are_the_image_method(arrivals, paths):
 
 
 def test_sloping_sea_bed_is_met_at_the_angle_to_its_normal():
-    slope, ray = np.radians(10.0), np.radians(25.0)  # the bed deepens northward, the ray goes north and down
+    slope, ray = (
+        np.radians(10.0),
+        np.radians(25.0),
+    )  # the bed deepens northward, the ray goes north and down
     normal = np.array([-np.sin(slope), 0.0, np.cos(slope)])
     before = np.array([np.cos(ray), 0.0, np.sin(ray)]) / C
     after = before - 2.0 * (before @ normal) * normal
@@ -119,7 +133,9 @@ def test_sloping_sea_bed_is_met_at_the_angle_to_its_normal():
         boundary=[0, 2, 2, 0],
     )
     assert find_bounces(paths).grazing_angle[0] == pytest.approx(ray - slope, rel=1e-12)
-    refused(AcousticsError, "two successive nodes", find_bounces, replace(paths, boundary=[0, 2, 0, 0]))
+    refused(
+        AcousticsError, "two successive nodes", find_bounces, replace(paths, boundary=[0, 2, 0, 0])
+    )
 
 
 def test_absorption_follows_the_profile_along_every_path(arrivals, paths):
@@ -129,7 +145,10 @@ def test_absorption_follows_the_profile_along_every_path(arrivals, paths):
 
     def alpha(depth):
         t, s = np.interp(depth, z, temperature), np.interp(depth, z, salinity)
-        return float(francois_garrison_db_per_km(FREQUENCY, temperature=t, salinity=s, depth=depth)) / 1000.0
+        return (
+            float(francois_garrison_db_per_km(FREQUENCY, temperature=t, salinity=s, depth=depth))
+            / 1000.0
+        )
 
     for i, angle in enumerate(arrivals.launch_angle):
         turns = ([0.0, DEPTH] if angle < 0.0 else [DEPTH, 0.0]) * 2
@@ -169,7 +188,8 @@ def test_a_constant_gradient_has_closed_forms_of_spreading_and_of_absorption_alo
     arrivals = find_eigenrays(medium, source, receiver)
     loss = transmission_loss(medium, source, receiver, arrivals, 25e3, absorption=water)
     assert loss.link.size == 1
-    # the metric ds/c is that of hyperbolic space of curvature -g^2: dA/dOmega = c_r^2 sinh^2(g t) / g^2
+    # the metric ds/c is that of hyperbolic space of curvature -g^2: dA/dOmega = c_r^2 sinh^2(g t) /
+    # g^2
     c_s, c_r = c0 + g * source[2], c0 + g * receiver[2]
     spreading = 20.0 * np.log10(np.sqrt(c_s * c_r) * np.sinh(g * arrivals.travel_time) / g)
     np.testing.assert_allclose(loss.geometric_db, spreading, atol=1e-4)
@@ -181,7 +201,11 @@ def test_a_constant_gradient_has_closed_forms_of_spreading_and_of_absorption_alo
 
     def alpha(angle):
         z = level + radius * np.sin(angle)
-        water = {"temperature": 4.0 - 5.0 * z / 3000.0, "salinity": 32.0 + 3.0 * z / 3000.0, "depth": z}
+        water = {
+            "temperature": 4.0 - 5.0 * z / 3000.0,
+            "salinity": 32.0 + 3.0 * z / 3000.0,
+            "depth": z,
+        }
         return float(francois_garrison_db_per_km(25e3, **water))
 
     expected = quad(alpha, *ends, epsabs=0.0, epsrel=1e-10)[0] * radius / 1000.0
@@ -221,7 +245,10 @@ def test_what_does_not_belong_together_is_refused(arrivals, paths):
             r"for arrivals of 1 links, both must have shape \(1, 3\)",
         ),
         ({"boundary": 0 * paths.boundary}, "disagree on the bounces of 7 arrivals, first 1"),
-        ({"arrival": paths.arrival + 1}, "paths: arrival 9; there are only 9 arrivals; trace their paths"),
+        (
+            {"arrival": paths.arrival + 1},
+            "paths: arrival 9; there are only 9 arrivals; trace their paths",
+        ),
     ):
         refused(AcousticsError, message, loss, **options)
 
@@ -241,7 +268,8 @@ def reflected(angle, bottom, *, speed=WATER):
 @given(lossless)
 def test_energy_is_conserved_without_attenuation_and_limits_are_exact(bottom):
     r = reflected(ANGLES, bottom)
-    # pressure is continuous: 1 + R goes on; its vertical flux, from Snell's law by real trigonometry alone
+    # pressure is continuous: 1 + R goes on; its vertical flux, from Snell's law by real
+    # trigonometry alone
     cos_below = bottom.sound_speed / WATER * np.cos(ANGLES)
     sin_below = np.sqrt(np.maximum(1.0 - cos_below**2, 0.0))
     z, z_b = RHO * WATER, bottom.density * bottom.sound_speed
@@ -259,7 +287,9 @@ def test_total_reflection_below_the_critical_angle_and_none_at_that_of_intromiss
     r = reflected(below, sand)
     np.testing.assert_allclose(np.abs(r), 1.0, atol=1e-12)
     b = np.sqrt(np.cos(below) ** 2 - (WATER / 1650.0) ** 2)
-    np.testing.assert_allclose(np.angle(r), -2.0 * np.arctan2(b, 1900.0 / RHO * np.sin(below)), atol=1e-12)
+    np.testing.assert_allclose(
+        np.angle(r), -2.0 * np.arctan2(b, 1900.0 / RHO * np.sin(below)), atol=1e-12
+    )
     assert np.abs(reflected(critical * 1.05, sand)) < 0.9
     m, n = 1500.0 / RHO, WATER / 1450.0
     intromission = np.arctan(np.sqrt((n**2 - 1.0) / (m**2 - n**2)))
@@ -269,15 +299,16 @@ def test_total_reflection_below_the_critical_angle_and_none_at_that_of_intromiss
 def test_attenuation_takes_energy_and_small_ones_what_perturbation_says():
     for name in ("clay", "silt", "sand", "gravel", "moraine"):
         assert np.all(np.abs(reflected(ANGLES, FluidBottom.standard(name))) <= 1.0)
-    # below critical, first order in delta: |R| = 1 - 2 m sin(gamma) n0^2 delta / (b (m^2 sin^2 gamma + b^2))
+    # below critical, first order in delta: |R| = 1 - 2 m sin(gamma) n0^2 delta / (b (m^2 sin^2
+    # gamma + b^2))
     alpha, gamma = 0.01, 0.2
     delta = alpha / (20.0 / np.log(10.0)) / (2.0 * np.pi)  # nepers per radian
     n0, m_sin = WATER / 1700.0, 1800.0 / RHO * np.sin(gamma)
     b = np.sqrt(np.cos(gamma) ** 2 - n0**2)
     lost = 2.0 * m_sin * n0**2 * delta / (b * (m_sin**2 + b**2))
-    assert 1.0 - abs(complex(reflected(gamma, FluidBottom(1700.0, 1800.0, alpha)))) == pytest.approx(
-        lost, rel=2e-3
-    )
+    assert 1.0 - abs(
+        complex(reflected(gamma, FluidBottom(1700.0, 1800.0, alpha)))
+    ) == pytest.approx(lost, rel=2e-3)
 
 
 @pytest.mark.parametrize(("gamma", "m", "ratio", "tangent", "expected", "tolerance"), [
@@ -346,7 +377,8 @@ def test_coherent_loss_is_that_of_gaussian_phases():
 
 
 def test_bubble_loss_has_published_values_is_continuous_at_breaking_and_capped():
-    # test suite of UnderwaterAcoustics.jl: 20 kHz, 10 degrees grazing (80 from the normal), winds of 15, 10, 5
+    # test suite of UnderwaterAcoustics.jl: 20 kHz, 10 degrees grazing (80 from the normal), winds
+    # of 15, 10, 5
     loss = bubble_loss_db(np.radians(10.0), 20e3, wind_speed=[15.0, 10.0, 5.0])
     np.testing.assert_allclose(loss, [6.5, 3.4, 0.5], atol=0.06)
     sides = bubble_loss_db(0.2, 25e3, wind_speed=[6.0 - 1e-9, 6.0])

@@ -1,4 +1,7 @@
-"""Many links: the same in any number of threads and blocks, in flat memory, counted, and stopped when asked to."""
+"""
+Many links: the same in any number of threads and blocks, in flat memory, counted, and stopped when
+asked to.
+"""
 
 import threading
 import time
@@ -53,7 +56,9 @@ def uniform(speed=DUCT):
 
 def scattered(n, side=5e3, seed=3):
     rng = np.random.default_rng(seed)
-    return [np.column_stack([rng.uniform(0, side, (n, 2)), rng.uniform(0, 500, n)]) for _ in range(2)]
+    return [
+        np.column_stack([rng.uniform(0, side, (n, 2)), rng.uniform(0, 500, n)]) for _ in range(2)
+    ]
 
 
 @settings(max_examples=25)
@@ -148,7 +153,9 @@ def test_progress_rises_to_the_number_of_links():
 def test_memory_grows_by_the_results_only(monkeypatch):
     """Room for 64 arrivals a link would be 6.7 kB; what is kept is two copies of about 0.2 kB."""
     clock = SimpleNamespace(perf_counter=partial(next, count(0.0, 1e-3)))
-    monkeypatch.setattr(solving, "time", clock)  # blocks of the same sizes, whatever else the machine does
+    monkeypatch.setattr(
+        solving, "time", clock
+    )  # blocks of the same sizes, whatever else the machine does
     medium = uniform(np.full(Z.size, 1500.0))
 
     def most(n):
@@ -161,7 +168,12 @@ def test_memory_grows_by_the_results_only(monkeypatch):
 
     most(50)
     (few, kept_few), (many, kept_many) = most(2_000), most(10_000)
-    assert (many - few) / 8_000 < 3.5 * (kept_many - kept_few) / 8_000, (few, many, kept_few, kept_many)
+    assert (many - few) / 8_000 < 3.5 * (kept_many - kept_few) / 8_000, (
+        few,
+        many,
+        kept_few,
+        kept_many,
+    )
 
 
 @pytest.mark.parametrize("threads", [pytest.param(1, marks=pytest.mark.slow), 2])
@@ -188,14 +200,19 @@ def test_progress_that_fails_ends_the_work():
 
 
 def test_paths_of_many_are_the_paths_of_each(monkeypatch):
-    """Links solved from either end, with reflections and between equal places; in threads, blocks and little room."""
+    """
+    Links solved from either end, with reflections and between equal places; in threads, blocks and
+    little room.
+    """
     medium, (a, b) = uniform(), scattered(30)
     a[7] = b[7]
     found = find_eigenrays(medium, a, b, 1, 1)
     together = trace_paths(medium, a, b, found, threads=1)
     assert set(together.boundary) == {0, 1, 2}
     for link in (0, 7, 12, 29):
-        alone = trace_paths(medium, a[link], b[link], find_eigenrays(medium, a[link], b[link], 1, 1))
+        alone = trace_paths(
+            medium, a[link], b[link], find_eigenrays(medium, a[link], b[link], 1, 1)
+        )
         rows = np.isin(together.arrival, np.flatnonzero(found.link == link))
         for name in ("travel_time", "position", "slowness", "boundary"):
             np.testing.assert_array_equal(getattr(alone, name), getattr(together, name)[rows])
@@ -238,7 +255,9 @@ def test_a_medium_made_in_parts_is_the_same_and_takes_little_more_memory_than_it
     axes = [np.cumsum(rng.uniform(1.0, 2.0, n)) - 1.0 for n in (60, 50, 40)]
     speed = 1450.0 + rng.normal(0.0, 3.0, (60, 50, 40))
     whole = Medium.from_grid(*axes, speed, bathymetry=30.0)
-    monkeypatch.setattr("pymantaray.acoustics.medium._VALUES_PER_PART", 7_000)  # two rows, or two levels
+    monkeypatch.setattr(
+        "pymantaray.acoustics.medium._VALUES_PER_PART", 7_000
+    )  # two rows, or two levels
     tracemalloc.start()
     parts = Medium.from_grid(*axes, speed, bathymetry=30.0)
     peak = tracemalloc.get_traced_memory()[1]

@@ -1,4 +1,7 @@
-"""Sums of a medium and products of profiles and horizontal fields, against media of the same sound speed."""
+"""
+Sums of a medium and products of profiles and horizontal fields, against media of the same sound
+speed.
+"""
 
 import numpy as np
 import pytest
@@ -13,7 +16,9 @@ NORTH, EAST = np.linspace(-3e3, 3e3, 7), np.linspace(-2e3, 2e3, 6)
 
 def medium(depth, extra=0.0, **options):
     rng = np.random.default_rng(3)
-    speed = 1460.0 + 0.016 * depth + rng.normal(0.0, 2.0, (NORTH.size, EAST.size, depth.size)) + extra
+    speed = (
+        1460.0 + 0.016 * depth + rng.normal(0.0, 2.0, (NORTH.size, EAST.size, depth.size)) + extra
+    )
     return Medium.from_grid(NORTH, EAST, depth, speed, bathymetry=900.0, **options)
 
 
@@ -25,10 +30,15 @@ def test_a_sum_is_the_medium_of_the_summed_sound_speed(interpolation, earth, fir
     depth = first + np.array([0.0, 10.0, 25.0, 60.0, 150.0, 400.0, 1000.0])
     base = medium(depth, interpolation=interpolation, earth=earth)
     rng = np.random.default_rng(4)
-    profiles, fields = rng.normal(0.0, 1.0, (2, depth.size)), rng.normal(0.0, 1.0, (2, NORTH.size, EAST.size))
+    profiles, fields = (
+        rng.normal(0.0, 1.0, (2, depth.size)),
+        rng.normal(0.0, 1.0, (2, NORTH.size, EAST.size)),
+    )
     extra = sum(f[:, :, None] * p for f, p in zip(fields, profiles, strict=True))
     expected = medium(depth, extra, interpolation=interpolation, earth=earth)
-    added = base.depth.size - depth.size  # levels up to the surface, with the value of the first level
+    added = (
+        base.depth.size - depth.size
+    )  # levels up to the surface, with the value of the first level
     got = base.plus(np.pad(profiles, ((0, 0), (added, 0)), mode="edge"), fields)
     np.testing.assert_allclose(got.sound_speed, expected.sound_speed, rtol=0, atol=1e-11)
     np.testing.assert_allclose(got.field, expected.field, rtol=0, atol=1e-10)
@@ -38,12 +48,19 @@ def test_a_sum_is_the_medium_of_the_summed_sound_speed(interpolation, earth, fir
     assert not got.sound_speed.flags.writeable
     assert not got.field.flags.writeable
     place = np.array([[100.0, -300.0, 77.0], [-2e3, 1.5e3, 300.0]])
-    np.testing.assert_allclose(got.sound_speed_at(place), expected.sound_speed_at(place), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(
+        got.sound_speed_at(place), expected.sound_speed_at(place), rtol=0, atol=1e-10
+    )
 
 
 def test_a_sum_knows_whether_it_is_uniform():
     base = Medium.from_grid(
-        NORTH, EAST, [0.0, 1e3], np.full((7, 6, 2), 1480.0), bathymetry=900.0, interpolation="linear"
+        NORTH,
+        EAST,
+        [0.0, 1e3],
+        np.full((7, 6, 2), 1480.0),
+        bathymetry=900.0,
+        interpolation="linear",
     )
     ones = np.ones((1, 7, 6))
     assert base.plus([[0.0, 1.0]], ones).layered

@@ -1,4 +1,7 @@
-"""Echoes of an instrument at its own position, and ends that differ by less than anything that can be measured."""
+"""
+Echoes of an instrument at its own position, and ends that differ by less than anything that can be
+measured.
+"""
 
 import numpy as np
 import pytest
@@ -8,7 +11,9 @@ from pymantaray.acoustics.levels.loss import geometric_loss_db
 
 SPEED, BED, DEPTH = 1500.0, 200.0, 10.0
 TINY = (0.0, 5e-324, 1e-320, 1e-200, 1e-160, 1e-150, 1e-30, 1e-9, 9e-7, 1.1e-6, 1e-5)  # m
-ECHOES = np.array([2 * DEPTH, 2 * (BED - DEPTH), 2 * BED, 2 * BED])  # m; surface, bed, both in either order
+ECHOES = np.array(
+    [2 * DEPTH, 2 * (BED - DEPTH), 2 * BED, 2 * BED]
+)  # m; surface, bed, both in either order
 
 
 @pytest.fixture(scope="module")
@@ -21,7 +26,9 @@ def links(step, direction):
     return source, source + step * np.array(direction)
 
 
-@pytest.mark.parametrize("direction", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.0, -0.8)])
+@pytest.mark.parametrize(
+    "direction", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 1.0), (0.6, 0.0, -0.8)]
+)
 @pytest.mark.parametrize("step", TINY)
 def test_an_echo_sounder_hears_its_surface_bed_and_both(medium, step, direction):
     a, b = links(step, direction)
@@ -31,7 +38,9 @@ def test_an_echo_sounder_hears_its_surface_bed_and_both(medium, step, direction)
     assert rays.bottom_bounces.tolist() == [0, 0, 1, 1, 1]
     length = np.linalg.norm((b - a) / (step or 1.0)) * step if (b != a).any() else 0.0
     # the solver moves ends that are closer than a micrometre, and depths of ends differ by the step
-    np.testing.assert_allclose(rays.travel_time[1:], ECHOES / SPEED, rtol=0, atol=(step + 1e-6) / SPEED)
+    np.testing.assert_allclose(
+        rays.travel_time[1:], ECHOES / SPEED, rtol=0, atol=(step + 1e-6) / SPEED
+    )
     assert rays.travel_time[0] == pytest.approx(length / SPEED, rel=1e-6, abs=2e-15)
     assert rays.chord_travel_time[0] == pytest.approx(rays.travel_time[0], rel=1e-6, abs=2e-15)
     paths = trace_paths(medium, a, b, rays)
@@ -89,7 +98,9 @@ def test_an_instrument_on_a_boundary_hears_the_other(medium, depth):
 def test_echoes_in_a_varying_ocean_agree_with_the_integral_along_the_vertical(interpolation, place):
     axis, levels = np.linspace(0.0, 1000.0, 11), np.array([0.0, 60.0, 120.0, 300.0])
     speed = np.tile([1500.0, 1480.0, 1490.0, 1510.0], (11, 11, 1))
-    medium = Medium.from_grid(axis, axis, levels, speed, bathymetry=250.0, interpolation=interpolation)
+    medium = Medium.from_grid(
+        axis, axis, levels, speed, bathymetry=250.0, interpolation=interpolation
+    )
     at = np.array([[*place, 40.0]])
     rays = find_eigenrays(medium, at, at, 1, 1, None)
     z = np.linspace(0.0, 250.0, 250_001)
@@ -101,7 +112,10 @@ def test_echoes_in_a_varying_ocean_agree_with_the_integral_along_the_vertical(in
 
 
 def test_links_beside_those_of_coincident_ends_are_as_without_them(medium):
-    far = np.array([[0.0, 0.0, 10.0], [50.0, 20.0, 150.0]]), np.array([[400.0, 0.0, 30.0], [90.0, 0.0, 60.0]])
+    far = (
+        np.array([[0.0, 0.0, 10.0], [50.0, 20.0, 150.0]]),
+        np.array([[400.0, 0.0, 30.0], [90.0, 0.0, 60.0]]),
+    )
     alone = find_eigenrays(medium, *far, 1, 1, None)
     same = np.array([[5.0, 5.0, 50.0]])
     mixed = find_eigenrays(

@@ -1,4 +1,7 @@
-"""Thinned and smoothed casts: as near as they say, as few as can be, and what that does to travel times."""
+"""
+Thinned and smoothed casts: as near as they say, as few as can be, and what that does to travel
+times.
+"""
 
 import itertools
 from pathlib import Path
@@ -28,14 +31,21 @@ def cast(name):
     table = pd.read_csv(CASTS / name, comment="#")
     depth = table["depth_m"].to_numpy()
     return depth, sound_speed(
-        table["temperature_degC"], table["practical_salinity"], depth, np.full(depth.size, 74.5), -140.0
+        table["temperature_degC"],
+        table["practical_salinity"],
+        depth,
+        np.full(depth.size, 74.5),
+        -140.0,
     )
 
 
 @pytest.mark.parametrize("kind", ["speed", "depth", "pressure"])
 def test_sound_speed_of_a_cast_is_read_or_computed(tmp_path, kind):
     z = np.array([0.0, 30.0, 100.0, 400.0, 1000.0, 2000.0])
-    t, s = np.array([-1.0, 0.5, -1.4, 0.6, 0.0, -0.7]), np.array([28.0, 31.0, 33.0, 34.8, 34.9, 34.92])
+    t, s = (
+        np.array([-1.0, 0.5, -1.4, 0.6, 0.0, -0.7]),
+        np.array([28.0, 31.0, 33.0, 34.8, 34.9, 34.92]),
+    )
     c = sound_speed(t, s, z, 74.5, -140.0)
     head, place, columns = {
         "speed": ("", None, {"depth": z, "sound_speed": c}),
@@ -97,7 +107,9 @@ def test_sound_speed_holds_above_a_first_level_below_the_surface(interpolation, 
         z, c = profile.depth, profile.sound_speed
     medium = Medium.from_profile(z, c, bottom_depth=300.0, interpolation=interpolation)
     depth = np.linspace(0.0, 5.0, 6)
-    ends = np.stack([np.zeros((2, 6)), [np.zeros(6), np.full(6, 100.0)], [depth, depth + 1.0]], axis=-1)
+    ends = np.stack(
+        [np.zeros((2, 6)), [np.zeros(6), np.full(6, 100.0)], [depth, depth + 1.0]], axis=-1
+    )
     held = find_eigenrays(medium, *ends).source_sound_speed
     np.testing.assert_allclose(held, c[0] if reduce is None else 1480.0, rtol=0, atol=0.15)
 
@@ -151,20 +163,30 @@ def test_travel_times_of_a_thinned_cast_differ_within_the_tolerance(name):
     tolerance = 0.1  # m/s
 
     def times(depth, speed, interpolation):
-        medium = Medium.from_profile(depth, speed, bottom_depth=deepest, interpolation=interpolation)
+        medium = Medium.from_profile(
+            depth, speed, bottom_depth=deepest, interpolation=interpolation
+        )
         found = [
-            find_eigenrays(medium, source, receiver, spreading_cutoff_db=None, canonical=way, threads=1)
-            for way in (True, False)  # a ray 40 dB below spherical spreading may be found from one end only
+            find_eigenrays(
+                medium, source, receiver, spreading_cutoff_db=None, canonical=way, threads=1
+            )
+            for way in (
+                True,
+                False,
+            )  # a ray 40 dB below spherical spreading may be found from one end only
         ]
         return np.fmin(*(arrivals.first().travel_time for arrivals in found))
 
     for interpolation, slack in (("linear", 0.0), ("smooth", 0.2)):
-        # by Fermat, see thin_profile; between the cast's levels two splines differ by a little more than at them
+        # by Fermat, see thin_profile; between the cast's levels two splines differ by a little more
+        # than at them
         raw = times(z, c, interpolation)
         thin = thin_profile(z, c, tolerance=tolerance, interpolation=interpolation)
         assert thin.depth.size < 0.5 * z.size
         change = np.abs(times(thin.depth, thin.sound_speed, interpolation) - raw)
         both = np.isfinite(change)
         assert np.count_nonzero(both) >= 9
-        assert np.all(change[both] <= (1.0 + slack) * raw[both] * tolerance / (c.min() - tolerance)), change
+        assert np.all(
+            change[both] <= (1.0 + slack) * raw[both] * tolerance / (c.min() - tolerance)
+        ), change
         assert change[both].max() > 1e-7  # s; it is another medium

@@ -1,4 +1,7 @@
-"""The rays of several links are traced together; the arrivals of a link do not depend on the other links."""
+"""
+The rays of several links are traced together; the arrivals of a link do not depend on the other
+links.
+"""
 
 import numpy as np
 import pytest
@@ -19,12 +22,17 @@ FIELDS = (
 
 def duct(draft=0.0):
     """Water with a duct near the surface that varies horizontally."""
-    axis, depth = np.linspace(0.0, 3e4, 16), np.array([0, 20, 50, 90, 150, 250, 400, 700, 1200, 2000.0])
+    axis, depth = (
+        np.linspace(0.0, 3e4, 16),
+        np.array([0, 20, 50, 90, 150, 250, 400, 700, 1200, 2000.0]),
+    )
     profile = np.array([1440, 1441, 1446, 1443, 1442, 1452, 1461, 1464, 1470, 1482.0])
     gain = 1.0 + 0.4 * np.sin(axis[:, None, None] / 3e3) * np.cos(axis[None, :, None] / 4e3)
     speed = 1440.0 + 0.015 * depth + gain * (profile - 1440.0 - 0.015 * depth)
     ice = draft * (1.0 + np.sin(axis[:, None] / 2e3) * np.cos(axis[None, :] / 3e3))
-    return Medium.from_grid(axis, axis, depth, speed, bathymetry=np.full((16, 16), 2000.0), ice_draft=ice)
+    return Medium.from_grid(
+        axis, axis, depth, speed, bathymetry=np.full((16, 16), 2000.0), ice_draft=ice
+    )
 
 
 def links():
@@ -86,7 +94,11 @@ def test_a_long_link_leaves_room_for_fewer_links_at_a_time_and_changes_none():
     axis, depth = np.array([0.0, 1e5, 2e5]), np.array([0.0, 500.0, 1500.0, 4000.0])
     speed = np.array([1500.0, 1480.0, 1490.0, 1530.0]) + np.array([0.0, 1.0, 0.0])[:, None, None]
     medium = Medium.from_grid(
-        axis, axis, depth, np.broadcast_to(speed, (3, 3, 4)).copy(), bathymetry=np.full((3, 3), 4000.0)
+        axis,
+        axis,
+        depth,
+        np.broadcast_to(speed, (3, 3, 4)).copy(),
+        bathymetry=np.full((3, 3), 4000.0),
     )
     source, receiver = (np.full((4, 3), value) for value in (1e3, 900.0))
     receiver[:, 0] = [4e3, 1.9e5, 9e3, 5e3]

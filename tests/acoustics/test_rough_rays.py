@@ -1,4 +1,7 @@
-"""Eigenrays under rough ice: against stationary paths in water of one speed, and against the general solver under flat ice."""
+"""
+Eigenrays under rough ice: against stationary paths in water of one speed, and against the general
+solver under flat ice.
+"""
 
 from dataclasses import replace
 
@@ -11,7 +14,9 @@ from pymantaray.errors import AcousticsError, GeometryError
 from pymantaray.geometry.roughness import Roughness
 
 SPEED = 1450.0
-DEPTH = np.array([0, 10, 20, 30, 35, 40, 45, 50, 55, 60, 70, 80, 100, 120, 150, 200, 300, 600, 1000, 2700.0])
+DEPTH = np.array(
+    [0, 10, 20, 30, 35, 40, 45, 50, 55, 60, 70, 80, 100, 120, 150, 200, 300, 600, 1000, 2700.0]
+)
 PROFILE = 1436.0 + 0.016 * DEPTH + 6.0 * np.exp(-(((DEPTH - 60.0) / 12.0) ** 2))
 PROFILE += 18.0 * (1.0 - np.exp(-np.maximum(DEPTH - 100.0, 0.0) / 100.0))
 
@@ -21,7 +26,10 @@ def wave(x):
 
 
 def stationary_times(z_source, z_receiver, distance):
-    """Times of the paths with one reflection at a wave: stationary in the place of the reflection (Fermat)."""
+    """
+    Times of the paths with one reflection at a wave: stationary in the place of the reflection
+    (Fermat).
+    """
     x = np.linspace(0.0, distance, 400_001)
 
     def time(x):
@@ -69,15 +77,21 @@ def test_without_a_slope_the_arrivals_are_those_under_flat_ice(interpolation, ti
     assert known.link.size >= 12
     matched = 0
     for k in range(known.link.size):
-        same = (arrivals.link == known.link[k]) & (arrivals.surface_bounces == known.surface_bounces[k])
+        same = (arrivals.link == known.link[k]) & (
+            arrivals.surface_bounces == known.surface_bounces[k]
+        )
         same &= arrivals.bottom_bounces == known.bottom_bounces[k]
         apart = np.abs(arrivals.travel_time[same] - known.travel_time[k])
         if not apart.size or apart.min() > time:
             continue
         row = np.flatnonzero(same)[np.argmin(apart)]
         matched += 1
-        np.testing.assert_allclose(arrivals.source_slowness[row], known.source_slowness[k], atol=slowness)
-        np.testing.assert_allclose(arrivals.receiver_slowness[row], known.receiver_slowness[k], atol=slowness)
+        np.testing.assert_allclose(
+            arrivals.source_slowness[row], known.source_slowness[k], atol=slowness
+        )
+        np.testing.assert_allclose(
+            arrivals.receiver_slowness[row], known.receiver_slowness[k], atol=slowness
+        )
     assert matched >= 0.95 * known.link.size
     assert arrivals.link.size == pytest.approx(known.link.size, rel=0.05)
 
@@ -85,7 +99,10 @@ def test_without_a_slope_the_arrivals_are_those_under_flat_ice(interpolation, ti
 def test_both_directions_of_a_link_and_all_numbers_of_threads_agree():
     ice = BoundarySurface(1.5, roughness=Roughness(np.radians(0.5), 20.0))
     medium = Medium.from_profile(DEPTH, PROFILE, bottom_depth=2680.0, ice_draft=ice)
-    a, b = [[0.0, 100.0, 90.0], [500.0, 0.0, 20.0]], [[2400.0, -900.0, 90.0], [-1200.0, 700.0, 20.0]]
+    a, b = (
+        [[0.0, 100.0, 90.0], [500.0, 0.0, 20.0]],
+        [[2400.0, -900.0, 90.0], [-1200.0, 700.0, 20.0]],
+    )
     forth, back = find_eigenrays(medium, a, b, 7, 0), find_eigenrays(medium, b, a, 7, 0, threads=1)
     np.testing.assert_array_equal(forth.travel_time, back.travel_time)
     np.testing.assert_array_equal(forth.source_slowness, -back.receiver_slowness)
@@ -114,7 +131,13 @@ def test_in_water_that_varies_the_general_solver_gets_the_surface_on_a_grid():
     speed = SPEED + 1e-3 * north[:, None, None] + np.zeros((5, 5, 3))
     ice = BoundarySurface(2.0, roughness=Roughness(np.radians(0.5), 60.0))
     medium = Medium.from_grid(
-        north, north, [0.0, 100.0, 300.0], speed, bathymetry=300.0, interpolation="linear", ice_draft=ice
+        north,
+        north,
+        [0.0, 100.0, 300.0],
+        speed,
+        bathymetry=300.0,
+        interpolation="linear",
+        ice_draft=ice,
     )
     a, b = [[-150.0, 0.0, 40.0]], [[150.0, 30.0, 60.0]]
     arrivals = find_eigenrays(medium, a, b, 1, 0)

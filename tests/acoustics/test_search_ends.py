@@ -1,4 +1,6 @@
-"""Ends of the intervals of a search that are moved when a smaller tolerance moves a root beyond them."""
+"""
+Ends of the intervals of a search that are moved when a smaller tolerance moves a root beyond them.
+"""
 
 import numpy as np
 import pytest
@@ -28,9 +30,13 @@ def ray(angle, miss, slope):
     ],
 )
 def test_an_end_is_moved_only_outwards_over_a_root_beyond_it(root, moved, slope):
-    """The rough rays have their root just inside the interval from -0.1 to 0.1, the accurate ones at `root`."""
+    """
+    The rough rays have their root just inside the interval from -0.1 to 0.1, the accurate ones at
+    `root`.
+    """
     rough_root = np.copysign(0.0998, root)
     rough, fine = (
-        [ray(angle, slope * (angle - zero), slope) for angle in (-0.1, 0.1)] for zero in (rough_root, root)
+        [ray(angle, slope * (angle - zero), slope) for angle in (-0.1, 0.1)]
+        for zero in (rough_root, root)
     )
     assert end_to_move(*rough, *fine) == moved

@@ -85,7 +85,9 @@ class Both:
 
 @pytest.fixture
 def call():
-    """Call a command with the options of a buoy: what it was called with, and the result of the call."""
+    """
+    Call a command with the options of a buoy: what it was called with, and the result of the call.
+    """
     calls, app = [], typer.Typer()
 
     @app.command()
@@ -107,12 +109,17 @@ def test_options_that_are_not_used_leave_the_defaults_of_the_dataclass(call):
 
 
 def test_every_type_of_field_is_an_option(call):
-    words = "--hydrophone-depth 0.2km --levels 5,1km --files a.csv --files b.csv --lever 1 -2 3 --adrift --name B1"
+    words = (
+        "--hydrophone-depth 0.2km --levels 5,1km --files a.csv --files b.csv --lever 1 -2 3"
+        " --adrift --name B1"
+    )
     called, done = call(
         *words.split(), "--loud", "--clock-offset", "5 ms", "--clock-drift", "1e-6", "--pings", "2"
     )
     assert done.exit_code == 2  # --clock-drift does not exist: the field's own name is the option
-    called, done = call(*words.split(), "--loud", "--clock-offset", "5 ms", "--drift", "1e-6", "--pings", "2")
+    called, done = call(
+        *words.split(), "--loud", "--clock-offset", "5 ms", "--drift", "1e-6", "--pings", "2"
+    )
     assert done.exit_code == 0, done.output
     buoy = Buoy(
         depth=200.0,
@@ -149,7 +156,10 @@ def test_the_help_has_the_words_and_the_unit_of_the_docstring(call, monkeypatch)
     for words in (
         "--hydrophone-depth M Depth of the hydrophone below the surface.",
         "--levels M,... Depths of sensors. [default: 1,20]",
-        "Standard deviation of the offset. Seconds, or text such as '10 min' or '13 ms'. [default: 2 min]",
+        (
+            "Standard deviation of the offset. Seconds, or text such as '10 min' or '13 ms'. [default:"
+            " 2 min]"
+        ),
         "--lever M M M Vector to the antenna.",
     ):
         assert words in text

@@ -1,4 +1,6 @@
-"""Ctrl-C and a request to stop, in the middle of a run: the process ends and nothing is left behind."""
+"""
+Ctrl-C and a request to stop, in the middle of a run: the process ends and nothing is left behind.
+"""
 
 import os
 import pty
@@ -30,12 +32,17 @@ class OnTerminal:
         self.ours, theirs = pty.openpty()
         environment = {**os.environ, "COLUMNS": "100", "TERM": "xterm"}
         command = [sys.executable, "-c", COMMAND, *map(str, words)]
-        self.process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=theirs, env=environment)
+        self.process = subprocess.Popen(
+            command, stdout=subprocess.DEVNULL, stderr=theirs, env=environment
+        )
         os.close(theirs)
         self.printed = ""
 
     def running(self):
-        """Whether it runs still; what came to its terminal meanwhile is read, without colours and movements."""
+        """
+        Whether it runs still; what came to its terminal meanwhile is read, without colours and
+        movements.
+        """
         over = self.process.poll() is not None
         while select.select([self.ours], [], [], 0.0 if over else 0.1)[0]:
             try:
@@ -49,7 +56,9 @@ class OnTerminal:
 
     def counts(self, stage):
         """Numbers done and numbers of all that the bar of a stage has shown."""
-        return [(int(x), int(n)) for x, n in re.findall(rf"{stage}[^\w,\r\n]*(\d+)/(\d+)", self.printed)]
+        return [
+            (int(x), int(n)) for x, n in re.findall(rf"{stage}[^\w,\r\n]*(\d+)/(\d+)", self.printed)
+        ]
 
     def stop_within(self, stage, sent):
         """Send a signal when the first of a stage is done; the exit code, once it has ended."""
@@ -63,7 +72,9 @@ class OnTerminal:
 
 @pytest.fixture
 def begin():
-    """Start the command; one that is still there when the test ends, because it failed, is killed."""
+    """
+    Start the command; one that is still there when the test ends, because it failed, is killed.
+    """
     begun = []
 
     def one(*words):
@@ -114,9 +125,14 @@ def test_interrupt_among_the_rays_waits_for_few_of_them_and_leaves_nothing(
     assert [path.name for path in tmp_path.iterdir()] == ["slow.toml"]
 
 
-@pytest.mark.parametrize(("stop", "code"), [(KeyboardInterrupt(), 130), (SystemExit(143), 143), (None, None)])
+@pytest.mark.parametrize(
+    ("stop", "code"), [(KeyboardInterrupt(), 130), (SystemExit(143), 143), (None, None)]
+)
 def test_a_stop_that_meets_the_import_of_a_compiled_module_is_a_stop(monkeypatch, stop, code):
-    """pybind11 makes an ImportError of what interrupts the initialization of a module; one that is missing is no stop."""
+    """
+    pybind11 makes an ImportError of what interrupts the initialization of a module; one that is
+    missing is no stop.
+    """
 
     def import_gtsam(*_args, **_keywords):
         raise ImportError("gtsam") from stop
@@ -187,7 +203,8 @@ def test_a_date_of_the_environment_that_libraries_cannot_read_is_refused_in_one_
     done = mantaray("study", "list")
     assert done.code == 2
     assert done.err == (
-        f"error: environment: SOURCE_DATE_EPOCH is {value!r}; it must be whole seconds since 1970, at most 11 digits; correct or unset it\n"
+        f"error: environment: SOURCE_DATE_EPOCH is {value!r}; it must be whole seconds since 1970,"
+        " at most 11 digits; correct or unset it\n"
     )
     monkeypatch.setenv("SOURCE_DATE_EPOCH", "1700000000")
     assert mantaray("study", "list").code == 0
@@ -196,7 +213,17 @@ def test_a_date_of_the_environment_that_libraries_cannot_read_is_refused_in_one_
 @pytest.mark.skipif(sys.platform != "linux", reason="limits of address space are Linux's")
 @pytest.mark.parametrize("mebibytes", [200, 500, 1000])
 def test_too_little_memory_is_told_in_one_line(mebibytes, tmp_path):
-    words = ["study", "run", "quick", "--realizations", "1", "--workers", "1", "--out", tmp_path / "run"]
+    words = [
+        "study",
+        "run",
+        "quick",
+        "--realizations",
+        "1",
+        "--workers",
+        "1",
+        "--out",
+        tmp_path / "run",
+    ]
     limit = (mebibytes << 20,) * 2
     done = subprocess.run(
         [*MANTARAY, *words],
@@ -248,7 +275,10 @@ except (SystemExit, KeyboardInterrupt) as end:
 @pytest.mark.parametrize("where", ["main", "thread"])
 def test_a_process_in_compiled_code_stops_within_seconds(sent, code, where):
     with subprocess.Popen(
-        [sys.executable, "-c", SPIN, where], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [sys.executable, "-c", SPIN, where],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
     ) as process:
         for _ in range(1 if where == "main" else 3):
             assert process.stdout.readline() == "go\n"
@@ -279,7 +309,9 @@ print("there")
 
 
 def test_a_stop_waits_for_a_block_that_defers_it_longer_than_the_patience():
-    """Compiled code that runs for longer than the patience within the block: the stop comes after it."""
+    """
+    Compiled code that runs for longer than the patience within the block: the stop comes after it.
+    """
     done = python("""
 import os, signal, threading, time
 from numba import njit

@@ -1,4 +1,7 @@
-"""What several commands share: `--ocean` takes several files and no argument of the command; durations are a configuration's."""
+"""
+What several commands share: `--ocean` takes several files and no argument of the command; durations
+are a configuration's.
+"""
 
 import inspect
 import re
@@ -52,7 +55,9 @@ endless = typer.Typer()
 
 @endless.command(cls=OceanCommand)
 def many(
-    files: list[str], ocean: Annotated[list[str], typer.Option()], out: Annotated[str, typer.Option()]
+    files: list[str],
+    ocean: Annotated[list[str], typer.Option()],
+    out: Annotated[str, typer.Option()],
 ) -> None:
     """Say what came in."""
     typer.echo(f"{files} {ocean} {out}")
@@ -69,7 +74,9 @@ def test_files_behind_any_number_of_arguments_are_the_ocean_s(words, files, ocea
     assert (done.exit_code, done.output) == (0, f"{files} {ocean} O\n")
 
 
-@pytest.mark.parametrize("words", ["--ocean a IN", "IN OUT MORE", "IN OUT MORE --ocean a", "IN OUT --ocean"])
+@pytest.mark.parametrize(
+    "words", ["--ocean a IN", "IN OUT MORE", "IN OUT MORE --ocean a", "IN OUT --ocean"]
+)
 def test_too_few_and_too_many_words_are_refused(words):
     assert CliRunner().invoke(app, words.split()).exit_code == 2
 
@@ -104,7 +111,8 @@ def test_a_duration_is_read_as_a_configuration_reads_it(text):
 
 
 @pytest.mark.parametrize(("text", "message"), [
-    ("5 minutes", r"--own: found '5 minutes'; allowed: a number of days, or text such as \"10 min\""),
+    ("5 minutes", (r"--own: found '5 minutes'; allowed: a number of days, or text such as \"10"
+                  r" min\"")),
     ("", "--own: found ''; allowed"),
     ("-1", "--own is -1 d; it must be finite and positive"),
     ("0 h", "--own is 0 d; it must be finite and positive"),
@@ -116,7 +124,10 @@ def test_what_is_no_duration_is_refused(text, message):
 
 
 def test_a_number_in_the_option_s_unit_needs_no_word():
-    assert (parse_duration("--own", "300"), parse_duration("--own", "0", positive=False)) == (300.0, 0.0)
+    assert (parse_duration("--own", "300"), parse_duration("--own", "0", positive=False)) == (
+        300.0,
+        0.0,
+    )
 
 
 def commands_of(command, words="mantaray"):
@@ -150,12 +161,16 @@ def test_every_option_has_a_type_and_not_the_name_of_one():
     assert [name for name, (kind, *_) in kinds.items() if isinstance(kind, str | ForwardRef)] == []
 
 
-def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(mantaray, monkeypatch, tmp_path):
+def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(
+    mantaray, monkeypatch, tmp_path
+):
     seen = []
     monkeypatch.setattr(
         "pymantaray.apps.study.command.run_and_report", lambda config, *_, **__: seen.append(config)
     )
-    rows = "".join(f"{t},{name},79,{lon},10\n" for name, lon in (("A", 1), ("B", 1.1)) for t in (0, 600))
+    rows = "".join(
+        f"{t},{name},79,{lon},10\n" for name, lon in (("A", 1), ("B", 1.1)) for t in (0, 600)
+    )
     (tmp_path / "own.csv").write_text("time,vehicle,lat,lon,depth\n" + rows)
     words = ("ranges", tmp_path / "own.csv", "--ocean", "synthetic:fram", "--out", tmp_path / "new")
     assert mantaray(*words, "--interval", "5 min", "--sampling", "1 min 40 s").code == 0
@@ -171,14 +186,19 @@ def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(mantar
 
 @pytest.mark.parametrize(("words", "fault"), [
     ("nope", "mantaray: No such command 'nope'"),
-    ("study quick --quiet", "mantaray study: No such command 'quick'; allowed: list, .*; did you mean mantaray study run quick --quiet\\?"),
+    (("study quick"
+     " --quiet"), ("mantaray study: No such command 'quick'; allowed: list, .*; did you mean"
+                 " mantaray study run quick --quiet\\?")),
     ("ranges --itnerval 3", "mantaray ranges: No such option: --itnerval .*--interval"),
     ("export runs/latest --out o", "mantaray export: Missing option '--to'"),
     ("study run quick --workers two", "mantaray study run: Invalid value for '--workers'"),
-    ("ocean check --currents rset", "mantaray ocean check: Invalid value for '--currents': 'rset' .*'rest'"),
+    (("ocean check --currents"
+     " rset"), "mantaray ocean check: Invalid value for '--currents': 'rset' .*'rest'"),
     ("ocean make", "mantaray ocean: No such command 'make'"),
 ])  # fmt: skip
-def test_a_word_that_a_command_does_not_take_is_one_line_that_names_the_command(mantaray, words, fault):
+def test_a_word_that_a_command_does_not_take_is_one_line_that_names_the_command(
+    mantaray, words, fault
+):
     wrong = mantaray(*words.split())
     assert (wrong.code, wrong.out) == (2, "")
     command = fault.partition(":")[0]
@@ -193,7 +213,8 @@ def test_a_group_without_a_command_prints_its_help(mantaray, words):
 
 
 @pytest.mark.parametrize(
-    ("unit", "text", "number"), [("m", "4 km", 4000.0), ("m/s", "1450", 1450.0), ("km", "500 m", 0.5)]
+    ("unit", "text", "number"),
+    [("m", "4 km", 4000.0), ("m/s", "1450", 1450.0), ("km", "500 m", 0.5)],
 )
 def test_an_option_takes_a_number_in_its_unit_or_text_with_a_unit(unit, text, number):
     assert quantity(unit)(text) == number
@@ -207,15 +228,21 @@ def test_an_option_takes_a_number_in_its_unit_or_text_with_a_unit(unit, text, nu
 def test_an_option_refuses_another_quantity_in_one_line(mantaray):
     done = mantaray("rays", "times", "a.csv", "b.csv", "--profile", "c.csv", "--bathymetry", "2 kg")
     assert done.code == 2
-    assert done.err.startswith("error: --bathymetry: found '2 kg'; allowed: a number of metres, or text")
+    assert done.err.startswith(
+        "error: --bathymetry: found '2 kg'; allowed: a number of metres, or text"
+    )
     assert len(done.err.splitlines()) == 1
 
 
 @pytest.mark.parametrize(
-    "command", ["rays times a.csv b.csv --profile c.csv", "ocean from-cast c.csv o.nc", "serve c.csv"]
+    "command",
+    ["rays times a.csv b.csv --profile c.csv", "ocean from-cast c.csv o.nc", "serve c.csv"],
 )
 def test_the_sea_bed_has_one_name(mantaray, command):
     for name in ("--bottom", "--sea-floor", "--bottom-depth"):
         done = mantaray(*command.split(), name, "200")
         assert done.code == 2
-        assert f"No such option: {name}; the depth of the sea bed is --bathymetry; see mantaray" in done.err
+        assert (
+            f"No such option: {name}; the depth of the sea bed is --bathymetry; see mantaray"
+            in done.err
+        )

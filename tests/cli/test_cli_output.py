@@ -1,4 +1,7 @@
-"""What is printed never spoils what was done: encodings, closed pipes, full devices; outputs are checked beforehand."""
+"""
+What is printed never spoils what was done: encodings, closed pipes, full devices; outputs are
+checked beforehand.
+"""
 
 import errno
 import io
@@ -14,7 +17,13 @@ import pytest
 
 from pymantaray.cli import output
 from pymantaray.cli.main import main
-from pymantaray.cli.output import Watch, check_output, counted_progress, progress_bars, standard_streams
+from pymantaray.cli.output import (
+    Watch,
+    check_output,
+    counted_progress,
+    progress_bars,
+    standard_streams,
+)
 from pymantaray.cli.printing import printer
 from pymantaray.errors import WriteError
 from pymantaray.jobs.processes import Workers
@@ -30,9 +39,11 @@ MAIN = [sys.executable, "-c", "from pymantaray.cli.main import main; main()"]
 def test_characters_that_the_encoding_lacks_are_replaced(encoding, shown):
     """By typer and by rich, on both streams; a byte of a file's name stays that byte."""
     code = (
-        "import sys, typer\nfrom rich.console import Console\nfrom pymantaray.cli.output import standard_streams\n"
+        "import sys, typer\nfrom rich.console import Console\nfrom pymantaray.cli.output import"
+        " standard_streams\n"
         "with standard_streams():\n"
-        "    typer.echo(sys.argv[1])\n    typer.echo(sys.argv[1], err=True)\n    Console().print(sys.argv[1])\n"
+        "    typer.echo(sys.argv[1])\n    typer.echo(sys.argv[1], err=True)\n   "
+        " Console().print(sys.argv[1])\n"
     )
     done = subprocess.run(
         [sys.executable, "-c", code, os.fsdecode("nö−".encode() + b"\xff")],
@@ -61,7 +72,9 @@ def test_a_full_standard_output_is_one_line():
         )
         assert done.stderr == "error: standard output: cannot be written: No space left on device\n"
         assert done.returncode == 2
-        silent = subprocess.run([*MAIN, "study", "run", "nosuch"], stdout=full, stderr=full, check=False)
+        silent = subprocess.run(
+            [*MAIN, "study", "run", "nosuch"], stdout=full, stderr=full, check=False
+        )
         assert silent.returncode == 2
 
 
@@ -96,7 +109,9 @@ def test_progress_that_cannot_be_shown_does_not_stop_the_work(monkeypatch, tmp_p
 
 
 def test_progress_says_what_runs_what_is_left_and_the_memory(monkeypatch):
-    """Time left: at the mean pace since the stage began, less what has passed since its latest part."""
+    """
+    Time left: at the mean pace since the stage began, less what has passed since its latest part.
+    """
     now = 100.0
     watch = Watch(("rays", "realizations", "report"), lambda: now)
     monkeypatch.setattr(output, "peak_memory_mib", lambda: 512.3)
@@ -218,7 +233,11 @@ def test_names_of_rows_and_numbers_stay_in_one_line_and_headings_fold(width, cap
     names = ["straight", "off-by-1-honest", "clock-and-ocean-together"]
     columns = ("rmse_m", "median_m", "from_straight_rmse_m", "bound_rmse_m")
     with printer() as out:
-        out.table(ResultTable("errors", pd.DataFrame({"condition": names} | dict.fromkeys(columns, 1234.56))))
+        out.table(
+            ResultTable(
+                "errors", pd.DataFrame({"condition": names} | dict.fromkeys(columns, 1234.56))
+            )
+        )
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= width
     assert [line.split() for line in lines if "1,234.56" in line] == [
@@ -230,13 +249,24 @@ def test_headings_break_between_words_and_columns_that_do_not_fit_follow_below(c
     monkeypatch.setenv("COLUMNS", "80")
     keys = ["landmarks.T.depth", "fleet.vehicles.A.depth", "noise.range_sigma"]
     values = [f"value_{k}_m" for k in range(9)]
-    frame = pd.DataFrame({name: [1.0, 1234.56] for name in (*keys, *values)} | {"front": ["yes", "no"]})
+    frame = pd.DataFrame(
+        {name: [1.0, 1234.56] for name in (*keys, *values)} | {"front": ["yes", "no"]}
+    )
     with printer() as out:
         out.table(ResultTable("designs", frame, "Designs"))
     shown = capsys.readouterr().out
     assert max(map(len, shown.splitlines())) <= 80
     words = shown.split()
-    for part in ("landmarks.", "T.depth", "vehicles.", "A.depth", "noise.", "range_", "sigma", "front"):
+    for part in (
+        "landmarks.",
+        "T.depth",
+        "vehicles.",
+        "A.depth",
+        "noise.",
+        "range_",
+        "sigma",
+        "front",
+    ):
         assert part in words
     assert shown.count("1,234.56") >= len(keys) + len(values)
     assert words.count("Designs") == 1

@@ -1,4 +1,7 @@
-"""What all commands have alike: options for scripts and for how much is logged, and completion in a shell."""
+"""
+What all commands have alike: options for scripts and for how much is logged, and completion in a
+shell.
+"""
 
 import json
 import logging
@@ -22,10 +25,15 @@ from pymantaray.cli.printing import LOG, log_to_stderr, printer
 from pymantaray.records.result_table import ResultTable
 
 PATHS_ONLY = {
-    "atlas plot", "export", "graph convert", "ocean correct", "ocean fetch copernicus", "ocean fetch hycom", "ocean from-cast",
+    "atlas plot", "export", "graph convert", "ocean correct", ("ocean fetch"
+                                                              " copernicus"), ("ocean fetch"
+                                                                             " hycom"), "ocean from-cast",
     "ocean convert-cast", "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve", "study cite", "study import", "study init", "study report", "sweep collect",
 }  # fmt: skip
-"""Commands that print the names of what they wrote, an address or references, and nothing that would be a table."""
+"""
+Commands that print the names of what they wrote, an address or references, and nothing that would
+be a table.
+"""
 
 
 def commands(group, words=()):
@@ -42,7 +50,9 @@ COMMANDS = dict(commands(typer.main.get_command(app)))
 
 def test_every_command_that_prints_a_table_prints_json():
     without = {
-        name for name, command in COMMANDS.items() if not any("--json" in one.opts for one in command.params)
+        name
+        for name, command in COMMANDS.items()
+        if not any("--json" in one.opts for one in command.params)
     }
     assert without == PATHS_ONLY
 
@@ -66,7 +76,10 @@ def tell_all():
         ({"quiet": True, "verbose": 0}, ["error: an error"]),
         ({"quiet": False, "verbose": 0}, ["error: an error", "warning: a warning"]),
         ({"quiet": False, "verbose": 1}, ["error: an error", "warning: a warning", "a stage"]),
-        ({"quiet": False, "verbose": 2}, ["error: an error", "warning: a warning", "a stage", "a detail"]),
+        (
+            {"quiet": False, "verbose": 2},
+            ["error: an error", "warning: a warning", "a stage", "a detail"],
+        ),
     ],
 )
 def test_levels_are_those_of_the_page(capsys, options, lines):
@@ -75,9 +88,9 @@ def test_levels_are_those_of_the_page(capsys, options, lines):
         tell_all()
     printed = capsys.readouterr().err.splitlines()
     assert printed[: len(lines)] == lines
-    assert [bool(re.fullmatch(r"[\d.]+ s, at most \d+ MiB", line)) for line in printed[len(lines) :]] == [
-        True
-    ] * (options["verbose"] > 0)
+    assert [
+        bool(re.fullmatch(r"[\d.]+ s, at most \d+ MiB", line)) for line in printed[len(lines) :]
+    ] == [True] * (options["verbose"] > 0)
     assert logging.getLogger("pymantaray").handlers == before
 
 
@@ -147,7 +160,9 @@ def test_a_word_that_no_command_knows_ends_with_2_and_prints_no_result(mantaray,
 
 
 def test_the_page_has_every_status_that_commands_end_with():
-    told = {int(number) for number in re.findall(r"^\| (\d+) \|", PAGE.read_text(), flags=re.MULTILINE)}
+    told = {
+        int(number) for number in re.findall(r"^\| (\d+) \|", PAGE.read_text(), flags=re.MULTILINE)
+    }
     ours = {EXIT_FAULTS, EXIT_POINTS_FAILED, EXIT_KNOWN_ERROR, EXIT_WRONG}
     signals = {128 + number for number in (signal.SIGINT, signal.SIGPIPE, signal.SIGTERM)}
     assert told == {0} | ours | signals
@@ -157,11 +172,22 @@ def test_doctor_knows_what_is_here_and_what_is_not(mantaray, told, monkeypatch, 
     state = told("doctor")
     assert {row["name"] for row in state["packages"]} >= {"numpy", "gtsam", "typer"}
     assert all(row["version"] == version(row["name"]) for row in state["packages"])
-    assert {row["name"] for row in state["extras"]} == set(metadata("pymantaray").get_all("Provides-Extra"))
-    assert {row["use"] for row in state["folders"]} >= {"compiled kernels", "figures", "temporary files"}
+    assert {row["name"] for row in state["extras"]} == set(
+        metadata("pymantaray").get_all("Provides-Extra")
+    )
+    assert {row["use"] for row in state["folders"]} >= {
+        "compiled kernels",
+        "figures",
+        "temporary files",
+    }
     assert 0 <= state["kernels"]["compiled"] <= state["kernels"]["all"] > 15
 
-    requirements = ["nosuch>=1.0", "numpy>=99", 'nosuch>=2; extra == "more"', 'numpy>=2; extra == "all"']
+    requirements = [
+        "nosuch>=1.0",
+        "numpy>=99",
+        'nosuch>=2; extra == "more"',
+        'numpy>=2; extra == "all"',
+    ]
     monkeypatch.setattr("pymantaray.installation.requires", lambda _: requirements)
     state = told("doctor", code=1)
     assert state["faults"] == ["nosuch: is not installed", "numpy: has an unsupported version"]

@@ -1,4 +1,6 @@
-"""Covariances of poses: against dense inverses, GTSAM's own marginals, closed forms and each other."""
+"""
+Covariances of poses: against dense inverses, GTSAM's own marginals, closed forms and each other.
+"""
 
 from dataclasses import replace
 
@@ -82,13 +84,16 @@ def test_covariances_under_a_loss_are_gtsams_with_its_weights(make_fleet):
     poses, loss = poses_at(o), LOSSES["cauchy"]
     solver = GraphSolver()
     robust, plain = (
-        solver.solve(graph, start, method=Method(under), model_is_right=False, covariance_poses=poses)
+        solver.solve(
+            graph, start, method=Method(under), model_is_right=False, covariance_poses=poses
+        )
         for under in (loss, None)
     )
     marginals = gtsam.Marginals(*to_gtsam(graph, robust.values, loss))
     for e, a in np.ndindex(poses.shape):
         assert_same(robust.covariances.pose[e, a], marginals.marginalCovariance(int(poses[e, a])))
-    # ranges that it does not believe tell it nothing, and its innovations have no chi-square distribution
+    # ranges that it does not believe tell it nothing, and its innovations have no chi-square
+    # distribution
     horizontal = [np.trace(s.covariances.position[1, 0, :2, 0, :2]) for s in (robust, plain)]
     assert horizontal[0] > horizontal[1]
     assert np.isnan(robust.covariances.range_nis).all()
@@ -116,7 +121,10 @@ def test_dead_reckoning_has_the_covariance_of_a_graph_of_odometry_alone(make_fle
         covariances_at(bare, fleet.reckoned, poses_at(o)),
         dead_reckoning_covariances(o, SAMPLES, dead_reckon(o)),
     )
-    for a, b in ((own.pose, graph.pose), (own.position.reshape(3, 9, 9), graph.position.reshape(3, 9, 9))):
+    for a, b in (
+        (own.pose, graph.pose),
+        (own.position.reshape(3, 9, 9), graph.position.reshape(3, 9, 9)),
+    ):
         assert_same(a, b)
     assert (own.range_dimension == 0).all()
     assert np.isnan(own.range_nis).all()
@@ -136,7 +144,10 @@ def test_straight_track_without_turning_spreads_like_a_random_walk(make_fleet):
 
 
 def test_range_statistic_is_the_innovation_predicted_from_everything_else(make_fleet):
-    """Normalized residuals at the optimum against a second solve that never saw the ranges of the epoch."""
+    """
+    Normalized residuals at the optimum against a second solve that never saw the ranges of the
+    epoch.
+    """
     fleet = make_fleet(seed=15, gnss_every=10, n_landmarks=1)
     o = fleet.noisy
     sample = 10
@@ -144,12 +155,16 @@ def test_range_statistic_is_the_innovation_predicted_from_everything_else(make_f
     found = covariances_at(graph, values, poses_at(o, [sample]))
     assert found.range_dimension[0] == np.count_nonzero(o.range_sample == sample)
     ranges, n = graph["range"], graph.n_poses
-    mine = (ranges.variables < n).any(axis=1) & (graph.pose_number[ranges.variables[:, 0]] == sample)
+    mine = (ranges.variables < n).any(axis=1) & (
+        graph.pose_number[ranges.variables[:, 0]] == sample
+    )
     other = graph.with_factors(range=ranges[~mine])
     before = GraphSolver().solve(other, fleet.truth).values
     covariance = dense(other, before)
     place = np.concatenate([before.position, before.landmark_position])
-    turn = np.concatenate([matrix_from_quaternion(before.quaternion), np.eye(3)[None]])  # a landmark has none
+    turn = np.concatenate(
+        [matrix_from_quaternion(before.quaternion), np.eye(3)[None]]
+    )  # a landmark has none
     ends = ranges[mine].variables
     way = np.diff(place[ends], axis=1)[:, 0]
     distance = np.linalg.norm(way, axis=1)
@@ -186,7 +201,10 @@ def test_innovations_are_computed_only_if_asked_for(make_fleet, monkeypatch):
 
 
 def anywhere(prior):
-    """A prior of ten thousand kilometres: the system can be inverted, and its covariance means nothing."""
+    """
+    A prior of ten thousand kilometres: the system can be inverted, and its covariance means
+    nothing.
+    """
     wide = np.array(prior.covariance)
     wide[0, 3:, 3:] = np.diag([1e14] * 3)
     return replace(prior, covariance=wide)
@@ -210,8 +228,12 @@ def test_singular_graph_has_no_covariance_and_stops_nothing(make_fleet, change, 
 def test_wrong_poses_are_refused(make_fleet, poses):
     fleet = make_fleet(seed=19)
     graph = build_graph(fleet.noise_free)
-    with pytest.raises(EstimationError, match="covariances: each pose must have a prior or odometry"):
-        GraphSolver().solve(graph, fleet.truth, model_is_right=False, covariance_poses=np.array(poses))
+    with pytest.raises(
+        EstimationError, match="covariances: each pose must have a prior or odometry"
+    ):
+        GraphSolver().solve(
+            graph, fleet.truth, model_is_right=False, covariance_poses=np.array(poses)
+        )
 
 
 def test_fixed_epochs_are_multiples_and_the_end():
@@ -226,7 +248,9 @@ def test_fixed_epochs_are_multiples_and_the_end():
 def test_record_has_nan_for_what_is_missing(make_fleet):
     o = make_fleet(seed=20).noisy
     own = dead_reckoning_covariances(o, SAMPLES, dead_reckon(o))
-    record = collect_covariances(o, SAMPLES, [{"odometry": own, "x": None}, {"odometry": own, "x": own}])
+    record = collect_covariances(
+        o, SAMPLES, [{"odometry": own, "x": None}, {"odometry": own, "x": own}]
+    )
     np.testing.assert_array_equal(record.pose_covariance[0, 1], own.pose)
     assert np.isnan(record.pose_covariance[1, 0]).all()
     assert np.isfinite(record.pose_covariance[1, 1]).all()
@@ -236,7 +260,10 @@ def test_record_has_nan_for_what_is_missing(make_fleet):
 
 
 def test_the_standard_error_of_an_rmse_is_the_scatter_of_simulated_ones():
-    """Correlated errors of 33 rows, 25 realizations each, over 2,000 draws: first order is good to 5 %."""
+    """
+    Correlated errors of 33 rows, 25 realizations each, over 2,000 draws: first order is good to 5
+    %.
+    """
     rng = np.random.default_rng(0)
     root = rng.normal(size=(33, 6)) @ np.diag([5.0, 3.0, 2.0, 1.0, 1.0, 1.0])
     covariance = root @ root.T + 0.1 * np.eye(33)

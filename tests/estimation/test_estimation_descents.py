@@ -30,7 +30,9 @@ def test_among_equal_costs_a_converged_end_is_first():
         End("c", 10.0, converged=True),
     ]
     assert lowest(ends).name == "b"
-    assert lowest([End("a", np.inf, converged=False), End("b", np.inf, converged=False)]).name == "a"
+    assert (
+        lowest([End("a", np.inf, converged=False), End("b", np.inf, converged=False)]).name == "a"
+    )
 
 
 def test_the_best_descent_is_finished_and_no_other():

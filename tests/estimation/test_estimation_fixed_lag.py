@@ -1,4 +1,7 @@
-"""A smoother with a lag: the batch where it forgets nothing and where all is linear, and its statistics where it is not."""
+"""
+A smoother with a lag: the batch where it forgets nothing and where all is linear, and its
+statistics where it is not.
+"""
 
 from dataclasses import fields, replace
 
@@ -10,7 +13,14 @@ from refusals import refused
 
 from pymantaray.apps.graphs import to_gtsam
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import LOSSES, GraphSolver, IncrementalOptions, Method, SolveOptions, build_graph
+from pymantaray.estimation import (
+    LOSSES,
+    GraphSolver,
+    IncrementalOptions,
+    Method,
+    SolveOptions,
+    build_graph,
+)
 from pymantaray.evaluation.consistency import nees
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
@@ -34,21 +44,32 @@ def test_a_filter_of_a_linear_chain_is_the_batch_of_what_it_has_heard():
     o = replace(
         fleet.noise_free,
         odometry_sigma=np.concatenate(
-            [0 * fleet.noise_free.odometry_sigma[..., :3] + sure, fleet.noise_free.odometry_sigma[..., 3:]],
+            [
+                0 * fleet.noise_free.odometry_sigma[..., :3] + sure,
+                fleet.noise_free.odometry_sigma[..., 3:],
+            ],
             axis=2,
         ),
-        first_sigma=np.concatenate([np.tile(sure, (2, 1)), fleet.noise_free.first_sigma[:, 3:]], axis=1),
+        first_sigma=np.concatenate(
+            [np.tile(sure, (2, 1)), fleet.noise_free.first_sigma[:, 3:]], axis=1
+        ),
     )
     o = factories.add_noise(o, 4)
     graph = factories.without(build_graph(o), "range")
     last = o.time.size - 1
     end = lagged(graph, fleet.truth, factories.PERIOD, EVERY_SAMPLE, [last], o)
-    batch = GraphSolver(EVERY_SAMPLE).solve(graph, fleet.truth, covariance_poses=poses_at(o, [last]))
+    batch = GraphSolver(EVERY_SAMPLE).solve(
+        graph, fleet.truth, covariance_poses=poses_at(o, [last])
+    )
     assert end.status == batch.status == SolveStatus.OK
     now = poses_at(o, [last]).ravel()
     np.testing.assert_allclose(end.position[now], batch.position[now], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(end.covariances.position, batch.covariances.position, rtol=1e-6, atol=1e-9)
-    assert np.abs(end.position - batch.position).max() > 0.1, "earlier poses have not heard of later fixes"
+    np.testing.assert_allclose(
+        end.covariances.position, batch.covariances.position, rtol=1e-6, atol=1e-9
+    )
+    assert np.abs(end.position - batch.position).max() > 0.1, (
+        "earlier poses have not heard of later fixes"
+    )
 
 
 def test_a_lag_as_long_as_the_mission_ends_at_the_batch_optimum(make_fleet):
@@ -60,7 +81,9 @@ def test_a_lag_as_long_as_the_mission_ends_at_the_batch_optimum(make_fleet):
     end = lagged(graph, fleet.reckoned, 1e9, samples=samples, o=fleet.noisy)
     np.testing.assert_allclose(end.position, batch.position, rtol=0, atol=1e-3)
     np.testing.assert_allclose(end.landmark_position, batch.landmark_position, rtol=0, atol=1e-3)
-    np.testing.assert_allclose(end.covariances.position, batch.covariances.position, rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(
+        end.covariances.position, batch.covariances.position, rtol=1e-3, atol=1e-6
+    )
     np.testing.assert_allclose(end.covariances.pose, batch.covariances.pose, rtol=1e-2, atol=1e-6)
     assert end.final_cost == pytest.approx(batch.final_cost, rel=1e-6)
 
@@ -81,14 +104,21 @@ def test_bad_requests_are_refused(make_fleet):
     fleet = make_fleet(seed=6)
     graph = build_graph(fleet.noisy, "straight")
     refused(
-        EstimationError, "lag is 10 s, but pings are up to 1000 s apart", lagged, graph, fleet.truth, 10.0
+        EstimationError,
+        "lag is 10 s, but pings are up to 1000 s apart",
+        lagged,
+        graph,
+        fleet.truth,
+        10.0,
     )
     method = Method(LOSSES["huber"], lag=PING)
     with pytest.raises(EstimationError, match="no robust loss"):
         GraphSolver().solve(graph, fleet.truth, method=method)
 
 
-def test_the_incremental_smoother_ends_at_the_batch_optimum_if_its_lag_covers_the_mission(make_fleet):
+def test_the_incremental_smoother_ends_at_the_batch_optimum_if_its_lag_covers_the_mission(
+    make_fleet,
+):
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     graph, poses = build_graph(fleet.noisy, "straight"), poses_at(fleet.noisy, [20])
     batch = GraphSolver().solve(graph, fleet.truth, covariance_poses=poses)
@@ -98,12 +128,16 @@ def test_the_incremental_smoother_ends_at_the_batch_optimum_if_its_lag_covers_th
     assert end.status == SolveStatus.OK
     np.testing.assert_allclose(end.position, batch.position, rtol=0, atol=1e-2)
     np.testing.assert_allclose(end.landmark_position, batch.landmark_position, rtol=0, atol=1e-2)
-    np.testing.assert_allclose(end.covariances.position, batch.covariances.position, rtol=1e-2, atol=1e-4)
+    np.testing.assert_allclose(
+        end.covariances.position, batch.covariances.position, rtol=1e-2, atol=1e-4
+    )
     assert end.update_seconds.size == fleet.noisy.time.size
     assert np.isfinite(end.update_seconds).all()
 
 
-def test_with_a_short_lag_both_smoothers_agree_to_a_fraction_of_their_standard_deviation(make_fleet):
+def test_with_a_short_lag_both_smoothers_agree_to_a_fraction_of_their_standard_deviation(
+    make_fleet,
+):
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     graph, poses = build_graph(fleet.noisy, "straight"), poses_at(fleet.noisy, [10, 20])
     ends = [
@@ -122,9 +156,17 @@ def test_with_a_short_lag_both_smoothers_agree_to_a_fraction_of_their_standard_d
 
 
 @pytest.mark.parametrize("seeds", [12, pytest.param(100, marks=pytest.mark.slow)])
-def test_a_lag_of_an_hour_differs_from_the_batch_by_the_information_that_it_lacks(make_fleet, seeds):
-    """Of two optimal estimates, the one with fewer measurements differs by the difference of their covariances."""
-    hour, samples = 3600.0, [10, 20]  # 1.9 and 0.8 h before the next fix, which the lag therefore lacks
+def test_a_lag_of_an_hour_differs_from_the_batch_by_the_information_that_it_lacks(
+    make_fleet, seeds
+):
+    """
+    Of two optimal estimates, the one with fewer measurements differs by the difference of their
+    covariances.
+    """
+    hour, samples = (
+        3600.0,
+        [10, 20],
+    )  # 1.9 and 0.8 h before the next fix, which the lag therefore lacks
     free = make_fleet(seed=6, n_times=60, turn=0.0, gnss_every=45)
     distance, expected = [], []
     for seed in range(seeds):
@@ -135,7 +177,9 @@ def test_a_lag_of_an_hour_differs_from_the_batch_by_the_information_that_it_lack
             for method in (Method(lag=hour, incremental=True), Method(), Method(kalman=True))
         )
         apart = (lagging.position - batch.position)[poses]
-        variance = [np.einsum("eaiai->ea", one.covariances.position) for one in (lagging, batch, online)]
+        variance = [
+            np.einsum("eaiai->ea", one.covariances.position) for one in (lagging, batch, online)
+        ]
         assert (variance[1] < variance[0]).all()
         assert (variance[0] < variance[2]).all(), "a lag knows more than a filter"
         distance.append(np.sum(apart**2, axis=-1))
@@ -150,7 +194,10 @@ def test_a_lag_of_an_hour_differs_from_the_batch_by_the_information_that_it_lack
 
 
 def gtsams(graph, start, lag):
-    """Positions and rotations of GTSAM's batch fixed-lag smoother, each when it was last in the window."""
+    """
+    Positions and rotations of GTSAM's batch fixed-lag smoother, each when it was last in the
+    window.
+    """
     factors, values = to_gtsam(graph, start)
     factors = [factors.at(i) for i in range(factors.size())]
     enters = [graph.pose_time[list(factor.keys())].max() for factor in factors]
@@ -170,12 +217,17 @@ def gtsams(graph, start, lag):
         latest.insert_or_assign(smoother.calculateEstimate())
         before = now
     poses = [latest.atPose3(key) for key in range(graph.n_poses) if latest.exists(key)]
-    return np.array([p.translation() for p in poses]), np.array([p.rotation().matrix() for p in poses])
+    return np.array([p.translation() for p in poses]), np.array(
+        [p.rotation().matrix() for p in poses]
+    )
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.1])
 def test_the_smoother_differs_from_gtsams_by_the_curvature_of_its_errors(make_fleet, scale):
-    """GTSAM linearizes measurements beside marginalized poses once, which is of second order in the errors."""
+    """
+    GTSAM linearizes measurements beside marginalized poses once, which is of second order in the
+    errors.
+    """
     fleet = make_fleet(seed=4, n_times=41, gnss_every=40)
     names = [f.name for f in fields(fleet.noise_free) if f.name.endswith("_sigma")]
     smaller = {name: scale * np.asarray(getattr(fleet.noise_free, name)) for name in names}
@@ -190,4 +242,6 @@ def test_the_smoother_differs_from_gtsams_by_the_curvature_of_its_errors(make_fl
     turned = np.linalg.norm(matrix_from_quaternion(end.quaternion) - rotation, axis=(1, 2))
     assert turned.max() < 1e-5 * scale**2
     batch = GraphSolver().solve(graph, fleet.truth)
-    assert np.abs(batch.position - end.position).max() > 0.1 * scale, "a batch knows what comes later"
+    assert np.abs(batch.position - end.position).max() > 0.1 * scale, (
+        "a batch knows what comes later"
+    )

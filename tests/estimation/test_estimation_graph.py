@@ -65,7 +65,8 @@ def test_variables_are_numbered_vehicle_by_vehicle_and_landmarks_last(make_fleet
 def test_degrees_of_freedom_count_residual_rows_minus_unknowns(make_fleet):
     fleet = make_fleet(n_vehicles=2, n_times=6, n_landmarks=1, gnss_every=3)
     graph = build_graph(fleet.noisy, "straight")
-    # 2 first-pose priors and 10 edges of 6 rows, 4 fixes and 1 survey of 3, 12 depths, 6 ranges at sample 5
+    # 2 first-pose priors and 10 edges of 6 rows, 4 fixes and 1 survey of 3, 12 depths, 6 ranges at
+    # sample 5
     assert graph.degrees_of_freedom == 12 * 6 + 5 * 3 + 12 + 6 - (12 * 6 + 3)
 
 
@@ -98,7 +99,13 @@ def test_unusable_measurements_are_refused_by_name(fleet, field, index, value, m
 
 def test_a_range_of_a_vehicle_to_itself_is_refused(fleet):
     itself = replace(fleet.noisy, range_receiver=fleet.noisy.range_transmitter)
-    refused(EstimationError, r"^A5: range is .5..*two different variables", build_graph, itself, "refracted")
+    refused(
+        EstimationError,
+        r"^A5: range is .5..*two different variables",
+        build_graph,
+        itself,
+        "refracted",
+    )
 
 
 @pytest.mark.parametrize(("ranges", "links", "message"), [
@@ -117,7 +124,12 @@ def without_first_pose(o, vehicle):
 
 def test_vehicle_that_nothing_ties_to_the_world_is_refused_by_name(make_fleet):
     floating = without_first_pose(make_fleet(n_vehicles=2).noisy, 1)
-    refused(EstimationError, r"^B0: no first-pose prior, GNSS fix or landmark prior", build_graph, floating)
+    refused(
+        EstimationError,
+        r"^B0: no first-pose prior, GNSS fix or landmark prior",
+        build_graph,
+        floating,
+    )
     # ranges tie it to vehicle A
     assert build_graph(floating, "straight")["prior"].subject.tolist() == [0]
 
@@ -156,7 +168,8 @@ def edge_covariance(index, value):
             lambda g: g.with_factors(prior=g["prior"].with_columns(quaternion=1.1 * g["prior"].column("quaternion"))),
             "^A0: first-pose prior quaternion",
         ),
-        (edges(lambda e: replace(e, variables=e.variables[:, [0, 0]])), "^A0: odometry is .0.*two different poses"),
+        (edges(lambda e: replace(e, variables=e.variables[:, [0, 0]])), ("^A0: odometry is .0.*two"
+                                                                        " different poses")),
         (edges(lambda e: e.with_columns(position=put(e.column("position"), (0, 0), 1e200))), "^A1: odometry is .*1e.09"),
         (lambda g: replace(g, pose_number=np.zeros(g.n_poses)), "^A0: two variables of this name"),
         (lambda g: replace(g, pose_vehicle=g.pose_vehicle + 3), "^pose: refers to vehicle 3"),
@@ -178,7 +191,8 @@ def test_numbers_that_gtsam_would_choke_on_or_misread_are_refused_first(whole, c
         ({"position": np.full((90, 3), 1e300)}, "^A0: position is .1e.300"),
         ({"quaternion": np.zeros((90, 4))}, "^A0: quaternion is .0, 0, 0, 0.*length 1"),
         ({"landmark_position": np.full((1, 3), np.inf)}, "^L0: position is .inf"),
-        ({"landmark_position": np.zeros((2, 3))}, "^values for 90 poses and 2 landmarks; the graph has 90 and 1"),
+        ({"landmark_position": np.zeros((2, 3))}, ("^values for 90 poses and 2 landmarks; the graph"
+                                                  " has 90 and 1")),
     ],
 )  # fmt: skip
 def test_values_that_cannot_be_a_start_are_refused(whole, change, message):
@@ -208,12 +222,16 @@ def test_singular_graphs_started_at_the_truth_fail_and_are_diagnosed_by_name(who
 
 
 @pytest.mark.parametrize("n_vehicles", [2, 3], ids=["held by one range", "never ranged"])
-def test_vehicle_that_ranges_do_not_hold_is_solved_with_a_prior_and_named_without(make_fleet, n_vehicles):
+def test_vehicle_that_ranges_do_not_hold_is_solved_with_a_prior_and_named_without(
+    make_fleet, n_vehicles
+):
     fleet = make_fleet(seed=1, n_vehicles=n_vehicles, n_times=8)
     graph = build_graph(fleet.noisy, "straight")
     last = graph["prior"].subject[-1]
     if n_vehicles == 3:
-        graph = graph.with_factors(range=graph["range"][(graph["range"].variables < last).all(axis=1)])
+        graph = graph.with_factors(
+            range=graph["range"][(graph["range"].variables < last).all(axis=1)]
+        )
     assert GraphSolver().solve(graph, fleet.truth).status.name == "OK"
     assert diagnose(graph, fleet.truth) is None
     loose = graph.with_factors(prior=graph["prior"][:-1])
@@ -257,7 +275,8 @@ def test_constant_twist_composes_to_its_exponential(make_fleet):
 
 
 @pytest.mark.parametrize(
-    ("field", "what"), [("first_position", "first-pose prior"), ("odometry_translation", "odometry")]
+    ("field", "what"),
+    [("first_position", "first-pose prior"), ("odometry_translation", "odometry")],
 )
 def test_dead_reckoning_refuses_what_is_missing_by_vehicle(fleet, field, what):
     broken = put(getattr(fleet.noisy, field), 1, np.nan)
@@ -277,11 +296,15 @@ def test_dead_reckoning_over_a_graph_is_dead_reckoning_of_its_measurements(whole
     assert from_file.size == 0
 
 
-def test_dead_reckoning_goes_backwards_and_starts_where_the_file_says_for_want_of_a_prior(make_fleet):
+def test_dead_reckoning_goes_backwards_and_starts_where_the_file_says_for_want_of_a_prior(
+    make_fleet,
+):
     fleet = make_fleet(seed=4, n_vehicles=2, n_times=6)
     graph, last = build_graph(fleet.noise_free), 5  # of A; its prior moves there, and B has none
     at_end = graph["prior"].kind.table(
-        [last], [fleet.position[:1, last], fleet.quaternion[:1, last]], graph["prior"].covariance[:1]
+        [last],
+        [fleet.position[:1, last], fleet.quaternion[:1, last]],
+        graph["prior"].covariance[:1],
     )
     shifted = replace(fleet.truth, position=fleet.truth.position + np.array([7.0, 0.0, 0.0]))
     reckoned, from_file = dead_reckon_graph(graph.with_factors(prior=at_end), shifted)
@@ -308,7 +331,10 @@ def test_anchors_go_to_the_first_pose_of_each_loose_part_and_make_it_solvable(wh
 
 
 def one_more(graph, name, truth):
-    """One factor of a kind, of the last pose or the landmark, that measures 3 m and 0.1 rad more than the truth."""
+    """
+    One factor of a kind, of the last pose or the landmark, that measures 3 m and 0.1 rad more than
+    the truth.
+    """
     kind, n = KINDS[name], graph.n_poses
     last = {"pose": n - 1, "landmark": n, "any": n - 1}[kind.ends[-1]]
     ends = [0, last][-len(kind.ends) :]
@@ -351,13 +377,19 @@ def test_a_factor_of_every_kind_moves_the_estimate_of_every_solver(make_fleet, n
 def test_a_new_kind_is_solved_by_its_columns_and_ends(make_fleet, monkeypatch):
     fleet = make_fleet(n_vehicles=1, n_times=6, n_landmarks=1)
     graph = build_graph(fleet.noisy, "straight")
-    kinds = {"beacon": replace(KINDS["sighting"], what="beacon", plural="beacons", word=None), **KINDS}
+    kinds = {
+        "beacon": replace(KINDS["sighting"], what="beacon", plural="beacons", word=None),
+        **KINDS,
+    }
     monkeypatch.setattr("pymantaray.estimation.graph.graph.KINDS", kinds)
     sighted = one_more(graph, "sighting", fleet.truth)
     beacon = replace(sighted["sighting"], kind=kinds["beacon"])
     tables = {"sighting": sighted, "beacon": graph.with_factors(beacon=beacon)}
     ends = {
-        name: [GraphSolver().solve(g, fleet.truth, method=m) for m in (Method(), Method(incremental=True))]
+        name: [
+            GraphSolver().solve(g, fleet.truth, method=m)
+            for m in (Method(), Method(incremental=True))
+        ]
         for name, g in tables.items()
     }
     for one, other in zip(*ends.values(), strict=True):
@@ -369,8 +401,10 @@ def test_a_new_kind_is_solved_by_its_columns_and_ends(make_fleet, monkeypatch):
 
 @pytest.mark.parametrize(("kind", "message"), [
     (replace(KINDS["sighting"], what="baseline", ends=("landmark", "landmark")), "^baseline: no residual for position of landmark and landmark;"),
-    (replace(KINDS["range"], what="altitude", ends=("pose",)), "^altitude: no residual for distance of pose;"),
-    (replace(KINDS["range"], what="second range"), "^kinds that measure distances: new, range; allowed: range alone"),
+    (replace(KINDS["range"], what="altitude", ends=("pose",)), ("^altitude: no residual for"
+                                                               " distance of pose;")),
+    (replace(KINDS["range"], what="second range"), ("^kinds that measure distances: new, range;"
+                                                   " allowed: range alone")),
 ])  # fmt: skip
 def test_a_kind_that_no_residual_fits_is_refused(whole, monkeypatch, kind, message):
     _, graph, truth = whole
@@ -382,5 +416,9 @@ def test_a_table_of_no_kind_is_refused(whole):
     _, graph, truth = whole
     odd = graph.with_factors(altitude=graph["range"])
     refused(
-        EstimationError, "^factors of a kind 'altitude'; allowed: prior,", GraphSolver().solve, odd, truth
+        EstimationError,
+        "^factors of a kind 'altitude'; allowed: prior,",
+        GraphSolver().solve,
+        odd,
+        truth,
     )

@@ -6,7 +6,14 @@ from factories import without
 from refusals import refused
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import LOSSES, Estimator, GraphSolver, Method, build_graph, solve_conditions
+from pymantaray.estimation import (
+    LOSSES,
+    Estimator,
+    GraphSolver,
+    Method,
+    build_graph,
+    solve_conditions,
+)
 from pymantaray.records import SolveStatus
 
 GTSAM = Method(gtsam="converged")
@@ -36,7 +43,8 @@ def test_gtsam_finds_the_optimum_of_the_batch_solver(mission, loss):
 def test_default_parameters_stop_earlier(mission):
     _, graph, start = mission
     converged, default = (
-        GraphSolver().solve(graph, start, method=Method(gtsam=kind)) for kind in ("converged", "default")
+        GraphSolver().solve(graph, start, method=Method(gtsam=kind))
+        for kind in ("converged", "default")
     )
     assert default.iterations < converged.iterations
     assert default.final_cost == pytest.approx(converged.final_cost, rel=1e-4)
@@ -48,7 +56,9 @@ def test_covariances_are_those_of_the_batch_solver(mission):
     samples = np.array([10, 20])
     ours, theirs = (
         solve_conditions(
-            fleet.noisy, {"straight": Estimator("straight", method=method)}, covariance_samples=samples
+            fleet.noisy,
+            {"straight": Estimator("straight", method=method)},
+            covariance_samples=samples,
         )["straight"].covariances
         for method in (Method(), GTSAM)
     )

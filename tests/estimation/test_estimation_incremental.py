@@ -1,4 +1,7 @@
-"""iSAM2 replay: the batch optimum in the end, what was known in between, and failures that are statuses."""
+"""
+iSAM2 replay: the batch optimum in the end, what was known in between, and failures that are
+statuses.
+"""
 
 from dataclasses import replace
 
@@ -60,7 +63,9 @@ def test_distance_from_the_batch_optimum_falls_with_the_threshold(mission):
     batch = GraphSolver(TIGHT).solve(graph, start)
     off = []
     for relinearize in (1e-1, 1e-3, 1e-5):
-        options = IncrementalOptions(relinearize=relinearize, wildfire=1e-3 * relinearize, end_tolerance=1.0)
+        options = IncrementalOptions(
+            relinearize=relinearize, wildfire=1e-3 * relinearize, end_tolerance=1.0
+        )
         end = solve_incrementally(graph, start, options=SolveOptions(incremental=options)).solution
         off.append(np.abs(end.position - batch.position).max())
     assert off[2] <= off[1] <= off[0], off
@@ -89,7 +94,9 @@ def test_between_pings_a_vehicle_knows_what_it_reckons_from_the_last(mission):
     reckoned = start.position.reshape(-1, n, 3)
     kept = on_line.position.reshape(-1, n, 3)
     np.testing.assert_allclose(kept[:, first], reckoned[:, first], rtol=0, atol=1e-9)
-    np.testing.assert_allclose(on_line.before.reshape(-1, n, 3)[:, 5], reckoned[:, 5], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        on_line.before.reshape(-1, n, 3)[:, 5], reckoned[:, 5], rtol=0, atol=1e-9
+    )
     assert np.linalg.norm(kept[:, 5] - reckoned[:, 5], axis=1).max() > 0.5  # the ping moved it
     # from a ping to the next sample: the same step that the odometry has
     steps = (np.linalg.norm(way[:, 6] - way[:, 5], axis=1) for way in (kept, reckoned))
@@ -149,13 +156,21 @@ def test_undetermined_variables_fail_at_their_update_and_the_interpreter_lives(m
 def test_what_cannot_be_replayed_is_refused_in_one_line(mission):
     _, graph, start = mission
     edge = graph["edge"]
-    lonely = graph.with_factors(edge=edge[edge.subject != graph.n_poses - 1], depth=graph["depth"][:-1])
-    timeless = replace(graph, pose_time=np.where(np.arange(graph.n_poses) == 7, np.nan, graph.pose_time))
+    lonely = graph.with_factors(
+        edge=edge[edge.subject != graph.n_poses - 1], depth=graph["depth"][:-1]
+    )
+    timeless = replace(
+        graph, pose_time=np.where(np.arange(graph.n_poses) == 7, np.nan, graph.pose_time)
+    )
     for bad, options, message in (
         (timeless, {}, "^A7: its time is not finite"),
         (lonely, {}, "^C29: no factor mentions it"),
         (graph, {"loss": LOSSES["gnc"]}, "graduate"),
-        (graph, {"options": SolveOptions(incremental=IncrementalOptions(every="hour"))}, "every 'hour'"),
+        (
+            graph,
+            {"options": SolveOptions(incremental=IncrementalOptions(every="hour"))},
+            "every 'hour'",
+        ),
     ):
         with pytest.raises(EstimationError, match=message):
             solve_incrementally(bad, start, **options)
@@ -166,9 +181,13 @@ def test_options_of_the_solver_reach_the_replay(mission):
     strict = SolveOptions(decrement_tolerance=1e-30)
     method = Method(incremental=True)
     assert GraphSolver().solve(graph, start, method=method).status == SolveStatus.OK
-    assert GraphSolver(strict).solve(graph, start, method=method).status == SolveStatus.NOT_CONVERGED
+    assert (
+        GraphSolver(strict).solve(graph, start, method=method).status == SolveStatus.NOT_CONVERGED
+    )
     often = GraphSolver(SolveOptions(incremental=IncrementalOptions(every="sample")))
-    updates = [solver.solve(graph, start, method=method).iterations for solver in (GraphSolver(), often)]
+    updates = [
+        solver.solve(graph, start, method=method).iterations for solver in (GraphSolver(), often)
+    ]
     assert updates[1] >= fleet.position.shape[1] > updates[0]
     one = {"e": Estimator("straight", method=method)}
     assert solve_conditions(fleet.noisy, one, solver=often)["e"].iterations == updates[1]
@@ -176,7 +195,10 @@ def test_options_of_the_solver_reach_the_replay(mission):
 
 @pytest.mark.parametrize("lag", [None, 1e6])
 def test_a_landmark_without_a_prior_enters_once_its_ranges_determine_it(tmp_path, lag):
-    """Its vertex is 1 km off, so that it can only come from the ranges; the optimum is that of a batch."""
+    """
+    Its vertex is 1 km off, so that it can only come from the ranges; the optimum is that of a
+    batch.
+    """
     text, landmark = drone(wave=20.0)
     vertex = next(line for line in text.splitlines() if line.startswith("VERTEX_XYZ"))
     (tmp_path / "g.pyfg").write_text(text.replace(vertex, "VERTEX_XYZ L0 1000 -1000 500"))

@@ -42,7 +42,9 @@ def test_residuals_are_those_of_the_cost_and_leverages_add_up_to_the_unknowns(ca
     cost = distance_problem(graph).cost(GraphState.of(values))
     assert 0.5 * (influence["residual_sigmas"] ** 2).sum() == pytest.approx(cost, rel=1e-9)
     ranges = influence[influence["kind"] == "range"]
-    np.testing.assert_allclose(ranges["residual_sigmas"], np.abs(whitened_ranges(graph, values)), rtol=1e-9)
+    np.testing.assert_allclose(
+        ranges["residual_sigmas"], np.abs(whitened_ranges(graph, values)), rtol=1e-9
+    )
     rows = influence["kind"].map({kind.what: kind.rows for kind in KINDS.values()})
     unknowns = 6 * graph.n_poses + 3 * graph.landmark_name.size
     assert (influence["leverage"] * rows).sum() == pytest.approx(unknowns, rel=1e-6)
@@ -50,7 +52,10 @@ def test_residuals_are_those_of_the_cost_and_leverages_add_up_to_the_unknowns(ca
 
 
 def test_cook_distance_is_the_change_of_the_solution_without_the_factor(case, influence):
-    """Its square in the metric of the covariance is twice the rise of the whole cost, to first order in the change."""
+    """
+    Its square in the metric of the covariance is twice the rise of the whole cost, to first order
+    in the change.
+    """
     graph, values = case
     problem = distance_problem(graph)
     ranges = influence[influence["kind"] == "range"].reset_index(drop=True)

@@ -1,4 +1,7 @@
-"""The Kalman filter: the batch of what it has heard where all is nearly linear, its statistics, and what it refuses."""
+"""
+The Kalman filter: the batch of what it has heard where all is nearly linear, its statistics, and
+what it refuses.
+"""
 
 from dataclasses import replace
 
@@ -31,7 +34,10 @@ def poses_at(o, samples):
 
 
 def nearly_linear(fleet):
-    """Measurements of a fleet whose noise is so small that one linearization of each measurement is enough."""
+    """
+    Measurements of a fleet whose noise is so small that one linearization of each measurement is
+    enough.
+    """
     o = fleet.noise_free
     small = {
         name: 1e-3 * getattr(o, name)
@@ -41,7 +47,10 @@ def nearly_linear(fleet):
 
 
 def with_more_sensors(o, fleet, rng):
-    """Measurements with velocities of a Doppler log on every step of every vehicle, and attitudes on every fourth sample."""
+    """
+    Measurements with velocities of a Doppler log on every step of every vehicle, and attitudes on
+    every fourth sample.
+    """
     free = fleet.noise_free
     n, m = o.depth.shape
     vehicle, sample = (index.ravel() for index in np.indices((n, m - 1)))
@@ -67,14 +76,18 @@ def with_more_sensors(o, fleet, rng):
 
 
 @pytest.mark.parametrize("more", [False, True])
-def test_the_last_pose_and_the_cost_are_those_of_the_batch_if_all_is_nearly_linear(make_fleet, more):
+def test_the_last_pose_and_the_cost_are_those_of_the_batch_if_all_is_nearly_linear(
+    make_fleet, more
+):
     fleet = make_fleet(seed=4, gnss_every=8, n_landmarks=2, n_vehicles=2)
     o = nearly_linear(fleet)
     o = with_more_sensors(o, fleet, np.random.default_rng(8)) if more else o
     last = [o.time.size - 1]
     graph, poses = build_graph(o, "straight"), poses_at(o, last)
     start = factories.values_at(o, *dead_reckon(o))
-    batch = GraphSolver(SolveOptions(step_tolerance=1e-9)).solve(graph, start, covariance_poses=poses)
+    batch = GraphSolver(SolveOptions(step_tolerance=1e-9)).solve(
+        graph, start, covariance_poses=poses
+    )
     end = GraphSolver().solve(graph, start, method=KALMAN, covariance_poses=poses)
     assert end.status == batch.status == SolveStatus.OK
     sigma = np.sqrt(np.einsum("eaiai->eai", batch.covariances.position))
@@ -84,11 +97,15 @@ def test_the_last_pose_and_the_cost_are_those_of_the_batch_if_all_is_nearly_line
         end.covariances.position, batch.covariances.position, rtol=0, atol=1e-3 * scale
     )
     tangent = np.sqrt(np.einsum("eaii->eai", batch.covariances.pose))
-    off = (end.covariances.pose - batch.covariances.pose) / (tangent[..., :, None] * tangent[..., None, :])
+    off = (end.covariances.pose - batch.covariances.pose) / (
+        tangent[..., :, None] * tangent[..., None, :]
+    )
     assert np.abs(off).max() < 1e-2
     assert end.final_cost == pytest.approx(batch.final_cost, rel=1e-2)
     assert end.expected_cost == batch.expected_cost
-    assert np.abs(end.position - batch.position).max() > 5.0 * sigma.min(), "earlier poses hear nothing later"
+    assert np.abs(end.position - batch.position).max() > 5.0 * sigma.min(), (
+        "earlier poses hear nothing later"
+    )
 
 
 def test_derivatives_of_a_step_are_those_of_finite_differences():
@@ -121,7 +138,10 @@ def test_its_errors_have_the_covariances_that_it_gives(make_fleet):
     for seed in range(12):
         o = factories.add_noise(free.noise_free, seed)
         end = GraphSolver().solve(
-            build_graph(o, "straight"), free.truth, method=KALMAN, covariance_poses=poses_at(o, samples)
+            build_graph(o, "straight"),
+            free.truth,
+            method=KALMAN,
+            covariance_poses=poses_at(o, samples),
         )
         error = end.position[poses_at(o, samples)] - free.position[:, samples].swapaxes(0, 1)
         ratio.append(nees(error.reshape(3, 9), end.covariances.position.reshape(3, 9, 9)) / 9)
@@ -134,7 +154,10 @@ def test_innovations_of_ranges_have_their_expected_size(make_fleet):
     for seed in range(12):
         o = factories.add_noise(free.noise_free, seed)
         end = GraphSolver().solve(
-            build_graph(o, "straight"), free.truth, method=KALMAN, covariance_poses=poses_at(o, [5, 20, 21])
+            build_graph(o, "straight"),
+            free.truth,
+            method=KALMAN,
+            covariance_poses=poses_at(o, [5, 20, 21]),
         )
         own = end.covariances
         assert np.isnan(own.range_nis[2]), "sample 21 has no ranges"
@@ -152,7 +175,10 @@ def test_a_range_model_gives_the_same_estimate_as_the_distances_that_it_stands_f
 
 
 class Asked:
-    """The transmitter's speed as a model that is asked for travel times, of which some may not be possible."""
+    """
+    The transmitter's speed as a model that is asked for travel times, of which some may not be
+    possible.
+    """
 
     def __init__(self, possible=None):
         self.possible = possible
@@ -180,10 +206,16 @@ def test_links_without_an_arrival_in_the_assumed_ocean_are_left_out_and_counted(
 
 def test_a_fitted_sigma_meets_the_expected_innovations(make_fleet):
     o, rng = make_fleet(seed=7, gnss_every=10).noisy, np.random.default_rng(1)
-    wild = replace(o, refracted_range=o.straight_range + 25.0 * rng.standard_normal(o.range_sigma.size))
-    fitted = solve_conditions(wild, {"e": Estimator("refracted", method=KALMAN, range_sigma="fitted")})["e"]
+    wild = replace(
+        o, refracted_range=o.straight_range + 25.0 * rng.standard_normal(o.range_sigma.size)
+    )
+    fitted = solve_conditions(
+        wild, {"e": Estimator("refracted", method=KALMAN, range_sigma="fitted")}
+    )["e"]
     assert fitted.final_cost == pytest.approx(fitted.expected_cost, rel=1e-2)
-    assert fitted.unknowns.value[0] == pytest.approx(25.0, rel=5.0 / np.sqrt(2.0 * o.range_sigma.size))
+    assert fitted.unknowns.value[0] == pytest.approx(
+        25.0, rel=5.0 / np.sqrt(2.0 * o.range_sigma.size)
+    )
 
 
 def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
@@ -194,7 +226,12 @@ def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
         GraphSolver().solve(changed, fleet.truth, method=Method(kalman=True, **method))
 
     refused(EstimationError, "no robust loss and no lag", solve, graph, lag=100.0)
-    refused(EstimationError, "A0: a Kalman filter needs one prior", solve, factories.without(graph, "prior"))
+    refused(
+        EstimationError,
+        "A0: a Kalman filter needs one prior",
+        solve,
+        factories.without(graph, "prior"),
+    )
     refused(
         EstimationError,
         "needs landmarks with one prior each",
@@ -209,7 +246,12 @@ def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
         solve,
         graph.with_factors(edge=edge.joined(closure)),
     )
-    refused(EstimationError, "one odometry edge between each two", solve, graph.with_factors(edge=edge[1:]))
+    refused(
+        EstimationError,
+        "one odometry edge between each two",
+        solve,
+        graph.with_factors(edge=edge[1:]),
+    )
     pose = graph["range"].kind.table([[0, 40]], [[3.0]], [[[1.0]]])
     refused(
         EstimationError,

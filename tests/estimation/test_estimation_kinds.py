@@ -1,4 +1,7 @@
-"""Every kind of factor, and a new one of each form, in every reader: counted with the right weight, or refused by name."""
+"""
+Every kind of factor, and a new one of each form, in every reader: counted with the right weight, or
+refused by name.
+"""
 
 from dataclasses import replace
 
@@ -46,13 +49,17 @@ def graph(fleet):
 @pytest.fixture(params=COPIED)
 def copied(request, monkeypatch):
     """Name of a kind, of which "new" is a copy that files cannot hold."""
-    kind = replace(KINDS[request.param], what="new", plural="new ones", word=None, axes=(), source=None)
+    kind = replace(
+        KINDS[request.param], what="new", plural="new ones", word=None, axes=(), source=None
+    )
     monkeypatch.setattr("pymantaray.estimation.graph.graph.KINDS", {**KINDS, "new": kind})
     return request.param
 
 
 def one_more(graph, name, truth, like=None):
-    """One factor, of the last pose or the landmark, that measures 1 m and 0.1 rad more than the truth."""
+    """
+    One factor, of the last pose or the landmark, that measures 1 m and 0.1 rad more than the truth.
+    """
     kind, n = KINDS[like or name], graph.n_poses
     last = n if kind.ends[-1] == "landmark" else n - 1
     ends = [n - 2 if kind.ends == ("pose", "pose") else 0, last][-len(kind.ends) :]
@@ -90,7 +97,10 @@ def solved(graph, truth, method):
 
 
 def test_a_factor_of_a_new_kind_counts_as_one_of_its_form_in_every_solver(graph, fleet, copied):
-    """As in the kind of which it is a copy; a solver that ignores it would leave the estimate where it is."""
+    """
+    As in the kind of which it is a copy; a solver that ignores it would leave the estimate where it
+    is.
+    """
     known, new = (one_more(graph, name, fleet.truth, copied) for name in (copied, "new"))
     for name, method in METHODS.items():
         without, one, other = (solved(g, fleet.truth, method) for g in (graph, known, new))
@@ -136,9 +146,12 @@ def test_the_certificate_counts_a_new_kind_or_says_that_it_cannot(graph, fleet, 
 
 def test_the_bound_of_dead_reckoning_leaves_out_a_new_sensor(monkeypatch):
     fleet = factories.make_fleet(n_vehicles=1, n_times=N_TIMES, n_landmarks=1, gnss_every=2)
-    truth = factories.trajectories(fleet.position, time=fleet.noise_free.time, quaternion=fleet.quaternion)
+    truth = factories.trajectories(
+        fleet.position, time=fleet.noise_free.time, quaternion=fleet.quaternion
+    )
     before = {
-        name: DegreesOfFreedom(truth, fleet.noise_free, name).fleet for name in ("odometry", "straight")
+        name: DegreesOfFreedom(truth, fleet.noise_free, name).fleet
+        for name in ("odometry", "straight")
     }
     kind = replace(KINDS["fix"], what="new", plural="new ones", word=None)
     monkeypatch.setattr("pymantaray.estimation.graph.graph.KINDS", {**KINDS, "new": kind})
@@ -171,7 +184,9 @@ def test_text_holds_each_factor_once(graph, fleet, name, tmp_path):
     more = one_more(graph, name, fleet.truth)
     write_pyfg(more, tmp_path / "a.pyfg", initial=fleet.truth)
     back, _ = read_pyfg(tmp_path / "a.pyfg")
-    assert {k: len(table) for k, table in back.tables.items()} == {k: len(t) for k, t in more.tables.items()}
+    assert {k: len(table) for k, table in back.tables.items()} == {
+        k: len(t) for k, t in more.tables.items()
+    }
     n_lines = len((tmp_path / "a.pyfg").read_text().splitlines())
     assert n_lines == more.n_variables + more.n_factors
 
@@ -182,19 +197,26 @@ def test_a_data_set_with_a_kind_of_another_version_is_refused(graph, fleet, monk
         patch.setattr("pymantaray.estimation.graph.graph.KINDS", {**KINDS, "new": kind})
         data = one_more(graph, "new", fleet.truth, "depth").to_dataset()
     refused(
-        EstimationError, "factors of a kind 'new'; this version has prior,", FactorGraph.from_dataset, data
+        EstimationError,
+        "factors of a kind 'new'; this version has prior,",
+        FactorGraph.from_dataset,
+        data,
     )
 
 
 @pytest.mark.parametrize(("changes", "message"), [
     ({}, "kinds depth and new have the same word VERTEX_SE3:QUAT:PRIOR and axes in files"),
-    ({"axes": (4,)}, "kind new: lines of VERTEX_SE3:QUAT:PRIOR with axes .4,. cannot hold z of pose"),
+    ({"axes": (4,)}, ("kind new: lines of VERTEX_SE3:QUAT:PRIOR with axes .4,. cannot hold z of"
+                     " pose")),
     ({"axes": ()}, "kind new: lines of .* cannot hold z of pose"),
     ({"word": "EDGE_DEPTH"}, "kind new: lines of EDGE_DEPTH"),
-    ({"word": None, "plural": "depth priors"}, "kinds depth and new have the same name depth priors"),
+    ({"word": None, "plural": "depth priors"}, ("kinds depth and new have the same name depth"
+                                               " priors")),
     ({"word": None, "what": "depth"}, "kinds depth and new have the same name depth"),
 ])  # fmt: skip
-def test_kinds_that_a_file_cannot_tell_apart_are_refused(graph, fleet, monkeypatch, changes, message):
+def test_kinds_that_a_file_cannot_tell_apart_are_refused(
+    graph, fleet, monkeypatch, changes, message
+):
     kind = replace(KINDS["depth"], **{"what": "new", "plural": "new ones", **changes})
     monkeypatch.setattr("pymantaray.estimation.graph.graph.KINDS", {**KINDS, "new": kind})
     refused(EstimationError, message, check_kinds)

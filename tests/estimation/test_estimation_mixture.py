@@ -1,4 +1,7 @@
-"""Max-mixtures of candidate arrivals: laws, picks, persistence and statistics, in uniform water between two plane mirrors."""
+"""
+Max-mixtures of candidate arrivals: laws, picks, persistence and statistics, in uniform water
+between two plane mirrors.
+"""
 
 import re
 from dataclasses import replace
@@ -36,7 +39,9 @@ WEIGHTS = (0.3, 0.3, 0.2, 0.1, 0.1)
 class Mirrors:
     """Uniform water between plane mirrors: paths are straight to the images of the receiver."""
 
-    def __init__(self, top, bottom, *, speed=SPEED, weights=WEIGHTS, mixture=None, order=None, sigma=0.0):
+    def __init__(
+        self, top, bottom, *, speed=SPEED, weights=WEIGHTS, mixture=None, order=None, sigma=0.0
+    ):
         self.top, self.bottom, self.speed, self.weights = top, bottom, speed, weights
         self.mixture, self.order, self.sigma = mixture or MixtureOptions(), order, sigma
 
@@ -53,7 +58,9 @@ class Mirrors:
             elif k > 2:
                 away = -1.0 if surface == 1 else 1.0  # surface, then bed; surface, bed, surface
                 image[:, 2] = (
-                    image[:, 2] + 2.0 * away * height if k == 3 else 2.0 * (self.top - height) - image[:, 2]
+                    image[:, 2] + 2.0 * away * height
+                    if k == 3
+                    else 2.0 * (self.top - height) - image[:, 2]
                 )
                 sign = 1.0 if k == 3 else -1.0
             step = image - links.transmitter
@@ -101,12 +108,19 @@ class Alone:
         ends = found.transmitter_gradient, found.receiver_gradient
         count = none.astype(int)
         return CandidateArrivals.of(
-            np.arange(none.size), found.travel_time, ends, none + 1.0, sigma=none, bounces=(count, count)
+            np.arange(none.size),
+            found.travel_time,
+            ends,
+            none + 1.0,
+            sigma=none,
+            bounces=(count, count),
         )
 
 
 def links_of(o, position):
-    position = np.concatenate([position, np.repeat(o.landmark_position[:, None], o.time.size, axis=1)])
+    position = np.concatenate(
+        [position, np.repeat(o.landmark_position[:, None], o.time.size, axis=1)]
+    )
     a, b = (position[end, o.range_sample] for end in (o.range_transmitter, o.range_receiver))
     return RangeEndpoints(o.time[o.range_sample], a, b, o.transmitter_sound_speed)
 
@@ -118,7 +132,10 @@ def mirrors_about(fleet, gap=300.0, **options):
 
 
 def received(fleet, model, seed, *, stay=0.0):
-    """Measurements whose receivers take a path by its weight, and the path of each; noise is that of the straight ranges."""
+    """
+    Measurements whose receivers take a path by its weight, and the path of each; noise is that of
+    the straight ranges.
+    """
     o, rng = fleet.noisy, np.random.default_rng(seed)
     time, _, _ = model.paths(links_of(fleet.noise_free, fleet.position))
     n = o.range_sample.size
@@ -130,7 +147,9 @@ def received(fleet, model, seed, *, stay=0.0):
             path[row] = path[last[pair]]
         last[pair] = row
     noise = o.straight_range - fleet.noise_free.straight_range
-    return replace(o, refracted_range=o.transmitter_sound_speed * time[path, np.arange(n)] + noise), path
+    return replace(
+        o, refracted_range=o.transmitter_sound_speed * time[path, np.arange(n)] + noise
+    ), path
 
 
 def estimate(o, model, initial=None, **options):
@@ -139,9 +158,9 @@ def estimate(o, model, initial=None, **options):
 
 
 def straight(o):
-    return solve_conditions(o, {"e": Estimator("straight")}, covariance_samples=np.array([o.time.size - 1]))[
-        "e"
-    ]
+    return solve_conditions(
+        o, {"e": Estimator("straight")}, covariance_samples=np.array([o.time.size - 1])
+    )["e"]
 
 
 def rms(values):
@@ -169,7 +188,9 @@ def test_mixture_of_one_candidate_is_the_plain_factor(make_fleet):
     assert alone.status == plain.status
     assert alone.final_cost == pytest.approx(plain.final_cost, rel=1e-12)
     assert np.abs(alone.position - plain.position).max() < 1e-5
-    np.testing.assert_allclose(alone.covariances.position, plain.covariances.position, rtol=1e-6, atol=1e-12)
+    np.testing.assert_allclose(
+        alone.covariances.position, plain.covariances.position, rtol=1e-6, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("seed", [1, 4])
@@ -183,7 +204,10 @@ def test_mixture_is_as_good_as_ranges_without_mistakes(make_fleet, seed):
     errors = rms(found.position - fleet.position), rms(clean.position - fleet.position)
     assert errors[0] < 1.5 * errors[1], errors
     confused = estimate(
-        o, Mirrors(model.top, model.bottom, weights=(1.0, 0.0, 0.0, 0.0, 0.0), mixture=MixtureOptions(0.0))
+        o,
+        Mirrors(
+            model.top, model.bottom, weights=(1.0, 0.0, 0.0, 0.0, 0.0), mixture=MixtureOptions(0.0)
+        ),
     )
     assert not confused.usable or rms(confused.position - fleet.position) > 10.0 * errors[1]
 
@@ -276,7 +300,10 @@ def test_picks_of_a_pair_are_the_most_probable_sequence_of_all():
 
 
 class Echoed(Mirrors):
-    """Water in which the second path is the first one, 3 m later: three standard deviations of a range."""
+    """
+    Water in which the second path is the first one, 3 m later: three standard deviations of a
+    range.
+    """
 
     def paths(self, links):
         time, by_a, by_b = super().paths(links)
@@ -301,7 +328,8 @@ def test_persistence_helps_if_receivers_stay_with_their_arrivals(make_fleet):
         fleet = make_fleet(seed=seed, n_landmarks=3)
         weights = (0.5, 0.5, 0.0, 0.0, 0.0)
         alone, chained = (
-            Echoed(0.0, 9e3, weights=weights, mixture=MixtureOptions(persistence=p)) for p in (0.0, 1e5)
+            Echoed(0.0, 9e3, weights=weights, mixture=MixtureOptions(persistence=p))
+            for p in (0.0, 1e5)
         )
         o, _ = received(fleet, alone, seed, stay=0.99)
         errors.append([at_pings(estimate(o, m), fleet) for m in (alone, chained)])
@@ -332,8 +360,14 @@ def test_errors_have_the_covariance_that_the_mixture_gives(make_fleet, seeds):
     [
         ({"null_weight": 1.0}, "mixture: null_weight is 1; it must be at least 0 and less than 1"),
         ({"null_width": 0.0}, "mixture: null_width is 0; it must be positive and finite [m]"),
-        ({"persistence": -1.0}, "mixture: persistence is -1; it must be zero or positive and finite [s]"),
-        ({"gate": np.inf}, "mixture: gate is inf; it must be positive and finite, in standard deviations"),
+        (
+            {"persistence": -1.0},
+            "mixture: persistence is -1; it must be zero or positive and finite [s]",
+        ),
+        (
+            {"gate": np.inf},
+            "mixture: gate is inf; it must be positive and finite, in standard deviations",
+        ),
     ],
 )
 def test_impossible_mixture_is_refused(options, message):
@@ -344,14 +378,24 @@ def test_mixture_with_a_loss_is_refused(make_fleet):
     fleet = make_fleet(seed=1)
     model = mirrors_about(fleet)
     refused(
-        EstimationError, "has no robust loss", estimate, fleet.noisy, model, method=Method(LOSSES["huber"])
+        EstimationError,
+        "has no robust loss",
+        estimate,
+        fleet.noisy,
+        model,
+        method=Method(LOSSES["huber"]),
     )
 
 
 def ping_of_a_vehicle(seed, spread=30.0, sigma=0.5):
-    """Candidates of ranges to four landmarks from a vehicle near the surface, and the images of the landmarks."""
+    """
+    Candidates of ranges to four landmarks from a vehicle near the surface, and the images of the
+    landmarks.
+    """
     rng = np.random.default_rng(seed)
-    landmark = np.array([[1500.0, 300, 200], [-800, 1200, 90], [400, -1800, 250], [-1300, -700, 150]])
+    landmark = np.array(
+        [[1500.0, 300, 200], [-800, 1200, 90], [400, -1800, 250], [-1300, -700, 150]]
+    )
     place, water = np.array([0.0, 0.0, 20.0]), Mirrors(0.0, 300.0)
     root = np.array([spread, spread, 0.1])
     true = place + root * rng.standard_normal(3)
@@ -383,7 +427,10 @@ def ping_of_a_vehicle(seed, spread=30.0, sigma=0.5):
 
 
 def cost_of_picks(mixture, root, distance, sigma, picks):
-    """Least cost of a position for each set of picks (n, 4), by Newton's method on distances to images."""
+    """
+    Least cost of a position for each set of picks (n, 4), by Newton's method on distances to
+    images.
+    """
     table = mixture.expansion
     at, image = mixture.position[0], table._b[picks]
     moved = np.zeros((len(picks), 3))

@@ -8,7 +8,14 @@ import pytest
 from factories import make_fleet, values_at
 
 from pymantaray.apps.graphs import to_gtsam
-from pymantaray.estimation import LOSSES, FactorGraph, GraphSolver, GraphValues, SolveOptions, build_graph
+from pymantaray.estimation import (
+    LOSSES,
+    FactorGraph,
+    GraphSolver,
+    GraphValues,
+    SolveOptions,
+    build_graph,
+)
 from pymantaray.estimation._kernels.cholesky import BATCH_ROWS
 from pymantaray.estimation.graph.graph import KINDS
 from pymantaray.estimation.solvers.normal_equations import SIZE, NormalEquations, Structure
@@ -125,7 +132,9 @@ def test_rows_of_a_batch_share_blocks_only_with_each_other_and_the_last_rows(lon
 
 @pytest.mark.parametrize("order", [1, 2, 3])
 @pytest.mark.parametrize("loss", [None, LOSSES["cauchy"]])
-def test_elimination_batch_by_batch_gives_the_step_and_factor_of_the_whole_matrix(long_fleet, order, loss):
+def test_elimination_batch_by_batch_gives_the_step_and_factor_of_the_whole_matrix(
+    long_fleet, order, loss
+):
     graph = build_graph(long_fleet.noisy, "straight")
     problem, state = distance_problem(graph, loss), GraphState.of(long_fleet.truth)
     whole = problem.linearize(state, order)
@@ -133,7 +142,9 @@ def test_elimination_batch_by_batch_gives_the_step_and_factor_of_the_whole_matri
     factor, step = whole.step()
     parts = problem.linearize(state, order, problem.linearize(state, order, begin=True), begin=True)
     assert parts.cost == whole.cost
-    np.testing.assert_allclose(parts.gradient, gradient, rtol=0, atol=1e-12 * np.abs(gradient).max())
+    np.testing.assert_allclose(
+        parts.gradient, gradient, rtol=0, atol=1e-12 * np.abs(gradient).max()
+    )
     found, found_step = parts.step()
     np.testing.assert_allclose(found_step, step, rtol=0, atol=1e-9 * np.abs(step).max())
     pair = [graph["range"].variables[0].astype(np.intp)]
@@ -144,7 +155,9 @@ def test_elimination_batch_by_batch_gives_the_step_and_factor_of_the_whole_matri
 def test_elimination_batch_by_batch_finds_undetermined_directions(long_fleet):
     graph = build_graph(long_fleet.noisy, "straight")
     edge = graph["edge"]
-    free = graph.with_factors(**{name: graph[name][:0] for name in ("prior", "fix", "survey", "depth")})
+    free = graph.with_factors(
+        **{name: graph[name][:0] for name in ("prior", "fix", "survey", "depth")}
+    )
     cut = graph.with_factors(edge=edge[np.arange(len(edge)) != 147])  # behind the last ranges
     for damaged in (free, cut):  # found in the last rows, and in a batch
         problem, state = distance_problem(damaged), GraphState.of(long_fleet.truth)
@@ -189,7 +202,9 @@ def test_cost_and_step_are_gtsams_however_far_poses_turned(turn, loss):
     graph = build_graph(fleet.noisy, "straight")
     wide = graph["edge"].covariance + 1e-3 * np.ones((6, 6))  # rows that are not independent
     graph = graph.with_factors(
-        edge=type(graph["edge"])(graph["edge"].kind, graph["edge"].variables, graph["edge"].measured, wide)
+        edge=type(graph["edge"])(
+            graph["edge"].kind, graph["edge"].variables, graph["edge"].measured, wide
+        )
     )
     start = state.values(graph)
     problem, (factors, values) = distance_problem(graph, loss), to_gtsam(graph, start, loss)
@@ -202,20 +217,28 @@ def test_cost_and_step_are_gtsams_however_far_poses_turned(turn, loss):
     tangent = np.array([theirs.at(i) for i in range(n)])
     moved = np.einsum("nij,nj->ni", state.rotation[:n], tangent[:, 3:])
     scale = np.abs(moved).max()
-    np.testing.assert_allclose(step[:n, :3], tangent[:, :3], rtol=0, atol=1e-6 * np.abs(tangent[:, :3]).max())
+    np.testing.assert_allclose(
+        step[:n, :3], tangent[:, :3], rtol=0, atol=1e-6 * np.abs(tangent[:, :3]).max()
+    )
     np.testing.assert_allclose(step[:n, 3:], moved, rtol=0, atol=1e-6 * scale)
-    np.testing.assert_allclose(step[n:, 3:], [theirs.at(n), theirs.at(n + 1)], rtol=0, atol=1e-6 * scale)
+    np.testing.assert_allclose(
+        step[n:, 3:], [theirs.at(n), theirs.at(n + 1)], rtol=0, atol=1e-6 * scale
+    )
     small = 1e-3 * step / np.abs(step).max()
     by_row = np.empty_like(small)
     by_row[problem.structure.row] = small
     ours = state.moved(problem.structure, by_row).values(graph)
-    np.testing.assert_allclose(ours.position, state.position[:n] + small[:n, 3:], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        ours.position, state.position[:n] + small[:n, 3:], rtol=0, atol=1e-12
+    )
     expected = quaternion_from_matrix(state.rotation[:n] @ so3_exp(small[:n, :3]))
     np.testing.assert_allclose(ours.quaternion, expected, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("seed", [7, 8])
-def test_near_the_optimum_of_ranges_that_conflict_curvature_leaves_less_than_half_of_the_error(seed):
+def test_near_the_optimum_of_ranges_that_conflict_curvature_leaves_less_than_half_of_the_error(
+    seed,
+):
     """What Gauss-Newton leaves after a step is what its matrix lacks of the second derivative."""
     fleet = make_fleet(seed=seed, range_error=30.0)
     graph = build_graph(fleet.noisy, "refracted")
@@ -232,7 +255,10 @@ def test_near_the_optimum_of_ranges_that_conflict_curvature_leaves_less_than_hal
 
 
 def wound(rings, angle, length, seed=0):
-    """A pose graph that winds from pole to pole of a sphere: each pose is seen from the one before and from that below."""
+    """
+    A pose graph that winds from pole to pole of a sphere: each pose is seen from the one before and
+    from that below.
+    """
     rng = np.random.default_rng(seed)
     n = rings * rings
     around, up = 2.0 * np.pi * np.arange(n) / rings, np.pi * ((np.arange(n) + 0.5) / n - 0.5)
@@ -242,10 +268,18 @@ def wound(rings, angle, length, seed=0):
     one = np.concatenate([np.arange(n - 1), np.arange(n - rings)])
     other = np.concatenate([np.arange(1, n), np.arange(rings, n)])
     back = np.swapaxes(rotation[one], 1, 2)
-    step = np.einsum("nij,nj->ni", back, place[other] - place[one]) + rng.normal(0, length, (one.size, 3))
-    turn = quaternion_from_matrix(back @ rotation[other] @ so3_exp(rng.normal(0, angle, (one.size, 3))))
-    root = np.diag([angle] * 3 + [length] * 3) @ (np.eye(6) + 0.2 * rng.normal(size=(one.size, 6, 6)))
-    edges = KINDS["edge"].table(np.stack([one, other], axis=1), [step, turn], root @ np.swapaxes(root, 1, 2))
+    step = np.einsum("nij,nj->ni", back, place[other] - place[one]) + rng.normal(
+        0, length, (one.size, 3)
+    )
+    turn = quaternion_from_matrix(
+        back @ rotation[other] @ so3_exp(rng.normal(0, angle, (one.size, 3)))
+    )
+    root = np.diag([angle] * 3 + [length] * 3) @ (
+        np.eye(6) + 0.2 * rng.normal(size=(one.size, 6, 6))
+    )
+    edges = KINDS["edge"].table(
+        np.stack([one, other], axis=1), [step, turn], root @ np.swapaxes(root, 1, 2)
+    )
     graph = FactorGraph(
         vehicle_name=np.array(["A"]),
         landmark_name=np.array([], dtype=str),
@@ -263,7 +297,10 @@ def test_a_matrix_with_all_curvature_is_the_second_derivative_along_arcs():
     graph = graph.with_factors(prior=graph["prior"][:0])  # its own curvature is left out
     problem, state = distance_problem(graph), GraphState.of(values)
     equations = problem.linearize(state, 4)
-    matrix, gradient = equations.information().toarray(), equations.gradient[problem.structure.row].ravel()
+    matrix, gradient = (
+        equations.information().toarray(),
+        equations.gradient[problem.structure.row].ravel(),
+    )
     gauss_newton = problem.linearize(state, 1).information().toarray()
     rng = np.random.default_rng(1)
     for _ in range(5):
@@ -303,7 +340,11 @@ def test_along_arcs_what_turns_as_a_whole_keeps_its_shape():
 @pytest.mark.parametrize(("angle", "start"), [(0.1, "composed"), (0.3, "chordal")])
 def test_wound_pose_graphs_are_solved_in_few_steps_to_gtsams_cost(angle, start):
     graph, values = wound(18, angle, 0.2)
-    begin = dead_reckon_graph(graph, values)[0] if start == "composed" else chordal(graph, values).values
+    begin = (
+        dead_reckon_graph(graph, values)[0]
+        if start == "composed"
+        else chordal(graph, values).values
+    )
     ours = GraphSolver().solve(graph, begin, model_is_right=False)
     assert ours.status.name == "OK"
     assert ours.iterations <= 60
@@ -338,7 +379,9 @@ def test_steps_are_reported_with_the_cost_behind_them():
     graph, values = wound(8, 0.1, 0.2)
     told = []
     options = SolveOptions(report=lambda step, cost: told.append((step, cost)))
-    ours = GraphSolver(options).solve(graph, dead_reckon_graph(graph, values)[0], model_is_right=False)
+    ours = GraphSolver(options).solve(
+        graph, dead_reckon_graph(graph, values)[0], model_is_right=False
+    )
     assert [step for step, _ in told] == list(range(1, ours.iterations + 1))
     assert told[-1][1] == ours.final_cost
 

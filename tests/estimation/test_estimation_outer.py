@@ -1,4 +1,7 @@
-"""Outer iterations, and water and clocks as unknowns: exact where they believe right, equal to vector factors, consistent, gated."""
+"""
+Outer iterations, and water and clocks as unknowns: exact where they believe right, equal to vector
+factors, consistent, gated.
+"""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -44,7 +47,8 @@ class Adjustable:
     """
     Chords through a profile with two shapes of unknown amplitude.
 
-    Two links have another first arrival, 20 ms later, as soon as the first amplitude is above a limit.
+    Two links have another first arrival, 20 ms later, as soon as the first amplitude is above a
+    limit.
     """
 
     def __init__(self, sigma=(3.0, 2.0), amplitudes=(0.0, 0.0), limit=np.inf):
@@ -53,7 +57,9 @@ class Adjustable:
 
     def predict(self, links):
         first = MeanSlowness(DEPTH, SPEED + self.amplitudes @ SHAPES).predict(links)
-        late = np.where(np.arange(links.time.size) < 2, 0.02 * (self.amplitudes[0] > self.limit), 0.0)
+        late = np.where(
+            np.arange(links.time.size) < 2, 0.02 * (self.amplitudes[0] > self.limit), 0.0
+        )
         return first._replace(travel_time=first.travel_time + late)
 
     def adjusted(self, amplitudes):
@@ -61,14 +67,20 @@ class Adjustable:
 
     def sensitivity(self, links):
         times = [
-            [self.adjusted(self.amplitudes + step * e).predict(links).travel_time for step in (STEP, -STEP)]
+            [
+                self.adjusted(self.amplitudes + step * e).predict(links).travel_time
+                for step in (STEP, -STEP)
+            ]
             for e in np.eye(2)
         ]
         return np.stack([ahead - behind for ahead, behind in times], axis=1) / (2.0 * STEP)
 
 
 def measured(o, position, model, clocks=None):
-    """Measurements as they are in water where the model is right, between clocks, with the noise that they have."""
+    """
+    Measurements as they are in water where the model is right, between clocks, with the noise that
+    they have.
+    """
     place = np.concatenate([position, np.repeat(o.landmark_position[:, None], o.time.size, axis=1)])
     a, b = (place[end, o.range_sample] for end in (o.range_transmitter, o.range_receiver))
     c, distance = o.transmitter_sound_speed, np.linalg.norm(a - b, axis=1)
@@ -116,7 +128,9 @@ class Moody:
         possible = found.possible.copy()
         if self.flicker and self.count % 2:
             possible[:7] = False
-        return found._replace(travel_time=found.travel_time + self.drift * self.count, possible=possible)
+        return found._replace(
+            travel_time=found.travel_time + self.drift * self.count, possible=possible
+        )
 
 
 def off(a, b):
@@ -179,7 +193,8 @@ def test_link_becomes_possible_again_where_the_estimate_has_moved(make_fleet):
     found = estimate(o, heard_within(reach), (far, fleet.quaternion))
     assert found.gated_links == 0
     assert off(found.position, fleet.position) < 1e-3
-    # links that were not possible at the start count there as they end, which is exactly as measured
+    # links that were not possible at the start count there as they end, which is exactly as
+    # measured
     of_near = estimate(unheard(o, apart > reach), WATER, (far, fleet.quaternion)).initial_cost
     assert found.initial_cost == pytest.approx(of_near, rel=1e-6)
 
@@ -213,7 +228,8 @@ def test_error_that_all_links_share_costs_little_once_that_is_known(make_fleet):
     o = replace(o, refracted_range=o.refracted_range + o.transmitter_sound_speed * late)
     naive = estimate(o, WATER, fleet.start)
     known, apart = (
-        estimate(o, WATER, fleet.start, uncertainty=Shared(5e-3), correlated=c) for c in (True, False)
+        estimate(o, WATER, fleet.start, uncertainty=Shared(5e-3), correlated=c)
+        for c in (True, False)
     )
     error = [off(s.position, fleet.position) for s in (known, apart, naive)]
     assert error[0] < 0.5 * error[1]
@@ -239,7 +255,9 @@ MIXED = Clocks(offset=[4e-3, -7e-3, 2e-3], skew=[1e-6, -5e-7, 0.0])
 
 
 def known_or_joint(fleet, joint):
-    """Measurements, the model that is believed, and the clocks' prior; with unknowns or without any."""
+    """
+    Measurements, the model that is believed, and the clocks' prior; with unknowns or without any.
+    """
     if not joint:
         return measured(fleet.noisy, fleet.position, WATER), WATER, None
     true = Adjustable(amplitudes=(2.5, -1.5))
@@ -252,7 +270,11 @@ def test_outer_iterations_and_vector_factors_reach_the_same_optimum(make_fleet, 
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     o, model, clocks = known_or_joint(fleet, joint)
     graph, timed = build_graph(o, "refracted"), timed_ranges(o, "refracted", "refracted")
-    unknowns = RangeUnknowns(model, timed, graph.pose_vehicle, list("ABC"), clocks=clocks) if joint else None
+    unknowns = (
+        RangeUnknowns(model, timed, graph.pose_vehicle, list("ABC"), clocks=clocks)
+        if joint
+        else None
+    )
     believed = ModelRanges(model, timed, unknowns=unknowns)
     outer = GraphSolver().solve(graph, getattr(fleet, start), model_ranges=believed)
     vector = nonlinear_vector_factors(graph, believed, getattr(fleet, start))
@@ -263,7 +285,10 @@ def test_outer_iterations_and_vector_factors_reach_the_same_optimum(make_fleet, 
     if joint:
         sigma = outer.unknowns.prior_sigma
         assert off(outer.unknowns.value / sigma, vector.unknowns) < 1e-3
-        assert off(outer.unknowns.covariance / sigma[:, None] / sigma, vector.unknowns_covariance) < 1e-3
+        assert (
+            off(outer.unknowns.covariance / sigma[:, None] / sigma, vector.unknowns_covariance)
+            < 1e-3
+        )
     else:
         assert outer.initial_cost == pytest.approx(vector.initial_cost, rel=1e-6)
 
@@ -279,7 +304,9 @@ def test_start_far_away_falls_back_on_damping_and_finds_the_same_optimum(make_fl
     assert near.status == far.status == SolveStatus.OK
     assert off(far.position, near.position) < 1e-3
     if joint:
-        assert off((far.unknowns.value - near.unknowns.value) / far.unknowns.prior_sigma, 0.0) < 1e-3
+        assert (
+            off((far.unknowns.value - near.unknowns.value) / far.unknowns.prior_sigma, 0.0) < 1e-3
+        )
 
 
 def test_errors_of_unknowns_and_positions_have_the_covariances_that_are_given(make_fleet):
@@ -295,7 +322,10 @@ def test_errors_of_unknowns_and_positions_have_the_covariances_that_are_given(ma
         o = replace(fleet.noisy, refracted_range=o.refracted_range + noise)
         found = estimate(o, Adjustable(), clocks=CLOCKS)
         u = found.unknowns
-        assert (u.name[:3], u.unit[:3]) == (("mode 1", "mode 2", "clock offset A"), ("m/s", "m/s", "s"))
+        assert (u.name[:3], u.unit[:3]) == (
+            ("mode 1", "mode 2", "clock offset A"),
+            ("m/s", "m/s", "s"),
+        )
         error = (u.value - np.concatenate([amplitudes, clocks.offset, clocks.skew])) / u.prior_sigma
         of_unknowns.append(
             error @ np.linalg.solve(u.covariance / np.outer(u.prior_sigma, u.prior_sigma), error)
@@ -342,13 +372,17 @@ def test_clocks_act_on_predictions_as_they_do_on_measurements(make_fleet, timing
     clocks = Clocks(offset=[4e-3, -7e-3, 2e-3], skew=[1e-6, -5e-7, 3e-7])
     timed, graph = timed_ranges(o, "refracted", "refracted"), build_graph(o, "refracted")
     prior = CLOCKS._replace(turn_around=getattr(timing, "turn_around", None))
-    unknowns = RangeUnknowns(TransmitterSpeed(), timed, graph.pose_vehicle, list("ABC"), clocks=prior)
+    unknowns = RangeUnknowns(
+        TransmitterSpeed(), timed, graph.pose_vehicle, list("ABC"), clocks=prior
+    )
     place = np.concatenate([fleet.position.reshape(-1, 3), o.landmark_position])
     links = timed.links(place[timed.transmitter], place[timed.receiver])
     u = np.concatenate([clocks.offset, clocks.skew]) / unknowns.sigma
     rows = np.arange(timed.time.size)
     right, found = (unknowns.predict(links, rows, v)[0].travel_time for v in (0.0 * u, u))
-    true = RangingTruth(o.straight_range, o.transmitter_sound_speed, np.array(right), np.array(right))
+    true = RangingTruth(
+        o.straight_range, o.transmitter_sound_speed, np.array(right), np.array(right)
+    )
     expected = clock_error(o, true, clocks, timing) / o.transmitter_sound_speed
     np.testing.assert_allclose(found - right, expected, rtol=1e-9, atol=1e-15)
     by_u = unknowns.predict(links, rows, u)[1]
@@ -359,14 +393,19 @@ def test_robust_loss_finds_the_water_in_spite_of_outliers(make_fleet):
     fleet = make_fleet(seed=12, gnss_every=5, n_landmarks=2)
     o = measured(fleet.noise_free, fleet.position, Adjustable(amplitudes=(2.5, -1.5)))
     o = replace(
-        o, refracted_range=o.refracted_range + np.where(np.arange(o.range_status.size) % 9, 0.0, 200.0)
+        o,
+        refracted_range=o.refracted_range
+        + np.where(np.arange(o.range_status.size) % 9, 0.0, 200.0),
     )
     plain, robust = (
-        estimate(o, Adjustable(), fleet.start, method=Method(loss)) for loss in (None, LOSSES["cauchy"])
+        estimate(o, Adjustable(), fleet.start, method=Method(loss))
+        for loss in (None, LOSSES["cauchy"])
     )
     assert robust.usable
     sigma = np.sqrt(np.diagonal(robust.unknowns.covariance))
-    assert np.all(sigma > np.sqrt(np.diagonal(plain.unknowns.covariance)))  # of outliers it does not count
+    assert np.all(
+        sigma > np.sqrt(np.diagonal(plain.unknowns.covariance))
+    )  # of outliers it does not count
     assert np.all(np.abs(robust.unknowns.value - [2.5, -1.5]) < 3.0 * sigma)
     assert off(robust.unknowns.value, [2.5, -1.5]) < 0.2
     assert off(plain.unknowns.value, [2.5, -1.5]) > 2.0 * off(robust.unknowns.value, [2.5, -1.5])
@@ -388,7 +427,9 @@ def test_a_factor_on_all_travel_times_and_biases_of_pairs_are_estimated(make_fle
     code, which = np.unique(pair, return_inverse=True)
     bias = np.linspace(-30.0, 30.0, code.size)[which]
     long = 1.02 * o.straight_range + bias
-    there = estimate(replace(o, refracted_range=long), TransmitterSpeed(), scale_sigma=0.1, bias_sigma=100.0)
+    there = estimate(
+        replace(o, refracted_range=long), TransmitterSpeed(), scale_sigma=0.1, bias_sigma=100.0
+    )
     assert off(there.position, fleet.position) < 0.5, "priors pull a little"
     assert there.unknowns.name == ("scale",)
     sigma = np.sqrt(there.unknowns.covariance[0, 0])
@@ -411,9 +452,12 @@ def test_both_directions_of_a_pair_take_their_mean_and_its_variance(make_fleet):
     key = o.range_sample * 100 + ends[0] * 10 + ends[1]
     heard = np.isfinite(o.refracted_range)
     both = np.bincount(key[heard], minlength=key.max() + 1)[key] == 2
-    o = replace(o, refracted_range=o.straight_range + np.where(both, later, 0.0) + 0.0 * o.refracted_range)
+    o = replace(
+        o, refracted_range=o.straight_range + np.where(both, later, 0.0) + 0.0 * o.refracted_range
+    )
     plain, mean = (
-        solve_conditions(o, {"e": Estimator("refracted", mean_of_directions=a)})["e"] for a in (False, True)
+        solve_conditions(o, {"e": Estimator("refracted", mean_of_directions=a)})["e"]
+        for a in (False, True)
     )
     assert off(mean.position, fleet.position) < 1e-3
     assert mean.final_cost < 1e-6 < plain.final_cost
@@ -427,10 +471,14 @@ def test_both_directions_of_a_pair_take_their_mean_and_its_variance(make_fleet):
     np.testing.assert_allclose(own.position, straight.position, rtol=1e-3, atol=1e-6)
 
 
-def test_an_inflated_sigma_is_that_of_wider_ranges_and_a_fitted_one_meets_the_expected_cost(make_fleet):
+def test_an_inflated_sigma_is_that_of_wider_ranges_and_a_fitted_one_meets_the_expected_cost(
+    make_fleet,
+):
     fleet = make_fleet(seed=7, gnss_every=10)
     o, rng = fleet.noisy, np.random.default_rng(1)
-    wild = replace(o, refracted_range=o.straight_range + 25.0 * rng.standard_normal(o.range_sigma.size))
+    wild = replace(
+        o, refracted_range=o.straight_range + 25.0 * rng.standard_normal(o.range_sigma.size)
+    )
     wide = replace(wild, range_sigma=np.full_like(o.range_sigma, 10.0))
     one = solve_conditions(wild, {"e": Estimator("refracted", range_sigma=10.0)})["e"]
     other = solve_conditions(wide, ["refracted"])["refracted"]
@@ -465,7 +513,9 @@ def test_a_sigma_is_fitted_with_other_unknowns_too(make_fleet):
 def test_a_fit_begins_with_the_solution_of_the_same_estimator_without_a_fit(make_fleet):
     fleet = make_fleet(seed=7, gnss_every=10)
     o, rng = fleet.noisy, np.random.default_rng(1)
-    wild = replace(o, refracted_range=o.straight_range + 25.0 * rng.standard_normal(o.range_sigma.size))
+    wild = replace(
+        o, refracted_range=o.straight_range + 25.0 * rng.standard_normal(o.range_sigma.size)
+    )
 
     class CountingSolver(GraphSolver):
         count = 0
@@ -486,7 +536,9 @@ def test_a_fit_begins_with_the_solution_of_the_same_estimator_without_a_fit(make
         one = solve_conditions(wild, {"fitted": fitted}, solver=alone)
         one |= solve_conditions(wild, {"plain": plain}, solver=alone)
         one |= solve_conditions(wild, {"other": other}, solver=alone)
-        both = solve_conditions(wild, {"plain": plain, "other": other, "fitted": fitted}, solver=together)
+        both = solve_conditions(
+            wild, {"plain": plain, "other": other, "fitted": fitted}, solver=together
+        )
         # from dead reckoning, both calls without a fit also solve the graph without ranges
         saved = 1 if plain.initial else 2
         assert together.count == alone.count - saved
@@ -511,7 +563,9 @@ def test_a_sigma_that_no_cost_can_meet_is_not_fitted(make_fleet):
 def test_bad_priors_are_refused_by_name(make_fleet):
     fleet = make_fleet(seed=11)
     o = fleet.noisy
-    with pytest.raises(EstimationError, match="prior sigma of clock skew A is -1e-08 1; it must be positive"):
+    with pytest.raises(
+        EstimationError, match="prior sigma of clock skew A is -1e-08 1; it must be positive"
+    ):
         estimate(o, Adjustable(), clocks=ClockPrior(1e-3, -1e-8))
     with pytest.raises(EstimationError, match="prior sigma of mode 2 is nan m/s"):
         estimate(o, Adjustable(sigma=(1.0, np.nan)))
@@ -526,7 +580,9 @@ def test_links_whose_arrival_comes_and_goes_with_the_water_are_gated(make_fleet)
     late = np.where(np.arange(o.range_status.size) < 2, 0.01, 0.0)
     o = replace(o, refracted_range=o.refracted_range + o.transmitter_sound_speed * late)
 
-    always, never = (estimate(o, Adjustable(limit=limit), fleet.start) for limit in (-np.inf, np.inf))
+    always, never = (
+        estimate(o, Adjustable(limit=limit), fleet.start) for limit in (-np.inf, np.inf)
+    )
     ends = always.unknowns.value[0], never.unknowns.value[0]
     assert ends[0] < ends[1]
     assert never.gated_links == always.gated_links == 0

@@ -1,4 +1,6 @@
-"""Graphs in two dimensions, and landmarks that are sighted: beside GTSAM's own factors, to its digits."""
+"""
+Graphs in two dimensions, and landmarks that are sighted: beside GTSAM's own factors, to its digits.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -11,7 +13,14 @@ from refusals import refused
 from pymantaray.apps.graphs import open_graph, solve_graph, to_gtsam
 from pymantaray.apps.graphs.g2o import load_g2o, write_g2o
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, SolveOptions, read_pyfg, write_pyfg
+from pymantaray.estimation import (
+    FactorGraph,
+    GraphSolver,
+    GraphValues,
+    SolveOptions,
+    read_pyfg,
+    write_pyfg,
+)
 from pymantaray.estimation.graph.graph import KINDS, check_graph, check_values
 from pymantaray.estimation.graph.pyfg import GraphFile
 from pymantaray.estimation.solve import METHODS
@@ -21,7 +30,8 @@ from pymantaray.records import SolveStatus
 
 TIGHT = SolveOptions(step_tolerance=1e-11)
 
-# the records of the public 2-D range-aided sets: odometry, ranges to landmarks with and without a survey, sightings
+# the records of the public 2-D range-aided sets: odometry, ranges to landmarks with and without a
+# survey, sightings
 PLAZA = """\
 VERTEX_SE2 0.0 A0 0 0 0.1
 VERTEX_SE2 1.0 A1 2 0.3 0.5
@@ -57,7 +67,9 @@ def plaza(tmp_path):
 def sighting_2d(measured, factor, values, jacobians):
     pose, landmark = factor.keys()
     by_pose, by_point = np.zeros((2, 3), order="F"), np.zeros((2, 2), order="F")
-    error = values.atPose2(pose).transformTo(values.atPoint2(landmark), by_pose, by_point) - measured
+    error = (
+        values.atPose2(pose).transformTo(values.atPoint2(landmark), by_pose, by_point) - measured
+    )
     if jacobians is not None:
         jacobians[0], jacobians[1] = by_pose, by_point
     return error
@@ -101,7 +113,11 @@ def gtsam_in_plane(text):
             )
         elif word == "EDGE_RANGE":
             ends = "".join(f[0] for f in fields if f[0] in "AL")
-            kind = {"AL": gtsam.RangeFactor2D, "AA": gtsam.RangeFactorPose2, "LL": gtsam.RangeFactor2}[ends]
+            kind = {
+                "AL": gtsam.RangeFactor2D,
+                "AA": gtsam.RangeFactorPose2,
+                "LL": gtsam.RangeFactor2,
+            }[ends]
             graph.add(kind(*names, x[0], noise(x[1:], 1)))
     return graph, values
 
@@ -128,7 +144,8 @@ def test_the_solution_is_gtsams_of_the_problem_in_the_plane(plaza):
         point = values.atPoint2(gtsam.symbol("L", i))
         np.testing.assert_allclose(ours.landmark_position[i], [*point, 0.0], rtol=0, atol=1e-9)
     assert ours.final_cost == pytest.approx(factors.error(values), rel=1e-10)
-    # 3 + 2 of priors, 2 of the survey, 4 x 3 of edges, 2 x 2 of sightings, 6 ranges; 4 poses and 3 landmarks
+    # 3 + 2 of priors, 2 of the survey, 4 x 3 of edges, 2 x 2 of sightings, 6 ranges; 4 poses and 3
+    # landmarks
     assert graph.degrees_of_freedom == 29 - 18
     assert ours.expected_cost == 5.5
 
@@ -145,7 +162,9 @@ def test_hand_written_file_in_the_plane_means_what_it_says_and_comes_back(plaza,
     np.testing.assert_array_equal(graph["sighting"].measured[0], [3.5, 2.3, 0.0])
     write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
     for ours, theirs in zip(
-        (tmp_path / "again.pyfg").read_text().splitlines(), sorted(PLAZA.splitlines(), key=order), strict=True
+        (tmp_path / "again.pyfg").read_text().splitlines(),
+        sorted(PLAZA.splitlines(), key=order),
+        strict=True,
     ):
         assert fields_of(ours) == fields_of(theirs)
     again, _ = read_pyfg(tmp_path / "again.pyfg")
@@ -156,7 +175,14 @@ def test_hand_written_file_in_the_plane_means_what_it_says_and_comes_back(plaza,
 
 def order(line):
     """Place of a line in a file as we write it: by its word, fixes after priors."""
-    words = ["VERTEX_SE2", "VERTEX_XY", "VERTEX_SE2:PRIOR", "VERTEX_XY:PRIOR", "EDGE_SE2", "EDGE_SE2_XY"]
+    words = [
+        "VERTEX_SE2",
+        "VERTEX_XY",
+        "VERTEX_SE2:PRIOR",
+        "VERTEX_XY:PRIOR",
+        "EDGE_SE2",
+        "EDGE_SE2_XY",
+    ]
     word = line.split()[0]
     return words.index(word) if word in words else len(words)
 
@@ -171,7 +197,10 @@ def fields_of(line):
 @pytest.mark.parametrize("estimator", METHODS)
 def test_every_estimator_solves_in_the_plane(plaza, estimator):
     graph, values = plaza
-    at = [[0.0, 5.0, 0.0], [4.0, 4.0, 0.0]]  # on-line a landmark has to be known before its first range
+    at = [
+        [0.0, 5.0, 0.0],
+        [4.0, 4.0, 0.0],
+    ]  # on-line a landmark has to be known before its first range
     survey = graph["survey"].joined(KINDS["survey"].table([[5], [6]], [at], [np.eye(3)] * 2))
     graph = graph.with_factors(survey=survey)
     result = solve_graph(GraphFile(graph, values, {}), estimator=estimator)
@@ -235,7 +264,9 @@ def test_sightings_cost_what_they_should_wherever_poses_are(tmp_path):
             for q, p in zip(values.quaternion, values.position, strict=True)
         ]
         expected = 0.0
-        for (pose, seen), place in zip(graph["sighting"].variables, graph["sighting"].measured, strict=True):
+        for (pose, seen), place in zip(
+            graph["sighting"].variables, graph["sighting"].measured, strict=True
+        ):
             off = poses[pose].transformTo(values.landmark_position[seen - 2]) - place
             expected += 0.5 * off @ information @ off
         none = graph["edge"][:0]
@@ -263,7 +294,9 @@ def test_offsets_of_sensors_are_taken_into_what_they_sight(tmp_path):
         sighting.measured[3], offset.transformFrom(np.array([0.1, -1.0, 1.0])), atol=1e-15
     )
     turn = offset.rotation().matrix()
-    np.testing.assert_allclose(sighting.covariance[3], turn @ sighting.covariance[2] @ turn.T, atol=1e-15)
+    np.testing.assert_allclose(
+        sighting.covariance[3], turn @ sighting.covariance[2] @ turn.T, atol=1e-15
+    )
     text = SIGHTED.replace("1 3 0 0.1 -1 1", "1 3 9 0.1 -1 1")
     (tmp_path / "g.g2o").write_text(text)
     message = "line 11: parameter 9; allowed: ids of the file's PARAMS_SE3OFFSET"
@@ -286,7 +319,9 @@ def test_g2o_there_and_back(tmp_path, text, symbols):
     np.testing.assert_array_equal(where.position, values.position)
     for kind in ("edge", "sighting"):
         np.testing.assert_allclose(again[kind].measured, graph[kind].measured, rtol=0, atol=1e-15)
-        inside = np.ix_(range(len(graph[kind])), *[KINDS[kind].rows_in("rad m", planar=graph.planar)] * 2)
+        inside = np.ix_(
+            range(len(graph[kind])), *[KINDS[kind].rows_in("rad m", planar=graph.planar)] * 2
+        )
         np.testing.assert_allclose(
             again[kind].covariance[inside], graph[kind].covariance[inside], rtol=1e-12, atol=1e-18
         )
@@ -294,7 +329,9 @@ def test_g2o_there_and_back(tmp_path, text, symbols):
         assert again.landmark_name.tolist() == (["L2"] if graph.planar else ["L2", "L3"])
     if graph.planar and not symbols:
         factors, read = gtsam.readG2o(str(tmp_path / "again.g2o"), False)
-        edges = [factors.at(i) for i in range(factors.size()) if len(list(factors.at(i).keys())) == 2]
+        edges = [
+            factors.at(i) for i in range(factors.size()) if len(list(factors.at(i).keys())) == 2
+        ]
         between = [e for e in edges if isinstance(e, gtsam.BetweenFactorPose2)]
         assert len(between) == 4
         assert between[0].measured().equals(gtsam.Pose2(2.1, 0.05, 0.42), 1e-12)
@@ -318,7 +355,9 @@ def test_a_graph_of_edges_alone_starts_from_chordal_initialization(plaza, tmp_pa
 
 
 def test_a_graph_that_nothing_anchors_is_anchored_one_that_something_does_is_not(plaza, tmp_path):
-    (tmp_path / "free.pyfg").write_text("".join(x for x in PLAZA.splitlines(True) if ":PRIOR" not in x))
+    (tmp_path / "free.pyfg").write_text(
+        "".join(x for x in PLAZA.splitlines(True) if ":PRIOR" not in x)
+    )
     result = solve_graph(open_graph(tmp_path / "free.pyfg"))
     assert [result.graph.variable_name(int(k)) for k in result.anchored] == ["A0"]
     np.testing.assert_allclose(result.values.position[0], 0.0, atol=1e-9)
@@ -363,7 +402,9 @@ def test_what_leaves_the_plane_is_refused(plaza):
     up = replace(values, position=values.position + down)
     refused(EstimationError, "A0: depth is .1.", check_values, graph, up)
     turned = np.tile([0.8, 0.0, 0.6, 0.0], (4, 1))
-    refused(EstimationError, "A0: quaternion", check_values, graph, replace(values, quaternion=turned))
+    refused(
+        EstimationError, "A0: quaternion", check_values, graph, replace(values, quaternion=turned)
+    )
 
 
 def test_gtsams_public_examples_are_read_whole():
@@ -380,13 +421,18 @@ def test_gtsams_public_examples_are_read_whole():
 
 
 def test_chordal_initialization_without_information_on_an_angle_gives_some_rotation(tmp_path):
-    """Of a graph that a damaged file gave: an edge with a variance of 1e16 rad^2, beside a prior without heading."""
+    """
+    Of a graph that a damaged file gave: an edge with a variance of 1e16 rad^2, beside a prior
+    without heading.
+    """
     (tmp_path / "g.pyfg").write_text(
         "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2 1 A1 10 0 1.5\nVERTEX_SE2 0 B0 0 9 0\nVERTEX_XY L3 5 6\n"
-        "VERTEX_SE2:PRIOR 0 A0 0 0 0 0.1 0.01 0 0.1 0 1e-4\nVERTEX_SE2:PRIOR 0 A0 0 0 0 0.1 0.01 0 0.1 0 1e-4\n"
+        "VERTEX_SE2:PRIOR 0 A0 0 0 0 0.1 0.01 0 0.1 0 1e-4\nVERTEX_SE2:PRIOR 0 A0 0 0 0 0.1 0.01 0"
+        " 0.1 0 1e-4\n"
         "VERTEX_SE2:PRIOR 0 B0 0 9 0 1 0 0 1 0 1e12\n"
         "VERTEX_XY:PRIOR 0 L3 5 6 0.5 0.1 0.6\nEDGE_SE2 1 A0 A1 10 0 1.5 0.25 0.01 0 0.25 0 1e16\n"
-        "EDGE_SE2 1 A1 B0 9.6 9.3 -1.5 0.25 0.01 0 0.25 0 1e-4\nEDGE_SE2_XY 1 A1 L3 5.6 5.4 0.1 0 0.1\n"
+        "EDGE_SE2 1 A1 B0 9.6 9.3 -1.5 0.25 0.01 0 0.25 0 1e-4\nEDGE_SE2_XY 1 A1 L3 5.6 5.4 0.1 0"
+        " 0.1\n"
         "EDGE_RANGE 1 A1 L3 7.8 4\n"
     )
     graph, values = read_pyfg(tmp_path / "g.pyfg")
@@ -397,7 +443,8 @@ def test_chordal_initialization_without_information_on_an_angle_gives_some_rotat
 
 def test_chordal_initialization_of_a_graph_without_edges_places_what_is_sighted(tmp_path):
     (tmp_path / "g.pyfg").write_text(
-        "VERTEX_SE2 0 A0 1 2 0\nVERTEX_XY L0 0 0\nVERTEX_SE2:PRIOR 0 A0 1 2 1.5707963267948966 0.1 0 0 0.1 0 1e-4\n"
+        "VERTEX_SE2 0 A0 1 2 0\nVERTEX_XY L0 0 0\nVERTEX_SE2:PRIOR 0 A0 1 2 1.5707963267948966 0.1"
+        " 0 0 0.1 0 1e-4\n"
         "EDGE_SE2_XY 0 A0 L0 3 4 0.1 0 0.1\n"
     )
     graph, values = read_pyfg(tmp_path / "g.pyfg")

@@ -84,7 +84,9 @@ def test_a_solution_with_an_upper_block_is_that_of_its_transpose(plain):
 def test_without_compilation_products_are_the_same(tmp_path):
     np.save(tmp_path / "blocks.npy", blocks("half_empty"))
     files = tmp_path / "blocks.npy", tmp_path / "out.npy"
-    done = python(BY_ITSELF, *files, *EXPECTED, *EXPECTED_VECTORS, environment={"NUMBA_DISABLE_JIT": "1"})
+    done = python(
+        BY_ITSELF, *files, *EXPECTED, *EXPECTED_VECTORS, environment={"NUMBA_DISABLE_JIT": "1"}
+    )
     assert done.returncode == 0, done.stderr
     out, a, b = blocks("half_empty")
     for expected in EXPECTED.values():

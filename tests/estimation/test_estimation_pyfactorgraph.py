@@ -1,4 +1,6 @@
-"""What PyFactorGraph reads: isotropic covariances against GTSAM by its rules, and depths as ranges."""
+"""
+What PyFactorGraph reads: isotropic covariances against GTSAM by its rules, and depths as ranges.
+"""
 
 import logging
 
@@ -22,7 +24,10 @@ def precisions(covariance):
 
 
 def noise(covariance):
-    """Noise of GTSAM, rotation first, with twice the rotation's precision, as the authors' pyfg_to_gtsam.py has it."""
+    """
+    Noise of GTSAM, rotation first, with twice the rotation's precision, as the authors'
+    pyfg_to_gtsam.py has it.
+    """
     translation, rotation = precisions(covariance)
     sigmas = [1.0 / np.sqrt(2.0 * rotation)] * 3 + [1.0 / np.sqrt(translation)] * 3
     return gtsam.noiseModel.Diagonal.Sigmas(np.array(sigmas))
@@ -46,7 +51,9 @@ def solve_by_its_rules(text):
         elif word == "VERTEX_XYZ:PRIOR":
             variance = np.array(f[5:], dtype=float)[[0, 3, 5]].mean()
             graph.addPriorPoint3(
-                key(f[1]), np.array(f[2:5], dtype=float), gtsam.noiseModel.Isotropic.Variance(3, variance)
+                key(f[1]),
+                np.array(f[2:5], dtype=float),
+                gtsam.noiseModel.Isotropic.Variance(3, variance),
             )
         elif word == "EDGE_SE3:QUAT":
             model = noise(np.array(f[10:], dtype=float))
@@ -82,7 +89,9 @@ def test_isotropic_covariances_give_the_estimate_by_its_rules(file):
     np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-3)
     full = solve_graph(open_graph(path), start="file").values.position
     assert np.abs(ours - full).max() > 0.1  # the option matters
-    assert content.left_out == {"depth priors (PyFactorGraph reads precision 0)": len(graph["depth"])}
+    assert content.left_out == {
+        "depth priors (PyFactorGraph reads precision 0)": len(graph["depth"])
+    }
 
 
 def test_a_fix_has_the_mean_variance_on_each_axis(tmp_path):
@@ -93,7 +102,9 @@ def test_a_fix_has_the_mean_variance_on_each_axis(tmp_path):
         f" 0.01 0.001 0 0 0 0 0.01 0 0 0 0 {0.0033**2} 0 0 0 1e-4 0 0 2e-4 0 3e-4\n"
     )
     (tmp_path / "g.pyfg").write_text(text)
-    covariance = open_graph(tmp_path / "g.pyfg", covariances="isotropic").graph["prior"].covariance[0]
+    covariance = (
+        open_graph(tmp_path / "g.pyfg", covariances="isotropic").graph["prior"].covariance[0]
+    )
     sigma = np.sqrt((2.0 * 0.1**2 + 0.0033**2) / 3.0)
     assert sigma == pytest.approx(0.082, abs=5e-4)
     np.testing.assert_allclose(covariance, np.diag([2e-4] * 3 + [sigma**2] * 3), rtol=1e-12, atol=0)
@@ -113,7 +124,10 @@ def test_depth_priors_warn_and_ranges_keep_them(file, tmp_path, caplog):
     path, graph, truth = file
     with caplog.at_level(logging.WARNING):
         write_pyfg(graph, path, initial=truth)
-    assert f"PyFactorGraph reads its {len(graph['depth'])} depth priors with a precision of 0" in caplog.text
+    assert (
+        f"PyFactorGraph reads its {len(graph['depth'])} depth priors with a precision of 0"
+        in caplog.text
+    )
     caplog.clear()
     write_pyfg(graph, tmp_path / "kept.pyfg", initial=truth, depths="ranges")
     assert not caplog.records
@@ -121,6 +135,7 @@ def test_depth_priors_warn_and_ranges_keep_them(file, tmp_path, caplog):
     assert len(kept["depth"]) == 0
     assert len(kept["range"]) == len(graph["range"]) + len(graph["depth"])
     with_depths, with_ranges = (
-        GraphSolver().solve(g, v).position for g, v in ((graph, truth), depths_as_ranges(graph, truth))
+        GraphSolver().solve(g, v).position
+        for g, v in ((graph, truth), depths_as_ranges(graph, truth))
     )
     np.testing.assert_allclose(with_ranges, with_depths, rtol=0, atol=2e-3)

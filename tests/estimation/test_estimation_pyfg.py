@@ -1,4 +1,7 @@
-"""Factor graphs as text: a round trip without loss, a file written by hand, and one line for each fault."""
+"""
+Factor graphs as text: a round trip without loss, a file written by hand, and one line for each
+fault.
+"""
 
 from dataclasses import replace
 
@@ -73,11 +76,15 @@ def test_hand_written_file_means_what_it_says(tmp_path):
     assert graph.landmark_name.tolist() == ["L0"]
     np.testing.assert_array_equal(values.quaternion[1], [0.8, 0, 0, 0.6])  # ours has w first
     # rotation comes first in the tangent, last in the file
-    prior, edge, fix, depth, ranges = (graph[kind] for kind in ("prior", "edge", "fix", "depth", "range"))
+    prior, edge, fix, depth, ranges = (
+        graph[kind] for kind in ("prior", "edge", "fix", "depth", "range")
+    )
     np.testing.assert_array_equal(prior.variance[0], [1e-4, 2e-4, 3e-4, 0.01, 0.02, 0.03])
     assert prior.covariance[0, 3, 4] == prior.covariance[0, 4, 3] == 0.001
     assert prior.covariance[0, 0, 1] == 2e-5
-    assert edge.covariance[0, 2, 3] == edge.covariance[0, 3, 2] == 0.001  # rotation with translation
+    assert (
+        edge.covariance[0, 2, 3] == edge.covariance[0, 3, 2] == 0.001
+    )  # rotation with translation
     np.testing.assert_array_equal(fix.variance[0], [0.25, 0.36, 0.49])
     assert (depth.subject.tolist(), depth.measured.tolist(), depth.variance.tolist()) == (
         [1],
@@ -97,19 +104,26 @@ def test_hand_written_file_means_what_it_says(tmp_path):
 
 def fields_of(text):
     """Fields line by line, numbers as numbers."""
-    return [[float(x) if x[0] in "0123456789-" else x for x in line.split(" ")] for line in text.splitlines()]
+    return [
+        [float(x) if x[0] in "0123456789-" else x for x in line.split(" ")]
+        for line in text.splitlines()
+    ]
 
 
 def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
     # a quarter turn about down: the file's x axis is the world's east
-    turned = HAND.replace("11 2 3 0 0 0 1 0.25", "11 2 3 0 0 0.70710678118654752 0.70710678118654752 0.25")
+    turned = HAND.replace(
+        "11 2 3 0 0 0 1 0.25", "11 2 3 0 0 0.70710678118654752 0.70710678118654752 0.25"
+    )
     graph, _ = read_text(tmp_path, turned)
     np.testing.assert_allclose(graph["fix"].variance[0], [0.36, 0.25, 0.49], rtol=1e-12)
 
 
 @pytest.mark.parametrize(("line", "old", "new", "message"), [
     (1, "VERTEX_SE3:QUAT", "VERTEX_SE2", r"line 1: VERTEX_SE2 with 10 fields; allowed: 6"),
-    (2, "VERTEX_SE3:QUAT ", "VERTEX_SE3:QUAT\t", r"line 2: begins with 'VERTEX_SE3:QUAT.t200'; .*one space between"),
+    (2, ("VERTEX_SE3:QUAT"
+        " "), "VERTEX_SE3:QUAT\t", (r"line 2: begins with 'VERTEX_SE3:QUAT.t200'; .*one space"
+                                  r" between")),
     (2, "11 2 3", "11 \u0662 3", r"line 2: VERTEX_SE3:QUAT with a character that is not ASCII"),
     (1, "A0", "A2147483648", r"line 1: VERTEX_SE3:QUAT: number of A2147483648"),
     (2, "11 2 3", "11  2 3", r"line 2: VERTEX_SE3:QUAT with 11 fields; allowed: 10"),
@@ -123,18 +137,21 @@ def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
     (2, "A1", "L1", r"line 2: VERTEX_SE3:QUAT with landmark L1"),
     (3, "L0", "B0", r"line 3: VERTEX_XYZ with pose B0"),
     (4, " 3e-4", "", r"line 4: VERTEX_SE3:QUAT:PRIOR with 30 fields; allowed: 31"),
-    (4, "0.01 0.001", "0.01 0.02", r"A0: first-pose prior covariance's eigenvalues, scaled .*is .-0.4"),
+    (4, "0.01 0.001", "0.01 0.02", (r"A0: first-pose prior covariance's eigenvalues, scaled .*is"
+                                   r" .-0.4")),
     (5, "0.49 0", "1e12 0", r"line 5: pose prior with free axes z rx ry rz"),
     (6, "3.5 0 0 0 1", "3.5 0.6 0 0 0.8", r"line 6: pose prior with free axes .*level axes"),
     (8, "A1", "A7", r"line 8: name A7; allowed: names of the file's vertices"),
     (8, "1 0 0 0 0 0.001", "0 0 0 0 0 0.001", r"A1: odometry variance is .*0,.*positive finite"),
     (9, "A1 L0", "L0 A1", r"line 9: .*the pose first"),
     (9, "A1 L0", "A1 A1", r"line 9: .*from A1 to itself"),
-    (9, "A1 L0", "A0001 L99999999999999999999", r"line 9: EDGE_RANGE: number of L9+; .* 2147483647"),
+    (9, "A1 L0", "A0001 L99999999999999999999", (r"line 9: EDGE_RANGE: number of L9+; .*"
+                                                r" 2147483647")),
     (9, "EDGE_RANGE", "EDGE_SE2_XY", r"line 9: EDGE_SE2_XY in a graph in three dimensions"),
     (9, "8.5 4", "8.5 -4", r"A1: range variance is .-4."),
     (9, "8.5 4", "-8.5 4", r"line 9: EDGE_RANGE with distance -8.5; allowed: 0 or more"),
-    (9, "8.5 4", "8.5 4\nFIX 1\nRANGE 2\nFIX 3", r"unknown lines: 2 of 'FIX' \(line 10\), 1 of 'RANGE' \(line 11\); allow"),
+    (9, "8.5 4", ("8.5 4\nFIX 1\nRANGE 2\nFIX"
+                 " 3"), r"unknown lines: 2 of 'FIX' \(line 10\), 1 of 'RANGE' \(line 11\); allow"),
 ])  # fmt: skip
 def test_fault_is_one_line_that_names_the_place(tmp_path, line, old, new, message):
     lines = HAND.splitlines(keepends=True)
@@ -145,7 +162,13 @@ def test_fault_is_one_line_that_names_the_place(tmp_path, line, old, new, messag
 
 def test_file_without_a_graph_is_refused(tmp_path):
     for text in ("", HAND.splitlines()[2] + "\n"):
-        refused(EstimationError, "no VERTEX_SE3:QUAT or VERTEX_SE2 in the file", read_text, tmp_path, text)
+        refused(
+            EstimationError,
+            "no VERTEX_SE3:QUAT or VERTEX_SE2 in the file",
+            read_text,
+            tmp_path,
+            text,
+        )
     refused(
         EstimationError,
         r"none\.pyfg: no such file",
@@ -162,13 +185,20 @@ def named(graph, *names):
 def test_names_that_are_no_letters_are_kept_in_a_table_beside_the_file(tmp_path, make_fleet):
     fleet = make_fleet(n_vehicles=3, n_times=6, n_landmarks=1)
     graph = replace(
-        named(build_graph(fleet.noisy), "beacon", "float-1", "L"), landmark_name=np.array(["buoy_7"])
+        named(build_graph(fleet.noisy), "beacon", "float-1", "L"),
+        landmark_name=np.array(["buoy_7"]),
     )
     path = tmp_path / "g.pyfg"
     write_pyfg(graph, path, initial=fleet.truth)
     assert path.read_text().splitlines()[0].split()[2] == "A0"
     table = tmp_path / "g.names.csv"
-    assert table.read_text().splitlines() == ["symbol,name", "A,beacon", "B,float-1", "C,L", "L0,buoy_7"]
+    assert table.read_text().splitlines() == [
+        "symbol,name",
+        "A,beacon",
+        "B,float-1",
+        "C,L",
+        "L0,buoy_7",
+    ]
     again, _ = read_pyfg(path)
     assert_same(again, graph)
     table.rename(tmp_path / "elsewhere.csv")
@@ -198,7 +228,11 @@ def test_names_that_are_no_letters_are_kept_in_a_table_beside_the_file(tmp_path,
 def test_a_table_of_names_that_is_none_is_refused_by_its_name(tmp_path, rows):
     (tmp_path / "graph.names.csv").write_text("".join(row + "\n" for row in rows.split(" ") if row))
     refused(
-        EstimationError, r"graph\.names\.csv: not a (readable )?table of names", read_text, tmp_path, HAND
+        EstimationError,
+        r"graph\.names\.csv: not a (readable )?table of names",
+        read_text,
+        tmp_path,
+        HAND,
     )
 
 
@@ -206,7 +240,10 @@ def test_a_table_of_names_that_is_none_is_refused_by_its_name(tmp_path, rows):
 def test_more_vehicles_than_letters_have_names_of_several(tmp_path, make_fleet, n_vehicles):
     fleet = make_fleet(n_vehicles=2, n_times=n_vehicles)  # as many vehicles of two poses
     many = replace(
-        named(without(build_graph(fleet.noisy), "edge"), *(f"glider-{i:03d}" for i in range(n_vehicles))),
+        named(
+            without(build_graph(fleet.noisy), "edge"),
+            *(f"glider-{i:03d}" for i in range(n_vehicles)),
+        ),
         pose_vehicle=np.repeat(np.arange(n_vehicles), 2),
         pose_number=np.tile([0, 1], n_vehicles),
     )
@@ -225,12 +262,15 @@ def test_more_vehicles_than_letters_have_names_of_several(tmp_path, make_fleet, 
 def test_values_that_do_not_fit_are_refused(tmp_path):
     graph, values = read_text(tmp_path, HAND)
     short = replace(values, position=values.position[:1], quaternion=values.quaternion[:1])
-    with pytest.raises(EstimationError, match="values for 1 poses and 1 landmarks; the graph has 2 and 1"):
+    with pytest.raises(
+        EstimationError, match="values for 1 poses and 1 landmarks; the graph has 2 and 1"
+    ):
         write_pyfg(graph, tmp_path / "g.pyfg", initial=short)
 
 
-# as PyFactorGraph's own writer lays a file out: fixed decimals, all vertices first, the odometry of each vehicle,
-# then loop closures (one of a vehicle with itself, one between two), sightings and ranges; times of factors of their own
+# as PyFactorGraph's own writer lays a file out: fixed decimals, all vertices first, the odometry of
+# each vehicle, then loop closures (one of a vehicle with itself, one between two), sightings and
+# ranges; times of factors of their own
 LEVEL, TURNED = "0.0000000 0.0000000 0.0000000 1.0000000", "0.0000000 0.0000000 0.7071068 0.7071068"
 BACK = "0.0000000 0.0000000 1.0000000 0.0000000"
 SPHERE = "0.010000 0.000000 0.000000 0.010000 0.000000 0.010000"
@@ -271,7 +311,9 @@ def test_file_as_pyfactorgraph_writes_it_is_read_and_its_truth_is_its_optimum(tm
     assert edges == [("A0", "A1"), ("A1", "A2"), ("B0", "B1"), ("A2", "A0"), ("A0", "B0")]
     solution = GraphSolver().solve(graph, values, model_is_right=False)
     assert solution.status == SolveStatus.OK
-    assert solution.initial_cost < 1e-8  # the measurements are those of the truth, to their seven digits
+    assert (
+        solution.initial_cost < 1e-8
+    )  # the measurements are those of the truth, to their seven digits
     np.testing.assert_allclose(solution.position, values.position, atol=1e-6)
 
 
@@ -296,7 +338,9 @@ def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_
     loose = without(read_pyfg(tmp_path / "g.pyfg")[0], "prior")
     north = np.array([1.0, 0.0, 0.0])
     near, far = (
-        GraphSolver().solve(loose, replace(fleet.truth, position=fleet.truth.position + shift * north))
+        GraphSolver().solve(
+            loose, replace(fleet.truth, position=fleet.truth.position + shift * north)
+        )
         for shift in (0.0, 2.0**26)  # a power of two: sums stay exact
     )
     assert near.status == far.status == SolveStatus.FAILED
@@ -316,7 +360,9 @@ def test_lines_are_left_out_by_their_word_or_because_it_is_unknown_and_counted(t
 
 
 def test_a_byte_order_mark_blank_lines_and_comments_are_passed_over(tmp_path):
-    text = HAND.replace("VERTEX_XYZ L0", "\n# 5 \u00b5m, north\n   \n  # indented\nVERTEX_XYZ L0", 1)
+    text = HAND.replace(
+        "VERTEX_XYZ L0", "\n# 5 \u00b5m, north\n   \n  # indented\nVERTEX_XYZ L0", 1
+    )
     (tmp_path / "g.pyfg").write_text("\ufeff\n# first\n" + text, encoding="utf-8")
     (tmp_path / "plain.pyfg").write_text(HAND)
     assert_same(read_pyfg(tmp_path / "g.pyfg")[0], read_pyfg(tmp_path / "plain.pyfg")[0])

@@ -1,4 +1,7 @@
-"""Files that were damaged: each gives a graph or one clear line, and no graph that was read harms the solver."""
+"""
+Files that were damaged: each gives a graph or one clear line, and no graph that was read harms the
+solver.
+"""
 
 import random
 import signal
@@ -45,7 +48,9 @@ def damage(text, rng):
             fields[column], fields[other] = fields[other], fields[column]
         elif kind == "number":
             try:
-                fields[column] = repr(float(fields[column]) * rng.choice([-1.0, 0.0, 1e-6, 1e6, 1e-20, 1e20]))
+                fields[column] = repr(
+                    float(fields[column]) * rng.choice([-1.0, 0.0, 1e-6, 1e6, 1e-20, 1e20])
+                )
             except ValueError:
                 fields[column] += rng.choice(["0", "9", " ", "-"])
         lines[row] = " ".join(fields)
@@ -97,9 +102,11 @@ def texts(tmp_path, make_fleet):
     )
     flat = (
         "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2 1 A1 10 0 1.5\nVERTEX_SE2 0 B0 0 9 0\nVERTEX_XY L3 5 6\n"
-        "VERTEX_SE2:PRIOR 0 A0 0 0 0 0.1 0.01 0 0.1 0 1e-4\nVERTEX_SE2:PRIOR 0 B0 0 9 0 1 0 0 1 0 1e12\n"
+        "VERTEX_SE2:PRIOR 0 A0 0 0 0 0.1 0.01 0 0.1 0 1e-4\nVERTEX_SE2:PRIOR 0 B0 0 9 0 1 0 0 1 0"
+        " 1e12\n"
         "VERTEX_XY:PRIOR 0 L3 5 6 0.5 0.1 0.6\nEDGE_SE2 1 A0 A1 10 0 1.5 0.25 0.01 0 0.25 0 1e-4\n"
-        "EDGE_SE2 1 A1 B0 9.6 9.3 -1.5 0.25 0.01 0 0.25 0 1e-4\nEDGE_SE2_XY 1 A1 L3 5.6 5.4 0.1 0 0.1\n"
+        "EDGE_SE2 1 A1 B0 9.6 9.3 -1.5 0.25 0.01 0 0.25 0 1e-4\nEDGE_SE2_XY 1 A1 L3 5.6 5.4 0.1 0"
+        " 0.1\n"
         "EDGE_RANGE 1 A1 L3 7.8 4\n"
     )
     return [(tmp_path / "whole.pyfg").read_text(), hand, flat]

@@ -26,7 +26,10 @@ def links_between(a, b, speed=1450.0):
 
 def test_one_speed_gives_distance_over_it():
     links = links_between([[0, 0, 0], [0, 0, 10]], [[300, 400, 0], [0, 0, 1460]], [1500.0, 1450.0])
-    for model, seconds in ((ConstantSpeed(1500.0), [1 / 3, 1450 / 1500]), (TransmitterSpeed(), [1 / 3, 1.0])):
+    for model, seconds in (
+        (ConstantSpeed(1500.0), [1 / 3, 1450 / 1500]),
+        (TransmitterSpeed(), [1 / 3, 1.0]),
+    ):
         np.testing.assert_allclose(model.predict(links).travel_time, seconds, rtol=1e-15)
 
 
@@ -42,7 +45,9 @@ def test_mean_slowness_is_the_chord_integral(a, b):
     edges = [0.0, *sorted(t for t in knots if 0.0 < t < 1.0), 1.0]
     mean = sum(quad(slowness, *edge, epsrel=1e-12)[0] for edge in pairwise(edges))
     expected = np.linalg.norm(b - a) * mean
-    assert DUCT.predict(links_between(a, b)).travel_time[0] == pytest.approx(expected, rel=1e-9, abs=1e-12)
+    assert DUCT.predict(links_between(a, b)).travel_time[0] == pytest.approx(
+        expected, rel=1e-9, abs=1e-12
+    )
 
 
 def test_vertical_links_are_exact_and_others_never_earlier_than_the_ray():
@@ -60,7 +65,9 @@ def test_vertical_links_are_exact_and_others_never_earlier_than_the_ray():
 
 def test_beyond_its_levels_a_profile_stays_as_it_ends():
     model = MeanSlowness([100.0, 200.0], [1450.0, 1460.0])
-    time = model.predict(links_between([[0, 0, 0], [0, 0, 300]], [[0, 0, 100], [0, 0, 500]])).travel_time
+    time = model.predict(
+        links_between([[0, 0, 0], [0, 0, 300]], [[0, 0, 100], [0, 0, 500]])
+    ).travel_time
     np.testing.assert_allclose(time, [100 / 1450, 200 / 1460], rtol=1e-14)
 
 
@@ -73,7 +80,10 @@ def test_gradients_are_those_of_finite_differences(model):
     step = 0.05
     for k in range(3):
         e = np.eye(3)[k] * step
-        for moved, gradient in ((True, found.transmitter_gradient), (False, found.receiver_gradient)):
+        for moved, gradient in (
+            (True, found.transmitter_gradient),
+            (False, found.receiver_gradient),
+        ):
             ends = ((a + s * e * moved, b + s * e * (not moved)) for s in (1, -1))
             ahead, behind = (model.predict(links_between(*end)).travel_time for end in ends)
             slope = (ahead - behind) / (2 * step)
@@ -85,7 +95,9 @@ def test_gradients_are_those_of_finite_differences(model):
 def test_mean_slowness_is_reciprocal(a, b):
     there, back = DUCT.predict(links_between(a, b)), DUCT.predict(links_between(b, a))
     assert there.travel_time[0] == pytest.approx(back.travel_time[0], rel=1e-12)
-    np.testing.assert_allclose(there.receiver_gradient, back.transmitter_gradient, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        there.receiver_gradient, back.transmitter_gradient, rtol=0, atol=1e-12
+    )
 
 
 def test_nearly_level_chords_join_level_ones():
@@ -94,7 +106,9 @@ def test_nearly_level_chords_join_level_ones():
     b = a + np.array([8000.0, 0.0, 0.0]) + down[:, None] * [0, 0, 1]
     found = DUCT.predict(links_between(a, b))
     assert np.isfinite(found.receiver_gradient).all()
-    assert 1450.0 * np.ptp(found.travel_time) < 1e-2  # m, over 2 cm of depth in a gradient of 0.2 per second
+    assert (
+        1450.0 * np.ptp(found.travel_time) < 1e-2
+    )  # m, over 2 cm of depth in a gradient of 0.2 per second
 
 
 @pytest.mark.parametrize(("make", "message"), [

@@ -1,4 +1,7 @@
-"""Robust losses: their laws, GTSAM's idea of them, and what they make of late arrivals in a real mission."""
+"""
+Robust losses: their laws, GTSAM's idea of them, and what they make of late arrivals in a real
+mission.
+"""
 
 from dataclasses import replace
 from functools import cache
@@ -58,7 +61,9 @@ def with_late_arrivals(graph, rate, seed):
 
 
 class Study:
-    """Preset quick, one realization: a graph of straight ranges, where to start, and what is true."""
+    """
+    Preset quick, one realization: a graph of straight ranges, where to start, and what is true.
+    """
 
     def __init__(self):
         config = load_study("quick")
@@ -116,7 +121,9 @@ def test_scales_are_95_percent_efficient_where_noise_is_normal(kind):
 
     def mean(f):
         k = loss.scale
-        return quad(lambda u: f(u) * np.exp(-0.5 * u**2) / np.sqrt(2 * np.pi), -12, 12, points=[-k, k])[0]
+        return quad(
+            lambda u: f(u) * np.exp(-0.5 * u**2) / np.sqrt(2 * np.pi), -12, 12, points=[-k, k]
+        )[0]
 
     def psi(u):
         return u * loss.weight(u)
@@ -125,7 +132,9 @@ def test_scales_are_95_percent_efficient_where_noise_is_normal(kind):
     assert slope**2 / mean(lambda u: psi(u) ** 2) == pytest.approx(0.95, abs=1e-5)
 
 
-@pytest.mark.parametrize("arguments", [("l2", 1.0), ("huber", 0.0), ("cauchy", np.nan), ("huber", 1.0, True)])
+@pytest.mark.parametrize(
+    "arguments", [("l2", 1.0), ("huber", 0.0), ("cauchy", np.nan), ("huber", 1.0, True)]
+)
 def test_bad_losses_are_refused_in_one_line(arguments):
     with pytest.raises(EstimationError, match="loss"):
         Loss(*arguments)
@@ -133,7 +142,9 @@ def test_bad_losses_are_refused_in_one_line(arguments):
 
 def test_optimum_is_where_least_squares_with_its_own_weights_is(small):
     graph, start = small
-    graph = graph.with_factors(range=replace(graph["range"], covariance=4.0 * graph["range"].covariance))
+    graph = graph.with_factors(
+        range=replace(graph["range"], covariance=4.0 * graph["range"].covariance)
+    )
     dirty, _ = with_late_arrivals(graph, 0.1, 0)
     tight = SolveOptions(step_tolerance=1e-7)
     for name, loss in LOSSES.items():
@@ -171,7 +182,10 @@ def test_ten_percent_of_late_arrivals_ruin_least_squares_and_not_robust_losses(s
 
 
 def test_truth_start_hides_the_local_minimum_that_dead_reckoning_leads_to(study):
-    """Tukey's loss ignores most ranges of a dead-reckoned start; graduated non-convexity finds the minimum without the truth."""
+    """
+    Tukey's loss ignores most ranges of a dead-reckoned start; graduated non-convexity finds the
+    minimum without the truth.
+    """
     hidden, honest = study.solve("tukey", "truth"), study.solve("tukey")
     assert hidden.status == honest.status == SolveStatus.OK  # both are stationary: no gate can tell
     assert honest.final_cost > hidden.final_cost + 10.0
@@ -198,7 +212,10 @@ def test_convex_loss_ends_in_one_place(study):
 
 
 def test_travel_times_and_distances_in_uniform_water_have_one_optimum_under_a_loss(make_fleet):
-    """Expanded about the estimate or as stock factors: where all water has one speed both roads are one."""
+    """
+    Expanded about the estimate or as stock factors: where all water has one speed both roads are
+    one.
+    """
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     late = np.where(np.arange(fleet.noisy.range_status.size) % 9, 0.0, 200.0)
     o = replace(fleet.noisy, transmitter_sound_speed=np.full(late.size, 1480.0))
@@ -211,4 +228,6 @@ def test_travel_times_and_distances_in_uniform_water_have_one_optimum_under_a_lo
         solved = solve_conditions(o, estimators)
         assert solved["model"].status == solved["stock"].status == SolveStatus.OK
         assert solved["model"].final_cost == pytest.approx(solved["stock"].final_cost, rel=1e-6)
-        np.testing.assert_allclose(solved["model"].position, solved["stock"].position, rtol=0, atol=1e-3)
+        np.testing.assert_allclose(
+            solved["model"].position, solved["stock"].position, rtol=0, atol=1e-3
+        )

@@ -43,7 +43,8 @@ def test_same_optimum_from_the_truth_and_from_dead_reckoning(fleet):
     conditions = ["straight", "refracted", "straight-all", "no-ranges"]
     solver = GraphSolver(TIGHT)
     truth, odometry = (
-        solve_conditions(fleet.noisy, conditions, start, solver=solver) for start in (fleet.start, None)
+        solve_conditions(fleet.noisy, conditions, start, solver=solver)
+        for start in (fleet.start, None)
     )
     for name in conditions:
         a, b = truth[name], odometry[name]
@@ -100,7 +101,9 @@ def test_straight_line_with_a_fix_at_its_end_has_a_closed_form(make_fleet):
     np.testing.assert_allclose(solution.position[0, :, 0], expected, rtol=0, atol=1e-6)
     np.testing.assert_allclose(solution.position[0, :, 1:], 0.0, rtol=0, atol=1e-6)
     # the cost is half of the squared misfit in its standard deviation
-    assert solution.final_cost == pytest.approx(0.5 * (fix - 4 * step) ** 2 / (before[-1] + g**2), rel=1e-6)
+    assert solution.final_cost == pytest.approx(
+        0.5 * (fix - 4 * step) ** 2 / (before[-1] + g**2), rel=1e-6
+    )
 
 
 @pytest.mark.parametrize(
@@ -127,7 +130,8 @@ def test_depth_moves_a_turned_body_down_and_nowhere_else(make_fleet, rotation_ve
     assert solution.status == SolveStatus.OK
     weight = depth_sigma**-2 / (depth_sigma**-2 + sigma**-2)
     expected = prior + np.array([0, 0, weight * (depth - prior[2])])
-    # the prior's noise lives on the manifold, where turning and shifting mix at second order in its 1e-3 rad
+    # the prior's noise lives on the manifold, where turning and shifting mix at second order in its
+    # 1e-3 rad
     np.testing.assert_allclose(solution.position[0], expected, rtol=0, atol=1e-3)
 
 
@@ -139,14 +143,18 @@ def test_badly_surveyed_landmarks_are_found_together_with_the_vehicles(make_flee
     off = replace(o, landmark_position=truth + 30.0, landmark_sigma=np.full(2, 30.0))
     found = solve_conditions(off, ["straight"], known.start)["straight"]
     assert found.status == SolveStatus.OK
-    assert np.linalg.norm(found.landmark_position - truth, axis=1).max() < 3.0  # ranges of 1 m, about 40 each
+    assert (
+        np.linalg.norm(found.landmark_position - truth, axis=1).max() < 3.0
+    )  # ranges of 1 m, about 40 each
 
 
 def test_cost_is_chi_square_where_the_model_is_right(make_fleet):
     solver, cost, freedom = GraphSolver(), [], []
     for seed in range(30):
         fleet = make_fleet(seed=seed, n_vehicles=3, n_times=16, gnss_every=5)
-        solution = solve_conditions(fleet.noisy, ["straight"], fleet.start, solver=solver)["straight"]
+        solution = solve_conditions(fleet.noisy, ["straight"], fleet.start, solver=solver)[
+            "straight"
+        ]
         assert solution.status == SolveStatus.OK
         cost.append(2.0 * solution.final_cost)
         freedom.append(round(2 * solution.expected_cost))
@@ -181,12 +189,16 @@ def test_depths_a_million_times_better_than_odometry_hold_rolled_vehicles(fleet,
         graph.with_factors(depth=replace(graph["depth"], covariance=np.full((90, 1, 1), s**2)))
         for s in (1e-3, sigma)
     )
-    near, at = (GraphSolver(TIGHT).solve(g, fleet.truth, model_is_right=False) for g in (good, sharp))
+    near, at = (
+        GraphSolver(TIGHT).solve(g, fleet.truth, model_is_right=False) for g in (good, sharp)
+    )
     assert near.usable
     assert at.usable
     off = at.position[:, 2] - graph["depth"].column("depth")
     assert np.abs(off).max() < 5.0 * sigma
-    np.testing.assert_allclose(at.position, near.position, rtol=0, atol=5e-3)  # five of the larger sigma
+    np.testing.assert_allclose(
+        at.position, near.position, rtol=0, atol=5e-3
+    )  # five of the larger sigma
 
 
 GOOD = SolveProgress(
@@ -258,7 +270,9 @@ def test_the_lower_descent_is_finished_if_steps_end_early(make_fleet, steps):
 
 
 def test_estimates_hold_every_condition_and_realization(make_fleet):
-    runs = [make_fleet(seed=s, n_vehicles=2, n_times=12, n_landmarks=1, gnss_every=5) for s in (0, 1)]
+    runs = [
+        make_fleet(seed=s, n_vehicles=2, n_times=12, n_landmarks=1, gnss_every=5) for s in (0, 1)
+    ]
     solved = [solve_conditions(r.noisy, list(CONDITIONS)) for r in runs]
     estimates = collect_estimates(runs[0].noisy, solved)
     assert estimates.condition.tolist() == list(CONDITIONS)
@@ -275,5 +289,7 @@ def test_estimates_hold_every_condition_and_realization(make_fleet):
 def test_bad_requests_are_refused(fleet):
     with pytest.raises(EstimationError, match="unknown condition 'bent'; allowed are odometry"):
         solve_conditions(fleet.noisy, ["bent"])
-    with pytest.raises(EstimationError, match="values for 30 poses and 0 landmarks; the graph has 90 and 0"):
+    with pytest.raises(
+        EstimationError, match="values for 30 poses and 0 landmarks; the graph has 90 and 0"
+    ):
         solve_conditions(fleet.noisy, ["straight"], (fleet.position[:1], fleet.quaternion[:1]))

@@ -1,4 +1,7 @@
-"""Bounds by hand: one range, a chain of odometry, a fleet that turns about its anchor; and an estimator that reaches them."""
+"""
+Bounds by hand: one range, a chain of odometry, a fleet that turns about its anchor; and an
+estimator that reaches them.
+"""
 
 from dataclasses import replace
 
@@ -66,7 +69,9 @@ def test_the_bound_computes_no_innovations(monkeypatch):
 def test_one_range_and_one_pose():
     truth, o = measured([[[0, 0, DEPTH]]], [(0, 1, 0)], landmarks=[[900, 0, DEPTH]])
     bound = error_bound(truth, o)[0, 0, :, 0]
-    along = 1.0 / (1.0 / FIRST**2 + 1.0 / (1.0 + 0.5**2))  # the range's variance, and the landmark's
+    along = 1.0 / (
+        1.0 / FIRST**2 + 1.0 / (1.0 + 0.5**2)
+    )  # the range's variance, and the landmark's
     down = 1.0 / (1.0 / FIRST**2 + 1.0 / 0.01**2)
     np.testing.assert_allclose(bound, np.diag([along, FIRST**2, down]), rtol=1e-9, atol=1e-9)
     without = error_bound(truth, o, "no-ranges")[0, 0, :2, 0, :2]
@@ -82,7 +87,8 @@ def test_what_leaks_is_a_range_like_others():
     np.testing.assert_array_equal(error_bound(truth, leaked), error_bound(truth, o))
     assert [bound_table(truth, m)["unseen"].item() for m in (o, leaked, lost)] == [1, 1, 2]
     assert (
-        bound_table(truth, lost)["bound_rmse_m"].item() > 1.1 * bound_table(truth, o)["bound_rmse_m"].item()
+        bound_table(truth, lost)["bound_rmse_m"].item()
+        > 1.1 * bound_table(truth, o)["bound_rmse_m"].item()
     )
 
 
@@ -138,7 +144,9 @@ def test_an_estimator_of_straight_ranges_reaches_the_bound_and_one_without_them_
         for seed in range(count)
     ]
     bounds = {name: error_bound(truth, fleet.noise_free, name) for name in conditions}
-    table = ping_error_table(truth, collect_estimates(fleet.noise_free, solved), fleet.noise_free, bounds)
+    table = ping_error_table(
+        truth, collect_estimates(fleet.noise_free, solved), fleet.noise_free, bounds
+    )
     assert table["n"].tolist() == [count * 4 * 3] * 3
     # by 60 realizations of some ten degrees of freedom that are not tied to each other
     np.testing.assert_allclose(table["efficiency"], 1.0, atol=5.0 * np.sqrt(2.0 / (10 * count)))
@@ -158,7 +166,11 @@ def test_errors_at_pings_by_hand():
     estimate[:, :, :, [0, 1, 3, 5]] += 1e3  # between pings
     estimate[:, :, 2, 4] += 1e3  # at the surface
     table = ping_error_table(truth, factories.estimates(truth, estimate), o).set_index("condition")
-    assert table.loc["straight", ["n", "median_m", "from_straight_rmse_m"]].tolist() == [6, 2.5, 0.0]
+    assert table.loc["straight", ["n", "median_m", "from_straight_rmse_m"]].tolist() == [
+        6,
+        2.5,
+        0.0,
+    ]
     assert table.loc["straight", "rmse_m"] == pytest.approx(np.sqrt((25 + 25 + 144) / 6))
     assert table["rmse_standard_error_m"].isna().all(), "there are no degrees of freedom"
     assert table.loc["refracted", "from_straight_rmse_m"] == pytest.approx(np.sqrt((9 + 9) / 6))
@@ -190,29 +202,43 @@ def test_the_distance_from_straight_has_the_standard_error_of_its_spread():
     for shift in [np.array([[1.0, 0, 0], [0, 2.0, 0], [0, 0, 3.0]]), *rng.normal(size=(60, 20, 3))]:
         estimate = np.broadcast_to(position, (2, len(shift), 3, 6, 3)).copy()
         estimate[1] += shift[:, None, None]
-        table = ping_error_table(truth, factories.estimates(truth, estimate), o).set_index("condition")
-        rows.append(table.loc["refracted", ["from_straight_rmse_m", "from_straight_rmse_standard_error_m"]])
+        table = ping_error_table(truth, factories.estimates(truth, estimate), o).set_index(
+            "condition"
+        )
+        rows.append(
+            table.loc["refracted", ["from_straight_rmse_m", "from_straight_rmse_standard_error_m"]]
+        )
     rmse, error = np.array(rows, dtype=float).T
     # mean squares 1, 4 and 9: their mean has the standard error 7/3
-    np.testing.assert_allclose([rmse[0], error[0]], [np.sqrt(14 / 3), 7 / 3 / (2 * np.sqrt(14 / 3))])
+    np.testing.assert_allclose(
+        [rmse[0], error[0]], [np.sqrt(14 / 3), 7 / 3 / (2 * np.sqrt(14 / 3))]
+    )
     assert rmse[1:].std() == pytest.approx(error[1:].mean(), rel=4.0 / np.sqrt(2 * 60))
     one = factories.estimates(truth, estimate[:, :1])
     assert ping_error_table(truth, one, o)["from_straight_rmse_standard_error_m"].isna().all()
 
 
 def exact_freedom(graph, values, poses, axes=None):
-    """Effective degrees of freedom of the positions of poses, or of their attitudes about axes, from GTSAM's joint covariance."""
+    """
+    Effective degrees of freedom of the positions of poses, or of their attitudes about axes, from
+    GTSAM's joint covariance.
+    """
     import gtsam
 
     from pymantaray.estimation._gtsam.factors import graph_factors, values_of
 
     own = list(range(graph.n_poses))
     joint = gtsam.Marginals(graph_factors(graph), values_of(values)).jointMarginalCovariance(own)
-    rotation = matrix_from_quaternion(values.quaternion)  # GTSAM's errors are in the tangent of the body
+    rotation = matrix_from_quaternion(
+        values.quaternion
+    )  # GTSAM's errors are in the tangent of the body
     part, axes = (slice(3, 6), [0, 1, 2]) if axes is None else (slice(0, 3), axes)
     covariance = np.block(
         [
-            [(rotation[a] @ joint.at(a, b)[part, part] @ rotation[b].T)[np.ix_(axes, axes)] for b in poses]
+            [
+                (rotation[a] @ joint.at(a, b)[part, part] @ rotation[b].T)[np.ix_(axes, axes)]
+                for b in poses
+            ]
             for a in poses
         ]
     )
@@ -221,7 +247,9 @@ def exact_freedom(graph, values, poses, axes=None):
 
 @pytest.mark.parametrize("condition", ["odometry", "no-ranges", "straight"])
 def test_degrees_of_freedom_are_those_of_the_joint_covariance_of_all_positions(condition):
-    fleet = factories.make_fleet(seed=2, n_vehicles=3, n_times=16, turn=0.1, gnss_every=15, n_landmarks=1)
+    fleet = factories.make_fleet(
+        seed=2, n_vehicles=3, n_times=16, turn=0.1, gnss_every=15, n_landmarks=1
+    )
     o, truth = fleet.noise_free, factories.trajectories(fleet.position, quaternion=fleet.quaternion)
     truth = replace(truth, time=o.time)
     graph = build_graph(o, "straight" if condition == "straight" else None)
@@ -233,8 +261,12 @@ def test_degrees_of_freedom_are_those_of_the_joint_covariance_of_all_positions(c
     # random vectors: 48 and 16
     assert freedom.fleet == pytest.approx(exact_freedom(graph, fleet.truth, range(48)), rel=0.3)
     assert freedom.at_pings == pytest.approx(exact_freedom(graph, fleet.truth, at_pings), rel=0.3)
-    assert freedom.tilt == pytest.approx(exact_freedom(graph, fleet.truth, range(48), [0, 1]), rel=0.3)
-    assert freedom.heading == pytest.approx(exact_freedom(graph, fleet.truth, range(48), [2]), rel=0.3)
+    assert freedom.tilt == pytest.approx(
+        exact_freedom(graph, fleet.truth, range(48), [0, 1]), rel=0.3
+    )
+    assert freedom.heading == pytest.approx(
+        exact_freedom(graph, fleet.truth, range(48), [2]), rel=0.3
+    )
     own = [exact_freedom(graph, fleet.truth, poses[a]) for a in range(3)]
     np.testing.assert_allclose(freedom.vehicle, own, rtol=0.5)
     of_graph = graph_degrees_of_freedom(graph, fleet.truth)
@@ -244,14 +276,21 @@ def test_degrees_of_freedom_are_those_of_the_joint_covariance_of_all_positions(c
 
 
 def test_vehicles_that_do_not_depend_on_each_other_share_random_products(monkeypatch):
-    """A study spent half a second on products of each vehicle alone, and on drawing the same signs for each."""
-    fleet = factories.make_fleet(seed=2, n_vehicles=3, n_times=16, turn=0.1, gnss_every=15, n_landmarks=1)
+    """
+    A study spent half a second on products of each vehicle alone, and on drawing the same signs for
+    each.
+    """
+    fleet = factories.make_fleet(
+        seed=2, n_vehicles=3, n_times=16, turn=0.1, gnss_every=15, n_landmarks=1
+    )
     o, truth = fleet.noise_free, factories.trajectories(fleet.position, quaternion=fleet.quaternion)
     solved, multiply, drawn = [], PoseCovariance.positions, []
     monkeypatch.setattr(
         PoseCovariance, "positions", lambda self, z: solved.append(len(z)) or multiply(self, z)
     )
-    monkeypatch.setattr("pymantaray.evaluation.bound.stream", lambda *key: drawn.append(key) or stream(*key))
+    monkeypatch.setattr(
+        "pymantaray.evaluation.bound.stream", lambda *key: drawn.append(key) or stream(*key)
+    )
     alone, together = (
         DegreesOfFreedom(replace(truth, time=o.time), o, name) for name in ("no-ranges", "straight")
     )
@@ -265,7 +304,9 @@ def test_vehicles_that_do_not_depend_on_each_other_share_random_products(monkeyp
 def test_the_standard_error_of_an_rmse_is_its_spread_over_studies():
     fleet = factories.make_fleet(seed=2, n_vehicles=2, n_times=16, turn=0.0, gnss_every=15)
     o = fleet.noise_free
-    truth = replace(factories.trajectories(fleet.position, quaternion=fleet.quaternion), time=o.time)
+    truth = replace(
+        factories.trajectories(fleet.position, quaternion=fleet.quaternion), time=o.time
+    )
     solved = [solve_conditions(factories.add_noise(o, seed), ["straight"]) for seed in range(60)]
     table = error_table(
         truth,
@@ -286,7 +327,8 @@ def test_the_standard_error_of_an_rmse_is_its_spread_over_studies():
         assert each[f"{angle}_rmse_deg"].std() == pytest.approx(error, rel=4.0 / np.sqrt(2 * 60))
     # relative errors fall with the root of the degrees of freedom of each angle
     relative = [
-        (each[f"{a}_rmse_standard_error_deg"] / each[f"{a}_rmse_deg"]).iloc[0] for a in ("tilt", "heading")
+        (each[f"{a}_rmse_standard_error_deg"] / each[f"{a}_rmse_deg"]).iloc[0]
+        for a in ("tilt", "heading")
     ]
     own = freedom["straight"]
     assert own.tilt > 1.2 * own.heading

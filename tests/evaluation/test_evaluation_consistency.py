@@ -1,4 +1,7 @@
-"""Consistency: known distributions, correlated fleets, a linear problem with closed-form covariance, a real study."""
+"""
+Consistency: known distributions, correlated fleets, a linear problem with closed-form covariance, a
+real study.
+"""
 
 from dataclasses import replace
 
@@ -28,19 +31,26 @@ N_TIMES, N_VEHICLES = 10, 4
 
 def make_case(seed=0, *, n_realizations=40, believed=(1.0, 1.0), common=3.0, shift=0.0):
     """
-    Two conditions of Kalman's scalar kind: a shared error of the fleet and one of each vehicle, all Gaussian.
+    Two conditions of Kalman's scalar kind: a shared error of the fleet and one of each vehicle, all
+    Gaussian.
 
-    The first condition errs by what it believes, scaled by `believed[0]`; so does the second, shifted north.
+    The first condition errs by what it believes, scaled by `believed[0]`; so does the second,
+    shifted north.
     """
     rng = np.random.default_rng(seed)
     position = rng.normal(0, 500.0, (N_VEHICLES, N_TIMES, 3))
     quaternion = quaternion_from_matrix(so3_exp(rng.normal(0, 1.0, (N_VEHICLES, N_TIMES, 3))))
-    truth = factories.trajectories(position, time=3600.0 * np.arange(N_TIMES), quaternion=quaternion)
+    truth = factories.trajectories(
+        position, time=3600.0 * np.arange(N_TIMES), quaternion=quaternion
+    )
     shape = (2, n_realizations)
     own = np.array([2.0, 1.0, 0.01])
-    # a measurement of standard deviation 1 of something with prior 2: closed form, the same in each axis
+    # a measurement of standard deviation 1 of something with prior 2: closed form, the same in each
+    # axis
     joint = np.einsum("ab,ij->aibj", np.eye(N_VEHICLES), np.diag(own**2))
-    joint += common**2 * np.einsum("ab,ij->aibj", np.ones((N_VEHICLES, N_VEHICLES)), np.diag([1.0, 1.0, 0.0]))
+    joint += common**2 * np.einsum(
+        "ab,ij->aibj", np.ones((N_VEHICLES, N_VEHICLES)), np.diag([1.0, 1.0, 0.0])
+    )
     flat = joint.reshape(3 * N_VEHICLES, -1)
     root = np.linalg.cholesky(flat)
     error = np.einsum("ij,crtj->crti", root, rng.standard_normal((*shape, N_TIMES, 3 * N_VEHICLES)))
@@ -48,7 +58,9 @@ def make_case(seed=0, *, n_realizations=40, believed=(1.0, 1.0), common=3.0, shi
     error[1, ..., 0] += shift
     turn = 0.01 * rng.standard_normal((*shape, N_VEHICLES, N_TIMES, 3))
     estimate = matrix_from_quaternion(quaternion) @ so3_exp(turn)
-    estimates = factories.estimates(truth, position + error, quaternion=quaternion_from_matrix(estimate))
+    estimates = factories.estimates(
+        truth, position + error, quaternion=quaternion_from_matrix(estimate)
+    )
     scale = np.array(believed)[:, None, None, None, None, None, None] ** 2
     size = (*shape, SAMPLES.size)
     believed_joint = scale * np.broadcast_to(joint, (*size, *joint.shape))
@@ -77,14 +89,18 @@ def test_nees_of_a_known_error():
     assert nees([1e-6, 1e3], np.diag([1e-12, 1e6])) == pytest.approx(2.0)
 
 
-@pytest.mark.parametrize("bad", [np.diag([1.0, 0.0]), np.diag([1.0, -1.0]), [[1.0, 2.0], [2.0, 1.0]]])
+@pytest.mark.parametrize(
+    "bad", [np.diag([1.0, 0.0]), np.diag([1.0, -1.0]), [[1.0, 2.0], [2.0, 1.0]]]
+)
 def test_covariance_that_is_none_is_refused(bad):
     refused(EvaluationError, "not positive definite", nees, [1.0, 1.0], bad)
     refused(EvaluationError, r"\(3, 3\) for errors of \(2,\)", nees, [1.0, 1.0], np.eye(3))
 
 
 def test_bounds_hold_ninety_five_percent_and_shrink_with_realizations():
-    low, high = mean_chi_square_bounds(50)  # Bar-Shalom's example of 50 runs of a dimension of 2 has 100
+    low, high = mean_chi_square_bounds(
+        50
+    )  # Bar-Shalom's example of 50 runs of a dimension of 2 has 100
     assert (50 * low, 50 * high) == pytest.approx((32.357, 71.420), abs=1e-3)
     draws = np.random.default_rng(0).chisquare(50, 20000) / 50
     assert np.mean((draws >= low) & (draws <= high)) == pytest.approx(0.95, abs=0.005)
@@ -123,7 +139,9 @@ def test_share_of_false_alarms_is_five_percent_though_vehicles_are_correlated():
         table = consistency_table(truth, estimates, covariances)
         alarms.append((~table["inside"]).groupby(table["statistic"]).sum())
         each = consistency_table(truth, estimates, covariances, by_vehicle=True)
-        pooled = each[each["statistic"] == "horizontal"].groupby(["condition", "time_h"])["ratio"].mean()
+        pooled = (
+            each[each["statistic"] == "horizontal"].groupby(["condition", "time_h"])["ratio"].mean()
+        )
         low, high = mean_chi_square_bounds(8 * 2 * N_VEHICLES)
         naive += ((pooled < low) | (pooled > high)).tolist()
     share = sum(alarms) / (4 * n)  # two conditions, two epochs
@@ -157,7 +175,9 @@ def test_failed_solves_leave_the_sum_and_its_degrees_of_freedom():
     truth, estimates, covariances = make_case(seed=5)
     status, position = np.array(estimates.solve_status), np.array(estimates.position)
     status[0, 3], position[0, 3] = SolveStatus.FAILED, np.nan
-    table = consistency_table(truth, replace(estimates, solve_status=status, position=position), covariances)
+    table = consistency_table(
+        truth, replace(estimates, solve_status=status, position=position), covariances
+    )
     mine = table[(table["statistic"] == "horizontal") & (table["condition"] == "straight")]
     assert (mine["realizations"] == 39).all()
     assert (mine["degrees_of_freedom"] == 39 * 8).all()
@@ -208,7 +228,9 @@ def test_variance_of_the_share_is_that_of_as_many_independent_draws():
 
 
 def test_straight_ranges_and_odometry_are_consistent_and_refracted_ranges_far_from_it(tmp_path):
-    """Five vehicles of the quick preset for eight hours, 24 realizations, covariances at its pings."""
+    """
+    Five vehicles of the quick preset for eight hours, 24 realizations, covariances at its pings.
+    """
     tree = load_study("quick", realizations=24).model_dump(mode="python")
     tree["fleet"]["vehicles"] = tree["fleet"]["vehicles"][:5]
     tree["mission"] |= {"duration_h": 8.0, "physics_step_s": 1.0}

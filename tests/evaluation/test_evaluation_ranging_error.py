@@ -37,14 +37,21 @@ def test_split_adds_up_exactly_and_means_what_it_says():
     assert (e.bending <= 0.0).all()
     # a straight ray in a medium of one speed has neither part
     time, speed = true.distance / 1480.0, np.full(true.distance.size, 1480.0)
-    plain = RangingTruth(distance=true.distance, sound_speed=speed, travel_time=time, chord_travel_time=time)
+    plain = RangingTruth(
+        distance=true.distance, sound_speed=speed, travel_time=time, chord_travel_time=time
+    )
     flat = range_errors(plain)
     assert np.abs([flat.total, flat.bending, flat.reference_speed]).max() < 1e-9
 
 
 def test_category_comes_from_both_ends_in_either_direction():
     o, _, truth = make_ranges([0, 1, 1, 2, 1, 3, 0, 4, 1], [1, 0, 2, 1, 3, 1, 3, 1, 4])
-    kinds = ["station-keeping to float", "float to float", "float to vehicle", "station-keeping to vehicle"]
+    kinds = [
+        "station-keeping to float",
+        "float to float",
+        "float to vehicle",
+        "station-keeping to vehicle",
+    ]
     expected = [*np.repeat(kinds, [2, 2, 2, 1]), "landmark to float", "landmark to float"]
     assert link_categories(o, truth).tolist() == expected
 
@@ -72,13 +79,18 @@ def test_statistics_are_those_of_the_heard_links():
     status = np.where(np.arange(transmitter.size) % 7 == 0, RayStatus.SHADOW, RayStatus.OK)
     o, true, truth = make_ranges(transmitter, receiver, status)
     table = range_error_table(o, true, truth).set_index("category")
-    everything, e = table.loc[ALL_LINKS], (o.refracted_range - o.straight_range)[status == RayStatus.OK]
+    everything, e = (
+        table.loc[ALL_LINKS],
+        (o.refracted_range - o.straight_range)[status == RayStatus.OK],
+    )
     assert everything["attempts"] == transmitter.size
     assert everything["n"] == e.size < transmitter.size
     assert everything["mean_m"] == pytest.approx(e.mean())
     assert everything["sd_m"] == pytest.approx(np.std(e, ddof=1))
     assert everything["skewness"] == pytest.approx(np.mean((e - e.mean()) ** 3) / np.std(e) ** 3)
-    assert everything["excess_kurtosis"] == pytest.approx(np.mean((e - e.mean()) ** 4) / np.std(e) ** 4 - 3.0)
+    assert everything["excess_kurtosis"] == pytest.approx(
+        np.mean((e - e.mean()) ** 4) / np.std(e) ** 4 - 3.0
+    )
     assert everything["p99_m"] == pytest.approx(stats.scoreatpercentile(e, 99))
     assert (everything["min_m"], everything["max_m"]) == (e.min(), e.max())
     assert everything["percent_beyond_3_sigma"] == pytest.approx(100.0 * np.mean(np.abs(e) > 3.0))
@@ -91,7 +103,9 @@ def test_link_that_was_never_heard_has_no_statistics_but_a_row():
     o, true, truth = make_ranges([0, 1], [1, 2], [RayStatus.SHADOW, RayStatus.OK])
     row = range_error_table(o, true, truth).set_index("category").loc["station-keeping to float"]
     assert (row["attempts"], row["n"]) == (1, 0)
-    assert row[["mean_m", "sd_m", "skewness", "p1_m", "min_m", "percent_beyond_3_sigma"]].isna().all()
+    assert (
+        row[["mean_m", "sd_m", "skewness", "p1_m", "min_m", "percent_beyond_3_sigma"]].isna().all()
+    )
     empty, true, truth = make_ranges([], [])
     assert dropout_table(empty, truth)["attempts"].tolist() == [0]
 

@@ -1,4 +1,6 @@
-"""Trajectory errors: definitions by hand, equality with evo, failed solves, coverage of the intervals."""
+"""
+Trajectory errors: definitions by hand, equality with evo, failed solves, coverage of the intervals.
+"""
 
 from dataclasses import replace
 
@@ -16,9 +18,17 @@ from pymantaray.records import SolveStatus
 
 
 def make_run(
-    seed=0, *, n_realizations=4, n_vehicles=3, n_times=40, conditions=("straight", "refracted"), shift=0.0
+    seed=0,
+    *,
+    n_realizations=4,
+    n_vehicles=3,
+    n_times=40,
+    conditions=("straight", "refracted"),
+    shift=0.0,
 ):
-    """Truth by random walk; the estimates err by noise, by `shift` metres north in the last condition."""
+    """
+    Truth by random walk; the estimates err by noise, by `shift` metres north in the last condition.
+    """
     rng = np.random.default_rng(seed)
     position = np.cumsum(rng.normal(0, 50.0, (n_vehicles, n_times, 3)), axis=1)
     quaternion = quaternion_from_matrix(so3_exp(rng.normal(0, 1.0, (n_vehicles, n_times, 3))))
@@ -43,7 +53,10 @@ def test_ape_is_a_distance_and_is_not_aligned():
 
 
 def test_distances_have_the_digits_of_a_norm():
-    """They are the same numbers as before in every table; a sum in another order differs in the last digit."""
+    """
+    They are the same numbers as before in every table; a sum in another order differs in the last
+    digit.
+    """
     rng = np.random.default_rng(1)
     truth, estimate = 1e4 * rng.normal(size=(2, 50, 3)), 1e4 * rng.normal(size=(3, 2, 50, 3))
     estimate[0, 1, 7] = np.nan
@@ -79,13 +92,18 @@ def test_equals_evo_on_a_whole_run():
         ends.append((estimates.position[c, r, a], estimates.quaternion[c, r, a]))
         metric.process_data(tuple(as_evo(*end) for end in ends))
         np.testing.assert_allclose(ours[c, r, a], metric.error, rtol=1e-12)
-        theirs, row = metric.get_all_statistics(), table.loc[(estimates.condition[c], r, truth.name[a])]
+        theirs, row = (
+            metric.get_all_statistics(),
+            table.loc[(estimates.condition[c], r, truth.name[a])],
+        )
         for name in ("mean", "median", "rmse", "max"):
             assert row[f"{name}_m"] == pytest.approx(theirs[name], rel=1e-12), name
     pooled = error_table(truth, estimates).set_index("condition")
     for condition, errors in zip(estimates.condition, ours, strict=True):
         assert pooled.loc[condition, "n"] == errors.size
-        assert pooled.loc[condition, "rmse_m"] == pytest.approx(np.sqrt(np.mean(errors**2)), rel=1e-12)
+        assert pooled.loc[condition, "rmse_m"] == pytest.approx(
+            np.sqrt(np.mean(errors**2)), rel=1e-12
+        )
         assert pooled.loc[condition, "p95_m"] == pytest.approx(np.percentile(errors, 95), rel=1e-12)
 
 
@@ -104,7 +122,9 @@ def test_failed_solve_is_left_out_and_counted():
     comparison = comparison_table(truth, estimates)
     assert (set(comparison["realizations"]), set(comparison["excluded"])) == ({3}, {1})
     over = replace(whole, solve_status=np.full((2, 4), SolveStatus.OVER_CHI_SQUARE))
-    assert error_table(truth, over)["failed_solves"].tolist() == [0, 0], "its cost is out of bounds, no more"
+    assert error_table(truth, over)["failed_solves"].tolist() == [0, 0], (
+        "its cost is out of bounds, no more"
+    )
 
 
 def test_records_that_do_not_belong_together_are_refused():
@@ -115,9 +135,20 @@ def test_records_that_do_not_belong_together_are_refused():
     refused(EvaluationError, "are of vehicles", error_table, *other)
     refused(EvaluationError, "different sample times", error_table, *later)
     refused(
-        EvaluationError, "allowed are 'realization' and 'vehicle'", error_table, truth, estimates, ["hour"]
+        EvaluationError,
+        "allowed are 'realization' and 'vehicle'",
+        error_table,
+        truth,
+        estimates,
+        ["hour"],
     )
-    refused(EvaluationError, "refracted, realization 2: status is good but poses", error_table, truth, lying)
+    refused(
+        EvaluationError,
+        "refracted, realization 2: status is good but poses",
+        error_table,
+        truth,
+        lying,
+    )
     says = "'bent' was not run; there are straight, refracted"
     refused(EvaluationError, says, comparison_table, truth, estimates, [("bent", "straight")])
 
@@ -146,7 +177,9 @@ def test_interval_is_the_same_again_and_absent_for_a_single_realization():
     truth, estimates = make_run(shift=5.0)
     assert comparison_table(truth, estimates).equals(comparison_table(truth, estimates))
     single = comparison_table(*make_run(n_realizations=1))
-    assert single[["t_low_m", "t_high_m", "bootstrap_low_m", "bootstrap_high_m"]].isna().all(axis=None)
+    assert (
+        single[["t_low_m", "t_high_m", "bootstrap_low_m", "bootstrap_high_m"]].isna().all(axis=None)
+    )
     assert single["pooled_difference_m"].notna().all()
 
 
@@ -162,9 +195,13 @@ def test_pairing_narrows_the_interval():
 def test_bootstrap_covers_nearly_as_often_with_as_many_realizations_as_the_paper():
     shift, covered, n = 4.0, 0, 150
     big_truth, big = make_run(seed=0, n_realizations=4000, n_vehicles=1, n_times=4, shift=shift)
-    expected = comparison_table(big_truth, big).set_index("statistic").loc["rmse", "pooled_difference_m"]
+    expected = (
+        comparison_table(big_truth, big).set_index("statistic").loc["rmse", "pooled_difference_m"]
+    )
     for seed in range(1, n + 1):
-        truth, estimates = make_run(seed=seed, n_realizations=25, n_vehicles=1, n_times=4, shift=shift)
+        truth, estimates = make_run(
+            seed=seed, n_realizations=25, n_vehicles=1, n_times=4, shift=shift
+        )
         row = comparison_table(truth, estimates).set_index("statistic").loc["rmse"]
         covered += row["bootstrap_low_m"] <= expected <= row["bootstrap_high_m"]
     # percentile intervals of 25 are a little short: between 0.88 and all

@@ -1,4 +1,7 @@
-"""Tables of unknowns: prior and posterior, errors by their standard deviations, and combinations that are seen or not."""
+"""
+Tables of unknowns: prior and posterior, errors by their standard deviations, and combinations that
+are seen or not.
+"""
 
 from dataclasses import replace
 
@@ -10,7 +13,10 @@ from pymantaray.records import SharedUnknowns
 
 
 def record(n_realizations=400):
-    """Three offsets of which only differences were measured, and a mode, which another condition has alone."""
+    """
+    Three offsets of which only differences were measured, and a mode, which another condition has
+    alone.
+    """
     rng = np.random.default_rng(0)
     apart = np.array([[1.0, -1.0, 0.0], [0.0, 1.0, -1.0]]) / 1e-4
     clocks = np.linalg.inv(np.eye(3) / 1e-3**2 + apart.T @ apart)

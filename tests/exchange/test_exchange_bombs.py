@@ -1,4 +1,7 @@
-"""Small files that unpack to far more than a machine has: refused in a line, before memory or disk are full."""
+"""
+Small files that unpack to far more than a machine has: refused in a line, before memory or disk are
+full.
+"""
 
 import resource
 import shutil
@@ -34,7 +37,8 @@ def test_a_table_of_many_equal_rows_is_refused_by_its_number_of_rows(tmp_path, m
     assert (tmp_path / "m.parquet").stat().st_size < 20_000
     monkeypatch.setattr("pymantaray.exchange.table.MAX_UNPACKED_BYTES", 1e6)
     line = (
-        "m.parquet: 100,000 rows of 4 columns need 0.0032 GB unpacked; the limit is 0.001 GB; remove columns"
+        "m.parquet: 100,000 rows of 4 columns need 0.0032 GB unpacked; the limit is 0.001 GB;"
+        " remove columns"
     )
     refused(ExchangeError, line, read_trajectories, tmp_path / "m.parquet")
 
@@ -42,7 +46,9 @@ def test_a_table_of_many_equal_rows_is_refused_by_its_number_of_rows(tmp_path, m
 def test_long_text_that_is_repeated_is_refused_by_its_length(tmp_path):
     """5,000 rows with a name of 1 MB each are 5 GB; the file has the name once."""
     n = 5000
-    name = pa.DictionaryArray.from_arrays(pa.array(np.zeros(n, dtype="i4")), pa.array(["v" * 1_000_000]))
+    name = pa.DictionaryArray.from_arrays(
+        pa.array(np.zeros(n, dtype="i4")), pa.array(["v" * 1_000_000])
+    )
     numbers = {
         "time": np.arange(n) * 1.0,
         "north": np.arange(n) * 1.0,
@@ -62,7 +68,9 @@ def test_long_text_that_is_repeated_is_refused_by_its_length(tmp_path):
 def pose(store, ros, time, frame):
     make = store.types
     stamp = make["builtin_interfaces/msg/Time"](sec=time, nanosec=0)
-    header = make["std_msgs/msg/Header"](stamp=stamp, frame_id=frame, **({"seq": 0} if ros == 1 else {}))
+    header = make["std_msgs/msg/Header"](
+        stamp=stamp, frame_id=frame, **({"seq": 0} if ros == 1 else {})
+    )
     place = make["geometry_msgs/msg/Point"](1.0, 2.0, 3.0)
     level = make["geometry_msgs/msg/Quaternion"](0.0, 0.0, 0.0, 1.0)
     return make[KIND](header, make["geometry_msgs/msg/Pose"](place, level))
@@ -84,7 +92,9 @@ def bag_with(path, size, mode):
         for time in range(3):
             message = pose(store, ros, time, "x" * size)
             bag.write(
-                connection, time, (store.serialize_ros1 if ros == 1 else store.serialize_cdr)(message, KIND)
+                connection,
+                time,
+                (store.serialize_ros1 if ros == 1 else store.serialize_cdr)(message, KIND),
             )
     return path
 
@@ -119,7 +129,12 @@ def test_more_poses_than_fit_into_memory_are_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("pymantaray.exchange.bag_sizes.MAX_POSES", 3)
     assert read_trajectories(bag_with(tmp_path / "three", 3, "message"))
     monkeypatch.setattr(bag_sizes, "MAX_POSES", 2)
-    refused(ExchangeError, "three: more than 2 poses; remove topics", read_trajectories, tmp_path / "three")
+    refused(
+        ExchangeError,
+        "three: more than 2 poses; remove topics",
+        read_trajectories,
+        tmp_path / "three",
+    )
 
 
 def test_an_index_of_other_chunks_is_refused(tmp_path):
@@ -130,4 +145,6 @@ def test_an_index_of_other_chunks_is_refused(tmp_path):
         start += 9 + int.from_bytes(content[start + 1 : start + 9], "little")
     content[start + 25] += 1
     path.write_bytes(content)
-    refused(ExchangeError, "bag: the index of its chunks is wrong", read_trajectories, tmp_path / "bag")
+    refused(
+        ExchangeError, "bag: the index of its chunks is wrong", read_trajectories, tmp_path / "bag"
+    )

@@ -1,4 +1,7 @@
-"""CF trajectories in the layouts of the conventions, of OceanGliders, IMOS and Argo, as xarray writes them."""
+"""
+CF trajectories in the layouts of the conventions, of OceanGliders, IMOS and Argo, as xarray writes
+them.
+"""
 
 import gsw
 import numpy as np
@@ -18,7 +21,11 @@ EPOCH = np.datetime64("2021-03-04T05:06:07", "ns")
 def place(k):
     """Latitude, longitude and depth of a glider at its times, all different."""
     n = list(COUNTS.values())[k]
-    return 70.0 + k + 1e-3 * np.arange(n), -20.0 - k - 2e-3 * np.arange(n), 10.0 + 3.0 * np.arange(n) + k
+    return (
+        70.0 + k + 1e-3 * np.arange(n),
+        -20.0 - k - 2e-3 * np.arange(n),
+        10.0 + 3.0 * np.arange(n) + k,
+    )
 
 
 def variables(dims, lat, lon, depth, time, **more):
@@ -83,7 +90,9 @@ def by_row():
 
 @pytest.mark.parametrize("layout", [contiguous, indexed, incomplete, orthogonal, by_row])
 def test_every_layout_of_the_conventions_gives_the_same_trajectories(layout, tmp_path):
-    layout().assign_attrs(featureType="trajectory", Conventions="CF-1.11").to_netcdf(tmp_path / "g.nc")
+    layout().assign_attrs(featureType="trajectory", Conventions="CF-1.11").to_netcdf(
+        tmp_path / "g.nc"
+    )
     tracks = read_trajectories(tmp_path / "g.nc")
     assert (tracks.names, tracks.start, tracks.geodetic) == (list(COUNTS), EPOCH, True)
     for k, own in enumerate(tracks.poses):
@@ -93,7 +102,10 @@ def test_every_layout_of_the_conventions_gives_the_same_trajectories(layout, tmp
 
 
 def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
-    """OG1: one glider along N_MEASUREMENTS, pressure, quality flags, places of fixes under other names too."""
+    """
+    OG1: one glider along N_MEASUREMENTS, pressure, quality flags, places of fixes under other names
+    too.
+    """
     lat, lon, _ = place(0)
     pressure = np.array([5.0, 50.0, 9999.0, 150.0, 200.0])
     flags = np.array([1, 1, 4, 2, 1], dtype="i1")
@@ -106,7 +118,8 @@ def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
             "LONGITUDE": (dim, lon, {"standard_name": "longitude", "units": "degrees_east"}),
             "LATITUDE_GPS": ("N_FIXES", [0.0], {"standard_name": "latitude", "units": "degrees_north"}),
             "LONGITUDE_GPS": ("N_FIXES", [0.0], {"standard_name": "longitude", "units": "degrees_east"}),
-            "TIME_GPS": ("N_FIXES", [0.0], {"standard_name": "time", "units": "seconds since 1970-01-01"}),
+            "TIME_GPS": ("N_FIXES", [0.0], {"standard_name": "time", "units": "seconds since"
+                                                                              " 1970-01-01"}),
             "TIME": (dim, EPOCH + (TIME * 1e9).astype("timedelta64[ns]"), {"standard_name": "time"}),
             "PRES": (dim, pressure, {"standard_name": "sea_water_pressure", "units": "dbar",
                                      "ancillary_variables": "PRES_QC"}),
@@ -114,7 +127,8 @@ def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
             "TRAJECTORY": ((), "sea007_20210304", {"cf_role": "trajectory_id"}),
         },
         attrs={"featureType": "trajectory", "Conventions": "CF-1.10,ACDD-1.3,OG-1.0"},
-    ).to_netcdf(tmp_path / "og1.nc", encoding={"TIME": {"units": "seconds since 1970-01-01T00:00:00Z", "dtype": "f8"}})  # fmt: skip
+    ).to_netcdf(tmp_path / "og1.nc", encoding={"TIME": {"units": "seconds since"
+                                                                 " 1970-01-01T00:00:00Z", "dtype": "f8"}})  # fmt: skip
     tracks = read_trajectories(tmp_path / "og1.nc")
     (own,) = tracks.poses
     assert own.name == "sea007_20210304"
@@ -124,7 +138,9 @@ def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
     )  # the gap is on the line between its neighbours
     depth = -gsw.z_from_p(np.array([5.0, 50.0, 150.0, 200.0]), lat[[0, 1, 3, 4]])
     np.testing.assert_allclose(own.place[[0, 1, 3, 4], 2], depth, rtol=1e-12)
-    assert own.place[2, 2] == pytest.approx(-gsw.z_from_p(100.0, lat[2]))  # and so is the flagged pressure
+    assert own.place[2, 2] == pytest.approx(
+        -gsw.z_from_p(100.0, lat[2])
+    )  # and so is the flagged pressure
     assert any("1 values of PRES rejected by quality flags" in note for note in tracks.notes)
     assert any("depth from PRES by TEOS-10" in note for note in tracks.notes)
 
@@ -143,7 +159,8 @@ def test_an_imos_file_days_since_1950_and_quality_control(tmp_path):
             "PRES": ("TIME", depth * 1.01, {"standard_name": "sea_water_pressure", "units": "dbar"}),
             "PLATFORM": ((), 1, {"trans_system_id": "Irridium"}),
         },
-        coords={"TIME": ("TIME", days, {"standard_name": "time", "units": "days since 1950-01-01T00:00:00Z"})},
+        coords={"TIME": ("TIME", days, {"standard_name": "time", "units": "days since"
+                                                                          " 1950-01-01T00:00:00Z"})},
         attrs={"featureType": "trajectory", "Conventions": "CF-1.6,IMOS-1.4"},
     ).to_netcdf(tmp_path / "IMOS_ANFOG_SG154.nc")  # fmt: skip
     tracks = read_trajectories(tmp_path / "IMOS_ANFOG_SG154.nc")
@@ -153,11 +170,15 @@ def test_an_imos_file_days_since_1950_and_quality_control(tmp_path):
     np.testing.assert_array_equal(
         own.place[:, 2], depth[:4]
     )  # the flagged one is the last: nothing beyond it
-    np.testing.assert_allclose(own.time, TIME[:4], atol=1e-5)  # a double of days is half a microsecond
+    np.testing.assert_allclose(
+        own.time, TIME[:4], atol=1e-5
+    )  # a double of days is half a microsecond
 
 
 def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_path):
-    """Argo's Rtraj files: characters for names and flags, 999999 and 99999 where nothing is known."""
+    """
+    Argo's Rtraj files: characters for names and flags, 999999 and 99999 where nothing is known.
+    """
     n = 6
     juld = np.array([26000.0, 26000.1, 26000.2, 999999.0, 26000.3, 26000.4])
     lat = np.array([70.0, 99999.0, 99999.0, 99999.0, 99999.0, 70.4])
@@ -166,7 +187,8 @@ def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_p
         {
             "PLATFORM_NUMBER": ("one", np.array([b"6901234 "]), {}, {"char_dim_name": "STRING8"}),
             "JULD": ("N_MEASUREMENT", juld, {
-                "standard_name": "time", "units": "days since 1950-01-01 00:00:00 UTC", "_FillValue": 999999.0}),
+                "standard_name": "time", "units": "days since 1950-01-01 00:00:00"
+                                                  " UTC", "_FillValue": 999999.0}),
             "LATITUDE": ("N_MEASUREMENT", lat, {
                 "standard_name": "latitude", "units": "degree_north", "_FillValue": 99999.0}),
             "LONGITUDE": ("N_MEASUREMENT", np.where(lat < 90, -20.0, lat), {
@@ -180,11 +202,14 @@ def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_p
     tracks = read_trajectories(tmp_path / "6901234_Rtraj.nc")
     (own,) = tracks.poses
     assert own.name == "6901234"
-    # the last fix is after the last pressure, and the bad pressure is on the line between its neighbours
+    # the last fix is after the last pressure, and the bad pressure is on the line between its
+    # neighbours
     np.testing.assert_allclose(own.time, [0.0, 8640.0, 17280.0, 25920.0], atol=1e-4)
     np.testing.assert_allclose(own.place[:, 0], [70.0, 70.1, 70.2, 70.3], atol=1e-6)
     np.testing.assert_allclose(own.place[[1, 3], 2], -gsw.z_from_p([500.0, 400.0], 70.2), rtol=1e-5)
-    assert any("rows dropped: no time, or outside the valid positions" in note for note in tracks.notes)
+    assert any(
+        "rows dropped: no time, or outside the valid positions" in note for note in tracks.notes
+    )
     assert n - own.time.size == 2
 
 
@@ -192,14 +217,20 @@ def test_attitudes_have_their_standard_names_and_gaps_are_turned_through_on_the_
     data = contiguous()
     heading = np.array([350.0, np.nan, 10.0, 20.0, 30.0, 90.0, 80.0, 70.0])
     data["HEADING"] = "obs", heading, {"standard_name": "platform_orientation", "units": "degree"}
-    data["PITCH"] = "obs", np.full(8, -0.4), {"standard_name": "platform_pitch_fore_up", "units": "rad"}
+    data["PITCH"] = (
+        "obs",
+        np.full(8, -0.4),
+        {"standard_name": "platform_pitch_fore_up", "units": "rad"},
+    )
     data.to_netcdf(tmp_path / "g.nc")
     one, other = read_trajectories(tmp_path / "g.nc").poses
     expected = [np.radians(h) for h in ([350.0, 0.0, 10.0, 20.0, 30.0], [90.0, 80.0, 70.0])]
     for own, headings in zip((one, other), expected, strict=True):
         turn = Rotation.from_quat(own.quaternion, scalar_first=True).as_euler("ZYX")
         np.testing.assert_allclose(np.exp(1j * turn[:, 0]), np.exp(1j * headings), atol=1e-12)
-        np.testing.assert_allclose(turn[:, 1:], np.tile([-0.4, 0.0], (len(headings), 1)), atol=1e-12)
+        np.testing.assert_allclose(
+            turn[:, 1:], np.tile([-0.4, 0.0], (len(headings), 1)), atol=1e-12
+        )
 
 
 def test_a_gap_over_the_antimeridian_is_filled_on_the_short_way(tmp_path):
@@ -214,7 +245,9 @@ def test_a_drifter_without_depth_is_at_the_surface_and_altitudes_point_up(tmp_pa
     drifter.to_netcdf(tmp_path / "drifter.nc")
     tracks = read_trajectories(tmp_path / "drifter.nc")
     assert tracks.poses[0].place[:, 2].max() == 0.0
-    assert any("no depth and no pressure; depth set to the surface" in note for note in tracks.notes)
+    assert any(
+        "no depth and no pressure; depth set to the surface" in note for note in tracks.notes
+    )
     up = contiguous()
     up["depth"] = (
         "obs",
@@ -222,7 +255,9 @@ def test_a_drifter_without_depth_is_at_the_surface_and_altitudes_point_up(tmp_pa
         {"standard_name": "depth", "units": "km", "positive": "up"},
     )
     up.to_netcdf(tmp_path / "up.nc")
-    np.testing.assert_allclose(read_trajectories(tmp_path / "up.nc").poses[1].place[:, 2], place(1)[2])
+    np.testing.assert_allclose(
+        read_trajectories(tmp_path / "up.nc").poses[1].place[:, 2], place(1)[2]
+    )
 
 
 def test_the_truth_of_a_study_is_read_as_trajectories(tiny_run_folder):
@@ -249,7 +284,8 @@ def nowhere():
 
 
 BAD = {
-    "no variable with standard_name time; a trajectory needs": lambda: contiguous().drop_vars("time"),
+    "no variable with standard_name time; a trajectory"
+    " needs": lambda: contiguous().drop_vars("time"),
     "rowSize declares 9 rows, but obs has 8": lambda: contiguous().assign(
         rowSize=("trajectory", [5, 4], {"sample_dimension": "obs"})),
     "time, latitude and longitude have no common dimension": lambda: contiguous().assign(

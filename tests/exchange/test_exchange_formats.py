@@ -1,4 +1,7 @@
-"""Text of other programs by content: TUM, EuRoC and KITTI; units of time; trajectories that are one vehicle."""
+"""
+Text of other programs by content: TUM, EuRoC and KITTI; units of time; trajectories that are one
+vehicle.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +17,8 @@ TURN = Rotation.from_euler("ZYX", [[0.1, 0.2, 0.3], [1.0, -0.4, 0.0], [-2.0, 0.1
 PLACE = np.array([[0.0, 0.0, 10.0], [1.5, -2.0, 11.0], [3.0, 0.5, 12.0]])
 W_FIRST, W_LAST = TURN.as_quat(scalar_first=True), TURN.as_quat()
 NANOSECONDS = 1403715529112143517 + 10**9 * np.arange(3)
-EUROC = ("#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z [],"
+EUROC = ("#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [],"
+         " q_RS_z [],"
          " v_RS_R_x [m s^-1]\n")  # fmt: skip
 
 
@@ -62,12 +66,15 @@ def test_euroc_has_dates_and_axes_of_ros_on_request(tmp_path):
 
 def read_trajectories_enu(path, text):
     lines = text.splitlines()
-    path.write_text("\n".join([lines[0], lines[1], lines[1].replace("1403715529", "1403715530")]) + "\n")
+    path.write_text(
+        "\n".join([lines[0], lines[1], lines[1].replace("1403715529", "1403715530")]) + "\n"
+    )
     return read_trajectories(path, enu=True).poses[0]
 
 
 @pytest.mark.parametrize(
-    ("name", "times"), [("a.txt", "a_times.txt"), ("a.txt", "times.txt"), ("truth-a.txt", "times-a.txt")]
+    ("name", "times"),
+    [("a.txt", "a_times.txt"), ("a.txt", "times.txt"), ("truth-a.txt", "times-a.txt")],
 )
 def test_kitti_takes_the_times_beside_it(tmp_path, name, times):
     (poses,) = read_trajectories(kitti(tmp_path, name, times)).poses
@@ -83,7 +90,9 @@ def test_kitti_takes_the_times_beside_it(tmp_path, name, times):
 
 def test_kitti_without_times_or_rotations_is_refused(tmp_path):
     path = kitti(tmp_path)
-    refused(ExchangeError, "1 number per row and no header", read_trajectories, tmp_path / "a_times.txt")
+    refused(
+        ExchangeError, "1 number per row and no header", read_trajectories, tmp_path / "a_times.txt"
+    )
     (tmp_path / "a_times.txt").write_text("0\n1\n")
     refused(ExchangeError, "2 times, but a.txt has 3 poses", read_trajectories, path)
     (tmp_path / "a_times.txt").unlink()
@@ -94,11 +103,16 @@ def test_kitti_without_times_or_rotations_is_refused(tmp_path):
         path,
     )
     (tmp_path / "times.txt").write_text("0\n1\n2\n")
-    path.write_text(path.read_text().replace("10.0", "10.0 ").replace(str(TURN.as_matrix()[0, 0, 0]), "0.5"))
+    path.write_text(
+        path.read_text().replace("10.0", "10.0 ").replace(str(TURN.as_matrix()[0, 0, 0]), "0.5")
+    )
     refused(ExchangeError, "pose 0 has no rotation matrix", read_trajectories, path)
     (tmp_path / "b.csv").write_text("0,1,2\n3,4,5\n")
     refused(
-        ExchangeError, "3 numbers per row and no header; a table needs", read_trajectories, tmp_path / "b.csv"
+        ExchangeError,
+        "3 numbers per row and no header; a table needs",
+        read_trajectories,
+        tmp_path / "b.csv",
     )
 
 
@@ -108,7 +122,9 @@ def test_kitti_without_times_or_rotations_is_refused(tmp_path):
 def test_times_in_other_units_are_refused(tmp_path, factor, unit):
     times = [int(factor * (1403715529 + k)) for k in range(3)]
     (tmp_path / "a.tum").write_text(tum(times))
-    (tmp_path / "a.csv").write_text("time,north,east,depth\n" + rows(times, *PLACE.T, separator=","))
+    (tmp_path / "a.csv").write_text(
+        "time,north,east,depth\n" + rows(times, *PLACE.T, separator=",")
+    )
     (tmp_path / "survey.csv").write_text("time,node,two_way_time_s,north_m,east_m\n" + rows(times, ["A"] * 3, [1, 1, 1], [0, 1, 2], [0, 0, 0], separator=","))  # fmt: skip
     kitti(tmp_path, "k.txt", "k_times.txt")
     (tmp_path / "k_times.txt").write_text(rows(times))
@@ -128,7 +144,10 @@ def test_two_trajectories_of_one_vehicle_are_noted_and_one_is_selected(tmp_path)
     (tmp_path / "a.csv").write_text(text)
     tracks = read_trajectories(tmp_path / "a.csv")
     (note,) = tracks.notes
-    assert "odom and amcl are always within 3 m; if they are two estimates of one vehicle, select one" in note
+    assert (
+        "odom and amcl are always within 3 m; if they are two estimates of one vehicle, select one"
+        in note
+    )
     chosen = read_trajectories(tmp_path / "a.csv", names=["odom", "other"])
     assert (chosen.names, chosen.notes) == (["odom", "other"], ())
     assert read_trajectories(tmp_path / "a.csv", names=["other"]).poses[0].time[0] == 0.0

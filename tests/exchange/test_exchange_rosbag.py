@@ -1,4 +1,6 @@
-"""Bags that rosbags writes, of ROS 1 and 2: names of vehicles, axes, clocks, and what is refused."""
+"""
+Bags that rosbags writes, of ROS 1 and 2: names of vehicles, axes, clocks, and what is refused.
+"""
 
 import numpy as np
 import pyproj
@@ -31,12 +33,19 @@ def pose_of(store, p, q):
 
 
 def write(path, topics, *, ros=2, start=UNIX, frame="map", child="base_link", more=None):
-    """A bag with three poses on each topic, an odometry or a pose by its name: x = t, y = 2 t, z = -3 - t."""
+    """
+    A bag with three poses on each topic, an odometry or a pose by its name: x = t, y = 2 t, z = -3
+    - t.
+    """
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     attitude = Rotation.from_euler("ZYX", [0.3, 0.0, 0.0]).as_quat(scalar_first=True)
     with Writer1(path) if ros == 1 else Writer2(path, version=9) as bag:
         for topic in topics:
-            kind = "nav_msgs/msg/Odometry" if topic.endswith("odom") else "geometry_msgs/msg/PoseStamped"
+            kind = (
+                "nav_msgs/msg/Odometry"
+                if topic.endswith("odom")
+                else "geometry_msgs/msg/PoseStamped"
+            )
             connection = bag.add_connection(topic, kind, typestore=store)
             for t in TIME:
                 header = stamped(store, ros, start + t, frame)
@@ -52,7 +61,9 @@ def write(path, topics, *, ros=2, start=UNIX, frame="map", child="base_link", mo
                         store.types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36)),
                     )
                 raw = (store.serialize_ros1 if ros == 1 else store.serialize_cdr)(message, kind)
-                bag.write(connection, int((start + t) * 1e9) + 5_000_000, raw)  # received 5 ms later
+                bag.write(
+                    connection, int((start + t) * 1e9) + 5_000_000, raw
+                )  # received 5 ms later
         if more is not None:
             more(store, bag)
     return path
@@ -62,21 +73,31 @@ def write(path, topics, *, ros=2, start=UNIX, frame="map", child="base_link", mo
 def test_topics_are_vehicles_and_enu_becomes_ned(name, ros, tmp_path):
     tracks = read_trajectories(write(tmp_path / name, ["/auv1/odom", "/auv2/pose"], ros=ros))
     assert sorted(tracks.names) == ["auv1", "auv2"]
-    assert tracks.start == np.datetime64(UNIX * 1_000_000_000, "ns")  # of the headers, not of the recorder
+    assert tracks.start == np.datetime64(
+        UNIX * 1_000_000_000, "ns"
+    )  # of the headers, not of the recorder
     truth = tracks.at(TIME, LocalFrame(0, 0))
     for k in range(2):
         np.testing.assert_allclose(truth.position[k], np.column_stack([2 * TIME, TIME, 3 + TIME]))
         body = Rotation.from_quat(truth.quaternion[k], scalar_first=True)
-        heading = np.pi / 2 - 0.3  # from east to the left by 0.3 is from north to the right by the rest
+        heading = (
+            np.pi / 2 - 0.3
+        )  # from east to the left by 0.3 is from north to the right by the rest
         np.testing.assert_allclose(
             body.apply([1.0, 0, 0]), np.tile([np.cos(heading), np.sin(heading), 0], (3, 1))
         )
-        np.testing.assert_allclose(body.apply([0, 0, 1.0]), np.tile([0.0, 0, 1], (3, 1)), atol=1e-15)
+        np.testing.assert_allclose(
+            body.apply([0, 0, 1.0]), np.tile([0.0, 0, 1], (3, 1)), atol=1e-15
+        )
 
 
 def test_a_frame_called_ned_is_one_and_a_simulation_has_a_clock_without_dates(tmp_path):
     bag = write(
-        tmp_path / "ned", ["/robot/odom", "/robot/pose"], start=20, frame="world_ned", child="base_link_frd"
+        tmp_path / "ned",
+        ["/robot/odom", "/robot/pose"],
+        start=20,
+        frame="world_ned",
+        child="base_link_frd",
     )
     tracks = read_trajectories(bag)
     assert sorted(tracks.names) == ["odom", "pose"]
@@ -84,7 +105,9 @@ def test_a_frame_called_ned_is_one_and_a_simulation_has_a_clock_without_dates(tm
     bag = write(tmp_path / "ned3", ["/a/odom"], frame="map_ned", child="base_link_frd")
     (own,) = read_trajectories(bag).poses
     np.testing.assert_allclose(own.time, TIME)
-    assert own.quaternion[0] == pytest.approx(Rotation.from_euler("Z", [[0.3]]).as_quat(scalar_first=True)[0])
+    assert own.quaternion[0] == pytest.approx(
+        Rotation.from_euler("Z", [[0.3]]).as_quat(scalar_first=True)[0]
+    )
 
 
 def test_a_body_called_frd_in_a_world_east_north_up_is_turned_by_the_world_alone(tmp_path):
@@ -105,14 +128,19 @@ def test_true_poses_of_an_exported_run_are_vehicles_and_estimates_are_not(tmp_pa
 def test_topics_are_called_by_what_tells_them_apart(tmp_path):
     bag = write(tmp_path / "fleet", ["/fleet/A/odom", "/fleet/A/pose", "/fleet/B/pose"])
     assert sorted(read_trajectories(bag).names) == ["A_odom", "A_pose", "B_pose"]
-    assert sorted(read_trajectories(write(tmp_path / "two", ["/fleet/A/pose", "/fleet/B/pose"])).names) == [
+    assert sorted(
+        read_trajectories(write(tmp_path / "two", ["/fleet/A/pose", "/fleet/B/pose"])).names
+    ) == [
         "A",
         "B",
     ]
 
 
 def write_robot(path, *, ros, offset=(3.0, 2.0, 0.0), frames=("odom", "map")):
-    """One robot with its odometry and a localization with a covariance, shifted by an offset, every 10 s."""
+    """
+    One robot with its odometry and a localization with a covariance, shifted by an offset, every 10
+    s.
+    """
     store = get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE)
     kinds = {"/odometry/filtered": "nav_msgs/msg/Odometry"}
     kinds["/localization_pose"] = "geometry_msgs/msg/PoseWithCovarianceStamped"
@@ -126,11 +154,14 @@ def write_robot(path, *, ros, offset=(3.0, 2.0, 0.0), frames=("odom", "map")):
             ):
                 header = stamped(store, ros, UNIX + t, frame)
                 pose = store.types["geometry_msgs/msg/PoseWithCovariance"](
-                    pose_of(store, np.array([t, 0.0, -20.0]) + shift, (1.0, 0.0, 0.0, 0.0)), np.zeros(36)
+                    pose_of(store, np.array([t, 0.0, -20.0]) + shift, (1.0, 0.0, 0.0, 0.0)),
+                    np.zeros(36),
                 )
                 parts = [header, pose]
                 if kind.endswith("Odometry"):
-                    speed = store.types["geometry_msgs/msg/TwistWithCovariance"](twist, np.zeros(36))
+                    speed = store.types["geometry_msgs/msg/TwistWithCovariance"](
+                        twist, np.zeros(36)
+                    )
                     parts = [header, "base_link", pose, speed]
                 message = store.types[kind](*parts)
                 raw = (store.serialize_ros1 if ros == 1 else store.serialize_cdr)(message, kind)
@@ -173,9 +204,17 @@ def test_bags_without_poses_and_files_that_are_none_are_refused_in_one_line(tmp_
     refused(ExchangeError, "no topic of .*Odometry.*; it contains std_msgs/msg/String",
             lambda: read_trajectories(tmp_path / "text"))  # fmt: skip
     (tmp_path / "bad.bag").write_bytes(b"#ROSBAG V2.0\n" + bytes(100))
-    refused(ExchangeError, "bad.bag: not a readable bag", lambda: read_trajectories(tmp_path / "bad.bag"))
+    refused(
+        ExchangeError,
+        "bad.bag: not a readable bag",
+        lambda: read_trajectories(tmp_path / "bad.bag"),
+    )
     (tmp_path / "bad.mcap").write_bytes(b"nothing of the kind")
-    refused(ExchangeError, "bad.mcap: not a readable bag", lambda: read_trajectories(tmp_path / "bad.mcap"))
+    refused(
+        ExchangeError,
+        "bad.mcap: not a readable bag",
+        lambda: read_trajectories(tmp_path / "bad.mcap"),
+    )
     (tmp_path / "empty").mkdir()
     refused(
         ExchangeError,
@@ -190,7 +229,10 @@ MIDWAY = np.array([0.25, 0.75, 1.25])
 
 
 def with_fixes(path, topics, fix, *, frame="gps", drift=0.0, origin=None, solved=True):
-    """The bag of `write` about `CENTRE` with satellite fixes, ``drift`` metres too far north per second."""
+    """
+    The bag of `write` about `CENTRE` with satellite fixes, ``drift`` metres too far north per
+    second.
+    """
     earth = pyproj.Proj(f"+proj=sterea +lat_0={CENTRE[0]} +lon_0={CENTRE[1]} +ellps=WGS84")
     kind = "sensor_msgs/msg/NavSatFix"
 
@@ -198,7 +240,9 @@ def with_fixes(path, topics, fix, *, frame="gps", drift=0.0, origin=None, solved
         connection = bag.add_connection(fix, kind, typestore=store)
         for t in MIDWAY:
             lon, lat = earth(t, 2 * t + drift * t, inverse=True) if origin is None else origin[::-1]
-            status = store.types["sensor_msgs/msg/NavSatStatus"](status=0 if solved else -1, service=1)
+            status = store.types["sensor_msgs/msg/NavSatStatus"](
+                status=0 if solved else -1, service=1
+            )
             header = stamped(store, 2, UNIX + t, frame)
             message = store.types[kind](header, status, lat, lon, 3.0 + t, np.zeros(9), 0)
             bag.write(connection, int((UNIX + t) * 1e9), store.serialize_cdr(message, kind))
@@ -207,7 +251,9 @@ def with_fixes(path, topics, fix, *, frame="gps", drift=0.0, origin=None, solved
 
 
 def test_fixes_of_a_vehicle_give_the_centre_of_its_frame(tmp_path):
-    tracks = read_trajectories(with_fixes(tmp_path / "b", ["/auv1/odom", "/auv2/odom"], "/auv2/gps/fix"))
+    tracks = read_trajectories(
+        with_fixes(tmp_path / "b", ["/auv1/odom", "/auv2/odom"], "/auv2/gps/fix")
+    )
     assert tracks.centre == pytest.approx(CENTRE, abs=1e-8)
     assert {p.centre for p in tracks.poses} == {tracks.centre}  # one frame, one centre
     assert any("centre of frame 'map': 74.500000, -140.000000" in note for note in tracks.notes)
@@ -222,11 +268,16 @@ def test_fixes_that_do_not_agree_give_their_median_and_say_so(tmp_path):
     bag = with_fixes(tmp_path / "b", ["/auv1/odom"], "/gps/fix", frame="map", drift=1000.0)
     tracks = read_trajectories(bag)
     north, east = LocalFrame(*CENTRE).to_local(*tracks.centre)
-    assert (float(north), float(east)) == pytest.approx((750.0, 0.0), abs=0.1)  # of 250, 750, 1250 m
+    assert (float(north), float(east)) == pytest.approx(
+        (750.0, 0.0), abs=0.1
+    )  # of 250, 750, 1250 m
     assert any("3 satellite fixes that agree within 500 m" in note for note in tracks.notes)
 
 
 def test_receivers_without_a_fix_give_no_centre(tmp_path):
     assert (
-        read_trajectories(with_fixes(tmp_path / "b", ["/auv1/odom"], "/gps/fix", solved=False)).centre is None
+        read_trajectories(
+            with_fixes(tmp_path / "b", ["/auv1/odom"], "/gps/fix", solved=False)
+        ).centre
+        is None
     )

@@ -31,7 +31,12 @@ def test_a_table_comes_back_to_the_last_digit(name, tmp_path):
     elif name:
         TABLE.to_csv(source, index=False, sep="," if name.endswith("csv") else "\t")
     tracks = read_trajectories(source)
-    assert (tracks.names, tracks.start, tracks.geodetic, tracks.notes) == (["A", "B"], None, False, ())
+    assert (tracks.names, tracks.start, tracks.geodetic, tracks.notes) == (
+        ["A", "B"],
+        None,
+        False,
+        (),
+    )
     for own, rows in zip(tracks.poses, (slice(0, 3), slice(3, 6)), strict=True):
         np.testing.assert_array_equal(own.time, TIME)
         np.testing.assert_array_equal(own.place, TABLE[["north", "east", "depth"]].to_numpy()[rows])
@@ -45,8 +50,14 @@ def test_a_data_frame_is_left_as_it_was_and_its_faults_are_one_line():
     dates = TABLE.assign(time=pd.Timestamp("2014-07-15") + pd.to_timedelta(TABLE["time"], unit="s"))
     assert read_trajectories(dates).start == np.datetime64("2014-07-15")
     for faulty, message in (
-        (TABLE.drop(columns="depth"), "data frame: no depth; the columns are time, vehicle, north, east"),
-        (TABLE.assign(north=np.nan), "data frame, line 1: north is nan; it must be a finite number"),
+        (
+            TABLE.drop(columns="depth"),
+            "data frame: no depth; the columns are time, vehicle, north, east",
+        ),
+        (
+            TABLE.assign(north=np.nan),
+            "data frame, line 1: north is nan; it must be a finite number",
+        ),
         (TABLE.iloc[:0], "data frame: no rows"),
     ):
         refused(ExchangeError, message, read_trajectories, faulty)
@@ -69,7 +80,9 @@ def test_angles_and_quaternions_say_the_same(tmp_path):
     q = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True)
     base = TABLE.iloc[:3].drop(columns="vehicle")
     base.assign(
-        **dict(zip(("heading_deg", "pitch [degrees]", "roll_deg"), np.degrees(angles).T, strict=True))
+        **dict(
+            zip(("heading_deg", "pitch [degrees]", "roll_deg"), np.degrees(angles).T, strict=True)
+        )
     ).to_csv(tmp_path / "angles.csv", index=False)
     base.assign(**dict(zip(("yaw", "pitch", "roll"), angles.T, strict=True))).to_csv(
         tmp_path / "radians.csv", index=False
@@ -93,7 +106,8 @@ def test_angles_and_quaternions_say_the_same(tmp_path):
     ("written", "start"),
     [
         (["2023-05-01T12:00:00+02:00", "2023-05-01T12:00:12.5+02:00", "2023-05-01T12:00:20+02:00"], "2023-05-01T10"),
-        (["2023-05-01 12:00:00Z", "2023-05-01 12:00:12.500Z", "2023-05-01 12:00:20Z"], "2023-05-01T12"),
+        ([("2023-05-01"
+          " 12:00:00Z"), "2023-05-01 12:00:12.500Z", "2023-05-01 12:00:20Z"], "2023-05-01T12"),
         (["2023-05-01T12:00", "2023-05-01T12:00:12.5", "2023-05-01T12:00:20"], "2023-05-01T12"),
         # clocks go back: 02:30 comes twice, and zones tell which is meant
         (["2023-10-29T02:59:50+02:00", "2023-10-29T02:00:02.5+01:00", "2023-10-29T02:00:10+01:00"],
@@ -159,7 +173,8 @@ def test_tum_files_of_ros_have_other_axes(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("kind", "file"), [("csv", "trajectories.csv"), ("parquet", "trajectories.parquet"), ("cf", "truth.nc")]
+    ("kind", "file"),
+    [("csv", "trajectories.csv"), ("parquet", "trajectories.parquet"), ("cf", "truth.nc")],
 )
 def test_what_was_exported_of_a_run_is_read_as_its_truth(kind, file, tiny_run_folder, tmp_path):
     from pymantaray import open_run
@@ -192,8 +207,10 @@ def text(content, name="m.csv"):
 
 
 REFUSED = {
-    "m.csv: no north, east; the columns are time, depth; a trajectory needs": text("time,depth\n0,2\n1,2"),
-    "m.csv: no lon; the columns are time, lat, depth; a trajectory needs": text("time,lat,depth\n0,1,2\n1,1,2"),
+    "m.csv: no north, east; the columns are time, depth; a trajectory"
+    " needs": text("time,depth\n0,2\n1,2"),
+    "m.csv: no lon; the columns are time, lat, depth; a trajectory"
+    " needs": text("time,lat,depth\n0,1,2\n1,1,2"),
     "m.csv: no east; the columns are time, lat, north, depth; a trajectory needs": text(
         "time,lat,north,depth\n0,1,1,2\n1,1,1,2"),
     "m.csv, line 3: depth is 'x'; it must be a finite number": text(
@@ -207,14 +224,19 @@ REFUSED = {
         "time,north,east,depth,heading\n0,0,0,0,0\n1,0,0,0,359"),
     r"m.csv: column 'Heading \[gon\]' has unit 'gon'; allowed: rad, radians, deg, degrees": text(
         "time,north,east,depth,Heading [gon]\n0,0,0,0,0\n1,0,0,0,0"),
-    r"m.csv: column 'depth\(ft\)' has unit 'ft'; allowed: m, km": text("time,north,east,depth(ft)\n0,0,0,0\n1,0,0,0"),
+    r"m.csv: column 'depth\(ft\)' has unit 'ft'; allowed: m,"
+    r" km": text("time,north,east,depth(ft)\n0,0,0,0\n1,0,0,0"),
     "m.csv: only qw, qx, qy of a quaternion; give all of qw, qx, qy, qz": text(
         "time,north,east,depth,qw,qx,qy\n0,0,0,0,1,0,0\n1,0,0,0,1,0,0"),
-    "m.csv: two columns vehicle; remove one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
-    "m.csv, line 3: vehicle is ''; it must have a name": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0"),
-    r"m.csv, line 3: 500 m from the position of line 2 at the same time, .* to vehicle \(unused columns: auv\)": text(
+    "m.csv: two columns vehicle; remove"
+    " one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
+    "m.csv, line 3: vehicle is ''; it must have a"
+    " name": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0"),
+    r"m.csv, line 3: 500 m from the position of line 2 at the same time, .* to vehicle \(unused"
+    r" columns: auv\)": text(
         "time,auv,north,east,depth\n0,A,0,0,0\n0,B,300,400,0\n1,A,0,0,0\n1,B,300,400,0"),
-    r"m.csv, line 4: 2,2\d\d m from the position of line 3 at the same time": text(  # 0.04 degrees of longitude at 60 N
+    # 0.04 degrees of longitude at 60 N
+    r"m.csv, line 4: 2,2\d\d m from the position of line 3 at the same time": text(
         "time,lat,lon,depth\n0,0,0,0\n1,60,0,0\n1,60,0.04,0"),
     "m.csv: A: 1 pose;": text("time,vehicle,north,east,depth\n0,A,0,0,0\n0,B,0,0,0\n1,B,0,0,0"),
     "m.csv: is empty; a table needs a header": text(""),
@@ -224,7 +246,8 @@ REFUSED = {
     "no file; name": lambda _: [],
     "m.parquet: not a readable Parquet file": text("PAR1", "m.parquet"),
     "m.tum, line 1: 7 numbers; a TUM file has 8": text("0 1 2 3 4 5 6\n" * 2, "m.tum"),
-    "m.tum, line 1: '0 1 2 x 0 0 0 1' has a word that is no number": text("0 1 2 x 0 0 0 1\n", "m.tum"),
+    "m.tum, line 1: '0 1 2 x 0 0 0 1' has a word that is no"
+    " number": text("0 1 2 x 0 0 0 1\n", "m.tum"),
     "m.tum: 0 rows": text("# nothing\n", "m.tum"),
     "m.tum, line 2: a number is not finite": text("0 0 0 0 0 0 0 1\nnan 0 0 0 0 0 0 1\n", "m.tum"),
 }  # fmt: skip
@@ -237,16 +260,20 @@ def test_bad_files_are_one_line_each(message, tmp_path):
 
 CUT = {
     "m.csv": ("time,north,east,depth\n0,0,0,0\n1,0,0,5\n{}\n3,0,0,15\n", ["2,0", "2,0,0,x", "inf,0,0,10", "2,0,0,1,1"]),
-    "m.tum": ("0 0 0 0 0 0 0 1\n1 0 0 5 0 0 0 1\n\n{}\n3 0 0 15 0 0 0 1\n", ["2 0 0", "2 0 0 x 0 0 0 1", "2 0 0 nan 0 0 0 1"]),
+    "m.tum": (("0 0 0 0 0 0 0 1\n1 0 0 5 0 0 0 1\n\n{}\n3 0 0 15 0 0 0"
+              " 1\n"), ["2 0 0", "2 0 0 x 0 0 0 1", "2 0 0 nan 0 0 0 1"]),
     "e.csv": (
-        ("#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [], q_RS_z []\n"
+        ("#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [],"
+         " q_RS_z []\n"
         "0,0,0,0,1,0,0,0\n1000000000,0,0,5,1,0,0,0\n{}\n3000000000,0,0,15,1,0,0,0\n"),
         ["2000000000,0,0", "2000000000,0,0,x,1,0,0,0", "99999999999999999999,0,0,0,1,0,0,0"],
     ),
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("name", "row"), [(name, row) for name, (_, rows) in CUT.items() for row in rows])
+@pytest.mark.parametrize(
+    ("name", "row"), [(name, row) for name, (_, rows) in CUT.items() for row in rows]
+)
 def test_unreadable_rows_of_a_track_are_listed_and_left_out(name, row, tmp_path):
     (tmp_path / name).write_text(CUT[name][0].format(row))
     tracks = read_trajectories(tmp_path / name)
@@ -269,7 +296,11 @@ def test_a_table_of_parquet_without_rows_is_refused(tmp_path):
 def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
     path = text("time,transmitter,receivers\n0,A,\n10.5,B,A C\n")(tmp_path)
     pings = read_pings(path, None)
-    assert (pings.time, pings.transmitter, pings.receivers) == ((0.0, 10.5), ("A", "B"), ((), ("A", "C")))
+    assert (pings.time, pings.transmitter, pings.receivers) == (
+        (0.0, 10.5),
+        ("A", "B"),
+        ((), ("A", "C")),
+    )
     path = text("Time,Transmitter,receiver\n0,A,B\n")(tmp_path)  # a list that is not everybody
     assert read_pings(path, None).receivers == (("B",),)
     path = text("time,transmitter\n2023-05-01T12:00:00+02:00,A\n")(tmp_path)
@@ -281,7 +312,8 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
     )
     refused(ExchangeError, "a ping is at -60 s; the mission starts at 0", lambda: read_pings(
         path, np.datetime64("2023-05-01T10:01:00", "ns")))  # fmt: skip
-    refused(ExchangeError, "no transmitter; the columns are time, who; a list of pings needs", lambda: read_pings(
+    refused(ExchangeError, "no transmitter; the columns are time, who; a list of pings"
+                           " needs", lambda: read_pings(
         text("time,who\n0,A\n")(tmp_path), None))  # fmt: skip
     mistyped = text("time,transmitter,receivrs\n0,A,B\n")(tmp_path)
     refused(
@@ -301,7 +333,10 @@ def test_times_in_days_are_refused(place, tmp_path):
         rows = [f"{41834 + k * unit:.9f},{60.0 * k * size:.9f},179.99,10" for k in range(10)]
         (tmp_path / "m.csv").write_text("\n".join([f"time,{place},depth", *rows]))
         if days:
-            message = "m: time gives a median speed of 86,[34]\\d\\d m/s; it must be in seconds; multiply days by 86400"
+            message = (
+                "m: time gives a median speed of 86,[34]\\d\\d m/s; it must be in seconds;"
+                " multiply days by 86400"
+            )
             refused(ExchangeError, message, read_trajectories, tmp_path / "m.csv")
         else:
             assert read_trajectories(tmp_path / "m.csv").poses[0].time.size == 10

@@ -18,7 +18,9 @@ PLACE = np.array([[0, 0, 5], [10, 3, 6], [40, -9, 8], [42, -8, 8], [42, 20, 3.0]
 
 
 def poses(name="A", time=TIME, place=PLACE, quaternion=None, *, geodetic=False):
-    return Poses(name, np.asarray(time), np.asarray(place, dtype=float), quaternion, geodetic, "mission.csv")
+    return Poses(
+        name, np.asarray(time), np.asarray(place, dtype=float), quaternion, geodetic, "mission.csv"
+    )
 
 
 def random_attitudes(n, seed=1):
@@ -48,7 +50,10 @@ def test_between_its_times_places_are_linear_and_attitudes_turn_at_a_constant_ra
         times = TIME[k] + share * (TIME[k + 1] - TIME[k])
         truth = Tracks.of([poses(quaternion=q)]).at(times, FRAME)
         np.testing.assert_allclose(
-            truth.position[0], PLACE[k] + share[:, None] * (PLACE[k + 1] - PLACE[k]), rtol=0, atol=1e-12
+            truth.position[0],
+            PLACE[k] + share[:, None] * (PLACE[k + 1] - PLACE[k]),
+            rtol=0,
+            atol=1e-12,
         )
         whole = angle_between(q[k], q[k + 1])
         np.testing.assert_allclose(
@@ -75,7 +80,9 @@ def test_a_record_in_which_a_vehicle_is_never_there_is_refused():
 def test_without_attitudes_a_vehicle_is_level_and_heads_where_it_goes():
     place = [[0, 0, 5], [0, 0, 9], [10, 0, 9], [10, 0, 2], [10, 5, 2.0]]
     truth = Tracks.of([poses(place=place)]).at(TIME, FRAME)
-    heading = np.pi / 2 * np.array([0.0, 0.0, 0.0, 1.0, 1.0])  # at rest: as before, at first as then
+    heading = (
+        np.pi / 2 * np.array([0.0, 0.0, 0.0, 1.0, 1.0])
+    )  # at rest: as before, at first as then
     heading[2] = 0.0
     np.testing.assert_allclose(angle_between(truth.quaternion[0], level(heading)), 0.0, atol=1e-12)
 
@@ -89,14 +96,18 @@ def test_headings_by_true_north_are_those_of_the_motion_in_the_frame(centre):
     geographic = poses(place=np.column_stack([lat, lon, 0 * lat]), quaternion=q, geodetic=True)
     by_file = Tracks.of([geographic]).at(TIME, frame).quaternion
     by_motion = Tracks.of([geographic._replace(quaternion=None)]).at(TIME, frame).quaternion
-    assert angle_between(by_file, level(bearing)).min() > 0.01  # the frame's north is not true north there
+    assert (
+        angle_between(by_file, level(bearing)).min() > 0.01
+    )  # the frame's north is not true north there
     # metres of a degree of latitude and of longitude differ by 1 in 150 on the ellipsoid
     np.testing.assert_allclose(angle_between(by_file, by_motion), 0.0, atol=5e-3)
 
 
 def test_a_track_over_the_antimeridian_has_no_jump_and_its_middle_is_there():
     lon = np.array([179.98, 179.99, -180.0, -179.99, -179.98])
-    tracks = Tracks.of([poses(place=np.column_stack([np.full(5, 60.0), lon, np.zeros(5)]), geodetic=True)])
+    tracks = Tracks.of(
+        [poses(place=np.column_stack([np.full(5, 60.0), lon, np.zeros(5)]), geodetic=True)]
+    )
     assert tracks.centre == pytest.approx((60.0, -180.0))
     east = tracks.at(TIME, LocalFrame(*tracks.centre)).position[0, :, 1]
     np.testing.assert_allclose(np.diff(east), 0.01 * 111_413 * np.cos(np.radians(60.0)), rtol=2e-3)
@@ -175,7 +186,9 @@ def test_with_times_keeps_every_sample_and_adds_the_ones_between():
 
 
 def test_union_of_times_holds_both_and_no_time_twice():
-    times = union_of_times(np.array([0.0, 10.0, 20.0]), np.array([30.0, 10.0 + 5e-7, 5.0, 5.0 + 5e-7, 20.0]))
+    times = union_of_times(
+        np.array([0.0, 10.0, 20.0]), np.array([30.0, 10.0 + 5e-7, 5.0, 5.0 + 5e-7, 20.0])
+    )
     np.testing.assert_array_equal(times, [0.0, 5.0, 10.0, 20.0, 30.0])
 
 
@@ -184,7 +197,8 @@ def test_east_north_up_and_back_is_where_one_was():
     p, q = rng.normal(size=(7, 3)), random_attitudes(7)
     np.testing.assert_allclose(swap_enu(swap_enu(p)), p, atol=1e-15)
     np.testing.assert_allclose(swap_enu_attitude(swap_enu_attitude(q)), q, atol=1e-15)
-    # by matrices: a vector of the body, written in its axes of either kind, points to the same place
+    # by matrices: a vector of the body, written in its axes of either kind, points to the same
+    # place
     flu = rng.normal(size=(7, 3))
     frd = flu * [1, -1, -1]
     enu = Rotation.from_quat(q, scalar_first=True).apply(flu)
@@ -195,10 +209,13 @@ def test_east_north_up_and_back_is_where_one_was():
 IMPOSSIBLE = {
     "A: 1 pose; a trajectory needs at least two": lambda: [poses(time=TIME[:1], place=PLACE[:1])],
     "two vehicles have the name A; rename one": lambda: [poses(), poses()],
-    "pose 2 has a position that is not finite": lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))],
+    "pose 2 has a position that is not"
+    " finite": lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))],
     "latitude is 95; it must be -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
-    "depth -5.1 m is above the surface; .*change the sign": lambda: [poses(place=PLACE - [0, 0, 8.1])],
-    "the quaternion of pose 0 has length 0; it must be 1": lambda: [poses(quaternion=np.zeros((5, 4)))],
+    "depth -5.1 m is above the surface; .*change the"
+    " sign": lambda: [poses(place=PLACE - [0, 0, 8.1])],
+    "the quaternion of pose 0 has length 0; it must be"
+    " 1": lambda: [poses(quaternion=np.zeros((5, 4)))],
     "A has latitude and longitude, but B of mission.csv does not": lambda: [
         poses(geodetic=True), poses("B")],
     "A has dates, but B of mission.csv does not": lambda: [

@@ -49,7 +49,9 @@ GRAPH = [
 ]  # poses out of order, as a foreign graph may have them
 
 
-@pytest.mark.parametrize(("lines", "names"), [(GRAPH, ["run-A.tum", "run-C.tum"]), (GRAPH[:2], ["run.tum"])])
+@pytest.mark.parametrize(
+    ("lines", "names"), [(GRAPH, ["run-A.tum", "run-C.tum"]), (GRAPH[:2], ["run.tum"])]
+)
 def test_each_vehicle_of_a_graph_gets_a_file_in_order_of_its_poses(tmp_path, lines, names):
     file_interface = pytest.importorskip("evo.tools.file_interface")
     (tmp_path / "g.pyfg").write_text("\n".join([*lines, ""]))

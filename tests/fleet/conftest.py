@@ -14,8 +14,8 @@ def build_ocean(*, uniform=(0.0, 0.0), rotation=0.0, shear=0.0, slope=0.0):
     """
     Current: uniform + solid-body rotation about the origin + a north component linear in depth.
 
-    The sea floor is at FLOOR, rising by `slope` to the north of the origin. All are reproduced exactly by
-    trilinear interpolation.
+    The sea floor is at FLOOR, rising by `slope` to the north of the origin. All are reproduced
+    exactly by trilinear interpolation.
     """
     north, east = np.linspace(-BOX, BOX, 11), np.linspace(-BOX, BOX, 9)
     depth = np.array([0.0, 10.0, 30.0, 100.0, 250.0, 600.0, 1200.0])
@@ -48,7 +48,9 @@ def make_float():
 
 @pytest.fixture(scope="session")
 def run():
-    def simulate_fleet(*vehicles, water=None, duration=4000.0, physics_step=0.5, sampling_period=50.0):
+    def simulate_fleet(
+        *vehicles, water=None, duration=4000.0, physics_step=0.5, sampling_period=50.0
+    ):
         return simulate(
             vehicles,
             build_ocean() if water is None else water,

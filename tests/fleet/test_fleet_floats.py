@@ -1,4 +1,6 @@
-"""Floats and station keepers against closed forms: sampling, cycle times, speed limits and drift."""
+"""
+Floats and station keepers against closed forms: sampling, cycle times, speed limits and drift.
+"""
 
 import numpy as np
 import pytest
@@ -11,7 +13,9 @@ BOX = 5000.0  # m; half the side of the domain that conftest builds
 
 def test_paths_are_the_same_however_often_they_are_sampled(run, make_float, make_ocean):
     water = make_ocean(rotation=1e-4, uniform=(0.1, -0.2))
-    often, seldom = (run(make_float(), water=water, sampling_period=period) for period in (50.0, 400.0))
+    often, seldom = (
+        run(make_float(), water=water, sampling_period=period) for period in (50.0, 400.0)
+    )
     np.testing.assert_array_equal(often.time, np.arange(81) * 50.0)
     np.testing.assert_array_equal(often.position[0, 0], [0.0, 0.0, 0.5])
     np.testing.assert_array_equal(often.position[:, ::8], seldom.position)
@@ -21,8 +25,9 @@ def approach_time(distance, speed, gain, step):
     """
     Time of a saturated proportional controller until its target is reached.
 
-    Full speed to ``speed / gain`` from the target, and then exponential to 1 um. A step that a larger gain would carry past the
-    target ends there, so that the time is that at full speed, rounded up to whole steps.
+    Full speed to ``speed / gain`` from the target, and then exponential to 1 um. A step that a
+    larger gain would carry past the target ends there, so that the time is that at full speed,
+    rounded up to whole steps.
     """
     if gain * step >= 1.0:
         return np.ceil(distance / (speed * step) - 1e-9) * step
@@ -65,15 +70,22 @@ def test_depth_never_overshoots_nor_exceeds_the_vertical_speed(run, make_float, 
     assert depth.max() > 100.0 - 1e-6
 
 
-def test_drift_in_a_uniform_current_is_the_current_times_time_without_rotation(run, make_float, make_ocean):
+def test_drift_in_a_uniform_current_is_the_current_times_time_without_rotation(
+    run, make_float, make_ocean
+):
     truth = run(make_float(heading=1.0), water=make_ocean(uniform=(0.3, -0.2)))
     np.testing.assert_allclose(truth.position[0, :, 0], 0.3 * truth.time, rtol=0, atol=1e-8)
     np.testing.assert_allclose(truth.position[0, :, 1], -0.2 * truth.time, rtol=0, atol=1e-8)
-    np.testing.assert_array_equal(truth.quaternion[0], np.tile([np.cos(0.5), 0, 0, np.sin(0.5)], (81, 1)))
+    np.testing.assert_array_equal(
+        truth.quaternion[0], np.tile([np.cos(0.5), 0, 0, np.sin(0.5)], (81, 1))
+    )
 
 
 def test_drift_integrates_a_current_that_is_linear_in_depth(run, make_float, make_ocean):
-    """While sinking at a steady speed the current is linear in time; the midpoint rule is exact for it."""
+    """
+    While sinking at a steady speed the current is linear in time; the midpoint rule is exact for
+    it.
+    """
     water = make_ocean(shear=1e-3)
     truth = run(make_float(target_depth=900.0), water=water, duration=1500.0, physics_step=0.5)
     depth, time = truth.position[0, :, 2], truth.time
@@ -95,10 +107,14 @@ def test_current_is_trilinear_between_grid_points(run, make_float, make_ocean):
         truth = run(vehicle, water=water, duration=1e-3, physics_step=1e-3, sampling_period=1e-3)
         at = {"north": start[0], "east": start[1], "depth": start[2]}
         expected = [float(water[f"current_{way}"].interp(at)) for way in ("north", "east")]
-        np.testing.assert_allclose(np.diff(truth.position[0, :, :2], axis=0)[0] / 1e-3, expected, atol=1e-6)
+        np.testing.assert_allclose(
+            np.diff(truth.position[0, :, :2], axis=0)[0] / 1e-3, expected, atol=1e-6
+        )
 
 
 def test_station_keeps_in_any_current(run, make_ocean):
-    truth = run(Vehicle("A", (10.0, 20.0, 0.5), StationKeeping(0.5)), water=make_ocean(uniform=(1.0, 1.0)))
+    truth = run(
+        Vehicle("A", (10.0, 20.0, 0.5), StationKeeping(0.5)), water=make_ocean(uniform=(1.0, 1.0))
+    )
     np.testing.assert_array_equal(truth.position[0], np.tile([10.0, 20.0, 0.5], (81, 1)))
     assert (truth.status == VehicleStatus.ACTIVE).all()

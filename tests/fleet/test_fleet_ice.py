@@ -13,7 +13,11 @@ def icy(make_ocean):
 
     def make(slope=0.0):
         ocean = make_ocean(uniform=(0.4, 0.0))
-        draft = 2.0 + slope * np.maximum(ocean["north"].values, 0.0)[:, None] + 0.0 * ocean["east"].values
+        draft = (
+            2.0
+            + slope * np.maximum(ocean["north"].values, 0.0)[:, None]
+            + 0.0 * ocean["east"].values
+        )
         return ocean.assign(sea_ice_draft=(("north", "east"), draft) if slope else ((), 2.0))
 
     return make

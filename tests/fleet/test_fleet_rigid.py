@@ -49,7 +49,12 @@ SQUARE = np.array([(500.0, 0, 100.0), (500.0, 500.0, 150.0), (0, 500.0, 60.0), (
 @pytest.fixture(scope="module")
 def swim(run):
     def swim_square(**changed):
-        parameters = {"points": SQUARE, "speed": 1.5, "turn_rate": 0.1, "capture_radius": 20.0} | changed
+        parameters = {
+            "points": SQUARE,
+            "speed": 1.5,
+            "turn_rate": 0.1,
+            "capture_radius": 20.0,
+        } | changed
         vehicle = Vehicle("W", (0.0, 0.0, 50.0), Waypoints(**parameters), heading=2.0)
         return run(vehicle, duration=4000.0, physics_step=0.125, sampling_period=0.125)
 
@@ -85,7 +90,9 @@ def test_swimmer_keeps_its_speed_along_body_x_and_its_turn_rate(swim):
     assert np.abs(turn[:, 0]).max() < 1e-9  # never about body x
     forward = 0.5 * (rotation[:-1, :, 0] + rotation[1:, :, 0])
     chord = np.diff(truth.position[0], axis=0) / (1.5 * 0.125)
-    np.testing.assert_allclose(chord, forward, rtol=0, atol=2e-5)  # arc of 0.0125 rad: 1 - cos of it
+    np.testing.assert_allclose(
+        chord, forward, rtol=0, atol=2e-5
+    )  # arc of 0.0125 rad: 1 - cos of it
 
 
 def test_swimmer_with_its_goal_dead_astern_turns_round(run):

@@ -26,14 +26,20 @@ def assert_stopped(truth, row, status, last_active):
 
 
 @pytest.mark.parametrize(
-    ("way", "uniform"), [("north", (1.0, 0)), ("south", (-1.0, 0)), ("east", (0, 1.0)), ("west", (0, -1.0))]
+    ("way", "uniform"),
+    [("north", (1.0, 0)), ("south", (-1.0, 0)), ("east", (0, 1.0)), ("west", (0, -1.0))],
 )
 def test_vehicle_that_leaves_the_ocean_stays_at_its_edge(run, make_float, make_ocean, way, uniform):
     truth = run(
-        make_float(), make_float("C", start_delay=500.0), water=make_ocean(uniform=uniform), duration=6000.0
+        make_float(),
+        make_float("C", start_delay=500.0),
+        water=make_ocean(uniform=uniform),
+        duration=6000.0,
     )
     assert_stopped(truth, 0, VehicleStatus.LEFT_DOMAIN, int(BOX / 50.0))
-    np.testing.assert_allclose(truth.position[0, -1, :2], BOX * np.array(uniform), rtol=0, atol=0.5 + 1e-6)
+    np.testing.assert_allclose(
+        truth.position[0, -1, :2], BOX * np.array(uniform), rtol=0, atol=0.5 + 1e-6
+    )
     assert np.abs(truth.position[0, -1, :2]).max() <= BOX
 
 
@@ -53,8 +59,13 @@ def test_float_that_sinks_onto_a_slope_grounds_and_the_others_go_on(run, make_fl
 @pytest.mark.parametrize(
     ("below", "lies"), [(-1e-3, True), (0.0, True), (9e-7, True), (1.1e-6, False), (1e-3, False)]
 )
-def test_a_vehicle_lies_on_the_bed_to_a_micrometre_and_not_beneath(run, make_float, make_ocean, below, lies):
-    """A bed of 1000 m between nodes is 999.9999999999999 m by rounding; nobody is told that 1000 m is below 1000 m."""
+def test_a_vehicle_lies_on_the_bed_to_a_micrometre_and_not_beneath(
+    run, make_float, make_ocean, below, lies
+):
+    """
+    A bed of 1000 m between nodes is 999.9999999999999 m by rounding; nobody is told that 1000 m is
+    below 1000 m.
+    """
     water = make_ocean(uniform=(0.1, 0.03))
     north, depth = 333.3, FLOOR + below
     station = Vehicle("S", (north, 0.1, depth), StationKeeping(depth))
@@ -113,20 +124,26 @@ def test_path_depends_on_nothing_but_the_vehicle_itself(run, make_float, make_oc
 
 
 TIMES = {
-    "sampling_period is 50.2 s, 100.4 times physics_step .* change one of them": {"sampling_period": 50.2},
+    "sampling_period is 50.2 s, 100.4 times physics_step .* change one of"
+    " them": {"sampling_period": 50.2},
     "duration is 1010 s, 20.2 times sampling_period .* integer multiple": {"duration": 1010.0},
     "duration is 25 s, 0.5 times sampling_period": {"duration": 25.0},
     "physics_step is 0 s; it must be finite and positive": {"physics_step": 0.0},
     "duration is nan s; it must be finite and positive": {"duration": np.nan},
     "sampling_period is 1e.300 s, inf times": {"physics_step": 1e-300, "sampling_period": 1e300},
-    r"1 vehicles x 1e\+13 samples x 114 bytes are 1.06e\+06 GiB of memory; this machine has": {"duration": 5e14},
+    r"1 vehicles x 1e\+13 samples x 114 bytes are 1.06e\+06 GiB of memory; this machine"
+    r" has": {"duration": 5e14},
 }  # fmt: skip
 FLEETS = {
     "fleet: no vehicles; give at least one": [],
-    "vehicle 'B': two vehicles have this name; rename one": [floating("B"), floating("C"), floating("B")],
-    "vehicle 'B': the start position is at north 6000, .* -5000 to 5000 .*; move it": [floating(north=6000.0)],
-    "vehicle 'B': the start position is 1200 m deep, below the sea floor at 1000 m .*; use": [floating(depth=1200.0)],
-    "vehicle 'B': target_depth is 2500 m deep, below the sea floor at 1000 m .*; use": [floating(target_depth=2500.0)],
+    "vehicle 'B': two vehicles have this name; rename"
+    " one": [floating("B"), floating("C"), floating("B")],
+    "vehicle 'B': the start position is at north 6000, .* -5000 to 5000 .*; move"
+    " it": [floating(north=6000.0)],
+    "vehicle 'B': the start position is 1200 m deep, below the sea floor at 1000 m .*;"
+    " use": [floating(depth=1200.0)],
+    "vehicle 'B': target_depth is 2500 m deep, below the sea floor at 1000 m .*;"
+    " use": [floating(target_depth=2500.0)],
     "vehicle 'W': waypoint 1 is at north 0, east 9000 m, outside the ocean": [
         Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9), (0, 9e3, 9)], 1, 0.1))
     ],
@@ -135,10 +152,16 @@ FLEETS = {
     ],
 }  # fmt: skip
 OCEANS = {
-    "the data set has no current_east; a local data set must have": lambda o: o.drop_vars("current_east"),
-    "missing values; none are": lambda o: o.assign(current_north=o.current_north.where(o.depth < 500)),
+    "the data set has no current_east; a local data set must have": lambda o: o.drop_vars(
+        "current_east"
+    ),
+    "missing values; none are": lambda o: o.assign(
+        current_north=o.current_north.where(o.depth < 500)
+    ),
     "axis 'east' has 1 value;": lambda o: o.isel(east=[0]),
-    "sea_floor_depth has dimensions": lambda o: o.assign(sea_floor_depth=o.sea_floor_depth.isel(east=0)),
+    "sea_floor_depth has dimensions": lambda o: o.assign(
+        sea_floor_depth=o.sea_floor_depth.isel(east=0)
+    ),
 }
 
 

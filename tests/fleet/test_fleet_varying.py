@@ -1,4 +1,7 @@
-"""Floats in currents that vary in time against closed forms, and a sea floor finer than the ocean's grid."""
+"""
+Floats in currents that vary in time against closed forms, and a sea floor finer than the ocean's
+grid.
+"""
 
 import numpy as np
 import pytest
@@ -14,14 +17,18 @@ BOX, FLOOR = 5000.0, 1000.0  # m; half the side and the depth of the domain that
 
 
 def test_between_snapshots_the_current_is_linear_in_time(run, make_float, make_ocean):
-    """Random currents at uneven instants, all ends of steps: the drift is the area under the polygon."""
+    """
+    Random currents at uneven instants, all ends of steps: the drift is the area under the polygon.
+    """
     times = np.array([-40.0, 0.0, 100.0, 130.0, 900.0, 2500.0, 2501.0, 4000.0])
     speed = np.random.default_rng(1).uniform(-1.0, 1.0, (times.size, 2))
     water = over_time(times, [make_ocean(uniform=tuple(u)) for u in speed])
     truth = run(make_float(), water=water, physics_step=0.5)
     fine = np.arange(0.0, 4000.1, 0.5)
     now = np.stack([np.interp(fine, times, u) for u in speed.T])
-    area = np.concatenate([np.zeros((2, 1)), np.cumsum(0.25 * (now[:, 1:] + now[:, :-1]), axis=1)], axis=1)
+    area = np.concatenate(
+        [np.zeros((2, 1)), np.cumsum(0.25 * (now[:, 1:] + now[:, :-1]), axis=1)], axis=1
+    )
     np.testing.assert_allclose(truth.position[0, :, :2], area[:, ::100].T, rtol=0, atol=1e-8)
 
 
@@ -40,7 +47,10 @@ def test_equal_snapshots_are_still_water_to_the_last_digit(run, make_float, make
 
 @pytest.mark.parametrize(("slow", "fast"), [(1e-3, 1e-3), (5e-4, 2e-3)])
 def test_drift_in_rotation_is_a_circle_to_second_order(run, make_float, make_ocean, slow, fast):
-    """x' = r(t) J x turns by the integral of r; of a steady r the error is that of Adams and Bashforth's two steps."""
+    """
+    x' = r(t) J x turns by the integral of r; of a steady r the error is that of Adams and
+    Bashforth's two steps.
+    """
     radius, duration, errors = 2000.0, 4000.0, []
     water = over_time([0.0, duration], [make_ocean(rotation=rate) for rate in (slow, fast)])
     for step in (2.5, 5.0, 10.0):
@@ -56,7 +66,9 @@ def test_drift_in_rotation_is_a_circle_to_second_order(run, make_float, make_oce
 
 
 def test_order_of_the_dimensions_does_not_matter(run, make_float, make_ocean):
-    water = over_time([0.0, 5000.0], [make_ocean(rotation=1e-4), make_ocean(rotation=3e-4, shear=1e-4)])
+    water = over_time(
+        [0.0, 5000.0], [make_ocean(rotation=1e-4), make_ocean(rotation=3e-4, shear=1e-4)]
+    )
     turned = water.transpose("depth", "east", "time", "north")
     np.testing.assert_array_equal(
         run(make_float(), water=water).position, run(make_float(), water=turned).position
@@ -76,16 +88,17 @@ def own_floor_from(north, depth):
 
 
 BAD = {
-    "currents cover 0 to 1000 s, and the mission lasts from 0 to 4000 s; use": lambda o: o.isel(time=[0, 1]),
+    "currents cover 0 to 1000 s, and the mission lasts from 0 to 4000 s; use": lambda o: o.isel(
+        time=[0, 1]
+    ),
     "currents cover 1 to 5001 s": lambda o: o.assign_coords(time=o.time + 1.0),
     "axis 'time': values do not increase": lambda o: o.isel(time=[1, 0, 2]),
     "axis 'time' has 1 value;": lambda o: o.isel(time=[0]),
     "time has type datetime64": lambda o: o.assign_coords(time=o.time.astype("datetime64[ns]")),
     "current_east has dimensions": lambda o: o.assign(current_east=o.current_east[0]),
     "missing values": lambda o: o.where(o.time < 2000.0).assign(sea_floor_depth=o.sea_floor_depth),
-    "sea_floor_depth: north -4000 to 5000 m; it must extend over the water, -5000 to 5000 m": own_floor_from(
-        -4000.0, FLOOR
-    ),
+    "sea_floor_depth: north -4000 to 5000 m; it must extend over the water, -5000 to 5000"
+    " m": own_floor_from(-4000.0, FLOOR),
     "target_depth is 100 m deep, below the sea floor at 60 m .*; use": own_floor_from(-BOX, 60.0),
 }
 
@@ -100,7 +113,10 @@ def test_currents_and_floors_that_do_not_enclose_the_mission_are_refused(
 
 @pytest.mark.parametrize("n", [(11, 9), (101, 9), (23, 47), (6, 4)])
 def test_a_floor_of_random_heights_stops_floats_where_it_lies(run, make_float, make_ocean, n):
-    """On any axes: above the bilinear floor at every sample, and where a float grounds the next step is into it."""
+    """
+    On any axes: above the bilinear floor at every sample, and where a float grounds the next step
+    is into it.
+    """
     rng = np.random.default_rng(sum(n))
     axes = [np.linspace(-BOX, BOX, k) for k in n]
     heights = rng.uniform(90.0, 400.0, n)

@@ -1,4 +1,6 @@
-"""A boundary of the water: depths, extent, and the same numbers from Python and from the kernels."""
+"""
+A boundary of the water: depths, extent, and the same numbers from Python and from the kernels.
+"""
 
 from functools import partial
 
@@ -33,7 +35,9 @@ def test_a_bilinear_depth_is_exact_between_the_grid_points(slope):
 def test_kernels_and_python_give_the_same_depth(slope):
     place = np.random.default_rng(3).uniform([-3e3, -2e3], [4e3, 5e3], (50, 2))
     none = np.zeros((1, 1, 1, 1))
-    water = OceanArrays(*(np.zeros(1) for _ in range(4)), none, none, slope.grid, BoundarySurface(1.0).grid)
+    water = OceanArrays(
+        *(np.zeros(1) for _ in range(4)), none, none, slope.grid, BoundarySurface(1.0).grid
+    )
     compiled = [bed_depth(water, *one) for one in place]
     np.testing.assert_allclose(compiled, slope.depth_at(place), rtol=1e-13)
     assert bed_depth(water, 9e4, 0.0) == pytest.approx(plane(4e3, 0.0))

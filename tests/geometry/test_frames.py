@@ -38,7 +38,9 @@ def test_leading_axes_are_kept_and_broadcast(shape):
 def test_the_window_of_longitudes_does_not_matter_and_none_lies_far_from_the_centre():
     frame = LocalFrame(74.5, 220.0)
     assert frame.longitude_deg == -140.0
-    np.testing.assert_allclose(frame.to_local(75.0, 222.0), frame.to_local(75.0, -138.0), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        frame.to_local(75.0, 222.0), frame.to_local(75.0, -138.0), rtol=0, atol=1e-6
+    )
     _, longitude = LocalFrame(-60.0, 179.9).to_geodetic([0.0, 0.0], [-1e5, 1e5])
     assert 175.0 < longitude[0] < 179.9 < longitude[1] < 185.0
 
@@ -57,7 +59,10 @@ def test_short_distances_and_bearings_at_the_centre_are_those_on_the_ellipsoid(c
 
 @pytest.mark.parametrize("centre", CENTRES[:4])
 def test_convergence_and_scale_carry_vectors_from_the_ellipsoid(centre):
-    """A short step on the ellipsoid, of any bearing, is turned by the convergence and stretched by the scale."""
+    """
+    A short step on the ellipsoid, of any bearing, is turned by the convergence and stretched by the
+    scale.
+    """
     frame = LocalFrame(*centre)
     north, east = around()
     latitude, longitude = frame.to_geodetic(north, east)
@@ -74,7 +79,9 @@ def test_convergence_and_scale_carry_vectors_from_the_ellipsoid(centre):
 
 
 def test_scale_is_one_at_the_centre_and_grows_with_the_square_of_the_distance():
-    """Stereographic on a sphere: k = 1 + d^2 / 4 R^2, with Gauss' radius; no direction is preferred."""
+    """
+    Stereographic on a sphere: k = 1 + d^2 / 4 R^2, with Gauss' radius; no direction is preferred.
+    """
     frame = LocalFrame(74.5, -140.0)
     assert float(frame.scale_factor(0.0, 0.0)) == pytest.approx(1.0, rel=0, abs=1e-9)
     meridian = GEOD.a * (1 - GEOD.es) / (1 - GEOD.es * np.sin(np.radians(74.5)) ** 2) ** 1.5

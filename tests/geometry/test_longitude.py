@@ -23,7 +23,10 @@ def test_the_east_side_lies_east_of_the_west_side():
 
 
 @given(
-    start=st.floats(-180.0, 360.0), step=st.floats(0.01, 1.0), n=st.integers(4, 200), turn=st.integers(0, 300)
+    start=st.floats(-180.0, 360.0),
+    step=st.floats(0.01, 1.0),
+    n=st.integers(4, 200),
+    turn=st.integers(0, 300),
 )
 @settings(max_examples=50)
 def test_any_window_less_than_a_circle_becomes_contiguous(start, step, n, turn):

@@ -31,7 +31,9 @@ def rotations(shape, seed=1):
 
 def assert_rotation(rotation):
     identity = np.broadcast_to(np.eye(3), rotation.shape)
-    np.testing.assert_allclose(rotation @ np.swapaxes(rotation, -1, -2), identity, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        rotation @ np.swapaxes(rotation, -1, -2), identity, rtol=0, atol=1e-14
+    )
     np.testing.assert_allclose(np.linalg.det(rotation), 1.0, rtol=0, atol=1e-14)
 
 
@@ -54,7 +56,10 @@ def test_exponential_and_logarithm_keep_the_leading_axes(shape):
 
 
 def test_a_batch_equals_its_elements_one_by_one():
-    twists = np.random.default_rng(4).standard_normal((6, 6)) * np.array([1e-7, 1e-4, 1, 1, 2, 3])[:, None]
+    twists = (
+        np.random.default_rng(4).standard_normal((6, 6))
+        * np.array([1e-7, 1e-4, 1, 1, 2, 3])[:, None]
+    )
     rotation, translation = se3_exp(twists)
     for k, twist in enumerate(twists):
         one_rotation, one_translation = se3_exp(twist)
@@ -70,7 +75,9 @@ def test_exponential_is_the_matrix_exponential(angle, seed):
     generator[:3, :3], generator[:3, 3] = np.cross(omega, np.eye(3)).T, v
     rotation, translation = se3_exp(np.concatenate([omega, v]))
     assert_rotation(rotation)
-    np.testing.assert_allclose(homogeneous(rotation, translation), expm(generator), rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        homogeneous(rotation, translation), expm(generator), rtol=0, atol=1e-11
+    )
     np.testing.assert_allclose(so3_exp(omega), rotation, rtol=0, atol=1e-15)
 
 
@@ -101,7 +108,9 @@ def test_quaternion_round_trip(shape):
     assert (quaternion[..., 0] >= 0.0).all()
     np.testing.assert_allclose(np.linalg.norm(quaternion, axis=-1), 1.0, rtol=0, atol=1e-15)
     np.testing.assert_allclose(matrix_from_quaternion(quaternion), rotation, rtol=0, atol=1e-14)
-    np.testing.assert_allclose(matrix_from_quaternion(-3.0 * quaternion), rotation, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(
+        matrix_from_quaternion(-3.0 * quaternion), rotation, rtol=0, atol=1e-14
+    )
 
 
 @pytest.mark.parametrize("angle", ANGLES)

@@ -8,7 +8,17 @@ import pytest
 from pymantaray.errors import GeometryError
 from pymantaray.geometry import stream
 
-NAMES = [(), ("a",), ("a", "b"), ("b", "a"), ("ab",), ("a", "b", ""), ("a\x1fb",), ("", "a"), ('a", "b',)]
+NAMES = [
+    (),
+    ("a",),
+    ("a", "b"),
+    ("b", "a"),
+    ("ab",),
+    ("a", "b", ""),
+    ("a\x1fb",),
+    ("", "a"),
+    ('a", "b',),
+]
 
 
 def draws(*arguments, n=2000):
@@ -31,7 +41,9 @@ def test_seed_and_realization_are_kept_apart():
 
 
 def test_streams_are_uncorrelated_and_normal():
-    """Sample correlations of n pairs have standard deviation 1/sqrt(n); 4.5 of it over 190 pairs."""
+    """
+    Sample correlations of n pairs have standard deviation 1/sqrt(n); 4.5 of it over 190 pairs.
+    """
     n = 20_000
     table = np.stack([draws(5, r, "sensing", name, n=n) for r in range(4) for name in "ABCDE"])
     correlation = np.corrcoef(table)[np.triu_indices(20, 1)]

@@ -87,11 +87,14 @@ def test_short_tasks_are_sent_in_batches_and_long_ones_alone(tmp_path, monkeypat
     "address", ["nonsense", "127.0.0.1", "tcp://host", "foo://host:1", "tcp://host:port", ""]
 )
 def test_text_that_is_no_address_is_refused(address):
-    refused(JobError, "^scheduler .*: not an address; give tcp://HOST:PORT", check_scheduler, address)
+    refused(
+        JobError, "^scheduler .*: not an address; give tcp://HOST:PORT", check_scheduler, address
+    )
 
 
 @pytest.mark.parametrize(
-    "address", ["tcp://127.0.0.1:8786", "10.0.0.1:8786", "tls://[::1]:8786", "inproc://10.0.0.1/8/1"]
+    "address",
+    ["tcp://127.0.0.1:8786", "10.0.0.1:8786", "tls://[::1]:8786", "inproc://10.0.0.1/8/1"],
 )
 def test_addresses_that_a_scheduler_prints_are_taken(address):
     check_scheduler(address)
@@ -149,7 +152,9 @@ def test_a_task_is_not_blamed_for_the_deaths_of_workers_that_others_kill(cluster
     spare = cluster.workers.pop()
     spare.kill()
     spare.wait()
-    two = [Square(n, seconds=0.3, deaths=3) for n in range(2)]  # each kills fewer workers than a task may
+    two = [
+        Square(n, seconds=0.3, deaths=3) for n in range(2)
+    ]  # each kills fewer workers than a task may
     with dead_workers_replaced(cluster):
         assert run_squares(two, tmp_path / "out", client=cluster.address) == {0: None, 1: None}
     assert len(list((tmp_path / "out/marks").iterdir())) == 6
@@ -168,7 +173,9 @@ def test_a_scheduler_that_stays_away_is_one_line_and_the_job_resumes_elsewhere(
 
     thread = threading.Thread(target=end)
     thread.start()
-    with pytest.raises(JobError, match=r"no answer; start it and run the same job again to resume$"):
+    with pytest.raises(
+        JobError, match=r"no answer; start it and run the same job again to resume$"
+    ):
         run_squares(tasks(60, 0.2), out, client=cluster.address)
     thread.join()
     before = squares_in(out)

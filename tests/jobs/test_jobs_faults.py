@@ -1,4 +1,7 @@
-"""Whatever becomes of workers, runners and disks, no finished task is lost or done again, and none is half written."""
+"""
+Whatever becomes of workers, runners and disks, no finished task is lost or done again, and none is
+half written.
+"""
 
 import json
 import subprocess

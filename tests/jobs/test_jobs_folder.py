@@ -128,12 +128,16 @@ def test_dated_names_differ_from_the_start_and_latest_follows_the_newest(tmp_pat
     assert (tmp_path / "runs" / "latest").resolve() == second.resolve()
     process.communicate()
     assert (tmp_path / "runs" / "latest").resolve() == (tmp_path / first).resolve()
-    assert all(re.fullmatch(r"/.*/runs/quick-\d{8}-\d{6}(-\d+)?", str(path)) for path in (first, second))
+    assert all(
+        re.fullmatch(r"/.*/runs/quick-\d{8}-\d{6}(-\d+)?", str(path)) for path in (first, second)
+    )
     assert len(names_in(tmp_path / "runs")) == 4
 
 
 @pytest.mark.parametrize("there", [False, True])
-def test_what_a_killed_process_leaves_the_next_one_clears_and_a_living_ones_is_kept(tmp_path, there):
+def test_what_a_killed_process_leaves_the_next_one_clears_and_a_living_ones_is_kept(
+    tmp_path, there
+):
     out = tmp_path / "run"
     out.mkdir() if there else None
     process, _ = holding(out)

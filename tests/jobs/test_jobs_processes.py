@@ -1,4 +1,7 @@
-"""Tasks in processes: in order, stopped where one of them fails, and never longer than who asked for them."""
+"""
+Tasks in processes: in order, stopped where one of them fails, and never longer than who asked for
+them.
+"""
 
 import importlib
 import logging
@@ -86,7 +89,9 @@ def test_a_task_that_fails_stops_the_others(tmp_path):
 
 
 def test_a_process_that_is_killed_is_told_in_one_line():
-    with pytest.raises(JobError, match="ended early, by SIGKILL, maybe out of memory; use fewer workers"):
+    with pytest.raises(
+        JobError, match="ended early, by SIGKILL, maybe out of memory; use fewer workers"
+    ):
         in_two_processes(die, 3)
 
 
@@ -101,7 +106,8 @@ def test_what_every_process_would_warn_of_is_left_to_who_started_them(capfd):
 
 
 @pytest.mark.parametrize(("function", "error", "match"), [
-    (return_unsendable, (AttributeError, pickle.PicklingError), "local object"),  # the latter from Python 3.14 on
+    # the latter from Python 3.14 on
+    (return_unsendable, (AttributeError, pickle.PicklingError), "local object"),
     (raise_unsendable, JobError, "ended early, with code 1"),
 ])  # fmt: skip
 def test_what_cannot_be_sent_back_ends_the_work_and_not_the_patience(function, error, match):
@@ -117,7 +123,10 @@ class Unimportable:
 
 
 def test_what_a_worker_cannot_import_is_raised_where_it_was_asked_and_printed_nowhere(capfd):
-    with pytest.raises(ModuleNotFoundError, match="no_such_module"), Workers(Unimportable(), 1) as workers:
+    with (
+        pytest.raises(ModuleNotFoundError, match="no_such_module"),
+        Workers(Unimportable(), 1) as workers,
+    ):
         workers.submit(1).result()
     assert capfd.readouterr().err == ""
 
@@ -147,9 +156,15 @@ def test_processes_work_whoever_starts_them_without_a_guard(tmp_path, how):
     script, daemon = tmp_path / "script.py", tmp_path / "daemon.py"
     script.write_text(SCRIPT.format(here=str(Path(__file__).parent), square=True))
     daemon.write_text(DAEMON)
-    command = {"script": [script], "standard input": ["-"], "daemonic process": [daemon, script]}[how]
+    command = {"script": [script], "standard input": ["-"], "daemonic process": [daemon, script]}[
+        how
+    ]
     done = subprocess.run(
-        [sys.executable, *command], input=script.read_text(), capture_output=True, text=True, check=False
+        [sys.executable, *command],
+        input=script.read_text(),
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.stdout == "[0, 1, 4, 9]\n", done.stderr
 
@@ -170,7 +185,10 @@ def hold(mebibytes):
 
 
 def test_memory_is_that_of_the_largest_worker_and_not_of_who_started_it():
-    """One mebibyte is 2**17 numbers of 8 bytes; a fresh interpreter without work has some tens of them."""
+    """
+    One mebibyte is 2**17 numbers of 8 bytes; a fresh interpreter without work has some tens of
+    them.
+    """
     here = np.ones(400 * 2**17)
     with Workers(partial(task, hold), 2) as workers:
         workers.submit(1).result()
@@ -186,7 +204,10 @@ def imported_from(_number):
 
 
 def test_processes_import_nothing_from_the_working_folder(tmp_path, monkeypatch):
-    """Python puts the working folder first in the path of ``-c``: a pickle.py there would run before anything else."""
+    """
+    Python puts the working folder first in the path of ``-c``: a pickle.py there would run before
+    anything else.
+    """
     for name in ("pickle", "struct", "pymantaray", "numpy"):
         (tmp_path / f"{name}.py").write_text(
             f"open({str(tmp_path / 'sprung')!r}, 'w'); raise SystemExit(3)\n"
@@ -200,7 +221,10 @@ def test_processes_import_nothing_from_the_working_folder(tmp_path, monkeypatch)
 
 
 def test_processes_import_from_pythonpath(tmp_path):
-    """A task in a module of a folder that PYTHONPATH names is found in processes, whose own path has it too."""
+    """
+    A task in a module of a folder that PYTHONPATH names is found in processes, whose own path has
+    it too.
+    """
     (tmp_path / "task_of_mine.py").write_text(
         "def start():\n    return double\ndef double(n):\n    return 2 * n\n"
     )

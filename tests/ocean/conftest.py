@@ -22,7 +22,10 @@ def shared_data():
 
 @pytest.fixture(scope="session")
 def gulf_stream_files(shared_data):
-    return [shared_data / "hycom" / f"hycom_glby_930_2019030712_t003_{kind}.nc" for kind in ("ts3z", "uv3z")]
+    return [
+        shared_data / "hycom" / f"hycom_glby_930_2019030712_t003_{kind}.nc"
+        for kind in ("ts3z", "uv3z")
+    ]
 
 
 @pytest.fixture(scope="session")

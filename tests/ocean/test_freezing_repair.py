@@ -36,7 +36,9 @@ def test_cold_levels_get_the_salinity_at_which_they_freeze(cast):
     np.testing.assert_array_equal(repaired.salinity[~cold], SALINITY[~cold])
     np.testing.assert_array_equal(repaired.temperature, TEMPERATURE)
     (note,) = repaired.notes[1:]
-    assert note.startswith("2 of 6 levels below the freezing point repaired: salinity raised by up to ")
+    assert note.startswith(
+        "2 of 6 levels below the freezing point repaired: salinity raised by up to "
+    )
     assert float(note.split()[-1]) == pytest.approx(np.max(repaired.salinity - SALINITY), rel=0.01)
 
 

@@ -17,9 +17,18 @@ FILL = np.float32(99_999.0)
 
 
 def write_gdac(
-    path, *, modes="D", flags="111111", adjusted_flags=None, offset=0.01, position="1", fmt="NETCDF3_CLASSIC"
+    path,
+    *,
+    modes="D",
+    flags="111111",
+    adjusted_flags=None,
+    offset=0.01,
+    position="1",
+    fmt="NETCDF3_CLASSIC",
 ):
-    """A core profile file; adjusted values are the raw ones plus an offset, fill values in mode R."""
+    """
+    A core profile file; adjusted values are the raw ones plus an offset, fill values in mode R.
+    """
     n, m = len(modes), P.size
     with netCDF4.Dataset(path, "w", format=fmt) as data:
         for name, size in {"N_PROF": n, "N_LEVELS": m, "STRING8": 8}.items():
@@ -40,12 +49,16 @@ def write_gdac(
         juld.units = "days since 1950-01-01 00:00:00 UTC"
         juld[:] = 25_000.5 + np.arange(n)
         for name, start in (("LATITUDE", 40.0), ("LONGITUDE", -60.0)):
-            data.createVariable(name, "f8", ("N_PROF",), fill_value=99_999.0)[:] = start + np.arange(n)
+            data.createVariable(name, "f8", ("N_PROF",), fill_value=99_999.0)[:] = (
+                start + np.arange(n)
+            )
         for name, values in (("PRES", P), ("TEMP", T), ("PSAL", S)):
             raw = data.createVariable(name, "f4", ("N_PROF", "N_LEVELS"), fill_value=FILL)
             raw[:] = np.tile(values, (n, 1))
             chars(f"{name}_QC", [flags] * n, ("N_PROF", "N_LEVELS"))
-            better = data.createVariable(f"{name}_ADJUSTED", "f4", ("N_PROF", "N_LEVELS"), fill_value=FILL)
+            better = data.createVariable(
+                f"{name}_ADJUSTED", "f4", ("N_PROF", "N_LEVELS"), fill_value=FILL
+            )
             for i, mode in enumerate(modes):
                 better[i] = FILL if mode == "R" else values + np.float32(offset)
             rows = [" " * m if mode == "R" else adjusted_flags or flags for mode in modes]
@@ -79,7 +92,8 @@ def test_a_position_under_ice_is_a_good_one(tmp_path):
 
 
 @pytest.mark.parametrize(("options", "message"), [
-    ({"adjusted_flags": "444444"}, "none of 1 profiles has a good position and at least two levels"),
+    ({"adjusted_flags": "444444"}, ("none of 1 profiles has a good position and at least two"
+                                   " levels")),
     ({"modes": "DD", "position": "9"}, "none of 2 profiles"),
 ])  # fmt: skip
 def test_a_file_without_a_usable_profile_is_refused(tmp_path, options, message):
@@ -99,7 +113,9 @@ def test_what_argopy_writes_is_read(tmp_path):
     data = xr.Dataset(
         {
             **{k: (grid, np.tile(v, (n, 1))) for k, v in (("PRES", P), ("TEMP", T), ("PSAL", S))},
-            **{f"{k}_QC": (grid, np.ones((n, P.size), dtype=int)) for k in ("PRES", "TEMP", "PSAL")},
+            **{
+                f"{k}_QC": (grid, np.ones((n, P.size), dtype=int)) for k in ("PRES", "TEMP", "PSAL")
+            },
             "PLATFORM_NUMBER": ("N_PROF", [6901234, 6901234]),
             "CYCLE_NUMBER": ("N_PROF", [7, 8]),
             "DIRECTION": ("N_PROF", ["A", "D"]),
@@ -110,7 +126,10 @@ def test_what_argopy_writes_is_read(tmp_path):
         coords={
             "LATITUDE": ("N_PROF", [40.0, 41.0]),
             "LONGITUDE": ("N_PROF", [-60.0, -61.0]),
-            "TIME": ("N_PROF", np.array(["2018-06-13T12:00:00", "2018-06-23T06:30:15"], dtype="M8[ns]")),
+            "TIME": (
+                "N_PROF",
+                np.array(["2018-06-13T12:00:00", "2018-06-23T06:30:15"], dtype="M8[ns]"),
+            ),
         },
     )
     data["PRES"][1, 4:] = np.nan  # the second is shorter

@@ -1,4 +1,7 @@
-"""Files that others tried, in ../shared/cases, with the right values of their descriptions; skipped where they are absent."""
+"""
+Files that others tried, in ../shared/cases, with the right values of their descriptions; skipped
+where they are absent.
+"""
 
 import runpy
 from pathlib import Path
@@ -30,7 +33,9 @@ def test_depth_in_fresh_water_beside_pressure(case):
     pressure = np.array([100.0, 500.0, 1000.0, 2000.0])
     np.testing.assert_allclose(profile.depth, -gsw.z_from_p(pressure, 45.0), atol=1e-6)
     salinity, temperature = [35.8, 35.5, 35.2, 34.9], [15.0, 11.0, 8.0, 4.0]
-    speed = gsw.sound_speed_t_exact(gsw.SA_from_SP(salinity, pressure, -30.0, 45.0), temperature, pressure)
+    speed = gsw.sound_speed_t_exact(
+        gsw.SA_from_SP(salinity, pressure, -30.0, 45.0), temperature, pressure
+    )
     np.testing.assert_allclose(
         profile.sound_speed, speed, atol=0.05
     )  # the 75-term equation of TEOS-10 differs by 0.02 m/s

@@ -1,4 +1,7 @@
-"""Casts: columns, units, places and times of tables, what is left out and counted; a uniform ocean from one cast."""
+"""
+Casts: columns, units, places and times of tables, what is left out and counted; a uniform ocean
+from one cast.
+"""
 
 import re
 from dataclasses import replace
@@ -45,7 +48,9 @@ def test_a_plain_table_is_read_as_it_stands(tmp_path):
     assert cast.time == np.datetime64("2014-07-24T19:20")
     assert (cast.name, cast.dropped, cast.notes) == ("cast", 0, ())
     assert not cast.depth.flags.writeable
-    assert repr(cast) == "Cast('cast', 73.988 N, 139.95 W, 2014-07-24T19:20, 5 levels from 0 to 400 m)"
+    assert (
+        repr(cast) == "Cast('cast', 73.988 N, 139.95 W, 2014-07-24T19:20, 5 levels from 0 to 400 m)"
+    )
 
 
 @pytest.mark.parametrize("header", [
@@ -55,8 +60,12 @@ def test_a_plain_table_is_read_as_it_stands(tmp_path):
 ])  # fmt: skip
 def test_names_units_and_separators_of_many_programs(tmp_path, header):
     separator = next((s for s in ",;\t" if s in header), " ")
-    rows = "\n".join(separator.join(map(repr, map(float, row))) for row in zip(Z, T, S, strict=True))
-    cast = read_cast(write(tmp_path, f"{header}\n{rows}\n"), lat=74.0, lon=-140.0, time="2014-07-24")
+    rows = "\n".join(
+        separator.join(map(repr, map(float, row))) for row in zip(Z, T, S, strict=True)
+    )
+    cast = read_cast(
+        write(tmp_path, f"{header}\n{rows}\n"), lat=74.0, lon=-140.0, time="2014-07-24"
+    )
     np.testing.assert_array_equal(cast.temperature, T)
     np.testing.assert_array_equal(cast.depth, Z)
 
@@ -64,12 +73,20 @@ def test_names_units_and_separators_of_many_programs(tmp_path, header):
 def test_pressure_kelvin_potential_and_absolute_are_converted_by_teos_10(tmp_path):
     p = gsw.p_from_z(-Z, 74.0)
     SA = gsw.SA_from_SP(S, p, -140.0, 74.0)
-    place = {"lat": np.full(5, 74.0), "lon": np.full(5, -140.0), "time": ["2014-07-24T12:00:00Z"] * 5}
+    place = {
+        "lat": np.full(5, 74.0),
+        "lon": np.full(5, -140.0),
+        "time": ["2014-07-24T12:00:00Z"] * 5,
+    }
     variants = {
         "dbar": {"pressure_dbar": p, "temperature": T, "salinity": S},
         "kpa": {"pressure [kPa]": 10.0 * p, "temperature [K]": T + 273.15, "salinity": S},
         "potential": {"depth": Z, "theta": gsw.pt0_from_t(SA, T, p), "salinity": S},
-        "conservative": {"depth": Z, "conservative_temperature": gsw.CT_from_t(SA, T, p), "psal": S},
+        "conservative": {
+            "depth": Z,
+            "conservative_temperature": gsw.CT_from_t(SA, T, p),
+            "psal": S,
+        },
         "absolute": {"pres": p, "temp": T, "absolute_salinity_g/kg": SA},
     }
     for name, columns in variants.items():
@@ -105,14 +122,20 @@ def test_rows_that_cannot_be_used_are_dropped_and_counted(tmp_path):
 
 
 def test_bottles_written_from_the_bottom_up_are_turned_round(tmp_path):
-    cast = read_cast(write(tmp_path, HEAD + table(depth=Z[::-1], temperature=T[::-1], salinity=S[::-1])))
+    cast = read_cast(
+        write(tmp_path, HEAD + table(depth=Z[::-1], temperature=T[::-1], salinity=S[::-1]))
+    )
     np.testing.assert_array_equal(cast.temperature, T)
     assert cast.notes == ("rows reversed: the file lists them upward",)
 
 
 def test_a_table_of_stations_holds_a_cast_for_each(tmp_path):
     frame = {"station": np.repeat([30, 41], 5), "depth": np.tile(Z, 2), "salinity": np.tile(S, 2)}
-    frame |= {"temperature": np.concatenate([T, T + 1.0]), "lat": np.repeat([77.5, 78.5], 5), "lon": 1.0}
+    frame |= {
+        "temperature": np.concatenate([T, T + 1.0]),
+        "lat": np.repeat([77.5, 78.5], 5),
+        "lon": 1.0,
+    }
     path = write(tmp_path, table(**frame, time="1982-03-09"))
     casts = read_casts([path])
     assert [(c.name, c.lat) for c in casts] == [("30", 77.5), ("41", 78.5)]
@@ -124,7 +147,8 @@ def test_a_table_of_stations_holds_a_cast_for_each(tmp_path):
 @pytest.mark.parametrize(("comment", "time"), [
     ("1997-10-12, lat", "1997-10-12T00:00"), ("2014-07-24/1920 UTC", "2014-07-24T19:20"),
     ("2014-07-24T19:20:30Z", "2014-07-24T19:20:30"), ("2014-07-24 07:05", "2014-07-24T07:05"),
-    ("2014-07-24 1000 m", "2014-07-24T00:00"), ("March 2020", "2020-03-01T00:00"), ("no date", "NaT"),
+    (("2014-07-24 1000"
+     " m"), "2014-07-24T00:00"), ("March 2020", "2020-03-01T00:00"), ("no date", "NaT"),
 ])  # fmt: skip
 def test_times_in_comments(tmp_path, comment, time):
     path = write(tmp_path, f"# {comment} lat 74, lon -140\n" + PLAIN)
@@ -143,20 +167,30 @@ def test_places_in_comments_and_columns(tmp_path):
 
 REFUSED = {
     "depth,temperature\n0,1\n9,1\n": "no salinity; the columns are depth, temperature",
-    "temperature,salinity\n1,30\n1,30\n": "no depth or pressure; the columns are temperature, salinity",
-    "depth,sound_speed\n0,1500\n9,1500\n": "no temperature; .*sound speed alone it is a profile for rays, not a cast",
-    "depth,temperature,salinity\n0,1,30\n9,one,30\n": r"cast.csv, line 4: temperature is 'one'; it must be a number",
+    "temperature,salinity\n1,30\n1,30\n": "no depth or pressure; the columns are temperature,"
+                                          " salinity",
+    "depth,sound_speed\n0,1500\n9,1500\n": "no temperature; .*sound speed alone it is a profile"
+                                           " for rays, not a cast",
+    "depth,temperature,salinity\n0,1,30\n9,one,30\n": r"cast.csv, line 4: temperature is 'one'; it"
+                                                      r" must be a number",
     "depth,temperature,salinity\n0,1,30\n": "1 usable levels; a cast needs at least 2",
-    "depth,temperature,salinity\n-9,1,30\n-1,1,30\n": "depth is -9 to -1 m; it must be positive down",
-    "depth,temperature_degR,salinity\n0,1,30\n": "no temperature; the columns are depth, temperature_degR",
-    "depth,temperature [degR],salinity\n0,1,30\n": r"unit of column 'temperature \[degR\]' is unknown; write temperature in degC",
-    "depth,temperature,t,salinity\n0,1,1,30\n": "columns 'temperature' and 't' are both temperature; remove one",
+    "depth,temperature,salinity\n-9,1,30\n-1,1,30\n": "depth is -9 to -1 m; it must be positive"
+                                                      " down",
+    "depth,temperature_degR,salinity\n0,1,30\n": "no temperature; the columns are depth,"
+                                                 " temperature_degR",
+    "depth,temperature"
+    " [degR],salinity\n0,1,30\n": r"unit of column 'temperature \[degR\]' is unknown; write"
+                                  r" temperature in degC",
+    "depth,temperature,t,salinity\n0,1,1,30\n": "columns 'temperature' and 't' are both"
+                                                " temperature; remove one",
 }  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "message"), REFUSED.items(), ids=range(len(REFUSED)))
 def test_bad_tables_are_refused_in_one_line(tmp_path, text, message):
-    refused(OceanError, message, read_cast, write(tmp_path, "# lat 74, lon -140, 2014-07-24\n" + text))
+    refused(
+        OceanError, message, read_cast, write(tmp_path, "# lat 74, lon -140, 2014-07-24\n" + text)
+    )
 
 
 @pytest.mark.parametrize(("content", "message"), [
@@ -177,12 +211,20 @@ def test_what_is_no_ordinary_file_is_refused_before_it_is_read(path, message):
 
 def test_a_place_that_is_none_is_refused(tmp_path):
     refused(
-        OceanError, "latitude must be in -90 to 90", read_cast, write(tmp_path, PLAIN), lat=100.0, lon=0.0
+        OceanError,
+        "latitude must be in -90 to 90",
+        read_cast,
+        write(tmp_path, PLAIN),
+        lat=100.0,
+        lon=0.0,
     )
 
 
 def test_a_cast_colder_than_its_freezing_point_says_so(tmp_path, shared_data):
-    """Water of 25.9 freezes at -1.40 degC; the shipped cast of March 2020 has -1.53 degC at its first levels."""
+    """
+    Water of 25.9 freezes at -1.40 degC; the shipped cast of March 2020 has -1.53 degC at its first
+    levels.
+    """
     path = tmp_path / "cold.csv"
     path.write_text(
         "# lat 71.2 lon -142.4\ndepth,temperature,salinity\n2,-1.53,25.9\n4,-1.3,25.9\n60,-1.5,31\n"
@@ -192,7 +234,9 @@ def test_a_cast_colder_than_its_freezing_point_says_so(tmp_path, shared_data):
     assert "K below freezing at 2 m: salinity or temperature is too low" in note
     march = shared_data / "casts" / "beaufort_xctd_icex20_1.csv"
     cold = read_cast(march).notes[-1]
-    assert cold.startswith("25 of 1056 levels too cold to be liquid, up to 0.12 K below freezing at 2.466 m")
+    assert cold.startswith(
+        "25 of 1056 levels too cold to be liquid, up to 0.12 K below freezing at 2.466 m"
+    )
     assert read_profile(march).notes == (cold,)
 
 
@@ -204,7 +248,11 @@ def test_the_subset_services_packed_point_table_is_unpacked(shared_data):
     np.testing.assert_array_equal(cast.depth, raw[wet, 0])
     np.testing.assert_allclose(cast.salinity, raw[wet, 1] / 1000.0 + 20.0, rtol=0, atol=1e-12)
     assert cast.temperature[0] == pytest.approx(-1.623)
-    assert (cast.lat, cast.lon, cast.time) == (72.3642, -150.4196, np.datetime64("2021-03-08T12:00"))
+    assert (cast.lat, cast.lon, cast.time) == (
+        72.3642,
+        -150.4196,
+        np.datetime64("2021-03-08T12:00"),
+    )
     assert cast.dropped == np.count_nonzero(~wet) == 2
 
 
@@ -212,9 +260,14 @@ def test_an_unpacked_point_table_stays_as_it_is(tmp_path):
     text = 'time,latitude[unit="degrees_north"],longitude[unit="degrees_east"],vertCoord[unit="m"],'
     text += 'salinity[unit="psu"],water_temp[unit="degC"]\n'
     for time in ("2021-03-08T12:00:00Z", "2021-03-08T15:00:00Z"):
-        text += "".join(f"{time},72.36,-150.42,{z},{s},{t}\n" for z, t, s in zip(Z, T, S, strict=True))
+        text += "".join(
+            f"{time},72.36,-150.42,{z},{s},{t}\n" for z, t, s in zip(Z, T, S, strict=True)
+        )
     casts = read_casts(write(tmp_path, text))
-    assert [c.time for c in casts] == [np.datetime64("2021-03-08T12:00"), np.datetime64("2021-03-08T15:00")]
+    assert [c.time for c in casts] == [
+        np.datetime64("2021-03-08T12:00"),
+        np.datetime64("2021-03-08T15:00"),
+    ]
     np.testing.assert_array_equal(casts[1].salinity, S)
 
 
@@ -237,7 +290,9 @@ def test_any_bytes_give_a_cast_or_one_line(tmp_path_factory, content):
 
 @settings(max_examples=25)
 @given(
-    st.lists(st.floats(0.0, 4000.0).map(lambda z: round(z, 2)), min_size=2, max_size=20, unique=True),
+    st.lists(
+        st.floats(0.0, 4000.0).map(lambda z: round(z, 2)), min_size=2, max_size=20, unique=True
+    ),
     st.randoms(use_true_random=False),
 )
 def test_means_over_cells_keep_the_water_column(depths, random):
@@ -257,7 +312,9 @@ def test_means_over_cells_keep_the_water_column(depths, random):
 
 SAMPLES = np.arange(5.0, 301.0, 1.0)
 INSTANT = np.datetime64("2014-07-24T19:20")
-LINEAR = Cast("linear", 74.0, -140.0, INSTANT, SAMPLES, 2.0 - 0.01 * SAMPLES, 30.0 + 0.01 * SAMPLES, 320.0)
+LINEAR = Cast(
+    "linear", 74.0, -140.0, INSTANT, SAMPLES, 2.0 - 0.01 * SAMPLES, 30.0 + 0.01 * SAMPLES, 320.0
+)
 
 
 def history(ocean):
@@ -273,7 +330,9 @@ def test_the_ocean_is_the_cast_everywhere_and_at_rest():
     validate_ocean(ocean)
     z = ocean["depth"].values
     assert z[-1] == 300.0
-    inside = (z > 8.0) & (z < 299.0)  # cells wholly within the samples: a linear profile is kept exactly
+    inside = (z > 8.0) & (
+        z < 299.0
+    )  # cells wholly within the samples: a linear profile is kept exactly
     for name, expected in (("water_temp", 2.0 - 0.01 * z), ("salinity", 30.0 + 0.01 * z)):
         field = ocean[name].values
         assert np.ptp(field, axis=(1, 2)).max() == 0.0
@@ -290,11 +349,16 @@ def test_the_ocean_is_the_cast_everywhere_and_at_rest():
 @pytest.mark.parametrize("lat", [0.0, -45.0, 78.0, 85.0])
 @pytest.mark.parametrize("lon", [10.0, 179.9])
 def test_the_window_holds_the_asked_rectangle_about_the_cast(lat, lon):
-    ocean = cast_ocean(replace(LINEAR, lat=lat, lon=lon), bathymetry=300.0, half_extent=(40e3, 90e3))
+    ocean = cast_ocean(
+        replace(LINEAR, lat=lat, lon=lon), bathymetry=300.0, half_extent=(40e3, 90e3)
+    )
     local = to_local(ocean, half_extent=(40e3, 90e3))
     assert local.attrs["centre_latitude_deg"] == pytest.approx(lat, abs=1e-9)
-    assert (local.attrs["centre_longitude_deg"] - lon + 180.0) % 360.0 == pytest.approx(180.0, abs=1e-9)
-    # "uniform" to some mm/s: pressure at a depth and the composition of sea water depend on the place
+    assert (local.attrs["centre_longitude_deg"] - lon + 180.0) % 360.0 == pytest.approx(
+        180.0, abs=1e-9
+    )
+    # "uniform" to some mm/s: pressure at a depth and the composition of sea water depend on the
+    # place
     assert np.ptp(local["sound_speed"].values, axis=(0, 1)).max() < 0.02
     np.testing.assert_array_equal(local["sea_floor_depth"], 300.0)
 
@@ -343,7 +407,9 @@ def test_below_the_samples_water_is_held_constant_or_another_casts():
     deep = held["depth"].values > 320.0
     np.testing.assert_allclose(held["water_temp"].values[deep], -1.0, rtol=0, atol=1e-12)
     assert np.all(np.diff(speed(held)[deep]) > 0.0)  # pressure alone
-    other = Cast("deep", 75.0, -144.0, LINEAR.time, [0.0, 400.0, 900.0], [1.0, 0.5, -0.5], [30.0, 34.0, 34.9])
+    other = Cast(
+        "deep", 75.0, -144.0, LINEAR.time, [0.0, 400.0, 900.0], [1.0, 0.5, -0.5], [30.0, 34.0, 34.9]
+    )
     joined = cast_ocean(LINEAR, bathymetry=1000.0, below=other)
     at_600 = float(joined["water_temp"].interp(depth=600.0)[0, 0])
     assert at_600 == pytest.approx(0.5 - 0.4, abs=1e-6)
@@ -354,7 +420,9 @@ def test_below_the_samples_water_is_held_constant_or_another_casts():
 def test_the_surface_is_extended_at_constant_water_and_that_is_told():
     ocean = cast_ocean(LINEAR, bathymetry=300.0, levels=[0.0, 2.0, 4.0, 100.0, 200.0])
     np.testing.assert_allclose(ocean["water_temp"].values[:2], 1.95, rtol=0, atol=1e-12)
-    assert "extended from 5 m up to the surface at constant temperature and salinity" in history(ocean)
+    assert "extended from 5 m up to the surface at constant temperature and salinity" in history(
+        ocean
+    )
     assert "level added at the bottom, 300 m" in history(ocean)
 
 
@@ -370,15 +438,24 @@ NO_BED = r"it must be deeper than the first sample \(5 m\)"
 
 
 @pytest.mark.parametrize(("change", "options", "message"), [
-    ({}, {"bathymetry": 1000.0}, "sample at 300 m is above the bottom at 1000 m; give a bottom depth of 300 m, or the water below"),
-    ({}, {"bathymetry": 1000.0, "below": SHORT}, "ends at 200 m, which is not below the end of linear at 300 m"),
+    ({}, {"bathymetry": 1000.0}, ("sample at 300 m is above the bottom at 1000 m; give a bottom"
+                                 " depth of 300 m, or the water below")),
+    ({}, {"bathymetry": 1000.0, "below": SHORT}, ("ends at 200 m, which is not below the end of"
+                                                 " linear at 300 m")),
     (NAMELESS, {"bathymetry": None}, NO_BED), (NAMELESS, {"bathymetry": 4.0}, NO_BED),
     (NAMELESS, {"bathymetry": 1e9}, NO_BED), 
-    (NAMELESS, {"time": "9999-01-01"}, "allowed: 1678 to 2261"), ({"lat": 89.9}, {}, "extends over the pole"),
+    (NAMELESS, {"time": "9999-01-01"}, ("allowed: 1678 to"
+                                       " 2261")), ({"lat": 89.9}, {}, "extends over the pole"),
     ({}, {"levels": [5.0, 10.0]}, "levels must strictly increase from 0 m"),
 ])  # fmt: skip
 def test_what_makes_no_ocean_is_refused_with_the_remedy(change, options, message):
-    refused(OceanError, message, cast_ocean, replace(LINEAR, **change), **{"bathymetry": 300.0} | options)
+    refused(
+        OceanError,
+        message,
+        cast_ocean,
+        replace(LINEAR, **change),
+        **{"bathymetry": 300.0} | options,
+    )
 
 
 @pytest.mark.parametrize("bottom", [1.0, 2.5, 3.0, 99.0, 101.0, 512.3, 3761.0, 11_000.0])
@@ -391,7 +468,9 @@ def test_levels_rise_from_the_surface_to_the_bottom(bottom):
 
 
 def test_every_real_cast_is_read_whole_and_makes_an_ocean_that_rays_can_be_traced_in(shared_data):
-    files = sorted((shared_data / "casts").glob("*.csv")) + sorted((shared_data / "hycom").glob("*.csv"))
+    files = sorted((shared_data / "casts").glob("*.csv")) + sorted(
+        (shared_data / "hycom").glob("*.csv")
+    )
     assert len(files) == 10
     for path in files:
         cast = read_cast(path)
@@ -403,7 +482,9 @@ def test_every_real_cast_is_read_whole_and_makes_an_ocean_that_rays_can_be_trace
                 np.testing.assert_allclose(cast.depth, expected, rtol=0, atol=1e-9)
             assert 70.0 < cast.lat < 80.0
             assert not np.isnat(cast.time)
-        ocean = cast_ocean(cast, bathymetry=float(np.floor(cast.depth[-1])), half_extent=(30e3, 30e3))
+        ocean = cast_ocean(
+            cast, bathymetry=float(np.floor(cast.depth[-1])), half_extent=(30e3, 30e3)
+        )
         medium = Medium.from_dataset(to_local(ocean))
         np.testing.assert_allclose(medium.sound_speed[0, 0], speed(ocean), rtol=0, atol=0.01)
         assert medium.bed.depth.min() == ocean["depth"].values[-1]
@@ -415,11 +496,15 @@ def test_a_cast_without_time_makes_an_ocean_without_time():
 
 
 def test_a_date_that_does_not_exist_is_a_note(tmp_path):
-    for text in ("# lat 74, lon -140\n" + table(depth=Z, temperature=T, salinity=S, time="2018-13-45"),
-                 "# 2018-13-45 lat 74, lon -140\n" + table(depth=Z, temperature=T, salinity=S)):  # fmt: skip
+    for text in ("# lat 74, lon"
+                 " -140\n" + table(depth=Z, temperature=T, salinity=S, time="2018-13-45"),
+                 "# 2018-13-45 lat 74, lon"
+                 " -140\n" + table(depth=Z, temperature=T, salinity=S)):  # fmt: skip
         cast = read_cast(write(tmp_path, text))
         assert np.isnat(cast.time)
-        assert any("'2018-13-45'" in note and "not read; time unknown" in note for note in cast.notes)
+        assert any(
+            "'2018-13-45'" in note and "not read; time unknown" in note for note in cast.notes
+        )
 
 
 @pytest.mark.parametrize("bad", ["30,0.2", "30,abc,30.1", "30,0.2,30.1,30,0.2", '"30,0.2,30.1'])

@@ -1,4 +1,7 @@
-"""CF data sets of every flavour say the same ocean; what is on another kind of grid is refused with the remedy."""
+"""
+CF data sets of every flavour say the same ocean; what is on another kind of grid is refused with
+the remedy.
+"""
 
 import gsw
 import numpy as np
@@ -31,7 +34,13 @@ SALINITIES = PRACTICAL | {
     "sea_water_preformed_salinity": gsw.Sstar_from_SA(SA, P, LON, LAT[:, None]),
     "sea_water_reference_salinity": gsw.SR_from_SP(SP),
 }
-TEMPERATURE_UNITS = {"degC": 0.0, "degree_Celsius": 0.0, "degrees_C": 0.0, "K": 273.15, "kelvin": 273.15}
+TEMPERATURE_UNITS = {
+    "degC": 0.0,
+    "degree_Celsius": 0.0,
+    "degrees_C": 0.0,
+    "K": 273.15,
+    "kelvin": 273.15,
+}
 MASS_UNITS = {"g kg-1": 1.0, "g/kg": 1.0, "kg kg-1": 1e-3}
 PRACTICAL_UNITS = dict.fromkeys(("1", "1e-3", "psu", "0.001", "g/kg"), 1.0)
 SPEED_UNITS = {"m s-1": 1.0, "m/s": 1.0, "cm/s": 100.0, "cm s-1": 100.0}
@@ -57,7 +66,9 @@ def flavour(
     falling=(),
     order=DIMS,
 ):
-    """Data set whose absolute salinity and conservative temperature are SA and CT; time as a number."""
+    """
+    Data set whose absolute salinity and conservative temperature are SA and CT; time as a number.
+    """
     units = PRACTICAL_UNITS if salinity in PRACTICAL else MASS_UNITS
     s_unit = s_unit or next(iter(units))
     scale = SPEED_UNITS[speed_unit]
@@ -70,7 +81,11 @@ def flavour(
     attrs, factor = VERTICALS[vertical]
     data = xr.Dataset(
         {
-            name: (DIMS, np.where(DRY, np.nan, values)[None], {"standard_name": standard_name, "units": unit})
+            name: (
+                DIMS,
+                np.where(DRY, np.nan, values)[None],
+                {"standard_name": standard_name, "units": unit},
+            )
             for name, (values, standard_name, unit) in fields.items()
         },
         coords={
@@ -91,7 +106,11 @@ def write(path, data):
 
 def speed_error(ocean):
     """Largest difference of the sound speed at grid points from gsw's of SA and CT. [m/s]"""
-    place = (ocean["depth"].values[:, None, None], ocean["lat"].values[:, None], ocean["lon"].values)
+    place = (
+        ocean["depth"].values[:, None, None],
+        ocean["lat"].values[:, None],
+        ocean["lon"].values,
+    )
     found = sound_speed(ocean["water_temp"].values, ocean["salinity"].values, *place)
     expected = np.where(DRY, np.nan, gsw.sound_speed(SA, CT, P))
     np.testing.assert_array_equal(np.isnan(found), np.isnan(expected))
@@ -137,7 +156,9 @@ def test_levels_of_pressure_become_depths(tmp_path, unit, factor):
     ocean = open_ocean(write(tmp_path / "p.nc", data))
     np.testing.assert_allclose(ocean["depth"], DEPTH, atol=1e-6)
     expected = np.where(DRY, np.nan, 8.0 - 1e-3 * Z + 0 * SA)
-    deepest = np.isfinite(expected) & ~np.isfinite(np.concatenate([expected[1:], expected[:1] * np.nan]))
+    deepest = np.isfinite(expected) & ~np.isfinite(
+        np.concatenate([expected[1:], expected[:1] * np.nan])
+    )
     error = np.abs(ocean["water_temp"].values - expected)
     assert np.nanmax(error[~deepest]) < 1e-9
     assert np.nanmax(error[deepest]) < 1e-3 * 0.2  # nothing below to interpolate to: moved by 0.1 m
@@ -149,7 +170,9 @@ def test_a_first_level_below_the_surface_is_carried_up_and_recorded(tmp_path):
     ocean = open_ocean(write(tmp_path / "glorys.nc", glorys))
     assert ocean["depth"].values[:2] == pytest.approx([0.0, 0.494])
     np.testing.assert_array_equal(ocean["water_temp"][0], ocean["water_temp"][1])
-    assert ocean.attrs["history"].splitlines()[-1] == "level at 0 m added with the values at 0.494 m"
+    assert (
+        ocean.attrs["history"].splitlines()[-1] == "level at 0 m added with the values at 0.494 m"
+    )
 
 
 def test_water_at_rest_is_asked_for_by_name(tmp_path, message_of):
@@ -189,7 +212,9 @@ def curvilinear(data):
 
 
 def terrain(data):
-    return attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1", "positive": "up"})(data)
+    return attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1", "positive": "up"})(
+        data
+    )
 
 
 def nameless(data):
@@ -199,9 +224,9 @@ def nameless(data):
 
 
 BOTH = (
-    "its grid is curvilinear (nav_lat has two dimensions) and its levels follow the sea bed (deptht); neither is supported;"
-    " first regrid it to latitude and longitude (xesmf) and rotate the currents to east and north, and interpolate it to fixed"
-    " depths (xgcm, xroms)"
+    "its grid is curvilinear (nav_lat has two dimensions) and its levels follow the sea bed"
+    " (deptht); neither is supported; first regrid it to latitude and longitude (xesmf) and rotate"
+    " the currents to east and north, and interpolate it to fixed depths (xgcm, xroms)"
 )
 
 
@@ -217,13 +242,16 @@ REFUSED = {
     "terrain": (attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1"}), "its levels follow the sea bed (deptht); this is not supported"),
     "sigma": (attrs(deptht={"formula_terms": "sigma: s eta: zeta"}), "levels follow the sea bed"),
     "layers of density": (attrs(deptht={"standard_name": "sea_water_potential_density", "units": "kg m-3"}), "is not a depth"),
-    "curvilinear": (curvilinear, "its grid is curvilinear (nav_lat has two dimensions); this is not supported; first regrid"),
+    "curvilinear": (curvilinear, ("its grid is curvilinear (nav_lat has two dimensions); this is"
+                                 " not supported; first regrid")),
     "curvilinear in s-levels": (lambda d: terrain(curvilinear(d)), BOTH),
     "curvilinear in s-levels, without names": (lambda d: nameless(terrain(curvilinear(d))), BOTH),
-    "without names": (nameless, "it contains thetao (time_counter, deptht, latitude, longitude), so ("),
+    "without names": (nameless, ("it contains thetao (time_counter, deptht, latitude, longitude),"
+                                " so (")),
     "salinity without a name": (
         attrs(so={"standard_name": "salt"}),
-        ("no salinity; an ocean needs water_temp, salinity, water_u and water_v, or their CF standard names (for HYCOM the ts3z and"
+        ("no salinity; an ocean needs water_temp, salinity, water_u and water_v, or their CF"
+         " standard names (for HYCOM the ts3z and"
         " uv3z files together); it contains thetao ("),
     ),
     "rotated pole": (
@@ -232,7 +260,8 @@ REFUSED = {
     ),
     "grid longitude": (attrs(longitude={"standard_name": "grid_longitude"}), "rotated pole"),
     "projected": (attrs(longitude={"standard_name": "projection_x_coordinate", "units": "m"}), "projected"),
-    "grid-relative": (GRID_RELATIVE, "velocities along the axes of the model's grid, not east and north; rotate them"),
+    "grid-relative": (GRID_RELATIVE, ("velocities along the axes of the model's grid, not east and"
+                                     " north; rotate them")),
     "staggered": (staggered, "interpolate both to the same points"),
     "two of a kind": (lambda d: d.assign(again=d["so"]), "keep only one in the file"),
     "no units": (attrs(thetao={"units": ""}), "has no units"),
@@ -243,10 +272,12 @@ REFUSED = {
         ),
         "suggests kg/kg",
     ),
-    "wrong way up": (axis("deptht", -DEPTH), "has negative values although its attribute positive is 'down'"),
+    "wrong way up": (axis("deptht", -DEPTH), ("has negative values although its attribute positive"
+                                             " is 'down'")),
     "above the surface": (axis("deptht", DEPTH - 5.0), "a level 5 above the surface"),
     "deep": (axis("deptht", DEPTH + 50.0), "the first level is at 50 m"),
-    "too many months": (axis("time_counter", [1e9], units="months since 1955-01-01"), "correct the axis"),
+    "too many months": (axis("time_counter", [1e9], units="months since"
+                                                          " 1955-01-01"), "correct the axis"),
     "equal times": (lambda d: d.isel(time_counter=[0, 0]), "the instant 2020-01-01T06:00 2 times"),
     "deep levels": (axis("deptht", [0.0, 10.0, 100.0, 500.0, 1e308], units="m"), "a level at 1e+308; allowed: at most 12000 m"),
     "unit of latitude": (attrs(latitude={"units": "m"}), "is not a unit of latitude"),
@@ -254,12 +285,14 @@ REFUSED = {
     "no leap": (attrs(time_counter={"calendar": "noleap"}), "convert_calendar"),
     "members": (lambda d: d.expand_dims(member=2), "'member' besides"),
     "latitude jumps": (lambda d: d.isel(latitude=[0, 2, 1, 3, 4]), "is not monotonic"),
-    "masks": (lambda d: d.assign(so=d["so"].where(d["latitude"] > 40.3)), "land masks of temperature"),
+    "masks": (lambda d: d.assign(so=d["so"].where(d["latitude"] > 40.3)), ("land masks of"
+                                                                          " temperature")),
     "latitude missing": (
         axis("latitude", [40, 40.1, np.nan, 40.5, 41]),
         "latitude is empty or has missing values",
     ),
-    "no currents": (lambda d: d[["thetao", "so"]], "add them, or set the currents to zero with `currents='rest'`"),
+    "no currents": (lambda d: d[["thetao", "so"]], ("add them, or set the currents to zero with"
+                                                   " `currents='rest'`")),
 }  # fmt: skip
 
 

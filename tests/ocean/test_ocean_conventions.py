@@ -1,4 +1,7 @@
-"""Data sets with valid ranges, zeros as land, radians, climatologies (World Ocean Atlas), and without time."""
+"""
+Data sets with valid ranges, zeros as land, radians, climatologies (World Ocean Atlas), and without
+time.
+"""
 
 import numpy as np
 import pytest
@@ -146,7 +149,9 @@ def test_rows_of_a_cast_that_are_zero_are_missing(tmp_path):
 
 
 def atlas(kind, months=(396.5,)):
-    """Layout of woa23_decav_t01_01.nc: the analysed mean beside statistics with its standard name."""
+    """
+    Layout of woa23_decav_t01_01.nc: the analysed mean beside statistics with its standard name.
+    """
     standard, unit = {
         "t": ("sea_water_temperature", "degrees_celsius"),
         "s": ("sea_water_practical_salinity", "1"),
@@ -154,13 +159,20 @@ def atlas(kind, months=(396.5,)):
     own = model(np.nan)[kind].isel(time=0, drop=True)
     fields = np.stack([own.values + 0.1 * k for k in range(len(months))]).astype("f4")
     dims = ("time", "depth", "lat", "lon")
-    data = xr.Dataset(coords={name: own[name] for name in dims[1:]}, attrs={"title": "World Ocean Atlas"})
+    data = xr.Dataset(
+        coords={name: own[name] for name in dims[1:]}, attrs={"title": "World Ocean Atlas"}
+    )
     for name, methods in (("an", ""), ("mn", "statistical mean"), ("dd", "number")):
         words = f"{standard} number_of_observations" if name == "dd" else standard
-        data[f"{kind}_{name}"] = dims, fields, {"standard_name": words, "units": unit, "long_name": methods}
+        data[f"{kind}_{name}"] = (
+            dims,
+            fields,
+            {"standard_name": words, "units": unit, "long_name": methods},
+        )
     data["crs"] = (), 0, {"grid_mapping_name": "latitude_longitude"}
     data["time"] = "time", np.array(months), {
-        "standard_name": "time", "units": "months since 1955-01-01 00:00:00", "climatology": "climatology_bounds", "axis": "T",
+        "standard_name": "time", "units": "months since 1955-01-01"
+                                          " 00:00:00", "climatology": "climatology_bounds", "axis": "T",
     }  # fmt: skip
     data["climatology_bounds"] = ("time", "nbounds"), np.array([[0.0, 805.0]] * len(months))
     return data.set_coords("time")
@@ -179,7 +191,9 @@ def test_the_world_ocean_atlas_is_an_ocean_at_rest(tmp_path):
     assert "climatology, for 1988-01-16T12:00" in ocean.attrs["history"]
     dated = open_ocean(files, currents="rest", time="2014-01-20")
     assert dated["time"].values == np.datetime64("2014-01-20")
-    assert "time set to 2014-01-20T00:00: climatology, for 1988-01-16T12:00" in dated.attrs["history"]
+    assert (
+        "time set to 2014-01-20T00:00: climatology, for 1988-01-16T12:00" in dated.attrs["history"]
+    )
     refused(OceanError, "currents='rest'", open_ocean, files)
     assert check_ocean(files, currents="rest").ok
 

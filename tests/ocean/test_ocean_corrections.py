@@ -1,4 +1,7 @@
-"""Oceans corrected by casts: the closed forms of one and two, the limits, and the duct that the grid lacks."""
+"""
+Oceans corrected by casts: the closed forms of one and two, the limits, and the duct that the grid
+lacks.
+"""
 
 import re
 from dataclasses import replace
@@ -32,7 +35,10 @@ def background(closed_form_ocean):
 
 
 def cast_at(lat, lon, warmer, saltier=0.0, *, deepest=400.0, name="c", time="2020-01-01"):
-    """A cast that is the background at its place plus constants; sampled at the edges of the levels' cells."""
+    """
+    A cast that is the background at its place plus constants; sampled at the edges of the levels'
+    cells.
+    """
     z = np.linspace(0.0, deepest, 2001)
     t = 1.0 - 0.005 * z + 0.1 * (lat - 74.5) + 0.02 * (lon + 140.0)
     return Cast(name, lat, lon, np.datetime64(time), z, t + warmer, 30.0 + 0.01 * z + saltier)
@@ -43,8 +49,13 @@ def increment(ocean, corrected, name="water_temp"):
 
 
 def own_difference(ocean, cast):
-    """Of a cast from the background at each level: the constant plus what averaging over uneven cells adds."""
-    return np.stack(cast.cell_means(LEVELS), axis=-1) - column_at(ocean, cast.lat, cast.lon, cast.name)
+    """
+    Of a cast from the background at each level: the constant plus what averaging over uneven cells
+    adds.
+    """
+    return np.stack(cast.cell_means(LEVELS), axis=-1) - column_at(
+        ocean, cast.lat, cast.lon, cast.name
+    )
 
 
 def squared_distance(ocean, cast):
@@ -57,8 +68,12 @@ def squared_distance(ocean, cast):
 @pytest.mark.parametrize("noise_ratio", [1e-9, 0.25, 1e12], ids=["exact", "noisy", "worthless"])
 def test_one_cast_is_the_closed_form(background, noise_ratio):
     off = 0.0 if noise_ratio < 1e-6 else 0.013  # degrees, from a grid point
-    cast = cast_at(float(background["lat"][28]) + off, float(background["lon"][33]) + off, 0.5, -0.2)
-    corrected = correct_with_casts(background, [cast], horizontal_scale=(20e3, 30e3), noise_ratio=noise_ratio)
+    cast = cast_at(
+        float(background["lat"][28]) + off, float(background["lon"][33]) + off, 0.5, -0.2
+    )
+    corrected = correct_with_casts(
+        background, [cast], horizontal_scale=(20e3, 30e3), noise_ratio=noise_ratio
+    )
     north, east = squared_distance(background, cast)
     weight = np.exp(-0.5 * (north / 20e3**2 + east / 30e3**2)) / (1.0 + noise_ratio)
     d = own_difference(background, cast)
@@ -92,7 +107,9 @@ def test_two_casts_are_the_closed_form(background, apart):
     expected = (ga * ((1.0 + r) * da - rho * db) + gb * ((1.0 + r) * db - rho * da)) / det
     change = increment(background, corrected)
     wet = np.isfinite(change)
-    np.testing.assert_allclose(change[wet], np.broadcast_to(expected, change.shape)[wet], rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        change[wet], np.broadcast_to(expected, change.shape)[wet], rtol=0, atol=1e-12
+    )
 
 
 def test_below_the_deepest_sample_the_difference_decays(background):
@@ -107,7 +124,10 @@ def test_below_the_deepest_sample_the_difference_decays(background):
 def test_a_cast_of_another_day_counts_less(background):
     options = {"horizontal_scale": 20e3, "time_scale": 2.0 * DAY}
     today, then = (
-        increment(background, correct_with_casts(background, [cast_at(74.6, -140.0, 0.5, time=t)], **options))
+        increment(
+            background,
+            correct_with_casts(background, [cast_at(74.6, -140.0, 0.5, time=t)], **options),
+        )
         for t in ("2020-01-01", "2020-01-04")
     )
     wet = np.isfinite(today)
@@ -119,7 +139,9 @@ def test_a_cast_of_another_day_counts_less(background):
 def test_inversions_are_counted_and_told(background):
     assert not (density_fall(background) > INVERSION).any()
     light = cast_at(74.6, -140.0, 0.0, -8.0, deepest=400.0)
-    upper = replace(light, salinity=light.salinity + np.where(light.depth < 30.0, 16.0, 8.0))  # salty cap
+    upper = replace(
+        light, salinity=light.salinity + np.where(light.depth < 30.0, 16.0, 8.0)
+    )  # salty cap
     corrected = correct_with_casts(background, [upper], horizontal_scale=10e3)
     count = int(np.count_nonzero(density_fall(corrected) > INVERSION))
     assert count > 3
@@ -136,7 +158,8 @@ GOOD = {"casts": [cast_at(74.6, -140.0, 0.5)], "horizontal_scale": 1e4}
 
 @pytest.mark.parametrize(("change", "message"), [
     ({"casts": [cast_at(80.0, -140.0, 0.5)]}, "cast c: 80 N, 140 W is outside the ocean"),
-    ({"casts": [cast_at(74.5, -140.0, 0.5)], "land": True}, "is on land in the ocean; remove the cast"),
+    ({"casts": [cast_at(74.5, -140.0, 0.5)], "land": True}, ("is on land in the ocean; remove the"
+                                                            " cast")),
     ({"casts": []}, "no cast; give"),
     ({"horizontal_scale": 0.0}, "horizontal_scale is 0; it must be positive"),
     ({"noise_ratio": -1.0}, "noise_ratio is -1; it must be positive"),
@@ -158,7 +181,9 @@ def speed_at(ocean, cast):
 
 
 def duct(ocean, cast):
-    """Depth and speed of the warm layer's maximum below a cast's place, and of the minimum beneath it."""
+    """
+    Depth and speed of the warm layer's maximum below a cast's place, and of the minimum beneath it.
+    """
     z, c = ocean["depth"].values, speed_at(ocean, cast)
     warm, cold = (z >= 40.0) & (z <= 70.0), (z >= 90.0) & (z <= 160.0)
     return z[warm][c[warm].argmax()], c[warm].max(), z[cold][c[cold].argmin()], c[cold].min()
@@ -175,16 +200,22 @@ def assert_duct(ocean, cast):
 
 @pytest.fixture
 def real_casts(shared_data):
-    return [read_cast(shared_data / "casts" / f"beaufort_axctd_20140724_{n}N140W.csv") for n in (74, 75)]
+    return [
+        read_cast(shared_data / "casts" / f"beaufort_axctd_20140724_{n}N140W.csv") for n in (74, 75)
+    ]
 
 
 def test_the_casts_sharpen_the_warm_layer_of_the_synthetic_beaufort_sea(real_casts, beaufort_sea):
-    corrected = correct_with_casts(beaufort_sea, real_casts, horizontal_scale=30e3, noise_ratio=0.01)
+    corrected = correct_with_casts(
+        beaufort_sea, real_casts, horizontal_scale=30e3, noise_ratio=0.01
+    )
     z = beaufort_sea["depth"].values
     upper = z <= 300.0
     for cast in real_casts:
         truth = sound_speed(*cast.cell_means(z), z, cast.lat, cast.lon)
-        before, after = (np.abs(speed_at(o, cast) - truth)[upper] for o in (beaufort_sea, corrected))
+        before, after = (
+            np.abs(speed_at(o, cast) - truth)[upper] for o in (beaufort_sea, corrected)
+        )
         assert before.max() > 0.5
         assert after[1:].max() < 0.1
         assert_duct(corrected, cast)

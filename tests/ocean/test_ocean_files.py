@@ -1,4 +1,7 @@
-"""Formats one by one: NetCDF-3, NetCDF-4 and zarr say the same; what is cut, damaged or strange gets one line."""
+"""
+Formats one by one: NetCDF-3, NetCDF-4 and zarr say the same; what is cut, damaged or strange gets
+one line.
+"""
 
 import json
 import os
@@ -62,7 +65,8 @@ def test_all_kinds_of_files_open_by_time_and_window_and_say_the_same(
     if kind in NETCDF:
         if kind == "hdf5":
             options["encoding"] = {
-                n: e | {"zlib": True, "chunksizes": (1, 2, 2, 3)} for n, e in options["encoding"].items()
+                n: e | {"zlib": True, "chunksizes": (1, 2, 2, 3)}
+                for n, e in options["encoding"].items()
             }
         both.to_netcdf(path, engine="netcdf4", format=NETCDF[kind], **options)
     else:
@@ -122,7 +126,9 @@ def test_a_zarr_folder_that_would_unpickle_is_refused_untouched(
     numcodecs = pytest.importorskip("numcodecs")
     ocean.drop_attrs().to_zarr(tmp_path / "o.zarr", zarr_format=2, consolidated=False)
     folder, pickled = tmp_path / "o.zarr" / "lat", numcodecs.Pickle()
-    (folder / "0").write_bytes(pickled.encode(np.array([Trap(tmp_path / "sprung")] * 5, dtype=object)))
+    (folder / "0").write_bytes(
+        pickled.encode(np.array([Trap(tmp_path / "sprung")] * 5, dtype=object))
+    )
     metadata = json.loads((folder / ".zarray").read_text())
     metadata |= {"filters": [pickled.get_config()], "compressor": None}
     (folder / ".zarray").write_bytes(SPELLINGS[spelling](json.dumps(metadata)))
@@ -146,15 +152,19 @@ HOSTILE = {
     "a name that is a list": (".zarray", lambda m: m | {"filters": [{"id": ["pickle"]}]}),
     "consolidated": (".zmetadata", lambda _: {"metadata": {"lat/.zarray": {"filters": [{"id": "pickle"}]}}}),
     "format 3": ("zarr.json", lambda m: m | {"codecs": [{"name": "numcodecs.pickle"}]}),
-    "format 3 by name alone": ("zarr.json", lambda m: m | {"codecs": ["bytes", "numcodecs.pickle"]}),
+    "format 3 by name"
+    " alone": ("zarr.json", lambda m: m | {"codecs": ["bytes", "numcodecs.pickle"]}),
     "a shard's codec": ("zarr.json", lambda m: m | {"codecs": [INNER]}),
     "a shard's index": ("zarr.json", lambda m: m | {"codecs": [INNER | {"configuration": {"index_codecs": [{"name": "x"}]}}]}),
-    "consolidated in format 3": ("../zarr.json", lambda m: m | {"consolidated_metadata": {"metadata": {"lat": {"codecs": [{"name": "pickle"}]}}}}),
+    "consolidated in format"
+    " 3": ("../zarr.json", lambda m: m | {"consolidated_metadata": {"metadata": {"lat": {"codecs": [{"name": "pickle"}]}}}}),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("case", HOSTILE)
-def test_codecs_that_are_not_on_the_list_are_refused_wherever_they_are(tmp_path, ocean, message_of, case):
+def test_codecs_that_are_not_on_the_list_are_refused_wherever_they_are(
+    tmp_path, ocean, message_of, case
+):
     pytest.importorskip("zarr")
     name, change = HOSTILE[case]
     ocean.drop_attrs().to_zarr(
@@ -162,7 +172,9 @@ def test_codecs_that_are_not_on_the_list_are_refused_wherever_they_are(tmp_path,
     )
     file = tmp_path / "o.zarr" / "lat" / name
     file.write_text(json.dumps(change(json.loads(file.read_text()) if file.exists() else {})))
-    assert re.search("codec .* is not allowed because it could execute data", message_of(tmp_path / "o.zarr"))
+    assert re.search(
+        "codec .* is not allowed because it could execute data", message_of(tmp_path / "o.zarr")
+    )
 
 
 @pytest.mark.parametrize("kind", [2, 3])
@@ -227,7 +239,8 @@ STRANGE = {
     "no times": lambda o: o.expand_dims("time").isel(time=slice(0, 0)),
     "nothing but attributes": lambda o: o[[]],
     "units that are a number": with_attribute("water_u", units=3),
-    "a standard_name that is a list": lambda o: with_attribute("s", standard_name=[1, 2])(o.rename(salinity="s")),
+    "a standard_name that is a"
+    " list": lambda o: with_attribute("s", standard_name=[1, 2])(o.rename(salinity="s")),
     "values beyond numbers": lambda o: o.assign(salinity=o["salinity"] * 1e300),
     "infinite scale": with_attribute("salinity", scale_factor=np.inf),
     "time beyond years": with_time(1e300, "days since 2000-01-01"),
@@ -243,10 +256,14 @@ def test_strange_data_sets_are_refused_in_one_line(tmp_path, ocean, case, messag
 
 
 @pytest.mark.parametrize(("attribute", "value", "words"), [
-    ("scale_factor", 0.0, "salinity: scale_factor is 0, so all values would be equal; correct the attribute"),
-    ("scale_factor", np.nan, "salinity: scale_factor is 'nan'; it must be one finite number; correct the attribute"),
-    ("scale_factor", [1.0, 2.0], "salinity: scale_factor is '[1. 2.]'; it must be one finite number"),
-    ("scale_factor", "a tenth", "salinity: scale_factor is 'a tenth'; it must be one finite number"),
+    ("scale_factor", 0.0, ("salinity: scale_factor is 0, so all values would be equal; correct the"
+                          " attribute")),
+    ("scale_factor", np.nan, ("salinity: scale_factor is 'nan'; it must be one finite number;"
+                             " correct the attribute")),
+    ("scale_factor", [1.0, 2.0], ("salinity: scale_factor is '[1. 2.]'; it must be one finite"
+                                 " number")),
+    ("scale_factor", "a tenth", ("salinity: scale_factor is 'a tenth'; it must be one finite"
+                                " number")),
     ("add_offset", np.inf, "salinity: add_offset is 'inf'; it must be one finite number"),
 ])  # fmt: skip
 def test_packing_that_makes_no_values_is_refused_by_its_name(
@@ -270,20 +287,28 @@ def test_an_attribute_that_is_a_list_is_no_text_and_harms_nothing(tmp_path, ocea
 
 def test_a_list_in_the_place_of_a_flag_is_not_taken_for_one(tmp_path, ocean, message_of):
     ocean.assign_attrs(synthetic=[1, 2, 3]).to_netcdf(tmp_path / "listed.nc", engine="netcdf4")
-    assert "attribute (synthetic): array([1, 2, 3]); allowed 0 or 1" in message_of(tmp_path / "listed.nc")
+    assert "attribute (synthetic): array([1, 2, 3]); allowed 0 or 1" in message_of(
+        tmp_path / "listed.nc"
+    )
 
 
 def test_a_field_that_compresses_well_is_read_whatever_its_size(tmp_path, closed_form_ocean):
     """More than 64 MiB of numbers for each variable in a file of some hundred kilobytes."""
-    ocean = closed_form_ocean(30.0, 10.0, temperature=lambda *_: 4.0, n=(600, 600), depth=np.arange(24.0))
+    ocean = closed_form_ocean(
+        30.0, 10.0, temperature=lambda *_: 4.0, n=(600, 600), depth=np.arange(24.0)
+    )
     ocean.to_netcdf(
-        tmp_path / "even.nc", engine="netcdf4", encoding={n: {"zlib": True} for n in ocean.data_vars}
+        tmp_path / "even.nc",
+        engine="netcdf4",
+        encoding={n: {"zlib": True} for n in ocean.data_vars},
     )
     assert (tmp_path / "even.nc").stat().st_size < 2e6
     assert open_ocean(tmp_path / "even.nc").sizes == ocean.sizes
 
 
-def test_more_than_the_machine_holds_is_refused_with_the_remedy(tmp_path, ocean, monkeypatch, message_of):
+def test_more_than_the_machine_holds_is_refused_with_the_remedy(
+    tmp_path, ocean, monkeypatch, message_of
+):
     write_netcdf(ocean, tmp_path / "own.nc")
     monkeypatch.setattr("pymantaray.ocean.files.MEMORY_SHARE", 1e-12)
     assert "read a window" in message_of(tmp_path / "own.nc")

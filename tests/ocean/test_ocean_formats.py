@@ -1,4 +1,7 @@
-"""WHP-exchange, ice-tethered profilers, in-situ profiles of Copernicus, and folders and archives of casts; depths by gsw."""
+"""
+WHP-exchange, ice-tethered profilers, in-situ profiles of Copernicus, and folders and archives of
+casts; depths by gsw.
+"""
 
 import zipfile
 
@@ -26,8 +29,10 @@ def whp(*, unit="ITS-90", flag="2", letter="W", end="END_DATA\n", time="TIME = 0
     names = [f"{name},{name}_FLAG_{letter}" for name in ("CTDPRS", "CTDTMP", "CTDSAL", "CTDOXY")]
     lines = [f"{p:9.1f},2,{t:9.4f},{flag if p == 500.0 else '2'},{s:9.4f},2,   -999.0,9"
              for p, t, s in zip(PRESSURE, TEMPERATURE, SALINITY, strict=True)]  # fmt: skip
-    return (f"CTD,20240805EXAMPLE\n# a comment = 3\nNUMBER_HEADERS = 10\nEXPOCODE = 00XX\nSTNNBR = 25\nCASTNO = 1\nDATE = 20240805\n{time}"
-            f"LATITUDE =   {LAT}\nLONGITUDE =  {LON}\nDEPTH =  1200\n" + ",".join(names) + f",\nDBAR,,{unit},,PSS-78,,UMOL/KG,,\n"
+    return ("CTD,20240805EXAMPLE\n# a comment = 3\nNUMBER_HEADERS = 10\nEXPOCODE = 00XX\nSTNNBR ="
+            f" 25\nCASTNO = 1\nDATE = 20240805\n{time}"
+            f"LATITUDE =   {LAT}\nLONGITUDE =  {LON}\nDEPTH = "
+            " 1200\n" + ",".join(names) + f",\nDBAR,,{unit},,PSS-78,,UMOL/KG,,\n"
             + "\n".join(lines) + f"\n{end}")  # fmt: skip
 
 
@@ -43,7 +48,9 @@ def test_a_ctd_file_of_whp_exchange_is_a_cast(tmp_path):
     (tmp_path / "a_ct1.csv").write_text(whp(time="", end=""))
     cast = read_cast(tmp_path / "a_ct1.csv")
     assert cast.time == np.datetime64("2024-08-05")
-    assert {"time of day unknown: 0 h assumed", "no END_DATA: the file may be incomplete"} <= set(cast.notes)
+    assert {"time of day unknown: 0 h assumed", "no END_DATA: the file may be incomplete"} <= set(
+        cast.notes
+    )
 
 
 @pytest.mark.parametrize(("letter", "flag", "kept"), [
@@ -63,18 +70,24 @@ def test_temperatures_of_whp_exchange_become_its_90(tmp_path):
 
 
 def bottles(*, unit="ITS-90", end="END_DATA\n", bad=()):
-    """Two casts, the second from the bottom up; ``bad`` lists rows of the first whose salinity of the CTD is flagged."""
+    """
+    Two casts, the second from the bottom up; ``bad`` lists rows of the first whose salinity of the
+    CTD is flagged.
+    """
     head = (
         "EXPOCODE,SECT_ID,STNNBR,CASTNO,SAMPNO,BTLNBR,BTLNBR_FLAG_W,DATE,TIME,LATITUDE,LONGITUDE,DEPTH,CTDPRS,CTDTMP,"
         "CTDSAL,CTDSAL_FLAG_W,SALNTY,SALNTY_FLAG_W"
     )
     rows = []
     for cast, order in ((1, slice(None)), (2, slice(None, None, -1))):
-        for k, (p, t, s) in enumerate(zip(PRESSURE[order], TEMPERATURE[order], SALINITY[order], strict=True)):
+        for k, (p, t, s) in enumerate(
+            zip(PRESSURE[order], TEMPERATURE[order], SALINITY[order], strict=True)
+        ):
             flag = 4 if cast == 1 and k in bad else 2
             rows.append(
-                f"  33RR2007,   I8S,     {cast},  1,     {k},     {k},2,2024080{cast}, 755,{LAT:9.4f}, {LON + cast:9.4f},  450,"
-                f" {p:8.1f}, {t:8.4f},  {s:8.4f},{flag},{s + 0.001:9.4f},{2 if k else 9}"
+                f"  33RR2007,   I8S,     {cast},  1,     {k},     {k},2,2024080{cast},"
+                f" 755,{LAT:9.4f}, {LON + cast:9.4f},  450, {p:8.1f}, {t:8.4f},"
+                f"  {s:8.4f},{flag},{s + 0.001:9.4f},{2 if k else 9}"
             )
     lines = [
         "BOTTLE,20071011WHPSIODBK",
@@ -134,9 +147,12 @@ def itp(profile=0, *, newer=True, levels=None, end="%endofdat\n", rising=False, 
     rows[2] = rows[2].replace("0.6000", "   NaN")
     if newer:
         rows = [f"{year}  275.9{k}843  {row}" for k, row in enumerate(rows)]
-    names = ("year day " if newer else "") + "pressure(dbar) temperature(C) salinity oxygen(umol/kg)"
+    names = (
+        "year day " if newer else ""
+    ) + "pressure(dbar) temperature(C) salinity oxygen(umol/kg)"
     return (f"%ITP 99, profile {profile}: year day longitude(E+) latitude(N+) ndepths\n"
-            f"{year}  275.75000  {LON}  {LAT}  {levels or len(rows)}{' 0' if newer else ''}\n%{names}\n"
+            f"{year}  275.75000  {LON}  {LAT} "
+            f" {levels or len(rows)}{' 0' if newer else ''}\n%{names}\n"
             + "\n".join(rows[::-1] if rising else rows) + f"\n{end}")  # fmt: skip
 
 
@@ -151,22 +167,30 @@ def test_a_profile_of_an_ice_tethered_profiler_is_a_cast(tmp_path, newer, rising
     np.testing.assert_allclose(cast.temperature, TEMPERATURE[kept])
     np.testing.assert_allclose(cast.salinity, SALINITY[kept])
     assert (cast.name, cast.lat, cast.lon) == ("itp99grd0000", LAT, LON)
-    assert cast.time == np.datetime64("2016-10-01T18:00")  # day 275 of a leap year, day 1 is 1 January
+    assert cast.time == np.datetime64(
+        "2016-10-01T18:00"
+    )  # day 275 of a leap year, day 1 is 1 January
     assert "1 of 4 rows dropped: with a missing value" in cast.notes
     profile = read_profile(path)
     sa = gsw.SA_from_SP(SALINITY[kept], PRESSURE[kept], LON, LAT)
-    speed = gsw.sound_speed(sa, gsw.CT_from_t(sa, TEMPERATURE[kept], PRESSURE[kept]), PRESSURE[kept])
+    speed = gsw.sound_speed(
+        sa, gsw.CT_from_t(sa, TEMPERATURE[kept], PRESSURE[kept]), PRESSURE[kept]
+    )
     np.testing.assert_allclose(profile.sound_speed, speed, atol=1e-3)
 
 
 def test_incomplete_profiles_of_an_ice_tethered_profiler_are_noted_or_refused(tmp_path):
     path = tmp_path / "itp99grd0000.dat"
     path.write_text(itp(levels=371, end=""))
-    assert "4 levels, but the header states 371: the file may be incomplete" in read_cast(path).notes
+    assert (
+        "4 levels, but the header states 371: the file may be incomplete" in read_cast(path).notes
+    )
     path.write_text(itp(levels=2))
     assert "4 levels, but the header states 2: the file may be incomplete" in read_cast(path).notes
     text = itp(levels=5, end="")
-    path.write_text(text + text.splitlines()[-1][:33] + "\n")  # a fifth row that is cut after its temperature
+    path.write_text(
+        text + text.splitlines()[-1][:33] + "\n"
+    )  # a fifth row that is cut after its temperature
     assert "4 levels, but the header states 5: the file may be incomplete" in read_cast(path).notes
     path.write_text(itp(year=0))
     assert np.isnat(read_cast(path).time)
@@ -195,12 +219,22 @@ def test_folders_and_archives_of_profiles_are_many_casts(tmp_path):
             .startswith(f"2 of 7 files of {source.name} dropped, the first: itp99grd0005.dat: ")
         )
         assert read_cast(source, name="itp99grd0003").name == "itp99grd0003"
-        refused(OceanError, "contains 5 casts .itp99grd0000, .*; select one by its name", read_cast, source)
+        refused(
+            OceanError,
+            "contains 5 casts .itp99grd0000, .*; select one by its name",
+            read_cast,
+            source,
+        )
         assert len(read_profiles(source)) == 5
         refused(AcousticsError, "contains 5 casts", read_profile, source)
     with zipfile.ZipFile(tmp_path / "none.zip", "w") as archive:
         archive.writestr("a.txt", "nothing\n")
-    refused(OceanError, "none.zip: none of 1 file has a cast; a.txt: ", read_casts, tmp_path / "none.zip")
+    refused(
+        OceanError,
+        "none.zip: none of 1 file has a cast; a.txt: ",
+        read_casts,
+        tmp_path / "none.zip",
+    )
     (tmp_path / "cut.zip").write_bytes((tmp_path / "itp99.zip").read_bytes()[:300])
     refused(OceanError, "cut.zip: not a readable ZIP archive", read_casts, tmp_path / "cut.zip")
 
@@ -220,7 +254,9 @@ def test_an_archive_may_have_equal_names_and_links_lead_nowhere(tmp_path):
 
 
 @pytest.mark.parametrize(("limit", "value", "message"), [
-    ("_MAX_FILES", 2, "3 files|more than 2"), ("_MAX_UNPACKED", 1000, "the limits are .* and 1e-06 GB; unpack a part"),
+    ("_MAX_FILES", 2, ("3 files|more than"
+                      " 2")), ("_MAX_UNPACKED", 1000, ("the limits are .* and 1e-06 GB; unpack a"
+                                                     " part")),
     ("MAX_BYTES", 300, "itp2.dat has more than 300 bytes|itp0.dat has more than 300 bytes"),
 ])  # fmt: skip
 def test_folders_and_archives_have_limits(tmp_path, monkeypatch, limit, value, message):
@@ -244,7 +280,9 @@ def copernicus(*, adjusted=False, depths=False):
         if depths
         else ("PRES", PRESSURE, "sea_water_pressure", "dbar")
     )
-    data = xr.Dataset(attrs={"data_type": "OceanSITES vertical profile", "cdm_data_type": "vertical profile"})
+    data = xr.Dataset(
+        attrs={"data_type": "OceanSITES vertical profile", "cdm_data_type": "vertical profile"}
+    )
     columns = {
         vertical[0]: vertical[1:],
         "TEMP": (TEMPERATURE, "sea_water_temperature", "degrees_C"),
@@ -270,7 +308,11 @@ def copernicus(*, adjusted=False, depths=False):
         [23590.5, 23591.0, 23592.0],
         {"standard_name": "time", "units": "days since 1950-01-01T00:00:00Z"},
     )
-    data["LATITUDE"] = "LATITUDE", [LAT, LAT, 70.0], {"standard_name": "latitude", "units": "degrees_north"}
+    data["LATITUDE"] = (
+        "LATITUDE",
+        [LAT, LAT, 70.0],
+        {"standard_name": "latitude", "units": "degrees_north"},
+    )
     data["LONGITUDE"] = (
         "LONGITUDE",
         [LON, LON, -130.0],
@@ -290,10 +332,17 @@ def test_profiles_of_copernicus_are_casts(tmp_path, depths):
     np.testing.assert_array_equal(one.salinity, SALINITY)
     assert (one.name, one.lat, one.lon) == ("GL_PR_CT_1_0", LAT, LON)
     assert one.time == np.datetime64("2014-08-03T12:00")
-    np.testing.assert_allclose(three.depth, (depth(PRESSURE) if depths else depth(PRESSURE, 70.0))[[0, 2, 3]])
+    np.testing.assert_allclose(
+        three.depth, (depth(PRESSURE) if depths else depth(PRESSURE, 70.0))[[0, 2, 3]]
+    )
     assert (three.lat, np.isnat(three.time)) == (70.0, True)
-    assert one.notes[-1].startswith("1 of 3 profiles dropped, the first: GL_PR_CT_1_1: 0 usable levels")
-    assert [p.name for p in read_profiles(tmp_path / "GL_PR_CT_1.nc")] == ["GL_PR_CT_1_0", "GL_PR_CT_1_2"]
+    assert one.notes[-1].startswith(
+        "1 of 3 profiles dropped, the first: GL_PR_CT_1_1: 0 usable levels"
+    )
+    assert [p.name for p in read_profiles(tmp_path / "GL_PR_CT_1.nc")] == [
+        "GL_PR_CT_1_0",
+        "GL_PR_CT_1_2",
+    ]
     data = copernicus()
     data["POSITION_QC"][0] = 4
     data.to_netcdf(tmp_path / "b.nc")

@@ -1,4 +1,7 @@
-"""Grid points that several local grids share: the same numbers as alone, each conversion once, bad oceans refused at the door."""
+"""
+Grid points that several local grids share: the same numbers as alone, each conversion once, bad
+oceans refused at the door.
+"""
 
 import numpy as np
 import pytest
@@ -30,7 +33,9 @@ def places(ocean, rows, columns):
 
 
 def floor_of(ocean, depth):
-    return (0.0 * ocean["water_temp"].isel(depth=0, drop=True).fillna(0.0) + depth).rename("sea_floor_depth")
+    return (0.0 * ocean["water_temp"].isel(depth=0, drop=True).fillna(0.0) + depth).rename(
+        "sea_floor_depth"
+    )
 
 
 @pytest.mark.parametrize("equation", ["teos-10", "unesco"])

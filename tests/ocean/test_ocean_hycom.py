@@ -35,11 +35,15 @@ TS, UV = ["water_temp", "salinity"], ["water_u", "water_v"]
 def as_file(path, ocean, names=(*TS, *UV), *, times=("2020-01-01",), packed=True):
     """Write a file as HYCOM does, with the variable tau that stops xarray."""
     data = ocean.drop_vars("time").drop_attrs(deep=False)[list(names)]
-    data = xr.concat([data] * len(times), "time").assign_coords(time=np.array(times, "datetime64[ns]"))
+    data = xr.concat([data] * len(times), "time").assign_coords(
+        time=np.array(times, "datetime64[ns]")
+    )
     encoding = {n: TRACER if n in TS else PACKING for n in names} if packed else {}
     data["tau"] = ("time", np.zeros(len(times)), {"units": "hours since analysis"})
     data["time"].encoding = {"units": "hours since 2000-01-01 00:00:00", "dtype": "float64"}
-    data.to_netcdf(path, engine="netcdf4", format="NETCDF3_64BIT" if packed else None, encoding=encoding)
+    data.to_netcdf(
+        path, engine="netcdf4", format="NETCDF3_64BIT" if packed else None, encoding=encoding
+    )
     return path
 
 
@@ -70,7 +74,9 @@ def test_the_local_frame_s_origin_on_a_grid_point_has_that_point_s_values(gulf_s
     centre = float(point["lat"]), float(point["lon"])
     local = to_local(open_ocean(gulf_stream_files), centre, (24e3, 24e3)).sel(north=0.0, east=0.0)
     expected = {
-        "sound_speed": sound_speed(point["water_temp"], point["salinity"], point["depth"].values, *centre),
+        "sound_speed": sound_speed(
+            point["water_temp"], point["salinity"], point["depth"].values, *centre
+        ),
         "current_east": point["water_u"].values,  # the frame's centre has no convergence
         "current_north": point["water_v"].values,
     }
@@ -92,16 +98,21 @@ def test_longitudes_of_any_convention_are_put_in_a_row(tmp_path, small, conventi
         written = written.sortby("lon")
     opened = open_ocean(as_file(tmp_path / "file.nc", written))
     assert np.all(np.diff(opened["lon"]) > 0.0)
-    np.testing.assert_allclose(np.cos(np.radians(opened["lon"] - small["lon"].values)), 1.0, atol=1e-12)
+    np.testing.assert_allclose(
+        np.cos(np.radians(opened["lon"] - small["lon"].values)), 1.0, atol=1e-12
+    )
     np.testing.assert_allclose(opened["water_temp"], small["water_temp"], atol=0.0006)
     assert to_local(opened).attrs["centre_longitude_deg"] == pytest.approx(-180.0)
 
 
 def test_a_time_is_chosen_among_several(tmp_path, small):
     path = as_file(tmp_path / "two.nc", small, times=("2020-01-01T00:00", "2020-01-01T03:00"))
-    assert open_ocean(path, time="2020-01-01T03:00")["time"].values == np.datetime64("2020-01-01T03:00")
+    assert open_ocean(path, time="2020-01-01T03:00")["time"].values == np.datetime64(
+        "2020-01-01T03:00"
+    )
     with pytest.raises(
-        OceanError, match=r'2 times .*select one with --time 2020-01-01T00:00 .* time = "2020-01-01T00:00"'
+        OceanError,
+        match=r'2 times .*select one with --time 2020-01-01T00:00 .* time = "2020-01-01T00:00"',
     ):
         open_ocean(path)
     with pytest.raises(OceanError, match=r"no time 2020-02-01; available: 2020-01-01T00:00"):
@@ -153,7 +164,9 @@ def test_sources_that_are_no_file_are_refused(tmp_path, message_of):
 
 def test_files_that_do_not_belong_together_are_refused(tmp_path, small, apart, message_of):
     moved = as_file(tmp_path / "moved.nc", small.assign_coords(lat=small["lat"] + 0.04), UV)
-    assert "moved.nc: water_u and water_temp have different lat axes" in message_of([apart[0], moved])
+    assert "moved.nc: water_u and water_temp have different lat axes" in message_of(
+        [apart[0], moved]
+    )
     later = as_file(tmp_path / "later.nc", small, UV, times=("2020-01-02",))
     message = message_of([apart[0], later], time="2020-01-01")
     assert message.startswith("ts.nc, later.nc: no water_u and no water_v at 2020-01-01")
@@ -161,14 +174,19 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path, small, apart, m
     assert "no water_u and no water_v; an ocean needs" in message_of(apart[0], time="2020-01-09")
 
 
-def test_real_currents_of_several_days_open_with_tracers_of_another_file(shared_data, tmp_path, message_of):
+def test_real_currents_of_several_days_open_with_tracers_of_another_file(
+    shared_data, tmp_path, message_of
+):
     path = shared_data / "hycom" / "hycom_glby_930_202212_uv_ncss_netcdf4.nc"
     assert "no water_temp and no salinity" in message_of(path)
     with xr.open_dataset(path) as data:
         warm = data["water_u"].where(data["water_u"].isnull(), 20.0).drop_attrs(deep=False)
         second = data["water_v"].isel(time=1).load()
     tracers = xr.Dataset(
-        {"water_temp": warm.assign_attrs(units="degC"), "salinity": (warm + 15.0).assign_attrs(units="psu")}
+        {
+            "water_temp": warm.assign_attrs(units="degC"),
+            "salinity": (warm + 15.0).assign_attrs(units="psu"),
+        }
     )
     tracers.to_netcdf(tmp_path / "ts.nc", engine="netcdf4")
     ocean = open_ocean([path, tmp_path / "ts.nc"], time=str(second["time"].values))
@@ -184,7 +202,9 @@ def test_a_window_reads_what_cropping_the_whole_gives(gulf_stream_files, message
     xr.testing.assert_identical(part, expected)
     east = open_ocean(gulf_stream_files, window=(34.7, 35.1, 284.7, 285.4))  # the other convention
     xr.testing.assert_identical(part, east)
-    assert "no grid point in the window" in message_of(gulf_stream_files, window=(10.0, 12.0, 0.0, 2.0))
+    assert "no grid point in the window" in message_of(
+        gulf_stream_files, window=(10.0, 12.0, 0.0, 2.0)
+    )
     for wrong in ((35.0, 34.0, 0.0, 1.0), (1.0, 2.0, 3.0), "here", (np.nan, 1.0, 2.0, 3.0)):
         assert "window" in message_of(gulf_stream_files, window=wrong)
 
@@ -193,7 +213,11 @@ def test_a_window_reads_what_cropping_the_whole_gives(gulf_stream_files, message
 def test_a_window_across_the_seam_of_a_global_file(tmp_path, closed_form_ocean, stored):
     lon = np.arange(0.0, 360.0, 2.0) if stored == "0 to 360" else np.arange(-180.0, 180.0, 2.0)
     ocean = closed_form_ocean(
-        10.0, 0.0, temperature=lambda z, lat, _lon: 10.0 + 0 * z + lat, n=(6, lon.size), depth=[0.0, 100.0]
+        10.0,
+        0.0,
+        temperature=lambda z, lat, _lon: 10.0 + 0 * z + lat,
+        n=(6, lon.size),
+        depth=[0.0, 100.0],
     ).assign_coords(lon=("lon", lon, {"units": "degrees_east", "standard_name": "longitude"}))
     ocean["salinity"] = ocean["salinity"] * 0 + 30.0 + ocean["lon"] % 360.0 / 90.0
     ocean["salinity"].attrs = {"units": "psu", "standard_name": "sea_water_salinity"}
@@ -223,7 +247,11 @@ def test_a_global_file_of_gigabytes_is_read_by_the_window(tmp_path):
             file.createDimension(name, None if name == "time" else values.size)
             file.createVariable(name, "f8", name).units = unit
         for name, unit in zip((*TS, *UV), ("degC", "psu", "m/s", "m/s"), strict=True):
-            attrs = {"units": unit, "scale_factor": 0.001, "add_offset": 20.0 if name in TS else 0.0}
+            attrs = {
+                "units": unit,
+                "scale_factor": 0.001,
+                "add_offset": 20.0 if name in TS else 0.0,
+            }
             file.createVariable(name, "i2", tuple(axes)).setncatts(attrs)
         for name, (values, _) in axes.items():
             file[name][:] = values

@@ -31,7 +31,9 @@ def ice_file(path, local, values, standard_name="sea_ice_draft", **attrs):
     return path
 
 
-@pytest.mark.parametrize(("name", "share"), [("sea_ice_draft", 1.0), ("sea_ice_thickness", 917.0 / 1026.0)])
+@pytest.mark.parametrize(
+    ("name", "share"), [("sea_ice_draft", 1.0), ("sea_ice_thickness", 917.0 / 1026.0)]
+)
 def test_a_plane_of_ice_is_the_plane_at_every_node(tmp_path, local, name, share):
     path = ice_file(tmp_path / "ice.nc", local, lambda y, x: 3.0 + y + 0.2 * x, name)
     draft = with_ice(local, path)["sea_ice_draft"]

@@ -15,7 +15,10 @@ def fram():
 
 
 def bare(ocean, **names):
-    """The same fields as a model without metadata has them: other names, order and directions, no attributes."""
+    """
+    The same fields as a model without metadata has them: other names, order and directions, no
+    attributes.
+    """
     plain = ocean.rename({"water_temp": "temp", **names})
     plain = plain.transpose("lon", "lat", "depth").isel(
         lat=slice(None, None, -1), depth=slice(None, None, -1)
@@ -37,7 +40,9 @@ def test_a_data_set_in_memory_is_read_as_its_file_is(fram, tmp_path):
         "water_v": "northward_sea_water_velocity[m s-1]",
     }
     plain.to_netcdf(tmp_path / "plain.nc")
-    from_file, in_memory = (open_ocean(source, names=names) for source in (tmp_path / "plain.nc", plain))
+    from_file, in_memory = (
+        open_ocean(source, names=names) for source in (tmp_path / "plain.nc", plain)
+    )
     xr.testing.assert_equal(from_file, in_memory)
     for name in ("water_temp", "salinity", "water_u", "water_v"):
         np.testing.assert_array_equal(in_memory[name], fram[name])
@@ -46,15 +51,15 @@ def test_a_data_set_in_memory_is_read_as_its_file_is(fram, tmp_path):
 
 def test_instants_in_memory_are_those_of_the_data_set(fram):
     times = np.array(["2014-07-15T00", "2014-07-15T06"], dtype="datetime64[ns]")
-    varying = xr.concat([fram.drop_vars("time"), fram.drop_vars("time") + 0.0], "time").assign_coords(
-        time=times
-    )
+    varying = xr.concat(
+        [fram.drop_vars("time"), fram.drop_vars("time") + 0.0], "time"
+    ).assign_coords(time=times)
     for name in fram.data_vars:
         varying[name].attrs = fram[name].attrs
     np.testing.assert_array_equal(ocean_times(varying), times)
-    assert [o["time"].values for o in open_ocean_series(varying, "2014-07-15T01", "2014-07-15T05")] == list(
-        times
-    )
+    assert [
+        o["time"].values for o in open_ocean_series(varying, "2014-07-15T01", "2014-07-15T05")
+    ] == list(times)
     assert open_ocean(varying, time="2014-07-15T06").sizes == fram.sizes
 
 
@@ -84,10 +89,18 @@ def test_a_misspelt_standard_name_and_a_missing_unit_have_their_remedy(fram):
     near = {"temp": "sea_water_temprature"}
     refused(
         OceanError,
-        "name of temp: 'sea_water_temprature' is not a standard name; did you mean sea_water_temperature",
+        "name of temp: 'sea_water_temprature' is not a standard name; did you mean"
+        " sea_water_temperature",
         open_ocean,
         plain,
         names=near,
     )
     names = {"temp": "sea_water_temperature", "salinity": "sea_water_practical_salinity"}
-    refused(OceanError, "temp has no units; set .*names", open_ocean, plain, names=names, currents="rest")
+    refused(
+        OceanError,
+        "temp has no units; set .*names",
+        open_ocean,
+        plain,
+        names=names,
+        currents="rest",
+    )

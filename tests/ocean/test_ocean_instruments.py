@@ -1,4 +1,7 @@
-"""Files of the grammar that instruments write, made here from one column of water, and what every reader of casts makes of them."""
+"""
+Files of the grammar that instruments write, made here from one column of water, and what every
+reader of casts makes of them.
+"""
 
 import gsw
 import numpy as np
@@ -25,16 +28,22 @@ LEVELS = list(zip(PRESSURE, DEPTH, TEMPERATURE, SALINITY, SPEED, strict=True))
 
 
 def sea_bird(*, rows=LEVELS, flags=None, extra=(), touching=False):
-    names = ["prDM: Pressure, Digiquartz [db]", "t090C: Temperature [ITS-90, deg C]", "t190C: Temperature, 2 [ITS-90, deg C]",
-             "sal00: Salinity, Practical [PSU]", "svCM: Sound Velocity [Chen-Millero, m/s]", "flag:  0.000e+00"]  # fmt: skip
+    names = [("prDM: Pressure, Digiquartz"
+             " [db]"), "t090C: Temperature [ITS-90, deg C]", "t190C: Temperature, 2 [ITS-90, deg C]",
+             ("sal00: Salinity, Practical"
+             " [PSU]"), "svCM: Sound Velocity [Chen-Millero, m/s]", "flag:  0.000e+00"]  # fmt: skip
     flags = ["0.0000e+00"] * len(rows) if flags is None else flags
     lines = [f"{p:11.3f}{t:11.4f}{t + 1:11.4f}{s:11.4f}{c:11.2f}{flag:>11}"
              for (p, _, t, s, c), flag in zip(rows, flags, strict=True)]  # fmt: skip
     return "\n".join([
-        "* Sea-Bird SBE 9 Data File:", "* FileName = C:\\cast.hex", "* System UpLoad Time = Jul 25 2014 00:00:01",
-        "* NMEA Latitude = 74 30.00 N", "* NMEA Longitude = 140 15.00 W", "* NMEA UTC (Time) = Jul 24 2014  19:20:00",
-        "# nquan = 6", f"# nvalues = {len(rows)}", *(f"# name {k} = {name}" for k, name in enumerate(names)),
-        "# start_time = Jul 24 2014 19:21:07 [Instrument's time stamp]", "# bad_flag = -9.990e-29", "# file_type = ascii",
+        ("* Sea-Bird SBE 9 Data"
+        " File:"), "* FileName = C:\\cast.hex", "* System UpLoad Time = Jul 25 2014 00:00:01",
+        ("* NMEA Latitude = 74 30.00"
+        " N"), "* NMEA Longitude = 140 15.00 W", "* NMEA UTC (Time) = Jul 24 2014  19:20:00",
+        "# nquan = 6", ("# nvalues ="
+                       f" {len(rows)}"), *(f"# name {k} = {name}" for k, name in enumerate(names)),
+        ("# start_time = Jul 24 2014 19:21:07 [Instrument's time"
+        " stamp]"), "# bad_flag = -9.990e-29", "# file_type = ascii",
         *extra, "*END*", *lines, "",
     ])  # fmt: skip
 
@@ -42,16 +51,22 @@ def sea_bird(*, rows=LEVELS, flags=None, extra=(), touching=False):
 def sippican(kind="XBT"):
     columns = {
         "XBT": ("Depth (m)", "Temperature (°C)", "Sound Velocity (m/s)"),
-        "XCTD": ("Depth (m)", "Temperature (°C)", "Conductivity (mS/cm)", "Salinity (ppt)", "Sound Velocity (m/s)", "Density (kg/m^3)"),
+        "XCTD": ("Depth (m)", ("Temperature"
+                              " (°C)"), "Conductivity (mS/cm)", "Salinity (ppt)", ("Sound Velocity"
+                                                                     " (m/s)"), "Density (kg/m^3)"),
     }[kind]  # fmt: skip
     rows = {
         "XBT": [(z, t, c) for _, z, t, _, c in LEVELS],
         "XCTD": [(z, t, 25.0, s, c, 1025.0) for _, z, t, s, c in LEVELS],
     }[kind]
-    assumed = ["// Sound velocity derived with assumed salinity: 34.00 ppt"] if kind == "XBT" else []
+    assumed = (
+        ["// Sound velocity derived with assumed salinity: 34.00 ppt"] if kind == "XBT" else []
+    )
     return "\n".join([
-        "// MK21 EXPORT DATA FILE", "Date of Launch:  07/24/2014", "Time of Launch:  19:20:00", "Sequence #    :  7",
-        "Latitude      :  74 30.00000N", "Longitude     :  140 15.00000W", "Serial #      :  00000000", "Probe Type    :  T-5",
+        ("// MK21 EXPORT DATA"
+        " FILE"), "Date of Launch:  07/24/2014", "Time of Launch:  19:20:00", "Sequence #    :  7",
+        "Latitude      :  74 30.00000N", ("Longitude     :  140"
+                      " 15.00000W"), "Serial #      :  00000000", "Probe Type    :  T-5",
         *(f"Field{k}  :  {name}" for k, name in enumerate(columns, 1)), *assumed, "// Data", *(
             "\t".join(f"{v:.4f}" for v in row) for row in rows), "",
     ])  # fmt: skip
@@ -60,9 +75,12 @@ def sippican(kind="XBT"):
 def sippican_mk12():
     """As the manual of the Simrad ME70 has it."""
     return "\n".join([
-        "// This is a MK12 EXPORT DATA FILE (EDF)", "//", "Date of Launch : 07/24/2014", "Time of Launch : 19:20:00", "Sequence # : 1",
-        "Latitude : 74 30.000N", "Longitude : 140 15.000W", "Serial # : 0", "//", "Probe Type : T-7", "Terminal Depth : 760 m",
-        "Depth Coeff. 1 : 6.691", "//", "Display Units : Metric", "//", "// Sound velocity derived with assumed",
+        "// This is a MK12 EXPORT DATA FILE (EDF)", "//", ("Date of Launch :"
+                        " 07/24/2014"), "Time of Launch : 19:20:00", "Sequence # : 1",
+        "Latitude : 74 30.000N", ("Longitude : 140"
+                    " 15.000W"), "Serial # : 0", "//", "Probe Type : T-7", "Terminal Depth : 760 m",
+        ("Depth Coeff. 1 :"
+        " 6.691"), "//", "Display Units : Metric", "//", "// Sound velocity derived with assumed",
         "// salinity: 30.00 ppt", "//", "Depth (m) - Temperature (°C) - Sound Velocity (m/s)",
         *(f"{z:.4f} {t:.4f} {c:.4f}" for _, z, t, _, c in LEVELS), "",
     ])  # fmt: skip
@@ -73,20 +91,31 @@ def sippican_xctd():
     head, _ = sippican_mk12().split("Depth (m) - ")
     rows = (f"{z:.4f} {t:.4f} {s:.4f}" for _, z, t, s, _ in LEVELS)
     return "\n".join(
-        [head + "Depth (m)  Temp (°C)  Salinity (0/00)", "   (m)        (C)          (PPT)", *rows, ""]
+        [
+            head + "Depth (m)  Temp (°C)  Salinity (0/00)",
+            "   (m)        (C)          (PPT)",
+            *rows,
+            "",
+        ]
     )
 
 
 def kongsberg():
-    head = f"( SoundVelocity  1.0 0 201407241920 {LAT:.8f} {LON:.8f} -1 0 0 OMS01_00000 P {len(LEVELS):04d} )"
+    head = (
+        f"( SoundVelocity  1.0 0 201407241920 {LAT:.8f} {LON:.8f} -1 0 0 OMS01_00000 P"
+        f" {len(LEVELS):04d} )"
+    )
     return "\n".join([head, *(f"{z:.4f} {c:.4f}" for _, z, _, _, c in LEVELS), ""])
 
 
 def castaway():
-    head = ["% Device,CC1234", "% File name,CC1234_1", "% Cast time (UTC),2014-07-24 19:20:00", "% Cast time (local),2014-07-24 12:20:00",
+    head = ["% Device,CC1234", "% File name,CC1234_1", ("% Cast time (UTC),2014-07-24"
+                                                       " 19:20:00"), ("% Cast time"
+                                                                    " (local),2014-07-24 12:20:00"),
             f"% Start latitude,{LAT}", f"% Start longitude,{LON}", "%"]  # fmt: skip
-    titles = ("Pressure (Decibar),Depth (Meter),Temperature (Celsius),Conductivity (MicroSiemens per Centimeter),Specific conductance"
-              " (MicroSiemens per Centimeter),Salinity (Practical Salinity Scale),Sound velocity (Meters per Second),Density (Kilograms"
+    titles = ("Pressure (Decibar),Depth (Meter),Temperature (Celsius),Conductivity (MicroSiemens"
+              " per Centimeter),Specific conductance (MicroSiemens per Centimeter),Salinity"
+              " (Practical Salinity Scale),Sound velocity (Meters per Second),Density (Kilograms"
               " per Cubic Meter)")  # fmt: skip
     return "\n".join(
         [*head, titles, *(f"{p},{z},{t},25000,31000,{s},{c},1025" for p, z, t, s, c in LEVELS), ""]
@@ -95,7 +124,8 @@ def castaway():
 
 def valeport():
     return "\n".join([
-        "[HEADER]", "Instrument=SWiFT CTD", "Serial_Number=12345", f"Latitude={LAT}", f"Longitude={LON}",
+        "[HEADER]", ("Instrument=SWiFT"
+                    " CTD"), "Serial_Number=12345", f"Latitude={LAT}", f"Longitude={LON}",
         "Time_Stamp=2014/07/24 19:20:00.000", "[DATA]",
         "Time\tDepth\tPressure\tSound Velocity\tTemperature\tSalinity", "\tm\tdBar\tm/s\tC\tPSU",
         *(f"2014/07/24 19:20:00\t{z}\t{p}\t{c}\t{t}\t{s}" for p, z, t, s, c in LEVELS), "",
@@ -104,16 +134,19 @@ def valeport():
 
 def midas():
     return "\n".join([
-        "Previous File Location :\tC:\\x", "Model Name :\tMIDAS SVX2", "Time Stamp :\t24/07/2014 19:20:00",
+        ("Previous File Location"
+        " :\tC:\\x"), "Model Name :\tMIDAS SVX2", "Time Stamp :\t24/07/2014 19:20:00",
         f"Latitude :\t{LAT}", f"Longitude :\t{LON}",
-        "Date / Time\tSOUND VELOCITY;M/SEC\tPRESSURE;DBAR\tTEMPERATURE;C\tCONDUCTIVITY;MS/CM\tCalc. SALINITY;PSU",
+        ("Date / Time\tSOUND"
+        " VELOCITY;M/SEC\tPRESSURE;DBAR\tTEMPERATURE;C\tCONDUCTIVITY;MS/CM\tCalc. SALINITY;PSU"),
         *(f"24/07/2014 19:20:00\t{c}\t{p}\t{t}\t25\t{s}" for p, _, t, s, c in LEVELS), "",
     ])  # fmt: skip
 
 
 def mini_svp():
     return "\n".join([
-        "Now: 24/07/2014 19:20:00", "MiniSVP: S/N 12345", "Latitude: 74.5", "Site info: north", "Pressure units: dBar",
+        "Now: 24/07/2014 19:20:00", ("MiniSVP: S/N"
+                     " 12345"), "Latitude: 74.5", "Site info: north", "Pressure units: dBar",
         *(f"{p}\t{t}\t{c}" for p, _, t, _, c in LEVELS), "",
     ])  # fmt: skip
 
@@ -225,18 +258,28 @@ def test_flags_soaks_and_upcasts_are_left_out_and_counted(tmp_path):
 
 
 def test_temperature_of_its_68_becomes_that_of_its_90(tmp_path):
-    (tmp_path / "a.cnv").write_text(sea_bird().replace("t090C", "t068C").replace("ITS-90", "IPTS-68"))
+    (tmp_path / "a.cnv").write_text(
+        sea_bird().replace("t090C", "t068C").replace("ITS-90", "IPTS-68")
+    )
     cast = read_cast(tmp_path / "a.cnv")
     np.testing.assert_allclose(cast.temperature, TEMPERATURE / 1.00024, atol=1e-4)
     assert any("ITS-68" in note for note in cast.notes)
 
 
 def columns(
-    tmp_path, *names, rows=((10.0, 15.0, 35.0), (100.0, 14.0, 35.0), (1000.0, 8.0, 35.0)), position=True
+    tmp_path,
+    *names,
+    rows=((10.0, 15.0, 35.0), (100.0, 14.0, 35.0), (1000.0, 8.0, 35.0)),
+    position=True,
 ):
     """Write a Sea-Bird file with columns of these names at 45 N, 30 W."""
     place = ["* NMEA Latitude = 45 00.00 N", "* NMEA Longitude = 030 00.00 W"] if position else []
-    head = ["* Sea-Bird", *place, *(f"# name {k} = {name}" for k, name in enumerate(names)), "*END*"]
+    head = [
+        "* Sea-Bird",
+        *place,
+        *(f"# name {k} = {name}" for k, name in enumerate(names)),
+        "*END*",
+    ]
     path = tmp_path / "names.cnv"
     path.write_text("\n".join([*head, *(" ".join(map(str, row)) for row in rows), ""]))
     return path
@@ -253,9 +296,12 @@ def depth_of(pressure):
     ("prE: Pressure [psi]", depth_of(np.array([10.0, 100.0, 1000.0]) * 0.6894757)),
     ("depSF: Depth [salt water, ft]", np.array([3.048, 30.48, 304.8])),
     ("depSM: Depth [salt water, m], lat = 45", np.array([10.0, 100.0, 1000.0])),
-    ("depSM: Depth [salt water, m], lat = 0.00", depth_of(gsw.p_from_z([-10.0, -100.0, -1000.0], 0.0))),
-    ("depFM: Depth [fresh water, m], lat = 45", depth_of(np.array([10.0, 100.0, 1000.0]) / 1.019716)),
-    ("depFF: Depth [fresh water, ft], lat = 45", depth_of(np.array([10.0, 100.0, 1000.0]) * 0.3048 / 1.019716)),
+    (("depSM: Depth [salt water, m], lat ="
+     " 0.00"), depth_of(gsw.p_from_z([-10.0, -100.0, -1000.0], 0.0))),
+    (("depFM: Depth [fresh water, m], lat ="
+     " 45"), depth_of(np.array([10.0, 100.0, 1000.0]) / 1.019716)),
+    (("depFF: Depth [fresh water, ft], lat ="
+     " 45"), depth_of(np.array([10.0, 100.0, 1000.0]) * 0.3048 / 1.019716)),
 ])  # fmt: skip
 def test_every_vertical_column_of_sea_bird_gives_the_depth_in_sea_water(tmp_path, name, depth):
     cast = read_cast(columns(tmp_path, name, "t090C: Temperature", "sal00: Salinity"))
@@ -263,8 +309,10 @@ def test_every_vertical_column_of_sea_bird_gives_the_depth_in_sea_water(tmp_path
 
 
 @pytest.mark.parametrize(("name", "celsius"), [
-    ("t068: temperature, IPTS-68 [deg C]", lambda t: t / 1.00024), ("tv290C: Temperature", lambda t: t),
-    ("t190F: Temperature, 2", lambda t: (t - 32.0) / 1.8), ("t068F: T", lambda t: (t - 32.0) / 1.8 / 1.00024),
+    (("t068: temperature, IPTS-68 [deg"
+     " C]"), lambda t: t / 1.00024), ("tv290C: Temperature", lambda t: t),
+    (("t190F: Temperature,"
+     " 2"), lambda t: (t - 32.0) / 1.8), ("t068F: T", lambda t: (t - 32.0) / 1.8 / 1.00024),
     ("tnc90C: T", lambda t: t), ("t3890C: T", lambda t: t),
 ])  # fmt: skip
 def test_every_temperature_of_sea_bird_becomes_celsius_of_its_90(tmp_path, name, celsius):
@@ -275,7 +323,9 @@ def test_every_temperature_of_sea_bird_becomes_celsius_of_its_90(tmp_path, name,
 
 def test_conductivity_of_an_sbe_37_gives_salinity(tmp_path):
     rows = ((10.0, 15.0, 4.29), (100.0, 14.0, 4.2), (1000.0, 8.0, 3.65))
-    cast = read_cast(columns(tmp_path, "prM: p", "t090C: t", "cond0S/m: Conductivity [S/m]", rows=rows))
+    cast = read_cast(
+        columns(tmp_path, "prM: p", "t090C: t", "cond0S/m: Conductivity [S/m]", rows=rows)
+    )
     expected = gsw.SP_from_C([42.9, 42.0, 36.5], [15.0, 14.0, 8.0], [10.0, 100.0, 1000.0])
     np.testing.assert_allclose(cast.salinity, expected, rtol=1e-9)
 
@@ -319,8 +369,13 @@ def test_refusals_name_the_columns_that_are_not_read(tmp_path):
 
 
 def test_english_units_of_sippican_become_metric(tmp_path):
-    text = sippican_mk12().split("Depth (m)")[0] + "Depth (ft) - Temperature (F) - Sound Velocity (ft/s)\n"
-    (tmp_path / "feet.edf").write_text(text + "0.0 80.0 5050.0\n100.0 70.0 5000.0\n1000.0 60.0 4950.0\n")
+    text = (
+        sippican_mk12().split("Depth (m)")[0]
+        + "Depth (ft) - Temperature (F) - Sound Velocity (ft/s)\n"
+    )
+    (tmp_path / "feet.edf").write_text(
+        text + "0.0 80.0 5050.0\n100.0 70.0 5000.0\n1000.0 60.0 4950.0\n"
+    )
     profile = read_profile(tmp_path / "feet.edf")
     np.testing.assert_allclose(profile.depth, np.array([0.0, 100.0, 1000.0]) * 0.3048)
     np.testing.assert_allclose(profile.sound_speed, np.array([5050.0, 5000.0, 4950.0]) * 0.3048)
@@ -328,11 +383,14 @@ def test_english_units_of_sippican_become_metric(tmp_path):
 
 @pytest.mark.parametrize(("date", "time", "note"), [
     ("28/04/2020", "2020-04-28T19:20:00", ""), ("04/28/2020", "2020-04-28T19:20:00", ""),
-    ("09/04/2020", "2020-09-04T19:20:00", "the month is assumed to be first"), ("04/04/2020", "2020-04-04T19:20:00", ""),
+    ("09/04/2020", "2020-09-04T19:20:00", ("the month is assumed to be"
+                                          " first")), ("04/04/2020", "2020-04-04T19:20:00", ""),
     ("31/31/2020", "NaT", "not read"), ("30/02/2020", "NaT", "not read"), ("soon", "NaT", "not read"),
 ])  # fmt: skip
 def test_dates_of_sippican_are_read_or_noted(tmp_path, date, time, note):
-    (tmp_path / "a.edf").write_text(sippican("XCTD").replace("07/24/2014", date), encoding="latin-1")
+    (tmp_path / "a.edf").write_text(
+        sippican("XCTD").replace("07/24/2014", date), encoding="latin-1"
+    )
     for one in (read_profile(tmp_path / "a.edf"), read_cast(tmp_path / "a.edf")):
         np.testing.assert_equal(one.time, np.datetime64(time))
         assert any(note in line for line in one.notes) if note else "month" not in str(one.notes)
@@ -352,7 +410,9 @@ def test_rows_on_deck_do_not_hide_a_cast(tmp_path):
 def test_salinity_comes_from_conductivity_where_there_is_none(tmp_path):
     conductivity = gsw.C_from_SP(SALINITY, TEMPERATURE, PRESSURE)  # mS/cm
     cnv = sea_bird(
-        rows=[(p, z, t, c / 10.0, v) for (p, z, t, _, v), c in zip(LEVELS, conductivity, strict=True)]
+        rows=[
+            (p, z, t, c / 10.0, v) for (p, z, t, _, v), c in zip(LEVELS, conductivity, strict=True)
+        ]
     )
     rows = zip(LEVELS, conductivity, strict=True)
     text = "Time,Conductivity,Temperature,Pressure,Sea pressure,Depth\n" + "".join(
@@ -414,7 +474,8 @@ def test_asvp_is_written_and_read_back(tmp_path):
     np.testing.assert_allclose(back.sound_speed[1:-1], profile.sound_speed, atol=5.1e-3)
     assert (back.place, back.time) == ((LAT, LON), TIME)
     for wrong, words in ((profile._replace(place=None), "position of a is unknown"),
-                         (profile._replace(time=np.datetime64("NaT", "ns")), "time of a is unknown")):  # fmt: skip
+                         (profile._replace(time=np.datetime64("NaT", "ns")), ("time of a is"
+                                                                             " unknown"))):  # fmt: skip
         refused(MantaRayError, words, write_asvp, tmp_path / "c.asvp", wrong)
     fine = np.arange(0.0, 200.0, 0.1)
     many = profile._replace(depth=fine, sound_speed=1440.0 + 0.1 * fine)
@@ -497,7 +558,9 @@ def test_ragged_cf_profiles_have_places_times_and_flags(tmp_path, layout):
 
 
 @given(st.sampled_from(sorted(FILES)), st.data())
-@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 def test_a_damaged_file_gives_a_profile_or_one_line(tmp_path, name, data):
     text = FILES[name][0]
     start = data.draw(st.integers(0, len(text)))
@@ -515,7 +578,8 @@ def test_a_damaged_file_gives_a_profile_or_one_line(tmp_path, name, data):
 @pytest.mark.parametrize(("words", "date", "notes"), [
     ("12/25/2020", "2020-12-25", 0), ("25/12/2020", "2020-12-25", 0), ("12/11/2020", "2020-12-11", 1),
     ("12/12/2020", "2020-12-12", 0), ("13/01/20", "2020-01-13", 0), ("soon", "", 1), ("", "", 0),
-    ("2020/4/28", "2020-04-28", 0), ("2020-04-28 21:06", "2020-04-28", 0), ("2020.13.01", "2020-13-01", 0), ("20200428", "", 1),
+    ("2020/4/28", "2020-04-28", 0), (("2020-04-28"
+                                     " 21:06"), "2020-04-28", 0), ("2020.13.01", "2020-13-01", 0), ("20200428", "", 1),
 ])  # fmt: skip
 def test_the_month_is_first_unless_it_cannot_be_one(words, date, notes):
     read, made = month_first_date(words)

@@ -1,4 +1,7 @@
-"""From latitude and longitude to the local frame and to the interpolant that rays see, against closed forms and geodesics."""
+"""
+From latitude and longitude to the local frame and to the interpolant that rays see, against closed
+forms and geodesics.
+"""
 
 import numpy as np
 import pyproj
@@ -20,7 +23,9 @@ from pymantaray.ocean.window import Window
 GEOD = pyproj.Geod(ellps="WGS84")
 
 LEVELS = [0.0, 100.0, *np.arange(200.0, 2_001.0, 200.0)]
-DEPTH_SPLINE = 0.002  # m/s; twice what a natural cubic spline through these levels loses of isothermal water
+DEPTH_SPLINE = (
+    0.002  # m/s; twice what a natural cubic spline through these levels loses of isothermal water
+)
 PER_KELVIN = 4.6  # m/s; of sound speed near 3 degC
 
 
@@ -33,7 +38,9 @@ def nodes(local):
 
 @pytest.mark.parametrize("centre", [(78.0, 0.0), (45.0, 180.0), (-70.0, 150.0)], ids=str)
 def test_currents_point_where_a_drifter_would_go(closed_form_ocean, centre):
-    """Off the centre meridian, moving along the geodesic must move the local point along the current."""
+    """
+    Off the centre meridian, moving along the geodesic must move the local point along the current.
+    """
     u, v, seconds = 0.4, 0.3, 2_000.0
     ocean = closed_form_ocean(
         *centre,
@@ -54,7 +61,9 @@ def test_currents_point_where_a_drifter_would_go(closed_form_ocean, centre):
     moved_north = (north - local["north"].values[:, None]) / seconds
     moved_east = (east - local["east"].values) / seconds
     scale = frame.scale_factor(*np.meshgrid(local["north"], local["east"], indexing="ij"))
-    np.testing.assert_allclose(local["current_north"][..., 0] * scale, moved_north, rtol=0, atol=1e-4)
+    np.testing.assert_allclose(
+        local["current_north"][..., 0] * scale, moved_north, rtol=0, atol=1e-4
+    )
     np.testing.assert_allclose(local["current_east"][..., 0] * scale, moved_east, rtol=0, atol=1e-4)
     bearing = np.arctan2(local["current_east"], local["current_north"]).values
     turned = np.degrees(np.ptp(bearing))
@@ -99,7 +108,9 @@ def test_the_grid_points_used_are_enough_for_the_spline_through_all(fram_strait)
     surface = ocean_sound_speed(fram_strait)[0]
     assert np.isfinite(surface).all()
     whole = RectBivariateSpline(fram_strait["lat"], fram_strait["lon"], surface, s=0)
-    np.testing.assert_allclose(local["sound_speed"][..., 0], whole.ev(*nodes(local)), rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(
+        local["sound_speed"][..., 0], whole.ev(*nodes(local)), rtol=0.0, atol=1e-9
+    )
 
 
 @settings(QUICK)
@@ -123,7 +134,9 @@ def test_splines_along_an_axis_are_those_of_scipy(n, degree, seed):
 
 
 def test_sound_speed_goes_on_rising_beneath_the_sea_bed(closed_form_ocean):
-    """Between the deepest valid level and the coarse floor there is water: its gradient is pressure's."""
+    """
+    Between the deepest valid level and the coarse floor there is water: its gradient is pressure's.
+    """
     ocean = closed_form_ocean(
         78.0,
         0.0,
@@ -150,7 +163,10 @@ def test_what_does_not_fit_is_refused_in_one_line(fram_strait, options, message)
 
 
 def interpolant(local, points):
-    """Sound speed at points (n, 3), from the coefficients that the ray kernels take, by SciPy's splines."""
+    """
+    Sound speed at points (n, 3), from the coefficients that the ray kernels take, by SciPy's
+    splines.
+    """
     medium = Medium.from_dataset(local)
     levels = medium.depth.size
     at = []
@@ -163,7 +179,9 @@ def interpolant(local, points):
 
 @settings(QUICK, max_examples=8)
 @given(
-    place=st.sampled_from([(0.0, 20.0), (45.0, -30.0), (78.0, 179.97), (85.0, -179.5), (45.0, 180.0)]),
+    place=st.sampled_from(
+        [(0.0, 20.0), (45.0, -30.0), (78.0, 179.97), (85.0, -179.5), (45.0, 180.0)]
+    ),
     points_a_wave=st.sampled_from([10.0, 16.0, 40.0]),
     heading=st.floats(0.0, np.pi),
     phase=st.floats(0.0, 2.0 * np.pi),
@@ -175,10 +193,11 @@ def test_a_wave_survives_the_trip_to_the_interpolant(
     """
     A plane wave in degrees with p points a wavelength, amplitude 1 K.
 
-    A cubic spline through samples h apart errs by (5/384) h^4 f'''' at most: 0.02 of the amplitude with 10
-    points a wave, 0.003 with 16, 1e-4 with 40. The wave passes two of them (to the nodes of the local grid, and
-    between these), in two directions: four times that bounds it, with what the depth spline adds. UNESCO's
-    equation, since TEOS-10's atlas of compositions has kinks, every 4 degrees.
+    A cubic spline through samples h apart errs by (5/384) h^4 f'''' at most: 0.02 of the amplitude
+    with 10 points a wave, 0.003 with 16, 1e-4 with 40. The wave passes two of them (to the nodes of
+    the local grid, and between these), in two directions: four times that bounds it, with what the
+    depth spline adds. UNESCO's equation, since TEOS-10's atlas of compositions has kinks, every 4
+    degrees.
     """
     latitude, longitude = place
     step = np.array([0.04, 0.08])  # degrees, of the grid
@@ -190,16 +209,26 @@ def test_a_wave_survives_the_trip_to_the_interpolant(
         return 3.0 + np.cos(number[0] * (lat - latitude) + number[1] * east + phase)
 
     ocean = closed_form_ocean(
-        latitude, longitude, temperature=temperature, depth=LEVELS, n=(41, 45), floor=lambda _lat, _lon: 1e4
+        latitude,
+        longitude,
+        temperature=temperature,
+        depth=LEVELS,
+        n=(41, 45),
+        floor=lambda _lat, _lon: 1e4,
     )
     local = to_local(ocean, equation="unesco")
     half = np.array([local["north"].values[-1], local["east"].values[-1]])
     rng = np.random.default_rng(seed)
-    points = np.column_stack([rng.uniform(-0.75, 0.75, (20, 2)) * half, rng.uniform(0.0, 2_000.0, 20)])
+    points = np.column_stack(
+        [rng.uniform(-0.75, 0.75, (20, 2)) * half, rng.uniform(0.0, 2_000.0, 20)]
+    )
     lon, lat = pyproj.Proj(local.attrs["proj_string"])(points[:, 1], points[:, 0], inverse=True)
     expected = sound_speed(
         temperature(points[:, 2], lat, lon), 34.0, points[:, 2], lat, lon, equation="unesco"
     )
     error = np.abs(interpolant(local, points) - expected)
     sample = 5.0 / 384.0 * (2.0 * np.pi / points_a_wave) ** 4
-    assert error.max() < 4.0 * sample * PER_KELVIN + DEPTH_SPLINE, (error.max(), sample * PER_KELVIN)
+    assert error.max() < 4.0 * sample * PER_KELVIN + DEPTH_SPLINE, (
+        error.max(),
+        sample * PER_KELVIN,
+    )

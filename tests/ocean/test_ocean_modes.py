@@ -26,7 +26,9 @@ def test_modes_are_orthonormal_and_carry_the_oceans_variance(beaufort_sea):
     speed = columns(beaufort_sea, found.depth.size)
     np.testing.assert_allclose(found.mean, speed.mean(axis=0), rtol=0, atol=1e-9)
     amplitudes = ((speed - found.mean) * weights) @ found.modes.T
-    np.testing.assert_allclose(np.cov(amplitudes.T, bias=True), np.diag(found.variance), rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        np.cov(amplitudes.T, bias=True), np.diag(found.variance), rtol=0, atol=1e-9
+    )
     pooled = np.mean(((speed - found.mean) ** 2) @ weights)
     assert found.total_variance == pytest.approx(pooled, rel=1e-9)
     assert found.variance.sum() > 0.9999 * found.total_variance
@@ -40,7 +42,9 @@ def test_a_known_mode_is_found(closed_form_ocean):
     ocean = closed_form_ocean(
         45.0,
         0.0,
-        temperature=lambda z, lat, _: 10.0 + 0.1 * (lat - 45.0) * np.exp(-0.5 * ((z - 100.0) / 50.0) ** 2),
+        temperature=lambda z, lat, _: (
+            10.0 + 0.1 * (lat - 45.0) * np.exp(-0.5 * ((z - 100.0) / 50.0) ** 2)
+        ),
         n=(11, 9),
         depth=np.arange(0.0, 501.0, 10.0),
     )
@@ -56,12 +60,18 @@ def test_modes_of_casts(shared_data):
     casts = read_casts(sorted((shared_data / "casts").glob("beaufort_*ctd*.csv")))
     found = vertical_modes(casts)
     assert len(found.variance) <= len(casts) - 1
-    speed = np.array([sound_speed(*c.cell_means(found.depth), found.depth, c.lat, c.lon) for c in casts])
-    pooled = np.sum(((speed - speed.mean(axis=0)) ** 2) @ layer_weights(found.depth)) / (len(casts) - 1)
+    speed = np.array(
+        [sound_speed(*c.cell_means(found.depth), found.depth, c.lat, c.lon) for c in casts]
+    )
+    pooled = np.sum(((speed - speed.mean(axis=0)) ** 2) @ layer_weights(found.depth)) / (
+        len(casts) - 1
+    )
     assert found.total_variance == pytest.approx(pooled, rel=1e-9)
     with pytest.raises(OceanError, match="levels must be within the samples of all casts"):
         vertical_modes(casts, levels=[0.0, 5_000.0])
-    refused(OceanError, r"1 column\(s\) down to .*; at least 2 are required", vertical_modes, casts[:1])
+    refused(
+        OceanError, r"1 column\(s\) down to .*; at least 2 are required", vertical_modes, casts[:1]
+    )
 
 
 def test_columns_that_do_not_differ_have_no_modes():
@@ -78,7 +88,9 @@ def test_covariance_of_modes_is_their_sum_and_falls_with_distance(beaufort_sea):
     expected = np.einsum("k,ki,kj->ij", found.variance, found.modes, found.modes)
     np.testing.assert_allclose(covariance(a[:, None], a[None]), expected, rtol=0, atol=1e-12)
     b = a + np.array([18e3, 24e3, 0.0])
-    np.testing.assert_allclose(covariance(a, b), np.exp(-0.5) * np.diag(expected), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        covariance(a, b), np.exp(-0.5) * np.diag(expected), rtol=0, atol=1e-12
+    )
     between = covariance([0.0, 0.0, 0.5 * (z[3] + z[4])], [0.0, 0.0, z[9]])
     assert between == pytest.approx(0.5 * (expected[3, 9] + expected[4, 9]))
     points = np.random.default_rng(1).uniform([-5e4, -5e4, 0.0], [5e4, 5e4, 3e3], (60, 3))
@@ -93,10 +105,15 @@ def test_a_covariance_that_is_none_is_refused():
 
 
 def test_random_fields_have_the_stated_covariance():
-    """Over 4000 fields: variance, correlation at one and two scales, independence, kurtosis; within 5 standard errors."""
+    """
+    Over 4000 fields: variance, correlation at one and two scales, independence, kurtosis; within 5
+    standard errors.
+    """
     lat, lon, scale, n = 75.0 + 0.09 * np.arange(9), -140.0 + 0.3 * np.arange(8), 20e3, 4_000
     fields = random_fields(lat, lon, count=n, scale=scale, rng=np.random.default_rng(7))
-    north, east = LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1])).to_local(lat[:, None], lon)
+    north, east = LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1])).to_local(
+        lat[:, None], lon
+    )
     x = np.stack([north, east], axis=-1).reshape(-1, 2)
     expected = np.exp(-0.5 * np.sum((x[:, None] - x) ** 2, axis=-1) / scale**2)
     flat = fields.reshape(n, -1)
@@ -118,7 +135,10 @@ class UnitDraws:
 
 
 def test_the_spline_between_nodes_loses_no_variance():
-    """Off the lattice's nodes a field is a sum of independent draws: the squares of their weights add up to 1."""
+    """
+    Off the lattice's nodes a field is a sum of independent draws: the squares of their weights add
+    up to 1.
+    """
     lat, lon, total = np.linspace(-0.5, 0.5, 41), np.linspace(-0.5, 0.5, 37), 0.0
     for k in range(10_000):
         (weight,) = random_fields(lat, lon, count=1, scale=40e3, rng=UnitDraws(k))
@@ -133,5 +153,7 @@ def test_an_infinite_scale_is_one_number_and_bad_ones_are_refused():
     fields = random_fields(lat, lon, count=3, scale=np.inf, rng=np.random.default_rng(1))
     assert np.ptp(fields, axis=(1, 2)).max() == 0.0
     assert np.ptp(fields) > 0.0
-    with pytest.raises(OceanError, match="nodes across the window; the limit is 1500; use at least"):
+    with pytest.raises(
+        OceanError, match="nodes across the window; the limit is 1500; use at least"
+    ):
         random_fields(lat, lon, count=1, scale=100.0, rng=np.random.default_rng(1))

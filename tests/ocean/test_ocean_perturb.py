@@ -1,4 +1,6 @@
-"""Oceans believed instead of the true one: statistics at fixed seeds, proportion, and what stays."""
+"""
+Oceans believed instead of the true one: statistics at fixed seeds, proportion, and what stays.
+"""
 
 import numpy as np
 import pytest
@@ -41,12 +43,18 @@ def speed(ocean, equation="teos-10"):
 
 
 def test_the_pooled_rms_is_the_asked_one_in_expectation(ocean):
-    """Mean of 120 members' mean squares within 4 of its own standard errors, and those below 8 %."""
+    """
+    Mean of 120 members' mean squares within 4 of its own standard errors, and those below 8 %.
+    """
     c, modes = speed(ocean), vertical_modes(ocean)
-    weight = np.diff(EDGES)[:, None, None] * np.isfinite(c)  # each point counts by its layer's thickness
+    weight = np.diff(EDGES)[:, None, None] * np.isfinite(
+        c
+    )  # each point counts by its layer's thickness
     squares = np.empty(120)
     for k in range(squares.size):
-        member = perturb_ocean(ocean, rms=0.7, horizontal_scale=15e3, rng=stream(5, k, "x"), modes=modes)
+        member = perturb_ocean(
+            ocean, rms=0.7, horizontal_scale=15e3, rng=stream(5, k, "x"), modes=modes
+        )
         squares[k] = np.nansum(weight * (speed(member) - c) ** 2) / weight.sum()
     error = squares.std(ddof=1) / np.sqrt(squares.size)
     assert error < 0.08 * 0.49
@@ -72,7 +80,9 @@ def test_rms_of_the_upper_water(ocean):
 def test_members_are_valid_repeatable_and_in_proportion_to_rms(ocean, seed, rms, equation):
     before, c = ocean.copy(deep=True), speed(ocean, equation)
     one, again, twice = (
-        perturb_ocean(ocean, rms=r, horizontal_scale=15e3, rng=np.random.default_rng(seed), equation=equation)
+        perturb_ocean(
+            ocean, rms=r, horizontal_scale=15e3, rng=np.random.default_rng(seed), equation=equation
+        )
         for r in (rms, rms, 2.0 * rms)
     )
     validate_ocean(one)
@@ -107,7 +117,9 @@ def test_where_no_temperature_can_slow_sound_so_far_salinity_makes_the_rest(ocea
     assert wet[beyond].all()
     np.testing.assert_array_equal(changed["water_temp"].values[beyond], VARIABLES[0].lowest)
     assert np.all(changed["salinity"].values[beyond] < ocean["salinity"].values[beyond] - 1.0)
-    np.testing.assert_array_equal(changed["salinity"].values[~beyond], ocean["salinity"].values[~beyond])
+    np.testing.assert_array_equal(
+        changed["salinity"].values[~beyond], ocean["salinity"].values[~beyond]
+    )
 
 
 def test_the_mean_is_that_of_each_level(ocean):
@@ -118,7 +130,9 @@ def test_the_mean_is_that_of_each_level(ocean):
         field, true = mean[v.name].values, ocean[v.name].values
         np.testing.assert_array_equal(np.isfinite(field), np.isfinite(true))
         expected = np.broadcast_to(np.nanmean(true, axis=(1, 2), keepdims=True), true.shape)
-        np.testing.assert_allclose(field[np.isfinite(true)], expected[np.isfinite(true)], rtol=0, atol=1e-12)
+        np.testing.assert_allclose(
+            field[np.isfinite(true)], expected[np.isfinite(true)], rtol=0, atol=1e-12
+        )
     assert mean.attrs["history"].startswith("replaced by the horizontal mean of each level")
     assert ocean.identical(before)
 

@@ -1,4 +1,7 @@
-"""Positions in the text of headers and comments; expectations are degrees plus minutes / 60 with the sign of the hemisphere."""
+"""
+Positions in the text of headers and comments; expectations are degrees plus minutes / 60 with the
+sign of the hemisphere.
+"""
 
 import math
 
@@ -12,9 +15,12 @@ from pymantaray.ocean.positions import angle, position_in_comment, position_in_t
 
 READ = {
     "S12 30.60": -(12 + 30.60 / 60), "s 12 30.60": -(12 + 30.60 / 60), "12 30.60 S": -(12 + 30.60 / 60),
-    "South 12.51": -12.51, "12.51 degrees south": -12.51, "12°30'36\" S": -12.51, "12-30.6S": -12.51,
-    "12:30.6 S": -12.51, "12 30 36 S (bridge)": -12.51, "12 deg 30.6 min S": -12.51, "32 15 S lat": -32.25,
-    "-12 30.6": -12.51, "-12 30.6 S": -12.51, "N44 41.056": 44 + 41.056 / 60, "44 41.056 N 500 m from buoy": 44 + 41.056 / 60,
+    "South 12.51": -12.51, "12.51 degrees"
+                           " south": -12.51, "12°30'36\" S": -12.51, "12-30.6S": -12.51,
+    "12:30.6 S": -12.51, "12 30 36 S"
+                         " (bridge)": -12.51, "12 deg 30.6 min S": -12.51, "32 15 S lat": -32.25,
+    "-12 30.6": -12.51, "-12 30.6 S": -12.51, "N44 41.056": 44 + 41.056 / 60, "44 41.056 N 500 m"
+                                                                              " from buoy": 44 + 41.056 / 60,
     "12 30.6 Sur": -12.51, "12.51 Süd": -12.51, "Sud 12 30.6": -12.51, "12 30.6 Nord": 12.51, "12 59.99 S": -(12 + 59.99 / 60),
     "74.5": 74.5, "74": 74.0, "74.": 74.0, "+74.5": 74.5, "47 24.53 approx": 47 + 24.53 / 60,
 }  # fmt: skip
@@ -58,7 +64,10 @@ def test_notes_say_what_is_assumed_or_not_used():
             "longitude '63 15' has no hemisphere: east assumed",
         ),
     )
-    assert position_in_text("12 30 Q", "63 15 E") == (None, ("position not read: latitude '12 30 Q'",))
+    assert position_in_text("12 30 Q", "63 15 E") == (
+        None,
+        ("position not read: latitude '12 30 Q'",),
+    )
     assert math.isnan(angle("63 38.6 O", "longitude"))  # east in German, west in Spanish
     for fill in ("999", "0", "99.9999"):
         place, notes = position_in_text(fill, fill)
@@ -69,7 +78,8 @@ def test_notes_say_what_is_assumed_or_not_used():
 
 
 def test_comments_have_positions_in_any_order():
-    for line in ("# lat S12.5, lon W63.25", "# lon -63.25 lat -12.5 2014-07-24 19:20", "# lat 12 30 S; lon 63 15 W, 1500 m",
+    for line in ("# lat S12.5, lon W63.25", ("# lon -63.25 lat -12.5 2014-07-24"
+                            " 19:20"), "# lat 12 30 S; lon 63 15 W, 1500 m",
                  "# latitude: 12.5 S, longitude: 63.25W"):  # fmt: skip
         assert position_in_comment(line) == (-12.5, -63.25), line
     for line in ("# lat 12 30 Q, lon 63 15 W", "# lat and lon of the log", "# lat 12.5"):
@@ -77,15 +87,19 @@ def test_comments_have_positions_in_any_order():
 
 
 HEADERS = {
-    "a.cnv": ("** Latitude:  S12 30.60\n** Longitude: W063 38.60\n# name 0 = prdM: p\n# name 1 = t090C: t\n# name 2 = sal00: s\n"
+    "a.cnv": ("** Latitude:  S12 30.60\n** Longitude: W063 38.60\n# name 0 = prdM: p\n# name 1 ="
+              " t090C: t\n# name 2 = sal00: s\n"
               "*END*\n 1 27 36\n 100 20 36\n"),
-    "a.vp2": ("[HEADER]\nLatitude=S12 30.60\nLongitude=W063 38.60\n[DATA]\nDepth\tTemperature\tSalinity\nm\tC\tPSU\n"
+    "a.vp2": ("[HEADER]\nLatitude=S12 30.60\nLongitude=W063"
+              " 38.60\n[DATA]\nDepth\tTemperature\tSalinity\nm\tC\tPSU\n"
               "1\t27\t36\n100\t20\t36\n"),
     "a.edf": ("// MK21\nDate of Launch: 07/24/2014\nLatitude : S12 30.60\nLongitude : W063 38.60\n"
               "Depth (m) - Temperature (C) - Salinity (PSU)\n1 27 36\n100 20 36\n"),
     "a.csv": ("% Device,CC1\n% Start latitude,S12 30.60\n% Start longitude,W063 38.60\n"
-              "Depth (Meter),Temperature (Celsius),Salinity (Practical Salinity Scale)\n1,27,36\n100,20,36\n"),
-    "a.txt": ("Model=RBRconcerto\nLatitude=S12 30.60\nLongitude=W063 38.60\nTime,Temperature,Sea pressure,Salinity\n"
+              "Depth (Meter),Temperature (Celsius),Salinity (Practical Salinity"
+              " Scale)\n1,27,36\n100,20,36\n"),
+    "a.txt": ("Model=RBRconcerto\nLatitude=S12 30.60\nLongitude=W063 38.60\nTime,Temperature,Sea"
+              " pressure,Salinity\n"
               "2014-07-24 19:20:00.000,27,1,36\n2014-07-24 19:20:01.000,20,100,36\n"),
 }  # fmt: skip
 
@@ -97,14 +111,19 @@ def test_every_instrument_reads_the_same_positions(tmp_path, name):
     assert (cast.lat, cast.lon) == pytest.approx((-12.51, -(63 + 38.6 / 60)), abs=1e-9)
     (tmp_path / name).write_text(HEADERS[name].replace("S12 30.60", "12 30.60 X"))
     refused(
-        MantaRayError, "no place .position not read: latitude '12 30.60 X'.; give", read_cast, tmp_path / name
+        MantaRayError,
+        "no place .position not read: latitude '12 30.60 X'.; give",
+        read_cast,
+        tmp_path / name,
     )
     assert read_cast(tmp_path / name, lat=-12.0, lon=-63.0).lat == -12.0
 
 
 def test_values_without_a_fix_are_no_position(tmp_path):
     text = HEADERS["a.vp2"].replace("S12 30.60", "999").replace("W063 38.60", "999")
-    text = text.replace("Salinity", "Sound Velocity").replace("PSU", "m/s").replace("\t36", "\t1500")
+    text = (
+        text.replace("Salinity", "Sound Velocity").replace("PSU", "m/s").replace("\t36", "\t1500")
+    )
     (tmp_path / "a.vp2").write_text(text)
     profile = read_profile(tmp_path / "a.vp2")
     assert profile.place is None
@@ -120,4 +139,6 @@ def test_values_without_a_fix_are_no_position(tmp_path):
     profile = read_profile(tmp_path / "b.csv")
     assert profile.place is None
     assert "not used" in profile.notes[0]
-    refused(MantaRayError, "latitude must be -90 to 90", read_profile, tmp_path / "b.csv", (91.0, 0.0))
+    refused(
+        MantaRayError, "latitude must be -90 to 90", read_profile, tmp_path / "b.csv", (91.0, 0.0)
+    )

@@ -1,4 +1,7 @@
-"""RBR's .rsk files: casts of a database that sqlite3 wrote by RBR's schema, and files that are refused before they are opened."""
+"""
+RBR's .rsk files: casts of a database that sqlite3 wrote by RBR's schema, and files that are refused
+before they are opened.
+"""
 
 import sqlite3
 from contextlib import closing
@@ -44,7 +47,10 @@ INSERT INTO continuous VALUES (1, 1, 1000);
 
 
 def profile(top, count=40):
-    """Conductivity, temperature and salinity of a downcast at sea pressures from the top [dbar], one row a second."""
+    """
+    Conductivity, temperature and salinity of a downcast at sea pressures from the top [dbar], one
+    row a second.
+    """
     pressure = top + 2.0 * np.arange(count)
     temperature = 4.0 - 0.02 * pressure
     salinity = 34.0 + 0.01 * pressure
@@ -73,7 +79,9 @@ def write_rsk(path, *, regions=True, extra=""):
             database.execute("INSERT INTO region VALUES (1,?,'CAST',?,?,'','',0)", (k, first, last))
             database.execute("INSERT INTO regionCast VALUES (?,1,?)", (k, kind))
         for k, (first, _, _) in enumerate(spans):
-            database.execute("INSERT INTO geodata VALUES (?,?,?,1,'')", (first, 74.5 + 0.1 * k, -140.25))
+            database.execute(
+                "INSERT INTO geodata VALUES (?,?,?,1,'')", (first, 74.5 + 0.1 * k, -140.25)
+            )
         database.executescript(extra)
         database.commit()
     return path
@@ -88,7 +96,9 @@ def test_downcasts_are_read_with_salinity_position_and_time(tmp_path):
         pytest.approx((74.5, -140.25)),
         pytest.approx((74.7, -140.25)),
     ]
-    assert [cast.time for cast in casts] == [np.datetime64(START + 80_000 * k, "ms") for k in range(2)]
+    assert [cast.time for cast in casts] == [
+        np.datetime64(START + 80_000 * k, "ms") for k in range(2)
+    ]
     for cast, top in zip(casts, (1.0, 5.0), strict=True):
         _, temperature, pressure, salinity = profile(top)
         np.testing.assert_allclose(cast.depth, -gsw.z_from_p(pressure, cast.lat), rtol=1e-9)
@@ -100,14 +110,20 @@ def test_downcasts_are_read_with_salinity_position_and_time(tmp_path):
 
 
 def test_a_file_without_marked_casts_is_one_cast(tmp_path):
-    """Rows of the upcast and of the second downcast are not deeper than earlier rows, except the last ones."""
+    """
+    Rows of the upcast and of the second downcast are not deeper than earlier rows, except the last
+    ones.
+    """
     pytest.importorskip("pyrsktools", reason="needs the extra rbr")
     (cast,) = read_casts(write_rsk(tmp_path / "a.rsk", regions=False))
     assert cast.depth.size == 42
     assert cast.dropped == 78
 
 
-ENDLESS = "DROP TABLE data; CREATE VIEW data AS WITH RECURSIVE n(tstamp) AS (SELECT 1 UNION ALL SELECT tstamp + 1 FROM n) SELECT * FROM n;"
+ENDLESS = (
+    "DROP TABLE data; CREATE VIEW data AS WITH RECURSIVE n(tstamp) AS (SELECT 1 UNION ALL SELECT"
+    " tstamp + 1 FROM n) SELECT * FROM n;"
+)
 HUGE = "ALTER TABLE channels ADD COLUMN note AS (hex(zeroblob(900000000)));"
 REFUSED = {
     "data is a view, a virtual table or a generated column": ENDLESS,

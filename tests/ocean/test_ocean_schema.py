@@ -1,4 +1,7 @@
-"""What the schema says beside its rules, which `test_ocean_check` breaks one by one: instants, history, its page."""
+"""
+What the schema says beside its rules, which `test_ocean_check` breaks one by one: instants,
+history, its page.
+"""
 
 from pathlib import Path
 
@@ -24,7 +27,10 @@ def test_instants_are_utc():
 def test_history_grows_by_lines(fram_strait):
     once = with_history(fram_strait, "  thinned ")
     assert once.attrs["history"] == "thinned"
-    assert with_history(once, "perturbed by 0.5 m/s").attrs["history"] == "thinned\nperturbed by 0.5 m/s"
+    assert (
+        with_history(once, "perturbed by 0.5 m/s").attrs["history"]
+        == "thinned\nperturbed by 0.5 m/s"
+    )
     assert "history" not in fram_strait.attrs
     for wrong in ("", " \n", "two\nlines"):
         refused(OceanError, "give one line", with_history, once, wrong)

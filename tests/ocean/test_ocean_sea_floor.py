@@ -1,4 +1,6 @@
-"""The sea floor: what levels imply, every product's own layout, which one wins, and what is refused."""
+"""
+The sea floor: what levels imply, every product's own layout, which one wins, and what is refused.
+"""
 
 import netCDF4
 import numpy as np
@@ -17,7 +19,9 @@ DEPTH = [0.0, 10.0, 40.0, 100.0]
 
 
 def test_the_floor_is_half_way_to_the_next_level(closed_form_ocean):
-    floors = np.array([-1.0, 0.0, 10.0, 39.0, 40.0, 99.0, 100.0, 500.0])  # true depth of each column
+    floors = np.array(
+        [-1.0, 0.0, 10.0, 39.0, 40.0, 99.0, 100.0, 500.0]
+    )  # true depth of each column
     ocean = closed_form_ocean(
         0.0,
         0.0,
@@ -48,7 +52,9 @@ def test_land_takes_the_nearest_wet_column_by_distance_not_by_index():
 
 
 def test_a_window_on_land_is_refused():
-    refused(OceanError, "no wet column", fill_below_sea_bed, np.full((2, 4, 4), np.nan), np.zeros(4))
+    refused(
+        OceanError, "no wet column", fill_below_sea_bed, np.full((2, 4, 4), np.nan), np.zeros(4)
+    )
 
 
 WINDOW = (75.0, 76.0, 179.0, -179.0)  # across the antimeridian
@@ -56,7 +62,9 @@ WINDOW = (75.0, 76.0, 179.0, -179.0)  # across the antimeridian
 
 def height(lat, lon):
     """Hills and a coast, linear between points 0.05 degrees apart; positive up. [m]"""
-    turned = (lon - 180.0) % 360.0  # 0 at the antimeridian; the jump of this at 0 E is outside every window
+    turned = (
+        lon - 180.0
+    ) % 360.0  # 0 at the antimeridian; the jump of this at 0 E is outside every window
     turned = np.where(turned > 180.0, turned - 360.0, turned)
     return np.round(-2_000.3 + 1_500.0 * (lat - 75.5) - 80.0 * turned)
 
@@ -92,13 +100,29 @@ LON_180 = np.round(np.arange(-179.975, 180.0, 0.05), 6)
 LON_360 = np.round(np.arange(0.025, 360.0, 0.05), 6)
 
 
-GEBCO_FURTHER = {"tid": (("lat", "lon"), np.zeros((LAT.size, LON_360.size), "i1")), "crs": ((), b"")}
+GEBCO_FURTHER = {
+    "tid": (("lat", "lon"), np.zeros((LAT.size, LON_360.size), "i1")),
+    "crs": ((), b""),
+}
 
 
-def save(path, name, values, attrs=None, *, lat=LAT, lon=LON_360, dims=("lat", "lon"), extra=None, **options):
+def save(
+    path,
+    name,
+    values,
+    attrs=None,
+    *,
+    lat=LAT,
+    lon=LON_360,
+    dims=("lat", "lon"),
+    extra=None,
+    **options,
+):
     """A file with one field on two axes."""
     axes = dict(zip(dims, (lat, lon), strict=True))
-    xr.Dataset({name: (dims, values, attrs or {})} | (extra or {}), coords=axes).to_netcdf(path, **options)
+    xr.Dataset({name: (dims, values, attrs or {})} | (extra or {}), coords=axes).to_netcdf(
+        path, **options
+    )
     return path
 
 
@@ -109,7 +133,9 @@ def test_only_the_window_is_read(tmp_path):
         for name, axis in (("lat", lat), ("lon", lon)):
             data.createDimension(name, axis.size)
             data.createVariable(name, "f8", (name,))[:] = axis
-        z = data.createVariable("elevation", "i2", ("lat", "lon"), chunksizes=(60, 60), fill_value=32767)
+        z = data.createVariable(
+            "elevation", "i2", ("lat", "lon"), chunksizes=(60, 60), fill_value=32767
+        )
         rows = slice(*np.searchsorted(lat, (75.2, 75.4)))
         for columns in (slice(0, 60), slice(-60, None)):
             z[rows, columns] = grid(lat[rows], lon[columns])
@@ -118,7 +144,11 @@ def test_only_the_window_is_read(tmp_path):
     spans(floor, (75.21, 75.39, 179.9, -179.9), 1.0 / 240.0)
 
 
-GEBCO = {"standard_name": "height_above_reference_ellipsoid", "units": "m", "long_name": "Elevation"}
+GEBCO = {
+    "standard_name": "height_above_reference_ellipsoid",
+    "units": "m",
+    "long_name": "Elevation",
+}
 LON_BOTH_ENDS = np.round(np.arange(-180.0, 180.01, 0.05), 6)  # as in ETOPO1
 NAMED = ("latitude", "longitude")
 
@@ -142,7 +172,9 @@ def test_every_layout_is_read_across_the_antimeridian(tmp_path, name, sign, attr
     spans(floor, WINDOW, 0.05)
     assert floor.attrs["source"] == f"any.nc: {name}"
     for other in ((75.0, 76.0, 179.0, 181.0), (75.0, 76.0, -181.0, -179.0)):
-        np.testing.assert_array_equal(open_sea_floor(tmp_path / "any.nc", window=other).values, floor.values)
+        np.testing.assert_array_equal(
+            open_sea_floor(tmp_path / "any.nc", window=other).values, floor.values
+        )
 
 
 def test_a_depth_without_a_sign_is_known_by_its_values(tmp_path):
@@ -196,7 +228,8 @@ def test_ibcao_s_polar_grid_is_put_on_latitude_and_longitude(tmp_path, mapping, 
     floor = open_sea_floor(path, window=POLAR_WINDOW, crs="EPSG:3996" if mapping is None else None)
     lat, lon = floor["lat"].values, floor["lon"].values % 360.0
     expected = 2_000.0 - 1_500.0 * (lat[:, None] - 75.5) + 800.0 * (lon - 180.0)
-    # the field is linear in degrees, not in metres of the projection: its curvature over 400 m is left
+    # the field is linear in degrees, not in metres of the projection: its curvature over 400 m is
+    # left
     assert np.max(np.abs(floor.values - expected)) < 0.05
     assert np.diff(lat).mean() * 111.6e3 == pytest.approx(400.0, rel=0.02)
 
@@ -212,9 +245,17 @@ POLAR_WINDOW = (75.3, 75.7, 179.2, -179.2)
     (CF_POLAR, {"window": (74.0, 77.0, 175.0, -175.0)}, "no value at"),
     (CF_POLAR, {"window": (65.0, 66.0, 10.0, 11.0)}, "does not contain the window"),
 ])  # fmt: skip
-def test_a_projection_that_is_not_named_is_refused_with_the_remedy(tmp_path, mapping, options, says):
+def test_a_projection_that_is_not_named_is_refused_with_the_remedy(
+    tmp_path, mapping, options, says
+):
     ibcao(tmp_path / "ibcao.nc", mapping=mapping)
-    refused(OceanError, says, open_sea_floor, tmp_path / "ibcao.nc", **{"window": POLAR_WINDOW} | options)
+    refused(
+        OceanError,
+        says,
+        open_sea_floor,
+        tmp_path / "ibcao.nc",
+        **{"window": POLAR_WINDOW} | options,
+    )
 
 
 def test_glorys_real_file(shared_data):
@@ -224,7 +265,9 @@ def test_glorys_real_file(shared_data):
     with xr.open_dataset(path) as data:
         land = data["mask"].values[0] == 0
         np.testing.assert_array_equal(floor.values == 0.0, land)
-        np.testing.assert_array_equal(floor.values[~land], data["deptho"].values[~land].astype(float))
+        np.testing.assert_array_equal(
+            floor.values[~land], data["deptho"].values[~land].astype(float)
+        )
     part = open_sea_floor(path, window=(76.6, 79.4, 351.0, 9.0))
     assert part["lat"].values[[0, -1]] == pytest.approx([76.5, 79.5])
     assert part["lon"].values[[0, -1]] == pytest.approx([-9.0, 9.0])
@@ -241,7 +284,8 @@ REFUSED = {
         {n: (("lat", "lon"), Z, {"standard_name": "surface_altitude"}) for n in "ab"},
         coords={"lat": LAT, "lon": LON_360},
     ).to_netcdf(path),
-    "is in 'feet'; it must be in metres": lambda path: save(path, "elevation", Z, {"units": "feet"}),
+    "is in 'feet'; it must be in"
+    " metres": lambda path: save(path, "elevation", Z, {"units": "feet"}),
     "check fill value and units": lambda path: save(path, "elevation", 100.0 * Z),
     "no value at 1 of": lambda path: save(path, "elevation", HOLED),
     "set its attribute positive": lambda path: save(path, "bathymetry", Z + 2_000.0),
@@ -249,7 +293,8 @@ REFUSED = {
     "grdconvert": lambda path: xr.Dataset(
         {"z": ("xysize", Z[:4].ravel()), "spacing": ("side", [0.05, 0.05])}
     ).to_netcdf(path),
-    "incomplete: it declares": lambda path: path.write_bytes(save(path, "elevation", Z, engine="scipy").read_bytes()[: Z.nbytes // 2]),
+    "incomplete: it"
+    " declares": lambda path: path.write_bytes(save(path, "elevation", Z, engine="scipy").read_bytes()[: Z.nbytes // 2]),
     "neither NetCDF-3 nor NetCDF-4": lambda path: path.write_bytes(b"<html>not found</html>"),
 }  # fmt: skip
 
@@ -266,7 +311,9 @@ def test_what_cannot_be_used_is_refused_in_one_line(tmp_path, says):
     ((76.0, 75.0, 0.0, 1.0), "south < north"),
 ])  # fmt: skip
 def test_a_window_that_the_file_does_not_hold_is_refused(tmp_path, window, says):
-    refused(OceanError, says, open_sea_floor, save(tmp_path / "whole.nc", "elevation", Z), window=window)
+    refused(
+        OceanError, says, open_sea_floor, save(tmp_path / "whole.nc", "elevation", Z), window=window
+    )
 
 
 def test_what_is_no_ordinary_file_is_refused():
@@ -341,7 +388,8 @@ def test_sound_speed_covers_the_water_down_to_the_file_s_floor(sloping_ocean):
     depth = local["depth"].values
     expected = sound_speed(2.0 - np.minimum(depth, 2_000.0) / 2_000.0, 34.0, depth, 78.0, 0.0)
     np.testing.assert_allclose(column["sound_speed"], expected, atol=1e-3)
-    # east of 0.5 E the ocean's own floor is at 450 m, the file's at 2,600: the level at 100 m goes on
+    # east of 0.5 E the ocean's own floor is at 450 m, the file's at 2,600: the level at 100 m goes
+    # on
     shallow = local.sel(north=0.0, east=19e3, method="nearest")
     lat, lon = LocalFrame(78.0, 0.0).to_geodetic(float(shallow["north"]), float(shallow["east"]))
     assert lon > 0.6
@@ -369,24 +417,33 @@ def test_the_number_of_nodes_is_capped_stated_and_the_mean_kept(sloping_ocean, m
     def ripples(lat, lon, lon_0):
         return 1_500.0 + 200.0 * (-1.0) ** np.round((lat - 78.0) / 0.005) + 0.0 * lon
 
-    local = to_local(sloping_ocean, half_extent=(40e3, 20e3), sea_floor=file_floor(0.005, form=ripples))
+    local = to_local(
+        sloping_ocean, half_extent=(40e3, 20e3), sea_floor=file_floor(0.005, form=ripples)
+    )
     floor = local["sea_floor_depth"]
     assert 1_000 < floor.size <= 2_000
     assert "at most" in local.attrs["sea_floor_source"]
     assert "points" in local.attrs["sea_floor_source"]
-    # ripples of two points a wave would alias to anything; the mean over an odd number of them is damped
+    # ripples of two points a wave would alias to anything; the mean over an odd number of them is
+    # damped
     assert float(np.abs(floor - 1_500.0).max()) < 0.3 * 200.0
 
 
 def test_a_floor_that_does_not_cover_the_domain_is_refused(sloping_ocean):
-    with pytest.raises(OceanError, match=r"not the domain of \+-60 km by \+-30 km; fetch a larger window"):
-        to_local(sloping_ocean, half_extent=(60e3, 30e3), sea_floor=file_floor(0.01, half=(0.3, 3.0)))
+    with pytest.raises(
+        OceanError, match=r"not the domain of \+-60 km by \+-30 km; fetch a larger window"
+    ):
+        to_local(
+            sloping_ocean, half_extent=(60e3, 30e3), sea_floor=file_floor(0.01, half=(0.3, 3.0))
+        )
     with pytest.raises(OceanError, match=r"must have \(lat, lon\)"):
         to_local(sloping_ocean, sea_floor=file_floor(0.01).rename(lat="y"))
 
 
 def test_the_equation_is_passed_on_and_named(sloping_ocean):
     half = (40e3, 20e3)
-    teos, unesco = (to_local(sloping_ocean, half_extent=half, equation=e) for e in ("teos-10", "unesco"))
+    teos, unesco = (
+        to_local(sloping_ocean, half_extent=half, equation=e) for e in ("teos-10", "unesco")
+    )
     assert unesco.attrs["sound_speed_equation"] == "unesco"
     assert 0.01 < float(np.abs(unesco["sound_speed"] - teos["sound_speed"]).max()) < 1.0

@@ -1,4 +1,7 @@
-"""TEOS-10 as we call it; Del Grosso and UNESCO against published values, Wong and Zhu's forms against the originals."""
+"""
+TEOS-10 as we call it; Del Grosso and UNESCO against published values, Wong and Zhu's forms against
+the originals.
+"""
 
 from pathlib import Path
 from typing import get_args
@@ -15,8 +18,8 @@ from pymantaray.ocean.seawater import absolute_and_conservative, in_situ_tempera
 
 T68 = 1.00024  # IPTS-68 over ITS-90 temperature
 
-# Fofonoff and Millard (1983), UNESCO 44, section 9: S = 25, 30, 35; rows 0 to 10,000 dbar, columns 0 to 40 degC;
-# second-hand from two public test suites that reprint the table
+# Fofonoff and Millard (1983), UNESCO 44, section 9: S = 25, 30, 35; rows 0 to 10,000 dbar, columns
+# 0 to 40 degC; second-hand from two public test suites that reprint the table
 TABLE = {
     25.0: """1435.8 1477.7 1510.3 1535.2 1553.4 1452.0 1494.1 1527.0 1552.1 1570.6 1468.6 1510.7 1543.6 1569.0 1587.6
              1485.6 1527.5 1560.3 1585.7 1604.5 1502.8 1544.3 1576.9 1602.4 1621.3 1520.4 1561.3 1593.6 1619.0 1638.0
@@ -71,13 +74,16 @@ def test_unesco_gives_the_published_table_within_its_rounding_and_the_change_of_
     p, t = np.arange(0.0, 10_001.0, 1_000.0)[:, None], np.arange(0.0, 41.0, 10.0)
     for s, text in TABLE.items():
         published = np.array(text.split(), dtype=float).reshape(11, 5)
-        np.testing.assert_allclose(chen_millero_1977(t, s, p / 10.0), published, rtol=0, atol=0.0501)
+        np.testing.assert_allclose(
+            chen_millero_1977(t, s, p / 10.0), published, rtol=0, atol=0.0501
+        )
         # Wong and Zhu's revision is within 0.024 m/s of the original
         np.testing.assert_allclose(unesco(t / T68, s, p), published, rtol=0, atol=0.05 + 0.024)
 
 
-# S 40, 40 degC (IPTS-68), 10,000 dbar of UNESCO 44, within Wong and Zhu's revision; the National Physical Laboratory's
-# calculator at 100 kPa as a public test suite reprints it, whose conversion of pressure for Del Grosso has seven digits
+# S 40, 40 degC (IPTS-68), 10,000 dbar of UNESCO 44, within Wong and Zhu's revision; the National
+# Physical Laboratory's calculator at 100 kPa as a public test suite reprints it, whose conversion
+# of pressure for Del Grosso has seven digits
 @pytest.mark.parametrize(("equation", "water", "published", "within"), [
     (lambda t, s, p: chen_millero_1977(t * T68, s, p / 10.0), (40.0 / T68, 40.0, 10_000.0), 1731.995, 5e-4),
     (unesco, (40.0 / T68, 40.0, 10_000.0), 1731.995, 0.024),
@@ -95,12 +101,18 @@ def test_check_values(equation, water, published, within):
 def test_forms_for_its_90_are_the_originals_within_wong_and_zhus_bounds(
     new, old, warmest, freshest, deepest, within
 ):
-    t, s, p = np.random.default_rng(3).uniform([0.0, freshest, 0.0], [warmest, 40.0, deepest], (2_000, 3)).T
+    t, s, p = (
+        np.random.default_rng(3)
+        .uniform([0.0, freshest, 0.0], [warmest, 40.0, deepest], (2_000, 3))
+        .T
+    )
     assert np.abs(new(t, s, p) - old(T68 * t, s, p)).max() < within
 
 
 def test_the_equations_agree_in_the_open_ocean_as_they_are_known_to():
-    """Del Grosso is within 0.1 m/s of TEOS-10; UNESCO is 0.5 to 0.7 m/s faster in deep cold water."""
+    """
+    Del Grosso is within 0.1 m/s of TEOS-10; UNESCO is 0.5 to 0.7 m/s faster in deep cold water.
+    """
     water = np.array([[15.0, 6.0, 3.0, 1.5], [35.5, 35.0, 34.9, 34.9], [0.0, 1e3, 2e3, 4e3]])
     teos, grosso, millero = (
         sound_speed(*water, 30.0, -40.0, equation=e) for e in ("teos-10", "del-grosso", "unesco")
@@ -112,7 +124,9 @@ def test_the_equations_agree_in_the_open_ocean_as_they_are_known_to():
 
 def test_the_instruments_own_sound_speed_is_one_of_the_equations(shared_data):
     """Of the XCTD, which computes it itself: to the noise of 1 m means of its three columns."""
-    table = pd.read_csv(shared_data / "casts" / "beaufort_xctd_icex20_1.csv", comment="#").iloc[100:]
+    table = pd.read_csv(shared_data / "casts" / "beaufort_xctd_icex20_1.csv", comment="#").iloc[
+        100:
+    ]
     water = (table[name] for name in ("temperature_degC", "practical_salinity", "depth_m"))
     found = sound_speed(*water, 71.2, -142.4, equation="unesco")
     np.testing.assert_allclose(found, table["sound_speed_m_s"], rtol=0, atol=0.25)
@@ -121,7 +135,9 @@ def test_the_instruments_own_sound_speed_is_one_of_the_equations(shared_data):
 @pytest.mark.parametrize("equation", ["teos-10", "del-grosso", "unesco"])
 def test_arguments_broadcast_gaps_stay_and_speed_rises_with_each(equation):
     t = np.array([[1.0, np.nan], [2.0, 3.0]])
-    found = sound_speed(t, 35.0, np.array([[0.0], [100.0]]), 10.0, np.array([20.0, 21.0]), equation=equation)
+    found = sound_speed(
+        t, 35.0, np.array([[0.0], [100.0]]), 10.0, np.array([20.0, 21.0]), equation=equation
+    )
     assert found.shape == (2, 2)
     np.testing.assert_array_equal(np.isnan(found), np.isnan(t))
     base = sound_speed(0.0, 34.0, 100.0, 78.0, 0.0, equation=equation)
@@ -130,7 +146,9 @@ def test_arguments_broadcast_gaps_stay_and_speed_rises_with_each(equation):
 
 
 def test_an_unknown_equation_is_refused():
-    with pytest.raises(OceanError, match="'mackenzie' is unknown; allowed: teos-10, del-grosso, unesco"):
+    with pytest.raises(
+        OceanError, match="'mackenzie' is unknown; allowed: teos-10, del-grosso, unesco"
+    ):
         sound_speed(0.0, 35.0, 0.0, 0.0, 0.0, equation="mackenzie")
 
 

@@ -58,11 +58,19 @@ def test_one_file_for_each_instant_says_the_same(tmp_path, file, steps):
 def test_times_are_those_at_which_everything_is_there(tmp_path, file, steps):
     ts = write(tmp_path / "ts.nc", steps, ["water_temp", "salinity"])
     uv = write(tmp_path / "uv.nc", steps[1:], ["water_u", "water_v"])
-    np.testing.assert_array_equal(ocean_times(file), START + 3 * np.arange(4).astype("timedelta64[h]"))
+    np.testing.assert_array_equal(
+        ocean_times(file), START + 3 * np.arange(4).astype("timedelta64[h]")
+    )
     assert ocean_times([ts, uv]).size == 3
     assert ocean_times(ts).size == 4
     span = "2020-01-01T00:00", "2020-01-01T06:00"
-    refused(OceanError, " to ".join(span) + "; available: 2020-01-01T03", open_ocean_series, [ts, uv], *span)
+    refused(
+        OceanError,
+        " to ".join(span) + "; available: 2020-01-01T03",
+        open_ocean_series,
+        [ts, uv],
+        *span,
+    )
     assert warmth(open_ocean_series(ts, *span, currents="rest")) == pytest.approx([0, 1, 2])
 
 
@@ -81,7 +89,9 @@ def test_a_grid_that_changes_is_refused(tmp_path, steps):
 
 def test_synthetic_oceans_come_every_three_hours():
     window = (77.9, 78.1, -0.5, 0.5)
-    oceans = open_ocean_series("synthetic:fram", "2014-07-15T13:00", "2014-07-15T15:30", window=window)
+    oceans = open_ocean_series(
+        "synthetic:fram", "2014-07-15T13:00", "2014-07-15T15:30", window=window
+    )
     assert [str(o["time"].values)[11:16] for o in oceans] == ["12:00", "15:00", "18:00"]
     xr.testing.assert_identical(
         oceans[1], open_ocean("synthetic:fram", time="2014-07-15T15:00", window=window)

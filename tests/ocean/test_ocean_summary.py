@@ -41,7 +41,9 @@ def test_the_spread_of_profiles_is_over_wet_points_only(fram_strait):
     lat, lon = fram_strait["lat"].values, fram_strait["lon"].values
     for k in (0, 20, 32, 36, 38):
         level = fram_strait.isel(depth=k)
-        speed = sound_speed(level["water_temp"], level["salinity"], float(level["depth"]), lat[:, None], lon)
+        speed = sound_speed(
+            level["water_temp"], level["salinity"], float(level["depth"]), lat[:, None], lon
+        )
         wet = speed[np.isfinite(speed)]
         one = spread.isel(depth=k)
         assert int(one["count"]) == wet.size
@@ -54,7 +56,10 @@ def test_the_spread_of_profiles_is_over_wet_points_only(fram_strait):
 
 
 def test_the_spread_of_profiles_warns_of_no_dry_level(fram_strait, monkeypatch):
-    """Also of no warning that xarray ignores: the filters are those of all threads, and another thread can restore them."""
+    """
+    Also of no warning that xarray ignores: the filters are those of all threads, and another thread
+    can restore them.
+    """
     warned = []
     monkeypatch.setattr(warnings, "warn", lambda message, *_, **__: warned.append(message))
     spread = sound_speed_profile_spread(fram_strait)

@@ -1,4 +1,7 @@
-"""Laws that the synthetic regions obey: grid, stability, thermal wind, drift, sea bed; real casts at their places."""
+"""
+Laws that the synthetic regions obey: grid, stability, thermal wind, drift, sea bed; real casts at
+their places.
+"""
 
 import gsw
 import numpy as np
@@ -28,7 +31,10 @@ def ocean(region, request):
 
 
 def test_the_grid_is_hycom_s(region, ocean):
-    n_lon, n_lat, lat_0, lon_0 = {"beaufort": (251, 76, 74.5, -140.0), "fram": (237, 75, 78.0, 0.0)}[region]
+    n_lon, n_lat, lat_0, lon_0 = {
+        "beaufort": (251, 76, 74.5, -140.0),
+        "fram": (237, 75, 78.0, 0.0),
+    }[region]
     assert dict(ocean.sizes) == {"depth": 40, "lat": n_lat, "lon": n_lon}
     np.testing.assert_allclose(np.diff(ocean["lat"]), 0.04, atol=1e-9)
     np.testing.assert_allclose(np.diff(ocean["lon"]), 0.08, atol=1e-9)
@@ -50,8 +56,8 @@ def test_vertical_shear_is_the_thermal_wind_of_the_density(ocean, component):
     """
     d(rho f v)/dz = g d(rho)/dx and d(rho f u)/dz = -g d(rho)/dy between all neighbouring levels.
 
-    Density by gsw, gravity by gsw at the latitude, neighbours on either side; points with water two levels
-    beneath them and beneath their neighbours.
+    Density by gsw, gravity by gsw at the latitude, neighbours on either side; points with water two
+    levels beneath them and beneath their neighbours.
     """
     depth, lat, lon = (ocean[name].values for name in ("depth", "lat", "lon"))
     middle = float(lat.mean())
@@ -75,12 +81,16 @@ def test_vertical_shear_is_the_thermal_wind_of_the_density(ocean, component):
     assert ours.size > 3e5
     # each pair of levels counts by its thickness: shear times thickness is a change of current
     weight = np.broadcast_to(np.diff(depth)[:-2, None, None], away.shape)[away]
-    rms = np.sqrt(np.average((ours - theirs) ** 2, weights=weight) / np.average(theirs**2, weights=weight))
+    rms = np.sqrt(
+        np.average((ours - theirs) ** 2, weights=weight) / np.average(theirs**2, weights=weight)
+    )
     assert rms < 0.05, rms
 
 
 def test_geostrophic_currents_of_a_uniform_slope_have_closed_form():
-    """Density that changes linearly eastward by depth-independent b: v(z) = g b (D - z) / (rho f)."""
+    """
+    Density that changes linearly eastward by depth-independent b: v(z) = g b (D - z) / (rho f).
+    """
     depth, lat, lon = (
         np.array([0.0, 100.0, 400.0, 1e3]),
         np.linspace(74.0, 75.0, 9),
@@ -94,7 +104,9 @@ def test_geostrophic_currents_of_a_uniform_slope_have_closed_form():
     np.testing.assert_allclose(v, expected, rtol=1e-9, atol=1e-12)
     # a slope of the reference surface adds g/f times the slope at every level
     _, tilted = geostrophic_currents(density, depth, lat, lon, 1e-7 * x)
-    np.testing.assert_allclose(tilted - v, GRAVITY * 1e-7 / coriolis(lat)[:, None] + 0 * v, rtol=1e-3)
+    np.testing.assert_allclose(
+        tilted - v, GRAVITY * 1e-7 / coriolis(lat)[:, None] + 0 * v, rtol=1e-3
+    )
 
 
 def test_currents_flow_both_ways_in_fram_strait(fram_strait):
@@ -109,7 +121,11 @@ def test_currents_flow_both_ways_in_fram_strait(fram_strait):
 
 
 def test_the_beaufort_gyre_turns_clockwise_and_weakens_with_depth(beaufort_sea):
-    v = beaufort_sea["water_v"].sel(lat=slice(74.0, 75.0), lon=slice(-141.0, -139.0)).mean(["lat", "lon"])
+    v = (
+        beaufort_sea["water_v"]
+        .sel(lat=slice(74.0, 75.0), lon=slice(-141.0, -139.0))
+        .mean(["lat", "lon"])
+    )
     profile = v.sel(depth=[0.0, 100.0, 250.0, 1_000.0]).values
     assert np.all(profile < 0.0), "east of the gyre's centre the flow is southward"
     assert np.all(np.diff(profile) > 0.0)
@@ -139,12 +155,16 @@ def test_currents_have_the_size_of_real_ones(region, ocean):
 
 
 def test_floats_drift_in_a_week_but_stay(ocean):
-    """Frozen currents at the paper's depths: a few to some tens of kilometres, inside the domain."""
+    """
+    Frozen currents at the paper's depths: a few to some tens of kilometres, inside the domain.
+    """
     local = to_local(ocean)
     axes = (local["north"].values, local["east"].values)
     for depth in (250.0, 500.0, 1_000.0, 1_500.0, 2_000.0, 2_500.0):
         level = local.sel(depth=depth)
-        field = RegularGridInterpolator(axes, np.stack([level["current_north"], level["current_east"]], -1))
+        field = RegularGridInterpolator(
+            axes, np.stack([level["current_north"], level["current_east"]], -1)
+        )
         start = np.array([[n, e] for n in (-6e3, 0.0, 6e3) for e in (-6e3, 0.0, 6e3)])
         position = start.copy()
         for _ in range(7 * 24):
@@ -210,7 +230,10 @@ def swirl(ocean, frame, where, eddy):
     )
     level = ocean.sel(depth=eddy.core_depth, method="nearest")
     axes = (level["lat"].values, level["lon"].values)
-    u, v = (RegularGridInterpolator(axes, level[name].values)((lat, lon)) for name in ("water_u", "water_v"))
+    u, v = (
+        RegularGridInterpolator(axes, level[name].values)((lat, lon))
+        for name in ("water_u", "water_v")
+    )
     outward = bearing - frame.convergence(lat, lon)  # true bearing of the radius
     return float(np.mean(u * np.cos(outward) - v * np.sin(outward)))
 
@@ -228,14 +251,21 @@ def test_eddies_move_with_their_drift_and_return_on_the_other_side_of_the_box(da
 
 
 def test_unknown_regions_and_times_are_refused():
-    refused(OceanError, r"'baltic' is unknown; available: beaufort, fram", open_ocean, "synthetic:baltic")
+    refused(
+        OceanError,
+        r"'baltic' is unknown; available: beaufort, fram",
+        open_ocean,
+        "synthetic:baltic",
+    )
     refused(OceanError, "not an instant", synthetic_ocean, "fram", "soon")
 
 
 def model(ocean, depth, position):
     """Sound speed of an ocean along a vertical line, linear between its points. [m/s]"""
     axes = tuple(ocean[name].values for name in ("depth", "lat", "lon"))
-    line = np.column_stack([depth, np.full_like(depth, position[0]), np.full_like(depth, position[1])])
+    line = np.column_stack(
+        [depth, np.full_like(depth, position[0]), np.full_like(depth, position[1])]
+    )
     return RegularGridInterpolator(axes, ocean_sound_speed(ocean), bounds_error=False)(line)
 
 
@@ -254,7 +284,9 @@ def test_the_beaufort_sea_is_within_2_m_s_rms_of_the_casts(shared_data, beaufort
 
 def test_fram_strait_lies_within_the_casts_envelope_widened_by_2_m_s(shared_data, fram_strait):
     levels = np.concatenate([np.arange(100.0, 1_000.0, 20.0), np.arange(1_000.0, 2_600.0, 100.0)])
-    casts = [read_cast(path) for path in sorted((shared_data / "casts").glob("fram_bottle_1982_*.csv"))]
+    casts = [
+        read_cast(path) for path in sorted((shared_data / "casts").glob("fram_bottle_1982_*.csv"))
+    ]
     assert len(casts) == 4
     curves = np.array([np.interp(levels, c.depth, c.sound_speed(), right=np.nan) for c in casts])
     low, high = np.nanmin(curves, axis=0) - 2.0, np.nanmax(curves, axis=0) + 2.0

@@ -1,4 +1,7 @@
-"""Every kind of page in a real browser: it draws without a word on the console, and every control does what it says."""
+"""
+Every kind of page in a real browser: it draws without a word on the console, and every control does
+what it says.
+"""
 
 import shutil
 from io import BytesIO
@@ -21,7 +24,9 @@ from pymantaray.apps.study import write_comparison, write_report
 from pymantaray.apps.sweep import write_sweep_page
 from pymantaray.config import parse_study
 
-pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed")
+pytest.importorskip(
+    "axe_playwright_python.sync_playwright", reason="axe-playwright-python is not installed"
+)
 playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed")
 pytestmark = [
     pytest.mark.slow,
@@ -40,7 +45,12 @@ def page_file(tiny_run_folder, tmp_path_factory):
 @pytest.fixture(scope="module")
 def table_file(tmp_path_factory):
     """A sweep over two fields whose first number is their sum."""
-    rows = [(x, y, c) for x in (0.5, 1.0, 2.0) for y in ("near", "far") for c in ("straight", "refracted")]
+    rows = [
+        (x, y, c)
+        for x in (0.5, 1.0, 2.0)
+        for y in ("near", "far")
+        for c in ("straight", "refracted")
+    ]
     table = pd.DataFrame(rows, columns=["noise.range_sigma", "place", "condition"])
     table = table.assign(
         point=table.index // 2, status="done", error="", rmse_m=np.arange(12.0) + 1.0, key="k"
@@ -78,7 +88,9 @@ def atlas_file(tmp_path_factory):
 def comparison_file(run_folder, made_run, tmp_path_factory):
     """Of two runs that differ in the number of their realizations."""
     folder = tmp_path_factory.mktemp("comparison")
-    return write_comparison([run_folder, made_run(realizations=2).write(folder / "other")], folder / "both")
+    return write_comparison(
+        [run_folder, made_run(realizations=2).write(folder / "other")], folder / "both"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -124,7 +136,12 @@ def atlas_opened(request, chromium, atlas_file):
 @pytest.fixture(scope="module")
 def chromium():
     with playwright.sync_playwright() as driver:
-        drawing = ["--no-sandbox", "--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader"]
+        drawing = [
+            "--no-sandbox",
+            "--use-gl=angle",
+            "--use-angle=swiftshader",
+            "--enable-unsafe-swiftshader",
+        ]
         browser = driver.chromium.launch(executable_path=BROWSER, args=drawing)
         yield browser
         browser.close()
@@ -147,7 +164,10 @@ def table_opened(request, chromium, table_file):
     yield from open_page(chromium, table_file, *request.param)
 
 
-SIDEWAYS = "[...document.querySelectorAll('.wide')].filter(e => e.scrollWidth > e.clientWidth).map(e => [e.innerText.slice(0, 40), e.scrollWidth, e.clientWidth])"
+SIDEWAYS = (
+    "[...document.querySelectorAll('.wide')].filter(e => e.scrollWidth > e.clientWidth).map(e =>"
+    " [e.innerText.slice(0, 40), e.scrollWidth, e.clientWidth])"
+)
 
 
 def open_page(chromium, file, width, scheme):
@@ -166,19 +186,26 @@ def open_page(chromium, file, width, scheme):
 
 def fleet_markers(page):
     """East of the vehicles as drawn."""
-    return page.evaluate("document.getElementById('fleet').data.find((t) => t.mode === 'markers+text').x")
+    return page.evaluate(
+        "document.getElementById('fleet').data.find((t) => t.mode === 'markers+text').x"
+    )
 
 
 def check_quiet_and_fitting(opened, page_file):
     assert [line for line in opened.said if not any(known in line for known in HARMLESS)] == []
-    assert [url for url in opened.asked if not url.startswith(("data:", "blob:"))] == [page_file.as_uri()]
+    assert [url for url in opened.asked if not url.startswith(("data:", "blob:"))] == [
+        page_file.as_uri()
+    ]
     assert page_file.stat().st_size < 10e6
     assert overflow(opened.page) <= 0
 
 
 def check_keyboard(page):
     """Every control of the moving part is reached by tabulator, in the page's order."""
-    controls = "[...document.querySelectorAll('#look :is(select, input, button)')].filter((c) => c.checkVisibility())"
+    controls = (
+        "[...document.querySelectorAll('#look :is(select, input, button)')].filter((c) =>"
+        " c.checkVisibility())"
+    )
     count = page.evaluate(f"{controls}.length")
     page.evaluate("document.body.tabIndex = -1; document.body.focus()")
     order = []
@@ -216,7 +243,10 @@ def contrast(*colours):
 
 
 def check_page(opened, page_file):
-    """A page draws without errors, requests and faults of axe, by keyboard, and in both schemes; return it."""
+    """
+    A page draws without errors, requests and faults of axe, by keyboard, and in both schemes;
+    return it.
+    """
     check_quiet_and_fitting(opened, page_file)
     assert faults(opened.page) == []
     check_keyboard(opened.page)
@@ -230,7 +260,9 @@ def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_fil
     check_keyboard(opened.page)
 
 
-def test_a_sweep_draws_without_errors_or_requests_and_any_column_by_keyboard(table_opened, table_file):
+def test_a_sweep_draws_without_errors_or_requests_and_any_column_by_keyboard(
+    table_opened, table_file
+):
     page = check_page(table_opened, table_file)
     assert {name: y for name, _, y in page.evaluate(DRAWN)} == {
         "straight": [1, 3, 5, 7, 9, 11],
@@ -278,7 +310,9 @@ def test_a_comparison_draws_without_errors_or_requests_and_any_number_by_keyboar
     assert {tuple(x) for x, _ in drawn().values()} == {(2, 3)}  # realizations
 
 
-def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(replay_opened, replay_file):
+def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(
+    replay_opened, replay_file
+):
     page = check_page(replay_opened, replay_file)
     direct, bounced = page.evaluate(DRAWN)
     assert (direct[0], bounced[0]) == ("0 bounces", "1 bounce")
@@ -299,12 +333,18 @@ def test_a_replay_draws_without_errors_or_requests_and_any_residual_by_keyboard(
 
 def test_a_plan_draws_without_errors_or_requests_and_any_score_by_keyboard(plan_opened, plan_file):
     page = check_page(plan_opened, plan_file)
-    assert page.evaluate("[...document.images].filter((i) => i.complete && i.naturalWidth > 0).length") >= 4
+    assert (
+        page.evaluate("[...document.images].filter((i) => i.complete && i.naturalWidth > 0).length")
+        >= 4
+    )
     table = pd.read_csv(plan_file.parent / "tables" / "designs.csv")
 
     def expected(column, across):
         hours = sorted(table["mission.ping_interval_h"].unique())
-        rows = [table[table["mission.ping_interval_h"] == h].sort_values("landmarks.T.depth") for h in hours]
+        rows = [
+            table[table["mission.ping_interval_h"] == h].sort_values("landmarks.T.depth")
+            for h in hours
+        ]
         return [(sorted(part[across]), sorted(part[column])) for part in rows]
 
     def drawn():
@@ -317,7 +357,8 @@ def test_a_plan_draws_without_errors_or_requests_and_any_score_by_keyboard(plan_
         if control:
             page.select_option(control, across)
         assert drawn() == [
-            (pytest.approx(x, rel=1e-5), pytest.approx(y, rel=1e-5)) for x, y in expected(column, across)
+            (pytest.approx(x, rel=1e-5), pytest.approx(y, rel=1e-5))
+            for x, y in expected(column, across)
         ]
     page.focus("#up")
     page.keyboard.press("ArrowDown")
@@ -368,14 +409,18 @@ def test_a_browser_that_cannot_unpack_says_so_and_shows_the_rest(chromium, table
     page.close()
 
 
-def test_an_atlas_draws_without_errors_or_requests_and_any_place_by_keyboard(atlas_opened, atlas_file):
+def test_an_atlas_draws_without_errors_or_requests_and_any_place_by_keyboard(
+    atlas_opened, atlas_file
+):
     check_quiet_and_fitting(atlas_opened, atlas_file)
     page = atlas_opened.page
     assert faults(page) == []
     check_keyboard(page)
 
     def drawn():
-        return np.array(page.evaluate("document.getElementById('map').data[0].customdata"), dtype=float)
+        return np.array(
+            page.evaluate("document.getElementById('map').data[0].customdata"), dtype=float
+        )
 
     expected = ATLAS.max(axis=4)  # the worst of all depths
     known = np.isfinite(drawn())
@@ -503,38 +548,51 @@ def test_every_link_of_a_small_run_has_its_rays_and_all_pictures_show_its_hour(o
 
 
 def pixels_of(points, camera, height):
-    """Places of points in the picture from its middle, for a camera that sees 45 degrees over its height."""
+    """
+    Places of points in the picture from its middle, for a camera that sees 45 degrees over its
+    height.
+    """
     eye, center = (np.array([camera[name][k] for k in "xyz"]) for name in ("eye", "center"))
     forward = (center - eye) / np.linalg.norm(center - eye)
     right = np.cross(forward, [0.0, 0.0, 1.0])
     right /= np.linalg.norm(right)
     away = points - eye
-    screen = np.stack([away @ right, -(away @ np.cross(right, forward))], axis=-1) / (away @ forward)[:, None]
+    screen = (
+        np.stack([away @ right, -(away @ np.cross(right, forward))], axis=-1)
+        / (away @ forward)[:, None]
+    )
     return screen * height / 2.0 / np.tan(np.radians(22.5))
 
 
 def scene_of(page):
     """Scene of the fleet as it is laid out, and width and height of its panel."""
     return page.evaluate(
-        "(() => { const { scene, margin } = at('fleet').layout; return { scene, width: at('fleet').clientWidth,"
-        " height: at('fleet').clientHeight - margin.b, ranges: ['xaxis', 'yaxis', 'zaxis'].map((a) => scene[a].range),"
-        " traces: at('fleet').data.filter((t) => t.mode === 'markers+text').map((t) => [t.x, t.y, t.z, t.text, t.textposition]) }; })()"
+        "(() => { const { scene, margin } = at('fleet').layout; return { scene, width:"
+        " at('fleet').clientWidth, height: at('fleet').clientHeight - margin.b, ranges: ['xaxis',"
+        " 'yaxis', 'zaxis'].map((a) => scene[a].range), traces: at('fleet').data.filter((t) =>"
+        " t.mode === 'markers+text').map((t) => [t.x, t.y, t.z, t.text, t.textposition]) }; })()"
     )
 
 
 def test_the_scene_of_the_fleet_fills_its_panel(opened):
     shown = scene_of(opened.page)
     sides = np.array([shown["scene"]["aspectratio"][k] for k in "xyz"])
-    corners = (np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), axis=-1).reshape(-1, 3)) * sides
+    corners = (
+        np.stack(np.meshgrid([-0.5, 0.5], [-0.5, 0.5], [-0.5, 0.5]), axis=-1).reshape(-1, 3)
+    ) * sides
     pixels = pixels_of(corners, shown["scene"]["camera"], shown["height"])
     size = np.ptp(pixels, axis=0) / [shown["width"], shown["height"]]
     assert (size < 1.0).all()
     assert size.max() > 0.65
-    np.testing.assert_allclose(pixels.min(axis=0) + pixels.max(axis=0), 0.0, atol=5.0)  # in the middle
+    np.testing.assert_allclose(
+        pixels.min(axis=0) + pixels.max(axis=0), 0.0, atol=5.0
+    )  # in the middle
 
 
 def test_names_of_vehicles_stand_apart(opened):
-    """Boxes of the names as plotly writes them: beside, above or below a marker, at twelve pixels."""
+    """
+    Boxes of the names as plotly writes them: beside, above or below a marker, at twelve pixels.
+    """
     shown = scene_of(opened.page)
     sides = np.array([shown["scene"]["aspectratio"][k] for k in "xyz"])
     low, high = np.array(shown["ranges"]).T
@@ -558,7 +616,9 @@ def test_names_of_vehicles_stand_apart(opened):
             assert one[0] > other[2] or other[0] > one[2] or one[1] > other[3] or other[1] > one[3]
 
 
-def test_without_webgl_all_is_drawn_in_the_plane_and_vehicles_are_coloured_by_depth(chromium, page_file):
+def test_without_webgl_all_is_drawn_in_the_plane_and_vehicles_are_coloured_by_depth(
+    chromium, page_file
+):
     flat = ["--no-sandbox", "--disable-gpu", "--disable-3d-apis"]
     browser = chromium.browser_type.launch(executable_path=BROWSER, args=flat)
     for opened in open_page(browser, page_file, 1440, "dark"):
@@ -566,12 +626,14 @@ def test_without_webgl_all_is_drawn_in_the_plane_and_vehicles_are_coloured_by_de
         page = opened.page
         assert "no WebGL" in page.inner_text("#shown")
         kinds = page.evaluate(
-            "[...document.querySelectorAll('.plot')].flatMap((p) => (p.data ?? []).map((t) => t.type))"
+            "[...document.querySelectorAll('.plot')].flatMap((p) => (p.data ?? []).map((t) =>"
+            " t.type))"
         )
         assert {"scatter", "contour"} <= set(kinds) <= {"scatter", "contour", "heatmap"}
         x, colour, scale = page.evaluate(
-            "(() => { const t = document.getElementById('fleet').data.find((t) => t.mode === 'markers+text' && Array.isArray(t.marker.color));"
-            " return [t.x, t.marker.color, t.marker.showscale]; })()"
+            "(() => { const t = document.getElementById('fleet').data.find((t) => t.mode ==="
+            " 'markers+text' && Array.isArray(t.marker.color)); return [t.x, t.marker.color,"
+            " t.marker.showscale]; })()"
         )
         assert len(colour) == len(x) > 1
         assert scale
@@ -581,12 +643,14 @@ def test_without_webgl_all_is_drawn_in_the_plane_and_vehicles_are_coloured_by_de
 def test_the_chord_and_its_legend_can_be_told_from_what_is_behind_them(opened):
     """WCAG asks for a contrast of 3 of graphics, of 4.5 of text."""
     chord, legend = opened.page.evaluate(
-        "(() => { const p = document.getElementById('rays');"
-        " return [p.data.find((t) => t.name === 'chord').line.color, p.layout.legend]; })()"
+        "(() => { const p = document.getElementById('rays'); return [p.data.find((t) => t.name ==="
+        " 'chord').line.color, p.layout.legend]; })()"
     )
     assert contrast(chord, legend["bgcolor"]) > 4.5
     assert contrast(legend["font"]["color"], legend["bgcolor"]) > 4.5
-    water = opened.page.evaluate("document.getElementById('rays').data[0].colorscale.map((c) => c[1])")
+    water = opened.page.evaluate(
+        "document.getElementById('rays').data[0].colorscale.map((c) => c[1])"
+    )
     assert min(contrast(chord, colour) for colour in water) > 3.0
 
 
@@ -622,7 +686,10 @@ def test_a_click_on_a_range_error_chooses_its_link(opened):
 def test_tables_sort_and_filter_by_keyboard(opened):
     page = opened.page
     table = page.locator("table", has=page.locator("caption", has_text="condition and vehicle"))
-    cells = "(t) => [...t.tBodies[0].rows].filter((r) => !r.hidden).map((r) => [r.cells[0].textContent, r.cells[2].textContent])"
+    cells = (
+        "(t) => [...t.tBodies[0].rows].filter((r) => !r.hidden).map((r) =>"
+        " [r.cells[0].textContent, r.cells[2].textContent])"
+    )
     before = table.evaluate(cells)
     assert len(before) > 3
     table.locator("th button").nth(2).focus()
@@ -638,7 +705,8 @@ def test_tables_sort_and_filter_by_keyboard(opened):
     box.focus()
     page.keyboard.type("refracted")
     folded = box.evaluate(
-        "(i) => [...i.closest('label').nextElementSibling.querySelectorAll('tbody tr')].map((r) => [r.hidden, r.textContent])"
+        "(i) => [...i.closest('label').nextElementSibling.querySelectorAll('tbody tr')].map((r) =>"
+        " [r.hidden, r.textContent])"
     )
     assert all(hidden == ("refracted" not in text.lower()) for hidden, text in folded)
 

@@ -1,4 +1,7 @@
-"""What moves on each page: its own script after what all share, the places that it fills, and the numbers that it reads."""
+"""
+What moves on each page: its own script after what all share, the places that it fills, and the
+numbers that it reads.
+"""
 
 import base64
 import gzip
@@ -53,7 +56,9 @@ def unpacked(text):
 
 
 def sweep_page(_, folder):
-    table = pd.DataFrame({"x": [1.0, 2.0], "condition": "straight", "point": [0, 1], "status": "done"})
+    table = pd.DataFrame(
+        {"x": [1.0, 2.0], "condition": "straight", "point": [0, 1], "status": "done"}
+    )
     table = table.assign(error="", rmse_m=[3.0, 4.0], key="k")
     return write_sweep_page(table, ["x"], folder, title="made up").read_text(encoding="utf-8")
 

@@ -36,7 +36,8 @@ def test_figures_are_valid_not_blank_and_the_same_whatever_the_user_has_set():
 @pytest.mark.parametrize(("attrs", "expected"), [
     ({"title": "Fram Strait (synthetic)", "synthetic": 1}, "Fram Strait, synthetic ocean"),
     ({"title": "Fram Strait", "synthetic": np.int64(1)}, "Fram Strait, synthetic ocean"),
-    ({"title": "HYCOM", "synthetic": 0, "time": "2014-07-15T12:00:00"}, "HYCOM, 2014-07-15 12:00 UTC"),
+    ({"title": "HYCOM", "synthetic": 0, "time": "2014-07-15T12:00:00"}, ("HYCOM, 2014-07-15 12:00"
+                                                                        " UTC")),
     ({}, "unnamed ocean"),
 ])  # fmt: skip
 def test_header_says_synthetic_exactly_when_the_ocean_is(attrs, expected):
@@ -48,7 +49,10 @@ def test_header_says_synthetic_exactly_when_the_ocean_is(attrs, expected):
     [
         (["a", "b"], ["a", "b"]),
         ([f"{'a' * 28}{end}" for end in "xy"], [f"{'a' * 13}…{'a' * 13}{end}" for end in "xy"]),
-        ([f"{'a' * 28}{middle}{'a' * 14}" for middle in "xy"], [f"{i}: {'a' * 22}…" for i in (1, 2)]),
+        (
+            [f"{'a' * 28}{middle}{'a' * 14}" for middle in "xy"],
+            [f"{i}: {'a' * 22}…" for i in (1, 2)],
+        ),
     ],
 )
 def test_names_of_runs_stay_unlike_when_cut(names, expected):

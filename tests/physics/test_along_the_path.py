@@ -1,4 +1,7 @@
-"""Laws along whole rays: Snell's invariant, Fermat's principle, and what a change of the ocean does to travel time."""
+"""
+Laws along whole rays: Snell's invariant, Fermat's principle, and what a change of the ocean does to
+travel time.
+"""
 
 import numpy as np
 import pytest
@@ -6,13 +9,22 @@ from factories import ARCTIC_DEPTH, HIDDEN, arctic, front_links, make_front, rid
 from oracles import field_of
 from scipy.interpolate import CubicHermiteSpline
 
-from pymantaray.acoustics import Medium, find_eigenrays, path_integrals, trace_paths, travel_time_sensitivity
+from pymantaray.acoustics import (
+    Medium,
+    find_eigenrays,
+    path_integrals,
+    trace_paths,
+    travel_time_sensitivity,
+)
 from pymantaray.records import RayAxis
 
 
 @pytest.fixture(scope="module", params=["smooth", "linear"])
 def duct(request):
-    """Rays of an Arctic profile in random directions: arrivals, their paths and the profile as a function."""
+    """
+    Rays of an Arctic profile in random directions: arrivals, their paths and the profile as a
+    function.
+    """
     depth, speed = ARCTIC_DEPTH, arctic(ARCTIC_DEPTH)
     medium = Medium.from_profile(depth, speed, bottom_depth=3000.0, interpolation=request.param)
     rng = np.random.default_rng(9)
@@ -27,7 +39,10 @@ def duct(request):
 
 
 def test_a_ray_that_turns_back_on_a_slope_has_the_path_of_its_reflections():
-    """Over a bed of 20 degrees rays launched at all angles leave a reflection backwards: they are followed in depth."""
+    """
+    Over a bed of 20 degrees rays launched at all angles leave a reflection backwards: they are
+    followed in depth.
+    """
     north, slope = np.array([0.0, 4000.0]), np.tan(np.radians(20.0))
     bed = (200.0 + slope * north)[:, None]
     medium = Medium.from_grid(north, [0.0], [0.0, 3e3], np.full((2, 1, 2), 1500.0), bathymetry=bed)
@@ -35,7 +50,9 @@ def test_a_ray_that_turns_back_on_a_slope_has_the_path_of_its_reflections():
     ends = []
     for _ in range(2):
         n = rng.uniform(500.0, 3500.0, 150)
-        ends.append(np.column_stack([n, 0.0 * n, rng.uniform(0.02, 0.95, n.size) * (200.0 + slope * n)]))
+        ends.append(
+            np.column_stack([n, 0.0 * n, rng.uniform(0.02, 0.95, n.size) * (200.0 + slope * n)])
+        )
     arrivals = find_eigenrays(medium, *ends, 1, 1, None)
     paths = trace_paths(medium, *ends, arrivals)
     flat = np.abs(arrivals.launch_angle) < 1.0
@@ -48,7 +65,10 @@ def test_a_ray_that_turns_back_on_a_slope_has_the_path_of_its_reflections():
 
 
 def test_no_steep_ray_steps_over_a_ridge():
-    """A ridge up to 150 m, 200 m wide: followed in depth, rays of a leg that is one step went through it."""
+    """
+    A ridge up to 150 m, 200 m wide: followed in depth, rays of a leg that is one step went through
+    it.
+    """
     medium, rng = ridged(150.0, speed=1480.0), np.random.default_rng(1)
     source = np.column_stack([rng.uniform(-1500.0, 1500.0, (300, 2)), rng.uniform(1.0, 400.0, 300)])
     receiver = np.tile(HIDDEN.position, (300, 1))
@@ -63,7 +83,10 @@ def test_no_steep_ray_steps_over_a_ridge():
 
 
 def dense(paths, ray, n=2001):
-    """Points of one ray at equal steps of travel time, by the cubic Hermite polynomials between its nodes."""
+    """
+    Points of one ray at equal steps of travel time, by the cubic Hermite polynomials between its
+    nodes.
+    """
     own = paths.arrival == ray
     t, x, p = paths.travel_time[own], paths.position[own], paths.slowness[own]
     keep = np.concatenate([[True], np.diff(t) > 0.0])
@@ -89,11 +112,16 @@ def bumps(rng, n, chord):
 
 
 def test_fermat_every_eigenray_is_stationary_and_the_earliest_a_minimum(duct):
-    """Beyond a caustic a ray is a saddle: only the change of first order vanishes. The earliest of all is a minimum."""
+    """
+    Beyond a caustic a ray is a saddle: only the change of first order vanishes. The earliest of all
+    is a minimum.
+    """
     medium, source, receiver, arrivals, paths, speed = duct
 
     rng = np.random.default_rng(5)
-    kinks = 1e-7 if medium.interpolation == "linear" else 0.0  # the polygon cuts the corners of c(z)
+    kinks = (
+        1e-7 if medium.interpolation == "linear" else 0.0
+    )  # the polygon cuts the corners of c(z)
     # the earliest of every ray that there is, where none is lost to the surface
     everything = find_eigenrays(medium, source, receiver, spreading_cutoff_db=None)
     earliest = everything.first().travel_time[arrivals.link]
@@ -104,8 +132,13 @@ def test_fermat_every_eigenray_is_stationary_and_the_earliest_a_minimum(duct):
         chord = points[-1] - points[0]
         shape = bumps(rng, len(points), chord)
         shape /= np.abs(shape).max()
-        first = np.diff([polygon_time(points + scale * shape, speed) for scale in (-0.1, 0.1)])[0] / 0.2
-        assert abs(first) < 5e-8 + 10 * kinks, (ray, first)  # s per metre; a ray out of place has up to 1e-4
+        first = (
+            np.diff([polygon_time(points + scale * shape, speed) for scale in (-0.1, 0.1)])[0] / 0.2
+        )
+        assert abs(first) < 5e-8 + 10 * kinks, (
+            ray,
+            first,
+        )  # s per metre; a ray out of place has up to 1e-4
         if abs(arrivals.travel_time[ray] - earliest[ray]) < 1e-9 and points[:, 2].min() > 60.0:
             minima += 1
             for _ in range(5):
@@ -116,11 +149,18 @@ def test_fermat_every_eigenray_is_stationary_and_the_earliest_a_minimum(duct):
 
 SHAPES = {
     "depth gaussians": lambda x: np.exp(
-        -(((x[:, 2:] - np.array([40.0, 130.0, 400.0, 900.0])) / np.array([30.0, 60.0, 150.0, 300.0])) ** 2)
+        -(
+            (
+                (x[:, 2:] - np.array([40.0, 130.0, 400.0, 900.0]))
+                / np.array([30.0, 60.0, 150.0, 300.0])
+            )
+            ** 2
+        )
     ),
     "horizontal slope": lambda x: np.column_stack([(x[:, 0] - 19e3) / 1e4, (x[:, 1] - 15e3) / 1e4]),
     "eddy": lambda x: np.exp(
-        -((x[:, :1] - 18e3) ** 2 + (x[:, 1:2] - 15e3) ** 2) / 5e3**2 - ((x[:, 2:] - 200.0) / 150.0) ** 2
+        -((x[:, :1] - 18e3) ** 2 + (x[:, 1:2] - 15e3) ** 2) / 5e3**2
+        - ((x[:, 2:] - 200.0) / 150.0) ** 2
     ),
 }
 
@@ -168,7 +208,10 @@ def test_sensitivity_is_the_derivative_of_travel_time_by_sound_speed(name, inter
 
 
 def nearest(found, arrivals, row):
-    """Travel time of the arrival of the perturbed ocean that leaves most nearly as one of the unperturbed; NaN if none."""
+    """
+    Travel time of the arrival of the perturbed ocean that leaves most nearly as one of the
+    unperturbed; NaN if none.
+    """
     same = found.link == arrivals.link[row]
     gap = np.linalg.norm(found.source_slowness[same] - arrivals.source_slowness[row], axis=1)
     if not gap.size or gap.min() > 3e-6:  # 4 mrad

@@ -1,4 +1,7 @@
-"""Properties of every link in every medium: drawn profiles and grids, places in general and in degenerate position."""
+"""
+Properties of every link in every medium: drawn profiles and grids, places in general and in
+degenerate position.
+"""
 
 import numpy as np
 import pytest
@@ -17,7 +20,9 @@ BAR = 0.3e-6  # s; what a travel time may err by
 
 @st.composite
 def media(draw, interpolation):
-    """A profile or a grid of 2 to 4 columns a side, gradients up to 0.4 1/s, over a flat or rough bed."""
+    """
+    A profile or a grid of 2 to 4 columns a side, gradients up to 0.4 1/s, over a flat or rough bed.
+    """
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
     bottom = draw(st.sampled_from([60.0, 500.0, 3000.0]))
     n_depth = draw(st.integers(2, 8))
@@ -37,7 +42,10 @@ def media(draw, interpolation):
 
 
 def places(medium, rng):
-    """Thirty pairs: equal, level, vertical, on levels, surface, bottom and edge; 0.1 m to 100 km apart."""
+    """
+    Thirty pairs: equal, level, vertical, on levels, surface, bottom and edge; 0.1 m to 100 km
+    apart.
+    """
     wet = float(medium.bed.depth.min())
     levels = medium.depth[medium.depth <= wet]
     edge = 0.5 * SIDE
@@ -63,7 +71,9 @@ def places(medium, rng):
 
 
 def fastest(medium):
-    """A bound on the sound speed in the water: splines stay within the hull of their coefficients."""
+    """
+    A bound on the sound speed in the water: splines stay within the hull of their coefficients.
+    """
     if medium.interpolation == "linear":
         return medium.sound_speed.max()
     n = medium.depth.size
@@ -103,7 +113,13 @@ def check(medium, source, receiver):
     proper = length > 0.0
     assert np.isfinite(arrivals.travel_time).all()
     assert (arrivals.travel_time[~proper] == 0.0).all()
-    for name in ("spreading_db", "launch_angle", "arrival_angle", "source_slowness", "receiver_slowness"):
+    for name in (
+        "spreading_db",
+        "launch_angle",
+        "arrival_angle",
+        "source_slowness",
+        "receiver_slowness",
+    ):
         assert np.isfinite(getattr(arrivals, name)[proper]).all(), name
     assert (arrivals.spreading_db[proper] <= 15.0).all()
     # nothing is faster than sound, nor later than its own slowness says at the ends
@@ -127,11 +143,15 @@ def check(medium, source, receiver):
     assert bad.size == 0, [
         (source[i], receiver[i], first.travel_time[i] - reverse.travel_time[i]) for i in bad
     ]
-    # Fermat: where no way by a boundary, and none around the domain, can be faster than the chord, the fastest way
-    # is a ray, exists, and is no later than the chord
+    # Fermat: where no way by a boundary, and none around the domain, can be faster than the chord,
+    # the fastest way is a ray, exists, and is no later than the chord
     if medium.interpolation == "smooth":
-        sure = np.flatnonzero(in_open_water(medium, source, receiver, first.chord_travel_time, c_max))
-        everything = find_eigenrays(medium, source[sure], receiver[sure], spreading_cutoff_db=None).first()
+        sure = np.flatnonzero(
+            in_open_water(medium, source, receiver, first.chord_travel_time, c_max)
+        )
+        everything = find_eigenrays(
+            medium, source[sure], receiver[sure], spreading_cutoff_db=None
+        ).first()
         lost = sure[everything.status != RayStatus.OK]
         assert lost.size == 0, [(source[i], receiver[i]) for i in lost]
         bending = everything.travel_time - first.chord_travel_time[sure]

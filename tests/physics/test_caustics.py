@@ -1,4 +1,7 @@
-"""The number of caustics of an eigenray: crossings of rays launched beside it, and its bounds by the turning points."""
+"""
+The number of caustics of an eigenray: crossings of rays launched beside it, and its bounds by the
+turning points.
+"""
 
 import numpy as np
 import pytest
@@ -30,7 +33,10 @@ def links(duct, n):
 
 
 def crossings(medium, source, receiver, launch_angle):
-    """How often two rays, launched a little above and below an angle, cross on the way to the receiver's range."""
+    """
+    How often two rays, launched a little above and below an angle, cross on the way to the
+    receiver's range.
+    """
     step = receiver - source
     distance, azimuth = np.hypot(step[0], step[1]), np.arctan2(step[1], step[0])
     angles = [launch_angle - BESIDE, launch_angle + BESIDE]
@@ -44,8 +50,15 @@ def crossings(medium, source, receiver, launch_angle):
         slope = p[:, 2] / np.hypot(p[:, 0], p[:, 1])
         k = np.clip(np.searchsorted(along, ranges) - 1, 0, along.size - 2)
         h, t = along[k + 1] - along[k], (ranges - along[k]) / (along[k + 1] - along[k])
-        z0, z1, d0, d1 = fan.position[own, 2][k], fan.position[own, 2][k + 1], slope[k] * h, slope[k + 1] * h
-        depth.append(z0 + t * (d0 + t * (3 * (z1 - z0) - 2 * d0 - d1 + t * (d0 + d1 - 2 * (z1 - z0)))))
+        z0, z1, d0, d1 = (
+            fan.position[own, 2][k],
+            fan.position[own, 2][k + 1],
+            slope[k] * h,
+            slope[k + 1] * h,
+        )
+        depth.append(
+            z0 + t * (d0 + t * (3 * (z1 - z0) - 2 * d0 - d1 + t * (d0 + d1 - 2 * (z1 - z0))))
+        )
     apart = depth[1] - depth[0]
     return np.count_nonzero(apart[1:] * apart[:-1] < 0.0)
 
@@ -53,7 +66,9 @@ def crossings(medium, source, receiver, launch_angle):
 @pytest.mark.parametrize("duct", DUCTS)
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
 def test_direct_rays_have_as_many_caustics_as_turning_points_or_one_less(duct, interpolation):
-    medium = Medium.from_profile(DEPTH, DUCTS[duct][0], bottom_depth=4000.0, interpolation=interpolation)
+    medium = Medium.from_profile(
+        DEPTH, DUCTS[duct][0], bottom_depth=4000.0, interpolation=interpolation
+    )
     arrivals = find_eigenrays(medium, *links(duct, 60))
     assert set(arrivals.turning_points - arrivals.caustics) == {0, 1}
     assert set(arrivals.caustics) >= {0, 1, 2, 3}
@@ -73,8 +88,12 @@ def test_caustics_are_where_rays_launched_beside_each_other_cross(duct):
 
 
 def test_straight_rays_have_no_caustic_after_any_number_of_flat_reflections():
-    medium = Medium.from_profile([0.0, 200.0], [1500.0, 1500.0], bottom_depth=200.0, interpolation="smooth")
-    layered = Medium.from_profile([0.0, 200.0], [1500.0, 1500.0], bottom_depth=200.0, interpolation="linear")
+    medium = Medium.from_profile(
+        [0.0, 200.0], [1500.0, 1500.0], bottom_depth=200.0, interpolation="smooth"
+    )
+    layered = Medium.from_profile(
+        [0.0, 200.0], [1500.0, 1500.0], bottom_depth=200.0, interpolation="linear"
+    )
     for water in (medium, layered):
         arrivals = find_eigenrays(water, [0.0, 0.0, 60.0], [300.0, 900.0, 140.0], 4, 4)
         assert arrivals.link.size == 17

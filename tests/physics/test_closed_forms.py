@@ -1,4 +1,7 @@
-"""Profiles whose rays are known in closed form or by one quadrature: constant gradients, parabolas, Munk's channel, layers."""
+"""
+Profiles whose rays are known in closed form or by one quadrature: constant gradients, parabolas,
+Munk's channel, layers.
+"""
 
 from itertools import pairwise
 from typing import NamedTuple
@@ -16,19 +19,26 @@ BOTTOM = 5000.0
 
 
 def pairs(n, seed):
-    """Random links of 0.3 to 12 km; a third of them nearly level, so that rays turn between the ends."""
+    """
+    Random links of 0.3 to 12 km; a third of them nearly level, so that rays turn between the ends.
+    """
     rng = np.random.default_rng(seed)
     source = np.column_stack([np.zeros((n, 2)), rng.uniform(1.0, BOTTOM - 1.0, n)])
     bearing, distance = rng.uniform(0, 2 * np.pi, n), rng.uniform(300.0, 12_000.0, n)
     depth = rng.uniform(1.0, BOTTOM - 1.0, n)
     level = rng.random(n) < 1 / 3
-    depth[level] = np.clip(source[level, 2] + rng.uniform(-2.0, 2.0, level.sum()), 1.0, BOTTOM - 1.0)
+    depth[level] = np.clip(
+        source[level, 2] + rng.uniform(-2.0, 2.0, level.sum()), 1.0, BOTTOM - 1.0
+    )
     receiver = np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing), depth])
     return source, receiver
 
 
 class Arcs(NamedTuple):
-    """Circular arcs between two points of a linear profile: least and greatest depth, and the angle to the chord."""
+    """
+    Circular arcs between two points of a linear profile: least and greatest depth, and the angle to
+    the chord.
+    """
 
     shallowest: np.ndarray
     deepest: np.ndarray
@@ -51,9 +61,14 @@ def arcs(source, receiver, c0, g):
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
 @pytest.mark.parametrize("gradient", [-0.12, -0.016, 1e-6, 0.017, 0.12])
 def test_direct_eigenray_of_a_constant_gradient_is_a_circular_arc(gradient, interpolation):
-    """Arcs leave up to 0.4 rad from their chords; in the metric ds/c a sphere's area grows as sinh^2(g t) / g^2."""
+    """
+    Arcs leave up to 0.4 rad from their chords; in the metric ds/c a sphere's area grows as sinh^2(g
+    t) / g^2.
+    """
     c0 = 1450.0 if gradient > 0 else 2200.0
-    levels = np.concatenate([[0, 2, 4, 10, 25, 50, 100, 200, 400, 700], np.arange(1000.0, 6001.0, 500.0)])
+    levels = np.concatenate(
+        [[0, 2, 4, 10, 25, 50, 100, 200, 400, 700], np.arange(1000.0, 6001.0, 500.0)]
+    )
     medium = Medium.from_profile(
         levels, c0 + gradient * levels, bottom_depth=BOTTOM, interpolation=interpolation
     )
@@ -64,7 +79,9 @@ def test_direct_eigenray_of_a_constant_gradient_is_a_circular_arc(gradient, inte
     wet = (shallowest > 1e-3) & (deepest < BOTTOM - 1e-3)
     lost = shallowest < -1e-3  # would have to come by way of the surface
     grounded = ~lost & (deepest > BOTTOM + 1e-3)
-    expected = direct_travel_time_linear_gradient(source, receiver, sound_speed_surface=c0, gradient=gradient)
+    expected = direct_travel_time_linear_gradient(
+        source, receiver, sound_speed_surface=c0, gradient=gradient
+    )
     assert wet.sum() > 75
     assert np.count_nonzero(wing[wet] > 0.25) > 5 or abs(gradient) < 0.1
     assert (first.status[wet] == RayStatus.OK).all()
@@ -73,12 +90,17 @@ def test_direct_eigenray_of_a_constant_gradient_is_a_circular_arc(gradient, inte
     np.testing.assert_allclose(first.travel_time[wet], expected[wet], rtol=0, atol=1e-9)
     distance = np.linalg.norm(receiver - source, axis=1)[arrivals.link]
     speeds = (arrivals.source_sound_speed * arrivals.receiver_sound_speed)[arrivals.link]
-    area = speeds * (np.sinh(gradient * arrivals.travel_time) / gradient) ** 2  # tube, made reciprocal
+    area = (
+        speeds * (np.sinh(gradient * arrivals.travel_time) / gradient) ** 2
+    )  # tube, made reciprocal
     np.testing.assert_allclose(arrivals.spreading_db, 10 * np.log10(area / distance**2), atol=1e-5)
 
 
 class Parabolas(NamedTuple):
-    """Travel times of both parabolas between two points, their launch angles, and the depths that they reach."""
+    """
+    Travel times of both parabolas between two points, their launch angles, and the depths that they
+    reach.
+    """
 
     time: np.ndarray
     launch: np.ndarray
@@ -89,17 +111,21 @@ SURFACE_SPEED, CURVATURE = 1450.0, 6.0e-5  # c = SURFACE_SPEED / sqrt(1 - 2 CURV
 
 
 def parabolas(source, receiver):
-    r"""Rays of :math:`n^2 = 1 - 2 \gamma z`: :math:`x'' = \nabla n^2 / 2` in the parameter :math:`d\sigma = ds / n`.
+    r"""
+    Rays of :math:`n^2 = 1 - 2 \gamma z`: :math:`x'' = \nabla n^2 / 2` in the parameter
+    :math:`d\sigma = ds / n`.
 
-    With displacement D and :math:`m` the mean of :math:`n^2` at the ends, :math:`u = \sigma^2` at the receiver
-    solves :math:`\gamma^2 u^2 / 4 - m u + D^2 = 0`, the travel time is
+    With displacement D and :math:`m` the mean of :math:`n^2` at the ends, :math:`u = \sigma^2` at
+    the receiver solves :math:`\gamma^2 u^2 / 4 - m u + D^2 = 0`, the travel time is
     :math:`\sigma (m - \gamma^2 u / 6) / c_0`. NaN beyond the caustic, where :math:`m < \gamma D`.
     """
     step = receiver - source
     n2 = [1.0 - 2.0 * CURVATURE * p[:, 2] for p in (source, receiver)]
     mean = 0.5 * (n2[0] + n2[1])
     square = np.sum(step**2, axis=1)
-    root = np.sqrt(np.where(mean**2 > CURVATURE**2 * square, mean**2 - CURVATURE**2 * square, np.nan))
+    root = np.sqrt(
+        np.where(mean**2 > CURVATURE**2 * square, mean**2 - CURVATURE**2 * square, np.nan)
+    )
     time, launch, deepest = [], [], []
     for u in (2.0 * square / (mean + root), 2.0 * (mean + root) / CURVATURE**2):
         sigma = np.sqrt(u)
@@ -113,7 +139,9 @@ def parabolas(source, receiver):
 
 @pytest.fixture(scope="module")
 def parabolic():
-    ends = np.geomspace(0.5, 25.0, 30)  # the natural spline's straight ends bend within the first metres
+    ends = np.geomspace(
+        0.5, 25.0, 30
+    )  # the natural spline's straight ends bend within the first metres
     depth = np.unique(
         np.concatenate([[0.0], ends, np.arange(40.0, BOTTOM - 30.0, 20.0), BOTTOM - ends, [BOTTOM]])
     )
@@ -141,7 +169,10 @@ def test_both_parabolas_of_a_linear_squared_index_are_found(parabolic):
         assert mine.sum() == expected.size, (link, source[link], receiver[link], expected)
         np.testing.assert_allclose(arrivals.launch_angle[mine][order], expected, rtol=0, atol=1e-6)
         np.testing.assert_allclose(
-            np.sort(arrivals.travel_time[mine]), np.sort(exact.time[wet[:, link], link]), rtol=0, atol=2e-9
+            np.sort(arrivals.travel_time[mine]),
+            np.sort(exact.time[wet[:, link], link]),
+            rtol=0,
+            atol=2e-9,
         )
     assert (arrivals.status[np.isnan(exact.time[0])] != RayStatus.OK).all()
 
@@ -152,10 +183,12 @@ def munk(depth):
 
 
 def munk_loop(ray_parameter):
-    """Horizontal length, travel time and action of one full loop: quadrature between the turning depths.
+    """
+    Horizontal length, travel time and action of one full loop: quadrature between the turning
+    depths.
 
-    ``z = z_mid + half sin(phi)`` takes the inverse roots at the turning depths away; the trapezoidal rule then
-    converges exponentially.
+    ``z = z_mid + half sin(phi)`` takes the inverse roots at the turning depths away; the
+    trapezoidal rule then converges exponentially.
     """
     turning = []
     for lo, hi in ((0.0, 1300.0), (1300.0, BOTTOM)):
@@ -181,15 +214,23 @@ def munk_loop(ray_parameter):
 @pytest.mark.parametrize("launch", [0.03, 0.18, -0.1])
 @pytest.mark.parametrize("loops", [1, 2])
 def test_loops_in_munks_channel_have_the_length_and_time_of_the_quadrature(launch, loops):
-    """A ray that leaves the axis is back on it, at its launch angle, after whole loops; t = a R + J."""
-    depth = np.unique(np.concatenate([np.geomspace(0.5, 12.0, 16), np.arange(0.0, BOTTOM + 1.0, 12.5)]))
+    """
+    A ray that leaves the axis is back on it, at its launch angle, after whole loops; t = a R + J.
+    """
+    depth = np.unique(
+        np.concatenate([np.geomspace(0.5, 12.0, 16), np.arange(0.0, BOTTOM + 1.0, 12.5)])
+    )
     medium = Medium.from_profile(depth, munk(depth), bottom_depth=BOTTOM)
     a = np.cos(launch) / 1500.0
     length, time, action, turning = munk_loop(a)
     assert turning[0] > 20.0
     assert time == pytest.approx(a * length + action, abs=1e-9)
     arrivals = find_eigenrays(
-        medium, [0.0, 0.0, 1300.0], [0.0, loops * length, 1300.0], spreading_cutoff_db=None, tolerance=1e-5
+        medium,
+        [0.0, 0.0, 1300.0],
+        [0.0, loops * length, 1300.0],
+        spreading_cutoff_db=None,
+        tolerance=1e-5,
     )
     here = np.argmin(np.abs(arrivals.launch_angle - launch))
     assert arrivals.launch_angle[here] == pytest.approx(launch, abs=1e-6)
@@ -202,7 +243,9 @@ def test_loops_in_munks_channel_have_the_length_and_time_of_the_quadrature(launc
 
 @pytest.mark.parametrize("ends", [(0.0, 60.0), (60.0, 0.0), (10.0, 55.0), (50.0, 20.0)])
 def test_vertical_links_through_thin_layers_are_the_integral_of_slowness(ends):
-    """Short and steep: the first step may not pass over a layer, whose curvature it would not see."""
+    """
+    Short and steep: the first step may not pass over a layer, whose curvature it would not see.
+    """
     depth = np.array([0.0, 21.0, 47.5, 75.0])
     speed = np.array([1480.0, 1472.2, 1462.1, 1469.0])
     medium = Medium.from_profile(depth, speed, bottom_depth=60.0)

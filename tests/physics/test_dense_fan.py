@@ -1,4 +1,7 @@
-"""Eigenrays of ducts, direct and reflected, against `oracles.DenseFan`, a brute-force fan that shares no code with the solver."""
+"""
+Eigenrays of ducts, direct and reflected, against `oracles.DenseFan`, a brute-force fan that shares
+no code with the solver.
+"""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -17,7 +20,10 @@ MISS, ANGLE, TIME = (3e-2, 1e-5, 1e-6)
 
 
 class Section(NamedTuple):
-    """Sound speed in the vertical plane of all links, as the fan takes it and as a medium of the solver."""
+    """
+    Sound speed in the vertical plane of all links, as the fan takes it and as a medium of the
+    solver.
+    """
 
     fan: DenseFan
     medium: Medium
@@ -34,12 +40,17 @@ def sloping(depth, north, speed):
     east = np.linspace(-20e3, 20e3, 4)
     grid = np.repeat(speed[:, None], 4, axis=1)
     medium = Medium.from_grid(north, east, depth, grid, bathymetry=np.full((north.size, 4), BOTTOM))
-    along = make_interp_spline(north, CubicSpline(depth, speed, axis=1, bc_type="natural").c, axis=2)
+    along = make_interp_spline(
+        north, CubicSpline(depth, speed, axis=1, bc_type="natural").c, axis=2
+    )
     return Section(DenseFan(lambda r: PPoly(along(r), depth), BOTTOM, 10.0), medium)
 
 
 def solved(section, depth, receivers, end="deeper"):
-    """What the solver finds, solved from the end that it prefers, from the source or from the receiver."""
+    """
+    What the solver finds, solved from the end that it prefers, from the source or from the
+    receiver.
+    """
     source = np.tile([0.0, 0.0, depth], (len(receivers), 1))
     receiver = np.column_stack([receivers[:, 0], np.zeros(len(receivers)), receivers[:, 1]])
     most = section.fan.most
@@ -50,9 +61,11 @@ def solved(section, depth, receivers, end="deeper"):
 
 
 def pair_up(fan, arrivals, depth, receivers, steepest):
-    """Eigenrays within 15 dB that the solver misses or invents, and how many agree.
+    """
+    Eigenrays within 15 dB that the solver misses or invents, and how many agree.
 
-    Rays of both are one where they have the same reflections, arrive within 1 us and would end within 3 cm of each other.
+    Rays of both are one where they have the same reflections, arrive within 1 us and would end
+    within 3 cm of each other.
     """
     missed, invented, agreed = [], [], 0
     for j, place in enumerate(receivers):
@@ -91,7 +104,10 @@ def check(section, depth, receivers, least, spacing=1e-4, steepest=0.6):
 
 @pytest.fixture(scope="module")
 def sections():
-    """An Arctic duct, two ducts one below the other, a duct that a front and an eddy cross, and one over a shallow bed."""
+    """
+    An Arctic duct, two ducts one below the other, a duct that a front and an eddy cross, and one
+    over a shallow bed.
+    """
     depth, speed = ARCTIC_DEPTH, arctic(ARCTIC_DEPTH)
     double = 1440.0 + 0.016 * depth + 7.0 * np.exp(-(((depth - 50.0) / 20.0) ** 2))
     double += 5.0 * np.exp(-(((depth - 220.0) / 50.0) ** 2))
@@ -107,13 +123,18 @@ def sections():
 
 
 def places(n, seed, longest=12e3, shallow=False):
-    """Ranges in whole steps; depths in and about the ducts, some of them on levels, or anywhere in shallow water."""
+    """
+    Ranges in whole steps; depths in and about the ducts, some of them on levels, or anywhere in
+    shallow water.
+    """
     rng = np.random.default_rng(seed)
     distance = np.rint(rng.uniform(800.0, longest, n) / 10.0) * 10.0
     if shallow:
         return np.column_stack([distance, rng.uniform(2.0, SHALLOW - 2.0, n)])
     depth = np.where(
-        rng.random(n) < 0.8, rng.uniform(2.0, 350.0, n), rng.choice([0.5, 30.0, 60.0, 130.0, 200.0], n)
+        rng.random(n) < 0.8,
+        rng.uniform(2.0, 350.0, n),
+        rng.choice([0.5, 30.0, 60.0, 130.0, 200.0], n),
     )
     return np.column_stack([distance, depth])
 
@@ -159,7 +180,9 @@ def many(*depths):
     return [pytest.param(depth, True, marks=pytest.mark.slow) for depth in depths]
 
 
-@pytest.mark.parametrize(("depth", "long"), [(145.0, False), *many(0.5, 5.0, 60.0, 100.0, 130.0, 200.0)])
+@pytest.mark.parametrize(
+    ("depth", "long"), [(145.0, False), *many(0.5, 5.0, 60.0, 100.0, 130.0, 200.0)]
+)
 @pytest.mark.parametrize("name", ["arctic", "double", "front"])
 def test_fan_finds_no_eigenray_that_the_solver_misses(sections, name, depth, long):
     """900 links where it is long."""
@@ -182,10 +205,12 @@ def test_fan_finds_no_reflected_eigenray_that_the_solver_misses(sections, depth,
 @pytest.mark.parametrize("name", ["arctic", "double", "front"])
 @pytest.mark.parametrize("depth", [0.5, 20.0, 50.0, 81.2, 150.0, 260.0])
 def test_nothing_is_missed_from_either_end(sections, name, depth):
-    """900 more links, to 14 km and from crests, solved from either end without regard to which is easier.
+    """
+    900 more links, to 14 km and from crests, solved from either end without regard to which is
+    easier.
 
-    Rays that only the solver finds are not looked at: in a window of rays in the water narrower than its spacing
-    the fan finds none.
+    Rays that only the solver finds are not looked at: in a window of rays in the water narrower
+    than its spacing the fan finds none.
     """
     ends = places(50, int(10 * depth) + 7, longest=14e3)
     fan = sections[name].fan.eigenrays(depth, ends, 1e-4, 0.6)

@@ -1,8 +1,10 @@
-"""Uniform water over twisted facets: every stationary path over every sequence of cells, by Newton's method on its length.
+"""
+Uniform water over twisted facets: every stationary path over every sequence of cells, by Newton's
+method on its length.
 
-An independent solver of another kind: no fan and no ray. Reflections at the flat surface are unfolded; those at the bed
-are points of bilinear cells, and a ray is where the length of the path is stationary (Fermat), each point lies in
-its cell and no leg leaves the water.
+An independent solver of another kind: no fan and no ray. Reflections at the flat surface are
+unfolded; those at the bed are points of bilinear cells, and a ray is where the length of the path
+is stationary (Fermat), each point lies in its cell and no leg leaves the water.
 """
 
 import itertools
@@ -50,7 +52,9 @@ class Facets:
         )
         i, j = (
             k.ravel()
-            for k in np.meshgrid(*(np.arange(a.size - 1) for a in (self.north, self.east)), indexing="ij")
+            for k in np.meshgrid(
+                *(np.arange(a.size - 1) for a in (self.north, self.east)), indexing="ij"
+            )
         )
         self.cells = np.column_stack([i, j])
         self.low = np.column_stack([self.north[i], self.east[j]])
@@ -92,7 +96,9 @@ def stationary(facets, x, cells, source, receiver, signs, steps):
     """Newton's method on path lengths: places (n, k, 2), lengths and largest slopes."""
     n, k = cells.shape
     for step in range(steps + 1):
-        depth, slope, twist = zip(*(facets.patch(cells[:, m], x[:, m]) for m in range(k)), strict=True)
+        depth, slope, twist = zip(
+            *(facets.patch(cells[:, m], x[:, m]) for m in range(k)), strict=True
+        )
         points = [
             np.tile(source, (n, 1)),
             *(np.column_stack([x[:, m], depth[m]]) for m in range(k)),
@@ -135,11 +141,18 @@ def stays_in_water(facets, points, signs):
 
 
 def spreading_db(facets, x, cells, source, receiver, signs, points):
-    """Level of the ray tube against that of a straight ray of the chord's length, by differences of launch directions."""
+    """
+    Level of the ray tube against that of a straight ray of the chord's length, by differences of
+    launch directions.
+    """
 
     def launch(target):
         moved = stationary(facets, x[None], cells[None], source, target, signs, 8)[0][:, 0]
-        first = np.append(moved[0], facets.patch(cells[:1], moved)[0]) - source * [1.0, 1.0, signs[0]]
+        first = np.append(moved[0], facets.patch(cells[:1], moved)[0]) - source * [
+            1.0,
+            1.0,
+            signs[0],
+        ]
         first[2] *= signs[0]
         return first / np.linalg.norm(first)
 
@@ -163,11 +176,17 @@ def all_paths(facets, source, receiver):
         guesses = [centre[sequences]]
         for fractions in STARTS[k]:
             on_chord = a + np.array(fractions)[:, None] * (b - a)
-            guesses.append(np.clip(on_chord, facets.low[sequences] + 1.0, facets.high[sequences] - 1.0))
+            guesses.append(
+                np.clip(on_chord, facets.low[sequences] + 1.0, facets.high[sequences] - 1.0)
+            )
         cells = np.tile(sequences, (len(guesses), 1))
         with np.errstate(all="ignore"):
-            x, length, slope = stationary(facets, np.concatenate(guesses), cells, source, receiver, signs, 25)
-        inside = ((x >= facets.low[cells] - 1e-6) & (x <= facets.high[cells] + 1e-6)).all(axis=(1, 2))
+            x, length, slope = stationary(
+                facets, np.concatenate(guesses), cells, source, receiver, signs, 25
+            )
+        inside = ((x >= facets.low[cells] - 1e-6) & (x <= facets.high[cells] + 1e-6)).all(
+            axis=(1, 2)
+        )
         seen = set()
         for row in np.flatnonzero(inside & (slope < 1e-8)):
             key = (*cells[row], *np.round(x[row]).ravel())
@@ -180,7 +199,9 @@ def all_paths(facets, source, receiver):
             ]
             points = [source, *bed, receiver]
             if stays_in_water(facets, points, signs):
-                direction, db = spreading_db(facets, x[row], cells[row], source, receiver, signs, points)
+                direction, db = spreading_db(
+                    facets, x[row], cells[row], source, receiver, signs, points
+                )
                 out.append(Found(order.count("s"), k, length[row] / C, direction, db))
     return out
 
@@ -192,13 +213,17 @@ def compare(medium, source, receiver):
     for ends in ((source, receiver), (receiver, source)):
         arrivals = find_eigenrays(medium, *ends, 2, 2, canonical=False)
         turned = ends[0] is receiver
-        ways.append((arrivals, C * (-arrivals.receiver_slowness if turned else arrivals.source_slowness)))
+        ways.append(
+            (arrivals, C * (-arrivals.receiver_slowness if turned else arrivals.source_slowness))
+        )
     missed, invented, count = [], [], 0
     for link, (a, b) in enumerate(zip(source, receiver, strict=True)):
         paths = all_paths(facets, a, b)
         count += sum(path.spreading_db < WEAKEST for path in paths)
         for way, (arrivals, direction) in enumerate(ways):
-            left = set(np.flatnonzero((arrivals.link == link) & (arrivals.bottom_bounces > 0)).tolist())
+            left = set(
+                np.flatnonzero((arrivals.link == link) & (arrivals.bottom_bounces > 0)).tolist()
+            )
             for path in paths:
                 same = [
                     row
@@ -217,7 +242,10 @@ def compare(medium, source, receiver):
 
 
 def test_rays_that_no_ray_in_the_plane_of_the_link_leads_to():
-    """Reflected within metres of a corner, over cells that the plane does not meet, or after cells that lead in circles."""
+    """
+    Reflected within metres of a corner, over cells that the plane does not meet, or after cells
+    that lead in circles.
+    """
     ends = [np.vstack(part) for part in zip(pick(8, [98, 110]), pick(18, [70]), strict=True)]
     missed, invented, count = compare(twisted_medium(), *ends)
     assert count > 15
@@ -239,7 +267,10 @@ def test_rays_in_depth_end_where_they_are_too_flat():
     medium = twisted_medium(150.0, 1000.0, 9)
     source, receiver = (end[89] for end in draw_links(100, 28))
     domain, work = medium.domain(), workspace(medium.depth.size)
-    taken = [steps_in_depth(domain, source, receiver, angle, work) for angle in np.linspace(-1.3, 1.3, 400)]
+    taken = [
+        steps_in_depth(domain, source, receiver, angle, work)
+        for angle in np.linspace(-1.3, 1.3, 400)
+    ]
     assert max(taken) < 1000
 
 
@@ -252,7 +283,8 @@ def pick(seed, links):
 @pytest.mark.parametrize(("links", "bed", "least", "limit"), [
     ((120, 8), (), 700, 0),
     ((120, 18), (), 700, 0),
-    ((100, 28), (150.0, 1000.0, 9), 500, 1),  # known limit over slopes of a fifth: one of 584, from one end
+    # known limit over slopes of a fifth: one of 584, from one end
+    ((100, 28), (150.0, 1000.0, 9), 500, 1),
 ])  # fmt: skip
 def test_every_ray_is_found_and_none_invented(links, bed, least, limit):
     missed, invented, count = compare(twisted_medium(*bed), *draw_links(*links))

@@ -1,4 +1,7 @@
-"""Ice as the upper boundary: the mirrored ocean, and what does not get through; images are in test_wedge, laws in test_laws."""
+"""
+Ice as the upper boundary: the mirrored ocean, and what does not get through; images are in
+test_wedge, laws in test_laws.
+"""
 
 import numpy as np
 import pytest
@@ -33,7 +36,10 @@ def rows(arrivals, link):
 
 @pytest.mark.parametrize("gradient", [0.0, 0.05])
 def test_the_mirrored_ocean_has_the_mirrored_rays(gradient):
-    """Relief of the ice over a flat bed, and the same relief of the bed under a flat surface, upside down."""
+    """
+    Relief of the ice over a flat bed, and the same relief of the bed under a flat surface, upside
+    down.
+    """
     rng = np.random.default_rng(5)
     relief = 30.0 + np.cumsum(np.cumsum(rng.uniform(-4.0, 4.0, (9, 9)), axis=0), axis=1)
     relief += 10.0 - relief.min()
@@ -55,9 +61,13 @@ def test_the_mirrored_ocean_has_the_mirrored_rays(gradient):
         ours = rows(under_ice, link)
         theirs = sorted((s, b, t) for b, s, t in rows(over_bed, link))
         unmatched = [
-            r for r in ours if not any(r[:2] == o[:2] and abs(r[2] - o[2]) < ATOL_TIME for o in theirs)
+            r
+            for r in ours
+            if not any(r[:2] == o[:2] and abs(r[2] - o[2]) < ATOL_TIME for o in theirs)
         ]
-        assert not unmatched  # over facets the search of the sea bed goes on cell by cell and may find more
+        assert (
+            not unmatched
+        )  # over facets the search of the sea bed goes on cell by cell and may find more
         found += len(ours)
     assert found > 0.95 * over_bed.link.size
 

@@ -1,4 +1,7 @@
-"""Laws that every ray obeys, direct and reflected, in every kind of medium: Snell, Fermat, reciprocity, eikonal gradients, ray tubes."""
+"""
+Laws that every ray obeys, direct and reflected, in every kind of medium: Snell, Fermat,
+reciprocity, eikonal gradients, ray tubes.
+"""
 
 from functools import cache
 from typing import NamedTuple
@@ -25,15 +28,22 @@ KINDS = pytest.mark.parametrize("kind", DIRECT + REFLECTED)
 
 @cache
 def medium_of(kind):
-    """Profiles, a front, facets under uniform water or under a duct that a front crosses, and water under rolling ice."""
+    """
+    Profiles, a front, facets under uniform water or under a duct that a front crosses, and water
+    under rolling ice.
+    """
     what, interpolation = kind.split()
     interpolation = "linear" if interpolation == "linear" else "smooth"
     if what == "profile":
-        return Medium.from_profile(DEPTH, arctic(DEPTH), bottom_depth=3000.0, interpolation=interpolation)
+        return Medium.from_profile(
+            DEPTH, arctic(DEPTH), bottom_depth=3000.0, interpolation=interpolation
+        )
     if what == "front":
         return make_front(interpolation)
     if what == "facets":
-        return twisted(DEPTH, None if "uniform" in kind else arctic(DEPTH), interpolation=interpolation)
+        return twisted(
+            DEPTH, None if "uniform" in kind else arctic(DEPTH), interpolation=interpolation
+        )
     axis = np.linspace(-2e3, 16e3, 19)
     c = C + 5e-4 * (axis[:, None, None] - axis[:, None]) + [0.0, 4.0]
     draft = 20.0 + 8.0 * np.sin(axis[:, None] / 900.0) * np.cos(axis / 1100.0)
@@ -43,7 +53,9 @@ def medium_of(kind):
 
 
 class Case(NamedTuple):
-    """Links of one medium, how many reflections they may have, their arrivals and the paths of these."""
+    """
+    Links of one medium, how many reflections they may have, their arrivals and the paths of these.
+    """
 
     medium: Medium
     source: Array
@@ -57,7 +69,8 @@ def ends_of(kind, n, seed):
     if kind in REFLECTED:
         return inner_links(n, seed, top=30.0)
     return [
-        end + np.array([0.0, 0.0, shift]) for end, shift in zip(front_links(n, seed), (3.7, 2.3), strict=True)
+        end + np.array([0.0, 0.0, shift])
+        for end, shift in zip(front_links(n, seed), (3.7, 2.3), strict=True)
     ]
 
 
@@ -77,12 +90,19 @@ def bounces(paths):
 
 
 def boundary(medium, place, on_bed):
-    """Height of places in the water above the bed, or depth below the surface, normals there, and distance from grid lines."""
+    """
+    Height of places in the water above the bed, or depth below the surface, normals there, and
+    distance from grid lines.
+    """
     bed = sheet_under(medium.bed.north, medium.bed.east, medium.bed.depth, place)
     ice = sheet_under(medium.surface.north, medium.surface.east, medium.surface.depth, place)
     gap = np.where(on_bed, bed[0] - place[:, 2], place[:, 2] - ice[0])
     normal = np.column_stack([np.where(on_bed[:, None], bed[1], ice[1]), np.full(len(place), -1.0)])
-    return gap, normal / np.linalg.norm(normal, axis=1, keepdims=True), np.where(on_bed, bed[2], ice[2])
+    return (
+        gap,
+        normal / np.linalg.norm(normal, axis=1, keepdims=True),
+        np.where(on_bed, bed[2], ice[2]),
+    )
 
 
 def clear_of_edges(case, least):
@@ -98,7 +118,8 @@ def test_slowness_has_the_length_of_the_slowness_of_sound_and_its_integral_is_th
     field = field_of(medium)
     assert len(arrivals.link) > 34
     length = np.linalg.norm(paths.slowness, axis=1)
-    # a linear section's cells are those under the baseline: a reflected ray beside it meets other kinks
+    # a linear section's cells are those under the baseline: a reflected ray beside it meets other
+    # kinks
     beside = kind == "facets linear"
     atol = 2e-5 if beside else 1e-7
     np.testing.assert_allclose(length * field(paths.position), 1.0, rtol=0, atol=atol)
@@ -135,7 +156,9 @@ def test_paths_run_from_source_to_receiver_in_the_travel_time_and_stay_in_the_wa
     inside = np.diff(paths.arrival) == 0
     assert (np.diff(paths.travel_time)[inside] >= 0.0).all()
     for on_bed in (True, False):
-        assert boundary(medium, paths.position, np.full(len(paths.arrival), on_bed))[0].min() > -1e-5
+        assert (
+            boundary(medium, paths.position, np.full(len(paths.arrival), on_bed))[0].min() > -1e-5
+        )
     if kind in DIRECT:
         assert (paths.boundary == 0).all()
         turns = (np.diff(np.sign(paths.slowness[:, 2])) != 0)[inside]
@@ -192,7 +215,12 @@ def test_fermat_travel_time_is_stationary_in_every_place_of_reflection():
                     moved[k, 2] = medium.bottom_depth(moved[k : k + 1])[0] if on_bed[k - 1] else 0.0
                     change.append((length(moved) - length(nodes)) / C)
                 slope = (change[0] - change[1]) / (2.0 * h)
-                assert abs(slope) < 5e-8, (ray, k, axis, slope)  # s/m; a place 1 m away has some 3e-6
+                assert abs(slope) < 5e-8, (
+                    ray,
+                    k,
+                    axis,
+                    slope,
+                )  # s/m; a place 1 m away has some 3e-6
                 bend = abs(change[0]) + abs(change[1])
                 assert abs(change[2]) + abs(change[3]) < 0.02 * bend + 1e-9, (ray, k, axis, change)
                 tested += 1
@@ -200,7 +228,10 @@ def test_fermat_travel_time_is_stationary_in_every_place_of_reflection():
 
 
 def twin(arrivals, ray, other, link):
-    """The row of other arrivals of a link that is the same ray, a little moved: bounces alike, nearest slowness."""
+    """
+    The row of other arrivals of a link that is the same ray, a little moved: bounces alike, nearest
+    slowness.
+    """
     same = (other.link == link) & (other.surface_bounces == arrivals.surface_bounces[ray])
     rows = np.flatnonzero(same & (other.bottom_bounces == arrivals.bottom_bounces[ray]))
     if rows.size == 0:
@@ -214,7 +245,9 @@ def twin(arrivals, ray, other, link):
 @pytest.mark.parametrize(("n", "seed"), [(6, 42), pytest.param(60, 45, marks=pytest.mark.slow)])
 @KINDS
 def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, n, seed):
-    """Eikonal: dt/dx_receiver = slowness there, dt/dx_source = minus slowness there, for each ray."""
+    """
+    Eikonal: dt/dx_receiver = slowness there, dt/dx_source = minus slowness there, for each ray.
+    """
     direct = kind in DIRECT
     case = case_of(kind, n * 4 if direct else n, seed)
     _, source, receiver, _, arrivals, _ = case
@@ -226,19 +259,26 @@ def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, n, seed):
         strong &= arrivals.surface_bounces + arrivals.bottom_bounces > 0
     errors, lost = [], 0
     for axis in range(3):
-        for end, vector, sign in ((0, arrivals.source_slowness, -1.0), (1, arrivals.receiver_slowness, 1.0)):
+        for end, vector, sign in (
+            (0, arrivals.source_slowness, -1.0),
+            (1, arrivals.receiver_slowness, 1.0),
+        ):
             moved = []
             for direction in (1.0, -1.0):
                 ends = [source.copy(), receiver.copy()]
                 ends[end][:, axis] += direction * h
                 tolerance = 1e-6 if direct else 1e-5
-                moved.append(find_eigenrays(case.medium, *ends, *case.most, 18.0, tolerance=tolerance))
+                moved.append(
+                    find_eigenrays(case.medium, *ends, *case.most, 18.0, tolerance=tolerance)
+                )
             for ray in np.flatnonzero(strong):
                 rows = [twin(arrivals, ray, other, arrivals.link[ray]) for other in moved]
                 if None in rows:
                     lost += 1
                     continue
-                slope = np.subtract(*(other.travel_time[row] for other, row in zip(moved, rows, strict=True)))
+                slope = np.subtract(
+                    *(other.travel_time[row] for other, row in zip(moved, rows, strict=True))
+                )
                 errors.append(sign * slope / (2.0 * h) - vector[ray, axis])
     errors = np.abs(errors)
     assert len(errors) > 10 * n
@@ -253,7 +293,10 @@ def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, n, seed):
 )
 @KINDS
 def test_spreading_is_the_ray_tube_of_neighbouring_receivers(kind, n, seed, every):
-    """Solid angle of launch per area across the ray at the receiver, by differences of launch directions."""
+    """
+    Solid angle of launch per area across the ray at the receiver, by differences of launch
+    directions.
+    """
     case = case_of(kind, n, seed)
     medium, source, receiver, most, arrivals, _ = case
     h = 0.5
@@ -262,14 +305,23 @@ def test_spreading_is_the_ray_tube_of_neighbouring_receivers(kind, n, seed, ever
     link = arrivals.link[keep]
     shifted = []
     for k in (0, 1):
-        across = np.array([np.linalg.svd(arrivals.receiver_slowness[ray][None])[2][1 + k] for ray in keep])
+        across = np.array(
+            [np.linalg.svd(arrivals.receiver_slowness[ray][None])[2][1 + k] for ray in keep]
+        )
         for sign in (1.0, -1.0):
             near = find_eigenrays(
-                medium, source[link], receiver[link] + sign * h * across, *most, 18.0, tolerance=1e-5
+                medium,
+                source[link],
+                receiver[link] + sign * h * across,
+                *most,
+                18.0,
+                tolerance=1e-5,
             )
             rows = [twin(arrivals, ray, near, i) for i, ray in enumerate(keep)]
             unit = [
-                np.full(3, np.nan) if row is None else near.source_slowness[row] * near.source_sound_speed[i]
+                np.full(3, np.nan)
+                if row is None
+                else near.source_slowness[row] * near.source_sound_speed[i]
                 for i, row in enumerate(rows)
             ]
             shifted.append(np.array(unit))
@@ -286,7 +338,10 @@ def test_spreading_is_the_ray_tube_of_neighbouring_receivers(kind, n, seed, ever
 
 
 def same_rays(there, back, n, atol):
-    """Rows of two sets of arrivals that are one ray run both ways, and the rows of the first that have no other."""
+    """
+    Rows of two sets of arrivals that are one ray run both ways, and the rows of the first that have
+    no other.
+    """
     pairs, alone = [], []
     for link in range(n):
         left = list(np.flatnonzero(back.link == link))
@@ -314,13 +369,19 @@ def test_rays_are_reciprocal_when_both_ways_are_solved(kind, n, seed):
 
 
 def test_a_node_of_the_fan_on_a_root_is_no_gap_between_its_intervals():
-    """A node within the tolerance of the root was above zero for one interval and below it for the other."""
+    """
+    A node within the tolerance of the root was above zero for one interval and below it for the
+    other.
+    """
     source, receiver = (end[122:123] for end in inner_links(150, 48))
     check_reciprocity("facets smooth", source, receiver, least=8)
 
 
 def test_a_ray_whose_miss_jumps_by_its_own_errors_is_found_from_both_ends():
-    """Weak, from near a crest: neighbours part so fast that a step more or less moves them by millimetres."""
+    """
+    Weak, from near a crest: neighbours part so fast that a step more or less moves them by
+    millimetres.
+    """
     source, receiver = (end[330:331] for end in ends_of("profile smooth", 600, 48))
     check_reciprocity("profile smooth", source, receiver, least=1)
 
@@ -345,7 +406,8 @@ def check_reciprocity(kind, source, receiver, least):
     assert np.median(angle) < 1e-7, np.median(angle)
     assert np.mean(there.turning_points[one] == back.turning_points[two]) > 0.98
     canonical = [
-        find_eigenrays(medium, *ends, *most).travel_time for ends in ((source, receiver), (receiver, source))
+        find_eigenrays(medium, *ends, *most).travel_time
+        for ends in ((source, receiver), (receiver, source))
     ]
     assert np.array_equal(*canonical)
 
@@ -353,10 +415,17 @@ def check_reciprocity(kind, source, receiver, least):
 @pytest.mark.slow
 @pytest.mark.parametrize(("noise", "share"), [(20.0, 0.99), (60.0, 0.8)])
 def test_over_cells_drawn_at_random_most_rays_are_found_from_both_ends(noise, share):
-    """Known limit: 500 m cells whose slopes of 0.06 and 0.17 (rms) have nothing to do with each other."""
+    """
+    Known limit: 500 m cells whose slopes of 0.06 and 0.17 (rms) have nothing to do with each other.
+    """
     north, east = np.arange(0.0, 14.1e3, 500.0), np.arange(0.0, 12.1e3, 500.0)
     rng = np.random.default_rng(3)
-    bed = 1000.0 + 0.03 * north[:, None] - 0.015 * east + noise * rng.normal(size=(north.size, east.size))
+    bed = (
+        1000.0
+        + 0.03 * north[:, None]
+        - 0.015 * east
+        + noise * rng.normal(size=(north.size, east.size))
+    )
     c = np.full((north.size, east.size, 2), 1500.0)
     medium = Medium.from_grid(north, east, [0.0, 4000.0], c, bathymetry=bed)
     source, receiver = inner_links(40, 5)
@@ -381,7 +450,9 @@ def test_azimuth_and_place_do_not_matter_where_the_ocean_is_uniform(interpolatio
     plain = find_eigenrays(medium, source, np.column_stack([distance, zero, z1]))
     corner = rng.uniform(-1e5, 1e5, (n, 2))
     step = np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing)])
-    moved = find_eigenrays(medium, np.column_stack([corner, z0]), np.column_stack([corner + step, z1]))
+    moved = find_eigenrays(
+        medium, np.column_stack([corner, z0]), np.column_stack([corner + step, z1])
+    )
     assert np.array_equal(plain.link, moved.link)
     np.testing.assert_allclose(moved.travel_time, plain.travel_time, rtol=0, atol=1e-9)
     at = bearing[plain.link]
@@ -390,7 +461,9 @@ def test_azimuth_and_place_do_not_matter_where_the_ocean_is_uniform(interpolatio
     np.testing.assert_allclose(moved.source_slowness, turned, rtol=0, atol=5e-9)
 
 
-@pytest.mark.filterwarnings("ignore:.*more eigenrays:RuntimeWarning")  # coarse tolerances make rays up
+@pytest.mark.filterwarnings(
+    "ignore:.*more eigenrays:RuntimeWarning"
+)  # coarse tolerances make rays up
 @pytest.mark.parametrize("kind", ["profile", "front"])
 def test_time_error_is_of_first_order_in_the_tolerance_or_better(kind):
     medium = medium_of(f"{kind} smooth")
@@ -411,7 +484,10 @@ def test_time_error_is_of_first_order_in_the_tolerance_or_better(kind):
 
 
 def test_turning_and_shifting_the_ocean_turns_and_shifts_the_rays():
-    """A quarter turn maps (north, east) to (east, -north); the axes are reversed to keep them increasing."""
+    """
+    A quarter turn maps (north, east) to (east, -north); the axes are reversed to keep them
+    increasing.
+    """
     front, (source, receiver) = make_front(), front_links(80, 6)
     plain = find_eigenrays(front, source, receiver)
     times = plain.first().travel_time
@@ -422,12 +498,18 @@ def test_turning_and_shifting_the_ocean_turns_and_shifts_the_rays():
         np.swapaxes(front.sound_speed, 0, 1)[:, ::-1],
         bathymetry=np.swapaxes(front.bed.depth, 0, 1)[:, ::-1],
     )
-    ends = [np.column_stack([p[:, 1] + 500.0, 9000.0 - p[:, 0], p[:, 2]]) for p in (source, receiver)]
+    ends = [
+        np.column_stack([p[:, 1] + 500.0, 9000.0 - p[:, 0], p[:, 2]]) for p in (source, receiver)
+    ]
     moved = find_eigenrays(turned, *ends)
     again = moved.first().travel_time
-    np.testing.assert_allclose(again, times, rtol=0, atol=1e-8)  # level links: another canonical end
+    np.testing.assert_allclose(
+        again, times, rtol=0, atol=1e-8
+    )  # level links: another canonical end
     slant = (source[:, 2] != receiver[:, 2])[plain.link]
-    assert np.array_equal(moved.link[(source[:, 2] != receiver[:, 2])[moved.link]], plain.link[slant])
+    assert np.array_equal(
+        moved.link[(source[:, 2] != receiver[:, 2])[moved.link]], plain.link[slant]
+    )
     for name in ("source_slowness", "receiver_slowness"):
         old = getattr(plain, name)[slant]
         new = getattr(moved, name)[(source[:, 2] != receiver[:, 2])[moved.link]]

@@ -1,4 +1,7 @@
-"""Direct rays of long links in water with fronts, against `section_fan.SectionFan` in three dimensions, from both ends."""
+"""
+Direct rays of long links in water with fronts, against `section_fan.SectionFan` in three
+dimensions, from both ends.
+"""
 
 import numpy as np
 import pytest
@@ -21,7 +24,8 @@ from pymantaray.acoustics import find_eigenrays
 from pymantaray.records import RayStatus
 
 UNEVEN = 0.5  # dB; near caustics, levels of fans and of arrivals differ by this
-# Medium, source, receiver, half width of the fans [rad], and for each end the launch angle [rad] and the number of strong rays of its fan
+# Medium, source, receiver, half width of the fans [rad], and for each end the launch angle [rad]
+# and the number of strong rays of its fan
 LINKS = {
     "pair-10.6-km": (
         "gulf",
@@ -132,7 +136,9 @@ def medium_of(name):
 
 @pytest.mark.parametrize("link", LINKS)
 def test_rays_that_fans_find_from_either_end_are_found(link):
-    """They were lost: horizontal refraction moves launch angles farther than the distance of two rays."""
+    """
+    They were lost: horizontal refraction moves launch angles farther than the distance of two rays.
+    """
     name, source, receiver, half_width, *views = LINKS[link]
     medium, ends = medium_of(name), (np.array(source), np.array(receiver))
     fan, found = SectionFan(medium), [find_eigenrays(medium, *pair) for pair in (ends, ends[::-1])]
@@ -144,7 +150,10 @@ def test_rays_that_fans_find_from_either_end_are_found(link):
 
 
 def test_rays_that_turn_in_another_layer_than_their_neighbours_are_found_from_either_end():
-    """Neighbours of equal slopes pass the receiver 700 m below it and turn 45 m deeper; from this end all five rays were lost."""
+    """
+    Neighbours of equal slopes pass the receiver 700 m below it and turn 45 m deeper; from this end
+    all five rays were lost.
+    """
     name, source, receiver, *_ = LINKS["other-layer-19.4-km"]
     for ends in ((source, receiver), (receiver, source)):
         arrivals = find_eigenrays(medium_of(name), *map(np.array, ends), canonical=False)
@@ -153,7 +162,10 @@ def test_rays_that_turn_in_another_layer_than_their_neighbours_are_found_from_ei
 
 
 def test_a_far_link_with_arrivals_has_the_rays_of_both_ends():
-    """The fan of one end meets a curve of rays that the fan of the other end does not meet, and both searches seem complete."""
+    """
+    The fan of one end meets a curve of rays that the fan of the other end does not meet, and both
+    searches seem complete.
+    """
     source = np.array([4144.207364179347, -6422.1708682477, 179.90831307438054])
     receiver = np.array([-5040.537512378474, -32533.825752213874, 214.55801361802384])
     medium, both = several_extrema(2), ((source, receiver), (receiver, source))
@@ -169,26 +181,37 @@ def test_a_search_whose_rays_fold_is_not_complete_and_the_other_end_finds_the_ra
     medium = several_extrema(6)
     one = find_eigenrays(medium, source, receiver, canonical=False)
     assert (one.status == RayStatus.UNRESOLVED).all()
-    assert find_eigenrays(medium, source, receiver).travel_time == pytest.approx([15.0026697], abs=2e-7)
+    assert find_eigenrays(medium, source, receiver).travel_time == pytest.approx(
+        [15.0026697], abs=2e-7
+    )
 
 
 def test_horizontal_refraction_changes_the_width_of_a_tube_in_both_directions():
-    """The level is 15.06 dB; without the change of the cross-track slowness with the launch angle it would be 15.7 dB."""
+    """
+    The level is 15.06 dB; without the change of the cross-track slowness with the launch angle it
+    would be 15.7 dB.
+    """
     links = random_links(several_extrema(2), 900, [2026, 2])
     ends = links.source[875], links.receiver[875]
     medium = several_extrema(2)
     arrivals = find_eigenrays(medium, *ends[::-1], spreading_cutoff_db=18.0, canonical=False)
     (ray,) = np.flatnonzero(np.abs(arrivals.travel_time - 13.6321425) < 2e-7)
-    near = rays_near(SectionFan(medium), *ends[::-1], arrivals.launch_angle[ray], Look(TIME, 0.1, 2e-6))
+    near = rays_near(
+        SectionFan(medium), *ends[::-1], arrivals.launch_angle[ray], Look(TIME, 0.1, 2e-6)
+    )
     assert near.spreading == pytest.approx([arrivals.spreading_db[ray]], abs=0.1)
 
 
 @pytest.mark.parametrize("name", ["gulf", 2, 4])
 def test_levels_from_both_ends_are_equal(name):
-    """Reciprocity; derivatives in the plane of the link alone gave levels that differed by up to 7 dB."""
+    """
+    Reciprocity; derivatives in the plane of the link alone gave levels that differed by up to 7 dB.
+    """
     medium = medium_of(name)
     links = random_links(medium, 60, 8, shortest=12e3)
-    one, other = (find_eigenrays(medium, *ends, canonical=False) for ends in (links, links.exchanged()))
+    one, other = (
+        find_eigenrays(medium, *ends, canonical=False) for ends in (links, links.exchanged())
+    )
     times = np.round(one.travel_time, 7)[:, None] == np.round(other.travel_time, 7)
     here, there = np.nonzero(times & (one.link[:, None] == other.link))
     strong = one.spreading_db[here] < 12.0
@@ -201,7 +224,9 @@ def test_levels_from_both_ends_are_equal(name):
 def test_neither_end_of_random_links_to_30_km_finds_a_ray_that_is_lost_by_default(name):
     medium = medium_of(name)
     source, receiver = random_links(medium, 200, [4, 99 if name == "gulf" else name])
-    arrivals, back = (find_eigenrays(medium, *ends) for ends in ((source, receiver), (receiver, source)))
+    arrivals, back = (
+        find_eigenrays(medium, *ends) for ends in ((source, receiver), (receiver, source))
+    )
     for column in ("status", "travel_time", "complete"):
         np.testing.assert_array_equal(getattr(arrivals, column), getattr(back, column))
     found = found_rays(arrivals)
@@ -216,7 +241,9 @@ def test_a_link_without_an_arrival_is_unresolved_exactly_if_its_search_is_not_co
     arrivals = find_eigenrays(medium, *links, canonical=False)
     bare = np.bincount(arrivals.link, minlength=60) == 0
     assert 0 < (bare & ~arrivals.complete).sum() < bare.sum()
-    np.testing.assert_array_equal(arrivals.status == RayStatus.UNRESOLVED, bare & ~arrivals.complete)
+    np.testing.assert_array_equal(
+        arrivals.status == RayStatus.UNRESOLVED, bare & ~arrivals.complete
+    )
     both = find_eigenrays(medium, *links)
     assert (both.complete >= arrivals.complete).all()
     assert both.complete.sum() > arrivals.complete.sum()

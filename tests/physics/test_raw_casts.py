@@ -1,4 +1,7 @@
-"""Eigenrays of a noisy layered profile against `LayerFan`, a brute-force fan of circular arcs that shares no code with the solver."""
+"""
+Eigenrays of a noisy layered profile against `LayerFan`, a brute-force fan of circular arcs that
+shares no code with the solver.
+"""
 
 import numpy as np
 import pytest
@@ -21,14 +24,19 @@ def upward(noise):
 
 
 class LayerFan:
-    """Rays through layers with constant gradients, from layer to layer, all launch angles at a time."""
+    """
+    Rays through layers with constant gradients, from layer to layer, all launch angles at a time.
+    """
 
     def __init__(self, speed, source_depth, length, most_surface):
         self.speed, self.gradient = speed, np.diff(speed) / np.diff(DEPTH)
         self.source_depth, self.length, self.most_surface = source_depth, length, most_surface
 
     def trace(self, angle):
-        """Depth and time at the end, and reflections at the surface; NaN if the bottom or too many reflections stop a ray."""
+        """
+        Depth and time at the end, and reflections at the surface; NaN if the bottom or too many
+        reflections stop a ray.
+        """
         n = angle.size
         z, sine, layer = (
             np.full(n, self.source_depth),
@@ -45,7 +53,9 @@ class LayerFan:
             turns = a * self.speed[k + down] >= 1.0
             out = down ^ turns  # the ray leaves through the lower face
             c_out = self.speed[k + out]
-            s_out = np.sqrt(np.maximum((1.0 - a * c_out) * (1.0 + a * c_out), 0.0)) * np.where(out, 1.0, -1.0)
+            s_out = np.sqrt(np.maximum((1.0 - a * c_out) * (1.0 + a * c_out), 0.0)) * np.where(
+                out, 1.0, -1.0
+            )
             step = np.minimum((s - s_out) / (a * g), self.length - r[alive])
             last = step >= self.length - r[alive]
             s_end = np.where(last, s - a * g * step, s_out)
@@ -60,11 +70,16 @@ class LayerFan:
             sine[alive] = s_end
             sine[up], layer[up] = -sine[up], 0
             bounces[up] += 1
-            alive = alive[~last & (layer[alive] < DEPTH.size - 1) & (bounces[alive] <= self.most_surface)]
+            alive = alive[
+                ~last & (layer[alive] < DEPTH.size - 1) & (bounces[alive] <= self.most_surface)
+            ]
         return end, time, bounces
 
     def eigenrays(self, receiver_depth, steepest):
-        """Bounces, time and spreading [dB] of each ray that ends at a depth: at changes of sign between neighbours, twice refined."""
+        """
+        Bounces, time and spreading [dB] of each ray that ends at a depth: at changes of sign
+        between neighbours, twice refined.
+        """
         angle, width, wanted = np.arange(-steepest, steepest, SPACING), SPACING, None
         for _ in range(3):
             miss, time, bounces = self.trace(angle)
@@ -89,7 +104,15 @@ class LayerFan:
         c0, c1 = np.interp([self.source_depth, receiver_depth], DEPTH, self.speed)
         sine_end = np.sqrt(1.0 - (cosine * c1 / c0) ** 2)
         distance = np.hypot(self.length, receiver_depth - self.source_depth)
-        tube = np.abs(slope) * self.length / cosine * np.sqrt(1.0 - sine_end**2) / distance**2 * c0 / c1
+        tube = (
+            np.abs(slope)
+            * self.length
+            / cosine
+            * np.sqrt(1.0 - sine_end**2)
+            / distance**2
+            * c0
+            / c1
+        )
         return count, ta + share * (tb - ta), 10.0 * np.log10(tube)
 
 
@@ -99,7 +122,11 @@ def test_no_ray_of_a_noisy_cast_is_missed_or_invented(water, seed, least):
     speed = water(np.random.default_rng(seed).standard_normal(DEPTH.size))
     medium = Medium.from_profile(DEPTH, speed, bottom_depth=BOTTOM, interpolation="linear")
     agreed = 0
-    for length, source, receiver in ((3000.0, 151.3, 83.1), (4000.0, 31.7, 15.9), (2000.0, 111.1, 105.7)):
+    for length, source, receiver in (
+        (3000.0, 151.3, 83.1),
+        (4000.0, 31.7, 15.9),
+        (2000.0, 111.1, 105.7),
+    ):
         arrivals = find_eigenrays(medium, [0.0, 0.0, source], [length, 0.0, receiver], 7, 0)
         count, time, spreading = LayerFan(speed, source, length, 7).eigenrays(receiver, 0.45)
         pairs = np.abs(arrivals.travel_time[:, None] - time) < SAME_TIME

@@ -1,4 +1,6 @@
-"""Every direct row of the reference tables: times by solvers that share no code with this package."""
+"""
+Every direct row of the reference tables: times by solvers that share no code with this package.
+"""
 
 from pathlib import Path
 
@@ -15,7 +17,9 @@ MEDIA = ["a_iso", "b_lingrad", "c_munk", "d_beaufort", "e_front_eddy", "f_fram"]
 
 
 def solve(name, *most, links=slice(None)):
-    rows = pd.read_csv(REFERENCE / "direct.csv").query("medium == @name")[links].reset_index(drop=True)
+    rows = (
+        pd.read_csv(REFERENCE / "direct.csv").query("medium == @name")[links].reset_index(drop=True)
+    )
     with np.load(REFERENCE / f"medium_{name}.npz") as m:
         medium = Medium.from_grid(
             m["north"],
@@ -26,7 +30,8 @@ def solve(name, *most, links=slice(None)):
             interpolation="linear",
         )
     ends = [
-        rows[[f"{end}_north", f"{end}_east", f"{end}_depth"]].to_numpy() for end in ("source", "receiver")
+        rows[[f"{end}_north", f"{end}_east", f"{end}_depth"]].to_numpy()
+        for end in ("source", "receiver")
     ]
     return rows, find_eigenrays(medium, *ends, *most, spreading_cutoff_db=None)
 
@@ -59,7 +64,10 @@ def test_spreading_agrees_with_finite_difference_ray_tubes():
 
 
 def compare_with_the_multipath_table(name, bounces, links):
-    """Rows that are missed or invented among those with so many reflections at most, and the errors of time."""
+    """
+    Rows that are missed or invented among those with so many reflections at most, and the errors of
+    time.
+    """
     rows, arrivals = solve(name, bounces, bounces, links=links)
     table = pd.read_csv(REFERENCE / "multipath.csv").query("medium == @name")
     # that table's rows of three reflections are missing
@@ -88,7 +96,11 @@ def compare_with_the_multipath_table(name, bounces, links):
             if bounces == 0:
                 assert arrivals.turning_points[best] == row.turning_points
     names = ("link", "surface_bounces", "bottom_bounces", "travel_time")
-    return missed, [tuple(getattr(arrivals, n)[i] for n in names) for i in invented], np.array(errors)
+    return (
+        missed,
+        [tuple(getattr(arrivals, n)[i] for n in names) for i in invented],
+        np.array(errors),
+    )
 
 
 @pytest.mark.parametrize(("bounces", "links", "least", "bar"), [
@@ -98,7 +110,9 @@ def compare_with_the_multipath_table(name, bounces, links):
 ])  # fmt: skip
 @pytest.mark.parametrize("name", MEDIA[:4])
 def test_every_eigenray_of_the_multipath_table(name, bounces, links, least, bar):
-    """None missed, none invented; the ones with more reflections than the table's are not judged."""
+    """
+    None missed, none invented; the ones with more reflections than the table's are not judged.
+    """
     missed, invented, errors = compare_with_the_multipath_table(name, bounces, links)
     assert not missed
     assert not invented
@@ -109,9 +123,11 @@ def test_every_eigenray_of_the_multipath_table(name, bounces, links, least, bar)
 def test_a_root_that_rough_rays_misplace_is_not_lost_between_two_intervals():
     grid = np.load(REFERENCE / "medium_f_fram.npz")
     medium = Medium.from_grid(
-        *(grid[name] for name in ("north", "east", "depth", "sound_speed")), bathymetry=grid["bathymetry"]
+        *(grid[name] for name in ("north", "east", "depth", "sound_speed")),
+        bathymetry=grid["bathymetry"],
     )
-    # a fan's rays from the deeper end, 0.2 m wrong beside the root, change sign in one interval, finer ones in the next
+    # a fan's rays from the deeper end, 0.2 m wrong beside the root, change sign in one interval,
+    # finer ones in the next
     ends = [37043.49132, 11542.51169, 3.940598838], [37958.085605715, 13474.271104446, 59.484725231]
     for source, receiver in (ends, ends[::-1]):
         arrivals = find_eigenrays(medium, source, receiver)

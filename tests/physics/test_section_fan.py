@@ -1,4 +1,7 @@
-"""Direct rays near thin filaments of warm and cold water, against `section_fan.SectionFan`, brute-force fans of up to 1e5 rays."""
+"""
+Direct rays near thin filaments of warm and cold water, against `section_fan.SectionFan`,
+brute-force fans of up to 1e5 rays.
+"""
 
 from pathlib import Path
 
@@ -22,7 +25,8 @@ from section_fan import SectionFan
 from pymantaray.acoustics import Medium, find_eigenrays
 
 FRONT_AND_EDDY = Path(__file__).parents[3] / "shared/data/reference/medium_e_front_eddy.npz"
-# A thermocline with a filament at 125 m, as at the edge of the Gulf Stream: levels [m], and sound speed [m/s] every 4 km from -4 km on
+# A thermocline with a filament at 125 m, as at the edge of the Gulf Stream: levels [m], and sound
+# speed [m/s] every 4 km from -4 km on
 LEVELS = [
     0,
     4,
@@ -67,7 +71,9 @@ def filament():
     """Water that varies along north only, so that rays stay in their plane."""
     columns = np.array(FILAMENT.split(), dtype=float).reshape(5, len(LEVELS))
     axes = np.arange(-4e3, 13e3, 4e3), np.arange(-6e3, 7e3, 4e3)
-    return Medium.from_grid(*axes, LEVELS, np.repeat(columns[:, None], 4, axis=1), bathymetry=2800.0)
+    return Medium.from_grid(
+        *axes, LEVELS, np.repeat(columns[:, None], 4, axis=1), bathymetry=2800.0
+    )
 
 
 def test_the_fan_finds_the_circular_arcs_of_a_constant_gradient():
@@ -86,7 +92,10 @@ def test_the_fan_finds_the_circular_arcs_of_a_constant_gradient():
 
 
 def test_rays_in_a_duct_beyond_a_crest_are_found():
-    """Between two rays of the first fan, which both miss by hundreds of metres, a filament parts the rays and some enter the duct above it."""
+    """
+    Between two rays of the first fan, which both miss by hundreds of metres, a filament parts the
+    rays and some enter the duct above it.
+    """
     source = np.array([0.0, 0.0, 380.0])
     distance, depth = np.meshgrid(15.0 * np.arange(636, 660, 4), np.arange(86.0, 102.0, 4.0))
     receivers = np.column_stack([distance.ravel(), depth.ravel()])
@@ -117,7 +126,10 @@ def test_rays_in_a_duct_beyond_a_crest_are_found():
     ],
 )
 def test_rays_beside_a_crest_are_found(source, receiver, angle, number):
-    """One whose angle changes by 1.7e-4 rad out of the plane, 5e-5 rad from the crest's, and a strong pair in a narrow bracket of weak rays."""
+    """
+    One whose angle changes by 1.7e-4 rad out of the plane, 5e-5 rad from the crest's, and a strong
+    pair in a narrow bracket of weak rays.
+    """
     if not FRONT_AND_EDDY.is_file():
         pytest.skip(f"no reference medium at {FRONT_AND_EDDY}")
     grid = np.load(FRONT_AND_EDDY)
@@ -131,7 +143,12 @@ def test_rays_beside_a_crest_are_found(source, receiver, angle, number):
     strong = rays.spreading < 15.0
     assert strong.sum() == number
     alone = without_partner(
-        rays.time[strong], rays.spreading[strong], found.travel_time, found.spreading_db, TIME, LEVEL
+        rays.time[strong],
+        rays.spreading[strong],
+        found.travel_time,
+        found.spreading_db,
+        TIME,
+        LEVEL,
     )
     assert alone == []
 
@@ -157,7 +174,10 @@ def test_rays_beside_a_crest_are_found(source, receiver, angle, number):
     ],
 )
 def test_no_ray_beside_a_crest_is_stronger_than_its_neighbours_allow(source, receiver):
-    """Its slope may be an error: with a smaller tolerance, such a ray of 7 to 14 dB has 26 dB or more and is no arrival."""
+    """
+    Its slope may be an error: with a smaller tolerance, such a ray of 7 to 14 dB has 26 dB or more
+    and is no arrival.
+    """
     if not FRONT_AND_EDDY.is_file():
         pytest.skip(f"no reference medium at {FRONT_AND_EDDY}")
     grid = np.load(FRONT_AND_EDDY)
@@ -192,7 +212,10 @@ def test_a_ray_between_two_whose_misses_hardly_bend_is_found():
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["gulf stream", *range(10)])
 def test_a_fan_of_131072_rays_finds_none_that_the_solver_loses(name):
-    """In the Gulf Stream file and in ten media with several extrema of the sound speed: a fan of 480 links to 30 km each."""
+    """
+    In the Gulf Stream file and in ten media with several extrema of the sound speed: a fan of 480
+    links to 30 km each.
+    """
     if name == "gulf stream" and not GULF_STREAM.is_file():
         pytest.skip(f"no Gulf Stream file at {GULF_STREAM}")
     fan = SectionFan(gulf_stream() if name == "gulf stream" else several_extrema(name))

@@ -1,4 +1,7 @@
-"""Travel times in smooth 3-D media, direct and reflected, against `oracles.Shooting`, which integrates another Hamiltonian."""
+"""
+Travel times in smooth 3-D media, direct and reflected, against `oracles.Shooting`, which integrates
+another Hamiltonian.
+"""
 
 import numpy as np
 import pytest
@@ -15,17 +18,23 @@ def make_eddies():
     """Two eddies of opposite sign, a surface front and a rough bed, on axes of unequal steps."""
     north = np.array([0.0, 3, 5, 8, 11, 13, 16, 20, 23, 26, 30, 33, 36, 40]) * 1e3
     east = np.linspace(0.0, 36e3, 13)
-    depth = np.array([0.0, 4, 10, 20, 35, 50, 75, 100, 150, 200, 300, 450, 700, 1000, 1500, 2200, 3000])
+    depth = np.array(
+        [0.0, 4, 10, 20, 35, 50, 75, 100, 150, 200, 300, 450, 700, 1000, 1500, 2200, 3000]
+    )
     n, e, z = np.meshgrid(north, east, depth, indexing="ij")
     c = 1449.0 + 0.0165 * z + 6.0 * np.exp(-(((z - 75.0) / 50.0) ** 2))
     c += 8.0 * np.exp(-((n - 15e3) ** 2 + (e - 13e3) ** 2) / 6e3**2 - ((z - 200.0) / 180.0) ** 2)
     c -= 7.0 * np.exp(-((n - 22e3) ** 2 + (e - 20e3) ** 2) / 5e3**2 - ((z - 400.0) / 250.0) ** 2)
     c += 4.0 * np.tanh((e - n + 2e3) / 6e3) * np.exp(-z / 80.0)
-    return Medium.from_grid(north, east, depth, c, bathymetry=2700.0 + 250.0 * np.sin(n[..., 0] / 5e3))
+    return Medium.from_grid(
+        north, east, depth, c, bathymetry=2700.0 + 250.0 * np.sin(n[..., 0] / 5e3)
+    )
 
 
 def make_slope(*, plane):
-    """A front and an eddy over a bed that slopes both ways, plane or with ridges from cell to cell."""
+    """
+    A front and an eddy over a bed that slopes both ways, plane or with ridges from cell to cell.
+    """
     depth, speed = ARCTIC_DEPTH, arctic(ARCTIC_DEPTH)
     north, east = np.linspace(0.0, 20e3, 11), np.linspace(0.0, 16e3, 9)
     n, e, z = np.meshgrid(north, east, depth, indexing="ij")
@@ -42,32 +51,45 @@ def shallow_links(n, seed):
     rng = np.random.default_rng(seed)
     source = rng.uniform((7e3, 5e3, 20.0), (13e3, 11e3, 450.0), (n, 3))
     bearing, distance = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(400.0, 4e3, n)
-    receiver = source + np.column_stack([distance * np.cos(bearing), distance * np.sin(bearing), 0 * bearing])
+    receiver = source + np.column_stack(
+        [distance * np.cos(bearing), distance * np.sin(bearing), 0 * bearing]
+    )
     receiver[:, 2] = rng.uniform(20.0, 450.0, n)
     return source, receiver
 
 
 def errors(medium, source, receiver, most=(0, 0)):
-    """Errors of travel times by the number of reflections, for rays not near the cut-off or an edge of the bed.
+    """
+    Errors of travel times by the number of reflections, for rays not near the cut-off or an edge of
+    the bed.
 
-    Where rays diverge by 15 dB the end moves 30 m by a mrad; Newton's linear steps may leave the neighbourhood there.
+    Where rays diverge by 15 dB the end moves 30 m by a mrad; Newton's linear steps may leave the
+    neighbourhood there.
     """
     arrivals, solver = find_eigenrays(medium, source, receiver, *most), Shooting(medium)
     paths = trace_paths(medium, source, receiver, arrivals)
     number = arrivals.surface_bounces + arrivals.bottom_bounces
     lines = ((medium.north, 0), (medium.east, 1))
-    edge = np.min([np.abs(paths.position[:, k, None] - axis).min(axis=1) for axis, k in lines], axis=0)
-    clear = (arrivals.spreading_db < 12.0) | ((np.diff(arrivals.link, prepend=-1) > 0) & (number == 0))
+    edge = np.min(
+        [np.abs(paths.position[:, k, None] - axis).min(axis=1) for axis, k in lines], axis=0
+    )
+    clear = (arrivals.spreading_db < 12.0) | (
+        (np.diff(arrivals.link, prepend=-1) > 0) & (number == 0)
+    )
     clear[np.unique(paths.arrival[(paths.boundary == 2) & (edge < 1.0)])] = False
     found = {}
     for count in range(sum(most) + 1):
         rows = np.flatnonzero(clear & (number == count))
         rows = rows[np.argsort(arrivals.travel_time[rows])]
         parts = [np.empty(0)]
-        for part in np.array_split(rows, max(1, rows.size // 40)):  # rays of like length share their steps
+        for part in np.array_split(
+            rows, max(1, rows.size // 40)
+        ):  # rays of like length share their steps
             if part.size == 0:
                 continue
-            walls, times = (np.array(v) for v in zip(*(legs(paths, ray) for ray in part), strict=True))
+            walls, times = (
+                np.array(v) for v in zip(*(legs(paths, ray) for ray in part), strict=True)
+            )
             i = arrivals.link[part]
             launch = arrivals.source_slowness[part] * arrivals.source_sound_speed[i, None]
             exact = solver.times(source[i], receiver[i], launch, walls, times)
@@ -92,7 +114,8 @@ def assert_small(found, least):
 
 
 @pytest.mark.parametrize(
-    ("n", "seed"), [(12, 21), *(pytest.param(100, seed, marks=pytest.mark.slow) for seed in (22, 23))]
+    ("n", "seed"),
+    [(12, 21), *(pytest.param(100, seed, marks=pytest.mark.slow) for seed in (22, 23))],
 )
 @pytest.mark.parametrize("make", [make_front, make_eddies])
 def test_direct_travel_times_agree(make, n, seed):
@@ -106,7 +129,9 @@ def test_direct_travel_times_agree(make, n, seed):
     [
         (False, 5, 52, (1, 1), {1: 6, 2: 6}),
         *(
-            pytest.param(plane, 60, 53, (2, 2), {1: 100, 2: 90, 3: 80, 4: 60}, marks=pytest.mark.slow)
+            pytest.param(
+                plane, 60, 53, (2, 2), {1: 100, 2: 90, 3: 80, 4: 60}, marks=pytest.mark.slow
+            )
             for plane in (True, False)
         ),
     ],
@@ -116,13 +141,22 @@ def test_reflected_travel_times_agree(plane, n, seed, most, least):
 
 
 def test_steep_links_whose_rays_are_far_from_snells_prediction_keep_their_arrival():
-    """Speeds of 1,400 to 1,600 m/s within 20 m: the start of Newton's method from the mean speed fails, and rays about the chord follow."""
-    depth, profile = np.array([0.0, 20, 40, 300, 600, 1000]), np.array([1400.0, 1400, 1600, 1600, 1420, 1500])
+    """
+    Speeds of 1,400 to 1,600 m/s within 20 m: the start of Newton's method from the mean speed
+    fails, and rays about the chord follow.
+    """
+    depth, profile = (
+        np.array([0.0, 20, 40, 300, 600, 1000]),
+        np.array([1400.0, 1400, 1600, 1600, 1420, 1500]),
+    )
     axis = np.linspace(-5e3, 5e3, 4)
     speed = np.broadcast_to(profile, (4, 4, 6)).copy()
     medium = Medium.from_grid(axis, axis, depth, speed, bathymetry=np.full((4, 4), 1000.0))
     source, receiver = np.zeros((5, 3)), np.zeros((5, 3))
-    source[:, 2], receiver[:, 2] = [165.8, 19.6, 150.4, 108.8, 11.1], [48.8, 186.6, 25.0, 16.5, 166.7]
+    source[:, 2], receiver[:, 2] = (
+        [165.8, 19.6, 150.4, 108.8, 11.1],
+        [48.8, 186.6, 25.0, 16.5, 166.7],
+    )
     receiver[:, 0] = [336.6, 374.6, 250.2, 249.3, 457.5]
     arrivals = find_eigenrays(medium, source, receiver)
     np.testing.assert_array_equal(arrivals.link, np.arange(5))

@@ -33,7 +33,10 @@ SLOPE = PROFILE.derivative()
 
 
 def polar_ray(angle, source_depth, receiver_depth, ends_at):
-    """Miss in depth [m] of a ray at a receiver, and travel time [s] to the receiver by the ray and its wavefront there."""
+    """
+    Miss in depth [m] of a ray at a receiver, and travel time [s] to the receiver by the ray and its
+    wavefront there.
+    """
 
     def rates(_, y):
         r = math.hypot(y[0], y[1])
@@ -62,8 +65,13 @@ def sphere_medium(**options):
 
 @pytest.mark.parametrize("distance", [10 * KM, 30 * KM, 100 * KM])
 def test_eigenrays_on_a_sphere_have_the_travel_times_of_polar_coordinates(distance):
-    source, receiver = np.array([[0.0, 0.0, 50.0]]), np.array([[0.0, EARTH.frame_distance(distance), 90.0]])
-    arrivals = find_eigenrays(sphere_medium(), source, receiver, spreading_cutoff_db=None, tolerance=1e-4)
+    source, receiver = (
+        np.array([[0.0, 0.0, 50.0]]),
+        np.array([[0.0, EARTH.frame_distance(distance), 90.0]]),
+    )
+    arrivals = find_eigenrays(
+        sphere_medium(), source, receiver, spreading_cutoff_db=None, tolerance=1e-4
+    )
     assert arrivals.link.size >= 2
     for row in range(2):
         miss, time = polar_ray(arrivals.launch_angle[row], 50.0, 90.0, distance / EARTH.radius)
@@ -73,7 +81,10 @@ def test_eigenrays_on_a_sphere_have_the_travel_times_of_polar_coordinates(distan
 
 @pytest.mark.parametrize(("distance", "error"), [(10 * KM, 0.15), (23 * KM, 1.7), (30 * KM, 3.8)])
 def test_flat_earth_makes_ranges_too_long(distance, error):
-    source, receiver = np.array([[0.0, 0.0, 300.0]]), np.array([[0.0, EARTH.frame_distance(distance), 400.0]])
+    source, receiver = (
+        np.array([[0.0, 0.0, 300.0]]),
+        np.array([[0.0, EARTH.frame_distance(distance), 400.0]]),
+    )
     round_, flat = sphere_medium(), Medium.from_profile(LEVELS, duct(LEVELS), bottom_depth=3000.0)
     excess = {}
     for medium, end in ((round_, receiver), (flat, np.array([[0.0, distance, 400.0]]))):
@@ -88,7 +99,11 @@ def test_straight_distance_and_chord_time_are_those_through_the_earth():
     points = []
     for north, east, depth in np.vstack([source, receiver]):
         longitude, latitude = np.radians(frame(east, north, inverse=True))
-        up = [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)]
+        up = [
+            np.cos(latitude) * np.cos(longitude),
+            np.cos(latitude) * np.sin(longitude),
+            np.sin(latitude),
+        ]
         points.append((EARTH.radius - depth) * np.array(up))
     length = np.linalg.norm(points[1] - points[0])
     medium = sphere_medium()
@@ -155,7 +170,8 @@ def test_a_sphere_needs_a_geographic_position():
 
 def test_replayed_distances_are_those_of_geocentric_coordinates(tmp_path):
     (tmp_path / "cast.csv").write_text(
-        "# lat 78.0, lon 5.0\ndepth,sound_speed\n" + "".join(f"{z},{duct(z)}\n" for z in range(0, 1001, 50))
+        "# lat 78.0, lon 5.0\ndepth,sound_speed\n"
+        + "".join(f"{z},{duct(z)}\n" for z in range(0, 1001, 50))
     )
     ends = np.array([[78.0, 5.0, 100.0], [78.1, 5.8, 400.0]])
     to_geocentric = pyproj.Transformer.from_crs("EPSG:4979", "EPSG:4978")
@@ -164,7 +180,9 @@ def test_replayed_distances_are_those_of_geocentric_coordinates(tmp_path):
     events = Events([0.0], ["A"], ["B"], ends[:1], ends[1:], [true / 1450.0], geographic=True)
     found, notes = {}, {}
     for earth in ("sphere", "flat"):
-        result = replay_events(events, open_water(str(tmp_path / "cast.csv"), bathymetry=1000.0, earth=earth))
+        result = replay_events(
+            events, open_water(str(tmp_path / "cast.csv"), bathymetry=1000.0, earth=earth)
+        )
         found[earth], notes[earth] = result.events["distance_m"][0], result.notes
     assert found["sphere"] == pytest.approx(true, abs=2e-3)
     assert found["flat"] - true > 0.5
@@ -181,7 +199,10 @@ def test_replayed_nodes_far_from_the_centre_of_the_frame_have_a_note_even_if_lin
         events = Events([0.0], ["A"], ["B"], ends[:1], ends[1:], [1.4], geographic=True)
         notes[north] = [note for note in replay_events(events, water).notes if "flat Earth" in note]
     assert notes[12e3] == []
-    assert "extend to 17.0 km from the centre of the frame, and links are up to 2.0 km long" in notes[17e3][0]
+    assert (
+        "extend to 17.0 km from the centre of the frame, and links are up to 2.0 km long"
+        in notes[17e3][0]
+    )
 
 
 def test_study_with_a_sphere_measures_ranges_through_the_earth():
@@ -210,7 +231,8 @@ def test_trajectories_far_from_the_centre_of_a_flat_frame_have_a_warning():
     note = earth_note(config, away, ranges)
     farthest = 1e-3 * np.hypot(away.position[..., 0], away.position[..., 1]).max()
     assert note.startswith(
-        f"Trajectories extend to {farthest:.1f} km from the centre of the frame, and links are up to 12.0 km"
+        f"Trajectories extend to {farthest:.1f} km from the centre of the frame, and links are up"
+        " to 12.0 km"
     )
     assert note.endswith("use `earth='sphere'` (in a study: acoustics.earth).")
     assert earth_note(config.with_(**{"acoustics.earth": "sphere"}), away, ranges) is None

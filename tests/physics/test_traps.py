@@ -24,7 +24,9 @@ class Loop(NamedTuple):
 
 
 def loop(ray_parameter, depth, *, levels=LEVELS, speeds=SPEEDS):
-    """Downward loop by circular arcs, layer by layer; None where the ray does not turn in the water."""
+    """
+    Downward loop by circular arcs, layer by layer; None where the ray does not turn in the water.
+    """
     a = ray_parameter
     distance = time = 0.0
     z = depth
@@ -63,14 +65,19 @@ def assert_loop_is_found(turning_speed, **options):
     "turning_speed", [1463.0, 1480.0, 1514.0, 1530.0, 1570.0, 1599.0, *SPEEDS[[5, 6, 7, 9]]]
 )
 def test_snell_bound_does_not_stop_at_the_first_level(turning_speed):
-    """Rays that turn in fast water below slower water, at 240 m to 2,000 m, some exactly on a level, from a duct whose rim is 1461 m/s."""
+    """
+    Rays that turn in fast water below slower water, at 240 m to 2,000 m, some exactly on a level,
+    from a duct whose rim is 1461 m/s.
+    """
     assert_loop_is_found(turning_speed)
     assert_loop_is_found(turning_speed, canonical=False)
 
 
 @pytest.mark.parametrize("distance", [500.0, 1500.0, 3000.0])
 def test_steep_sign_changes_are_not_dropped(distance):
-    """Along a sound-speed maximum the miss jumps from far above to far below: one ray, straight along the ridge.
+    """
+    Along a sound-speed maximum the miss jumps from far above to far below: one ray, straight along
+    the ridge.
 
     With c = c0 - k (z - z0)^2 neighbouring rays part as sinh(kappa r) / kappa, kappa^2 = 2 k / c0.
     """
@@ -78,7 +85,9 @@ def test_steep_sign_changes_are_not_dropped(distance):
     depth = np.linspace(0.0, 1000.0, 201)
     speed = c0 - np.minimum(curvature * (depth - ridge) ** 2, 60.0)
     medium = Medium.from_profile(depth, speed, bottom_depth=1000.0)
-    arrivals = find_eigenrays(medium, [0.0, 0.0, ridge], [0.0, distance, ridge], spreading_cutoff_db=None)
+    arrivals = find_eigenrays(
+        medium, [0.0, 0.0, ridge], [0.0, distance, ridge], spreading_cutoff_db=None
+    )
     along = np.abs(arrivals.launch_angle) < 1e-6
     assert along.sum() == 1
     np.testing.assert_allclose(arrivals.travel_time[along], distance / c0, rtol=0, atol=1e-9)
@@ -88,7 +97,10 @@ def test_steep_sign_changes_are_not_dropped(distance):
 
 
 def test_live_windows_between_rays_lost_to_the_surface_are_found():
-    """From 1 m deep, flat downward rays come back to the surface; steeper ones pass the rim, loop below and arrive."""
+    """
+    From 1 m deep, flat downward rays come back to the surface; steeper ones pass the rim, loop
+    below and arrive.
+    """
     levels = np.array([0.0, 40.0, 80.0, 300.0, 1500.0, BOTTOM])
     speeds = np.array([1450.0, 1454.0, 1451.0, 1453.0, 1480.0, 1505.0])
     medium = Medium.from_profile(levels, speeds, bottom_depth=BOTTOM, interpolation="linear")
@@ -98,7 +110,9 @@ def test_live_windows_between_rays_lost_to_the_surface_are_found():
         ends = [0.0, 0.0, 1.0], [0.0, exact.distance, 1.0]
         arrivals = find_eigenrays(medium, *ends, spreading_cutoff_db=None)
         launch = np.arccos(a * (1450.0 + 0.1))
-        gap = np.abs(arrivals.launch_angle - launch) + np.abs(arrivals.travel_time - exact.travel_time)
+        gap = np.abs(arrivals.launch_angle - launch) + np.abs(
+            arrivals.travel_time - exact.travel_time
+        )
         assert gap.min(initial=np.inf) < 1e-7, (turning, exact, arrivals.launch_angle)
         # flatter and steeper neighbours that end at the same range come by way of the surface
         assert (arrivals.launch_angle > 0.0).all()
@@ -106,15 +120,21 @@ def test_live_windows_between_rays_lost_to_the_surface_are_found():
 
 @pytest.mark.parametrize("interpolation", ["linear", "smooth"])
 def test_rays_do_not_tunnel_through_peaks_of_the_sea_bed(interpolation):
-    """Straight rays over random peaks and saddles: blocked where they dip into the bilinear bed, and only there."""
+    """
+    Straight rays over random peaks and saddles: blocked where they dip into the bilinear bed, and
+    only there.
+    """
     rng = np.random.default_rng(12)
     north, east = np.linspace(0.0, 10e3, 11), np.linspace(0.0, 8e3, 6)
     bathymetry = rng.uniform(50.0, 2000.0, (11, 6))
     c = np.full((11, 6, 2), 1500.0)
-    medium = Medium.from_grid(north, east, [0.0, 3e3], c, bathymetry=bathymetry, interpolation=interpolation)
+    medium = Medium.from_grid(
+        north, east, [0.0, 3e3], c, bathymetry=bathymetry, interpolation=interpolation
+    )
     n = 400
     ends = [
-        np.column_stack([rng.uniform(0.0, (10e3, 8e3), (n, 2)), rng.uniform(5.0, 900.0, n)]) for _ in "ab"
+        np.column_stack([rng.uniform(0.0, (10e3, 8e3), (n, 2)), rng.uniform(5.0, 900.0, n)])
+        for _ in "ab"
     ]
     share = np.linspace(0.0, 1.0, 20_001)[:, None]
     heights = []
@@ -135,10 +155,14 @@ def test_rays_do_not_tunnel_through_peaks_of_the_sea_bed(interpolation):
 @pytest.mark.parametrize("interpolation", ["linear", "smooth"])
 @pytest.mark.parametrize("inset", [500.0, 1234.0, 3000.0])
 def test_rays_do_not_tunnel_through_a_ridge_inside_a_cell(interpolation, inset):
-    """Along the diagonal of a cell the bilinear bed is a parabola with its crest between the edges."""
+    """
+    Along the diagonal of a cell the bilinear bed is a parabola with its crest between the edges.
+    """
     axis = np.array([0.0, 20e3])
     bed, c = [[2000.0, 100.0], [100.0, 2000.0]], np.full((2, 2, 2), 1500.0)
-    medium = Medium.from_grid(axis, axis, [0.0, 3e3], c, bathymetry=bed, interpolation=interpolation)
+    medium = Medium.from_grid(
+        axis, axis, [0.0, 3e3], c, bathymetry=bed, interpolation=interpolation
+    )
     ends = np.array([inset, 19e3 - 0.3 * inset])
     place = np.column_stack([ends, ends])
     crest = 1050.0  # 2000 ((1 - t)^2 + t^2) + 200 t (1 - t) at t = 1/2
@@ -164,7 +188,9 @@ def test_source_exactly_on_a_level_is_the_limit_from_both_sides(interpolation):
     )
     assert (at.status == RayStatus.OK).all()
     for other, sign in ((above, 1.0), (below, -1.0)):
-        moved = other.travel_time - sign * nudge[2] * at.source_slowness[:, 2]  # dt/dz is minus the slowness
+        moved = (
+            other.travel_time - sign * nudge[2] * at.source_slowness[:, 2]
+        )  # dt/dz is minus the slowness
         np.testing.assert_allclose(at.travel_time, moved, rtol=0, atol=1e-11)
 
 
@@ -173,7 +199,9 @@ def test_root_tolerance_scales_with_range(interpolation):
     """1 cm to 40 km: the relative error of the travel time is that of a sum of rounded steps."""
     g, c0, bottom = 0.016, 1450.0, 6000.0
     depth = np.linspace(0.0, bottom, 61)
-    medium = Medium.from_profile(depth, c0 + g * depth, bottom_depth=bottom, interpolation=interpolation)
+    medium = Medium.from_profile(
+        depth, c0 + g * depth, bottom_depth=bottom, interpolation=interpolation
+    )
     distance = np.array([1e-2, 1e-1, 1.0, 10.0, 100.0, 1e3, 1e4, 4e4])
     source = np.tile([0.0, 0.0, 1000.0], (distance.size, 1))
     receiver = source + np.column_stack([0.6 * distance, 0.8 * distance, 0.05 * distance])
@@ -188,7 +216,9 @@ def test_root_tolerance_scales_with_range(interpolation):
 
 
 def test_missing_values_are_data_and_stay_in_their_row():
-    """Equal places, a place in the air and a shadow between good links change nothing about these."""
+    """
+    Equal places, a place in the air and a shadow between good links change nothing about these.
+    """
     medium = layered("smooth")
     good = np.array([[0.0, 0.0, 700.0], [3e3, 1e3, 900.0]])
     odd = [

@@ -1,4 +1,7 @@
-"""Rays against waves: impulse responses in a band beside those of a parabolic equation, as `docs/theory/waves.md` says."""
+"""
+Rays against waves: impulse responses in a band beside those of a parabolic equation, as
+`docs/theory/waves.md` says.
+"""
 
 import numpy as np
 import pytest
@@ -71,12 +74,17 @@ def test_waves_reach_into_a_shadow_less_with_frequency(strait: Medium) -> None:
     source, receiver = (0.0, 0.0, link.source_depth), (link.distance, 0.0, link.receiver_depth)
     assert find_eigenrays(middle_column(strait), source, receiver).status == RayStatus.SHADOW
     water = section(middle_column(strait), link, 1)
-    low, high = (abs(parabolic(frequency, link, water)) * link.distance for frequency in (125.0, 500.0))
+    low, high = (
+        abs(parabolic(frequency, link, water)) * link.distance for frequency in (125.0, 500.0)
+    )
     assert high < 0.5 * low < 0.5
 
 
 def test_what_leaks_past_a_caustic_and_along_the_surface_is_the_waves(strait: Medium) -> None:
-    """Level and time of the leakage model beside the waves' highest peak, as `docs/theory/waves.md` has them."""
+    """
+    Level and time of the leakage model beside the waves' highest peak, as `docs/theory/waves.md`
+    has them.
+    """
     band = Band(250.0, 62.5)
     for metres, least, most in ((6, -3.0, 3.0), (17, -3.0, 3.0)):
         compared = compare(strait, NAMES[f"Fram, shadow {metres} m deep"], band)
@@ -88,8 +96,13 @@ def test_what_leaks_past_a_caustic_and_along_the_surface_is_the_waves(strait: Me
 
 
 def test_sound_creeps_into_the_shadow_of_the_surface_as_waves_do() -> None:
-    """Water whose sound speed falls by 0.15 m/s a metre, 0.75 km beyond the rays that graze the surface."""
-    water = Medium.from_profile([0.0, 500.0], [1460.0, 1385.0], bottom_depth=500.0, interpolation="linear")
+    """
+    Water whose sound speed falls by 0.15 m/s a metre, 0.75 km beyond the rays that graze the
+    surface.
+    """
+    water = Medium.from_profile(
+        [0.0, 500.0], [1460.0, 1385.0], bottom_depth=500.0, interpolation="linear"
+    )
     link = Link("surface", "", 2000.0, 20.0, 20.0, 500.0)
     for frequency in (200.0, 400.0):
         creep = creep_along_surface(water, *ends(link), frequency)

@@ -1,7 +1,10 @@
-"""Uniform water between a flat surface, or plane ice, and a plane sea bed: every bounced ray is the straight line to an image.
+"""
+Uniform water between a flat surface, or plane ice, and a plane sea bed: every bounced ray is the
+straight line to an image.
 
-The source is mirrored in the planes that a ray meets, in turn and in three dimensions; the ray exists where
-each place of reflection lies on the wet part of its plane. A slope of zero is the wave guide.
+The source is mirrored in the planes that a ray meets, in turn and in three dimensions; the ray
+exists where each place of reflection lies on the wet part of its plane. A slope of zero is the wave
+guide.
 """
 
 from typing import NamedTuple
@@ -23,11 +26,14 @@ ATOL_ANGLE = 2e-6  # of slowness times sound speed
 # m; a receiver on a boundary is met this far inside, which turns the ray and not its travel time
 INSET = 1e-3
 ATOL_SPREADING = 0.01  # dB
-DOUBT = 2e-3  # m; a corner this near to an end, to the beach or to the edge of the grid may be there or not
+# m; a corner this near to an end, to the beach or to the edge of the grid may be there or not
+DOUBT = 2e-3
 
 
 class Bed(NamedTuple):
-    """A plane: its depth where north = east = 0, and how much it deepens per metre north and east."""
+    """
+    A plane: its depth where north = east = 0, and how much it deepens per metre north and east.
+    """
 
     depth: float
     north: float = 0.0
@@ -70,11 +76,15 @@ SURFACE = Bed(0.0)
 
 
 def images(source, receiver, bed, most, inside=unbounded, top=SURFACE):
-    """Every ray with at most so many reflections; inside gives the distance of a place from the edge of the grid."""
+    """
+    Every ray with at most so many reflections; inside gives the distance of a place from the edge
+    of the grid.
+    """
     planes = {
         letter: (
             np.array([0.0, 0.0, plane.depth]),
-            np.array([plane.north, plane.east, -1.0]) / np.sqrt(1.0 + plane.north**2 + plane.east**2),
+            np.array([plane.north, plane.east, -1.0])
+            / np.sqrt(1.0 + plane.north**2 + plane.east**2),
         )
         for letter, plane in (("s", top), ("b", bed))
     }
@@ -106,19 +116,30 @@ def images(source, receiver, bed, most, inside=unbounded, top=SURFACE):
         corners.reverse()
         doubtful |= bool(family) and np.linalg.norm(corners[1] - source) < DOUBT
         length = np.linalg.norm(receiver - mirrored[-1])
-        legs = [(b - a) / np.linalg.norm(b - a) / C for a, b in ((corners[0], corners[1]), corners[-2:])]
+        legs = [
+            (b - a) / np.linalg.norm(b - a) / C for a, b in ((corners[0], corners[1]), corners[-2:])
+        ]
         spreading = 20.0 * np.log10(length / distance)
-        yield Ray(family.count("s"), family.count("b"), length / C, *legs, spreading, bool(doubtful))
+        yield Ray(
+            family.count("s"), family.count("b"), length / C, *legs, spreading, bool(doubtful)
+        )
 
 
 def differences(arrivals, link, expected, atol_angle=ATOL_ANGLE):
-    """What the arrivals of one link lack, have in excess, or have wrong; an empty list where they agree."""
+    """
+    What the arrivals of one link lack, have in excess, or have wrong; an empty list where they
+    agree.
+    """
     left = list(np.flatnonzero(arrivals.link == link))
     wrong = []
     for ray in sorted(expected, key=lambda ray: ray.doubtful):
         slowness = arrivals.source_slowness[left] - ray.source_slowness
-        gap = np.abs(arrivals.travel_time[left] - ray.travel_time) + np.linalg.norm(slowness, axis=1)
-        same = (arrivals.surface_bounces[left] == ray.surface) & (arrivals.bottom_bounces[left] == ray.bottom)
+        gap = np.abs(arrivals.travel_time[left] - ray.travel_time) + np.linalg.norm(
+            slowness, axis=1
+        )
+        same = (arrivals.surface_bounces[left] == ray.surface) & (
+            arrivals.bottom_bounces[left] == ray.bottom
+        )
         same &= gap < 1e-4
         if not same.any():
             if not ray.doubtful:
@@ -138,11 +159,19 @@ def differences(arrivals, link, expected, atol_angle=ATOL_ANGLE):
                 C * np.linalg.norm(arrivals.receiver_slowness[i] - ray.receiver_slowness),
                 atol_angle,
             ),
-            "launch angle": (np.sin(arrivals.launch_angle[i]) - C * ray.source_slowness[2], atol_angle),
-            "arrival angle": (np.sin(arrivals.arrival_angle[i]) - C * ray.receiver_slowness[2], atol_angle),
+            "launch angle": (
+                np.sin(arrivals.launch_angle[i]) - C * ray.source_slowness[2],
+                atol_angle,
+            ),
+            "arrival angle": (
+                np.sin(arrivals.arrival_angle[i]) - C * ray.receiver_slowness[2],
+                atol_angle,
+            ),
             "spreading": (arrivals.spreading_db[i] - ray.spreading_db, ATOL_SPREADING),
         }
-        wrong += [(what, error, ray) for what, (error, bar) in errors.items() if not abs(error) <= bar]
+        wrong += [
+            (what, error, ray) for what, (error, bar) in errors.items() if not abs(error) <= bar
+        ]
     wrong += [
         (
             "invented",
@@ -184,7 +213,10 @@ def guide(depth, interpolation, ice):
 
 
 def guide_links(depth, rng):
-    """From vertical to 50 km; level, near and on the boundaries; and rays at the seam of 60 degrees between two fans."""
+    """
+    From vertical to 50 km; level, near and on the boundaries; and rays at the seam of 60 degrees
+    between two fans.
+    """
     near = [0.01, 0.5, depth - 0.5, depth - 0.01]
     pairs = []
     for distance in (0.0, 0.1, 3.0, 0.5 * depth, 3.0 * depth, 5e3, 5e4, -1.0, -1.0):
@@ -227,21 +259,27 @@ def guide_links(depth, rng):
 )
 def test_wave_guide_has_every_image_and_no_other_ray(interpolation, depth, seed, canonical, ice):
     """All families with up to three reflections at each boundary, one by one."""
-    ends = [end + np.array([0.0, 0.0, ice]) for end in guide_links(depth, np.random.default_rng(seed))]
+    ends = [
+        end + np.array([0.0, 0.0, ice]) for end in guide_links(depth, np.random.default_rng(seed))
+    ]
     medium, bed, top = guide(depth, interpolation, ice), Bed(depth + ice), Bed(ice)
     assert check(medium, bed, *ends, (0, 0), top=top, canonical=canonical) == len(ends[0])
     assert check(medium, bed, *ends, (3, 3), top=top, canonical=canonical) > 8 * len(ends[0])
 
 
 def wedge(bed, side=10e3, inner=(), interpolation="linear"):
-    """Uniform water over a plane bed, on a square grid about the origin with the given lines inside."""
+    """
+    Uniform water over a plane bed, on a square grid about the origin with the given lines inside.
+    """
     axis = np.sort(np.array([-side, side, *inner]))
     north, east = np.meshgrid(axis, axis, indexing="ij")
     bathymetry = bed.at(np.stack([north, east], axis=-1))
     lowest = bathymetry.max() + 10.0
     levels = [0.0, 0.3 * lowest, lowest]
     speed = np.full((axis.size, axis.size, 3), C)
-    medium = Medium.from_grid(axis, axis, levels, speed, bathymetry=bathymetry, interpolation=interpolation)
+    medium = Medium.from_grid(
+        axis, axis, levels, speed, bathymetry=bathymetry, interpolation=interpolation
+    )
     return medium, lambda place: side - np.max(np.abs(place[:2]))
 
 

@@ -1,4 +1,7 @@
-"""Tables as CSV: no cell is a formula for a spreadsheet, numbers stay numbers, and what is read back is what was written."""
+"""
+Tables as CSV: no cell is a formula for a spreadsheet, numbers stay numbers, and what is read back
+is what was written.
+"""
 
 import csv
 import io
@@ -32,7 +35,10 @@ def cells(text):
 
 @pytest.mark.parametrize("text", FORMULAS)
 def test_text_that_a_spreadsheet_would_run_is_text_to_it(text):
-    """Excel and LibreOffice take a cell for a formula by its first character; an apostrophe makes it text."""
+    """
+    Excel and LibreOffice take a cell for a formula by its first character; an apostrophe makes it
+    text.
+    """
     for rows in (
         cells(csv_text(pd.DataFrame({"node": [text, "b"]}))),
         cells(csv_text(pd.DataFrame({text: [1, 2]}))),
@@ -54,9 +60,13 @@ def test_other_text_and_numbers_are_left_as_they_are(text):
 
 
 def test_what_is_read_back_is_what_was_written(tmp_path):
-    table = pd.DataFrame({"=node": [*FORMULAS, *HARMLESS], "n": range(len(FORMULAS) + len(HARMLESS))})
+    table = pd.DataFrame(
+        {"=node": [*FORMULAS, *HARMLESS], "n": range(len(FORMULAS) + len(HARMLESS))}
+    )
     (tmp_path / "t.csv").write_text(csv_text(table), encoding="utf-8", newline="")
-    text = [cell.replace("\r", "\n") for cell in table["=node"]]  # pandas reads any end of a line as \n
+    text = [
+        cell.replace("\r", "\n") for cell in table["=node"]
+    ]  # pandas reads any end of a line as \n
     back = read_csv(tmp_path / "t.csv")
     assert list(back.columns) == ["=node", "n"]
     assert [cell.replace("\r", "\n") for cell in back["=node"]] == text

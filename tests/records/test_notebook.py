@@ -1,4 +1,6 @@
-"""What a notebook shows of results: short, with the numbers of the tables, and no markup of a user's."""
+"""
+What a notebook shows of results: short, with the numbers of the tables, and no markup of a user's.
+"""
 
 import re
 

@@ -57,7 +57,9 @@ def pair(**changed):
 
 
 def filled(kind, empty=()):
-    """Build a record of any kind with random columns; the dimensions named in `empty` have length 0."""
+    """
+    Build a record of any kind with random columns; the dimensions named in `empty` have length 0.
+    """
     rng = np.random.default_rng(0)
     sizes = {name: len(labels) for name, labels in LABELS.items()}
     columns = {"start": START} if issubclass(kind, DatedRecord) else {}
@@ -121,12 +123,18 @@ def test_labels_flags_and_dates_are_what_xarray_selects_by(tmp_path):
     with xr.open_dataset(tmp_path / "truth.nc") as data:
         down = data.position.sel(vehicle="B", axis="down", time="2014-07-15T12:06:40.75")
         assert down == truth.position[1, 2, 2]
-        np.testing.assert_array_equal(data.quaternion.sel(vehicle="C", quat="w"), truth.quaternion[2, :, 0])
-        flags = dict(zip(data.status.flag_meanings.split(), data.status.flag_values.tolist(), strict=True))
+        np.testing.assert_array_equal(
+            data.quaternion.sel(vehicle="C", quat="w"), truth.quaternion[2, :, 0]
+        )
+        flags = dict(
+            zip(data.status.flag_meanings.split(), data.status.flag_values.tolist(), strict=True)
+        )
         assert flags == {"ACTIVE": 0, "GROUNDED": 1, "LEFT_DOMAIN": 2, "ABSENT": 3}
         assert data.status.flag_values.dtype == data.status.dtype
         north, east = LocalFrame(74.5, -140.0).to_local(data.latitude, data.longitude)
-        np.testing.assert_allclose(np.stack([north, east], -1)[1:], truth.position[1:, :, :2], atol=1e-6)
+        np.testing.assert_allclose(
+            np.stack([north, east], -1)[1:], truth.position[1:, :, :2], atol=1e-6
+        )
         np.testing.assert_array_equal(
             Trajectories.from_dataset(data).time, truth.time
         )  # decoded, to a nanosecond
@@ -163,13 +171,17 @@ def test_a_file_without_a_column_that_has_a_default_has_it_everywhere():
     assert true.near_cutoff.tolist() == [0, 0]
     older = true.to_dataset().drop_vars("near_cutoff")
     assert RangingTruth.from_dataset(older).near_cutoff.tolist() == [0, 0]
-    assert np.isnan(RangingTruth.from_dataset(older.drop_vars("departure_angle")).departure_angle).all()
+    assert np.isnan(
+        RangingTruth.from_dataset(older.drop_vars("departure_angle")).departure_angle
+    ).all()
     marked = RangingTruth([1.0], [2.0], [3.0], [4.0], [1])
     assert RangingTruth.from_dataset(marked.to_dataset()).near_cutoff.tolist() == [1]
 
 
 def test_arrivals_of_older_run_folders_have_an_unknown_number_of_caustics(tmp_path):
-    """Run folders of formats 2 and 3 have no caustics; rays can be drawn, and pressures are refused."""
+    """
+    Run folders of formats 2 and 3 have no caustics; rays can be drawn, and pressures are refused.
+    """
     record = make_arrivals([0, 0, 1], status=(0, 0), travel_time=[1.0, 2.0, 1.5])
     record.to_dataset().drop_vars("caustics").to_netcdf(tmp_path / "old.nc")
     old = Arrivals.load(tmp_path / "old.nc")
@@ -180,7 +192,8 @@ def test_arrivals_of_older_run_folders_have_an_unknown_number_of_caustics(tmp_pa
 
 def test_a_short_representation_counts_in_words():
     assert repr(filled(Measurements)) == (
-        "<Measurements: 3 vehicles, 4 times, 2 edges, 3 fixes, 4 landmarks, 2 ranges, 3 attitudes, 4 DVL samples>"
+        "<Measurements: 3 vehicles, 4 times, 2 edges, 3 fixes, 4 landmarks, 2 ranges, 3 attitudes,"
+        " 4 DVL samples>"
     )
     assert repr(make_arrivals([0], status=(0, 1))) == "<Arrivals: 1 arrival, 2 links>"
 
@@ -191,7 +204,8 @@ def test_times_in_another_unit_are_refused(tmp_path):
     data.to_netcdf(tmp_path / "hours.nc")
     refused(
         RecordError,
-        r"hours\.nc: trajectories: time is in 'hours since 2014-07-15'; it must be in seconds since the start",
+        r"hours\.nc: trajectories: time is in 'hours since 2014-07-15'; it must be in seconds"
+        r" since the start",
         Trajectories.load,
         tmp_path / "hours.nc",
     )
@@ -234,7 +248,8 @@ def test_records_share_an_array_only_if_nobody_can_write_it(tmp_path):
     ({"size": ["one", "two"]}, "pair: size is not an array of type f8"),
     ({"size": [[1], [1, 2]]}, "pair: size is not an array of type f8"),
     ({"size": 1.0}, r"pair: size has shape \(\); it must have dimensions \('item',\)"),
-    ({"count": [1, 2]}, r"pair: count has shape \(2,\); it must have dimensions \('item', 'axis'\)"),
+    ({"count": [1, 2]}, (r"pair: count has shape \(2,\); it must have dimensions \('item',"
+                        r" 'axis'\)")),
     ({"size": [1, 2, 3]}, "pair: size has length 3 along 'item'; it must be 2"),
     ({"count": np.ones((2, 2))}, "pair: count has length 2 along 'axis'; it must be 3"),
     ({"count": np.full((2, 3), 40_000)}, "pair: count has values that do not fit type i2"),
@@ -271,9 +286,13 @@ def test_file_damaged_inside(tmp_path):
 
 def test_another_kind_of_file_or_data_set_is_refused(tmp_path):
     pair().save(tmp_path / "p.nc")
-    with pytest.raises(RecordError, match=r"p\.nc: data set contains 'pair'; it must be 'trajectories'"):
+    with pytest.raises(
+        RecordError, match=r"p\.nc: data set contains 'pair'; it must be 'trajectories'"
+    ):
         Trajectories.load(tmp_path / "p.nc")
-    refused(RecordError, "data set contains None; it must be 'pair'", Pair.from_dataset, xr.Dataset())
+    refused(
+        RecordError, "data set contains None; it must be 'pair'", Pair.from_dataset, xr.Dataset()
+    )
     with pytest.raises(RecordError, match="pair: the data set has no name, count"):
         Pair.from_dataset(pair().to_dataset().drop_vars(["item", "count"]))
 
@@ -304,7 +323,9 @@ def test_files_of_a_run_and_of_every_kind_of_record_comply_with_cf(tiny_run_fold
         data = filled(kind).to_dataset()
         for name in data.indexes:  # which have to rise
             if data[name].dtype.kind != "U":
-                data[name] = data[name].copy(data=np.arange(data.sizes[name], dtype=data[name].dtype))
+                data[name] = data[name].copy(
+                    data=np.arange(data.sizes[name], dtype=data[name].dtype)
+                )
         files.append(tmp_path / f"{kind.kind}.nc")
         write_netcdf(data, files[-1])
     assert not cf_errors(files)

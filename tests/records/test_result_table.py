@@ -1,4 +1,6 @@
-"""Digits, heads and forms of a table of results, which the terminal, notebooks, pages and LaTeX share."""
+"""
+Digits, heads and forms of a table of results, which the terminal, notebooks, pages and LaTeX share.
+"""
 
 import re
 from io import StringIO
@@ -51,7 +53,11 @@ def test_equal_decimals_hold_for_numbers_of_all_sizes():
         (decimals,) = {len(text.partition("e")[0].partition(".")[2]) for text in texts}
         read = np.array([float(text.replace(",", "").replace("−", "-")) for text in texts])
         assert (read != 0.0).all(), (numbers, texts)
-        allowed = 0.5 * 10.0**-decimals * (10.0 ** np.floor(np.log10(np.abs(numbers))) if exponent else 1.0)
+        allowed = (
+            0.5
+            * 10.0**-decimals
+            * (10.0 ** np.floor(np.log10(np.abs(numbers))) if exponent else 1.0)
+        )
         assert (np.abs(read - numbers) <= 1.001 * allowed).all(), (numbers, texts)
 
 
@@ -95,7 +101,10 @@ def test_headings_have_units_in_brackets():
 
 
 def test_a_table_for_print_has_short_lines():
-    """Settings have their meaning instead of a key and no zeros; long texts and heads wrap; powers of ten are typeset."""
+    """
+    Settings have their meaning instead of a key and no zeros; long texts and heads wrap; powers of
+    ten are typeset.
+    """
     words = "Error of the rotation as a fraction of its angle."
     frame = pd.DataFrame(
         {
@@ -124,12 +133,20 @@ def test_a_table_without_rows_has_its_heads():
 
 
 def test_a_rounding_error_among_lengths_is_zero_and_needs_no_exponent():
-    frame = pd.DataFrame({"median_m": [12.3456, 1e-8, -3e-8, 0.0], "tiny_m": [1e-8, 2e-8, 0.0, 3e-8]})
-    cells = [list(column) for column in zip(*ResultTable("t", frame[["median_m"]]).rows, strict=True)]
+    frame = pd.DataFrame(
+        {"median_m": [12.3456, 1e-8, -3e-8, 0.0], "tiny_m": [1e-8, 2e-8, 0.0, 3e-8]}
+    )
+    cells = [
+        list(column) for column in zip(*ResultTable("t", frame[["median_m"]]).rows, strict=True)
+    ]
     assert cells == [["12.35", "0.00", "0.00", "0.00"]]
     alone = [row[0] for row in ResultTable("t", frame[["tiny_m"]]).rows]
-    assert [float(text) for text in alone] == [1e-8, 2e-8, 0.0, 3e-8], "the column has no longer lengths"
-    assert [row[0] for row in ResultTable("t", frame).rows] == cells[0], "another column changes nothing"
+    assert [float(text) for text in alone] == [1e-8, 2e-8, 0.0, 3e-8], (
+        "the column has no longer lengths"
+    )
+    assert [row[0] for row in ResultTable("t", frame).rows] == cells[0], (
+        "another column changes nothing"
+    )
 
 
 def test_every_form_has_the_same_cells():

@@ -24,7 +24,9 @@ def test_cells_and_their_lines(tmp_path, separator, encoding):
     assert table.frame.index.tolist() == [4, 6]
     assert table.comments == ["# 74° N", "  # a remark"]
     assert table.numbers(["depth (m)"]).tolist() == [[1.5], [2.0]]
-    with pytest.raises(RecordError, match=r"a\.csv, line 4: name is 'a'; it must be a finite number"):
+    with pytest.raises(
+        RecordError, match=r"a\.csv, line 4: name is 'a'; it must be a finite number"
+    ):
         table.numbers(["name"])
 
 
@@ -32,7 +34,8 @@ REFUSED = {  # a file's content, its size or a name
     "has one line, 'depth'; a table needs a header with names of columns, and rows": "depth\n",
     "is empty; a table needs a header": "",
     "a.csv, line 3: 4 cells, but the header has 3; check the separators": "x,y,z\n1,2,3\n1,2,3,4\n",
-    "a.csv: 3,000 columns; at most 2,000 are read": f"{','.join(f'c{k}' for k in range(3000))}\n{'1,' * 3000}\n",
+    "a.csv: 3,000 columns; at most 2,000 are"
+    " read": f"{','.join(f'c{k}' for k in range(3000))}\n{'1,' * 3000}\n",
     "2 lines give 1 rows; close all quotes|not a readable table": 'x,y\n"1,2\n3,4\n',
     "a.csv: a binary file, not a text table": b"\x80\x04\x95\0pickle",
     "more than 200,000,000 bytes; use a smaller": 200_000_001,

@@ -1,4 +1,7 @@
-"""Files are written whole or not at all, under names that nobody else can hold; NetCDF from several threads."""
+"""
+Files are written whole or not at all, under names that nobody else can hold; NetCDF from several
+threads.
+"""
 
 import resource
 import signal
@@ -74,7 +77,9 @@ def test_two_writers_of_one_file_do_not_meet(tmp_path):
 
 @pytest.mark.parametrize("name", ["a.txt.part", "a.txt"])
 def test_what_links_of_others_point_to_is_not_touched(name, tmp_path):
-    """A temporary name that can be guessed, and the final one, which is replaced and not followed."""
+    """
+    A temporary name that can be guessed, and the final one, which is replaced and not followed.
+    """
     mine = tmp_path / "mine.txt"
     mine.write_text("mine")
     (tmp_path / name).symlink_to(mine)
@@ -229,5 +234,7 @@ for work in ("write", "read"):
 
 def test_a_stop_request_while_a_library_takes_its_lock_leaves_no_lock_and_no_file(tmp_path):
     done = python(STOPPED_WITHIN_A_LOCK, cwd=tmp_path, timeout=120)
-    assert done.stdout.splitlines() == ["write stopped with 143", "read stopped with 143"], done.stderr
+    assert done.stdout.splitlines() == ["write stopped with 143", "read stopped with 143"], (
+        done.stderr
+    )
     assert not (tmp_path / "second.nc").exists()

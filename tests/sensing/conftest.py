@@ -13,7 +13,10 @@ LANDMARKS = (Landmark("L1", (900.0, -900.0, 300.0)), Landmark("L2", (-1200.0, 0.
 
 
 def build_truth(names="ABC", n_time=13, seed=0):
-    """Random walks with rotation every 200 s, spread over 2 km; each depends on its vehicle's name alone."""
+    """
+    Random walks with rotation every 200 s, spread over 2 km; each depends on its vehicle's name
+    alone.
+    """
     position, quaternion = [], []
     for name in names:
         rng = np.random.default_rng([seed, ord(name)])
@@ -22,7 +25,9 @@ def build_truth(names="ABC", n_time=13, seed=0):
         position.append(start + np.cumsum(steps, axis=0))
         quaternion.append(quaternion_from_matrix(so3_exp(rng.uniform(-2, 2, (n_time, 3)))))
     roles = ["float"] * len(names)
-    return trajectories(np.array(position), names=list(names), roles=roles, quaternion=np.array(quaternion))
+    return trajectories(
+        np.array(position), names=list(names), roles=roles, quaternion=np.array(quaternion)
+    )
 
 
 def build_ranging(truth, landmarks=LANDMARKS, epochs=(4, 8, 12)):
@@ -56,7 +61,9 @@ def make_ranging_truth():
 
 @pytest.fixture(scope="session")
 def make_measurements():
-    def make(names="ABC", n_time=13, noise=None, landmarks=LANDMARKS, gnss_depth=1.0, epochs=(4, 8, 12)):
+    def make(
+        names="ABC", n_time=13, noise=None, landmarks=LANDMARKS, gnss_depth=1.0, epochs=(4, 8, 12)
+    ):
         truth = build_truth(names, n_time)
         ranging = build_ranging(truth, landmarks, epochs)
         return assemble(truth, landmarks, ranging, noise or NoiseModel(), gnss_depth=gnss_depth)

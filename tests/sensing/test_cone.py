@@ -16,10 +16,16 @@ GRADIENT, SPEED = 0.05, 1400.0  # 1/s, m/s at the surface
 
 
 def link(distance):
-    """Ends at equal depth in water of constant gradient, and the angle between chord and ray: half the arc's angle."""
+    """
+    Ends at equal depth in water of constant gradient, and the angle between chord and ray: half the
+    arc's angle.
+    """
     depth = 2000.0
     medium = Medium.from_profile(
-        [0.0, 6000.0], [SPEED, SPEED + 6000.0 * GRADIENT], bottom_depth=6000.0, interpolation="linear"
+        [0.0, 6000.0],
+        [SPEED, SPEED + 6000.0 * GRADIENT],
+        bottom_depth=6000.0,
+        interpolation="linear",
     )
     centre_above = (SPEED + GRADIENT * depth) / GRADIENT  # of the circle that the ray follows
     angle = math.atan(0.5 * distance / centre_above)
@@ -36,7 +42,9 @@ def test_ray_is_lost_at_the_half_angle_of_the_fan(share, status):
 
 def test_a_fan_may_lose_one_direction_only():
     depth = np.array([0.0, 100.0, 3000.0])
-    medium = Medium.from_profile(depth, [1480.0, 1480.0, 1625.0], bottom_depth=3000.0, interpolation="linear")
+    medium = Medium.from_profile(
+        depth, [1480.0, 1480.0, 1625.0], bottom_depth=3000.0, interpolation="linear"
+    )
     source, receiver = np.array([[0.0, 0.0, 50.0]]), np.array([[0.0, 6000.0, 700.0]])
     free = find_receptions(source, receiver, medium)
     slope = math.atan2(650.0, 6000.0)
@@ -64,7 +72,9 @@ def test_a_study_with_a_narrow_fan_loses_ranges_and_keeps_the_others():
     assert 0 < lost.sum() < lost.size
     assert set(narrow.measurements.range_status[lost]) == {RayStatus.SHADOW}
     later = narrow.ranging_truth.travel_time - free.ranging_truth.travel_time
-    assert np.nanmin(later) == 0.0  # a later ray inside the fan takes the place of an earlier one outside
+    assert (
+        np.nanmin(later) == 0.0
+    )  # a later ray inside the fan takes the place of an earlier one outside
     assert np.nanmedian(later) == 0.0
     assert np.isnan(narrow.ranging_truth.travel_time[lost]).all()
 

@@ -1,4 +1,7 @@
-"""Attitudes by a heading reference, from their noise to the heading that a graph gives, its covariance and its file."""
+"""
+Attitudes by a heading reference, from their noise to the heading that a graph gives, its covariance
+and its file.
+"""
 
 from dataclasses import fields, replace
 
@@ -8,13 +11,24 @@ from factories import assert_same, estimates
 from scipy import stats
 
 from pymantaray.errors import SensingError
-from pymantaray.estimation import GraphSolver, GraphValues, build_graph, covariances_at, read_pyfg, write_pyfg
+from pymantaray.estimation import (
+    GraphSolver,
+    GraphValues,
+    build_graph,
+    covariances_at,
+    read_pyfg,
+    write_pyfg,
+)
 from pymantaray.evaluation import attitude_table
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
 from pymantaray.records import SolveStatus
 from pymantaray.sensing import NoiseModel, perturb
 
-TILT, HEADING, STEP = 0.01, 0.03, 0.02  # rad; of the attitude and of odometry from a sample to the next
+TILT, HEADING, STEP = (
+    0.01,
+    0.03,
+    0.02,
+)  # rad; of the attitude and of odometry from a sample to the next
 BAD_ODOMETRY = {"odometry_rotation_drift": STEP / 200.0, "odometry_rotation_fraction": 0.0}
 AHRS = NoiseModel(attitude_tilt_sigma=TILT, attitude_heading_sigma=HEADING, **BAD_ODOMETRY)
 EPOCHS = np.array([15, 25, 35, 45])  # further apart than headings are correlated
@@ -47,7 +61,9 @@ def measured(make_measurements):
 
 def solved(m, truth):
     graph = build_graph(m)
-    start = GraphValues(truth.position.reshape(-1, 3), truth.quaternion.reshape(-1, 4), m.landmark_position)
+    start = GraphValues(
+        truth.position.reshape(-1, 3), truth.quaternion.reshape(-1, 4), m.landmark_position
+    )
     solution = GraphSolver().solve(graph, start)
     assert solution.usable
     poses = np.arange(truth.status.size).reshape(truth.status.shape)[:, EPOCHS].T
@@ -64,7 +80,9 @@ def test_without_levels_there_is_no_sensor_and_no_draw_moves(measured):
     assert on.attitude_vehicle.size == 2 * 61
     noisy = [perturb(m, root_seed=1, realization=0) for m in (off, on)]
     assert_same(*noisy, but=[f.name for f in fields(off) if f.name.startswith("attitude")])
-    assert "attitude" not in {name for name, table in build_graph(off).factors.items() if len(table)}
+    assert "attitude" not in {
+        name for name, table in build_graph(off).factors.items() if len(table)
+    }
 
 
 def test_noise_is_about_the_horizontal_and_the_vertical_and_a_bias_is_a_vehicles_own(measured):
@@ -73,7 +91,8 @@ def test_noise_is_about_the_horizontal_and_the_vertical_and_a_bias_is_a_vehicles
     turns = np.stack(
         [
             turn_between(
-                clean.attitude_quaternion, perturb(clean, root_seed=4, realization=r).attitude_quaternion
+                clean.attitude_quaternion,
+                perturb(clean, root_seed=4, realization=r).attitude_quaternion,
             ).reshape(2, 61, 3)
             for r in range(n)
         ]
@@ -88,7 +107,8 @@ def test_noise_is_about_the_horizontal_and_the_vertical_and_a_bias_is_a_vehicles
 
 def test_heading_is_as_good_as_theory_says(measured, truth):
     """
-    A random walk of step q, seen at each sample with sigma h: sigma h (1 + 4 h² / q²)^(-1/4) far from both ends.
+    A random walk of step q, seen at each sample with sigma h: sigma h (1 + 4 h² / q²)^(-1/4) far
+    from both ends.
 
     Without the sensor the walk's variance grows by q² a sample from the first pose on.
     """
@@ -123,7 +143,9 @@ def test_errors_are_consistent_without_a_bias_and_a_bias_shows(measured, truth):
 
 def test_a_graph_file_gives_attitudes_back_as_such(measured, truth, tmp_path):
     graph = build_graph(perturb(measured(gnss_depth=1e9), root_seed=3, realization=0))
-    start = GraphValues(truth.position.reshape(-1, 3), truth.quaternion.reshape(-1, 4), np.zeros((2, 3)))
+    start = GraphValues(
+        truth.position.reshape(-1, 3), truth.quaternion.reshape(-1, 4), np.zeros((2, 3))
+    )
     write_pyfg(graph, tmp_path / "g.pyfg", initial=start)
     again, _ = read_pyfg(tmp_path / "g.pyfg")
     for name, table in graph.factors.items():

@@ -1,4 +1,6 @@
-"""Dropout by chance: how often, by whose stream, and what an attempt that was not heard looks like."""
+"""
+Dropout by chance: how often, by whose stream, and what an attempt that was not heard looks like.
+"""
 
 import numpy as np
 import pytest
@@ -47,7 +49,8 @@ def test_probabilities_that_are_none_are_refused(make_measurements):
         hear(m, [1.0, 1.0])
     for value in (1.5, np.nan):
         with pytest.raises(
-            SensingError, match=f"1 attempts with .* have one outside 0 to 1, the first is {value:g}"
+            SensingError,
+            match=f"1 attempts with .* have one outside 0 to 1, the first is {value:g}",
         ):
             hear(m, np.where(np.arange(ok.size) == 0, value, 1.0))
     hear(m, np.where(ok, 1.0, np.nan))  # a dropout needs none

@@ -38,7 +38,9 @@ def measured(truth, altitude=0.0, dvl_sigma=SIGMA, **levels):
         receptions=None,
         link=nothing,
     )
-    return assemble(truth, [], ranging, NoiseModel(dvl_sigma=dvl_sigma, **levels), altitude=altitude)
+    return assemble(
+        truth, [], ranging, NoiseModel(dvl_sigma=dvl_sigma, **levels), altitude=altitude
+    )
 
 
 def test_velocities_turned_to_the_world_add_up_to_the_true_way(fleet):
@@ -76,7 +78,10 @@ def test_noise_and_bias_are_draws_of_their_own_streams(fleet):
 
 
 def test_lost_beams_take_velocities_and_precision_as_often_as_their_probability_says(make_truth):
-    """Of four beams at least three are left with the binomial probability; of three, one axis is weaker by geometry."""
+    """
+    Of four beams at least three are left with the binomial probability; of three, one axis is
+    weaker by geometry.
+    """
     loss, edges = 0.2, 4000
     m = measured(make_truth("AB", n_time=edges + 1), dvl_beam_loss=loss)
     noisy = perturb(m, root_seed=5, realization=0)
@@ -86,16 +91,23 @@ def test_lost_beams_take_velocities_and_precision_as_often_as_their_probability_
     assert kept == pytest.approx(three + four, abs=4.0 * np.sqrt(kept * (1 - kept) / n))
     wide = noisy.dvl_sigma[:, 0] > SIGMA
     assert wide.sum() / n == pytest.approx(three, abs=4.0 * np.sqrt(three * (1 - three) / n))
-    np.testing.assert_allclose(noisy.dvl_sigma[wide], SIGMA * np.tile(three_beam_factor(), (wide.sum(), 1)))
+    np.testing.assert_allclose(
+        noisy.dvl_sigma[wide], SIGMA * np.tile(three_beam_factor(), (wide.sum(), 1))
+    )
     row = noisy.dvl_vehicle * edges + noisy.dvl_sample
     whitened = (noisy.dvl_velocity - m.dvl_velocity[row]) / noisy.dvl_sigma
     assert np.std(whitened, axis=0) == pytest.approx(1.0, abs=0.05)
 
 
 def test_three_beams_by_simulated_least_squares():
-    """Radial velocities with independent noise, solved for the velocity; the first of four beams at 45 degrees is lost."""
+    """
+    Radial velocities with independent noise, solved for the velocity; the first of four beams at 45
+    degrees is lost.
+    """
     azimuth, tilt = np.radians([45.0, 135.0, 225.0, 315.0]), np.radians(30.0)
-    beams = np.array([[np.sin(tilt) * np.cos(a), np.sin(tilt) * np.sin(a), np.cos(tilt)] for a in azimuth])
+    beams = np.array(
+        [[np.sin(tilt) * np.cos(a), np.sin(tilt) * np.sin(a), np.cos(tilt)] for a in azimuth]
+    )
     noise = np.random.default_rng(7).standard_normal((4, 40000))
     spread = [
         np.std(np.linalg.lstsq(b, n, rcond=None)[0], axis=1)
@@ -105,7 +117,10 @@ def test_three_beams_by_simulated_least_squares():
 
 
 def test_a_graph_weighs_velocities_against_odometry_by_their_variances(fleet):
-    """With rotations known, each axis of each stride is the mean of both, weighted by precision; so is its variance."""
+    """
+    With rotations known, each axis of each stride is the mean of both, weighted by precision; so is
+    its variance.
+    """
     still = replace(fleet, quaternion=np.tile([1.0, 0.0, 0.0, 0.0], (*fleet.status.shape, 1)))
     levels = {
         "odometry_rotation_drift": 1e-12,
@@ -125,7 +140,9 @@ def test_a_graph_weighs_velocities_against_odometry_by_their_variances(fleet):
     share = dvl / (dvl + odometry)
     moved = (solution.position - start.position).reshape(2, -1, 3)
     expected = share * 200.0 * np.array([0.01, -0.02, 0.03])
-    np.testing.assert_allclose(np.diff(moved, axis=1), np.broadcast_to(expected, (2, EDGES, 3)), atol=1e-5)
+    np.testing.assert_allclose(
+        np.diff(moved, axis=1), np.broadcast_to(expected, (2, EDGES, 3)), atol=1e-5
+    )
 
 
 def test_graph_files_keep_velocities_beside_odometry(fleet, tmp_path):
@@ -158,4 +175,6 @@ def test_levels_that_make_no_sensor_are_refused():
         dvl_sigma=0.01,
         dvl_beam_loss=1.5,
     )
-    refused(SensingError, "without a sensor; set dvl_sigma above zero", NoiseModel, dvl_bias_sigma=0.01)
+    refused(
+        SensingError, "without a sensor; set dvl_sigma above zero", NoiseModel, dvl_bias_sigma=0.01
+    )

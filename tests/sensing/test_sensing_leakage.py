@@ -1,4 +1,7 @@
-"""Receptions without a ray: a status of their own, a range if they are heard, and nothing unless it is asked for."""
+"""
+Receptions without a ray: a status of their own, a range if they are heard, and nothing unless it is
+asked for.
+"""
 
 import numpy as np
 import pytest
@@ -69,7 +72,9 @@ def test_what_is_heard_of_it_is_a_range_like_any_other(truth, leaky):
     m = assemble(truth, [HIDDEN], leaky, NoiseModel(range_sigma=1.0))
     leaked = m.range_status == RayStatus.LEAKED
     chance = np.where(leaked, 0.5, leaky.probability)
-    noisy = [perturb(m, root_seed=1, realization=r, detection=chance).range_status for r in range(60)]
+    noisy = [
+        perturb(m, root_seed=1, realization=r, detection=chance).range_status for r in range(60)
+    ]
     for status in noisy:
         assert set(status[leaked]) <= {RayStatus.OK, RayStatus.UNHEARD}
     share = np.mean([(status[leaked] == RayStatus.OK).mean() for status in noisy])
@@ -81,7 +86,8 @@ def test_what_is_heard_of_it_is_a_range_like_any_other(truth, leaky):
 
 def test_leaked_ranges_are_no_dropouts(truth, plain, leaky):
     tables = [
-        dropout_table(assemble(truth, [HIDDEN], one, NoiseModel()), truth).iloc[-1] for one in (plain, leaky)
+        dropout_table(assemble(truth, [HIDDEN], one, NoiseModel()), truth).iloc[-1]
+        for one in (plain, leaky)
     ]
     assert tables[0]["dropouts"] > 0
     assert tables[1]["dropouts"] == 0
@@ -101,7 +107,9 @@ def test_two_ways_both_leak(truth, leaky):
     both = ranged(truth, Leakage(reach=400.0), timing=TwoWay(0.5))
     leaked = leaky.status == RayStatus.LEAKED
     np.testing.assert_array_equal(both.status, leaky.status)
-    np.testing.assert_allclose(both.truth.travel_time[leaked], leaky.truth.travel_time[leaked], atol=1e-3)
+    np.testing.assert_allclose(
+        both.truth.travel_time[leaked], leaky.truth.travel_time[leaked], atol=1e-3
+    )
     np.testing.assert_allclose(both.probability[leaked], leaky.probability[leaked] ** 2)
 
 
@@ -109,7 +117,9 @@ def test_beyond_reach_nothing_leaks_and_without_a_frequency_nobody_knows(truth, 
     near = ranged(truth, Leakage(reach=1.0))
     np.testing.assert_array_equal(near.status, plain.status)
     np.testing.assert_array_equal(near.truth.travel_time, plain.truth.travel_time)
-    refused(SensingError, "leakage needs a detector", ranged, truth, Leakage(), None, timing=OneWay())
+    refused(
+        SensingError, "leakage needs a detector", ranged, truth, Leakage(), None, timing=OneWay()
+    )
 
 
 def test_what_leaks_takes_as_long_from_either_end():
@@ -135,18 +145,28 @@ def test_what_leaks_stands_for_the_direct_arrival_where_receivers_err(truth, tim
     options = {"timing": timing, "currents": currents, "max_surface_bounces": 1}
     ranging = ranged(truth, Leakage(reach=400.0), **options)
     m = assemble(truth, [HIDDEN], ranging, NoiseModel(range_sigma=1.0))
-    candidates = find_candidates(ranging, truth, Picker("first-detected", LOUD.sonar), timing=timing)
+    candidates = find_candidates(
+        ranging, truth, Picker("first-detected", LOUD.sonar), timing=timing
+    )
     leaked = np.flatnonzero(m.range_status == RayStatus.LEAKED)
     direct = np.flatnonzero(candidates.direct == 1)
     rows = direct[np.isin(candidates.attempt[direct], leaked)]
     np.testing.assert_array_equal(candidates.attempt[rows], leaked)
     np.testing.assert_array_equal(candidates.travel_time[rows], ranging.truth.travel_time[leaked])
-    assert np.bincount(candidates.attempt)[leaked].min() > 1  # sound by the surface competes with it
-    # what is heard of all candidates is heard of each alone, and one that is sure leaves nothing to the others
-    noisy = [perturb(m, root_seed=2, realization=r, timing=timing, detection=candidates) for r in range(10)]
+    assert (
+        np.bincount(candidates.attempt)[leaked].min() > 1
+    )  # sound by the surface competes with it
+    # what is heard of all candidates is heard of each alone, and one that is sure leaves nothing to
+    # the others
+    noisy = [
+        perturb(m, root_seed=2, realization=r, timing=timing, detection=candidates)
+        for r in range(10)
+    ]
     for one in noisy:
         assert set(one.range_status.tolist()) <= {RayStatus.OK, RayStatus.UNHEARD}
-    took = np.concatenate([one.refracted_range[leaked] - m.refracted_range[leaked] for one in noisy])
+    took = np.concatenate(
+        [one.refracted_range[leaked] - m.refracted_range[leaked] for one in noisy]
+    )
     by_leak = np.abs(took) < 6.0
     expected = np.tile(candidates.probability[rows], 10)
     assert by_leak.sum() == pytest.approx(

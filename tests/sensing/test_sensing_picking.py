@@ -1,4 +1,6 @@
-"""Arrivals taken for the direct one: with what probability, by which draw, and what the range becomes."""
+"""
+Arrivals taken for the direct one: with what probability, by which draw, and what the range becomes.
+"""
 
 from dataclasses import replace
 
@@ -39,7 +41,11 @@ RIDGED = ridged(speed=C)
 def sonar(source_level_db, spread_db=6.0):
     """Figure of merit: the source level less 100 dB."""
     return Sonar(
-        source_level_db=source_level_db, frequency_hz=25e3, bandwidth_hz=1e3, noise=60.0, spread_db=spread_db
+        source_level_db=source_level_db,
+        frequency_hz=25e3,
+        bandwidth_hz=1e3,
+        noise=60.0,
+        spread_db=spread_db,
     )
 
 
@@ -47,7 +53,9 @@ CERTAIN = Picker("first-detected", sonar(400.0))
 RULES = ("first-detected", "strongest-detected")
 BARE = Picker("first-detected", below_strongest_db=6.0), Picker("strongest-detected")
 # in steps of 2^-10 dB, so that 30 dB more leaves the differences as they are
-losses = st.lists(st.integers(40 << 10, 120 << 10).map(lambda n: n / 1024.0), min_size=1, max_size=6)
+losses = st.lists(
+    st.integers(40 << 10, 120 << 10).map(lambda n: n / 1024.0), min_size=1, max_size=6
+)
 
 
 @given(losses, st.sampled_from([*BARE, *(Picker(rule, sonar(180.0)) for rule in RULES)]))
@@ -57,7 +65,9 @@ def test_something_is_taken_unless_nothing_is_heard(loss, picker):
     link, time = np.zeros(len(loss)), np.arange(len(loss))
     taken = picker.probabilities(loss, link, time)
     assert (taken >= 0.0).all()
-    missed = 0.0 if picker.sonar is None else np.prod(1.0 - picker.sonar.detection_probability(loss))
+    missed = (
+        0.0 if picker.sonar is None else np.prod(1.0 - picker.sonar.detection_probability(loss))
+    )
     assert taken.sum() == pytest.approx(1.0 - missed, abs=1e-9)
     if picker.sonar is None:
         louder = picker.probabilities(np.add(loss, 30.0), link, time)
@@ -67,12 +77,16 @@ def test_something_is_taken_unless_nothing_is_heard(loss, picker):
 def test_of_two_arrivals_both_rules_are_closed_forms():
     time = [0.0, 1.0]
     loud = Picker("strongest-detected").probabilities([70.0, 67.0], [0, 0], time)
-    np.testing.assert_allclose(loud, norm.cdf([-3.0 / np.sqrt(72.0), 3.0 / np.sqrt(72.0)]), rtol=1e-9)
+    np.testing.assert_allclose(
+        loud, norm.cdf([-3.0 / np.sqrt(72.0), 3.0 / np.sqrt(72.0)]), rtol=1e-9
+    )
     modem = sonar(170.0)
     p = norm.cdf([0.0, 0.5])
     first = Picker("first-detected", modem).probabilities([70.0, 67.0], [0, 0], time)
     np.testing.assert_allclose(first, [p[0], (1.0 - p[0]) * p[1]], rtol=1e-9)
-    bare = Picker("first-detected", below_strongest_db=3.0).probabilities([70.0, 67.0], [0, 0], time)
+    bare = Picker("first-detected", below_strongest_db=3.0).probabilities(
+        [70.0, 67.0], [0, 0], time
+    )
     none = (1.0 - p[0]) * (1.0 - p[1])  # then the stronger is taken
     np.testing.assert_allclose(bare, [p[0], (1.0 - p[0]) * p[1] + none], rtol=1e-9)
 
@@ -123,7 +137,9 @@ def truth(make_truth):
 def mission(truth, water, picker, timing=ONE_WAY, **options):
     """Noise-free measurements and candidates; the picker's sonar is the detector's."""
     detector = None if picker.sonar is None else Detector(picker.sonar)
-    ranging = range_fleet(truth, [HIDDEN], water, timing=timing, detector=detector, **BOUNCES, **options)
+    ranging = range_fleet(
+        truth, [HIDDEN], water, timing=timing, detector=detector, **BOUNCES, **options
+    )
     measurements = assemble(truth, [HIDDEN], ranging, NoiseModel())
     return ranging, measurements, find_candidates(ranging, truth, picker, timing=timing)
 
@@ -135,12 +151,16 @@ def test_with_certain_detection_the_first_arrival_is_always_taken(truth, timing,
     _, o, candidates = mission(truth, RIDGED, CERTAIN, timing, currents=currents)
     rows = draw_picks(o, candidates, root_seed=1, realization=0)
     taken = range_on_picks(o, candidates, rows)
-    first = range_fleet(truth, [HIDDEN], RIDGED, timing=timing, arrival="first", currents=currents, **BOUNCES)
+    first = range_fleet(
+        truth, [HIDDEN], RIDGED, timing=timing, arrival="first", currents=currents, **BOUNCES
+    )
     assert (first.status != o.range_status).any()
     np.testing.assert_array_equal(taken.range_status, first.status)
     time = np.append(candidates.travel_time, np.nan)[rows]
     np.testing.assert_allclose(time, first.truth.travel_time, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(taken.refracted_range, first.truth.refracted_range, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        taken.refracted_range, first.truth.refracted_range, rtol=0, atol=1e-9
+    )
     np.testing.assert_array_equal(taken.straight_range, o.straight_range)
 
 
@@ -149,7 +169,9 @@ def test_where_mistakes_have_probability_zero_all_is_as_without_them(truth, timi
     ranging, o, candidates = mission(truth, RIDGED, Picker("strongest-detected"), timing)
     certain = replace(candidates, probability=candidates.direct)
     options = {"timing": timing, "clocks": ClockModel(1e-3, 1e-6), "ranging_truth": ranging.truth}
-    one, other = (perturb(o, root_seed=1, realization=2, **options, detection=c) for c in (certain, None))
+    one, other = (
+        perturb(o, root_seed=1, realization=2, **options, detection=c) for c in (certain, None)
+    )
     assert_same(one, other)
     assert certain.expected_mistaken == 0.0
     assert candidates.expected_mistaken > 1.0
@@ -176,7 +198,9 @@ def test_mistakes_come_in_the_place_of_what_was_not_heard(truth):
         without = perturb(o, root_seed=3, realization=realization, detection=ranging.probability)
         with_them = perturb(o, root_seed=3, realization=realization, detection=candidates)
         heard = without.range_status == RayStatus.OK
-        np.testing.assert_array_equal(with_them.refracted_range[heard], without.refracted_range[heard])
+        np.testing.assert_array_equal(
+            with_them.refracted_range[heard], without.refracted_range[heard]
+        )
         more = ~heard & (with_them.range_status == RayStatus.OK)
         longer = with_them.refracted_range[more] - with_them.straight_range[more]
         assert (longer > 20.0).all()  # they have bounced
@@ -188,7 +212,9 @@ def test_mistakes_come_in_the_place_of_what_was_not_heard(truth):
 def test_each_candidate_is_taken_as_often_as_its_probability_says(truth, timing):
     _, o, candidates = mission(truth, RIDGED, Picker("first-detected", sonar(170.0)), timing)
     n = 400
-    taken = np.concatenate([draw_picks(o, candidates, root_seed=9, realization=r) for r in range(n)])
+    taken = np.concatenate(
+        [draw_picks(o, candidates, root_seed=9, realization=r) for r in range(n)]
+    )
     count = np.bincount(taken[taken >= 0], minlength=candidates.attempt.size)
     p = candidates.probability
     assert (np.abs(count - n * p) < 5.0 * np.sqrt(n * p * (1.0 - p)) + 1.0).all()
@@ -211,7 +237,10 @@ def test_candidates_are_the_arrivals_of_the_link_in_both_directions(truth):
 
 @pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.0)])
 def test_the_direct_candidate_comes_first_even_if_it_is_not_the_earliest(truth, timing):
-    """A surface duct can do that; here each link's direct arrival and the next one exchange their travel times."""
+    """
+    A surface duct can do that; here each link's direct arrival and the next one exchange their
+    travel times.
+    """
     ranging, _, _ = mission(truth, RIDGED, BARE[1])
     receptions = ranging.receptions
     direct, time = np.flatnonzero(receptions.selected), receptions.travel_time.copy()
@@ -254,12 +283,20 @@ def test_candidates_that_do_not_fit_are_refused(truth):
         SensingError, match="a picker with a sonar needs ranges that were measured with a det"
     ):
         find_candidates(ranging, truth, CERTAIN)
-    refused(SensingError, r"candidates of attempt \d+; the measurements have 2", candidates.picks, [0.5, 0.5])
+    refused(
+        SensingError,
+        r"candidates of attempt \d+; the measurements have 2",
+        candidates.picks,
+        [0.5, 0.5],
+    )
 
 
 @pytest.fixture(scope="module")
 def many_pings(make_measurements):
-    """12,000 attempts every 200 s, each with two candidates that are taken in the shares of a campaign."""
+    """
+    12,000 attempts every 200 s, each with two candidates that are taken in the shares of a
+    campaign.
+    """
     o = make_measurements("AB", n_time=6001, landmarks=(), epochs=np.arange(1, 6001))
     attempt = np.repeat(np.arange(o.range_status.size), 2)
     first = np.tile([1, 0], o.range_status.size)
@@ -267,12 +304,17 @@ def many_pings(make_measurements):
     return o, Candidates(attempt, np.ones(attempt.size), share, first, np.zeros(attempt.size))
 
 
-SHARE = 0.5 * (1.0 + np.sqrt(1.0 - 2.0 * 0.39))  # two candidates that switch in 0.39 of independent pings
+SHARE = 0.5 * (
+    1.0 + np.sqrt(1.0 - 2.0 * 0.39)
+)  # two candidates that switch in 0.39 of independent pings
 STAYS = 1.0 - 0.065 / 0.39  # and in 0.065 of those 200 s apart
 
 
 def test_a_pick_stays_as_long_as_its_correlation_time_says(many_pings):
-    """Within one interval 0.065 switch where 0.39 would independently; k intervals later 0.39 (1 - stays^k)."""
+    """
+    Within one interval 0.065 switch where 0.39 would independently; k intervals later 0.39 (1 -
+    stays^k).
+    """
     o, candidates = many_pings
     draw = {"root_seed": 4, "realization": 0}
     second = draw_picks(o, candidates, **draw, correlation_time=-200.0 / np.log(STAYS)) % 2
@@ -281,10 +323,14 @@ def test_a_pick_stays_as_long_as_its_correlation_time_says(many_pings):
         rows = o.range_transmitter == sender
         for lag in (1, 3, 20):
             rate = np.mean(second[rows][lag:] != second[rows][:-lag])
-            assert rate == pytest.approx(0.39 * (1.0 - STAYS**lag), abs=0.012 if lag == 1 else 0.04), lag
+            assert rate == pytest.approx(
+                0.39 * (1.0 - STAYS**lag), abs=0.012 if lag == 1 else 0.04
+            ), lag
         assert np.mean(np.diff(independent[rows]) != 0) == pytest.approx(0.39, abs=0.03)
     worth = o.range_status.size * (1.0 - STAYS) / (1.0 + STAYS)  # independent draws
-    assert np.mean(second) == pytest.approx(1.0 - SHARE, abs=4.0 * np.sqrt(SHARE * (1.0 - SHARE) / worth))
+    assert np.mean(second) == pytest.approx(
+        1.0 - SHARE, abs=4.0 * np.sqrt(SHARE * (1.0 - SHARE) / worth)
+    )
 
 
 def test_a_pick_that_stays_is_one_that_was_drawn_and_gaps_and_pairs_are_kept_apart(many_pings):
@@ -298,7 +344,9 @@ def test_a_pick_that_stays_is_one_that_was_drawn_and_gaps_and_pairs_are_kept_apa
         np.testing.assert_array_equal(held[rows][1:][~stayed], fresh[rows][1:][~stayed])
         assert np.mean(stayed) == pytest.approx(np.exp(-0.2), abs=0.02)
     sparse = replace(o, time=1e6 * np.arange(o.time.size))
-    np.testing.assert_array_equal(chances(sparse, root_seed=4, realization=1, correlation_time=1e3), fresh)
+    np.testing.assert_array_equal(
+        chances(sparse, root_seed=4, realization=1, correlation_time=1e3), fresh
+    )
     refused(
         SensingError,
         "correlation_time is -1 s; it must be finite and zero or positive",

@@ -1,4 +1,7 @@
-"""Ranges from the ray solver: both models, both directions, dropouts, silence, currents, detection, water that varies."""
+"""
+Ranges from the ray solver: both models, both directions, dropouts, silence, currents, detection,
+water that varies.
+"""
 
 import weakref
 from dataclasses import fields, replace
@@ -74,29 +77,43 @@ def assert_same(one, other, what="ranging"):
 
 
 def test_every_attempt_by_closed_form(truth, landmarks, ranging):
-    """Travel time of the direct circular arc in a constant gradient, chord time along the straight line."""
+    """
+    Travel time of the direct circular arc in a constant gradient, chord time along the straight
+    line.
+    """
     table, true = ranging.attempts, ranging.truth
     assert table.sample.size == 3 * 4 * (3 + 2)
     assert (ranging.status == RayStatus.OK).all()
     a, b = ends(truth, landmarks, table)
-    distance, ca, cb = np.linalg.norm(a - b, axis=1), C0 + GRADIENT * a[:, 2], C0 + GRADIENT * b[:, 2]
+    distance, ca, cb = (
+        np.linalg.norm(a - b, axis=1),
+        C0 + GRADIENT * a[:, 2],
+        C0 + GRADIENT * b[:, 2],
+    )
     time = direct_travel_time_linear_gradient(a, b, sound_speed_surface=C0, gradient=GRADIENT)
     np.testing.assert_allclose(true.sound_speed, ca, rtol=1e-12)
     np.testing.assert_allclose(true.distance, distance, rtol=1e-14)
     np.testing.assert_allclose(true.travel_time, time, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(true.chord_travel_time, distance * np.log(cb / ca) / (cb - ca), atol=1e-6)
+    np.testing.assert_allclose(
+        true.chord_travel_time, distance * np.log(cb / ca) / (cb - ca), atol=1e-6
+    )
     np.testing.assert_array_equal(true.refracted_range, true.sound_speed * true.travel_time)
 
 
 @pytest.mark.parametrize("timing", [OneWay(), TwoWay(1.0)], ids=["one-way", "two-way"])
 def test_the_angles_of_a_ping_are_tangents_of_its_circular_arc(truth, landmarks, timing):
-    """The arc's centre lies where the sound speed, continued linearly, is zero; angles are in the direction of travel."""
+    """
+    The arc's centre lies where the sound speed, continued linearly, is zero; angles are in the
+    direction of travel.
+    """
     found = range_fleet(truth, landmarks, REFRACTING, timing=timing)
     a, b = ends(truth, landmarks, found.attempts)
     across = np.linalg.norm((b - a)[:, :2], axis=1)
     one, other = (end[:, 2] + C0 / GRADIENT for end in (a, b))  # depths below the centre
     middle = (across**2 + other**2 - one**2) / (2.0 * across)
-    np.testing.assert_allclose(found.truth.departure_angle, np.arctan2(middle, one), rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        found.truth.departure_angle, np.arctan2(middle, one), rtol=0, atol=1e-6
+    )
     np.testing.assert_allclose(
         found.truth.arrival_angle, np.arctan2(middle - across, other), rtol=0, atol=1e-6
     )
@@ -117,7 +134,10 @@ def test_links_are_the_unordered_pairs_row_by_row_those_of_the_arrivals(truth, l
     assert len(set(zip(links.sample, links.first, links.second, strict=True))) == links.sample.size
     fixed = np.tile([[mark.position] for mark in landmarks], (1, truth.time.size, 1))
     depth = np.concatenate([truth.position, fixed])[..., 2]
-    for end, speed in ((links.first, first.source_sound_speed), (links.second, first.receiver_sound_speed)):
+    for end, speed in (
+        (links.first, first.source_sound_speed),
+        (links.second, first.receiver_sound_speed),
+    ):
         np.testing.assert_allclose(speed, C0 + GRADIENT * depth[end, links.sample], rtol=1e-12)
 
 
@@ -170,21 +190,31 @@ def test_a_receiver_outside_the_water_hears_nothing_by_no_probability(few):
 
 
 def test_cut_off_is_handed_to_the_solver(truth, landmarks):
-    """No ray here is 10 dB stronger than spherical spreading, so a cut-off that asks for it leaves none."""
+    """
+    No ray here is 10 dB stronger than spherical spreading, so a cut-off that asks for it leaves
+    none.
+    """
     strict = range_fleet(truth, landmarks, REFRACTING, spreading_cutoff_db=-10.0)
     assert (strict.status == RayStatus.WEAK).all()
 
 
 def test_what_a_decibel_of_the_cutoff_decides_is_marked(few, landmarks):
-    """By what is ranged on with cut-offs a decibel lower and higher, links of rays spread over some decibels."""
+    """
+    By what is ranged on with cut-offs a decibel lower and higher, links of rays spread over some
+    decibels.
+    """
     duct = Medium.from_profile(
-        [0.0, 60.0, 120.0, 400.0, 4000.0], [1450.0, 1462.0, 1448.0, 1455.0, 1510.0], bottom_depth=BOTTOM
+        [0.0, 60.0, 120.0, 400.0, 4000.0],
+        [1450.0, 1462.0, 1448.0, 1455.0, 1510.0],
+        bottom_depth=BOTTOM,
     )
     marks = [Landmark(f"N{k}", (3e3 + 250.0 * k, 0.0, 90.0)) for k in range(12)]
     spread = few.position.copy()
     spread[:, :, 2] = np.linspace(30.0, 200.0, spread[..., 2].size).reshape(spread.shape[:2])
     fleet = replace(few, position=spread)
-    by_cutoff = {db: range_fleet(fleet, marks, duct, spreading_cutoff_db=db) for db in (1.0, 2.0, 3.0)}
+    by_cutoff = {
+        db: range_fleet(fleet, marks, duct, spreading_cutoff_db=db) for db in (1.0, 2.0, 3.0)
+    }
     times = [np.nan_to_num(by_cutoff[db].truth.travel_time, nan=-1.0) for db in (1.0, 2.0, 3.0)]
     expected = (times[0] != times[1]) | (times[2] != times[1])
     assert 3 < expected.sum() < expected.size - 3
@@ -215,7 +245,10 @@ def test_two_way_the_current_cancels(few, landmarks):
 
 
 def test_probability_follows_the_sonar_equation_by_hand(few, landmarks):
-    """Spherical spreading and Thorp's absorption in water without refraction; two-way both pings must be heard."""
+    """
+    Spherical spreading and Thorp's absorption in water without refraction; two-way both pings must
+    be heard.
+    """
     thorp = Absorption.thorp()
     one, two = (
         range_fleet(few, landmarks, STILL, detector=Detector(SONAR, absorption=thorp), **timing)
@@ -238,7 +271,10 @@ def test_by_direct_the_bounces_allowed_change_neither_times_nor_statuses(few):
 
 
 def test_a_direct_ray_that_is_not_among_the_arrivals_kept_is_ranged_on(few, monkeypatch):
-    """The solver keeps 64 arrivals a link; that they leave out the direct one takes hundreds of kilometres."""
+    """
+    The solver keeps 64 arrivals a link; that they leave out the direct one takes hundreds of
+    kilometres.
+    """
 
     def without_direct_rays(*args, **options):
         found = find_eigenrays(*args, **options)
@@ -266,7 +302,10 @@ def test_by_first_a_hidden_link_is_ranged_over_the_surface(few):
 
 @pytest.mark.parametrize("detector", [None, Detector(SONAR)])
 def test_direct_or_first_adds_reflections_to_links_without_a_direct_arrival(few, detector):
-    """A link with a direct arrival has the same time as by ``direct``; a hidden one has the time by ``first``."""
+    """
+    A link with a direct arrival has the same time as by ``direct``; a hidden one has the time by
+    ``first``.
+    """
     options = {"max_surface_bounces": 1, "detector": detector}
     either, direct, first = (
         range_fleet(few, [HIDDEN], RIDGED, arrival=rule, **options)
@@ -285,7 +324,10 @@ def test_direct_or_first_adds_reflections_to_links_without_a_direct_arrival(few,
 
 
 def test_strongest_goes_by_the_loss_of_the_detector(few):
-    """Water that absorbs 200 dB/km by the surface and nothing below it leaves the longer way over the sea bed."""
+    """
+    Water that absorbs 200 dB/km by the surface and nothing below it leaves the longer way over the
+    sea bed.
+    """
     upper = Absorption(lambda x, _frequency: np.where(x[:, 2] < 1500.0, 200.0, 0.0))
     mark = [Landmark("L1", (0.0, 3000.0, 2500.0))]
     station = replace(few, position=np.broadcast_to([0.0, 0.0, 1400.0], few.position.shape))
@@ -365,7 +407,9 @@ def test_media_are_made_once_a_ping_and_let_go_again(truth, landmarks):
     assert asked == PINGS.tolist()
 
 
-@pytest.mark.parametrize(("options", "stopped"), [*((o, 2) for o in OPTIONS), ({}, 0), ({}, 4)], ids=str)
+@pytest.mark.parametrize(
+    ("options", "stopped"), [*((o, 2) for o in OPTIONS), ({}, 0), ({}, 4)], ids=str
+)
 @pytest.mark.parametrize("varying", [False, True])
 def test_progress_rises_to_the_number_of_pairs(truth, options, stopped, varying, monkeypatch):
     monkeypatch.setattr("pymantaray.sensing.transmission._BLOCK", 4)

@@ -35,7 +35,9 @@ SOURCE, RECEIVER = RNG.normal(0.0, 4e-4, (2, 4, 3))
 
 
 def table(along=AT_REST):
-    """Receptions of three links, of which the second has none and the third only a reflected one."""
+    """
+    Receptions of three links, of which the second has none and the third only a reflected one.
+    """
     arrivals = make_arrivals(
         LINK,
         travel_time=TIME,
@@ -53,16 +55,26 @@ def test_a_current_acts_with_opposite_signs_in_both_directions():
     np.testing.assert_array_equal(still.travel_time, [*TIME, *TIME])
     for name in ("link", "path", "arrival", "source_slowness", "receiver_slowness", "loss_db"):
         np.testing.assert_array_equal(*np.split(getattr(moving, name), 2))
-    assert moving.path.tolist()[:4] == [SoundPath.REFLECTED, *[SoundPath.DIRECT] * 2, SoundPath.REFLECTED]
+    assert moving.path.tolist()[:4] == [
+        SoundPath.REFLECTED,
+        *[SoundPath.DIRECT] * 2,
+        SoundPath.REFLECTED,
+    ]
 
 
-@pytest.mark.parametrize(("rule", "forth", "back"), [("direct", 2, 1), ("first", 2, 0), ("strongest", 2, 2)])
+@pytest.mark.parametrize(
+    ("rule", "forth", "back"), [("direct", 2, 1), ("first", 2, 0), ("strongest", 2, 2)]
+)
 def test_each_rule_selects_one_reception_per_link_and_direction(rule, forth, back):
     """The current lets the third arrival overtake forth, and delays it back."""
-    rows = select_receptions(with_detection(table(AlongRays(DELAY, LOSS)), SONAR), rule).selected_rows(3)
+    rows = select_receptions(
+        with_detection(table(AlongRays(DELAY, LOSS)), SONAR), rule
+    ).selected_rows(3)
     only_reflected = -1 if rule == "direct" else 3
     np.testing.assert_array_equal(rows[0], [forth, -1, only_reflected])
-    np.testing.assert_array_equal(rows[1], [4 + back, -1, only_reflected if rule == "direct" else 7])
+    np.testing.assert_array_equal(
+        rows[1], [4 + back, -1, only_reflected if rule == "direct" else 7]
+    )
 
 
 def test_the_selected_reception_has_the_probability_of_its_detection():
@@ -70,7 +82,9 @@ def test_the_selected_reception_has_the_probability_of_its_detection():
     expected = SONAR.detection_probability(LOSS)
     np.testing.assert_array_equal(receptions.detection, [*expected, *expected])
     np.testing.assert_array_equal(receptions.probability[:4], expected * [0, 0, 1, 1])
-    assert (select_receptions(table(AlongRays(None, None)), "first").probability[[0, 3]] == 1.0).all()
+    assert (
+        select_receptions(table(AlongRays(None, None)), "first").probability[[0, 3]] == 1.0
+    ).all()
 
 
 def test_tables_of_one_direction_join_to_the_table_of_both():
@@ -80,7 +94,10 @@ def test_tables_of_one_direction_join_to_the_table_of_both():
 
 
 def test_exchanges_of_selected_receptions_and_all_combinations():
-    """Two attempts of the first link, one from either end, one of a link without a reception, and one of no link."""
+    """
+    Two attempts of the first link, one from either end, one of a link without a reception, and one
+    of no link.
+    """
     receptions = select_receptions(with_detection(table(), SONAR), "direct")
     link, direction = np.array([0, 0, 1, -1]), np.array([Direction.FORTH, Direction.BACK, 0, 0])
     one = selected_exchanges(receptions, 3, link, direction)
@@ -101,7 +118,10 @@ def test_exchanges_of_selected_receptions_and_all_combinations():
 
 
 def test_the_time_of_an_exchange_follows_the_motion_of_its_initiator_and_responder():
-    """Fermat: moving an end by v dt changes the travel time by its slowness; one end moves at a time, on either side."""
+    """
+    Fermat: moving an end by v dt changes the travel time by its slowness; one end moves at a time,
+    on either side.
+    """
     receptions = select_receptions(table(), "direct")
     link = np.zeros(2, dtype=int)
     ends = np.array([Direction.FORTH, Direction.BACK])
@@ -118,7 +138,9 @@ def test_the_time_of_an_exchange_follows_the_motion_of_its_initiator_and_respond
     np.testing.assert_allclose(
         responder, 0.5 * (2 * t + wait) * np.sum(gradient[::-1] * velocity, axis=1), rtol=1e-9
     )
-    np.testing.assert_array_equal(exchange_times(receptions, one, OneWay(), (velocity, velocity)), t)
+    np.testing.assert_array_equal(
+        exchange_times(receptions, one, OneWay(), (velocity, velocity)), t
+    )
 
 
 def test_a_link_without_a_ray_keeps_its_number_in_the_table():

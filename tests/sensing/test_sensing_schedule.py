@@ -42,8 +42,10 @@ def test_rounding_of_the_times_loses_no_epoch(period):
 
 
 IMPOSSIBLE = {
-    "interval is 300 s: the ping at 300 s is not at a sample time; samples are every 200 s: ping at": lambda: ping(300.0),
-    "interval is 1e.06 s, the mission lasts 604800 s; .*: ping earlier or lengthen": lambda: ping(1e6),
+    "interval is 300 s: the ping at 300 s is not at a sample time; samples are every 200 s: ping"
+    " at": lambda: ping(300.0),
+    "interval is 1e.06 s, the mission lasts 604800 s; .*: ping earlier or"
+    " lengthen": lambda: ping(1e6),
     "interval is 0 s; it must be finite and positive": lambda: ping(0.0),
     "interval is nan s": lambda: ping(np.nan),
     "no vehicle or landmark is called 'C'; allowed: A, B, L": lambda: pings("C"),
@@ -72,10 +74,18 @@ def test_impossible_schedules_and_landmarks_are_refused_in_one_line(message):
 def test_landmarks_ping_to_vehicles_in_slots_and_lists():
     time, who = np.arange(5) * 60.0, (["A", "B"], ["L", "M"])
     slots = SlotSchedule(("A", "L"), slot=60.0).attempts(time, *who)
-    expected = [(k, 0, j) for k in (0, 2, 4) for j in (1, 2, 3)] + [(k, 2, j) for k in (1, 3) for j in (0, 1)]
+    expected = [(k, 0, j) for k in (0, 2, 4) for j in (1, 2, 3)] + [
+        (k, 2, j) for k in (1, 3) for j in (0, 1)
+    ]
     assert list(zip(*slots, strict=True)) == sorted(expected)
     to_all = PingList((60.0, 120.0), ("M", "B")).attempts(time, *who)
-    assert list(zip(*to_all, strict=True)) == [(1, 3, 0), (1, 3, 1), (2, 1, 0), (2, 1, 2), (2, 1, 3)]
+    assert list(zip(*to_all, strict=True)) == [
+        (1, 3, 0),
+        (1, 3, 1),
+        (2, 1, 0),
+        (2, 1, 2),
+        (2, 1, 3),
+    ]
     some = PingList((60.0, 120.0), ("M", "L"), ((), ("B",))).attempts(time, *who)
     assert list(zip(*some, strict=True)) == [(1, 3, 0), (1, 3, 1), (2, 2, 1)]
 
@@ -83,5 +93,7 @@ def test_landmarks_ping_to_vehicles_in_slots_and_lists():
 @pytest.mark.parametrize("names", ["A", "LL"])
 def test_names_are_shared_by_no_two_participants(names, make_measurements):
     landmarks = [Landmark(name, (0, 0, k)) for k, name in enumerate(names)]
-    with pytest.raises(SensingError, match=f"landmark {names[0]!r}: the name is taken .* rename one"):
+    with pytest.raises(
+        SensingError, match=f"landmark {names[0]!r}: the name is taken .* rename one"
+    ):
         make_measurements(landmarks=landmarks)

@@ -1,4 +1,7 @@
-"""What each sensor measures without noise, how noisy it is believed to be, what is drawn, and that nothing else moves a draw."""
+"""
+What each sensor measures without noise, how noisy it is believed to be, what is drawn, and that
+nothing else moves a draw.
+"""
 
 from dataclasses import fields, replace
 
@@ -34,14 +37,19 @@ def test_gnss_fixes_exactly_while_shallow(make_truth, make_measurements):
     ):  # 7: not that one itself
         m = make_measurements(gnss_depth=limit)
         assert m.gnss_vehicle.size == count
-        np.testing.assert_array_equal(m.gnss_position, make_truth().position[m.gnss_vehicle, m.gnss_sample])
+        np.testing.assert_array_equal(
+            m.gnss_position, make_truth().position[m.gnss_vehicle, m.gnss_sample]
+        )
         assert (m.gnss_position[:, 2] < limit).all()
     with pytest.raises(SensingError, match="gnss_depth is -1 m; it must be zero or positive"):
         make_measurements(gnss_depth=-1.0)
 
 
 def test_composite_sigma_by_hand():
-    """Each component of an edge's motion has its own error: 3, -4 and 12 m, a rotation vector in 200 s, then rest for 100 s."""
+    """
+    Each component of an edge's motion has its own error: 3, -4 and 12 m, a rotation vector in 200
+    s, then rest for 100 s.
+    """
     turn = np.array([0.1, -0.2, 0.0])
     rotation = quaternion_from_matrix(so3_exp([turn, np.zeros(3)]))
     edges = rotation, [[3.0, -4.0, 12.0], [0.0, 0.0, 0.0]], [0.0, 200.0, 300.0]
@@ -61,7 +69,10 @@ def test_composite_sigma_by_hand():
 
 
 def test_a_dive_gives_no_horizontal_error_by_its_fraction():
-    """A float that descends 100 m in 200 s: 2.5 m on each axis, as at rest, except 0.1 m more in quadrature downward."""
+    """
+    A float that descends 100 m in 200 s: 2.5 m on each axis, as at rest, except 0.1 m more in
+    quadrature downward.
+    """
     edge = [[1.0, 0.0, 0.0, 0.0]], [[0.0, 0.0, 100.0]], [0.0, 200.0]
     np.testing.assert_allclose(
         NoiseModel().odometry_sigma(*edge)[0, 3:], [2.5, 2.5, np.hypot(2.5, 0.1)], rtol=1e-12
@@ -75,7 +86,9 @@ def test_defaults_are_those_of_a_configuration():
 @pytest.mark.parametrize("name", [f.name for f in fields(NoiseModel)])
 @pytest.mark.parametrize("value", [-1.0, np.nan, np.inf])
 def test_impossible_noise_is_refused_in_one_line(name, value):
-    with pytest.raises(SensingError, match=f"NoiseModel: {name} is .* finite and zero or positive$"):
+    with pytest.raises(
+        SensingError, match=f"NoiseModel: {name} is .* finite and zero or positive$"
+    ):
         NoiseModel(**{name: value})
 
 
@@ -96,7 +109,10 @@ def assert_draws(drawn, expected):
 def test_every_draw_is_a_standard_normal_of_its_own_stream_times_its_sigma(
     make_measurements, names, seed, realization
 ):
-    """So seeds and realizations are independent, and another vehicle, landmark, fix or dropout moves no draw."""
+    """
+    So seeds and realizations are independent, and another vehicle, landmark, fix or dropout moves
+    no draw.
+    """
     clean = make_measurements(names, gnss_depth=301.0, epochs=range(1, 13))
     wide = np.broadcast_to([0.3, 0.4, 0.5, 2.0, 3.0, 4.0], clean.odometry_sigma.shape)
     clean = replace(clean, odometry_sigma=wide, first_sigma=wide[:, 0])
@@ -112,14 +128,17 @@ def test_every_draw_is_a_standard_normal_of_its_own_stream_times_its_sigma(
     for a, name in enumerate(names):
         assert_draws(odometry[a], draws((12, 6), name, "odometry") * wide[a])
         assert_draws(first[a], draws(6, name, "first pose") * wide[a, 0])
-        assert_draws(noisy.depth[a] - clean.depth[a], draws(13, name, "depth") * clean.depth_sigma[a])
+        assert_draws(
+            noisy.depth[a] - clean.depth[a], draws(13, name, "depth") * clean.depth_sigma[a]
+        )
         own = clean.gnss_vehicle == a
         assert_draws(fixes[own], draws((13, 3), name, "gnss")[clean.gnss_sample[own]])
     surveys = noisy.landmark_position - clean.landmark_position
     for k, name in enumerate(clean.landmark_name):
         assert_draws(surveys[k], draws(3, name, "survey") * clean.landmark_sigma[k])
     straight, refracted = (
-        getattr(noisy, name) - getattr(clean, name) for name in ("straight_range", "refracted_range")
+        getattr(noisy, name) - getattr(clean, name)
+        for name in ("straight_range", "refracted_range")
     )
     participants = [*clean.name, *clean.landmark_name]
     for i, j in set(zip(clean.range_transmitter, clean.range_receiver, strict=True)):
@@ -149,4 +168,11 @@ def test_a_landmark_may_have_a_survey_of_its_own(make_measurements, landmarks):
     m, plain = make_measurements(landmarks=own), make_measurements()
     np.testing.assert_array_equal(m.landmark_sigma, [*plain.landmark_sigma[:-1], 80.0])
     np.testing.assert_array_equal(m.landmark_position, plain.landmark_position)
-    refused(SensingError, "sigma is 0 m; it must be finite and positive", Landmark, "L", np.zeros(3), 0.0)
+    refused(
+        SensingError,
+        "sigma is 0 m; it must be finite and positive",
+        Landmark,
+        "L",
+        np.zeros(3),
+        0.0,
+    )

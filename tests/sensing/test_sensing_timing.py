@@ -1,4 +1,7 @@
-"""Two-way ranging: half a round trip of moving vehicles, against exact exchanges; clocks in the noise stage."""
+"""
+Two-way ranging: half a round trip of moving vehicles, against exact exchanges; clocks in the noise
+stage.
+"""
 
 from dataclasses import replace
 
@@ -18,7 +21,9 @@ C0, GRADIENT = 1450.0, 0.016
 
 
 def exchange(time, source, receiver, v_source, v_receiver, turn_around):
-    """Half the round trip less the turn-around, by fixed-point iteration of each leg's own equation."""
+    """
+    Half the round trip less the turn-around, by fixed-point iteration of each leg's own equation.
+    """
     t1 = t2 = 0.0
     for _ in range(12):
         t1 = time(source, receiver + v_receiver * t1)
@@ -29,14 +34,19 @@ def exchange(time, source, receiver, v_source, v_receiver, turn_around):
 
 
 def neglected(a, b, v_a, v_b, turn_around):
-    """Bound of the terms beyond first order: ``(v/c)^2 T`` and the curvature of travel time, a tenth to spare."""
+    """
+    Bound of the terms beyond first order: ``(v/c)^2 T`` and the curvature of travel time, a tenth
+    to spare.
+    """
     distance, speed = np.linalg.norm(b - a), np.linalg.norm(v_a) + np.linalg.norm(v_b)
     duration = 2.0 * distance / C0 + turn_around
     return 1.1 * ((speed / C0) ** 2 * duration + (speed * duration) ** 2 / (2.0 * distance * C0))
 
 
 def in_gradient(a, b):
-    return float(direct_travel_time_linear_gradient(a, b, sound_speed_surface=C0, gradient=GRADIENT))
+    return float(
+        direct_travel_time_linear_gradient(a, b, sound_speed_surface=C0, gradient=GRADIENT)
+    )
 
 
 def fleet_in_motion(position, velocity):
@@ -48,7 +58,9 @@ def fleet_in_motion(position, velocity):
 @pytest.fixture(scope="module")
 def water():
     depth = np.array([0.0, 1500.0, 4000.0])
-    return Medium.from_profile(depth, C0 + GRADIENT * depth, bottom_depth=3900.0, interpolation="linear")
+    return Medium.from_profile(
+        depth, C0 + GRADIENT * depth, bottom_depth=3900.0, interpolation="linear"
+    )
 
 
 PLACES = np.array([[0.0, 0, 300], [4000, 500, 900], [-1500, 2500, 600]])
@@ -57,8 +69,13 @@ LANDMARK = Landmark("L1", (900.0, -2900.0, 300.0))
 
 
 @pytest.mark.parametrize(("turn_around", "pace"), [(0.0, 1.0), (2.0, 1.0), (5.0, 0.0)])
-def test_measured_exchanges_are_those_of_moving_vehicles_in_refracting_water(water, turn_around, pace):
-    """Against exact exchanges along circular arcs; motion is worth decimetres, what is neglected millimetres."""
+def test_measured_exchanges_are_those_of_moving_vehicles_in_refracting_water(
+    water, turn_around, pace
+):
+    """
+    Against exact exchanges along circular arcs; motion is worth decimetres, what is neglected
+    millimetres.
+    """
     speeds = pace * SPEEDS
     truth = fleet_in_motion(PLACES, speeds)
     still = range_fleet(truth, [LANDMARK], water)
@@ -78,7 +95,10 @@ def test_measured_exchanges_are_those_of_moving_vehicles_in_refracting_water(wat
 
 
 def test_vehicles_at_one_place_and_links_without_an_arrival_keep_their_status(water):
-    """Equal positions have no direction; a receiver in the sea bed has no arrival; a stopped vehicle is silent."""
+    """
+    Equal positions have no direction; a receiver in the sea bed has no arrival; a stopped vehicle
+    is silent.
+    """
     truth = fleet_in_motion([PLACES[0], PLACES[0], PLACES[1]], 0.0 * SPEEDS)
     status = np.zeros(truth.status.shape)
     status[2] = VehicleStatus.GROUNDED
@@ -98,7 +118,10 @@ def test_velocity_is_that_after_the_ping_and_before_the_end_of_the_mission(make_
     np.testing.assert_allclose(found[:, 1] * 200.0, truth.position[:, 4] - truth.position[:, 3])
 
 
-OFFSET, SKEW = np.array([2e-3, -1e-3, 5e-4, 0, 0]), np.array([1e-6, -2e-6, 3e-7, 0, 0])  # A, B, C, L1, L2
+OFFSET, SKEW = (
+    np.array([2e-3, -1e-3, 5e-4, 0, 0]),
+    np.array([1e-6, -2e-6, 3e-7, 0, 0]),
+)  # A, B, C, L1, L2
 
 
 def shifts(m, true, clocks, **options):
@@ -115,31 +138,42 @@ def shifts(m, true, clocks, **options):
     return straight, m.range_transmitter, m.range_receiver, m.time[m.range_sample], travel
 
 
-def test_one_way_a_range_is_off_by_the_difference_of_the_clocks(make_measurements, make_ranging_truth):
-    """The receiver's clock minus the transmitter's, each at its own instant; landmarks keep true time."""
+def test_one_way_a_range_is_off_by_the_difference_of_the_clocks(
+    make_measurements, make_ranging_truth
+):
+    """
+    The receiver's clock minus the transmitter's, each at its own instant; landmarks keep true time.
+    """
     m, true = make_measurements(), make_ranging_truth()
     late, i, j, sent, travel = shifts(m, true, Clocks(offset=OFFSET[:3], skew=SKEW[:3]))
     expected = OFFSET[j] + SKEW[j] * (sent + travel) - OFFSET[i] - SKEW[i] * sent
     np.testing.assert_allclose(late, true.sound_speed * expected, rtol=0, atol=1e-9)
 
 
-def test_two_way_the_offset_cancels_and_the_skew_scales_the_round_trip(make_measurements, make_ranging_truth):
+def test_two_way_the_offset_cancels_and_the_skew_scales_the_round_trip(
+    make_measurements, make_ranging_truth
+):
     m, true, two_way = make_measurements(), make_ranging_truth(), {"timing": TwoWay(2.0)}
     late, *_ = shifts(m, true, Clocks(offset=1e3 * OFFSET[:3], skew=np.zeros(3)), **two_way)
     np.testing.assert_array_equal(late, 0.0)
     skew = 100.0 * SKEW
     late, i, j, _, travel = shifts(m, true, Clocks(offset=OFFSET[:3], skew=skew[:3]), **two_way)
-    # on the clocks: the responder waits until 2 s have passed on its own, the initiator reads the sum on its own
+    # on the clocks: the responder waits until 2 s have passed on its own, the initiator reads the
+    # sum on its own
     exact = 0.5 * ((1 + skew[i]) * (2 * travel + 2.0 / (1 + skew[j])) - 2.0) - travel
     second_order = 1450.0 * (2e-4) ** 2 * 2.0  # m; skew squared times the turn-around
     np.testing.assert_allclose(late, true.sound_speed * exact, rtol=0, atol=second_order)
     assert np.abs(late).max() > 0.1
 
 
-def test_a_link_out_of_the_water_has_a_finite_straight_pseudorange(make_measurements, make_ranging_truth):
+def test_a_link_out_of_the_water_has_a_finite_straight_pseudorange(
+    make_measurements, make_ranging_truth
+):
     m, true = make_measurements(), make_ranging_truth()
     nothing = np.full(m.range_status.size, np.nan)
-    m = replace(m, range_status=np.full(nothing.size, RayStatus.OUTSIDE), transmitter_sound_speed=nothing)
+    m = replace(
+        m, range_status=np.full(nothing.size, RayStatus.OUTSIDE), transmitter_sound_speed=nothing
+    )
     true = replace(true, sound_speed=nothing, chord_travel_time=nothing, travel_time=nothing)
     options = {"clocks": ClockModel(1e-3, 1e-6), "ranging_truth": true}
     assert np.isfinite(perturb(m, root_seed=1, realization=0, **options).straight_range).all()
@@ -153,14 +187,20 @@ def test_clocks_are_drawn_by_vehicle_and_move_nothing_else(make_measurements, ma
     names = "ABCDEFGHIJ"
     for r in range(3):
         drawn = model.draw(names, root_seed=5, realization=r)
-        units = np.array([stream(5, r, "sensing", name, "clock").standard_normal(2) for name in names])
-        np.testing.assert_array_equal(np.stack([drawn.offset, drawn.skew], axis=1), units * [1e-3, 1e-6])
+        units = np.array(
+            [stream(5, r, "sensing", name, "clock").standard_normal(2) for name in names]
+        )
+        np.testing.assert_array_equal(
+            np.stack([drawn.offset, drawn.skew], axis=1), units * [1e-3, 1e-6]
+        )
 
 
 IMPOSSIBLE = {
     "turn_around is -1; it must be finite and zero or positive": lambda: TwoWay(-1.0),
     "offset_sigma is nan; it must be finite": lambda: ClockModel(offset_sigma=np.nan),
-    r"Clocks: skew: shape is \(2,\); it must be \(1,\)": lambda: Clocks(offset=[0.0], skew=[0.0, 1.0]),
+    r"Clocks: skew: shape is \(2,\); it must be \(1,\)": lambda: Clocks(
+        offset=[0.0], skew=[0.0, 1.0]
+    ),
     "Clocks: offset: 1 of 1 values are not finite": lambda: Clocks(offset=[np.inf], skew=[0.0]),
 }
 
@@ -175,8 +215,16 @@ def test_impossible_clocks_and_schemes_are_refused(message):
     (2, True, "clocks of 2 vehicles; the measurements have 3"),
     (3, False, "clocks need true travel times"),
 ])  # fmt: skip
-def test_clocks_that_do_not_fit_are_refused(make_measurements, make_ranging_truth, n, true, message):
+def test_clocks_that_do_not_fit_are_refused(
+    make_measurements, make_ranging_truth, n, true, message
+):
     clocks = Clocks(offset=[0] * n, skew=[0] * n)
     ranging_truth = make_ranging_truth() if true else None
     with pytest.raises(SensingError, match=message):
-        perturb(make_measurements(), root_seed=1, realization=0, clocks=clocks, ranging_truth=ranging_truth)
+        perturb(
+            make_measurements(),
+            root_seed=1,
+            realization=0,
+            clocks=clocks,
+            ranging_truth=ranging_truth,
+        )

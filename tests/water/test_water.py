@@ -45,7 +45,13 @@ def times(water, bounces=0):
 def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path):
     fram.to_netcdf(tmp_path / "fram.nc")
     (tmp_path / "fram.toml").write_text('[ocean]\nsource = "fram.nc"\n')
-    sources = ["synthetic:fram", tmp_path / "fram.nc", [tmp_path / "fram.nc"], tmp_path / "fram.toml", fram]
+    sources = [
+        "synthetic:fram",
+        tmp_path / "fram.nc",
+        [tmp_path / "fram.nc"],
+        tmp_path / "fram.toml",
+        fram,
+    ]
     sources.append(load_sound(tmp_path / "fram.toml"))
     waters = [open_water(source, half_extent=HALF, ice=2.0) for source in sources]
     expected = Medium.from_dataset(with_ice(to_local(fram, half_extent=(HALF, HALF)), 2.0))
@@ -77,9 +83,13 @@ def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile):
 def test_a_profile_with_sides_ends_there_and_is_the_same_inside(profile):
     bounded = open_water(profile, bathymetry=700.0, half_extent=3500.0)
     free = open_water(profile, bathymetry=700.0)
-    inside, everywhere = (find_eigenrays(water.medium, SOURCE, RECEIVER).first() for water in (bounded, free))
+    inside, everywhere = (
+        find_eigenrays(water.medium, SOURCE, RECEIVER).first() for water in (bounded, free)
+    )
     assert [RayStatus(code).name for code in inside.status[:2]] == ["OUTSIDE", "OK"]
-    np.testing.assert_allclose(inside.travel_time[1:], everywhere.travel_time[1:], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        inside.travel_time[1:], everywhere.travel_time[1:], rtol=0, atol=1e-9
+    )
 
 
 def test_a_raw_cast_is_thinned_as_by_hand(tmp_path):
@@ -113,17 +123,27 @@ def test_several_casts_are_a_water_each(tmp_path):
     waters = open_waters(path, bathymetry=100.0)
     assert [water.name for water in waters] == ["A", "B"]
     assert waters[1].time == np.datetime64("2020-03-02T12:00")
-    refused(WaterError, r"contains 2 casts \(A, B\); only one is allowed", open_water, path, bathymetry=100.0)
+    refused(
+        WaterError,
+        r"contains 2 casts \(A, B\); only one is allowed",
+        open_water,
+        path,
+        bathymetry=100.0,
+    )
 
 
 def test_one_depth_is_the_sea_floor_of_an_ocean_too(fram):
     water = open_water(fram, half_extent=HALF, bathymetry=900.0)
-    np.testing.assert_allclose(water.medium.bottom_depth([[0.0, 0.0], [9e3, -9e3]]), 900.0, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        water.medium.bottom_depth([[0.0, 0.0], [9e3, -9e3]]), 900.0, rtol=0, atol=1e-9
+    )
     assert open_water(fram, half_extent=HALF).medium.bed.depth.min() > 2000.0
 
 
 def test_a_map_lies_under_a_profile_about_its_centre(profile, fram, tmp_path):
-    depth = xr.full_like(fram["water_temp"][0], 500.0).drop_vars("depth") + 0.1 * (fram["lat"] - 79.0)
+    depth = xr.full_like(fram["water_temp"][0], 500.0).drop_vars("depth") + 0.1 * (
+        fram["lat"] - 79.0
+    )
     depth.attrs = {"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"}
     depth.drop_vars("time").rename("deptho").to_netcdf(tmp_path / "floor.nc")
     options = {"bathymetry": tmp_path / "floor.nc", "half_extent": 20e3}
@@ -156,7 +176,13 @@ def test_an_unknown_option_names_the_nearest():
         Medium.from_profile(DEPTH, SPEED, bottom_depth=700.0),
         ice=1.0,
     )
-    refused(MantaRayError, "ocean.thin .--thin. applies to a profile", open_water, "synthetic:fram", thin=0.1)
+    refused(
+        MantaRayError,
+        "ocean.thin .--thin. applies to a profile",
+        open_water,
+        "synthetic:fram",
+        thin=0.1,
+    )
 
 
 def test_options_with_two_values_take_text_with_units_and_refuse_others():
@@ -165,9 +191,19 @@ def test_options_with_two_values_take_text_with_units_and_refuse_others():
     for medium in (both, sides):
         np.testing.assert_allclose([medium.north[-1], medium.east[-1]], 10e3)
     refused(
-        WaterError, "centre is .79.0,.; allowed: latitude and longitude", open_water, "quick", centre=(79.0,)
+        WaterError,
+        "centre is .79.0,.; allowed: latitude and longitude",
+        open_water,
+        "quick",
+        centre=(79.0,),
     )
-    refused(WaterError, "centre is 'x'; allowed: latitude and longitude", open_water, "quick", centre="x")
+    refused(
+        WaterError,
+        "centre is 'x'; allowed: latitude and longitude",
+        open_water,
+        "quick",
+        centre="x",
+    )
     refused(
         MantaRayError,
         "half_extent_north: found '10 s'; allowed: a number of metres",
@@ -192,7 +228,12 @@ def test_ranges_in_a_preset_last_as_long_as_their_trajectories():
 def test_an_object_that_is_no_source_is_refused_with_the_types_that_are():
     water = open_water("synthetic:fram", half_extent=HALF)
     for call in (open_water, Atlas, lambda source: measure(poses(), source, 300.0)):
-        refused(WaterError, "source is an opened Water; give the source that open_water had", call, water)
+        refused(
+            WaterError,
+            "source is an opened Water; give the source that open_water had",
+            call,
+            water,
+        )
         refused(WaterError, "source is of type int; it must be a name, a path", call, 3)
         refused(
             WaterError,
@@ -208,10 +249,22 @@ def test_an_object_that_is_no_source_is_refused_with_the_types_that_are():
         "quick",
         ocean=two,
     )
-    refused(StudyError, "ocean is of type Water; it must be a name, a path", load_study, "quick", ocean=water)
+    refused(
+        StudyError,
+        "ocean is of type Water; it must be a name, a path",
+        load_study,
+        "quick",
+        ocean=water,
+    )
 
 
 def poses():
     return pd.DataFrame(
-        {"time": [0.0, 600.0] * 2, "vehicle": ["A", "A", "B", "B"], "north": 0.0, "east": 0.0, "depth": 50.0}
+        {
+            "time": [0.0, 600.0] * 2,
+            "vehicle": ["A", "A", "B", "B"],
+            "north": 0.0,
+            "east": 0.0,
+            "depth": 50.0,
+        }
     )

@@ -1,4 +1,6 @@
-"""Water in metres: environment.json of the paper's authors, NetCDF files and data sets in memory."""
+"""
+Water in metres: environment.json of the paper's authors, NetCDF files and data sets in memory.
+"""
 
 import json
 import os
@@ -28,7 +30,11 @@ def dataset():
     at = np.meshgrid(Y, X, Z, indexing="ij")
     east, north = currents(at[1], at[0], at[2])
     dims = "north", "east", "depth"
-    fields = {"sound_speed": sound_speed(at[1], at[0], at[2]), "current_north": north, "current_east": east}
+    fields = {
+        "sound_speed": sound_speed(at[1], at[0], at[2]),
+        "current_north": north,
+        "current_east": east,
+    }
     floor = {"sea_floor_depth": (dims[:2], np.full((Y.size, X.size), FLOOR))}
     return xr.Dataset(
         {k: (dims, v) for k, v in fields.items()} | floor, dict(zip(dims, (Y, X, Z), strict=True))
@@ -40,14 +46,18 @@ def test_x_is_east_y_is_north_and_z_is_depth(tmp_path):
     expected = sound_speed(PLACE[:, 1], PLACE[:, 0], PLACE[:, 2])
     np.testing.assert_allclose(water.medium.sound_speed_at(PLACE), expected, rtol=1e-12)
     east, north = currents(PLACE[:, 1], PLACE[:, 0], PLACE[:, 2])
-    np.testing.assert_allclose(water.currents.at(PLACE)[:, :2], np.stack([north, east], axis=1), rtol=1e-12)
+    np.testing.assert_allclose(
+        water.currents.at(PLACE)[:, :2], np.stack([north, east], axis=1), rtol=1e-12
+    )
     assert water.medium.bottom_depth([[0.0, 0.0]])[0] == FLOOR
     assert water.frame is None
 
 
 def test_a_file_and_a_data_set_are_the_same_water(tmp_path):
     dataset().to_netcdf(tmp_path / "local.nc")
-    waters = [open_water(s) for s in (write_environment(tmp_path), dataset(), tmp_path / "local.nc")]
+    waters = [
+        open_water(s) for s in (write_environment(tmp_path), dataset(), tmp_path / "local.nc")
+    ]
     for water in waters[1:]:
         np.testing.assert_array_equal(water.medium.field, waters[0].medium.field)
 
@@ -55,7 +65,9 @@ def test_a_file_and_a_data_set_are_the_same_water(tmp_path):
 def test_names_are_found_beside_the_file_and_above_it(tmp_path):
     inner = tmp_path / "program" / "sim_config"
     inner.mkdir(parents=True)
-    write_environment(tmp_path / "program", source_dir="../../data").rename(inner / "environment.json")
+    write_environment(tmp_path / "program", source_dir="../../data").rename(
+        inner / "environment.json"
+    )
     assert open_water(inner / "environment.json").medium.north.size == Y.size
 
 
@@ -70,8 +82,12 @@ def test_currents_on_their_own_axes_stay_trilinear(tmp_path):
     sections["current"] = {**own, "u": u, "v": v}
     local = open_water(write_environment(tmp_path, sections), interpolation="linear").local
     east, north = currents(*np.meshgrid(local.east, local.north, local.depth, indexing="ij"))
-    np.testing.assert_allclose(local.current_east.transpose("east", "north", "depth"), east, atol=1e-12)
-    np.testing.assert_allclose(local.current_north.transpose("east", "north", "depth"), north, atol=1e-12)
+    np.testing.assert_allclose(
+        local.current_east.transpose("east", "north", "depth"), east, atol=1e-12
+    )
+    np.testing.assert_allclose(
+        local.current_north.transpose("east", "north", "depth"), north, atol=1e-12
+    )
 
 
 def test_missing_values_are_below_the_sea_floor_or_on_land(tmp_path):
@@ -85,11 +101,15 @@ def test_missing_values_are_below_the_sea_floor_or_on_land(tmp_path):
     assert np.isfinite(local.sound_speed).all()
     gap = dataset()
     gap["sound_speed"][1, 2, 1] = np.nan
-    refused(OceanError, "sound_speed is missing above a value at north -1000, east 0", open_water, gap)
+    refused(
+        OceanError, "sound_speed is missing above a value at north -1000, east 0", open_water, gap
+    )
 
 
 def test_rays_take_the_time_of_a_uniform_gradient(tmp_path):
-    """Travel time between two depths in a constant gradient g: arcosh(1 + g^2 d^2 / (2 c1 c2)) / g."""
+    """
+    Travel time between two depths in a constant gradient g: arcosh(1 + g^2 d^2 / (2 c1 c2)) / g.
+    """
     sections = arrays()
     at = np.meshgrid(X, Y, Z, indexing="ij")
     sections["ssp"]["data"] = 1450.0 + 0.016 * at[2]
@@ -103,7 +123,9 @@ def test_rays_take_the_time_of_a_uniform_gradient(tmp_path):
 
 def test_options_of_water_in_metres(tmp_path):
     path = write_environment(tmp_path)
-    water = open_water(path, bathymetry=1500.0, ice=2.0, half_extent=(2e3, 3e3), centre=(75.0, -140.0))
+    water = open_water(
+        path, bathymetry=1500.0, ice=2.0, half_extent=(2e3, 3e3), centre=(75.0, -140.0)
+    )
     assert water.medium.bottom_depth([[0.0, 0.0]])[0] == 1500.0
     assert water.medium.surface.depth.max() == 2.0
     np.testing.assert_array_equal(water.medium.north, [-8e3, -1e3, 3e3])
@@ -120,13 +142,19 @@ def test_a_study_runs_in_water_in_metres(tmp_path):
         {"name": "A", "kind": "station", "north": 0.0, "east": 0.0, "depth": 50.0},
         {"name": "B", "kind": "station", "north": 3000.0, "east": 0.0, "depth": 500.0},
     ]
-    keys = {"fleet": {"vehicles": vehicles}, "mission.duration_h": 4.0, "acoustics.interpolation": "linear"}
+    keys = {
+        "fleet": {"vehicles": vehicles},
+        "mission.duration_h": 4.0,
+        "acoustics.interpolation": "linear",
+    }
     for source in (path, dataset()):
         config = load_study("quick", ocean=source, **keys)
         mission = simulate_mission(config, Stopwatch(), lambda *_: None)
         c = sound_speed(0.0, 0.0, 50.0)
         assert mission.measurements.transmitter_sound_speed[0] == pytest.approx(c, abs=1e-9)
-    assert str(tmp_path / "data" / "ssp" / "data.npy") in load_study("quick", ocean=path, **keys).files
+    assert (
+        str(tmp_path / "data" / "ssp" / "data.npy") in load_study("quick", ocean=path, **keys).files
+    )
 
 
 def test_ranges_between_existing_trajectories_in_water_in_metres(tmp_path):
@@ -141,23 +169,30 @@ def test_ranges_between_existing_trajectories_in_water_in_metres(tmp_path):
     )
     run = measure(truth, write_environment(tmp_path), 600.0, interpolation="linear")
     speeds = run.measurements.transmitter_sound_speed
-    np.testing.assert_allclose(speeds[:2], sound_speed(0.0, np.array([0.0, 3e3]), np.array([50.0, 500.0])))
+    np.testing.assert_allclose(
+        speeds[:2], sound_speed(0.0, np.array([0.0, 3e3]), np.array([50.0, 500.0]))
+    )
 
 
 def test_currents_are_required_by_a_study_and_optional_for_rays():
     still = dataset().drop_vars(["current_north", "current_east"])
     assert not open_water(still).local.current_east.any()
     refused(OceanError, "no current_north and current_east", open_water, still, currents="required")
-    refused(OceanError, "no current_north; add it", open_water, still.assign(current_east=still.sound_speed))
+    refused(
+        OceanError,
+        "no current_north; add it",
+        open_water,
+        still.assign(current_east=still.sound_speed),
+    )
 
 
 def test_vehicles_drift_in_currents_on_unequal_steps():
     """A current linear in the position, u = a + b x, gives x(t) = (x0 + a / b) exp(b t) - a / b."""
     local = open_water(dataset()).local
     vehicle = Vehicle("A", np.array([0.0, 1700.0, 50.0]), Drifting(depth=50.0))
-    path = simulate([vehicle], local, duration=57_600.0, physics_step=10.0, sampling_period=3600.0).position[
-        0
-    ]
+    path = simulate(
+        [vehicle], local, duration=57_600.0, physics_step=10.0, sampling_period=3600.0
+    ).position[0]
     a, b = currents(0.0, 0.0, 50.0)[0], 1e-6
     expected = (1700.0 + a / b) * np.exp(b * np.arange(17) * 3600.0) - a / b
     np.testing.assert_allclose(path[:, 1], expected, rtol=0, atol=1e-3)
@@ -165,7 +200,9 @@ def test_vehicles_drift_in_currents_on_unequal_steps():
 
 BAD = {
     "`ssp.q`: unknown key": lambda t: t["ssp"].update(q="a.npy"),
-    "`currents`: unknown key. Did you mean `current`": lambda t: t.update(currents=t.pop("current")),
+    "`currents`: unknown key. Did you mean `current`": lambda t: t.update(
+        currents=t.pop("current")
+    ),
     "current.v: missing; add it": lambda t: t["current"].pop("v"),
     "ssp: missing; add it": lambda t: t.pop("ssp"),
     "source_dir: no folder": lambda t: t.update(source_dir="no-such-folder"),
@@ -194,7 +231,11 @@ WRONG = {
 @pytest.mark.parametrize("line", WRONG)
 def test_wrong_arrays_are_refused_in_one_line(line, tmp_path):
     path = write_environment(tmp_path)
-    np.save(tmp_path / "data" / "ssp" / "data.npy", WRONG[line](arrays()["ssp"]["data"]), allow_pickle=True)
+    np.save(
+        tmp_path / "data" / "ssp" / "data.npy",
+        WRONG[line](arrays()["ssp"]["data"]),
+        allow_pickle=True,
+    )
     refused(OceanError, line, open_water, path)
 
 
@@ -206,7 +247,9 @@ def test_arrays_are_regular_files_that_are_as_long_as_their_headers_say(tmp_path
     for target in ("/dev/zero", tmp_path / "pipe", tmp_path):
         data.unlink()
         data.symlink_to(target)
-        refused(OceanError, r"ssp.data: .*data.npy: (not a regular file|is a folder)", open_water, path)
+        refused(
+            OceanError, r"ssp.data: .*data.npy: (not a regular file|is a folder)", open_water, path
+        )
     data.unlink()
     for damaged in (
         content[:-8],
@@ -215,7 +258,12 @@ def test_arrays_are_regular_files_that_are_as_long_as_their_headers_say(tmp_path
         b"\x93NUMPY\x09\x00",
     ):
         data.write_bytes(damaged)
-        refused(OceanError, r"ssp.data: .*data.npy: (.* bytes of values|not a .npy file)", open_water, path)
+        refused(
+            OceanError,
+            r"ssp.data: .*data.npy: (.* bytes of values|not a .npy file)",
+            open_water,
+            path,
+        )
     for name in ("/dev/zero", str(tmp_path / "pipe"), "n" * 5000, "a\0b"):
         path = write_environment(tmp_path, source_dir=name)
         refused(OceanError, "source_dir: no folder", open_water, path)
@@ -243,6 +291,8 @@ def test_exported_levels_reach_below_the_sea_floor():
     local = open_water(dataset(), bathymetry=2000.0).local
     arrays_out = environment_arrays(local)
     assert arrays_out["ssp"]["z"].tolist() == [*Z.tolist(), 2010.0]
-    np.testing.assert_array_equal(arrays_out["ssp"]["data"][..., -1], arrays_out["ssp"]["data"][..., -2])
+    np.testing.assert_array_equal(
+        arrays_out["ssp"]["data"][..., -1], arrays_out["ssp"]["data"][..., -2]
+    )
     assert arrays_out["current"]["u"].shape == arrays_out["ssp"]["data"].shape
     assert environment_arrays(open_water(dataset()).local)["ssp"]["z"].tolist() == Z.tolist()

@@ -1,4 +1,7 @@
-"""Two-point acoustics in a gridded ocean: eigenrays, travel times and their derivatives, loss and detection."""
+"""
+Two-point acoustics in a gridded ocean: eigenrays, travel times and their derivatives, loss and
+detection.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,7 @@
-"""Solve links whose search left unresolved intervals from the other end as well, and merge the direct rays of both searches."""
+"""
+Solve links whose search left unresolved intervals from the other end as well, and merge the direct
+rays of both searches.
+"""
 
 from __future__ import annotations
 
@@ -19,18 +22,23 @@ _SAME_TIME = 1e-7
 _SAME_ANGLE = 1e-4
 _IDENTITY = [at.TRAVEL_TIME, at.LAUNCH_ANGLE, at.ARRIVAL_ANGLE]
 _WITHOUT_ARRIVAL = (RayStatus.SHADOW, RayStatus.WEAK, RayStatus.BLOCKED)
-# Outcomes of both searches without an arrival, the one that says most last: a ray exists that the other search did not find
+# Outcomes of both searches without an arrival, the one that says most last: a ray exists that the
+# other search did not find
 _KNOWLEDGE = (RayStatus.UNRESOLVED, RayStatus.SHADOW, RayStatus.BLOCKED, RayStatus.WEAK)
 
 
 def unresolved_links(results: Results) -> NDArray[np.intp]:
-    """Indices of the links whose search left intervals that may contain more rays, or found rays beside the plane."""
+    """
+    Indices of the links whose search left intervals that may contain more rays, or found rays
+    beside the plane.
+    """
     return np.flatnonzero(results.info[:, at.RESOLVED] < 1.0)
 
 
 def merged(results: Results, links: NDArray[np.intp], other: Results) -> Results:
     """
-    Results of all links, with the direct rays of some links that only the search from the other end found.
+    Results of all links, with the direct rays of some links that only the search from the other end
+    found.
 
     A link is resolved if either search is. other has one entry for each of the links.
     """
@@ -58,7 +66,10 @@ def merged(results: Results, links: NDArray[np.intp], other: Results) -> Results
 
 
 def _only_in(rows: Array, known: Array) -> Array:
-    """Direct rays that have no partner of their own among known rays; the nearest in time are partners first."""
+    """
+    Direct rays that have no partner of their own among known rays; the nearest in time are partners
+    first.
+    """
     direct = rows[rows[:, at.SURFACE_BOUNCES] + rows[:, at.BOTTOM_BOUNCES] == 0.0]
     distance = np.abs(direct[:, None, _IDENTITY] - known[None, :, _IDENTITY])
     pairs = np.argwhere((distance < (_SAME_TIME, _SAME_ANGLE, _SAME_ANGLE)).all(axis=2))
@@ -72,6 +83,9 @@ def _only_in(rows: Array, known: Array) -> Array:
 
 
 def without_certificate(results: Results) -> Results:
-    """Results in which links without an arrival and with unresolved intervals have the status UNRESOLVED."""
+    """
+    Results in which links without an arrival and with unresolved intervals have the status
+    UNRESOLVED.
+    """
     unsure = (results.info[:, at.RESOLVED] == 0.0) & np.isin(results.status, _WITHOUT_ARRIVAL)
     return results._replace(status=np.where(unsure, np.int8(RayStatus.UNRESOLVED), results.status))

@@ -53,7 +53,8 @@ class Currents:
         wrong = ~(np.abs(self.velocity) <= _SWIFTEST)
         if wrong.any():
             raise AcousticsError(
-                f"currents: {np.count_nonzero(wrong)} components are above {_SWIFTEST:g} m/s; check the units"
+                f"currents: {np.count_nonzero(wrong)} components are above {_SWIFTEST:g} m/s;"
+                " check the units"
             )
 
     def __repr__(self) -> str:
@@ -68,7 +69,8 @@ class Currents:
         Parameters
         ----------
         ocean : xarray.Dataset
-            Data set from `pymantaray.ocean.to_local`, with ``current_north`` and ``current_east`` on (north, east, depth). [m/s]
+            Data set from `pymantaray.ocean.to_local`, with ``current_north`` and ``current_east``
+            on (north, east, depth). [m/s]
 
         Returns
         -------
@@ -109,9 +111,12 @@ class Currents:
         Returns
         -------
         ndarray, shape (n, 3)
-            Velocity, trilinear between grid points and constant beyond the edges; the downward component is 0. [m/s]
+            Velocity, trilinear between grid points and constant beyond the edges; the downward
+            component is 0. [m/s]
         """
-        horizontal = linear_interpolator((self.north, self.east, self.depth), self.velocity)(position)
+        horizontal = linear_interpolator((self.north, self.east, self.depth), self.velocity)(
+            position
+        )
         return np.concatenate([horizontal, np.zeros((len(horizontal), 1))], axis=1)
 
 
@@ -131,13 +136,14 @@ def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Ar
     Returns
     -------
     ndarray, shape (n_arrivals,)
-        Delay to add to ``travel_time`` from source to receiver, and to subtract in the other direction; 0 between equal
-        positions. [s]
+        Delay to add to ``travel_time`` from source to receiver, and to subtract in the other
+        direction; 0 between equal positions. [s]
 
     Notes
     -----
-    :math:`\delta t = -\int u \cdot p \, dt` with the slowness :math:`p` along the ray in water at rest. The theory page on timing
-    has the derivation and lists the neglected terms. Reflections do not contribute, because water moves along a boundary.
+    :math:`\delta t = -\int u \cdot p \, dt` with the slowness :math:`p` along the ray in water at
+    rest. The theory page on timing has the derivation and lists the neglected terms. Reflections do
+    not contribute, because water moves along a boundary.
     """
     p = nodes.slowness
     rate = np.einsum("ij,ij->i", currents.at(nodes.position), p) * np.linalg.norm(p, axis=-1)
@@ -147,9 +153,17 @@ def current_delays(nodes: Quadrature, currents: Currents, n_arrivals: int) -> Ar
 
 
 def carried(
-    medium: Medium, source: Array, receiver: Array, arrivals: Arrivals, currents: Currents, **options: Any
+    medium: Medium,
+    source: Array,
+    receiver: Array,
+    arrivals: Arrivals,
+    currents: Currents,
+    **options: Any,
 ) -> Arrivals:
-    """Arrivals of links whose travel times include the delays of the current; options as for `trace_paths`."""
+    """
+    Arrivals of links whose travel times include the delays of the current; options as for
+    `trace_paths`.
+    """
     paths = trace_paths(medium, source, receiver, arrivals, **options)
     delay = current_delays(quadrature(paths), currents, arrivals.link.size)
     return replace(arrivals, travel_time=arrivals.travel_time + delay)

@@ -1,4 +1,6 @@
-"""Find all eigenrays between pairs of positions, in threads on the processor or on a CUDA device."""
+"""
+Find all eigenrays between pairs of positions, in threads on the processor or on a CUDA device.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.acoustics.levels.rough import Ends, realized, with_rough_rays
 from pymantaray.acoustics.medium import Medium
-from pymantaray.acoustics.near_ends import of_one_instrument, separated, with_direct_rays, with_echoes
+from pymantaray.acoustics.near_ends import (
+    of_one_instrument,
+    separated,
+    with_direct_rays,
+    with_echoes,
+)
 from pymantaray.acoustics.solving import as_positions, solve_on_cuda, solve_on_processor
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
@@ -55,21 +62,24 @@ def find_eigenrays(
     source, receiver : array_like, shape (n_links, 3) or (3,)
         Positions ``(north, east, down)`` in the local frame. [m]
     max_surface_bounces, max_bottom_bounces : int
-        Maximum numbers of reflections of an arrival, up to 15 each. The surface is flat or the underside of ice. Ice and sea
-        bed are bilinear between grid points. All boundaries reflect without loss.
+        Maximum numbers of reflections of an arrival, up to 15 each. The surface is flat or the
+        underside of ice. Ice and sea bed are bilinear between grid points. All boundaries reflect
+        without loss.
     spreading_cutoff_db : float or None
-        Eigenrays weaker than spherical spreading over the straight distance by more than this are discarded, except on links shorter
-        than 1 m, whose echoes return to one instrument. None keeps every ray. [dB]
+        Eigenrays weaker than spherical spreading over the straight distance by more than this are
+        discarded, except on links shorter than 1 m, whose echoes return to one instrument. None
+        keeps every ray. [dB]
     tolerance : float
         Allowed error of the integration at the end of a ray. [m]
     canonical : bool
-        Solve each link from its deeper end, so that travel times are reciprocal to the last digit, and from the other end as
-        well if the search is not complete. False solves from the source only (for tests of reciprocity).
+        Solve each link from its deeper end, so that travel times are reciprocal to the last digit,
+        and from the other end as well if the search is not complete. False solves from the source
+        only (for tests of reciprocity).
     threads : int, optional
         Number of threads; the result does not depend on it. Default: all processors.
     device : {"cpu", "cuda"}
-        Device that solves the links. "cuda" is experimental: it has been compiled and simulated, but never run on a device. Its
-        results differ in the last digits.
+        Device that solves the links. "cuda" is experimental: it has been compiled and simulated,
+        but never run on a device. Its results differ in the last digits.
     progress : callable, optional
         Called after each block with the number of solved links and the total.
 
@@ -84,29 +94,33 @@ def find_eigenrays(
     Raises
     ------
     AcousticsError
-        If positions are not finite, the shapes differ, a number of bounces is out of range, or no CUDA device
-        exists.
+        If positions are not finite, the shapes differ, a number of bounces is out of range, or no
+        CUDA device exists.
 
     Warns
     -----
     RuntimeWarning
-        If a link has more eigenrays than are stored (64), as on the axis of a piecewise linear duct.
+        If a link has more eigenrays than are stored (64), as on the axis of a piecewise linear
+        duct.
 
     Notes
     -----
-    Rays of a fan are integrated with their derivatives by the launch angle. Intervals of the fan are halved until each
-    contains one root of the miss distance or none. Newton's method, with horizontal refraction, refines the roots. The
-    contribution of the remaining miss is removed from the travel time (Fermat).
+    Rays of a fan are integrated with their derivatives by the launch angle. Intervals of the fan
+    are halved until each contains one root of the miss distance or none. Newton's method, with
+    horizontal refraction, refines the roots. The contribution of the remaining miss is removed from
+    the travel time (Fermat).
 
-    On a spherical Earth rays run in flattened water (see `pymantaray.geometry.EarthSphere`). Travel times and angles are then those
-    of the sphere, slowness vectors are the gradients by the positions in the frame, and spreading and miss are those of flattened water
-    (their difference is below 0.001 dB at 1 km depth).
+    On a spherical Earth rays run in flattened water (see `pymantaray.geometry.EarthSphere`). Travel
+    times and angles are then those of the sphere, slowness vectors are the gradients by the
+    positions in the frame, and spreading and miss are those of flattened water (their difference is
+    below 0.001 dB at 1 km depth).
     """
     a = as_positions("source", source)
     b = as_positions("receiver", receiver)
     if a.shape != b.shape:
         raise AcousticsError(
-            f"source has shape {a.shape}, receiver {b.shape}; they must be equal: repeat a single position for every link"
+            f"source has shape {a.shape}, receiver {b.shape}; they must be equal: repeat a single"
+            " position for every link"
         )
     if not (tolerance > 0.0 and math.isfinite(tolerance)):
         raise AcousticsError(f"tolerance is {tolerance}; it must be a positive length in metres")
@@ -117,15 +131,25 @@ def find_eigenrays(
         ("max_bottom_bounces", max_bottom_bounces),
     ):
         if number not in range(MAX_BOUNCES + 1):
-            raise AcousticsError(f"{name} is {number!r}; it must be a whole number from 0 to {MAX_BOUNCES}")
+            raise AcousticsError(
+                f"{name} is {number!r}; it must be a whole number from 0 to {MAX_BOUNCES}"
+            )
     cutoff = math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db)
     apart, near = separated(medium, a, b)
     ends = Ends(a, apart, (int(max_surface_bounces), int(max_bottom_bounces)), cutoff)
-    options: dict[str, Any] = {"tolerance": float(tolerance), "canonical": canonical, "device": device}
+    options: dict[str, Any] = {
+        "tolerance": float(tolerance),
+        "canonical": canonical,
+        "device": device,
+    }
     find = _solved if medium.surface.roughness is None else _under_rough_surface
     arrivals = find(medium, ends, threads=threads, progress=progress, **options)
     arrivals = with_direct_rays(arrivals, a, b, near)
-    own = of_one_instrument(a, b) if cutoff < math.inf and any(ends.bounces) else np.empty(0, dtype=np.intp)
+    own = (
+        of_one_instrument(a, b)
+        if cutoff < math.inf and any(ends.bounces)
+        else np.empty(0, dtype=np.intp)
+    )
     if not own.size:
         return arrivals
     echoes = find_eigenrays(medium, a[own], b[own], *ends.bounces, None, threads=threads, **options)
@@ -159,7 +183,9 @@ def _solved(
         again = solve(domain, None, other, ends[0][unresolved], ends[1][unresolved])
         results = merged(results, unresolved, _collected(again, unresolved.size, None))
     arrivals = _arrivals(without_certificate(results))
-    return arrivals if medium.earth is None else _on_sphere(arrivals, medium.earth, a[:, 2], b[:, 2])
+    return (
+        arrivals if medium.earth is None else _on_sphere(arrivals, medium.earth, a[:, 2], b[:, 2])
+    )
 
 
 def _collected(
@@ -178,7 +204,10 @@ def _collected(
 
 
 def _on_sphere(arrivals: Arrivals, earth: EarthSphere, source: Array, receiver: Array) -> Arrivals:
-    """Arrivals of flattened water at true depths [m]: gradients by the positions in the frame, and true sound speeds."""
+    """
+    Arrivals of flattened water at true depths [m]: gradients by the positions in the frame, and
+    true sound speeds.
+    """
     values: dict[str, Array] = {}
     for end, depth in (("source", source), ("receiver", receiver)):
         stretch = earth.stretch(depth)
@@ -189,17 +218,31 @@ def _on_sphere(arrivals: Arrivals, earth: EarthSphere, source: Array, receiver: 
     return replace(arrivals, **values)
 
 
-def _under_rough_surface(medium: Medium, ends: Ends, *, threads: int | None, **options: Any) -> Arrivals:
-    """Find the eigenrays of links under a rough surface; rays that do not meet the surface are those under its mean depth."""
+def _under_rough_surface(
+    medium: Medium, ends: Ends, *, threads: int | None, **options: Any
+) -> Arrivals:
+    """
+    Find the eigenrays of links under a rough surface; rays that do not meet the surface are those
+    under its mean depth.
+    """
     flat = replace(medium, surface=medium.surface.with_roughness(None))
     if ends.bounces[0] == 0 or not len(ends.source):
-        return find_eigenrays(flat, *ends[:2], *ends.bounces, ends.cutoff_db, threads=threads, **options)
+        return find_eigenrays(
+            flat, *ends[:2], *ends.bounces, ends.cutoff_db, threads=threads, **options
+        )
     flat_bed = bool((medium.bed.depth == medium.bed.depth[0, 0]).all())
     if medium.earth is not None or not (medium.uniform and flat_bed):
         return find_eigenrays(
-            realized(medium, ends), *ends[:2], *ends.bounces, ends.cutoff_db, threads=threads, **options
+            realized(medium, ends),
+            *ends[:2],
+            *ends.bounces,
+            ends.cutoff_db,
+            threads=threads,
+            **options,
         )
-    direct = find_eigenrays(flat, *ends[:2], 0, ends.bounces[1], ends.cutoff_db, threads=threads, **options)
+    direct = find_eigenrays(
+        flat, *ends[:2], 0, ends.bounces[1], ends.cutoff_db, threads=threads, **options
+    )
     return with_rough_rays(medium, ends, direct, solved_backwards(*ends[:2]), threads)
 
 
@@ -211,7 +254,8 @@ def _arrivals(results: Results) -> Arrivals:
     short = int(np.count_nonzero(info[:, layout.COMPLETE] == 0.0))
     if short:
         warnings.warn(
-            f"{short} of {len(info)} links have more eigenrays than are stored; the latest or shallowest are omitted",
+            f"{short} of {len(info)} links have more eigenrays than are stored; the latest or"
+            " shallowest are omitted",
             RuntimeWarning,
             stacklevel=3,
         )
@@ -252,6 +296,8 @@ def _on_cuda(device: str) -> bool:
 
 
 def solved_backwards(source: Array, receiver: Array) -> NDArray[np.bool_]:
-    """True for each link that the solver starts from the receiver: the deeper end (ties: north, east)."""
+    """
+    True for each link that the solver starts from the receiver: the deeper end (ties: north, east).
+    """
     down, north, east = (source[:, k] - receiver[:, k] for k in (2, 0, 1))
     return np.where(down != 0.0, down < 0.0, np.where(north != 0.0, north < 0.0, east < 0.0))

@@ -35,7 +35,8 @@ _LEAST_STEP = 1e-9  # m; between values of an axis; derivatives across smaller s
 @dataclass(frozen=True, eq=False)
 class Medium:
     """
-    Sound speed and bathymetry on a local grid; build it with `from_profile`, `from_grid` or `from_dataset`.
+    Sound speed and bathymetry on a local grid; build it with `from_profile`, `from_grid` or
+    `from_dataset`.
 
     Attributes
     ----------
@@ -74,7 +75,8 @@ class Medium:
 
     def plot(self, ax: Any = None) -> Any:
         """
-        Plot the sound speed of all columns against depth: mean, range from minimum to maximum (shaded), and sea bed.
+        Plot the sound speed of all columns against depth: mean, range from minimum to maximum
+        (shaded), and sea bed.
 
         Parameters
         ----------
@@ -108,20 +110,24 @@ class Medium:
         Parameters
         ----------
         north, east, depth : array_like, shape (n_north,), (n_east,), (n_depth,)
-            Strictly increasing axes. The medium does not vary along a horizontal axis with one point. If the first level is below
-            the surface, levels above it have its sound speed, see `up_to_surface`. [m]
+            Strictly increasing axes. The medium does not vary along a horizontal axis with one
+            point. If the first level is below the surface, levels above it have its sound speed,
+            see `up_to_surface`. [m]
         sound_speed : array_like, shape (n_north, n_east, n_depth)
             [m/s]
         bathymetry : BoundarySurface, float or array_like, shape (n_north, n_east)
-            Depth of the sea bed: one value, or values at the grid points of the sound speed. [m] A `BoundarySurface` has axes of
-            its own, which must extend over those of the sound speed, and may have a reflection.
+            Depth of the sea bed: one value, or values at the grid points of the sound speed. [m] A
+            `BoundarySurface` has axes of its own, which must extend over those of the sound speed,
+            and may have a reflection.
         interpolation : {"smooth", "linear"}
             Interpolation of the sound speed between the grid points.
         ice_draft : BoundarySurface, float or array_like, shape (n_north, n_east)
-            Depth of the underside of an ice cover, which replaces the surface, like ``bathymetry``. [m] The reflection of an
-            open sea surface is that of ``BoundarySurface(0.0, reflection=...)``.
+            Depth of the underside of an ice cover, which replaces the surface, like ``bathymetry``.
+            [m] The reflection of an open sea surface is that of ``BoundarySurface(0.0,
+            reflection=...)``.
         earth : EarthSphere, optional
-            Sphere below the local frame. Rays then run in flattened water, and straight distances through the Earth. Default: flat.
+            Sphere below the local frame. Rays then run in flattened water, and straight distances
+            through the Earth. Default: flat.
 
         Returns
         -------
@@ -130,11 +136,13 @@ class Medium:
         Raises
         ------
         AcousticsError
-            If an axis does not increase, a shape does not fit, sea bed or ice do not cover the water, ice is below the sea
-            bed or above the surface, or a sound speed is not finite or outside 1000 to 2500 m/s.
+            If an axis does not increase, a shape does not fit, sea bed or ice do not cover the
+            water, ice is below the sea bed or above the surface, or a sound speed is not finite or
+            outside 1000 to 2500 m/s.
         """
         n, e, z = (
-            _axis(name, values) for name, values in (("north", north), ("east", east), ("depth", depth))
+            _axis(name, values)
+            for name, values in (("north", north), ("east", east), ("depth", depth))
         )
         bed = as_boundary(bathymetry, n, e, name="bathymetry", error=AcousticsError)
         surface = as_boundary(ice_draft, n, e, name="ice_draft", error=AcousticsError)
@@ -144,10 +152,14 @@ class Medium:
         z, c = up_to_surface(z, c)
         _check_speed(c)
         if interpolation not in ("smooth", "linear"):
-            raise AcousticsError(f"interpolation: {interpolation!r}; allowed are 'smooth' and 'linear'")
+            raise AcousticsError(
+                f"interpolation: {interpolation!r}; allowed are 'smooth' and 'linear'"
+            )
         from pymantaray.acoustics._kernels.field import LUT_SIZE, depth_lut
 
-        levels_z, speed = (z, c) if earth is None else (earth.flattened_depth(z), c * earth.stretch(z))
+        levels_z, speed = (
+            (z, c) if earth is None else (earth.flattened_depth(z), c * earth.stretch(z))
+        )
         knots_n = knots_e = np.array([0.0, 1.0])
         if interpolation == "smooth":
             from pymantaray.geometry.natural_spline import natural_slopes
@@ -170,7 +182,9 @@ class Medium:
         uniform = bool((c == c[0, 0]).all())
         layered = uniform and interpolation == "linear" and bool(bed.depth.max() <= z[-1])
         between = bed, surface, interpolation
-        return cls(n, e, z, c, *between, field, knots_n, knots_e, lut, scale, uniform, layered, earth)
+        return cls(
+            n, e, z, c, *between, field, knots_n, knots_e, lut, scale, uniform, layered, earth
+        )
 
     def __repr__(self) -> str:
         """Size, extents and kind in one line."""
@@ -182,8 +196,9 @@ class Medium:
         ice = f", ice to {self.surface.depth.max():g} m" if self.has_ice else ""
         sphere = "" if self.earth is None else f", sphere of {1e-3 * self.earth.radius:.1f} km"
         return (
-            f"<Medium {n.size} x {e.size} x {d.size}: north {n[0]:g} to {n[-1]:g} m, east {e[0]:g} to {e[-1]:g} m,"
-            f" depth {d[0]:g} to {d[-1]:g} m, {speeds}, {bed}{ice}, {self.interpolation}{sphere}>"
+            f"<Medium {n.size} x {e.size} x {d.size}: north {n[0]:g} to {n[-1]:g} m, east {e[0]:g}"
+            f" to {e[-1]:g} m, depth {d[0]:g} to {d[-1]:g} m, {speeds}, {bed}{ice},"
+            f" {self.interpolation}{sphere}>"
         )
 
     @classmethod
@@ -243,13 +258,15 @@ class Medium:
         Parameters
         ----------
         ocean : xarray.Dataset
-            Geographic ocean from `pymantaray.ocean.open_ocean`, which is regridded around the middle of its window, or local ocean
-            from `pymantaray.ocean.to_local`, or in metres; without a sea floor its levels end there. A variable ``sea_ice_draft``
-            replaces the surface.
+            Geographic ocean from `pymantaray.ocean.open_ocean`, which is regridded around the
+            middle of its window, or local ocean from `pymantaray.ocean.to_local`, or in metres;
+            without a sea floor its levels end there. A variable ``sea_ice_draft`` replaces the
+            surface.
         interpolation : {"smooth", "linear"}
             Interpolation of the sound speed between the grid points.
         earth : {"flat", "sphere"}
-            A plane, or the sphere with the Gaussian radius of curvature at the centre of the local frame.
+            A plane, or the sphere with the Gaussian radius of curvature at the centre of the local
+            frame.
 
         Returns
         -------
@@ -291,7 +308,8 @@ class Medium:
         earth: Earth = "flat",
     ) -> Self:
         """
-        Build the medium of a local grid: the one that `from_dataset` builds of its data set, without the time to make the data set.
+        Build the medium of a local grid: the one that `from_dataset` builds of its data set,
+        without the time to make the data set.
 
         Parameters
         ----------
@@ -321,7 +339,8 @@ class Medium:
         """
         Add products of profiles and horizontal fields to the sound speed.
 
-        Spline coefficients are linear in the sound speed, so only those of the profiles and fields are computed.
+        Spline coefficients are linear in the sound speed, so only those of the profiles and fields
+        are computed.
 
         Parameters
         ----------
@@ -448,7 +467,10 @@ class Medium:
         return {name: value for name, value in vars(self).items() if name != "_domain"}
 
     def domain(self) -> Domain:
-        """Medium in the form of the kernels, with columns of a section every eighth of a cell; all arrays are read-only."""
+        """
+        Medium in the form of the kernels, with columns of a section every eighth of a cell; all
+        arrays are read-only.
+        """
         return self._domain
 
     @cached_property
@@ -504,10 +526,11 @@ def _read_only(value: Any) -> Any:
 
 def up_to_surface(depth: Array, sound_speed: Array) -> tuple[Array, Array]:
     """
-    Extend levels and sound speed (..., n_depth) to the surface with the sound speed of the first level.
+    Extend levels and sound speed (..., n_depth) to the surface with the sound speed of the first
+    level.
 
-    Extrapolation of a spline or line from the first level would continue its slope. The spacing of the added levels, at most 100,
-    is that of the first two, so a spline is flat between them.
+    Extrapolation of a spline or line from the first level would continue its slope. The spacing of
+    the added levels, at most 100, is that of the first two, so a spline is flat between them.
     """
     if not depth[0] > 0.0:
         return depth, sound_speed
@@ -524,7 +547,10 @@ def _parts(count: int, size: int) -> list[slice]:
 
 
 def _product(profiles: Array, fields: Array) -> Array:
-    """Sum over modes of profiles (n, n_depth) times fields (n, n_north, n_east), at the grid points of a medium."""
+    """
+    Sum over modes of profiles (n, n_depth) times fields (n, n_north, n_east), at the grid points of
+    a medium.
+    """
     return np.asarray(np.tensordot(fields, profiles, axes=(0, 0)))
 
 
@@ -532,8 +558,8 @@ def _check_speed(speed: Array) -> None:
     """Raise an error for sound speeds that sea water cannot have."""
     if speed.min() < _SLOWEST or speed.max() > _FASTEST:
         raise AcousticsError(
-            f"sound_speed: {speed.min():g} to {speed.max():g} m/s; it must be {_SLOWEST:g} to {_FASTEST:g} m/s in sea water;"
-            " check the units"
+            f"sound_speed: {speed.min():g} to {speed.max():g} m/s; it must be {_SLOWEST:g} to"
+            f" {_FASTEST:g} m/s in sea water; check the units"
         )
 
 
@@ -543,15 +569,20 @@ def _axis(name: str, values: ArrayLike) -> Array:
     if step.size and step.min() < _LEAST_STEP:
         at = axis[int(np.argmin(step))]
         raise AcousticsError(
-            f"{name}: two values at {at:g} m are {step.min():g} m apart; allowed are {_LEAST_STEP:g} m or more: remove one"
+            f"{name}: two values at {at:g} m are {step.min():g} m apart; allowed are"
+            f" {_LEAST_STEP:g} m or more: remove one"
         )
     return axis
 
 
 def _check_ice(surface: BoundarySurface, bed: BoundarySurface) -> None:
-    """Raise an error for ice above depth 0 or, at a grid point of either boundary, below the sea bed."""
+    """
+    Raise an error for ice above depth 0 or, at a grid point of either boundary, below the sea bed.
+    """
     if surface.depth.min() < 0.0:
-        raise AcousticsError(f"ice_draft: {surface.depth.min():g} m; it must be 0 m or more, positive down")
+        raise AcousticsError(
+            f"ice_draft: {surface.depth.min():g} m; it must be 0 m or more, positive down"
+        )
     if not surface.depth.any():
         return
     for nodes in (surface.nodes, bed.nodes):
@@ -573,15 +604,18 @@ def ice_of(ocean: xr.Dataset) -> BoundarySurface | float:
 
 
 def _sphere_at(latitude_deg: float | None, earth: Earth) -> EarthSphere | None:
-    """Sphere at the centre of a local frame, None for a flat Earth; the latitude is None if the frame has no place."""
+    """
+    Sphere at the centre of a local frame, None for a flat Earth; the latitude is None if the frame
+    has no place.
+    """
     if earth == "flat":
         return None
     if earth != "sphere":
         raise AcousticsError(f"earth: {earth!r}; allowed are 'flat' and 'sphere'")
     if latitude_deg is None:
         raise AcousticsError(
-            "earth is 'sphere', but the water has no geographic position; give its latitude and longitude as `centre`, or use a"
-            " flat Earth"
+            "earth is 'sphere', but the water has no geographic position; give its latitude and"
+            " longitude as `centre`, or use a flat Earth"
         )
     return EarthSphere.at_latitude(latitude_deg)
 

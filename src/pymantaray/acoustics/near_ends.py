@@ -1,9 +1,11 @@
 """
-Links whose ends coincide or nearly do, such as those of echo sounders: direct rays in closed form, reflected rays by the solver.
+Links whose ends coincide or nearly do, such as those of echo sounders: direct rays in closed form,
+reflected rays by the solver.
 
-The solver needs a direction from source to receiver and divides by their distance. Such links are solved with ends that are a
-micrometre apart, which changes the travel time of a reflected ray by less than a nanosecond. The direct ray between the true ends
-is straight. The cut-off compares rays with spherical spreading over the distance of the ends. Within one instrument this says nothing
+The solver needs a direction from source to receiver and divides by their distance. Such links are
+solved with ends that are a micrometre apart, which changes the travel time of a reflected ray by
+less than a nanosecond. The direct ray between the true ends is straight. The cut-off compares rays
+with spherical spreading over the distance of the ends. Within one instrument this says nothing
 about an echo, so links shorter than `SHORT_LINK` keep all of theirs.
 """
 
@@ -18,7 +20,9 @@ from pymantaray.arrays import Array, Mask
 from pymantaray.records import Arrivals, RayStatus
 
 NEAR = 1e-6
-"""Distance of the ends that the solver gets, to which the spreading of reflected rays refers. [m]"""
+"""
+Distance of the ends that the solver gets, to which the spreading of reflected rays refers. [m]
+"""
 _DIRECT_TIME = 1e-8  # s; direct rays of the moved ends are shorter
 
 
@@ -28,7 +32,10 @@ def nearly_coincident(source: Array, receiver: Array) -> Mask:
 
 
 def separated(medium: Medium, source: Array, receiver: Array) -> tuple[Array, Mask]:
-    """Receivers (n, 3) for the solver, those that coincide with their source moved north or south, and which links have these."""
+    """
+    Receivers (n, 3) for the solver, those that coincide with their source moved north or south, and
+    which links have these.
+    """
     near = nearly_coincident(source, receiver)
     if not near.any():
         return receiver, near
@@ -46,7 +53,10 @@ def _steps(source: Array) -> Array:
 
 
 def with_direct_rays(arrivals: Arrivals, source: Array, receiver: Array, near: Mask) -> Arrivals:
-    """Arrivals of links whose receivers were moved, with the direct rays between the true ends as the first of these links."""
+    """
+    Arrivals of links whose receivers were moved, with the direct rays between the true ends as the
+    first of these links.
+    """
     if not near.any():
         return arrivals
     direct = (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
@@ -64,17 +74,22 @@ def with_direct_rays(arrivals: Arrivals, source: Array, receiver: Array, near: M
         if column.name in own and len(values) == n_arrivals:
             columns[column.name] = np.concatenate([values[kept], own[column.name]])[order]
     chord, margin, status = (
-        np.array(values) for values in (arrivals.chord_travel_time, arrivals.shadow_margin, arrivals.status)
+        np.array(values)
+        for values in (arrivals.chord_travel_time, arrivals.shadow_margin, arrivals.status)
     )
     chord[links] = own["travel_time"]
     margin[links] = 0.0
     status[links] = RayStatus.OK
-    return replace(arrivals, **columns, chord_travel_time=chord, shadow_margin=margin, status=status)
+    return replace(
+        arrivals, **columns, chord_travel_time=chord, shadow_margin=margin, status=status
+    )
 
 
 def of_one_instrument(source: Array, receiver: Array) -> NDArray[np.intp]:
     """Links whose ends (n, 3) are less than `SHORT_LINK` apart."""
-    near = (np.abs(receiver - source) < SHORT_LINK).all(axis=1)  # first, so that no square overflows
+    near = (np.abs(receiver - source) < SHORT_LINK).all(
+        axis=1
+    )  # first, so that no square overflows
     links = np.flatnonzero(near)
     distance = np.linalg.norm(receiver[links] - source[links], axis=1)
     return np.asarray(links[distance < SHORT_LINK])
@@ -98,7 +113,9 @@ def _direct_rays(arrivals: Arrivals, links: NDArray[np.intp], step: Array) -> di
     with np.errstate(invalid="ignore", divide="ignore"):
         unit = step / largest  # lengths below 1e-154 m have no square
         unit /= np.linalg.norm(unit, axis=1, keepdims=True)
-        length = np.where(largest[:, 0] > 0.0, largest[:, 0] * np.linalg.norm(step / largest, axis=1), 0.0)
+        length = np.where(
+            largest[:, 0] > 0.0, largest[:, 0] * np.linalg.norm(step / largest, axis=1), 0.0
+        )
     speed = arrivals.source_sound_speed[links]
     angle = np.arctan2(unit[:, 2], np.hypot(unit[:, 0], unit[:, 1]))
     none = np.zeros(links.size)

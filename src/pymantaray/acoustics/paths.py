@@ -27,7 +27,8 @@ if TYPE_CHECKING:
 _STEEPEST = 1.5  # rad; maximum launch angle of a ray of a fan
 _FULL_PATHS_PER_THREAD = 4  # paths with the maximum number of nodes in the memory of a thread
 _GAUSS_NODES, _GAUSS_WEIGHTS = (
-    0.5 * (v + shift) for v, shift in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True)
+    0.5 * (v + shift)
+    for v, shift in zip(np.polynomial.legendre.leggauss(4), (1.0, 0.0), strict=True)
 )
 
 
@@ -58,7 +59,8 @@ def trace_paths(
     Returns
     -------
     RayPaths
-        Paths from source to receiver; ``arrival`` is the row of ``arrivals``. A ray between equal positions has one node.
+        Paths from source to receiver; ``arrival`` is the row of ``arrivals``. A ray between equal
+        positions has one node.
 
     Raises
     ------
@@ -71,19 +73,22 @@ def trace_paths(
     b = as_positions("receiver", receiver)
     if not a.shape == b.shape == (arrivals.status.size, 3):
         raise AcousticsError(
-            f"source has shape {a.shape}, receiver {b.shape}; the arrivals are of {arrivals.status.size} links"
+            f"source has shape {a.shape}, receiver {b.shape}; the arrivals are of"
+            f" {arrivals.status.size} links"
         )
     if medium.surface.roughness is not None and np.any(arrivals.surface_bounces):
         raise AcousticsError(
-            "paths of rays under rough ice are not available, only their arrivals; remove the roughness"
-            " (`ice_slope_deg`)"
+            "paths of rays under rough ice are not available, only their arrivals; remove the"
+            " roughness (`ice_slope_deg`)"
         )
     domain = medium.domain()
     apart, near = separated(medium, a, b)
     backwards = solved_backwards(a, apart)[arrivals.link, None]
     flat = (a, apart) if medium.earth is None else medium.earth.flattened_ends(a, apart)
     ends = np.stack(flat, axis=1)[arrivals.link]
-    without_length = near[arrivals.link] & (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
+    without_length = (
+        near[arrivals.link] & (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
+    )
     ends[without_length, 1] = ends[without_length, 0]
     slowness = np.where(backwards, -arrivals.receiver_slowness, arrivals.source_slowness)
     if medium.earth is not None:
@@ -92,7 +97,9 @@ def trace_paths(
     slowness[without_length] = np.nan
     launch = np.concatenate([slowness, backwards], axis=1)
     manner = np.stack(
-        [arrivals.ray_axis, arrivals.surface_bounces, arrivals.bottom_bounces], axis=-1, dtype=np.int64
+        [arrivals.ray_axis, arrivals.surface_bounces, arrivals.bottom_bounces],
+        axis=-1,
+        dtype=np.int64,
     )
     counts = np.zeros(arrivals.link.size, dtype=np.int64)
     own = threading.local()
@@ -117,8 +124,8 @@ def trace_paths(
     if not counts.all():
         broken = np.flatnonzero(counts == 0)
         raise AcousticsError(
-            f"{broken.size} arrivals, first {broken[0]}, have no path, because rays with their launch angles end early;"
-            " compute the arrivals with canonical=True in the same medium"
+            f"{broken.size} arrivals, first {broken[0]}, have no path, because rays with their"
+            " launch angles end early; compute the arrivals with canonical=True in the same medium"
         )
     return _as_paths(table, counts, medium)
 
@@ -156,17 +163,21 @@ def trace_fan(
     Returns
     -------
     RayPaths
-        Paths; ``arrival`` is the number of the ray. Horizontal refraction moves rays out of the plane.
+        Paths; ``arrival`` is the number of the ray. Horizontal refraction moves rays out of the
+        plane.
     """
     from pymantaray.acoustics._kernels.paths import trace_launches
 
     start = as_positions("source", source)
     angles = np.atleast_1d(np.array(launch_angles, dtype=float))
     if start.shape != (1, 3) or angles.ndim != 1:
-        raise AcousticsError(f"source has shape {np.shape(source)}; a fan starts from one position (3,)")
+        raise AcousticsError(
+            f"source has shape {np.shape(source)}; a fan starts from one position (3,)"
+        )
     if not np.all(np.abs(angles) <= _STEEPEST):
         raise AcousticsError(
-            f"launch_angles: up to {np.max(np.abs(angles)):g} rad; they must be within {_STEEPEST} rad of the horizontal"
+            f"launch_angles: up to {np.max(np.abs(angles)):g} rad; they must be within {_STEEPEST}"
+            " rad of the horizontal"
         )
     if not (distance > 0.0 and math.isfinite(distance)):
         raise AcousticsError(f"distance: {distance}; a positive length in metres is needed")
@@ -177,13 +188,16 @@ def trace_fan(
             if axis.size > 1 and not axis[0] <= place[k] <= axis[-1]:
                 end_at, low, high = distinct_digits(place[k], axis[0], axis[-1])
                 raise AcousticsError(
-                    f"fan: {name} {end_at} m is outside the medium, {low} to {high} m; reduce the distance"
+                    f"fan: {name} {end_at} m is outside the medium, {low} to {high} m; reduce the"
+                    " distance"
                 )
     top = medium.surface_depth(start)[0]
     bed = medium.bottom_depth(start)[0]
     if not top <= start[0, 2] <= bed:
         depth, low, high = distinct_digits(start[0, 2], top, bed)
-        raise AcousticsError(f"source: depth {depth} m; the water there reaches from {low} to {high} m")
+        raise AcousticsError(
+            f"source: depth {depth} m; the water there reaches from {low} to {high} m"
+        )
     if medium.earth is not None:
         start[:, 2] = medium.earth.flattened_depth(start[:, 2])
     domain, (work, nodes) = medium.domain(), _room(medium)
@@ -193,7 +207,9 @@ def trace_fan(
     done = 0
     table = [nodes[:0]]
     while done < angles.size:
-        traced = trace_launches(domain, fan, angles[done:], bounces, tolerance, work, (nodes, counts[done:]))
+        traced = trace_launches(
+            domain, fan, angles[done:], bounces, tolerance, work, (nodes, counts[done:])
+        )
         table.append(nodes[: counts[done : done + traced].sum()].copy())
         done += traced
     return _as_paths(np.concatenate(table), counts, medium)
@@ -208,8 +224,16 @@ def _room(medium: Medium) -> tuple[tuple[Array, ...], Array]:
 
 
 def _as_paths(table: Array, counts: NDArray[np.int64], medium: Medium) -> RayPaths:
-    """Paths from a table of nodes; on a spherical Earth, depths are true, but horizontal positions are those of flattened water."""
-    from pymantaray.acoustics._kernels.layout import NODE_BOUNDARY, NODE_POSITION, NODE_SLOWNESS, NODE_TIME
+    """
+    Paths from a table of nodes; on a spherical Earth, depths are true, but horizontal positions are
+    those of flattened water.
+    """
+    from pymantaray.acoustics._kernels.layout import (
+        NODE_BOUNDARY,
+        NODE_POSITION,
+        NODE_SLOWNESS,
+        NODE_TIME,
+    )
 
     if medium.earth is not None:
         table[:, NODE_POSITION + 2] = medium.earth.true_depth(table[:, NODE_POSITION + 2])
@@ -245,8 +269,8 @@ def quadrature(paths: RayPaths) -> Quadrature:
     Returns
     -------
     Quadrature
-        ``arrival`` (n,), the row of the ray; ``position`` (n, 3) [m]; ``slowness`` (n, 3) along the ray [s/m]; ``weight``
-        (n,), the arc length of each point [m].
+        ``arrival`` (n,), the row of the ray; ``position`` (n, 3) [m]; ``slowness`` (n, 3) along the
+        ray [s/m]; ``weight`` (n,), the arc length of each point [m].
     """
     first = np.flatnonzero((np.diff(paths.arrival) == 0) & (np.diff(paths.travel_time) > 0.0))
     a = first
@@ -256,7 +280,8 @@ def quadrature(paths: RayPaths) -> Quadrature:
     x0 = paths.position[a, None]
     x1 = paths.position[b, None]
     v0, v1 = (
-        p / np.sum(p * p, axis=-1, keepdims=True) for p in (paths.slowness[a, None], paths.slowness[b, None])
+        p / np.sum(p * p, axis=-1, keepdims=True)
+        for p in (paths.slowness[a, None], paths.slowness[b, None])
     )
     position = _hermite(t, h, x0, v0, x1, v1)
     velocity = (
@@ -286,12 +311,17 @@ def resample(paths: RayPaths, n_points: int) -> Array:
             out[i] = paths.position[nodes[0]]
             continue
         times = np.linspace(paths.travel_time[nodes[0]], paths.travel_time[nodes[-1]], n_points)
-        k = np.clip(np.searchsorted(paths.travel_time[nodes], times, side="right") - 1, 0, nodes.size - 2)
+        k = np.clip(
+            np.searchsorted(paths.travel_time[nodes], times, side="right") - 1, 0, nodes.size - 2
+        )
         a = nodes[k]  # the next node, before a reflection
         b = nodes[k] + 1
         h = (paths.travel_time[b] - paths.travel_time[a])[:, None]
         t = (times - paths.travel_time[a])[:, None] / h
-        v0, v1 = (p / np.sum(p * p, axis=-1, keepdims=True) for p in (paths.slowness[a], paths.slowness[b]))
+        v0, v1 = (
+            p / np.sum(p * p, axis=-1, keepdims=True)
+            for p in (paths.slowness[a], paths.slowness[b])
+        )
         out[i] = _hermite(t, h, paths.position[a], v0, paths.position[b], v1)
     return out
 
@@ -334,12 +364,15 @@ def travel_time_sensitivity(paths: RayPaths, basis: Callable[[Array], Array]) ->
 
     Notes
     -----
-    For :math:`c + \epsilon \phi`, :math:`\partial t / \partial \epsilon = -\int \phi / c^2 \, ds` along the
-    unperturbed ray: by Fermat's principle, the displacement of the ray has no first-order effect.
+    For :math:`c + \epsilon \phi`, :math:`\partial t / \partial \epsilon = -\int \phi / c^2 \, ds`
+    along the unperturbed ray: by Fermat's principle, the displacement of the ray has no first-order
+    effect.
     """
     points = quadrature(paths)
     squared = np.sum(points.slowness**2, axis=-1)
-    return -_gather(paths, points, _values(basis, points.position) * (points.weight * squared)[:, None])
+    return -_gather(
+        paths, points, _values(basis, points.position) * (points.weight * squared)[:, None]
+    )
 
 
 def ray_picture(
@@ -365,8 +398,8 @@ def ray_picture(
     source, receiver : array_like, shape (3,)
         Positions ``(north, east, down)``; the section of equal ones is to the north. [m]
     fan_angles : array_like, shape (n_fan,)
-        Launch angles of the fan, from the horizontal, positive down. Angles that are too steep for `trace_fan` are omitted.
-        [rad]
+        Launch angles of the fan, from the horizontal, positive down. Angles that are too steep for
+        `trace_fan` are omitted. [rad]
     n_range, n_depth, n_points : int
         Numbers of points of the section along range and depth, and of each ray.
     max_surface_bounces, max_bottom_bounces : int
@@ -377,11 +410,12 @@ def ray_picture(
     Returns
     -------
     xarray.Dataset
-        Section ``sound_speed (range, depth)``, ``sea_floor_depth`` and ``sea_ice_draft (range)``; rays ``ray_range``,
-        ``ray_depth (ray, point)`` and, of dimension ray, ``ray_arrives``, ``ray_travel_time`` [s],
-        ``ray_surface_bounces``, ``ray_bottom_bounces`` and ``ray_spreading`` [dB beyond spherical; NaN in the fan];
-        eigenrays come first, by travel time; chord ``chord_range``, ``chord_depth (end)`` and ``chord_travel_time`` [s].
-        All lengths are in metres. The attribute ``status`` is the name of the link's `RayStatus`.
+        Section ``sound_speed (range, depth)``, ``sea_floor_depth`` and ``sea_ice_draft (range)``;
+        rays ``ray_range``, ``ray_depth (ray, point)`` and, of dimension ray, ``ray_arrives``,
+        ``ray_travel_time`` [s], ``ray_surface_bounces``, ``ray_bottom_bounces`` and
+        ``ray_spreading`` [dB beyond spherical; NaN in the fan]; eigenrays come first, by travel
+        time; chord ``chord_range``, ``chord_depth (end)`` and ``chord_travel_time`` [s]. All
+        lengths are in metres. The attribute ``status`` is the name of the link's `RayStatus`.
     """
     import xarray as xr
 
@@ -390,7 +424,9 @@ def ray_picture(
     step = b - a
     horizontal = math.hypot(step[0], step[1])
     unit = step[:2] / horizontal if horizontal > 0.0 else np.array([1.0, 0.0])
-    arrivals = find_eigenrays(medium, a, b, max_surface_bounces, max_bottom_bounces, spreading_cutoff_db)
+    arrivals = find_eigenrays(
+        medium, a, b, max_surface_bounces, max_bottom_bounces, spreading_cutoff_db
+    )
     rays = [trace_paths(medium, a, b, arrivals)]
     fan = np.asarray(fan_angles, dtype=float)
     fan = fan[np.abs(fan) <= _STEEPEST]
@@ -420,14 +456,24 @@ def ray_picture(
 
     variables = {
         **_section(medium, a, unit, horizontal, n_range, n_depth),
-        "ray_range": (("ray", "point"), (paths[..., :2] - a[:2]) @ unit, "m", "range along the ray"),
+        "ray_range": (
+            ("ray", "point"),
+            (paths[..., :2] - a[:2]) @ unit,
+            "m",
+            "range along the ray",
+        ),
         "ray_depth": (("ray", "point"), paths[..., 2], "m", "depth along the ray"),
         "ray_arrives": ("ray", arrives.astype(np.int8), "1", "whether the ray is an eigenray"),
         "ray_travel_time": ("ray", last, "s", "travel time to the ray's end"),
         "ray_surface_bounces": ("ray", surface.astype(np.int16), "1", "reflections at the surface"),
         "ray_bottom_bounces": ("ray", bottom.astype(np.int16), "1", "reflections at the sea bed"),
         "ray_spreading": ("ray", spreading, "1", "geometric spreading beyond spherical, in dB"),
-        "chord_travel_time": ((), arrivals.chord_travel_time[0], "s", "travel time along the chord"),
+        "chord_travel_time": (
+            (),
+            arrivals.chord_travel_time[0],
+            "s",
+            "travel time along the chord",
+        ),
         "chord_range": ("end", [0.0, horizontal], "m", "range of the ends"),
         "chord_depth": ("end", [a[2], b[2]], "m", "depth of the ends"),
     }
@@ -444,7 +490,10 @@ def ray_picture(
 def _section(
     medium: Medium, start: Array, unit: Array, horizontal: float, n_range: int, n_depth: int
 ) -> dict[str, tuple[str | tuple[str, ...], Array, str, str]]:
-    """Water, sea bed and ice from a position along a horizontal direction: dimensions, values, unit and description of each."""
+    """
+    Water, sea bed and ice from a position along a horizontal direction: dimensions, values, unit
+    and description of each.
+    """
     from pymantaray.acoustics._kernels.paths import section_grid
 
     domain, (work, _) = medium.domain(), _room(medium)
@@ -472,12 +521,17 @@ def _per_ray(values: NDArray[Any], paths: RayPaths, reduce: np.ufunc) -> NDArray
     """One value per ray from the values of its nodes."""
     starts = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
     return np.asarray(
-        reduce.reduceat(values, starts, dtype=np.result_type(values, np.int64)) if starts.size else starts
+        reduce.reduceat(values, starts, dtype=np.result_type(values, np.int64))
+        if starts.size
+        else starts
     )
 
 
 def _hermite(t: Array, h: Array, x0: Array, v0: Array, x1: Array, v1: Array) -> Array:
-    """Cubic Hermite polynomial at the fraction t of a segment of duration h, from positions and velocities at its ends."""
+    """
+    Cubic Hermite polynomial at the fraction t of a segment of duration h, from positions and
+    velocities at its ends.
+    """
     return np.asarray(
         (1.0 - 3.0 * t**2 + 2.0 * t**3) * x0
         + (t - 2.0 * t**2 + t**3) * h * v0
@@ -490,7 +544,8 @@ def _values(function: Callable[[Array], Array], position: Array) -> Array:
     values = np.asarray(function(position), dtype=float)
     if values.shape[:1] != position.shape[:1] or values.ndim > 2:
         raise AcousticsError(
-            f"integrand returned shape {values.shape} for positions {position.shape}; it must return ({position.shape[0]}, k)"
+            f"integrand returned shape {values.shape} for positions {position.shape}; it must"
+            f" return ({position.shape[0]}, k)"
         )
     return values if values.ndim == 2 else values[:, None]
 

@@ -18,7 +18,8 @@ _KM = 1e3  # m
 
 def plot_medium(medium: "Medium", ax: Axes | None = None) -> Axes:
     """
-    Plot the sound speed in the columns of a medium against depth: mean, and range from minimum to maximum shaded.
+    Plot the sound speed in the columns of a medium against depth: mean, and range from minimum to
+    maximum shaded.
 
     Parameters
     ----------
@@ -34,7 +35,12 @@ def plot_medium(medium: "Medium", ax: Axes | None = None) -> Axes:
     axes = axes_or_new(ax)
     speed = medium.sound_speed.reshape(-1, medium.depth.size)
     axes.fill_betweenx(
-        medium.depth, speed.min(axis=0), speed.max(axis=0), color=style.BLUE, alpha=0.22, linewidth=0.0
+        medium.depth,
+        speed.min(axis=0),
+        speed.max(axis=0),
+        color=style.BLUE,
+        alpha=0.22,
+        linewidth=0.0,
     )
     axes.plot(speed.mean(axis=0), medium.depth, color=style.BLUE)
     bed = float(medium.bed.depth.min()), float(medium.bed.depth.max())
@@ -48,7 +54,8 @@ def plot_medium(medium: "Medium", ax: Axes | None = None) -> Axes:
 
 def plot_rays(paths: "RayPaths", ax: Axes | None = None) -> Axes:
     """
-    Plot the depth of rays over the horizontal distance from their first node, with line styles by reflection.
+    Plot the depth of rays over the horizontal distance from their first node, with line styles by
+    reflection.
 
     Parameters
     ----------

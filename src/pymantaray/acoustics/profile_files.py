@@ -17,19 +17,22 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
     """
     Write a profile of sound speed as Kongsberg's ``.asvp``, which SIS and Sound Speed Manager read.
 
-    Depths have a resolution of 1 cm, and sound speeds of 1 cm/s. The format ends at 12,000 m, where the last sound speed is repeated.
+    Depths have a resolution of 1 cm, and sound speeds of 1 cm/s. The format ends at 12,000 m, where
+    the last sound speed is repeated.
 
     Parameters
     ----------
     path : str or pathlib.Path
         New or existing file, which is replaced; its folder must exist.
     profile : Profile
-        Profile with position (`Profile.place`) and time (`Profile.time`), which the format requires.
+        Profile with position (`Profile.place`) and time (`Profile.time`), which the format
+        requires.
 
     Raises
     ------
     AcousticsError
-        If the position or the time is unknown, two levels differ by less than 1 cm, or there are more than 1000 levels.
+        If the position or the time is unknown, two levels differ by less than 1 cm, or there are
+        more than 1000 levels.
     """
     lat, lon = _profile_position(path, profile)
     if np.isnat(profile.time):
@@ -48,11 +51,13 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
         speed = np.append(speed, speed[-1])
     if depth.size > _MAX_LEVELS:
         raise AcousticsError(
-            f"{path}: {depth.size} levels; echo sounders accept at most {_MAX_LEVELS}; thin it first with `thin_profile`"
+            f"{path}: {depth.size} levels; echo sounders accept at most {_MAX_LEVELS}; thin it"
+            " first with `thin_profile`"
         )
     stamp = profile.time.astype("datetime64[s]").item()
     head = (
-        f"( SoundVelocity  1.0 0 {stamp:%Y%m%d%H%M} {lat:.8f} {lon:.8f} -1 0 0 MantaRay P {depth.size:04d} )"
+        f"( SoundVelocity  1.0 0 {stamp:%Y%m%d%H%M} {lat:.8f} {lon:.8f} -1 0 0 MantaRay P"
+        f" {depth.size:04d} )"
     )
     with whole_file(path) as file:
         lines = (f"{z:.2f} {c:.2f}" for z, c in zip(depth.tolist(), speed.tolist(), strict=True))
@@ -61,7 +66,8 @@ def write_asvp(path: str | Path, profile: Profile) -> None:
 
 def write_profiles(path: str | Path, profiles: Sequence[Profile]) -> None:
     """
-    Write profiles as a CF data set (incomplete multidimensional arrays) that `read_profiles` and `read_casts` can read.
+    Write profiles as a CF data set (incomplete multidimensional arrays) that `read_profiles` and
+    `read_casts` can read.
 
     Parameters
     ----------
@@ -100,10 +106,14 @@ def write_profiles(path: str | Path, profiles: Sequence[Profile]) -> None:
         data[name] = ("profile", "z"), padded, {"standard_name": standard, "units": unit}
     data["depth"].attrs |= {"positive": "down", "axis": "Z"}
     places = np.array([_profile_position(path, p) for p in profiles])
-    for k, (name, unit) in enumerate({"latitude": "degrees_north", "longitude": "degrees_east"}.items()):
+    for k, (name, unit) in enumerate(
+        {"latitude": "degrees_north", "longitude": "degrees_east"}.items()
+    ):
         data[name] = "profile", places[:, k], {"standard_name": name, "units": unit}
     since = np.datetime64("1970-01-01", "ns")
-    seconds = [np.nan if np.isnat(p.time) else (p.time - since) / np.timedelta64(1, "s") for p in profiles]
+    seconds = [
+        np.nan if np.isnat(p.time) else (p.time - since) / np.timedelta64(1, "s") for p in profiles
+    ]
     attrs = {"standard_name": "time", "units": "seconds since 1970-01-01", "calendar": "standard"}
     data["time"] = "profile", np.array(seconds, dtype=float), attrs
     write_netcdf(data.set_coords(["time", "latitude", "longitude", "depth"]), Path(path))
@@ -113,6 +123,7 @@ def _profile_position(path: str | Path, profile: Profile) -> tuple[float, float]
     if profile.place is None:
         reason = next((f" ({note})" for note in profile.notes if note.startswith("position ")), "")
         raise AcousticsError(
-            f"{path}: the position of {profile.name} is unknown{reason}; give latitude and longitude"
+            f"{path}: the position of {profile.name} is unknown{reason}; give latitude and"
+            " longitude"
         )
     return profile.place

@@ -39,7 +39,10 @@ NamedT = TypeVar("NamedT", bound=Named)
 
 
 class Profile(NamedTuple):
-    """Levels [m], sound speed [m/s], and the latitude and longitude that TEOS-10 used, if any [degrees]."""
+    """
+    Levels [m], sound speed [m/s], and the latitude and longitude that TEOS-10 used, if any
+    [degrees].
+    """
 
     depth: Array
     sound_speed: Array
@@ -49,7 +52,10 @@ class Profile(NamedTuple):
     time: np.datetime64
     """UTC; NaT if unknown."""
     water: tuple[Array, Array] | None
-    """In-situ temperature [degC] and practical salinity of all levels; None if the table lacks one of them."""
+    """
+    In-situ temperature [degC] and practical salinity of all levels; None if the table lacks one of
+    them.
+    """
     notes: tuple[str, ...]
     """Doubts about the profile."""
     place: tuple[float, float] | None = None
@@ -58,7 +64,10 @@ class Profile(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ReducedProfile:
-    """Profile with fewer levels than its raw cast, and the change of its sound speed at the levels of the cast."""
+    """
+    Profile with fewer levels than its raw cast, and the change of its sound speed at the levels of
+    the cast.
+    """
 
     depth: Array  # m
     sound_speed: Array  # m/s
@@ -73,10 +82,14 @@ class ReducedProfile:
         return f"<ReducedProfile {self}>"
 
     def __str__(self) -> str:
-        how = f"within {self.parameter:g} m/s" if self.method == "thinned" else f"over {self.parameter:g} m"
+        how = (
+            f"within {self.parameter:g} m/s"
+            if self.method == "thinned"
+            else f"over {self.parameter:g} m"
+        )
         return (
-            f"{self.raw_levels} levels {self.method} {how} to {self.depth.size}, sound speed changed by"
-            f" {self.rms_change:.2g} m/s rms, {self.greatest_change:.2g} m/s at most"
+            f"{self.raw_levels} levels {self.method} {how} to {self.depth.size}, sound speed"
+            f" changed by {self.rms_change:.2g} m/s rms, {self.greatest_change:.2g} m/s at most"
         )
 
 
@@ -89,13 +102,16 @@ def read_profile(
     Parameters
     ----------
     path : str or Path
-        File with one cast in a format of `pymantaray.ocean.read_cast`; a file with sound speed alone, such as a Kongsberg
-        ``.asvp``; or a CSV file with ``depth`` or ``pressure``, and ``sound_speed`` or in-situ ``temperature`` and practical
-        ``salinity``. Names of columns may end in their units, as in ``depth_m``.
+        File with one cast in a format of `pymantaray.ocean.read_cast`; a file with sound speed
+        alone, such as a Kongsberg ``.asvp``; or a CSV file with ``depth`` or ``pressure``, and
+        ``sound_speed`` or in-situ ``temperature`` and practical ``salinity``. Names of columns may
+        end in their units, as in ``depth_m``.
     place : tuple of float, optional
-        Latitude and longitude. Default: from the file, or from a comment line with ``lat ...`` and ``lon ...``. [degrees]
+        Latitude and longitude. Default: from the file, or from a comment line with ``lat ...`` and
+        ``lon ...``. [degrees]
     repair_freezing : bool
-        True to raise the salinity of water below its freezing point to the freezing line, where it gives the sound speed.
+        True to raise the salinity of water below its freezing point to the freezing line, where it
+        gives the sound speed.
 
     Returns
     -------
@@ -105,16 +121,20 @@ def read_profile(
     Raises
     ------
     AcousticsError
-        If the file contains several casts, lacks a column, or its depth does not increase; the message gives the line.
+        If the file contains several casts, lacks a column, or its depth does not increase; the
+        message gives the line.
     """
-    return only_one(path, read_profiles(path, place, repair_freezing=repair_freezing), AcousticsError)
+    return only_one(
+        path, read_profiles(path, place, repair_freezing=repair_freezing), AcousticsError
+    )
 
 
 def only_one(source: object, casts: Sequence[NamedT], error: type[MantaRayError]) -> NamedT:
     """Return the only cast of a source; several raise an error that names them."""
     if len(casts) > 1:
         raise error(
-            f"{source}: contains {len(casts)} casts ({names_of(casts)}); only one is allowed; keep one"
+            f"{source}: contains {len(casts)} casts ({names_of(casts)}); only one is allowed; keep"
+            " one"
         )
     return casts[0]
 
@@ -146,7 +166,8 @@ def read_profiles(
 
     if place is not None and not is_position(*place):
         raise AcousticsError(
-            f"{path}: position {place[0]:g} {place[1]:g}; latitude must be -90 to 90 and longitude -360 to 360 degrees"
+            f"{path}: position {place[0]:g} {place[1]:g}; latitude must be -90 to 90 and longitude"
+            " -360 to 360 degrees"
         )
     try:
         if is_cast_folder(path):
@@ -165,7 +186,9 @@ def read_profiles(
     return [profile._replace(notes=(*profile.notes, *notes)) for profile in profiles]
 
 
-def _profile(table: CastTable, name: str, position: tuple[float, float] | None, repair: bool) -> Profile:
+def _profile(
+    table: CastTable, name: str, position: tuple[float, float] | None, repair: bool
+) -> Profile:
     import gsw
 
     from pymantaray.ocean.casts import cast_place, cast_position, cast_time
@@ -181,8 +204,8 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
     if not all(there.values()):
         lacks = ", ".join(name for name, present in there.items() if not present)
         raise AcousticsError(
-            f"{table.path}: no column {lacks}; {table.listing}; pressure can replace depth, and temperature with"
-            " salinity can replace sound_speed"
+            f"{table.path}: no column {lacks}; {table.listing}; pressure can replace depth, and"
+            " temperature with salinity can replace sound_speed"
         )
     used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
     level, *values = (table.values(name, complete=True) for name in used)
@@ -190,8 +213,8 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
     if falls.size:
         i = falls[0] + 1
         raise AcousticsError(
-            f"{table.path}, line {table.lines[i]}: {table.name(vertical)} is {level[i]:g} after {level[i - 1]:g}; it must"
-            " increase"
+            f"{table.path}, line {table.lines[i]}: {table.name(vertical)} is {level[i]:g} after"
+            f" {level[i - 1]:g}; it must increase"
         )
     if level[0] < 0.0:
         raise AcousticsError(
@@ -199,11 +222,14 @@ def _profile(table: CastTable, name: str, position: tuple[float, float] | None, 
         )
     if level[-1] > DEEPEST:
         raise AcousticsError(
-            f"{table.path}: {table.name(vertical)} is up to {level[-1]:g}; allowed: at most {DEEPEST:g}"
+            f"{table.path}: {table.name(vertical)} is up to {level[-1]:g}; allowed: at most"
+            f" {DEEPEST:g}"
         )
     computed = not has_speed or vertical == "pressure"
     lat, lon = (
-        _cast_position(table, position) if computed else position or cast_place(table) or (np.nan, np.nan)
+        _cast_position(table, position)
+        if computed
+        else position or cast_place(table) or (np.nan, np.nan)
     )
     depth = level if vertical == "depth" else np.asarray(-gsw.z_from_p(level, lat), dtype=float)
     water = (table.values("temperature"), table.values("salinity")) if has_water else None
@@ -230,22 +256,33 @@ def _of_cast(cast: Cast) -> Profile:
     """Profile of a cast with computed sound speed."""
     place = (cast.lat, cast.lon)
     water = (cast.temperature, cast.salinity)
-    return Profile(cast.depth, cast.sound_speed(), place, cast.name, cast.time, water, cast.notes, place)
+    return Profile(
+        cast.depth, cast.sound_speed(), place, cast.name, cast.time, water, cast.notes, place
+    )
 
 
-def _raw_profile(table: CastTable, name: str, position: tuple[float, float] | None, repair: bool) -> Profile:
-    """Profile of an instrument's file or a data set: complete, plausible rows of the downcast, with its own sound speed if it has one."""
+def _raw_profile(
+    table: CastTable, name: str, position: tuple[float, float] | None, repair: bool
+) -> Profile:
+    """
+    Profile of an instrument's file or a data set: complete, plausible rows of the downcast, with
+    its own sound speed if it has one.
+    """
     from pymantaray.ocean.cast import usable_rows
     from pymantaray.ocean.casts import cast_depth, cast_of_table, cast_place, cast_time
 
     if not table.has("sound_speed"):
         cast = cast_of_table(table, name, _cast_position(table, position), None)
         return _of_cast(cast.with_repaired_salinity() if repair else cast)
-    place = (position or cast_place(table)) if table.has("depth") else _cast_position(table, position)
+    place = (
+        (position or cast_place(table)) if table.has("depth") else _cast_position(table, position)
+    )
     depth, depth_notes = cast_depth(table, None if place is None else place[0])
     notes = [*table.notes, *depth_notes]
     speed = table.values("sound_speed")
-    rows, notes, _ = usable_rows(depth, [(speed, _POSSIBLE_SPEEDS)], notes=notes, where=str(table.path))
+    rows, notes, _ = usable_rows(
+        depth, [(speed, _POSSIBLE_SPEEDS)], notes=notes, where=str(table.path)
+    )
     water = None
     if table.has("temperature", "salinity"):
         t, s = (table.values(quantity)[rows] for quantity in ("temperature", "salinity"))
@@ -256,7 +293,10 @@ def _raw_profile(table: CastTable, name: str, position: tuple[float, float] | No
 
 
 def is_raw_cast(depth: ArrayLike) -> bool:
-    """True if the median distance of levels is below 2 m: a spline through them would follow the instrument's errors."""
+    """
+    True if the median distance of levels is below 2 m: a spline through them would follow the
+    instrument's errors.
+    """
     spacing = np.diff(np.asarray(depth, dtype=float))
     return bool(spacing.size and np.median(spacing) < _RAW_SPACING)
 
@@ -287,36 +327,48 @@ def thin_profile(
 
     Notes
     -----
-    ``linear`` keeps the minimum number of levels: the shortest chain of chords, each within the tolerance of all levels between
-    its ends [1]_. ``smooth`` adds levels where a natural cubic spline differs most until the spline is within the tolerance. It then
-    removes every level that the tolerance does not require. The result has few levels, but not provably the minimum number.
+    ``linear`` keeps the minimum number of levels: the shortest chain of chords, each within the
+    tolerance of all levels between its ends [1]_. ``smooth`` adds levels where a natural cubic
+    spline differs most until the spline is within the tolerance. It then removes every level that
+    the tolerance does not require. The result has few levels, but not provably the minimum number.
 
-    The time t of the fastest path between two positions changes by at most a fraction ``tolerance`` / c of t, because the fastest
-    path in one medium takes at most this much longer in the other. (Two splines may differ by more between the cast's levels than
-    at them.) The fastest path is the earliest arrival, unless it runs along the surface, the sea bed, or a maximum of a ``linear``
+    The time t of the fastest path between two positions changes by at most a fraction ``tolerance``
+    / c of t, because the fastest path in one medium takes at most this much longer in the other.
+    (Two splines may differ by more between the cast's levels than at them.) The fastest path is the
+    earliest arrival, unless it runs along the surface, the sea bed, or a maximum of a ``linear``
     profile, where no ray exists.
 
     References
     ----------
-    .. [1] Imai, H. and Iri, M. (1988), Polygonal approximations of a curve, in Computational Morphology,
+    .. [1] Imai, H. and Iri, M. (1988), Polygonal approximations of a curve, in Computational
+    Morphology,
        71-86; cited from secondary sources, for the shortest path in the graph of admissible chords.
 
     Examples
     --------
     >>> z = np.arange(0.0, 301.0)
-    >>> kept = thin_profile(z, 1450.0 + 0.05 * np.abs(z - 120.0), tolerance=0.01, interpolation="linear")
+    >>> speed = 1450.0 + 0.05 * np.abs(z - 120.0)
+    >>> kept = thin_profile(z, speed, tolerance=0.01, interpolation="linear")
     >>> kept.depth
     array([  0., 120., 300.])
     """
     cast = _checked(depth, sound_speed)
     z, c = up_to_surface(*cast)
     check_number(AcousticsError, "tolerance", tolerance, "m/s", positive=True)
-    rows = _fewest_chords(z, c, tolerance) if interpolation == "linear" else _spline_levels(z, c, tolerance)
+    rows = (
+        _fewest_chords(z, c, tolerance)
+        if interpolation == "linear"
+        else _spline_levels(z, c, tolerance)
+    )
     return _record(*cast, z[rows], c[rows], "thinned", tolerance, interpolation)
 
 
 def smooth_profile(
-    depth: ArrayLike, sound_speed: ArrayLike, *, length: float = 10.0, interpolation: Interpolation = "smooth"
+    depth: ArrayLike,
+    sound_speed: ArrayLike,
+    *,
+    length: float = 10.0,
+    interpolation: Interpolation = "smooth",
 ) -> ReducedProfile:
     """
     Average a cast over a length, on equally spaced levels at half this length.
@@ -338,13 +390,14 @@ def smooth_profile(
     Raises
     ------
     AcousticsError
-        If the levels do not increase, a value is not finite, or the length is less than the largest gap between levels or more
-        than half the depth of the cast.
+        If the levels do not increase, a value is not finite, or the length is less than the largest
+        gap between levels or more than half the depth of the cast.
 
     Notes
     -----
-    The value at each level is that of a straight line, fitted with Gaussian weights times the depth interval of each level of the
-    cast. The average preserves a constant gradient exactly, also at the ends.
+    The value at each level is that of a straight line, fitted with Gaussian weights times the depth
+    interval of each level of the cast. The average preserves a constant gradient exactly, also at
+    the ends.
     """
     cast = _checked(depth, sound_speed)
     z, c = up_to_surface(*cast)
@@ -353,7 +406,8 @@ def smooth_profile(
     if not gap <= length <= 0.5 * extent:
         own, least, most = distinct_digits(length, gap, 0.5 * extent)
         raise AcousticsError(
-            f"length: {own} m; the cast allows {least} m, its widest gap, to {most} m, half its depth"
+            f"length: {own} m; the cast allows {least} m, its widest gap, to {most} m, half its"
+            " depth"
         )
     levels = np.linspace(z[0], z[-1], math.ceil(extent / (0.5 * length)) + 1)
     share = np.gradient(z)
@@ -376,8 +430,8 @@ def _cast_position(table: CastTable, position: tuple[float, float] | None) -> tu
     place = position or cast_place(table)
     if place is None:
         raise AcousticsError(
-            f"{table.path}: computing sound speed or depth needs a position{unread_position(table)}; give --position LAT LON"
-            " (in Python: place)"
+            f"{table.path}: computing sound speed or depth needs a"
+            f" position{unread_position(table)}; give --position LAT LON (in Python: place)"
         )
     return place
 
@@ -422,7 +476,10 @@ def _record(
 
 
 def _fewest_chords(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
-    """Rows of the shortest chain of chords within the tolerance from the first level to the last, by breadth-first search."""
+    """
+    Rows of the shortest chain of chords within the tolerance from the first level to the last, by
+    breadth-first search.
+    """
     n = z.size
     came_from = np.full(n, -1)
     front = [0]

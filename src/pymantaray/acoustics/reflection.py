@@ -1,8 +1,8 @@
 """
 Models of the reflection of sound at the sea bed and at the surface.
 
-A model has a method ``loss_and_phase`` as in `pymantaray.geometry.boundary.Reflection`; a new model changes only this module. The
-theory page on loss has the limits of each model and its sources.
+A model has a method ``loss_and_phase`` as in `pymantaray.geometry.boundary.Reflection`; a new model
+changes only this module. The theory page on loss has the limits of each model and its sources.
 """
 
 from __future__ import annotations
@@ -64,7 +64,9 @@ class _FluidHalfSpace(Reflection):
         """Complex index of refraction, by the sound speed of the water at the boundary [m/s]."""
         raise NotImplementedError
 
-    def coefficient(self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike) -> NDArray[np.complex128]:
+    def coefficient(
+        self, grazing_angle: ArrayLike, *, sound_speed: ArrayLike
+    ) -> NDArray[np.complex128]:
         """
         Return Rayleigh's reflection coefficient of plane waves, see `rayleigh_coefficient`.
 
@@ -86,7 +88,9 @@ class _FluidHalfSpace(Reflection):
     def loss_and_phase(
         self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike
     ) -> tuple[Array, Array]:
-        """Loss [dB] and phase [rad] of each reflection; parameters as in `Reflection.loss_and_phase`."""
+        """
+        Loss [dB] and phase [rad] of each reflection; parameters as in `Reflection.loss_and_phase`.
+        """
         del frequency_hz
         r = self.coefficient(grazing_angle, sound_speed=sound_speed)
         with np.errstate(divide="ignore"):  # there is no reflection at the angle of intromission
@@ -96,7 +100,9 @@ class _FluidHalfSpace(Reflection):
 class _Scattering(Reflection):
     """Reflection at the surface, with phase pi and a loss."""
 
-    def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:
+    def loss_db(
+        self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike
+    ) -> Array:
         """
         Loss of each reflection.
 
@@ -119,7 +125,9 @@ class _Scattering(Reflection):
     def loss_and_phase(
         self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike
     ) -> tuple[Array, Array]:
-        """Loss [dB] and phase [rad] of each reflection; parameters as in `Reflection.loss_and_phase`."""
+        """
+        Loss [dB] and phase [rad] of each reflection; parameters as in `Reflection.loss_and_phase`.
+        """
         loss = self.loss_db(grazing_angle, frequency_hz, sound_speed=sound_speed)
         return loss, np.full(np.shape(loss), np.pi)
 
@@ -163,7 +171,8 @@ class FluidBottom(_FluidHalfSpace):
 
         Notes
         -----
-        The model neglects shear waves, which are slow in these sediments (50 to 600 m/s). Rock is missing because it is not a fluid.
+        The model neglects shear waves, which are slow in these sediments (50 to 600 m/s). Rock is
+        missing because it is not a fluid.
         """
         if name not in _SEDIMENTS:
             raise AcousticsError(f"sediment {name!r} is unknown; allowed: {', '.join(_SEDIMENTS)}")
@@ -177,7 +186,9 @@ class FluidBottom(_FluidHalfSpace):
     def _index(self, sound_speed: Array) -> NDArray[np.complex128]:
         """Complex index of refraction, by the sound speed of the water at the boundary [m/s]."""
         loss_tangent = math.log(10.0) * self.attenuation_db_per_wavelength / (40.0 * math.pi)
-        return np.asarray(sound_speed / self.sound_speed * (1.0 + 1j * loss_tangent), dtype=np.complex128)
+        return np.asarray(
+            sound_speed / self.sound_speed * (1.0 + 1j * loss_tangent), dtype=np.complex128
+        )
 
 
 @dataclass(frozen=True)
@@ -190,7 +201,8 @@ class SeaSurface(_Scattering):
     wind_speed : float
         Wind speed at 10 m. [m/s]
     model : {"bubbles", "coherent"}
-        Loss: the energy that bubbles absorb, or all energy that is not reflected specularly and in phase.
+        Loss: the energy that bubbles absorb, or all energy that is not reflected specularly and in
+        phase.
     """
 
     wind_speed: float
@@ -199,9 +211,13 @@ class SeaSurface(_Scattering):
     def __post_init__(self) -> None:
         check_fields(AcousticsError, self, "m/s", "wind_speed")
         if self.model not in ("bubbles", "coherent"):
-            raise AcousticsError(f"SeaSurface: model {self.model!r}; allowed: 'bubbles' and 'coherent'")
+            raise AcousticsError(
+                f"SeaSurface: model {self.model!r}; allowed: 'bubbles' and 'coherent'"
+            )
 
-    def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:
+    def loss_db(
+        self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike
+    ) -> Array:
         """Loss of each reflection [dB]; parameters as in `loss_and_phase`."""
         if self.model == "bubbles":
             return bubble_loss_db(grazing_angle, frequency_hz, wind_speed=self.wind_speed)
@@ -218,14 +234,17 @@ class IceCover(_Scattering):
     Parameters
     ----------
     db_per_bounce : float
-        Loss per reflection. Measured values are about 20 dB at steep angles, less beyond 30 degrees from the vertical [1]_, and
-        occasionally 15 dB at grazing angles up to 30 degrees under undulating ice [2]_. [dB]
+        Loss per reflection. Measured values are about 20 dB at steep angles, less beyond 30 degrees
+        from the vertical [1]_, and occasionally 15 dB at grazing angles up to 30 degrees under
+        undulating ice [2]_. [dB]
 
     References
     ----------
-    .. [1] Langleben, M. P. and Pounder, E. R. (1970), Acoustic attenuation in sea ice, part II, AD0707059, abstract:
+    .. [1] Langleben, M. P. and Pounder, E. R. (1970), Acoustic attenuation in sea ice, part II,
+    AD0707059, abstract:
        amplitude reflection coefficient about 0.1 near the vertical, 20 to 450 kHz.
-    .. [2] Verrall, R. and Ganton, J. (1977), The reflection of acoustic waves in sea water from an ice covered surface,
+    .. [2] Verrall, R. and Ganton, J. (1977), The reflection of acoustic waves in sea water from an
+    ice covered surface,
        ADA047298, abstract: reflectivities of -15 dB not uncommon, 0.2 to 20 kHz.
     """
 
@@ -234,7 +253,13 @@ class IceCover(_Scattering):
     def __post_init__(self) -> None:
         check_fields(AcousticsError, self, "dB", "db_per_bounce")
 
-    def loss_db(self, grazing_angle: ArrayLike, frequency_hz: float, *, sound_speed: ArrayLike) -> Array:  # noqa: ARG002
+    def loss_db(
+        self,
+        grazing_angle: ArrayLike,
+        frequency_hz: float,  # noqa: ARG002
+        *,
+        sound_speed: ArrayLike,  # noqa: ARG002
+    ) -> Array:
         """Loss of each reflection [dB], which is constant; parameters as in `loss_and_phase`."""
         return np.full(np.shape(grazing_angle), self.db_per_bounce)
 
@@ -242,10 +267,12 @@ class IceCover(_Scattering):
 @dataclass(frozen=True)
 class GrainSizeBottom(_FluidHalfSpace):
     """
-    Sea bed as a fluid half-space with the properties of a sediment of a mean grain size, for 10 to 100 kHz.
+    Sea bed as a fluid half-space with the properties of a sediment of a mean grain size, for 10 to
+    100 kHz.
 
-    The handbook of APL-UW [1]_ gives density, sound speed and loss of the upper decimetres relative to the water above, by
-    equations 2 to 5. Its beds are softer than those of `FluidBottom.standard`, which are for lower frequencies.
+    The handbook of APL-UW [1]_ gives density, sound speed and loss of the upper decimetres relative
+    to the water above, by equations 2 to 5. Its beds are softer than those of
+    `FluidBottom.standard`, which are for lower frequencies.
 
     Parameters
     ----------
@@ -254,7 +281,8 @@ class GrainSizeBottom(_FluidHalfSpace):
 
     References
     ----------
-    .. [1] Applied Physics Laboratory, University of Washington (1994), APL-UW High-Frequency Ocean Environmental Acoustic
+    .. [1] Applied Physics Laboratory, University of Washington (1994), APL-UW High-Frequency Ocean
+    Environmental Acoustic
        Models Handbook, TR 9407, section IV.
     """
 
@@ -299,7 +327,10 @@ class GrainSizeBottom(_FluidHalfSpace):
 
     @property
     def loss_tangent(self) -> float:
-        """Imaginary over real part of the wavenumber, in water of the handbook's 1.528 m/ms (equation 4)."""
+        """
+        Imaginary over real part of the wavenumber, in water of the handbook's 1.528 m/ms (equation
+        4).
+        """
         per_wavelength = self.attenuation_db_per_m_khz * self.sound_speed_ratio * 1.528  # dB
         return per_wavelength * math.log(10.0) / (40.0 * math.pi)
 
@@ -308,7 +339,9 @@ class GrainSizeBottom(_FluidHalfSpace):
 
     def _index(self, sound_speed: Array) -> NDArray[np.complex128]:
         """Complex index of refraction, the same at each sound speed of the water."""
-        return np.full(np.shape(sound_speed), (1.0 + 1j * self.loss_tangent) / self.sound_speed_ratio)
+        return np.full(
+            np.shape(sound_speed), (1.0 + 1j * self.loss_tangent) / self.sound_speed_ratio
+        )
 
 
 _GRAIN_SIZES = {  # phi units
@@ -335,7 +368,10 @@ def bed_reflection(sediment: Sediment) -> Reflection | None:
 
 
 def sediment_source(sediment: Sediment) -> str | None:
-    """Key of the reference for the properties of a sediment, as in a study's list; None if it has none."""
+    """
+    Key of the reference for the properties of a sediment, as in a study's list; None if it has
+    none.
+    """
     if sediment in _GRAIN_SIZES:
         return "apl-uw1994"
     return None if sediment == "none" else "jensen"
@@ -352,16 +388,19 @@ def rayleigh_coefficient(
     grazing_angle : array_like, shape (n,)
         Angle between the ray and the boundary. [rad]
     index : array_like, shape (n,)
-        Complex index of refraction, :math:`n = (c/c_b)(1 + i\delta)` with the sound speeds of water and half-space and
-        :math:`\delta = \ln 10\, \alpha_\lambda / 40\pi` for an attenuation :math:`\alpha_\lambda` in dB per wavelength.
+        Complex index of refraction, :math:`n = (c/c_b)(1 + i\delta)` with the sound speeds of water
+        and half-space and
+        :math:`\delta = \ln 10\, \alpha_\lambda / 40\pi` for an attenuation :math:`\alpha_\lambda`
+        in dB per wavelength.
     density_ratio : float
         Density of the half-space over that of the water.
 
     Returns
     -------
     ndarray, shape (n,)
-        :math:`R = (m \sin\gamma - q)/(m \sin\gamma + q)`, :math:`q = \sqrt{n^2 - \cos^2\gamma}`, Im q >= 0, for the time
-        dependence :math:`e^{-i\omega t}`. Its argument is the phase of the reflection.
+        :math:`R = (m \sin\gamma - q)/(m \sin\gamma + q)`, :math:`q = \sqrt{n^2 - \cos^2\gamma}`, Im
+        q >= 0, for the time dependence :math:`e^{-i\omega t}`. Its argument is the phase of the
+        reflection.
     """
     angle = np.asarray(grazing_angle, dtype=float)
     q = np.sqrt(np.asarray(index) ** 2 - np.cos(angle) ** 2)
@@ -371,39 +410,49 @@ def rayleigh_coefficient(
 
 def wave_height_rms(wind_speed: ArrayLike) -> Array:
     r"""
-    Standard deviation of the surface elevation of a fully developed sea, by the wind at 10 m [m/s]. [m]
+    Standard deviation of the surface elevation of a fully developed sea, by the wind at 10 m [m/s].
+    [m]
 
     The integral of the spectrum of Pierson and Moskowitz (1964)
-    :math:`\alpha g^2 \omega^{-5} \exp[-\beta (g/U\omega)^4]` with :math:`\alpha = 0.0081, \beta = 0.74` is
+    :math:`\alpha g^2 \omega^{-5} \exp[-\beta (g/U\omega)^4]` with :math:`\alpha = 0.0081, \beta =
+    0.74` is
     :math:`\sigma^2 = \alpha U^4 / 4 \beta g^2`; its U is at 19.5 m, 1.026 times that at 10 m.
     """
     return np.asarray(
-        (1.026 * np.asarray(wind_speed, dtype=float)) ** 2 / (2.0 * _GRAVITY) * math.sqrt(0.0081 / 0.74)
+        (1.026 * np.asarray(wind_speed, dtype=float)) ** 2
+        / (2.0 * _GRAVITY)
+        * math.sqrt(0.0081 / 0.74)
     )
 
 
 def coherent_surface_loss_db(
-    grazing_angle: ArrayLike, frequency_hz: ArrayLike, *, wind_speed: ArrayLike, sound_speed: ArrayLike
+    grazing_angle: ArrayLike,
+    frequency_hz: ArrayLike,
+    *,
+    wind_speed: ArrayLike,
+    sound_speed: ArrayLike,
 ) -> Array:
     r"""
     Loss of the specular, in-phase part of the field at a rough surface. [dB]
 
-    Kirchhoff's :math:`|R| = \exp(-2 k^2 \sigma^2 \sin^2\gamma)` for Gaussian elevations. The lost energy is scattered: at modem
-    frequencies, receivers detect the scattered part.
+    Kirchhoff's :math:`|R| = \exp(-2 k^2 \sigma^2 \sin^2\gamma)` for Gaussian elevations. The lost
+    energy is scattered: at modem frequencies, receivers detect the scattered part.
     """
     k = 2.0 * math.pi * np.asarray(frequency_hz, dtype=float) / np.asarray(sound_speed, dtype=float)
     rayleigh = k * wave_height_rms(wind_speed) * np.sin(grazing_angle)
     return np.asarray(40.0 / math.log(10.0) * rayleigh**2)
 
 
-def bubble_loss_db(grazing_angle: ArrayLike, frequency_hz: ArrayLike, *, wind_speed: ArrayLike) -> Array:
+def bubble_loss_db(
+    grazing_angle: ArrayLike, frequency_hz: ArrayLike, *, wind_speed: ArrayLike
+) -> Array:
     r"""
     Energy that the bubbles under a breaking sea absorb from a surface-reflected path. [dB]
 
     After the APL-UW handbook of 1994:
-    :math:`1.26 \cdot 10^{-3} U^{1.57} f^{0.85} / \sin\gamma` with f in kHz from 6 m/s on, below that the
-    value at 6 m/s times :math:`e^{1.2 (U - 6)}`. It fits data of 20 to 40 kHz within 3 dB. The loss has a ceiling, because
-    sound is also scattered below the bubbles.
+    :math:`1.26 \cdot 10^{-3} U^{1.57} f^{0.85} / \sin\gamma` with f in kHz from 6 m/s on, below
+    that the value at 6 m/s times :math:`e^{1.2 (U - 6)}`. It fits data of 20 to 40 kHz within 3 dB.
+    The loss has a ceiling, because sound is also scattered below the bubbles.
     """
     wind = np.asarray(wind_speed, dtype=float)
     breaking = 1.26e-3 * np.maximum(wind, 6.0) ** 1.57 * np.exp(1.2 * np.minimum(wind - 6.0, 0.0))

@@ -1,4 +1,7 @@
-"""Selection of the arrival of a link for its range: the direct, the first or the strongest arrival, or the first if none is direct."""
+"""
+Selection of the arrival of a link for its range: the direct, the first or the strongest arrival, or
+the first if none is direct.
+"""
 
 from __future__ import annotations
 
@@ -15,14 +18,19 @@ from pymantaray.records import Arrivals, FirstArrivals, RayStatus
 
 ArrivalRule = Literal["direct", "first", "strongest", "direct-or-first"]
 """
-Rule that selects an arrival: the earliest without a reflection, the earliest of all, the one with the
-smallest loss, or the earliest of all only where each has a reflection.
+Rule that selects an arrival: the earliest without a reflection, the earliest of all, the one with
+the smallest loss, or the earliest of all only where each has a reflection.
 """
 NEAR_DB = 1.0
-"""Change of the cut-off by which a selection is tested; selections that it changes are marked. [dB]"""
+"""
+Change of the cut-off by which a selection is tested; selections that it changes are marked. [dB]
+"""
 
 SHORT_LINK = 1.0
-"""Links below this length are between transducers of one instrument, whose echoes the cut-off does not compare with it. [m]"""
+"""
+Links below this length are between transducers of one instrument, whose echoes the cut-off does not
+compare with it. [m]
+"""
 
 
 class Chosen(NamedTuple):
@@ -48,12 +56,12 @@ def choose_arrivals(
     arrivals : Arrivals
         From `find_eigenrays`.
     rule : {"direct", "first", "strongest", "direct-or-first"}
-        ``direct``: the earliest arrival without a reflection. ``first``: the earliest of all. ``strongest``: the one with the
-        smallest loss, or the earliest of equal ones. ``direct-or-first``: as ``direct``, and as ``first`` on links without a
-        direct arrival.
+        ``direct``: the earliest arrival without a reflection. ``first``: the earliest of all.
+        ``strongest``: the one with the smallest loss, or the earliest of equal ones.
+        ``direct-or-first``: as ``direct``, and as ``first`` on links without a direct arrival.
     loss_db : array_like, shape (n_arrivals,), optional
-        Loss for ``strongest``; NaN counts as infinite. Default: ``spreading_db``, which lacks reflection, absorption and
-        distance. [dB]
+        Loss for ``strongest``; NaN counts as infinite. Default: ``spreading_db``, which lacks
+        reflection, absorption and distance. [dB]
     delay : array_like, shape (n_arrivals,), optional
         Delays to add to the travel times before their comparison, see `current_delays`. [s]
     detected : ndarray of bool, shape (n_arrivals,), optional
@@ -65,7 +73,9 @@ def choose_arrivals(
         Links with a selected arrival in ascending order, and its row.
     """
     if rule not in get_args(ArrivalRule):
-        raise AcousticsError(f"arrival rule {rule!r}; allowed are {', '.join(get_args(ArrivalRule))}")
+        raise AcousticsError(
+            f"arrival rule {rule!r}; allowed are {', '.join(get_args(ArrivalRule))}"
+        )
     time = _delayed(arrivals, delay)
     allowed = np.ones(time.size, dtype=bool) if detected is None else detected
     reflected = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
@@ -75,11 +85,16 @@ def choose_arrivals(
     if rule == "direct-or-first":
         keys.insert(0, reflected.astype(float))
     if rule == "strongest":
-        keys.insert(0, arrivals.spreading_db if loss_db is None else _one_each("loss_db", loss_db, time.size))
+        keys.insert(
+            0,
+            arrivals.spreading_db if loss_db is None else _one_each("loss_db", loss_db, time.size),
+        )
     return first_rows(arrivals.link, keys, allowed)
 
 
-def first_rows(link: NDArray[np.int64], keys: Sequence[Array], allowed: NDArray[np.bool_]) -> Chosen:
+def first_rows(
+    link: NDArray[np.int64], keys: Sequence[Array], allowed: NDArray[np.bool_]
+) -> Chosen:
     """First allowed row of each link in the order of the keys, the most important key first."""
     order = np.lexsort([*reversed(keys), link])
     order = order[allowed[order]]
@@ -91,9 +106,11 @@ def first_rows(link: NDArray[np.int64], keys: Sequence[Array], allowed: NDArray[
 
 def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: ArrivalRule) -> NDArray[np.bool_]:
     """
-    True for each link (n_links,) on which a spreading cut-off that is `NEAR_DB` higher or lower would change the selected arrival.
+    True for each link (n_links,) on which a spreading cut-off that is `NEAR_DB` higher or lower
+    would change the selected arrival.
 
-    The arrivals must be from a search with a cut-off that is `NEAR_DB` higher than ``cutoff_db`` [dB].
+    The arrivals must be from a search with a cut-off that is `NEAR_DB` higher than ``cutoff_db``
+    [dB].
     """
     if not _too_weak(arrivals, cutoff_db - NEAR_DB).any():
         return np.zeros(arrivals.status.size, dtype=bool)
@@ -107,7 +124,10 @@ def is_near_cutoff(arrivals: Arrivals, cutoff_db: float, rule: ArrivalRule) -> N
 
 
 def within_cutoff(arrivals: Arrivals, cutoff_db: float) -> Arrivals:
-    """Arrivals within a lower cut-off [dB] than that of their search; a link that loses all of its arrivals is WEAK with miss distance 0."""
+    """
+    Arrivals within a lower cut-off [dB] than that of their search; a link that loses all of its
+    arrivals is WEAK with miss distance 0.
+    """
     strong = ~_too_weak(arrivals, cutoff_db)
     if strong.all():
         return arrivals
@@ -124,7 +144,11 @@ def _too_weak(arrivals: Arrivals, cutoff_db: float) -> NDArray[np.bool_]:
 
 
 def select(
-    arrivals: Arrivals, rule: ArrivalRule, *, loss_db: ArrayLike | None = None, delay: ArrayLike | None = None
+    arrivals: Arrivals,
+    rule: ArrivalRule,
+    *,
+    loss_db: ArrayLike | None = None,
+    delay: ArrayLike | None = None,
 ) -> FirstArrivals:
     """
     Select one arrival of each link by a rule.
@@ -137,9 +161,10 @@ def select(
     Returns
     -------
     FirstArrivals
-        One row per link; travel times include the delay. By ``direct``, a link whose arrivals are all reflected has status SHADOW
-        and shadow margin NaN: the solver gives one margin for all numbers of reflections. Solve it without reflections to learn
-        whether its direct rays are blocked or weak. ``first`` without a delay is the same as `Arrivals.first`.
+        One row per link; travel times include the delay. By ``direct``, a link whose arrivals are
+        all reflected has status SHADOW and shadow margin NaN: the solver gives one margin for all
+        numbers of reflections. Solve it without reflections to learn whether its direct rays are
+        blocked or weak. ``first`` without a delay is the same as `Arrivals.first`.
     """
     link, row = choose_arrivals(arrivals, rule, loss_db=loss_db, delay=delay)
     picked = arrivals.of_links(link, row, _delayed(arrivals, delay)[row])

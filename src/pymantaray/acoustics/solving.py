@@ -1,4 +1,7 @@
-"""Run the two-point kernel on many links, block by block: in threads on the processor, or on a CUDA device."""
+"""
+Run the two-point kernel on many links, block by block: in threads on the processor, or on a CUDA
+device.
+"""
 
 from __future__ import annotations
 
@@ -22,22 +25,32 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 MAX_ARRIVALS = 64  # stored per link
 _LINKS_PER_LAUNCH = 65_536  # on a device; their rows take 0.4 GB
-_FEW_LINKS = 16  # direct links that are one block, because the kernel traces rays of several links together
+_FEW_LINKS = (
+    16  # direct links that are one block, because the kernel traces rays of several links together
+)
 _MAX_BLOCK_ROWS = 512  # rows of a block, at most
-_BLOCK_SECONDS = 0.05  # s; duration of a block: long compared with Python's work between two blocks, and short enough to stop quickly
+# s; duration of a block: long compared with Python's work between two blocks, and short enough to
+# stop quickly
+_BLOCK_SECONDS = 0.05
 _BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
 _OWN = threading.local()  # arrays of `_workspace`
 
 
 def as_positions(name: str, values: ArrayLike) -> Array:
-    """Return positions as an array (n_links, 3) of finite floats; the name appears in messages. [m]"""
-    points = np.atleast_2d(np.array(values, dtype=float, order="C"))  # kernels are compiled for that order
+    """
+    Return positions as an array (n_links, 3) of finite floats; the name appears in messages. [m]
+    """
+    points = np.atleast_2d(
+        np.array(values, dtype=float, order="C")
+    )  # kernels are compiled for that order
     if points.ndim != 2 or points.shape[1] != 3:
         raise AcousticsError(
             f"{name} has shape {points.shape}; it must be (n_links, 3): north, east, down in metres"
         )
     if not np.all(np.isfinite(points)):
-        raise AcousticsError(f"{name}: {np.count_nonzero(~np.isfinite(points))} coordinates are not finite")
+        raise AcousticsError(
+            f"{name}: {np.count_nonzero(~np.isfinite(points))} coordinates are not finite"
+        )
     return points
 
 
@@ -82,7 +95,10 @@ def solve_on_processor(
 
 
 def _workspace(n_depth: int) -> tuple[Results, Room]:
-    """Results of a block and workspace of this thread, from its last block if the number of levels is the same; new arrays cause page faults."""
+    """
+    Results of a block and workspace of this thread, from its last block if the number of levels is
+    the same; new arrays cause page faults.
+    """
     if getattr(_OWN, "n_depth", None) != n_depth:
         from pymantaray.acoustics._kernels.layout import solver_room
 
@@ -92,7 +108,11 @@ def _workspace(n_depth: int) -> tuple[Results, Room]:
 
 
 def solve_on_cuda(
-    domain: Domain, bounces: tuple[int, int] | None, settings: Settings, source: Array, receiver: Array
+    domain: Domain,
+    bounces: tuple[int, int] | None,
+    settings: Settings,
+    source: Array,
+    receiver: Array,
 ) -> Generator[Results, None, None]:
     """Solve links on the current CUDA device, one launch at a time."""
     from pymantaray.acoustics._kernels.cuda import CudaSolver
@@ -108,11 +128,13 @@ def solve_on_cuda(
 def in_blocks(
     work: Callable[[int, int], T], n_rows: int, *, threads: int | None = None, first: int = 1
 ) -> Generator[T, None, None]:
-    """Yield the results of work(start, stop) for blocks of rows, in order, from several threads.
+    """
+    Yield the results of work(start, stop) for blocks of rows, in order, from several threads.
 
-    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks. The first block has ``first`` rows and is
-    finished before the threads start, so kernels are compiled once. Without rows there is one empty block. The result of a row must
-    not depend on the block. When the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
+    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks. The first
+    block has ``first`` rows and is finished before the threads start, so kernels are compiled once.
+    Without rows there is one empty block. The result of a row must not depend on the block. When
+    the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
     """
     pace = 0.0  # s per row
 
@@ -122,7 +144,9 @@ def in_blocks(
         return done, (time.perf_counter() - begin) / max(stop - start, 1)
 
     def after(start: int) -> int:
-        return min(start + min(max(int(_BLOCK_SECONDS / max(pace, 1e-9)), 1), _MAX_BLOCK_ROWS), n_rows)
+        return min(
+            start + min(max(int(_BLOCK_SECONDS / max(pace, 1e-9)), 1), _MAX_BLOCK_ROWS), n_rows
+        )
 
     start = min(n_rows, first)
     done, pace = timed(0, start)
@@ -130,7 +154,9 @@ def in_blocks(
     if start == n_rows:
         return
     workers = min(threads or os.cpu_count() or 1, n_rows - start)
-    if workers <= 1 or pace * (n_rows - start) < _BLOCK_SECONDS:  # starting threads would take longer
+    if (
+        workers <= 1 or pace * (n_rows - start) < _BLOCK_SECONDS
+    ):  # starting threads would take longer
         while start < n_rows:
             stop = after(start)
             done, pace = timed(start, stop)

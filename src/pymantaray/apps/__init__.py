@@ -1,8 +1,9 @@
 """
-Applications: each folder has its objects, its command and its page; deleting the folder deletes the application.
+Applications: each folder has its objects, its command and its page; deleting the folder deletes the
+application.
 
-The module ``command`` of an application has a dictionary ``COMMANDS``: functions and groups of commands by name. The command line
-finds it, so an application is registered by being here.
+The module ``command`` of an application has a dictionary ``COMMANDS``: functions and groups of
+commands by name. The command line finds it, so an application is registered by being here.
 """
 
 from collections.abc import Callable

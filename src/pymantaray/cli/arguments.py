@@ -24,14 +24,20 @@ def use_options_of(parameters: Iterable[inspect.Parameter]) -> None:
     for p in parameters:
         for mark in getattr(p.annotation, "__metadata__", ()):
             if isinstance(mark, OptionInfo):
-                words = (mark.default, *(mark.param_decls or ()))  # typer's first argument may be a name
+                words = (
+                    mark.default,
+                    *(mark.param_decls or ()),
+                )  # typer's first argument may be a name
                 names = [word for word in words if isinstance(word, str) and word.startswith("--")]
-                _flags[p.name] = names[0].partition("/")[0] if names else f"--{p.name.replace('_', '-')}"
+                _flags[p.name] = (
+                    names[0].partition("/")[0] if names else f"--{p.name.replace('_', '-')}"
+                )
 
 
 def in_options(text: str) -> str:
     """
-    Text with options instead of arguments: ``--centre`` for ```centre```, ``--currents rest`` for ```currents='rest'```.
+    Text with options instead of arguments: ``--centre`` for ```centre```, ``--currents rest`` for
+    ```currents='rest'```.
 
     Names that are no arguments of the running command stay as they are.
     """

@@ -1,4 +1,7 @@
-"""Groups of options: a parameter of a command whose type is a dataclass becomes one option for each field."""
+"""
+Groups of options: a parameter of a command whose type is a dataclass becomes one option for each
+field.
+"""
 
 import functools
 import inspect
@@ -15,7 +18,10 @@ from pymantaray.quantities.units import has_units, quantity_of
 
 _ENTRY = re.compile(r"^(\w+) :.*\n((?: {4}.*\n?)+)", re.MULTILINE)  # of a numpydoc section
 _UNIT = re.compile(r" *\[([^\]]+)\]$")
-_METAVARS = {"s": "DURATION", "-": "NUMBER"}  # of an option in a unit; others are the unit in capitals
+_METAVARS = {
+    "s": "DURATION",
+    "-": "NUMBER",
+}  # of an option in a unit; others are the unit in capitals
 
 
 def number_in(value: str | float, unit: str) -> float:
@@ -27,7 +33,10 @@ def number_in(value: str | float, unit: str) -> float:
 
 
 def quantity(unit: str) -> Callable[[str | float], float]:
-    """Return the parser of an option: a number in a unit, or text with a unit of its own, such as ``2 km``."""
+    """
+    Return the parser of an option: a number in a unit, or text with a unit of its own, such as ``2
+    km``.
+    """
 
     def parse(value: str | float) -> float:
         try:
@@ -40,7 +49,10 @@ def quantity(unit: str) -> Callable[[str | float], float]:
 
 
 def quantities(unit: str, count: int | None = None) -> Callable[[str], tuple[float, ...]]:
-    """Return the parser of an option: numbers in a unit, or texts with units of their own, separated by commas."""
+    """
+    Return the parser of an option: numbers in a unit, or texts with units of their own, separated
+    by commas.
+    """
     words = "numbers" if count is None else f"{count} numbers"
 
     def parse(text: str) -> tuple[float, ...]:
@@ -60,9 +72,10 @@ class Fields:
     """
     Selection of the fields of a library's dataclass that are options of a command.
 
-    The option of a name is the name itself (``within_db``: ``--within-db``). A keyword gives another option
-    (``nominal_sound_speed="--nominal"``), two flags of a field with two values (``arrangement="--rigid/--free"``), or the
-    fields of a field that is a dataclass (``speed_prior=Fields("scale")``).
+    The option of a name is the name itself (``within_db``: ``--within-db``). A keyword gives
+    another option (``nominal_sound_speed="--nominal"``), two flags of a field with two values
+    (``arrangement="--rigid/--free"``), or the fields of a field that is a dataclass
+    (``speed_prior=Fields("scale")``).
 
     Examples
     --------
@@ -71,7 +84,9 @@ class Fields:
     """
 
     def __init__(self, *names: str, **options: "str | Fields") -> None:
-        self.options: dict[str, str | Fields] = {name: f"--{name.replace('_', '-')}" for name in names}
+        self.options: dict[str, str | Fields] = {
+            name: f"--{name.replace('_', '-')}" for name in names
+        }
         self.options |= options
 
 
@@ -109,15 +124,18 @@ class _Group(NamedTuple):
 
 def with_options(command: Callable[..., None]) -> Callable[..., None]:
     """
-    Let a command for typer take groups of options, arguments whose type is a dataclass, as one argument each.
+    Let a command for typer take groups of options, arguments whose type is a dataclass, as one
+    argument each.
 
-    The fields of a dataclass of this folder are annotated with options, or are groups themselves. Those of a dataclass of
-    the library need no annotation: `Fields` selects them, and type, default, unit and help come from the dataclass and its
-    docstring.
+    The fields of a dataclass of this folder are annotated with options, or are groups themselves.
+    Those of a dataclass of the library need no annotation: `Fields` selects them, and type,
+    default, unit and help come from the dataclass and its docstring.
     """
     signature = inspect.signature(command)
     by_name = inspect.Parameter.KEYWORD_ONLY
-    groups = {p.name: group for p in signature.parameters.values() if (group := _group(p.annotation))}
+    groups = {
+        p.name: group for p in signature.parameters.values() if (group := _group(p.annotation))
+    }
     parameters: list[inspect.Parameter] = []
     for p in signature.parameters.values():
         parameters += groups[p.name].parameters() if p.name in groups else [p.replace(kind=by_name)]
@@ -149,7 +167,9 @@ def _group(hint: Any) -> _Group | None:
 
 def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
     default = inspect.Parameter.empty if default is MISSING else default
-    return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
+    return inspect.Parameter(
+        name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation
+    )
 
 
 def _library_group(kind: Any, selection: Fields) -> _Group:
@@ -205,11 +225,16 @@ def _option(hint: Any, default: Any, flag: str, text: str, unit: str) -> _Option
         if unit == "s" and default is not None and default % 60.0 == 0.0 < default:
             default = f"{default / 60.0:g} min"
     annotation = kind | None if default is None else kind
-    return _Option(_parameter(name, Annotated[annotation, typer.Option(flag, **settings)], default), convert)
+    return _Option(
+        _parameter(name, Annotated[annotation, typer.Option(flag, **settings)], default), convert
+    )
 
 
 def _kind(hint: Any) -> Any:
-    """Type of an option for a type of a field, which may be a union: a path before a text, and no other dataclass."""
+    """
+    Type of an option for a type of a field, which may be a union: a path before a text, and no
+    other dataclass.
+    """
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     return Path if Path in kinds else kinds[0]
 

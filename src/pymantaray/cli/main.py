@@ -26,13 +26,17 @@ _SEA_BED = re.compile(r"No such option: --(bottom|sea-?floor|sea-?bed|bottom-dep
 
 app = Commands(
     name="mantaray",
-    help="Effects of refraction in the ocean on acoustic ranges between vehicles, and on their estimated positions.",
+    help="Effects of refraction in the ocean on acoustic ranges between vehicles, and on their"
+    " estimated positions.",
     pretty_exceptions_enable=False,
 )
 
 
 def _add_commands() -> None:
-    """Add the commands of all applications, in the order of their names; a name of two words is that of a group and its command."""
+    """
+    Add the commands of all applications, in the order of their names; a name of two words is that
+    of a group and its command.
+    """
     groups = {"": app}
     for name, command in sorted(commands().items()):
         group, _, own = name.rpartition(" ")
@@ -55,14 +59,20 @@ def _print_version(asked: bool) -> None:
 @app.callback()
 def _root(
     version: Annotated[
-        bool, typer.Option("--version", help="Print the version.", callback=_print_version, is_eager=True)
+        bool,
+        typer.Option(
+            "--version", help="Print the version.", callback=_print_version, is_eager=True
+        ),
     ] = False,
 ) -> None:
     """Read options before the command."""
 
 
 def main(arguments: list[str] | None = None) -> None:
-    """Run the command line; exit with 0, 2 for wrong usage or a known error, 130 for Ctrl-C, 141 for a closed pipe."""
+    """
+    Run the command line; exit with 0, 2 for wrong usage or a known error, 130 for Ctrl-C, 141 for a
+    closed pipe.
+    """
     with standard_streams(), answered_stops():
         try:
             _check_environment()
@@ -82,23 +92,35 @@ def main(arguments: list[str] | None = None) -> None:
                 raise SystemExit(stop) from None
             if _lacks_memory(error):
                 _print_error(_memory_line())
-            elif isinstance(error, OSError) and error.filename is not None:  # a name that the user gave
-                _print_error(f"{shown(os.fsdecode(error.filename))}: {error.strerror}; use another name")
+            elif (
+                isinstance(error, OSError) and error.filename is not None
+            ):  # a name that the user gave
+                _print_error(
+                    f"{shown(os.fsdecode(error.filename))}: {error.strerror}; use another name"
+                )
             else:
                 raise
             raise SystemExit(EXIT_KNOWN_ERROR) from None
 
 
 def _print_error(line: str) -> None:
-    """Print an error of one line on standard error, without characters that a terminal acts on, shortened if it is very long."""
+    """
+    Print an error of one line on standard error, without characters that a terminal acts on,
+    shortened if it is very long.
+    """
     text = printable(without_secrets(line))
-    typer.echo(f"error: {text if len(text) <= _LONGEST_LINE else text[:_LONGEST_LINE] + '...'}", err=True)
+    typer.echo(
+        f"error: {text if len(text) <= _LONGEST_LINE else text[:_LONGEST_LINE] + '...'}", err=True
+    )
 
 
 def _check_environment() -> None:
     """Raise an error for an environment variable that makes libraries fail."""
     allowed = {  # meaning, and a pattern
-        "SOURCE_DATE_EPOCH": ("whole seconds since 1970, at most 11 digits", r"\s*[+-]?\d{1,11}\s*"),
+        "SOURCE_DATE_EPOCH": (
+            "whole seconds since 1970, at most 11 digits",
+            r"\s*[+-]?\d{1,11}\s*",
+        ),
         "NUMBA_NUM_THREADS": ("a number of threads, 1 or more", r"\s*(\+?0*[1-9]\d{0,3}\s*)?"),
     }
     for name, (meaning, pattern) in allowed.items():
@@ -121,13 +143,20 @@ def _memory_line() -> str:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit == resource.RLIM_INFINITY:
         return "not enough memory; close other programs, or give fewer --workers or a smaller study"
-    return f"not enough memory: the limit of this process is {limit / 2**20:.0f} MiB (ulimit -v); set it to 4096 MiB or more"
+    return (
+        f"not enough memory: the limit of this process is {limit / 2**20:.0f} MiB (ulimit -v); set"
+        " it to 4096 MiB or more"
+    )
 
 
 def _refuse(error: Any) -> NoReturn:
     """Print the error line of wrong usage, with a pointer to the help, and exit."""
-    message = " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
-    fault = _SEA_BED.sub(r"\g<0>; the depth of the sea bed is --bathymetry", without_secrets(message))
+    message = (
+        " ".join(error.format_message().split()).removesuffix(".").replace("Value error, ", "")
+    )
+    fault = _SEA_BED.sub(
+        r"\g<0>; the depth of the sea bed is --bathymetry", without_secrets(message)
+    )
     if fault:  # without arguments there is no message, and the help is printed already
         command = error.ctx.command_path if error.ctx else "mantaray"
         _print_error(f"{command}: {fault}; see {command} --help")
@@ -135,7 +164,10 @@ def _refuse(error: Any) -> NoReturn:
 
 
 def _stop_behind(error: BaseException) -> int | None:
-    """Exit code of a Ctrl-C or stop request that another exception replaced, as in the import of a compiled module."""
+    """
+    Exit code of a Ctrl-C or stop request that another exception replaced, as in the import of a
+    compiled module.
+    """
     cause: BaseException | None = error
     while cause is not None:
         if isinstance(cause, KeyboardInterrupt):

@@ -29,8 +29,9 @@ _OCEAN = "--ocean"
 Pair = tuple[float, float]
 LINKS = typer.Argument(
     metavar="LINKS.csv",
-    help="Columns source_north, source_east, source_depth, receiver_north, receiver_east, receiver_depth, all in metres;"
-    " with --ocean also source_lat, source_lon and so on; one link per row.",
+    help="Columns source_north, source_east, source_depth, receiver_north, receiver_east,"
+    " receiver_depth, all in metres; with --ocean also source_lat, source_lon and so on; one link"
+    " per row.",
     show_default=False,
 )
 Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")]
@@ -56,7 +57,8 @@ Set = Annotated[
     typer.Option(
         "--set",
         metavar="KEY=VALUE",
-        help="Change a key of the study, such as noise.range_sigma=2 or fleet.vehicles.B.target_depth=300; none removes a value.",
+        help="Change a key of the study, such as noise.range_sigma=2 or"
+        " fleet.vehicles.B.target_depth=300; none removes a value.",
     ),
 ]
 
@@ -65,7 +67,8 @@ Fan = Annotated[
     tuple[float, float, int] | None,
     typer.Option(
         metavar="FROM TO COUNT",
-        help="Fan of COUNT rays between two launch angles in degrees, positive down, instead of eigenrays (in a plot: behind them).",
+        help="Fan of COUNT rays between two launch angles in degrees, positive down, instead of"
+        " eigenrays (in a plot: behind them).",
     ),
 ]
 _MAX_RAYS = 100_000  # of a fan
@@ -84,7 +87,8 @@ def parse_place(option: str, text: str) -> tuple[float, float, float]:
         north, east, depth = (number_in(word, "m") for word in text.split(","))
     except ValueError:
         raise AcousticsError(
-            f"{option} is {text!r}; it must be north, east and depth in metres, separated by commas, such as 6000,0,500"
+            f"{option} is {text!r}; it must be north, east and depth in metres, separated by"
+            " commas, such as 6000,0,500"
         ) from None
     return north, east, depth
 
@@ -105,7 +109,8 @@ def fan_angles(first: float, last: float, count: int) -> "NDArray[np.float64]":
 
     if not 1 <= count <= _MAX_RAYS or not first <= last or (count > 1 and first == last):
         raise AcousticsError(
-            f"--fan is {first:g} {last:g} {count}; it must be FROM TO COUNT with FROM < TO and COUNT 1 to {_MAX_RAYS}"
+            f"--fan is {first:g} {last:g} {count}; it must be FROM TO COUNT with FROM < TO and"
+            f" COUNT 1 to {_MAX_RAYS}"
         )
     return np.radians(np.linspace(first, last, count))
 
@@ -127,7 +132,10 @@ class Commands(typer.Typer):
         super().__init__(no_args_is_help=True, **settings)
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[..., Any]:
-        """Add a function as a command, and return it unchanged; a function with an option ``--ocean`` is an `OceanCommand`."""
+        """
+        Add a function as a command, and return it unchanged; a function with an option ``--ocean``
+        is an `OceanCommand`.
+        """
         take = super().command
 
         def decorate(function: Callable[..., None]) -> Callable[..., None]:
@@ -146,11 +154,15 @@ def _has_option(command: Callable[..., None], name: str) -> bool:
 
 
 def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:
-    """Add ``--verbose``, and ``--quiet`` unless the command has it, and set the log level accordingly."""
+    """
+    Add ``--verbose``, and ``--quiet`` unless the command has it, and set the log level accordingly.
+    """
     signature = inspect.signature(command)
     by_name = inspect.Parameter.KEYWORD_ONLY
     own = "quiet" in signature.parameters
-    added = [] if own else [inspect.Parameter("quiet", by_name, default=False, annotation=NoWarnings)]
+    added = (
+        [] if own else [inspect.Parameter("quiet", by_name, default=False, annotation=NoWarnings)]
+    )
     added.append(inspect.Parameter("verbose", by_name, default=0, annotation=Verbose))
     parameters = [p.replace(kind=by_name) for p in signature.parameters.values()] + added
 
@@ -167,10 +179,12 @@ def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:
 
 class OceanCommand(TyperCommand):
     """
-    Command whose ``--ocean`` may be repeated or followed by several files: ``--ocean a b`` means ``--ocean a --ocean b``.
+    Command whose ``--ocean`` may be repeated or followed by several files: ``--ocean a b`` means
+    ``--ocean a --ocean b``.
 
-    Words after ``--ocean FILE`` are files only if the command has more words than arguments, so ``--ocean FILE IN OUT`` has one
-    file. A command with any number of arguments takes all of them as files if its arguments come first: ``IN... --ocean a b``.
+    Words after ``--ocean FILE`` are files only if the command has more words than arguments, so
+    ``--ocean FILE IN OUT`` has one file. A command with any number of arguments takes all of them
+    as files if its arguments come first: ``IN... --ocean a b``.
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -178,7 +192,9 @@ class OceanCommand(TyperCommand):
         _, surplus, _ = self.make_parser(ctx).parse_args(args=list(args))
         endless = any(p.param_type_name == "argument" and p.nargs == -1 for p in self.params)
         first = bool(args) and not args[0].startswith("-")
-        return super().parse_args(ctx, repeat_ocean(args, len(args) if endless and first else len(surplus)))
+        return super().parse_args(
+            ctx, repeat_ocean(args, len(args) if endless and first else len(surplus))
+        )
 
 
 def repeat_ocean(words: list[str], most: int) -> list[str]:
@@ -212,7 +228,8 @@ class RunGroup(TyperGroup):
         if args and self.get_command(ctx, args[0]) is None:
             commands = ", ".join(self.list_commands(ctx))
             ctx.fail(
-                f"No such command '{args[0]}'; allowed: {commands}; did you mean {ctx.command_path} run {' '.join(args)}?"
+                f"No such command '{args[0]}'; allowed: {commands}; did you mean"
+                f" {ctx.command_path} run {' '.join(args)}?"
             )
         return super().resolve_command(ctx, args)
 
@@ -225,16 +242,17 @@ class OceanOptions:
         list[str] | None,
         typer.Option(
             metavar="NAME|FILE...",
-            help="Ocean files that belong together, a profile or cast, synthetic:beaufort or synthetic:fram, a preset, or a"
-            " TOML file.",
+            help="Ocean files that belong together, a profile or cast, synthetic:beaufort or"
+            " synthetic:fram, a preset, or a TOML file.",
         ),
     ] = None
     profile: Annotated[
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="A profile or cast: a table with depth (m) or pressure (dbar), and sound_speed (m/s) or temperature"
-            " (degC) and salinity, an instrument's file, Argo or CF profiles; needs --bathymetry.",
+            help="A profile or cast: a table with depth (m) or pressure (dbar), and sound_speed"
+            " (m/s) or temperature (degC) and salinity, an instrument's file, Argo or CF profiles;"
+            " needs --bathymetry.",
         ),
     ] = None
 
@@ -244,7 +262,10 @@ class OceanOptions:
 
     @property
     def words(self) -> list[str]:
-        """Names of files, of a synthetic ocean, of a preset or of a configuration; empty without an option."""
+        """
+        Names of files, of a synthetic ocean, of a preset or of a configuration; empty without an
+        option.
+        """
         return [str(word) for word in (self.ocean or self.profile or [])]
 
     @property
@@ -279,7 +300,9 @@ class SourceOptions(AnySourceOptions):
     def __post_init__(self) -> None:
         if len(self.given) != 1:
             found = " and ".join(self.given) or "no ocean"
-            raise WaterError(f"{found} given; exactly one of --ocean, --profile and --run is needed")
+            raise WaterError(
+                f"{found} given; exactly one of --ocean, --profile and --run is needed"
+            )
 
 
 @dataclass(frozen=True)
@@ -290,21 +313,22 @@ class GridOptions:
         str | None,
         typer.Option(
             metavar="M|FILE",
-            help="Depth of the sea floor in metres, or a NetCDF file of it; required for a profile. Default: the deepest levels"
-            " of the ocean.",
+            help="Depth of the sea floor in metres, or a NetCDF file of it; required for a"
+            " profile. Default: the deepest levels of the ocean.",
         ),
     ] = None
     crs: Annotated[
         str | None,
         typer.Option(
-            help="Projection of a sea floor file that does not name it, such as EPSG:3996 for IBCAO."
+            help="Projection of a sea floor file that does not name it, such as EPSG:3996 for"
+            " IBCAO."
         ),
     ] = None
     currents: Annotated[
         Literal["required", "rest", "carry"] | None,
         typer.Option(
-            help="required: files must have currents; rest: water without currents is at rest; carry: currents also change"
-            " travel times along the rays. Default: rest."
+            help="required: files must have currents; rest: water without currents is at rest;"
+            " carry: currents also change travel times along the rays. Default: rest."
         ),
     ] = None
     equation: Annotated[
@@ -315,21 +339,23 @@ class GridOptions:
         Pair | None,
         typer.Option(
             metavar="LAT LON",
-            help="Position where north and east are 0. Default: the middle of the data, or the position of a cast.",
+            help="Position where north and east are 0. Default: the middle of the data, or the"
+            " position of a cast.",
         ),
     ] = None
     half_extent: Annotated[
         tuple[str, str] | None,
         typer.Option(
             metavar="NORTH EAST",
-            help="Half sides of the domain in m, or text such as '20 km'. Default: the largest domain in the data; a profile has"
-            " no sides.",
+            help="Half sides of the domain in m, or text such as '20 km'. Default: the largest"
+            " domain in the data; a profile has no sides.",
         ),
     ] = None
     time: Annotated[
         list[str] | None,
         typer.Option(
-            help="Time of the ocean (UTC), if its files have several. May be repeated for an atlas. Default for an atlas: the first."
+            help="Time of the ocean (UTC), if its files have several. May be repeated for an"
+            " atlas. Default for an atlas: the first."
         ),
     ] = None
     repair_freezing: RepairFreezing = False
@@ -337,14 +363,16 @@ class GridOptions:
         Pair | None,
         typer.Option(
             metavar="LAT LON",
-            help="Position of a profile whose file has none, for the computation of sound speed or depth.",
+            help="Position of a profile whose file has none, for the computation of sound speed or"
+            " depth.",
         ),
     ] = None
     name: Annotated[
         list[str] | None,
         typer.Option(
             metavar="VARIABLE=STANDARD_NAME",
-            help="CF standard name of a variable that lacks one, such as temp=sea_water_potential_temperature. May be repeated.",
+            help="CF standard name of a variable that lacks one, such as"
+            " temp=sea_water_potential_temperature. May be repeated.",
         ),
     ] = None
 
@@ -352,7 +380,9 @@ class GridOptions:
     def keys(self) -> dict[str, Any]:
         """Options of `pymantaray.open_water`."""
         if self.time is not None and len(self.time) > 1:
-            raise WaterError(f"--time is given {len(self.time)} times; only one instant is allowed; give one")
+            raise WaterError(
+                f"--time is given {len(self.time)} times; only one instant is allowed; give one"
+            )
         time = _instant(self.time[0]) if self.time else None
         half = (
             None
@@ -380,26 +410,31 @@ class WaterOptions(GridOptions):
 
     ice: Annotated[
         str | None,
-        typer.Option(metavar="M|FILE", help="Draft of an ice cover: metres everywhere, or a NetCDF file."),
+        typer.Option(
+            metavar="M|FILE", help="Draft of an ice cover: metres everywhere, or a NetCDF file."
+        ),
     ] = None
     ice_slope: Annotated[
         float | None,
         typer.Option(
             metavar="DEGREES",
-            help="Standard deviation of the slope of the underside of the ice, which is then rough for rays.",
+            help="Standard deviation of the slope of the underside of the ice, which is then rough"
+            " for rays.",
         ),
     ] = None
     ice_length: Annotated[
         float | None,
         typer.Option(
-            parser=quantity("m"), metavar="M", help="Correlation length of the rough ice. Default: 20 m."
+            parser=quantity("m"),
+            metavar="M",
+            help="Correlation length of the rough ice. Default: 20 m.",
         ),
     ] = None
     interpolation: Annotated[
         Literal["smooth", "linear"] | None,
         typer.Option(
-            help="Between grid points: cubic splines or straight lines. Default: smooth, for --run as in the study, for"
-            " Bellhop linear."
+            help="Between grid points: cubic splines or straight lines. Default: smooth, for --run"
+            " as in the study, for Bellhop linear."
         ),
     ] = None
     earth: Annotated[
@@ -410,12 +445,15 @@ class WaterOptions(GridOptions):
         float | None,
         typer.Option(
             metavar="M/S",
-            help="Remove levels of a profile if interpolation stays within this error of sound speed.",
+            help="Remove levels of a profile if interpolation stays within this error of sound"
+            " speed.",
         ),
     ] = None
     smooth: Annotated[
         float | None,
-        typer.Option(parser=quantity("m"), metavar="M", help="Average a profile over this many metres."),
+        typer.Option(
+            parser=quantity("m"), metavar="M", help="Average a profile over this many metres."
+        ),
     ] = None
 
     @property
@@ -440,7 +478,10 @@ class WaterOptions(GridOptions):
     @property
     def files(self) -> list[Path]:
         """Files that no output may overwrite."""
-        given = (_metres_or_file("--bathymetry", self.bathymetry), _metres_or_file("--ice", self.ice))
+        given = (
+            _metres_or_file("--bathymetry", self.bathymetry),
+            _metres_or_file("--ice", self.ice),
+        )
         return [Path(value) for value in given if isinstance(value, str)]
 
 
@@ -465,7 +506,10 @@ def _decibels(text: str) -> float | str:
 
 
 def _metres_or_file(option: str, text: str | None) -> float | str | None:
-    """Parse a depth or draft [m], or the name of a file with it; a number with another kind of unit raises an error."""
+    """
+    Parse a depth or draft [m], or the name of a file with it; a number with another kind of unit
+    raises an error.
+    """
     try:
         return None if text is None else number_in(text, "m")
     except ValueError as error:
@@ -478,28 +522,37 @@ def _named(text: str) -> tuple[str, str]:
     variable, sign, meaning = text.partition("=")
     if not (variable and sign and meaning):
         raise WaterError(
-            f"--name {text}: it must be VARIABLE=STANDARD_NAME, such as temp=sea_water_potential_temperature"
+            f"--name {text}: it must be VARIABLE=STANDARD_NAME, such as"
+            " temp=sea_water_potential_temperature"
         )
     return variable, meaning
 
 
 @dataclass(frozen=True)
 class ArrivalOptions:
-    """Selection of eigenrays that count as arrivals. Default: that of a configuration, otherwise direct rays within 15 dB."""
+    """
+    Selection of eigenrays that count as arrivals. Default: that of a configuration, otherwise
+    direct rays within 15 dB.
+    """
 
     max_surface_bounces: Annotated[
         int | None,
-        typer.Option(min=0, max=15, help="Maximum number of reflections at the surface. Default: 0."),
+        typer.Option(
+            min=0, max=15, help="Maximum number of reflections at the surface. Default: 0."
+        ),
     ] = None
     max_bottom_bounces: Annotated[
         int | None,
-        typer.Option(min=0, max=15, help="Maximum number of reflections at the sea bed. Default: 0."),
+        typer.Option(
+            min=0, max=15, help="Maximum number of reflections at the sea bed. Default: 0."
+        ),
     ] = None
     cutoff_db: Annotated[
         str | None,
         typer.Option(
             metavar="DB|none",
-            help="Eigenrays weaker than spherical spreading by more than this are discarded, except on links below 1 m. Default: 15.",
+            help="Eigenrays weaker than spherical spreading by more than this are discarded,"
+            " except on links below 1 m. Default: 15.",
         ),
     ] = None
 
@@ -510,7 +563,8 @@ class ArrivalOptions:
             cutoff = 0.0
         if cutoff != "none" and not float(cutoff) > 0.0:
             raise AcousticsError(
-                f"--cutoff-db is {self.cutoff_db}; it must be a positive number of decibels, or none"
+                f"--cutoff-db is {self.cutoff_db}; it must be a positive number of decibels, or"
+                " none"
             )
 
     @property
@@ -531,7 +585,9 @@ class SearchOptions(ArrivalOptions):
 
     tolerance: Annotated[
         float,
-        typer.Option(parser=quantity("m"), metavar="M", help="Maximum error of the end of a ray, in metres."),
+        typer.Option(
+            parser=quantity("m"), metavar="M", help="Maximum error of the end of a ray, in metres."
+        ),
     ] = 1e-3
 
     def __post_init__(self) -> None:
@@ -567,9 +623,9 @@ class ProcessOptions:
     """Processes of this machine or of a cluster."""
 
     workers: Annotated[int | None, typer.Option(min=1, help="Processes of this machine.")] = None
-    scheduler: Annotated[str | None, typer.Option(help="Address of a Dask scheduler, tcp://HOST:PORT.")] = (
-        None
-    )
+    scheduler: Annotated[
+        str | None, typer.Option(help="Address of a Dask scheduler, tcp://HOST:PORT.")
+    ] = None
 
 
 Formats = Annotated[
@@ -577,7 +633,8 @@ Formats = Annotated[
     typer.Option(
         "--format",
         metavar="NAME,...",
-        help="For a paper: figures as png (300 dpi), pdf or svg in journal widths, tables as tex; several with commas.",
+        help="For a paper: figures as png (300 dpi), pdf or svg in journal widths, tables as tex;"
+        " several with commas.",
     ),
 ]
 
@@ -589,7 +646,8 @@ class FolderOptions:
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="New or empty folder for the results. Default: a dated folder in runs."
+            metavar="FOLDER",
+            help="New or empty folder for the results. Default: a dated folder in runs.",
         ),
     ] = None
     formats: Formats = ""

@@ -26,7 +26,10 @@ class Report(Protocol):
     """Functions that show progress."""
 
     def __call__(self, stage: str, done: int, total: int, failed: int = 0, /) -> None:
-        """Show the name of a stage, the number of its finished parts, the total, and the number of failed parts."""
+        """
+        Show the name of a stage, the number of its finished parts, the total, and the number of
+        failed parts.
+        """
 
 
 _LINE_INTERVAL = 60.0  # between lines if bars are not possible [s]
@@ -34,7 +37,8 @@ _LINE_INTERVAL = 60.0  # between lines if bars are not possible [s]
 
 class _Stream(io.TextIOBase):
     """
-    Standard output or error of commands, which replaces characters that the encoding lacks and reports failures in one line.
+    Standard output or error of commands, which replaces characters that the encoding lacks and
+    reports failures in one line.
 
     It has no ``buffer``, so typer cannot bypass the encoding.
     """
@@ -98,8 +102,9 @@ def standard_streams() -> Iterator[None]:
     """
     Replace the standard streams by streams whose failures do not end in a traceback.
 
-    A closed pipe ends the command without a message, with the status that a shell uses; a full device ends it with one line.
-    Text that cannot be written to standard error is lost, and the command continues.
+    A closed pipe ends the command without a message, with the status that a shell uses; a full
+    device ends it with one line. Text that cannot be written to standard error is lost, and the
+    command continues.
     """
     codecs.register_error("mantaray", _substitute)
     before = sys.stdout, sys.stderr
@@ -120,13 +125,20 @@ def standard_streams() -> Iterator[None]:
 
 
 class Watch:
-    """State of a command: finished parts and remaining time of each stage, the next stages, and the peak memory."""
+    """
+    State of a command: finished parts and remaining time of each stage, the next stages, and the
+    peak memory.
+    """
 
-    def __init__(self, stages: Sequence[str] = (), clock: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self, stages: Sequence[str] = (), clock: Callable[[], float] = time.monotonic
+    ) -> None:
         self.stages = stages
         self._clock = clock
         self._present = ""
-        self._begun: dict[str, tuple[float, int]] = {}  # time of the first report, and finished parts
+        self._begun: dict[
+            str, tuple[float, int]
+        ] = {}  # time of the first report, and finished parts
         self._latest: dict[
             str, tuple[float, int, int, int]
         ] = {}  # time of the latest report; finished, failed and all parts
@@ -139,7 +151,10 @@ class Watch:
         self._present = stage
 
     def left(self, stage: str) -> str:
-        """Text with the remaining time of a stage at its mean speed so far; empty before the first part is finished."""
+        """
+        Text with the remaining time of a stage at its mean speed so far; empty before the first
+        part is finished.
+        """
         (begin, before), (latest, done, _, total) = self._begun[stage], self._latest[stage]
         if not before < done < total:
             return ""
@@ -152,13 +167,19 @@ class Watch:
         return f"{failed} failed" if failed else ""
 
     def rest(self) -> str:
-        """Text with the peak memory of this process and of its largest worker, and the next stages."""
+        """
+        Text with the peak memory of this process and of its largest worker, and the next stages.
+        """
         from pymantaray.jobs.processes import Workers
 
         words = f"memory {peak_memory_mib():.0f} MiB"
         if Workers.largest_mib:
             words += f", largest worker {Workers.largest_mib:.0f} MiB"
-        after = self.stages[self.stages.index(self._present) + 1 :] if self._present in self.stages else ()
+        after = (
+            self.stages[self.stages.index(self._present) + 1 :]
+            if self._present in self.stages
+            else ()
+        )
         return f"{words}; then {', '.join(after)}" if after else words
 
     def line(self) -> str:
@@ -173,7 +194,8 @@ class Watch:
 @contextmanager
 def progress_bars(*, quiet: bool, stages: Sequence[str] = ()) -> Iterator[Report | None]:
     """
-    Show progress on standard error: a bar per stage in a terminal, otherwise a line per minute; None if ``quiet``.
+    Show progress on standard error: a bar per stage in a terminal, otherwise a line per minute;
+    None if ``quiet``.
 
     ``stages`` are the known stages in order.
     """
@@ -210,7 +232,13 @@ def _bars(watch: Watch) -> Iterator[Report]:
             yield self.make_tasks_table(self.tasks)
             yield Text(watch.rest())
 
-    columns = (TextColumn("{task.description:<14}"), BarColumn(), MofNCompleteColumn(), Elapsed(), Left())
+    columns = (
+        TextColumn("{task.description:<14}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        Elapsed(),
+        Left(),
+    )
     with Bars(*columns, console=Console(stderr=True)) as bars:
         tasks: dict[str, TaskID] = {}
 
@@ -247,7 +275,10 @@ def _lines(watch: Watch, stream: TextIO) -> Iterator[Report]:
 
 @contextmanager
 def step_line(*, quiet: bool) -> Iterator[Callable[[int, float], None] | None]:
-    """Show the last step and cost of a solve on standard error; None if ``quiet`` or without a terminal."""
+    """
+    Show the last step and cost of a solve on standard error; None if ``quiet`` or without a
+    terminal.
+    """
     if quiet or sys.stderr is None or not sys.stderr.isatty():
         yield None
         return

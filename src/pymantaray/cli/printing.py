@@ -26,9 +26,11 @@ Form = Literal["text", "latex", "csv", "json"]
 
 class Printer:
     """
-    Standard output of a command: lines and tables as text, tables only as LaTeX or CSV, or everything as one JSON object.
+    Standard output of a command: lines and tables as text, tables only as LaTeX or CSV, or
+    everything as one JSON object.
 
-    Text has rounded columns that fit a terminal; the other forms have all columns with all digits and units in their names.
+    Text has rounded columns that fit a terminal; the other forms have all columns with all digits
+    and units in their names.
     """
 
     def __init__(self, *, quiet: bool, to: Form = "text") -> None:
@@ -48,7 +50,10 @@ class Printer:
             self.values |= values
 
     def table(self, table: "ResultTable") -> None:
-        """Print a table, shortened in text and complete in other forms; JSON has a list of rows by the table's name."""
+        """
+        Print a table, shortened in text and complete in other forms; JSON has a list of rows by the
+        table's name.
+        """
         if self._to == "latex":
             typer.echo(table.to_latex())
         elif self._to == "csv":
@@ -64,7 +69,10 @@ class Printer:
         self.add(warnings=[in_options(line) for line in lines])
 
     def paths(self, *paths: Path | str, **named: Path | str) -> None:
-        """Print the paths of written files, one per line, the only output of a quiet command; LaTeX and CSV omit them."""
+        """
+        Print the paths of written files, one per line, the only output of a quiet command; LaTeX
+        and CSV omit them.
+        """
         if self._to in ("latex", "csv"):
             return
         lines = [without_secrets(path) for path in paths]
@@ -79,7 +87,8 @@ class Printer:
 @contextmanager
 def printer(*, as_json: bool = False, quiet: bool = False, to: Form = "text") -> Iterator[Printer]:
     """
-    Return the printer of a command. JSON is printed at the end of the block, unless the command fails.
+    Return the printer of a command. JSON is printed at the end of the block, unless the command
+    fails.
 
     ``as_json`` is short for ``to="json"``.
     """
@@ -117,11 +126,15 @@ def _plain(value: Any) -> Any:
 @contextmanager
 def log_to_stderr(*, quiet: bool, verbose: int) -> Iterator[None]:
     """
-    Log to standard error, one line per record: errors only if quiet, otherwise also warnings; if verbose, stages and times.
+    Log to standard error, one line per record: errors only if quiet, otherwise also warnings; if
+    verbose, stages and times.
 
-    At level 2 all records are logged, including those of libraries and the traceback of a known error.
+    At level 2 all records are logged, including those of libraries and the traceback of a known
+    error.
     """
-    level = logging.ERROR if quiet else (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    level = (
+        logging.ERROR if quiet else (logging.WARNING, logging.INFO, logging.DEBUG)[min(verbose, 2)]
+    )
     handler = logging.StreamHandler()
     handler.setFormatter(_Formatter())
     loggers = [logging.getLogger("pymantaray"), logging.getLogger("py.warnings")]

@@ -1,9 +1,11 @@
 """
-Stop requests (Ctrl-C, SIGTERM) while compiled code runs, which does not return to Python to handle them.
+Stop requests (Ctrl-C, SIGTERM) while compiled code runs, which does not return to Python to handle
+them.
 
-Python runs a signal handler between two of its own instructions, so a long call of compiled code would leave no way to end the
-process but SIGKILL. A thread learns of the signal at once, and ends the process if the handler has not run after a few seconds.
-Compiled code releases the GIL (`compile`), so the thread can run.
+Python runs a signal handler between two of its own instructions, so a long call of compiled code
+would leave no way to end the process but SIGKILL. A thread learns of the signal at once, and ends
+the process if the handler has not run after a few seconds. Compiled code releases the GIL
+(`compile`), so the thread can run.
 """
 
 import os
@@ -21,8 +23,12 @@ _STOPS = (signal.SIGINT, signal.SIGTERM)
 
 @contextmanager
 def answered_stops() -> Iterator[None]:
-    """Handle stop requests in the block by exceptions, and end the process if they cannot be raised."""
-    if threading.current_thread() is not threading.main_thread():  # other threads cannot set signal handlers
+    """
+    Handle stop requests in the block by exceptions, and end the process if they cannot be raised.
+    """
+    if (
+        threading.current_thread() is not threading.main_thread()
+    ):  # other threads cannot set signal handlers
         yield
         return
     read, write = os.pipe()
@@ -42,7 +48,10 @@ def answered_stops() -> Iterator[None]:
 
 
 def end_after_stop(code: object) -> None:
-    """After a stop request, end the process in a few seconds if threads of compiled code keep it from ending by itself."""
+    """
+    After a stop request, end the process in a few seconds if threads of compiled code keep it from
+    ending by itself.
+    """
     if stops.handled.is_set() and isinstance(code, int):
         timer = threading.Timer(_PATIENCE, os._exit, (code,))
         timer.daemon = True
@@ -67,7 +76,10 @@ def _raise(number: int, _frame: FrameType | None) -> None:
 
 
 def _watch(pipe: int) -> None:
-    """End the process if a signal whose number arrives in a pipe is not handled; return at the end of the pipe."""
+    """
+    End the process if a signal whose number arrives in a pipe is not handled; return at the end of
+    the pipe.
+    """
     with open(pipe, "rb", buffering=0) as numbers:
         while number := numbers.read(1):
             if number[0] in _STOPS and not stops.handled.wait(_PATIENCE) and not stops.deferred():

@@ -1,4 +1,7 @@
-"""Tables of results in a terminal: headings break between words, and columns that do not fit follow below."""
+"""
+Tables of results in a terminal: headings break between words, and columns that do not fit follow
+below.
+"""
 
 import re
 from collections.abc import Sequence
@@ -85,7 +88,9 @@ def _rich_table(
     from rich.markup import escape
     from rich.table import Table
 
-    shown = Table(title=escape(caption) or None, title_justify="left", box=box.SIMPLE, pad_edge=False)
+    shown = Table(
+        title=escape(caption) or None, title_justify="left", box=box.SIMPLE, pad_edge=False
+    )
     for head, width in zip(heads, widths, strict=True):
         text = escape("\n".join(_folded(head.text, width)))
         justify = "right" if head.numbers else "left"

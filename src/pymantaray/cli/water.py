@@ -50,8 +50,9 @@ def load_waters(
     """
     Open one water per cast of a source; the record of each contains the source.
 
-    Without an option, the interpolation is ``default``, or that of a run or configuration, or smooth. Options override
-    ``sections``, which are keys of a file. ``changes`` are values by dotted key, which override both.
+    Without an option, the interpolation is ``default``, or that of a run or configuration, or
+    smooth. Options override ``sections``, which are keys of a file. ``changes`` are values by
+    dotted key, which override both.
     """
     from pymantaray.water import open_waters
 
@@ -71,7 +72,8 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
     fixed = [key for key in keys if key in OF_THE_SOURCE]
     if fixed:
         raise WaterError(
-            f"{OF_THE_SOURCE[fixed[0]]} does not apply to --run; remove it, or use --ocean or --profile"
+            f"{OF_THE_SOURCE[fixed[0]]} does not apply to --run; remove it, or use --ocean or"
+            " --profile"
         )
     from pymantaray.config import load_study
     from pymantaray.jobs.run_folder import CONFIG, OCEAN, checked_manifest
@@ -93,7 +95,9 @@ def search_record(water: "Water") -> dict[str, Any]:
     return {
         "max_surface_bounces": reception.max_surface_bounces,
         "max_bottom_bounces": reception.max_bottom_bounces,
-        "cutoff_db": "none" if reception.spreading_cutoff_db is None else reception.spreading_cutoff_db,
+        "cutoff_db": "none"
+        if reception.spreading_cutoff_db is None
+        else reception.spreading_cutoff_db,
     }
 
 
@@ -111,7 +115,8 @@ def water_notes(water: "Water") -> list[str]:
     high = f"{medium.bed.depth.max():.0f}"
     depths = low if low == high else f"{low} to {high}"
     domain = (
-        f"{named}: {np.ptp(medium.north) / 1e3:.4g} km (north) by {np.ptp(medium.east) / 1e3:.4g} km (east) around"
-        f" {latitude(water.frame.latitude_deg)}, {longitude(water.frame.longitude_deg)}; sea bed at {depths} m"
+        f"{named}: {np.ptp(medium.north) / 1e3:.4g} km (north) by {np.ptp(medium.east) / 1e3:.4g}"
+        f" km (east) around {latitude(water.frame.latitude_deg)},"
+        f" {longitude(water.frame.longitude_deg)}; sea bed at {depths} m"
     )
     return [domain, *water.notes]

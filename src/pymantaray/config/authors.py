@@ -1,4 +1,6 @@
-"""Reading of a ``sim.json`` of the paper's authors' program as the nested dictionaries of a study."""
+"""
+Reading of a ``sim.json`` of the paper's authors' program as the nested dictionaries of a study.
+"""
 
 import math
 import re
@@ -71,11 +73,13 @@ class Acoustics(Section):
     def _has_beams(self) -> Self:
         if self.max_beams < self.num_beams:
             raise ValueError(
-                f"max_beams is {self.max_beams}, less than num_beams, {self.num_beams}: the program then traces no ray;"
-                " increase max_beams"
+                f"max_beams is {self.max_beams}, less than num_beams, {self.num_beams}: the program"
+                " then traces no ray; increase max_beams"
             )
         if self.dry_run:
-            raise ValueError("dry_run is true: ranges would be straight distances; remove it to trace rays")
+            raise ValueError(
+                "dry_run is true: ranges would be straight distances; remove it to trace rays"
+            )
         return self
 
 
@@ -129,11 +133,13 @@ class CurrentDrift(Section):
     def _goes_down(self) -> Self:
         if self.target_depth <= self.surface_depth:
             raise ValueError(
-                f"target_depth is {self.target_depth:g} m; it must be greater than surface_depth, {self.surface_depth:g} m"
+                f"target_depth is {self.target_depth:g} m; it must be greater than surface_depth,"
+                f" {self.surface_depth:g} m"
             )
         if self.position[2] > self.target_depth:
             raise ValueError(
-                f"position has depth {self.position[2]:g} m, below target_depth, {self.target_depth:g} m; increase the target"
+                f"position has depth {self.position[2]:g} m, below target_depth,"
+                f" {self.target_depth:g} m; increase the target"
             )
         return self
 
@@ -150,11 +156,13 @@ class Pfg(Section):
     gps_rotation_variance: PositiveFloat = 1e6
     """Variance of the rotation of a GNSS prior. [rad2]"""
     pose_prior_cov_diag: (
-        Annotated[tuple[NonNegativeFloat, ...], Field(min_length=6, max_length=6, strict=False)] | None
+        Annotated[tuple[NonNegativeFloat, ...], Field(min_length=6, max_length=6, strict=False)]
+        | None
     ) = None
     """Variances of the first pose, translation before rotation. [m2, rad2]"""
     landmark_prior_cov_diag: (
-        Annotated[tuple[NonNegativeFloat, ...], Field(min_length=3, max_length=3, strict=False)] | None
+        Annotated[tuple[NonNegativeFloat, ...], Field(min_length=3, max_length=3, strict=False)]
+        | None
     ) = None
     """Variances of a landmark's position. [m2]"""
 
@@ -178,7 +186,9 @@ class Simulation(Section):
     """Beams."""
     sensors: Sensors = Sensors()
     """Frequencies and noise of sensors."""
-    robots: Annotated[tuple[dict[str, Any], ...], Field(min_length=1, max_length=len(LETTERS), strict=False)]
+    robots: Annotated[
+        tuple[dict[str, Any], ...], Field(min_length=1, max_length=len(LETTERS), strict=False)
+    ]
     """Vehicles."""
     landmarks: Annotated[tuple[Position, ...], Field(strict=False)] = ()
     """Positions of landmarks."""
@@ -252,7 +262,9 @@ def read_simulation(path: Path) -> StudyImport:
     period = _sampling_period(simulation, label)
     environment = find_file(simulation.env_config_file, path)
     if not exists(environment):
-        raise StudyError(f"{label}: env_config_file: no file {shown(environment)}; correct the name")
+        raise StudyError(
+            f"{label}: env_config_file: no file {shown(environment)}; correct the name"
+        )
     notes = [
         *_notes(simulation, period),
         *_float_notes(simulation, robots),
@@ -276,7 +288,9 @@ def _robot(robot: dict[str, Any], label: str) -> ConstantVelocity | CurrentDrift
     if kind not in _ROBOTS:
         found = f"found {kind!r}" if "type" in robot else "missing"
         raise StudyError(f"{label}.type: {found}; allowed: {' or '.join(map(repr, _ROBOTS))}")
-    return checked(_ROBOTS[kind], {key: value for key, value in robot.items() if key != "type"}, label, None)
+    return checked(
+        _ROBOTS[kind], {key: value for key, value in robot.items() if key != "type"}, label, None
+    )
 
 
 def _fraction(value: float) -> Fraction:
@@ -291,20 +305,22 @@ def _sampling_period(simulation: Simulation, label: str) -> float:
     step = _fraction(timing.physics_dt)
     if timing.ping_interval_min > 60.0 * timing.end_time_hours:
         raise StudyError(
-            f"{label}: timing.ping_interval_min is {timing.ping_interval_min:g} min, longer than end_time_hours,"
-            f" {timing.end_time_hours:g} h: there would be no ping; shorten it"
+            f"{label}: timing.ping_interval_min is {timing.ping_interval_min:g} min, longer than"
+            f" end_time_hours, {timing.end_time_hours:g} h: there would be no ping; shorten it"
         )
     for key in ("gt_freq_hz", "odom_freq_hz", "gps_freq_hz"):
         steps = 1 / (_fraction(getattr(sensors, key)) * step)
         if steps < 1 or steps.denominator != 1:
             raise StudyError(
-                f"{label}: sensors.{key} is {getattr(sensors, key):g} Hz, {float(1 / steps):g} times the frequency of steps,"
-                f" 1 / timing.physics_dt; the program refuses it; use a whole fraction of {float(1 / step):g} Hz"
+                f"{label}: sensors.{key} is {getattr(sensors, key):g} Hz, {float(1 / steps):g}"
+                " times the frequency of steps, 1 / timing.physics_dt; the program refuses it; use"
+                f" a whole fraction of {float(1 / step):g} Hz"
             )
     if sensors.gt_freq_hz != sensors.odom_freq_hz and not simulation.pfg.use_ground_truth_odometry:
         raise StudyError(
-            f"{label}: sensors.odom_freq_hz is {sensors.odom_freq_hz:g} Hz and gt_freq_hz {sensors.gt_freq_hz:g} Hz: the program"
-            " would give odometry to wrong poses; use one frequency"
+            f"{label}: sensors.odom_freq_hz is {sensors.odom_freq_hz:g} Hz and gt_freq_hz"
+            f" {sensors.gt_freq_hz:g} Hz: the program would give odometry to wrong poses; use one"
+            " frequency"
         )
     periods = (
         1 / _fraction(sensors.gt_freq_hz),
@@ -315,8 +331,9 @@ def _sampling_period(simulation: Simulation, label: str) -> float:
     period = Fraction(math.gcd(*(int(value * scale) for value in periods)), scale)
     if (period / step).denominator != 1:
         raise StudyError(
-            f"{label}: timing: ping_interval_min and end_time_hours have no common period with gt_freq_hz that is a multiple"
-            f" of physics_dt, {timing.physics_dt:g} s; change one of them"
+            f"{label}: timing: ping_interval_min and end_time_hours have no common period with"
+            f" gt_freq_hz that is a multiple of physics_dt, {timing.physics_dt:g} s; change one of"
+            " them"
         )
     return float(period)
 
@@ -327,20 +344,29 @@ def _notes(simulation: Simulation, period: float) -> Iterator[str]:
     acoustics = simulation.acoustics
     robots = simulation.robots
     if acoustics.tof_mode == "two_way":
-        yield "acoustics.tof_mode is two_way: the program gives twice the distance; here the range is the distance"
+        yield (
+            "acoustics.tof_mode is two_way: the program gives twice the distance; here the range"
+            " is the distance"
+        )
     if len(robots) > _LANDMARK_LETTER:
-        yield "robots: the program gives the 12th robot the letter L, which means a landmark; here it is a vehicle"
+        yield (
+            "robots: the program gives the 12th robot the letter L, which means a landmark; here"
+            " it is a vehicle"
+        )
     poses = 1.0 / sensors.gt_freq_hz
     if not math.isclose(poses, period):
         yield (
-            f"timing: poses every {poses:g} s do not contain all pings and the end, so the program ties ranges to earlier poses;"
-            f" here poses are every {period:g} s"
+            f"timing: poses every {poses:g} s do not contain all pings and the end, so the program"
+            f" ties ranges to earlier poses; here poses are every {period:g} s"
         )
     for key in ("odom_freq_hz", "gps_freq_hz"):
         own = 1.0 / getattr(sensors, key)
         if not math.isclose(own, period):
             yield f"sensors.{key}: every {own:g} s; here at the poses, every {period:g} s"
-    for key, rows in (("pose_prior_cov_diag", "first poses"), ("landmark_prior_cov_diag", "landmarks")):
+    for key, rows in (
+        ("pose_prior_cov_diag", "first poses"),
+        ("landmark_prior_cov_diag", "landmarks"),
+    ):
         variances = getattr(simulation.pfg, key)
         if variances is None and (key.startswith("pose") or simulation.landmarks):
             wrong = "writes variances of 0" if key.startswith("pose") else "writes no prior"
@@ -351,22 +377,31 @@ def _notes(simulation: Simulation, period: float) -> Iterator[str]:
             yield f"pfg.{key}: axes differ; their mean is used, as PyFactorGraph does"
 
 
-def _float_notes(simulation: Simulation, robots: list[ConstantVelocity | CurrentDrift]) -> Iterator[str]:
+def _float_notes(
+    simulation: Simulation, robots: list[ConstantVelocity | CurrentDrift]
+) -> Iterator[str]:
     """Depths at which floats of the program stop elsewhere, or which they never reach."""
     step = simulation.timing.physics_dt
     for i, robot in enumerate(robots):
         if isinstance(robot, CurrentDrift):
             if None in float_steps(robot, simulation.timing):
                 yield (
-                    f"robots[{i}]: physics_dt is {step:g} s, and the program, which slows down below 0.1 s, never reaches one of its"
-                    " depths and stays there; so does this study"
+                    f"robots[{i}]: physics_dt is {step:g} s, and the program, which slows down"
+                    " below 0.1 s, never reaches one of its depths and stays there; so does this"
+                    " study"
                 )
             elif robot.vertical_speed * step > _LARGE_STEP:
-                yield f"robots[{i}]: the program passes a depth by up to {robot.vertical_speed * step:g} m; here the robot stops at it"
+                yield (
+                    f"robots[{i}]: the program passes a depth by up to"
+                    f" {robot.vertical_speed * step:g} m; here the robot stops at it"
+                )
 
 
 def _water_notes(
-    simulation: Simulation, robots: list[ConstantVelocity | CurrentDrift], environment: Path, label: str
+    simulation: Simulation,
+    robots: list[ConstantVelocity | CurrentDrift],
+    environment: Path,
+    label: str,
 ) -> Iterator[str]:
     """Check positions in the grid; yield what the program cannot do in it."""
     from pymantaray.geometry.boundary import BoundarySurface
@@ -382,17 +417,24 @@ def _water_notes(
     def fault(position: tuple[float, float, float]) -> str | None:
         x, y, z = position
         if not (east[0] <= x <= east[-1] and north[0] <= y <= north[-1]):
-            return f"outside the grid, x {east[0]:g} to {east[-1]:g} m and y {north[0]:g} to {north[-1]:g} m"
+            return (
+                f"outside the grid, x {east[0]:g} to {east[-1]:g} m and y {north[0]:g} to"
+                f" {north[-1]:g} m"
+            )
         floor = float(bed.depth_at([y, x])[0])
         if not 0.0 <= z <= floor:
             return f"outside the water, z 0 to {floor:g} m there"
         return None
 
-    for name, positions in (("landmarks", simulation.landmarks), ("robots", [r.position for r in robots])):
+    for name, positions in (
+        ("landmarks", simulation.landmarks),
+        ("robots", [r.position for r in robots]),
+    ):
         for i, position in enumerate(positions):
             if (where := fault(position)) is not None:
                 raise StudyError(
-                    f"{label}: {name}[{i}]: position {position[0]:g}, {position[1]:g}, {position[2]:g} is {where}; move it"
+                    f"{label}: {name}[{i}]: position {position[0]:g}, {position[1]:g},"
+                    f" {position[2]:g} is {where}; move it"
                 )
     if bed.depth.min() <= 0.0:
         yield f"{environment.name}: the water has land, at which the program stops"
@@ -402,11 +444,17 @@ def _water_notes(
         if isinstance(robot, ConstantVelocity):
             x, y, z = (p + seconds * v for p, v in zip(robot.position, robot.velocity, strict=True))
             if (where := fault((x, y, z))) is not None:
-                yield f"robots[{i}]: its last position is {where}; the program stops there, here only the robot does"
+                yield (
+                    f"robots[{i}]: its last position is {where}; the program stops there, here"
+                    " only the robot does"
+                )
             continue
         x, y, z = robot.position
         if (where := fault((x, y, robot.target_depth))) is not None:
-            yield f"robots[{i}]: target_depth {robot.target_depth:g} m is {where}; here the robot stops at the sea floor"
+            yield (
+                f"robots[{i}]: target_depth {robot.target_depth:g} m is {where}; here the robot"
+                " stops at the sea floor"
+            )
         if current is None:
             yield f"robots[{i}]: the water has no current; here the robot is at rest horizontally"
         elif outside := [
@@ -414,7 +462,10 @@ def _water_notes(
             for key, low, high in (("x", x, x), ("y", y, y), ("z", z, robot.target_depth))
             if not current[key][0] <= low <= high <= current[key][-1]
         ]:
-            yield f"robots[{i}]: it leaves the grid of the current, {', '.join(outside)}, where the program writes nothing; here the current at the edge is used"
+            yield (
+                f"robots[{i}]: it leaves the grid of the current, {', '.join(outside)}, where the"
+                " program writes nothing; here the current at the edge is used"
+            )
 
 
 def _study(
@@ -443,10 +494,17 @@ def _study(
         "odometry_z_fraction": 0.0,
         "odometry_translation_drift": sensors.odom_noise_stddev * per_edge,
     }
-    priors = {"first_position_sigma": pfg.pose_prior_cov_diag, "landmark_sigma": pfg.landmark_prior_cov_diag}
-    priors["first_rotation_sigma"] = None if pfg.pose_prior_cov_diag is None else pfg.pose_prior_cov_diag[3:]
+    priors = {
+        "first_position_sigma": pfg.pose_prior_cov_diag,
+        "landmark_sigma": pfg.landmark_prior_cov_diag,
+    }
+    priors["first_rotation_sigma"] = (
+        None if pfg.pose_prior_cov_diag is None else pfg.pose_prior_cov_diag[3:]
+    )
     noise |= {
-        key: math.sqrt(sum(variances[:3]) / 3.0) for key, variances in priors.items() if variances is not None
+        key: math.sqrt(sum(variances[:3]) / 3.0)
+        for key, variances in priors.items()
+        if variances is not None
     }
     return {
         "study": {
@@ -471,7 +529,9 @@ def _study(
         "ranging": {"timing": acoustics.tof_mode.replace("_", "-")},
         "noise": noise,
         "fleet": {
-            "vehicles": [_vehicle(robot, name, timing) for robot, name in zip(robots, LETTERS, strict=False)]
+            "vehicles": [
+                _vehicle(robot, name, timing) for robot, name in zip(robots, LETTERS, strict=False)
+            ]
         },
         "landmarks": [
             {"name": f"L{i}", "north": north, "east": east, "depth": depth}
@@ -515,7 +575,9 @@ def _vehicle(robot: ConstantVelocity | CurrentDrift, name: str, timing: Timing) 
         "kind": "float",
         **placed,
         "target_depth": robot.target_depth,
-        "start_delay_h": hours(robot.start_offset_seconds, 0) if robot.start_offset_seconds else 0.0,
+        "start_delay_h": hours(robot.start_offset_seconds, 0)
+        if robot.start_offset_seconds
+        else 0.0,
         "hold_depth_h": hours(robot.hold_seconds, extra.depth),
         "hold_surface_h": hours(robot.surface_hold_seconds, extra.surface),
         "vertical_speed": robot.vertical_speed,

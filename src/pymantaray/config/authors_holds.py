@@ -1,4 +1,7 @@
-"""Steps that floats of the paper's authors' program hold, as steps of a study's float with the same depths over time."""
+"""
+Steps that floats of the paper's authors' program hold, as steps of a study's float with the same
+depths over time.
+"""
 
 from functools import lru_cache
 from typing import NamedTuple
@@ -12,7 +15,10 @@ _TOUCH = 1e-6  # m, at which a float of a study has arrived
 
 
 class Holds(NamedTuple):
-    """Steps by which holds of a study's float are longer than those that the program counts; None if it never arrives."""
+    """
+    Steps by which holds of a study's float are longer than those that the program counts; None if
+    it never arrives.
+    """
 
     depth: int | None
     """Steps at the target depth."""
@@ -27,12 +33,15 @@ def counted_steps(seconds: float, step: float) -> int:
     return 1 + int(np.searchsorted(np.cumsum(np.full(enough, step)), seconds))
 
 
-def extra_steps(start: float, target: float, surface: float, speed: float, step: float, limit: int) -> Holds:
+def extra_steps(
+    start: float, target: float, surface: float, speed: float, step: float, limit: int
+) -> Holds:
     """
     Compare the steps of a dive and an ascent in the program with those of a study's float.
 
-    The program moves by whole steps until it has passed a depth; a study's float stops at it. The first dive and ascent give the
-    depths between which the program moves later. At most ``limit`` steps are compared.
+    The program moves by whole steps until it has passed a depth; a study's float stops at it. The
+    first dive and ascent give the depths between which the program moves later. At most ``limit``
+    steps are compared.
     """
     ours = _reached(target - start, speed, step), _reached(target - surface, speed, step)
     depth, dive = _passed(start, target, speed, step, limit)
@@ -51,8 +60,13 @@ def extra_steps(start: float, target: float, surface: float, speed: float, step:
     return Holds(dive - ours[1] + _ARRIVAL_STEPS, ascent - ours[1] + _ARRIVAL_STEPS)
 
 
-def _passed(depth: float, goal: float, speed: float, step: float, limit: int) -> tuple[float, int | None]:
-    """Depth at which the program has passed a goal, and its steps; None if a step no longer changes the depth."""
+def _passed(
+    depth: float, goal: float, speed: float, step: float, limit: int
+) -> tuple[float, int | None]:
+    """
+    Depth at which the program has passed a goal, and its steps; None if a step no longer changes
+    the depth.
+    """
     sign = 1.0 if goal > depth else -1.0
     for count in range(limit + 1):
         if sign * (depth - goal) >= 0.0:

@@ -41,7 +41,8 @@ _ALLOWED = {
     "model_attributes_type": "a table",
     "dict_type": "a table",
     **dict.fromkeys(
-        ("datetime_type", "datetime_parsing", "datetime_from_date_parsing"), "a time as 2014-07-15T12:00:00"
+        ("datetime_type", "datetime_parsing", "datetime_from_date_parsing"),
+        "a time as 2014-07-15T12:00:00",
     ),
 }
 _PATTERNS = {
@@ -52,11 +53,16 @@ _PATTERNS = {
 
 
 def checked(model: type[Model], tree: dict[str, Any], label: str, folder: Path | None) -> Model:
-    """Check nested dictionaries by a model; input files are relative to the folder. Default: the working folder."""
+    """
+    Check nested dictionaries by a model; input files are relative to the folder. Default: the
+    working folder.
+    """
     try:
         return model.model_validate(tree, context={"folder": folder or Path()})
     except ValidationError as error:
-        raise StudyError("\n".join(f"{label}: {line}" for line in finding_lines(error, model))) from None
+        raise StudyError(
+            "\n".join(f"{label}: {line}" for line in finding_lines(error, model))
+        ) from None
 
 
 def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
@@ -66,7 +72,9 @@ def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
     for finding in findings[: 2 * _MAX_FINDINGS]:
         if not _follows(finding, findings):
             fault, ends, allowed = _describe(finding, model).partition("; allowed: ")
-            before = f"{lines[fault]} or " if fault in lines else ends  # a value with several allowed types
+            before = (
+                f"{lines[fault]} or " if fault in lines else ends
+            )  # a value with several allowed types
             lines[fault] = before + allowed
     shown = [fault + allowed for fault, allowed in lines.items()][:_MAX_FINDINGS]
     more = len(findings) - _MAX_FINDINGS
@@ -74,10 +82,13 @@ def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
 
 
 def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
-    """True if a list is too short only because its entries are wrong, which other findings report."""
+    """
+    True if a list is too short only because its entries are wrong, which other findings report.
+    """
     location = finding["loc"]
     return finding["type"] == "too_short" and any(
-        len(other["loc"]) > len(location) and other["loc"][: len(location)] == location for other in findings
+        len(other["loc"]) > len(location) and other["loc"][: len(location)] == location
+        for other in findings
     )
 
 
@@ -98,7 +109,9 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
     value = finding.get("input")
     allowed = _ALLOWED[kind].format(**context) if kind in _ALLOWED else finding["msg"]
     if kind == "union_tag_not_found":
-        kinds = [tag for option in options for tag in get_args(option.model_fields["kind"].annotation)]
+        kinds = [
+            tag for option in options for tag in get_args(option.model_fields["kind"].annotation)
+        ]
         return f"{where}.kind: missing; add it, one of {', '.join(map(repr, kinds))}"
     if kind == "union_tag_invalid":
         return f"{where}.kind: found {_REPR.repr(context['tag'])}; allowed: {allowed}"
@@ -115,7 +128,10 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
 
 
 def _unknown(key: str, model: type[BaseModel] | None, where: str, root: type[BaseModel]) -> str:
-    """Line about an unknown key, with similar keys of its table or of others, otherwise with all keys of its table."""
+    """
+    Line about an unknown key, with similar keys of its table or of others, otherwise with all keys
+    of its table.
+    """
     known = sorted(model.model_fields) if model else []
     prefix = f"{where}." if where else ""
     paths = list(_paths(root, ""))
@@ -123,7 +139,9 @@ def _unknown(key: str, model: type[BaseModel] | None, where: str, root: type[Bas
     meant = meant or [f"{prefix}{name}" for name in difflib.get_close_matches(key, known, n=1)]
     if not (meant or where):  # a key without its table
         ends = [path.rpartition(".")[2] for path in paths]
-        meant = [paths[ends.index(end)] for end in difflib.get_close_matches(key, ends, n=1, cutoff=0.8)]
+        meant = [
+            paths[ends.index(end)] for end in difflib.get_close_matches(key, ends, n=1, cutoff=0.8)
+        ]
     hint = (
         f"Did you mean {' or '.join(f'`{path}`' for path in meant)}?"
         if meant

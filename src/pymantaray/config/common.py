@@ -1,4 +1,7 @@
-"""Common parts of all sections of a configuration: strict models, the word "none", file names, quantities with units."""
+"""
+Common parts of all sections of a configuration: strict models, the word "none", file names,
+quantities with units.
+"""
 
 import datetime as dt
 import os
@@ -26,12 +29,21 @@ def _quantity(value: object, unit: str) -> object:
     return quantity_of(value, unit) if isinstance(value, str) else value
 
 
-# quantities: a number is in the unit of the key; text has its own unit and is converted to that of the key
+# quantities: a number is in the unit of the key; text has its own unit and is converted to that of
+# the key
 T = TypeVar("T")
-Metres = Annotated[T, BeforeValidator(partial(_quantity, unit="m")), Field(json_schema_extra={"unit": "m"})]
-Seconds = Annotated[T, BeforeValidator(partial(_quantity, unit="s")), Field(json_schema_extra={"unit": "s"})]
-Hours = Annotated[T, BeforeValidator(partial(_quantity, unit="h")), Field(json_schema_extra={"unit": "h"})]
-Days = Annotated[T, BeforeValidator(partial(_quantity, unit="d")), Field(json_schema_extra={"unit": "d"})]
+Metres = Annotated[
+    T, BeforeValidator(partial(_quantity, unit="m")), Field(json_schema_extra={"unit": "m"})
+]
+Seconds = Annotated[
+    T, BeforeValidator(partial(_quantity, unit="s")), Field(json_schema_extra={"unit": "s"})
+]
+Hours = Annotated[
+    T, BeforeValidator(partial(_quantity, unit="h")), Field(json_schema_extra={"unit": "h"})
+]
+Days = Annotated[
+    T, BeforeValidator(partial(_quantity, unit="d")), Field(json_schema_extra={"unit": "d"})
+]
 MetresPerSecond = Annotated[
     T, BeforeValidator(partial(_quantity, unit="m/s")), Field(json_schema_extra={"unit": "m/s"})
 ]
@@ -47,11 +59,15 @@ DegreesPerSecond = Annotated[
 RadiansPerSecond = Annotated[
     T, BeforeValidator(partial(_quantity, unit="rad/s")), Field(json_schema_extra={"unit": "rad/s"})
 ]
-Hertz = Annotated[T, BeforeValidator(partial(_quantity, unit="Hz")), Field(json_schema_extra={"unit": "Hz"})]
+Hertz = Annotated[
+    T, BeforeValidator(partial(_quantity, unit="Hz")), Field(json_schema_extra={"unit": "Hz"})
+]
 
 
 def _instant(value: object) -> object:
-    """Date and time of ISO 8601 text, a date or a NumPy instant; other values are returned unchanged."""
+    """
+    Date and time of ISO 8601 text, a date or a NumPy instant; other values are returned unchanged.
+    """
     if isinstance(value, np.datetime64) and not np.isnat(value):
         return value.astype("datetime64[us]").item()
     if isinstance(value, str):
@@ -64,7 +80,9 @@ def _instant(value: object) -> object:
     return value
 
 
-Instant = Annotated[dt.datetime, BeforeValidator(_instant, json_schema_input_type=dt.datetime | str)]
+Instant = Annotated[
+    dt.datetime, BeforeValidator(_instant, json_schema_input_type=dt.datetime | str)
+]
 """Date and time, UTC unless a zone is given."""
 Depth = Metres[NonNegativeFloat]
 """Positive down."""
@@ -84,7 +102,9 @@ class Located(str):
 
 
 def located(tree: Any, folder: Path) -> Any:
-    """Nested dictionaries and lists with a folder for each text; texts that have a folder keep it."""
+    """
+    Nested dictionaries and lists with a folder for each text; texts that have a folder keep it.
+    """
     if isinstance(tree, str):
         return tree if isinstance(tree, Located) else Located(tree, folder)
     if isinstance(tree, Mapping):
@@ -98,7 +118,10 @@ _NO_FILE = (SYNTHETIC, IN_MEMORY)
 
 
 def input_file(name: str, folder: Path) -> str:
-    """Absolute name of a file from its name relative to a folder; names of synthetic oceans are unchanged."""
+    """
+    Absolute name of a file from its name relative to a folder; names of synthetic oceans are
+    unchanged.
+    """
     if "\0" in name:
         raise ValueError(f"found {name!r}, which is not a valid file name; correct it")
     return name if name.startswith(_NO_FILE) else os.path.realpath(folder / name)
@@ -108,12 +131,16 @@ def _anchor(name: Any, info: ValidationInfo) -> Any:
     if not isinstance(name, str) or not name:
         return name
     return input_file(
-        name, name.folder if isinstance(name, Located) else (info.context or {}).get("folder", Path())
+        name,
+        name.folder if isinstance(name, Located) else (info.context or {}).get("folder", Path()),
     )
 
 
 InputFile = Annotated[str, Field(min_length=1), BeforeValidator(_anchor)]
-"""File name: relative to the file that contains it, otherwise to the folder of the validation or the working folder; then absolute."""
+"""
+File name: relative to the file that contains it, otherwise to the folder of the validation or the
+working folder; then absolute.
+"""
 
 
 def _one_is_enough(value: object) -> object:
@@ -126,7 +153,10 @@ InputFiles = Annotated[
     Field(strict=False),
 ]
 OceanSource = Annotated[InputFiles, Field(min_length=1)]
-"""Source of `open_ocean`: a file, several files that belong together, or the name of a synthetic ocean."""
+"""
+Source of `open_ocean`: a file, several files that belong together, or the name of a synthetic
+ocean.
+"""
 
 
 def own_files(source: Sequence[str]) -> tuple[str, ...]:
@@ -135,7 +165,10 @@ def own_files(source: Sequence[str]) -> tuple[str, ...]:
 
 
 class Section(BaseModel):
-    """Base of all sections: frozen, strict about types, no unknown keys, finite numbers only, ``"none"`` for no value."""
+    """
+    Base of all sections: frozen, strict about types, no unknown keys, finite numbers only,
+    ``"none"`` for no value.
+    """
 
     model_config = ConfigDict(
         frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
@@ -155,11 +188,14 @@ class Section(BaseModel):
     @cache
     def _may_lack(cls) -> frozenset[str]:
         """Keys without a value by default."""
-        return frozenset(key for key, field in cls.model_fields.items() if field.default in (None, ()))
+        return frozenset(
+            key for key, field in cls.model_fields.items() if field.default in (None, ())
+        )
 
     def model_copy(self, *, update: Mapping[str, Any] | None = None, deep: bool = False) -> Self:
         """
-        Copy the section; unlike pydantic's own method, this checks changed keys and values like those of a file.
+        Copy the section; unlike pydantic's own method, this checks changed keys and values like
+        those of a file.
 
         Parameters
         ----------

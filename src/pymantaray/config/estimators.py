@@ -1,4 +1,7 @@
-"""Sections of a configuration about conditions: estimators, and the oceans that they assume; in one module because checks compare them."""
+"""
+Sections of a configuration about conditions: estimators, and the oceans that they assume; in one
+module because checks compare them.
+"""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -34,7 +37,10 @@ KindAlone = BeforeValidator(_kind_alone)
 
 
 class ExactBelief(Section):
-    """The true ocean; if it varies, its first snapshot, or with ``time_varying`` the ocean at each ping."""
+    """
+    The true ocean; if it varies, its first snapshot, or with ``time_varying`` the ocean at each
+    ping.
+    """
 
     kind: Literal["exact"]
     """The true ocean."""
@@ -46,8 +52,8 @@ class PerturbedBelief(Section):
     """
     The true ocean with random errors in its vertical modes, one member for each realization.
 
-    ``rms`` of the sound speed is over the water column, or its upper ``down_to`` metres. Beliefs of one study that differ only in
-    ``rms`` have proportional errors.
+    ``rms`` of the sound speed is over the water column, or its upper ``down_to`` metres. Beliefs of
+    one study that differ only in ``rms`` have proportional errors.
     """
 
     kind: Literal["perturbed"]
@@ -71,10 +77,11 @@ class MeanBelief(Section):
 
 class CastBelief(Section):
     """
-    One cast at the start, for the whole domain. Default: at the first vehicle on station, or at the centre.
+    One cast at the start, for the whole domain. Default: at the first vehicle on station, or at the
+    centre.
 
-    Its sound speed has a bias and noise at each level, drawn for each realization. Water below ``down_to`` has its last
-    temperature and salinity.
+    Its sound speed has a bias and noise at each level, drawn for each realization. Water below
+    ``down_to`` has its last temperature and salinity.
     """
 
     kind: Literal["cast"]
@@ -98,7 +105,10 @@ class CastBelief(Section):
 
 
 class OffsetBelief(Section):
-    """The true ocean with an error of sound speed [m/s] that depends on depth alone: linear between depths, constant beyond."""
+    """
+    The true ocean with an error of sound speed [m/s] that depends on depth alone: linear between
+    depths, constant beyond.
+    """
 
     kind: Literal["offset"]
     """The true ocean with an error that depends on depth."""
@@ -112,14 +122,17 @@ class OffsetBelief(Section):
         rising = all(a < b for a, b in pairwise(self.depth))
         if len(self.depth) != len(self.sound_speed) or not rising:
             raise ValueError(
-                f"depth has {len(self.depth)} values, sound_speed {len(self.sound_speed)}; both must have the same number of"
-                " values, with increasing depths"
+                f"depth has {len(self.depth)} values, sound_speed {len(self.sound_speed)}; both"
+                " must have the same number of values, with increasing depths"
             )
         return self
 
 
 class NumericsBelief(Section):
-    """The true ocean with other numerical options: fewer levels, another equation of sound speed, another interpolation."""
+    """
+    The true ocean with other numerical options: fewer levels, another equation of sound speed,
+    another interpolation.
+    """
 
     kind: Literal["numerics"]
     """The true ocean with other numerical options."""
@@ -143,14 +156,20 @@ class InternalTideSection(Section):
 
 
 class InternalTideBelief(InternalTideSection):
-    """The first snapshot of the true ocean with an internal tide, which replaces that of the true ocean."""
+    """
+    The first snapshot of the true ocean with an internal tide, which replaces that of the true
+    ocean.
+    """
 
     kind: Literal["internal-tide"]
     """The true ocean with an internal tide."""
 
 
 class OtherDayBelief(Section):
-    """The same source at an earlier time: a snapshot, or with ``time_varying`` the ocean from that time on."""
+    """
+    The same source at an earlier time: a snapshot, or with ``time_varying`` the ocean from that
+    time on.
+    """
 
     kind: Literal["other-day"]
     """The source at another time."""
@@ -162,10 +181,11 @@ class OtherDayBelief(Section):
 
 class FileBelief(Section):
     """
-    Another ocean, from files as in ``[ocean]``, or from a cast, which gives horizontally uniform water.
+    Another ocean, from files as in ``[ocean]``, or from a cast, which gives horizontally uniform
+    water.
 
-    ``time`` selects one of several times of an ocean (default: the start of the mission); ``cast`` selects one of several casts
-    of a file.
+    ``time`` selects one of several times of an ocean (default: the start of the mission); ``cast``
+    selects one of several casts of a file.
     """
 
     kind: Literal["file"]
@@ -195,11 +215,12 @@ AnyBelief = Annotated[
 
 class ModesSection(Section):
     """
-    Amplitudes of vertical sound-speed modes, uniform over the domain, that are estimated with the poses.
+    Amplitudes of vertical sound-speed modes, uniform over the domain, that are estimated with the
+    poses.
 
-    They are the first ``count`` modes of the study's ocean or of casts, relative to the assumed ocean. Their prior standard
-    deviations are those of the ocean or casts, or scaled such that all modes have ``rms`` over the water column or its upper
-    ``down_to`` metres.
+    They are the first ``count`` modes of the study's ocean or of casts, relative to the assumed
+    ocean. Their prior standard deviations are those of the ocean or casts, or scaled such that all
+    modes have ``rms`` over the water column or its upper ``down_to`` metres.
     """
 
     count: int = Field(ge=1)
@@ -219,7 +240,10 @@ class ModesSection(Section):
 
 
 class ClocksSection(Section):
-    """Offsets and rate errors of all clocks, estimated with the poses. Default priors: those of the study."""
+    """
+    Offsets and rate errors of all clocks, estimated with the poses. Default priors: those of the
+    study.
+    """
 
     offset_sigma: Seconds[NonNegativeFloat] | None = None
     """Prior standard deviation of clock offsets. Default: ``noise.clock_offset_sigma``. [s]"""
@@ -242,7 +266,10 @@ class TransmitterRangeModel(Section):
 
 
 class ConstantRangeModel(Section):
-    """Distance over one sound speed: ``sound_speed``, or the mean of the assumed ocean down to the deepest vehicle."""
+    """
+    Distance over one sound speed: ``sound_speed``, or the mean of the assumed ocean down to the
+    deepest vehicle.
+    """
 
     kind: Literal["constant"]
     """One sound speed."""
@@ -289,7 +316,8 @@ class EigenrayRangeModel(Section):
 
 class MixtureRangeModel(Section):
     """
-    Mixture of all arrivals in the assumed ocean that the receiver may have taken, with the study's bounces and modems.
+    Mixture of all arrivals in the assumed ocean that the receiver may have taken, with the study's
+    bounces and modems.
 
     Each range belongs to the most probable arrival, or to none of them.
     """
@@ -299,11 +327,20 @@ class MixtureRangeModel(Section):
     belief: AnyBelief
     """The assumed ocean, by its ``kind``; text is the kind alone."""
     weights: Literal["receiver", "equal"] = "receiver"
-    """Probabilities of the arrivals of a link: by the rule ``ranging.mistaken``, or equal; without mistaken arrivals they are equal."""
+    """
+    Probabilities of the arrivals of a link: by the rule ``ranging.mistaken``, or equal; without
+    mistaken arrivals they are equal.
+    """
     sound_speed_sigma: MetresPerSecond[NonNegativeFloat] = 0.0
-    """Assumed error of the sound speed along a path, which adds to the standard deviation of each travel time. [m/s]"""
+    """
+    Assumed error of the sound speed along a path, which adds to the standard deviation of each
+    travel time. [m/s]
+    """
     persistence_s: Seconds[NonNegativeFloat] = 0.0
-    """Time constant with which a receiver stays with an arrival; 0 if successive picks are independent. [s]"""
+    """
+    Time constant with which a receiver stays with an arrival; 0 if successive picks are
+    independent. [s]
+    """
     null_weight: float = Field(default=0.01, ge=0.0, lt=1.0)
     """Probability that a range belongs to none of the arrivals. [-]"""
     null_width: Metres[PositiveFloat] = 1000.0
@@ -341,7 +378,10 @@ class FixedVariance(Section):
 
 
 class RayVariance(Section):
-    """Variance of a range plus the variance of travel times due to errors of the ocean. Default: the errors of a perturbed belief."""
+    """
+    Variance of a range plus the variance of travel times due to errors of the ocean. Default: the
+    errors of a perturbed belief.
+    """
 
     kind: Literal["per-link", "correlated"]
     """Variances alone, or with covariances between the links of a ping."""
@@ -357,7 +397,9 @@ class RayVariance(Section):
         if (self.rms is None) != (self.horizontal_scale is None) or (
             self.down_to is not None and self.rms is None
         ):
-            raise ValueError("rms and horizontal_scale must be given together, and down_to with them")
+            raise ValueError(
+                "rms and horizontal_scale must be given together, and down_to with them"
+            )
         return self
 
 
@@ -374,7 +416,10 @@ class GtsamSolver(Section):
     kind: Literal["gtsam"]
     """Batch estimation by GTSAM."""
     converged: bool = True
-    """True to continue until the cost does not fall; False for GTSAM's default parameters, as in the authors' program."""
+    """
+    True to continue until the cost does not fall; False for GTSAM's default parameters, as in the
+    authors' program.
+    """
 
 
 class IncrementalSolver(Section):
@@ -392,7 +437,10 @@ class FixedLagSolver(Section):
     lag_h: Hours[PositiveFloat]
     """Lag: time after which poses are marginalized. [h]"""
     incremental: bool = False
-    """True for an update by iSAM2 at each sample instead of a batch at each ping, which bounds the time of an update."""
+    """
+    True for an update by iSAM2 at each sample instead of a batch at each ping, which bounds the
+    time of an update.
+    """
 
 
 class KalmanFilter(Section):
@@ -429,11 +477,13 @@ Start = Literal["truth", "dead-reckoning"]
 
 class ConditionSection(Section):
     """
-    One condition of a study: which ranges are used, and how the trajectories are estimated from them.
+    One condition of a study: which ranges are used, and how the trajectories are estimated from
+    them.
 
-    All conditions see the same noise. These names need no other keys: ``odometry`` (dead reckoning), ``no-ranges`` (all
-    sensors but ranges), ``straight`` (straight ranges over the links that refracted ranges have), ``refracted`` (refracted
-    ranges, interpreted by the sound speed at the transmitter) and ``straight-all`` (straight ranges over all links).
+    All conditions see the same noise. These names need no other keys: ``odometry`` (dead
+    reckoning), ``no-ranges`` (all sensors but ranges), ``straight`` (straight ranges over the links
+    that refracted ranges have), ``refracted`` (refracted ranges, interpreted by the sound speed at
+    the transmitter) and ``straight-all`` (straight ranges over all links).
     """
 
     name: str = Field(pattern=NAME)
@@ -455,13 +505,21 @@ class ConditionSection(Section):
     clocks: ClocksSection | None = None
     """Estimation of clocks with the poses."""
     range_sigma: Metres[PositiveFloat] | Literal["fitted"] | None = None
-    """Assumed standard deviation of ranges. Default: that of the study. ``"fitted"``: the value at which the cost equals its expectation. [m]"""
+    """
+    Assumed standard deviation of ranges. Default: that of the study. ``"fitted"``: the value at
+    which the cost equals its expectation. [m]
+    """
     directions: Literal["each", "mean"] = "each"
     """Use each range of a pair, or the mean of both directions."""
     scale_sigma: PositiveFloat | None = None
-    """Prior standard deviation of a common scale of all travel times; if given, the scale is estimated. [-]"""
+    """
+    Prior standard deviation of a common scale of all travel times; if given, the scale is
+    estimated. [-]
+    """
     bias_sigma: Metres[PositiveFloat] | None = None
-    """Prior standard deviation of a bias of each ordered pair; if given, the biases are estimated. [m]"""
+    """
+    Prior standard deviation of a bias of each ordered pair; if given, the biases are estimated. [m]
+    """
 
     @model_validator(mode="before")
     @classmethod
@@ -484,8 +542,8 @@ class ConditionSection(Section):
                 expected, "kind", expected
             ):
                 raise ValueError(
-                    f"{key} is given, but `{self.name}` is a standard condition, which allows only start; give the"
-                    " condition another name"
+                    f"{key} is given, but `{self.name}` is a standard condition, which allows only"
+                    " start; give the condition another name"
                 )
         self.model_fields_set.difference_update(keys)  # the name implies them
         return self
@@ -517,15 +575,19 @@ class ConditionSection(Section):
     @model_validator(mode="after")
     def _ranges_fit(self) -> Self:
         if self.ranges == "refracted" and self.links == "all":
-            raise ValueError('refracted ranges over all links: a dropout has none; use links = "refracted"')
+            raise ValueError(
+                'refracted ranges over all links: a dropout has none; use links = "refracted"'
+            )
         if self.ranges != "refracted" and self.range_model.kind != "transmitter":
             raise ValueError(
-                f"range_model is {self.range_model.kind}, but ranges is {self.ranges}, which needs no travel times;"
+                f"range_model is {self.range_model.kind}, but ranges is {self.ranges}, which needs"
+                " no travel times;"
                 ' remove it or set ranges = "refracted"'
             )
         if self.solver.kind == "dead-reckoning" and self.ranges != "none":
             raise ValueError(
-                f'solver "dead-reckoning" uses no ranges, but ranges is {self.ranges}; set ranges = "none"'
+                f'solver "dead-reckoning" uses no ranges, but ranges is {self.ranges}; set ranges'
+                ' = "none"'
             )
         if self.ranges == "none":
             of_ranges = (
@@ -548,7 +610,8 @@ class ConditionSection(Section):
             self.range_model.kind != "transmitter" or self.ranges != "refracted"
         ):
             raise ValueError(
-                'directions "mean" is for refracted ranges that differ by the speed at their transmitter; set range_model'
+                'directions "mean" is for refracted ranges that differ by the speed at their'
+                " transmitter; set range_model"
                 ' = "transmitter"'
             )
         if self.range_sigma == "fitted" and (
@@ -557,8 +620,8 @@ class ConditionSection(Section):
             or self.solver.kind not in {"batch", "gtsam", "kalman-filter"}
         ):
             raise ValueError(
-                'range_sigma "fitted" needs a cost with an expected value: no loss, variance "fixed", and solver "batch",'
-                ' "gtsam" or "kalman-filter"'
+                'range_sigma "fitted" needs a cost with an expected value: no loss, variance'
+                ' "fixed", and solver "batch", "gtsam" or "kalman-filter"'
             )
         return self
 
@@ -572,11 +635,13 @@ class ConditionSection(Section):
     def _unknowns_fit(self) -> Self:
         if self.modes is not None and self.variance.kind != "fixed":
             raise ValueError(
-                f'modes are given and variance is "{self.variance.kind}": the water\'s error would count twice; set "fixed"'
+                f'modes are given and variance is "{self.variance.kind}": the water\'s error would'
+                ' count twice; set "fixed"'
             )
         if self.solver.kind != "batch" and self.estimates_more:
             raise ValueError(
-                f'solver "{self.solver.kind}" does not estimate modes, clocks, scale or biases; set solver = "batch"'
+                f'solver "{self.solver.kind}" does not estimate modes, clocks, scale or biases;'
+                ' set solver = "batch"'
             )
         return self
 
@@ -588,7 +653,9 @@ class ConditionSection(Section):
 
     @model_validator(mode="after")
     def _varying_rays_fit(self) -> Self:
-        if varies(self.belief) and (self.range_model.kind != "eigenray" or self.variance.kind != "fixed"):
+        if varies(self.belief) and (
+            self.range_model.kind != "eigenray" or self.variance.kind != "fixed"
+        ):
             raise ValueError(
                 'a belief that varies in time is for range_model "eigenray" with variance "fixed"'
             )
@@ -596,9 +663,12 @@ class ConditionSection(Section):
 
     @model_validator(mode="after")
     def _mixture_fits(self) -> Self:
-        if self.range_model.kind == "mixture" and (self.loss != "none" or self.range_sigma == "fitted"):
+        if self.range_model.kind == "mixture" and (
+            self.loss != "none" or self.range_sigma == "fitted"
+        ):
             raise ValueError(
-                'range_model "mixture" has null_weight instead of a loss, and its cost has no expected value; remove loss and'
+                'range_model "mixture" has null_weight instead of a loss, and its cost has no'
+                " expected value; remove loss and"
                 ' range_sigma = "fitted"'
             )
         return self
@@ -614,7 +684,8 @@ class ConditionSection(Section):
             "transmitter",
         }:
             raise ValueError(
-                f'range_model is {self.range_model.kind}, but solver "{self.solver.kind}" uses ranges as distances; remove'
+                f'range_model is {self.range_model.kind}, but solver "{self.solver.kind}" uses'
+                " ranges as distances; remove"
                 " range_model"
             )
         if self.solver.kind in {"incremental", "gtsam"} and self.loss == "gnc":
@@ -622,25 +693,32 @@ class ConditionSection(Section):
         if self.solver.kind in {"fixed-lag", "kalman-filter"} and self.loss != "none":
             raise ValueError(f'solver "{self.solver.kind}" has no robust loss; set loss = "none"')
         if self.solver.kind == "kalman-filter" and self.variance.kind != "fixed":
-            raise ValueError(f'solver "kalman-filter" has no variance "{self.variance.kind}"; set "fixed"')
+            raise ValueError(
+                f'solver "kalman-filter" has no variance "{self.variance.kind}"; set "fixed"'
+            )
         return self
 
     @model_validator(mode="after")
     def _variance_has_what_it_needs(self) -> Self:
         if isinstance(self.variance, RayVariance) and self.range_model.kind != "eigenray":
             raise ValueError(
-                f'variance "{self.variance.kind}" is computed along eigenrays, but range_model is {self.range_model.kind};'
+                f'variance "{self.variance.kind}" is computed along eigenrays, but range_model is'
+                f" {self.range_model.kind};"
                 ' set range_model = "eigenray"'
             )
         if isinstance(self.variance, RayVariance) and self.uncertainty is None:
             raise ValueError(
-                f'variance "{self.variance.kind}" needs rms and horizontal_scale, unless the belief is perturbed; give both'
+                f'variance "{self.variance.kind}" needs rms and horizontal_scale, unless the'
+                " belief is perturbed; give both"
             )
         return self
 
     @property
     def uncertainty(self) -> tuple[float, float, float | None] | None:
-        """Uncertainty of sound speed: rms, horizontal scale and depth limit; None for a fixed variance. [m/s, m, m]"""
+        """
+        Uncertainty of sound speed: rms, horizontal scale and depth limit; None for a fixed
+        variance. [m/s, m, m]
+        """
         if not isinstance(self.variance, RayVariance):
             return None
         size = (

@@ -1,4 +1,6 @@
-"""Sections of a configuration for vehicles and landmarks, which build the objects of the simulation."""
+"""
+Sections of a configuration for vehicles and landmarks, which build the objects of the simulation.
+"""
 
 import math
 from typing import TYPE_CHECKING, Annotated, Literal, Self
@@ -44,7 +46,10 @@ class FloatSection(Section):
 
 
 class _Placed(Section):
-    """Name of a vehicle and its initial position in the local frame; a file may have ``lat`` and ``lon``, see `with_local_places`."""
+    """
+    Name of a vehicle and its initial position in the local frame; a file may have ``lat`` and
+    ``lon``, see `with_local_places`.
+    """
 
     name: ParticipantName
     """Unique; letters, digits, _ and -, 64 at most."""
@@ -97,7 +102,9 @@ class FloatVehicle(_Placed):
         from pymantaray.fleet import FloatCycle
 
         own = {name: getattr(self, name) for name in FloatSection.model_fields}
-        merged = floats.model_copy(update={name: value for name, value in own.items() if value is not None})
+        merged = floats.model_copy(
+            update={name: value for name, value in own.items() if value is not None}
+        )
         return FloatCycle(
             target_depth=self.target_depth,
             start_delay=self.start_delay_h * 3600.0,
@@ -143,12 +150,16 @@ class DriftingVehicle(_Placed):
         from pymantaray.fleet import Drifting
 
         return Drifting(
-            depth=self.depth, drogue_depth=self.depth if self.drogue_depth is None else self.drogue_depth
+            depth=self.depth,
+            drogue_depth=self.depth if self.drogue_depth is None else self.drogue_depth,
         )
 
 
 class TwistVehicle(_Placed):
-    """Vehicle with a constant body twist over ground, or with ``current`` relative to the moving water."""
+    """
+    Vehicle with a constant body twist over ground, or with ``current`` relative to the moving
+    water.
+    """
 
     kind: Literal["twist"]
     """A vehicle with a constant twist."""
@@ -180,10 +191,13 @@ class WaypointVehicle(_Placed):
     """A vehicle that steers to waypoints."""
     depth: Depth
     """Depth at the start. [m]"""
-    points: tuple[Annotated[tuple[Metres[float], Metres[float], Depth], Field(strict=False)], ...] = Field(
-        min_length=1, strict=False
-    )
-    """North, east and depth of each waypoint; latitude, longitude and depth if the vehicle has ``lat`` and ``lon``. [m]"""
+    points: tuple[
+        Annotated[tuple[Metres[float], Metres[float], Depth], Field(strict=False)], ...
+    ] = Field(min_length=1, strict=False)
+    """
+    North, east and depth of each waypoint; latitude, longitude and depth if the vehicle has ``lat``
+    and ``lon``. [m]
+    """
     speed: MetresPerSecond[PositiveFloat]
     """Speed over ground, or with ``current`` through the water. [m/s]"""
     turn_rate_deg: DegreesPerSecond[PositiveFloat] = 5.0
@@ -229,7 +243,10 @@ class FleetSection(Section):
     trajectories: InputFiles = ()
     """Files with existing trajectories, instead of ``vehicles``; relative to this file."""
     enu: bool = False
-    """True if TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward, left, up."""
+    """
+    True if TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward, left,
+    up.
+    """
     names: tuple[str, ...] = Field(default=(), strict=False)
     """Vehicles of the files to use, such as one of two topics of a robot in a bag. Default: all."""
 
@@ -241,7 +258,11 @@ class FleetSection(Section):
     @model_validator(mode="after")
     def _one_or_the_other(self) -> Self:
         if bool(self.vehicles) == bool(self.trajectories):
-            there = "both are given; leave one out" if self.vehicles else "give [[fleet.vehicles]], or files"
+            there = (
+                "both are given; leave one out"
+                if self.vehicles
+                else "give [[fleet.vehicles]], or files"
+            )
             raise ValueError(f"vehicles or trajectories make a fleet; {there}")
         return self
 
@@ -276,7 +297,10 @@ class LandmarkSection(Section):
     depth: Depth
     """Positive down. [m]"""
     sigma: Metres[PositiveFloat] | None = None
-    """Standard deviation of each axis of the survey; large if the fleet has to locate the landmark. Default: ``noise.landmark_sigma``. [m]"""
+    """
+    Standard deviation of each axis of the survey; large if the fleet has to locate the landmark.
+    Default: ``noise.landmark_sigma``. [m]
+    """
 
     @property
     def position(self) -> "NDArray[np.float64]":

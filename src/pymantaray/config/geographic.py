@@ -1,4 +1,7 @@
-"""Conversion of latitudes and longitudes of vehicles, landmarks and casts to north and east, before all checks."""
+"""
+Conversion of latitudes and longitudes of vehicles, landmarks and casts to north and east, before
+all checks.
+"""
 
 from typing import Any
 
@@ -12,10 +15,12 @@ _CENTRE = ("centre_lat", "centre_lon")
 
 def with_local_places(tree: Any) -> Any:
     """
-    Convert nested dictionaries of a study such that vehicles, waypoints, landmarks and casts are in the frame of its ocean.
+    Convert nested dictionaries of a study such that vehicles, waypoints, landmarks and casts are in
+    the frame of its ocean.
 
-    ``north`` and ``east`` replace ``lat`` and ``lon``; the ``points`` of such a vehicle are latitude, longitude and depth.
-    Trees that are not studies are returned unchanged for later checks.
+    ``north`` and ``east`` replace ``lat`` and ``lon``; the ``points`` of such a vehicle are
+    latitude, longitude and depth. Trees that are not studies are returned unchanged for later
+    checks.
     """
     try:
         fleet = tree.get("fleet", {})
@@ -24,7 +29,9 @@ def with_local_places(tree: Any) -> Any:
         vehicles = fleet.get("vehicles", ())
         entries = [*vehicles, *(entry for entries in lists.values() for entry in entries)]
         if not any(
-            "lat" in place or "lon" in place for entry in entries for place in (entry, _belief(entry))
+            "lat" in place or "lon" in place
+            for entry in entries
+            for place in (entry, _belief(entry))
         ):
             return tree
     except (AttributeError, TypeError):
@@ -37,7 +44,9 @@ def with_local_places(tree: Any) -> Any:
         )
     frame = LocalFrame(*map(float, centre))
     placed = (
-        {"fleet": {**fleet, "vehicles": [_local(vehicle, frame) for vehicle in vehicles]}} if vehicles else {}
+        {"fleet": {**fleet, "vehicles": [_local(vehicle, frame) for vehicle in vehicles]}}
+        if vehicles
+        else {}
     )
     return {**tree, **placed} | {
         key: [_local(entry, frame) for entry in entries] for key, entries in lists.items()

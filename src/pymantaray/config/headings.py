@@ -9,11 +9,18 @@ _LAST_UNIT = re.compile(r" ?\[([^][]+)\]$")
 
 
 def key_heading(key: str) -> str:
-    """Key of a configuration, followed by the unit of its description in brackets; the heading of a column without a dot."""
+    """
+    Key of a configuration, followed by the unit of its description in brackets; the heading of a
+    column without a dot.
+    """
     if "." not in key:
         return heading(key)
     section, _, name = key.partition(".")
-    model = StudyConfig.model_fields[section].annotation if section in StudyConfig.model_fields else None
+    model = (
+        StudyConfig.model_fields[section].annotation
+        if section in StudyConfig.model_fields
+        else None
+    )
     field = getattr(model, "model_fields", {}).get(name)
     unit = _LAST_UNIT.search(field.description or "") if field else None
     return f"{key} [{unit[1]}]" if unit else key

@@ -1,4 +1,7 @@
-"""Dotted keys of a configuration, such as ``noise.range_sigma`` and ``fleet.vehicles.B.depth``: change a key, or merge trees."""
+"""
+Dotted keys of a configuration, such as ``noise.range_sigma`` and ``fleet.vehicles.B.depth``: change
+a key, or merge trees.
+"""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -15,8 +18,8 @@ def with_key(tree: Tree, key: str, value: Any) -> Tree:
     """
     Copy a tree with another value at a dotted key.
 
-    A part of the key selects an entry of a list by its number or its ``name``. A table replaces a whole section; ``"none"``
-    removes an entry of a list.
+    A part of the key selects an entry of a list by its number or its ``name``. A table replaces a
+    whole section; ``"none"`` removes an entry of a list.
 
     Raises
     ------
@@ -36,14 +39,18 @@ def merged(base: Any, over: Any, key: str = "") -> Any:
     """
     Merge a tree into another: tables are merged key by key, other values are replaced.
 
-    A table with another ``kind`` replaces that of the base. A table for a list changes its entries by name, and adds new ones.
+    A table with another ``kind`` replaces that of the base. A table for a list changes its entries
+    by name, and adds new ones.
     """
     if not isinstance(over, Mapping) or not isinstance(base, Mapping | list | tuple):
         return over
     if isinstance(base, Mapping):
         if over.get("kind", base.get("kind")) != base.get("kind"):
             return over
-        return {**base, **{k: merged(base.get(k), v, f"{key}.{k}" if key else k) for k, v in over.items()}}
+        return {
+            **base,
+            **{k: merged(base.get(k), v, f"{key}.{k}" if key else k) for k, v in over.items()},
+        }
     entries = list(base)
     for name, value in over.items():
         place = _find_entry(entries, [name])
@@ -59,7 +66,8 @@ def merged(base: Any, over: Any, key: str = "") -> Any:
 
 def parse_changes(assignments: Sequence[str]) -> Tree:
     """
-    Parse texts such as ``noise.range_sigma=2`` to values by dotted key: TOML values, otherwise text.
+    Parse texts such as ``noise.range_sigma=2`` to values by dotted key: TOML values, otherwise
+    text.
 
     Raises
     ------
@@ -68,8 +76,8 @@ def parse_changes(assignments: Sequence[str]) -> Tree:
 
     Examples
     --------
-    >>> parse_changes(["noise.range_sigma=2", "ocean.source=synthetic:fram", "ocean.bathymetry=none"])
-    {'noise.range_sigma': 2, 'ocean.source': 'synthetic:fram', 'ocean.bathymetry': 'none'}
+    >>> parse_changes(["noise.range_sigma=2", "ocean.source=synthetic:fram"])
+    {'noise.range_sigma': 2, 'ocean.source': 'synthetic:fram'}
     """
     out: Tree = {}
     for assignment in assignments:
@@ -83,7 +91,10 @@ def parse_changes(assignments: Sequence[str]) -> Tree:
 
 
 def changed(tree: Tree, changes: Mapping[str, Any]) -> Tree:
-    """Copy of a tree with values at dotted keys; file names among them are relative to the working folder."""
+    """
+    Copy of a tree with values at dotted keys; file names among them are relative to the working
+    folder.
+    """
     for key, value in changes.items():
         tree = with_key(tree, key, located(value, Path()))
     return tree
@@ -101,7 +112,9 @@ def words_of(changes: Mapping[str, Any]) -> list[str]:
 def described(tree: Tree, name: str, words: Sequence[str]) -> Tree:
     """Tree of a study whose description lists the changes, after earlier changes."""
     before = (
-        f"{tree.get('study', {}).get('description', '')}" if isinstance(tree.get("study"), Mapping) else ""
+        f"{tree.get('study', {}).get('description', '')}"
+        if isinstance(tree.get("study"), Mapping)
+        else ""
     )
     start = f"{before} and" if before.startswith(f"{name} with ") else f"{name} with"
     return with_key(tree, "study.description", f"{start} {' and '.join(words)}")
@@ -137,14 +150,18 @@ def _put(node: Any, parts: Sequence[str], value: Any, key: str) -> Any:
     if not isinstance(node, Mapping):
         table = key.removesuffix("." + ".".join(parts))
         raise StudyError(
-            f"`{key}`: `{table}` is {_shown(node)[:100]}, which has no keys; set `{table}` as a whole"
+            f"`{key}`: `{table}` is {_shown(node)[:100]}, which has no keys; set `{table}` as a"
+            " whole"
         )
     inner = node.get(first, {})
     return {**node, first: _put({} if rest and inner in (None, NONE) else inner, rest, value, key)}
 
 
 def _find_entry(entries: Sequence[Any], parts: Sequence[str]) -> tuple[int, int] | None:
-    """Number of the entry that the first parts of a key select, and the number of these parts; names may contain dots."""
+    """
+    Number of the entry that the first parts of a key select, and the number of these parts; names
+    may contain dots.
+    """
     names = [entry.get("name") if isinstance(entry, Mapping) else entry for entry in entries]
     for length in range(len(parts), 0, -1):
         name = ".".join(parts[:length])
@@ -156,6 +173,14 @@ def _find_entry(entries: Sequence[Any], parts: Sequence[str]) -> tuple[int, int]
 
 def _no_entry(entries: Sequence[Any], parts: Sequence[str], key: str) -> StudyError:
     table = key.removesuffix("." + ".".join(parts))
-    names = [str(entry["name"]) for entry in entries if isinstance(entry, Mapping) and "name" in entry]
-    there = ", ".join(names) if names else f"numbers from 0 to {len(entries) - 1}" if entries else "none"
+    names = [
+        str(entry["name"]) for entry in entries if isinstance(entry, Mapping) and "name" in entry
+    ]
+    there = (
+        ", ".join(names)
+        if names
+        else f"numbers from 0 to {len(entries) - 1}"
+        if entries
+        else "none"
+    )
     return StudyError(f"`{key}`: no such entry. Entries of `{table}`: {there[:300]}")

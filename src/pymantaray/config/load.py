@@ -47,7 +47,8 @@ def list_presets() -> dict[str, str]:
 
 def preset_text(name: str) -> str:
     """
-    Return the TOML text of a preset with the meaning of each key; keys at their defaults are commented out.
+    Return the TOML text of a preset with the meaning of each key; keys at their defaults are
+    commented out.
 
     Parameters
     ----------
@@ -70,7 +71,8 @@ def preset_text(name: str) -> str:
 
 def starter_text(name: str, **changes: Any) -> str:
     """
-    Return the TOML text of a preset for a new study file: as `preset_text`, after some lines that explain its use.
+    Return the TOML text of a preset for a new study file: as `preset_text`, after some lines that
+    explain its use.
 
     Parameters
     ----------
@@ -101,23 +103,27 @@ def load_study(
     **changes: Any,
 ) -> StudyConfig:
     """
-    Read and check the configuration of a study; the description of a changed configuration lists the changes.
+    Read and check the configuration of a study; the description of a changed configuration lists
+    the changes.
 
     Parameters
     ----------
     name_or_file : str or pathlib.Path
-        Name of a preset, a TOML file, or a ``sim.json`` of the paper's authors' program. Names of files in it are relative to its
-        folder. The key ``base`` of a TOML file is a preset or another file, whose keys apply unless the file has them.
+        Name of a preset, a TOML file, or a ``sim.json`` of the paper's authors' program. Names of
+        files in it are relative to its folder. The key ``base`` of a TOML file is a preset or
+        another file, whose keys apply unless the file has them.
     realizations : int, optional
         Number of realizations, which replaces the configured one.
     ocean : str, path, sequence of them, or xarray.Dataset, optional
-        Ocean that replaces the whole section ``[ocean]``: files, a profile or cast, the name of a synthetic ocean, a preset or TOML
-        file for its ocean, or an ocean in memory. Names of files are relative to the working folder; the time is the only time of
-        the files, and the centre is the middle of the data. An ocean in memory is written to the user's cache, where other
+        Ocean that replaces the whole section ``[ocean]``: files, a profile or cast, the name of a
+        synthetic ocean, a preset or TOML file for its ocean, or an ocean in memory. Names of files
+        are relative to the working folder; the time is the only time of the files, and the centre
+        is the middle of the data. An ocean in memory is written to the user's cache, where other
         processes and later sessions find it.
     **changes
-        Values by dotted key, such as ``**{"noise.range_sigma": 2.0}``. Part of a key may be the name of an entry
-        (``fleet.vehicles.B.target_depth``); ``"none"`` removes a value. Names of files are relative to the working folder.
+        Values by dotted key, such as ``**{"noise.range_sigma": 2.0}``. Part of a key may be the
+        name of an entry (``fleet.vehicles.B.target_depth``); ``"none"`` removes a value. Names of
+        files are relative to the working folder.
 
     Returns
     -------
@@ -126,8 +132,8 @@ def load_study(
     Raises
     ------
     StudyError
-        If the file is missing or not TOML, or a value is not allowed, with one line per finding: file, key, value and allowed
-        values.
+        If the file is missing or not TOML, or a value is not allowed, with one line per finding:
+        file, key, value and allowed values.
 
     Examples
     --------
@@ -167,7 +173,8 @@ def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[st
     if isinstance(ocean, Sequence):
         if several := sum(isinstance(source, xr.Dataset) for source in ocean):
             raise StudyError(
-                f"ocean has {several} data sets in a sequence; join them with xarray.merge and give one"
+                f"ocean has {several} data sets in a sequence; join them with xarray.merge and"
+                " give one"
             )
         return [str(source) for source in ocean]
 
@@ -175,7 +182,8 @@ def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[st
 
     if not isinstance(ocean, xr.Dataset):
         raise StudyError(
-            f"ocean is of type {type(ocean).__name__}; it must be a name, a path, a sequence of them, or an xarray.Dataset"
+            f"ocean is of type {type(ocean).__name__}; it must be a name, a path, a sequence of"
+            " them, or an xarray.Dataset"
         )
     return [str(stored_ocean(ocean))]
 
@@ -213,9 +221,9 @@ def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
     Parameters
     ----------
     name_or_file : str or pathlib.Path
-        Name of a preset, or a TOML file with the section ``[ocean]`` and, where their defaults do not fit, ``[mission]``,
-        ``[acoustics]``, ``[ranging]`` and ``[detection]``. A file with a fleet is read as a study; in other files, the remaining
-        sections are ignored.
+        Name of a preset, or a TOML file with the section ``[ocean]`` and, where their defaults do
+        not fit, ``[mission]``, ``[acoustics]``, ``[ranging]`` and ``[detection]``. A file with a
+        fleet is read as a study; in other files, the remaining sections are ignored.
     **changes
         Values by dotted key, as for `load_study`.
 
@@ -239,18 +247,27 @@ def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
 
 
 def sound_sections(file: Path) -> dict[str, Any]:
-    """Section ``[detection]`` and keys of ``[acoustics]`` of a TOML file by dotted key; other sections are ignored."""
+    """
+    Section ``[detection]`` and keys of ``[acoustics]`` of a TOML file by dotted key; other sections
+    are ignored.
+    """
     tree = _tree(file)
     if not isinstance(tree.get("detection"), dict):
         raise StudyError(f"{file}: no section [detection]; add it")
     parse(DetectionSection, tree["detection"], f"{file}: detection", None)
     losses = parse(AcousticsSection, tree.get("acoustics", {}), f"{file}: acoustics", None)
     keys = losses.model_dump(exclude_unset=True, exclude_none=True)
-    return {"detection": tree["detection"], **{f"acoustics.{key}": value for key, value in keys.items()}}
+    return {
+        "detection": tree["detection"],
+        **{f"acoustics.{key}": value for key, value in keys.items()},
+    }
 
 
 def plan_tree(file: Path) -> Tree | None:
-    """Section ``[plan]`` of a study file, whose texts remember the folder of the file; None if there is none."""
+    """
+    Section ``[plan]`` of a study file, whose texts remember the folder of the file; None if there
+    is none.
+    """
     section = _parsed(_read(file), str(file), file.parent).get(PLAN)
     if section is not None and not isinstance(section, dict):
         raise StudyError(f"{file}: {PLAN}: found {section!r}; allowed: a table")
@@ -258,7 +275,10 @@ def plan_tree(file: Path) -> Tree | None:
 
 
 def _tree(name_or_file: str | Path, chain: tuple[str, ...] = ()) -> Tree:
-    """Tree of a preset or a file, merged into that of its base; its texts have the folder of their file."""
+    """
+    Tree of a preset or a file, merged into that of its base; its texts have the folder of their
+    file.
+    """
     path = Path(name_or_file)
     name = str(name_or_file)
     if path.suffix == SIMULATION:
@@ -279,7 +299,10 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = ()) -> Tree:
 
 
 def _simulation(path: Path) -> Tree:
-    """Tree of a ``sim.json`` of the paper's authors' program; logs its keys without meaning and differences from the program."""
+    """
+    Tree of a ``sim.json`` of the paper's authors' program; logs its keys without meaning and
+    differences from the program.
+    """
     from pymantaray.config.authors import read_simulation
 
     imported = read_simulation(path)
@@ -298,15 +321,20 @@ def _parsed(text: str, label: str, folder: Path) -> Tree:
 
 
 def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> Tree:
-    """Tree merged into that of its base; file names are relative to a folder, and ``chain`` has the files on the way to this base."""
+    """
+    Tree merged into that of its base; file names are relative to a folder, and ``chain`` has the
+    files on the way to this base.
+    """
     base = tree[BASE]
     rest = {key: value for key, value in tree.items() if key != BASE}
     if not isinstance(base, str) or not (base in preset_names() or base.endswith(STUDY_FILES)):
         hint = "".join(
-            f"did you mean {name}? " for name in difflib.get_close_matches(str(base), preset_names(), n=1)
+            f"did you mean {name}? "
+            for name in difflib.get_close_matches(str(base), preset_names(), n=1)
         )
         raise StudyError(
-            f"{label}: base: found {str(base)[:100]!r}; {hint}allowed: a file that ends in {' or '.join(STUDY_FILES)}, {', '.join(preset_names())}"
+            f"{label}: base: found {str(base)[:100]!r}; {hint}allowed: a file that ends in"
+            f" {' or '.join(STUDY_FILES)}, {', '.join(preset_names())}"
         )
     source = str(base) if base in preset_names() else folder / base
     reached = source if isinstance(source, str) else str(source.resolve())
@@ -317,23 +345,34 @@ def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> 
         below = _tree(source, chain)
         tree = merged(below, rest)
     except StudyError as error:
-        raise StudyError(str(error) if str(error).startswith(label) else f"{label}: base: {error}") from None
+        raise StudyError(
+            str(error) if str(error).startswith(label) else f"{label}: base: {error}"
+        ) from None
     return _named(tree, rest, label, str(base))
 
 
 def _named(tree: Tree, own: Tree, label: str, base: str) -> Tree:
-    """Tree of a file with a base; by default its name is that of the file, and its description names the base."""
+    """
+    Tree of a file with a base; by default its name is that of the file, and its description names
+    the base.
+    """
     study = own.get("study", {})
     if not isinstance(study, dict) or not isinstance(tree.get("study", {}), dict):
         return tree
     stem = Path(label).stem
     named = {} if "name" in study or not re.match(NAME, stem) else {"name": stem}
-    described = {} if "description" in study else {"description": f"{Path(label).name}, based on {base}"}
+    described = (
+        {} if "description" in study else {"description": f"{Path(label).name}, based on {base}"}
+    )
     return {**tree, "study": {**tree.get("study", {}), **named, **described}}
 
 
 def parse_study(
-    tree: dict[str, Any], label: str = "study", folder: Path | None = None, *, like: Like | None = None
+    tree: dict[str, Any],
+    label: str = "study",
+    folder: Path | None = None,
+    *,
+    like: Like | None = None,
 ) -> StudyConfig:
     """
     Check the nested dictionaries of a configuration.
@@ -347,7 +386,8 @@ def parse_study(
     folder : pathlib.Path, optional
         Folder for relative file names. Default: the working folder.
     like : tuple of dict and StudyConfig, optional
-        Another tree and its configuration. Sections that are the same objects in both trees are not checked again.
+        Another tree and its configuration. Sections that are the same objects in both trees are not
+        checked again.
 
     Returns
     -------
@@ -369,7 +409,8 @@ def _no_study(path: Path) -> StudyError:
     inside = path / "config.toml"
     remedy = f"use {inside}" if inside.is_file() else "correct the name"
     return StudyError(
-        f"{path}: not a preset, and not a study file, whose name ends in .toml or {SIMULATION}; {remedy}"
+        f"{path}: not a preset, and not a study file, whose name ends in .toml or {SIMULATION};"
+        f" {remedy}"
     )
 
 
@@ -382,7 +423,9 @@ def _read(path: Path) -> str:
 def preset_names() -> list[str]:
     """Names of all presets."""
     return sorted(
-        entry.name.removesuffix(".toml") for entry in _PRESETS.iterdir() if entry.name.endswith(".toml")
+        entry.name.removesuffix(".toml")
+        for entry in _PRESETS.iterdir()
+        if entry.name.endswith(".toml")
     )
 
 

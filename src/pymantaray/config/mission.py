@@ -45,7 +45,10 @@ class PingsSection(Section):
     kind: Literal["pings"]
     """Pings from a table."""
     file: InputFile
-    """CSV file with columns ``time`` [s], ``transmitter`` and optional ``receivers``; relative to this file."""
+    """
+    CSV file with columns ``time`` [s], ``transmitter`` and optional ``receivers``; relative to this
+    file.
+    """
 
     def build(self, start: np.datetime64 | None) -> "Schedule":
         """Schedule from the file; dates in it are relative to the mission's start."""
@@ -61,8 +64,9 @@ class MissionSection(Section):
     """
     Durations and periods, as in the paper's table of mission timing.
 
-    Without a ``schedule``, all vehicles ping at every multiple of ``ping_interval_h``. A mission with existing trajectories lasts
-    from their first pose to their last, unless ``duration_h`` is shorter.
+    Without a ``schedule``, all vehicles ping at every multiple of ``ping_interval_h``. A mission
+    with existing trajectories lasts from their first pose to their last, unless ``duration_h`` is
+    shorter.
     """
 
     duration_h: Hours[PositiveFloat] = 168.0
@@ -70,7 +74,10 @@ class MissionSection(Section):
     physics_step_s: Seconds[PositiveFloat] = 0.125
     """Step of the vehicles' motion. [s]"""
     sampling_period_s: Seconds[PositiveFloat] = 200.0
-    """Time between samples of poses and sensors. Samples at both ends of the mission: not in the paper, record 0001. [s]"""
+    """
+    Time between samples of poses and sensors. Samples at both ends of the mission: not in the
+    paper, record 0001. [s]
+    """
     ping_interval_h: Hours[PositiveFloat] = 4.0
     """Interval of pings of all vehicles. No ping at time 0: not in the paper, record 0001. [h]"""
     ping_start_h: Hours[NonNegativeFloat] | None = None
@@ -95,8 +102,8 @@ class MissionSection(Section):
             samples = self.ping_start_h * 3600.0 / self.sampling_period_s
             if abs(samples - round(samples)) > 1e-9 * max(samples, 1.0):
                 raise ValueError(
-                    f"ping_start_h is {self.ping_start_h * 3600.0:g} s; it must be a whole multiple of sampling_period_s,"
-                    f" {self.sampling_period_s:g} s"
+                    f"ping_start_h is {self.ping_start_h * 3600.0:g} s; it must be a whole multiple"
+                    f" of sampling_period_s, {self.sampling_period_s:g} s"
                 )
             if self.schedule is not None:
                 raise ValueError("ping_start_h and schedule cannot be combined; remove one of them")

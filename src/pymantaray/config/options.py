@@ -17,7 +17,10 @@ def names_configuration(words: Sequence[str]) -> bool:
 
 
 def dotted_keys(options: dict[str, Any]) -> dict[str, Any]:
-    """Dotted keys of a configuration for options of `open_water`, without those that are None; no cut-off is ``"none"``."""
+    """
+    Dotted keys of a configuration for options of `open_water`, without those that are None; no
+    cut-off is ``"none"``.
+    """
     keys: dict[str, Any] = {}
     for name, value in options.items():
         if value is None and name == "spreading_cutoff_db":
@@ -28,7 +31,10 @@ def dotted_keys(options: dict[str, Any]) -> dict[str, Any]:
             keys[name] = value
         elif name == "centre":
             keys |= _pair(
-                name, value, ("ocean.centre_lat", "ocean.centre_lon"), "latitude and longitude [degrees]"
+                name,
+                value,
+                ("ocean.centre_lat", "ocean.centre_lon"),
+                "latitude and longitude [degrees]",
             )
         elif name == "half_extent":
             both = (value, value) if isinstance(value, int | float | str) else value
@@ -45,7 +51,12 @@ def dotted_keys(options: dict[str, Any]) -> dict[str, Any]:
             keys[name] = dict(value)
         else:
             known = sorted(
-                {*OceanSection.model_fields, *AcousticsSection.model_fields, "centre", "half_extent"}
+                {
+                    *OceanSection.model_fields,
+                    *AcousticsSection.model_fields,
+                    "centre",
+                    "half_extent",
+                }
                 - {"source"}
             )
             close = get_close_matches(name, known, n=1)
@@ -59,4 +70,7 @@ def _pair(name: str, value: Any, keys: tuple[str, str], allowed: str) -> dict[st
     entries = [] if isinstance(value, str) or not isinstance(value, Iterable) else list(value)
     if len(entries) != len(keys):
         raise WaterError(f"{name} is {value!r}; allowed: {allowed}")
-    return {key: one if isinstance(one, str) else float(one) for key, one in zip(keys, entries, strict=True)}
+    return {
+        key: one if isinstance(one, str) else float(one)
+        for key, one in zip(keys, entries, strict=True)
+    }

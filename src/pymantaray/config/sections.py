@@ -1,4 +1,7 @@
-"""Configuration of a study as strict, frozen sections, whose defaults are the paper's tables, with checks between sections."""
+"""
+Configuration of a study as strict, frozen sections, whose defaults are the paper's tables, with
+checks between sections.
+"""
 
 import math
 from collections.abc import Mapping
@@ -58,28 +61,48 @@ Bounces = Annotated[int, Field(ge=0, le=15)]  # maximum of the ray solver
 
 
 class AcousticsSection(Section):
-    """Search for eigenrays, selection of the ranged arrival, and the effect of currents on sound."""
+    """
+    Search for eigenrays, selection of the ranged arrival, and the effect of currents on sound.
+    """
 
     spreading_cutoff_db: PositiveFloat | Literal["none"] = 15.0
-    """Eigenrays weaker than spherical spreading by more than this are discarded; ``"none"`` keeps all. Not in the paper, record 0001. [dB]"""
+    """
+    Eigenrays weaker than spherical spreading by more than this are discarded; ``"none"`` keeps all.
+    Not in the paper, record 0001. [dB]
+    """
     interpolation: Literal["smooth", "linear"] = "smooth"
-    """Interpolation of the sound speed: cubic splines, or linear as in Bellhop. Not in the paper, record 0001."""
+    """
+    Interpolation of the sound speed: cubic splines, or linear as in Bellhop. Not in the paper,
+    record 0001.
+    """
     max_surface_bounces: Bounces = 0
     """Maximum number of reflections at the surface or under ice."""
     surface_loss: Literal["none", "bubbles", "coherent"] = "none"
-    """Loss of a reflection at a rough sea surface: absorption by bubbles, or loss of coherence; needs ``[detection]``."""
+    """
+    Loss of a reflection at a rough sea surface: absorption by bubbles, or loss of coherence; needs
+    ``[detection]``.
+    """
     ice_loss_db: NonNegativeFloat | None = None
     """Loss of each reflection under ice; needs ``ocean.ice`` and ``[detection]``. [dB]"""
     max_bottom_bounces: Bounces = 0
     """Maximum number of reflections at the sea bed."""
     sediment: Sediment = "none"
-    """Sediment of the sea bed, for the loss of reflections; ``"none"`` has no loss; needs ``[detection]``."""
+    """
+    Sediment of the sea bed, for the loss of reflections; ``"none"`` has no loss; needs
+    ``[detection]``.
+    """
     arrival: ArrivalRule = "direct"
-    """Arrival that is the range: the earliest without a reflection, the earliest of all, the one with the smallest loss, or the earliest of all only if each has a reflection."""
+    """
+    Arrival that is the range: the earliest without a reflection, the earliest of all, the one with
+    the smallest loss, or the earliest of all only if each has a reflection.
+    """
     currents: bool = False
     """True if currents change travel times along the rays."""
     cone_deg: Degrees[Annotated[float, Field(gt=0.0, le=180.0)]] | None = None
-    """Half-angle of the transmitter's fan about the chord, as ``beam_spread_deg`` of the authors' program; rays launched outside are lost. None without a limit. [degrees]"""
+    """
+    Half-angle of the transmitter's fan about the chord, as ``beam_spread_deg`` of the authors'
+    program; rays launched outside are lost. None without a limit. [degrees]
+    """
     earth: Earth = "flat"
     """Shape of the Earth for rays and straight distances: a plane, as in the paper, or a sphere."""
 
@@ -99,11 +122,12 @@ class AcousticsSection(Section):
 
 class RangingSection(Section):
     """
-    Measurement of travel times; the paper has synchronous clocks, one-way times, and a fleet at rest.
+    Measurement of travel times; the paper has synchronous clocks, one-way times, and a fleet at
+    rest.
 
-    With ``mistaken``, receivers cannot distinguish the direct arrival: they take the first or the strongest arrival that they
-    detect, by ``[detection]`` or otherwise by a threshold below the strongest arrival of the link. A choice lasts for about
-    ``mistaken_correlation_s``.
+    With ``mistaken``, receivers cannot distinguish the direct arrival: they take the first or the
+    strongest arrival that they detect, by ``[detection]`` or otherwise by a threshold below the
+    strongest arrival of the link. A choice lasts for about ``mistaken_correlation_s``.
     """
 
     timing: Literal["one-way", "two-way"] = "one-way"
@@ -111,9 +135,15 @@ class RangingSection(Section):
     turn_around_s: Seconds[NonNegativeFloat] = 0.0
     """Time from the reception of a ping to the answer; for two-way times. [s]"""
     mistaken: Literal["none", "first-detected", "strongest-detected"] = "none"
-    """Errors of receivers: ``"none"`` if they find the direct arrival; otherwise they take the first or the strongest detected arrival."""
+    """
+    Errors of receivers: ``"none"`` if they find the direct arrival; otherwise they take the first
+    or the strongest detected arrival.
+    """
     below_strongest_db: NonNegativeFloat | None = None
-    """Arrivals are detected if they are at most this much weaker than the strongest of their link; only without ``[detection]``. [dB]"""
+    """
+    Arrivals are detected if they are at most this much weaker than the strongest of their link;
+    only without ``[detection]``. [dB]
+    """
     mistaken_correlation_s: Seconds[NonNegativeFloat] = 0.0
     """Correlation time of the choice of an arrival by a receiver. [s]"""
 
@@ -124,7 +154,10 @@ class RangingSection(Section):
         return OneWay() if self.timing == "one-way" else TwoWay(turn_around=self.turn_around_s)
 
     def build_picker(self, sonar: "Sonar | None") -> "Picker | None":
-        """Build the rule by which receivers select the direct arrival; None if receivers make no mistakes."""
+        """
+        Build the rule by which receivers select the direct arrival; None if receivers make no
+        mistakes.
+        """
         from pymantaray.sensing import Picker
 
         if self.mistaken == "none":
@@ -135,7 +168,8 @@ class RangingSection(Section):
     def _only_two_way_turns_around(self) -> Self:
         if self.timing == "one-way" and self.turn_around_s > 0.0:
             raise ValueError(
-                f"turn_around_s is {self.turn_around_s:g} s, but timing is one-way, without answers;"
+                f"turn_around_s is {self.turn_around_s:g} s, but timing is one-way, without"
+                " answers;"
                 ' remove the key or set timing = "two-way"'
             )
         return self
@@ -144,7 +178,8 @@ class RangingSection(Section):
     def _only_mistakes_stay(self) -> Self:
         if self.mistaken_correlation_s > 0.0 and self.mistaken == "none":
             raise ValueError(
-                f"mistaken_correlation_s is {self.mistaken_correlation_s:g} s, but mistaken is none; remove the key or set"
+                f"mistaken_correlation_s is {self.mistaken_correlation_s:g} s, but mistaken is"
+                " none; remove the key or set"
                 ' mistaken = "first-detected"'
             )
         return self
@@ -153,7 +188,8 @@ class RangingSection(Section):
     def _only_the_first_needs_a_threshold(self) -> Self:
         if self.below_strongest_db is not None and self.mistaken != "first-detected":
             raise ValueError(
-                f"below_strongest_db is {self.below_strongest_db:g}, but mistaken is {self.mistaken}, which does not"
+                f"below_strongest_db is {self.below_strongest_db:g}, but mistaken is"
+                f" {self.mistaken}, which does not"
                 ' use it; remove the key or set mistaken = "first-detected"'
             )
         return self
@@ -175,25 +211,41 @@ class DetectionSection(Section):
     wind_speed: MetresPerSecond[NonNegativeFloat] = 5.0
     """Wind speed, for noise and for ``acoustics.surface_loss``. [m/s]"""
     shipping: float | None = Field(default=None, ge=0.0, le=1.0)
-    """Shipping activity for noise, from 0 (no ships near) to 1 (heavy traffic). Default: 0.5. [-]"""
+    """
+    Shipping activity for noise, from 0 (no ships near) to 1 (heavy traffic). Default: 0.5. [-]
+    """
     noise_spectral_level_db: float | None = None
-    """Spectral level of the noise at the receiver, constant in the band; replaces noise of wind and ships. [dB re 1 µPa²/Hz]"""
+    """
+    Spectral level of the noise at the receiver, constant in the band; replaces noise of wind and
+    ships. [dB re 1 µPa²/Hz]
+    """
     processing_gain_db: float = 0.0
     """Gain in signal-to-noise ratio by pulse compression and directivity. [dB]"""
     threshold_db: float = 10.0
     """Signal-to-noise ratio at which half of the pings are detected. [dB]"""
     spread_db: NonNegativeFloat = 6.0
-    """Standard deviation of the level around its prediction; with 0, detection is certain or impossible. [dB]"""
-    absorption: Literal["francois-garrison", "ainslie-mccolm", "thorp", "none"] = "francois-garrison"
+    """
+    Standard deviation of the level around its prediction; with 0, detection is certain or
+    impossible. [dB]
+    """
+    absorption: Literal["francois-garrison", "ainslie-mccolm", "thorp", "none"] = (
+        "francois-garrison"
+    )
     """Formula of absorption by sea water."""
     coherent: bool | Literal["auto"] = "auto"
-    """Interference of the arrivals of a ping: ``"auto"`` if the band does not separate them, true always, as for a tone, false never."""
+    """
+    Interference of the arrivals of a ping: ``"auto"`` if the band does not separate them, true
+    always, as for a tone, false never.
+    """
     leakage: bool = False
     """True if sound leaks from the nearest ray to receivers in shadow zones."""
     leakage_reach_m: Metres[PositiveFloat] = 200.0
     """Maximum distance of leakage from the nearest ray. [m]"""
     scatter_db: NonNegativeFloat | None = None
-    """Level of scattered sound in shadow zones below spherical spreading. Default: no scattered sound. [dB]"""
+    """
+    Level of scattered sound in shadow zones below spherical spreading. Default: no scattered sound.
+    [dB]
+    """
 
     def build_sonar(self) -> "Sonar":
         """Build the modems."""
@@ -225,8 +277,8 @@ class DetectionSection(Section):
     def _scatter_is_part_of_leakage(self) -> Self:
         if self.scatter_db is not None and not self.leakage:
             raise ValueError(
-                f"scatter_db is {self.scatter_db:g}, but leakage is false: no sound arrives without a ray; remove the key or set"
-                " leakage = true"
+                f"scatter_db is {self.scatter_db:g}, but leakage is false: no sound arrives without"
+                " a ray; remove the key or set leakage = true"
             )
         return self
 
@@ -234,13 +286,14 @@ class DetectionSection(Section):
     def _fits_together(self) -> Self:
         if self.bandwidth_hz >= 2.0 * self.frequency_hz:
             raise ValueError(
-                f"bandwidth_hz is {self.bandwidth_hz:g}, but frequency_hz, the middle of the band, is"
-                f" {self.frequency_hz:g}: the band would begin below 0 Hz; it must be less than twice that"
+                f"bandwidth_hz is {self.bandwidth_hz:g}, but frequency_hz, the middle of the band,"
+                f" is {self.frequency_hz:g}: the band would begin below 0 Hz; it must be less than"
+                " twice that"
             )
         if self.noise_spectral_level_db is not None and self.shipping is not None:
             raise ValueError(
-                "shipping and noise_spectral_level_db cannot be combined: the level replaces the noise of ships; remove one of"
-                " them"
+                "shipping and noise_spectral_level_db cannot be combined: the level replaces the"
+                " noise of ships; remove one of them"
             )
         return self
 
@@ -278,18 +331,30 @@ StandardNames = Annotated[
 
 
 class OceanSection(Section):
-    """Source of the water and the sea floor, their variation in time, and the centre of the local frame."""
+    """
+    Source of the water and the sea floor, their variation in time, and the centre of the local
+    frame.
+    """
 
     source: OceanSource
-    """Files that belong together, a profile or cast, ``"synthetic:beaufort"`` or ``"synthetic:fram"``; files are relative to this one."""
+    """
+    Files that belong together, a profile or cast, ``"synthetic:beaufort"`` or ``"synthetic:fram"``;
+    files are relative to this one.
+    """
     names: StandardNames = ()
-    """CF standard names of the files' variables that lack one, such as ``temp=sea_water_potential_temperature``."""
+    """
+    CF standard names of the files' variables that lack one, such as
+    ``temp=sea_water_potential_temperature``.
+    """
     thin: MetresPerSecond[PositiveFloat] | None = None
     """Remove levels of a profile if interpolation stays within this error. [m/s]"""
     smooth: Metres[PositiveFloat] | None = None
     """Length of the average that smooths a profile. [m]"""
     time: Instant | None = None
-    """Time of the ocean (UTC), and start of the mission if it varies. Default: the only time of the files."""
+    """
+    Time of the ocean (UTC), and start of the mission if it varies. Default: the only time of the
+    files.
+    """
     time_varying: bool = False
     """True if the ocean varies during the mission."""
     currents: Literal["required", "rest"] = "required"
@@ -301,7 +366,10 @@ class OceanSection(Section):
         Field(union_mode="left_to_right"),
         BeforeValidator(_metres_or_file),
     ] = None
-    """Depth of a flat sea floor, or a file with a finer sea floor than the ocean has; required for a profile. [m]"""
+    """
+    Depth of a flat sea floor, or a file with a finer sea floor than the ocean has; required for a
+    profile. [m]
+    """
     bathymetry_crs: str | None = None
     """Projection of a sea floor's file that does not name it, such as ``"EPSG:3996"`` of IBCAO."""
     ice: Annotated[
@@ -311,13 +379,22 @@ class OceanSection(Section):
     ] = None
     """Draft of a uniform ice cover, or a file with drafts. [m]"""
     ice_slope_deg: Degrees[NonNegativeFloat] | None = Field(default=None, lt=25.0)
-    """Standard deviation of the slope of the ice's underside along any line, for rays. Default: smooth ice. [degrees]"""
+    """
+    Standard deviation of the slope of the ice's underside along any line, for rays. Default: smooth
+    ice. [degrees]
+    """
     ice_length: Metres[PositiveFloat] = 20.0
     """Correlation length of the roughness of the ice. [m]"""
     ice_draw: Annotated[int, Field(ge=0)] | Literal["each"] = 0
-    """Number of the draw of the rough ice, the same in all realizations; or ``"each"``: realization n of a study has draw n."""
+    """
+    Number of the draw of the rough ice, the same in all realizations; or ``"each"``: realization n
+    of a study has draw n.
+    """
     repair_freezing: bool = False
-    """Raise the salinity of casts below the freezing point to the freezing line, instead of a note only."""
+    """
+    Raise the salinity of casts below the freezing point to the freezing line, instead of a note
+    only.
+    """
     internal_tide: InternalTideSection | None = None
     """Internal tide in the true ocean. Default: none."""
     centre_lat: Degrees[float] | None = Field(default=None, ge=-90.0, le=90.0)
@@ -333,7 +410,8 @@ class OceanSection(Section):
     def _fits_together(self) -> Self:
         if self.synthetic and len(self.source) > 1:
             raise ValueError(
-                f"source is {', '.join(self.source)}; a synthetic ocean cannot be combined with others; give one"
+                f"source is {', '.join(self.source)}; a synthetic ocean cannot be combined with"
+                " others; give one"
             )
         for one, other in (
             ("centre_lat", "centre_lon"),
@@ -344,14 +422,18 @@ class OceanSection(Section):
         if self.thin is not None and self.smooth is not None:
             raise ValueError("thin and smooth cannot be combined; remove one of them")
         if self.ice_slope_deg is not None and self.ice is None:
-            raise ValueError("ice_slope_deg is given, but there is no ice; give ice, or remove ice_slope_deg")
+            raise ValueError(
+                "ice_slope_deg is given, but there is no ice; give ice, or remove ice_slope_deg"
+            )
         if self.ice_draw == "each" and self.ice_slope_deg is None:
             raise ValueError(
-                "ice_draw is each, but the ice is smooth, so all draws are equal; give ice_slope_deg, or remove ice_draw"
+                "ice_draw is each, but the ice is smooth, so all draws are equal; give"
+                " ice_slope_deg, or remove ice_draw"
             )
         if self.internal_tide is not None and self.time_varying:
             raise ValueError(
-                "internal_tide needs a single snapshot, but time_varying is true; set time_varying = false or remove it"
+                "internal_tide needs a single snapshot, but time_varying is true; set time_varying"
+                " = false or remove it"
             )
         return self
 
@@ -377,7 +459,9 @@ class OceanSection(Section):
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Input files, those of the sea floor and ice last; a synthetic ocean has no files for water."""
+        """
+        Input files, those of the sea floor and ice last; a synthetic ocean has no files for water.
+        """
         from pymantaray.ocean.environment import files_of
 
         return (
@@ -387,7 +471,9 @@ class OceanSection(Section):
 
     @property
     def centre(self) -> tuple[float, float] | None:
-        """Latitude and longitude of the frame's centre; None for the middle of the data. [degrees]"""
+        """
+        Latitude and longitude of the frame's centre; None for the middle of the data. [degrees]
+        """
         if self.centre_lat is None or self.centre_lon is None:
             return None
         return self.centre_lat, self.centre_lon
@@ -424,7 +510,10 @@ else:
 
 
 class NoiseSection(_Levels):
-    """Standard deviations of all noise, from the paper's table; record 0001 lists those that the paper does not specify."""
+    """
+    Standard deviations of all noise, from the paper's table; record 0001 lists those that the paper
+    does not specify.
+    """
 
     clock_offset_sigma: Seconds[NonNegativeFloat] = 0.0
     """Standard deviation of the clocks' offsets at the start of the mission. [s]"""
@@ -445,7 +534,10 @@ class NoiseSection(_Levels):
 
 
 class EstimatorSection(Section):
-    """Defaults of all conditions: the start of the optimizer, and the interval of stored covariances, which include the end."""
+    """
+    Defaults of all conditions: the start of the optimizer, and the interval of stored covariances,
+    which include the end.
+    """
 
     start: Start = "truth"
     """Start of the optimizer, if the condition has no ``start``. Not in the paper, record 0001."""
@@ -454,7 +546,9 @@ class EstimatorSection(Section):
 
 
 class SoundConfig(Section):
-    """Sections of a study that ranging needs without a fleet: water, acoustics, timing and detection."""
+    """
+    Sections of a study that ranging needs without a fleet: water, acoustics, timing and detection.
+    """
 
     in_toml: ClassVar[bool] = True
 
@@ -512,14 +606,15 @@ class SoundConfig(Section):
 
     def with_(self, **changes: Any) -> Self:
         """
-        Copy the configuration with other values by dotted key, and check it again; the description lists the changes.
+        Copy the configuration with other values by dotted key, and check it again; the description
+        lists the changes.
 
         Parameters
         ----------
         **changes
-            Values by dotted key, such as ``**{"noise.range_sigma": 2.0}``. Part of a key may be the name of an entry
-            (``fleet.vehicles.B.target_depth``), a table replaces a whole section, and ``"none"`` removes a value. Names of files
-            are relative to the working folder.
+            Values by dotted key, such as ``**{"noise.range_sigma": 2.0}``. Part of a key may be the
+            name of an entry (``fleet.vehicles.B.target_depth``), a table replaces a whole section,
+            and ``"none"`` removes a value. Names of files are relative to the working folder.
 
         Returns
         -------
@@ -552,18 +647,19 @@ class SoundConfig(Section):
             return self
         if arrival != "direct":
             raise ValueError(
-                f"ranging.mistaken is {ranging.mistaken}, which needs direct arrivals, but acoustics.arrival is"
-                f" {arrival}; remove one of them"
+                f"ranging.mistaken is {ranging.mistaken}, which needs direct arrivals, but"
+                f" acoustics.arrival is {arrival}; remove one of them"
             )
         if ranging.below_strongest_db is None:
             if ranging.mistaken == "first-detected" and self.detection is None:
                 raise ValueError(
-                    "ranging.mistaken is first-detected, but there is no rule of detection; add [detection] or"
-                    " ranging.below_strongest_db, such as 12.0"
+                    "ranging.mistaken is first-detected, but there is no rule of detection; add"
+                    " [detection] or ranging.below_strongest_db, such as 12.0"
                 )
         elif self.detection is not None:
             raise ValueError(
-                "ranging.below_strongest_db and [detection] cannot be combined: both are rules of detection; remove one of them"
+                "ranging.below_strongest_db and [detection] cannot be combined: both are rules of"
+                " detection; remove one of them"
             )
         return self
 
@@ -571,8 +667,9 @@ class SoundConfig(Section):
     def _mistakes_need_one_ice(self) -> Self:
         if self.ranging.mistaken != "none" and self.ocean.ice_draw == "each":
             raise ValueError(
-                f"ranging.mistaken is {self.ranging.mistaken}, which needs the same ice in all realizations, but ocean.ice_draw is each;"
-                " give ice_draw a number, or remove ranging.mistaken"
+                f"ranging.mistaken is {self.ranging.mistaken}, which needs the same ice in all"
+                " realizations, but ocean.ice_draw is each; give ice_draw a number, or remove"
+                " ranging.mistaken"
             )
         return self
 
@@ -586,29 +683,33 @@ class SoundConfig(Section):
         ):
             if value != "none" and getattr(a, bounces) == 0:
                 raise ValueError(
-                    f"acoustics.{key} is {value}, but acoustics.{bounces} is 0, so no arrival is reflected there;"
-                    " remove the key or allow bounces"
+                    f"acoustics.{key} is {value}, but acoustics.{bounces} is 0, so no arrival is"
+                    " reflected there; remove the key or allow bounces"
                 )
             if value != "none" and self.detection is None:
                 raise ValueError(
-                    f"acoustics.{key} is {value}, but without [detection] every arrival is detected; remove the key or add"
-                    " [detection]"
+                    f"acoustics.{key} is {value}, but without [detection] every arrival is"
+                    " detected; remove the key or add [detection]"
                 )
         if a.ice_loss_db is not None:
             if self.ocean.ice is None:
                 raise ValueError(
-                    "acoustics.ice_loss_db is given, but there is no ice; give ocean.ice or remove the key"
+                    "acoustics.ice_loss_db is given, but there is no ice; give ocean.ice or remove"
+                    " the key"
                 )
             if a.surface_loss != "none":
                 raise ValueError(
-                    f"acoustics.ice_loss_db and surface_loss = {a.surface_loss} cannot be combined: the surface is either ice or"
-                    " an open sea; remove one of them"
+                    f"acoustics.ice_loss_db and surface_loss = {a.surface_loss} cannot be combined:"
+                    " the surface is either ice or an open sea; remove one of them"
                 )
         return self
 
 
 class StudyConfig(SoundConfig):
-    """Configuration of a whole study: everything that determines its results, except the content of input files."""
+    """
+    Configuration of a whole study: everything that determines its results, except the content of
+    input files.
+    """
 
     study: StudySection
     """Name, seed and size."""
@@ -619,13 +720,18 @@ class StudyConfig(SoundConfig):
     landmarks: tuple[LandmarkSection, ...] = Field(default=(), strict=False)
     """Fixed points; a table ``[[landmarks]]`` for each."""
     solver: AnyBatchSolver = BatchSolver(kind="batch")
-    """Solver of the conditions whose own is ``"batch"``: that, or ``"gtsam"``. Text is the kind alone."""
+    """
+    Solver of the conditions whose own is ``"batch"``: that, or ``"gtsam"``. Text is the kind alone.
+    """
     estimator: EstimatorSection = EstimatorSection()
     """The optimizer."""
     conditions: tuple[ConditionSection, ...] = Field(
         default=tuple(ConditionSection(name=name) for name in DEFAULT), strict=False
     )
-    """Estimators to compare; a table ``[[conditions]]`` for each, or ``[conditions.NAME]`` to change or add one. ``"none"`` computes ranges only."""
+    """
+    Estimators to compare; a table ``[[conditions]]`` for each, or ``[conditions.NAME]`` to change
+    or add one. ``"none"`` computes ranges only.
+    """
 
     @model_validator(mode="before")
     @classmethod
@@ -658,11 +764,13 @@ class StudyConfig(SoundConfig):
             ratio = long / short
             if not 0.5 <= ratio < math.inf or abs(ratio - round(ratio)) > 1e-9 * ratio:
                 raise ValueError(
-                    f"mission: {long_name} is {long:g} s; it must be a whole multiple of {short_name}, {short:g} s"
+                    f"mission: {long_name} is {long:g} s; it must be a whole multiple of"
+                    f" {short_name}, {short:g} s"
                 )
         if duration < ping and m.schedule is None:
             raise ValueError(
-                f"mission: duration_h is {duration:g} s; it must not be less than ping_interval_h, {ping:g} s"
+                f"mission: duration_h is {duration:g} s; it must not be less than ping_interval_h,"
+                f" {ping:g} s"
             )
         return self
 
@@ -679,13 +787,14 @@ class StudyConfig(SoundConfig):
         for c in self.conditions:
             if follows_ocean(c.belief) and not self.ocean.time_varying:
                 raise ValueError(
-                    f"condition {c.name} assumes an ocean that varies, but the study's does not; set"
-                    " ocean.time_varying = true, or remove time_varying from the belief"
+                    f"condition {c.name} assumes an ocean that varies, but the study's does not;"
+                    " set ocean.time_varying = true, or remove time_varying from the belief"
                 )
             if c.clocks is not None and not any(c.clocks.priors(*own)):
                 raise ValueError(
-                    f"condition {c.name} estimates clocks, but their priors are 0; give noise.clock_offset_sigma or"
-                    " clock_skew_sigma, or offset_sigma or skew_sigma in its clocks"
+                    f"condition {c.name} estimates clocks, but their priors are 0; give"
+                    " noise.clock_offset_sigma or clock_skew_sigma, or offset_sigma or skew_sigma"
+                    " in its clocks"
                 )
         return self
 
@@ -713,7 +822,9 @@ class StudyConfig(SoundConfig):
                     )
                 except ValidationError as error:
                     problem = error.errors()[0]["msg"].removeprefix("Value error, ")
-                    raise ValueError(f"solver: condition {c.name} cannot use it: {problem}") from None
+                    raise ValueError(
+                        f"solver: condition {c.name} cannot use it: {problem}"
+                    ) from None
         return self
 
     @property
@@ -727,8 +838,9 @@ class StudyConfig(SoundConfig):
         count = self.study.realizations
         lasts = "as long as their trajectories" if own else f"{self.mission.duration_h:g} h"
         return (
-            f"<StudyConfig {self.study.name}: {len(self.fleet.vehicles) or 'own'} vehicles, {lasts},"
-            f" {count} realization{'' if count == 1 else 's'}, ocean {', '.join(self.ocean.source)}>"
+            f"<StudyConfig {self.study.name}: {len(self.fleet.vehicles) or 'own'} vehicles,"
+            f" {lasts}, {count} realization{'' if count == 1 else 's'}, ocean"
+            f" {', '.join(self.ocean.source)}>"
         )
 
     __str__ = __repr__

@@ -1,4 +1,6 @@
-"""TOML text of a configuration with the meaning of each key; keys at their defaults are commented out."""
+"""
+TOML text of a configuration with the meaning of each key; keys at their defaults are commented out.
+"""
 
 import datetime as dt
 from collections.abc import Iterator, Mapping
@@ -12,8 +14,9 @@ from pymantaray.config.checks import models_in
 from pymantaray.config.sections import StudyConfig
 
 _HEAD = """\
-# Made of {name}. A line that begins with # and a key, without a space between, is that key's default: take the #
-# away to set it. Lines that begin with # and a space are comments. Run: mantaray study run THIS_FILE
+# Made of {name}. A line that begins with # and a key, without a space between, is
+# that key's default: take the # away to set it. Lines that begin with # and a space are comments.
+# Run: mantaray study run THIS_FILE
 
 """
 
@@ -36,7 +39,8 @@ def study_toml(config: StudyConfig) -> str:
 
 def commented_toml(config: StudyConfig) -> str:
     """
-    Return a configuration as TOML with the meaning of each key; keys at their defaults are commented out.
+    Return a configuration as TOML with the meaning of each key; keys at their defaults are
+    commented out.
 
     Parameters
     ----------
@@ -45,10 +49,13 @@ def commented_toml(config: StudyConfig) -> str:
     Returns
     -------
     str
-        Text for `load_study`. Of vehicles, landmarks and estimators, the first of each kind has comments.
+        Text for `load_study`. Of vehicles, landmarks and estimators, the first of each kind has
+        comments.
     """
     names = sorted(type(config).model_fields, key=lambda name: name != "study")
-    tables = [_of_field((name,), type(config).model_fields[name], getattr(config, name)) for name in names]
+    tables = [
+        _of_field((name,), type(config).model_fields[name], getattr(config, name)) for name in names
+    ]
     return "\n\n".join(block for blocks in tables for block in blocks) + "\n"
 
 
@@ -70,7 +77,9 @@ def _of_field(path: tuple[str, ...], field: FieldInfo, value: Any) -> list[str]:
             known |= {type(entry)} if explain else set()
         if not known:  # names only: add the other possible keys of an entry
             text = _entry(path, type(value[0]).model_validate({"name": "mine"}), explain=True)
-            blocks.append("\n".join(f"# {line.removeprefix('#').lstrip()}" for line in text.splitlines()))
+            blocks.append(
+                "\n".join(f"# {line.removeprefix('#').lstrip()}" for line in text.splitlines())
+            )
         return blocks
     if models_in(field.annotation) and len(path) == 1:
         return [f"# {path[0]}: {_not_set(field)}"]
@@ -129,7 +138,11 @@ def _value(value: Any) -> str:
         if value and isinstance(value[0], list | tuple):
             return "[\n    " + ",\n    ".join(rows) + ",\n]"
         return f"[{', '.join(rows)}]"
-    return value.isoformat() if isinstance(value, dt.datetime) else tomli_w.dumps({"v": value})[4:].rstrip()
+    return (
+        value.isoformat()
+        if isinstance(value, dt.datetime)
+        else tomli_w.dumps({"v": value})[4:].rstrip()
+    )
 
 
 def _meaning(field: FieldInfo) -> str:

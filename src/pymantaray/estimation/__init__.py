@@ -1,4 +1,7 @@
-"""Factor graphs, their file formats and their solution; knows measurements, never the ocean or the truth."""
+"""
+Factor graphs, their file formats and their solution; knows measurements, never the ocean or the
+truth.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,6 @@
-"""Solve one realization under several conditions and by several estimators; collect all realizations."""
+"""
+Solve one realization under several conditions and by several estimators; collect all realizations.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -36,7 +38,12 @@ from pymantaray.estimation.ranges.range_models import (
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.solvers.covariance import dead_reckoning_covariances
 from pymantaray.estimation.solvers.descents import choose, same_cost
-from pymantaray.estimation.solvers.solution import GraphSolution, Method, SolveProgress, make_solution
+from pymantaray.estimation.solvers.solution import (
+    GraphSolution,
+    Method,
+    SolveProgress,
+    make_solution,
+)
 from pymantaray.estimation.solvers.starts import dead_reckon
 from pymantaray.records import Estimates, Measurements, SolveStatus
 
@@ -56,8 +63,8 @@ class Estimator:
     ranges, links : str
         As in `build_graph`.
     model : RangeModel, optional
-        Model that predicts travel times. A model with one speed for each link converts ranges to distances; other
-        models need outer iterations. By default the measured ranges are distances.
+        Model that predicts travel times. A model with one speed for each link converts ranges to
+        distances; other models need outer iterations. By default the measured ranges are distances.
     uncertainty : TravelTimeUncertainty, optional
         Adds to the variance of the ranges.
     correlated : bool
@@ -69,14 +76,14 @@ class Estimator:
     method : Method
         Solver and loss.
     clocks : ClockPrior, optional
-        Estimate offset and skew of all clocks with the poses, as amplitudes are estimated if the model is an
-        `AdjustableModel`.
+        Estimate offset and skew of all clocks with the poses, as amplitudes are estimated if the
+        model is an `AdjustableModel`.
     scale_sigma, bias_sigma : float, optional
-        Prior standard deviations of a factor less 1 on all travel times [-] and of a bias of the ranges of each ordered
-        pair [m], which are then estimated too.
+        Prior standard deviations of a factor less 1 on all travel times [-] and of a bias of the
+        ranges of each ordered pair [m], which are then estimated too.
     range_sigma : float or "fitted", optional
-        Standard deviation of ranges to assume [m]. "fitted" uses the smallest one, not below that of the
-        measurements, at which the cost equals its expected value.
+        Standard deviation of ranges to assume [m]. "fitted" uses the smallest one, not below that
+        of the measurements, at which the cost equals its expected value.
     mean_of_directions : bool
         Replace both ranges of a pair by their mean.
     dead_reckoned : bool
@@ -127,12 +134,12 @@ def solve_conditions(
     measurements : Measurements
         Noisy measurements of one realization.
     conditions : sequence of str, or mapping of str to Estimator
-        Keys of `CONDITIONS`, of which ``odometry`` is dead reckoning and the others are batch solves; or estimators by
-        the names of their conditions.
+        Keys of `CONDITIONS`, of which ``odometry`` is dead reckoning and the others are batch
+        solves; or estimators by the names of their conditions.
     initial : tuple of ndarray, optional
-        Starting values, unless an estimator has its own: positions of shape (n_vehicles, n_times, 3) [m] and
-        quaternions (w, x, y, z) of shape (n_vehicles, n_times, 4). The paper starts at the truth; the default
-        is dead reckoning. Landmarks start at their surveyed positions.
+        Starting values, unless an estimator has its own: positions of shape (n_vehicles, n_times,
+        3) [m] and quaternions (w, x, y, z) of shape (n_vehicles, n_times, 4). The paper starts at
+        the truth; the default is dead reckoning. Landmarks start at their surveyed positions.
     solver : GraphSolver, optional
         Solver to reuse for all realizations of a process; it caches what they share.
     covariance_samples : ndarray of int, shape (n_epochs,), optional
@@ -146,13 +153,15 @@ def solve_conditions(
     Raises
     ------
     EstimationError
-        If a condition is unknown, or `build_graph` or `GraphSolver` refuses the input. A failed solve raises no error;
-        its status says so.
+        If a condition is unknown, or `build_graph` or `GraphSolver` refuses the input. A failed
+        solve raises no error; its status says so.
     """
     if not isinstance(conditions, Mapping):
         unknown = [c for c in conditions if c not in CONDITIONS]
         if unknown:
-            raise EstimationError(f"unknown condition {unknown[0]!r}; allowed are {', '.join(CONDITIONS)}")
+            raise EstimationError(
+                f"unknown condition {unknown[0]!r}; allowed are {', '.join(CONDITIONS)}"
+            )
         conditions = {name: CONDITIONS[name] for name in conditions}
     solver = solver or GraphSolver()
     fleet = _Fleet(measurements, covariance_samples)
@@ -161,7 +170,9 @@ def solve_conditions(
         start = process_time()
         estimator = given if given.initial else replace(given, initial=initial)
         solution = (
-            fleet.dead_reckoning_solution() if estimator.dead_reckoned else fleet.solve(estimator, solver)
+            fleet.dead_reckoning_solution()
+            if estimator.dead_reckoned
+            else fleet.solve(estimator, solver)
         )
         solved[name] = replace(solution, seconds=process_time() - start)
     return solved
@@ -189,7 +200,9 @@ class _Fleet:
         if estimator.range_sigma != "fitted":
             first = self._first_solved(estimator, measurements, start, solver)
             plain = estimator.ranges is not None and estimator.method == Method()
-            plain &= not isinstance(estimator.model, CandidateModel)  # which starts there in any case
+            plain &= not isinstance(
+                estimator.model, CandidateModel
+            )  # which starts there in any case
             again = plain and (estimator.initial is None or not first.usable)
             return self._lower(first, estimator, measurements, solver) if again else first
         n_ranges = max(int(np.isfinite(measurements.refracted_range).sum()), 1)
@@ -212,17 +225,24 @@ class _Fleet:
         scale, solution = fitted
         return replace(
             solution,
-            unknowns=_with_range_sigma(scale * float(np.median(measurements.range_sigma)), solution.unknowns),
+            unknowns=_with_range_sigma(
+                scale * float(np.median(measurements.range_sigma)), solution.unknowns
+            ),
         )
 
     def _lower(
-        self, first: GraphSolution, estimator: Estimator, measurements: Measurements, solver: GraphSolver
+        self,
+        first: GraphSolution,
+        estimator: Estimator,
+        measurements: Measurements,
+        solver: GraphSolver,
     ) -> GraphSolution:
         """
-        Solve again from the optimum of the graph without ranges, and choose between both by the rule of `descents`.
+        Solve again from the optimum of the graph without ranges, and choose between both by the
+        rule of `descents`.
 
-        That start uses fixes and depths, unlike dead reckoning, and no ranges that could keep it in a wrong basin. If the two
-        minima differ, the status is SECOND_MINIMUM.
+        That start uses fixes and depths, unlike dead reckoning, and no ranges that could keep it in
+        a wrong basin. If the two minima differ, the status is SECOND_MINIMUM.
         """
         if self._without_ranges is None:
             self._without_ranges = self._solved(
@@ -241,9 +261,16 @@ class _Fleet:
         return best
 
     def _first_solved(
-        self, estimator: Estimator, measurements: Measurements, start: GraphValues, solver: GraphSolver
+        self,
+        estimator: Estimator,
+        measurements: Measurements,
+        start: GraphValues,
+        solver: GraphSolver,
     ) -> GraphSolution:
-        """Solution from the estimator's start; the fit of a range sigma begins with that of the estimator without a fit."""
+        """
+        Solution from the estimator's start; the fit of a range sigma begins with that of the
+        estimator without a fit.
+        """
         key = _solves_like(estimator)
         if key not in self._first:  # the estimator keeps the objects that the key identifies
             self._first[key] = estimator, self._solved(estimator, measurements, start, solver)
@@ -266,7 +293,11 @@ class _Fleet:
         )
         poses = None
         if self._samples is not None:
-            poses = np.arange(measurements.depth.size).reshape(measurements.depth.shape)[:, self._samples].T
+            poses = (
+                np.arange(measurements.depth.size)
+                .reshape(measurements.depth.shape)[:, self._samples]
+                .T
+            )
         solution = solver.solve(
             graph,
             start,
@@ -280,15 +311,21 @@ class _Fleet:
 
     def dead_reckoning_solution(self) -> GraphSolution:
         values = self._values(*self._dead_reckoned)
-        solution = self._by_vehicle(make_solution(values, SolveProgress(0, np.nan, np.nan), SolveStatus.OK))
+        solution = self._by_vehicle(
+            make_solution(values, SolveProgress(0, np.nan, np.nan), SolveStatus.OK)
+        )
         if self._samples is None:
             return solution
-        covariances = dead_reckoning_covariances(self._measurements, self._samples, self._dead_reckoned)
+        covariances = dead_reckoning_covariances(
+            self._measurements, self._samples, self._dead_reckoned
+        )
         return replace(solution, covariances=covariances)
 
     def _values(self, position: Array, quaternion: Array) -> GraphValues:
         place, turn = (np.asarray(table) for table in (position, quaternion))
-        return GraphValues(place.reshape(-1, 3), turn.reshape(-1, 4), self._measurements.landmark_position)
+        return GraphValues(
+            place.reshape(-1, 3), turn.reshape(-1, 4), self._measurements.landmark_position
+        )
 
     def _by_vehicle(self, solution: GraphSolution) -> GraphSolution:
         shape = self._measurements.depth.shape
@@ -332,7 +369,8 @@ def collect_estimates(
         return np.array([[getattr(s[c], attribute) for s in solutions] for c in conditions])
 
     names = (
-        "position quaternion landmark_position iterations initial_cost final_cost expected_cost gradient_norm"
+        "position quaternion landmark_position iterations initial_cost final_cost expected_cost"
+        " gradient_norm"
     )
     return Estimates(
         condition=np.array(conditions),
@@ -359,9 +397,16 @@ def _adjusted(measurements: Measurements, estimator: Estimator) -> Measurements:
 
 
 def _with_mean_of_directions(measurements: Measurements) -> Measurements:
-    """Replace both ranges of a pair at one ping by their mean; two equal rows then carry half the variance."""
-    ends = np.sort(np.stack([measurements.range_transmitter, measurements.range_receiver], axis=1), axis=1)
-    pair = np.unique(np.column_stack([measurements.range_sample, ends]), axis=0, return_inverse=True)[1]
+    """
+    Replace both ranges of a pair at one ping by their mean; two equal rows then carry half the
+    variance.
+    """
+    ends = np.sort(
+        np.stack([measurements.range_transmitter, measurements.range_receiver], axis=1), axis=1
+    )
+    pair = np.unique(
+        np.column_stack([measurements.range_sample, ends]), axis=0, return_inverse=True
+    )[1]
     heard = np.isfinite(measurements.refracted_range)
 
     def mean(ranges: Array) -> Array:
@@ -377,12 +422,24 @@ def _with_mean_of_directions(measurements: Measurements) -> Measurements:
 
 
 def _solves_like(estimator: Estimator) -> tuple[object, ...]:
-    """Equal for estimators whose first solves are equal: the same objects and values, except for the fit of a range sigma."""
+    """
+    Equal for estimators whose first solves are equal: the same objects and values, except for the
+    fit of a range sigma.
+    """
     e = estimator
     sigma = None if e.range_sigma == "fitted" else e.range_sigma
     objects = tuple(id(part) for part in (e.model, e.uncertainty, *(e.initial or ())))
     priors = e.clocks, e.scale_sigma, e.bias_sigma, sigma
-    return objects, e.ranges, e.links, e.correlated, e.model_is_right, e.method, priors, e.mean_of_directions
+    return (
+        objects,
+        e.ranges,
+        e.links,
+        e.correlated,
+        e.model_is_right,
+        e.method,
+        priors,
+        e.mean_of_directions,
+    )
 
 
 def _scaled(measurements: Measurements, scale: float) -> Measurements:
@@ -401,9 +458,11 @@ def _fitted(
     n_ranges: int,
 ) -> tuple[float, GraphSolution] | None:
     """
-    Factor of at least 1 on the range sigmas at which the cost equals its expected value, and the solution; None if there is none.
+    Factor of at least 1 on the range sigmas at which the cost equals its expected value, and the
+    solution; None if there is none.
 
-    The part of the cost that is due to ranges is nearly a power of the factor, so the secant is that of logarithms.
+    The part of the cost that is due to ranges is nearly a power of the factor, so the secant is
+    that of logarithms.
     """
     log_scale = 0.0
     before = None
@@ -430,11 +489,16 @@ def _fitted(
 
 
 def _with_range_sigma(sigma: float, others: UnknownsEstimate | None) -> UnknownsEstimate:
-    """Estimates with a fitted range sigma [m] as the first, which has neither a prior nor a covariance."""
+    """
+    Estimates with a fitted range sigma [m] as the first, which has neither a prior nor a
+    covariance.
+    """
     n = 0 if others is None else others.value.size
     covariance = np.full((n + 1, n + 1), np.nan)
     if others is None:
-        return UnknownsEstimate(("range sigma",), ("m",), covariance[0], np.array([sigma]), covariance)
+        return UnknownsEstimate(
+            ("range sigma",), ("m",), covariance[0], np.array([sigma]), covariance
+        )
     covariance[1:, 1:] = others.covariance
     return UnknownsEstimate(
         ("range sigma", *others.name),
@@ -451,17 +515,21 @@ def _with_model(
     """
     Graph of an estimator and its range model.
 
-    A model with one speed for each link only scales the distances, and so does the sphere in solvers that use distances.
+    A model with one speed for each link only scales the distances, and so does the sphere in
+    solvers that use distances.
     """
     if estimator.model is None:
         return graph, None
     timed = timed_ranges(measurements, estimator.ranges, estimator.links)
     unknown = any(
-        prior is not None for prior in (estimator.clocks, estimator.scale_sigma, estimator.bias_sigma)
+        prior is not None
+        for prior in (estimator.clocks, estimator.scale_sigma, estimator.bias_sigma)
     )
     plain = estimator.uncertainty is None and not unknown
     if isinstance(estimator.model, ConstantSpeed | TransmitterSpeed) and plain:
-        return _with_longer_ranges(graph, estimator.model.speed(timed.sound_speed) / timed.sound_speed), None
+        return _with_longer_ranges(
+            graph, estimator.model.speed(timed.sound_speed) / timed.sound_speed
+        ), None
     if isinstance(estimator.model, OnSphere) and plain and estimator.method.uses_distances:
         place = np.concatenate([start.position, start.landmark_position])
         place[: graph.n_poses, 2] = measurements.depth.ravel()  # dead reckoning has worse depths
@@ -478,11 +546,15 @@ def _with_model(
             scale_sigma=estimator.scale_sigma,
             bias_sigma=estimator.bias_sigma,
         )
-    return graph, ModelRanges(estimator.model, timed, estimator.uncertainty, estimator.correlated, unknowns)
+    return graph, ModelRanges(
+        estimator.model, timed, estimator.uncertainty, estimator.correlated, unknowns
+    )
 
 
 def _with_longer_ranges(graph: FactorGraph, ratio: Array) -> FactorGraph:
     """Graph with distances and their standard deviations multiplied by a ratio."""
     ranges = graph["range"]
     longer = ranges.with_columns(distance=ratio * ranges.column("distance"))
-    return graph.with_factors(range=replace(longer, covariance=ratio[:, None, None] ** 2 * ranges.covariance))
+    return graph.with_factors(
+        range=replace(longer, covariance=ratio[:, None, None] ** 2 * ranges.covariance)
+    )

@@ -1,4 +1,7 @@
-"""Trajectory errors and statistics of range errors; the only folder that compares estimates with the truth."""
+"""
+Trajectory errors and statistics of range errors; the only folder that compares estimates with the
+truth.
+"""
 
 from typing import TYPE_CHECKING
 

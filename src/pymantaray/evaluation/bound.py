@@ -1,4 +1,7 @@
-"""Posterior Cramér-Rao bounds of position errors along the true trajectories, and the degrees of freedom of these errors."""
+"""
+Posterior Cramér-Rao bounds of position errors along the true trajectories, and the degrees of
+freedom of these errors.
+"""
 
 from collections.abc import Callable, Iterable
 from functools import cached_property
@@ -20,7 +23,9 @@ from pymantaray.geometry.spread import root_mean
 from pymantaray.records import Measurements, Trajectories, VehicleStatus
 from pymantaray.records.status import ARRIVES
 
-_PROBES = 16  # random vectors in memory; those of a vehicle, whose standard error is then accurate to 8 %
+_PROBES = (
+    16  # random vectors in memory; those of a vehicle, whose standard error is then accurate to 8 %
+)
 _FLEET_SETS = 3  # sets of so many vectors for a fleet, whose standard error is then accurate to 5 %
 _RANK = 1e-9  # of the largest singular value; directions with smaller ones are not determined
 
@@ -31,7 +36,9 @@ def ping_samples(measurements: Measurements) -> NDArray[np.intp]:
 
 
 def submerged_at_pings(truth: Trajectories, measurements: Measurements) -> NDArray[np.bool_]:
-    """Mask of vehicles that are active and have no GNSS fix at each ping, shape (n_pings, n_vehicles)."""
+    """
+    Mask of vehicles that are active and have no GNSS fix at each ping, shape (n_pings, n_vehicles).
+    """
     check_same_vehicles(truth, measurements)
     return submerged_at(truth, measurements, ping_samples(measurements))
 
@@ -39,7 +46,10 @@ def submerged_at_pings(truth: Trajectories, measurements: Measurements) -> NDArr
 def submerged_at(
     truth: Trajectories, measurements: Measurements, samples: NDArray[np.intp]
 ) -> NDArray[np.bool_]:
-    """Mask of vehicles that are active and have no GNSS fix at some samples, shape (n_samples, n_vehicles)."""
+    """
+    Mask of vehicles that are active and have no GNSS fix at some samples, shape (n_samples,
+    n_vehicles).
+    """
     under = np.asarray(truth.status == VehicleStatus.ACTIVE)
     under[measurements.gnss_vehicle, measurements.gnss_sample] = False
     return np.asarray(under[:, samples].T)
@@ -61,8 +71,8 @@ def error_bound(
     measurements : Measurements
         Measurements without noise, with their standard deviations.
     condition : str
-        Key of `CONDITIONS`. ``odometry`` is dead reckoning; ``no-ranges`` adds depths and GNSS; all other conditions add the
-        ranges of their links as straight distances.
+        Key of `CONDITIONS`. ``odometry`` is dead reckoning; ``no-ranges`` adds depths and GNSS; all
+        other conditions add the ranges of their links as straight distances.
     samples : ndarray of int, optional
         Samples at which the bound is wanted. Default: those of the pings.
 
@@ -78,12 +88,14 @@ def error_bound(
 
     Notes
     -----
-    The bound is the inverse of the information :math:`\sum_k J_k^\top R_k^{-1} J_k` of all measurements and priors, past and
-    future, with the Jacobians at the true trajectories. For nonlinear measurements with additive Gaussian noise this is the
-    Fisher information at these trajectories. No unbiased estimator has a smaller covariance; a biased one may have. The bound
-    is an expectation over the noise, so the RMSE of a few realizations can be below it by chance. In a known ocean, refracted
-    ranges contain the same information as distances, except for the ratio of sound speeds. The bound assumes that no link is
-    lost by chance and that clocks have no error. If they do, it is still a lower bound, but no estimator reaches it.
+    The bound is the inverse of the information :math:`\sum_k J_k^\top R_k^{-1} J_k` of all
+    measurements and priors, past and future, with the Jacobians at the true trajectories. For
+    nonlinear measurements with additive Gaussian noise this is the Fisher information at these
+    trajectories. No unbiased estimator has a smaller covariance; a biased one may have. The bound
+    is an expectation over the noise, so the RMSE of a few realizations can be below it by chance.
+    In a known ocean, refracted ranges contain the same information as distances, except for the
+    ratio of sound speeds. The bound assumes that no link is lost by chance and that clocks have no
+    error. If they do, it is still a lower bound, but no estimator reaches it.
 
     Examples
     --------
@@ -135,7 +147,8 @@ class DegreesOfFreedom:
     at_pings : float
         Degrees of freedom of the positions of vehicles under water at the pings.
     tilt, heading : float
-        Degrees of freedom of the attitudes of all poses about both horizontal axes, and about the vertical.
+        Degrees of freedom of the attitudes of all poses about both horizontal axes, and about the
+        vertical.
 
     Raises
     ------
@@ -144,13 +157,17 @@ class DegreesOfFreedom:
 
     Notes
     -----
-    They are :math:`\nu = (\mathrm{tr} P)^2 / \mathrm{tr}(P^2)` for the Cramér-Rao bound P, the joint covariance of these errors: the
-    number of independent errors of equal variance whose sum of squares has the same mean and variance. An RMSE over n
-    realizations then has the standard error :math:`\mathrm{RMSE} / \sqrt{2 n \nu}`. Both traces are estimated by Hutchinson's
-    method, as means over random vectors of signs with a fixed seed. They are NaN if the measurements do not determine some direction.
+    They are :math:`\nu = (\mathrm{tr} P)^2 / \mathrm{tr}(P^2)` for the Cramér-Rao bound P, the
+    joint covariance of these errors: the number of independent errors of equal variance whose sum
+    of squares has the same mean and variance. An RMSE over n realizations then has the standard
+    error :math:`\mathrm{RMSE} / \sqrt{2 n \nu}`. Both traces are estimated by Hutchinson's method,
+    as means over random vectors of signs with a fixed seed. They are NaN if the measurements do not
+    determine some direction.
     """
 
-    def __init__(self, truth: Trajectories, measurements: Measurements, condition: str = "straight") -> None:
+    def __init__(
+        self, truth: Trajectories, measurements: Measurements, condition: str = "straight"
+    ) -> None:
         self._submerged = submerged_at_pings(truth, measurements)
         self._shape, self._samples = truth.status.shape, ping_samples(measurements)
         self._graph = _bound_graph(_known(condition), measurements)
@@ -190,12 +207,15 @@ class DegreesOfFreedom:
 
     def _of(self, mask: NDArray[np.bool_]) -> float:
         """Degrees of freedom of the positions of the poses of a mask."""
-        return _effective(self._covariance.positions, mask[..., None] & np.ones(3, dtype=bool), self._signs)
+        return _effective(
+            self._covariance.positions, mask[..., None] & np.ones(3, dtype=bool), self._signs
+        )
 
 
 def graph_degrees_of_freedom(graph: FactorGraph, values: GraphValues) -> dict[str, float]:
     """
-    Effective degrees of freedom of the squared position errors of a least-squares solution of a graph, as in `DegreesOfFreedom`.
+    Effective degrees of freedom of the squared position errors of a least-squares solution of a
+    graph, as in `DegreesOfFreedom`.
 
     Parameters
     ----------
@@ -206,16 +226,21 @@ def graph_degrees_of_freedom(graph: FactorGraph, values: GraphValues) -> dict[st
     Returns
     -------
     dict of str to float
-        For each vehicle's name and ``"(all)"``; NaN if the measurements do not determine some direction.
+        For each vehicle's name and ``"(all)"``; NaN if the measurements do not determine some
+        direction.
     """
     covariance = PoseCovariance(graph, values).positions
     signs = _RandomSigns(graph.n_poses)
-    own = dict(zip(graph.vehicle_name.tolist(), _of_vehicles(covariance, graph, signs), strict=True))
+    own = dict(
+        zip(graph.vehicle_name.tolist(), _of_vehicles(covariance, graph, signs), strict=True)
+    )
     return {**own, "(all)": _effective(covariance, np.ones((graph.n_poses, 3), dtype=bool), signs)}
 
 
 class _RandomSigns:
-    """Sets of random vectors of signs for all poses, the same for each use; each set is drawn once."""
+    """
+    Sets of random vectors of signs for all poses, the same for each use; each set is drawn once.
+    """
 
     def __init__(self, n_poses: int) -> None:
         self._rng = stream(0, 0, "evaluation", "degrees of freedom")
@@ -229,8 +254,13 @@ class _RandomSigns:
         return self._sets[number]
 
 
-def _effective(covariance: Callable[[Array], Array], mask: NDArray[np.bool_], signs: _RandomSigns) -> float:
-    """Degrees of freedom of the errors of a mask, (..., 3), from random products with their covariance."""
+def _effective(
+    covariance: Callable[[Array], Array], mask: NDArray[np.bool_], signs: _RandomSigns
+) -> float:
+    """
+    Degrees of freedom of the errors of a mask, (..., 3), from random products with their
+    covariance.
+    """
     if not mask.any():
         return np.nan
     own = mask.reshape(-1, 3).astype(float)
@@ -242,7 +272,9 @@ def _of_vehicles(
     covariance: Callable[[Array], Array], graph: FactorGraph, signs: _RandomSigns
 ) -> list[float]:
     """Degrees of freedom of the positions of all poses of each vehicle."""
-    masks = (np.repeat(graph.pose_vehicle == a, 3).reshape(-1, 3) for a in range(graph.vehicle_name.size))
+    masks = (
+        np.repeat(graph.pose_vehicle == a, 3).reshape(-1, 3) for a in range(graph.vehicle_name.size)
+    )
     part = connected_parts(graph).part[: graph.n_poses]
     vectors = signs[0].astype(float)
     vehicles_and_parts = np.unique([part, graph.pose_vehicle], axis=1)
@@ -264,12 +296,16 @@ def _from_products(products: Iterable[tuple[Array, Array]]) -> float:
 
 def _known(condition: str) -> Estimator:
     if condition not in CONDITIONS:
-        raise EvaluationError(f"bound: condition {condition!r}; allowed are {', '.join(CONDITIONS)}")
+        raise EvaluationError(
+            f"bound: condition {condition!r}; allowed are {', '.join(CONDITIONS)}"
+        )
     return CONDITIONS[condition]
 
 
 def _bound_graph(e: Estimator, o: Measurements) -> FactorGraph:
-    """Graph of the measurements that a condition uses; dead reckoning has priors and odometry alone."""
+    """
+    Graph of the measurements that a condition uses; dead reckoning has priors and odometry alone.
+    """
     graph = build_graph(o, None if e.ranges is None else "straight", e.links)
     if not e.dead_reckoned:
         return graph
@@ -282,13 +318,17 @@ def _bound_graph(e: Estimator, o: Measurements) -> FactorGraph:
 
 
 def rms_bound(bound: Array, submerged: NDArray[np.bool_]) -> float:
-    """Lower bound of the root mean square position error of vehicles under water at pings; NaN without such vehicles. [m]"""
+    """
+    Lower bound of the root mean square position error of vehicles under water at pings; NaN without
+    such vehicles. [m]
+    """
     return root_mean(np.einsum("eaiai->ea", bound)[submerged])
 
 
 def bound_table(truth: Trajectories, measurements: Measurements) -> pd.DataFrame:
     """
-    Bound at each ping, without ranges and with them, and the directions that the ranges of this ping alone do not determine.
+    Bound at each ping, without ranges and with them, and the directions that the ranges of this
+    ping alone do not determine.
 
     Parameters
     ----------
@@ -300,12 +340,14 @@ def bound_table(truth: Trajectories, measurements: Measurements) -> pd.DataFrame
     Returns
     -------
     pandas.DataFrame
-        One row per ping. ``time_h``; ``anchors``, number of vehicles with a GNSS fix plus landmarks; ``submerged``, number of
-        vehicles without a fix; ``no_ranges_rmse_m`` and ``bound_rmse_m``, bounds of the RMSE of submerged vehicles from odometry,
-        depth and GNSS of all times, without and with all ranges; ``unseen``, number of directions of all positions that ranges,
-        depths and fixes of this ping do not determine; ``rotation_deg``, standard deviation of the rotation of the submerged
-        vehicles about the mean of the anchors, in the bound with ranges; ``rotation_percent``, its share of the horizontal
-        variance. The last two are NaN without an anchor.
+        One row per ping. ``time_h``; ``anchors``, number of vehicles with a GNSS fix plus
+        landmarks; ``submerged``, number of vehicles without a fix; ``no_ranges_rmse_m`` and
+        ``bound_rmse_m``, bounds of the RMSE of submerged vehicles from odometry, depth and GNSS of
+        all times, without and with all ranges; ``unseen``, number of directions of all positions
+        that ranges, depths and fixes of this ping do not determine; ``rotation_deg``, standard
+        deviation of the rotation of the submerged vehicles about the mean of the anchors, in the
+        bound with ranges; ``rotation_percent``, its share of the horizontal variance. The last two
+        are NaN without an anchor.
 
     Raises
     ------
@@ -314,8 +356,8 @@ def bound_table(truth: Trajectories, measurements: Measurements) -> pd.DataFrame
 
     Notes
     -----
-    If a fleet turns about the vertical through its only anchor, ranges and depths do not change. Only odometry or a second anchor
-    determines this rotation.
+    If a fleet turns about the vertical through its only anchor, ranges and depths do not change.
+    Only odometry or a second anchor determines this rotation.
     """
     samples = ping_samples(measurements)
     submerged = submerged_at_pings(truth, measurements)
@@ -344,7 +386,10 @@ def bound_table(truth: Trajectories, measurements: Measurements) -> pd.DataFrame
 
 
 def _rotation(place: Array, anchors: Array, covariance: Array) -> tuple[float, float]:
-    """Standard deviation of the rotation about the mean of the anchors [rad], and its share of the horizontal variance."""
+    """
+    Standard deviation of the rotation about the mean of the anchors [rad], and its share of the
+    horizontal variance.
+    """
     if not (len(anchors) and len(place)):
         return np.nan, np.nan
     arm = place[:, :2] - anchors[:, :2].mean(axis=0)
@@ -356,7 +401,10 @@ def _rotation(place: Array, anchors: Array, covariance: Array) -> tuple[float, f
 
 
 def _unseen(truth: Trajectories, o: Measurements, sample: int, fixed: NDArray[np.bool_]) -> int:
-    """Number of directions of active vehicles' positions that the measurements of one sample without odometry do not determine."""
+    """
+    Number of directions of active vehicles' positions that the measurements of one sample without
+    odometry do not determine.
+    """
     active = np.flatnonzero(truth.status[:, sample] == VehicleStatus.ACTIVE)
     column = np.full(len(truth.name) + o.landmark_name.size, -1)
     column[active] = np.arange(active.size)

@@ -28,7 +28,9 @@ _COLUMNS += ["mean_difference_m", "t_low_m", "t_high_m"]
 
 
 def paired_interval(differences: ArrayLike, confidence: float = 0.95) -> tuple[float, float]:
-    """Student's confidence interval of the mean of independent differences; NaN for fewer than two."""
+    """
+    Student's confidence interval of the mean of independent differences; NaN for fewer than two.
+    """
     d = np.asarray(differences, dtype=float)
     if d.size < 2:
         return float("nan"), float("nan")
@@ -45,7 +47,8 @@ def comparison_table(
     root_seed: int = 0,
 ) -> pd.DataFrame:
     """
-    Differences of trajectory error between conditions, with their confidence intervals over realizations.
+    Differences of trajectory error between conditions, with their confidence intervals over
+    realizations.
 
     Parameters
     ----------
@@ -54,7 +57,8 @@ def comparison_table(
     estimates : Estimates
         Estimates of all conditions and realizations.
     pairs : sequence of (str, str), optional
-        Condition, and baseline to subtract. Default: the pairs of `PAIRS` whose conditions exist in the estimates.
+        Condition, and baseline to subtract. Default: the pairs of `PAIRS` whose conditions exist in
+        the estimates.
     confidence : float
         Confidence level of the intervals. [-]
     root_seed : int
@@ -63,11 +67,13 @@ def comparison_table(
     Returns
     -------
     pandas.DataFrame
-        One row for each pair and each of the statistics ``mean`` and ``rmse`` of the APE. ``realizations`` is the number of
-        realizations in which both solves are usable; ``excluded`` is the number of other realizations. ``pooled_difference_m`` is
-        the difference of the statistic pooled over vehicles and realizations, with its bootstrap percentile interval
-        ``bootstrap_low_m``, ``bootstrap_high_m`` over realizations. ``mean_difference_m`` is the mean over realizations of the
-        difference in each realization, with its Student interval ``t_low_m``, ``t_high_m``.
+        One row for each pair and each of the statistics ``mean`` and ``rmse`` of the APE.
+        ``realizations`` is the number of realizations in which both solves are usable; ``excluded``
+        is the number of other realizations. ``pooled_difference_m`` is the difference of the
+        statistic pooled over vehicles and realizations, with its bootstrap percentile interval
+        ``bootstrap_low_m``, ``bootstrap_high_m`` over realizations. ``mean_difference_m`` is the
+        mean over realizations of the difference in each realization, with its Student interval
+        ``t_low_m``, ``t_high_m``.
 
     Raises
     ------
@@ -78,7 +84,9 @@ def comparison_table(
     chosen = [p for p in PAIRS if set(p) <= set(present)] if pairs is None else list(pairs)
     missing = [c for pair in chosen for c in pair if c not in present]
     if missing:
-        raise EvaluationError(f"condition {missing[0]!r} was not run; there are {', '.join(present)}")
+        raise EvaluationError(
+            f"condition {missing[0]!r} was not run; there are {', '.join(present)}"
+        )
     errors = trajectory_errors(truth, estimates)
     moments = {"mean": errors.mean(axis=(2, 3)), "rmse": (errors**2).mean(axis=(2, 3))}
     rows = []
@@ -88,7 +96,9 @@ def comparison_table(
         good = ~np.isnan(errors[a]).any(axis=(1, 2)) & ~np.isnan(errors[b]).any(axis=(1, 2))
         n = int(good.sum())
         rng = stream(root_seed, 0, "evaluation", "bootstrap", condition, baseline)
-        resample = rng.integers(0, n, (_RESAMPLES, n)) if n else np.zeros((_RESAMPLES, 0), dtype=int)
+        resample = (
+            rng.integers(0, n, (_RESAMPLES, n)) if n else np.zeros((_RESAMPLES, 0), dtype=int)
+        )
         for statistic, moment in moments.items():
             own, pooled, again = _differences(
                 moment[a, good], moment[b, good], resample, root=statistic == "rmse"
@@ -105,7 +115,10 @@ def comparison_table(
 def _differences(
     a: Array, b: Array, resample: NDArray[np.int64], *, root: bool
 ) -> tuple[Array, float, Array]:
-    """Differences of each realization, of the pool, and of resampled pools, from the moments of the realizations."""
+    """
+    Differences of each realization, of the pool, and of resampled pools, from the moments of the
+    realizations.
+    """
     if a.size == 0:
         return np.empty(0), float("nan"), np.full(resample.shape[0], np.nan)
     finish = np.sqrt if root else np.asarray

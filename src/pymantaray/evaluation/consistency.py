@@ -19,21 +19,30 @@ _SIGMAS = (1.0, 3.0)
 
 
 class Errors(NamedTuple):
-    """Errors at the epochs, shape (conditions, realizations, epochs, vehicles, 3 or 6); NaN if a solve is not usable."""
+    """
+    Errors at the epochs, shape (conditions, realizations, epochs, vehicles, 3 or 6); NaN if a solve
+    is not usable.
+    """
 
     position: Array
     """Estimate minus truth. [m]"""
     pose: Array
-    """From the estimate to the truth: rotation vector, then translation in the body frame. [rad, m]"""
+    """
+    From the estimate to the truth: rotation vector, then translation in the body frame. [rad, m]
+    """
 
 
 def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
-    """Normalized estimation error squared; its expectation is the length of the last axis. NaN if error or covariance is not finite."""
+    """
+    Normalized estimation error squared; its expectation is the length of the last axis. NaN if
+    error or covariance is not finite.
+    """
     e = np.asarray(error, dtype=float)
     p = np.asarray(covariance, dtype=float)
     if p.shape != (*e.shape, e.shape[-1]):
         raise EvaluationError(
-            f"covariance of shape {p.shape} for errors of {e.shape}; it must have shape {(*e.shape, e.shape[-1])}"
+            f"covariance of shape {p.shape} for errors of {e.shape}; it must have shape"
+            f" {(*e.shape, e.shape[-1])}"
         )
     out = np.full(e.shape[:-1], np.nan)
     good = np.isfinite(e).all(axis=-1) & np.isfinite(p).all(axis=(-2, -1))
@@ -49,8 +58,13 @@ def nees(error: ArrayLike, covariance: ArrayLike) -> Array:
     return out
 
 
-def mean_chi_square_bounds(degrees_of_freedom: ArrayLike, confidence: float = 0.95) -> tuple[Array, Array]:
-    """Central confidence interval of a chi-square variable divided by its degrees of freedom; NaN for 0 degrees of freedom."""
+def mean_chi_square_bounds(
+    degrees_of_freedom: ArrayLike, confidence: float = 0.95
+) -> tuple[Array, Array]:
+    """
+    Central confidence interval of a chi-square variable divided by its degrees of freedom; NaN for
+    0 degrees of freedom.
+    """
     k = np.asarray(degrees_of_freedom, dtype=float)
     k = np.where(k > 0.0, k, np.nan)
     low, high = (2.0 * special.gammaincinv(k / 2.0, p) / k for p in _tail_probabilities(confidence))
@@ -59,10 +73,12 @@ def mean_chi_square_bounds(degrees_of_freedom: ArrayLike, confidence: float = 0.
 
 def epoch_errors(truth: Trajectories, estimates: Estimates, covariances: PoseCovariances) -> Errors:
     """
-    Errors of positions and poses at the epochs of the covariances, with separate rotation and translation.
+    Errors of positions and poses at the epochs of the covariances, with separate rotation and
+    translation.
 
-    The twist of the whole motion has the same covariance only to first order. Half a rotation error of 1e-2 rad times metres of
-    horizontal error is a vertical error of centimetres. Depth is known to one centimetre, so NEES would be up to ten times too large.
+    The twist of the whole motion has the same covariance only to first order. Half a rotation error
+    of 1e-2 rad times metres of horizontal error is a vertical error of centimetres. Depth is known
+    to one centimetre, so NEES would be up to ten times too large.
     """
     c = covariances
     for what, a, b in (
@@ -75,7 +91,9 @@ def epoch_errors(truth: Trajectories, estimates: Estimates, covariances: PoseCov
         if not np.array_equal(a, b):
             raise EvaluationError(f"truth, estimates and covariances have different {what}")
     if c.sample.size and not (c.sample.min() >= 0 and c.sample.max() < truth.time.size):
-        raise EvaluationError(f"covariances at sample {c.sample.max()}; the truth has {truth.time.size}")
+        raise EvaluationError(
+            f"covariances at sample {c.sample.max()}; the truth has {truth.time.size}"
+        )
 
     def at_epochs(values: Array) -> Array:
         return np.asarray(np.swapaxes(values[..., c.sample, :], -3, -2))
@@ -120,12 +138,13 @@ def consistency_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, ``vehicle`` (with ``by_vehicle``), ``time_h``, ``statistic``, ``realizations``,
-        ``degrees_of_freedom`` (dimension times realizations), ``ratio`` (sum over the realizations divided by the degrees of
-        freedom, expectation 1), ``low`` and ``high`` (bounds of the ratio), ``inside`` and ``p_value`` (two-sided).
-        Statistics of the fleet are ``horizontal`` and ``position``, with 2 and 3 dimensions per vehicle and the joint
-        covariance of all vehicles, and ``ranges``, the innovation of all ranges of the epoch. Statistics of a vehicle are
-        ``horizontal``, ``position`` and ``pose`` (6 dimensions).
+        Columns ``condition``, ``vehicle`` (with ``by_vehicle``), ``time_h``, ``statistic``,
+        ``realizations``, ``degrees_of_freedom`` (dimension times realizations), ``ratio`` (sum over
+        the realizations divided by the degrees of freedom, expectation 1), ``low`` and ``high``
+        (bounds of the ratio), ``inside`` and ``p_value`` (two-sided). Statistics of the fleet are
+        ``horizontal`` and ``position``, with 2 and 3 dimensions per vehicle and the joint
+        covariance of all vehicles, and ``ranges``, the innovation of all ranges of the epoch.
+        Statistics of a vehicle are ``horizontal``, ``position`` and ``pose`` (6 dimensions).
 
     Raises
     ------
@@ -134,8 +153,9 @@ def consistency_table(
 
     Notes
     -----
-    Ranges correlate the vehicles of one epoch, and odometry correlates the epochs of one run. Only realizations are independent.
-    Therefore the fleet has one joint statistic for each epoch, and epochs are not pooled.
+    Ranges correlate the vehicles of one epoch, and odometry correlates the epochs of one run. Only
+    realizations are independent. Therefore the fleet has one joint statistic for each epoch, and
+    epochs are not pooled.
     """
     errors = epoch_errors(truth, estimates, covariances)
     statistics = _by_vehicle(errors, covariances) if by_vehicle else _of_fleet(errors, covariances)
@@ -180,14 +200,15 @@ def consistency_summary(table: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, ``statistic``, ``tests`` (number of rows), ``inside`` (number of rows within their bounds),
-        ``median_ratio``, ``min_ratio``, ``max_ratio``, ``p_bonferroni`` (smallest p-value times tests, at most 1) and
-        ``consistent`` (True if ``p_bonferroni`` is at least 0.05).
+        Columns ``condition``, ``statistic``, ``tests`` (number of rows), ``inside`` (number of rows
+        within their bounds), ``median_ratio``, ``min_ratio``, ``max_ratio``, ``p_bonferroni``
+        (smallest p-value times tests, at most 1) and ``consistent`` (True if ``p_bonferroni`` is at
+        least 0.05).
 
     Notes
     -----
-    Bonferroni's correction is valid for any dependence between the tests, such as that between epochs of one run. Of 20 epochs of
-    a consistent estimator, one is expected outside its bounds.
+    Bonferroni's correction is valid for any dependence between the tests, such as that between
+    epochs of one run. Of 20 epochs of a consistent estimator, one is expected outside its bounds.
     """
     summary = (
         table.groupby(["condition", "statistic"], sort=False)
@@ -206,10 +227,15 @@ def consistency_summary(table: pd.DataFrame) -> pd.DataFrame:
 
 
 def coverage_table(
-    truth: Trajectories, estimates: Estimates, covariances: PoseCovariances, *, confidence: float = 0.95
+    truth: Trajectories,
+    estimates: Estimates,
+    covariances: PoseCovariances,
+    *,
+    confidence: float = 0.95,
 ) -> pd.DataFrame:
     r"""
-    Share of position errors within 1 and 3 sigma, for each condition, epoch and axis, with binomial bounds.
+    Share of position errors within 1 and 3 sigma, for each condition, epoch and axis, with binomial
+    bounds.
 
     Parameters
     ----------
@@ -225,8 +251,8 @@ def coverage_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, ``time_h``, ``axis``, ``sigmas``, ``n`` (vehicles times realizations), ``effective_n``,
-        ``share``, ``expected``, ``low``, ``high`` and ``inside``.
+        Columns ``condition``, ``time_h``, ``axis``, ``sigmas``, ``n`` (vehicles times
+        realizations), ``effective_n``, ``share``, ``expected``, ``low``, ``high`` and ``inside``.
 
     Raises
     ------
@@ -235,10 +261,11 @@ def coverage_table(
 
     Notes
     -----
-    Errors of the vehicles at one epoch have the correlations :math:`\rho_{ij}` of their joint covariance, so the events
-    :math:`|x_i| < k` are correlated too. If the covariance is correct, the share of one realization has the variance
-    :math:`n^{-2} \sum_{ij} [P(|x_i| < k, |x_j| < k) - p^2]`. The bounds are those of a binomial distribution with
-    ``effective_n`` draws: the number of draws with this variance, rounded down.
+    Errors of the vehicles at one epoch have the correlations :math:`\rho_{ij}` of their joint
+    covariance, so the events :math:`|x_i| < k` are correlated too. If the covariance is correct,
+    the share of one realization has the variance :math:`n^{-2} \sum_{ij} [P(|x_i| < k, |x_j| < k) -
+    p^2]`. The bounds are those of a binomial distribution with ``effective_n`` draws: the number of
+    draws with this variance, rounded down.
     """
     errors = epoch_errors(truth, estimates, covariances)
     c = covariances
@@ -258,7 +285,10 @@ def coverage_table(
             effect = float(np.sum(_hit_covariance(rho, k)) / (p * (1.0 - p) * len(rho)))
             n = max(int(z.size / effect + 1e-9), 1)
             low, high = (
-                np.searchsorted(special.bdtr(np.arange(n + 1), n, p), _tail_probabilities(confidence)) / n
+                np.searchsorted(
+                    special.bdtr(np.arange(n + 1), n, p), _tail_probabilities(confidence)
+                )
+                / n
             )
             share = float(np.mean(z <= k))
             keys = (str(c.condition[i]), float(c.time[e] / 3600.0), _AXES[axis], k, z.size, n)
@@ -274,7 +304,9 @@ def _of_fleet(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDAr
     for name, axes in (("horizontal", 2), ("position", 3)):
         error = errors.position[..., :axes]
         size = error.shape[-2] * axes
-        covariance = c.position_covariance[..., :axes, :, :axes].reshape(*error.shape[:-2], size, size)
+        covariance = c.position_covariance[..., :axes, :, :axes].reshape(
+            *error.shape[:-2], size, size
+        )
         value = nees(error.reshape(*error.shape[:-2], size), covariance)
         out[name] = value, np.full(value.shape, size)
     out["ranges"] = np.asarray(c.range_nis), np.asarray(c.range_dimension)
@@ -290,7 +322,9 @@ def _by_vehicle(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, ND
         "pose": nees(errors.pose, c.pose_covariance),
     }
     dimension = {"horizontal": 2, "position": 3, "pose": 6}
-    return {name: (value, np.full(value.shape, dimension[name])) for name, value in statistics.items()}
+    return {
+        name: (value, np.full(value.shape, dimension[name])) for name, value in statistics.items()
+    }
 
 
 def _tail_probabilities(confidence: float) -> tuple[float, float]:
@@ -300,7 +334,9 @@ def _tail_probabilities(confidence: float) -> tuple[float, float]:
 
 @cache
 def _quadrature() -> tuple[Array, Array]:
-    """Gauss-Legendre nodes and weights, cached because their computation takes longer than their use."""
+    """
+    Gauss-Legendre nodes and weights, cached because their computation takes longer than their use.
+    """
     return np.polynomial.legendre.leggauss(200)
 
 

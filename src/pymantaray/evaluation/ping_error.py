@@ -1,4 +1,7 @@
-"""Position errors of vehicles under water at the pings, compared with the estimate with straight ranges and with the bound."""
+"""
+Position errors of vehicles under water at the pings, compared with the estimate with straight
+ranges and with the bound.
+"""
 
 from collections.abc import Mapping
 
@@ -6,7 +9,12 @@ import numpy as np
 import pandas as pd
 
 from pymantaray.arrays import Array
-from pymantaray.evaluation.bound import DegreesOfFreedom, ping_samples, rms_bound, submerged_at_pings
+from pymantaray.evaluation.bound import (
+    DegreesOfFreedom,
+    ping_samples,
+    rms_bound,
+    submerged_at_pings,
+)
 from pymantaray.evaluation.trajectory_error import (
     spread_standard_error,
     standard_error,
@@ -29,7 +37,8 @@ def ping_error_table(
     r"""
     Position errors of vehicles under water at the pings, for each condition.
 
-    Ranges act at the pings, whereas the APE over all poses depends mainly on the hours between pings.
+    Ranges act at the pings, whereas the APE over all poses depends mainly on the hours between
+    pings.
 
     Parameters
     ----------
@@ -52,15 +61,20 @@ def ping_error_table(
         - ``condition``;
         - ``n``, number of errors over all pings, vehicles and usable realizations;
         - ``rmse_m`` and ``median_m``, root mean square and median of the errors;
-        - ``rmse_standard_error_m``, standard error of ``rmse_m`` from the effective degrees of freedom. It is an upper estimate
+        - ``rmse_standard_error_m``, standard error of ``rmse_m`` from the effective degrees of
+          freedom. It is an upper estimate
           if the estimator is biased, and NaN without ``freedom``;
-        - ``from_straight_rmse_m`` and ``from_straight_median_m``, distance from the estimate of the same realization with
+        - ``from_straight_rmse_m`` and ``from_straight_median_m``, distance from the estimate of the
+          same realization with
           ``straight`` ranges, NaN if the study has no such condition;
-        - ``from_straight_rmse_standard_error_m``, standard error of ``from_straight_rmse_m`` from the spread of the realizations,
+        - ``from_straight_rmse_standard_error_m``, standard error of ``from_straight_rmse_m`` from
+          the spread of the realizations,
           NaN for fewer than two;
-        - ``bound_rmse_m``, bound of unbiased estimators with these measurements. It is an expectation over the noise, so
+        - ``bound_rmse_m``, bound of unbiased estimators with these measurements. It is an
+          expectation over the noise, so
           ``rmse_m`` of a few realizations can be below it by chance;
-        - ``efficiency``, the square of ``bound_rmse_m`` divided by that of ``rmse_m``: 1 at the bound.
+        - ``efficiency``, the square of ``bound_rmse_m`` divided by that of ``rmse_m``: 1 at the
+          bound.
 
     Raises
     ------
@@ -81,7 +95,9 @@ def ping_error_table(
     for c, name in enumerate(names):
         from_straight = at_pings(lengths(estimates.position[c] - straight))
         own, apart = (e[np.isfinite(e)] for e in (at_pings(errors[c]), from_straight))
-        squares = np.mean(from_straight**2, axis=1) if apart.size else np.empty(0)  # of each realization
+        squares = (
+            np.mean(from_straight**2, axis=1) if apart.size else np.empty(0)
+        )  # of each realization
         bound = rms_bound(bounds[name], submerged) if bounds is not None else np.nan
         rmse = root_mean(own**2)
         rows.append(
@@ -91,10 +107,14 @@ def ping_error_table(
                 "rmse_m": rmse,
                 "rmse_standard_error_m": np.nan
                 if freedom is None
-                else standard_error(rmse, freedom[name].at_pings, _realizations(at_pings(errors[c]))),
+                else standard_error(
+                    rmse, freedom[name].at_pings, _realizations(at_pings(errors[c]))
+                ),
                 "median_m": _median(own),
                 "from_straight_rmse_m": root_mean(apart**2),
-                "from_straight_rmse_standard_error_m": spread_standard_error(squares[np.isfinite(squares)]),
+                "from_straight_rmse_standard_error_m": spread_standard_error(
+                    squares[np.isfinite(squares)]
+                ),
                 "from_straight_median_m": _median(apart),
                 "bound_rmse_m": bound,
                 "efficiency": (bound / rmse) ** 2 if rmse > 0.0 else np.nan,

@@ -1,4 +1,6 @@
-"""Effect of refraction on ranges: signed errors, their two causes, and dropouts, by kind of link."""
+"""
+Effect of refraction on ranges: signed errors, their two causes, and dropouts, by kind of link.
+"""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,11 +32,12 @@ class RangeErrors:
     total : ndarray, shape (n_ranges,)
         Refracted minus straight range. [m]
     reference_speed : ndarray, shape (n_ranges,)
-        Part due to the difference between the sound speed at the transmitter and the mean along the chord: this sound speed
-        times the travel time along the chord, minus the distance. [m]
+        Part due to the difference between the sound speed at the transmitter and the mean along the
+        chord: this sound speed times the travel time along the chord, minus the distance. [m]
     bending : ndarray, shape (n_ranges,)
-        Part due to the difference between ray and chord: the same sound speed times the difference of the travel times. By
-        Fermat's principle, it is never positive for the globally earliest arrival. [m]
+        Part due to the difference between ray and chord: the same sound speed times the difference
+        of the travel times. By Fermat's principle, it is never positive for the globally earliest
+        arrival. [m]
     """
 
     total: Array
@@ -76,7 +79,8 @@ def range_errors(ranging_truth: RangingTruth) -> RangeErrors:
 
 def link_categories(measurements: Measurements, truth: Trajectories) -> NDArray[np.str_]:
     """
-    Category of each range attempt by the behaviours at both ends, such as "station-keeping to float".
+    Category of each range attempt by the behaviours at both ends, such as "station-keeping to
+    float".
 
     Parameters
     ----------
@@ -97,7 +101,9 @@ def link_categories(measurements: Measurements, truth: Trajectories) -> NDArray[
     """
     check_same_vehicles(truth, measurements)
     kinds = [_KIND_OF_ROLE.get(r, "vehicle") for r in truth.role.tolist()]
-    rank = np.array([_KINDS.index(k) for k in kinds] + [0] * measurements.landmark_name.size, dtype=int)
+    rank = np.array(
+        [_KINDS.index(k) for k in kinds] + [0] * measurements.landmark_name.size, dtype=int
+    )
     one = rank[measurements.range_transmitter]
     other = rank[measurements.range_receiver]
     names = np.array([[f"{a} to {b}" for b in _KINDS] for a in _KINDS])
@@ -122,9 +128,10 @@ def range_error_table(
     Returns
     -------
     pandas.DataFrame
-        One row for each category and one for all links: ``category``, ``attempts``, ``n`` (received ranges), ``mean_m``,
-        ``sd_m``, ``skewness``, ``excess_kurtosis`` (from the moments, without small-sample correction), ``p1_m``,
-        ``p5_m``, ``p95_m``, ``p99_m``, ``min_m``, ``max_m``, ``percent_beyond_3_sigma``.
+        One row for each category and one for all links: ``category``, ``attempts``, ``n`` (received
+        ranges), ``mean_m``, ``sd_m``, ``skewness``, ``excess_kurtosis`` (from the moments, without
+        small-sample correction), ``p1_m``, ``p5_m``, ``p95_m``, ``p99_m``, ``min_m``, ``max_m``,
+        ``percent_beyond_3_sigma``.
 
     Raises
     ------
@@ -171,9 +178,9 @@ def range_split_table(
     Returns
     -------
     pandas.DataFrame
-        One row for each category of links and each ``part``: "total", "reference speed", "bending"; columns
-        ``category``, ``part``, ``n``, ``mean_m``, ``sd_m``, ``p1_m``, ``p5_m``, ``p95_m``, ``p99_m``,
-        ``min_m``, ``max_m``.
+        One row for each category of links and each ``part``: "total", "reference speed", "bending";
+        columns ``category``, ``part``, ``n``, ``mean_m``, ``sd_m``, ``p1_m``, ``p5_m``, ``p95_m``,
+        ``p99_m``, ``min_m``, ``max_m``.
 
     Raises
     ------
@@ -181,13 +188,19 @@ def range_split_table(
         If the vehicles of both records differ.
     """
     errors = range_errors(ranging_truth)
-    parts = {"total": errors.total, "reference speed": errors.reference_speed, "bending": errors.bending}
+    parts = {
+        "total": errors.total,
+        "reference speed": errors.reference_speed,
+        "bending": errors.bending,
+    }
     rows = []
     for category, mask in _groups(measurements, truth):
         for part, values in parts.items():
             e = values[mask]
             e = e[~np.isnan(e)]
-            rows.append({"category": category, "part": part, "n": int(e.size), **_moments(e), **_tails(e)})
+            rows.append(
+                {"category": category, "part": part, "n": int(e.size), **_moments(e), **_tails(e)}
+            )
     return pd.DataFrame(rows)
 
 
@@ -205,8 +218,9 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
     Returns
     -------
     pandas.DataFrame
-        ``category``, ``attempts``, ``dropouts``, ``percent``, and one column per `RayStatus` except OK, with its name in lower
-        case and its count. Columns of sound without a ray, which is not a dropout, are absent if their counts are zero.
+        ``category``, ``attempts``, ``dropouts``, ``percent``, and one column per `RayStatus` except
+        OK, with its name in lower case and its count. Columns of sound without a ray, which is not
+        a dropout, are absent if their counts are zero.
 
     Raises
     ------
@@ -231,7 +245,9 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
     return pd.DataFrame(rows)
 
 
-def _groups(measurements: Measurements, truth: Trajectories) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+def _groups(
+    measurements: Measurements, truth: Trajectories
+) -> Iterator[tuple[str, NDArray[np.bool_]]]:
     category = link_categories(measurements, truth)
     for a in range(len(_KINDS)):
         for b in range(a, len(_KINDS)):

@@ -1,4 +1,6 @@
-"""Absolute trajectory errors without alignment: per pose, per vehicle, per realization and pooled."""
+"""
+Absolute trajectory errors without alignment: per pose, per vehicle, per realization and pooled.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -44,9 +46,15 @@ def ape(estimate_position: ArrayLike, truth_position: ArrayLike) -> Array:
     """
     estimate = np.asarray(estimate_position, dtype=float)
     truth = np.asarray(truth_position, dtype=float)
-    if estimate.ndim < 2 or truth.ndim < 2 or estimate.shape[-2:] != truth.shape[-2:] or truth.shape[-1] != 3:
+    if (
+        estimate.ndim < 2
+        or truth.ndim < 2
+        or estimate.shape[-2:] != truth.shape[-2:]
+        or truth.shape[-1] != 3
+    ):
         raise EvaluationError(
-            f"positions of shape {estimate.shape} against {truth.shape}; both need (..., n_times, 3), n_times equal"
+            f"positions of shape {estimate.shape} against {truth.shape}; both need (..., n_times,"
+            " 3), n_times equal"
         )
     return lengths(estimate - truth)
 
@@ -63,7 +71,8 @@ def ate_statistics(errors: ArrayLike) -> dict[str, float]:
     Returns
     -------
     dict of str to float
-        ``n``, ``mean_m``, ``median_m``, ``rmse_m``, ``p5_m``, ``p25_m``, ``p75_m``, ``p95_m`` and ``max_m``.
+        ``n``, ``mean_m``, ``median_m``, ``rmse_m``, ``p5_m``, ``p25_m``, ``p75_m``, ``p95_m`` and
+        ``max_m``.
     """
     e = np.asarray(errors, dtype=float).ravel()
     e = e[~np.isnan(e)]
@@ -104,14 +113,16 @@ def graph_errors(
     Returns
     -------
     dict of str to dict
-        For each vehicle's name and ``"(all)"``: ``n``, ``mean_m``, ``median_m``, ``rmse_m``, ``p5_m``, ``p25_m``, ``p75_m``,
-        ``p95_m`` and ``max_m`` of the errors, and with ``freedom`` also ``rmse_standard_error_m``; empty without a truth.
+        For each vehicle's name and ``"(all)"``: ``n``, ``mean_m``, ``median_m``, ``rmse_m``,
+        ``p5_m``, ``p25_m``, ``p75_m``, ``p95_m`` and ``max_m`` of the errors, and with ``freedom``
+        also ``rmse_standard_error_m``; empty without a truth.
     """
     if truth is None:
         return {}
     errors = ape(values.position, truth.position)
     table = {
-        str(n): ate_statistics(errors[graph.pose_vehicle == a]) for a, n in enumerate(graph.vehicle_name)
+        str(n): ate_statistics(errors[graph.pose_vehicle == a])
+        for a, n in enumerate(graph.vehicle_name)
     }
     table["(all)"] = ate_statistics(errors)
     for name, nu in (freedom or {}).items():
@@ -138,7 +149,8 @@ def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:
     Raises
     ------
     EvaluationError
-        If truth and estimates have different vehicles or times, or a usable solve has poses that are not finite.
+        If truth and estimates have different vehicles or times, or a usable solve has poses that
+        are not finite.
     """
     if truth.name.tolist() != estimates.name.tolist():
         raise EvaluationError(
@@ -152,8 +164,8 @@ def trajectory_errors(truth: Trajectories, estimates: Estimates) -> Array:
     if lost.any():
         condition, realization = np.argwhere(lost)[0]
         raise EvaluationError(
-            f"condition {estimates.condition[condition]}, realization {estimates.realization[realization]}: status is"
-            " good but poses are NaN"
+            f"condition {estimates.condition[condition]}, realization"
+            f" {estimates.realization[realization]}: status is good but poses are NaN"
         )
     errors[~usable] = np.nan
     return errors
@@ -183,9 +195,10 @@ def error_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, those of ``by``, ``solves`` and ``failed_solves`` (numbers of usable and failed realizations), and
-        those of `graph_errors`. With ``freedom`` also ``rmse_standard_error_m``, the standard error of ``rmse_m`` [m], which is
-        an upper estimate if the estimator is biased.
+        Columns ``condition``, those of ``by``, ``solves`` and ``failed_solves`` (numbers of usable
+        and failed realizations), and those of `graph_errors`. With ``freedom`` also
+        ``rmse_standard_error_m``, the standard error of ``rmse_m`` [m], which is an upper estimate
+        if the estimator is biased.
 
     Raises
     ------
@@ -215,7 +228,9 @@ def error_table(
         )
         if freedom is not None:
             own = freedom[row["condition"]]
-            nu = float(own.vehicle[index[keys.index("vehicle")]]) if "vehicle" in keys else own.fleet
+            nu = (
+                float(own.vehicle[index[keys.index("vehicle")]]) if "vehicle" in keys else own.fleet
+            )
             row["rmse_standard_error_m"] = standard_error(row["rmse_m"], nu, row["solves"])
         rows.append(row)
     return pd.DataFrame(rows)
@@ -223,12 +238,17 @@ def error_table(
 
 def standard_error(rmse: float, degrees_of_freedom: float, realizations: int) -> float:
     """Standard error of an RMSE; NaN without realizations."""
-    return float(rmse_standard_error(rmse, degrees_of_freedom, realizations)) if realizations else np.nan
+    return (
+        float(rmse_standard_error(rmse, degrees_of_freedom, realizations))
+        if realizations
+        else np.nan
+    )
 
 
 def spread_standard_error(mean_squares: ArrayLike) -> float:
     """
-    Standard error of an RMSE from the spread of the mean squares of independent realizations, to first order.
+    Standard error of an RMSE from the spread of the mean squares of independent realizations, to
+    first order.
 
     Parameters
     ----------
@@ -251,7 +271,8 @@ def attitude_table(
     truth: Trajectories, estimates: Estimates, freedom: Mapping[str, DegreesOfFreedom] | None = None
 ) -> pd.DataFrame:
     """
-    Errors of the estimated attitudes for each condition, pooled over vehicles, times and realizations.
+    Errors of the estimated attitudes for each condition, pooled over vehicles, times and
+    realizations.
 
     Parameters
     ----------
@@ -265,8 +286,9 @@ def attitude_table(
     Returns
     -------
     pandas.DataFrame
-        Columns ``condition``, ``tilt_rmse_deg`` (per horizontal axis) and ``heading_rmse_deg``; NaN if all solves failed. With
-        ``freedom`` also their standard errors, ``tilt_rmse_standard_error_deg`` and ``heading_rmse_standard_error_deg``.
+        Columns ``condition``, ``tilt_rmse_deg`` (per horizontal axis) and ``heading_rmse_deg``; NaN
+        if all solves failed. With ``freedom`` also their standard errors,
+        ``tilt_rmse_standard_error_deg`` and ``heading_rmse_standard_error_deg``.
     """
     usable = np.isin(estimates.solve_status, USABLE)
     rotation = matrix_from_quaternion(truth.quaternion)
@@ -274,7 +296,9 @@ def attitude_table(
     for c, condition in enumerate(estimates.condition.tolist()):
         body = matrix_from_quaternion(estimates.quaternion[c, usable[c]])
         turn = np.degrees(so3_log(rotation @ np.swapaxes(body, -1, -2)))
-        tilt, heading = (np.sqrt(np.mean(t**2)) if t.size else np.nan for t in (turn[..., :2], turn[..., 2]))
+        tilt, heading = (
+            np.sqrt(np.mean(t**2)) if t.size else np.nan for t in (turn[..., :2], turn[..., 2])
+        )
         row = {"condition": condition, "tilt_rmse_deg": tilt, "heading_rmse_deg": heading}
         if freedom is not None:
             own = freedom[condition]

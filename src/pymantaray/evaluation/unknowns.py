@@ -1,4 +1,7 @@
-"""Information of ranges about water and clocks: prior and posterior of each unknown, and of their independent combinations."""
+"""
+Information of ranges about water and clocks: prior and posterior of each unknown, and of their
+independent combinations.
+"""
 
 from typing import Any
 
@@ -8,7 +11,9 @@ import pandas as pd
 from pymantaray.arrays import Array
 from pymantaray.records import SharedUnknowns
 
-_NAMED_SHARE = 0.3  # of the largest coefficient of a combination; smaller coefficients are not listed
+_NAMED_SHARE = (
+    0.3  # of the largest coefficient of a combination; smaller coefficients are not listed
+)
 _NAMED_COUNT = 4  # maximum number of listed coefficients
 
 
@@ -24,19 +29,22 @@ def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        ``condition``, ``unknown``, ``unit``; ``prior_sigma`` and ``sigma``, the prior standard deviation and the root mean square
-        of the posterior ones over realizations, in the unit; ``resolution``, the fraction of the prior variance that the
-        measurements remove: 0 without information, 1 for an exactly determined unknown; ``mean_value`` and ``rms_error`` of the
-        estimates, in the unit; ``error_ratio``, the mean square of error divided by standard deviation, 1 for a consistent
-        estimator; ``realizations``, the number of usable solves.
+        ``condition``, ``unknown``, ``unit``; ``prior_sigma`` and ``sigma``, the prior standard
+        deviation and the root mean square of the posterior ones over realizations, in the unit;
+        ``resolution``, the fraction of the prior variance that the measurements remove: 0 without
+        information, 1 for an exactly determined unknown; ``mean_value`` and ``rms_error`` of the
+        estimates, in the unit; ``error_ratio``, the mean square of error divided by standard
+        deviation, 1 for a consistent estimator; ``realizations``, the number of usable solves.
 
     Notes
     -----
-    A posterior standard deviation well below the prior does not imply that the unknown alone is observable: see
-    `directions_table`.
+    A posterior standard deviation well below the prior does not imply that the unknown alone is
+    observable: see `directions_table`.
     """
     rows: list[dict[str, Any]] = []
-    for c, i in np.argwhere(np.isfinite(unknowns.prior_sigma) | np.isfinite(unknowns.value).any(axis=1)):
+    for c, i in np.argwhere(
+        np.isfinite(unknowns.prior_sigma) | np.isfinite(unknowns.value).any(axis=1)
+    ):
         prior = float(unknowns.prior_sigma[c, i])
         variance = unknowns.covariance[c, :, i, i]
         error = unknowns.value[c, :, i] - unknowns.truth[c, :, i]
@@ -59,7 +67,8 @@ def unknowns_table(unknowns: SharedUnknowns) -> pd.DataFrame:
 
 def directions_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     r"""
-    Independent combinations of the unknowns of each condition, from the best to the least observable.
+    Independent combinations of the unknowns of each condition, from the best to the least
+    observable.
 
     Parameters
     ----------
@@ -69,17 +78,19 @@ def directions_table(unknowns: SharedUnknowns) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        ``condition``; ``direction``, from 1; ``sigma_ratio``, posterior divided by prior standard deviation;
-        ``resolution``, 1 minus its square; ``seen_so_far``, the cumulative sum of resolutions, whose last value is the number of
-        quantities that the measurements determine; ``combination``, its largest coefficients in units of the priors. A condition
-        without covariances has no rows.
+        ``condition``; ``direction``, from 1; ``sigma_ratio``, posterior divided by prior standard
+        deviation; ``resolution``, 1 minus its square; ``seen_so_far``, the cumulative sum of
+        resolutions, whose last value is the number of quantities that the measurements determine;
+        ``combination``, its largest coefficients in units of the priors. A condition without
+        covariances has no rows.
 
     Notes
     -----
-    The combinations are the eigenvectors of the mean over realizations of :math:`D^{-1} P D^{-1}`, with P the covariance of the
-    unknowns and D their prior standard deviations. The measurements contain no information about a combination with eigenvalue 1;
-    its posterior is the prior. The trace of the resolution matrix :math:`I - D^{-1} P D^{-1}` is the number of quantities that
-    the measurements determine.
+    The combinations are the eigenvectors of the mean over realizations of :math:`D^{-1} P D^{-1}`,
+    with P the covariance of the unknowns and D their prior standard deviations. The measurements
+    contain no information about a combination with eigenvalue 1; its posterior is the prior. The
+    trace of the resolution matrix :math:`I - D^{-1} P D^{-1}` is the number of quantities that the
+    measurements determine.
     """
     rows: list[dict[str, Any]] = []
     for c, name in enumerate(unknowns.condition):
@@ -114,7 +125,9 @@ def _mean(values: Array) -> float:
 
 
 def _words(vector: Array, names: list[str]) -> str:
-    """Largest coefficients of a combination with the names of their unknowns; the first is positive."""
+    """
+    Largest coefficients of a combination with the names of their unknowns; the first is positive.
+    """
     order = np.argsort(-np.round(np.abs(vector), 2), kind="stable")
     large = [i for i in order if abs(vector[i]) >= _NAMED_SHARE * abs(vector[order[0]])]
     sign = 1.0 if vector[order[0]] > 0.0 else -1.0

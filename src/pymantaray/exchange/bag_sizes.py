@@ -1,8 +1,8 @@
 """
 Sizes of bags before the library rosbags reads them, because it unpacks without limits.
 
-Files and messages that are packed as a whole are unpacked here; the library gets their content. Chunks, which it unpacks
-itself, are measured first.
+Files and messages that are packed as a whole are unpacked here; the library gets their content.
+Chunks, which it unpacks itself, are measured first.
 """
 
 import bz2
@@ -32,15 +32,17 @@ _CHUNK_INDEX = 0x08
 def check_count(count: int) -> None:
     """Raise an error for more poses than fit into memory."""
     if count > MAX_POSES:
-        raise ExchangeError(f"more than {MAX_POSES:,} poses; remove topics, or reduce the sampling rate")
+        raise ExchangeError(
+            f"more than {MAX_POSES:,} poses; remove topics, or reduce the sampling rate"
+        )
 
 
 def check_size(size: int) -> None:
     """Raise an error for a chunk or message beyond the limit."""
     if size > MAX_CHUNK_BYTES:
         raise ExchangeError(
-            f"a chunk or message has more than {MAX_CHUNK_BYTES / 2**20:.0f} MiB; write the bag with"
-            " smaller chunks, or remove topics without poses"
+            f"a chunk or message has more than {MAX_CHUNK_BYTES / 2**20:.0f} MiB; write the bag"
+            " with smaller chunks, or remove topics without poses"
         )
 
 

@@ -1,8 +1,9 @@
 """
-Centre of the local frame of exported positions, so that a reader can restore their geographic position.
+Centre of the local frame of exported positions, so that a reader can restore their geographic
+position.
 
-Text files with comments contain it in comment lines, such as ``# centre_latitude_deg = 74.5``. For all other formats, a file
-``frame.json`` in the same folder contains it.
+Text files with comments contain it in comment lines, such as ``# centre_latitude_deg = 74.5``. For
+all other formats, a file ``frame.json`` in the same folder contains it.
 """
 
 import json
@@ -38,7 +39,8 @@ def centre_of_names(named: Mapping[Any, Any], path: Path) -> Centre | None:
     if not (-90.0 <= lat <= 90.0 and -180.0 <= lon <= 360.0):
         values = ", ".join(f"{key} {named[key]!r}" for key in _KEYS if key in named)
         raise ExchangeError(
-            f"{path}: the centre is {values}; {_KEYS[0]} must be -90 to 90 and {_KEYS[1]} -180 to 360 degrees"
+            f"{path}: the centre is {values}; {_KEYS[0]} must be -90 to 90 and {_KEYS[1]} -180 to"
+            " 360 degrees"
         )
     return lat, lon
 

@@ -1,9 +1,10 @@
 """
 Reader and writer of CF trajectories (discrete sampling geometry) of gliders, floats and drifters.
 
-Layouts follow CF conventions 1.11, chapter 9 and appendix H.4: one trajectory, contiguous and indexed ragged arrays, incomplete
-and orthogonal multidimensional arrays. Glider files of OceanGliders (OG1), IMOS and EGO are single trajectories. So are
-Argo's trajectory files (user's manual, doi:10.13155/29825), with positions at the surface and pressures between.
+Layouts follow CF conventions 1.11, chapter 9 and appendix H.4: one trajectory, contiguous and
+indexed ragged arrays, incomplete and orthogonal multidimensional arrays. Glider files of
+OceanGliders (OG1), IMOS and EGO are single trajectories. So are Argo's trajectory files (user's
+manual, doi:10.13155/29825), with positions at the surface and pressures between.
 """
 
 from pathlib import Path
@@ -41,7 +42,10 @@ _FILL = 99_999.0  # fill value of Argo, also if it is not declared
 
 
 def read_cf(path: Path) -> tuple[list[Poses], list[str]]:
-    """Read the trajectories of a CF data set, and notes about omitted data; missing positions are interpolated in time."""
+    """
+    Read the trajectories of a CF data set, and notes about omitted data; missing positions are
+    interpolated in time.
+    """
     try:
         with reading(path) as data:
             return _TrajectoryReader(data, path).read()
@@ -61,7 +65,8 @@ class _TrajectoryReader:
         for needed in ("time", "latitude", "longitude"):
             if not self._names[needed]:
                 raise ExchangeError(
-                    f"{path}: no variable with standard_name {needed}; a trajectory needs time, latitude and longitude"
+                    f"{path}: no variable with standard_name {needed}; a trajectory needs time,"
+                    " latitude and longitude"
                 )
 
     def read(self) -> tuple[list[Poses], list[str]]:
@@ -71,7 +76,9 @@ class _TrajectoryReader:
         lat, lon = (self._degrees(names[axis], axis) for axis in ("latitude", "longitude"))
         shape = np.broadcast_shapes(time.shape, lat.shape)
         down, is_pressure = self._down(names, shape)
-        columns = [np.broadcast_to(v, shape) for v in (time, lat, lon, down, *self._angles(names, shape))]
+        columns = [
+            np.broadcast_to(v, shape) for v in (time, lat, lon, down, *self._angles(names, shape))
+        ]
         poses = []
         for name, rows in self._trajectories(names["latitude"], shape):
             p = self._poses(name, names["time"], *(c[rows] for c in columns))
@@ -86,10 +93,14 @@ class _TrajectoryReader:
         return poses, self._notes
 
     def _candidates(self, quantity: str) -> list[str]:
-        """Variables of a quantity by standard name, or by unit, axis and direction as in cf-xarray."""
+        """
+        Variables of a quantity by standard name, or by unit, axis and direction as in cf-xarray.
+        """
         import cf_xarray  # noqa: F401  registers the accessor
 
-        data = self._data.set_coords([str(n) for n, v in self._data.variables.items() if v.ndim < 3])
+        data = self._data.set_coords(
+            [str(n) for n, v in self._data.variables.items() if v.ndim < 3]
+        )
         named = data.cf.standard_names
         names = [str(n) for standard in _QUANTITIES[quantity] for n in named.get(standard, [])]
         if quantity in ("time", "latitude", "longitude"):
@@ -97,7 +108,10 @@ class _TrajectoryReader:
         return [n for n in dict.fromkeys(names) if self._data.variables[n].dtype.kind in "biuf"]
 
     def _chosen(self) -> dict[str, str]:
-        """Variable of each quantity: on the longest common dimension, and with the shortest name among several."""
+        """
+        Variable of each quantity: on the longest common dimension, and with the shortest name among
+        several.
+        """
         sizes = self._data.sizes
 
         def on(dim: str) -> dict[str, str]:
@@ -112,7 +126,8 @@ class _TrajectoryReader:
             if {"time", "latitude", "longitude"} <= set(names):
                 return names
         raise ExchangeError(
-            f"{self._path}: time, latitude and longitude have no common dimension; a trajectory needs one"
+            f"{self._path}: time, latitude and longitude have no common dimension; a trajectory"
+            " needs one"
         )
 
     def _values(self, name: str) -> Array:
@@ -129,23 +144,34 @@ class _TrajectoryReader:
         return to_our_unit(values, axis, unit, where=f"{self._path}: {name}") if unit else values
 
     def _down(self, names: dict[str, str], shape: tuple[int, ...]) -> tuple[Array, bool]:
-        """Depths, positive down [m], or pressures [dbar], and True for pressures; 0 if the file has neither."""
+        """
+        Depths, positive down [m], or pressures [dbar], and True for pressures; 0 if the file has
+        neither.
+        """
         for quantity, kind, unit in (("depth", "length", "m"), ("pressure", "pressure", "dbar")):
             if quantity not in names:
                 continue
             variable = self._data.variables[names[quantity]]
             down = to_our_unit(
-                self._values(names[quantity]), kind, text(variable, "units") or unit, where=str(self._path)
+                self._values(names[quantity]),
+                kind,
+                text(variable, "units") or unit,
+                where=str(self._path),
             )
             if np.isfinite(down).any():
                 if quantity == "pressure":
                     self._notes.append(f"{self._path}: depth from {names[quantity]} by TEOS-10")
-                return (-down if text(variable, "positive").lower() == "up" else down), quantity == "pressure"
+                return (
+                    -down if text(variable, "positive").lower() == "up" else down
+                ), quantity == "pressure"
         self._notes.append(f"{self._path}: no depth and no pressure; depth set to the surface")
         return np.zeros(shape), False
 
     def _angles(self, names: dict[str, str], shape: tuple[int, ...]) -> list[Array]:
-        """Heading, pitch and roll, with missing pitch and roll set to 0; empty without a heading. [rad]"""
+        """
+        Heading, pitch and roll, with missing pitch and roll set to 0; empty without a heading.
+        [rad]
+        """
         if "heading" not in names:
             return []
         angles = [np.zeros(shape)] * 3
@@ -154,7 +180,9 @@ class _TrajectoryReader:
                 values = self._values(names[quantity])
                 if not np.isfinite(values).any():
                     return []
-                in_radians = text(self._data.variables[names[quantity]], "units").lower().startswith("rad")
+                in_radians = (
+                    text(self._data.variables[names[quantity]], "units").lower().startswith("rad")
+                )
                 angles[k] = values if in_radians else np.radians(values)
         return angles
 
@@ -167,20 +195,32 @@ class _TrajectoryReader:
         of_row = instance_of_rows(self._data, dims[0], self._path)
         if of_row is None:
             if ids is not None and ids.shape == shape and shape[0] > 1:  # one identifier per row
-                return [(str(one), np.flatnonzero(ids == one)) for one in dict.fromkeys(ids.tolist())]
+                return [
+                    (str(one), np.flatnonzero(ids == one)) for one in dict.fromkeys(ids.tolist())
+                ]
             return [(self._name(ids, 0), slice(None))]
         return [
-            (self._name(ids, int(k)), np.flatnonzero(of_row == k)) for k in np.unique(of_row[of_row >= 0])
+            (self._name(ids, int(k)), np.flatnonzero(of_row == k))
+            for k in np.unique(of_row[of_row >= 0])
         ]
 
     def _identifiers(self) -> NDArray[Any] | None:
         """Names of the trajectories in the file."""
         name = next(
-            (n for n, v in self._data.variables.items() if v.attrs.get("cf_role") == "trajectory_id"), None
+            (
+                n
+                for n, v in self._data.variables.items()
+                if v.attrs.get("cf_role") == "trajectory_id"
+            ),
+            None,
         )
         if name is None:
             name = next(
-                (n for n in ("PLATFORM_NUMBER", "TRAJECTORY", "trajectory") if n in self._data.variables),
+                (
+                    n
+                    for n in ("PLATFORM_NUMBER", "TRAJECTORY", "trajectory")
+                    if n in self._data.variables
+                ),
                 None,
             )
         if name is None:
@@ -193,7 +233,10 @@ class _TrajectoryReader:
         return str(ids[k])
 
     def _poses(self, name: str, time: str, instants: Array, *columns: Array) -> Poses | None:
-        """Make one trajectory from positions and angles; drop rows without a time and interpolate gaps."""
+        """
+        Make one trajectory from positions and angles; drop rows without a time and interpolate
+        gaps.
+        """
         timed = np.isfinite(instants) & (np.abs(instants) < 1e15)
         order = np.flatnonzero(timed)[np.argsort(instants[timed], kind="stable")]
         seconds = instants[order]
@@ -206,7 +249,9 @@ class _TrajectoryReader:
                 return None
             at = seconds[known]
             own = column[known]
-            whole.append(np.interp(seconds, at, own if period is None else np.unwrap(own, period=period)))
+            whole.append(
+                np.interp(seconds, at, own if period is None else np.unwrap(own, period=period))
+            )
             if len(whole) <= 3:  # position, not angles
                 within &= (seconds >= at[0]) & (seconds <= at[-1])
         if np.count_nonzero(within) < 2:
@@ -214,13 +259,15 @@ class _TrajectoryReader:
         left = instants.size - np.count_nonzero(within)
         if left:
             self._notes.append(
-                f"{self._path}: {name}: {left} of {instants.size} rows dropped: no time, or outside the valid positions"
+                f"{self._path}: {name}: {left} of {instants.size} rows dropped: no time, or"
+                " outside the valid positions"
             )
         variable = self._data.variables[time]
         unit = text(variable, "units")
         if " since " not in unit:
             raise ExchangeError(
-                f"{self._path}: {time} has units {unit!r}; it needs units such as 'seconds since 1970-01-01'"
+                f"{self._path}: {time} has units {unit!r}; it needs units such as 'seconds since"
+                " 1970-01-01'"
             )
         dates = decoded_times(
             seconds[within],
@@ -230,7 +277,9 @@ class _TrajectoryReader:
         )
         lines = [column[within] for column in whole]
         attitude = level(*lines[3:]) if lines[3:] else None
-        return Poses(name, dates, np.column_stack(lines[:3]), attitude, True, str(self._path), self._centre)
+        return Poses(
+            name, dates, np.column_stack(lines[:3]), attitude, True, str(self._path), self._centre
+        )
 
 
 _VARIABLES = {
@@ -248,9 +297,11 @@ _UNITS = {"latitude": "degrees_north", "longitude": "degrees_east", "depth": "m"
 
 def write_cf(recording: Recording, folder: Path) -> None:
     """
-    Write the poses of each condition as a CF data set of trajectories (incomplete multidimensional arrays), one file each.
+    Write the poses of each condition as a CF data set of trajectories (incomplete multidimensional
+    arrays), one file each.
 
-    Attitudes are relative to true north. The trajectory of a vehicle that is not present all the time is shorter.
+    Attitudes are relative to true north. The trajectory of a vehicle that is not present all the
+    time is shorter.
 
     Raises
     ------
@@ -260,7 +311,8 @@ def write_cf(recording: Recording, folder: Path) -> None:
     truth = recording.truth
     if np.isnat(truth.start) or truth.frame is None:
         raise ExchangeError(
-            f"{recording.name}: the run has no date or no geographic position, which CF trajectories need"
+            f"{recording.name}: the run has no date or no geographic position, which CF"
+            " trajectories need"
         )
     units = {**_UNITS, "time": f"seconds since {np.datetime_as_string(truth.start)}"}
     files: dict[str, list[VehiclePoses]] = {}
@@ -269,10 +321,18 @@ def write_cf(recording: Recording, folder: Path) -> None:
     for condition, fleet in files.items():
         columns = np.full((len(_VARIABLES), len(fleet), max(p.samples.size for p in fleet)), np.nan)
         for k, p in enumerate(fleet):
-            local = Poses(p.vehicle, truth.time[p.samples], p.position, p.quaternion, False, recording.name)
+            local = Poses(
+                p.vehicle, truth.time[p.samples], p.position, p.quaternion, False, recording.name
+            )
             columns[:, k, : p.samples.size] = _columns(geodetic(local, truth.frame))
         data = xr.Dataset(
-            {"trajectory": ("trajectory", [p.vehicle for p in fleet], {"cf_role": "trajectory_id"})},
+            {
+                "trajectory": (
+                    "trajectory",
+                    [p.vehicle for p in fleet],
+                    {"cf_role": "trajectory_id"},
+                )
+            },
             attrs={
                 "title": f"{recording.name}: {condition}",
                 "featureType": "trajectory",
@@ -285,10 +345,14 @@ def write_cf(recording: Recording, folder: Path) -> None:
             data[name] = ("trajectory", "obs"), values, attrs
         data["time"].attrs |= {"calendar": "standard", "units_metadata": "leap_seconds: none"}
         data["depth"].attrs |= {"positive": "down", "axis": "Z"}
-        write_netcdf(data.set_coords(["time", "latitude", "longitude", "depth"]), folder / f"{condition}.nc")
+        write_netcdf(
+            data.set_coords(["time", "latitude", "longitude", "depth"]), folder / f"{condition}.nc"
+        )
 
 
 def _columns(p: Poses) -> Array:
     """Time, latitude, longitude, depth, heading, pitch and roll of poses (7, n). [s, degrees, m]"""
-    turn = Rotation.from_quat(np.asarray(p.quaternion), scalar_first=True).as_euler("ZYX", degrees=True)
+    turn = Rotation.from_quat(np.asarray(p.quaternion), scalar_first=True).as_euler(
+        "ZYX", degrees=True
+    )
     return np.column_stack([p.time, p.place, turn[:, 0] % 360.0, turn[:, 1:]]).T

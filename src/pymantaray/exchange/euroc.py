@@ -1,7 +1,9 @@
 """
-Reader of the CSV ground truth of the EuRoC MAV dataset (ASL dataset format), which evo and other programs read.
+Reader of the CSV ground truth of the EuRoC MAV dataset (ASL dataset format), which evo and other
+programs read.
 
-A comment line has the names of the columns: time stamp in nanoseconds, position ``p_RS_R`` and quaternion ``q_RS``, w first.
+A comment line has the names of the columns: time stamp in nanoseconds, position ``p_RS_R`` and
+quaternion ``q_RS``, w first.
 """
 
 import re
@@ -17,15 +19,19 @@ from pymantaray.user_files import read_text
 
 HEADER = re.compile(r"\s*#\s*timestamp.*\bp_RS_R_x\b.*\bq_RS_w\b", re.IGNORECASE)
 _POSE = ("p_RS_R_x", "p_RS_R_y", "p_RS_R_z", "q_RS_w", "q_RS_x", "q_RS_y", "q_RS_z")
-_FIRST_DATE = 100_000_000_000_000_000  # ns; later stamps are dates, earlier stamps are from another clock
+_FIRST_DATE = (
+    100_000_000_000_000_000  # ns; later stamps are dates, earlier stamps are from another clock
+)
 _LAST_STAMP = 2**63 - 1  # ns
 
 
 def read_euroc(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, ...]]:
     """
-    Read the trajectory of a EuRoC file, and a note about invalid lines; the name of the file is the name of the vehicle.
+    Read the trajectory of a EuRoC file, and a note about invalid lines; the name of the file is the
+    name of the vehicle.
 
-    With ``enu``, x, y, z are east, north, up and the body axes are forward, left, up; without, north, east, down.
+    With ``enu``, x, y, z are east, north, up and the body axes are forward, left, up; without,
+    north, east, down.
     """
     lines = read_text(path, ExchangeError, what="a EuRoC file").splitlines()
     header = next(line for line in lines if HEADER.match(line))

@@ -1,4 +1,7 @@
-"""Centre of a local frame from satellite fixes (latitude and longitude) of vehicles with known local positions."""
+"""
+Centre of a local frame from satellite fixes (latitude and longitude) of vehicles with known local
+positions.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -47,12 +50,15 @@ def origin_of_frame(fixes: Sequence[Fixes]) -> FrameCentre | None:
     return found if found.spread < _MAX_ORIGIN_SPREAD else None
 
 
-def centre_from_fixes(pairs: Sequence[tuple[NDArray[np.int64], Array, Fixes]]) -> FrameCentre | None:
+def centre_from_fixes(
+    pairs: Sequence[tuple[NDArray[np.int64], Array, Fixes]],
+) -> FrameCentre | None:
     """
     Centre of the frame of local positions, from the fixes of vehicles.
 
-    Each entry has the times [ns] and positions (n, 3), north, east, down [m], of one vehicle, and its fixes. Positions are
-    interpolated to the times of the fixes. Only fixes between the first and last position are used.
+    Each entry has the times [ns] and positions (n, 3), north, east, down [m], of one vehicle, and
+    its fixes. Positions are interpolated to the times of the fixes. Only fixes between the first
+    and last position are used.
     """
     rows = [_at_fixes(*pair) for pair in pairs]
     north, east, latitude, longitude = (
@@ -61,12 +67,18 @@ def centre_from_fixes(pairs: Sequence[tuple[NDArray[np.int64], Array, Fixes]]) -
     if not latitude.size:
         return None
     few = np.unique(np.linspace(0, latitude.size - 1, min(latitude.size, _MAX_PAIRS)).astype(int))
-    centres = [_centre_of(*map(float, row)) for row in zip(north[few], east[few], latitude[few], longitude[few], strict=True)]  # fmt: skip
+    points = np.stack([north[few], east[few], latitude[few], longitude[few]], axis=1)
+    centres = [_centre_of(*map(float, point)) for point in points]
     return _middle(*np.transpose(centres))
 
 
-def _at_fixes(time: NDArray[np.int64], place: Array, fixes: Fixes) -> tuple[Array, Array, Array, Array]:
-    """North, east [m], latitude and longitude [degrees] at the fixes between the first position and the last."""
+def _at_fixes(
+    time: NDArray[np.int64], place: Array, fixes: Fixes
+) -> tuple[Array, Array, Array, Array]:
+    """
+    North, east [m], latitude and longitude [degrees] at the fixes between the first position and
+    the last.
+    """
     inside = (fixes.time >= time.min()) & (fixes.time <= time.max())
     order = np.argsort(time, kind="stable")
     at = (fixes.time[inside] - time.min()) * 1e-9

@@ -1,4 +1,7 @@
-"""Reader and writer of the text format of the KITTI odometry benchmark, which evo and other programs read."""
+"""
+Reader and writer of the text format of the KITTI odometry benchmark, which evo and other programs
+read.
+"""
 
 from pathlib import Path
 
@@ -19,7 +22,8 @@ _MAX_SKEW = 1e-3  # of a rotation times its transpose, from the digits of files
 
 def write_kitti(path: Path, position: Array, quaternion: Array) -> None:
     """
-    Write one vehicle's poses, one per line: the first three rows of the matrix from body to north, east, down.
+    Write one vehicle's poses, one per line: the first three rows of the matrix from body to north,
+    east, down.
 
     The format has no times and no frame. KITTI's own files use the axes of a camera.
     """
@@ -30,17 +34,20 @@ def write_kitti(path: Path, position: Array, quaternion: Array) -> None:
 
 def read_kitti(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, ...]]:
     """
-    Read the trajectory of a KITTI file and the times beside it; the name of the file is the name of the vehicle.
+    Read the trajectory of a KITTI file and the times beside it; the name of the file is the name of
+    the vehicle.
 
-    The times, one per line, are in the first that exists of ``NAME_times.txt``, ``times-VEHICLE.txt`` (`write_kitti`'s
-    ``CONDITION-VEHICLE.txt``) and ``times.txt``. Axes are as in `read_tum`.
-    An invalid line is an error, because poses and times belong together by their numbers.
+    The times, one per line, are in the first that exists of ``NAME_times.txt``,
+    ``times-VEHICLE.txt`` (`write_kitti`'s ``CONDITION-VEHICLE.txt``) and ``times.txt``. Axes are as
+    in `read_tum`. An invalid line is an error, because poses and times belong together by their
+    numbers.
     """
     names = [f"{path.stem}_times.txt", f"times-{path.stem.partition('-')[2]}.txt", "times.txt"]
     times = next((path.with_name(name) for name in names if exists(path.with_name(name))), None)
     if times is None:
         raise ExchangeError(
-            f"{path}: poses of KITTI have no times; put them, one per line, into {names[0]} beside it"
+            f"{path}: poses of KITTI have no times; put them, one per line, into {names[0]} beside"
+            " it"
         )
     table = text_numbers(path, 12, "a KITTI file has 12 per row, a 3 by 4 matrix").reshape(-1, 3, 4)
     time = text_numbers(times, 1, "times of KITTI have one per row")[:, 0]

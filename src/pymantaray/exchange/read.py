@@ -1,4 +1,7 @@
-"""Reader of trajectories, which selects the format by the suffix of the file, and of text by its first lines."""
+"""
+Reader of trajectories, which selects the format by the suffix of the file, and of text by its first
+lines.
+"""
 
 import re
 from collections.abc import Callable, Sequence
@@ -31,12 +34,14 @@ def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str]
     Parameters
     ----------
     source : str, pathlib.Path, sequence of them, or pandas.DataFrame
-        A data frame has the columns of a table. Files or patterns with ``*``. The suffix selects the format: tables (``.csv``,
-        ``.tsv``, ``.txt``, ``.parquet``), TUM files with one vehicle each (``.tum``, ``.txt``), EuRoC files (``.csv``), KITTI
-        files with times beside them (``.txt``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``,
+        A data frame has the columns of a table. Files or patterns with ``*``. The suffix selects
+        the format: tables (``.csv``, ``.tsv``, ``.txt``, ``.parquet``), TUM files with one vehicle
+        each (``.tum``, ``.txt``), EuRoC files (``.csv``), KITTI files with times beside them
+        (``.txt``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``,
         ``.mcap``, ``.db3`` or their folder).
     enu : bool
-        True if TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward, left, up.
+        True if TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward,
+        left, up.
     names : sequence of str
         Vehicles to use, such as one of two topics of a robot in a bag. Default: all.
 
@@ -58,7 +63,9 @@ def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str]
     for path in paths:
         text = _TEXTS.get(_text_format(path))
         own, own_notes = _reader(path)(path) if text is None else text(path, enu=enu)
-        poses += [p if p.centre is not None else p._replace(centre=centre_beside(path)) for p in own]
+        poses += [
+            p if p.centre is not None else p._replace(centre=centre_beside(path)) for p in own
+        ]
         notes += own_notes
     tracks = Tracks.of(poses, notes).selected(names)
     return replace(tracks, notes=(*tracks.notes, *same_vehicle_notes(tracks)))
@@ -85,7 +92,8 @@ def _reader(path: Path) -> Callable[[Path], tuple[list[Poses], list[str]]]:
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise ExchangeError(
-            f"{path}: unknown format of trajectories; allowed: {', '.join(sorted(_READERS))} and .tum"
+            f"{path}: unknown format of trajectories; allowed: {', '.join(sorted(_READERS))} and"
+            " .tum"
         )
     return reader
 
@@ -106,8 +114,8 @@ def _text_format(path: Path) -> str:
         return "table"
     if len(cells) not in _NUMBERS:
         raise ExchangeError(
-            f"{path}: {counted(len(cells), 'number')} per row and no header; a table needs names of columns, TUM text has 8 numbers"
-            " per row, KITTI text 12"
+            f"{path}: {counted(len(cells), 'number')} per row and no header; a table needs names of"
+            " columns, TUM text has 8 numbers per row, KITTI text 12"
         )
     return _NUMBERS[len(cells)]
 

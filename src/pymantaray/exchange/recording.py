@@ -53,7 +53,9 @@ class Recording:
         present = [np.flatnonzero(status != VehicleStatus.ABSENT) for status in truth.status]
         fleets = {TRUTH: FleetPoses(truth.position, truth.quaternion), **self.estimates}
         for condition, fleet in fleets.items():
-            for vehicle, rows, position, quaternion in zip(truth.name.tolist(), present, *fleet, strict=True):
+            for vehicle, rows, position, quaternion in zip(
+                truth.name.tolist(), present, *fleet, strict=True
+            ):
                 yield VehiclePoses(condition, vehicle, rows, position[rows], quaternion[rows])
 
     @property

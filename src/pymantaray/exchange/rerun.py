@@ -17,9 +17,10 @@ def write_rrd(recording: Recording, path: Path) -> None:
     """
     Write a recording as a Rerun file.
 
-    ``map`` has axes east, north, up [m]. It contains moving bodies (forward, left, up) under ``map/<condition>/<vehicle>``, their
-    paths under ``map/path``, ``map/landmarks``, and ``map/ranges``, the pairs with a received ping. ``earth/<vehicle>`` has
-    true paths as latitudes and longitudes, ``error/<condition>/<vehicle>`` distances from the truth [m], and
+    ``map`` has axes east, north, up [m]. It contains moving bodies (forward, left, up) under
+    ``map/<condition>/<vehicle>``, their paths under ``map/path``, ``map/landmarks``, and
+    ``map/ranges``, the pairs with a received ping. ``earth/<vehicle>`` has true paths as latitudes
+    and longitudes, ``error/<condition>/<vehicle>`` distances from the truth [m], and
     ``range_error/<transmitter>/<receiver>`` refracted minus true range [m].
 
     Raises
@@ -35,7 +36,9 @@ def write_rrd(recording: Recording, path: Path) -> None:
     for entity, archetype in _static(rr, recording):
         stream.log(entity, archetype, static=True)
     for entity, samples, columns in _moving(rr, recording):
-        rr.send_columns(entity, indexes=[_times(rr, recording, samples)], columns=columns, recording=stream)
+        rr.send_columns(
+            entity, indexes=[_times(rr, recording, samples)], columns=columns, recording=stream
+        )
     stream.flush()
     stream.disconnect()
 
@@ -54,7 +57,10 @@ def _static(rr: Any, recording: Recording) -> Iterator[tuple[str, Any]]:
     truth = recording.truth
     m = recording.measurements
     if m.landmark_name.size:
-        yield "map/landmarks", rr.Points3D(swap_enu(recording.landmarks), labels=m.landmark_name.tolist())
+        yield (
+            "map/landmarks",
+            rr.Points3D(swap_enu(recording.landmarks), labels=m.landmark_name.tolist()),
+        )
     for p in recording.poses:
         yield f"map/path/{p.condition}/{p.vehicle}", rr.LineStrips3D([swap_enu(p.position)])
         yield f"map/{p.condition}/{p.vehicle}", rr.Points3D([[0.0, 0.0, 0.0]], labels=[p.vehicle])
@@ -88,9 +94,17 @@ def _moving(rr: Any, recording: Recording) -> Iterator[tuple[str, Any, Any]]:
         ]
     ).reshape(-1, 2, 3)
     if received.size:
-        yield "map/ranges", samples, rr.LineStrips3D.columns(strips=list(swap_enu(places))).partition(count)
+        yield (
+            "map/ranges",
+            samples,
+            rr.LineStrips3D.columns(strips=list(swap_enu(places))).partition(count),
+        )
     error = m.refracted_range[received] - np.linalg.norm(places[:, 0] - places[:, 1], axis=1)
     for pair in np.unique(ends, axis=0):
         rows = (ends == pair).all(axis=1)
         names = "/".join(recording.participants[end] for end in pair)
-        yield f"range_error/{names}", m.range_sample[received][rows], rr.Scalars.columns(scalars=error[rows])
+        yield (
+            f"range_error/{names}",
+            m.range_sample[received][rows],
+            rr.Scalars.columns(scalars=error[rows]),
+        )

@@ -1,7 +1,9 @@
 """
-Reader of poses from ROS 1 and ROS 2 bags, and writer of recordings as ROS 2 bags or MCAP files, with the library rosbags.
+Reader of poses from ROS 1 and ROS 2 bags, and writer of recordings as ROS 2 bags or MCAP files,
+with the library rosbags.
 
-World and body have the axes of REP 103, which `swap_enu` converts. Frames have the names of REP 105.
+World and body have the axes of REP 103, which `swap_enu` converts. Frames have the names of REP
+105.
 """
 
 import re
@@ -41,16 +43,20 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     """
     Read a trajectory from each topic of poses or odometry in a bag, and notes about omitted data.
 
-    The name of a vehicle is the first part that differs between topics, or all parts (``/fleet/A/odom`` and ``/fleet/B/odom``
-    are A and B). Positions are east, north, up from the centre of the local frame; bodies are forward, left, up (REP-103). A
-    frame whose name ends in ``ned`` is north, east, down, and a child frame whose name ends in ``frd`` is forward, right,
+    The name of a vehicle is the first part that differs between topics, or all parts
+    (``/fleet/A/odom`` and ``/fleet/B/odom`` are A and B). Positions are east, north, up from the
+    centre of the local frame; bodies are forward, left, up (REP-103). A frame whose name ends in
+    ``ned`` is north, east, down, and a child frame whose name ends in ``frd`` is forward, right,
     down. Times are from the headers. From a run of `write_bag`, only the true poses are read.
 
-    Satellite fixes (``NavSatFix``) give the centre of the frame. Fixes in the frame of the poses are at its origin; fixes of a
-    vehicle are compared with its poses. A fix belongs to the vehicle whose name is a part of its topic.
+    Satellite fixes (``NavSatFix``) give the centre of the frame. Fixes in the frame of the poses
+    are at its origin; fixes of a vehicle are compared with its poses. A fix belongs to the vehicle
+    whose name is a part of its topic.
     """
     if path.is_dir() and not any(any(path.glob(f"*.{kind}")) for kind in ("yaml", "db3", "mcap")):
-        raise ExchangeError(f"{path}: this folder is not a bag; name files, or a folder with metadata.yaml")
+        raise ExchangeError(
+            f"{path}: this folder is not a bag; name files, or a folder with metadata.yaml"
+        )
     with optional_package(ExchangeError, path, "rosbags", "ros"):
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -79,10 +85,13 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
     except ExchangeError as error:
         raise ExchangeError(f"{path}: {error}") from None
     except Exception as error:  # noqa: BLE001  the library raises many types
-        raise ExchangeError(f"{path}: not a readable bag: {' '.join(str(error).split())[:120]}") from None
+        raise ExchangeError(
+            f"{path}: not a readable bag: {' '.join(str(error).split())[:120]}"
+        ) from None
     if not rows:
         raise ExchangeError(
-            f"{path}: no topic of type {', '.join(sorted(_POSES))}; it contains {', '.join(others) or 'no messages'}"
+            f"{path}: no topic of type {', '.join(sorted(_POSES))}; it contains"
+            f" {', '.join(others) or 'no messages'}"
         )
     true = {topic: values for topic, values in rows.items() if _TRUE.fullmatch(topic)}
     if true:  # an exported run: ignore its estimates
@@ -101,7 +110,10 @@ def read_bag(path: Path) -> tuple[list[Poses], list[str]]:
 
 
 def _files(path: Path, temporary: str) -> list[Path]:
-    """Files of a bag, whose chunks have been checked; files that are packed as a whole are unpacked into a temporary folder."""
+    """
+    Files of a bag, whose chunks have been checked; files that are packed as a whole are unpacked
+    into a temporary folder.
+    """
     from ruamel.yaml import YAML
 
     files = [path]
@@ -142,18 +154,21 @@ def _with_centres(
                 continue
             lat, lon = centred.centre
             note = (
-                f"{tracks[own[0]].file}: centre of frame {frame!r}: {lat:.6f}, {lon:.6f} (lat, lon), from {centred.fixes}"
-                f" satellite fixes that agree within {centred.spread:.3g} m"
+                f"{tracks[own[0]].file}: centre of frame {frame!r}: {lat:.6f}, {lon:.6f} (lat,"
+                f" lon), from {centred.fixes} satellite fixes that agree within"
+                f" {centred.spread:.3g} m"
             )
             notes = [*notes, note]
         for k in own:
             out[k] = tracks[k]._replace(centre=centred.centre)
-    without_centre = {frame for frame, track in zip(frames, out, strict=True) if track.centre is None}
+    without_centre = {
+        frame for frame, track in zip(frames, out, strict=True) if track.centre is None
+    }
     if without_centre and len(set(frames)) > 1:
         listed = ", ".join(sorted(set(frames)))
         note = (
-            f"{tracks[0].file}: frames {listed} are taken as one; distances between their vehicles are right only if they have one"
-            " origin and the same axes"
+            f"{tracks[0].file}: frames {listed} are taken as one; distances between their vehicles"
+            " are right only if they have one origin and the same axes"
         )
         notes = [*notes, note]
     return out, notes
@@ -206,7 +221,8 @@ def _poses(name: str, rows: list[tuple[Any, ...]], path: Path) -> Poses:
     nanoseconds, place, quaternion, frames, children = zip(*rows, strict=True)
     if len({*frames}) > 1:
         raise ExchangeError(
-            f"{path}: {name} has poses in frames {', '.join(sorted({*frames}))}; all must be in one frame"
+            f"{path}: {name} has poses in frames {', '.join(sorted({*frames}))}; all must be in"
+            " one frame"
         )
     time = np.array(nanoseconds, dtype=np.int64)
     p = np.array(place, dtype=float)
@@ -248,10 +264,12 @@ def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None
     """
     Write a recording as a ROS 2 bag, SQLite or MCAP, into an empty folder.
 
-    ``/<condition>/<vehicle>/pose`` and ``path`` contain true and estimated poses in the frame ``map`` (east, north, up; body
-    forward, left, up), ``/truth/<vehicle>/fix`` latitudes and longitudes, ``/map/fix`` those of the frame's centre, ``/tf`` true
-    poses of ``<vehicle>/base_link``, ``/tf_static`` landmarks, and ``/ranges/<transmitter>/<receiver>`` measured refracted
-    ranges. Times are dates, or seconds since the start if the mission has no date.
+    ``/<condition>/<vehicle>/pose`` and ``path`` contain true and estimated poses in the frame
+    ``map`` (east, north, up; body forward, left, up), ``/truth/<vehicle>/fix`` latitudes and
+    longitudes, ``/map/fix`` those of the frame's centre, ``/tf`` true poses of
+    ``<vehicle>/base_link``, ``/tf_static`` landmarks, and ``/ranges/<transmitter>/<receiver>``
+    measured refracted ranges. Times are dates, or seconds since the start if the mission has no
+    date.
 
     Raises
     ------
@@ -282,7 +300,14 @@ def write_bag(recording: Recording, folder: Path, *, mcap: bool = False) -> None
 
 def _latched() -> Any:
     """Quality of service of a topic whose last message late subscribers receive."""
-    from rosbags.interfaces import Qos, QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
+    from rosbags.interfaces import (
+        Qos,
+        QosDurability,
+        QosHistory,
+        QosLiveliness,
+        QosReliability,
+        QosTime,
+    )
 
     forever = QosTime(2147483647, 4294967295)
     return Qos(
@@ -446,6 +471,7 @@ def _ros_names(names: list[str]) -> dict[str, str]:
         other = next((o for o, w in ros.items() if w == word and o != name), None)
         if other is not None:
             raise ExchangeError(
-                f"{name} and {other} are both {word} in ROS, which allows neither - nor . in names; rename one"
+                f"{name} and {other} are both {word} in ROS, which allows neither - nor . in"
+                " names; rename one"
             )
     return ros

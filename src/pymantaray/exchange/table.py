@@ -49,7 +49,9 @@ _TITLES = {
     for unit, factor in units.items()
 }
 _UNITS = {
-    name: [unit for unit in units if unit] for names, units in _COLUMNS.values() for name in names.split()
+    name: [unit for unit in units if unit]
+    for names, units in _COLUMNS.values()
+    for name in names.split()
 }
 _IN_BRACKETS = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 _QUATERNION = ["qw", "qx", "qy", "qz"]
@@ -65,7 +67,8 @@ def read_table(path: Path) -> tuple[list[Poses], list[str]]:
     """
     Read the trajectories of a table with a header, and a note about unused columns.
 
-    There is one trajectory per name of a vehicle. Without a column of names, there is one with the name of the file.
+    There is one trajectory per name of a vehicle. Without a column of names, there is one with the
+    name of the file.
     """
     invalid = InvalidLines()
     table = _parquet(path) if path.suffix.lower() == ".parquet" else _text(path, invalid)
@@ -80,13 +83,17 @@ def read_frame(frame: pd.DataFrame) -> tuple[list[Poses], list[str]]:
 
 
 def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses], list[str]]:
-    """Poses of each vehicle in a table, and notes about unused columns and lines that are left out."""
+    """
+    Poses of each vehicle in a table, and notes about unused columns and lines that are left out.
+    """
     path = table.path
     table, factors = _known_columns(table)
     conditions = table.frame.get("condition")
     there = set(factors)
     unread = [title for title in table.frame.columns if title not in there]
-    if conditions is not None and (conditions == TRUTH).any():  # an exported run: ignore its estimates
+    if (
+        conditions is not None and (conditions == TRUTH).any()
+    ):  # an exported run: ignore its estimates
         table = TextTable(path, table.frame[conditions == TRUTH], table.comments)
         unread = []
     place = ["north", "east"]
@@ -96,13 +103,15 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
         table.require(["time", *place, "depth", *({"vehicle"} & there)])
     except RecordError as error:
         raise ExchangeError(
-            f"{error}; a trajectory needs time, lat and lon or north and east, and depth; optional are vehicle and either"
-            " qw, qx, qy, qz or heading_deg, pitch_deg, roll_deg"
+            f"{error}; a trajectory needs time, lat and lon or north and east, and depth; optional"
+            " are vehicle and either qw, qx, qy, qz or heading_deg, pitch_deg, roll_deg"
         ) from None
     whole = set(_QUATERNION) <= there
     angles = [n for n in factors if n in (_QUATERNION if whole else _ANGLES) or n == "convergence"]
     names_of = {"vehicle"} & there
-    table = table.readable(invalid, times=["time"], numbers=[*place, "depth", *angles], words=names_of)
+    table = table.readable(
+        invalid, times=["time"], numbers=[*place, "depth", *angles], words=names_of
+    )
     invalid.refuse_most(len(table.frame), ExchangeError)
     place_of = _numbers(table, factors, [*place, "depth"])
     time = _times(table)
@@ -119,7 +128,9 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
     for name in dict.fromkeys(names.tolist()):
         rows = names == name
         attitude = None if quaternion is None else quaternion[rows]
-        poses.append(Poses(name, time[rows], place_of[rows], attitude, place[0] == "lat", str(path), centre))
+        poses.append(
+            Poses(name, time[rows], place_of[rows], attitude, place[0] == "lat", str(path), centre)
+        )
     unused = [f"{path}: unused columns: {', '.join(unread)}"] if unread else []
     return poses, [*unused, *invalid.notes]
 
@@ -127,7 +138,10 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
 def _refuse_two_places_at_once(
     table: TextTable, time: NDArray[Any], position: Array, unread: list[str], *, geographic: bool
 ) -> None:
-    """Refuse a table without names in which one time has two positions far apart: it has several vehicles."""
+    """
+    Refuse a table without names in which one time has two positions far apart: it has several
+    vehicles.
+    """
     _, first, of_time = np.unique(time, return_index=True, return_inverse=True)
     earlier = first[of_time]
     step = position - position[earlier]
@@ -140,16 +154,19 @@ def _refuse_two_places_at_once(
         lines = table.frame.index
         columns = f" (unused columns: {', '.join(unread)})" if unread else ""
         raise ExchangeError(
-            f"{table.path}, line {lines[row]}: {distance[row]:,.0f} m from the position of line {lines[earlier[row]]} at the same"
-            f" time, and no column names the vehicle; rename the column with the names to vehicle{columns}"
+            f"{table.path}, line {lines[row]}: {distance[row]:,.0f} m from the position of line"
+            f" {lines[earlier[row]]} at the same time, and no column names the vehicle; rename the"
+            f" column with the names to vehicle{columns}"
         )
 
 
 def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
     """
-    Read pings from a table with columns time, transmitter and optional receivers (names separated by spaces; default: all).
+    Read pings from a table with columns time, transmitter and optional receivers (names separated
+    by spaces; default: all).
 
-    Times are seconds since the start of the mission, or dates, which need the instant of that start.
+    Times are seconds since the start of the mission, or dates, which need the instant of that
+    start.
     """
     table, _ = _known_columns(_text(path))
     try:
@@ -161,13 +178,15 @@ def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
     unknown = [title for title in table.frame.columns if title not in _OF_PINGS]
     if unknown:  # with a misspelt column of receivers, all participants would listen
         raise ExchangeError(
-            f"{path}: unknown column {unknown[0]!r}; allowed: {', '.join(_OF_PINGS)}; rename or remove it"
+            f"{path}: unknown column {unknown[0]!r}; allowed: {', '.join(_OF_PINGS)}; rename or"
+            " remove it"
         )
     time = _times(table)
     if np.issubdtype(time.dtype, np.datetime64):
         if start is None:
             raise ExchangeError(
-                f"{path}: times are dates, but the start of the mission has no date; give seconds since the start"
+                f"{path}: times are dates, but the start of the mission has no date; give seconds"
+                " since the start"
             )
         time = (time - start) / np.timedelta64(1_000_000_000, "ns")
     receivers: list[list[str]] = []
@@ -195,7 +214,9 @@ def _parquet(path: Path) -> TextTable:
     try:
         frame = _parquet_frame(path)
     except ImportError:
-        raise ExchangeError(f'{path}: pyarrow is not installed; pip install "pymantaray[parquet]"') from None
+        raise ExchangeError(
+            f'{path}: pyarrow is not installed; pip install "pymantaray[parquet]"'
+        ) from None
     except ExchangeError:
         raise
     except Exception as error:  # noqa: BLE001  pyarrow raises many types
@@ -215,7 +236,9 @@ def _typed_table(path: Path, frame: pd.DataFrame) -> TextTable:
 
 
 def _parquet_frame(path: Path) -> pd.DataFrame:
-    """Content of a Parquet file without nested columns; its declared sizes must not exceed the limit."""
+    """
+    Content of a Parquet file without nested columns; its declared sizes must not exceed the limit.
+    """
     import pyarrow as pa
     import pyarrow.compute as pc
     import pyarrow.parquet as pq
@@ -228,7 +251,9 @@ def _parquet_frame(path: Path) -> pd.DataFrame:
     _check_size(path, size, f"{about.num_rows:,} rows of {about.num_columns} columns need")
     flat = [field for field in schema if not pa.types.is_nested(field.type)]
     text = [
-        field.name for field in flat if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
+        field.name
+        for field in flat
+        if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
     ]
     text += [field.name for field in flat if pa.types.is_binary(field.type)]
     with pq.ParquetFile(path, read_dictionary=text) as file:  # repeated text is in memory once
@@ -237,7 +262,9 @@ def _parquet_frame(path: Path) -> pd.DataFrame:
         pieces = table[name].chunks
         lengths = (pc.take(pc.binary_length(piece.dictionary), piece.indices) for piece in pieces)
         _check_size(
-            path, sum(pc.sum(pc.cast(one, "int64")).as_py() or 0 for one in lengths), f"text of {name} needs"
+            path,
+            sum(pc.sum(pc.cast(one, "int64")).as_py() or 0 for one in lengths),
+            f"text of {name} needs",
         )
         table = table.set_column(
             table.schema.get_field_index(name), name, table[name].cast(schema.field(name).type)
@@ -249,13 +276,16 @@ def _parquet_frame(path: Path) -> pd.DataFrame:
 def _check_size(path: Path, size: int, what: str) -> None:
     if size > MAX_UNPACKED_BYTES:
         raise ExchangeError(
-            f"{path}: {what} {size / 1e9:.3g} GB unpacked; the limit is {MAX_UNPACKED_BYTES / 1e9:g} GB; remove columns,"
-            " or reduce the sampling rate"
+            f"{path}: {what} {size / 1e9:.3g} GB unpacked; the limit is"
+            f" {MAX_UNPACKED_BYTES / 1e9:g} GB; remove columns, or reduce the sampling rate"
         )
 
 
 def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:
-    """Rename known columns, and return the factor of each column to the unit of this package; an unknown unit raises an error."""
+    """
+    Rename known columns, and return the factor of each column to the unit of this package; an
+    unknown unit raises an error.
+    """
     titles = []
     factors = {}
     for title in table.frame.columns:
@@ -264,7 +294,8 @@ def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:
         named = _IN_BRACKETS.fullmatch(title.lower().strip())
         if named and key not in _TITLES and _UNITS.get(named[1]):
             raise ExchangeError(
-                f"{table.path}: column {title!r} has unit {named[2]!r}; allowed: {', '.join(_UNITS[named[1]])}"
+                f"{table.path}: column {title!r} has unit {named[2]!r}; allowed:"
+                f" {', '.join(_UNITS[named[1]])}"
             )
         titles.append(column)
         if key in _TITLES:
@@ -296,27 +327,32 @@ def _times(table: TextTable) -> NDArray[Any]:
 
 
 def _attitude(table: TextTable, factors: dict[str, float]) -> Array | None:
-    """Quaternions from quaternion columns or from heading, pitch and roll; None if the table has neither."""
+    """
+    Quaternions from quaternion columns or from heading, pitch and roll; None if the table has
+    neither.
+    """
     if set(_QUATERNION) <= set(factors):
         return _numbers(table, factors, _QUATERNION)
     angles = [name for name in factors if name in _ANGLES]
     quaternion = [name for name in _QUATERNION if name in factors]
     if not angles and quaternion:
         raise ExchangeError(
-            f"{table.path}: only {', '.join(quaternion)} of a quaternion; give all of qw, qx, qy, qz"
+            f"{table.path}: only {', '.join(quaternion)} of a quaternion; give all of qw, qx, qy,"
+            " qz"
         )
     if not angles:
         return None
     if "heading" not in angles:
         raise ExchangeError(
-            f"{table.path}: {' and '.join(angles)} without heading; add heading, or remove these columns"
+            f"{table.path}: {' and '.join(angles)} without heading; add heading, or remove these"
+            " columns"
         )
     values = _numbers(table, factors, angles)
     for k, name in enumerate(angles):
         if factors[name] == 1.0 and np.abs(values[:, k]).max() > _MAX_RADIANS:
             raise ExchangeError(
-                f"{table.path}: {name} has values up to {np.abs(values[:, k]).max():g}, more than 2 pi radians; if it is in"
-                f" degrees, rename the column to {name}_deg"
+                f"{table.path}: {name} has values up to {np.abs(values[:, k]).max():g}, more than 2"
+                f" pi radians; if it is in degrees, rename the column to {name}_deg"
             )
     of = dict(zip(angles, values.T, strict=True))
     return level(of["heading"], of.get("pitch", 0.0), of.get("roll", 0.0))

@@ -1,4 +1,7 @@
-"""Imported trajectories: poses of each vehicle at its own times, and their interpolation to common times in a local frame."""
+"""
+Imported trajectories: poses of each vehicle at its own times, and their interpolation to common
+times in a local frame.
+"""
 
 from __future__ import annotations
 
@@ -30,24 +33,34 @@ _MAX_NAME_LENGTH = 64
 
 
 class Poses(NamedTuple):
-    """Poses of one vehicle in a file: times as dates or in seconds, lat, lon [deg] or north, east [m], depth [m]."""
+    """
+    Poses of one vehicle in a file: times as dates or in seconds, lat, lon [deg] or north, east [m],
+    depth [m].
+    """
 
     name: str
     time: NDArray[Any]
     place: Array
     """Shape (n, 3)."""
     quaternion: Array | None
-    """Rotation from body (forward, right, down) to true north, east, down, (w, x, y, z); None if the file has none."""
+    """
+    Rotation from body (forward, right, down) to true north, east, down, (w, x, y, z); None if the
+    file has none.
+    """
     geodetic: bool
     file: str
     centre: tuple[float, float] | None = None
-    """Latitude and longitude of the local frame's centre; None if the file does not contain it. [degrees]"""
+    """
+    Latitude and longitude of the local frame's centre; None if the file does not contain it.
+    [degrees]
+    """
 
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
     """
-    Imported trajectories before the selection of a frame and common times; `read_trajectories` reads them.
+    Imported trajectories before the selection of a frame and common times; `read_trajectories`
+    reads them.
 
     Parameters
     ----------
@@ -87,24 +100,30 @@ class Tracks:
                 one = poses[unlike.index(True)]
                 other = poses[unlike.index(False)]
                 raise ExchangeError(
-                    f"{one.file}: {one.name} has {kind}, but {other.name} of {other.file} does not; either all or none must"
+                    f"{one.file}: {one.name} has {kind}, but {other.name} of {other.file} does"
+                    " not; either all or none must"
                 )
         notes = list(notes)
         clean = [_clean(p, notes) for p in poses]
         names = [p.name for p in clean]
         double = next((p for p in clean if names.count(p.name) > 1), None)
         if double is not None:
-            raise ExchangeError(f"{double.file}: two vehicles have the name {double.name}; rename one")
+            raise ExchangeError(
+                f"{double.file}: two vehicles have the name {double.name}; rename one"
+            )
         start = min(p.time[0] for p in clean)
         if not np.issubdtype(clean[0].time.dtype, np.datetime64):
             return cls(tuple(p._replace(time=p.time - start) for p in clean), None, tuple(notes))
         second = np.timedelta64(1_000_000_000, "ns")
-        return cls(tuple(p._replace(time=(p.time - start) / second) for p in clean), start, tuple(notes))
+        return cls(
+            tuple(p._replace(time=(p.time - start) / second) for p in clean), start, tuple(notes)
+        )
 
     @classmethod
     def of_record(cls, truth: Trajectories) -> Self:
         """
-        Convert a record in the local frame to tracks, without the times when a vehicle is not active.
+        Convert a record in the local frame to tracks, without the times when a vehicle is not
+        active.
 
         Parameters
         ----------
@@ -132,13 +151,17 @@ class Tracks:
         """
         unknown = [name for name in names if name not in self.names]
         if unknown:
-            raise ExchangeError(f"no trajectory of {unknown[0]}; available: {', '.join(self.names[:12])}")
+            raise ExchangeError(
+                f"no trajectory of {unknown[0]}; available: {', '.join(self.names[:12])}"
+            )
         if not names:
             return self
         poses = [p for p in self.poses if p.name in names]
         begin = min(p.time[0] for p in poses)
         start = None if self.start is None else self.start + np.round(1e9 * begin).astype("m8[ns]")
-        return replace(self, poses=tuple(p._replace(time=p.time - begin) for p in poses), start=start)
+        return replace(
+            self, poses=tuple(p._replace(time=p.time - begin) for p in poses), start=start
+        )
 
     @property
     def names(self) -> list[str]:
@@ -157,7 +180,10 @@ class Tracks:
 
     @property
     def centre(self) -> tuple[float, float] | None:
-        """Centre of the local frame in a file, else the middle of latitudes and longitudes, else None. [degrees]"""
+        """
+        Centre of the local frame in a file, else the middle of latitudes and longitudes, else None.
+        [degrees]
+        """
         named = next((p.centre for p in self.poses if p.centre is not None), None)
         if named is not None or not self.geodetic:
             return named
@@ -175,14 +201,16 @@ class Tracks:
         time : array_like, shape (n_times,)
             Increasing times since the earliest pose. [s]
         frame : LocalFrame
-            Frame of the result. Local positions without a known centre count as positions in this frame.
+            Frame of the result. Local positions without a known centre count as positions in this
+            frame.
 
         Returns
         -------
         Trajectories
-            Role ``track``. At its own times (within a microsecond), a vehicle has the pose of the file. Between two poses,
-            positions are linear in time and attitudes rotate at a constant rate (slerp). Before its first and after its last
-            pose, a vehicle is ABSENT at that pose. Without attitudes, it is level and heads along its course.
+            Role ``track``. At its own times (within a microsecond), a vehicle has the pose of the
+            file. Between two poses, positions are linear in time and attitudes rotate at a constant
+            rate (slerp). Before its first and after its last pose, a vehicle is ABSENT at that
+            pose. Without attitudes, it is level and heads along its course.
         """
         times = np.asarray(time, dtype=float)
         local = self.in_frame(frame)
@@ -215,7 +243,10 @@ class Tracks:
 
 
 def same_vehicle_notes(tracks: Tracks) -> list[str]:
-    """Note for each pair of trajectories that are always so close together that they may be of one vehicle."""
+    """
+    Note for each pair of trajectories that are always so close together that they may be of one
+    vehicle.
+    """
     frame = LocalFrame(*(tracks.centre or (0.0, 0.0)))
     local = tracks.in_frame(frame)[:_MAX_COMPARED]
     notes = []
@@ -227,14 +258,15 @@ def same_vehicle_notes(tracks: Tracks) -> list[str]:
                 continue
             times = np.linspace(first, last, _COMPARED_TIMES)
             places = [
-                np.column_stack([np.interp(times, p.time, axis) for axis in p.place.T]) for p in (other, one)
+                np.column_stack([np.interp(times, p.time, axis) for axis in p.place.T])
+                for p in (other, one)
             ]
             with np.errstate(over="ignore"):
                 distance = float(np.linalg.norm(places[1] - places[0], axis=1).max())
             if distance < _SAME_VEHICLE:
                 notes.append(
-                    f"{one.file}: {other.name} and {one.name} are always within {distance:.2g} m; if they are two estimates of one"
-                    " vehicle, select one of them by its name"
+                    f"{one.file}: {other.name} and {one.name} are always within {distance:.2g} m;"
+                    " if they are two estimates of one vehicle, select one of them by its name"
                 )
     return notes
 
@@ -246,20 +278,33 @@ def poses_of_record(truth: Trajectories, file: str) -> list[Poses]:
         time = truth.start.astype("M8[ns]") + np.round(time * 1e9).astype("m8[ns]")
     rows = [np.flatnonzero(status == VehicleStatus.ACTIVE) for status in truth.status]
     return [
-        Poses(str(name), time[r], truth.position[i, r], truth.quaternion[i, r], False, file, truth.centre)
+        Poses(
+            str(name),
+            time[r],
+            truth.position[i, r],
+            truth.quaternion[i, r],
+            False,
+            file,
+            truth.centre,
+        )
         for i, (name, r) in enumerate(zip(truth.name, rows, strict=True))
     ]
 
 
 def with_times(truth: Trajectories, time: Array) -> Trajectories:
-    """Add times to a record, interpolated as in `Tracks.at`; the status is that of the preceding sample."""
+    """
+    Add times to a record, interpolated as in `Tracks.at`; the status is that of the preceding
+    sample.
+    """
     times = union_of_times(truth.time, time)
     if times.size == truth.time.size:
         return truth
     before = np.searchsorted(truth.time, times + SAME_TIME) - 1
     rows = [
         _at(Poses(str(name), truth.time, place, quaternion, False, ""), times)
-        for name, place, quaternion in zip(truth.name, truth.position, truth.quaternion, strict=True)
+        for name, place, quaternion in zip(
+            truth.name, truth.position, truth.quaternion, strict=True
+        )
     ]
     return replace(
         truth,
@@ -271,7 +316,10 @@ def with_times(truth: Trajectories, time: Array) -> Trajectories:
 
 
 def union_of_times(first: Array, more: Array) -> Array:
-    """Sorted union of times; the first array has priority for times that differ by less than a microsecond."""
+    """
+    Sorted union of times; the first array has priority for times that differ by less than a
+    microsecond.
+    """
     place = np.clip(np.searchsorted(first, more), 1, max(first.size - 1, 1))
     near = np.minimum(
         np.abs(first[place - 1] - more), np.abs(first[np.minimum(place, first.size - 1)] - more)
@@ -282,7 +330,10 @@ def union_of_times(first: Array, more: Array) -> Array:
 
 
 def level(heading: ArrayLike, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0) -> Array:
-    """Quaternions (w, x, y, z), body to north, east, down, from headings, pitches (nose up) and rolls (right side down). [rad]"""
+    """
+    Quaternions (w, x, y, z), body to north, east, down, from headings, pitches (nose up) and rolls
+    (right side down). [rad]
+    """
     angles = np.stack(np.broadcast_arrays(heading, pitch, roll), axis=-1)
     return np.asarray(Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True))
 
@@ -315,20 +366,26 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
         raise ExchangeError(f"{who}: {counted(time.size, 'pose')}; a trajectory needs at least two")
     if not np.isfinite(place).all():
         raise ExchangeError(
-            f"{who}: pose {int(np.argmin(np.isfinite(place).all(axis=1)))} has a position that is not finite; correct or remove it"
+            f"{who}: pose {int(np.argmin(np.isfinite(place).all(axis=1)))} has a position that is"
+            " not finite; correct or remove it"
         )
     if p.geodetic:
         far = np.abs(place[:, 0]) > 90.0
         if far.any():
-            raise ExchangeError(f"{who}: latitude is {place[far][0, 0]:g}; it must be -90 to 90 degrees")
+            raise ExchangeError(
+                f"{who}: latitude is {place[far][0, 0]:g}; it must be -90 to 90 degrees"
+            )
     top = float(place[:, 2].min())
     if top < -_ABOVE_SURFACE:
         raise ExchangeError(
-            f"{who}: depth {top:g} m is above the surface; depth must be positive down; change the sign"
+            f"{who}: depth {top:g} m is above the surface; depth must be positive down; change the"
+            " sign"
         )
     if top < 0.0:
         above = place[:, 2] < 0.0
-        notes.append(f"{who}: {above.sum()} poses up to {-top:.2g} m above the surface moved to the surface")
+        notes.append(
+            f"{who}: {above.sum()} poses up to {-top:.2g} m above the surface moved to the surface"
+        )
         place[above, 2] = 0.0
     if not np.issubdtype(time.dtype, np.datetime64):
         check_speed(time, _metres(place) if p.geodetic else place, f"{who}: time", ExchangeError)
@@ -361,7 +418,9 @@ def _local(p: Poses, frame: LocalFrame) -> Poses:
 
 
 def geodetic(p: Poses, frame: LocalFrame) -> Poses:
-    """Convert local poses of a frame to latitudes, longitudes and attitudes relative to true north."""
+    """
+    Convert local poses of a frame to latitudes, longitudes and attitudes relative to true north.
+    """
     lat, lon = frame.to_geodetic(p.place[:, 0], p.place[:, 1])
     turn = -frame.convergence(lat, lon)
     place = np.column_stack([lat, lon, p.place[:, 2]])

@@ -1,4 +1,6 @@
-"""Reader and writer of the text format of the TUM RGB-D benchmark, which evo and other programs read."""
+"""
+Reader and writer of the text format of the TUM RGB-D benchmark, which evo and other programs read.
+"""
 
 from __future__ import annotations
 
@@ -32,8 +34,9 @@ def write_tum(
     """
     Write one vehicle's trajectory as TUM text, atomically.
 
-    Each line is ``time x y z qx qy qz qw`` with 17 significant digits. x, y, z are north, east and down, and the rotation is
-    from body to that frame. Comment lines at the top contain the frame's centre.
+    Each line is ``time x y z qx qy qz qw`` with 17 significant digits. x, y, z are north, east and
+    down, and the rotation is from body to that frame. Comment lines at the top contain the frame's
+    centre.
 
     Parameters
     ----------
@@ -52,8 +55,8 @@ def write_tum(
     t, p, q = (np.asarray(a, dtype=float) for a in (time, position, quaternion))
     if t.ndim != 1 or p.shape != (t.size, 3) or q.shape != (t.size, 4):
         raise MantaRayError(
-            f"{path}: shapes of time, position and quaternion are {t.shape}, {p.shape} and {q.shape}; they must be (n,), (n, 3)"
-            " and (n, 4)"
+            f"{path}: shapes of time, position and quaternion are {t.shape}, {p.shape} and"
+            f" {q.shape}; they must be (n,), (n, 3) and (n, 4)"
         )
     table = np.concatenate([t[:, None], p, q[:, [1, 2, 3, 0]]], axis=1)
     if not np.isfinite(table).all():
@@ -70,8 +73,8 @@ def write_graph_tum(path: Path | str, graph: FactorGraph, values: GraphValues) -
     Parameters
     ----------
     path : pathlib.Path or str
-        File for a graph with one vehicle. With several, the file of each vehicle has its name before the suffix:
-        ``run.tum`` becomes ``run-A.tum``, ``run-B.tum`` and so on.
+        File for a graph with one vehicle. With several, the file of each vehicle has its name
+        before the suffix: ``run.tum`` becomes ``run-A.tum``, ``run-B.tum`` and so on.
     graph : FactorGraph
         Graph with vehicles, order of poses (by number) and times.
     values : GraphValues
@@ -108,14 +111,18 @@ def graph_tum_files(path: Path | str, graph: FactorGraph) -> list[Path]:
     path = Path(path)
     if graph.vehicle_name.size == 1:
         return [path]
-    return [path.with_name(f"{path.stem}-{name}{path.suffix}") for name in graph.vehicle_name.tolist()]
+    return [
+        path.with_name(f"{path.stem}-{name}{path.suffix}") for name in graph.vehicle_name.tolist()
+    ]
 
 
 def read_tum(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, ...]]:
     """
-    Read the trajectory of a TUM file, and a note about invalid lines; the name of the file is the name of the vehicle.
+    Read the trajectory of a TUM file, and a note about invalid lines; the name of the file is the
+    name of the vehicle.
 
-    With ``enu``, x, y, z are east, north, up and the body axes are forward, left, up (ROS, REP-103), unlike in `write_tum`.
+    With ``enu``, x, y, z are east, north, up and the body axes are forward, left, up (ROS,
+    REP-103), unlike in `write_tum`.
     """
     invalid = InvalidLines()
     table = text_numbers(path, 8, "a TUM file has 8 per row, time x y z qx qy qz qw", invalid)
@@ -127,14 +134,18 @@ def read_tum(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, 
         quaternion = swap_enu_attitude(quaternion)
     lines = read_text(path, ExchangeError).splitlines()
     centre = centre_in_comments((line for line in lines if line.lstrip().startswith("#")), path)
-    return [Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre)], invalid.notes
+    return [
+        Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre)
+    ], invalid.notes
 
 
 def text_numbers(path: Path, width: int, about: str, invalid: InvalidLines | None = None) -> Array:
     """
-    Finite numbers (n, width) of a text without header, separated by spaces or commas; ``about`` describes its rows.
+    Finite numbers (n, width) of a text without header, separated by spaces or commas; ``about``
+    describes its rows.
 
-    Lines with anything else are added to ``invalid``; without it, the first of them raises an error.
+    Lines with anything else are added to ``invalid``; without it, the first of them raises an
+    error.
     """
     rows: list[list[float]] = []
     wrong = InvalidLines() if invalid is None else invalid

@@ -1,4 +1,6 @@
-"""Behaviours of vehicles as frozen, checked parameter sets, and checks of start positions and steps."""
+"""
+Behaviours of vehicles as frozen, checked parameter sets, and checks of start positions and steps.
+"""
 
 import math
 from collections.abc import Sequence
@@ -18,8 +20,9 @@ class FloatCycle:
     """
     Argo cycle: hold at the surface, descend, hold at depth, ascend, repeat.
 
-    The vehicle stays at its start depth until `start_delay`. A proportional controller keeps its depth, and a
-    hold begins when its depth is reached. Its horizontal motion is the current at its position.
+    The vehicle stays at its start depth until `start_delay`. A proportional controller keeps its
+    depth, and a hold begins when its depth is reached. Its horizontal motion is the current at its
+    position.
 
     Parameters
     ----------
@@ -34,8 +37,8 @@ class FloatCycle:
     surface_depth : float
         Depth of the surface hold. [m]
     depth_gain : float
-        Commanded vertical speed per metre of distance from the target depth. In a step, the float moves at most to the
-        target depth. [1/s]
+        Commanded vertical speed per metre of distance from the target depth. In a step, the float
+        moves at most to the target depth. [1/s]
     """
 
     role: ClassVar[str] = "float"
@@ -56,8 +59,8 @@ class FloatCycle:
         check_fields(FleetError, self, "1/s", "depth_gain", positive=True)
         if self.target_depth <= self.surface_depth:
             raise FleetError(
-                f"FloatCycle: target_depth is {self.target_depth:g} m; it must be greater than surface_depth"
-                f" {self.surface_depth:g} m"
+                f"FloatCycle: target_depth is {self.target_depth:g} m; it must be greater than"
+                f" surface_depth {self.surface_depth:g} m"
             )
 
 
@@ -126,7 +129,9 @@ class ConstantTwist:
 
     def __post_init__(self) -> None:
         """Check and freeze the twist."""
-        object.__setattr__(self, "twist", checked_array(FleetError, "ConstantTwist: twist", self.twist, (6,)))
+        object.__setattr__(
+            self, "twist", checked_array(FleetError, "ConstantTwist: twist", self.twist, (6,))
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -134,11 +139,12 @@ class Waypoints:
     """
     Swim from waypoint to waypoint at constant speed along body x, with a limited turn rate.
 
-    A waypoint counts as reached within `capture_radius`, which must be at least the turning radius; otherwise the vehicle
-    could circle a waypoint forever. The vehicle turns body x towards the waypoint and does not compensate for the current.
-    Without `current`, the speed is over ground. With `current`, the speed is relative to the water and the current moves the
-    vehicle in addition. It then approaches a waypoint on a curve from down-current, is carried away by a current that is
-    faster than its speed, and drifts after its last waypoint.
+    A waypoint counts as reached within `capture_radius`, which must be at least the turning radius;
+    otherwise the vehicle could circle a waypoint forever. The vehicle turns body x towards the
+    waypoint and does not compensate for the current. Without `current`, the speed is over ground.
+    With `current`, the speed is relative to the water and the current moves the vehicle in
+    addition. It then approaches a waypoint on a curve from down-current, is carried away by a
+    current that is faster than its speed, and drifts after its last waypoint.
 
     Parameters
     ----------
@@ -175,13 +181,15 @@ class Waypoints:
         shallowest = float(self.points[:, 2].min())
         if shallowest < 0.0:
             raise FleetError(
-                f"Waypoints: a waypoint has depth {shallowest:g} m; depth must be positive down, 0 at the surface"
+                f"Waypoints: a waypoint has depth {shallowest:g} m; depth must be positive down, 0"
+                " at the surface"
             )
         radius = self.speed / self.turn_rate
         if self.capture_radius < radius:
             raise FleetError(
-                f"Waypoints: capture_radius is {self.capture_radius:g} m; it must be at least the turning"
-                f" radius speed / turn_rate = {radius:g} m; increase it or turn_rate, or reduce speed"
+                f"Waypoints: capture_radius is {self.capture_radius:g} m; it must be at least the"
+                f" turning radius speed / turn_rate = {radius:g} m; increase it or turn_rate, or"
+                " reduce speed"
             )
 
 
@@ -221,15 +229,16 @@ class Vehicle:
         depth = float(self.position[2])
         if depth < 0.0:
             raise FleetError(
-                f"{owner}: start depth is {depth:g} m; depth must be positive down, 0 at the surface"
+                f"{owner}: start depth is {depth:g} m; depth must be positive down, 0 at the"
+                " surface"
             )
         if not math.isfinite(self.heading):
             raise FleetError(f"{owner}: heading is {self.heading:g} rad; it must be finite")
         if isinstance(self.behaviour, StationKeeping | Drifting) and depth != self.behaviour.depth:
             start, keeps = distinct_digits(depth, self.behaviour.depth)
             raise FleetError(
-                f"{owner}: start depth is {start} m, and {type(self.behaviour).__name__} keeps {keeps} m;"
-                " they must be equal"
+                f"{owner}: start depth is {start} m, and {type(self.behaviour).__name__} keeps"
+                f" {keeps} m; they must be equal"
             )
 
 
@@ -245,7 +254,10 @@ def unique_names(vehicles: Sequence[Vehicle]) -> list[str]:
 
 
 def check_placement(vehicle: Vehicle, water: OceanArrays) -> None:
-    """Raise an error if the start, the target depth there, or a waypoint is outside the ocean or below the sea floor."""
+    """
+    Raise an error if the start, the target depth there, or a waypoint is outside the ocean or below
+    the sea floor.
+    """
     owner = f"vehicle {vehicle.name!r}"
     behaviour = vehicle.behaviour
     _check_point(owner, "the start position", vehicle.position, water)
@@ -266,17 +278,20 @@ def _check_point(owner: str, what: str, point: Array, water: OceanArrays) -> Non
     if state == LEFT_DOMAIN:
         (x, south, top), (y, west, right) = (
             distinct_digits(*axis)
-            for axis in ((north, water.north[0], water.north[-1]), (east, water.east[0], water.east[-1]))
+            for axis in (
+                (north, water.north[0], water.north[-1]),
+                (east, water.east[0], water.east[-1]),
+            )
         )
         raise FleetError(
-            f"{owner}: {what} is at north {x}, east {y} m, outside the ocean; allowed: north {south} to {top} m,"
-            f" east {west} to {right} m; move it, or use a larger ocean"
+            f"{owner}: {what} is at north {x}, east {y} m, outside the ocean; allowed: north"
+            f" {south} to {top} m, east {west} to {right} m; move it, or use a larger ocean"
         )
     if state == GROUNDED:
         deep, floor = distinct_digits(depth, bed_depth(water, north, east))
         raise FleetError(
-            f"{owner}: {what} is {deep} m deep, below the sea floor at {floor} m (north {north:g}, east {east:g} m);"
-            " use a smaller depth or another place"
+            f"{owner}: {what} is {deep} m deep, below the sea floor at {floor} m (north {north:g},"
+            f" east {east:g} m); use a smaller depth or another place"
         )
 
 
@@ -285,10 +300,13 @@ def check_step(vehicle: Vehicle, physics_step: float, water: OceanArrays) -> Non
     behaviour = vehicle.behaviour
     if not isinstance(behaviour, Waypoints):
         return
-    currents = np.hypot(water.current_north, water.current_east) if behaviour.current else np.zeros(1)
+    currents = (
+        np.hypot(water.current_north, water.current_east) if behaviour.current else np.zeros(1)
+    )
     limit = behaviour.capture_radius / (behaviour.speed + float(currents.max()))
     if physics_step > limit:
         raise FleetError(
-            f"vehicle {vehicle.name!r}: physics_step is {physics_step:g} s; it must be at most {limit:g} s,"
-            " capture_radius / speed (current included), so that the vehicle does not miss a waypoint"
+            f"vehicle {vehicle.name!r}: physics_step is {physics_step:g} s; it must be at most"
+            f" {limit:g} s, capture_radius / speed (current included), so that the vehicle does not"
+            " miss a waypoint"
         )

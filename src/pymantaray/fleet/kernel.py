@@ -1,8 +1,8 @@
 """
 Compiled fixed-step integrators of vehicles with a body twist, swimmers and floats in currents.
 
-Vehicles do not affect each other, so each is integrated separately from start to end, and its path is independent of the rest of
-the fleet. Sample k is the state after exactly k times `steps` steps.
+Vehicles do not affect each other, so each is integrated separately from start to end, and its path
+is independent of the rest of the fleet. Sample k is the state after exactly k times `steps` steps.
 """
 
 import math
@@ -25,7 +25,10 @@ _SMALL_ANGLE = 1e-4  # rad; below it Taylor series replace the closed forms
 
 
 class OceanArrays(NamedTuple):
-    """Arrays of an ocean for the kernels: axes, and currents (time, north, east, depth) with one time if constant."""
+    """
+    Arrays of an ocean for the kernels: axes, and currents (time, north, east, depth) with one time
+    if constant.
+    """
 
     north: np.ndarray
     east: np.ndarray
@@ -40,7 +43,10 @@ class OceanArrays(NamedTuple):
 
 @entry
 def place(water, north, east, depth):
-    """Return the status of a vehicle at a position; the edge of the domain and, within `TOUCH`, the sea floor are inside."""
+    """
+    Return the status of a vehicle at a position; the edge of the domain and, within `TOUCH`, the
+    sea floor are inside.
+    """
     if not (water.north[0] <= north <= water.north[-1] and water.east[0] <= east <= water.east[-1]):
         return LEFT_DOMAIN
     if depth > bed_depth(water, north, east) + TOUCH:
@@ -56,7 +62,10 @@ def bed_depth(water, north, east):
 
 @entry
 def surface_depth(water, north, east):
-    """Depth of the surface or the ice's underside by bilinear interpolation, constant beyond its edges. [m]"""
+    """
+    Depth of the surface or the ice's underside by bilinear interpolation, constant beyond its
+    edges. [m]
+    """
     if water.surface.depth.size == 1:
         return water.surface.depth[0, 0]
     return _depth(water.surface, north, east)
@@ -76,7 +85,10 @@ def _within(axis, x):
 
 @kernel
 def _cell_of(axis, x):
-    """Return the cell of an axis that contains a coordinate, the cells per metre there, and the fraction in it; limited to the axis."""
+    """
+    Return the cell of an axis that contains a coordinate, the cells per metre there, and the
+    fraction in it; limited to the axis.
+    """
     x = _within(axis, x)
     i = interval_of(axis, x)
     per_metre = 1.0 / (axis[i + 1] - axis[i])
@@ -126,7 +138,10 @@ def _rotate(q, a):
 
 @kernel
 def _compose(water, q, p, quaternion, translation):
-    """Move a pose by a motion in its body frame; the vehicle cannot rise out of the water or into the ice."""
+    """
+    Move a pose by a motion in its body frame; the vehicle cannot rise out of the water or into the
+    ice.
+    """
     moved = _rotate(q, translation)
     w = q[0] * quaternion[0] - q[1] * quaternion[1] - q[2] * quaternion[2] - q[3] * quaternion[3]
     x = q[0] * quaternion[1] + q[1] * quaternion[0] + q[2] * quaternion[3] - q[3] * quaternion[2]
@@ -150,12 +165,17 @@ def _write(sample, q, p, state, position, quaternion, status):
 
 @kernel
 def _current(water, north, east, depth, now):
-    """Current at a position, limited to the ocean, and a time, by linear interpolation in space and time."""
+    """
+    Current at a position, limited to the ocean, and a time, by linear interpolation in space and
+    time.
+    """
     near = min(np.searchsorted(water.depth, depth), water.depth.size - 2)
     (i, j, k), _, _, _, (x, y, z) = _enclosing(water, north, east, depth, near)
     before = 0
     if water.time.size > 1:
-        before = min(max(np.searchsorted(water.time, now, side="right") - 1, 0), water.time.size - 2)
+        before = min(
+            max(np.searchsorted(water.time, now, side="right") - 1, 0), water.time.size - 2
+        )
     form_u, form_v = _forms(water, before, i, j, k)
     u = _evaluate(form_u, x, y, z)
     v = _evaluate(form_v, x, y, z)
@@ -169,7 +189,9 @@ def _current(water, north, east, depth, now):
 
 @kernel
 def _carry(water, p, swum, now, dt):
-    """Position after a step in a current that is constant at its value in the middle of the step."""
+    """
+    Position after a step in a current that is constant at its value in the middle of the step.
+    """
     north = 0.5 * (p[0] + swum[0])
     east = 0.5 * (p[1] + swum[1])
     depth = 0.5 * (p[2] + swum[2])
@@ -183,7 +205,10 @@ def _carry(water, p, swum, now, dt):
 
 @entry
 def run_twist(water, twist, carried, dt, steps, position, quaternion, status):
-    """Integrate a constant body twist, with or without the current; row 0 of the poses is the start, the other rows are output."""
+    """
+    Integrate a constant body twist, with or without the current; row 0 of the poses is the start,
+    the other rows are output.
+    """
     p = (position[0, 0], position[0, 1], position[0, 2])
     q = (quaternion[0, 0], quaternion[0, 1], quaternion[0, 2], quaternion[0, 3])
     turn, move = _exponential((twist[0], twist[1], twist[2]), (twist[3], twist[4], twist[5]), dt)
@@ -203,7 +228,9 @@ def run_twist(water, twist, carried, dt, steps, position, quaternion, status):
 
 @kernel
 def _pursue(q, p, point, turn_rate, dt):
-    """Angular velocity, within the limit, that turns body x towards a point by the shortest rotation."""
+    """
+    Angular velocity, within the limit, that turns body x towards a point by the shortest rotation.
+    """
     inverse = (q[0], -q[1], -q[2], -q[3])
     aim = _rotate(inverse, (point[0] - p[0], point[1] - p[1], point[2] - p[2]))
     across = math.sqrt(aim[1] * aim[1] + aim[2] * aim[2])
@@ -227,7 +254,10 @@ class Route(NamedTuple):
 
 @entry
 def run_waypoints(water, route, dt, steps, position, quaternion, status):
-    """Integrate a swim from waypoint to waypoint; row 0 of the poses is the start, the other rows are output."""
+    """
+    Integrate a swim from waypoint to waypoint; row 0 of the poses is the start, the other rows are
+    output.
+    """
     points = route.points
     p = (position[0, 0], position[0, 1], position[0, 2])
     q = (quaternion[0, 0], quaternion[0, 1], quaternion[0, 2], quaternion[0, 3])
@@ -306,7 +336,16 @@ def _form(values, i, j, k, thickness):
     f = values[i + 1, j, k + 1] - e
     g = values[i, j + 1, k + 1] - e
     h = values[i + 1, j + 1, k + 1] - e - f - g
-    return a, b, c, d, (e - a) / thickness, (f - b) / thickness, (g - c) / thickness, (h - d) / thickness
+    return (
+        a,
+        b,
+        c,
+        d,
+        (e - a) / thickness,
+        (f - b) / thickness,
+        (g - c) / thickness,
+        (h - d) / thickness,
+    )
 
 
 @kernel
@@ -343,7 +382,10 @@ def _level(depth, k, z):
 
 @kernel
 def _phase_at(cycle, phase, step, depth, top):
-    """State of a float below a surface at depth ``top``: descending, holding, last step of the hold, and target depth."""
+    """
+    State of a float below a surface at depth ``top``: descending, holding, last step of the hold,
+    and target depth.
+    """
     down, holding, until, aim = phase
     short = max(aim, top) - depth if down else depth - max(aim, top)
     if holding:
@@ -376,7 +418,10 @@ def _rates(water, before, after, i, j, k):
 
 @kernel
 def _enclosing(water, north, east, depth, k):
-    """Return the cell that contains a position limited to the ocean (indices, corner [m], cells per metre, thickness [m]), and the position in it."""
+    """
+    Return the cell that contains a position limited to the ocean (indices, corner [m], cells per
+    metre, thickness [m]), and the position in it.
+    """
     i, per_north, x = _cell_of(water.north, north)
     j, per_east, y = _cell_of(water.east, east)
     z = min(max(depth, water.depth[0]), water.depth[-1])
@@ -387,7 +432,10 @@ def _enclosing(water, north, east, depth, k):
 
 
 def _float_kernel(varying):
-    """Return an integrator of floats; two variants exist so that constant currents need no interpolation in time."""
+    """
+    Return an integrator of floats; two variants exist so that constant currents need no
+    interpolation in time.
+    """
 
     @entry
     def run_float(water, cycle, dt, steps, position, status):
@@ -403,7 +451,9 @@ def _float_kernel(varying):
         # the first evaluation is at the start because no current predicts the middle yet
         u, v, half = 0.0, 0.0, 0.0
         state, step = ACTIVE, 0
-        gain = min(cycle.gain, 1.0 / dt)  # a step ends at the goal at the latest, so no gain is unstable
+        gain = min(
+            cycle.gain, 1.0 / dt
+        )  # a step ends at the goal at the latest, so no gain is unstable
         phase = (False, True, cycle.delay, cycle.start)
         for sample in range(1, position.shape[0]):
             for _ in range(steps if state == ACTIVE else 0):
@@ -414,7 +464,9 @@ def _float_kernel(varying):
                 for _ in range(2 if step == 0 else 1):
                     if varying:
                         now = step * dt + half
-                        while after == before or (now >= water.time[after] and after < water.time.size - 1):
+                        while after == before or (
+                            now >= water.time[after] and after < water.time.size - 1
+                        ):
                             before, after = after, after + 1
                             thickness = -1.0  # the coefficients are from other instants
                         since = now - water.time[before]
@@ -423,7 +475,11 @@ def _float_kernel(varying):
                     z = depth + cycle.drogue + half * w - cell_depth
                     if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and 0.0 <= z <= thickness):
                         (i, j, k), corner, per_metre, thickness, (x, y, z) = _enclosing(
-                            water, north + half * u, east + half * v, depth + cycle.drogue + half * w, k
+                            water,
+                            north + half * u,
+                            east + half * v,
+                            depth + cycle.drogue + half * w,
+                            k,
                         )
                         cell_north, cell_east, cell_depth = corner
                         per_north, per_east = per_metre
@@ -467,10 +523,12 @@ def run_float(
     """
     Integrate a float; row 0 of `position` is its start, the other rows are output.
 
-    A step uses the current at its middle in space and time, where the current of the previous step predicts the position. This is
-    second order with one interpolation per step. The body does not rotate, so the exponential map of the body twist ``R^T u`` is
-    the translation ``u dt``. A float stays in one cell of the ocean for thousands of steps. The integrator therefore keeps the
-    coefficients of the cell, their rates of change, the limits of the cell and its smallest sea-bed depth.
+    A step uses the current at its middle in space and time, where the current of the previous step
+    predicts the position. This is second order with one interpolation per step. The body does not
+    rotate, so the exponential map of the body twist ``R^T u`` is the translation ``u dt``. A float
+    stays in one cell of the ocean for thousands of steps. The integrator therefore keeps the
+    coefficients of the cell, their rates of change, the limits of the cell and its smallest sea-bed
+    depth.
     """
     run = _run_float_still if water.time.size == 1 else _run_float_varying
     run(water, cycle, dt, steps, position, status)

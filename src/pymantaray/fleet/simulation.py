@@ -48,11 +48,13 @@ def simulate(
     vehicles : sequence of Vehicle
         Vehicles with unique names.
     ocean : xarray.Dataset
-        Local data set: axes ``north``, ``east`` and ``depth`` [m]; ``current_north``, ``current_east`` (north,
-        east, depth) [m/s]; ``sea_floor_depth`` (north, east) or (floor_north, floor_east) [m]. Currents may have an axis
-        ``time`` in seconds from the start of the mission. They are linear between its instants, which must enclose the mission.
-        Optional ``sea_ice_draft`` [m], a scalar or on (north, east): vehicles cannot rise into the ice. A vehicle that would
-        start in the ice starts at its underside, and a float that surfaces holds there.
+        Local data set: axes ``north``, ``east`` and ``depth`` [m]; ``current_north``,
+        ``current_east`` (north, east, depth) [m/s]; ``sea_floor_depth`` (north, east) or
+        (floor_north, floor_east) [m]. Currents may have an axis ``time`` in seconds from the start
+        of the mission. They are linear between its instants, which must enclose the mission.
+        Optional ``sea_ice_draft`` [m], a scalar or on (north, east): vehicles cannot rise into the
+        ice. A vehicle that would start in the ice starts at its underside, and a float that
+        surfaces holds there.
     duration : float
         Length of the mission, a multiple of the sampling period. [s]
     physics_step : float
@@ -65,23 +67,25 @@ def simulate(
     Returns
     -------
     Trajectories
-        One row per vehicle in the order of ``vehicles``, with the date of the start and the centre of the ocean's frame if
-        the ocean has them. A vehicle that leaves the ocean or reaches the sea floor keeps its last pose inside the ocean, and
-        its status changes at the next sample.
+        One row per vehicle in the order of ``vehicles``, with the date of the start and the centre
+        of the ocean's frame if the ocean has them. A vehicle that leaves the ocean or reaches the
+        sea floor keeps its last pose inside the ocean, and its status changes at the next sample.
 
     Raises
     ------
     FleetError
-        If the times do not match each other or the ocean, a vehicle starts or has its target outside the ocean or below the
-        sea floor, two vehicles have one name, a vehicle needs a shorter step, or the samples do not fit into memory. The
-        message is one line with the remedy.
+        If the times do not match each other or the ocean, a vehicle starts or has its target
+        outside the ocean or below the sea floor, two vehicles have one name, a vehicle needs a
+        shorter step, or the samples do not fit into memory. The message is one line with the
+        remedy.
 
     Notes
     -----
-    In every step, a vehicle commands a body twist, which the exponential map integrates exactly. A float commands the current
-    at the middle of the step in space and time. Its position there is predicted with the current of the previous step, so the
-    method is second order in the step. For a swimmer in a current, the current at the middle of its step adds a displacement.
-    This is also second order, and exact in a uniform current. Hold times and delays are rounded to whole steps.
+    In every step, a vehicle commands a body twist, which the exponential map integrates exactly. A
+    float commands the current at the middle of the step in space and time. Its position there is
+    predicted with the current of the previous step, so the method is second order in the step. For
+    a swimmer in a current, the current at the middle of its step adds a displacement. This is also
+    second order, and exact in a uniform current. Hold times and delays are rounded to whole steps.
     """
     steps, periods = _counts(duration, physics_step, sampling_period)
     names = unique_names(vehicles)
@@ -89,8 +93,8 @@ def simulate(
     _check_memory(len(vehicles), periods + 1)
     if water.time.size > 1 and not (water.time[0] <= 0.0 and duration <= water.time[-1]):
         raise FleetError(
-            f"simulate: the currents cover {water.time[0]:g} to {water.time[-1]:g} s, and the mission lasts from 0 to"
-            f" {duration:g} s; use snapshots that enclose it"
+            f"simulate: the currents cover {water.time[0]:g} to {water.time[-1]:g} s, and the"
+            f" mission lasts from 0 to {duration:g} s; use snapshots that enclose it"
         )
     for refusal in _refusals(vehicles, water, physics_step):
         raise refusal
@@ -104,7 +108,15 @@ def simulate(
         quaternion[row] = math.cos(half), 0.0, 0.0, math.sin(half)
 
     def run(row: int) -> None:
-        _run(vehicles[row], water, float(physics_step), steps, position[row], quaternion[row], status[row])
+        _run(
+            vehicles[row],
+            water,
+            float(physics_step),
+            steps,
+            position[row],
+            quaternion[row],
+            status[row],
+        )
 
     # kernels release the GIL, and vehicles do not affect each other
     with ThreadPoolExecutor(os.cpu_count()) as pool:
@@ -121,8 +133,13 @@ def simulate(
     )
 
 
-def fleet_refusals(vehicles: Sequence[Vehicle], ocean: xr.Dataset, physics_step: float) -> list[FleetError]:
-    """Errors that `simulate` would raise for vehicles in an ocean: start, waypoints or step; the first of each vehicle."""
+def fleet_refusals(
+    vehicles: Sequence[Vehicle], ocean: xr.Dataset, physics_step: float
+) -> list[FleetError]:
+    """
+    Errors that `simulate` would raise for vehicles in an ocean: start, waypoints or step; the first
+    of each vehicle.
+    """
     return list(_refusals(vehicles, _water(ocean), physics_step))
 
 
@@ -138,7 +155,10 @@ def _refusals(
 
 
 def _centre(ocean: xr.Dataset) -> tuple[float, float] | None:
-    """Latitude and longitude of the centre of the ocean's frame; None without a geographic position. [degrees]"""
+    """
+    Latitude and longitude of the centre of the ocean's frame; None without a geographic position.
+    [degrees]
+    """
     if "centre_latitude_deg" not in ocean.attrs:
         return None
     return float(ocean.attrs["centre_latitude_deg"]), float(ocean.attrs["centre_longitude_deg"])
@@ -154,10 +174,14 @@ def _counts(duration: float, physics_step: float, sampling_period: float) -> tup
         value = named[name]
         unit = named[unit_name]
         count = value / unit
-        if not math.isfinite(count) or round(count) < 1 or abs(value - round(count) * unit) > 1e-9 * value:
+        if (
+            not math.isfinite(count)
+            or round(count) < 1
+            or abs(value - round(count) * unit) > 1e-9 * value
+        ):
             raise FleetError(
-                f"simulate: {name} is {value:g} s, {count:.6g} times {unit_name} ({unit:g} s); it must be"
-                " an integer multiple, at least one; change one of them"
+                f"simulate: {name} is {value:g} s, {count:.6g} times {unit_name} ({unit:g} s); it"
+                " must be an integer multiple, at least one; change one of them"
             )
         counts.append(round(count))
     return counts[0], counts[1]
@@ -216,7 +240,10 @@ def _run(
 
 
 def _drift_cycle(behaviour: Drifting) -> kernel.Cycle:
-    """Cycle of a float that holds its first depth forever, and returns to it immediately from under ice."""
+    """
+    Cycle of a float that holds its first depth forever, and returns to it immediately from under
+    ice.
+    """
     return kernel.Cycle(
         target=float(behaviour.depth),
         surface=float(behaviour.depth),
@@ -236,12 +263,15 @@ def _water(ocean: xr.Dataset) -> kernel.OceanArrays:
     absent = [name for name in needed if name not in ocean.variables]
     if absent:
         raise FleetError(
-            f"ocean: the data set has no {', '.join(absent)}; a local data set must have {', '.join(needed)}"
+            f"ocean: the data set has no {', '.join(absent)}; a local data set must have"
+            f" {', '.join(needed)}"
         )
     north, east, depth = (_axis(ocean, name) for name in _DIMS)
     time = _times(ocean)
     bed, surface = (
-        BoundarySurface.from_dataset(ocean, name, FleetError) if name in ocean else BoundarySurface(0.0)
+        BoundarySurface.from_dataset(ocean, name, FleetError)
+        if name in ocean
+        else BoundarySurface(0.0)
         for name in ("sea_floor_depth", "sea_ice_draft")
     )
     bed.check_extent(north, east, name="ocean: sea_floor_depth", exception=FleetError)
@@ -263,7 +293,9 @@ def _water(ocean: xr.Dataset) -> kernel.OceanArrays:
 
 
 def _axis(ocean: xr.Dataset, name: str) -> Array:
-    axis = checked_array(FleetError, f"ocean: axis {name!r}", ocean[name].values, (None,), rising=True)
+    axis = checked_array(
+        FleetError, f"ocean: axis {name!r}", ocean[name].values, (None,), rising=True
+    )
     if axis.size < 2:
         raise FleetError(f"ocean: axis {name!r} has 1 value; it must have at least 2")
     return np.array(axis)  # a copy: read-only arrays would need another compilation
@@ -275,7 +307,8 @@ def _variable(ocean: xr.Dataset, name: str, dims: tuple[str, ...]) -> Array:
     values = np.ascontiguousarray(ocean[name].transpose(*dims).values, dtype=float)
     if missing := np.count_nonzero(~np.isfinite(values)):
         raise FleetError(
-            f"ocean: {name} has {missing} missing values; none are allowed; fill it with pymantaray.ocean.to_local"
+            f"ocean: {name} has {missing} missing values; none are allowed; fill it with"
+            " pymantaray.ocean.to_local"
         )
     return values
 

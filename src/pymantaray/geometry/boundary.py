@@ -1,4 +1,7 @@
-"""A boundary of the water: the sea bed, or the sea surface with the underside of ice, and how it reflects sound."""
+"""
+A boundary of the water: the sea bed, or the sea surface with the underside of ice, and how it
+reflects sound.
+"""
 
 from __future__ import annotations
 
@@ -61,14 +64,17 @@ class BoundarySurface:
     Parameters
     ----------
     depth : float or array_like, shape (n_north, n_east)
-        Depth, positive down, bilinear between the grid points; one value if it is the same everywhere. [m]
+        Depth, positive down, bilinear between the grid points; one value if it is the same
+        everywhere. [m]
     north, east : array_like, shape (n_north,), (n_east,)
         Axes, strictly increasing; one point if the depth does not vary along the axis. [m]
     reflection : Reflection, optional
-        Loss and phase of a reflection, such as `pymantaray.acoustics.FluidBottom`. Without one, the boundary reflects all
-        sound: the sea bed without a change of phase, the surface with phase pi.
+        Loss and phase of a reflection, such as `pymantaray.acoustics.FluidBottom`. Without one, the
+        boundary reflects all sound: the sea bed without a change of phase, the surface with phase
+        pi.
     roughness : Roughness, optional
-        Random elevation about the depth, for rays only. Positions and vehicles are limited by the depth itself.
+        Random elevation about the depth, for rays only. Positions and vehicles are limited by the
+        depth itself.
 
     Raises
     ------
@@ -104,7 +110,9 @@ class BoundarySurface:
         size = " x ".join(str(n) for n in self.depth.shape)
         loss = "" if self.reflection is None else f", {self.reflection!r}"
         rough = "" if self.roughness is None else f", rough by {self.roughness.height:.3g} m"
-        return f"<BoundarySurface {size}, {self.depth.min():g} to {self.depth.max():g} m{rough}{loss}>"
+        return (
+            f"<BoundarySurface {size}, {self.depth.min():g} to {self.depth.max():g} m{rough}{loss}>"
+        )
 
     @classmethod
     def from_dataset(cls, ocean: xr.Dataset, name: str, exception: Error = GeometryError) -> Self:
@@ -130,16 +138,19 @@ class BoundarySurface:
         dims = next((pair for pair in _AXES if set(variable.dims) == set(pair)), None)
         if dims is None:
             raise exception(
-                f"ocean: {name} has dimensions {variable.dims}; it needs (north, east), or axes of its own,"
-                " (floor_north, floor_east)"
+                f"ocean: {name} has dimensions {variable.dims}; it needs (north, east), or axes of"
+                " its own, (floor_north, floor_east)"
             )
         depth = np.asarray(variable.transpose(*dims).values, dtype=float)
         if missing := np.count_nonzero(~np.isfinite(depth)):
             raise exception(
-                f"ocean: {name} has {missing} missing values; none are allowed: fill it with pymantaray.ocean.to_local"
+                f"ocean: {name} has {missing} missing values; none are allowed: fill it with"
+                " pymantaray.ocean.to_local"
             )
         north, east = (
-            checked_array(exception, f"ocean: axis {dim!r}", ocean[dim].values, (None,), rising=True)
+            checked_array(
+                exception, f"ocean: axis {dim!r}", ocean[dim].values, (None,), rising=True
+            )
             for dim in dims
         )
         return cls(depth, north, east)
@@ -177,7 +188,8 @@ class BoundarySurface:
             if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):
                 first, last, low, high = distinct_digits(own[0], own[-1], water[0], water[-1])
                 raise exception(
-                    f"{name}: {along} {first} to {last} m; it must extend over the water, {low} to {high} m"
+                    f"{name}: {along} {first} to {last} m; it must extend over the water, {low} to"
+                    f" {high} m"
                 )
 
     @cached_property
@@ -217,7 +229,8 @@ def as_boundary(
     depth: BoundarySurface | ArrayLike, north: Array, east: Array, *, name: str, error: Error
 ) -> BoundarySurface:
     """
-    Boundary of water with these axes [m]: one on axes of its own, one depth, or depths at the water's grid points [m].
+    Boundary of water with these axes [m]: one on axes of its own, one depth, or depths at the
+    water's grid points [m].
 
     Name and error are for refusals.
     """

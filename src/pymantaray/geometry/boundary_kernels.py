@@ -1,11 +1,16 @@
-"""Compiled bilinear interpolation on a grid of the local frame, for boundaries of the water and for its sound speed."""
+"""
+Compiled bilinear interpolation on a grid of the local frame, for boundaries of the water and for
+its sound speed.
+"""
 
 from collections import namedtuple
 
 from pymantaray.compile import kernel
 
 BoundaryGrid = namedtuple("BoundaryGrid", "depth north east")
-BoundaryGrid.__doc__ = """Depth (north, east) of a boundary of the water and its axes, one point along which it does not vary. [m]"""
+BoundaryGrid.__doc__ = """Depth (north, east) of a boundary of the water, and its axes. [m]
+
+The depth does not vary along an axis with one point."""
 
 
 @kernel
@@ -23,7 +28,10 @@ def interval_of(axis, x):
 
 @kernel
 def bilinear_weights(grid, n, e, n_mid, e_mid):
-    """Cell of the point (n_mid, e_mid), the local coordinates of (n, e) in it, and the cell's sides. [1, m]"""
+    """
+    Cell of the point (n_mid, e_mid), the local coordinates of (n, e) in it, and the cell's sides.
+    [1, m]
+    """
     north, east = grid.north, grid.east
     i = interval_of(north, n_mid)
     j = interval_of(east, e_mid)
@@ -42,7 +50,9 @@ def bilinear_weights(grid, n, e, n_mid, e_mid):
 
 @kernel
 def depth_at(grid, n, e):
-    """Depth of a boundary at a position; beyond its edges that of the cell at the edge, continued. [m]"""
+    """
+    Depth of a boundary at a position; beyond its edges that of the cell at the edge, continued. [m]
+    """
     i, j, sn, se, _, _ = bilinear_weights(grid, n, e, n, e)
     di = 1 if grid.north.size > 1 else 0
     dj = 1 if grid.east.size > 1 else 0

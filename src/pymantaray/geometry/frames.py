@@ -20,10 +20,10 @@ class LocalFrame:
     """
     Local frame with axes north and east at the centre, depth positive down.
 
-    The projection is the oblique stereographic projection on WGS 84 by way of the conformal sphere that touches
-    the ellipsoid at the centre (PROJ's ``sterea``). Its scale is stationary at the centre, whereas the scale of ``stere``
-    has a gradient of 3e-10 per metre in the Arctic. The projection preserves angles, so a rotation by the meridian
-    convergence converts current vectors.
+    The projection is the oblique stereographic projection on WGS 84 by way of the conformal sphere
+    that touches the ellipsoid at the centre (PROJ's ``sterea``). Its scale is stationary at the
+    centre, whereas the scale of ``stere`` has a gradient of 3e-10 per metre in the Arctic. The
+    projection preserves angles, so a rotation by the meridian convergence converts current vectors.
 
     Parameters
     ----------
@@ -39,10 +39,13 @@ class LocalFrame:
     """
 
     def __init__(self, latitude_deg: float, longitude_deg: float) -> None:
-        if not (math.isfinite(latitude_deg) and math.isfinite(longitude_deg)) or abs(latitude_deg) > 90.0:
+        if (
+            not (math.isfinite(latitude_deg) and math.isfinite(longitude_deg))
+            or abs(latitude_deg) > 90.0
+        ):
             raise GeometryError(
-                f"frame centre: latitude {latitude_deg}, longitude {longitude_deg}; both must be finite, and latitude must"
-                " be in -90 to 90"
+                f"frame centre: latitude {latitude_deg}, longitude {longitude_deg}; both must be"
+                " finite, and latitude must be in -90 to 90"
             )
         self.latitude_deg = float(latitude_deg)
         self.longitude_deg = float(wrapped(longitude_deg))
@@ -51,8 +54,8 @@ class LocalFrame:
     def proj_string(self) -> str:
         """PROJ definition of the horizontal frame."""
         return (
-            f"+proj=sterea +lat_0={self.latitude_deg!r} +lon_0={self.longitude_deg!r} +k_0=1 +x_0=0 +y_0=0"
-            " +ellps=WGS84 +units=m +no_defs"
+            f"+proj=sterea +lat_0={self.latitude_deg!r} +lon_0={self.longitude_deg!r} +k_0=1 +x_0=0"
+            " +y_0=0 +ellps=WGS84 +units=m +no_defs"
         )
 
     @cached_property
@@ -114,9 +117,10 @@ class LocalFrame:
 
         Notes
         -----
-        A vector with components ``(v_east, v_north)`` on the sphere has local components
-        ``north = v_north cos(g) - v_east sin(g)`` and ``east = v_north sin(g) + v_east cos(g)``. The convergence is a
-        central difference of the projection along the meridian. With a step of 1e-4 degrees, its error is below 1e-9 rad.
+        A vector with components ``(v_east, v_north)`` on the sphere has local components ``north =
+        v_north cos(g) - v_east sin(g)`` and ``east = v_north sin(g) + v_east cos(g)``. The
+        convergence is a central difference of the projection along the meridian. With a step of
+        1e-4 degrees, its error is below 1e-9 rad.
         """
         latitude = np.asarray(latitude_deg, dtype=float)
         step = 1e-4

@@ -9,11 +9,15 @@ from numpy.typing import ArrayLike
 from pymantaray.arrays import Array
 
 
-def linear_interpolator(axes: Sequence[ArrayLike], values: ArrayLike) -> Callable[[ArrayLike], Array]:
+def linear_interpolator(
+    axes: Sequence[ArrayLike], values: ArrayLike
+) -> Callable[[ArrayLike], Array]:
     """
-    Multilinear interpolator of values (n_1, ..., n_d, ...) on d increasing axes, as a function of coordinates (..., d).
+    Multilinear interpolator of values (n_1, ..., n_d, ...) on d increasing axes, as a function of
+    coordinates (..., d).
 
-    It is constant along an axis of one point and beyond the edges of the other axes. It can be pickled.
+    It is constant along an axis of one point and beyond the edges of the other axes. It can be
+    pickled.
     """
     from scipy.interpolate import RegularGridInterpolator
 

@@ -11,17 +11,26 @@ Degrees = TypeVar("Degrees", float, Array)
 
 
 def wrapped(lon: Degrees, about: float = 0.0) -> Degrees:
-    """Longitudes within 180 degrees of a meridian: from ``about - 180``, inclusive, to ``about + 180``. [degrees]"""
+    """
+    Longitudes within 180 degrees of a meridian: from ``about - 180``, inclusive, to ``about +
+    180``. [degrees]
+    """
     return about + (lon - about + 180.0) % 360.0 - 180.0
 
 
 def whole_turns(lon: float, about: float = 0.0) -> float:
-    """Multiple of 360 to subtract from an axis with its middle at ``lon`` to centre it on a meridian. [degrees]"""
+    """
+    Multiple of 360 to subtract from an axis with its middle at ``lon`` to centre it on a meridian.
+    [degrees]
+    """
     return float(360.0 * np.floor((lon - about + 180.0) / 360.0))
 
 
 def eastward(west: float, east: float) -> float:
-    """East side of a window, plus 360 if it is not greater than the west side, as across the antimeridian. [degrees]"""
+    """
+    East side of a window, plus 360 if it is not greater than the west side, as across the
+    antimeridian. [degrees]
+    """
     return east if east > west else east + 360.0
 
 

@@ -1,4 +1,6 @@
-"""Slopes of natural cubic splines through many columns of values, without the other coefficients."""
+"""
+Slopes of natural cubic splines through many columns of values, without the other coefficients.
+"""
 
 import numpy as np
 
@@ -7,10 +9,11 @@ from pymantaray.arrays import Array
 
 def natural_slopes(points: Array, values: Array) -> Array:
     """
-    Slopes at the points of the natural cubic splines through values (..., n), one spline for each row.
+    Slopes at the points of the natural cubic splines through values (..., n), one spline for each
+    row.
 
-    They are those of scipy's ``CubicSpline(..., bc_type="natural")``, which also computes the other coefficients and takes three times
-    as long. LAPACK solves all rows in place.
+    They are those of scipy's ``CubicSpline(..., bc_type="natural")``, which also computes the other
+    coefficients and takes three times as long. LAPACK solves all rows in place.
     """
     from scipy.linalg.lapack import dgtsv
 

@@ -1,4 +1,7 @@
-"""Roughness of a boundary: random Gaussian surfaces with a slope and a correlation length, from named random streams."""
+"""
+Roughness of a boundary: random Gaussian surfaces with a slope and a correlation length, from named
+random streams.
+"""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -28,7 +31,8 @@ class Roughness:
     slope : float
         Standard deviation of the slope along any horizontal line. [rad]
     length : float
-        Correlation length: the correlation of elevations at a distance r is :math:`e^{-r^2/L^2}`. [m]
+        Correlation length: the correlation of elevations at a distance r is :math:`e^{-r^2/L^2}`.
+        [m]
     seed : int
         Seed of the draws.
     draw : int
@@ -36,14 +40,17 @@ class Roughness:
 
     Notes
     -----
-    The elevation is Gaussian with a Gaussian spectrum, as in [1]_: white noise from the stream ``("surface", "roughness")`` is filtered
-    in the frequency domain by :math:`e^{-k^2L^2/8}`. Its standard deviation is :math:`h = L \tan s / \sqrt 2` for the slope s. The surface
-    is a periodic tile with sides of 85 correlation lengths.
+    The elevation is Gaussian with a Gaussian spectrum, as in [1]_: white noise from the stream
+    ``("surface", "roughness")`` is filtered in the frequency domain by :math:`e^{-k^2L^2/8}`. Its
+    standard deviation is :math:`h = L \tan s / \sqrt 2` for the slope s. The surface is a periodic
+    tile with sides of 85 correlation lengths.
 
     References
     ----------
-    .. [1] Tsang, L., Kong, J. A., Ding, K. H. and Ao, C. O. (2001), Scattering of Electromagnetic Waves: Numerical Simulations, chapter 4;
-       opened: the description of its programs, http://www.ee.washington.edu/research/laceo/emwave/surface/r1/rsge.html.
+    .. [1] Tsang, L., Kong, J. A., Ding, K. H. and Ao, C. O. (2001), Scattering of Electromagnetic
+    Waves: Numerical Simulations, chapter 4;
+       opened: the description of its programs,
+       http://www.ee.washington.edu/research/laceo/emwave/surface/r1/rsge.html.
     """
 
     slope: float
@@ -78,7 +85,9 @@ class Roughness:
         from scipy.ndimage import spline_filter
 
         rng = stream(self.seed, self.draw, "surface", "roughness")
-        k = 2.0 * np.pi * np.fft.fftfreq(_POINTS, 1.0 / _POINTS_PER_LENGTH)  # radians per correlation length
+        k = (
+            2.0 * np.pi * np.fft.fftfreq(_POINTS, 1.0 / _POINTS_PER_LENGTH)
+        )  # radians per correlation length
         along = np.exp(-(k**2) / 8.0)
         gain = along[:, None] * along[None, : _POINTS // 2 + 1]
         white = np.fft.rfft2(rng.standard_normal((_POINTS, _POINTS)))
@@ -102,8 +111,14 @@ class Roughness:
         """
         from scipy.ndimage import map_coordinates
 
-        places = np.stack(np.broadcast_arrays(np.asarray(north, dtype=float), np.asarray(east, dtype=float)))
+        places = np.stack(
+            np.broadcast_arrays(np.asarray(north, dtype=float), np.asarray(east, dtype=float))
+        )
         shape = places.shape[1:]
         index = places.reshape(2, -1) * (_POINTS_PER_LENGTH / self.length)
-        unit = map_coordinates(self._coefficients, index, order=3, mode="grid-wrap", prefilter=False)
-        return np.asarray(self.height * np.clip(unit, -MAX_DEVIATIONS, MAX_DEVIATIONS)).reshape(shape)
+        unit = map_coordinates(
+            self._coefficients, index, order=3, mode="grid-wrap", prefilter=False
+        )
+        return np.asarray(self.height * np.clip(unit, -MAX_DEVIATIONS, MAX_DEVIATIONS)).reshape(
+            shape
+        )

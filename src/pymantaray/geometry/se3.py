@@ -13,7 +13,10 @@ _SMALL_ANGLE = 1e-4  # rad; below it Taylor series replace the closed forms
 
 
 def lengths(vectors: Array) -> Array:
-    """Lengths of vectors of at least two components, (..., k), with the digits of `numpy.linalg.norm` in half of its time."""
+    """
+    Lengths of vectors of at least two components, (..., k), with the digits of `numpy.linalg.norm`
+    in half of its time.
+    """
     squares = vectors * vectors
     total = squares[..., 0] + squares[..., 1]
     for i in range(2, vectors.shape[-1]):
@@ -61,7 +64,8 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     """
     Unit quaternion (w, x, y, z) of a rotation matrix, with w >= 0.
 
-    For each matrix, the function uses the one of four equivalent formulas that has the largest divisor.
+    For each matrix, the function uses the one of four equivalent formulas that has the largest
+    divisor.
     """
     m = np.moveaxis(np.asarray(rotation, dtype=float), (-2, -1), (0, 1)).copy()
     ww = 1 + m[0, 0] + m[1, 1] + m[2, 2]  # four times the products of the components
@@ -81,7 +85,12 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     def largest(w: Array, x: Array, y: Array, z: Array) -> Array:
         return np.where(late, np.where(by_z, z, y), np.where(by_x, x, w))
 
-    q = largest(ww, wx, wy, wz), largest(wx, xx, xy, xz), largest(wy, xy, yy, yz), largest(wz, xz, yz, zz)
+    q = (
+        largest(ww, wx, wy, wz),
+        largest(wx, xx, xy, xz),
+        largest(wy, xy, yy, yz),
+        largest(wz, xz, yz, zz),
+    )
     norm = np.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     norm = np.where(q[0] < 0.0, -norm, norm)
     return np.stack([component / norm for component in q], axis=-1)
@@ -142,19 +151,25 @@ def se3_exp(twist: ArrayLike) -> tuple[Array, Array]:
 
 
 def se3_log(rotation: ArrayLike, translation: ArrayLike) -> Array:
-    """Twist that reaches a rotation (..., 3, 3) and translation in unit time; inverse of `se3_exp`."""
+    """
+    Twist that reaches a rotation (..., 3, 3) and translation in unit time; inverse of `se3_exp`.
+    """
     omega = so3_log(rotation)
     theta = lengths(omega)
     a, b, _ = _coefficients(theta)
     safe = np.where(theta < _SMALL_ANGLE, 1.0, theta)
-    d = np.where(theta < _SMALL_ANGLE, 1.0 / 12.0 + theta**2 / 720.0, (1.0 - a / (2.0 * b)) / safe**2)
+    d = np.where(
+        theta < _SMALL_ANGLE, 1.0 / 12.0 + theta**2 / 720.0, (1.0 - a / (2.0 * b)) / safe**2
+    )
     k = hat(omega)
     inverse_left = np.eye(3) - 0.5 * k + d[..., None, None] * (k @ k)
     v = np.einsum("...ij,...j->...i", inverse_left, np.asarray(translation, dtype=float))
     return np.concatenate([omega, v], axis=-1)
 
 
-def moved_by(quaternion: ArrayLike, translation: ArrayLike, twist: ArrayLike) -> tuple[Array, Array]:
+def moved_by(
+    quaternion: ArrayLike, translation: ArrayLike, twist: ArrayLike
+) -> tuple[Array, Array]:
     """Quaternion and translation of a pose followed by a twist in its body frame, ``T Exp(xi)``."""
     rotation = matrix_from_quaternion(quaternion)
     turn, move = se3_exp(twist)

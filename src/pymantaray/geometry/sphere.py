@@ -1,4 +1,7 @@
-"""The Earth as a sphere in the local frame: flattened depths, distances along the surface and straight distances."""
+"""
+The Earth as a sphere in the local frame: flattened depths, distances along the surface and straight
+distances.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +28,9 @@ def flat_earth_note(longest: float, farthest: float = 0.0) -> str | None:
     """
     Return a sentence about the error of a flat Earth, None for links and trajectories within 15 km.
 
-    The curvature acts like a gradient c / R of the sound speed. Where the gradient g is that of pressure, it changes ranges over a
-    distance d by about d^3 g / (12 c R): 0.15 m at 10 km, 3.9 m at 30 km.
+    The curvature acts like a gradient c / R of the sound speed. Where the gradient g is that of
+    pressure, it changes ranges over a distance d by about d^3 g / (12 c R): 0.15 m at 10 km, 3.9 m
+    at 30 km.
 
     Parameters
     ----------
@@ -46,21 +50,27 @@ def flat_earth_note(longest: float, farthest: float = 0.0) -> str | None:
     links = f"links are up to {1e-3 * longest:.1f} km long"
     begin = links.capitalize()
     if farthest > _FLAT_LIMIT:
-        begin = f"Trajectories extend to {1e-3 * farthest:.1f} km from the centre of the frame, and {links}"
+        begin = (
+            f"Trajectories extend to {1e-3 * farthest:.1f} km from the centre of the frame, and"
+            f" {links}"
+        )
     return (
-        f"{begin}: on a flat Earth, their ranges are too long by"
-        f" {amount} m; use `earth='sphere'` (in a study: acoustics.earth)."
+        f"{begin}: on a flat Earth, their ranges are too long by {amount} m; use `earth='sphere'`"
+        " (in a study: acoustics.earth)."
     )
 
 
 @dataclass(frozen=True)
 class EarthSphere:
     r"""
-    Sphere that touches the ellipsoid at the centre of a local frame, and the plane to which its ocean is flattened.
+    Sphere that touches the ellipsoid at the centre of a local frame, and the plane to which its
+    ocean is flattened.
 
-    In a vertical plane, a point at the distance :math:`r` from the Earth's centre and the angle :math:`\theta` has
+    In a vertical plane, a point at the distance :math:`r` from the Earth's centre and the angle
+    :math:`\theta` has
     :math:`ds^2 = dr^2 + r^2 d\theta^2 = (r / R)^2 (dx'^2 + dz'^2)` with :math:`x' = R \theta` and
-    :math:`z' = R \ln(R / r)`. Therefore rays in flat water with the depths :math:`z'` and the sound speed
+    :math:`z' = R \ln(R / r)`. Therefore rays in flat water with the depths :math:`z'` and the sound
+    speed
     :math:`c' = c R / r` have the travel times and angles of rays in spherical water.
 
     Parameters
@@ -88,7 +98,9 @@ class EarthSphere:
     def __post_init__(self) -> None:
         """Check the radius."""
         if not (self.radius > 0.0 and math.isfinite(self.radius)):
-            raise GeometryError(f"radius of the Earth is {self.radius} m; it must be positive and finite")
+            raise GeometryError(
+                f"radius of the Earth is {self.radius} m; it must be positive and finite"
+            )
 
     @classmethod
     def at_latitude(cls, latitude_deg: float) -> Self:
@@ -137,7 +149,9 @@ class EarthSphere:
         ndarray, shape (...)
             Depths below the surface. [m]
         """
-        return np.asarray(-self.radius * np.expm1(-np.asarray(flattened, dtype=float) / self.radius))
+        return np.asarray(
+            -self.radius * np.expm1(-np.asarray(flattened, dtype=float) / self.radius)
+        )
 
     def stretch(self, depth: ArrayLike) -> Array:
         """
@@ -172,10 +186,14 @@ class EarthSphere:
         Notes
         -----
         North and east are those of a stereographic projection. The chord between its points is
-        :math:`d / \sqrt{(1 + a^2 / 4R^2)(1 + b^2 / 4R^2)}` for a distance d in the plane and the distances a and b from the centre.
+        :math:`d / \sqrt{(1 + a^2 / 4R^2)(1 + b^2 / 4R^2)}` for a distance d in the plane and the
+        distances a and b from the centre.
         """
         step = np.hypot(receiver[:, 0] - source[:, 0], receiver[:, 1] - source[:, 1])
-        scale = [1.0 + np.sum(x[:, :2] ** 2, axis=-1) / (4.0 * self.radius**2) for x in (source, receiver)]
+        scale = [
+            1.0 + np.sum(x[:, :2] ** 2, axis=-1) / (4.0 * self.radius**2)
+            for x in (source, receiver)
+        ]
         half = step / (2.0 * self.radius * np.sqrt(scale[0] * scale[1]))
         return np.asarray(2.0 * self.radius * np.arcsin(half))
 
@@ -193,7 +211,9 @@ class EarthSphere:
         ndarray, shape (...)
             Distances in the frame. [m]
         """
-        return np.asarray(2.0 * self.radius * np.tan(np.asarray(surface_distance) / (2.0 * self.radius)))
+        return np.asarray(
+            2.0 * self.radius * np.tan(np.asarray(surface_distance) / (2.0 * self.radius))
+        )
 
     def straight_distance(self, source: Array, receiver: Array) -> Array:
         """
@@ -218,7 +238,8 @@ class EarthSphere:
         """
         Ends of links in flattened water.
 
-        Their horizontal distance is that along the surface, about the same middle and in the same direction as in the frame.
+        Their horizontal distance is that along the surface, about the same middle and in the same
+        direction as in the frame.
 
         Parameters
         ----------

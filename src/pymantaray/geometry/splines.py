@@ -12,20 +12,25 @@ class AxisSpline:
     """
     B-splines through values at the points of one axis, with not-a-knot ends.
 
-    The degree is at most n - 1 for n points. With one point, the knots are 0 and 1, and the spline is constant. The matrix of the
-    points is banded and totally positive ([1]), so elimination needs no exchange of rows. A step of it takes all lines of values at
-    once; libraries solve line by line, or wait for their own threads.
+    The degree is at most n - 1 for n points. With one point, the knots are 0 and 1, and the spline
+    is constant. The matrix of the points is banded and totally positive ([1]), so elimination needs
+    no exchange of rows. A step of it takes all lines of values at once; libraries solve line by
+    line, or wait for their own threads.
 
     References
     ----------
-    [1] C. de Boor, R. DeVore, "A geometric proof of total positivity for spline interpolation," Technical Summary Report 2677,
+    [1] C. de Boor, R. DeVore, "A geometric proof of total positivity for spline interpolation,"
+    Technical Summary Report 2677,
         Mathematics Research Center, University of Wisconsin-Madison, 1984
     """
 
     def __init__(self, points: Array, degree: int = 3) -> None:
         self.knots = np.array([0.0, 1.0])
         self._steps: list[tuple[int, int, float]] = []
-        """Steps of elimination in order: a line of values, another one, and the multiple of the other to subtract."""
+        """
+        Steps of elimination in order: a line of values, another one, and the multiple of the other
+        to subtract.
+        """
         self._diagonal = np.ones(1)
         if points.size > 1:
             from scipy.interpolate import BSpline, make_interp_spline
@@ -47,7 +52,10 @@ class AxisSpline:
 
 
 def axis_spline(points: Array, degree: int = 3) -> AxisSpline:
-    """`AxisSpline` of points; those of the last axes are kept, because columns of an atlas and members of an ensemble share axes."""
+    """
+    `AxisSpline` of points; those of the last axes are kept, because columns of an atlas and members
+    of an ensemble share axes.
+    """
     return _kept_spline(np.ascontiguousarray(points, dtype=float).tobytes(), degree)
 
 
@@ -57,7 +65,9 @@ def _kept_spline(points: bytes, degree: int) -> AxisSpline:
 
 
 def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
-    """Coefficients and knots of the cubic B-spline through values along one axis, as in `AxisSpline`."""
+    """
+    Coefficients and knots of the cubic B-spline through values along one axis, as in `AxisSpline`.
+    """
     spline = axis_spline(points)
     return spline.coefficients(values, axis=axis), spline.knots
 

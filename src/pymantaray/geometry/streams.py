@@ -41,4 +41,6 @@ def stream(root_seed: int, realization: int, *names: str) -> np.random.Generator
         )
     digest = hashlib.sha256(json.dumps(names).encode()).digest()
     words = np.frombuffer(digest, dtype="<u4").tolist()
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([root_seed, realization, *words])))
+    return np.random.Generator(
+        np.random.PCG64(np.random.SeedSequence([root_seed, realization, *words]))
+    )

@@ -27,8 +27,9 @@ class Checkpoint:
     """
     Folder ``NAME.unfinished`` beside the folder of a job's results.
 
-    It has a subfolder named by the job's key, with the files from the first stage of the job and a file for each finished
-    numbered task. Jobs without a named folder have no checkpoint, because a second call would use another folder.
+    It has a subfolder named by the job's key, with the files from the first stage of the job and a
+    file for each finished numbered task. Jobs without a named folder have no checkpoint, because a
+    second call would use another folder.
 
     Parameters
     ----------
@@ -53,7 +54,10 @@ class Checkpoint:
         self._key = key
 
     def restore(self, stage: Path) -> bool:
-        """Copy the files of the first stage into a folder; False if there are none or they are damaged, then they are removed."""
+        """
+        Copy the files of the first stage into a folder; False if there are none or they are
+        damaged, then they are removed.
+        """
         if not self.exists or not (self._own / _STAGE).is_dir():
             return False
         if not self._stage_is_complete():
@@ -77,7 +81,10 @@ class Checkpoint:
         self._kept = set(results)
         if results:
             _LOG.warning(
-                "resuming with %d %s of an interrupted run, %s", len(results), self._noun, self._folder
+                "resuming with %d %s of an interrupted run, %s",
+                len(results),
+                self._noun,
+                self._folder,
             )
         return results
 
@@ -86,7 +93,8 @@ class Checkpoint:
         self, stage: Path, results: Mapping[int, Any], content: Callable[[Any], bytes]
     ) -> Iterator[Callable[[], None]]:
         """
-        Save the files in a stage and the results if the block raises, and on calls of the yielded function.
+        Save the files in a stage and the results if the block raises, and on calls of the yielded
+        function.
 
         The function saves at most once per interval.
         """
@@ -132,7 +140,11 @@ class Checkpoint:
         return self._folder / self._key
 
     def _save(
-        self, stage: Path, names: list[str], results: Mapping[int, Any], content: Callable[[Any], bytes]
+        self,
+        stage: Path,
+        names: list[str],
+        results: Mapping[int, Any],
+        content: Callable[[Any], bytes],
     ) -> None:
         if not (self._own / _STAGE).is_dir():
             self.clear()  # checkpoint of another key
@@ -152,7 +164,9 @@ class Checkpoint:
 
     def _stage_is_complete(self) -> bool:
         try:
-            return bool(json.loads((self._own / _CHECKSUMS).read_bytes()) == _checksums(self._own / _STAGE))
+            return bool(
+                json.loads((self._own / _CHECKSUMS).read_bytes()) == _checksums(self._own / _STAGE)
+            )
         except (OSError, ValueError, RecursionError):
             return False
 

@@ -1,11 +1,13 @@
 """
 Pool of the workers of a Dask scheduler, which receive short tasks in batches.
 
-A message of Dask costs several milliseconds of CPU. The pool measures tasks of each kind and sends as many at a time as take
-half a second. Before it has measured a kind it sends single tasks, a limited number of them.
+A message of Dask costs several milliseconds of CPU. The pool measures tasks of each kind and sends
+as many at a time as take half a second. Before it has measured a kind it sends single tasks, a
+limited number of them.
 
-If a worker ends, Dask blames all tasks that it had assigned to this worker, including those that had not started. So a task fails only
-after workers ended while no other task was with the scheduler: the pool sends blamed tasks again one at a time, after all others.
+If a worker ends, Dask blames all tasks that it had assigned to this worker, including those that
+had not started. So a task fails only after workers ended while no other task was with the
+scheduler: the pool sends blamed tasks again one at a time, after all others.
 """
 
 import hashlib
@@ -29,7 +31,9 @@ if TYPE_CHECKING:
     from distributed import Client
 
 _LOG = logging.getLogger("pymantaray.jobs")
-_ADDRESS = re.compile(r"((tcp|tls|ucx|ucxx|ws|wss)://)?(\[[0-9a-fA-F:.]+\]|[^\s/:]+):\d{1,5}|inproc://\S+")
+_ADDRESS = re.compile(
+    r"((tcp|tls|ucx|ucxx|ws|wss)://)?(\[[0-9a-fA-F:.]+\]|[^\s/:]+):\d{1,5}|inproc://\S+"
+)
 _WINDOW = 4096  # tasks in the queue of the scheduler
 _CONNECT_TIMEOUT = 10.0  # for the first answer of a scheduler [s]
 _RECONNECT_TIMEOUT = 60.0  # for a lost scheduler [s]
@@ -41,7 +45,9 @@ _BATCHES_PER_THREAD = 2  # at least, so that all threads of the workers are busy
 
 
 class _BlamedError(Exception):
-    """Workers ended with this task and maybe with others; the task is issued again and runs alone."""
+    """
+    Workers ended with this task and maybe with others; the task is issued again and runs alone.
+    """
 
 
 class _Issued(NamedTuple):
@@ -52,7 +58,9 @@ class _Issued(NamedTuple):
 
 
 def run_batch(work: TaskFunction, tasks: Sequence[StoreTask]) -> tuple[float, list[Any]]:
-    """Run tasks one after another in a worker; return the mean time of a task [s] and the results."""
+    """
+    Run tasks one after another in a worker; return the mean time of a task [s] and the results.
+    """
     begin = time.perf_counter()
     results = [work(task) for task in tasks]
     return (time.perf_counter() - begin) / len(tasks), results
@@ -68,7 +76,9 @@ class DaskPool(Pool):
         try:
             import distributed
         except ImportError:
-            raise JobError("scheduler: Dask is not installed; pip install 'pymantaray[dask]'") from None
+            raise JobError(
+                "scheduler: Dask is not installed; pip install 'pymantaray[dask]'"
+            ) from None
         self._dask: Any = distributed
         self._work = work
         self._scheduler = client
@@ -81,7 +91,9 @@ class DaskPool(Pool):
         """Tasks of each future of Dask."""
         self._number_sent: Counter[str] = Counter()
         """Tasks of each kind with the scheduler."""
-        self._seconds: defaultdict[str, deque[float]] = defaultdict(lambda: deque(maxlen=2 * _MEASURED))
+        self._seconds: defaultdict[str, deque[float]] = defaultdict(
+            lambda: deque(maxlen=2 * _MEASURED)
+        )
         """Mean times of a task in the latest batches of each kind."""
         self._first_tasks = _FIRST_TASKS
         self._blamed: set[str] = set()
@@ -133,7 +145,9 @@ class DaskPool(Pool):
         self._send(f"{self._alone.task.kind}-alone", [self._alone])
 
     def _next_batch(self, kind: str) -> list[_Issued]:
-        """Tasks to send together; none if no more tasks of this kind should be with the scheduler now."""
+        """
+        Tasks to send together; none if no more tasks of this kind should be with the scheduler now.
+        """
         with self._lock:
             waiting = self._waiting[kind]
             sent = self._number_sent[kind]
@@ -189,7 +203,8 @@ class DaskPool(Pool):
             elif isinstance(error, self._dask.KilledWorker) and not alone:
                 self._blamed.update(issued.task.key for issued in batch)
                 _LOG.warning(
-                    "workers ended %d times during the same tasks (%d, %s); these run again alone, after all others",
+                    "workers ended %d times during the same tasks (%d, %s); these run again alone,"
+                    " after all others",
                     error.allowed_failures + 1,
                     len(batch),
                     kind,
@@ -203,18 +218,25 @@ class DaskPool(Pool):
             issued.future.set_result(result)
 
     def worker_failure(self, key: str, error: BaseException) -> str | None:
-        """Failure of a task whose worker ended; empty for another attempt; None for any other error."""
+        """
+        Failure of a task whose worker ended; empty for another attempt; None for any other error.
+        """
         if isinstance(error, _BlamedError):
             return ""
         if isinstance(error, self._dask.KilledWorker):
             times = error.allowed_failures + 1
             return f"a worker ended early {times} times on {key[:8]} alone; it may be out of memory"
-        if isinstance(error, (CancelledError, self._dask.CancelledError, self._dask.comm.CommClosedError)):
+        if isinstance(
+            error, (CancelledError, self._dask.CancelledError, self._dask.comm.CommClosedError)
+        ):
             raise SchedulerLostError(str(error))
         return None
 
     def check(self) -> None:
-        """Raise `SchedulerLostError` if the scheduler is lost; called if no task ends for some seconds."""
+        """
+        Raise `SchedulerLostError` if the scheduler is lost; called if no task ends for some
+        seconds.
+        """
         if self._client.status != "running":
             raise SchedulerLostError(f"scheduler {self._address}: {self._client.status}")
         threads = sum(self._client.nthreads().values())
@@ -222,7 +244,9 @@ class DaskPool(Pool):
             _LOG.warning("scheduler %s has no workers; waiting for workers", self._address)
         self._threads = threads
         self._has_workers = threads > 0
-        self._first_tasks = min(4 * self._first_tasks, _WINDOW)  # tasks are long, and workers may be many
+        self._first_tasks = min(
+            4 * self._first_tasks, _WINDOW
+        )  # tasks are long, and workers may be many
 
     def reconnect(self) -> None:
         """Wait for the scheduler; raise `JobError` if it does not come back."""
@@ -237,7 +261,9 @@ class DaskPool(Pool):
                 _LOG.warning("scheduler %s answers again; continuing", self._address)
                 return
             time.sleep(1.0)
-        raise JobError(f"scheduler {self._address}: no answer; start it and run the same job again to resume")
+        raise JobError(
+            f"scheduler {self._address}: no answer; start it and run the same job again to resume"
+        )
 
     def _forget(self) -> None:
         """Drop all issued tasks; Dask cancels tasks whose futures are gone."""
@@ -270,7 +296,10 @@ def check_scheduler(client: "Client | str | None") -> None:
 
 
 def open_pool(work: TaskFunction, client: "Client | str | None", workers: int | None) -> Pool:
-    """Pool of a Dask client or scheduler address, or of processes of this machine, by default one per core."""
+    """
+    Pool of a Dask client or scheduler address, or of processes of this machine, by default one per
+    core.
+    """
     if client is None:
         return ProcessPool(partial(_start, work), workers or os.cpu_count() or 1)
     return DaskPool(work, client)

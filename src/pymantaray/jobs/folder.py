@@ -1,8 +1,8 @@
 """
 Folders for results, which are written atomically.
 
-A stage (temporary folder) is locked as long as its process runs. This distinguishes leftovers of killed processes from active
-stages.
+A stage (temporary folder) is locked as long as its process runs. This distinguishes leftovers of
+killed processes from active stages.
 """
 
 import datetime as dt
@@ -33,8 +33,8 @@ def staged_folder(
     """
     Create a temporary folder for results, which is moved to its final place if the block succeeds.
 
-    On any exception, including Ctrl-C, the folder and any created parents are removed. Leftovers of a killed process are
-    removed by the next process that writes there.
+    On any exception, including Ctrl-C, the folder and any created parents are removed. Leftovers of
+    a killed process are removed by the next process that writes there.
 
     Parameters
     ----------
@@ -54,8 +54,8 @@ def staged_folder(
     Raises
     ------
     JobError
-        If ``out`` is a file, a folder that is not empty or in use by another process, if it is not writable, or if the
-        temporary folder is removed during the block.
+        If ``out`` is a file, a folder that is not empty or in use by another process, if it is not
+        writable, or if the temporary folder is removed during the block.
     """
     missing: list[Path] = []
     try:
@@ -72,7 +72,9 @@ def staged_folder(
         shutil.rmtree(stage, ignore_errors=True)
         _remove_empty(missing)
         if removed and isinstance(error, Exception):
-            raise JobError(f"{stage}: this folder was removed during the job; run the job again") from None
+            raise JobError(
+                f"{stage}: this folder was removed during the job; run the job again"
+            ) from None
         raise
     finally:
         if lock is not None:
@@ -84,10 +86,11 @@ def staged_folder(
 @contextmanager
 def staged_parts(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     """
-    Create a temporary folder for parts of a finished run, which replace the existing parts if the block succeeds.
+    Create a temporary folder for parts of a finished run, which replace the existing parts if the
+    block succeeds.
 
-    On any exception, including Ctrl-C, all existing parts are unchanged. Parts are moved in the order of ``names``; the last
-    marks the run as complete.
+    On any exception, including Ctrl-C, all existing parts are unchanged. Parts are moved in the
+    order of ``names``; the last marks the run as complete.
 
     Raises
     ------
@@ -131,7 +134,9 @@ def _exchange(stage: Path, folder: Path, names: Sequence[str]) -> None:
         raise
 
 
-def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Path, Path, int | None]:
+def _reserve(
+    out: str | Path | None, name: str, missing: list[Path]
+) -> tuple[Path, Path, int | None]:
     """Create a stage for a final folder and lock it; two processes never get the same."""
     for folder in _names(name) if out is None else [Path(os.path.realpath(out))]:
         if any("\ud800" <= c <= "\udfff" for c in str(folder)):
@@ -140,7 +145,9 @@ def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Pa
         missing[:] = [parent for parent in (where, *where.parents) if not parent.exists()]
         where.mkdir(parents=True, exist_ok=True)
         with _alone(where):
-            if folder.is_dir() and any(entry.name[-len(_PART) :] != _PART for entry in folder.iterdir()):
+            if folder.is_dir() and any(
+                entry.name[-len(_PART) :] != _PART for entry in folder.iterdir()
+            ):
                 if out is None:
                     continue
                 raise JobError(f"{folder}: folder is not empty; give a new or empty folder")
@@ -151,7 +158,9 @@ def _reserve(out: str | Path | None, name: str, missing: list[Path]) -> tuple[Pa
                 stage.mkdir()
                 return folder, stage, _lock(stage)
             if out is not None:
-                raise JobError(f"{folder}: another process writes here; if none does, remove {stage}")
+                raise JobError(
+                    f"{folder}: another process writes here; if none does, remove {stage}"
+                )
     raise AssertionError("names never end")
 
 
@@ -162,7 +171,9 @@ def _names(name: str) -> Iterator[Path]:
 
 
 def _lock(folder: Path, *, wait: bool = False) -> int | None:
-    """Lock a folder until the descriptor is closed or the process ends; None if that is impossible."""
+    """
+    Lock a folder until the descriptor is closed or the process ends; None if that is impossible.
+    """
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -174,7 +185,10 @@ def _lock(folder: Path, *, wait: bool = False) -> int | None:
 
 @contextmanager
 def _alone(where: Path) -> Iterator[None]:
-    """Exclude other processes from creating a stage in a folder, and remove stages of killed processes."""
+    """
+    Exclude other processes from creating a stage in a folder, and remove stages of killed
+    processes.
+    """
     alone = _lock(where, wait=True)
     try:
         for stage in where.glob(f".*{_PART}"):
@@ -190,7 +204,10 @@ def _alone(where: Path) -> Iterator[None]:
 
 
 def _publish(stage: Path, folder: Path) -> None:
-    """Move a stage to its final place; in an existing folder, the manifest is moved last and completes the run."""
+    """
+    Move a stage to its final place; in an existing folder, the manifest is moved last and completes
+    the run.
+    """
     moved: list[Path] = []
     try:
         if stage.parent != folder:

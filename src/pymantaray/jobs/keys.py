@@ -19,9 +19,14 @@ def digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
 
 
 def sha256(path: Path) -> str:
-    """Checksum of a file; for a folder (a zarr store), the checksum of the sorted output of ``sha256sum`` for its files."""
+    """
+    Checksum of a file; for a folder (a zarr store), the checksum of the sorted output of
+    ``sha256sum`` for its files.
+    """
     if path.is_dir():
-        names = sorted(file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file())
+        names = sorted(
+            file.relative_to(path).as_posix() for file in path.rglob("*") if file.is_file()
+        )
         lines = "".join(f"{sha256(path / name)}  {name}\n" for name in names)
         return hashlib.sha256(lines.encode()).hexdigest()
     with path.open("rb") as file:

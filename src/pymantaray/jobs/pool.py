@@ -1,4 +1,7 @@
-"""Pools of workers (processes of this machine or this process), the queue of tasks, and the loop that runs it."""
+"""
+Pools of workers (processes of this machine or this process), the queue of tasks, and the loop that
+runs it.
+"""
 
 import json
 import logging
@@ -20,7 +23,9 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger("pymantaray.jobs")
 _ATTEMPTS = 3  # per task if its worker ends
-_EXECUTION_LOCK = threading.Lock()  # one task at a time per worker: numerical libraries are not thread-safe
+_EXECUTION_LOCK = (
+    threading.Lock()
+)  # one task at a time per worker: numerical libraries are not thread-safe
 _CHECK_INTERVAL = 5.0  # between checks of the scheduler [s]
 
 
@@ -47,11 +52,15 @@ TaskFunction = Callable[[Any], Any]
 
 @contextmanager
 def one_task(version: str) -> Iterator[None]:
-    """Context of a task in a worker, one at a time; raise `JobError` if another version of the code issued it."""
+    """
+    Context of a task in a worker, one at a time; raise `JobError` if another version of the code
+    issued it.
+    """
     with _EXECUTION_LOCK:
         if version != code_version():
             raise JobError(
-                f"this worker has pymantaray {code_version()}, but the task needs {version}; install the same version"
+                f"this worker has pymantaray {code_version()}, but the task needs {version};"
+                " install the same version"
             )
         yield
 
@@ -59,7 +68,9 @@ def one_task(version: str) -> Iterator[None]:
 def run_in_store(
     url: str, task: TaskT, compute: Callable[[Store, TaskT], None], failed_name: str | None
 ) -> str | None:
-    """Run a task that writes its result into a store; if it fails, write and return the error line."""
+    """
+    Run a task that writes its result into a store; if it fails, write and return the error line.
+    """
     with one_task(task.version):
         store = open_store(url)
         try:
@@ -141,7 +152,9 @@ class Pool:
         """Send issued tasks that still wait in this process."""
 
     def worker_failure(self, key: str, error: BaseException) -> str | None:  # noqa: ARG002
-        """Failure of a task whose worker ended; empty for another attempt; None for any other error."""
+        """
+        Failure of a task whose worker ended; empty for another attempt; None for any other error.
+        """
         return None
 
     def check(self) -> None:
@@ -177,7 +190,9 @@ class ProcessPool(Pool):
         return self._workers.submit(task)
 
     def worker_failure(self, key: str, error: BaseException) -> str | None:
-        """Failure of a task whose worker ended; empty for another attempt; None for any other error."""
+        """
+        Failure of a task whose worker ended; empty for another attempt; None for any other error.
+        """
         if not isinstance(error, WorkerEndedError):
             return None
         self._attempts[key] += 1
@@ -212,7 +227,9 @@ def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Callable[[], None] | None 
 
 
 def _finished(outcomes: "SimpleQueue[Any]", pool: Pool) -> list[Any]:
-    """All finished futures, after waiting for the first one; none if the pool was checked meanwhile."""
+    """
+    All finished futures, after waiting for the first one; none if the pool was checked meanwhile.
+    """
     out = []
     try:
         out.append(outcomes.get(timeout=_CHECK_INTERVAL))

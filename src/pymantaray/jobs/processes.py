@@ -1,10 +1,10 @@
 """
 Worker processes with one thread each.
 
-A process receives tasks through its standard input and returns results through its standard output. It never imports the
-script that started it, so it works from a script, a notebook, standard input and a daemonic process. It ends when its standard
-input ends, that is when its parent ends for any reason. (Processes of loky outlive a killed parent, and an interrupted parent
-waits for them.)
+A process receives tasks through its standard input and returns results through its standard output.
+It never imports the script that started it, so it works from a script, a notebook, standard input
+and a daemonic process. It ends when its standard input ends, that is when its parent ends for any
+reason. (Processes of loky outlive a killed parent, and an interrupted parent waits for them.)
 """
 
 import logging
@@ -51,9 +51,11 @@ class WorkerEndedError(JobError):
 
 class Workers:
     """
-    Processes that run submitted messages through the function that ``start`` returns in each process.
+    Processes that run submitted messages through the function that ``start`` returns in each
+    process.
 
-    They start and end with the block, and import the module of ``start`` at once. A process that ends early is replaced.
+    They start and end with the block, and import the module of ``start`` at once. A process that
+    ends early is replaced.
 
     Parameters
     ----------
@@ -95,7 +97,10 @@ class Workers:
         return self._pool.submit(self._ask, message)
 
     def call(self, message: object) -> Any:
-        """Result of a message from the next idle process; it saves the change of threads if the caller only waits."""
+        """
+        Result of a message from the next idle process; it saves the change of threads if the caller
+        only waits.
+        """
         return self._ask(message)
 
     def _ask(self, message: object) -> Any:
@@ -146,7 +151,10 @@ class Workers:
 
 
 def _environment() -> dict[str, str]:
-    """Environment of a process; threadpoolctl sets the first variable when it is imported, in this process or in that."""
+    """
+    Environment of a process; threadpoolctl sets the first variable when it is imported, in this
+    process or in that.
+    """
     return {"KMP_DUPLICATE_LIB_OK": "True"} | os.environ | dict.fromkeys(_ONE_THREAD, "1")
 
 
@@ -160,14 +168,21 @@ def _send(process: subprocess.Popen[bytes], message: object) -> None:
 
 
 def _answer(process: subprocess.Popen[bytes], message: object) -> tuple[object, float]:
-    """Result of a message, or the error that the process raised, and the peak memory of the process. [MiB]"""
+    """
+    Result of a message, or the error that the process raised, and the peak memory of the process.
+    [MiB]
+    """
     assert process.stdout is not None  # for the type checker
     _send(process, message)
     try:
         answer: tuple[object, float] = pickle.load(process.stdout)
     except (EOFError, pickle.UnpicklingError):
         code = process.wait()
-        how = f"by {signal.Signals(-code).name}, maybe out of memory" if code < 0 else f"with code {code}"
+        how = (
+            f"by {signal.Signals(-code).name}, maybe out of memory"
+            if code < 0
+            else f"with code {code}"
+        )
         raise WorkerEndedError(f"a worker process ended early, {how}; use fewer workers") from None
     return answer
 
@@ -176,7 +191,9 @@ def serve(requests: BinaryIO) -> NoReturn:
     """Main loop of a process of `Workers`, with its standard input."""
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # printed text must not mix with the results
-    logging.getLogger("pymantaray").setLevel(logging.ERROR)  # the parent has logged warnings already
+    logging.getLogger("pymantaray").setLevel(
+        logging.ERROR
+    )  # the parent has logged warnings already
     messages = SimpleQueue[object]()
     content: bytes = pickle.load(requests)
     start: Callable[[], Callable[[object], object]]
@@ -205,7 +222,9 @@ def _refuse(error: Exception) -> NoReturn:
 
 
 def _work(
-    start: Callable[[], Callable[[object], object]], messages: SimpleQueue[object], results: BinaryIO
+    start: Callable[[], Callable[[object], object]],
+    messages: SimpleQueue[object],
+    results: BinaryIO,
 ) -> NoReturn:
     task = None
     while True:

@@ -13,7 +13,9 @@ TaskProgress = Callable[[int, int, int], None]
 class TaskCount:
     """Count of finished and failed tasks, which is reported at the start and after each task."""
 
-    def __init__(self, total: int, progress: TaskProgress | None, *, done: int = 0, failed: int = 0) -> None:
+    def __init__(
+        self, total: int, progress: TaskProgress | None, *, done: int = 0, failed: int = 0
+    ) -> None:
         self._total = total
         self._progress = progress
         self._done = done

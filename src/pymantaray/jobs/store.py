@@ -1,4 +1,6 @@
-"""Storage of results as small, atomically written files in a folder or in an object store of fsspec."""
+"""
+Storage of results as small, atomically written files in a folder or in an object store of fsspec.
+"""
 
 import json
 import logging
@@ -17,7 +19,9 @@ from pymantaray.records import whole_file
 
 T = TypeVar("T")
 _LOG = logging.getLogger("pymantaray.jobs")
-_TEMPORARY = re.compile(r"\.(?P<name>[^/]+)\.[0-9a-f]{16}\.part")  # of an unfinished file of `whole_file`
+_TEMPORARY = re.compile(
+    r"\.(?P<name>[^/]+)\.[0-9a-f]{16}\.part"
+)  # of an unfinished file of `whole_file`
 _KEY = re.compile(r"[0-9a-f]{50}")  # a hash truncated by `whole_file`
 _ATOMIC = (
     "s3",
@@ -34,9 +38,14 @@ _STALE_AGE = 3600.0  # an older file with a temporary name is from a killed proc
 
 
 def failure_content(error: BaseException) -> bytes:
-    """Content of the file of a failed task: one line, and the location in the code for unexpected errors."""
+    """
+    Content of the file of a failed task: one line, and the location in the code for unexpected
+    errors.
+    """
     line = str(error).partition("\n")[0]
-    content = {"error": line if isinstance(error, MantaRayError) else f"{type(error).__name__}: {line}"}
+    content = {
+        "error": line if isinstance(error, MantaRayError) else f"{type(error).__name__}: {line}"
+    }
     if not isinstance(error, MantaRayError):
         content["traceback"] = "".join(traceback.format_exception(error))
     return json.dumps(content, indent=1).encode()
@@ -83,7 +92,8 @@ class Store:
             raise WriteError(f"{path.parent}: cannot be written: {error.strerror}") from None
         if os.path.realpath(path.parent) != str(path.parent):
             raise WriteError(
-                f"{path.parent}: a symbolic link leads out of {self.url}; remove the link, or give another folder"
+                f"{path.parent}: a symbolic link leads out of {self.url}; remove the link, or give"
+                " another folder"
             )
         with whole_file(path) as temporary:
             temporary.write_bytes(content)
@@ -98,7 +108,10 @@ class Store:
             (self._path / name).unlink()
 
     def claim(self, kind: str, marker: str, own_names: set[str]) -> None:
-        """Raise an error if the store has other content, and remove incomplete files of killed processes."""
+        """
+        Raise an error if the store has other content, and remove incomplete files of killed
+        processes.
+        """
         if self._path.is_symlink():  # the path is resolved, so this link has no target
             raise JobError(f"{self.url}: symbolic links form a circle; give another folder")
         if self._path.exists() and not self._path.is_dir():
@@ -108,11 +121,14 @@ class Store:
             name in own_names or _is_unfinished(name, own_names) for name in others
         ):
             raise JobError(
-                f"{self.url}: this folder is not empty and has no {kind}; give a new folder, or one of the same {kind}"
+                f"{self.url}: this folder is not empty and has no {kind}; give a new folder, or"
+                f" one of the same {kind}"
             )
         for name in sorted(own_names & others):
             if (self._path / name).is_symlink():
-                raise JobError(f"{self._path / name}: is a symbolic link; remove it or give another folder")
+                raise JobError(
+                    f"{self._path / name}: is a symbolic link; remove it or give another folder"
+                )
         for path in (
             *self._path.glob("*"),
             *(p for name in own_names for p in (self._path / name).rglob("*")),
@@ -124,9 +140,13 @@ class Store:
 
 
 def _is_unfinished(name: str, own_names: set[str]) -> bool:
-    """True if a file has the temporary name of a task's file, or of one of the store's own files."""
+    """
+    True if a file has the temporary name of a task's file, or of one of the store's own files.
+    """
     match = _TEMPORARY.fullmatch(name)
-    return match is not None and (match["name"] in own_names or _KEY.fullmatch(match["name"]) is not None)
+    return match is not None and (
+        match["name"] in own_names or _KEY.fullmatch(match["name"]) is not None
+    )
 
 
 class _Objects(Store):
@@ -137,16 +157,21 @@ class _Objects(Store):
         try:
             import fsspec
         except ImportError:
-            raise JobError(f"{place}: fsspec is not installed; pip install 'pymantaray[dask]'") from None
+            raise JobError(
+                f"{place}: fsspec is not installed; pip install 'pymantaray[dask]'"
+            ) from None
         protocol = place.partition("://")[0]
         if protocol not in _ATOMIC:
             raise JobError(
-                f"{place}: {protocol} does not write files atomically; give a folder, or one of {', '.join(_ATOMIC)}"
+                f"{place}: {protocol} does not write files atomically; give a folder, or one of"
+                f" {', '.join(_ATOMIC)}"
             )
         try:
             self._files, root = fsspec.url_to_fs(place)
         except (ImportError, ValueError) as error:
-            raise JobError(f"{place}: cannot be opened: {str(error).partition(chr(10))[0]}") from None
+            raise JobError(
+                f"{place}: cannot be opened: {str(error).partition(chr(10))[0]}"
+            ) from None
         self._root = PurePosixPath(root)
 
     def has(self, name: str) -> bool:
@@ -190,7 +215,10 @@ class _Objects(Store):
 
 
 def read_valid(store: Store, name: str, parse: Callable[[bytes], T]) -> T | None:
-    """Parse the content of a file; None if it is missing or damaged. A damaged file is removed with a warning."""
+    """
+    Parse the content of a file; None if it is missing or damaged. A damaged file is removed with a
+    warning.
+    """
     content = store.read(name)
     if content is None:
         return None

@@ -1,8 +1,8 @@
 """
 Reader of Argo profile files, as data centres deliver them or argopy writes them.
 
-Format: Argo user's manual, doi:10.13155/29825, core-Argo profile format 3.1 and reference table 2. Sources: excerpts of
-the manual and headers of files.
+Format: Argo user's manual, doi:10.13155/29825, core-Argo profile format 3.1 and reference table 2.
+Sources: excerpts of the manual and headers of files.
 """
 
 from pathlib import Path
@@ -30,11 +30,12 @@ def read_argo(path: str | Path) -> list[Cast]:
     """
     Read all profiles of an Argo file with at least two usable levels; names are float and cycle.
 
-    A profile in real-time mode (``DATA_MODE`` R) gives raw values, a profile in mode A or D gives adjusted values. Raw values
-    never replace missing adjusted values, because adjustment removes bad values. A level is used if all its flags are good. A
-    profile is used if the flags of its position and date are good. Files without flags or modes are used unfiltered, for
-    example files that argopy's standard mode has filtered. The notes of a cast report this and the numbers of rejected levels
-    and profiles.
+    A profile in real-time mode (``DATA_MODE`` R) gives raw values, a profile in mode A or D gives
+    adjusted values. Raw values never replace missing adjusted values, because adjustment removes
+    bad values. A level is used if all its flags are good. A profile is used if the flags of its
+    position and date are good. Files without flags or modes are used unfiltered, for example files
+    that argopy's standard mode has filtered. The notes of a cast report this and the numbers of
+    rejected levels and profiles.
     """
     path = Path(path)
     try:
@@ -48,7 +49,8 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
     if "PRES" not in data.variables or data.variables["PRES"].dims != _DIMS:
         hint = "; convert points to profiles with argopy's ds.argo.point2profile()"
         raise OceanError(
-            f"not an Argo profile file: no PRES over N_PROF and N_LEVELS{hint if 'PRES' in data.variables else ''}"
+            "not an Argo profile file: no PRES over N_PROF and"
+            f" N_LEVELS{hint if 'PRES' in data.variables else ''}"
         )
     shape = data.variables["PRES"].shape
     for name in (*_PARAMETERS, "LATITUDE", "LONGITUDE"):
@@ -65,11 +67,13 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
     profiles = np.flatnonzero(located & (usable.sum(axis=1) >= 2)).tolist()
     if not profiles:
         raise OceanError(
-            f"none of {shape[0]} profiles has a good position and at least two levels with good pressure, temperature and salinity"
+            f"none of {shape[0]} profiles has a good position and at least two levels with good"
+            " pressure, temperature and salinity"
         )
     if len(profiles) < shape[0]:
         notes.append(
-            f"{shape[0] - len(profiles)} of {shape[0]} profiles rejected: no good position or fewer than two good levels"
+            f"{shape[0] - len(profiles)} of {shape[0]} profiles rejected: no good position or"
+            " fewer than two good levels"
         )
     names = _names(data, shape[0], path.stem)
     casts = []
@@ -79,7 +83,9 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
         pressure, temperature, salinity = values[:, i, usable[i]]
         cast_notes = [*notes, "depth from pressure by TEOS-10"]
         if flagged:
-            cast_notes.append(f"{flagged} of {present} levels rejected: bad quality flags or missing values")
+            cast_notes.append(
+                f"{flagged} of {present} levels rejected: bad quality flags or missing values"
+            )
         profile = (np.asarray(-gsw.z_from_p(pressure, lat[i]), dtype=float), temperature, salinity)
         place = (float(lat[i]), float(lon[i]))
         casts.append(
@@ -120,7 +126,9 @@ def _levels(data: xr.Dataset, shape: tuple[int, ...]) -> tuple[Array, NDArray[np
         usable &= np.isfinite(values[k])
     if adjusted.any():
         notes.append(
-            "adjusted values" if adjusted.all() else "adjusted values of the profiles in mode A or D"
+            "adjusted values"
+            if adjusted.all()
+            else "adjusted values of the profiles in mode A or D"
         )
     return values, usable, notes
 
@@ -155,7 +163,9 @@ def _texts(data: xr.Dataset, name: str) -> NDArray[Any]:
     raw = np.asarray(data.variables[name].values)
     if raw.dtype.kind in "iuf":
         raw = np.where(np.isfinite(raw), raw, 9).astype(int)
-    cells = [c.decode("latin-1") if isinstance(c, bytes) else str(c).replace("nan", "") for c in raw.flat]
+    cells = [
+        c.decode("latin-1") if isinstance(c, bytes) else str(c).replace("nan", "") for c in raw.flat
+    ]
     return np.array(cells).reshape(raw.shape)
 
 
@@ -184,5 +194,9 @@ def _names(data: xr.Dataset, count: int, stem: str) -> list[str]:
     if "CYCLE_NUMBER" in data.variables:
         cycles = [f"{int(c):03d}" for c in np.nan_to_num(_values(data, "CYCLE_NUMBER", (count,)))]
     direction = _letters(data, "DIRECTION", (count,))
-    down = [""] * count if direction is None else ["D" if letter == "D" else "" for letter in direction]
+    down = (
+        [""] * count
+        if direction is None
+        else ["D" if letter == "D" else "" for letter in direction]
+    )
     return [f"{f}_{c}{d}" for f, c, d in zip(floats, cycles, down, strict=True)]

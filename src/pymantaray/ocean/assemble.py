@@ -37,7 +37,10 @@ _MAX_TEXT = 300  # characters of a title or a source
 def ocean_of(
     fields: Mapping[str, tuple["Part", cf.Field]], instant: np.datetime64, collection: "Collection"
 ) -> xr.Dataset:
-    """Assemble the variables of a collection at an instant, without validation; the history lists the conversions."""
+    """
+    Assemble the variables of a collection at an instant, without validation; the history lists the
+    conversions.
+    """
     steps: list[str] = []
     raw = {role: part.read(field, instant) for role, (part, field) in fields.items()}
     steps += [
@@ -67,9 +70,12 @@ def ocean_of(
         column = depth[:, None, None]
         pressure = column if part.is_pressure else gsw.p_from_z(-column, lat[:, None])
         water = ((values["water_temp"], kinds[0]), (values["salinity"], kinds[1]))
-        values["water_temp"], values["salinity"] = to_in_situ_and_practical(*water, pressure, lat, lon)
+        values["water_temp"], values["salinity"] = to_in_situ_and_practical(
+            *water, pressure, lat, lon
+        )
         steps.append(
-            f"temperature converted from {kinds[0]} to in situ, salinity from {kinds[1]} to practical (TEOS-10)"
+            f"temperature converted from {kinds[0]} to in situ, salinity from {kinds[1]} to"
+            " practical (TEOS-10)"
         )
     if part.is_pressure:
         depth, values, moved = to_fixed_depths(values, depth, lat)
@@ -85,11 +91,15 @@ def ocean_of(
         {"depth": depth, "lat": lat, "lon": lon},
         instant,
         values,
-        title=one_line(text(data, "title"), _MAX_TEXT) or f"{'HYCOM ' if hycom else ''}{collection.names}",
+        title=one_line(text(data, "title"), _MAX_TEXT)
+        or f"{'HYCOM ' if hycom else ''}{collection.names}",
         source=next(
-            filter(None, (one_line(text(data, k), _MAX_TEXT) for k in ("source", "institution"))), model
+            filter(None, (one_line(text(data, k), _MAX_TEXT) for k in ("source", "institution"))),
+            model,
         ),
-        synthetic=any(np.array_equal(p.data.attrs.get("synthetic", 0), 1) for p in collection.parts),
+        synthetic=any(
+            np.array_equal(p.data.attrs.get("synthetic", 0), 1) for p in collection.parts
+        ),
         validate=False,
     )
     if own and not steps:
@@ -100,18 +110,24 @@ def ocean_of(
 
 
 def _zeros(temperature: Array, salinity: Array) -> tuple[NDArray[np.bool_], list[str]]:
-    """Points where both are exactly 0 in the unit of the file, which is land unless the water is fresh everywhere; and notes."""
+    """
+    Points where both are exactly 0 in the unit of the file, which is land unless the water is fresh
+    everywhere; and notes.
+    """
     salty = salinity > 0.0
     land = (temperature == 0.0) & (salinity == 0.0) & bool(salty.any())
     fresh = (salinity == 0.0) & ~land
     steps = []
     if land.any():
         count = np.count_nonzero(land)
-        steps.append(f"{count} points removed: temperature and salinity are exactly 0 there, as on land")
+        steps.append(
+            f"{count} points removed: temperature and salinity are exactly 0 there, as on land"
+        )
     if fresh.any() and salty.any() and np.median(salinity[salty]) > _SALTY:
         count = np.count_nonzero(fresh)
         steps.append(
-            f"{count} points have a salinity of 0 in salty water: if 0 means missing, declare it (_FillValue)"
+            f"{count} points have a salinity of 0 in salty water: if 0 means missing, declare it"
+            " (_FillValue)"
         )
     return land, steps
 
@@ -137,8 +153,8 @@ def _agree_on_wet(fields: dict[str, Array]) -> list[str]:
     """
     Apply one land mask to all fields, because the masks of models differ at a few points.
 
-    A wet point has temperature and salinity, and so have all points above it. A missing current at a wet point is set to
-    0, as at the sea bed.
+    A wet point has temperature and salinity, and so have all points above it. A missing current at
+    a wet point is set to 0, as at the sea bed.
     """
     some = np.isfinite(fields["water_temp"]) | np.isfinite(fields["salinity"])
     both = np.isfinite(fields["water_temp"]) & np.isfinite(fields["salinity"])
@@ -151,8 +167,9 @@ def _agree_on_wet(fields: dict[str, Array]) -> list[str]:
         return []  # the validation reports this
     if dropped + still > _MAX_DISAGREEMENT * count:
         raise OceanError(
-            f"the land masks of temperature, salinity and currents differ at {dropped + still} of {count} wet points; check"
-            " that the files belong together and declare their fill value"
+            f"the land masks of temperature, salinity and currents differ at {dropped + still} of"
+            f" {count} wet points; check that the files belong together and declare their fill"
+            " value"
         )
     for name, field in fields.items():
         values = np.where(moving, field, 0.0) if name in ("water_u", "water_v") else field
@@ -175,7 +192,9 @@ def _is_own(part: "Part") -> bool:
         for v in VARIABLES
     )
     attrs = part.data.attrs
-    stated = "synthetic" in attrs and all(isinstance(attrs.get(name), str) for name in ("title", "source"))
+    stated = "synthetic" in attrs and all(
+        isinstance(attrs.get(name), str) for name in ("title", "source")
+    )
     return same and stated and bool(part.layout.time) and not variables[part.layout.time].dims
 
 

@@ -1,4 +1,6 @@
-"""One cast: a measured profile at a place and time, its CSV table, and the selection of usable rows."""
+"""
+One cast: a measured profile at a place and time, its CSV table, and the selection of usable rows.
+"""
 
 from __future__ import annotations
 
@@ -28,9 +30,22 @@ from pymantaray.records.text_table import read_text, read_text_table
 
 _SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
 _MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--")
-_FILLS = (-9.99e-29, -99.0, -99.9, -99.99, -999.0, -999.9, -999.99, -9999.0, -99999.0, 99999.0, -1e34, 1e35)
-# quantity: kind of its unit, and column names in lower case, first those of `mantaray rays`, then those of cruise and
-# model files
+_FILLS = (
+    -9.99e-29,
+    -99.0,
+    -99.9,
+    -99.99,
+    -999.0,
+    -999.9,
+    -999.99,
+    -9999.0,
+    -99999.0,
+    99999.0,
+    -1e34,
+    1e35,
+)
+# quantity: kind of its unit, and column names in lower case, first those of `mantaray rays`, then
+# those of cruise and model files
 _COLUMNS = {
     "depth": ("length", "depth vertcoord depsm z"),
     "pressure": ("pressure", "pressure pres press ctdprs prdm p"),
@@ -59,7 +74,16 @@ _COLUMNS = {
 _NAMES = {quantity: names.split() for quantity, (_, names) in _COLUMNS.items()}
 _TEXTS = {
     "time": ("time", "datetime", "date_time", "time_utc", "timestamp", "date"),
-    "station": ("station", "stnnbr", "cast", "castno", "profile", "station_id", "cast_id", "profile_id"),
+    "station": (
+        "station",
+        "stnnbr",
+        "cast",
+        "castno",
+        "profile",
+        "station_id",
+        "cast_id",
+        "profile_id",
+    ),
 }
 _HEADER = re.compile(
     r"^(?P<name>[^\[(]*?)\s*(?:[\[(]\s*(?:units?\s*=\s*)?\"?(?P<unit>[^\"\])]*)\"?\s*[\])])?$"
@@ -113,18 +137,21 @@ class Cast:
         object.__setattr__(self, "time", self.time.astype("datetime64[ns]"))
         if self.depth.size < 2 or self.depth[0] < 0.0 or np.any(np.diff(self.depth) <= 0.0):
             raise OceanError(
-                f"cast {self.name}: depths must strictly increase, be 0 m or more (positive down) and have at least 2 levels"
+                f"cast {self.name}: depths must strictly increase, be 0 m or more (positive down)"
+                " and have at least 2 levels"
             )
         for field, name in (("temperature", "water_temp"), ("salinity", "salinity")):
             low, high = _SPAN[name]
             values = getattr(self, field)
             if values.min() < low or values.max() > high:
                 raise OceanError(
-                    f"cast {self.name}: {field} is {values.min():g} to {values.max():g}; allowed: {low:g} to {high:g}"
+                    f"cast {self.name}: {field} is {values.min():g} to {values.max():g}; allowed:"
+                    f" {low:g} to {high:g}"
                 )
         if not is_position(self.lat, self.lon):
             raise OceanError(
-                f"cast {self.name}: latitude {self.lat:g} and longitude {self.lon:g} are not a place; latitude must be in -90 to 90 degrees, longitude"
+                f"cast {self.name}: latitude {self.lat:g} and longitude {self.lon:g} are not a"
+                " place; latitude must be in -90 to 90 degrees, longitude"
                 " in -360 to 360"
             )
 
@@ -132,8 +159,8 @@ class Cast:
         """Name, place, time and depth range."""
         time = "time unknown" if np.isnat(self.time) else minute(self.time)
         return (
-            f"Cast({self.name!r}, {latitude(self.lat)}, {longitude(self.lon)}, {time}, {self.depth.size} levels from"
-            f" {self.depth[0]:g} to {self.depth[-1]:g} m)"
+            f"Cast({self.name!r}, {latitude(self.lat)}, {longitude(self.lon)}, {time},"
+            f" {self.depth.size} levels from {self.depth[0]:g} to {self.depth[-1]:g} m)"
         )
 
     def sound_speed(self, equation: Equation = "teos-10") -> Array:
@@ -150,11 +177,18 @@ class Cast:
         ndarray, shape (n_levels,)
             [m/s]
         """
-        return sound_speed(self.temperature, self.salinity, self.depth, self.lat, self.lon, equation=equation)
+        return sound_speed(
+            self.temperature, self.salinity, self.depth, self.lat, self.lon, equation=equation
+        )
 
     def with_repaired_salinity(self) -> Cast:
-        """Cast with the salinity of the freezing line at levels below the freezing point; a note gives their number."""
-        salinity, repairs = repair_salinity(self.temperature, self.salinity, self.depth, self.lat, self.lon)
+        """
+        Cast with the salinity of the freezing line at levels below the freezing point; a note gives
+        their number.
+        """
+        salinity, repairs = repair_salinity(
+            self.temperature, self.salinity, self.depth, self.lat, self.lon
+        )
         if not repairs:
             return self
         kept = [note for note in self.notes if TOO_COLD not in note]
@@ -164,9 +198,9 @@ class Cast:
         """
         Average temperature and salinity over the cells around levels.
 
-        A cell extends half-way to the next level on both sides. The cell of the first level begins at that level, the cell
-        of the last level ends at that level. The profile is linear between samples and constant beyond the first and last
-        sample; the average of this profile is exact.
+        A cell extends half-way to the next level on both sides. The cell of the first level begins
+        at that level, the cell of the last level ends at that level. The profile is linear between
+        samples and constant beyond the first and last sample; the average of this profile is exact.
 
         Parameters
         ----------
@@ -202,13 +236,16 @@ def clean_cast(
     where: str,
 ) -> Cast:
     """
-    Make a cast from raw rows of depth [m], in-situ temperature [degC] and practical salinity; NaN if missing.
+    Make a cast from raw rows of depth [m], in-situ temperature [degC] and practical salinity; NaN
+    if missing.
 
-    Unusable rows are dropped and counted. A profile in upward order is reversed. ``dropped`` and ``notes`` describe earlier
-    steps, ``where`` is file and station for messages.
+    Unusable rows are dropped and counted. A profile in upward order is reversed. ``dropped`` and
+    ``notes`` describe earlier steps, ``where`` is file and station for messages.
     """
     depth, temperature, salinity = (np.asarray(column, dtype=float) for column in profile)
-    salinity = np.where((temperature == 0.0) & (salinity == 0.0), np.nan, salinity)  # a fill value of 0
+    salinity = np.where(
+        (temperature == 0.0) & (salinity == 0.0), np.nan, salinity
+    )  # a fill value of 0
     quantities = [(temperature, _SPAN["water_temp"]), (salinity, _SPAN["salinity"])]
     deeper, cast_notes, lost = usable_rows(depth, quantities, notes=notes, where=where)
     used = temperature[deeper], salinity[deeper], depth[deeper]
@@ -238,8 +275,8 @@ def usable_rows(
     """
     Select the rows of a raw cast that are complete, possible and deeper than all rows before.
 
-    ``quantities`` are columns with their allowed ranges. Returns the rows, the notes with one more line for each reason of
-    dropped rows, and the number of dropped rows.
+    ``quantities`` are columns with their allowed ranges. Returns the rows, the notes with one more
+    line for each reason of dropped rows, and the number of dropped rows.
     """
     notes = list(notes)
     counts: dict[str, int] = {}
@@ -249,7 +286,8 @@ def usable_rows(
     counts["with a missing value"] = int(np.count_nonzero(~whole))
     if whole.any() and -depth[whole].min() > max(depth[whole].max(), 0.0):
         raise OceanError(
-            f"{where}: depth is {depth[whole].min():g} to {depth[whole].max():g} m; it must be positive down"
+            f"{where}: depth is {depth[whole].min():g} to {depth[whole].max():g} m; it must be"
+            " positive down"
         )
     wet = whole & (depth >= 0.0)
     counts["above the surface"] = int(np.count_nonzero(whole & ~wet))
@@ -268,7 +306,9 @@ def usable_rows(
     deepest = np.maximum.accumulate(np.concatenate([[-1.0], depth[rows]]))[:-1]
     deeper = rows[depth[rows] > deepest]
     counts["not deeper than an earlier row"] = int(rows.size - deeper.size)
-    notes += [f"{count} of {depth.size} rows dropped: {why}" for why, count in counts.items() if count]
+    notes += [
+        f"{count} of {depth.size} rows dropped: {why}" for why, count in counts.items() if count
+    ]
     if deeper.size < 2:
         reasons = f" ({'; '.join(notes)})" if notes else ""
         raise OceanError(f"{where}: {deeper.size} usable levels; a cast needs at least 2{reasons}")
@@ -337,10 +377,14 @@ class CastTable:
         if complete and missing.any():
             raise self._no_number(quantity, int(np.argmax(missing)))
         kind = _COLUMNS[quantity][0]
-        return to_our_unit(values, kind, unit or our_unit(kind), where=f"{self.path}: {self.name(quantity)}")
+        return to_our_unit(
+            values, kind, unit or our_unit(kind), where=f"{self.path}: {self.name(quantity)}"
+        )
 
     def _numbers(self, quantity: str, cells: pd.Series[Any]) -> Array:
-        """Convert cells of text to numbers, NaN if empty; cells of a data set are numbers already."""
+        """
+        Convert cells of text to numbers, NaN if empty; cells of a data set are numbers already.
+        """
         if cells.dtype.kind == "f":
             return np.array(cells, dtype=float)
         cells = cells.mask(cells.str.lower().isin(_MISSING), "nan")
@@ -348,7 +392,8 @@ class CastTable:
             return cells.to_numpy(dtype=object).astype(float)
         except ValueError:
             raise self._no_number(
-                quantity, int(np.argmax(pd.to_numeric(cells.replace("nan", "0"), errors="coerce").isna()))
+                quantity,
+                int(np.argmax(pd.to_numeric(cells.replace("nan", "0"), errors="coerce").isna())),
             ) from None
 
     def readable(self, invalid: InvalidLines) -> CastTable:
@@ -392,8 +437,9 @@ def read_cast_table(path: str | Path) -> CastTable:
     """
     Read a CSV file with one or several casts, or an instrument's file with one cast.
 
-    The separator is a comma, semicolon, tab or space, as in the header. Column names are case-insensitive and may include a
-    unit, as in ``depth_m``, ``depth [m]`` or ``latitude[unit="degrees_north"]``.
+    The separator is a comma, semicolon, tab or space, as in the header. Column names are
+    case-insensitive and may include a unit, as in ``depth_m``, ``depth [m]`` or
+    ``latitude[unit="degrees_north"]``.
     """
     try:
         text = read_text(Path(path))
@@ -431,7 +477,9 @@ def _of_instrument(path: Path, instrument: InstrumentTable) -> CastTable:
     cells = {i: (row + [""] * width)[:width] for i, row in instrument.rows.items()}
     known = [k for k, title in enumerate(instrument.titles) if title]
     header = tuple(instrument.titles[k] for k in known)
-    rows = pd.DataFrame.from_dict(cells, orient="index", dtype=str)[known].set_axis(range(len(known)), axis=1)
+    rows = pd.DataFrame.from_dict(cells, orient="index", dtype=str)[known].set_axis(
+        range(len(known)), axis=1
+    )
     columns, texts = _columns(path, header)
     place, notes = position_in_text(*instrument.position)
     return CastTable(
@@ -450,7 +498,9 @@ def _of_instrument(path: Path, instrument: InstrumentTable) -> CastTable:
     )
 
 
-def _columns(path: Path, header: tuple[str, ...]) -> tuple[dict[str, tuple[int, str]], dict[str, int]]:
+def _columns(
+    path: Path, header: tuple[str, ...]
+) -> tuple[dict[str, tuple[int, str]], dict[str, int]]:
     columns: dict[str, tuple[int, str]] = {}
     texts: dict[str, int] = {}
     for i, title in enumerate(header):
@@ -467,13 +517,15 @@ def _columns(path: Path, header: tuple[str, ...]) -> tuple[dict[str, tuple[int, 
         of = _COLUMNS[quantity][0]
         if unit and not is_unit_of(of, unit):
             raise OceanError(
-                f"{path}: the unit of column {title!r} is unknown; write {quantity} in {our_unit(of)}"
+                f"{path}: the unit of column {title!r} is unknown; write {quantity} in"
+                f" {our_unit(of)}"
             )
         if quantity not in columns:
             columns[quantity] = (i, unit or suffix)
         elif name in _NAMES[quantity]:
             raise OceanError(
-                f"{path}: columns {header[columns[quantity][0]]!r} and {title!r} are both {quantity}; remove one"
+                f"{path}: columns {header[columns[quantity][0]]!r} and {title!r} are both"
+                f" {quantity}; remove one"
             )
     return columns, texts
 

@@ -1,4 +1,7 @@
-"""Folders and ZIP archives with one or several casts per file, such as those of ice-tethered profilers and of CCHDO."""
+"""
+Folders and ZIP archives with one or several casts per file, such as those of ice-tethered profilers
+and of CCHDO.
+"""
 
 import stat
 import zipfile
@@ -29,7 +32,10 @@ def is_cast_folder(path: str | Path) -> bool:
 def read_each(
     path: Path, read: Callable[[Path], list[ReadT]], refusal: type[MantaRayError]
 ) -> tuple[list[ReadT], tuple[str, ...]]:
-    """Results of a reader for each file of a folder or archive, and a note about files that it refuses."""
+    """
+    Results of a reader for each file of a folder or archive, and a note about files that it
+    refuses.
+    """
     results: list[ReadT] = []
     refused: list[str] = []
     with _files(path, refusal) as (files, folder):
@@ -44,16 +50,22 @@ def read_each(
     if not refused:
         return results, ()
     first = one_line(refused[0], 160)
-    return results, (f"{len(refused)} of {len(files)} files of {path.name} dropped, the first: {first}",)
+    return results, (
+        f"{len(refused)} of {len(files)} files of {path.name} dropped, the first: {first}",
+    )
 
 
 @contextmanager
 def _files(path: Path, refusal: type[MantaRayError]) -> Iterator[tuple[list[Path], Path]]:
     """Regular files of a folder or archive in order of their names, and their folder."""
     if path.is_dir():
-        files = sorted(file for file in path.iterdir() if file.is_file() and not file.name.startswith("."))
+        files = sorted(
+            file for file in path.iterdir() if file.is_file() and not file.name.startswith(".")
+        )
         if len(files) > _MAX_FILES:
-            raise refusal(f"{path}: {len(files):,} files; the limit is {_MAX_FILES:,}; name a smaller folder")
+            raise refusal(
+                f"{path}: {len(files):,} files; the limit is {_MAX_FILES:,}; name a smaller folder"
+            )
         yield files, path
         return
     check_regular(path, refusal, what="a ZIP archive")
@@ -73,19 +85,26 @@ def _files(path: Path, refusal: type[MantaRayError]) -> Iterator[tuple[list[Path
 
 
 def _unpacked(path: Path, folder: Path, refusal: type[MantaRayError]) -> list[Path]:
-    """Unpack the files of an archive into a folder, by the last part of their names, up to the limits."""
+    """
+    Unpack the files of an archive into a folder, by the last part of their names, up to the limits.
+    """
     files: list[Path] = []
     with zipfile.ZipFile(path) as archive:
         members = [
-            m for m in archive.infolist() if not m.is_dir() and not stat.S_ISLNK(m.external_attr >> 16)
+            m
+            for m in archive.infolist()
+            if not m.is_dir() and not stat.S_ISLNK(m.external_attr >> 16)
         ]
         members = [
-            m for m in members if not Path(m.filename).name.startswith(".") and "__MACOSX" not in m.filename
+            m
+            for m in members
+            if not Path(m.filename).name.startswith(".") and "__MACOSX" not in m.filename
         ]
         if len(members) > _MAX_FILES or sum(m.file_size for m in members) > _MAX_UNPACKED:
             raise refusal(
-                f"{path}: {len(members):,} files of {sum(m.file_size for m in members) / 1e9:.3g} GB; the limits are {_MAX_FILES:,} and"
-                f" {_MAX_UNPACKED / 1e9:g} GB; unpack a part of it"
+                f"{path}: {len(members):,} files of {sum(m.file_size for m in members) / 1e9:.3g}"
+                f" GB; the limits are {_MAX_FILES:,} and {_MAX_UNPACKED / 1e9:g} GB; unpack a part"
+                " of it"
             )
         for k, member in enumerate(members):
             target = folder / Path(member.filename).name
@@ -94,7 +113,9 @@ def _unpacked(path: Path, folder: Path, refusal: type[MantaRayError]) -> list[Pa
             with archive.open(member) as packed:
                 content = packed.read(MAX_BYTES + 1)
             if len(content) > MAX_BYTES:
-                raise refusal(f"{path}: {member.filename[:80]} has more than {MAX_BYTES:,} bytes; unpack it")
+                raise refusal(
+                    f"{path}: {member.filename[:80]} has more than {MAX_BYTES:,} bytes; unpack it"
+                )
             target.write_bytes(content)
             files.append(target)
     return sorted(files)

@@ -1,4 +1,7 @@
-"""Casts from tables, instruments, Argo and CF files, and a horizontally uniform ocean at rest from one cast."""
+"""
+Casts from tables, instruments, Argo and CF files, and a horizontally uniform ocean at rest from one
+cast.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +40,9 @@ from pymantaray.user_files import exists
 
 Instant = str | np.datetime64
 MadeT = TypeVar("MadeT")
-_DATE = re.compile(r"\b(\d{4}-\d{2}-\d{2})(?:(?:[T/]| +(?=\d{1,2}:))(\d{1,2}):?(\d{2})(?::(\d{2}))?)?")
+_DATE = re.compile(
+    r"\b(\d{4}-\d{2}-\d{2})(?:(?:[T/]| +(?=\d{1,2}:))(\d{1,2}):?(\d{2})(?::(\d{2}))?)?"
+)
 _MONTH = re.compile(rf"\b({'|'.join(MONTHS)})[a-z]*\s+(\d{{4}})\b", re.IGNORECASE)
 _BOTTOM = re.compile(r"\bbottom(?:\s+depth)?\s*[:=]?\s*(\d+(?:\.\d+)?)\s*m\b", re.IGNORECASE)
 _PACKED_FILL = -30_000.0  # HYCOM's, for both tracers
@@ -50,7 +55,14 @@ _TEMPERATURES = {
     "conservative_temperature": convert.CONSERVATIVE,
 }
 _SALINITIES = {"salinity": convert.PRACTICAL, "absolute_salinity": convert.ABSOLUTE}
-_STEPS = ((100.0, 2.5), (200.0, 5.0), (500.0, 10.0), (1000.0, 25.0), (2000.0, 50.0), (12_000.0, 100.0))
+_STEPS = (
+    (100.0, 2.5),
+    (200.0, 5.0),
+    (500.0, 10.0),
+    (1000.0, 25.0),
+    (2000.0, 50.0),
+    (12_000.0, 100.0),
+)
 _MIN_LAST_STEP = 0.5  # fraction of the last step; a level nearer to the bottom is omitted
 _POINTS = 9  # along each horizontal axis
 _MARGIN = 1.02  # window divided by half extent
@@ -72,12 +84,15 @@ def read_cast(
     Parameters
     ----------
     path : str or pathlib.Path
-        One of: CSV with named columns (depth or pressure; in-situ, potential or conservative temperature; practical or
-        absolute salinity); a point table of HYCOM from the NetCDF Subset Service, also with packed integers; an Argo NetCDF
-        file; a CF data set of profiles; in-situ profiles of Copernicus; WHP-exchange of a CTD or bottles; a profile of an ice-tethered
-        profiler; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``, CastAway, Valeport, AML).
+        One of: CSV with named columns (depth or pressure; in-situ, potential or conservative
+        temperature; practical or absolute salinity); a point table of HYCOM from the NetCDF Subset
+        Service, also with packed integers; an Argo NetCDF file; a CF data set of profiles; in-situ
+        profiles of Copernicus; WHP-exchange of a CTD or bottles; a profile of an ice-tethered
+        profiler; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``,
+        CastAway, Valeport, AML).
     lat, lon : float, optional
-        Place. Default: columns ``lat`` and ``lon``, or a comment such as ``# ... lat 74.0, lon -140.0``. [degrees]
+        Place. Default: columns ``lat`` and ``lon``, or a comment such as ``# ... lat 74.0, lon
+        -140.0``. [degrees]
     time : str or numpy.datetime64, optional
         Instant (UTC). Default: a column or a comment, else NaT.
     name : str, optional
@@ -85,19 +100,21 @@ def read_cast(
     default_place : tuple of float, optional
         Latitude and longitude if the file contains no place. [degrees]
     repair_freezing : bool
-        True to raise the salinity of water below its freezing point to the freezing line; a note gives the number of levels.
+        True to raise the salinity of water below its freezing point to the freezing line; a note
+        gives the number of levels.
 
     Returns
     -------
     Cast
-        Without rows that have a missing or impossible value, are above the surface, or are not deeper than an earlier
-        row. ``dropped`` is the number of these rows and ``notes`` gives the reasons.
+        Without rows that have a missing or impossible value, are above the surface, or are not
+        deeper than an earlier row. ``dropped`` is the number of these rows and ``notes`` gives the
+        reasons.
 
     Raises
     ------
     OceanError
-        If the file is unreadable, a cell is not a number, a column or the place is missing, fewer than two levels
-        remain, or the file contains several casts and ``name`` is missing.
+        If the file is unreadable, a cell is not a number, a column or the place is missing, fewer
+        than two levels remain, or the file contains several casts and ``name`` is missing.
     """
     where: dict[str, Any] = {"lat": lat, "lon": lon, "time": time, "default_place": default_place}
     casts = read_casts(path, **where, repair_freezing=repair_freezing)
@@ -125,10 +142,11 @@ def read_casts(
     Parameters
     ----------
     paths : str, pathlib.Path or sequence of them
-        At least one file, as in `read_cast`, or folder or ZIP archive of files. A table with a station column contains one
-        cast per station. A table of the NetCDF Subset Service contains one cast per time and place. One invalid cast makes the
-        table invalid. Invalid files of a folder or archive, and invalid profiles of a data set, are dropped; a note of each
-        cast gives their number and the first reason.
+        At least one file, as in `read_cast`, or folder or ZIP archive of files. A table with a
+        station column contains one cast per station. A table of the NetCDF Subset Service contains
+        one cast per time and place. One invalid cast makes the table invalid. Invalid files of a
+        folder or archive, and invalid profiles of a data set, are dropped; a note of each cast
+        gives their number and the first reason.
     lat, lon, time, default_place, repair_freezing
         As in `read_cast`, for all casts.
 
@@ -152,14 +170,16 @@ def read_casts(
         elif holds_argo(path):
             if (lat, lon, time) != (None, None, None):
                 raise OceanError(
-                    f"{path}: Argo profiles have their own places and times; remove --lat, --lon and --time (in Python: lat,"
-                    " lon, time)"
+                    f"{path}: Argo profiles have their own places and times; remove --lat, --lon"
+                    " and --time (in Python: lat, lon, time)"
                 )
             casts += read_argo(path)
         else:
 
             def make(station: str, table: CastTable) -> Cast:
-                return cast_of_table(table, station, place or cast_place(table) or default_place, time)
+                return cast_of_table(
+                    table, station, place or cast_place(table) or default_place, time
+                )
 
             own, notes = each_usable(path, cast_tables(path), make)
             casts += [replace(cast, notes=(*cast.notes, *notes)) for cast in own]
@@ -172,7 +192,8 @@ def each_usable(
     """
     Casts or profiles of the tables of a file, and a note about those that cannot be used.
 
-    A data set with many profiles usually has some without usable levels. In all other files, one of them is an error.
+    A data set with many profiles usually has some without usable levels. In all other files, one of
+    them is an error.
     """
     several = len(tables) > 1 and next(iter(tables.values())).instrument == DATA_SET
     made: list[MadeT] = []
@@ -204,7 +225,8 @@ def holds_casts(path: str | Path) -> bool:
     Returns
     -------
     bool
-        True for a table, an instrument's file, Argo profiles, a CF data set of profiles, and a folder or archive of such files.
+        True for a table, an instrument's file, Argo profiles, a CF data set of profiles, and a
+        folder or archive of such files.
     """
     if str(path).startswith("synthetic:"):
         return False
@@ -224,7 +246,10 @@ def cast_tables(path: Path) -> dict[str, CastTable]:
 
 
 def holds_argo(path: str | Path) -> bool:
-    """Return True if a file is NetCDF, but not a CF data set of profiles: an Argo file, or a file that `read_argo` rejects."""
+    """
+    Return True if a file is NetCDF, but not a CF data set of profiles: an Argo file, or a file that
+    `read_argo` rejects.
+    """
     if not is_netcdf(Path(path)):
         return False
     with open_file(path) as data:
@@ -237,8 +262,8 @@ def cast_of_table(
     """Convert a table with one cast; a missing place or quantity raises an error."""
     if place is None:
         raise OceanError(
-            f"{table.path}: no place{unread_position(table)}; give lat and lon, add columns of these names, or a comment"
-            " '# lat 74.0, lon -140.0'"
+            f"{table.path}: no place{unread_position(table)}; give lat and lon, add columns of"
+            " these names, or a comment '# lat 74.0, lon -140.0'"
         )
     lat, lon = place
     table = _with_salinity(table, lat)
@@ -248,7 +273,8 @@ def cast_of_table(
     values = [table.values(kind) for kind in kinds]
     if table.bracketed and _packed(np.concatenate(values)):
         values = [
-            np.where(raw == _PACKED_FILL, np.nan, raw * _PACKED_SCALE + _PACKED_OFFSET) for raw in values
+            np.where(raw == _PACKED_FILL, np.nan, raw * _PACKED_SCALE + _PACKED_OFFSET)
+            for raw in values
         ]
         notes.append("packed integers of the NetCDF Subset Service unpacked: times 0.001 plus 20")
     depth, depth_notes = cast_depth(table, lat)
@@ -281,12 +307,17 @@ def cast_depth(table: CastTable, lat: float | None) -> tuple[Array, list[str]]:
     """
     Depth of each row [m], and notes.
 
-    With a latitude, the pressure of an instrument or a data set has priority over its depth, which programs compute from
-    pressure with a latitude and a density of their own. In other tables, depth has priority.
+    With a latitude, the pressure of an instrument or a data set has priority over its depth, which
+    programs compute from pressure with a latitude and a density of their own. In other tables,
+    depth has priority.
     """
     if not (table.has("depth") or table.has("pressure")):
         raise OceanError(f"{table.path}: no depth or pressure; {table.listing}")
-    pressure = table.values("pressure") if table.has("pressure") and lat is not None else np.array([np.nan])
+    pressure = (
+        table.values("pressure")
+        if table.has("pressure") and lat is not None
+        else np.array([np.nan])
+    )
     computed = not table.has("depth") or (table.instrument and np.isfinite(pressure).any())
     if not computed:
         return table.values("depth"), []
@@ -302,21 +333,29 @@ def cast_depth(table: CastTable, lat: float | None) -> tuple[Array, list[str]]:
 
 def _with_salinity(table: CastTable, lat: float) -> CastTable:
     """Add practical salinity from conductivity to a table that has no salinity."""
-    if not table.has("measured_conductivity", "temperature") or any(table.has(kind) for kind in _SALINITIES):
+    if not table.has("measured_conductivity", "temperature") or any(
+        table.has(kind) for kind in _SALINITIES
+    ):
         return table
     if table.has("pressure"):
         pressure = table.values("pressure")
     elif table.has("depth"):
-        pressure = np.asarray(gsw.p_from_z(-np.maximum(table.values("depth"), 0.0), lat), dtype=float)
+        pressure = np.asarray(
+            gsw.p_from_z(-np.maximum(table.values("depth"), 0.0), lat), dtype=float
+        )
     else:
         return table
     with np.errstate(all="ignore"):  # impossible rows are dropped later
-        salinity = gsw.SP_from_C(table.values("measured_conductivity"), table.values("temperature"), pressure)
+        salinity = gsw.SP_from_C(
+            table.values("measured_conductivity"), table.values("temperature"), pressure
+        )
     place = len(table.header)
     return replace(
         table,
         header=(*table.header, "salinity"),
-        rows=table.rows.assign(salinity=np.asarray(salinity, dtype=float)).set_axis(range(place + 1), axis=1),
+        rows=table.rows.assign(salinity=np.asarray(salinity, dtype=float)).set_axis(
+            range(place + 1), axis=1
+        ),
         columns={**table.columns, "salinity": (place, "1")},
         notes=(*table.notes, "salinity from conductivity by PSS-78"),
     )
@@ -341,18 +380,24 @@ def _packed(values: Array) -> bool:
 
 
 def cast_place(table: CastTable) -> Position | None:
-    """Latitude and longitude of a cast from its columns, else from its comments, else None. [degrees]"""
+    """
+    Latitude and longitude of a cast from its columns, else from its comments, else None. [degrees]
+    """
     return cast_position(table)[0]
 
 
 def cast_position(table: CastTable) -> tuple[Position | None, tuple[str, ...]]:
-    """Position of a cast as in `cast_place`, and a note if the positions of its columns are not used."""
+    """
+    Position of a cast as in `cast_place`, and a note if the positions of its columns are not used.
+    """
     notes: tuple[str, ...] = ()
     if table.place is not None:
         return table.place, notes
     if table.has("lat", "lon"):
         places = np.column_stack([table.values("lat"), table.values("lon")])
-        known = [known_position(*place) for place in places[np.all(np.isfinite(places), axis=1)].tolist()]
+        known = [
+            known_position(*place) for place in places[np.all(np.isfinite(places), axis=1)].tolist()
+        ]
         used = [place for place, _ in known if place is not None]
         if used:
             return used[0], notes
@@ -361,8 +406,13 @@ def cast_position(table: CastTable) -> tuple[Position | None, tuple[str, ...]]:
 
 
 def unread_position(table: CastTable) -> str:
-    """Reason why a file's own position is not used, in parentheses for an error; empty without a reason."""
-    reasons = [note for note in (*table.notes, *cast_position(table)[1]) if note.startswith("position ")]
+    """
+    Reason why a file's own position is not used, in parentheses for an error; empty without a
+    reason.
+    """
+    reasons = [
+        note for note in (*table.notes, *cast_position(table)[1]) if note.startswith("position ")
+    ]
     return f" ({reasons[0]})" if reasons else ""
 
 
@@ -374,7 +424,9 @@ def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
             return parse_instant(first), []
         except OceanError:
             where = "" if table.time else f" (line {table.lines[0]})"
-            return np.datetime64("NaT", "ns"), [f"time {first[:40]!r}{where} not read; time unknown"]
+            return np.datetime64("NaT", "ns"), [
+                f"time {first[:40]!r}{where} not read; time unknown"
+            ]
     for line in table.comments:
         if match := _DATE.search(line):
             clock = f"T{int(match[2]):02d}:{match[3]}:{match[4] or '00'}" if match[2] else ""
@@ -383,7 +435,9 @@ def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
                     [] if clock else ["time of day unknown: 0 h assumed"]
                 )
             except OceanError:
-                return np.datetime64("NaT", "ns"), [f"time {match[1] + clock!r} not read; time unknown"]
+                return np.datetime64("NaT", "ns"), [
+                    f"time {match[1] + clock!r} not read; time unknown"
+                ]
         if match := _MONTH.search(line):
             month = MONTHS[match[1].lower()[:3]]
             note = f"day unknown: the first of {match[0]} assumed"
@@ -392,7 +446,10 @@ def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
 
 
 def cast_levels(bottom_depth: float) -> Array:
-    """Levels that resolve the ducts of a cast but not its noise, wider with depth; the last level is the bottom. [m]"""
+    """
+    Levels that resolve the ducts of a cast but not its noise, wider with depth; the last level is
+    the bottom. [m]
+    """
     levels = [0.0]
     for until, step in _STEPS:
         while levels[-1] < until and levels[-1] + (1.0 + _MIN_LAST_STEP) * step <= bottom_depth:
@@ -418,15 +475,18 @@ def cast_ocean(
     cast : Cast
         Temperature and salinity.
     bathymetry : float, optional
-        Depth of the flat sea bed, which is the deepest level. Default: the bottom depth of the cast. [m]
+        Depth of the flat sea bed, which is the deepest level. Default: the bottom depth of the
+        cast. [m]
     half_extent : tuple of float
-        Half sides (north, east) of a rectangle around the cast. The window contains this rectangle. [m]
+        Half sides (north, east) of a rectangle around the cast. The window contains this rectangle.
+        [m]
     levels : array_like, shape (n,), optional
-        Depths, strictly increasing from 0. One level at the bottom replaces all levels at or below the bottom. Default:
-        `cast_levels`. [m]
+        Depths, strictly increasing from 0. One level at the bottom replaces all levels at or below
+        the bottom. Default: `cast_levels`. [m]
     below : {"refuse", "constant"} or Cast
-        Water between the deepest sample and the bottom. ``"refuse"``: an error. ``"constant"``: temperature and salinity
-        of the deepest sample, so sound speed increases with pressure alone. A deeper cast: its samples below this cast.
+        Water between the deepest sample and the bottom. ``"refuse"``: an error. ``"constant"``:
+        temperature and salinity of the deepest sample, so sound speed increases with pressure
+        alone. A deeper cast: its samples below this cast.
     time : str or numpy.datetime64, optional
         Instant (UTC) of the ocean. Default: the time of the cast, NaT if it is unknown.
     equation : str
@@ -435,33 +495,40 @@ def cast_ocean(
     Returns
     -------
     xarray.Dataset
-        A valid ocean. Its history reports the change of sound speed due to averaging (rms and maximum over the samples),
-        the extensions up and down, and that the water is at rest.
+        A valid ocean. Its history reports the change of sound speed due to averaging (rms and
+        maximum over the samples), the extensions up and down, and that the water is at rest.
 
     Raises
     ------
     OceanError
-        If the bottom is unknown, the bottom is deeper than the samples and ``below`` is ``"refuse"``, a level
-        is invalid, or the window extends over a pole.
+        If the bottom is unknown, the bottom is deeper than the samples and ``below`` is
+        ``"refuse"``, a level is invalid, or the window extends over a pole.
 
     Notes
     -----
-    Temperature and salinity are averaged over the cell of each level (`Cast.cell_means`). They are constant above the
-    shallowest sample. They are uniform at a constant depth. Sound speed varies by a few mm/s over 100 km, because pressure
-    at a depth and the composition of sea water depend on the place.
+    Temperature and salinity are averaged over the cell of each level (`Cast.cell_means`). They are
+    constant above the shallowest sample. They are uniform at a constant depth. Sound speed varies
+    by a few mm/s over 100 km, because pressure at a depth and the composition of sea water depend
+    on the place.
     """
     bottom = cast.bottom_depth if bathymetry is None else float(bathymetry)
     if not cast.depth[0] < bottom <= DEEPEST:
         raise OceanError(
-            f"cast {cast.name}: the bathymetry is {bottom:g} m; it must be deeper than the first sample ({cast.depth[0]:g} m)"
-            f" and at most {DEEPEST:g} m; give the depth of the sea bed as bathymetry"
+            f"cast {cast.name}: the bathymetry is {bottom:g} m; it must be deeper than the first"
+            f" sample ({cast.depth[0]:g} m) and at most {DEEPEST:g} m; give the depth of the sea"
+            " bed as bathymetry"
         )
     instant = cast.time if time is None else parse_instant(time)
     z, level_notes = _levels(cast, levels, bottom)
     full, extensions = _extended(cast, bottom, below)
     temperature, salinity = full.cell_means(z)
     lat, lon = _axes(cast, half_extent)
-    columns = {"water_temp": temperature, "salinity": salinity, "water_u": 0.0 * z, "water_v": 0.0 * z}
+    columns = {
+        "water_temp": temperature,
+        "salinity": salinity,
+        "water_u": 0.0 * z,
+        "water_v": 0.0 * z,
+    }
     shape = (z.size, lat.size, lon.size)
     ocean = assemble_ocean(
         {"depth": z, "lat": lat, "lon": lon},
@@ -476,8 +543,9 @@ def cast_ocean(
     change = cell_means - cast.sound_speed(equation)
     change = change[cast.depth <= bottom]
     averaging = (
-        f"cast {cast.name}: {cast.depth.size} samples averaged onto {z.size} levels, sound speed changed by"
-        f" {np.sqrt(np.mean(change**2)):.2g} m/s rms, {np.abs(change).max():.2g} m/s maximum"
+        f"cast {cast.name}: {cast.depth.size} samples averaged onto {z.size} levels, sound speed"
+        f" changed by {np.sqrt(np.mean(change**2)):.2g} m/s rms, {np.abs(change).max():.2g} m/s"
+        " maximum"
     )
     rest = "horizontally uniform, currents at rest"
     for line in (*cast.notes, averaging, *level_notes, *extensions, rest):
@@ -513,16 +581,19 @@ def _extended(
         if not deeper.any():
             end, of_other = distinct_digits(below.depth[-1], last)
             raise OceanError(
-                f"cast {below.name}: ends at {end} m, which is not below the end of {cast.name} at {of_other} m; name a deeper"
-                " cast"
+                f"cast {below.name}: ends at {end} m, which is not below the end of {cast.name} at"
+                f" {of_other} m; name a deeper cast"
             )
         warmer, saltier = (
             float(np.interp(last, below.depth, theirs) - ours[-1])
-            for theirs, ours in ((below.temperature, cast.temperature), (below.salinity, cast.salinity))
+            for theirs, ours in (
+                (below.temperature, cast.temperature),
+                (below.salinity, cast.salinity),
+            )
         )
         notes.append(
-            f"below {last:.6g} m from cast {below.name}, which differs there by {warmer:+.2g} degC and {saltier:+.2g} in"
-            " salinity"
+            f"below {last:.6g} m from cast {below.name}, which differs there by {warmer:+.2g} degC"
+            f" and {saltier:+.2g} in salinity"
         )
         cast = replace(
             cast,
@@ -534,13 +605,17 @@ def _extended(
     elif below == "refuse":
         sample, bed = distinct_digits(last, bottom)
         raise OceanError(
-            f"cast {cast.name}: its deepest sample at {sample} m is above the bottom at {bed} m; give a bottom depth of"
-            f' {np.floor(last):g} m, or the water below with --below (in Python: below): "constant" or a deeper cast'
+            f"cast {cast.name}: its deepest sample at {sample} m is above the bottom at {bed} m;"
+            " give a bottom depth of"
+            f" {np.floor(last):g} m, or the water below with --below (in Python: below):"
+            ' "constant" or a deeper cast'
         )
     elif below != "constant":
         raise OceanError(f"below is {below!r}; allowed: 'refuse', 'constant' or a cast")
     if bottom > last:
-        notes.append(f"extended from {last:.6g} m down to the bottom at {bottom:.6g} m {at_constant}")
+        notes.append(
+            f"extended from {last:.6g} m down to the bottom at {bottom:.6g} m {at_constant}"
+        )
     return cast, notes
 
 
@@ -557,8 +632,9 @@ def _axes(cast: Cast, half_extent: tuple[float, float]) -> tuple[Array, Array]:
     half_lon = _MARGIN * float(np.abs(lon - frame.longitude_deg).max())
     if abs(cast.lat) + half_lat > 90.0 or half_lon >= 179.0:
         raise OceanError(
-            f"cast {cast.name}: a window of +-{north / 1e3:g} by {east / 1e3:g} km around {latitude(cast.lat)} extends over the"
-            " pole; give a smaller --half-extent (in Python: half_extent)"
+            f"cast {cast.name}: a window of +-{north / 1e3:g} by {east / 1e3:g} km around"
+            f" {latitude(cast.lat)} extends over the pole; give a smaller --half-extent (in Python:"
+            " half_extent)"
         )
     s = np.linspace(-1.0, 1.0, _POINTS)
     return cast.lat + half_lat * s, frame.longitude_deg + half_lon * s

@@ -1,4 +1,7 @@
-"""Identification of temperature, salinity, currents and their axes in a CF data set, by standard names."""
+"""
+Identification of temperature, salinity, currents and their axes in a CF data set, by standard
+names.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -44,11 +47,16 @@ _GRID_RELATIVE = ("sea_water_x_velocity", "sea_water_y_velocity")
 _TERRAIN = ("ocean_s_coordinate", "ocean_sigma", "ocean_double_sigma")
 _NORTH = ("degrees_north", "degree_north", "degrees_n", "degree_n")
 _MAX_NAMES = 12
-_ANALYSED = (
-    "_an"  # objectively analysed mean of the World Ocean Atlas, beside statistics with the same standard name
+# objectively analysed mean of the World Ocean Atlas, beside statistics with the same standard name
+_ANALYSED = "_an"
+_PLAIN_NAMES = {
+    "latitude": ("lat", "latitude"),
+    "longitude": ("lon", "longitude"),
+    "depth": ("depth",),
+}
+_REGRID = (
+    "regrid it to latitude and longitude first (xesmf), and rotate the currents to east and north"
 )
-_PLAIN_NAMES = {"latitude": ("lat", "latitude"), "longitude": ("lon", "longitude"), "depth": ("depth",)}
-_REGRID = "regrid it to latitude and longitude first (xesmf), and rotate the currents to east and north"
 
 
 @dataclass(frozen=True)
@@ -82,23 +90,34 @@ def with_standard_names(files: Sequence[xr.Dataset], names: Mapping[str, str]) -
         match = re.fullmatch(r"\s*(\w+)\s*(?:\[(.*)\])?\s*", meaning)
         if not match:
             raise OceanError(
-                f"name of {name}: {meaning!r}; it must be a CF standard name such as sea_water_potential_temperature, or with a"
-                " unit sea_water_temperature[degC]"
+                f"name of {name}: {meaning!r}; it must be a CF standard name such as"
+                " sea_water_potential_temperature, or with a unit sea_water_temperature[degC]"
             )
         close = get_close_matches(match[1], _STANDARD_NAMES, n=1, cutoff=0.9)
         if close and match[1] not in _STANDARD_NAMES:
-            raise OceanError(f"name of {name}: {match[1]!r} is not a standard name; did you mean {close[0]}?")
+            raise OceanError(
+                f"name of {name}: {match[1]!r} is not a standard name; did you mean {close[0]}?"
+            )
         holders = [data for data in files if name in data.variables]
         if not holders:
-            there = ", ".join(dict.fromkeys(str(variable) for data in files for variable in data.variables))
+            there = ", ".join(
+                dict.fromkeys(str(variable) for data in files for variable in data.variables)
+            )
             where = ", ".join(map(file_name, files))
-            raise OceanError(f"{where}: no variable {name!r} for {match[1]}; available: {one_line(there)}")
+            raise OceanError(
+                f"{where}: no variable {name!r} for {match[1]}; available: {one_line(there)}"
+            )
         for data in holders:
-            data[name].attrs |= {"standard_name": match[1]} | ({"units": match[2]} if match[2] else {})
+            data[name].attrs |= {"standard_name": match[1]} | (
+                {"units": match[2]} if match[2] else {}
+            )
 
 
 def layout_of(data: xr.Dataset) -> Layout:
-    """Find the variables of an ocean and their common axes: latitude, longitude, and depth or pressure."""
+    """
+    Find the variables of an ocean and their common axes: latitude, longitude, and depth or
+    pressure.
+    """
     import cf_xarray  # noqa: F401  registers the accessor
 
     _refuse_other_horizontals(data)
@@ -112,8 +131,10 @@ def layout_of(data: xr.Dataset) -> Layout:
             _refuse(data, grid_relative_refusal(relative))
         _refuse(
             data,
-            f"no variable {', '.join(HYCOM_NAMES)}, and none on levels with the standard_name of sea-water temperature,"
-            f" salinity or velocity; it contains {listed_variables(data)}; add the standard_name to the file, or give --name"
+            f"no variable {', '.join(HYCOM_NAMES)}, and none on levels with the standard_name of"
+            " sea-water temperature,"
+            f" salinity or velocity; it contains {listed_variables(data)}; add the standard_name"
+            " to the file, or give --name"
             ' temp=sea_water_temperature (in Python: names={"temp": "sea_water_temperature"})',
         )
     axes = _axes(data, fields[0].variable)
@@ -122,8 +143,8 @@ def layout_of(data: xr.Dataset) -> Layout:
         if others != axes:
             _refuse(
                 data,
-                f"{field.variable} is on {', '.join(others)}, {fields[0].variable} on {', '.join(axes)};"
-                " interpolate both to the same points first (xgcm)",
+                f"{field.variable} is on {', '.join(others)}, {fields[0].variable} on"
+                f" {', '.join(axes)}; interpolate both to the same points first (xgcm)",
             )
     return Layout(fields, *axes, relative)
 
@@ -131,13 +152,17 @@ def layout_of(data: xr.Dataset) -> Layout:
 def grid_relative_refusal(names: Sequence[str]) -> str:
     """Cause and remedy for currents along a model's own axes."""
     return (
-        f"{' and '.join(names)} are velocities along the axes of the model's grid, not east and north; rotate them by the"
-        " angle of the grid and set standard_name to eastward_ and northward_sea_water_velocity"
+        f"{' and '.join(names)} are velocities along the axes of the model's grid, not east and"
+        " north; rotate them by the angle of the grid and set standard_name to eastward_ and"
+        " northward_sea_water_velocity"
     )
 
 
 def listed_variables(data: xr.Dataset) -> str:
-    """Names and dimensions of a file's variables for messages, in descending order of the number of dimensions."""
+    """
+    Names and dimensions of a file's variables for messages, in descending order of the number of
+    dimensions.
+    """
     ranked = sorted(data.variables.items(), key=lambda item: -item[1].ndim)
     words = [f"{name} ({', '.join(map(str, v.dims))})" for name, v in ranked[:_MAX_NAMES]]
     more = len(ranked) - len(words)
@@ -145,7 +170,10 @@ def listed_variables(data: xr.Dataset) -> str:
 
 
 def _refuse_model_grid(data: xr.Dataset) -> None:
-    """Raise an error with all causes if a grid is curvilinear or has terrain-following levels, as in ROMS."""
+    """
+    Raise an error with all causes if a grid is curvilinear or has terrain-following levels, as in
+    ROMS.
+    """
     curved = [str(n) for n, v in data.variables.items() if v.ndim == 2 and _is_latitude(v)]
     terrain = [str(n) for n, v in data.variables.items() if _follows_bed(v)]
     straight = any(v.ndim == 1 and _is_latitude(v) for v in data.variables.values())
@@ -161,7 +189,9 @@ def _refuse_model_grid(data: xr.Dataset) -> None:
         remedies.append("interpolate it to fixed depths (xgcm, xroms)")
     if reasons:
         neither = "neither is" if len(reasons) == 2 else "this is not"
-        _refuse(data, f"{' and '.join(reasons)}; {neither} supported; first {', and '.join(remedies)}")
+        _refuse(
+            data, f"{' and '.join(reasons)}; {neither} supported; first {', and '.join(remedies)}"
+        )
 
 
 def _is_latitude(variable: xr.Variable) -> bool:
@@ -179,7 +209,9 @@ def _refuse(data: xr.Dataset, line: str) -> NoReturn:
 
 def _with_coordinates(data: xr.Dataset) -> xr.Dataset:
     """Mark coordinates as such for cf-xarray, without reading values."""
-    names = {n for n, v in data.variables.items() if v.ndim < 2 or text(v, "units").startswith("degrees")}
+    names = {
+        n for n, v in data.variables.items() if v.ndim < 2 or text(v, "units").startswith("degrees")
+    }
     for variable in data.variables.values():
         names |= set(text(variable, "coordinates").split()) & data.variables.keys()
     return data.set_coords(names)
@@ -193,14 +225,17 @@ def _field(data: xr.Dataset, role: str, named: dict[str, list[str]]) -> Field | 
         if kind == POTENTIAL and "in-situ" in text(variable, "comment"):
             _refuse(
                 data,
-                f"{role}: its standard_name says potential temperature and its comment says in situ; correct one of them",
+                f"{role}: its standard_name says potential temperature and its comment says in"
+                " situ; correct one of them",
             )
         return Field(role, kind, role)
     for standard_name, kind in kinds.items():
         names = [n for n in named.get(standard_name, []) if data.variables[n].ndim >= 3]
         names = [n for n in names if n.endswith(_ANALYSED)] or names
         if len(names) > 1:
-            _refuse(data, f"{' and '.join(names)} are all {standard_name}; keep only one in the file")
+            _refuse(
+                data, f"{' and '.join(names)} are all {standard_name}; keep only one in the file"
+            )
         if names:
             return Field(role, kind, names[0])
     return None
@@ -217,7 +252,8 @@ def _axes(data: xr.Dataset, name: str) -> tuple[str, str, str, str]:
     pressures = [
         n
         for n in variable.dims
-        if n in data.variables and text(data.variables[n], "standard_name").startswith("sea_water_pressure")
+        if n in data.variables
+        and text(data.variables[n], "standard_name").startswith("sea_water_pressure")
     ]
     depth = _one(data, name, "depth", [*of.get("vertical", []), *axes.get("Z", []), *pressures])
     times = [n for n in (*of.get("time", []), *axes.get("T", []), "time") if n in data.variables]
@@ -229,7 +265,8 @@ def _axes(data: xr.Dataset, name: str) -> tuple[str, str, str, str]:
     if extra:
         _refuse(
             data,
-            f"{name} has a dimension {extra[0]!r} besides time, depth, lat, lon; select one element of it",
+            f"{name} has a dimension {extra[0]!r} besides time, depth, lat, lon; select one"
+            " element of it",
         )
     return depth, lat, lon, time
 
@@ -245,8 +282,8 @@ def _one(data: xr.Dataset, name: str, axis: str, candidates: Sequence[object]) -
         if data.variables[n].ndim == 1 and data.variables[n].dims[0] in dims:
             return n
     line = (
-        f"{name} with dimensions {', '.join(map(str, dims))} has no {axis} axis; add a coordinate with standard_name and"
-        " units according to CF"
+        f"{name} with dimensions {', '.join(map(str, dims))} has no {axis} axis; add a coordinate"
+        " with standard_name and units according to CF"
     )
     if any(data.variables[n].ndim >= 2 for n in names):
         _refuse_model_grid(data)
@@ -260,8 +297,15 @@ def _refuse_other_verticals(data: xr.Dataset, name: str) -> None:
     standard_name = text(data.variables[name], "standard_name")
     if _follows_bed(data.variables[name]):
         _refuse_model_grid(data)
-    if "density" in standard_name or "sigma_t" in standard_name or standard_name == "model_level_number":
-        _refuse(data, f"{name} ({standard_name}) is not a depth; interpolate to fixed depths first (xgcm)")
+    if (
+        "density" in standard_name
+        or "sigma_t" in standard_name
+        or standard_name == "model_level_number"
+    ):
+        _refuse(
+            data,
+            f"{name} ({standard_name}) is not a depth; interpolate to fixed depths first (xgcm)",
+        )
 
 
 def _refuse_other_horizontals(data: xr.Dataset) -> None:

@@ -1,7 +1,9 @@
 """
-Reader of profiles in CF data sets (discrete sampling geometry, conventions 1.11, chapter 9 and appendix H.3).
+Reader of profiles in CF data sets (discrete sampling geometry, conventions 1.11, chapter 9 and
+appendix H.3).
 
-It reads single profiles, orthogonal and incomplete multidimensional arrays, and contiguous and indexed ragged arrays.
+It reads single profiles, orthogonal and incomplete multidimensional arrays, and contiguous and
+indexed ragged arrays.
 """
 
 from collections.abc import Sequence
@@ -38,7 +40,10 @@ BAD_FLAGS = (3, 4, 9)  # probably bad, bad, missing; the same in OceanGliders, I
 
 
 def holds_profiles(data: xr.Dataset) -> bool:
-    """Return True if the attributes of a data set declare profiles, or if it has the layout of Copernicus' in-situ profiles."""
+    """
+    Return True if the attributes of a data set declare profiles, or if it has the layout of
+    Copernicus' in-situ profiles.
+    """
     feature = str(data.attrs.get("featureType", "")).lower()
     copernicus = any(
         tuple(v.dims) == _COPERNICUS and text(v, "standard_name") for v in data.variables.values()
@@ -67,7 +72,9 @@ def instance_of_rows(data: xr.Dataset, dim: str, path: Path) -> NDArray[np.int64
                     f"{path}: {name} declares {counts.sum()} rows, but {dim} has {size}; correct it"
                 )
             return np.pad(
-                np.repeat(np.arange(counts.size), counts), (0, size - counts.sum()), constant_values=-1
+                np.repeat(np.arange(counts.size), counts),
+                (0, size - counts.sum()),
+                constant_values=-1,
             )
         if "instance_dimension" in variable.attrs and variable.dims == (dim,):
             return np.nan_to_num(numbers(data, str(name)), nan=-1).astype(np.int64)
@@ -79,7 +86,10 @@ def labels_of(variable: xr.Variable) -> NDArray[Any]:
     raw = np.asarray(variable.values)
     if raw.dtype.kind == "f" and np.array_equal(raw, np.round(raw)):
         raw = raw.astype(np.int64)
-    cells = [c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c) for c in raw.ravel().tolist()]
+    cells = [
+        c.decode("utf-8", "replace") if isinstance(c, bytes) else str(c)
+        for c in raw.ravel().tolist()
+    ]
     if (
         raw.dtype.kind in "SUO" and "str" in str(variable.dims[-1:]).lower()
     ):  # letters along the last dimension
@@ -87,21 +97,31 @@ def labels_of(variable: xr.Variable) -> NDArray[Any]:
     return np.array([c.strip("\0 ") for c in cells], dtype=object)
 
 
+_MAIN = "temperature", "potential_temperature", "conservative_temperature", "sound_speed"
+
+
 def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
     named = {q: name for q, standard in _QUANTITIES.items() if (name := _variable(data, standard))}
-    main = next((named[q] for q in ("temperature", "potential_temperature", "conservative_temperature", "sound_speed")
-                 if q in named), None)  # fmt: skip
+    main = next((named[q] for q in _MAIN if q in named), None)
     if main is None or not {"depth", "pressure"} & named.keys():
         raise OceanError(
-            f"{path}: no profile; it needs variables with standard_name depth or sea_water_pressure, and sea_water_temperature"
-            f" or speed_of_sound_in_sea_water; it contains {', '.join(map(str, data.variables))}"
+            f"{path}: no profile; it needs variables with standard_name depth or"
+            " sea_water_pressure, and sea_water_temperature or speed_of_sound_in_sea_water; it"
+            f" contains {', '.join(map(str, data.variables))}"
         )
     dims = tuple(map(str, data.variables[main].dims))
     of_row = instance_of_rows(data, dims[-1], path) if len(dims) == 1 else None
-    count = data.sizes[dims[0]] if len(dims) == 2 else 1 if of_row is None else int(of_row.max(initial=0)) + 1
+    count = (
+        data.sizes[dims[0]]
+        if len(dims) == 2
+        else 1
+        if of_row is None
+        else int(of_row.max(initial=0)) + 1
+    )
     if len(dims) > 2:
         raise OceanError(
-            f"{path}: {main} has dimensions {', '.join(dims)}; it must have one, or two with the index of the profile"
+            f"{path}: {main} has dimensions {', '.join(dims)}; it must have one, or two with the"
+            " index of the profile"
         )
     values = {}
     notes = []
@@ -112,11 +132,19 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
         notes += [f"{flagged} values of {name} rejected by quality flags"] if flagged else []
     places = [_of_profile(data, standard, count) for standard in ("latitude", "longitude")]
     times = _times(data, count, path)
-    role = next((v for v in data.variables.values() if v.attrs.get("cf_role") == "profile_id"), None)
-    names = labels_of(role) if role is not None else np.array([str(k) for k in range(count)], dtype=object)
+    role = next(
+        (v for v in data.variables.values() if v.attrs.get("cf_role") == "profile_id"), None
+    )
+    names = (
+        labels_of(role)
+        if role is not None
+        else np.array([str(k) for k in range(count)], dtype=object)
+    )
     tables = {}
     for k in range(count):
-        rows = (k, slice(None)) if len(dims) == 2 else slice(None) if of_row is None else of_row == k
+        rows = (
+            (k, slice(None)) if len(dims) == 2 else slice(None) if of_row is None else of_row == k
+        )
         frame = pd.DataFrame({i: column[rows] for i, column in enumerate(values.values())})
         place = float(places[0][k]), float(places[1][k])
         located = () if is_position(*place) or np.isnan(sum(place)) else (unused_position(*place),)
@@ -142,7 +170,11 @@ def _adjusted(data: xr.Dataset, name: str) -> tuple[Array, int]:
     """Values as `without_bad_flags`; in each profile that has adjusted values, these."""
     values, flagged = without_bad_flags(data, name)
     better = f"{name}_ADJUSTED"
-    if values.ndim != 2 or better not in data.variables or data.variables[better].shape != values.shape:
+    if (
+        values.ndim != 2
+        or better not in data.variables
+        or data.variables[better].shape != values.shape
+    ):
         return values, flagged
     adjusted, more = without_bad_flags(data, better)
     used = np.asarray(np.isfinite(adjusted).any(axis=1, keepdims=True))
@@ -153,13 +185,20 @@ def _variable(data: xr.Dataset, standard: Sequence[str]) -> str:
     """Variable with the first available of several standard names; empty if there is none."""
     for name in standard:
         for key, variable in data.variables.items():
-            if text(variable, "standard_name") == name and variable.dtype.kind in "biuf" and variable.ndim:
+            if (
+                text(variable, "standard_name") == name
+                and variable.dtype.kind in "biuf"
+                and variable.ndim
+            ):
                 return str(key)
     return ""
 
 
 def without_bad_flags(data: xr.Dataset, name: str) -> tuple[Array, int]:
-    """Values of a variable, NaN where its quality flags are bad, and the number of values that they reject."""
+    """
+    Values of a variable, NaN where its quality flags are bad, and the number of values that they
+    reject.
+    """
     values = numbers(data, name)
     bad = np.zeros(values.shape, dtype=bool)
     linked = text(data.variables[name], "ancillary_variables").split()
@@ -200,7 +239,9 @@ def _of_profile(data: xr.Dataset, standard: str, count: int) -> Array:
 
 def _times(data: xr.Dataset, count: int, path: Path) -> list[str]:
     """Time of each profile in ISO 8601, empty if the file has none."""
-    name = next((str(n) for n, v in data.variables.items() if text(v, "standard_name") == "time"), "")
+    name = next(
+        (str(n) for n, v in data.variables.items() if text(v, "standard_name") == "time"), ""
+    )
     unit = text(data.variables[name], "units") if name else ""
     seconds = _of_profile(data, "time", count)
     out = [""] * count

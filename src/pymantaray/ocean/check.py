@@ -39,12 +39,13 @@ _MAX_GRADIENT = 5.0  # s-1; vertical gradient of sound speed, about 1 K/m
 _MIN_LEVELS = 15  # minimum number of levels, and above this depth [m]
 _UPPER_DEPTH = 200.0
 _MIN_UPPER_LEVELS = 6
-_MAX_SPACING = (
-    12e3  # m; a coarser grid loses eddies and fronts; the spacing of HYCOM and GLORYS is at most 9 km
-)
+# m; a coarser grid loses eddies and fronts; the spacing of HYCOM and GLORYS is at most 9 km
+_MAX_SPACING = 12e3
 _MIN_NODES = 10  # across the domain
 _MAX_SCALE_ERROR = 1e-3  # distortion of lengths by the projection: 1 m in 1 km
-_FLOOR_TOLERANCE = 1e-6  # m; a point this far below the sea bed counts as on it, because interpolation rounds
+_FLOOR_TOLERANCE = (
+    1e-6  # m; a point this far below the sea bed counts as on it, because interpolation rounds
+)
 _CHANGES = [
     "carried",
     "extended",
@@ -68,19 +69,28 @@ _DOUBTS = {  # limit and remedy
         "interpolation or assimilation can cause this; look at a section there",
     ),
     "below freezing": (f"{SUPERCOOLED:g} K", UNFROZEN),
-    "isolated wet points": ("", "a hole of one point in the sea bed; interpolation across it is unreliable"),
+    "isolated wet points": (
+        "",
+        "a hole of one point in the sea bed; interpolation across it is unreliable",
+    ),
     "land of one point": ("", "an islet or a gap in the data"),
     "spikes": (f"{_SPIKE:g} m/s", "no front causes this; look for a wrong value"),
     "jumps between neighbours": (
         f"{_JUMP:g} m/s",
         "the grid does not resolve a front this sharp; look for a wrong value",
     ),
-    "jumps between levels": (f"{_MAX_GRADIENT:g} s-1", "look for a wrong value or a misplaced level"),
+    "jumps between levels": (
+        f"{_MAX_GRADIENT:g} s-1",
+        "look for a wrong value or a misplaced level",
+    ),
     "few levels": (
         f"{_MIN_LEVELS} and {_MIN_UPPER_LEVELS}",
         "ducts between the levels are lost; use a source with more levels",
     ),
-    "first level carried up": ("", "the source has no data above it; ducts at the surface depend on it"),
+    "first level carried up": (
+        "",
+        "the source has no data above it; ducts at the surface depend on it",
+    ),
     "coarse grid": (
         f"{_MAX_SPACING / 1e3:g} km and {_MIN_NODES} cells",
         "fronts and eddies are lost; use a finer source or a larger domain",
@@ -152,17 +162,18 @@ def check_ocean(
     Parameters
     ----------
     source : str, Path, sequence of them, or xarray.Dataset
-        A source of `pymantaray.ocean.open_ocean`. A data set with the attribute ``synthetic`` is checked as it is.
+        A source of `pymantaray.ocean.open_ocean`. A data set with the attribute ``synthetic`` is
+        checked as it is.
     time : str or numpy.datetime64, optional
         Instant, if the source has several.
     centre, half_extent : tuple of float, optional
         Domain that the ocean must cover, as in `pymantaray.ocean.to_local`. [degrees, m]
     fleet : mapping of str to ndarray, shape (n, 3), optional
-        Waypoints (north, east, down) of each vehicle; the first is its start. They must be in the domain and above the sea
-        bed. [m]
+        Waypoints (north, east, down) of each vehicle; the first is its start. They must be in the
+        domain and above the sea bed. [m]
     existing_trajectories : bool
-        True if ``fleet`` contains existing trajectories. Ranges fail where they leave the water, which is a doubt instead
-        of an error.
+        True if ``fleet`` contains existing trajectories. Ranges fail where they leave the water,
+        which is a doubt instead of an error.
     sea_floor : xarray.DataArray, optional
         Sea floor for `to_local`.
     equation : str
@@ -191,7 +202,9 @@ def check_ocean(
     findings = list(violations(ocean))
     if not any(f.severity == "wrong" for f in findings):
         findings += _water(ocean, equation)
-        findings += _coverage(ocean, centre, half_extent, fleet or {}, existing_trajectories, sea_floor)
+        findings += _coverage(
+            ocean, centre, half_extent, fleet or {}, existing_trajectories, sea_floor
+        )
         findings += _provenance(ocean)
     return Findings(sorted(findings, key=lambda f: f.severity != "wrong"))
 
@@ -218,7 +231,9 @@ def _provenance(ocean: xr.Dataset) -> Iterator[Finding]:
     if still:
         yield _doubt("currents at rest", "0 m/s everywhere")
     for line in str(ocean.attrs.get("history", "")).splitlines():
-        if any(word in line.lower() for word in _CHANGES) and not (still and "rest" in line.lower()):
+        if any(word in line.lower() for word in _CHANGES) and not (
+            still and "rest" in line.lower()
+        ):
             yield _doubt("changed", line.strip())
 
 
@@ -235,7 +250,8 @@ def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
         yield Finding(
             "wrong",
             "sound speed",
-            f"{np.count_nonzero(bad)} of {np.count_nonzero(wet)} wet points, the worst {speed[at]:.1f} m/s",
+            f"{np.count_nonzero(bad)} of {np.count_nonzero(wet)} wet points, the worst"
+            f" {speed[at]:.1f} m/s",
             f"{_MIN_SPEED:g} to {_MAX_SPEED:g} m/s",
             "check units and fill values of temperature and salinity",
             place_of(ocean, at),
@@ -243,12 +259,16 @@ def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
     fall = density_fall(ocean)
     if (unstable := fall > _DENSITY_NOISE).any():
         at = np.unravel_index(int(np.nanargmax(fall)), fall.shape)
-        count = f"{np.count_nonzero(unstable)} of {np.count_nonzero(np.isfinite(fall))} pairs of levels"
+        count = (
+            f"{np.count_nonzero(unstable)} of {np.count_nonzero(np.isfinite(fall))} pairs of levels"
+        )
         between = f"between {depth[at[0]]:g} and {depth[at[0] + 1]:g} m"
         value = f"{count}, the largest {fall[at]:.3f} kg/m3 {between}"
         yield _doubt("density inversions", value, place_of(ocean, at))
     cold = supercooling(*gridded_water(ocean))
-    yield from _largest(ocean, "below freezing", "water below its freezing point", cold, SUPERCOOLED, "K")
+    yield from _largest(
+        ocean, "below freezing", "water below its freezing point", cold, SUPERCOOLED, "K"
+    )
     yield from _islands(ocean, wet)
     yield from _jumps(ocean, speed, depth)
     yield from _levels(depth, wet, water)
@@ -282,14 +302,18 @@ def _jumps(ocean: xr.Dataset, speed: Array, depth: Array) -> Iterator[Finding]:
     slope = np.abs(np.diff(speed, axis=0)) / np.diff(depth)[:, None, None]
     yield from _largest(ocean, "spikes", "sound speed", lone, _SPIKE, "m/s")
     yield from _largest(ocean, "jumps between neighbours", "sound speed", steps, _JUMP, "m/s")
-    yield from _largest(ocean, "jumps between levels", "gradient of sound speed", slope, _MAX_GRADIENT, "s-1")
+    yield from _largest(
+        ocean, "jumps between levels", "gradient of sound speed", slope, _MAX_GRADIENT, "s-1"
+    )
 
 
 def _levels(depth: Array, wet: NDArray[np.bool_], water: tuple[Array, Array]) -> Iterator[Finding]:
     used = depth[wet.any(axis=(1, 2))]
     upper = int(np.count_nonzero(used <= _UPPER_DEPTH))
     if used.size < _MIN_LEVELS or (used[-1] > _UPPER_DEPTH and upper < _MIN_UPPER_LEVELS):
-        value = f"{used.size} levels down to {used[-1]:g} m, {upper} in the upper {_UPPER_DEPTH:g} m"
+        value = (
+            f"{used.size} levels down to {used[-1]:g} m, {upper} in the upper {_UPPER_DEPTH:g} m"
+        )
         yield _doubt("few levels", value)
     both = wet[0] & wet[1]
     if both.any() and all(np.array_equal(field[0][both], field[1][both]) for field in water):
@@ -305,7 +329,9 @@ def _coverage(
     existing_trajectories: bool,
     sea_floor: xr.DataArray | None,
 ) -> Iterator[Finding]:
-    """Check that the ocean covers the domain and the fleet, the grid spacing and the projection error."""
+    """
+    Check that the ocean covers the domain and the fleet, the grid spacing and the projection error.
+    """
     try:
         window = Window.of(ocean, centre)
         largest = window.largest_rectangle()
@@ -333,7 +359,9 @@ def _grid(window: Window, half: tuple[float, float]) -> Iterator[Finding]:
     nodes = [2.0 * h / s for h, s in zip(half, spacing, strict=True)]
     if max(spacing) > _MAX_SPACING or min(nodes) < _MIN_NODES:
         size = f"{spacing[0] / 1e3:.1f} km by {spacing[1] / 1e3:.1f} km"
-        yield _doubt("coarse grid", f"{size}, {nodes[0]:.0f} by {nodes[1]:.0f} cells across the domain")
+        yield _doubt(
+            "coarse grid", f"{size}, {nodes[0]:.0f} by {nodes[1]:.0f} cells across the domain"
+        )
     side = np.linspace(-1.0, 1.0, 21)
     north = half[0] * side[:, None]
     east = half[1] * side[None, :]
@@ -354,7 +382,9 @@ def _fleet(
     try:
         bed = floor_in_domain(ocean, window, half, sea_floor)
     except OceanError as error:
-        yield Finding("wrong", "sea floor", str(error), "the whole domain", "fetch a larger window of it")
+        yield Finding(
+            "wrong", "sea floor", str(error), "the whole domain", "fetch a larger window of it"
+        )
         return
     for name, plan in fleet.items():
         where = f"vehicle {name}"
@@ -366,8 +396,8 @@ def _fleet(
             yield Finding(
                 "doubtful" if existing_trajectories and not outside.all() else "wrong",
                 "coverage",
-                f"{np.count_nonzero(outside)} of {len(points)} planned points outside the domain, the first"
-                f" {north} km north, {east} km east",
+                f"{np.count_nonzero(outside)} of {len(points)} planned points outside the domain,"
+                f" the first {north} km north, {east} km east",
                 f"+-{high} km by +-{wide} km",
                 "fetch a larger window, or move the vehicle",
                 where,

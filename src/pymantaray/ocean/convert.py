@@ -1,4 +1,7 @@
-"""Conversion of data sets to the ocean schema: units, instants, levels and TEOS-10 kinds of temperature and salinity."""
+"""
+Conversion of data sets to the ocean schema: units, instants, levels and TEOS-10 kinds of
+temperature and salinity.
+"""
 
 import math
 import re
@@ -42,18 +45,21 @@ _TIME_TOLERANCE = np.timedelta64(1, "m")  # between the requested and an availab
 _METRES = "m meter meters metre metres"
 _RADIANS = {180.0 / math.pi: "radians radian rad"}
 _THOUSANDTHS = "1e-3 0.001 10^-3 10-3 ppt ‰ g/kg gkg-1 gkg^-1"
-# by quantity: the unit of this package; then factor and spellings of each unit, without case, spaces and underscores
-# (MPa and mPa are therefore equal)
+# by quantity: the unit of this package; then factor and spellings of each unit, without case,
+# spaces and underscores (MPa and mPa are therefore equal)
 _UNITS: dict[str, tuple[str, dict[float, str]]] = {
     "temperature": (
         "degC",
-        {1.0: "degc celsius degreec degreesc degreecelsius degreescelsius degcelsius c °c ºc its90 its-90"},
+        {
+            1.0: "degc celsius degreec degreesc degreecelsius degreescelsius degcelsius c °c ºc"
+            " its90 its-90"
+        },
     ),
     "practical salinity": (
         "1",
         {
-            1.0: f"1 psu pss-78 pss78 pss practical parts/1000 dimensionless unitless none {_THOUSANDTHS}"
-            " practicalsalinityunit practicalsalinityunits"
+            1.0: "1 psu pss-78 pss78 pss practical parts/1000 dimensionless unitless none"
+            f" {_THOUSANDTHS} practicalsalinityunit practicalsalinityunits"
         },
     ),
     "mass salinity": ("g kg-1", {1.0: _THOUSANDTHS, 1000.0: "kg/kg kgkg-1 kgkg^-1"}),
@@ -61,7 +67,9 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
         "m s-1",
         {
             1.0: "m/s ms-1 ms^-1 m.s-1 m*s-1 m/sec ms**-1 meterspersecond metrespersecond "
-            + " ".join(f"{m}/{s} {m}second-1" for m in _METRES.split() for s in ("s", "second", "seconds")),
+            + " ".join(
+                f"{m}/{s} {m}second-1" for m in _METRES.split() for s in ("s", "second", "seconds")
+            ),
             0.01: "cm/s cms-1 cms^-1 cm.s-1 centimeter/s centimetre/s cm/sec",
             0.001: "mm/s mms-1 mms^-1",
             1000.0 / 3600.0: "km/h kmh-1 kmhour-1 km/hour",
@@ -70,7 +78,11 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
     ),
     "conductivity": (
         "mS cm-1",
-        {1.0: "ms/cm mscm-1", 10.0: "s/m sm-1", 1e-3: "us/cm µs/cm uscm-1 microsiemenspercentimeter"},
+        {
+            1.0: "ms/cm mscm-1",
+            10.0: "s/m sm-1",
+            1e-3: "us/cm µs/cm uscm-1 microsiemenspercentimeter",
+        },
     ),
     "length": (
         "m",
@@ -123,7 +135,9 @@ _KELVIN = ["k", "kelvin", "kelvins", "degk", "degreek", "degreesk", "degreekelvi
 def is_unit_of(quantity: str, unit: str) -> bool:
     """Return True if a unit is a known unit of a quantity, with any factor."""
     word = _plain(unit)
-    return word in _FACTORS[quantity] or (quantity == "temperature" and word in (*_KELVIN, *_FAHRENHEIT))
+    return word in _FACTORS[quantity] or (
+        quantity == "temperature" and word in (*_KELVIN, *_FAHRENHEIT)
+    )
 
 
 def is_our_unit(quantity: str, unit: str) -> bool:
@@ -137,15 +151,19 @@ def our_unit(quantity: str) -> str:
 
 
 def to_our_unit(values: Array, quantity: str, unit: str, *, where: str) -> Array:
-    """Convert values to degC, practical salinity or g/kg, m/s, m, dbar or degrees; the same array if no change is needed."""
+    """
+    Convert values to degC, practical salinity or g/kg, m/s, m, dbar or degrees; the same array if
+    no change is needed.
+    """
     if not unit:
         raise OceanError(
-            f"{where} has no units; set its attribute units according to CF, or give a unit with its standard name, as in"
-            " --name temp=sea_water_temperature[degC] (in Python: names)"
+            f"{where} has no units; set its attribute units according to CF, or give a unit with"
+            " its standard name, as in --name temp=sea_water_temperature[degC] (in Python: names)"
         )
     if not is_unit_of(quantity, unit):
         raise OceanError(
-            f"{where} has units {unit[:40]!r}, which is not a unit of {quantity}; write {our_unit(quantity)}"
+            f"{where} has units {unit[:40]!r}, which is not a unit of {quantity}; write"
+            f" {our_unit(quantity)}"
         )
     if quantity == "temperature" and _plain(unit) in _KELVIN:
         return values - 273.15
@@ -177,12 +195,17 @@ def parse_instant(time: str | np.datetime64) -> np.datetime64:
     if stamp.tz is not None:
         stamp = stamp.tz_convert("UTC").tz_localize(None)
     if not pd.Timestamp.min <= stamp <= pd.Timestamp.max:
-        raise OceanError(f"time {time!r} is out of range; allowed: 1678 to 2261 (64-bit nanoseconds)")
+        raise OceanError(
+            f"time {time!r} is out of range; allowed: 1678 to 2261 (64-bit nanoseconds)"
+        )
     return stamp.to_datetime64()
 
 
 def has_time(data: xr.Dataset, name: str) -> bool:
-    """Return True unless a time coordinate has no name, or consists of one missing instant; xarray writes NaT as -2**63."""
+    """
+    Return True unless a time coordinate has no name, or consists of one missing instant; xarray
+    writes NaT as -2**63.
+    """
     return bool(name) and not (
         data.variables[name].size == 1
         and bool(np.all(np.isnan(values := numbers(data, name)) | (values <= -(2.0**63))))
@@ -190,19 +213,23 @@ def has_time(data: xr.Dataset, name: str) -> bool:
 
 
 def instants(data: xr.Dataset, name: str) -> tuple[Instants, bool]:
-    """Instants of a time coordinate in UTC and the standard calendar, and True for a climatology; one element for a scalar."""
+    """
+    Instants of a time coordinate in UTC and the standard calendar, and True for a climatology; one
+    element for a scalar.
+    """
     axis = data.variables[name]
     where = f"{file_name(data)}: {name}"
     unit = text(axis, "units")
     calendar = text(axis, "calendar").lower()
     if calendar not in _CALENDARS:
         raise OceanError(
-            f"{where} uses the calendar {calendar!r}, which is not a real calendar; convert it first,"
-            " data.convert_calendar('standard', align_on='date')"
+            f"{where} uses the calendar {calendar!r}, which is not a real calendar; convert it"
+            " first, data.convert_calendar('standard', align_on='date')"
         )
     if " since " not in unit:
         raise OceanError(
-            f"{where} has units {unit[:40]!r}; a time coordinate needs units such as 'hours since ...'"
+            f"{where} has units {unit[:40]!r}; a time coordinate needs units such as 'hours since"
+            " ...'"
         )
     values = np.atleast_1d(numbers(data, name))
     months = unit.lower().startswith("month")
@@ -210,7 +237,9 @@ def instants(data: xr.Dataset, name: str) -> tuple[Instants, bool]:
     if climatology:  # of no year
         unit = re.sub(r"(?<= since )0*[01]-", "2000-", unit)
     times = (
-        _months_since(values, unit, where) if months else decoded_times(values, unit, calendar, where=where)
+        _months_since(values, unit, where)
+        if months
+        else decoded_times(values, unit, calendar, where=where)
     )
     different, counts = np.unique(times, return_counts=True)
     if different.size < times.size:
@@ -220,12 +249,19 @@ def instants(data: xr.Dataset, name: str) -> tuple[Instants, bool]:
 
 
 def _months_since(values: Array, unit: str, where: str) -> Instants:
-    """Instants of a count of calendar months, as in the World Ocean Atlas; fractions are of the length of the month."""
+    """
+    Instants of a count of calendar months, as in the World Ocean Atlas; fractions are of the length
+    of the month.
+    """
     origin = parse_instant(unit.split(" since ", 1)[1]).astype("datetime64[M]")
     if not np.all(np.isfinite(values)) or np.abs(values).max(initial=0.0) > _MAX_MONTHS:
-        raise OceanError(f"{where} has months from {values.min():g} to {values.max():g}; correct the axis")
+        raise OceanError(
+            f"{where} has months from {values.min():g} to {values.max():g}; correct the axis"
+        )
     years = np.floor(values / 12.0)
-    if np.abs(years).max(initial=0.0) > _MAX_YEARS:  # of no year, as in files of the World Ocean Atlas 2023
+    if (
+        np.abs(years).max(initial=0.0) > _MAX_YEARS
+    ):  # of no year, as in files of the World Ocean Atlas 2023
         values = values - 12.0 * years.min()
     whole = np.floor(values).astype(int)
     first, after = (origin + (whole + k).astype("timedelta64[M]") for k in (0, 1))
@@ -235,7 +271,9 @@ def _months_since(values: Array, unit: str, where: str) -> Instants:
 
 
 def decoded_times(values: Array, unit: str, calendar: str = "", *, where: str) -> Instants:
-    """Instants from numbers with units 'UNIT since ORIGIN', exact to the nanosecond for integers."""
+    """
+    Instants from numbers with units 'UNIT since ORIGIN', exact to the nanosecond for integers.
+    """
     whole = np.all(values == np.round(values)) and np.all(np.abs(values) < 2**53)
     attrs = {"units": unit, "calendar": calendar or "standard"}
     raw = xr.Variable(("time",), values.astype(np.int64) if whole else values, attrs)
@@ -244,18 +282,24 @@ def decoded_times(values: Array, unit: str, calendar: str = "", *, where: str) -
             warnings.simplefilter("ignore")
             times = xr.decode_cf(xr.Dataset({"when": raw}))["when"].values.astype("datetime64[ns]")
     except Exception as error:  # noqa: BLE001  cftime and pandas raise many types
-        raise OceanError(f"{where} cannot be read as {unit[:40]!r} ({one_line(error, 80)})") from None
+        raise OceanError(
+            f"{where} cannot be read as {unit[:40]!r} ({one_line(error, 80)})"
+        ) from None
     if times.size == 0 or np.any(np.isnat(times)):
         raise OceanError(f"{where} is empty or has missing instants; correct the axis")
     return np.asarray(times)
 
 
 def pick(times: Instants, time: str | np.datetime64 | None, names: str) -> np.datetime64:
-    """Instant of increasing times that is within a minute of the requested time; without a request, the only instant."""
+    """
+    Instant of increasing times that is within a minute of the requested time; without a request,
+    the only instant.
+    """
     if time is None:
         if len(times) > 1:
             raise OceanError(
-                f"{names}: {len(times)} times ({listing(times)}); select one with --time {minute(times[0])} (in Python and"
+                f"{names}: {len(times)} times ({listing(times)}); select one with --time"
+                f" {minute(times[0])} (in Python and"
                 f' TOML: time = "{minute(times[0])}")'
             )
         return np.datetime64(times[0])
@@ -283,9 +327,14 @@ def degrees(data: xr.Dataset, name: str, quantity: str) -> Array:
     unit = text(data.variables[name], "units")
     if unit:
         return to_our_unit(values, quantity, unit, where=f"{file_name(data)}: {name}")
-    if quantity == "latitude" and values.size > 1 and np.nanmax(np.abs(values), initial=0.0) <= 0.5 * math.pi:
+    if (
+        quantity == "latitude"
+        and values.size > 1
+        and np.nanmax(np.abs(values), initial=0.0) <= 0.5 * math.pi
+    ):
         raise OceanError(
-            f"{file_name(data)}: {name} has no units and may be in degrees or radians; set its units to degrees_north or radians"
+            f"{file_name(data)}: {name} has no units and may be in degrees or radians; set its"
+            " units to degrees_north or radians"
         )
     return values
 
@@ -297,13 +346,18 @@ def time_text(ocean: xr.Dataset) -> str:
 
 
 def levels(data: xr.Dataset, name: str) -> tuple[Array, bool]:
-    """Vertical axis, positive down, in the order of the file, and True if it is an axis of pressure. [m] or [dbar]"""
+    """
+    Vertical axis, positive down, in the order of the file, and True if it is an axis of pressure.
+    [m] or [dbar]
+    """
     axis = data.variables[name]
     where = f"{file_name(data)}: {name}"
     unit = text(axis, "units")
     standard_name = text(axis, "standard_name")
     if is_unit_of("pressure", unit) or standard_name.startswith("sea_water_pressure"):
-        return _from_surface(to_our_unit(numbers(data, name), "pressure", unit, where=where), where), True
+        return _from_surface(
+            to_our_unit(numbers(data, name), "pressure", unit, where=where), where
+        ), True
     values = to_our_unit(numbers(data, name), "length", unit, where=where)
     positive = (text(axis, "positive") or text(axis, "_CoordinateZisPositive")).lower()
     if standard_name in ("height", "altitude", "height_above_mean_sea_level"):
@@ -311,7 +365,8 @@ def levels(data: xr.Dataset, name: str) -> tuple[Array, bool]:
     negative = bool(values.size) and bool(np.all(values <= 0.0)) and bool(np.any(values < 0.0))
     if positive == "down" and negative:
         raise OceanError(
-            f"{where} has negative values although its attribute positive is 'down'; correct the sign or the attribute"
+            f"{where} has negative values although its attribute positive is 'down'; correct the"
+            " sign or the attribute"
         )
     upward = positive == "up" or (negative and not positive)
     return _from_surface(-values if upward else values, where), False
@@ -325,19 +380,26 @@ def _from_surface(values: Array, where: str) -> Array:
             f"{where} has a level {-values.min():g} above the surface; check its attribute positive"
         )
     if values.max() > DEEPEST:
-        raise OceanError(f"{where} has a level at {values.max():g}; allowed: at most {DEEPEST:g} m or dbar")
+        raise OceanError(
+            f"{where} has a level at {values.max():g}; allowed: at most {DEEPEST:g} m or dbar"
+        )
     return np.asarray(np.where(np.abs(values) <= _AT_SURFACE, 0.0, values), dtype=float)
 
 
 def to_in_situ_and_practical(
-    temperature: tuple[Array, str], salinity: tuple[Array, str], pressure: Array, lat: Array, lon: Array
+    temperature: tuple[Array, str],
+    salinity: tuple[Array, str],
+    pressure: Array,
+    lat: Array,
+    lon: Array,
 ) -> tuple[Array, Array]:
     """
-    Convert fields over (depth, lat, lon) of any TEOS-10 kind to in-situ temperature and practical salinity.
+    Convert fields over (depth, lat, lon) of any TEOS-10 kind to in-situ temperature and practical
+    salinity.
 
-    Potential temperature refers to 0 dbar. Absolute, reference and preformed salinity are in g/kg. Pressure [dbar]
-    broadcasts. See McDougall, T. J. and Barker, P. M. (2011), Getting started with TEOS-10 and the Gibbs Seawater
-    (GSW) Oceanographic Toolbox, SCOR/IAPSO WG127.
+    Potential temperature refers to 0 dbar. Absolute, reference and preformed salinity are in g/kg.
+    Pressure [dbar] broadcasts. See McDougall, T. J. and Barker, P. M. (2011), Getting started with
+    TEOS-10 and the Gibbs Seawater (GSW) Oceanographic Toolbox, SCOR/IAPSO WG127.
     """
     (t, t_kind), (s, s_kind) = temperature, salinity
     place = (pressure, lon, lat[:, None])
@@ -363,8 +425,8 @@ def check_salinity_unit(salinity: Array, where: str) -> None:
     highest = np.max(salinity, initial=0.0, where=np.isfinite(salinity))
     if 0.0 < highest < _MIN_MAX_SALINITY:
         raise OceanError(
-            f"{where} is at most {highest:.3g}, which suggests kg/kg; set units to 'kg kg-1' and the"
-            " standard_name to sea_water_absolute_salinity, or multiply by 1000"
+            f"{where} is at most {highest:.3g}, which suggests kg/kg; set units to 'kg kg-1' and"
+            " the standard_name to sea_water_absolute_salinity, or multiply by 1000"
         )
 
 
@@ -372,10 +434,11 @@ def to_fixed_depths(
     fields: dict[str, Array], pressure: Array, lat: Array
 ) -> tuple[Array, dict[str, Array], float]:
     """
-    Interpolate fields from pressure levels [dbar] to the depths of these levels at the middle latitude.
+    Interpolate fields from pressure levels [dbar] to the depths of these levels at the middle
+    latitude.
 
-    Returns the depths [m], the linearly interpolated fields and the largest displacement [m]. A value with a missing
-    neighbour is unchanged.
+    Returns the depths [m], the linearly interpolated fields and the largest displacement [m]. A
+    value with a missing neighbour is unchanged.
     """
     depth = -np.asarray(gsw.z_from_p(pressure, 0.5 * (lat[0] + lat[-1])), dtype=float)
     depth[pressure == 0.0] = 0.0
@@ -391,13 +454,21 @@ def to_fixed_depths(
     return depth, moved, float(np.max(np.abs(shift)))
 
 
-def up_to_surface(depth: Array, fields: dict[str, Array], where: str) -> tuple[Array, dict[str, Array]]:
-    """Add a level at 0 m with the values of the first level if that is deeper than 0 m, but not too deep. [m]"""
+def up_to_surface(
+    depth: Array, fields: dict[str, Array], where: str
+) -> tuple[Array, dict[str, Array]]:
+    """
+    Add a level at 0 m with the values of the first level if that is deeper than 0 m, but not too
+    deep. [m]
+    """
     if depth[0] == 0.0:
         return depth, fields
     if depth[0] > _DEEPEST_FIRST_LEVEL:
         raise OceanError(
-            f"{where}: the first level is at {depth[0]:g} m; its values are extended to the surface only if it is at most"
-            f" {_DEEPEST_FIRST_LEVEL:g} m deep; add levels above it to the file"
+            f"{where}: the first level is at {depth[0]:g} m; its values are extended to the surface"
+            f" only if it is at most {_DEEPEST_FIRST_LEVEL:g} m deep; add levels above it to the"
+            " file"
         )
-    return np.concatenate([[0.0], depth]), {n: np.concatenate([f[:1], f]) for n, f in fields.items()}
+    return np.concatenate([[0.0], depth]), {
+        n: np.concatenate([f[:1], f]) for n, f in fields.items()
+    }

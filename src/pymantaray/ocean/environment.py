@@ -1,4 +1,7 @@
-"""Water of the paper's authors' program: ``environment.json`` and its arrays, as a local ocean and from one."""
+"""
+Water of the paper's authors' program: ``environment.json`` and its arrays, as a local ocean and
+from one.
+"""
 
 import difflib
 import json
@@ -22,7 +25,10 @@ ARRAYS = {
     "ssp": ("x", "y", "z", "data"),
     "current": ("x", "y", "z", "u", "v"),
 }
-"""Arrays of each section; x is east, y north and z down, and fields are flat with x slowest and z fastest."""
+"""
+Arrays of each section; x is east, y north and z down, and fields are flat with x slowest and z
+fastest.
+"""
 _SOURCE = "source_dir"
 _FILES = {
     "bathymetry": {"data": "bathymetry"},
@@ -31,7 +37,10 @@ _FILES = {
 }
 _MAX_JSON_BYTES = 10_000_000
 _MAX_ARRAY_BYTES = 4_000_000_000
-_HEADERS = {(1, 0): np.lib.format.read_array_header_1_0, (2, 0): np.lib.format.read_array_header_2_0}
+_HEADERS = {
+    (1, 0): np.lib.format.read_array_header_1_0,
+    (2, 0): np.lib.format.read_array_header_2_0,
+}
 _COMPONENTS = {"current_east": "u", "current_north": "v"}
 _FIELDS = ("sound_speed", *_COMPONENTS)
 _BELOW_FLOOR = 10.0  # m
@@ -80,8 +89,9 @@ def find_file(name: str, beside: Path) -> Path:
     """
     Find a file or folder that a file of the program names.
 
-    The program's names are relative to its working folder, which is unknown here. The first of these exists: the name relative to
-    the folder of the file, to the present working folder, and without leading ``../`` to each folder above the file.
+    The program's names are relative to its working folder, which is unknown here. The first of
+    these exists: the name relative to the folder of the file, to the present working folder, and
+    without leading ``../`` to each folder above the file.
 
     Parameters
     ----------
@@ -116,7 +126,10 @@ def files_of(path: str | Path) -> tuple[str, ...]:
         paths = _paths(Path(path))
     except OceanError:
         return (str(path),)
-    return (str(path), *dict.fromkeys(str(file) for files in paths.values() for file in files.values()))
+    return (
+        str(path),
+        *dict.fromkeys(str(file) for files in paths.values() for file in files.values()),
+    )
 
 
 def _paths(path: Path) -> dict[str, dict[str, Path]]:
@@ -124,7 +137,9 @@ def _paths(path: Path) -> dict[str, dict[str, Path]]:
     tree = read_json(path)
     _check_keys(path, "", tree, (_SOURCE, *ARRAYS), needed=(_SOURCE, "ssp"))
     if not isinstance(tree[_SOURCE], str):
-        raise OceanError(f"{path}: {_SOURCE}: found {tree[_SOURCE]!r}; it must be the name of a folder")
+        raise OceanError(
+            f"{path}: {_SOURCE}: found {tree[_SOURCE]!r}; it must be the name of a folder"
+        )
     source = find_file(tree[_SOURCE], path)
     if not (exists(source) and source.is_dir()):
         raise OceanError(f"{path}: {_SOURCE}: no folder {shown(source)}; correct the name")
@@ -132,12 +147,16 @@ def _paths(path: Path) -> dict[str, dict[str, Path]]:
     for section, keys in ARRAYS.items():
         if section in tree:
             if not isinstance(tree[section], dict):
-                raise OceanError(f"{path}: {section}: found {tree[section]!r}; it must be a table in braces")
+                raise OceanError(
+                    f"{path}: {section}: found {tree[section]!r}; it must be a table in braces"
+                )
             _check_keys(path, f"{section}.", tree[section], keys, needed=keys)
             names = {key: tree[section][key] for key in keys}
             for key, name in names.items():
                 if not isinstance(name, str):
-                    raise OceanError(f"{path}: {section}.{key}: found {name!r}; it must be a file name")
+                    raise OceanError(
+                        f"{path}: {section}.{key}: found {name!r}; it must be a file name"
+                    )
             out[section] = {key: source / name for key, name in names.items()}
     return out
 
@@ -148,7 +167,9 @@ def _check_keys(
     for key in tree:
         if key not in known:
             close = difflib.get_close_matches(key, known, n=1)
-            hint = f"Did you mean `{before}{close[0]}`?" if close else f"Allowed: {', '.join(known)}"
+            hint = (
+                f"Did you mean `{before}{close[0]}`?" if close else f"Allowed: {', '.join(known)}"
+            )
             raise OceanError(f"{path}: `{before}{one_line(key, 60)}`: unknown key. {hint}")
     missing = [key for key in needed if key not in tree]
     if missing:
@@ -171,15 +192,20 @@ def read_arrays(path: str | Path) -> dict[str, dict[str, Array]]:
     Raises
     ------
     OceanError
-        If a file is missing or is not what the program reads: double precision in C order, with increasing axes.
+        If a file is missing or is not what the program reads: double precision in C order, with
+        increasing axes.
     """
     out: dict[str, dict[str, Array]] = {}
     for section, files in _paths(Path(path)).items():
-        arrays = {key: _array(file, f"{Path(path).name}: {section}.{key}") for key, file in files.items()}
+        arrays = {
+            key: _array(file, f"{Path(path).name}: {section}.{key}") for key, file in files.items()
+        }
         axes: list[str] = [key for key in ("x", "y", "z") if key in arrays]
         for key in axes:
             label = f"{Path(path).name}: {section}.{key}"
-            arrays[key] = checked_array(OceanError, label, arrays[key].ravel(), (None,), rising=True)
+            arrays[key] = checked_array(
+                OceanError, label, arrays[key].ravel(), (None,), rising=True
+            )
         shape = tuple(arrays[key].size for key in axes)
         for key in arrays.keys() - set(axes):
             if arrays[key].size != np.prod(shape):
@@ -193,7 +219,9 @@ def read_arrays(path: str | Path) -> dict[str, dict[str, Array]]:
 
 
 def _array(file: Path, label: str) -> Array:
-    """Array of a ``.npy`` file, whose header is compared with its size before memory is allocated."""
+    """
+    Array of a ``.npy`` file, whose header is compared with its size before memory is allocated.
+    """
 
     def refusal(text: str) -> OceanError:
         return OceanError(f"{label}: {text}")
@@ -203,18 +231,23 @@ def _array(file: Path, label: str) -> Array:
             version = np.lib.format.read_magic(stream)
             shape, fortran, dtype = _HEADERS[version](stream)
         except (ValueError, EOFError, KeyError, SyntaxError, RecursionError) as error:
-            raise refusal(f"{shown(file)}: not a .npy file of numbers ({one_line(error)})") from None
+            raise refusal(
+                f"{shown(file)}: not a .npy file of numbers ({one_line(error)})"
+            ) from None
         if dtype != np.float64:
-            raise refusal(f"{shown(file)}: {dtype}; the program reads float64 only; convert the array")
+            raise refusal(
+                f"{shown(file)}: {dtype}; the program reads float64 only; convert the array"
+            )
         if fortran and len(shape) > 1:
             raise refusal(
-                f"{shown(file)}: Fortran order; the program reads C order only; use numpy.ascontiguousarray"
+                f"{shown(file)}: Fortran order; the program reads C order only; use"
+                " numpy.ascontiguousarray"
             )
         values = stream.read()
     if len(values) != math.prod(shape) * dtype.itemsize:
         raise refusal(
-            f"{shown(file)}: {len(values):,} bytes of values, but its header says {_text(shape)} values;"
-            " write the array again"
+            f"{shown(file)}: {len(values):,} bytes of values, but its header says {_text(shape)}"
+            " values; write the array again"
         )
     return np.frombuffer(values, dtype=dtype).reshape(shape).copy()
 
@@ -235,8 +268,9 @@ def read_environment(path: str | Path) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        Data set for `ocean_in_metres`, on the axes of the sound speed. Currents on other axes are on the grid points of both,
-        which does not change their trilinear interpolation, and constant beyond their edges. The bathymetry keeps its axes.
+        Data set for `ocean_in_metres`, on the axes of the sound speed. Currents on other axes are
+        on the grid points of both, which does not change their trilinear interpolation, and
+        constant beyond their edges. The bathymetry keeps its axes.
 
     Raises
     ------
@@ -259,7 +293,9 @@ def read_environment(path: str | Path) -> xr.Dataset:
     variables: dict[str, Any] = {name: (tuple(axes), values) for name, values in fields.items()}
     coordinates = dict(axes)
     if bed := arrays.get("bathymetry"):
-        same = all(np.array_equal(bed[key], axes[name]) for key, name in (("x", "east"), ("y", "north")))
+        same = all(
+            np.array_equal(bed[key], axes[name]) for key, name in (("x", "east"), ("y", "north"))
+        )
         dims = ("east", "north") if same else ("floor_east", "floor_north")
         variables["sea_floor_depth"] = dims, bed["data"]
         coordinates |= {} if same else dict(zip(dims, (bed["x"], bed["y"]), strict=True))
@@ -289,21 +325,25 @@ def environment_arrays(local: xr.Dataset) -> dict[str, dict[str, Array]]:
     Returns
     -------
     dict of str to dict of str to ndarray
-        As by `read_arrays`. If the sea floor is not above the last level, a level is added below it, because the program traces
-        rays in levels only.
+        As by `read_arrays`. If the sea floor is not above the last level, a level is added below
+        it, because the program traces rays in levels only.
     """
     deepest = float(local["sea_floor_depth"].max())
     if deepest >= float(local["depth"][-1]):
         below = local.isel(depth=[-1]).assign_coords(depth=[deepest + _BELOW_FLOOR])
         with_level = xr.concat([local[list(_FIELDS)], below[list(_FIELDS)]], dim="depth")
         local = with_level.assign(sea_floor_depth=local["sea_floor_depth"])
-    axes = {key: local[name].values for key, name in (("x", "east"), ("y", "north"), ("z", "depth"))}
+    axes = {
+        key: local[name].values for key, name in (("x", "east"), ("y", "north"), ("z", "depth"))
+    }
     bed = local["sea_floor_depth"]
     own = "floor_east" in bed.dims
     dims = ("floor_east", "floor_north") if own else ("east", "north")
 
     def field(name: str) -> Array:
-        return np.ascontiguousarray(local[name].transpose("east", "north", "depth").values, dtype=float)
+        return np.ascontiguousarray(
+            local[name].transpose("east", "north", "depth").values, dtype=float
+        )
 
     return {
         "bathymetry": {
@@ -316,7 +356,9 @@ def environment_arrays(local: xr.Dataset) -> dict[str, dict[str, Array]]:
     }
 
 
-def write_environment(arrays: dict[str, dict[str, Array]], folder: Path, source: str = "environment") -> None:
+def write_environment(
+    arrays: dict[str, dict[str, Array]], folder: Path, source: str = "environment"
+) -> None:
     """
     Write ``environment.json`` and its arrays into a folder.
 
@@ -336,5 +378,10 @@ def write_environment(arrays: dict[str, dict[str, Array]], folder: Path, source:
         for key, array in values.items():
             stem = _FILES[section].get(key, f"{key}_coords" if key in ("x", "y", "z") else key)
             tree[section][key] = f"{section}/{stem}.npy"
-            np.save(folder / source / section / f"{stem}.npy", np.asarray(array, dtype=np.float64).ravel())
-    (folder / f"environment{ENDING}").write_text(json.dumps(tree, indent=1) + "\n", encoding="utf-8")
+            np.save(
+                folder / source / section / f"{stem}.npy",
+                np.asarray(array, dtype=np.float64).ravel(),
+            )
+    (folder / f"environment{ENDING}").write_text(
+        json.dumps(tree, indent=1) + "\n", encoding="utf-8"
+    )

@@ -3,12 +3,16 @@ Equations of the sound speed of sea water: one entry of a table each.
 
 References
 ----------
-.. [1] Del Grosso, V. A. (1974), New equation for the speed of sound in natural waters, J. Acoust. Soc. Am. 56, 1084-1091.
-.. [2] Chen, C.-T. and Millero, F. J. (1977), Speed of sound in seawater at high pressures, J. Acoust. Soc. Am. 62,
-   1129-1135; UNESCO Technical Papers in Marine Science 44, whose check value and table were read in secondary sources.
-.. [3] Wong, G. S. K. and Zhu, S. (1995), Speed of sound in seawater as a function of salinity, temperature, and pressure,
-   J. Acoust. Soc. Am. 97, 1732-1736. The abstract was read; the coefficients are those of the National Physical Laboratory's
-   technical guide, as reprinted in several codes.
+.. [1] Del Grosso, V. A. (1974), New equation for the speed of sound in natural waters, J. Acoust.
+Soc. Am. 56, 1084-1091.
+.. [2] Chen, C.-T. and Millero, F. J. (1977), Speed of sound in seawater at high pressures, J.
+Acoust. Soc. Am. 62,
+   1129-1135; UNESCO Technical Papers in Marine Science 44, whose check value and table were read in
+   secondary sources.
+.. [3] Wong, G. S. K. and Zhu, S. (1995), Speed of sound in seawater as a function of salinity,
+temperature, and pressure,
+   J. Acoust. Soc. Am. 97, 1732-1736. The abstract was read; the coefficients are those of the
+   National Physical Laboratory's technical guide, as reprinted in several codes.
 """
 
 from __future__ import annotations
@@ -73,15 +77,21 @@ _SQUARE = np.array([[1.727e-3], [-7.9836e-6]])
 def check_equation(equation: str) -> None:
     """Raise an error for an unknown equation of sound speed."""
     if equation not in get_args(Equation):
-        raise OceanError(f"equation {equation!r} is unknown; allowed: {', '.join(get_args(Equation))}")
+        raise OceanError(
+            f"equation {equation!r} is unknown; allowed: {', '.join(get_args(Equation))}"
+        )
 
 
-def del_grosso(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike, *_: ArrayLike) -> Array:
+def del_grosso(
+    temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike, *_: ArrayLike
+) -> Array:
     """
-    Sound speed [m/s] by Del Grosso (1974) from in-situ temperature [degC], practical salinity and sea pressure [dbar].
+    Sound speed [m/s] by Del Grosso (1974) from in-situ temperature [degC], practical salinity and
+    sea pressure [dbar].
 
-    The fit is for 0 to 30 degC, salinity 30 to 40 and 0 to 9807 dbar. The function does not enforce these bounds, because the
-    polynomial extrapolates smoothly to colder and fresher water, as under Arctic ice.
+    The fit is for 0 to 30 degC, salinity 30 to 40 and 0 to 9807 dbar. The function does not enforce
+    these bounds, because the polynomial extrapolates smoothly to colder and fresher water, as under
+    Arctic ice.
     """
     T, S, p = (np.asarray(x, dtype=float) for x in (temperature, salinity, pressure))
     P = p / _DBAR_PER_KGF_CM2
@@ -91,11 +101,14 @@ def del_grosso(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike,
     return total
 
 
-def unesco(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike, *_: ArrayLike) -> Array:
+def unesco(
+    temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike, *_: ArrayLike
+) -> Array:
     """
     Sound speed [m/s] by Chen and Millero (1977) from the arguments of `del_grosso`.
 
-    The fit is for 0 to 40 degC, salinity 0 to 40 and 0 to 10,000 dbar. Other values are extrapolated.
+    The fit is for 0 to 40 degC, salinity 0 to 40 and 0 to 10,000 dbar. Other values are
+    extrapolated.
     """
     T, S, p = (np.asarray(x, dtype=float) for x in (temperature, salinity, pressure))
     P = 0.1 * p  # bar; on a grid it varies less than temperature, so its polynomials come first
@@ -109,15 +122,23 @@ def unesco(temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike, *_:
 def teos_10(
     temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> Array:
-    """Sound speed [m/s] by TEOS-10, whose absolute salinity depends on the place, from the arguments of `del_grosso`."""
+    """
+    Sound speed [m/s] by TEOS-10, whose absolute salinity depends on the place, from the arguments
+    of `del_grosso`.
+    """
     import gsw
 
     SA = gsw.SA_from_SP(salinity, pressure, lon, lat)
-    return np.asarray(gsw.sound_speed(SA, gsw.CT_from_t(SA, temperature, pressure), pressure), dtype=float)
+    return np.asarray(
+        gsw.sound_speed(SA, gsw.CT_from_t(SA, temperature, pressure), pressure), dtype=float
+    )
 
 
 class SoundSpeedEquation(NamedTuple):
-    """Sound speed [m/s] from in-situ temperature [degC], practical salinity, sea pressure [dbar], latitude and longitude."""
+    """
+    Sound speed [m/s] from in-situ temperature [degC], practical salinity, sea pressure [dbar],
+    latitude and longitude.
+    """
 
     sound_speed: Callable[[ArrayLike, ArrayLike, ArrayLike, ArrayLike, ArrayLike], Array]
     references: tuple[str, ...]

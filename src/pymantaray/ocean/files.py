@@ -21,7 +21,10 @@ from pymantaray.records.writing import NETCDF_LOCK
 from pymantaray.user_files import check_regular, exists, first_bytes
 
 MEMORY_SHARE = 1 / 12
-"""Maximum fraction of the machine's memory for one of four variables; conversion needs up to three copies of each."""
+"""
+Maximum fraction of the machine's memory for one of four variables; conversion needs up to three
+copies of each.
+"""
 IN_MEMORY = "data set in memory"
 _SHORTEST = 4  # bytes of an integer that is a limit of real numbers, not of packed ones
 _NEVER_WRITTEN = {  # default fill values of the NetCDF library
@@ -36,14 +39,16 @@ def open_file(path: str | Path | xr.Dataset) -> xr.Dataset:
     """
     Open a data set without reading values; `numbers` reads them. The caller closes it.
 
-    Fill values become NaN, scale and offset are applied, and times stay numbers. A data set in memory is converted to the
-    form of a file.
+    Fill values become NaN, scale and offset are applied, and times stay numbers. A data set in
+    memory is converted to the form of a file.
     """
     if isinstance(path, xr.Dataset):
         return _from_memory(path)
     address = re.search(r"[a-z][a-z0-9+]+:/.*", str(path))  # also behind the name of a folder
     if address:
-        line = "a URL, not a file; download it, or use mantaray ocean fetch (in Python: fetch_hycom)"
+        line = (
+            "a URL, not a file; download it, or use mantaray ocean fetch (in Python: fetch_hycom)"
+        )
         raise OceanError(f"{address[0]}: {line}")
     path = Path(path)
     engine = _engine(path)
@@ -73,7 +78,9 @@ def open_file(path: str | Path | xr.Dataset) -> xr.Dataset:
 
 
 def _from_memory(data: xr.Dataset) -> xr.Dataset:
-    """Convert the instants of a data set to numbers, as in a file; values are shared, not copied."""
+    """
+    Convert the instants of a data set to numbers, as in a file; values are shared, not copied.
+    """
     data = data.copy(deep=False)
     for name, variable in data.variables.items():
         dates = variable.dtype.kind == "O" and str(name) in data.coords
@@ -90,7 +97,9 @@ def _from_memory(data: xr.Dataset) -> xr.Dataset:
 
 
 def decoded(raw: xr.Dataset) -> xr.Dataset:
-    """Apply fill values, scale and offset according to CF, in double precision; times are not decoded."""
+    """
+    Apply fill values, scale and offset according to CF, in double precision; times are not decoded.
+    """
     for title, variable in raw.variables.items():
         for name in ("scale_factor", "add_offset"):
             if name in variable.attrs:
@@ -101,12 +110,19 @@ def decoded(raw: xr.Dataset) -> xr.Dataset:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # several fill values: all are applied
         return xr.decode_cf(
-            raw, decode_times=False, decode_coords=False, decode_timedelta=False, concat_characters=False
+            raw,
+            decode_times=False,
+            decode_coords=False,
+            decode_timedelta=False,
+            concat_characters=False,
         )
 
 
 def numbers(data: xr.Dataset, name: str, selection: Mapping[str, slice] | None = None) -> Array:
-    """Values of a variable, or of a block selected by slices per dimension; NaN if missing or outside the valid range."""
+    """
+    Values of a variable, or of a block selected by slices per dimension; NaN if missing or outside
+    the valid range.
+    """
     return counted_numbers(data, name, selection)[0]
 
 
@@ -116,13 +132,15 @@ def counted_numbers(
     """Values as in `numbers`, and the number of values outside the valid range."""
     variable = data.variables[name].isel(selection or {}, missing_dims="ignore")
     if variable.dtype.kind not in "biuf":
-        raise OceanError(f"{file_name(data)}: {name} contains text or records; it must contain numbers")
+        raise OceanError(
+            f"{file_name(data)}: {name} contains text or records; it must contain numbers"
+        )
     needed = 8 * math.prod(variable.shape)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if needed > MEMORY_SHARE * memory:
         raise OceanError(
-            f"{file_name(data)}: {name} alone needs {needed / 2**30:.1f} GiB of memory, and this machine has"
-            f" {memory / 2**30:.0f} GiB; read a window (south, north, west, east)"
+            f"{file_name(data)}: {name} alone needs {needed / 2**30:.1f} GiB of memory, and this"
+            f" machine has {memory / 2**30:.0f} GiB; read a window (south, north, west, east)"
         )
     try:
         with NETCDF_LOCK:
@@ -140,7 +158,8 @@ def counted_numbers(
 
 def _valid_range(variable: xr.Variable) -> tuple[float, float]:
     """
-    Limits of the valid values of a variable in its unit, by CF 2.5.1 and the attributes of the NetCDF user guide.
+    Limits of the valid values of a variable in its unit, by CF 2.5.1 and the attributes of the
+    NetCDF user guide.
 
     The limits of packed integers are packed as well, unless they are floating-point numbers.
     """
@@ -157,7 +176,8 @@ def _valid_range(variable: xr.Variable) -> tuple[float, float]:
     if raw.kind == "f" and any(kind in "iu" and size < _SHORTEST for kind, size in kinds):
         return -np.inf, np.inf  # packed limits that remained when the values were unpacked
     ends = [
-        end if limit is None else float(limit) for limit, end in zip(limits, (-np.inf, np.inf), strict=True)
+        end if limit is None else float(limit)
+        for limit, end in zip(limits, (-np.inf, np.inf), strict=True)
     ]
     if packed and all(kind in "iu" for kind, _ in kinds):
         if str(encoding.get("_Unsigned", "")).lower() == "true":
@@ -171,7 +191,11 @@ def _valid_range(variable: xr.Variable) -> tuple[float, float]:
 def _finite(value: object, size: int) -> Any:
     """Attribute as an array of finite numbers; None if it is missing or something else."""
     array = np.asarray(value).ravel()
-    return array if array.size == size and array.dtype.kind in "iuf" and np.isfinite(array).all() else None
+    return (
+        array
+        if array.size == size and array.dtype.kind in "iuf" and np.isfinite(array).all()
+        else None
+    )
 
 
 def file_name(data: xr.Dataset) -> str:
@@ -203,7 +227,9 @@ def unreadable(path: str | Path, error: Exception) -> OceanError:
         known = str(error).startswith((Path(path).name, str(path)))
         return error if known else OceanError(f"{Path(path).name}: {error}")
     reason = one_line(error, 120) or type(error).__name__
-    return OceanError(f"{Path(path).name}: cannot be read; it may be incomplete or damaged ({reason})")
+    return OceanError(
+        f"{Path(path).name}: cannot be read; it may be incomplete or damaged ({reason})"
+    )
 
 
 def is_netcdf(path: Path) -> bool:
@@ -217,7 +243,9 @@ def _engine(path: Path) -> str:
     check_regular(path, OceanError, what="a NetCDF file")
     if is_netcdf(path):
         return "netcdf4"
-    raise OceanError(f"{path.name}: neither NetCDF-3 nor NetCDF-4; check that it is not a saved error page")
+    raise OceanError(
+        f"{path.name}: neither NetCDF-3 nor NetCDF-4; check that it is not a saved error page"
+    )
 
 
 def _zarr_engine(path: Path) -> str:
@@ -228,7 +256,9 @@ def _zarr_engine(path: Path) -> str:
 
 
 def _check_length(raw: xr.Dataset, path: Path) -> None:
-    """Raise an error if a NetCDF-3 file is truncated: the library returns zeros for missing data."""
+    """
+    Raise an error if a NetCDF-3 file is truncated: the library returns zeros for missing data.
+    """
     with path.open("rb") as stream:
         if stream.read(3) != b"CDF":
             return
@@ -239,12 +269,17 @@ def _check_length(raw: xr.Dataset, path: Path) -> None:
     tables = [raw.attrs, *(variable.attrs for variable in raw.variables.values())]
     least = (  # header and values in the layout of the format
         sum(8 + padded(str(dim)) for dim in raw.sizes)
-        + sum(12 + padded(str(key)) + padded(value) for table in tables for key, value in table.items())
+        + sum(
+            12 + padded(str(key)) + padded(value)
+            for table in tables
+            for key, value in table.items()
+        )
         + sum(28 + padded(str(name)) + 4 * v.ndim + v.nbytes for name, v in raw.variables.items())
     )
     if least > path.stat().st_size:
         raise OceanError(
-            f"{path.name}: incomplete: it declares {least} bytes and has {path.stat().st_size}; fetch it again"
+            f"{path.name}: incomplete: it declares {least} bytes and has {path.stat().st_size};"
+            " fetch it again"
         )
 
 
@@ -264,14 +299,20 @@ def _packing(title: str, name: str, value: Any) -> float:
     number = np.asarray(value)
     if number.size != 1 or number.dtype.kind not in "iuf" or not np.isfinite(number).all():
         raise OceanError(
-            f"{title}: {name} is {one_line(value, 40)!r}; it must be one finite number; correct the attribute"
+            f"{title}: {name} is {one_line(value, 40)!r}; it must be one finite number; correct"
+            " the attribute"
         )
     if name == "scale_factor" and number.item() == 0.0:
-        raise OceanError(f"{title}: scale_factor is 0, so all values would be equal; correct the attribute")
+        raise OceanError(
+            f"{title}: scale_factor is 0, so all values would be equal; correct the attribute"
+        )
     return _decimal(float(number.item()))
 
 
 def _decimal(number: float) -> float:
-    """Shortest decimal representation of a float32: HYCOM packs in steps of 0.001, not 0.0010000000474974513."""
+    """
+    Shortest decimal representation of a float32: HYCOM packs in steps of 0.001, not
+    0.0010000000474974513.
+    """
     single = np.float32(number)
     return float(str(single)) if float(single) == number else number

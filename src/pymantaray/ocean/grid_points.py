@@ -1,4 +1,7 @@
-"""Grid points of a valid ocean as arrays for interpolation: extended below the sea bed and over land, with sound speed and sea floor."""
+"""
+Grid points of a valid ocean as arrays for interpolation: extended below the sea bed and over land,
+with sound speed and sea floor.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -27,8 +30,8 @@ class GridPoints:
     """
     Grid points of a valid ocean, checked once by `of`.
 
-    Parts share sound speeds with the whole. Those of a water column are computed when a part first needs them; they do not depend on
-    other columns.
+    Parts share sound speeds with the whole. Those of a water column are computed when a part first
+    needs them; they do not depend on other columns.
     """
 
     lat: Array
@@ -51,10 +54,15 @@ class GridPoints:
 
     @classmethod
     def of(cls, ocean: xr.Dataset, equation: Equation = "teos-10") -> Self:
-        """Grid points of an ocean with its sound speed by an equation; raises OceanError if the ocean is invalid."""
+        """
+        Grid points of an ocean with its sound speed by an equation; raises OceanError if the ocean
+        is invalid.
+        """
         validate_ocean(ocean)
         check_equation(equation)
-        lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
+        lat, lon, depth = (
+            np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth")
+        )
         shape = depth.size, lat.size, lon.size
         return cls(
             lat,
@@ -82,7 +90,10 @@ class GridPoints:
         )
 
     def around(self, places: tuple[Array, Array], n: int) -> Self:
-        """Grid points of the rectangle that contains latitudes and longitudes [degrees], and n more on each side."""
+        """
+        Grid points of the rectangle that contains latitudes and longitudes [degrees], and n more on
+        each side.
+        """
         return self.part(
             *(_reaching(axis, x, n) for axis, x in zip((self.lat, self.lon), places, strict=True))
         )
@@ -93,12 +104,18 @@ class GridPoints:
         return np.asarray(np.isfinite(self.fields["water_temp"][0]))
 
     def extended(self, name: str, n_added: int = 0) -> Array:
-        """Variable (depth + n_added, lat, lon) as from `fill_below_sea_bed`; added levels repeat the last one."""
+        """
+        Variable (depth + n_added, lat, lon) as from `fill_below_sea_bed`; added levels repeat the
+        last one.
+        """
         filled = fill_below_sea_bed(self.fields[name], self.lat)
         return np.concatenate([filled, np.repeat(filled[-1:], n_added, axis=0)])
 
     def sound_speed(self, added: Array) -> Array:
-        """Sound speed (depth + added, lat, lon) of the extended temperature and salinity, also at added levels. [m/s]"""
+        """
+        Sound speed (depth + added, lat, lon) of the extended temperature and salinity, also at
+        added levels. [m/s]
+        """
         wet = self.wet
         self._convert_missing(wet & ~self._has_speed)
         if wet.all() and not added.size:
@@ -121,15 +138,22 @@ class GridPoints:
         if not missing.any():
             return
         rows, columns = (slice(int(i.min()), int(i.max()) + 1) for i in np.nonzero(missing))
-        T, S = (extended_down(self.fields[name][:, rows, columns]) for name in ("water_temp", "salinity"))
+        T, S = (
+            extended_down(self.fields[name][:, rows, columns])
+            for name in ("water_temp", "salinity")
+        )
         place = self.depth[:, None, None], self.lat[rows, None], self.lon[columns]
         self._speed[:, rows, columns] = sound_speed(T, S, *place, equation=self.equation)
         self._has_speed[rows, columns] = True
 
     def _converted(self, at: Places, water: Places, depth: Array, *, last: bool = False) -> Array:
-        """Sound speed (depth, n) at n columns with the water of n wet columns; on request, with that of their last level."""
+        """
+        Sound speed (depth, n) at n columns with the water of n wet columns; on request, with that
+        of their last level.
+        """
         T, S = (
-            extended_down(self.fields[name][:, water[0], water[1]]) for name in ("water_temp", "salinity")
+            extended_down(self.fields[name][:, water[0], water[1]])
+            for name in ("water_temp", "salinity")
         )
         if last:
             T = T[-1:]

@@ -14,7 +14,9 @@ from pymantaray.ocean.convert import is_our_unit
 from pymantaray.ocean.files import file_name, open_file, text
 from pymantaray.ocean.sea_floor import HorizontalField, horizontal_axes
 
-_DRAFT_PER_THICKNESS = 917.0 / 1026.0  # densities of ice and of sea water [kg/m3]; Archimedes, without snow
+_DRAFT_PER_THICKNESS = (
+    917.0 / 1026.0
+)  # densities of ice and of sea water [kg/m3]; Archimedes, without snow
 _SHARE = {"sea_ice_draft": 1.0, "sea_ice_thickness": _DRAFT_PER_THICKNESS}
 _ROUGHNESS = ("slope", "length", "seed", "draw")
 _MAX_DRAFT = 100.0  # m; a larger value means a wrong fill value or unit
@@ -29,18 +31,21 @@ def with_ice(local: xr.Dataset, ice: float | str | Path) -> xr.Dataset:
     local : xarray.Dataset
         Ocean from `to_local`.
     ice : float or str or Path
-        Uniform draft [m], or a NetCDF file with one variable of CF standard name ``sea_ice_draft`` or
-        ``sea_ice_thickness`` on latitude and longitude or a map projection. The draft is 917/1026 of the thickness.
+        Uniform draft [m], or a NetCDF file with one variable of CF standard name ``sea_ice_draft``
+        or ``sea_ice_thickness`` on latitude and longitude or a map projection. The draft is
+        917/1026 of the thickness.
 
     Returns
     -------
     xarray.Dataset
-        The ocean with ``sea_ice_draft``, a scalar or on (north, east), 0 where the file has no value. [m]
+        The ocean with ``sea_ice_draft``, a scalar or on (north, east), 0 where the file has no
+        value. [m]
 
     Raises
     ------
     OceanError
-        If the draft is negative, or the file is unreadable, has no such variable or several, or does not cover the ocean.
+        If the draft is negative, or the file is unreadable, has no such variable or several, or
+        does not cover the ocean.
     """
     attrs = {"standard_name": "sea_ice_draft", "units": "m"}
     if isinstance(ice, (int, float)):
@@ -58,7 +63,8 @@ def with_ice(local: xr.Dataset, ice: float | str | Path) -> xr.Dataset:
     draft = share * np.nan_to_num(values, nan=0.0)
     if draft.min() < 0.0 or draft.max() > _MAX_DRAFT:
         raise OceanError(
-            f"{source}: drafts are {draft.min():g} to {draft.max():g} m; allowed: 0 to {_MAX_DRAFT:g} m; check the units"
+            f"{source}: drafts are {draft.min():g} to {draft.max():g} m; allowed: 0 to"
+            f" {_MAX_DRAFT:g} m; check the units"
         )
     at_lon = wrapped(at_lon, about=frame.longitude_deg)
     places = np.stack([lat.ravel(), lon.ravel()], axis=-1)
@@ -79,7 +85,8 @@ def with_roughness(local: xr.Dataset, roughness: Roughness) -> xr.Dataset:
     Returns
     -------
     xarray.Dataset
-        The ocean with the roughness in attributes of ``sea_ice_draft``. Rays see it; vehicles do not.
+        The ocean with the roughness in attributes of ``sea_ice_draft``. Rays see it; vehicles do
+        not.
     """
     attrs = {f"roughness_{name}": getattr(roughness, name) for name in _ROUGHNESS}
     return local.assign(sea_ice_draft=local["sea_ice_draft"].assign_attrs(attrs))
@@ -106,7 +113,8 @@ def _ice_of(data: xr.Dataset) -> tuple[HorizontalField, float]:
     named = {
         text(variable, "standard_name"): (str(name), axes)
         for name, variable in data.variables.items()
-        if text(variable, "standard_name") in _SHARE and (axes := horizontal_axes(data, variable)) is not None
+        if text(variable, "standard_name") in _SHARE
+        and (axes := horizontal_axes(data, variable)) is not None
     }
     for standard_name, share in _SHARE.items():
         if standard_name in named:
@@ -116,6 +124,6 @@ def _ice_of(data: xr.Dataset) -> tuple[HorizontalField, float]:
                 raise OceanError(f"{file_name(data)}: {name} is in {unit!r}; it must be in metres")
             return HorizontalField(data, name, *axes, "down"), share
     raise OceanError(
-        f"{file_name(data)}: no ice; it needs a variable with CF standard name {' or '.join(_SHARE)}"
-        " at one instant on two horizontal axes"
+        f"{file_name(data)}: no ice; it needs a variable with CF standard name"
+        f" {' or '.join(_SHARE)} at one instant on two horizontal axes"
     )

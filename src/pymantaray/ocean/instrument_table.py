@@ -1,4 +1,7 @@
-"""Columns of an instrument's file, and functions that its readers share: titles, units, numbers, positions and dates."""
+"""
+Columns of an instrument's file, and functions that its readers share: titles, units, numbers,
+positions and dates.
+"""
 
 import math
 import re
@@ -51,10 +54,13 @@ _QUANTITIES = (  # the first match in a column's title counts
     (r"^depth|^dep\b", "depth"),
 )
 _UNITS = {
-    "decibar": "dbar", "decibars": "dbar", "db": "dbar", "dbar": "dbar", "bar": "bar", "m": "m", "meter": "m", "meters": "m",
-    "metre": "m", "metres": "m", "ft": "ft", "feet": "ft", "c": "degC", "degc": "degC", "deg c": "degC", "celsius": "degC",
-    "°f": "degF", "ºf": "degF", "deg f": "degF", "degf": "degF", "ft/sec": "ft/s", "psi": "psi", "°c": "degC", "ºc": "degC", "deg_c": "degC", "f": "degF", "m/s": "m/s", "m/sec": "m/s", "meters per second": "m/s", "ft/s": "ft/s",
-    "microsiemens per centimeter": "us/cm", "psu": "1", "0/00": "1", "‰": "1", "pss-78": "1", "practical salinity scale": "1", "ppt": "1",
+    "decibar": "dbar", "decibars": "dbar", "db": "dbar", "dbar": "dbar", "bar": "bar", "m": "m",
+    "meter": "m", "meters": "m", "metre": "m", "metres": "m", "ft": "ft", "feet": "ft",
+    "c": "degC", "degc": "degC", "deg c": "degC", "celsius": "degC", "°f": "degF", "ºf": "degF",
+    "deg f": "degF", "degf": "degF", "ft/sec": "ft/s", "psi": "psi", "°c": "degC", "ºc": "degC",
+    "deg_c": "degC", "f": "degF", "m/s": "m/s", "m/sec": "m/s", "meters per second": "m/s",
+    "ft/s": "ft/s", "microsiemens per centimeter": "us/cm", "psu": "1", "0/00": "1", "‰": "1",
+    "pss-78": "1", "practical salinity scale": "1", "ppt": "1",
 }  # fmt: skip
 _CLOCK = r"(?:\s+(?P<time>\d{1,2}:\d\d:\d\d))?"
 MONTH_NAME_FIRST = r"(?P<month>[A-Za-z]{3})[a-z]*\s+(?P<day>\d{1,2}),?\s+(?P<year>\d{4})" + _CLOCK
@@ -64,14 +70,19 @@ _TWO_NUMBERS_FIRST = re.compile(r"\s*(\d{1,2})/(\d{1,2})/(\d{4}|\d\d)(?!\d)")
 
 
 def known_titles(cells: Iterable[str]) -> list[str]:
-    """Convert titles of a file, such as ``Pressure (Decibar)``, to titles of this package; empty for unused columns."""
+    """
+    Convert titles of a file, such as ``Pressure (Decibar)``, to titles of this package; empty for
+    unused columns.
+    """
     return first_of_each(_title(cell) for cell in cells)
 
 
 def _title(cell: str) -> str:
     match = re.fullmatch(r"\s*(.*?)\s*(?:[(\[]([^)\]]*)[)\]])?\s*", cell)
     name, unit = (match[1], match[2] or "") if match else (cell, "")
-    quantity = next((q for pattern, q in _QUANTITIES if re.search(pattern, name.strip().lower())), "")
+    quantity = next(
+        (q for pattern, q in _QUANTITIES if re.search(pattern, name.strip().lower())), ""
+    )
     if not quantity:
         return ""
     known = known_unit(unit)
@@ -79,7 +90,9 @@ def _title(cell: str) -> str:
 
 
 def known_unit(unit: str) -> str:
-    """Convert the unit of an instrument's column to its usual spelling; other units stay as they are."""
+    """
+    Convert the unit of an instrument's column to its usual spelling; other units stay as they are.
+    """
     return _UNITS.get(unit.strip().lower(), unit.strip())
 
 
@@ -132,7 +145,10 @@ def position_texts(head: Lines) -> tuple[str, str]:
 
 
 def month_first_date(words: str) -> tuple[str, list[str]]:
-    """Convert a date such as 07/24/2014 to ISO 8601, and note an assumption; the day is first if it cannot be a month."""
+    """
+    Convert a date such as 07/24/2014 to ISO 8601, and note an assumption; the day is first if it
+    cannot be a month.
+    """
     if match := _YEAR_FIRST.match(words):
         return f"{match[1]}-{int(match[2]):02d}-{int(match[3]):02d}", []
     match = _TWO_NUMBERS_FIRST.match(words)
@@ -150,7 +166,10 @@ def month_first_date(words: str) -> tuple[str, list[str]]:
 
 
 def iso_date(words: str, layout: str) -> str:
-    """Convert a date, with its time if present, to ISO 8601; empty if the text has no date of this layout."""
+    """
+    Convert a date, with its time if present, to ISO 8601; empty if the text has no date of this
+    layout.
+    """
     match = re.match(layout, words)
     if match is None:
         return ""

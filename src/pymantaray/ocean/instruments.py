@@ -1,9 +1,12 @@
 """
-Readers of text files from instruments and their programs, as columns with names and units of this package.
+Readers of text files from instruments and their programs, as columns with names and units of this
+package.
 
-The content, not the suffix, identifies the format: Sea-Bird ``.cnv`` (Seasoft manual, converted data format), Sippican ``.edf``
-(XBT, XCTD, XSV), Kongsberg ``.asvp``, SonTek CastAway, Valeport (VPD, VP2, MIDAS, MiniSVP), AML (``.aml`` and SeaCast's CSV),
-text of RBR Ruskin, WHP-exchange (`pymantaray.ocean.whp`) and ice-tethered profilers (`pymantaray.ocean.itp`). Sources for the headers are the manual of the Simrad ME70 (EDF) and files for HydrOffice's Sound Speed Manager.
+The content, not the suffix, identifies the format: Sea-Bird ``.cnv`` (Seasoft manual, converted
+data format), Sippican ``.edf`` (XBT, XCTD, XSV), Kongsberg ``.asvp``, SonTek CastAway, Valeport
+(VPD, VP2, MIDAS, MiniSVP), AML (``.aml`` and SeaCast's CSV), text of RBR Ruskin, WHP-exchange
+(`pymantaray.ocean.whp`) and ice-tethered profilers (`pymantaray.ocean.itp`). Sources for the
+headers are the manual of the Simrad ME70 (EDF) and files for HydrOffice's Sound Speed Manager.
 """
 
 import re
@@ -84,7 +87,9 @@ def instrument_table(path: Path, lines: Lines) -> InstrumentTable | None:
     if not any(sheet.titles) or not sheet.rows:
         what = "columns" if not any(sheet.titles) else "rows"
         unread = f"; not read: {', '.join(sheet.unread)}" if sheet.unread else ""
-        raise OceanError(f"{path}: a file of {sheet.instrument} without {what} that are known{unread}")
+        raise OceanError(
+            f"{path}: a file of {sheet.instrument} without {what} that are known{unread}"
+        )
     return _with_valid_time(sheet)
 
 
@@ -102,9 +107,13 @@ def _with_valid_time(sheet: InstrumentTable) -> InstrumentTable:
 def _sea_bird(lines: Lines) -> InstrumentTable:
     end = next(i for i, line in enumerate(lines) if line.startswith("*END*"))
     head = [line.lstrip("*# ").strip() for line in lines[:end]]
-    entries = [m.groups() for line in head if (m := re.match(r"name\s+\d+\s*=\s*([^:]+):?(.*)", line))]
+    entries = [
+        m.groups() for line in head if (m := re.match(r"name\s+\d+\s*=\s*([^:]+):?(.*)", line))
+    ]
     names = [name.strip() for name, _ in entries]
-    bad = next((float(m[1]) for line in head if (m := re.match(r"bad_flag\s*=\s*(\S+)", line))), -9.99e-29)
+    bad = next(
+        (float(m[1]) for line in head if (m := re.match(r"bad_flag\s*=\s*(\S+)", line))), -9.99e-29
+    )
     rows: Rows = {}
     for i, line in enumerate(lines[end + 1 :], end + 2):
         cells = line.split()
@@ -113,7 +122,8 @@ def _sea_bird(lines: Lines) -> InstrumentTable:
         if len(cells) == len(names):
             rows[i] = ["" if number_of(cell) == bad else cell for cell in cells]
     titles = first_of_each(
-        next((title for pattern, title in _SEA_BIRD if re.fullmatch(pattern, name)), "") for name in names
+        next((title for pattern, title in _SEA_BIRD if re.fullmatch(pattern, name)), "")
+        for name in names
     )
     position = position_texts(head)
     notes = [
@@ -121,7 +131,12 @@ def _sea_bird(lines: Lines) -> InstrumentTable:
         *on_its_90(titles, rows),
         *_measured_depth(titles, [about for _, about in entries], rows, position),
     ]
-    for key in (r"NMEA UTC \(Time\)\s*=", r"start_time\s*=", r"System UTC\s*=", r"System UpLoad Time\s*="):
+    for key in (
+        r"NMEA UTC \(Time\)\s*=",
+        r"start_time\s*=",
+        r"System UTC\s*=",
+        r"System UpLoad Time\s*=",
+    ):
         if time := iso_date(text_after(head, key), MONTH_NAME_FIRST):
             break
     return InstrumentTable("Sea-Bird", titles, rows, position, time, tuple(notes), names)
@@ -140,7 +155,10 @@ def _without_flagged_rows(names: Sequence[str], rows: Rows) -> Iterator[str]:
 def _measured_depth(
     titles: list[str], about: Sequence[str], rows: Rows, position: tuple[str, str]
 ) -> Iterator[str]:
-    """Convert depths that Seasoft computed for fresh water, or for another latitude, back to pressure; yield a note."""
+    """
+    Convert depths that Seasoft computed for fresh water, or for another latitude, back to pressure;
+    yield a note.
+    """
     for k, title in enumerate(titles):
         pressure = any(other.startswith("pressure") for other in titles)
         stated = re.search(rf"lat\s*=\s*({NUMBER.pattern})", about[k])
@@ -153,7 +171,9 @@ def _measured_depth(
         elif title.startswith("depth") and stated and not pressure:
             latitude = float(stated[1])
             place = position_in_text(*position)[0]
-            if abs(latitude) <= 90.0 and (place is None or abs(place[0] - latitude) > _SAME_LATITUDE):
+            if abs(latitude) <= 90.0 and (
+                place is None or abs(place[0] - latitude) > _SAME_LATITUDE
+            ):
                 titles[k] = "pressure [dbar]"
                 for cells in rows.values():
                     cells[k] = repr(float(gsw.p_from_z(-unit * number_of(cells[k]), latitude)))
@@ -162,10 +182,14 @@ def _measured_depth(
 
 def _sippican(lines: Lines) -> InstrumentTable:
     first = r"\s*(Depth \((m|ft)\)|// Data\s*$)"
-    start = next((i for i, line in enumerate(lines) if re.match(first, line, re.IGNORECASE)), len(lines))
+    start = next(
+        (i for i, line in enumerate(lines) if re.match(first, line, re.IGNORECASE)), len(lines)
+    )
     head = [line.lstrip("/ ").strip() for line in lines[: start + 1]]
     fields = {
-        int(m[1]): m[2] for line in head if (m := re.match(r"Field\s*(\d+)\s*:\s*(.*)", line, re.IGNORECASE))
+        int(m[1]): m[2]
+        for line in head
+        if (m := re.match(r"Field\s*(\d+)\s*:\s*(.*)", line, re.IGNORECASE))
     }
     named = re.findall(r"[A-Za-z][A-Za-z ]*?\s*\([^)]*\)", head[-1]) if head else []
     names = [fields[k] for k in sorted(fields)] or named
@@ -200,7 +224,8 @@ def _kongsberg(lines: Lines) -> InstrumentTable:
 def _castaway(lines: Lines) -> InstrumentTable:
     head = [line.lstrip("% ").strip() for line in lines if line.startswith("%")]
     start = next(
-        (i for i, line in enumerate(lines) if line.strip() and not line.startswith("%")), len(lines) - 1
+        (i for i, line in enumerate(lines) if line.strip() and not line.startswith("%")),
+        len(lines) - 1,
     )
     lat, lon = (text_after(head, rf"Start {axis}\s*,") for axis in ("latitude", "longitude"))
     time = text_after(head, r"Cast time \(UTC\)\s*,").replace(" ", "T")
@@ -210,8 +235,13 @@ def _castaway(lines: Lines) -> InstrumentTable:
 
 
 def _sections(lines: Lines) -> InstrumentTable:
-    """Read files of Valeport and AML with ``[sections]`` of ``key=value``; the last section contains the data."""
-    start = next(i for i, line in enumerate(lines) if line.strip().lower() in ("[data]", "[measurementdata]"))
+    """
+    Read files of Valeport and AML with ``[sections]`` of ``key=value``; the last section contains
+    the data.
+    """
+    start = next(
+        i for i, line in enumerate(lines) if line.strip().lower() in ("[data]", "[measurementdata]")
+    )
     pairs = (line.split("=", 1) for line in lines[:start] if "=" in line)
     keys = {key.strip().lower(): value.strip() for key, value in pairs}
     aml = "[measurementdata]" in lines[start].lower() or "sn" in keys or "date" in keys
@@ -227,7 +257,10 @@ def _sections(lines: Lines) -> InstrumentTable:
         ):
             units = lines[following[1]].split(separator)
     if len(units) == len(titles):
-        titles = [f"{t} ({u.strip('()[] ')})" if u.strip() else t for t, u in zip(titles, units, strict=True)]
+        titles = [
+            f"{t} ({u.strip('()[] ')})" if u.strip() else t
+            for t, u in zip(titles, units, strict=True)
+        ]
     lat, lon = (keys.get(f"gps{axis}") or keys.get(axis, "") for axis in ("latitude", "longitude"))
     stamps = (keys.get(k) for k in ("datastarttime", "datestarttime", "time_stamp", "timestamp"))
     time = next((s for s in stamps if s), "")
@@ -238,26 +271,35 @@ def _sections(lines: Lines) -> InstrumentTable:
     time = re.sub(r"^(\d{4})[./](\d\d?)[./](\d\d?)", r"\1-\2-\3", time).replace(" ", "T")
     rows = numeric_rows(lines, start + 1, separator)
     maker = "AML" if aml else "Valeport"
-    return InstrumentTable(maker, known_titles(titles), rows, (lat, lon), time, tuple(notes), titles)
+    return InstrumentTable(
+        maker, known_titles(titles), rows, (lat, lon), time, tuple(notes), titles
+    )
 
 
 def _valeport_midas(lines: Lines) -> InstrumentTable:
     start = next(
-        (i for i, line in enumerate(lines) if line.upper().startswith("DATE / TIME")), len(lines) - 1
+        (i for i, line in enumerate(lines) if line.upper().startswith("DATE / TIME")),
+        len(lines) - 1,
     )
     head = [line.strip() for line in lines[:start]]
     names = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
     time = iso_date(text_after(head, r"Time Stamp\s*:"), DAY_FIRST)
     rows = numeric_rows(lines, start + 1, "\t")
-    return InstrumentTable("Valeport", known_titles(names), rows, position_texts(head), time, names=names)
+    return InstrumentTable(
+        "Valeport", known_titles(names), rows, position_texts(head), time, names=names
+    )
 
 
 def _valeport_mini(lines: Lines) -> InstrumentTable:
-    start = next((i for i, line in enumerate(lines) if line.startswith("Pressure units:")), len(lines) - 1)
+    start = next(
+        (i for i, line in enumerate(lines) if line.startswith("Pressure units:")), len(lines) - 1
+    )
     head = [line.strip() for line in lines[: start + 1]]
     metres = text_after(head, "Pressure units:").lower().startswith("m")
     down = "depth [m]" if metres else "pressure [dbar]"
-    model = next((line.split(":")[0] for line in head if re.match(r"(MiniSVP|MiniCTD|RapidSVT?):", line)), "")
+    model = next(
+        (line.split(":")[0] for line in head if re.match(r"(MiniSVP|MiniCTD|RapidSVT?):", line)), ""
+    )
     columns = {
         "RapidSV": [down, "sound_speed [m/s]"],
         "MiniCTD": [down, "temperature [degC]", ""],
@@ -313,6 +355,9 @@ _FORMATS: tuple[tuple[Callable[[Lines], bool], Callable[[Lines], InstrumentTable
     (_any(r"\[(data|measurementdata)\]$"), _sections),
     (_any(r"Previous File Location\s*:"), _valeport_midas),
     (_any(r"Pressure units:"), _valeport_mini),
-    (lambda head: bool(head) and _any(r"(Model=|RBR )")(head[:3]) and _any("(time|timestamp|date & time)")(head), _rbr),
-    (lambda head: bool(head) and re.match(r"time,.*\b(sea pressure|speed of sound)\b", head[0], re.IGNORECASE) is not None, _rbr),
+    (lambda head: bool(head) and _any(r"(Model=|RBR"
+                                      r" )")(head[:3]) and _any("(time|timestamp|date &"
+                                                                " time)")(head), _rbr),
+    (lambda head: bool(head) and re.match(r"time,.*\b(sea pressure|speed of"
+                                          r" sound)\b", head[0], re.IGNORECASE) is not None, _rbr),
 )  # fmt: skip

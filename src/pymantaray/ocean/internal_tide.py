@@ -8,7 +8,9 @@ import xarray as xr
 
 from pymantaray.errors import OceanError
 
-PRESSURE_GRADIENT = 0.0163  # vertical gradient of sound speed at constant temperature and salinity [s-1]
+PRESSURE_GRADIENT = (
+    0.0163  # vertical gradient of sound speed at constant temperature and salinity [s-1]
+)
 _AMPLITUDE, _PERIOD, _WAVELENGTH = (
     f"internal_tide_{what}" for what in ("amplitude_m", "period_s", "wavelength_m")
 )
@@ -17,10 +19,14 @@ _AMPLITUDE, _PERIOD, _WAVELENGTH = (
 def with_internal_tide(
     local: xr.Dataset, *, amplitude: float, period: float, wavelength: float
 ) -> xr.Dataset:
-    """Add the parameters of an internal tide [m, s, m] to a local ocean, which is the undisturbed state."""
+    """
+    Add the parameters of an internal tide [m, s, m] to a local ocean, which is the undisturbed
+    state.
+    """
     if not all(value > 0.0 for value in (amplitude, period, wavelength)):
         raise OceanError(
-            f"internal tide: amplitude {amplitude:g} m, period {period:g} s, wavelength {wavelength:g} m; all must be positive"
+            f"internal tide: amplitude {amplitude:g} m, period {period:g} s, wavelength"
+            f" {wavelength:g} m; all must be positive"
         )
     return local.assign_attrs({_AMPLITUDE: amplitude, _PERIOD: period, _WAVELENGTH: wavelength})
 
@@ -34,10 +40,12 @@ def displaced(
     local: xr.Dataset, time: float, columns: Mapping[str, slice] = MappingProxyType({})
 ) -> xr.Dataset:
     r"""
-    Local ocean, or some of its columns north and east, at a time [s], displaced downward by :math:`A \sin(\pi z / H) \cos(k x - \omega t)`, x east.
+    Local ocean, or some of its columns north and east, at a time [s], displaced downward by
+    :math:`A \sin(\pi z / H) \cos(k x - \omega t)`, x east.
 
-    H is the greatest depth of the sea floor. Displaced water keeps its temperature and salinity, so its sound speed changes
-    only with pressure. At a fixed depth, the change is :math:`-\zeta (dc/dz - \gamma)`.
+    H is the greatest depth of the sea floor. Displaced water keeps its temperature and salinity, so
+    its sound speed changes only with pressure. At a fixed depth, the change is :math:`-\zeta (dc/dz
+    - \gamma)`.
     """
     bottom = float(local["sea_floor_depth"].max())
     local = local.isel(columns)

@@ -21,7 +21,9 @@ from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
 from pymantaray.ocean.window import Window, rectangle
 
-_SPLINE = 40  # grid points beyond the domain for interpolation; a point n away has the influence 0.268^n, here 1e-23
+# grid points beyond the domain for interpolation; a point n away has the influence 0.268^n, here
+# 1e-23
+_SPLINE = 40
 _MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
 
 
@@ -34,11 +36,13 @@ def to_local(
     equation: Equation = "teos-10",
 ) -> xr.Dataset:
     """
-    Interpolate an ocean to sound speed, currents and sea floor on a regular grid in the local NED frame.
+    Interpolate an ocean to sound speed, currents and sea floor on a regular grid in the local NED
+    frame.
 
-    Each node of the local grid is projected to its latitude and longitude and interpolated there, with a cubic tensor
-    spline for sound speed and currents, and bilinearly for the sea floor. A constant number of metres per degree of longitude
-    would be wrong by 12 % across the paper's Fram Strait.
+    Each node of the local grid is projected to its latitude and longitude and interpolated there,
+    with a cubic tensor spline for sound speed and currents, and bilinearly for the sea floor. A
+    constant number of metres per degree of longitude would be wrong by 12 % across the paper's Fram
+    Strait.
 
     Parameters
     ----------
@@ -47,8 +51,8 @@ def to_local(
     centre : tuple of float, optional
         Latitude and longitude of the frame's centre. Default: the middle of the window. [degrees]
     half_extent : tuple of float, optional
-        Half sides (north, east) of the domain around the centre. Default: those of the rectangle of largest area inside
-        the window. [m]
+        Half sides (north, east) of the domain around the centre. Default: those of the rectangle of
+        largest area inside the window. [m]
     sea_floor : xarray.DataArray, optional
         From `open_sea_floor`. It is taken if its grid is as fine as the ocean's
         or finer; otherwise, and by default, the sea floor is where the ocean's levels end. [m]
@@ -58,29 +62,35 @@ def to_local(
     Returns
     -------
     xarray.Dataset
-        Dimensions ``(north, east, depth)`` [m]; depth has the levels of the ocean. Variables ``sound_speed``,
-        ``current_north``, ``current_east`` (components along the frame's axes) [m/s] and ``sea_floor_depth`` (north, east)
-        [m]. Attributes ``centre_latitude_deg``, ``centre_longitude_deg``, ``proj_string``, ``scale_error_max`` (largest
-        distortion of lengths in the domain), ``time``, ``title``, ``source``, ``synthetic``.
+        Dimensions ``(north, east, depth)`` [m]; depth has the levels of the ocean. Variables
+        ``sound_speed``, ``current_north``, ``current_east`` (components along the frame's axes)
+        [m/s] and ``sea_floor_depth`` (north, east) [m]. Attributes ``centre_latitude_deg``,
+        ``centre_longitude_deg``, ``proj_string``, ``scale_error_max`` (largest distortion of
+        lengths in the domain), ``time``, ``title``, ``source``, ``synthetic``.
 
-        A separate sea floor has its own axes ``(floor_north, floor_east)`` [m] with about the spacing of its file, and
-        levels are added down to its deepest point. If ``sea_floor`` was given, attribute ``sea_floor_source`` says which sea
-        floor is used and why. ``sea_floor_spacing`` [m] and ``levels_added`` [m] describe it. ``sound_speed_equation`` names
-        an equation other than TEOS-10.
+        A separate sea floor has its own axes ``(floor_north, floor_east)`` [m] with about the
+        spacing of its file, and levels are added down to its deepest point. If ``sea_floor`` was
+        given, attribute ``sea_floor_source`` says which sea floor is used and why.
+        ``sea_floor_spacing`` [m] and ``levels_added`` [m] describe it. ``sound_speed_equation``
+        names an equation other than TEOS-10.
 
     Raises
     ------
     OceanError
-        If the ocean is invalid, or the domain does not fit into its window or the window of the sea floor.
+        If the ocean is invalid, or the domain does not fit into its window or the window of the sea
+        floor.
 
     Notes
     -----
-    Sound speed is computed from temperature and salinity at the grid points of the ocean. Below the sea bed, both are
-    first extended downward. Sound speed then increases with pressure there, and the spline has no step if the coarse floor
-    is between two levels. Added levels extend temperature and salinity in the same way. They also extend the currents, which
-    do not affect vehicles above the coarse floor.
+    Sound speed is computed from temperature and salinity at the grid points of the ocean. Below the
+    sea bed, both are first extended downward. Sound speed then increases with pressure there, and
+    the spline has no step if the coarse floor is between two levels. Added levels extend
+    temperature and salinity in the same way. They also extend the currents, which do not affect
+    vehicles above the coarse floor.
     """
-    return local_grid(ocean, centre, half_extent, sea_floor=sea_floor, equation=equation).to_dataset()
+    return local_grid(
+        ocean, centre, half_extent, sea_floor=sea_floor, equation=equation
+    ).to_dataset()
 
 
 def local_grid(
@@ -101,7 +111,9 @@ def local_grid(
 
 @dataclass(frozen=True, eq=False)
 class LocalGrid:
-    """Local grid of a domain in the window of an ocean, and interpolation of the ocean to its nodes."""
+    """
+    Local grid of a domain in the window of an ocean, and interpolation of the ocean to its nodes.
+    """
 
     points: GridPoints
     window: Window
@@ -124,7 +136,10 @@ class LocalGrid:
         half: tuple[float, float],
         sea_floor: xr.DataArray | None = None,
     ) -> Self:
-        """Local grid over a domain with half sides [m] inside the window of grid points; arguments as for `to_local`."""
+        """
+        Local grid over a domain with half sides [m] inside the window of grid points; arguments as
+        for `to_local`.
+        """
         finer = None if sea_floor is None else local_floor(sea_floor, window, half)
         added = np.empty(0) if finer is None else levels_to(points.depth, float(finer.max()))
         return cls(points, window, *_axes(window, half), finer, added, _notes(sea_floor, finer))
@@ -149,7 +164,10 @@ class LocalGrid:
     def currents(self) -> tuple[Array, Array]:
         """Northward and eastward current (north, east, depth) along the frame's axes. [m/s]"""
         bearing = self.window.frame.convergence(*self._places)[..., None]
-        u, v = (self._smooth(self.points.extended(name, self.added.size)) for name in ("water_u", "water_v"))
+        u, v = (
+            self._smooth(self.points.extended(name, self.added.size))
+            for name in ("water_u", "water_v")
+        )
         return _along_axes(u, v, bearing)
 
     def sea_floor(self) -> BoundarySurface:
@@ -175,7 +193,11 @@ class LocalGrid:
             "centre_longitude_deg": frame.longitude_deg,
             "proj_string": frame.proj_string,
             "scale_error_max": float(np.max(np.abs(scale - 1.0))),
-            **({} if np.isnat(points.time) else {"time": str(np.datetime_as_string(points.time, unit="s"))}),
+            **(
+                {}
+                if np.isnat(points.time)
+                else {"time": str(np.datetime_as_string(points.time, unit="s"))}
+            ),
             **points.attrs,
             **notes,
         }
@@ -192,14 +214,18 @@ def assemble_local(
     attrs: dict[str, Any],
 ) -> xr.Dataset:
     """
-    Assemble a local ocean from fields (north, east, depth) on axes [m], with currents along the axes [m/s].
+    Assemble a local ocean from fields (north, east, depth) on axes [m], with currents along the
+    axes [m/s].
 
-    The sea floor is on (north, east), or a data array with its own axes ``floor_north`` and ``floor_east``. [m]
+    The sea floor is on (north, east), or a data array with its own axes ``floor_north`` and
+    ``floor_east``. [m]
     """
     grid = ("north", "east", "depth")
     floor_grid = ("north", "east")
     letters = {"north": "y", "east": "x", "floor_north": "y", "floor_east": "x"}
-    coords: dict[str, Any] = {"depth": ("depth", axes["depth"], {**_attrs("depth", "m"), "positive": "down"})}
+    coords: dict[str, Any] = {
+        "depth": ("depth", axes["depth"], {**_attrs("depth", "m"), "positive": "down"})
+    }
     horizontal = {name: axes[name] for name in floor_grid}
     if isinstance(floor, xr.DataArray):
         floor_grid = ("floor_north", "floor_east")
@@ -212,7 +238,11 @@ def assemble_local(
             "sound_speed": (grid, sound_speed, _attrs("speed_of_sound_in_sea_water", "m s-1")),
             "current_north": (grid, current[0], _attrs("sea_water_y_velocity", "m s-1")),
             "current_east": (grid, current[1], _attrs("sea_water_x_velocity", "m s-1")),
-            "sea_floor_depth": (floor_grid, floor, _attrs("sea_floor_depth_below_sea_surface", "m")),
+            "sea_floor_depth": (
+                floor_grid,
+                floor,
+                _attrs("sea_floor_depth_below_sea_surface", "m"),
+            ),
         },
         coords={name: coords[name] for name in ("north", "east", "depth", *list(horizontal)[2:])},
         attrs={"Conventions": "CF-1.8", **attrs},
@@ -225,10 +255,14 @@ def floor_in_domain(
     """Sea-floor depth at places (..., 2), north and east, of a domain, as in `to_local`. [m]"""
     finer = None if sea_floor is None else local_floor(sea_floor, window, half)
     if finer is not None:
-        return linear_interpolator((finer["floor_north"].values, finer["floor_east"].values), finer.values)
+        return linear_interpolator(
+            (finer["floor_north"].values, finer["floor_east"].values), finer.values
+        )
     north, east = _axes(window, half)
     place = window.geographic(north[:, None], east[None, :])
-    return linear_interpolator((north, east), _own_floor(sea_floor_depth(ocean).values, window, *place))
+    return linear_interpolator(
+        (north, east), _own_floor(sea_floor_depth(ocean).values, window, *place)
+    )
 
 
 def _axes(window: Window, half: tuple[float, float]) -> tuple[Array, Array]:
@@ -237,7 +271,9 @@ def _axes(window: Window, half: tuple[float, float]) -> tuple[Array, Array]:
 
 
 def _own_floor(own: Array, window: Window, at_lat: Array, at_lon: Array) -> Array:
-    """Sea-floor depth at the nodes of a local grid, from that at the grid points of a window. [m]"""
+    """
+    Sea-floor depth at the nodes of a local grid, from that at the grid points of a window. [m]
+    """
     if own.min() == own.max():
         return np.full(at_lat.shape, own.min())
     floor = TensorSpline(window.lat, window.lon, at_lat, at_lon, degree=1)(own[None])[..., 0]
@@ -245,7 +281,10 @@ def _own_floor(own: Array, window: Window, at_lat: Array, at_lon: Array) -> Arra
 
 
 def _along_axes(u: Array, v: Array, bearing: Array) -> tuple[Array, Array]:
-    """Rotate true eastward and northward components to the frame's north and east by the bearing of true north. [rad]"""
+    """
+    Rotate true eastward and northward components to the frame's north and east by the bearing of
+    true north. [rad]
+    """
     cos = np.cos(bearing)
     sin = np.sin(bearing)
     return v * cos - u * sin, v * sin + u * cos
@@ -258,7 +297,10 @@ def _notes(sea_floor: xr.DataArray | None, finer: xr.DataArray | None) -> dict[s
     if sea_floor is None:
         return {}
     name = sea_floor.attrs.get("source", "sea_floor")
-    return {"sea_floor_source": f"deepest wet levels of the ocean, because the grid of {name} is coarser"}
+    return {
+        "sea_floor_source": f"deepest wet levels of the ocean, because the grid of {name} is"
+        " coarser"
+    }
 
 
 def _attrs(standard_name: str, units: str) -> dict[str, str]:
@@ -266,17 +308,21 @@ def _attrs(standard_name: str, units: str) -> dict[str, str]:
 
 
 def _axis(half: float, spacing: float) -> Array:
-    """Nodes from -half to half, with one at the centre and a spacing close to the native spacing."""
+    """
+    Nodes from -half to half, with one at the centre and a spacing close to the native spacing.
+    """
     cells = max(_MIN_CELLS, round(half / spacing))
     return np.linspace(-half, half, 2 * cells + 1)
 
 
 class TensorSpline:
     """
-    Tensor-product spline through values on a rectangular grid, evaluated at fixed points inside the grid.
+    Tensor-product spline through values on a rectangular grid, evaluated at fixed points inside the
+    grid.
 
-    Degree 1 is bilinear. Degree 3 is the C2 cubic spline with not-a-knot ends. The weights of the points and the factors of
-    the axes are computed once. One sparse product then interpolates all levels of a field.
+    Degree 1 is bilinear. Degree 3 is the C2 cubic spline with not-a-knot ends. The weights of the
+    points and the factors of the axes are computed once. One sparse product then interpolates all
+    levels of a field.
     """
 
     def __init__(
@@ -284,11 +330,14 @@ class TensorSpline:
     ) -> None:
         self._axes = [axis_spline(axis, degree) for axis in (rows, columns)]
         self._shape = at_rows.shape
-        places = np.stack([_on_axis(rows, at_rows), _on_axis(columns, at_columns)], axis=-1).reshape(-1, 2)
+        places = np.stack(
+            [_on_axis(rows, at_rows), _on_axis(columns, at_columns)], axis=-1
+        ).reshape(-1, 2)
         knots = tuple(axis.knots for axis in self._axes)
         weights = NdBSpline.design_matrix(places, knots, (degree, degree))
         self._weights = sp.csr_array(  # its last columns may be empty
-            (weights.data, weights.indices, weights.indptr), shape=(len(places), rows.size * columns.size)
+            (weights.data, weights.indices, weights.indptr),
+            shape=(len(places), rows.size * columns.size),
         )
 
     def __call__(self, field: Array) -> Array:
@@ -306,7 +355,7 @@ def _on_axis(axis: Array, points: Array) -> Array:
     outside = np.count_nonzero((points < axis[0] - slack) | (points > axis[-1] + slack))
     if outside:
         raise OceanError(
-            f"regridding: {outside} of {points.size} points are outside {axis[0]:g} to {axis[-1]:g} degrees;"
-            " shrink the domain"
+            f"regridding: {outside} of {points.size} points are outside {axis[0]:g} to {axis[-1]:g}"
+            " degrees; shrink the domain"
         )
     return np.clip(points, axis[0], axis[-1])

@@ -1,4 +1,7 @@
-"""Local oceans from data sets in metres: axes north, east and depth, sound speed, and optional currents and sea floor."""
+"""
+Local oceans from data sets in metres: axes north, east and depth, sound speed, and optional
+currents and sea floor.
+"""
 
 from pathlib import Path
 from typing import Any
@@ -51,9 +54,10 @@ def ocean_in_metres(data: xr.Dataset, name: str = IN_MEMORY, *, at_rest: bool = 
     Parameters
     ----------
     data : xarray.Dataset
-        Increasing axes ``north``, ``east`` and ``depth`` [m] and ``sound_speed`` on them [m/s], NaN below the sea floor.
-        Optional: ``current_north`` and ``current_east`` on the same axes [m/s], NaN for no current; ``sea_floor_depth``, one
-        value, on (north, east) or on (floor_north, floor_east) [m], 0 or less or NaN on land. Other variables, such as
+        Increasing axes ``north``, ``east`` and ``depth`` [m] and ``sound_speed`` on them [m/s], NaN
+        below the sea floor. Optional: ``current_north`` and ``current_east`` on the same axes
+        [m/s], NaN for no current; ``sea_floor_depth``, one value, on (north, east) or on
+        (floor_north, floor_east) [m], 0 or less or NaN on land. Other variables, such as
         ``sea_ice_draft``, and attributes are unchanged.
     name : str
         Name for messages, and the title of a data set without one.
@@ -63,7 +67,8 @@ def ocean_in_metres(data: xr.Dataset, name: str = IN_MEMORY, *, at_rest: bool = 
     Returns
     -------
     xarray.Dataset
-        Local ocean as from `to_local`, without NaN. Without ``sea_floor_depth``, the sea floor is where the levels end.
+        Local ocean as from `to_local`, without NaN. Without ``sea_floor_depth``, the sea floor is
+        where the levels end.
 
     Raises
     ------
@@ -85,12 +90,14 @@ def ocean_in_metres(data: xr.Dataset, name: str = IN_MEMORY, *, at_rest: bool = 
     if beneath.any():
         i, j, k = np.argwhere(beneath)[0]
         raise OceanError(
-            f"{name}: sound_speed is missing above a value at north {axes['north'][i]:g}, east {axes['east'][j]:g},"
-            f" depth {axes['depth'][k + 1]:g} m; fill the gap"
+            f"{name}: sound_speed is missing above a value at north {axes['north'][i]:g}, east"
+            f" {axes['east'][j]:g}, depth {axes['depth'][k + 1]:g} m; fill the gap"
         )
     attrs = {"title": name, "source": name, "synthetic": 0, **data.attrs}
     floor = _sea_floor(data, axes["depth"], wet.sum(axis=2), name)
-    local = assemble_local(axes, _filled(speed), _currents(data, name, at_rest=at_rest), floor, attrs)
+    local = assemble_local(
+        axes, _filled(speed), _currents(data, name, at_rest=at_rest), floor, attrs
+    )
     return local.assign({key: data[key] for key in data.data_vars if key not in _QUANTITIES})
 
 
@@ -103,14 +110,17 @@ def with_flat_floor(local: xr.Dataset, depth: float) -> xr.Dataset:
 
 
 def cropped(local: xr.Dataset, half_extent: tuple[float, float]) -> xr.Dataset:
-    """Grid points of a local ocean within half sides north and east [m], and the next ones around them."""
+    """
+    Grid points of a local ocean within half sides north and east [m], and the next ones around
+    them.
+    """
     columns = {}
     for name, half in zip(("north", "east"), half_extent, strict=True):
         axis = local[name].values
         if axis[0] > -half or axis[-1] < half:
             raise OceanError(
-                f"half_extent is {half:g} m, but {name} of {local.attrs['title']} is {axis[0]:g} to {axis[-1]:g} m;"
-                " use a smaller one"
+                f"half_extent is {half:g} m, but {name} of {local.attrs['title']} is {axis[0]:g} to"
+                f" {axis[-1]:g} m; use a smaller one"
             )
         first = int(np.searchsorted(axis, -half, side="right")) - 1
         columns[name] = slice(first, int(np.searchsorted(axis, half)) + 1)
@@ -120,12 +130,18 @@ def cropped(local: xr.Dataset, half_extent: tuple[float, float]) -> xr.Dataset:
 def _axis(data: xr.Dataset, key: str, name: str) -> Array:
     if key not in data.variables or data[key].dims != (key,):
         found = ", ".join(map(str, data.dims)) or "no axis"
-        raise OceanError(f"{name}: no coordinate {key}; found {found}; needed: {', '.join(_AXES)} in metres")
-    axis = checked_array(OceanError, f"{name}: {key}", _numbers(data, key, name), (None,), rising=True)
+        raise OceanError(
+            f"{name}: no coordinate {key}; found {found}; needed: {', '.join(_AXES)} in metres"
+        )
+    axis = checked_array(
+        OceanError, f"{name}: {key}", _numbers(data, key, name), (None,), rising=True
+    )
     if axis.size < 2:
         raise OceanError(f"{name}: {key} has 1 value; at least 2 are needed")
     if key == "depth" and axis[0] < 0.0:
-        raise OceanError(f"{name}: depth begins at {axis[0]:g} m; depth is positive down, 0 at the surface")
+        raise OceanError(
+            f"{name}: depth begins at {axis[0]:g} m; depth is positive down, 0 at the surface"
+        )
     return axis
 
 
@@ -140,9 +156,12 @@ def _field(data: xr.Dataset, key: str, dims: tuple[str, ...], name: str) -> Arra
     found = data[key].dims
     if set(found) != set(dims):
         more = sorted(set(map(str, found)) - set(dims))
-        remedy = f"select one of {more[0]}: isel({more[0]}=0)" if more else "rebuild it on these axes"
+        remedy = (
+            f"select one of {more[0]}: isel({more[0]}=0)" if more else "rebuild it on these axes"
+        )
         raise OceanError(
-            f"{name}: {key} is on ({', '.join(map(str, found))}); it must be on ({', '.join(dims)}); {remedy}"
+            f"{name}: {key} is on ({', '.join(map(str, found))}); it must be on"
+            f" ({', '.join(dims)}); {remedy}"
         )
     values = _numbers(data[[key]].transpose(*dims), key, name)
     if np.isinf(values).any():
@@ -163,7 +182,9 @@ def _currents(data: xr.Dataset, name: str, *, at_rest: bool) -> tuple[Array, Arr
     """Components of the current, north and east; 0 where there is no value. [m/s]"""
     absent = [key for key in _CURRENTS if key not in data]
     if len(absent) == 1 or (absent and not at_rest):
-        remedy = "add it" if len(absent) == 1 else "add them, or allow water at rest with ocean.currents"
+        remedy = (
+            "add it" if len(absent) == 1 else "add them, or allow water at rest with ocean.currents"
+        )
         raise OceanError(f"{name}: no {' and '.join(absent)}; {remedy}")
     if absent:
         still = np.zeros([data.sizes[key] for key in _AXES])

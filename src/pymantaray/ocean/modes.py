@@ -1,4 +1,7 @@
-"""Vertical modes of sound speed in an ocean's columns or in casts, and the covariance of an error in these modes."""
+"""
+Vertical modes of sound speed in an ocean's columns or in casts, and the covariance of an error in
+these modes.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +28,8 @@ class SoundSpeedCovariance:
     """
     Covariance C(z, z') exp(-d²/2L²) of a sound-speed error between two places.
 
-    C is a symmetric ``matrix`` (n_levels, n_levels) [m²/s²] at the levels ``depth`` [m]. It is bilinear between levels and
-    constant beyond them. L is the ``horizontal_scale`` [m].
+    C is a symmetric ``matrix`` (n_levels, n_levels) [m²/s²] at the levels ``depth`` [m]. It is
+    bilinear between levels and constant beyond them. L is the ``horizontal_scale`` [m].
     """
 
     depth: Array
@@ -36,9 +39,12 @@ class SoundSpeedCovariance:
     def __post_init__(self) -> None:
         """Check."""
         n = np.size(self.depth)
-        if self.matrix.shape != (n, n) or not np.allclose(self.matrix, self.matrix.T, rtol=0, atol=1e-12):
+        if self.matrix.shape != (n, n) or not np.allclose(
+            self.matrix, self.matrix.T, rtol=0, atol=1e-12
+        ):
             raise OceanError(
-                f"covariance: shape is {self.matrix.shape} for {n} levels; it must be symmetric, ({n}, {n})"
+                f"covariance: shape is {self.matrix.shape} for {n} levels; it must be symmetric,"
+                f" ({n}, {n})"
             )
         if not self.horizontal_scale > 0.0:
             raise OceanError(
@@ -46,7 +52,10 @@ class SoundSpeedCovariance:
             )
 
     def __call__(self, a: ArrayLike, b: ArrayLike) -> Array:
-        """Covariance (...) between places (..., 3), north, east, down in one local frame [m]. They broadcast. [m²/s²]"""
+        """
+        Covariance (...) between places (..., 3), north, east, down in one local frame [m]. They
+        broadcast. [m²/s²]
+        """
         p, q = np.broadcast_arrays(np.asarray(a, dtype=float), np.asarray(b, dtype=float))
         apart = np.sum(((p[..., :2] - q[..., :2]) / self.horizontal_scale) ** 2, axis=-1)
         down = np.stack([p[..., 2], q[..., 2]], axis=-1)
@@ -98,7 +107,8 @@ class VerticalModes:
     mean : ndarray, shape (n_levels,)
         Mean sound speed. [m/s]
     modes : ndarray, shape (n_modes, n_levels)
-        Modes, orthonormal under `layer_weights`: the mean over the water column of the product of two modes is 1 or
+        Modes, orthonormal under `layer_weights`: the mean over the water column of the product of
+        two modes is 1 or
         0. [-]
     variance : ndarray, shape (n_modes,)
         Variances of the amplitudes in descending order. [m²/s²]
@@ -136,7 +146,8 @@ class VerticalModes:
         Parameters
         ----------
         horizontal_scale : float
-            Scale of the Gaussian correlation of the amplitudes; infinite for a horizontally uniform error. [m]
+            Scale of the Gaussian correlation of the amplitudes; infinite for a horizontally uniform
+            error. [m]
 
         Returns
         -------
@@ -163,26 +174,28 @@ def vertical_modes(
     n_modes : int, optional
         Number of modes. Default: enough for 99.99 % of the variance.
     levels : array_like, shape (n_levels,), optional
-        For casts only: levels for averaging, within the samples of all casts. Default: every 5 m between the deepest first
-        and the shallowest last sample. [m]
+        For casts only: levels for averaging, within the samples of all casts. Default: every 5 m
+        between the deepest first and the shallowest last sample. [m]
     equation : str
         Equation of sound speed.
 
     Returns
     -------
     VerticalModes
-        For an ocean, on its levels down to the deepest level that half of its columns reach; shallower columns are
-        excluded. Each mode is positive at its maximum.
+        For an ocean, on its levels down to the deepest level that half of its columns reach;
+        shallower columns are excluded. Each mode is positive at its maximum.
 
     Raises
     ------
     OceanError
-        If there are fewer than two columns, all columns are equal, or a level is outside the samples of a cast.
+        If there are fewer than two columns, all columns are equal, or a level is outside the
+        samples of a cast.
 
     Notes
     -----
-    The modes are eigenvectors of the covariance of the columns. Each level is weighted by the layer that it represents, so
-    the sum of variances is the mean square anomaly over the water column for any spacing of levels.
+    The modes are eigenvectors of the covariance of the columns. Each level is weighted by the layer
+    that it represents, so the sum of variances is the mean square anomaly over the water column for
+    any spacing of levels.
     """
     depth, speed = (
         _ocean_columns(columns, equation)
@@ -190,7 +203,9 @@ def vertical_modes(
         else _cast_columns(columns, levels, equation)
     )
     if len(speed) < 2:
-        raise OceanError(f"modes: {len(speed)} column(s) down to {depth[-1]:g} m; at least 2 are required")
+        raise OceanError(
+            f"modes: {len(speed)} column(s) down to {depth[-1]:g} m; at least 2 are required"
+        )
     mean = speed.mean(axis=0)
     anomaly = speed - mean
     matrix = anomaly.T @ anomaly / (len(speed) - (0 if isinstance(columns, xr.Dataset) else 1))
@@ -224,7 +239,9 @@ def _ocean_columns(ocean: xr.Dataset, equation: Equation) -> tuple[Array, Array]
     return depth[:used], speed.T
 
 
-def _cast_columns(casts: Sequence[Cast], levels: ArrayLike | None, equation: Equation) -> tuple[Array, Array]:
+def _cast_columns(
+    casts: Sequence[Cast], levels: ArrayLike | None, equation: Equation
+) -> tuple[Array, Array]:
     if not casts:
         raise OceanError("modes: no cast; give at least 2")
     first = max(c.depth[0] for c in casts)
@@ -232,6 +249,8 @@ def _cast_columns(casts: Sequence[Cast], levels: ArrayLike | None, equation: Equ
     every_5_m = np.arange(5.0 * np.ceil(first / 5.0), last + 1e-9, 5.0)
     z = every_5_m if levels is None else np.asarray(levels, dtype=float)
     if z.size < 2 or z[0] < first or z[-1] > last:
-        raise OceanError(f"modes: levels must be within the samples of all casts, {first:g} to {last:g} m")
+        raise OceanError(
+            f"modes: levels must be within the samples of all casts, {first:g} to {last:g} m"
+        )
     speed = [sound_speed(*c.cell_means(z), z, c.lat, c.lon, equation=equation) for c in casts]
     return z, np.array(speed)

@@ -1,4 +1,7 @@
-"""Opening of oceans: files that belong together, data sets in memory, or the name of a synthetic region."""
+"""
+Opening of oceans: files that belong together, data sets in memory, or the name of a synthetic
+region.
+"""
 
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
@@ -62,27 +65,29 @@ def open_ocean(
     Parameters
     ----------
     source : str, Path, xarray.Dataset or sequence of them
-        A NetCDF file, zarr folder or data set in memory with HYCOM's variables or CF standard names; several of these that
-        belong together; or ``"synthetic:beaufort"`` or ``"synthetic:fram"``. Axes may have any order and direction. A valid
-        ocean written as NetCDF is returned unchanged.
+        A NetCDF file, zarr folder or data set in memory with HYCOM's variables or CF standard
+        names; several of these that belong together; or ``"synthetic:beaufort"`` or
+        ``"synthetic:fram"``. Axes may have any order and direction. A valid ocean written as NetCDF
+        is returned unchanged.
     time : str or numpy.datetime64, optional
-        Instant (UTC). Default: the only time of files, NaT for a data set without time; 15 July 2014, 12 h for synthetic
-        oceans. Data sets without time, and climatologies such as the World Ocean Atlas, take any instant: a climatology gives
-        the field that is nearest in the year.
+        Instant (UTC). Default: the only time of files, NaT for a data set without time; 15 July
+        2014, 12 h for synthetic oceans. Data sets without time, and climatologies such as the World
+        Ocean Atlas, take any instant: a climatology gives the field that is nearest in the year.
     window : tuple of float, optional
-        South, north, west, east. Only grid points inside are read. West may be greater than east, across the antimeridian.
-        Default: all grid points. [degrees]
+        South, north, west, east. Only grid points inside are read. West may be greater than east,
+        across the antimeridian. Default: all grid points. [degrees]
     currents : {"required", "rest"}
         If a data set has no currents: ``"required"`` raises an error, ``"rest"`` sets them to zero.
     names : mapping of str to str, optional
-        CF standard names of variables without one, such as ``{"temp": "sea_water_potential_temperature"}``. A unit may
-        follow, ``{"temp": "sea_water_temperature[degC]"}``.
+        CF standard names of variables without one, such as ``{"temp":
+        "sea_water_potential_temperature"}``. A unit may follow, ``{"temp":
+        "sea_water_temperature[degC]"}``.
 
     Returns
     -------
     xarray.Dataset
-        A valid ocean, see `pymantaray.ocean.validate_ocean`. ``attrs["synthetic"]`` is 1 for a synthetic ocean.
-        ``attrs["history"]`` lists conversions, one per line.
+        A valid ocean, see `pymantaray.ocean.validate_ocean`. ``attrs["synthetic"]`` is 1 for a
+        synthetic ocean. ``attrs["history"]`` lists conversions, one per line.
 
     Raises
     ------
@@ -139,8 +144,8 @@ def open_ocean_series(
     Returns
     -------
     tuple of xarray.Dataset
-        Valid oceans on one grid in order of time: the last at or before ``start``, the first at or after ``stop``, and all
-        between. Synthetic oceans have a step of 3 h.
+        Valid oceans on one grid in order of time: the last at or before ``start``, the first at or
+        after ``stop``, and all between. Synthetic oceans have a step of 3 h.
     """
     first = parse_instant(start)
     last = parse_instant(stop)
@@ -151,10 +156,14 @@ def open_ocean_series(
         origin = first.astype("datetime64[D]").astype("datetime64[ns]")
         begin = origin + (first - origin) // SYNTHETIC_STEP * SYNTHETIC_STEP
         times = np.arange(begin, last + SYNTHETIC_STEP, SYNTHETIC_STEP)
-        return tuple(crop(synthetic_ocean(region, t), window) for t in _enclosing(times, first, last, region))
+        return tuple(
+            crop(synthetic_ocean(region, t), window) for t in _enclosing(times, first, last, region)
+        )
     with Collection(sources, window, names) as collection:
         if np.isnat(collection.times()).all():
-            raise OceanError(f"{collection.names}: no time coordinate; an ocean that varies needs one")
+            raise OceanError(
+                f"{collection.names}: no time coordinate; an ocean that varies needs one"
+            )
         times = _enclosing(collection.whole_times(currents), first, last, collection.names)
         oceans = tuple(collection.ocean(np.datetime64(t), currents) for t in times)
     for ocean in oceans:
@@ -180,8 +189,8 @@ def ocean_times(source: Source, names: Names | None = None) -> NDArray[np.dateti
     Returns
     -------
     ndarray of datetime64, shape (time,)
-        Increasing instants (UTC) with temperature and salinity, and with currents if the source has any. For a synthetic
-        ocean, which exists at all times: its epoch.
+        Increasing instants (UTC) with temperature and salinity, and with currents if the source has
+        any. For a synthetic ocean, which exists at all times: its epoch.
     """
     sources, region = _sources(source)
     if region is not None:
@@ -213,7 +222,9 @@ def ocean_index(source: Source, names: Names | None = None) -> OceanIndex:
         times = collection.whole_times("rest")
         roles = collection.needed("rest")
         holds = [{id(part) for part, _ in collection.at(time, roles).values()} for time in times]
-        named = [(str(path), id(part)) for path, part in zip(sources, collection.parts, strict=True)]
+        named = [
+            (str(path), id(part)) for path, part in zip(sources, collection.parts, strict=True)
+        ]
         files = tuple(tuple(path for path, part in named if part in parts) for parts in holds)
         grid = collection.parts[0].grid
         return OceanIndex(grid.lat, grid.lon, times, files)
@@ -232,7 +243,9 @@ def _validate(ocean: xr.Dataset, source: Source) -> None:
     try:
         validate_ocean(ocean)
     except OceanError as error:
-        shown = [IN_MEMORY if isinstance(s, xr.Dataset) else Path(s).name for s in _sources(source)[0]]
+        shown = [
+            IN_MEMORY if isinstance(s, xr.Dataset) else Path(s).name for s in _sources(source)[0]
+        ]
         raise OceanError(f"{_names(shown)}: {error}") from None
 
 
@@ -308,7 +321,10 @@ class Part:
         return next((f for f in self.layout.fields if f.role == role), None)
 
     def read(self, field: cf.Field, instant: np.datetime64) -> tuple[Array, int]:
-        """Values (depth, lat, lon) of a variable at an instant, in the unit of the file, and the number of invalid ones."""
+        """
+        Values (depth, lat, lon) of a variable at an instant, in the unit of the file, and the
+        number of invalid ones.
+        """
         layout = self.layout
         variables = self.data.variables
         dims = variables[field.variable].dims
@@ -318,7 +334,8 @@ class Part:
             i = int(np.flatnonzero(self.times == instant)[0])
             block[str(time)] = slice(i, i + 1)
         columns = [
-            counted_numbers(self.data, field.variable, {**block, str(lon): c}) for c in self.grid.blocks
+            counted_numbers(self.data, field.variable, {**block, str(lon): c})
+            for c in self.grid.blocks
         ]
         whole = np.concatenate([values for values, _ in columns], axis=dims.index(lon))
         invalid = sum(count for _, count in columns)
@@ -400,7 +417,10 @@ class Collection:
         return times
 
     def needed(self, currents: CurrentsPolicy) -> tuple[str, ...]:
-        """Required variables; with ``currents="rest"``, currents are required only if a file has one of them."""
+        """
+        Required variables; with ``currents="rest"``, currents are required only if a file has one
+        of them.
+        """
         if currents not in ("required", "rest"):
             raise OceanError(f"currents is {currents!r}; allowed: 'required' or 'rest'")
         absent = [r for r in _ROLES[2:] if not any(p.field(r) for p in self.parts)]
@@ -421,7 +441,9 @@ class Collection:
                     _check_same_grid(part, role, *next(iter(fields.items())))
         absent = [r for r in roles if r not in fields]
         if absent:
-            raise OceanError(f"{self.names}: no {' and no '.join(absent)} at {instant}; select another time")
+            raise OceanError(
+                f"{self.names}: no {' and no '.join(absent)} at {instant}; select another time"
+            )
         return fields
 
     def ocean(self, instant: np.datetime64, currents: CurrentsPolicy) -> xr.Dataset:
@@ -438,12 +460,16 @@ class Collection:
         rest = "set the currents to zero with `currents='rest'` (in a study: ocean.currents)"
         if relative and set(roles) <= set(_ROLES[2:]):
             return OceanError(f"{self.names}: {cf.grid_relative_refusal(relative)}, or {rest}")
+        listed = [cf.listed_variables(part.data) for part in self.parts[:_MAX_LISTED_FILES]]
         line = (
-            f"{self.names}: no {' and no '.join(roles)}; an ocean needs water_temp, salinity, water_u and"
-            " water_v, or their CF standard names (for HYCOM the ts3z and uv3z files together); it contains"
-            f" {'; '.join(cf.listed_variables(part.data) for part in self.parts[:_MAX_LISTED_FILES])}"
+            f"{self.names}: no {' and no '.join(roles)}; an ocean needs water_temp, salinity,"
+            " water_u and water_v, or their CF standard names (for HYCOM the ts3z and uv3z files"
+            " together); it contains"
+            f" {'; '.join(listed)}"
         )
-        return OceanError(line + (f"; add them, or {rest}" if list(roles) == list(_ROLES[2:]) else ""))
+        return OceanError(
+            line + (f"; add them, or {rest}" if list(roles) == list(_ROLES[2:]) else "")
+        )
 
 
 def _phase(time: Instants | np.datetime64) -> Array:
@@ -459,5 +485,6 @@ def _check_same_grid(part: Part, role: str, first_role: str, first: tuple[Part, 
         same = a.shape == b.shape and np.max(np.abs(a - b)) <= SAME_DEGREES
         if not same or part.is_pressure != first[0].is_pressure:
             raise OceanError(
-                f"{file_name(part.data)}: {role} and {first_role} have different {name} axes; interpolate both to one grid"
+                f"{file_name(part.data)}: {role} and {first_role} have different {name} axes;"
+                " interpolate both to one grid"
             )

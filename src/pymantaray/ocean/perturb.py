@@ -1,4 +1,6 @@
-"""Perturbed oceans for estimators: random members, the horizontal mean, or one column everywhere."""
+"""
+Perturbed oceans for estimators: random members, the horizontal mean, or one column everywhere.
+"""
 
 import math
 from collections.abc import Callable
@@ -15,11 +17,20 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.modes import VerticalModes, vertical_modes
-from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude, validate_ocean, with_history
+from pymantaray.ocean.schema import (
+    VARIABLES,
+    latitude,
+    layer_edges,
+    longitude,
+    validate_ocean,
+    with_history,
+)
 from pymantaray.ocean.seawater import absolute_and_conservative, sound_speed
 from pymantaray.ocean.window import counted_place
 
-_NODES_PER_SCALE = 4.0  # of a random field; the cubic spline then loses 0.1 % of the standard deviation
+_NODES_PER_SCALE = (
+    4.0  # of a random field; the cubic spline then loses 0.1 % of the standard deviation
+)
 _MARGIN = 3  # nodes beyond the window
 _MAX_NODES = 1500  # along one axis
 _ACCURACY = 1e-6  # m/s, of a change of sound speed
@@ -48,12 +59,13 @@ def perturb_ocean(
     rms : float
         Expected rms of the perturbation over the water and all members. [m/s]
     horizontal_scale : float
-        Scale L of the correlation exp(-d²/2L²); infinite for a horizontally uniform perturbation. [m]
+        Scale L of the correlation exp(-d²/2L²); infinite for a horizontally uniform perturbation.
+        [m]
     rng : numpy.random.Generator
         Source of the random amplitudes. Studies use `pymantaray.geometry.streams.stream`.
     modes : VerticalModes or int, optional
-        Modes, for example of casts, or a number of modes of this ocean's columns. Default: modes of its columns with 99.99 %
-        of the variance.
+        Modes, for example of casts, or a number of modes of this ocean's columns. Default: modes of
+        its columns with 99.99 % of the variance.
     down_to : float, optional
         Depth limit of the water for ``rms``. Default: the sea bed. [m]
     equation : str
@@ -66,12 +78,14 @@ def perturb_ocean(
 
     Notes
     -----
-    A member has sound speed c + s Σ a_k φ_k(z). The a_k are independent Gaussian fields with variance v_k; φ_k and v_k are
-    shapes and variances of `VerticalModes`. The factor s makes the expected mean square equal to ``rms`` squared, with wet
-    grid points weighted by the thickness of their layers. The rms of a single member differs, more so for longer scales.
-    Temperature is changed until sound speed is exact within 1e-6 m/s; salinity is changed only where no temperature suffices.
-    Currents are unchanged and no longer balance the density. The same generator state gives errors in proportion to
-    ``rms``. Water may become colder than its freezing point.
+    A member has sound speed c + s Σ a_k φ_k(z). The a_k are independent Gaussian fields with
+    variance v_k; φ_k and v_k are shapes and variances of `VerticalModes`. The factor s makes the
+    expected mean square equal to ``rms`` squared, with wet grid points weighted by the thickness of
+    their layers. The rms of a single member differs, more so for longer scales. Temperature is
+    changed until sound speed is exact within 1e-6 m/s; salinity is changed only where no
+    temperature suffices. Currents are unchanged and no longer balance the density. The same
+    generator state gives errors in proportion to ``rms``. Water may become colder than its freezing
+    point.
     """
     error = draw_sound_speed_error(
         ocean,
@@ -88,13 +102,16 @@ def perturb_ocean(
     layer = "the water column" if down_to is None else f"the upper {down_to:g} m"
     return with_history(
         member,
-        f"sound speed perturbed by {len(profiles)} vertical modes, expected {rms:g} m/s rms over {layer}, horizontal"
-        f" scale {horizontal_scale:g} m, by temperature ({equation}); no longer in balance with the currents",
+        f"sound speed perturbed by {len(profiles)} vertical modes, expected {rms:g} m/s rms over"
+        f" {layer}, horizontal scale {horizontal_scale:g} m, by temperature ({equation}); no longer"
+        " in balance with the currents",
     )
 
 
 class SoundSpeedError(NamedTuple):
-    """Random error of sound speed: the sum over vertical modes of a profile times a horizontal field."""
+    """
+    Random error of sound speed: the sum over vertical modes of a profile times a horizontal field.
+    """
 
     modes: VerticalModes
     scale: Array
@@ -153,7 +170,8 @@ def mean_ocean(ocean: xr.Dataset) -> xr.Dataset:
         total = np.where(wet, field, 0.0).sum(axis=(1, 2))
         columns[v.name] = np.divide(total, count, out=np.full(count.size, np.nan), where=count > 0)
     return with_history(
-        _uniform(ocean, columns), "replaced by the horizontal mean of each level, including currents"
+        _uniform(ocean, columns),
+        "replaced by the horizontal mean of each level, including currents",
     )
 
 
@@ -166,13 +184,14 @@ def column_ocean(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
     ocean : xarray.Dataset
         A valid ocean.
     place : tuple of float
-        Latitude and longitude inside the window; the function uses the column of the nearest wet grid point. [degrees]
+        Latitude and longitude inside the window; the function uses the column of the nearest wet
+        grid point. [degrees]
 
     Returns
     -------
     xarray.Dataset
-        A valid ocean with the same grid and sea bed. Where the sea bed is deeper than the column, the deepest value is
-        extended downward.
+        A valid ocean with the same grid and sea bed. Where the sea bed is deeper than the column,
+        the deepest value is extended downward.
     """
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("lat", "lon"))
@@ -182,12 +201,15 @@ def column_ocean(ocean: xr.Dataset, place: tuple[float, float]) -> xr.Dataset:
     i, j = np.unravel_index(int(np.argmin(np.where(wet[0], apart, np.inf))), apart.shape)
     levels = int(wet[:, i, j].sum())
     at_level = np.minimum(np.arange(len(wet)), levels - 1)
-    columns = {v.name: np.asarray(ocean[v.name].values[at_level, i, j], dtype=float) for v in VARIABLES[:2]}
+    columns = {
+        v.name: np.asarray(ocean[v.name].values[at_level, i, j], dtype=float) for v in VARIABLES[:2]
+    }
     columns |= {v.name: np.zeros(len(wet)) for v in VARIABLES[2:]}
     deepest = float(ocean["depth"].values[levels - 1])
     return with_history(
         _uniform(ocean, columns),
-        f"replaced by the column at {latitude(lat[i])}, {longitude(lon[j])}, at rest, carried down from {deepest:g} m where deeper",
+        f"replaced by the column at {latitude(lat[i])}, {longitude(lon[j])}, at rest, carried down"
+        f" from {deepest:g} m where deeper",
     )
 
 
@@ -201,17 +223,23 @@ def _uniform(ocean: xr.Dataset, columns: dict[str, Array]) -> xr.Dataset:
     return uniform
 
 
-def random_fields(lat: Array, lon: Array, *, count: int, scale: float, rng: np.random.Generator) -> Array:
+def random_fields(
+    lat: Array, lon: Array, *, count: int, scale: float, rng: np.random.Generator
+) -> Array:
     """
-    Draw independent fields (count, lat, lon) with mean 0, variance 1 and correlation exp(-d²/2L²) of scale L [m].
+    Draw independent fields (count, lat, lon) with mean 0, variance 1 and correlation exp(-d²/2L²)
+    of scale L [m].
 
-    The correlation is a product of correlations along north and east of the local frame around the middle of the window. On a
-    lattice with spacing L/4, a field is F_n Z F_eᵀ with standard normal Z, where F Fᵀ is the correlation along an axis. The
-    field is exactly Gaussian with the stated covariance. A cubic spline interpolates it to the grid. With an infinite scale,
-    each field is one number.
+    The correlation is a product of correlations along north and east of the local frame around the
+    middle of the window. On a lattice with spacing L/4, a field is F_n Z F_eᵀ with standard normal
+    Z, where F Fᵀ is the correlation along an axis. The field is exactly Gaussian with the stated
+    covariance. A cubic spline interpolates it to the grid. With an infinite scale, each field is
+    one number.
     """
     if math.isinf(scale):
-        return np.broadcast_to(rng.standard_normal((count, 1, 1)), (count, lat.size, lon.size)).copy()
+        return np.broadcast_to(
+            rng.standard_normal((count, 1, 1)), (count, lat.size, lon.size)
+        ).copy()
     frame = LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1]))
     north, east = frame.to_local(lat[:, None], lon[None, :])
     axes = [_lattice(x, scale) for x in (north, east)]
@@ -230,8 +258,9 @@ def _lattice(x: Array, scale: float) -> Array:
     count = math.ceil((high - low) / step) + 1
     if count > _MAX_NODES:
         raise OceanError(
-            f"random field: horizontal_scale {scale:g} m needs {count} nodes across the window; the limit is {_MAX_NODES}; use"
-            f" at least {scale * count / _MAX_NODES:.0f} m or a smaller window"
+            f"random field: horizontal_scale {scale:g} m needs {count} nodes across the window; the"
+            f" limit is {_MAX_NODES}; use at least {scale * count / _MAX_NODES:.0f} m or a smaller"
+            " window"
         )
     return np.asarray(low + step * np.arange(count), dtype=float)
 
@@ -277,11 +306,14 @@ def pooled_rms(ocean: xr.Dataset, variance: Array, down_to: float | None) -> flo
     return pooled
 
 
-def change_sound_speed(ocean: xr.Dataset, change: ArrayLike, *, equation: Equation = "teos-10") -> xr.Dataset:
+def change_sound_speed(
+    ocean: xr.Dataset, change: ArrayLike, *, equation: Equation = "teos-10"
+) -> xr.Dataset:
     """
     Change the sound speed of an ocean by amounts (depth, lat, lon) [m/s], exact within 1e-6 m/s.
 
-    The function changes temperature. Where temperature reaches the limit of a valid ocean, it also changes salinity.
+    The function changes temperature. Where temperature reaches the limit of a valid ocean, it also
+    changes salinity.
     """
     depth, lat, lon = (np.asarray(ocean[n].values, dtype=float) for n in ("depth", "lat", "lon"))
     wet = np.isfinite(ocean["water_temp"].values)
@@ -289,7 +321,9 @@ def change_sound_speed(ocean: xr.Dataset, change: ArrayLike, *, equation: Equati
     start = np.asarray(ocean["water_temp"].values, dtype=float)[wet]
     salinity = np.asarray(ocean["salinity"].values, dtype=float)[wet]
 
-    if equation == "teos-10":  # absolute salinity is proportional to practical salinity, and slow to compute
+    if (
+        equation == "teos-10"
+    ):  # absolute salinity is proportional to practical salinity, and slow to compute
         SA, _, p = absolute_and_conservative(start, salinity, depth[k], lat[y], lon[x])
 
     def speed(t: Array, share: Array) -> Array:
@@ -324,7 +358,8 @@ def change_sound_speed(ocean: xr.Dataset, change: ArrayLike, *, equation: Equati
         validate_ocean(changed)
     except OceanError as error:
         raise OceanError(
-            f"{error} (after a change of sound speed; reduce rms, or limit it to the upper water with down_to)"
+            f"{error} (after a change of sound speed; reduce rms, or limit it to the upper water"
+            " with down_to)"
         ) from None
     return changed
 
@@ -336,7 +371,10 @@ def _root(
     low: Array | float = -np.inf,
     high: Array | float = np.inf,
 ) -> Array:
-    """Solve speed(argument) = target within bounds, element by element, with the secant method from start."""
+    """
+    Solve speed(argument) = target within bounds, element by element, with the secant method from
+    start.
+    """
     with np.errstate(all="ignore"):
         base = speed(start)
         slope = (speed(start + _STEP) - base) / _STEP
@@ -352,6 +390,6 @@ def _root(
             moved = np.abs(step) > 1e-6
             slope = np.where(moved, (before - off) / step, slope)
     raise OceanError(
-        f"ocean: no temperature or salinity changes sound speed by {np.nanmax(np.abs(target - base)):.3g} m/s; reduce the"
-        " change"
+        "ocean: no temperature or salinity changes sound speed by"
+        f" {np.nanmax(np.abs(target - base)):.3g} m/s; reduce the change"
     )

@@ -1,4 +1,7 @@
-"""Positions in the text of headers and comments: hemispheres on either side of the number, and values that mean no fix."""
+"""
+Positions in the text of headers and comments: hemispheres on either side of the number, and values
+that mean no fix.
+"""
 
 import math
 import re
@@ -28,15 +31,18 @@ _ANGLE = re.compile(
     re.IGNORECASE,
 )
 _KEY = r"\b{}\b\s*[:=]?(?=\s*(?:" + _ANY_WORD + r")?\s*[-+]?[.\d])"
-_LAT, _LON = (re.compile(_KEY.format(name), re.IGNORECASE) for name in ("lat(?:itude)?", "lon(?:gitude)?"))
+_LAT, _LON = (
+    re.compile(_KEY.format(name), re.IGNORECASE) for name in ("lat(?:itude)?", "lon(?:gitude)?")
+)
 
 
 def angle(words: str, axis: str) -> float:
     """
     Convert a latitude or longitude in text to degrees; NaN if it cannot be read with certainty.
 
-    The text may have decimal degrees, or degrees, minutes and seconds, with a sign or a hemisphere before or after the
-    number, and a comment behind: ``-12.51``, ``S12 30.60``, ``12°30'36" S``, ``045 15.5 W (bridge)``.
+    The text may have decimal degrees, or degrees, minutes and seconds, with a sign or a hemisphere
+    before or after the number, and a comment behind: ``-12.51``, ``S12 30.60``, ``12°30'36" S``,
+    ``045 15.5 W (bridge)``.
     """
     match = _ANGLE.fullmatch(words.strip())
     if match is None:
@@ -44,7 +50,9 @@ def angle(words: str, axis: str) -> float:
     sides = {_WORDS[side.lower()] for side in (match["before"], match["after"]) if side}
     rest = match["rest"]
     minutes = match["minutes"]
-    complete = match["after"] and "." in match["degrees"] + str(minutes)  # what follows is a comment
+    complete = match["after"] and "." in match["degrees"] + str(
+        minutes
+    )  # what follows is a comment
     unclear = (
         len(sides) > 1
         or not sides <= set(_SIDES_OF[axis])
@@ -64,7 +72,10 @@ def angle(words: str, axis: str) -> float:
 
 
 def position_in_text(latitude: str, longitude: str) -> tuple[Position | None, tuple[str, ...]]:
-    """Position from two texts of a header, and notes: None if a text is empty or unreadable, or if the values mean no fix."""
+    """
+    Position from two texts of a header, and notes: None if a text is empty or unreadable, or if the
+    values mean no fix.
+    """
     if not (latitude.strip() or longitude.strip()):
         return None, ()
     place = angle(latitude, "latitude"), angle(longitude, "longitude")
@@ -77,7 +88,10 @@ def position_in_text(latitude: str, longitude: str) -> tuple[Position | None, tu
         return None, (f"position not read: {' and '.join(unread)}",)
     assumed = [
         f"{axis} {words.strip()[:40]!r} has no hemisphere: {positive} assumed"
-        for axis, words, positive in (("latitude", latitude, "north"), ("longitude", longitude, "east"))
+        for axis, words, positive in (
+            ("latitude", latitude, "north"),
+            ("longitude", longitude, "east"),
+        )
         if re.match(r"\d+[^\d.]+\d", words.strip()) and not re.search(_SIDE, words, re.IGNORECASE)
     ]
     known, notes = known_position(*place)
@@ -85,7 +99,10 @@ def position_in_text(latitude: str, longitude: str) -> tuple[Position | None, tu
 
 
 def known_position(latitude: float, longitude: float) -> tuple[Position | None, tuple[str, ...]]:
-    """Position of an instrument and notes: None for 0, 0 and for values outside the globe, which mean no fix."""
+    """
+    Position of an instrument and notes: None for 0, 0 and for values outside the globe, which mean
+    no fix.
+    """
     if not (math.isfinite(latitude) and math.isfinite(longitude)):
         return None, ()
     if (latitude, longitude) == (0.0, 0.0) or not is_position(latitude, longitude):
@@ -104,7 +121,9 @@ def is_position(latitude: float, longitude: float) -> bool:
 
 
 def position_in_comment(line: str) -> Position | None:
-    """Position in a comment such as ``lat 74.0, lon -140.0``; None if it has none that can be read."""
+    """
+    Position in a comment such as ``lat 74.0, lon -140.0``; None if it has none that can be read.
+    """
     north = _LAT.search(line)
     east = _LON.search(line)
     if north is None or east is None:
@@ -113,7 +132,8 @@ def position_in_comment(line: str) -> Position | None:
     first, second = sorted((north, east), key=lambda match: match.start())
     ends[first] = second.start()
     words = (
-        re.split(r"[,;](?!\d)|\d{4}-\d\d", line[match.end() : ends[match]])[0] for match in (north, east)
+        re.split(r"[,;](?!\d)|\d{4}-\d\d", line[match.end() : ends[match]])[0]
+        for match in (north, east)
     )
     lat, lon = (angle(text, axis) for text, axis in zip(words, _SIDES_OF, strict=True))
     return None if math.isnan(lat + lon) else (lat, lon)

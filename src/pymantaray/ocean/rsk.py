@@ -1,8 +1,9 @@
 """
 Reader of RBR's ``.rsk`` files, which are SQLite databases, with RBR's library pyrsktools.
 
-The library has no limits, and a database may contain views and generated columns whose values need any time and memory. The file is
-therefore checked before the library opens it: its size, the number of values, and that it consists of ordinary tables.
+The library has no limits, and a database may contain views and generated columns whose values need
+any time and memory. The file is therefore checked before the library opens it: its size, the number
+of values, and that it consists of ordinary tables.
 """
 
 import sqlite3
@@ -34,7 +35,10 @@ _CHANNELS = {
     "salinity": "salinity",
     "speed_of_sound": "sound_speed",
 }
-"""Quantity of each channel of interest by pyrsktools' name of the channel; for one quantity, the first channel of the file counts."""
+"""
+Quantity of each channel of interest by pyrsktools' name of the channel; for one quantity, the first
+channel of the file counts.
+"""
 
 
 class _Cast(NamedTuple):
@@ -51,7 +55,10 @@ def is_rsk(path: Path) -> bool:
 
 
 def read_rsk(path: Path) -> dict[str, CastTable]:
-    """Read the downcasts of a file as tables by name; without downcasts in the file, all rows are one cast without a name."""
+    """
+    Read the downcasts of a file as tables by name; without downcasts in the file, all rows are one
+    cast without a name.
+    """
     _check(path)
     try:
         with warnings.catch_warnings():
@@ -59,7 +66,8 @@ def read_rsk(path: Path) -> dict[str, CastTable]:
             from pyrsktools import RSK
     except ImportError:
         raise OceanError(
-            f'{path}: pyrsktools is not installed; pip install "pymantaray[rbr]", or export the file as text with Ruskin'
+            f'{path}: pyrsktools is not installed; pip install "pymantaray[rbr]", or export the'
+            " file as text with Ruskin"
         ) from None
     try:
         with warnings.catch_warnings():
@@ -70,44 +78,65 @@ def read_rsk(path: Path) -> dict[str, CastTable]:
                 tables = {cast.name: _table(path, cast, units) for cast in _casts(rsk)}
     except Exception as error:  # noqa: BLE001  (the library has no error class of its own)
         raise OceanError(
-            f"{path}: not a readable .rsk file: {one_line(error, 100)}; open and save it with Ruskin"
+            f"{path}: not a readable .rsk file: {one_line(error, 100)}; open and save it with"
+            " Ruskin"
         ) from None
     return tables
 
 
 def _check(path: Path) -> None:
-    """Raise an error for a database that is too large, contains computed values, or has a name that SQLite would misread."""
+    """
+    Raise an error for a database that is too large, contains computed values, or has a name that
+    SQLite would misread.
+    """
     if set("?#%") & set(str(path)):
-        raise OceanError(f"{path}: the name contains ?, # or %, which SQLite misreads; rename the file")
+        raise OceanError(
+            f"{path}: the name contains ?, # or %, which SQLite misreads; rename the file"
+        )
     check_regular(path, OceanError, what="an .rsk file", limit=MAX_BYTES)
     try:
         with closing(sqlite3.connect(f"file:{path}?mode=ro&immutable=1", uri=True)) as database:
             computed = database.execute(
-                "SELECT name FROM sqlite_master WHERE type = 'view' OR sql LIKE 'CREATE VIRTUAL%' LIMIT 1"
+                "SELECT name FROM sqlite_master WHERE type = 'view' OR sql LIKE 'CREATE VIRTUAL%'"
+                " LIMIT 1"
             ).fetchone()
             tables = [
-                row[0] for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+                row[0]
+                for row in database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
             ]
             generated = "SELECT name FROM pragma_table_xinfo(?) WHERE hidden <> 0 LIMIT 1"
             computed = computed or next(
-                (row for name in tables if (row := database.execute(generated, (name,)).fetchone())), None
+                (
+                    row
+                    for name in tables
+                    if (row := database.execute(generated, (name,)).fetchone())
+                ),
+                None,
             )
             if computed:
                 raise OceanError(
-                    f"{path}: {one_line(computed[0], 40)} is a view, a virtual table or a generated column, which .rsk files do"
-                    " not have; export the cast as text with Ruskin"
+                    f"{path}: {one_line(computed[0], 40)} is a view, a virtual table or a generated"
+                    " column, which .rsk files do not have; export the cast as text with Ruskin"
                 )
             if not {"channels", "data"} <= set(tables):
                 raise OceanError(
-                    f"{path}: a database without the tables channels and data of an .rsk file; use a file from Ruskin"
+                    f"{path}: a database without the tables channels and data of an .rsk file; use"
+                    " a file from Ruskin"
                 )
             (count,) = database.execute("SELECT count(*) FROM data").fetchone()
             width = len(database.execute("PRAGMA table_info(data)").fetchall())
-    except (sqlite3.Error, ValueError, TypeError) as error:  # names that are not UTF-8, and no answer, too
-        raise OceanError(f"{path}: a damaged database ({one_line(error, 60)}); download it again") from None
+    except (
+        sqlite3.Error,
+        ValueError,
+        TypeError,
+    ) as error:  # names that are not UTF-8, and no answer, too
+        raise OceanError(
+            f"{path}: a damaged database ({one_line(error, 60)}); download it again"
+        ) from None
     if count * width > _MAX_VALUES:
         raise OceanError(
-            f"{path}: {count:,} rows of {width} columns; the limit is {_MAX_VALUES:,} values; export one cast with Ruskin"
+            f"{path}: {count:,} rows of {width} columns; the limit is {_MAX_VALUES:,} values;"
+            " export one cast with Ruskin"
         )
 
 
@@ -127,11 +156,15 @@ def _casts(rsk: Any) -> Iterator[_Cast]:
     parts = [part for part in parts if part.any()] or [np.ones(rows.size, dtype=bool)]
     for k, part in enumerate(parts):
         yield _Cast(
-            rows[part], _position_at(positions, rows["timestamp"][part]), str(k + 1) if len(parts) > 1 else ""
+            rows[part],
+            _position_at(positions, rows["timestamp"][part]),
+            str(k + 1) if len(parts) > 1 else "",
         )
 
 
-def _position_at(positions: Sequence[tuple[Any, float, float]], times: Any) -> tuple[float, float] | None:
+def _position_at(
+    positions: Sequence[tuple[Any, float, float]], times: Any
+) -> tuple[float, float] | None:
     """Position in a file that is nearest in time to the start of a cast. [degrees]"""
     if not positions or not times.size:
         return None

@@ -97,8 +97,8 @@ def assemble_ocean(
     time : numpy.datetime64
         Instant of the fields (UTC).
     fields : dict of str to ndarray, shape (depth, lat, lon)
-        ``water_temp`` [degC], ``salinity`` [practical], ``water_u`` and ``water_v`` [m/s]; NaN below
-        the sea bed.
+        ``water_temp`` [degC], ``salinity`` [practical], ``water_u`` and ``water_v`` [m/s]; NaN
+        below the sea bed.
     title, source : str
         Name and origin of the ocean.
     synthetic : bool
@@ -119,7 +119,12 @@ def assemble_ocean(
             **{k: ((k,), coordinates[k], attrs) for k, attrs in _COORDINATES.items()},
             "time": ((), time.astype("datetime64[ns]"), {"standard_name": "time", "axis": "T"}),
         },
-        attrs={"Conventions": "CF-1.8", "title": title, "source": source, "synthetic": int(synthetic)},
+        attrs={
+            "Conventions": "CF-1.8",
+            "title": title,
+            "source": source,
+            "synthetic": int(synthetic),
+        },
     )
     if validate:
         validate_ocean(ocean)
@@ -142,15 +147,22 @@ def with_history(ocean: xr.Dataset, line: str) -> xr.Dataset:
     xarray.Dataset
     """
     if not line.strip() or len(line.splitlines()) != 1:
-        raise OceanError(f"ocean: history line {line[:40]!r} has several lines or is empty; give one line")
+        raise OceanError(
+            f"ocean: history line {line[:40]!r} has several lines or is empty; give one line"
+        )
     before = str(ocean.attrs.get("history", "")).rstrip("\n")
     return ocean.assign_attrs(history=f"{before}\n{line.strip()}" if before else line.strip())
 
 
 def reading_notes(ocean: xr.Dataset) -> tuple[str, ...]:
-    """Lines of a history about a climatology and about values that a reader removed, which a user should see."""
+    """
+    Lines of a history about a climatology and about values that a reader removed, which a user
+    should see.
+    """
     return tuple(
-        line for line in str(ocean.attrs.get("history", "")).splitlines() if any(w in line for w in _NOTED)
+        line
+        for line in str(ocean.attrs.get("history", "")).splitlines()
+        if any(w in line for w in _NOTED)
     )
 
 
@@ -163,10 +175,11 @@ def validate_ocean(ocean: xr.Dataset) -> None:
     """
     Check that a data set is a valid ocean.
 
-    Dimensions are ``(depth, lat, lon)``. Depth [m] is positive down and strictly increases from 0. Latitude and longitude
-    [degrees] strictly increase, longitude in any 360 degree window. ``time`` is a scalar. The variables are in-situ
-    ``water_temp`` [degC], practical ``salinity``, and ``water_u`` and ``water_v`` (true east and north) [m/s]. All are NaN
-    below the sea bed, and no wet level is below a dry one.
+    Dimensions are ``(depth, lat, lon)``. Depth [m] is positive down and strictly increases from 0.
+    Latitude and longitude [degrees] strictly increase, longitude in any 360 degree window. ``time``
+    is a scalar. The variables are in-situ ``water_temp`` [degC], practical ``salinity``, and
+    ``water_u`` and ``water_v`` (true east and north) [m/s]. All are NaN below the sea bed, and no
+    wet level is below a dry one.
 
     Parameters
     ----------
@@ -187,12 +200,15 @@ def violations(ocean: xr.Dataset) -> Iterator[Finding]:
     """
     Find all violations of the schema, and missing units.
 
-    ``where`` begins with the name of the variable or axis. Land masks are compared only if the structure is valid.
+    ``where`` begins with the name of the variable or axis. Land masks are compared only if the
+    structure is valid.
     """
     for name in DIMS:
         yield from _axis(ocean, name)
     if "time" not in ocean.coords:
-        yield Finding("wrong", "axis missing", "no such coordinate", "one instant", "add it", "time")
+        yield Finding(
+            "wrong", "axis missing", "no such coordinate", "one instant", "add it", "time"
+        )
     elif ocean["time"].ndim or not np.issubdtype(ocean["time"].dtype, np.datetime64):
         axis = f"{ocean['time'].size} of {ocean['time'].dtype}"
         yield Finding("wrong", "axis", axis, "one datetime64", "select one time step", "time")
@@ -202,10 +218,16 @@ def violations(ocean: xr.Dataset) -> Iterator[Finding]:
     missing = [name for name in ("title", "source", "synthetic") if name not in ocean.attrs]
     if missing:
         yield Finding(
-            "wrong", "attributes missing", ", ".join(missing), "title, source, synthetic", "set them"
+            "wrong",
+            "attributes missing",
+            ", ".join(missing),
+            "title, source, synthetic",
+            "set them",
         )
     elif not any(np.array_equal(ocean.attrs["synthetic"], flag) for flag in (0, 1)):
-        yield Finding("wrong", "attribute", repr(ocean.attrs["synthetic"]), "0 or 1", "set it", "synthetic")
+        yield Finding(
+            "wrong", "attribute", repr(ocean.attrs["synthetic"]), "0 or 1", "set it", "synthetic"
+        )
 
 
 def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
@@ -217,13 +239,19 @@ def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
     yield from _unit(axis, _AXES[name], "convert the axis")
     if axis.dims != (name,) or not np.issubdtype(axis.dtype, np.number):
         yield wrong(
-            "axis", f"dimensions {axis.dims}, {axis.dtype}", "one dimension, numbers", "rebuild the axis"
+            "axis",
+            f"dimensions {axis.dims}, {axis.dtype}",
+            "one dimension, numbers",
+            "rebuild the axis",
         )
         return
     values = np.asarray(axis.values, dtype=float)
     if values.size < MIN_POINTS[name]:
         yield wrong(
-            "axis too short", f"{values.size} points", f"{MIN_POINTS[name]} or more", "use a larger window"
+            "axis too short",
+            f"{values.size} points",
+            f"{MIN_POINTS[name]} or more",
+            "use a larger window",
         )
     rising = np.diff(values) > 0.0
     if not rising.all():
@@ -236,18 +264,29 @@ def _axis(ocean: xr.Dataset, name: str) -> Iterator[Finding]:
         )
     elif name == "depth" and values.size and values[-1] > DEEPEST:
         yield wrong(
-            "axis", f"a level at {values[-1]:g} m", f"0 to {DEEPEST:g} m", "check its values and unit"
+            "axis",
+            f"a level at {values[-1]:g} m",
+            f"0 to {DEEPEST:g} m",
+            "check its values and unit",
         )
     elif name == "depth" and values.size and values[0] != 0.0:
-        yield wrong("axis", f"starts at {values[0]:g} m", "0 m, positive down", "add a level at 0 m")
+        yield wrong(
+            "axis", f"starts at {values[0]:g} m", "0 m, positive down", "add a level at 0 m"
+        )
     finite = values[np.isfinite(values)]
     if name == "lat" and np.abs(finite).max(initial=0.0) > 90.0:
         yield wrong(
-            "axis", f"{finite.min():g} to {finite.max():g}", "-90 to 90 degrees", "check its values and unit"
+            "axis",
+            f"{finite.min():g} to {finite.max():g}",
+            "-90 to 90 degrees",
+            "check its values and unit",
         )
     if name == "lon" and finite.size and np.ptp(finite) >= 360.0:
         yield wrong(
-            "axis", f"spans {np.ptp(finite):g} degrees", "less than 360", "remove duplicate meridians"
+            "axis",
+            f"spans {np.ptp(finite):g} degrees",
+            "less than 360",
+            "remove duplicate meridians",
         )
 
 
@@ -267,7 +306,9 @@ def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
         yield Finding("doubtful", "units", "not stated", v.units, "state them", v.name)
     yield from _unit(field, v.quantity, "convert the values")
     if field.dims != DIMS:
-        remedy = "transpose the variable" if set(field.dims) == set(DIMS) else "rebuild the variable"
+        remedy = (
+            "transpose the variable" if set(field.dims) == set(DIMS) else "rebuild the variable"
+        )
         yield wrong("dimensions", str(field.dims), str(DIMS), remedy)
         if set(field.dims) != set(DIMS):
             return
@@ -281,15 +322,18 @@ def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
         yield wrong("not finite", f"{count} infinite values", "NaN below the sea bed", "mask them")
     if not finite.any():
         yield wrong(
-            "no valid value", "all missing", "some wet points", "check that the window is not on land"
+            "no valid value",
+            "all missing",
+            "some wet points",
+            "check that the window is not on land",
         )
         return
     outside = finite & ((values < v.lowest) | (values > v.highest))
     if outside.any():
         yield wrong(
             "values",
-            f"{np.count_nonzero(outside)} of {np.count_nonzero(finite)} outside, {values[finite].min():g} to"
-            f" {values[finite].max():g}",
+            f"{np.count_nonzero(outside)} of {np.count_nonzero(finite)} outside,"
+            f" {values[finite].min():g} to {values[finite].max():g}",
             f"{v.lowest:g} to {v.highest:g} {v.units}",
             "check packing, units and fill value",
         )
@@ -297,7 +341,9 @@ def _variable(ocean: xr.Dataset, v: Variable) -> Iterator[Finding]:
 
 def _wet(ocean: xr.Dataset) -> Iterator[Finding]:
     """Find points that are wet in one variable and dry in another, or wet below a dry point."""
-    fields = {v.name: ocean[v.name] for v in VARIABLES if v.name in ocean and ocean[v.name].dims == DIMS}
+    fields = {
+        v.name: ocean[v.name] for v in VARIABLES if v.name in ocean and ocean[v.name].dims == DIMS
+    }
     numeric = all(np.issubdtype(field.dtype, np.number) for field in fields.values())
     if "water_temp" not in fields or not numeric:
         return

@@ -1,4 +1,7 @@
-"""Sea floor from the levels of an ocean or from a file of depths or heights, and extension of fields below it."""
+"""
+Sea floor from the levels of an ocean or from a file of depths or heights, and extension of fields
+below it.
+"""
 
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -21,12 +24,17 @@ from pymantaray.ocean.schema import layer_edges
 from pymantaray.ocean.window import GeographicWindow, Window, checked_window, select
 
 MAX_FLOOR_NODES = 1_000_000
-"""Maximum number of nodes of a finer sea floor in the local frame; a larger spacing replaces that of a larger file."""
+"""
+Maximum number of nodes of a finer sea floor in the local frame; a larger spacing replaces that of a
+larger file.
+"""
 _SAME_SPACING = 1.01  # ratio of spacings up to which a file is not coarser than the ocean's grid
 _MIN_CELLS = 2  # on either side of the centre
 MAX_POINTS = 40_000_000
 """Maximum number of grid points to read from a file: 320 MB in double precision."""
-_MAX_NODES = 16_000_000  # latitudes times longitudes onto which a file in a map projection is interpolated
+_MAX_NODES = (
+    16_000_000  # latitudes times longitudes onto which a file in a map projection is interpolated
+)
 _DEEPEST = 11_100.0  # m; beyond these a fill value or a unit is wrong
 _HIGHEST = 9_000.0
 _DEGREE = 111_195.0  # m, of latitude on the mean sphere
@@ -38,7 +46,8 @@ _DOWN = (
     "sea_floor_depth",
 )
 _UP = (
-    "height_above_reference_ellipsoid",  # GEBCO's name for its heights, which are above mean sea level
+    # GEBCO's name for its heights, which are above mean sea level
+    "height_above_reference_ellipsoid",
     "height_above_mean_sea_level",
     "height_above_geopotential_datum",
     "surface_altitude",
@@ -56,7 +65,8 @@ _CRS_REMEDY = 'name it with crs, "EPSG:3996" for IBCAO, or use the geographic ve
 
 def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     """
-    Sea floor from the levels of an ocean: half-way from the deepest valid level of each column to the next.
+    Sea floor from the levels of an ocean: half-way from the deepest valid level of each column to
+    the next.
 
     Parameters
     ----------
@@ -81,10 +91,12 @@ def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
 
 def fill_below_sea_bed(field: NDArray[np.floating], lat: Array) -> Array:
     """
-    Replace the NaN of a field below the sea bed and on land, so that interpolation near sea bed and coast has no gaps.
+    Replace the NaN of a field below the sea bed and on land, so that interpolation near sea bed and
+    coast has no gaps.
 
-    A wet column has its deepest valid value at all deeper levels. A land column is a copy of the nearest wet column, with distances
-    at the middle latitude. The new values have no physical meaning.
+    A wet column has its deepest valid value at all deeper levels. A land column is a copy of the
+    nearest wet column, with distances at the middle latitude. The new values have no physical
+    meaning.
 
     Parameters
     ----------
@@ -112,7 +124,10 @@ def fill_below_sea_bed(field: NDArray[np.floating], lat: Array) -> Array:
 
 
 def extended_down(field: NDArray[np.floating]) -> Array:
-    """Copy of a field (n_depth, ...) with the value above at each NaN; a column without a value at the first level keeps its NaN."""
+    """
+    Copy of a field (n_depth, ...) with the value above at each NaN; a column without a value at the
+    first level keeps its NaN.
+    """
     filled = np.array(field, dtype=float)
     missing = ~np.isfinite(filled)
     for k in range(1, len(filled)):
@@ -120,8 +135,13 @@ def extended_down(field: NDArray[np.floating]) -> Array:
     return filled
 
 
-def nearest_wet_columns(wet: NDArray[np.bool_], lat: Array) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Row and column (n_lat, n_lon) of the wet column nearest to each column, as in `fill_below_sea_bed`."""
+def nearest_wet_columns(
+    wet: NDArray[np.bool_], lat: Array
+) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """
+    Row and column (n_lat, n_lon) of the wet column nearest to each column, as in
+    `fill_below_sea_bed`.
+    """
     if not wet.any():
         raise OceanError("ocean: no wet column in the window; choose a window over water")
     aspect = max(float(np.cos(np.radians(np.mean(lat)))), 1e-3)
@@ -135,16 +155,18 @@ def local_floor(
     sea_floor: xr.DataArray, window: Window, half_extent: tuple[float, float]
 ) -> xr.DataArray | None:
     """
-    Interpolate the sea floor of a file bilinearly to a regular grid of the local frame with about the spacing of the file.
+    Interpolate the sea floor of a file bilinearly to a regular grid of the local frame with about
+    the spacing of the file.
 
-    The result is None if the file's grid is coarser than the ocean's, by the area of a cell at the frame's centre. If the file's
-    spacing requires more than `MAX_FLOOR_NODES` nodes, the grid has a larger spacing and the function first averages the file over
-    this spacing. The attribute ``source`` records this; ``spacing`` is that of the file, north and east. [m]
+    The result is None if the file's grid is coarser than the ocean's, by the area of a cell at the
+    frame's centre. If the file's spacing requires more than `MAX_FLOOR_NODES` nodes, the grid has a
+    larger spacing and the function first averages the file over this spacing. The attribute
+    ``source`` records this; ``spacing`` is that of the file, north and east. [m]
     """
     if sea_floor.dims != ("lat", "lon") or min(sea_floor.shape) < 2:
         raise OceanError(
-            f"sea_floor has dimensions {sea_floor.dims}, shape {sea_floor.shape}; it must have (lat, lon) with at least"
-            " 2 points each, as open_sea_floor returns it"
+            f"sea_floor has dimensions {sea_floor.dims}, shape {sea_floor.shape}; it must have"
+            " (lat, lon) with at least 2 points each, as open_sea_floor returns it"
         )
     theirs = Window(sea_floor["lat"].values, sea_floor["lon"].values, window.frame)
     spacing = theirs.native_spacing()
@@ -155,12 +177,16 @@ def local_floor(
         lat = theirs.lat
         lon = theirs.lon
         raise OceanError(
-            f"{name}: covers latitude {lat[0]:g} to {lat[-1]:g}, longitude {lon[0]:g} to {lon[-1]:g}, not the domain of"
-            f" +-{half_extent[0] / 1e3:g} km by +-{half_extent[1] / 1e3:g} km; fetch a larger window or shrink half_extent"
+            f"{name}: covers latitude {lat[0]:g} to {lat[-1]:g}, longitude {lon[0]:g} to"
+            f" {lon[-1]:g}, not the domain of +-{half_extent[0] / 1e3:g} km by"
+            f" +-{half_extent[1] / 1e3:g} km; fetch a larger window or shrink half_extent"
         )
     wider = 1.0
     while True:
-        cells = [max(_MIN_CELLS, round(h / (wider * s))) for h, s in zip(half_extent, spacing, strict=True)]
+        cells = [
+            max(_MIN_CELLS, round(h / (wider * s)))
+            for h, s in zip(half_extent, spacing, strict=True)
+        ]
         if np.prod([2.0 * n + 1.0 for n in cells]) <= MAX_FLOOR_NODES:
             break
         wider *= 1.1
@@ -172,8 +198,8 @@ def local_floor(
         depth = ndimage.uniform_filter(depth, points, mode="nearest")
     if wider > 1.0:
         source += (
-            f", on nodes {north[1] - north[0]:.0f} m by {east[1] - east[0]:.0f} m apart because at most"
-            f" {MAX_FLOOR_NODES:,} are kept, mean of {points} by {points} points"
+            f", on nodes {north[1] - north[0]:.0f} m by {east[1] - east[0]:.0f} m apart because at"
+            f" most {MAX_FLOOR_NODES:,} are kept, mean of {points} by {points} points"
         )
     bilinear = linear_interpolator((theirs.lat, theirs.lon), depth)
     nodes = bilinear(np.stack(theirs.geographic(north[:, None], east[None, :]), axis=-1))
@@ -187,7 +213,8 @@ def local_floor(
 
 def levels_to(depth: Array, deepest: float) -> Array:
     """
-    Levels that a sea floor beneath an ocean's deepest one asks for, none if the levels reach it. [m]
+    Levels that a sea floor beneath an ocean's deepest one asks for, none if the levels reach it.
+    [m]
 
     Evenly spaced, not wider than the ocean's last two levels, the last one at the deepest point.
     """
@@ -204,39 +231,42 @@ def open_sea_floor(
     """
     Depth of the sea floor from a NetCDF file.
 
-    Supported are GEBCO (``elevation``), ETOPO (``z``, also on axes ``x`` and ``y`` in degrees), IBCAO (geographic, or polar
-    stereographic in metres), GLORYS (``deptho`` with ``mask``), and any variable on two horizontal axes with the CF standard name of
-    a sea floor depth, a height or an altitude. The function reads only the window.
+    Supported are GEBCO (``elevation``), ETOPO (``z``, also on axes ``x`` and ``y`` in degrees),
+    IBCAO (geographic, or polar stereographic in metres), GLORYS (``deptho`` with ``mask``), and any
+    variable on two horizontal axes with the CF standard name of a sea floor depth, a height or an
+    altitude. The function reads only the window.
 
     Parameters
     ----------
     path : str or Path
         NetCDF-3 or NetCDF-4 file.
     window : tuple of float, optional
-        South, north, west, east; longitudes in any 360 degree window. Default: the whole file. Required for a file in a map
-        projection. [degrees]
+        South, north, west, east; longitudes in any 360 degree window. Default: the whole file.
+        Required for a file in a map projection. [degrees]
     crs : str, optional
-        Coordinate reference system of a file on projected axes without this information, such as ``"EPSG:3996"`` for IBCAO's
-        grids.
+        Coordinate reference system of a file on projected axes without this information, such as
+        ``"EPSG:3996"`` for IBCAO's grids.
 
     Returns
     -------
     xarray.DataArray, shape (lat, lon)
-        Depth, positive down, 0 on land; latitudes and longitudes increase. It includes the points around the window if the file
-        has them. The attribute ``source`` contains file and variable. [m]
+        Depth, positive down, 0 on land; latitudes and longitudes increase. It includes the points
+        around the window if the file has them. The attribute ``source`` contains file and variable.
+        [m]
 
     Raises
     ------
     OceanError
-        If the file cannot be read, contains no such variable or several, does not cover the window, lacks values in it, or is in an
-        unknown projection.
+        If the file cannot be read, contains no such variable or several, does not cover the window,
+        lacks values in it, or is in an unknown projection.
 
     Notes
     -----
-    The function does not distinguish heights above mean sea level, the geoid and the sea surface: they differ by up to 2 m, less than
-    the vertical error of these grids. A height above the ellipsoid would differ by up to 100 m. GEBCO's standard name denotes this
-    height, but its long name denotes sea level, which is correct. A missing depth is land, as in models; a missing height raises an
-    error.
+    The function does not distinguish heights above mean sea level, the geoid and the sea surface:
+    they differ by up to 2 m, less than the vertical error of these grids. A height above the
+    ellipsoid would differ by up to 100 m. GEBCO's standard name denotes this height, but its long
+    name denotes sea level, which is correct. A missing depth is land, as in models; a missing
+    height raises an error.
     """
     with open_file(path) as data:
         field = _field_of(data)
@@ -275,10 +305,15 @@ class HorizontalField(NamedTuple):
         steps = np.diff(values)
         if values.size < 2 or not (np.all(steps > 0.0) or np.all(steps < 0.0)):
             raise OceanError(
-                f"{file_name(self.data)}: axis {name} is not monotone or has fewer than 2 points; sort it"
+                f"{file_name(self.data)}: axis {name} is not monotone or has fewer than 2 points;"
+                " sort it"
             )
         quantity = "length" if is_unit_of("length", unit) else "latitude"  # degrees or radians
-        return to_our_unit(values, quantity, unit, where=name) if is_unit_of(quantity, unit) else values
+        return (
+            to_our_unit(values, quantity, unit, where=name)
+            if is_unit_of(quantity, unit)
+            else values
+        )
 
     def is_projected(self) -> bool:
         """True if the axes are those of a map projection."""
@@ -289,7 +324,9 @@ class HorizontalField(NamedTuple):
                 return True
         return False
 
-    def on_geographic(self, window: GeographicWindow | None, crs: str | None) -> tuple[Array, Array, Array]:
+    def on_geographic(
+        self, window: GeographicWindow | None, crs: str | None
+    ) -> tuple[Array, Array, Array]:
         """Increasing latitudes and longitudes that enclose a window, and the values there."""
         return _projected(self, window, crs) if self.is_projected() else _cut(self, window)
 
@@ -297,7 +334,9 @@ class HorizontalField(NamedTuple):
         """Values of a rectangle (lat, lon)."""
         dims = self.data.variables[self.name].dims
         block = numbers(self.data, self.name, {self.lat: rows, self.lon: columns})
-        block = block.squeeze(tuple(k for k, dim in enumerate(dims) if dim not in (self.lat, self.lon)))
+        block = block.squeeze(
+            tuple(k for k, dim in enumerate(dims) if dim not in (self.lat, self.lon))
+        )
         return block if dims.index(self.lat) < dims.index(self.lon) else block.T
 
 
@@ -314,7 +353,9 @@ def _field_of(data: xr.Dataset) -> HorizontalField:
             continue
         usual = ("down" if standard_name in _DOWN else "up") if known else _NAMED[str(name).lower()]
         stated = text(variable, "positive").lower()
-        field = HorizontalField(data, str(name), *axes, stated if stated in ("up", "down") else usual)
+        field = HorizontalField(
+            data, str(name), *axes, stated if stated in ("up", "down") else usual
+        )
         (by_standard_name if known else by_name).append(field)
     fields = by_standard_name or by_name
     if len(fields) > 1:
@@ -325,19 +366,29 @@ def _field_of(data: xr.Dataset) -> HorizontalField:
         if unit and not is_our_unit("length", unit):
             raise OceanError(f"{where}: {fields[0].name} is in {unit!r}; it must be in metres")
         return fields[0]
-    if "spacing" in data.variables and len(data.variables.get("z", data.variables["spacing"]).dims) == 1:
+    if (
+        "spacing" in data.variables
+        and len(data.variables.get("z", data.variables["spacing"]).dims) == 1
+    ):
         raise OceanError(
-            f"{where}: GEBCO's old one-dimensional layout; convert it with GMT's grdconvert to a grid"
+            f"{where}: GEBCO's old one-dimensional layout; convert it with GMT's grdconvert to a"
+            " grid"
         )
-    listed = ", ".join([str(n) for n, v in data.variables.items() if v.dims != (n,)][:6]) or "nothing"
+    listed = (
+        ", ".join([str(n) for n, v in data.variables.items() if v.dims != (n,)][:6]) or "nothing"
+    )
     raise OceanError(
-        f"{where}: no sea floor on latitude and longitude among {listed}; the file must have elevation, z, deptho or a variable"
-        " with a CF standard name such as sea_floor_depth_below_geoid"
+        f"{where}: no sea floor on latitude and longitude among {listed}; the file must have"
+        " elevation, z, deptho or a variable with a CF standard name such as"
+        " sea_floor_depth_below_geoid"
     )
 
 
 def horizontal_axes(data: xr.Dataset, variable: xr.Variable) -> tuple[str, str] | None:
-    """Names of the dimensions of latitude (or y) and longitude (or x); None if another dimension has several entries."""
+    """
+    Names of the dimensions of latitude (or y) and longitude (or x); None if another dimension has
+    several entries.
+    """
     lat = lon = None
     for dim, size in zip(map(str, variable.dims), variable.shape, strict=True):
         axis = data.variables.get(dim)
@@ -359,13 +410,14 @@ def _cut(field: HorizontalField, window: GeographicWindow | None) -> tuple[Array
     part = select(lat, lon, window, file_name(field.data), enclose=True)
     if min(part.lat.size, part.lon.size) < 2:
         raise OceanError(
-            f"{file_name(field.data)}: covers latitude {lat.min():g} to {lat.max():g}, longitude {lon.min():g} to"
-            f" {lon.max():g}; it does not contain the window {window}; fetch this part"
+            f"{file_name(field.data)}: covers latitude {lat.min():g} to {lat.max():g}, longitude"
+            f" {lon.min():g} to {lon.max():g}; it does not contain the window {window}; fetch this"
+            " part"
         )
     if part.lat.size * part.lon.size > MAX_POINTS:
         raise OceanError(
-            f"{file_name(field.data)}: {part.lat.size * part.lon.size:,} points requested; the limit is {MAX_POINTS:,};"
-            " give a window (south, north, west, east)"
+            f"{file_name(field.data)}: {part.lat.size * part.lon.size:,} points requested; the"
+            f" limit is {MAX_POINTS:,}; give a window (south, north, west, east)"
         )
     values = np.concatenate([field.read(part.rows, block) for block in part.blocks], axis=1)
     return part.lat, part.lon, part.in_order(values)
@@ -374,10 +426,15 @@ def _cut(field: HorizontalField, window: GeographicWindow | None) -> tuple[Array
 def _projected(
     field: HorizontalField, window: GeographicWindow | None, crs: str | None
 ) -> tuple[Array, Array, Array]:
-    """Interpolate a field on projected axes bilinearly to latitudes and longitudes with the file's spacing at the window's middle."""
+    """
+    Interpolate a field on projected axes bilinearly to latitudes and longitudes with the file's
+    spacing at the window's middle.
+    """
     where = file_name(field.data)
     if window is None:
-        raise OceanError(f"{where}: its axes are in metres; give a window (south, north, west, east)")
+        raise OceanError(
+            f"{where}: its axes are in metres; give a window (south, north, west, east)"
+        )
     y = field.axis(field.lat)
     x = field.axis(field.lon)
     lat, lon = _nodes(checked_window(window), float(np.median(np.abs(np.diff(x)))), where)
@@ -387,10 +444,13 @@ def _projected(
     columns = _reach(x, at_x)
     size = (rows.stop - rows.start, columns.stop - columns.start)
     if min(size) < 2:
-        raise OceanError(f"{where}: it does not contain the window {window}; fetch the grid that covers it")
+        raise OceanError(
+            f"{where}: it does not contain the window {window}; fetch the grid that covers it"
+        )
     if size[0] * size[1] > _MAX_NODES:
         raise OceanError(
-            f"{where}: the window needs more than {_MAX_NODES:,} of its points; choose a smaller one"
+            f"{where}: the window needs more than {_MAX_NODES:,} of its points; choose a smaller"
+            " one"
         )
     bilinear = RegularGridInterpolator(
         (y[rows], x[columns]), field.read(rows, columns), bounds_error=False, fill_value=np.nan
@@ -402,7 +462,8 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
     """
     Coordinate reference system of the axes, from the user or from the file.
 
-    In the file, it is the variable with the name in ``grid_mapping`` (CF conventions, section 5.6), otherwise the only grid mapping.
+    In the file, it is the variable with the name in ``grid_mapping`` (CF conventions, section 5.6),
+    otherwise the only grid mapping.
     """
     if crs is not None:
         try:
@@ -411,7 +472,8 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
             raise OceanError(f"crs {crs!r} is unknown to PROJ; write it as EPSG:3996") from None
         if not named.is_projected:
             raise OceanError(
-                f"crs {crs!r} is not a map projection, but the file's axes are in metres; use a projected one"
+                f"crs {crs!r} is not a map projection, but the file's axes are in metres; use a"
+                " projected one"
             )
         return named
     where = file_name(field.data)
@@ -422,7 +484,8 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
     mappings = [a for a in mappings if {"grid_mapping_name", "crs_wkt", "spatial_ref"} & set(a)]
     if len(mappings) != 1:
         raise OceanError(
-            f"{where}: axes of {field.name} are projected, and the file has {len(mappings)} grid mappings; {_CRS_REMEDY}"
+            f"{where}: axes of {field.name} are projected, and the file has {len(mappings)} grid"
+            f" mappings; {_CRS_REMEDY}"
         )
     try:
         plain = {k: v.item() if isinstance(v, np.generic) else v for k, v in mappings[0].items()}
@@ -440,15 +503,17 @@ def _nodes(window: GeographicWindow, spacing: float, where: str) -> tuple[Array,
     n_lon = 1 + max(1, round((east - west) * _DEGREE * parallel / spacing))
     if n_lat * n_lon > _MAX_NODES:
         raise OceanError(
-            f"{where}: {n_lat * n_lon:,} nodes with a spacing of {spacing:g} m in the window; the limit is {_MAX_NODES:,};"
-            " choose a smaller window"
+            f"{where}: {n_lat * n_lon:,} nodes with a spacing of {spacing:g} m in the window; the"
+            f" limit is {_MAX_NODES:,}; choose a smaller window"
         )
     turn = whole_turns(0.5 * (west + east))
     return np.linspace(south, north, n_lat), np.linspace(west - turn, east - turn, n_lon)
 
 
 def _reach(axis: Array, values: Array) -> slice:
-    """Entries of a monotone axis that enclose some values, with one additional entry on either side."""
+    """
+    Entries of a monotone axis that enclose some values, with one additional entry on either side.
+    """
     finite = values[np.isfinite(values)]
     rising = axis if axis[-1] > axis[0] else axis[::-1]
     if not finite.size or finite.max() < rising[0] or finite.min() > rising[-1]:
@@ -481,6 +546,7 @@ def _downward(values: Array, field: HorizontalField) -> Array:
     missing = int(np.count_nonzero(np.isnan(depth)))
     if missing and positive == "up":
         raise OceanError(
-            f"{name} has no value at {missing} of {depth.size} points of the window; choose a window without gaps"
+            f"{name} has no value at {missing} of {depth.size} points of the window; choose a"
+            " window without gaps"
         )
     return np.where(np.isnan(depth), 0.0, np.maximum(depth, 0.0))

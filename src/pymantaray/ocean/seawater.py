@@ -3,7 +3,8 @@ Sound speed and density of sea water by TEOS-10 (gsw), or sound speed by another
 
 References
 ----------
-.. [1] McDougall, T. J. and Barker, P. M. (2011), Getting started with TEOS-10 and the Gibbs Seawater (GSW) Oceanographic
+.. [1] McDougall, T. J. and Barker, P. M. (2011), Getting started with TEOS-10 and the Gibbs
+Seawater (GSW) Oceanographic
    Toolbox, SCOR/IAPSO WG127.
 """
 
@@ -28,7 +29,10 @@ TOO_COLD = "too cold to be liquid"
 def absolute_and_conservative(
     temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> tuple[Array, Array, Array]:
-    """Absolute salinity [g/kg], conservative temperature [degC] and sea pressure [dbar] from the arguments of `sound_speed`."""
+    """
+    Absolute salinity [g/kg], conservative temperature [degC] and sea pressure [dbar] from the
+    arguments of `sound_speed`.
+    """
     p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
     SA = gsw.SA_from_SP(salinity, p, lon, lat)
     return SA, gsw.CT_from_t(SA, temperature, p), np.broadcast_to(p, np.shape(SA))
@@ -75,22 +79,28 @@ def sound_speed(
 
 
 def gridded_water(ocean: xr.Dataset) -> tuple[Array, ...]:
-    """Temperature, salinity, depth, latitude and longitude of an ocean, which broadcast to its grid."""
+    """
+    Temperature, salinity, depth, latitude and longitude of an ocean, which broadcast to its grid.
+    """
     names = ("water_temp", "salinity", "depth", "lat", "lon")
     temperature, salinity, depth, lat, lon = (ocean[name].values for name in names)
     return temperature, salinity, depth[:, None, None], lat[:, None], lon
 
 
 def ocean_sound_speed(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> Array:
-    """Sound speed (depth, lat, lon) of a valid ocean at its grid points; NaN below the sea bed. [m/s]"""
+    """
+    Sound speed (depth, lat, lon) of a valid ocean at its grid points; NaN below the sea bed. [m/s]
+    """
     return sound_speed(*gridded_water(ocean), equation=equation)
 
 
 def density_fall(ocean: xr.Dataset) -> Array:
     """
-    Density of the upper minus the lower water of each pair of levels (depth - 1, lat, lon) of a valid ocean. [kg/m3]
+    Density of the upper minus the lower water of each pair of levels (depth - 1, lat, lon) of a
+    valid ocean. [kg/m3]
 
-    Both densities are at the pressure between the levels. Positive values mean unstable pairs. NaN below the sea bed.
+    Both densities are at the pressure between the levels. Positive values mean unstable pairs. NaN
+    below the sea bed.
     """
     SA, CT, p = absolute_and_conservative(*gridded_water(ocean))
     between = 0.5 * (p[1:] + p[:-1])
@@ -109,26 +119,36 @@ def supercooling(
     temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
 ) -> Array:
     """
-    In-situ freezing point of air-free water minus its temperature, from the arguments of `sound_speed`. [K]
+    In-situ freezing point of air-free water minus its temperature, from the arguments of
+    `sound_speed`. [K]
 
-    The function uses TEOS-10 (``gsw.t_freezing``). Water saturated with air freezes at a temperature 0.002 K lower.
+    The function uses TEOS-10 (``gsw.t_freezing``). Water saturated with air freezes at a
+    temperature 0.002 K lower.
     """
     p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
     SA = gsw.SA_from_SP(salinity, p, lon, lat)
-    return np.asarray(gsw.t_freezing(SA, p, 0.0) - np.asarray(temperature, dtype=float), dtype=float)
+    return np.asarray(
+        gsw.t_freezing(SA, p, 0.0) - np.asarray(temperature, dtype=float), dtype=float
+    )
 
 
 def freezing_notes(
     temperature: Array, salinity: Array, depth: Array, lat: float, lon: float
 ) -> tuple[str, ...]:
-    """Note about water of a profile that is too cold to be liquid, from the arguments of `sound_speed`; empty if there is none."""
+    """
+    Note about water of a profile that is too cold to be liquid, from the arguments of
+    `sound_speed`; empty if there is none.
+    """
     cold = supercooling(temperature, salinity, depth, lat, lon)
     count = int(np.count_nonzero(cold > SUPERCOOLED))
     if not count:
         return ()
     worst = int(np.nanargmax(cold))
     where = f"{cold[worst]:.2g} K below freezing at {depth[worst]:.4g} m"
-    note = f"{count} of {cold.size} levels {TOO_COLD}, up to {where}: {UNFROZEN}, or repair the salinity with `repair_freezing`"
+    note = (
+        f"{count} of {cold.size} levels {TOO_COLD}, up to {where}: {UNFROZEN}, or repair the"
+        " salinity with `repair_freezing`"
+    )
     return (note,)
 
 
@@ -138,8 +158,9 @@ def repair_salinity(
     """
     Raise the salinity of water below its freezing point to that of the freezing line.
 
-    Water under ice is at most at its freezing point, and a conductivity cell with ice or bubbles reads too low. The temperature is
-    kept; the salinity becomes that of water that freezes at it (``gsw.SA_freezing_from_t``, without air).
+    Water under ice is at most at its freezing point, and a conductivity cell with ice or bubbles
+    reads too low. The temperature is kept; the salinity becomes that of water that freezes at it
+    (``gsw.SA_freezing_from_t``, without air).
 
     Parameters
     ----------
@@ -161,14 +182,23 @@ def repair_salinity(
     repaired = np.array(salinity, dtype=float)
     repaired[cold] = gsw.SP_from_SA(SA, p[cold], lon, lat)
     change = float(np.max(repaired - salinity))
-    note = f"{cold.size} of {repaired.size} levels below the freezing point repaired: salinity raised by up to {change:.2g}"
+    note = (
+        f"{cold.size} of {repaired.size} levels below the freezing point repaired: salinity raised"
+        f" by up to {change:.2g}"
+    )
     return repaired, (note,)
 
 
 def in_situ_temperature(
-    potential_temperature: ArrayLike, salinity: ArrayLike, depth: ArrayLike, lat: ArrayLike, lon: ArrayLike
+    potential_temperature: ArrayLike,
+    salinity: ArrayLike,
+    depth: ArrayLike,
+    lat: ArrayLike,
+    lon: ArrayLike,
 ) -> Array:
-    """In-situ temperature [degC] from potential temperature [degC] referred to the surface, 0 dbar."""
+    """
+    In-situ temperature [degC] from potential temperature [degC] referred to the surface, 0 dbar.
+    """
     p = gsw.p_from_z(-np.asarray(depth, dtype=float), lat)
     SA = gsw.SA_from_SP(salinity, p, lon, lat)
     # adiabatic change from 0 dbar to p: the same routine with exchanged pressures

@@ -34,8 +34,8 @@ def stored_ocean(data: xr.Dataset) -> Path:
     Returns
     -------
     pathlib.Path
-        The file. Its name is the hash of the content, so equal data are written once. A run that names the file can be
-        repeated as long as the cache exists.
+        The file. Its name is the hash of the content, so equal data are written once. A run that
+        names the file can be repeated as long as the cache exists.
     """
     folder = cache_folder() / "oceans"
     try:
@@ -53,4 +53,6 @@ def stored_ocean(data: xr.Dataset) -> Path:
                 written.unlink()
             raise
     except (OSError, TypeError, ValueError, RuntimeError) as error:
-        raise OceanError(f"data set in memory: cannot be written to {folder}: {one_line(error)}") from None
+        raise OceanError(
+            f"data set in memory: cannot be written to {folder}: {one_line(error)}"
+        ) from None

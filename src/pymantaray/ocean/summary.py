@@ -30,15 +30,18 @@ def region_table(
     equation : str
         Equation of sound speed.
     sea_floor : xarray.DataArray, optional
-        Sea floor from `pymantaray.ocean.open_sea_floor`. Default: half-way below the last level with water. [m]
+        Sea floor from `pymantaray.ocean.open_sea_floor`. Default: half-way below the last level
+        with water. [m]
     profile : xarray.Dataset, optional
-        Result of `sound_speed_profile_spread` for this ocean and equation. By default it is computed.
+        Result of `sound_speed_profile_spread` for this ocean and equation. By default it is
+        computed.
 
     Returns
     -------
     pandas.DataFrame
-        One row per property, with its unit in the name. The column has the title of the ocean, so tables of several oceans
-        can be joined. Widths are along parallels of the WGS 84 ellipsoid; the height is along the meridian.
+        One row per property, with its unit in the name. The column has the title of the ocean, so
+        tables of several oceans can be joined. Widths are along parallels of the WGS 84 ellipsoid;
+        the height is along the meridian.
     """
     validate_ocean(ocean)
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
@@ -85,14 +88,17 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
     Returns
     -------
     xarray.Dataset
-        ``mean``, ``min`` and ``max`` [m/s] and ``count`` of wet points along ``depth``. Grid points have equal weights. NaN
-        at levels without wet points.
+        ``mean``, ``min`` and ``max`` [m/s] and ``count`` of wet points along ``depth``. Grid points
+        have equal weights. NaN at levels without wet points.
     """
     attrs = {"standard_name": "speed_of_sound_in_sea_water", "units": "m s-1"}
-    speed = xr.DataArray(ocean_sound_speed(ocean, equation=equation), {"depth": ocean["depth"]}, DIMS)
+    speed = xr.DataArray(
+        ocean_sound_speed(ocean, equation=equation), {"depth": ocean["depth"]}, DIMS
+    )
     over = ("lat", "lon")
     count = speed.count(over).assign_attrs(long_name="wet grid points", units="1")
-    # not speed.mean, min and max: they warn of levels without water, and ignore this by filters that all threads share
+    # not speed.mean, min and max: they warn of levels without water, and ignore this by filters
+    # that all threads share
     spread = {
         "mean": speed.sum(over) / count.where(count > 0),
         "min": speed.reduce(np.fmin.reduce, over),
@@ -105,13 +111,20 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
 
 
 def ocean_facts(ocean: xr.Dataset, sea_floor: xr.DataArray | None = None) -> dict[str, str]:
-    """Extent, levels, time and origin of an ocean as text; without a sea floor [m], the levels of the ocean give it."""
+    """
+    Extent, levels, time and origin of an ocean as text; without a sea floor [m], the levels of the
+    ocean give it.
+    """
     validate_ocean(ocean)
-    lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
+    lat, lon, depth = (
+        np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth")
+    )
     wet = np.isfinite(ocean["water_temp"].values)
     floor = (sea_floor_depth(ocean) if sea_floor is None else sea_floor).values
     origin = (
-        "where the levels end" if sea_floor is None else str(sea_floor.attrs.get("source", "from a file"))
+        "where the levels end"
+        if sea_floor is None
+        else str(sea_floor.attrs.get("source", "from a file"))
     )
     middle = 0.5 * (lat[0] + lat[-1])
     deepest = depth[wet.any(axis=(1, 2))][-1]
@@ -119,13 +132,18 @@ def ocean_facts(ocean: xr.Dataset, sea_floor: xr.DataArray | None = None) -> dic
         "title": str(ocean.attrs["title"]),
         "source": str(ocean.attrs["source"]),
         "made up": "yes" if ocean.attrs["synthetic"] else "no",
-        "time": time_text(ocean).replace("T", " ") + ("" if np.isnat(ocean["time"].values) else " UTC"),
-        "latitude": f"{lat[0]:.6g} to {lat[-1]:.6g} degrees north, {lat.size} points, {_spacing(lat)} apart",
-        "longitude": f"{lon[0]:.6g} to {lon[-1]:.6g} degrees east, {lon.size} points, {_spacing(lon)} apart",
-        "size": f"{_width(middle, lon):.0f} km west to east at the centre, {_height(lat):.0f} km south to north",
+        "time": time_text(ocean).replace("T", " ")
+        + ("" if np.isnat(ocean["time"].values) else " UTC"),
+        "latitude": f"{lat[0]:.6g} to {lat[-1]:.6g} degrees north, {lat.size} points,"
+        f" {_spacing(lat)} apart",
+        "longitude": f"{lon[0]:.6g} to {lon[-1]:.6g} degrees east, {lon.size} points,"
+        f" {_spacing(lon)} apart",
+        "size": f"{_width(middle, lon):.0f} km west to east at the centre, {_height(lat):.0f} km"
+        " south to north",
         "levels": f"{depth.size}, 0 to {depth[-1]:g} m, water down to {deepest:g} m",
         "sea floor": f"{floor.min():g} to {floor.max():g} m, {origin}",
-        "wet points": f"{wet.sum():,} of {wet.size:,}, {100.0 * wet[0].mean():.0f} % of the surface",
+        "wet points": f"{wet.sum():,} of {wet.size:,}, {100.0 * wet[0].mean():.0f} % of the"
+        " surface",
     }
 
 

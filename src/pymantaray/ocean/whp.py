@@ -1,9 +1,11 @@
 """
-Reader of files of CTDs (``_ct1.csv``) and bottles (``_hy1.csv``) in the WHP-exchange format of CCHDO.
+Reader of files of CTDs (``_ct1.csv``) and bottles (``_hy1.csv``) in the WHP-exchange format of
+CCHDO.
 
-The first line is ``CTD,`` and a date stamp; header lines are ``KEY = value``; a line of names, a line of units, then rows until
-``END_DATA``. Columns ``NAME_FLAG_W`` have WOCE's quality flags, ``NAME_FLAG_I`` those of IGOSS. Files of bottles have no header
-lines: each row has its station, cast, date and position, and values of the CTD at the closure. Sources: files of CCHDO, and its
+The first line is ``CTD,`` and a date stamp; header lines are ``KEY = value``; a line of names, a
+line of units, then rows until ``END_DATA``. Columns ``NAME_FLAG_W`` have WOCE's quality flags,
+``NAME_FLAG_I`` those of IGOSS. Files of bottles have no header lines: each row has its station,
+cast, date and position, and values of the CTD at the closure. Sources: files of CCHDO, and its
 description of the format, https://github.com/cchdo/exchange.
 """
 
@@ -11,7 +13,14 @@ import re
 from pathlib import Path
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.instrument_table import InstrumentTable, Lines, Rows, number_of, numeric_rows, on_its_90
+from pymantaray.ocean.instrument_table import (
+    InstrumentTable,
+    Lines,
+    Rows,
+    number_of,
+    numeric_rows,
+    on_its_90,
+)
 from pymantaray.records.digits import counted
 
 WHP_HEADER = re.compile(r"CTD,\s*\d{8}")
@@ -27,7 +36,9 @@ def read_whp(lines: Lines) -> InstrumentTable:
     start, end = _extent(lines)
     keys = {
         key.strip(): value.strip()
-        for key, _, value in (line.partition("=") for line in lines[1:start] if not line.startswith("#"))
+        for key, _, value in (
+            line.partition("=") for line in lines[1:start] if not line.startswith("#")
+        )
     }
     names = [name.strip() for name in lines[start].split(",")]
     units = [unit.strip() for unit in lines[start + 1].split(",")]
@@ -97,27 +108,38 @@ def bottle_table(path: str | Path, lines: Lines) -> tuple[str, tuple[str, ...]]:
         if old_scale and number_of(temperature) > _FILL:
             temperature = repr(number_of(temperature) / 1.00024)
         station = f"{row.get('STNNBR', '')}/{row.get('CASTNO', '')}".strip("/")
-        time = f"{row.get('DATE', '')}T{row['TIME']:0>4}" if row.get("TIME") else row.get("DATE", "")
+        time = (
+            f"{row.get('DATE', '')}T{row['TIME']:0>4}" if row.get("TIME") else row.get("DATE", "")
+        )
         place = row.get("LATITUDE", ""), row.get("LONGITUDE", "")
         water = row.get("CTDPRS", ""), temperature, salinity[0] if salinity else ""
         table[i] = ",".join([station, time, *place, *water])
     notes = [f"{rejected} values rejected by quality flags"] if rejected else []
     notes += (
-        [f"salinity of {counted(from_bottles, 'bottle')}, where the CTD has none"] if from_bottles else []
+        [f"salinity of {counted(from_bottles, 'bottle')}, where the CTD has none"]
+        if from_bottles
+        else []
     )
-    notes += ["temperature converted from ITS-68 to ITS-90 (divided by 1.00024)"] if old_scale else []
+    notes += (
+        ["temperature converted from ITS-68 to ITS-90 (divided by 1.00024)"] if old_scale else []
+    )
     notes += ["no END_DATA: the file may be incomplete"] if end == len(lines) else []
     return "\n".join(table), tuple(notes)
 
 
 def _extent(lines: Lines) -> tuple[int, int]:
     """Indices of the line of names, and of the line behind the last row."""
-    start = next((i for i, line in enumerate(lines) if "CTDPRS" in re.split(r"\s*,\s*", line.strip())), None)
+    start = next(
+        (i for i, line in enumerate(lines) if "CTDPRS" in re.split(r"\s*,\s*", line.strip())), None
+    )
     if start is None or start + 1 == len(lines):
         raise OceanError(
-            "a WHP-exchange file without a column CTDPRS, the pressure; use another file of this cruise"
+            "a WHP-exchange file without a column CTDPRS, the pressure; use another file of this"
+            " cruise"
         )
-    return start, next((i for i, line in enumerate(lines) if line.strip() == "END_DATA"), len(lines))
+    return start, next(
+        (i for i, line in enumerate(lines) if line.strip() == "END_DATA"), len(lines)
+    )
 
 
 def _clear_bad(name: str, names: list[str], rows: Rows) -> int:

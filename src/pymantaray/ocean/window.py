@@ -20,7 +20,9 @@ GeographicWindow = tuple[float, float, float, float]
 """South, north, west, east. [degrees]"""
 SAME_DEGREES = 1e-3
 """HYCOM's coordinates deviate from the exact grid by 3e-5. [degrees]"""
-_SIDE_TOLERANCE = 1e-4  # degrees; a grid point this far outside a side of the window counts as on it
+_SIDE_TOLERANCE = (
+    1e-4  # degrees; a grid point this far outside a side of the window counts as on it
+)
 _ENCLOSING_TOLERANCE = 1e-9  # degrees; the same if the grid points must enclose the window
 _MAX_BLOCKS = 8
 _SIDE_POINTS = 101  # points per side of a rectangle for checks of containment
@@ -54,16 +56,21 @@ class Selection:
 
 
 def checked_window(window: GeographicWindow) -> GeographicWindow:
-    """South, north, west and east as numbers; west may be greater than east, across the antimeridian. [degrees]"""
+    """
+    South, north, west and east as numbers; west may be greater than east, across the antimeridian.
+    [degrees]
+    """
     try:
         south, north, west, east = (float(v) for v in window)
     except (TypeError, ValueError):
         raise OceanError(
-            f"window {window!r} is invalid; it must be four numbers: south, north, west, east in degrees"
+            f"window {window!r} is invalid; it must be four numbers: south, north, west, east in"
+            " degrees"
         ) from None
     if not np.all(np.isfinite([south, north, west, east])) or not -90.0 <= south < north <= 90.0:
         raise OceanError(
-            f"window {window!r} is invalid; it must be south, north, west, east in degrees, with south < north in -90 to 90"
+            f"window {window!r} is invalid; it must be south, north, west, east in degrees, with"
+            " south < north in -90 to 90"
         )
     return south, north, west, east
 
@@ -74,15 +81,17 @@ def select(
     """
     Select the grid points of a window, or all if there is none.
 
-    With ``enclose``, the selection also includes the points around the window, if the axes have them. Latitudes [degrees] may
-    increase or decrease; longitudes may have any convention. ``where`` is the file for messages.
+    With ``enclose``, the selection also includes the points around the window, if the axes have
+    them. Latitudes [degrees] may increase or decrease; longitudes may have any convention.
+    ``where`` is the file for messages.
     """
     for name, axis, bound in (("latitude", lat, 90.0), ("longitude", lon, 720.0)):
         if axis.size == 0 or not np.all(np.isfinite(axis)):
             raise OceanError(f"{where}: {name} is empty or has missing values; correct the axis")
         if np.max(np.abs(axis)) > bound + SAME_DEGREES:
             raise OceanError(
-                f"{where}: {name} has values up to {np.max(np.abs(axis)):g}; it must be in degrees; convert it"
+                f"{where}: {name} has values up to {np.max(np.abs(axis)):g}; it must be in"
+                " degrees; convert it"
             )
     steps = np.diff(lat)
     if not (np.all(steps > 0.0) or np.all(steps < 0.0)):
@@ -98,8 +107,9 @@ def select(
         )
         if rows.size == 0 or columns.size == 0:
             raise OceanError(
-                f"{where}: no grid point in the window, latitude {south:g} to {north:g} and longitude {west:g} to {east:g}; the data"
-                f" cover latitude {lat.min():g} to {lat.max():g} and longitude {lon.min():g} to {lon.max():g}; change the window"
+                f"{where}: no grid point in the window, latitude {south:g} to {north:g} and"
+                f" longitude {west:g} to {east:g}; the data cover latitude {lat.min():g} to"
+                f" {lat.max():g} and longitude {lon.min():g} to {lon.max():g}; change the window"
             )
     stored = np.sort(columns)
     runs = np.split(stored, np.flatnonzero(np.diff(stored) != 1) + 1)
@@ -129,8 +139,13 @@ def _rows(lat: Array, south: float, north: float, *, enclose: bool) -> NDArray[n
     return np.flatnonzero(inside)
 
 
-def _columns(lon: Array, west: float, width: float, *, enclose: bool) -> tuple[NDArray[np.intp], Array]:
-    """Columns from west to east across any seam, each meridian once, and their increasing longitudes, middle in -180 to 180."""
+def _columns(
+    lon: Array, west: float, width: float, *, enclose: bool
+) -> tuple[NDArray[np.intp], Array]:
+    """
+    Columns from west to east across any seam, each meridian once, and their increasing longitudes,
+    middle in -180 to 180.
+    """
     # degrees east of the western side; points slightly west of it count as on it
     east = (lon - west + _SIDE_TOLERANCE) % 360.0 - _SIDE_TOLERANCE
     order = np.argsort(east, kind="stable")
@@ -156,8 +171,13 @@ def _columns(lon: Array, west: float, width: float, *, enclose: bool) -> tuple[N
     return columns, rising - (whole_turns(0.5 * (rising[0] + rising[-1])) if rising.size else 0.0)
 
 
-def crop(ocean: xr.Dataset, window: GeographicWindow | None, *, enclose: bool = False) -> xr.Dataset:
-    """Crop a valid ocean to a window, or with ``enclose`` to the grid points around it; unchanged without a window."""
+def crop(
+    ocean: xr.Dataset, window: GeographicWindow | None, *, enclose: bool = False
+) -> xr.Dataset:
+    """
+    Crop a valid ocean to a window, or with ``enclose`` to the grid points around it; unchanged
+    without a window.
+    """
     if window is None:
         return ocean
     part = select(
@@ -216,14 +236,17 @@ def window_of(ocean: xr.Dataset) -> GeographicWindow:
 
 
 def counted_place(ocean: xr.Dataset, place: tuple[float, float], name: str) -> tuple[float, float]:
-    """Latitude and longitude of a place in the longitude convention of an ocean; it must be in its window. [degrees]"""
+    """
+    Latitude and longitude of a place in the longitude convention of an ocean; it must be in its
+    window. [degrees]
+    """
     south, north, west, east = window_of(ocean)
     lat = place[0]
     lon = wrapped(place[1], about=0.5 * (west + east))
     if not (south <= lat <= north and west <= lon <= east):
         raise OceanError(
-            f"{name}: {place_text(*place)} is outside the ocean; allowed: latitude {south:g} to {north:g},"
-            f" longitude {west:g} to {east:g}"
+            f"{name}: {place_text(*place)} is outside the ocean; allowed: latitude {south:g} to"
+            f" {north:g}, longitude {west:g} to {east:g}"
         )
     return lat, lon
 
@@ -238,7 +261,9 @@ def rectangle(half_north: float, half_east: float) -> tuple[Array, Array]:
     """North and east of points along the four sides of a rectangle around the origin. [m]"""
     s = np.linspace(-1.0, 1.0, _SIDE_POINTS)
     one = np.ones_like(s)
-    return half_north * np.concatenate([s, s, one, -one]), half_east * np.concatenate([one, -one, s, s])
+    return half_north * np.concatenate([s, s, one, -one]), half_east * np.concatenate(
+        [one, -one, s, s]
+    )
 
 
 @dataclass(frozen=True)
@@ -253,7 +278,10 @@ class Window:
 
     @classmethod
     def of(cls, ocean: xr.Dataset, centre: tuple[float, float] | None = None) -> Self:
-        """Window of an ocean or a sea floor, with the frame at a latitude and longitude [degrees] or in the middle."""
+        """
+        Window of an ocean or a sea floor, with the frame at a latitude and longitude [degrees] or
+        in the middle.
+        """
         lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
         return cls.on(lat, lon, centre)
 
@@ -264,33 +292,43 @@ class Window:
         return cls(lat, lon, LocalFrame(*(middle if centre is None else centre)))
 
     def geographic(self, north: Array, east: Array) -> tuple[Array, Array]:
-        """Latitude and longitude of local points [m]; longitude within 180 degrees of the data set's middle. [degrees]"""
+        """
+        Latitude and longitude of local points [m]; longitude within 180 degrees of the data set's
+        middle. [degrees]
+        """
         lat, lon = self.frame.to_geodetic(north, east)
         return lat, wrapped(lon, about=0.5 * (self.lon[0] + self.lon[-1]))
 
     def holds(self, half_north: float, half_east: float, *, coarsely: bool = False) -> bool:
         """
-        Return True if a rectangle with these half sides [m] around the frame's centre is inside the data set.
+        Return True if a rectangle with these half sides [m] around the frame's centre is inside the
+        data set.
 
         ``coarsely`` checks some points of its sides only.
         """
         north, east = rectangle(half_north, half_east)
-        some = slice(None, None, _SIDE_POINTS // 4)  # are outside of most rectangles that are outside
+        some = slice(
+            None, None, _SIDE_POINTS // 4
+        )  # are outside of most rectangles that are outside
         return all(
             self.contains(self.geographic(north[of], east[of]))
             for of in (some, slice(None))[: 1 if coarsely else 2]
         )
 
     def checked_sides(self, half_extent: tuple[float, float]) -> tuple[float, float]:
-        """Return the half sides (north, east) of a domain around the frame's centre; the data set must hold it. [m]"""
+        """
+        Return the half sides (north, east) of a domain around the frame's centre; the data set must
+        hold it. [m]
+        """
         north, east = (float(h) for h in half_extent)
         if not (north > 0.0 and east > 0.0):
             raise OceanError(f"half_extent is {half_extent} m; both half sides must be positive")
         if not self.holds(north, east):
             raise OceanError(
                 f"domain of +-{north / 1e3:g} km north, +-{east / 1e3:g} km east around"
-                f" {place_text(self.frame.latitude_deg, self.frame.longitude_deg)} does not fit into the data;"
-                f" set half_extent to at most {half_sides_within(self.largest_rectangle())}"
+                f" {place_text(self.frame.latitude_deg, self.frame.longitude_deg)} does not fit"
+                " into the data; set half_extent to at most"
+                f" {half_sides_within(self.largest_rectangle())}"
             )
         return north, east
 
@@ -313,7 +351,10 @@ class Window:
         return float(n[1] - n[0]), float(e[1] - e[0])
 
     def largest_rectangle(self) -> tuple[float, float]:
-        """Half sides (north, east) of the rectangle of largest area around the frame's centre inside the data set. [m]"""
+        """
+        Half sides (north, east) of the rectangle of largest area around the frame's centre inside
+        the data set. [m]
+        """
         edges = ((float(axis[0]), float(axis[-1])) for axis in (self.lat, self.lon))
         return _largest_rectangle(*edges, (self.frame.latitude_deg, self.frame.longitude_deg))
 
@@ -322,13 +363,15 @@ class Window:
 def _largest_rectangle(
     lat: tuple[float, float], lon: tuple[float, float], centre: tuple[float, float]
 ) -> tuple[float, float]:
-    """Half sides as by `Window.largest_rectangle`, of the edges of a data set and the frame's centre."""
+    """
+    Half sides as by `Window.largest_rectangle`, of the edges of a data set and the frame's centre.
+    """
     window = Window(np.array(lat), np.array(lon), LocalFrame(*centre))
     tallest = _reach(lambda north: window.holds(north, 0.0))
     if tallest <= 0.0:
         raise OceanError(
-            f"centre {place_text(*centre)} is not inside the data:"
-            f" latitude {lat[0]:g} to {lat[1]:g}, longitude {lon[0]:g} to {lon[1]:g}"
+            f"centre {place_text(*centre)} is not inside the data: latitude {lat[0]:g} to"
+            f" {lat[1]:g}, longitude {lon[0]:g} to {lon[1]:g}"
         )
 
     def width(north: float) -> float:

@@ -15,26 +15,34 @@ from pymantaray.user_files import read_bytes
 
 _METADATA = frozenset({".zarray", ".zgroup", ".zmetadata", "zarr.json"})
 _MAX_BYTES = 64 * 2**20
-"""Maximum size of a metadata file; consolidated metadata of a model with a thousand variables need 1 MB."""
+"""
+Maximum size of a metadata file; consolidated metadata of a model with a thousand variables need 1
+MB.
+"""
 _COMPRESSORS = "blosc bz2 gzip lz4 lzma pcodec zfpy zlib zstd"
 _FILTERS = "astype bitround delta fixedscaleoffset packbits quantize shuffle"
 _CHECKSUMS = "adler32 crc32 crc32c fletcher32 jenkins_lookup3"
 _DECODING = frozenset(f"{_COMPRESSORS} {_FILTERS} {_CHECKSUMS} vlen-bytes vlen-utf8".split())
 _CODECS = _DECODING | {f"numcodecs.{name}" for name in _DECODING}
 _CODECS |= {"bytes", "endian", "transpose", "sharding_indexed"}  # format 3 only
-_LISTS = frozenset({"codecs", "index_codecs", "filters", "compressor", "compressors", "object_codec"})
+_LISTS = frozenset(
+    {"codecs", "index_codecs", "filters", "compressor", "compressors", "object_codec"}
+)
 
 
 def check_zarr(folder: Path) -> None:
     """
-    Raise an error if a folder is not a zarr group, or an array has a codec that is not allowed or a chunk that is too large.
+    Raise an error if a folder is not a zarr group, or an array has a codec that is not allowed or a
+    chunk that is too large.
 
-    A codec such as ``pickle`` executes the data that it decodes. This module parses metadata in the same way as the library,
-    so both read the same names. Folders behind links are also checked.
+    A codec such as ``pickle`` executes the data that it decodes. This module parses metadata in the
+    same way as the library, so both read the same names. Folders behind links are also checked.
     """
     files = list(_metadata_files(folder))
     if not files:
-        raise OceanError(f"{folder}: this folder is not a zarr group; name NetCDF files or a zarr folder")
+        raise OceanError(
+            f"{folder}: this folder is not a zarr group; name NetCDF files or a zarr folder"
+        )
     for file in files:
         where = f"{folder.name}: {file.parent.name}" if file.parent != folder else folder.name
         _check(_parsed(file, where), where)
@@ -59,7 +67,9 @@ def _parsed(file: Path, where: str) -> Any:
         return json.loads(read_bytes(file, OceanError, what="metadata", limit=_MAX_BYTES))
     except (ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or type(error).__name__
-        raise OceanError(f"{where}: {file.name} cannot be read; it may be damaged ({reason})") from None
+        raise OceanError(
+            f"{where}: {file.name} cannot be read; it may be damaged ({reason})"
+        ) from None
 
 
 def _check(tree: Any, where: str) -> None:
@@ -83,11 +93,13 @@ def _check_codec(codec: Any, where: str) -> None:
     name = codec
     if isinstance(codec, dict):
         names = {str(codec[key]) for key in ("id", "name") if key in codec}
-        name = next(iter(names)) if len(names) == 1 else f"{' and '.join(sorted(names)) or 'no name'}"
+        name = (
+            next(iter(names)) if len(names) == 1 else f"{' and '.join(sorted(names)) or 'no name'}"
+        )
     if name is not None and name not in _CODECS:
         raise OceanError(
-            f"{where}: codec {str(name)[:40]!r} is not allowed because it could execute data; write the data again with one of"
-            f" {_COMPRESSORS.replace(' ', ', ')}"
+            f"{where}: codec {str(name)[:40]!r} is not allowed because it could execute data; write"
+            f" the data again with one of {_COMPRESSORS.replace(' ', ', ')}"
         )
 
 
@@ -109,6 +121,6 @@ def _check_chunk(array: dict[str, Any], where: str) -> None:
     size = math.prod(shape) * kind.itemsize
     if size > MAX_UNPACKED_BYTES:
         raise OceanError(
-            f"{where}: a chunk unpacks to {size / 1e9:,.1f} GB; the limit is {MAX_UNPACKED_BYTES / 1e9:g} GB; write the"
-            " data with smaller chunks"
+            f"{where}: a chunk unpacks to {size / 1e9:,.1f} GB; the limit is"
+            f" {MAX_UNPACKED_BYTES / 1e9:g} GB; write the data with smaller chunks"
         )

@@ -10,7 +10,10 @@ from pymantaray.pages.folder import FIGURES
 
 
 class Picture(NamedTuple):
-    """A drawn figure: size on the page [px], files by kind, signs, colours and words of its legend, counterpart in the paper, folder."""
+    """
+    A drawn figure: size on the page [px], files by kind, signs, colours and words of its legend,
+    counterpart in the paper, folder.
+    """
 
     name: str
     caption: str
@@ -24,7 +27,10 @@ class Picture(NamedTuple):
 
 @dataclass(frozen=True)
 class FigureSpec:
-    """A figure of a report: file name without suffix, caption, function that draws it, and counterpart in the paper."""
+    """
+    A figure of a report: file name without suffix, caption, function that draws it, and counterpart
+    in the paper.
+    """
 
     name: str
     caption: str

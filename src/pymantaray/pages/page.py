@@ -1,4 +1,7 @@
-"""Content of a page, in one record for all kinds of results, its layout by one template, and its files."""
+"""
+Content of a page, in one record for all kinds of results, its layout by one template, and its
+files.
+"""
 
 import gzip
 import re
@@ -31,7 +34,10 @@ class Card(NamedTuple):
 
 
 class Explorer(NamedTuple):
-    """An interactive part of a page: its kind, which names its template and its script, and its data as JSON."""
+    """
+    An interactive part of a page: its kind, which names its template and its script, and its data
+    as JSON.
+    """
 
     kind: str
     data: str
@@ -59,17 +65,24 @@ class Page:
     references: Sequence[str] = ()
 
     def html(self) -> str:
-        """Page as one HTML file that loads no other files; it links to its tables and figures. All text is escaped."""
+        """
+        Page as one HTML file that loads no other files; it links to its tables and figures. All
+        text is escaped.
+        """
         return page_template().render(page=self) + "\n"
 
     def files(self, formats: Sequence[str] = ()) -> dict[str, bytes]:
         """Files of a report by name: tables as CSV and optionally LaTeX, figures, and the page."""
         own = [*self.first_tables, *self.tables]
-        content = {f"{TABLES}/{t.name}.csv": t.to_csv().encode() for t in (*own, *self.other_tables)}
+        content = {
+            f"{TABLES}/{t.name}.csv": t.to_csv().encode() for t in (*own, *self.other_tables)
+        }
         if "tex" in formats:
             content |= {f"{TABLES}/{t.name}.tex": t.to_latex().encode() for t in own}
         for picture in self.pictures:
-            content |= {f"{FIGURES}/{picture.name}.{kind}": file for kind, file in picture.files.items()}
+            content |= {
+                f"{FIGURES}/{picture.name}.{kind}": file for kind, file in picture.files.items()
+            }
         return content | {PAGE: self.html().encode()}
 
     def write(self, folder: str | Path) -> Path:
@@ -85,7 +98,11 @@ def page_template() -> Template:
     """Compiled template of all pages."""
     loader = PackageLoader("pymantaray.pages", "templates")
     environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=loader,
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters["base64"] = lambda content: b64encode(content).decode()
     environment.filters["packed"] = packed

@@ -1,4 +1,7 @@
-"""Common style of all figures: colours, labels and elements, with ``mantaray.mplstyle``; and their files."""
+"""
+Common style of all figures: colours, labels and elements, with ``mantaray.mplstyle``; and their
+files.
+"""
 
 import functools
 import warnings
@@ -21,7 +24,13 @@ from matplotlib.colors import Colormap, LinearSegmentedColormap, to_hex
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import AbstractPathEffect, withStroke
-from matplotlib.ticker import FuncFormatter, LogFormatterMathtext, LogLocator, MaxNLocator, NullFormatter
+from matplotlib.ticker import (
+    FuncFormatter,
+    LogFormatterMathtext,
+    LogLocator,
+    MaxNLocator,
+    NullFormatter,
+)
 
 from pymantaray.errors import WriteError
 from pymantaray.jobs.progress import Progress
@@ -69,13 +78,22 @@ CONDITION_LABELS = {
     "straight-all": "Straight, no dropouts",
     "no-ranges": "Graph without ranges",
 }
-_MORE_COLOURS = (PINK, "#882255", "#332288", "#999933", "#44AA99", "#AA4499")  # after Okabe and Ito, Tol
+_MORE_COLOURS = (
+    PINK,
+    "#882255",
+    "#332288",
+    "#999933",
+    "#44AA99",
+    "#AA4499",
+)  # after Okabe and Ito, Tol
 DISTINCT = len(_MORE_COLOURS)
 """Number of estimators with a colour of their own."""
 _MAX_DECADES = 9  # ticks at powers of ten
 _PER_LINE = 5  # entries of a legend below the panels
 _MARKERS = "osD^v<>phd"
-_SIGNS = dict(zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True))  # of markers in text
+_SIGNS = dict(
+    zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True)
+)  # of markers in text
 _FITS = 28  # characters of a name on a figure
 _FITS_ABOVE = 16  # beside a legend of `HEADER_LINE` entries
 
@@ -99,7 +117,10 @@ FLOOR = _stretch(cmocean.cm.deep, 0.04, 0.85)
 
 
 def styled(function: Callable[_P, _R]) -> Callable[_P, _R]:
-    """Decorator that makes or saves a figure with the common style, independent of the user's settings."""
+    """
+    Decorator that makes or saves a figure with the common style, independent of the user's
+    settings.
+    """
 
     @functools.wraps(function)
     def wrapper(*args: _P.args, **kwargs: _P.kwargs) -> _R:
@@ -109,17 +130,23 @@ def styled(function: Callable[_P, _R]) -> Callable[_P, _R]:
     return wrapper
 
 
-def new_figure(width: float, height: float, header: str, *, layout: str | None = "constrained") -> Figure:
+def new_figure(
+    width: float, height: float, header: str, *, layout: str | None = "constrained"
+) -> Figure:
     """
-    Empty figure with a size in inches and a small header that describes the water; pyplot does not know it.
+    Empty figure with a size in inches and a small header that describes the water; pyplot does not
+    know it.
 
-    Without a layout engine, the caller places the axes, which is necessary for three-dimensional ones.
+    Without a layout engine, the caller places the axes, which is necessary for three-dimensional
+    ones.
     """
     figure = Figure(figsize=(width, height), layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(figure)
     if header:
         kwargs: dict[str, Any] = {} if layout else {"y": 1.0 - 0.04 / height, "va": "top"}
-        figure.suptitle(plain(header), x=0.06 / width, ha="left", fontsize=6.5, color=GREY, **kwargs)
+        figure.suptitle(
+            plain(header), x=0.06 / width, ha="left", fontsize=6.5, color=GREY, **kwargs
+        )
     return figure
 
 
@@ -135,7 +162,10 @@ def ocean_header(attrs: Mapping[Any, Any]) -> str:
 
 def ocean_name(attrs: Mapping[Any, Any]) -> str:
     """Name of an ocean without the note that it is synthetic."""
-    return str(attrs.get("title", "unnamed ocean")).replace("(synthetic)", "").strip() or "unnamed ocean"
+    return (
+        str(attrs.get("title", "unnamed ocean")).replace("(synthetic)", "").strip()
+        or "unnamed ocean"
+    )
 
 
 def is_synthetic(attrs: Mapping[Any, Any]) -> bool:
@@ -149,9 +179,14 @@ def short(name: str, fits: int = _FITS) -> str:
 
 
 def shortened(names: Sequence[str]) -> list[str]:
-    """Distinct names shortened to fit on a figure: at their ends, otherwise in their middle, otherwise with numbers."""
+    """
+    Distinct names shortened to fit on a figure: at their ends, otherwise in their middle, otherwise
+    with numbers.
+    """
     half = _FITS // 2
-    middle = [name if len(name) <= _FITS else f"{name[: half - 1]}…{name[-half:]}" for name in names]
+    middle = [
+        name if len(name) <= _FITS else f"{name[: half - 1]}…{name[-half:]}" for name in names
+    ]
     numbered = [f"{i}: {short(name, _FITS - 5)}" for i, name in enumerate(names, 1)]
     cuts = ([short(name) for name in names], middle, numbered)
     return next(cut for cut in cuts if len(set(cut)) == len(names))
@@ -180,7 +215,10 @@ def condition_line(name: str) -> Any:
 
 
 def condition_looks(conditions: Sequence[str]) -> dict[str, tuple[str, str]]:
-    """Colour and marker of each condition of a run, the same on all its figures; colours repeat after `DISTINCT` estimators."""
+    """
+    Colour and marker of each condition of a run, the same on all its figures; colours repeat after
+    `DISTINCT` estimators.
+    """
     more = cycle(_MORE_COLOURS)
     markers = cycle(_MARKERS)
     return {
@@ -205,7 +243,10 @@ def panel_title(axes: Axes, letter: str, text: str) -> None:
 
 
 class LogTicks(LogLocator):
-    """Ticks of a logarithmic axis, at least two: powers of ten, otherwise 1, 2 and 5 of each decade, otherwise equal steps."""
+    """
+    Ticks of a logarithmic axis, at least two: powers of ten, otherwise 1, 2 and 5 of each decade,
+    otherwise equal steps.
+    """
 
     def tick_values(self, vmin: float, vmax: float) -> Any:
         """Ticks from one value to another."""
@@ -222,7 +263,10 @@ class LogTicks(LogLocator):
 
 
 def short_numbers(axis: Axis) -> None:
-    """Label only the major ticks of a logarithmic axis: as 0.1, 1, 10, or as powers of ten if it extends to 100,000 or more."""
+    """
+    Label only the major ticks of a logarithmic axis: as 0.1, 1, 10, or as powers of ten if it
+    extends to 100,000 or more.
+    """
     powers = LogFormatterMathtext()
     powers.set_axis(axis)
 
@@ -255,7 +299,10 @@ def common_legend(figure: Figure, handles: Sequence[Artist], **options: Any) -> 
 
 
 def legend_entries(figure: Figure) -> list[tuple[str, str, str]]:
-    """Entries of a figure's common legend as sign, colour and text, for pages that are too narrow for the figure."""
+    """
+    Entries of a figure's common legend as sign, colour and text, for pages that are too narrow for
+    the figure.
+    """
     entries = []
     for legend in figure.legends:
         for handle, words in zip(legend.legend_handles, legend.get_texts(), strict=True):
@@ -265,8 +312,8 @@ def legend_entries(figure: Figure) -> list[tuple[str, str, str]]:
                 sign = "○" if handle.get_markerfacecolor() == "white" else sign
                 colour = handle.get_color()
             else:
-                sign = "■"  # type: ignore[union-attr]
-                colour = handle.get_facecolor()
+                sign = "■"
+                colour = handle.get_facecolor()  # type: ignore[union-attr]
             entries.append((sign, to_hex(colour), words.get_text().replace(r"\$", "$")))
     return entries
 
@@ -286,12 +333,17 @@ def freeze_layout(figure: Figure) -> None:
     engine = figure.get_layout_engine()
     if engine is not None:
         engine.execute(figure)
-        figure.set_layout_engine(None)  # with "none", each file is drawn once more before it is drawn
+        figure.set_layout_engine(
+            None
+        )  # with "none", each file is drawn once more before it is drawn
 
 
 @styled
 def rendered(figure: Figure, kinds: Sequence[str], *, dpi: float | None = None) -> dict[str, bytes]:
-    """Figure as files of some of the kinds ``png``, ``pdf`` and ``svg``, always with the same bytes; default dots per inch: the style's."""
+    """
+    Figure as files of some of the kinds ``png``, ``pdf`` and ``svg``, always with the same bytes;
+    default dots per inch: the style's.
+    """
     metadata: dict[str, dict[str, Any]] = {
         "png": {"Software": None},
         "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
@@ -301,7 +353,9 @@ def rendered(figure: Figure, kinds: Sequence[str], *, dpi: float | None = None) 
     content = {}
     for kind in kinds:
         with BytesIO() as file:
-            figure.savefig(file, format=kind, metadata=metadata[kind], dpi=dpi or mpl.rcParams["savefig.dpi"])
+            figure.savefig(
+                file, format=kind, metadata=metadata[kind], dpi=dpi or mpl.rcParams["savefig.dpi"]
+            )
             content[kind] = file.getvalue()
     return content
 
@@ -311,7 +365,9 @@ def write_figures(
     folder: str | Path,
     progress: Progress | None = None,
 ) -> list[Path]:
-    """Draw figures by name and write them as PNG and PDF into a folder, which is created if necessary."""
+    """
+    Draw figures by name and write them as PNG and PDF into a folder, which is created if necessary.
+    """
     target = Path(folder)
     written = list[Path]()
     try:

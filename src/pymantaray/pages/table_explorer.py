@@ -1,4 +1,7 @@
-"""Interactive plot of any number of a table over any of its fields, on pages of sweeps, comparisons and replays."""
+"""
+Interactive plot of any number of a table over any of its fields, on pages of sweeps, comparisons
+and replays.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import Any
@@ -26,8 +29,9 @@ def table_explorer(
     """
     Interactive plot of a table; None if the table has no numbers for it.
 
-    ``up`` are columns for the vertical axis, ``across`` columns for the horizontal axis, and ``each`` columns that can divide the
-    rows into series; the first of ``each`` is the initial choice. ``labels`` gives the heading of a column.
+    ``up`` are columns for the vertical axis, ``across`` columns for the horizontal axis, and
+    ``each`` columns that can divide the rows into series; the first of ``each`` is the initial
+    choice. ``labels`` gives the heading of a column.
     """
     up = [name for name in up if pd.to_numeric(table[name], errors="coerce").notna().any()]
     if not len(table) or not up or not across:
@@ -56,7 +60,8 @@ def _condition_colours(table: pd.DataFrame) -> dict[str, str]:
     if "condition" not in table:
         return {}
     return {
-        name: colour for name, (colour, _) in style.condition_looks(list(table["condition"].unique())).items()
+        name: colour
+        for name, (colour, _) in style.condition_looks(list(table["condition"].unique())).items()
     }
 
 

@@ -51,11 +51,15 @@ def sound_speed_profiles(profiles: Sequence[tuple[str, xr.Dataset]], header: str
         axes.set_xlabel("Sound speed [m/s]")
         axes.locator_params(axis="x", nbins=4)
     if several:
-        figure.legend(handles=whole.get_lines(), loc="outside lower left", ncols=1, handlelength=2.2)
+        figure.legend(
+            handles=whole.get_lines(), loc="outside lower left", ncols=1, handlelength=2.2
+        )
     return figure
 
 
-def draw_profile(axes: Axes, profile: xr.Dataset, name: str, colour: str, *, line: Any = "-") -> float:
+def draw_profile(
+    axes: Axes, profile: xr.Dataset, name: str, colour: str, *, line: Any = "-"
+) -> float:
     """Draw mean, minimum and maximum sound speed against depth; return the greatest depth. [m]"""
     wet = profile["count"].values > 0
     depth, mean, low, high = (profile[key].values[wet] for key in ("depth", "mean", "min", "max"))
@@ -66,7 +70,9 @@ def draw_profile(axes: Axes, profile: xr.Dataset, name: str, colour: str, *, lin
 
 @style.styled
 def ray_picture(picture: xr.Dataset, header: str) -> Figure:
-    """Vertical section along one link: sound speed, sea bed, a fan of rays, eigenrays and the chord."""
+    """
+    Vertical section along one link: sound speed, sea bed, a fan of rays, eigenrays and the chord.
+    """
     hour = f", {style.clock(float(picture.attrs['time_h']))}" if "time_h" in picture.attrs else ""
     source, receiver = _names(picture)
     return _ray_pictures([picture], [f"{source} to {receiver}{hour}"], header)
@@ -74,15 +80,22 @@ def ray_picture(picture: xr.Dataset, header: str) -> Figure:
 
 @style.styled
 def rays_of_links(pictures: Sequence[xr.Dataset], titles: Sequence[str], header: str) -> Figure:
-    """`ray_picture` of several links below each other, with one scale of sound speed; titles give the time of the first arrival."""
+    """
+    `ray_picture` of several links below each other, with one scale of sound speed; titles give the
+    time of the first arrival.
+    """
     return _ray_pictures(
-        pictures, [f"{title}, {_outcome(p)}" for title, p in zip(titles, pictures, strict=True)], header
+        pictures,
+        [f"{title}, {_outcome(p)}" for title, p in zip(titles, pictures, strict=True)],
+        header,
     )
 
 
 def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header: str) -> Figure:
     used = [
-        kind for kind in range(len(RAY_KINDS)) if any((_eigenray_kinds(p) == kind).any() for p in pictures)
+        kind
+        for kind in range(len(RAY_KINDS))
+        if any((_eigenray_kinds(p) == kind).any() for p in pictures)
     ]
     fan = any((picture["ray_arrives"] == 0).any() for picture in pictures)
     handles = _ray_handles(pictures, used, fan=fan)
@@ -92,7 +105,8 @@ def _ray_pictures(pictures: Sequence[xr.Dataset], titles: Sequence[str], header:
     panels = figure.subplots(len(pictures), 1, squeeze=False)[:, 0]
     water = [_water_shown(picture) for picture in pictures]
     low, high = (
-        f([f(np.append(c[np.isfinite(c)], np.nan)) for *_, c in water]) for f in (np.nanmin, np.nanmax)
+        f([f(np.append(c[np.isfinite(c)], np.nan)) for *_, c in water])
+        for f in (np.nanmin, np.nanmax)
     )
     for axes, picture, (lowest, rows, speed) in zip(panels, pictures, water, strict=True):
         km = picture["range"].values / 1e3
@@ -123,7 +137,9 @@ def _water_shown(picture: xr.Dataset) -> tuple[float, Array, Array]:
     floor = picture["sea_floor_depth"].values
     lowest = _lowest_shown(picture)
     rows = np.linspace(depth[0], lowest, _ROWS)
-    speed = np.stack([np.interp(rows, depth, column) for column in picture["sound_speed"].values], axis=1)
+    speed = np.stack(
+        [np.interp(rows, depth, column) for column in picture["sound_speed"].values], axis=1
+    )
     wet = (rows[:, None] <= floor) & (rows[:, None] >= _ice_of(picture))
     return lowest, rows, np.where(wet, speed, np.nan)
 
@@ -151,7 +167,9 @@ def _draw_rays(axes: Axes, picture: xr.Dataset) -> None:
     """Draw the fan in grey, and eigenrays by their kinds with the earliest on top."""
     arrives = picture["ray_arrives"].values.astype(bool)
     kinds = _kinds(picture)
-    rows = zip(arrives, kinds, picture["ray_range"].values, picture["ray_depth"].values, strict=True)
+    rows = zip(
+        arrives, kinds, picture["ray_range"].values, picture["ray_depth"].values, strict=True
+    )
     for i, (hit, kind, x, z) in enumerate(rows):
         look: dict[str, Any] = {**RAY_KINDS[kind][1], "zorder": 5.0 - 1e-3 * i} if hit else _FAN
         axes.plot(x / 1e3, z, **look)
@@ -163,10 +181,22 @@ def _draw_ends(axes: Axes, picture: xr.Dataset, lowest: float) -> None:
     ends = picture["chord_depth"].values
     axes.plot(chord, ends, zorder=6, **_CHORD)
     axes.plot(
-        chord, ends, "o", color="white", markeredgecolor=style.INK, markersize=4.5, zorder=7, clip_on=False
+        chord,
+        ends,
+        "o",
+        color="white",
+        markeredgecolor=style.INK,
+        markersize=4.5,
+        zorder=7,
+        clip_on=False,
     )
     box = {"boxstyle": "round,pad=0.15", "facecolor": "white", "alpha": 0.75, "linewidth": 0.0}
-    words: dict[str, Any] = {"textcoords": "offset points", "va": "center", "fontweight": "bold", "bbox": box}
+    words: dict[str, Any] = {
+        "textcoords": "offset points",
+        "va": "center",
+        "fontweight": "bold",
+        "bbox": box,
+    }
     for x, z, text, ha in zip(chord, ends, _names(picture), ("left", "right"), strict=True):
         offset = (8 if ha == "left" else -8, 10 if z > 0.7 * lowest else -10)
         axes.annotate(style.plain(text), (x, z), offset, ha=ha, zorder=8, **words)
@@ -175,19 +205,25 @@ def _draw_ends(axes: Axes, picture: xr.Dataset, lowest: float) -> None:
 def _exaggeration(axes: Axes) -> float:
     """Vertical exaggeration."""
     panel, (left, right), (lowest, top) = axes.get_window_extent(), axes.get_xlim(), axes.get_ylim()
-    return (panel.height / max(lowest - top, 1e-9)) / (panel.width / max((right - left) * 1e3, 1e-9))
+    return (panel.height / max(lowest - top, 1e-9)) / (
+        panel.width / max((right - left) * 1e3, 1e-9)
+    )
 
 
 def _names(picture: xr.Dataset) -> tuple[str, str]:
     """Names of source and receiver."""
-    return str(picture.attrs.get("source", "source")), str(picture.attrs.get("receiver", "receiver"))
+    return str(picture.attrs.get("source", "source")), str(
+        picture.attrs.get("receiver", "receiver")
+    )
 
 
 def _kinds(picture: xr.Dataset) -> NDArray[np.intp]:
     """Row of `RAY_KINDS` of each ray; all rays are direct in a picture of an older version."""
     if "ray_surface_bounces" not in picture:
         return np.zeros(picture.sizes["ray"], dtype=np.intp)
-    by_surface, by_bed = (picture[f"ray_{where}_bounces"].values > 0 for where in ("surface", "bottom"))
+    by_surface, by_bed = (
+        picture[f"ray_{where}_bounces"].values > 0 for where in ("surface", "bottom")
+    )
     return np.asarray(by_surface + 2 * by_bed, dtype=np.intp)
 
 
@@ -205,10 +241,15 @@ def _outcome(picture: xr.Dataset) -> str:
 
 
 def _lowest_shown(picture: xr.Dataset) -> float:
-    """Lower edge of the picture: below the sea bed, or below its content if the sea bed is much deeper."""
+    """
+    Lower edge of the picture: below the sea bed, or below its content if the sea bed is much
+    deeper.
+    """
     depth = picture["depth"].values
     hits = picture["ray_depth"].values[picture["ray_arrives"].values.astype(bool)]
-    deepest = max(float(np.nanmax(picture["chord_depth"].values)), float(np.nanmax(hits, initial=0.0)))
+    deepest = max(
+        float(np.nanmax(picture["chord_depth"].values)), float(np.nanmax(hits, initial=0.0))
+    )
     return min(max(_BELOW * deepest, _MIN_DEPTH), float(depth[-1]))
 
 
@@ -222,7 +263,10 @@ def _ray_handles(pictures: Sequence[xr.Dataset], used: Sequence[int], *, fan: bo
         label = few if len(pictures) == 1 else f"{word} eigenrays"
         handles.append(style.entry(label, **look))
     handles.append(style.entry("straight chord", **_CHORD))
-    return [*handles, *([style.entry("other rays", color=_FAN["color"], linewidth=0.6)] if fan else [])]
+    return [
+        *handles,
+        *([style.entry("other rays", color=_FAN["color"], linewidth=0.6)] if fan else []),
+    ]
 
 
 def _fit_speed_axis(axes: Axes, profiles: Sequence[xr.Dataset], limit: float) -> None:

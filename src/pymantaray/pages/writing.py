@@ -72,4 +72,6 @@ def _picture(spec: FigureSpec, formats: Sequence[str]) -> Picture:
     width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
     kinds = ("png", *(kind for kind in FIGURE_KINDS if kind in formats and kind != "png"))
     files = rendered(figure, kinds, dpi=_PRINTED if "png" in formats else None)
-    return Picture(spec.name, spec.caption, width, height, files, legend_entries(figure), spec.paper)
+    return Picture(
+        spec.name, spec.caption, width, height, files, legend_entries(figure), spec.paper
+    )

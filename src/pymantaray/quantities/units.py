@@ -1,4 +1,7 @@
-"""Conversion of text with a unit, such as ``10 min``, ``2 km`` or ``25 kHz``, to a number in a unit of the same quantity."""
+"""
+Conversion of text with a unit, such as ``10 min``, ``2 km`` or ``25 kHz``, to a number in a unit of
+the same quantity.
+"""
 
 import math
 import re
@@ -6,26 +9,54 @@ from fractions import Fraction
 
 _UNITS: dict[str, dict[str, Fraction]] = {
     "10 min": {
-        "us": Fraction(1, 1_000_000), "µs": Fraction(1, 1_000_000), "ms": Fraction(1, 1000),
-        "s": Fraction(1), "min": Fraction(60), "h": Fraction(3600), "d": Fraction(86400),
+        "us": Fraction(1, 1_000_000),
+        "µs": Fraction(1, 1_000_000),
+        "ms": Fraction(1, 1000),
+        "s": Fraction(1),
+        "min": Fraction(60),
+        "h": Fraction(3600),
+        "d": Fraction(86400),
     },
     "2 km": {
-        "mm": Fraction(1, 1000), "cm": Fraction(1, 100), "m": Fraction(1), "km": Fraction(1000), "nmi": Fraction(1852),
+        "mm": Fraction(1, 1000),
+        "cm": Fraction(1, 100),
+        "m": Fraction(1),
+        "km": Fraction(1000),
+        "nmi": Fraction(1852),
     },
     "3 kn": {
-        "cm/s": Fraction(1, 100), "m/s": Fraction(1), "km/h": Fraction(5, 18), "kn": Fraction(1852, 3600),
+        "cm/s": Fraction(1, 100),
+        "m/s": Fraction(1),
+        "km/h": Fraction(5, 18),
+        "kn": Fraction(1852, 3600),
     },
-    "10 deg": {"deg": Fraction(1), "mrad": Fraction(math.degrees(1.0)) / 1000, "rad": Fraction(math.degrees(1.0))},
+    "10 deg": {
+        "deg": Fraction(1),
+        "mrad": Fraction(math.degrees(1.0)) / 1000,
+        "rad": Fraction(math.degrees(1.0)),
+    },
     "5 deg/s": {
-        "deg/h": Fraction(1, 3600), "deg/min": Fraction(1, 60), "deg/s": Fraction(1), "rad/s": Fraction(math.degrees(1.0)),
+        "deg/h": Fraction(1, 3600),
+        "deg/min": Fraction(1, 60),
+        "deg/s": Fraction(1),
+        "rad/s": Fraction(math.degrees(1.0)),
     },
     "25 kHz": {"Hz": Fraction(1), "kHz": Fraction(1000), "MHz": Fraction(1_000_000)},
-}  # fmt: skip
+}
 """Units of each quantity, by an example; values are factors to a base unit."""
 _WORDS = {
-    "s": "seconds", "h": "hours", "d": "days", "m": "metres", "km": "kilometres", "m/s": "metres per second",
-    "deg": "degrees", "rad": "radians", "deg/s": "degrees per second", "rad/s": "radians per second", "Hz": "hertz",
-}  # fmt: skip
+    "s": "seconds",
+    "h": "hours",
+    "d": "days",
+    "m": "metres",
+    "km": "kilometres",
+    "m/s": "metres per second",
+    "deg": "degrees",
+    "rad": "radians",
+    "deg/s": "degrees per second",
+    "rad/s": "radians per second",
+    "Hz": "hertz",
+}
 _NUMBER = r"(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 
 
@@ -35,7 +66,9 @@ def has_units(unit: str) -> bool:
 
 
 def is_like_quantity(text: str) -> bool:
-    """True for a number and a word, such as ``10 m`` and ``3 kg``, which is not meant as a file name."""
+    """
+    True for a number and a word, such as ``10 m`` and ``3 kg``, which is not meant as a file name.
+    """
     return re.fullmatch(r"\s*[+-]?[\d.]+\s*[^\W\d_/.]+(/[^\W\d_/.]+)?\s*", text) is not None
 
 
@@ -58,7 +91,8 @@ def quantity_of(text: str, unit: str) -> float:
     match = re.fullmatch(rf"\s*([+-]?)\s*((?:{part}\s*)+)", text)
     if not match or len(text) > 1000:
         raise ValueError(
-            f'found {text[:100]!r}; allowed: a number of {_WORDS[unit]}, or text such as "{example}" (units'
+            f"found {text[:100]!r}; allowed: a number of {_WORDS[unit]}, or text such as"
+            f' "{example}" (units'
             f" {', '.join(units)})"
         )
     total = sum(Fraction(number) * units[name] for number, name in re.findall(part, match[2]))

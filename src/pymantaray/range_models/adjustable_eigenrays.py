@@ -13,15 +13,19 @@ from pymantaray.range_models.eigenray_model import EigenrayModel, pairs_of
 
 class AdjustableEigenrays:
     r"""
-    Travel time of the earliest direct eigenray where what is believed lacks :math:`\sum_k a_k \phi_k(z)`.
+    Travel time of the earliest direct eigenray where what is believed lacks :math:`\sum_k a_k
+    \phi_k(z)`.
 
-    Shapes (n_modes, n_levels) are linear between their levels [m] and constant beyond; the amplitudes' prior
-    sigma is in m/s. Rays are traced anew in the adjusted medium, so that an estimate's travel times are exact
-    whatever the amplitudes; their derivatives are integrals along these rays (Fermat). The shapes are
-    interpolated as the medium interpolates its levels, so that both belong together to the last digit.
+    Shapes (n_modes, n_levels) are linear between their levels [m] and constant beyond; the
+    amplitudes' prior sigma is in m/s. Rays are traced anew in the adjusted medium, so that an
+    estimate's travel times are exact whatever the amplitudes; their derivatives are integrals along
+    these rays (Fermat). The shapes are interpolated as the medium interpolates its levels, so that
+    both belong together to the last digit.
     """
 
-    def __init__(self, model: EigenrayModel, depth: Array, shapes: Array, amplitude_sigma: Array) -> None:
+    def __init__(
+        self, model: EigenrayModel, depth: Array, shapes: Array, amplitude_sigma: Array
+    ) -> None:
         self.amplitude_sigma = amplitude_sigma
         medium = model.medium
         self._levels = np.stack([np.interp(medium.depth, depth, shape) for shape in shapes])
@@ -39,12 +43,17 @@ class AdjustableEigenrays:
         return self._model.predict(links)
 
     def adjusted(self, amplitudes: Array) -> Self:
-        """Model with other amplitudes [m/s], counted from what is believed; the one asked for last is kept."""
+        """
+        Model with other amplitudes [m/s], counted from what is believed; the one asked for last is
+        kept.
+        """
         if np.array_equal(amplitudes, self._amplitudes):
             return self
         if self._latest is None or not np.array_equal(amplitudes, self._latest._amplitudes):
             other = type(self).__new__(type(self))
-            other.__dict__.update(self.__dict__, _latest=None, _amplitudes=np.array(amplitudes, dtype=float))
+            other.__dict__.update(
+                self.__dict__, _latest=None, _amplitudes=np.array(amplitudes, dtype=float)
+            )
             medium = self._believed.medium
             other._model = self._believed.through(
                 Medium.from_grid(
@@ -62,7 +71,10 @@ class AdjustableEigenrays:
         return self._latest
 
     def sensitivity(self, links: RangeEndpoints) -> Array:
-        """Derivatives of the travel times by the amplitudes (n, n_modes), zero without an arrival. [s²/m]"""
+        """
+        Derivatives of the travel times by the amplitudes (n, n_modes), zero without an arrival.
+        [s²/m]
+        """
         pairs = pairs_of(links, self._believed.medium)
         paths, pair = self._model.paths(pairs)
         of_pairs = np.zeros((pairs.source.shape[0], self.amplitude_sigma.size))
@@ -70,9 +82,14 @@ class AdjustableEigenrays:
         return of_pairs[pairs.pair]
 
     def fit(self, difference: Array, weights: Array) -> Array:
-        """Amplitudes that come nearest to a difference of sound speeds at the levels, which have weights. [m/s]"""
+        """
+        Amplitudes that come nearest to a difference of sound speeds at the levels, which have
+        weights. [m/s]
+        """
         root = np.sqrt(weights)
-        return np.asarray(np.linalg.lstsq((root * self._levels).T, root * difference, rcond=None)[0])
+        return np.asarray(
+            np.linalg.lstsq((root * self._levels).T, root * difference, rcond=None)[0]
+        )
 
     def _shapes_at(self, position: Array) -> Array:
         medium = self._believed.medium
@@ -80,5 +97,7 @@ class AdjustableEigenrays:
         if medium.interpolation == "smooth":
             from scipy.interpolate import CubicSpline
 
-            return np.asarray(CubicSpline(medium.depth, self._levels, axis=1, bc_type="natural")(z).T)
+            return np.asarray(
+                CubicSpline(medium.depth, self._levels, axis=1, bc_type="natural")(z).T
+            )
         return np.stack([np.interp(z, medium.depth, level) for level in self._levels], axis=1)

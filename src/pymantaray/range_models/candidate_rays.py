@@ -1,4 +1,7 @@
-"""The range model of a mixture: all arrivals through an assumed ocean that a receiver may take, with their probabilities."""
+"""
+The range model of a mixture: all arrivals through an assumed ocean that a receiver may take, with
+their probabilities.
+"""
 
 import numpy as np
 
@@ -18,9 +21,10 @@ class CandidateRays:
     """
     Arrivals of each link in an assumed ocean, and the probability that the receiver takes each.
 
-    Two-way, a candidate is an arrival of the ping with one of the answer, of vehicles at rest. Without a picker all arrivals of
-    a link have equal weights. The standard deviation of a travel time is that of a sound speed that has an error of
-    ``sound_speed_sigma`` [m/s] along the whole path.
+    Two-way, a candidate is an arrival of the ping with one of the answer, of vehicles at rest.
+    Without a picker all arrivals of a link have equal weights. The standard deviation of a travel
+    time is that of a sound speed that has an error of ``sound_speed_sigma`` [m/s] along the whole
+    path.
     """
 
     def __init__(
@@ -83,7 +87,9 @@ class CandidateRays:
         )
 
     def _receptions(self, source: Array, receiver: Array) -> Receptions:
-        """Receptions between pairs of positions; those of the first and of the last question are kept."""
+        """
+        Receptions between pairs of positions; those of the first and of the last question are kept.
+        """
         key = source.tobytes() + receiver.tobytes()
         if key not in self._latest:
             while len(self._latest) > 1:

@@ -1,4 +1,7 @@
-"""The range model that traces rays: travel times and slowness vectors of the direct arrival in a believed medium."""
+"""
+The range model that traces rays: travel times and slowness vectors of the direct arrival in a
+believed medium.
+"""
 
 from typing import NamedTuple
 
@@ -36,9 +39,10 @@ class EigenrayModel:
     """
     Travel time of the earliest direct eigenray in the ocean that is believed.
 
-    The cut-off [dB] is that of `find_eigenrays`; currents have their first-order effect, none is water at
-    rest. All links are solved in one call, reciprocal pairs once. A link without an arrival is not possible.
-    The first and the last answers are kept: realizations of a study start at the same place.
+    The cut-off [dB] is that of `find_eigenrays`; currents have their first-order effect, none is
+    water at rest. All links are solved in one call, reciprocal pairs once. A link without an
+    arrival is not possible. The first and the last answers are kept: realizations of a study start
+    at the same place.
     """
 
     def __init__(
@@ -58,7 +62,10 @@ class EigenrayModel:
         return EigenrayModel(medium, spreading_cutoff_db=self._cutoff, currents=self._currents)
 
     def predict(self, links: RangeEndpoints) -> Prediction:
-        """Travel times, with the slowness vectors at the ends as gradients, the current's part in these left out."""
+        """
+        Travel times, with the slowness vectors at the ends as gradients, the current's part in
+        these left out.
+        """
         pairs = pairs_of(links, self.medium)
         arrivals = self._solved(pairs)
         n = pairs.source.shape[0]
@@ -88,7 +95,9 @@ class EigenrayModel:
         )
 
     def paths(self, pairs: Pairs) -> tuple[RayPaths, NDArray[np.int64]]:
-        """Paths of the direct arrivals, and the pair of each; a pair without an arrival has none."""
+        """
+        Paths of the direct arrivals, and the pair of each; a pair without an arrival has none.
+        """
         arrivals = self._solved(pairs)
         pair, row = choose_arrivals(arrivals, "direct")
         direct = arrivals.at({"arrival": row})
@@ -116,10 +125,11 @@ class EigenrayModel:
 
 def pairs_of(links: RangeEndpoints, medium: Medium) -> Pairs:
     """
-    Unordered pairs of the links' ends, sorted by position, each from the end from which it is solved.
+    Unordered pairs of the links' ends, sorted by position, each from the end from which it is
+    solved.
 
-    The estimate of a vehicle at the surface can be above it by the noise of its depth sensor. Such an
-    end is moved down to the surface.
+    The estimate of a vehicle at the surface can be above it by the noise of its depth sensor. Such
+    an end is moved down to the surface.
     """
     transmitter, receiver = (
         np.column_stack([end[:, :2], np.fmax(end[:, 2], medium.surface_depth(end))])

@@ -19,16 +19,17 @@ class RayUncertainty:
     r"""
     Uncertainty of the direct arrivals' travel times in a believed ocean.
 
-    By Fermat's principle the first-order error of a travel time is the integral of minus :math:`c'/c^2` along
-    the unperturbed ray, so that two links of one epoch have the covariance
+    By Fermat's principle the first-order error of a travel time is the integral of minus
+    :math:`c'/c^2` along the unperturbed ray, so that two links of one epoch have the covariance
 
     .. math:: \int\!\!\int \frac{C(z, z') \, e^{-d^2 / 2 L^2}}{c^2 c'^2} \, ds \, ds' .
 
-    Each ray is cut into pieces of at most an eighth of :math:`L`. In depth the integral over a piece is
-    exact, for :math:`C` is bilinear between levels: the hat functions of the levels are integrated along the
-    ray. Horizontally the correlation is that of the pieces' centroids. Both factors of the sum are positive
-    semidefinite, hence so is the result. A link without a ray has no variance of its own. What the first
-    order does not know is that another family of rays may arrive first in the true ocean.
+    Each ray is cut into pieces of at most an eighth of :math:`L`. In depth the integral over a
+    piece is exact, for :math:`C` is bilinear between levels: the hat functions of the levels are
+    integrated along the ray. Horizontally the correlation is that of the pieces' centroids. Both
+    factors of the sum are positive semidefinite, hence so is the result. A link without a ray has
+    no variance of its own. What the first order does not know is that another family of rays may
+    arrive first in the true ocean.
     """
 
     def __init__(self, model: EigenrayModel, covariance: SoundSpeedCovariance) -> None:
@@ -36,13 +37,19 @@ class RayUncertainty:
         self._covariance = covariance
 
     def covariances(self, links: RangeEndpoints, epoch: NDArray[np.intp]) -> list[Array]:
-        """Covariances of the links of each epoch (n_links, n_links); there and back is the same ray. [s²]"""
+        """
+        Covariances of the links of each epoch (n_links, n_links); there and back is the same ray.
+        [s²]
+        """
         pairs = pairs_of(links, self._model.medium)
         paths, pair = self._model.paths(pairs)
         points = quadrature(paths)
         squared_slowness = np.sum(points.slowness**2, axis=1)
         weight, centre = self._pieces(
-            pair[points.arrival], points.position, points.weight * squared_slowness, pairs.source.shape[0]
+            pair[points.arrival],
+            points.position,
+            points.weight * squared_slowness,
+            pairs.source.shape[0],
         )
         out = []
         for e in range(int(epoch.max(initial=-1)) + 1):
@@ -69,7 +76,11 @@ class RayUncertainty:
         extent = np.where(high >= low, high - low, 0.0)
         longest = float(np.hypot(*extent.T).max(initial=0.0))
         count = int(
-            np.clip(math.ceil(_PER_SCALE * longest / self._covariance.horizontal_scale), 1, _MAX_SECTIONS)
+            np.clip(
+                math.ceil(_PER_SCALE * longest / self._covariance.horizontal_scale),
+                1,
+                _MAX_SECTIONS,
+            )
         )
         axis = np.argmax(extent, axis=1)[pair]  # pieces are cut along the longer of north and east
         row = np.arange(pair.size)

@@ -12,10 +12,11 @@ from pymantaray.range_models.eigenray_model import EigenrayModel
 
 class VaryingEigenrays:
     """
-    Travel time of the earliest direct eigenray in the water at each ping, by its time since the mission's start [s].
+    Travel time of the earliest direct eigenray in the water at each ping, by its time since the
+    mission's start [s].
 
-    A medium is made for each ping of each prediction, at its time and around its positions (n, 3) [m], and let go again, so that memory
-    does not grow with the pings.
+    A medium is made for each ping of each prediction, at its time and around its positions (n, 3)
+    [m], and let go again, so that memory does not grow with the pings.
     """
 
     def __init__(

@@ -27,16 +27,22 @@ class FirstArrivals(Record):
     shadow_margin: Column = column(
         "link",
         "m",
-        "smallest miss distance of any ray; 0 with an arrival, NaN if all rays are reflected at the surface",
+        "smallest miss distance of any ray; 0 with an arrival, NaN if all rays are reflected at"
+        " the surface",
     )
-    source_slowness: Column = column("link axis", "s m-1", "slowness vector at the source, along the ray")
-    receiver_slowness: Column = column("link axis", "s m-1", "slowness vector at the receiver, along the ray")
+    source_slowness: Column = column(
+        "link axis", "s m-1", "slowness vector at the source, along the ray"
+    )
+    receiver_slowness: Column = column(
+        "link axis", "s m-1", "slowness vector at the receiver, along the ray"
+    )
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Arrivals(Record):
     """
-    All admitted arrivals, one row per eigenray, sorted by link and travel time, and outcomes per link.
+    All admitted arrivals, one row per eigenray, sorted by link and travel time, and outcomes per
+    link.
 
     Launch and arrival angles are from the horizontal, positive down, along the direction of travel.
     """
@@ -47,7 +53,9 @@ class Arrivals(Record):
     travel_time: Column = column("arrival", "s", "travel time")
     surface_bounces: Column = column("arrival", "1", "reflections at the surface", "i2")
     bottom_bounces: Column = column("arrival", "1", "reflections at the sea bed", "i2")
-    turning_points: Column = column("arrival", "1", "vertical turning points, without reflections", "i2")
+    turning_points: Column = column(
+        "arrival", "1", "vertical turning points, without reflections", "i2"
+    )
     caustics: Column = column(
         "arrival",
         "1",
@@ -55,7 +63,9 @@ class Arrivals(Record):
         "i2",
         default=-1,
     )
-    launch_angle: Column = column("arrival", "rad", "angle from the horizontal at the source, positive down")
+    launch_angle: Column = column(
+        "arrival", "rad", "angle from the horizontal at the source, positive down"
+    )
     arrival_angle: Column = column(
         "arrival", "rad", "angle from the horizontal at the receiver, positive down"
     )
@@ -70,14 +80,21 @@ class Arrivals(Record):
     shadow_margin: Column = column(
         "n_links",
         "m",
-        "smallest miss distance of any ray; 0 with an arrival, NaN if all rays are reflected at the surface",
+        "smallest miss distance of any ray; 0 with an arrival, NaN if all rays are reflected at"
+        " the surface",
     )
     complete: Column = column(
-        "n_links", "1", "1 if the search resolved all launch angles, from at least one end", "?", default=True
+        "n_links",
+        "1",
+        "1 if the search resolved all launch angles, from at least one end",
+        "?",
+        default=True,
     )
 
     def first(self) -> FirstArrivals:
-        """Earliest arrival of each link; travel time and slowness are NaN if the status is not OK."""
+        """
+        Earliest arrival of each link; travel time and slowness are NaN if the status is not OK.
+        """
         links, rows = np.unique(self.link, return_index=True)
         first = self.of_links(links, rows, self.travel_time[rows])
         if np.any(np.isnan(first.travel_time) != (self.status != RayStatus.OK)):
@@ -96,7 +113,9 @@ class Arrivals(Record):
         count = int(np.count_nonzero(~self.complete))
         if not count:
             return []
-        return [f"{count} of {self.status.size} links may have more rays: their search is not complete"]
+        return [
+            f"{count} of {self.status.size} links may have more rays: their search is not complete"
+        ]
 
     def with_more(self, more: Mapping[str, Any]) -> Self:
         """
@@ -123,9 +142,10 @@ class Arrivals(Record):
         Returns
         -------
         pandas.DataFrame
-            ``link`` and ``arrival`` (number within the link, from 0), ``travel_time_s``, ``surface_bounces``,
-            ``bottom_bounces``, ``turning_points``, ``caustics``, ``launch_angle_deg``, ``arrival_angle_deg``, ``spreading_db``,
-            and the slowness vectors at both ends.
+            ``link`` and ``arrival`` (number within the link, from 0), ``travel_time_s``,
+            ``surface_bounces``, ``bottom_bounces``, ``turning_points``, ``caustics``,
+            ``launch_angle_deg``, ``arrival_angle_deg``, ``spreading_db``, and the slowness vectors
+            at both ends.
         """
         import pandas as pd
 
@@ -141,7 +161,10 @@ class Arrivals(Record):
             "arrival_angle_deg": np.degrees(self.arrival_angle),
             "spreading_db": self.spreading_db,
         }
-        for end, slowness in (("source", self.source_slowness), ("receiver", self.receiver_slowness)):
+        for end, slowness in (
+            ("source", self.source_slowness),
+            ("receiver", self.receiver_slowness),
+        ):
             for k, axis in enumerate(("north", "east", "down")):
                 columns[f"{end}_slowness_{axis}_s_m"] = slowness[:, k] + 0.0  # no -0
         return pd.DataFrame(columns)

@@ -32,7 +32,10 @@ LABELS = {
         "translation_down",
     ),
 }
-"""Dimensions of fixed length and their labels; the name of the second dimension of a matrix ends in ``_column``."""
+"""
+Dimensions of fixed length and their labels; the name of the second dimension of a matrix ends in
+``_column``.
+"""
 _COLUMN = "_column"
 _NOUNS = {"dvl": "DVL sample"}
 """Nouns of dimensions whose names are none."""
@@ -58,11 +61,13 @@ def column(
     default: float | None = None,
 ) -> Any:
     """
-    Declare an array field of a record, with dimensions separated by spaces and units in CF notation.
+    Declare an array field of a record, with dimensions separated by spaces and units in CF
+    notation.
 
-    An optional column without a default is empty if it is not given, or absent in a file of an older version; one with a default then
-    has this value everywhere. A column that labels its dimension is the coordinate of that name in a data set. Flags are the allowed
-    values of an integer column, with their meanings.
+    An optional column without a default is empty if it is not given, or absent in a file of an
+    older version; one with a default then has this value everywhere. A column that labels its
+    dimension is the coordinate of that name in a data set. Flags are the allowed values of an
+    integer column, with their meanings.
     """
     metadata: dict[str, Any] = {"dims": tuple(dims.split()), "units": units, "long_name": long_name}
     metadata |= {"dtype": np.dtype(dtype), "labels": labels, "flags": flags, "default": default}
@@ -76,7 +81,10 @@ def column(
 
 @dataclass(frozen=True, eq=False)
 class Record:
-    """Base of all records. Every field from `column` is an array with declared type and dimensions of consistent lengths."""
+    """
+    Base of all records. Every field from `column` is an array with declared type and dimensions of
+    consistent lengths.
+    """
 
     kind: ClassVar[str] = "record"
 
@@ -86,7 +94,10 @@ class Record:
         cls.__repr__ = Record.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
-        """Kind and sizes, such as ``<Estimates: 3 conditions, 2 realizations, 433 epochs, 11 vehicles>``."""
+        """
+        Kind and sizes, such as ``<Estimates: 3 conditions, 2 realizations, 433 epochs, 11
+        vehicles>``.
+        """
         sizes = dict[str, int]()
         for f in self._columns():
             sizes |= zip(f.metadata["dims"], getattr(self, f.name).shape, strict=True)
@@ -108,23 +119,34 @@ class Record:
             dims = f.metadata["dims"]
             array = getattr(self, name)
             if array is None and (default := f.metadata["default"]) is not None:
-                array = np.full([sizes[dim] for dim in dims], default)  # earlier columns define its length
+                array = np.full(
+                    [sizes[dim] for dim in dims], default
+                )  # earlier columns define its length
             if not (type(array) is np.ndarray and array.dtype == dtype and _is_constant(array)):
                 array = self._frozen(name, array, dtype)
                 object.__setattr__(self, name, array)
-            if array.shape != shapes.get(dims):  # most columns have dimensions and shape of an earlier one
+            if array.shape != shapes.get(
+                dims
+            ):  # most columns have dimensions and shape of an earlier one
                 self._check_shape(name, dims, array.shape, sizes)
                 shapes[dims] = array.shape
 
     def _check_shape(
         self, name: str, dims: tuple[str, ...], shape: tuple[int, ...], sizes: dict[str, int]
     ) -> None:
-        """Refuse a column whose shape does not fit those of earlier columns, and add its sizes to theirs."""
+        """
+        Refuse a column whose shape does not fit those of earlier columns, and add its sizes to
+        theirs.
+        """
         if len(shape) != len(dims):
-            raise RecordError(f"{self.kind}: {name} has shape {shape}; it must have dimensions {dims}")
+            raise RecordError(
+                f"{self.kind}: {name} has shape {shape}; it must have dimensions {dims}"
+            )
         for dim, size in zip(dims, shape, strict=True):
             if (common := sizes.setdefault(dim.removesuffix(_COLUMN), size)) != size:
-                raise RecordError(f"{self.kind}: {name} has length {size} along {dim!r}; it must be {common}")
+                raise RecordError(
+                    f"{self.kind}: {name} has length {size} along {dim!r}; it must be {common}"
+                )
 
     def _frozen(self, name: str, content: object, dtype: np.dtype[Any]) -> NDArray[Any]:
         """Copy of the content of a column, which nobody can write."""
@@ -136,7 +158,9 @@ class Record:
                 f"{self.kind}: {name} is not an array of type {dtype.str[1:]}: {error}"
             ) from None
         if dtype.kind == "i" and dtype != values.dtype and not (array == values).all():
-            raise RecordError(f"{self.kind}: {name} has values that do not fit type {dtype.str[1:]}")
+            raise RecordError(
+                f"{self.kind}: {name} has values that do not fit type {dtype.str[1:]}"
+            )
         array.setflags(write=False)
         return array
 
@@ -154,7 +178,9 @@ class Record:
                 "": f.name,
                 "size": " x ".join(
                     f"{name} {size}"
-                    for name, size in zip(f.metadata["dims"], getattr(self, f.name).shape, strict=True)
+                    for name, size in zip(
+                        f.metadata["dims"], getattr(self, f.name).shape, strict=True
+                    )
                 ),
                 "unit": f.metadata["units"],
                 "values": _values(getattr(self, f.name), f.metadata["flags"]),
@@ -163,7 +189,9 @@ class Record:
             for f in self._columns()
         ]
         return notebook_html(
-            self.kind.replace("_", " ").capitalize(), {}, [ResultTable(self.kind, pd.DataFrame(rows))]
+            self.kind.replace("_", " ").capitalize(),
+            {},
+            [ResultTable(self.kind, pd.DataFrame(rows))],
         )
 
     def to_dataset(self) -> "xr.Dataset":
@@ -225,15 +253,17 @@ class Record:
         Parameters
         ----------
         rows : Mapping[str, Any]
-            Index of the rows of each dimension, such as ``{"arrival": [0, 2]}``. Columns whose first dimension is not
-            among them stay as they are.
+            Index of the rows of each dimension, such as ``{"arrival": [0, 2]}``. Columns whose
+            first dimension is not among them stay as they are.
 
         Returns
         -------
         Self
         """
         columns = [f for f in self._columns() if f.metadata["dims"][0] in rows]
-        return replace(self, **{f.name: getattr(self, f.name)[rows[f.metadata["dims"][0]]] for f in columns})
+        return replace(
+            self, **{f.name: getattr(self, f.name)[rows[f.metadata["dims"][0]]] for f in columns}
+        )
 
     @classmethod
     def stacked(cls, records: Sequence[Self]) -> Self:
@@ -248,7 +278,12 @@ class Record:
         -------
         Self
         """
-        return cls(**{f.name: np.concatenate([getattr(r, f.name) for r in records]) for f in cls._columns()})
+        return cls(
+            **{
+                f.name: np.concatenate([getattr(r, f.name) for r in records])
+                for f in cls._columns()
+            }
+        )
 
     def save(self, path: Path) -> None:
         """
@@ -292,7 +327,9 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class DatedRecord(Record):
-    """A record with times of a mission and the date (UTC) of the mission's start, NaT if unknown."""
+    """
+    A record with times of a mission and the date (UTC) of the mission's start, NaT if unknown.
+    """
 
     start: np.datetime64 = field(default=np.datetime64("NaT", "us"), kw_only=True)
 
@@ -302,7 +339,10 @@ class DatedRecord(Record):
         object.__setattr__(self, "start", np.array(self.start, dtype="M8[us]")[()])
 
     def to_dataset(self) -> "xr.Dataset":
-        """Convert the record to an xarray data set; times are seconds since the start, which `xarray.decode_cf` decodes."""
+        """
+        Convert the record to an xarray data set; times are seconds since the start, which
+        `xarray.decode_cf` decodes.
+        """
         dataset = super().to_dataset()
         if not np.isnat(self.start):
             date = np.datetime_as_string(self.start).removesuffix(".000000")
@@ -311,7 +351,10 @@ class DatedRecord(Record):
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """Build the record from a data set of `to_dataset`, with decoded or raw times; parameters as in `Record.from_dataset`."""
+        """
+        Build the record from a data set of `to_dataset`, with decoded or raw times; parameters as
+        in `Record.from_dataset`.
+        """
         name = cls._time()
         start = np.datetime64("NaT", "us")
         if name in dataset.variables:
@@ -360,7 +403,9 @@ def _values(values: NDArray[Any], flags: type[IntEnum] | None) -> str:
     numbers = values[np.isfinite(values)] if values.dtype.kind == "f" else values
     lacking = f", {values.size - numbers.size} NaN" if numbers.size < values.size else ""
     return (
-        f"{numbers.min():.6g} to {numbers.max():.6g}{lacking}" if numbers.size else lacking.removeprefix(", ")
+        f"{numbers.min():.6g} to {numbers.max():.6g}{lacking}"
+        if numbers.size
+        else lacking.removeprefix(", ")
     )
 
 
@@ -371,13 +416,17 @@ def _variable(f: Field[Any]) -> str:
 
 def _counted_rows(dimension: str, size: int) -> str:
     """Size of a dimension in words, such as ``2 links``."""
-    noun = dimension.removeprefix("n_").removesuffix("s") if dimension.startswith("n_") else dimension
+    noun = (
+        dimension.removeprefix("n_").removesuffix("s") if dimension.startswith("n_") else dimension
+    )
     noun = _NOUNS.get(noun, noun.replace("_", " "))
     return f"{size:,} fixes" if noun == "fix" and size != 1 else counted(size, noun)
 
 
 def _label(dataset: "xr.Dataset") -> "xr.Dataset":
-    """Add the labels of dimensions; text is encoded as characters, as CF requires for coordinates."""
+    """
+    Add the labels of dimensions; text is encoded as characters, as CF requires for coordinates.
+    """
     for name in dataset.dims:
         root = str(name).removesuffix(_COLUMN)
         if root in LABELS:

@@ -1,4 +1,7 @@
-"""CSV tables that a spreadsheet does not execute: text that looks like a formula has an apostrophe before it."""
+"""
+CSV tables that a spreadsheet does not execute: text that looks like a formula has an apostrophe
+before it.
+"""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,11 +13,16 @@ _FORMULA = tuple("=+-@\t\n")
 
 
 def csv_text(table: "pd.DataFrame", *, float_format: str | None = None) -> str:
-    """Convert a table with its header to CSV, with an apostrophe before text that begins like a formula."""
+    """
+    Convert a table with its header to CSV, with an apostrophe before text that begins like a
+    formula.
+    """
     shown = table.copy(deep=False)
     for k, dtype in enumerate(table.dtypes):
         cells = table.iloc[:, k]
-        if dtype.kind not in "biufcmM" and any(guarded(cell) is not cell for cell in cells.unique()):
+        if dtype.kind not in "biufcmM" and any(
+            guarded(cell) is not cell for cell in cells.unique()
+        ):
             shown.isetitem(k, cells.map(guarded).tolist())
     shown.columns = [guarded(title) for title in table.columns]
     return shown.to_csv(index=False, lineterminator="\n", float_format=float_format)
@@ -32,7 +40,10 @@ def read_csv(path: Path) -> "pd.DataFrame":
 
 
 def guarded(cell: Any) -> Any:
-    """Add an apostrophe to a cell or title that a spreadsheet would interpret as a formula; numbers as text are unchanged."""
+    """
+    Add an apostrophe to a cell or title that a spreadsheet would interpret as a formula; numbers as
+    text are unchanged.
+    """
     if not isinstance(cell, str) or len(cell) < 2 or is_number(cell):
         return cell
     if "\r" in cell:  # the writer does not quote it, and a reader would start a new row
@@ -42,7 +53,11 @@ def guarded(cell: Any) -> Any:
 
 def unguarded(cell: Any) -> Any:
     """Remove the apostrophe of `guarded`."""
-    return cell[1:] if isinstance(cell, str) and cell[:1] == "'" and guarded(cell[1:]) == cell else cell
+    return (
+        cell[1:]
+        if isinstance(cell, str) and cell[:1] == "'" and guarded(cell[1:]) == cell
+        else cell
+    )
 
 
 def is_number(cell: str) -> bool:

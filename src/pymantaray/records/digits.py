@@ -1,4 +1,6 @@
-"""Numbers as readers see them: the same digits in the terminal, in notebooks, on pages and in LaTeX."""
+"""
+Numbers as readers see them: the same digits in the terminal, in notebooks, on pages and in LaTeX.
+"""
 
 from collections.abc import Sequence
 from typing import Any
@@ -16,7 +18,10 @@ _EXPONENT = ".3e"
 
 
 def show(value: Any) -> str:
-    """Text of one value: four digits of a measured number, all digits of a count, a dash for a missing value."""
+    """
+    Text of one value: four digits of a measured number, all digits of a count, a dash for a missing
+    value.
+    """
     if value is None:
         return MISSING
     if isinstance(value, bool | np.bool_):
@@ -36,7 +41,10 @@ def show(value: Any) -> str:
 
 
 def show_alike(values: Sequence[Any], form: str | None = None) -> list[str]:
-    """Text of each value of one quantity: measured numbers have one format, by default that of `number_format`."""
+    """
+    Text of each value of one quantity: measured numbers have one format, by default that of
+    `number_format`.
+    """
     form = number_format(measured_numbers(values)) if form is None else form
     return [
         f"{value:z{form}}".replace("-", _MINUS)
@@ -48,20 +56,26 @@ def show_alike(values: Sequence[Any], form: str | None = None) -> list[str]:
 
 def show_row(values: Sequence[Any]) -> list[str]:
     """Text of each value of a row with one quantity; a single number has four digits."""
-    return show_alike(values) if measured_numbers(values).size > 1 else [show(value) for value in values]
+    return (
+        show_alike(values)
+        if measured_numbers(values).size > 1
+        else [show(value) for value in values]
+    )
 
 
 def measured_numbers(values: Sequence[Any]) -> NDArray[np.float64]:
     """Finite floating-point numbers among some values."""
-    return np.array([v for v in values if isinstance(v, float | np.floating) and np.isfinite(v)], dtype=float)
+    return np.array(
+        [v for v in values if isinstance(v, float | np.floating) and np.isfinite(v)], dtype=float
+    )
 
 
 def number_format(numbers: NDArray[np.float64]) -> str:
     """
     Format for all numbers of one quantity, which then have equal decimals.
 
-    The largest has four digits and at least two decimals, if each number but 0 then shows a digit. Otherwise it has as
-    many decimals as the smallest needs, or an exponent if these are too many.
+    The largest has four digits and at least two decimals, if each number but 0 then shows a digit.
+    Otherwise it has as many decimals as the smallest needs, or an exponent if these are too many.
     """
     if (form := compact_format(numbers)) is not None:
         return form
@@ -72,7 +86,10 @@ def number_format(numbers: NDArray[np.float64]) -> str:
 
 
 def compact_format(numbers: NDArray[np.float64]) -> str | None:
-    """Format in which the largest number has four digits, and at least two decimals; None if a number would then show no digit."""
+    """
+    Format in which the largest number has four digits, and at least two decimals; None if a number
+    would then show no digit.
+    """
     sizes = np.abs(numbers[numbers != 0.0])
     if not sizes.size:
         return ",.0f"

@@ -1,4 +1,7 @@
-"""Results of estimators: trajectories, covariances, fit of ranges, and shared unknowns such as modes and clocks."""
+"""
+Results of estimators: trajectories, covariances, fit of ranges, and shared unknowns such as modes
+and clocks.
+"""
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -15,8 +18,9 @@ class Estimates(DatedRecord):
     """
     Estimated poses for every realization and condition, with the health of each solve.
 
-    A solve whose ``solve_status`` is not OK, OVER_CHI_SQUARE, UNDER_CHI_SQUARE or SECOND_MINIMUM has NaN poses. Dead reckoning
-    (condition ``odometry``) has status OK, no iterations and NaN costs. Each estimator of a study is also a condition.
+    A solve whose ``solve_status`` is not OK, OVER_CHI_SQUARE, UNDER_CHI_SQUARE or SECOND_MINIMUM
+    has NaN poses. Dead reckoning (condition ``odometry``) has status OK, no iterations and NaN
+    costs. Each estimator of a study is also a condition.
     """
 
     kind: ClassVar[str] = "estimates"
@@ -42,7 +46,9 @@ class Estimates(DatedRecord):
     initial_cost: Column = column("condition realization", "1", "cost at the starting point")
     final_cost: Column = column("condition realization", "1", "cost at the optimum")
     expected_cost: Column = column("condition realization", "1", "half the degrees of freedom")
-    gradient_norm: Column = column("condition realization", "1", "largest gradient component at the optimum")
+    gradient_norm: Column = column(
+        "condition realization", "1", "largest gradient component at the optimum"
+    )
     gated_links: Column = column(
         "condition realization", "1", "ranges that the estimator's ocean does not allow", "i4"
     )
@@ -62,7 +68,12 @@ class Estimates(DatedRecord):
         Estimates
         """
         m = measurements
-        named = {"realization": np.zeros(1), "name": m.name, "time": m.time, "landmark_name": m.landmark_name}
+        named = {
+            "realization": np.zeros(1),
+            "name": m.name,
+            "time": m.time,
+            "landmark_name": m.landmark_name,
+        }
         sizes = {
             "condition": 0,
             "realization": 1,
@@ -85,9 +96,9 @@ class PoseCovariances(DatedRecord):
     """
     Marginal covariances at the optimum of every condition and realization, at a few fixed epochs.
 
-    Values are NaN for an unusable solve and for a singular system. Positions of all vehicles at one epoch have a joint covariance,
-    because ranges correlate them; poses have separate covariances. Range innovations are NaN with dimension 0 if the solve has no
-    range at the epoch.
+    Values are NaN for an unusable solve and for a singular system. Positions of all vehicles at one
+    epoch have a joint covariance, because ranges correlate them; poses have separate covariances.
+    Range innovations are NaN with dimension 0 if the solve has no range at the epoch.
     """
 
     kind: ClassVar[str] = "pose_covariances"
@@ -108,9 +119,13 @@ class PoseCovariances(DatedRecord):
         "covariance in the tangent of the estimated pose, rotation before translation [rad, m]",
     )
     range_nis: Column = column(
-        "condition realization epoch", "1", "squared innovation of all ranges of the epoch in its covariance"
+        "condition realization epoch",
+        "1",
+        "squared innovation of all ranges of the epoch in its covariance",
     )
-    range_dimension: Column = column("condition realization epoch", "1", "dimension of that innovation", "i4")
+    range_dimension: Column = column(
+        "condition realization epoch", "1", "dimension of that innovation", "i4"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -118,8 +133,8 @@ class SharedUnknowns(Record):
     """
     Unknowns that all ranges of a solve share, for the conditions that estimate any.
 
-    Values are NaN if a condition does not estimate an unknown or a solve is not usable. Values, standard deviations and covariances
-    are in the units of ``unit``.
+    Values are NaN if a condition does not estimate an unknown or a solve is not usable. Values,
+    standard deviations and covariances are in the units of ``unit``.
     """
 
     kind: ClassVar[str] = "shared_unknowns"

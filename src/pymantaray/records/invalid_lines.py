@@ -1,4 +1,7 @@
-"""Lines of measured data that a reader cannot parse: listed in a note, or refused if they are most lines of the file."""
+"""
+Lines of measured data that a reader cannot parse: listed in a note, or refused if they are most
+lines of the file.
+"""
 
 from pathlib import Path
 
@@ -14,15 +17,18 @@ class InvalidLines:
     """
     Lines that a reader leaves out, with the reason for each.
 
-    The one rule of all readers of measurements (surveys, events, casts, tracks): a truncated or unreadable line is listed
-    and reading goes on, unless there are as many of these lines as valid ones.
+    The one rule of all readers of measurements (surveys, events, casts, tracks): a truncated or
+    unreadable line is listed and reading goes on, unless there are as many of these lines as valid
+    ones.
     """
 
     def __init__(self) -> None:
         self._reasons: dict[Path, dict[int, str]] = {}
 
     def add(self, path: Path, line: int, reason: str) -> None:
-        """Add a line (from 1) with the reason, such as ``depth is 'x'; it must be a finite number``."""
+        """
+        Add a line (from 1) with the reason, such as ``depth is 'x'; it must be a finite number``.
+        """
         self._reasons.setdefault(path, {}).setdefault(line, one_line(reason, _MAX_LENGTH))
 
     def __len__(self) -> int:
@@ -34,7 +40,11 @@ class InvalidLines:
         if self._reasons and len(self) >= max(valid, 1):
             path, lines = next(iter(self._reasons.items()))
             number, reason = min(lines.items())
-            count = f" ({len(self):,} of {len(self) + valid:,} lines cannot be read)" if len(self) > 1 else ""
+            count = (
+                f" ({len(self):,} of {len(self) + valid:,} lines cannot be read)"
+                if len(self) > 1
+                else ""
+            )
             raise refusal(f"{path}, line {number}: {reason}{count}")
 
     @property
@@ -42,7 +52,9 @@ class InvalidLines:
         """One note for each file, with the number of its lines and the first of them."""
         notes = []
         for path, lines in self._reasons.items():
-            shown = [f"line {number}: {reason}" for number, reason in sorted(lines.items())[:_MAX_SHOWN]]
+            shown = [
+                f"line {number}: {reason}" for number, reason in sorted(lines.items())[:_MAX_SHOWN]
+            ]
             more = ", ..." if len(lines) > _MAX_SHOWN else ""
             left_out = f"{counted(len(lines), 'line')} left out, not readable"
             notes.append(f"{path}: {left_out}: {', '.join(shown)}{more}")

@@ -12,9 +12,10 @@ class Measurements(DatedRecord):
     """
     Measurements of a fleet at common sample times, and their stated standard deviations.
 
-    A sample is an index into ``time``. In the range table, a participant is an index into ``name`` if it is below the number of
-    vehicles, otherwise this number plus an index into ``landmark_name``. Every range attempt has a row; ``range_status``
-    (`RayStatus`) is its outcome. The simulator writes values without noise, and `sensing.perturb` adds noise. `RangingTruth`
+    A sample is an index into ``time``. In the range table, a participant is an index into ``name``
+    if it is below the number of vehicles, otherwise this number plus an index into
+    ``landmark_name``. Every range attempt has a row; ``range_status`` (`RayStatus`) is its outcome.
+    The simulator writes values without noise, and `sensing.perturb` adds noise. `RangingTruth`
     contains the data to which estimators have no access.
     """
 
@@ -72,7 +73,9 @@ class Measurements(DatedRecord):
     attitude_sigma: Column = column(
         "attitude axis", "rad", "sigma of rotations about north, east and down", may_lack=True
     )
-    attitude_bias_sigma: Column = column("attitude", "rad", "sigma of the heading's bias", may_lack=True)
+    attitude_bias_sigma: Column = column(
+        "attitude", "rad", "sigma of the heading's bias", may_lack=True
+    )
 
     dvl_vehicle: Column = column("dvl", "1", "index of the vehicle", "i4", may_lack=True)
     dvl_sample: Column = column(

@@ -12,20 +12,27 @@ from pymantaray.records.base import Column, Record, column
 @dataclass(frozen=True, eq=False)
 class RangingTruth(Record):
     """
-    True distance and travel times of all range attempts, row by row those of a `Measurements` record.
+    True distance and travel times of all range attempts, row by row those of a `Measurements`
+    record.
 
-    A missing value is NaN: the travel time and the angles without an admitted arrival; the travel time along the chord and the
-    sound speed if an end lies outside the water. Two-way, ``travel_time`` is half the round trip minus half the turn-around time,
-    and the angles are those of the ping. If ``near_cutoff`` is 1, a cut-off of the rays' spreading 1 dB higher or lower selects
-    another arrival, or none: there travel times jump. Runs of older versions have no angles.
+    A missing value is NaN: the travel time and the angles without an admitted arrival; the travel
+    time along the chord and the sound speed if an end lies outside the water. Two-way,
+    ``travel_time`` is half the round trip minus half the turn-around time, and the angles are those
+    of the ping. If ``near_cutoff`` is 1, a cut-off of the rays' spreading 1 dB higher or lower
+    selects another arrival, or none: there travel times jump. Runs of older versions have no
+    angles.
     """
 
     kind: ClassVar[str] = "ranging_truth"
 
     distance: Column = column("range", "m", "straight distance")
     sound_speed: Column = column("range", "m s-1", "sound speed at the transmitter")
-    travel_time: Column = column("range", "s", "travel time of the admitted arrival, current included")
-    chord_travel_time: Column = column("range", "s", "travel time along the straight chord in water at rest")
+    travel_time: Column = column(
+        "range", "s", "travel time of the admitted arrival, current included"
+    )
+    chord_travel_time: Column = column(
+        "range", "s", "travel time along the straight chord in water at rest"
+    )
     near_cutoff: Column = column(
         "range",
         "1",
@@ -34,7 +41,10 @@ class RangingTruth(Record):
         default=0,
     )
     departure_angle: Column = column(
-        "range", "rad", "angle from the horizontal at the transmitter, positive down", default=np.nan
+        "range",
+        "rad",
+        "angle from the horizontal at the transmitter, positive down",
+        default=np.nan,
     )
     arrival_angle: Column = column(
         "range", "rad", "angle from the horizontal at the receiver, positive down", default=np.nan

@@ -1,4 +1,7 @@
-"""A table of results: all digits for programs, and one look for readers in the terminal, notebooks, pages and LaTeX."""
+"""
+A table of results: all digits for programs, and one look for readers in the terminal, notebooks,
+pages and LaTeX.
+"""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -77,7 +80,10 @@ _LATEX_SIGNS = {
 
 
 class Head(NamedTuple):
-    """Head of a column: text with the unit in brackets, True for a column of numbers, and the meaning, which may be empty."""
+    """
+    Head of a column: text with the unit in brackets, True for a column of numbers, and the meaning,
+    which may be empty.
+    """
 
     text: str
     numbers: bool
@@ -94,12 +100,14 @@ class ResultTable:
     name : str
         Name of its file and of its LaTeX label.
     frame : pandas.DataFrame
-        All columns with all digits; names of columns end in their units, ``_m``, ``_s``, ``_h``, ``_deg``, ``_percent``.
+        All columns with all digits; names of columns end in their units, ``_m``, ``_s``, ``_h``,
+        ``_deg``, ``_percent``.
     caption : str
     columns : sequence of str
         Columns that people see, by default all.
     brief : sequence of str
-        Columns where there is less room, in the terminal, in notebooks and in LaTeX, by default `columns`.
+        Columns where there is less room, in the terminal, in notebooks and in LaTeX, by default
+        `columns`.
     words : mapping of str to str
         Heads of columns that mean something else than in other tables.
     by_row : bool
@@ -147,7 +155,10 @@ class ResultTable:
 
     @cached_property
     def rows(self) -> list[list[str]]:
-        """Cells that people see, with equal decimals in each column, or in each row if a row is one quantity."""
+        """
+        Cells that people see, with equal decimals in each column, or in each row if a row is one
+        quantity.
+        """
         frame = self.shown.astype(object)
         if _QUANTITY in frame:
             frame[_QUANTITY] = frame[_QUANTITY].map(heading)
@@ -156,7 +167,9 @@ class ResultTable:
             settings = _MEANING in frame  # exact numbers
             return [[*map(show, row)] if settings else show_row(row) for row in cells.tolist()]
         forms = _formats(self.shown)
-        columns = [show_alike(column, form) for column, form in zip(cells.T.tolist(), forms, strict=True)]
+        columns = [
+            show_alike(column, form) for column, form in zip(cells.T.tolist(), forms, strict=True)
+        ]
         return [list(row) for row in zip(*columns, strict=True)]
 
     def short(self) -> "ResultTable":
@@ -204,8 +217,8 @@ class ResultTable:
         Returns
         -------
         str
-            The columns of `brief`; settings have their meaning instead of their key. Special characters are escaped, long
-            texts wrap, and the label is ``tab:NAME``.
+            The columns of `brief`; settings have their meaning instead of their key. Special
+            characters are escaped, long texts wrap, and the label is ``tab:NAME``.
         """
         import pandas as pd
 
@@ -232,10 +245,15 @@ class ResultTable:
         return names
 
     def _latex_columns(self) -> list[str]:
-        """Types of the columns in LaTeX: numbers to the right; columns of sentences share half of the line and wrap."""
+        """
+        Types of the columns in LaTeX: numbers to the right; columns of sentences share half of the
+        line and wrap.
+        """
         columns = zip(*self.rows, strict=True) if self.rows else repeat((), len(self.heads))
         longest = [max(map(len, column), default=0) for column in columns]
-        sentences = [not head.numbers and n > _WRAPPED for head, n in zip(self.heads, longest, strict=True)]
+        sentences = [
+            not head.numbers and n > _WRAPPED for head, n in zip(self.heads, longest, strict=True)
+        ]
         wrapped = f"p{{{0.5 / max(sum(sentences), 1):.2g}\\linewidth}}"
         return [
             "r" if head.numbers else wrapped if wraps else "l"
@@ -260,18 +278,23 @@ class ResultTable:
         return f"<ResultTable {self.name}: {rows} row{'' if rows == 1 else 's'}, {columns} columns>"
 
     def _repr_html_(self) -> str:
-        """HTML for a notebook: caption and cells; a long table has its first rows and their number."""
+        """
+        HTML for a notebook: caption and cells; a long table has its first rows and their number.
+        """
         table = self.short().first(_NOTEBOOK_ROWS)
         cells = "".join(f"<th>{escape(head.text)}</th>" for head in table.heads)
         body = "".join(
-            "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>" for row in table.rows
+            "<tr>" + "".join(f"<td>{escape(text)}</td>" for text in row) + "</tr>"
+            for row in table.rows
         )
         caption = f"<div>{escape(table.caption)}</div>" if table.caption else ""
         return f"{caption}<table><thead><tr>{cells}</tr></thead><tbody>{body}</tbody></table>"
 
 
 def heading(column: str) -> str:
-    """Head of a column, its unit in brackets; a key of a configuration stays as it is written there."""
+    """
+    Head of a column, its unit in brackets; a key of a configuration stays as it is written there.
+    """
     if column in _HEADS:
         return _HEADS[column]
     if "." in column:
@@ -286,17 +309,20 @@ def _formats(table: "pd.DataFrame") -> list[str]:
     """
     Format of the measured numbers of each column.
 
-    Columns in one unit have the same, if each number then shows a digit, and standard deviations have one of their own. Columns
-    of whole numbers have no decimals.
+    Columns in one unit have the same, if each number then shows a digit, and standard deviations
+    have one of their own. Columns of whole numbers have no decimals.
     """
     columns = [str(column) for column in table.columns]
-    units = [next((ending for ending in _UNITS if column.endswith(ending)), column) for column in columns]
+    units = [
+        next((ending for ending in _UNITS if column.endswith(ending)), column) for column in columns
+    ]
     units = [
         f"sigma {unit}" if column.startswith("sigma_") else unit
         for column, unit in zip(columns, units, strict=True)
     ]
     numbers = [
-        _significant(measured_numbers(table.iloc[:, k].tolist()), column) for k, column in enumerate(columns)
+        _significant(measured_numbers(table.iloc[:, k].tolist()), column)
+        for k, column in enumerate(columns)
     ]
     units = [
         column if (own == np.round(own)).all() else unit
@@ -315,7 +341,10 @@ def _formats(table: "pd.DataFrame") -> list[str]:
 
 
 def _significant(numbers: NDArray[np.float64], column: str) -> NDArray[np.float64]:
-    """Numbers that determine a format: lengths below a micrometre are zeros, unless the column has no others."""
+    """
+    Numbers that determine a format: lengths below a micrometre are zeros, unless the column has no
+    others.
+    """
     sizes = np.abs(numbers)
     if not column.endswith("_m") or not (sizes >= _SMALLEST_LENGTH).any():
         return numbers
@@ -324,7 +353,10 @@ def _significant(numbers: NDArray[np.float64], column: str) -> NDArray[np.float6
 
 
 def _latex_head(head: Head) -> str:
-    """Head of a column in LaTeX; a long head of numbers has several lines, none of which begins with the bracket of an option."""
+    """
+    Head of a column in LaTeX; a long head of numbers has several lines, none of which begins with
+    the bracket of an option.
+    """
     lines = wrap(head.text, _HEAD_LETTERS, break_long_words=False, break_on_hyphens=False)
     if len(lines) < 2 or not head.numbers:
         return _latex(head.text)
@@ -334,7 +366,11 @@ def _latex_head(head: Head) -> str:
 def _latex(text: str) -> str:
     """Text with escaped special characters of LaTeX."""
     special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    special |= {sign: f"\\{sign}" for sign in "&%$#_{}"} | {"<": "$<$", ">": "$>$", "\n": " "} | _LATEX_SIGNS
+    special |= (
+        {sign: f"\\{sign}" for sign in "&%$#_{}"}
+        | {"<": "$<$", ">": "$>$", "\n": " "}
+        | _LATEX_SIGNS
+    )
     escaped = "".join(special.get(letter, letter) for letter in text)
     return _POWER_OF_TEN.sub(
         lambda found: rf"$\times 10^{{{'-' if found[1] != '+' else ''}{found[2]}}}$", escaped

@@ -16,7 +16,8 @@ class RayStatus(IntEnum):
     UNHEARD = 6  # an existing arrival was not detected, by chance (detection by the sonar equation)
     UNRESOLVED = 7  # no arrival was found, but the search is not complete from either end
     LEAKED = 8  # no ray arrives, but sound leaks past the nearest ray (a model, off by default)
-    # no ray arrives, but scattered sound, which is louder than leaked sound (a model, off by default)
+    # no ray arrives, but scattered sound, which is louder than leaked sound (a model, off by
+    # default)
     SCATTERED = 9
 
 
@@ -32,10 +33,13 @@ class RayStatusWords(NamedTuple):
 
 
 RAY_STATUS_WORDS = {
-    RayStatus.SHADOW: RayStatusWords("shadow", "No ray within the allowed bounces reaches the receiver."),
+    RayStatus.SHADOW: RayStatusWords(
+        "shadow", "No ray within the allowed bounces reaches the receiver."
+    ),
     RayStatus.WEAK: RayStatusWords(
         "too weak",
-        "Rays arrive, but all are weaker than the cut-off: 15 dB beyond spherical spreading by default.",
+        "Rays arrive, but all are weaker than the cut-off: 15 dB beyond spherical spreading by"
+        " default.",
     ),
     RayStatus.BLOCKED: RayStatusWords(
         "blocked by the bottom", "The sea bed blocks the rays that would reach the receiver."
@@ -43,15 +47,21 @@ RAY_STATUS_WORDS = {
     RayStatus.OUTSIDE: RayStatusWords(
         "outside the domain", "An end of the link is outside the water or the domain."
     ),
-    RayStatus.STOPPED: RayStatusWords("vehicle stopped", "One of the vehicles has stopped and is silent."),
-    RayStatus.UNHEARD: RayStatusWords("not detected", "A ray arrives, but the receiver does not detect it."),
+    RayStatus.STOPPED: RayStatusWords(
+        "vehicle stopped", "One of the vehicles has stopped and is silent."
+    ),
+    RayStatus.UNHEARD: RayStatusWords(
+        "not detected", "A ray arrives, but the receiver does not detect it."
+    ),
     RayStatus.UNRESOLVED: RayStatusWords(
         "search not complete", "No ray was found, but launch angles remained where one may be."
     ),
     RayStatus.LEAKED: RayStatusWords(
         "leaked, no ray", "No ray arrives, but sound leaks past the nearest ray."
     ),
-    RayStatus.SCATTERED: RayStatusWords("scattered, no ray", "No ray arrives, but scattered sound does."),
+    RayStatus.SCATTERED: RayStatusWords(
+        "scattered, no ray", "No ray arrives, but scattered sound does."
+    ),
 }
 """Outcomes other than OK as text for figures, pages, their glossary and commands."""
 
@@ -82,8 +92,12 @@ class SolveStatus(IntEnum):
     COST_ROSE = 3  # the final cost is above the initial one
     OVER_CHI_SQUARE = 4  # converged, but the cost is above the chi-square bounds of a correct model
     FAILED = 5  # the linear system could not be solved
-    SECOND_MINIMUM = 6  # converged, but another start ends in another minimum; this is the lower one
-    UNDER_CHI_SQUARE = 7  # converged, but the cost is below the chi-square bounds of a correct model
+    SECOND_MINIMUM = (
+        6  # converged, but another start ends in another minimum; this is the lower one
+    )
+    UNDER_CHI_SQUARE = (
+        7  # converged, but the cost is below the chi-square bounds of a correct model
+    )
 
     @property
     def usable(self) -> bool:
@@ -100,13 +114,16 @@ class StatusWords(NamedTuple):
 
 SOLVE_STATUS_WORDS = {
     SolveStatus.OVER_CHI_SQUARE: StatusWords(
-        "converged, but the cost is above its chi-square bounds: measurements disagree more than their noise allows",
-        "compare the cost with that of another start, try a robust estimator, or give larger standard deviations",
+        "converged, but the cost is above its chi-square bounds: measurements disagree more than"
+        " their noise allows",
+        "compare the cost with that of another start, try a robust estimator, or give larger"
+        " standard deviations",
     ),
     SolveStatus.UNDER_CHI_SQUARE: StatusWords(
-        "converged, but the cost is below its chi-square bounds: measurements agree better than their noise allows",
-        "give smaller standard deviations; if all are too large by one factor, the estimate stays the same and only its"
-        " covariances are too large",
+        "converged, but the cost is below its chi-square bounds: measurements agree better than"
+        " their noise allows",
+        "give smaller standard deviations; if all are too large by one factor, the estimate stays"
+        " the same and only its covariances are too large",
     ),
     SolveStatus.SECOND_MINIMUM: StatusWords(
         "converged, but two starts end in different minima; this is the lower",

@@ -21,14 +21,17 @@ def deferred_stops() -> Iterator[None]:
     """
     Handle the first Ctrl-C or SIGTERM after the block; handle a second one at once.
 
-    A handler that raises while xarray takes its lock of the HDF5 library leaves the lock taken, and the file's close waits forever.
-    Other threads than the main thread handle no signals; there the block is an ordinary one.
+    A handler that raises while xarray takes its lock of the HDF5 library leaves the lock taken, and
+    the file's close waits forever. Other threads than the main thread handle no signals; there the
+    block is an ordinary one.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
         return
     stops = ((number, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM))
-    handlers = {number: handler for number, handler in stops if callable(handler)}  # others do not raise
+    handlers = {
+        number: handler for number, handler in stops if callable(handler)
+    }  # others do not raise
     waiting: list[int] = []
 
     def wait(number: int, frame: FrameType | None) -> None:

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import NDArray
 
-MONTHS = {name: k + 1 for k, name in enumerate("jan feb mar apr may jun jul aug sep oct nov dec".split())}  # noqa: SIM905
+_NAMES = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
+MONTHS = {name: k + 1 for k, name in enumerate(_NAMES)}
 """Number of a month by the first three letters of its English name."""
 _LATEST = 1e11  # s; 1970 plus this is the year 5138
 _MAX_COLUMNS = 2000
@@ -31,13 +32,19 @@ _SINCE_1970 = {"milliseconds": 1e14, "microseconds": 1e17, "nanoseconds": math.i
 """Upper limits of stamps."""
 _FINITE = "it must be a finite number"
 _OPTIONAL = "it must be a number or an empty cell"
-_TIMES = "all cells must be seconds, or all must be dates such as 2014-07-15T12:00:00Z (without a zone: UTC)"
+_TIMES = (
+    "all cells must be seconds, or all must be dates such as 2014-07-15T12:00:00Z (without a zone:"
+    " UTC)"
+)
 _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 
 
 @dataclass(frozen=True, eq=False)
 class TextTable:
-    """Cells of a table as text, "" if empty, by the line of the file from 1; comments are lines that begin with ``#``."""
+    """
+    Cells of a table as text, "" if empty, by the line of the file from 1; comments are lines that
+    begin with ``#``.
+    """
 
     path: Path
     frame: "pd.DataFrame"
@@ -48,13 +55,17 @@ class TextTable:
         header = list(self.frame.columns)
         missing = [name for name in columns if name not in header]
         if missing:
-            raise RecordError(f"{self.path}: no {', '.join(missing)}; the columns are {', '.join(header)}")
+            raise RecordError(
+                f"{self.path}: no {', '.join(missing)}; the columns are {', '.join(header)}"
+            )
         twice = [name for name in columns if header.count(name) > 1]
         if twice:
             raise RecordError(f"{self.path}: two columns {twice[0]}; remove one")
 
     def numbers(self, columns: list[str]) -> "NDArray[np.float64]":
-        """Columns as finite numbers (n_rows, n_columns); any other cell raises an error with its line."""
+        """
+        Columns as finite numbers (n_rows, n_columns); any other cell raises an error with its line.
+        """
         import numpy as np
 
         self.require(columns)
@@ -78,9 +89,11 @@ class TextTable:
         choices: Mapping[str, Collection[str]] | None = None,
     ) -> "TextTable":
         """
-        Table of the rows whose cells have readable times, finite numbers, numbers or nothing, text, or one of several words.
+        Table of the rows whose cells have readable times, finite numbers, numbers or nothing, text,
+        or one of several words.
 
-        Other rows are added to the invalid lines. Columns of ``optional`` and ``choices`` may be absent.
+        Other rows are added to the invalid lines. Columns of ``optional`` and ``choices`` may be
+        absent.
         """
         import numpy as np
 
@@ -102,7 +115,9 @@ class TextTable:
         keep = np.ones(len(self.frame), dtype=bool)
         for wrong, name, allowed_cells in faults:
             for row in np.flatnonzero(wrong & keep).tolist():
-                invalid.add(self.path, int(self.frame.index[row]), self._fault(name, row, allowed_cells))
+                invalid.add(
+                    self.path, int(self.frame.index[row]), self._fault(name, row, allowed_cells)
+                )
             keep &= ~wrong
         return self if keep.all() else replace(self, frame=self.frame[keep])
 
@@ -139,7 +154,9 @@ class TextTable:
 
         cells = self.frame[column]
         return np.asarray(
-            np.isnan(numbers_of(cells)) & (cells != "").to_numpy() & (cells.str.lower() != "nan").to_numpy()
+            np.isnan(numbers_of(cells))
+            & (cells != "").to_numpy()
+            & (cells.str.lower() != "nan").to_numpy()
         )
 
     def seconds(self, column: str) -> "tuple[NDArray[np.float64], np.datetime64]":
@@ -164,7 +181,9 @@ class TextTable:
         wrong = self._not_times(column)
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise RecordError(f"{self.where(row)}: {column} is {str(cells.iloc[row])[:40]!r}; {_TIMES}")
+            raise RecordError(
+                f"{self.where(row)}: {column} is {str(cells.iloc[row])[:40]!r}; {_TIMES}"
+            )
         if pd.api.types.is_datetime64_any_dtype(cells):
             dates = cells
         else:
@@ -200,20 +219,30 @@ def _dates(cells: "pd.Series[Any]") -> "pd.Series[Any]":
 
 
 def check_seconds(times: "NDArray[np.float64]", where: str, error: type[MantaRayError]) -> None:
-    """Raise an error for time stamps that are too large for seconds since 1970, or since any other epoch in use."""
+    """
+    Raise an error for time stamps that are too large for seconds since 1970, or since any other
+    epoch in use.
+    """
     latest = max(map(abs, times.tolist()), default=0.0)
     if latest > _LATEST:
         unit = next(name for name, limit in _SINCE_1970.items() if latest < limit)
         raise error(
-            f"{where} is up to {latest:.17g}, which is not in seconds but looks like {unit} since 1970; divide the times so"
-            " that they are in seconds, or write dates such as 2014-07-15T12:00:00Z"
+            f"{where} is up to {latest:.17g}, which is not in seconds but looks like {unit} since"
+            " 1970; divide the times so that they are in seconds, or write dates such as"
+            " 2014-07-15T12:00:00Z"
         )
 
 
 def check_speed(
-    time: "NDArray[np.float64]", position: "NDArray[np.float64]", where: str, error: type[MantaRayError]
+    time: "NDArray[np.float64]",
+    position: "NDArray[np.float64]",
+    where: str,
+    error: type[MantaRayError],
 ) -> None:
-    """Raise an error if positions (n, k) [m] at times in order [s] move so fast that the times must be days or hours."""
+    """
+    Raise an error if positions (n, k) [m] at times in order [s] move so fast that the times must be
+    days or hours.
+    """
     import numpy as np
 
     step = np.diff(time)
@@ -221,15 +250,21 @@ def check_speed(
     if np.count_nonzero(moved) < 1:
         return
     with np.errstate(over="ignore"):
-        speed = float(np.median(np.linalg.norm(np.diff(position, axis=0)[moved], axis=1) / step[moved]))
+        speed = float(
+            np.median(np.linalg.norm(np.diff(position, axis=0)[moved], axis=1) / step[moved])
+        )
     if speed > _FASTEST:
         raise error(
-            f"{where} gives a median speed of {speed:,.0f} m/s; it must be in seconds; multiply days by 86400, hours by 3600"
+            f"{where} gives a median speed of {speed:,.0f} m/s; it must be in seconds; multiply"
+            " days by 86400, hours by 3600"
         )
 
 
 def numbers_of(cells: "pd.Series[Any]") -> "NDArray[np.float64]":
-    """Convert cells to numbers with all digits, which pandas before 3.1 does not for text; NaN for other cells."""
+    """
+    Convert cells to numbers with all digits, which pandas before 3.1 does not for text; NaN for
+    other cells.
+    """
     import numpy as np
     import pandas as pd
 
@@ -246,8 +281,9 @@ def read_text_table(
     """
     Read a table with a header and the separator of the header: comma, semicolon, tab or spaces.
 
-    ``text`` is the content of the file, if it is read already. Rows with more cells than the header, and rows with fewer cells
-    than most rows, are added to ``invalid``; without it, the former raise an error, and the latter have empty cells.
+    ``text`` is the content of the file, if it is read already. Rows with more cells than the
+    header, and rows with fewer cells than most rows, are added to ``invalid``; without it, the
+    former raise an error, and the latter have empty cells.
     """
     import pandas as pd
 
@@ -258,7 +294,9 @@ def read_text_table(
     rows = {i: line.rstrip(" \t,;") for i, line in lines.items() if i not in comments}
     if len(rows) < 2:
         content = "is empty" if not rows else f"has one line, {next(iter(rows.values()))[:40]!r}"
-        raise RecordError(f"{path}: {content}; a table needs a header with names of columns, and rows")
+        raise RecordError(
+            f"{path}: {content}; a table needs a header with names of columns, and rows"
+        )
     separator = next((s for s in ",;\t" if s in next(iter(rows.values()))), r"\s+")
     n_titles = _count_cells(next(iter(rows.values())), separator)
     if n_titles > _MAX_COLUMNS:
@@ -280,13 +318,18 @@ def read_text_table(
         if ragged := _RAGGED.search(str(error)):
             titles, row, n = map(int, ragged.groups())
             raise RecordError(
-                f"{path}, line {list(rows)[row - 1]}: {n} cells, but the header has {titles}; check the separators"
+                f"{path}, line {list(rows)[row - 1]}: {n} cells, but the header has {titles};"
+                " check the separators"
             ) from None
-        raise RecordError(f"{path}: not a readable table: {' '.join(str(error).split())[:80]}") from None
+        raise RecordError(
+            f"{path}: not a readable table: {' '.join(str(error).split())[:80]}"
+        ) from None
     if len(cells) != len(rows):
         raise RecordError(f"{path}: {len(rows)} lines give {len(cells)} rows; close all quotes")
     cells = cells.fillna("").map(str.strip).map(unguarded).set_axis(list(rows))
-    return TextTable(path, cells.iloc[1:].set_axis(cells.iloc[0].tolist(), axis=1), list(comments.values()))
+    return TextTable(
+        path, cells.iloc[1:].set_axis(cells.iloc[0].tolist(), axis=1), list(comments.values())
+    )
 
 
 def _whole_rows(
@@ -303,9 +346,13 @@ def _whole_rows(
         if not count:
             invalid.add(path, i, f"{one_line(lines[i], 60)!r} has a quote that is not closed")
         elif count > titles:
-            invalid.add(path, i, f"{count} cells, but the header has {titles}; check the separators")
+            invalid.add(
+                path, i, f"{count} cells, but the header has {titles}; check the separators"
+            )
         elif width[i] < usual:
-            invalid.add(path, i, f"{one_line(lines[i], 60)!r} has {width[i]} cells, other rows {usual}")
+            invalid.add(
+                path, i, f"{one_line(lines[i], 60)!r} has {width[i]} cells, other rows {usual}"
+            )
         else:
             kept[i] = rows[i]
     return kept
@@ -318,7 +365,9 @@ def _count_cells(line: str, separator: str) -> int:
     if '"' not in line:
         return line.count(separator) + 1
     try:
-        return len(next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True)))
+        return len(
+            next(csv.reader([line], delimiter=separator, skipinitialspace=True, strict=True))
+        )
     except csv.Error:
         return 0
 
@@ -327,7 +376,9 @@ def read_text(path: Path) -> str:
     """Read a text file; other files raise an error."""
     raw = read_bytes(path, RecordError, what="a text table such as a .csv file")
     if raw.startswith(b"SQLite format 3"):
-        raise RecordError(f"{path}: a database, not a text table; name a text table such as a .csv file")
+        raise RecordError(
+            f"{path}: a database, not a text table; name a text table such as a .csv file"
+        )
     if b"\0" in raw[:4096]:
         raise RecordError(f"{path}: a binary file, not a text table; export it as text")
     try:

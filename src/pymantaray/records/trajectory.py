@@ -18,15 +18,19 @@ class Trajectories(DatedRecord):
     """
     Poses ``T_world_body`` of a fleet at common sample times, in the local NED frame.
 
-    ``status`` contains `VehicleStatus` values; a stopped vehicle stays at its last position. ``centre`` is the latitude and longitude
-    of the frame's centre [degrees], or None if unknown. With a centre, data sets have latitudes and longitudes of all poses.
+    ``status`` contains `VehicleStatus` values; a stopped vehicle stays at its last position.
+    ``centre`` is the latitude and longitude of the frame's centre [degrees], or None if unknown.
+    With a centre, data sets have latitudes and longitudes of all poses.
     """
 
     kind: ClassVar[str] = "trajectories"
 
     name: Column = column("vehicle", "", "vehicle name", "U", labels=True)
     role: Column = column(
-        "vehicle", "", "behaviour of the vehicle: float, station, drifting, twist, waypoints or track", "U"
+        "vehicle",
+        "",
+        "behaviour of the vehicle: float, station, drifting, twist, waypoints or track",
+        "U",
     )
     time: Column = column("time", "s", "time since the start of the mission")
     position: Column = column("vehicle time axis", "m", "north, east, down in the local frame")
@@ -40,7 +44,10 @@ class Trajectories(DatedRecord):
         return None if self.centre is None else LocalFrame(*self.centre)
 
     def to_dataset(self) -> "xr.Dataset":
-        """Convert the record to an xarray data set, with latitudes and longitudes if the frame's centre is known."""
+        """
+        Convert the record to an xarray data set, with latitudes and longitudes if the frame's
+        centre is known.
+        """
         dataset = super().to_dataset()
         frame = self.frame
         dims = ("vehicle", "time")
@@ -59,16 +66,24 @@ class Trajectories(DatedRecord):
 
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
-        """Build the record from a data set of `to_dataset`, with decoded or raw times; parameters as in `Record.from_dataset`."""
+        """
+        Build the record from a data set of `to_dataset`, with decoded or raw times; parameters as
+        in `Record.from_dataset`.
+        """
         record = super().from_dataset(dataset)
         if "centre_latitude_deg" not in dataset.attrs:
             return record
-        centre = float(dataset.attrs["centre_latitude_deg"]), float(dataset.attrs["centre_longitude_deg"])
+        centre = (
+            float(dataset.attrs["centre_latitude_deg"]),
+            float(dataset.attrs["centre_longitude_deg"]),
+        )
         return replace(record, centre=centre)
 
     @property
     def stops(self) -> dict[str, tuple[VehicleStatus, float]]:
-        """Final status, and its first time [s], of vehicles that are not active at the end, by name."""
+        """
+        Final status, and its first time [s], of vehicles that are not active at the end, by name.
+        """
         out = {}
         for name, row in zip(self.name.tolist(), self.status, strict=True):
             if row[-1] != VehicleStatus.ACTIVE:

@@ -32,8 +32,8 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
     """
     Write a file atomically, through a temporary file in the same folder.
 
-    The temporary file is new and empty and has an unpredictable name. It is renamed when the block ends, and removed if the block
-    raises.
+    The temporary file is new and empty and has an unpredictable name. It is renamed when the block
+    ends, and removed if the block raises.
 
     Parameters
     ----------
@@ -57,7 +57,11 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
     try:
         _check_target(path, replace=replace)
         os.close(
-            os.open(temporary, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666)
+            os.open(
+                temporary,
+                os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0),
+                0o666,
+            )
         )
         try:
             yield temporary
@@ -71,7 +75,9 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
-        raise WriteError(f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}") from None
+        raise WriteError(
+            f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}"
+        ) from None
 
 
 def _check_target(path: Path, *, replace: bool) -> None:
@@ -83,12 +89,16 @@ def _check_target(path: Path, *, replace: bool) -> None:
 
 
 def _cause(error: OSError, temporary: Path) -> str:
-    """Cause of a failed write. netCDF4 reports every cause as "HDF error", so this function writes again to get the cause."""
+    """
+    Cause of a failed write. netCDF4 reports every cause as "HDF error", so this function writes
+    again to get the cause.
+    """
     if error.errno is None or error.errno < 0:
         try:
             with temporary.open("ab") as file:
                 file.write(bytes(_PROBE_BYTES))
-                file.flush()  # writes all bytes; an unbuffered file would write a part without an error
+                # writes all bytes; an unbuffered file would write a part without an error
+                file.flush()
                 os.fsync(file.fileno())
         except OSError as cause:
             error = cause
@@ -138,7 +148,10 @@ def netcdf_content(groups: Mapping[str, "xr.Dataset"]) -> bytes:
 
 
 def netcdf_groups(content: bytes) -> "dict[str, xr.Dataset]":
-    """Read the groups from `netcdf_content` without decoding times; a wrong checksum raises `RecordError`."""
+    """
+    Read the groups from `netcdf_content` without decoding times; a wrong checksum raises
+    `RecordError`.
+    """
     import xarray as xr
 
     size = hashlib.sha256().digest_size
@@ -156,7 +169,10 @@ def netcdf_groups(content: bytes) -> "dict[str, xr.Dataset]":
 
 
 def check_room(temporary: Path, size: int) -> None:
-    """Raise the system's error for a full disk before HDF5 does, which keeps a file open after a failed write."""
+    """
+    Raise the system's error for a full disk before HDF5 does, which keeps a file open after a
+    failed write.
+    """
     if not hasattr(os, "posix_fallocate"):
         return
     with temporary.open("rb+") as file:
@@ -192,7 +208,11 @@ def read_netcdf(path: Path | str, **options: Any) -> "xr.Dataset":
 
     check_regular(path, RecordError, what="a NetCDF file")
     try:
-        with deferred_stops(), NETCDF_LOCK, xr.open_dataset(path, engine="netcdf4", **options) as dataset:
+        with (
+            deferred_stops(),
+            NETCDF_LOCK,
+            xr.open_dataset(path, engine="netcdf4", **options) as dataset,
+        ):
             return dataset.load()
     except Exception as error:  # noqa: BLE001  netCDF4 and xarray raise many types for damaged data
         reason = (isinstance(error, OSError) and error.strerror) or str(error).partition("\n")[0]

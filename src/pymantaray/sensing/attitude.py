@@ -1,4 +1,7 @@
-"""Attitude and heading reference (AHRS): the rotation of every vehicle at every sample; absent without noise levels."""
+"""
+Attitude and heading reference (AHRS): the rotation of every vehicle at every sample; absent without
+noise levels.
+"""
 
 from dataclasses import dataclass, fields
 
@@ -15,8 +18,9 @@ class AttitudeNoise:
     """
     Standard deviations of an attitude [rad]; without tilt and heading there is no such sensor.
 
-    Gravity gives roll and pitch, with an error about each horizontal axis. Heading has an independent error at each sample, and
-    a bias that is constant for each vehicle and realization and that estimators do not know.
+    Gravity gives roll and pitch, with an error about each horizontal axis. Heading has an
+    independent error at each sample, and a bias that is constant for each vehicle and realization
+    and that estimators do not know.
     """
 
     attitude_tilt_sigma: float = level(
@@ -29,7 +33,8 @@ class AttitudeNoise:
     )
     attitude_heading_bias_sigma: float = level(
         0.0,
-        "Standard deviation of the constant heading bias of a vehicle, which estimators do not know. [rad]",
+        "Standard deviation of the constant heading bias of a vehicle, which estimators do not"
+        " know. [rad]",
         may_be_zero=True,
     )
 
@@ -38,8 +43,8 @@ class AttitudeNoise:
         tilt, heading, bias = (getattr(self, f.name) for f in fields(AttitudeNoise))
         if not (tilt and heading) and (tilt or heading or bias):
             raise SensingError(
-                f"attitude: tilt sigma is {tilt:g}, heading sigma {heading:g} and heading bias sigma {bias:g} rad;"
-                " a sensor needs tilt and heading above zero"
+                f"attitude: tilt sigma is {tilt:g}, heading sigma {heading:g} and heading bias"
+                f" sigma {bias:g} rad; a sensor needs tilt and heading above zero"
             )
 
 

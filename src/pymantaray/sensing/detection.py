@@ -33,7 +33,9 @@ class Hearing(Record):
 
     kind: ClassVar[str] = "hearing"
 
-    probability: Column = column("range", "1", "probability of detection, NaN where no arrival exists")
+    probability: Column = column(
+        "range", "1", "probability of detection, NaN where no arrival exists"
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +54,8 @@ class Detector:
     surface : Reflection, optional
         Reflection at the surface; by default that of the medium's surface.
     coherent : bool or "auto"
-        Interference of the arrivals of a link, see `pymantaray.acoustics.received_loss_db`; by default, arrivals interfere
-        if the sonar's band does not separate them.
+        Interference of the arrivals of a link, see `pymantaray.acoustics.received_loss_db`; by
+        default, arrivals interfere if the sonar's band does not separate them.
     """
 
     sonar: Sonar
@@ -162,25 +164,31 @@ def draw_unheard(
     """
     Draw which arrivals are detected: the others have status UNHEARD and a refracted range of NaN.
 
-    Only probabilities of attempts with an arrival count. A higher probability only adds ranges and changes nothing else. Detected
-    sound without a ray has status OK, because the receiver cannot tell the difference.
+    Only probabilities of attempts with an arrival count. A higher probability only adds ranges and
+    changes nothing else. Detected sound without a ray has status OK, because the receiver cannot
+    tell the difference.
     """
     m = measurements
     p = np.asarray(probability, dtype=float)
     ok = np.isin(m.range_status, ARRIVES)
     if p.shape != ok.shape:
-        raise SensingError(f"probability: shape {p.shape}; {ok.size} range attempts need one value each")
+        raise SensingError(
+            f"probability: shape {p.shape}; {ok.size} range attempts need one value each"
+        )
     wrong = ok & ~((p >= 0.0) & (p <= 1.0))
     if wrong.any():
         raise SensingError(
-            f"probability: {np.count_nonzero(wrong)} attempts with an arrival have one outside 0 to 1, the first is"
-            f" {p[wrong][0]:g}"
+            f"probability: {np.count_nonzero(wrong)} attempts with an arrival have one outside 0 to"
+            f" 1, the first is {p[wrong][0]:g}"
         )
     return mark_unheard(m, ok & ~(chances(m, root_seed=root_seed, realization=realization) < p))
 
 
 def mark_unheard(m: Measurements, lost: NDArray[np.bool_]) -> Measurements:
-    """Measurements in which some arrivals are lost: status UNHEARD and a refracted range of NaN; all others have status OK."""
+    """
+    Measurements in which some arrivals are lost: status UNHEARD and a refracted range of NaN; all
+    others have status OK.
+    """
     ok = np.isin(m.range_status, ARRIVES)
     return replace(
         m,

@@ -1,4 +1,6 @@
-"""Ranges without noise that differ between realizations, because each has its own draw of rough ice."""
+"""
+Ranges without noise that differ between realizations, because each has its own draw of rough ice.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -16,11 +18,16 @@ _OF_TRUTH = ("travel_time", "near_cutoff", "departure_angle", "arrival_angle")
 
 @dataclass(frozen=True, eq=False)
 class RangingDraws(Record):
-    """Columns of all range attempts that depend on the ice, by realization; attempts are row by row those of a `Measurements` record."""
+    """
+    Columns of all range attempts that depend on the ice, by realization; attempts are row by row
+    those of a `Measurements` record.
+    """
 
     kind: ClassVar[str] = "ranging_draws"
 
-    range_status: Column = column("realization range", "1", "outcome of the attempt", "i1", flags=RayStatus)
+    range_status: Column = column(
+        "realization range", "1", "outcome of the attempt", "i1", flags=RayStatus
+    )
     travel_time: Column = column("realization range", "s", "travel time of the admitted arrival")
     near_cutoff: Column = column(
         "realization range",
@@ -54,10 +61,14 @@ class RangingDraws(Record):
         -------
         RangingDraws
         """
-        chances = [np.ones(r.status.size) if r.probability is None else r.probability for r in rangings]
+        chances = [
+            np.ones(r.status.size) if r.probability is None else r.probability for r in rangings
+        ]
         columns = {name: np.stack([getattr(r.truth, name) for r in rangings]) for name in _OF_TRUTH}
         return cls(
-            range_status=np.stack([r.status for r in rangings]), probability=np.stack(chances), **columns
+            range_status=np.stack([r.status for r in rangings]),
+            probability=np.stack(chances),
+            **columns,
         )
 
     def ranging_truth(self, truth: RangingTruth, realization: int) -> RangingTruth:
@@ -77,7 +88,9 @@ class RangingDraws(Record):
         """
         return replace(truth, **{name: getattr(self, name)[realization] for name in _OF_TRUTH})
 
-    def measurements(self, measurements: Measurements, truth: RangingTruth, realization: int) -> Measurements:
+    def measurements(
+        self, measurements: Measurements, truth: RangingTruth, realization: int
+    ) -> Measurements:
         """
         Return the measurements of a realization, without noise.
 

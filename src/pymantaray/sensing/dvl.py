@@ -1,7 +1,9 @@
 """
-Doppler velocity log (DVL): the mean velocity over ground between samples, in the body frame; absent without a noise level.
+Doppler velocity log (DVL): the mean velocity over ground between samples, in the body frame; absent
+without a noise level.
 
-Four beams point down at 30 degrees from the vertical. Each can be lost between two samples; three determine a velocity.
+Four beams point down at 30 degrees from the vertical. Each can be lost between two samples; three
+determine a velocity.
 """
 
 from dataclasses import dataclass, fields
@@ -21,11 +23,12 @@ _TILT = np.radians(30.0)  # rad; angle of a beam from the vertical
 @dataclass(frozen=True)
 class DvlNoise:
     """
-    Errors of a velocity over ground, in the body frame; without a standard deviation there is no such sensor.
+    Errors of a velocity over ground, in the body frame; without a standard deviation there is no
+    such sensor.
 
-    Each axis has an independent error at each sample, and a bias that is constant for each vehicle and realization and that
-    estimators do not know. With three beams the noise of each axis is larger by their geometry; its correlation between axes is
-    neglected.
+    Each axis has an independent error at each sample, and a bias that is constant for each vehicle
+    and realization and that estimators do not know. With three beams the noise of each axis is
+    larger by their geometry; its correlation between axes is neglected.
     """
 
     dvl_sigma: float = level(
@@ -35,11 +38,14 @@ class DvlNoise:
     )
     dvl_bias_sigma: float = level(
         0.0,
-        "Standard deviation of the constant bias of each axis of a vehicle, which estimators do not know. [m/s]",
+        "Standard deviation of the constant bias of each axis of a vehicle, which estimators do"
+        " not know. [m/s]",
         may_be_zero=True,
     )
     dvl_beam_loss: float = level(
-        0.0, "Probability that one of the four beams is lost between two samples. [-]", may_be_zero=True
+        0.0,
+        "Probability that one of the four beams is lost between two samples. [-]",
+        may_be_zero=True,
     )
     dvl_reach: float = level(200.0, "Largest altitude at which beams reach the sea floor. [m]")
 
@@ -52,7 +58,8 @@ class DvlNoise:
         sigma, bias, loss, _ = (getattr(self, f.name) for f in fields(DvlNoise))
         if not sigma and (bias or loss):
             raise SensingError(
-                f"DVL: bias sigma is {bias:g} m/s and beam loss {loss:g} without a sensor; set dvl_sigma above zero"
+                f"DVL: bias sigma is {bias:g} m/s and beam loss {loss:g} without a sensor; set"
+                " dvl_sigma above zero"
             )
 
 

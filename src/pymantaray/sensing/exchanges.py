@@ -15,7 +15,10 @@ Velocities = tuple[Array, Array]
 
 
 class Exchanges(NamedTuple):
-    """Rows of the receptions of ping and answer of exchanges, -1 without one; one-way, only the ping counts."""
+    """
+    Rows of the receptions of ping and answer of exchanges, -1 without one; one-way, only the ping
+    counts.
+    """
 
     ping: Indices
     answer: Indices
@@ -30,19 +33,29 @@ class Combinations(NamedTuple):
     exchanges: Exchanges
 
 
-def selected_exchanges(receptions: Receptions, links: int, link: Indices, direction: Indices) -> Exchanges:
+def selected_exchanges(
+    receptions: Receptions, links: int, link: Indices, direction: Indices
+) -> Exchanges:
     """
     Return the exchange of the selected receptions of each attempt.
 
-    ``link`` is the link of each attempt, -1 without one; ``direction`` is the direction of its ping.
+    ``link`` is the link of each attempt, -1 without one; ``direction`` is the direction of its
+    ping.
     """
-    rows = np.full((2, links + 1), -1, dtype=np.intp)  # the last column is that of attempts without a link
+    rows = np.full(
+        (2, links + 1), -1, dtype=np.intp
+    )  # the last column is that of attempts without a link
     rows[:, :-1] = receptions.selected_rows(links)
     return Exchanges(rows[direction, link], rows[1 - direction, link], direction)
 
 
-def all_exchanges(receptions: Receptions, link: Indices, direction: Indices, timing: Timing) -> Combinations:
-    """Return all exchanges of each attempt, independent of the selection; two-way: all combinations of receptions of ping and answer."""
+def all_exchanges(
+    receptions: Receptions, link: Indices, direction: Indices, timing: Timing
+) -> Combinations:
+    """
+    Return all exchanges of each attempt, independent of the selection; two-way: all combinations of
+    receptions of ping and answer.
+    """
     attempt = np.flatnonzero(link >= 0)
     row, ping = rows_between(*receptions.rows_of(link[attempt], direction[attempt]))
     attempt = attempt[row]
@@ -55,7 +68,10 @@ def all_exchanges(receptions: Receptions, link: Indices, direction: Indices, tim
 def exchange_times(
     receptions: Receptions, exchanges: Exchanges, timing: Timing, velocity: Velocities
 ) -> Array:
-    """Travel time of each exchange; two-way, half of the round trip without the turn-around time; NaN without a reception. [s]"""
+    """
+    Travel time of each exchange; two-way, half of the round trip without the turn-around time; NaN
+    without a reception. [s]
+    """
     ping, answer, direction = exchanges
     if isinstance(timing, OneWay):
         return values_at(receptions.travel_time, ping)
@@ -64,7 +80,10 @@ def exchange_times(
 
 
 def _leg(receptions: Receptions, rows: Indices, direction: Indices) -> Leg:
-    """Leg of exchanges; the initiator is at the source of the link for a ping in direction 0, otherwise at the receiver."""
+    """
+    Leg of exchanges; the initiator is at the source of the link for a ping in direction 0,
+    otherwise at the receiver.
+    """
     at_source = -values_at(receptions.source_slowness, rows)
     at_receiver = values_at(receptions.receiver_slowness, rows)
     back = (direction == Direction.BACK)[:, None]
@@ -76,14 +95,21 @@ def _leg(receptions: Receptions, rows: Indices, direction: Indices) -> Leg:
 
 
 def exchange_values(values: Array, exchanges: Exchanges, timing: Timing) -> tuple[Array, ...]:
-    """Values of the receptions of ping and, two-way, answer of each exchange; NaN without a reception."""
+    """
+    Values of the receptions of ping and, two-way, answer of each exchange; NaN without a reception.
+    """
     used = (exchanges.ping,) if isinstance(timing, OneWay) else (exchanges.ping, exchanges.answer)
     return tuple(values_at(values, rows) for rows in used)
 
 
 def velocities_of(truth: Trajectories, attempts: Attempts, timing: Timing) -> Velocities:
-    """Velocities of initiator and responder of each attempt; zero for one-way ranges and for landmarks. [m/s]"""
-    n = 1 + max(attempts.transmitter.max(initial=0), attempts.receiver.max(initial=0), truth.name.size - 1)
+    """
+    Velocities of initiator and responder of each attempt; zero for one-way ranges and for
+    landmarks. [m/s]
+    """
+    n = 1 + max(
+        attempts.transmitter.max(initial=0), attempts.receiver.max(initial=0), truth.name.size - 1
+    )
     samples, at = np.unique(attempts.sample, return_inverse=True)
     velocity = np.zeros((n, samples.size, 3))
     if not isinstance(timing, OneWay):

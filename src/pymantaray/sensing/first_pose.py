@@ -14,10 +14,13 @@ class FirstPoseNoise:
     """Standard deviation of each axis of the first pose, position [m] and rotation [rad]."""
 
     first_position_sigma: float = level(
-        0.10, "Standard deviation of each axis of the first position. Not in the paper, record 0001. [m]"
+        0.10,
+        "Standard deviation of each axis of the first position. Not in the paper, record 0001. [m]",
     )
     first_rotation_sigma: float = level(
-        1e-4, "Standard deviation of each axis of the first rotation. Not in the paper, record 0001. [rad]"
+        1e-4,
+        "Standard deviation of each axis of the first rotation. Not in the paper, record 0001."
+        " [rad]",
     )
 
 

@@ -19,7 +19,9 @@ class GnssNoise:
 def measure(scene: Scene, noise: GnssNoise) -> Columns:
     """Positions where the depth is smaller than the scene's ``gnss_depth``."""
     if not np.all(np.asarray(scene.gnss_depth) >= 0.0):
-        raise SensingError(f"gnss_depth is {np.min(scene.gnss_depth):g} m; it must be zero or positive")
+        raise SensingError(
+            f"gnss_depth is {np.min(scene.gnss_depth):g} m; it must be zero or positive"
+        )
     vehicle, sample = np.nonzero(scene.truth.position[..., 2] < scene.gnss_depth)
     return {
         "gnss_vehicle": vehicle,
@@ -30,7 +32,12 @@ def measure(scene: Scene, noise: GnssNoise) -> Columns:
 
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
-    """Add noise; the draws are for every sample, so an additional fix does not change other fixes."""
+    """
+    Add noise; the draws are for every sample, so an additional fix does not change other fixes.
+    """
     m = measurements
     noise = np.stack([normal((m.time.size, 3), name, "gnss") for name in m.name])
-    return {"gnss_position": m.gnss_position + noise[m.gnss_vehicle, m.gnss_sample] * m.gnss_sigma[:, None]}
+    return {
+        "gnss_position": m.gnss_position
+        + noise[m.gnss_vehicle, m.gnss_sample] * m.gnss_sigma[:, None]
+    }

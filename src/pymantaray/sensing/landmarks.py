@@ -24,8 +24,8 @@ class Landmark:
     position : array_like, shape (3,)
         True position ``(north, east, down)`` in the local frame. [m]
     sigma : float, optional
-        Standard deviation of each axis of the survey, which replaces that of the noise model. A large value means that the fleet has
-        to locate the landmark. [m]
+        Standard deviation of each axis of the survey, which replaces that of the noise model. A
+        large value means that the fleet has to locate the landmark. [m]
     """
 
     name: str
@@ -36,14 +36,18 @@ class Landmark:
         """Check and freeze the position."""
         if not self.name:
             raise SensingError("Landmark: the name is empty; give every landmark a unique name")
-        position = checked_array(SensingError, f"landmark {self.name!r}: position", self.position, (3,))
+        position = checked_array(
+            SensingError, f"landmark {self.name!r}: position", self.position, (3,)
+        )
         if position[2] < 0.0:
             raise SensingError(
-                f"landmark {self.name!r}: depth is {position[2]:g} m; depth is positive down, 0 at the"
-                " surface: place it in the water"
+                f"landmark {self.name!r}: depth is {position[2]:g} m; depth is positive down, 0 at"
+                " the surface: place it in the water"
             )
         if self.sigma is not None:
-            check_number(SensingError, f"landmark {self.name!r}: sigma", self.sigma, "m", positive=True)
+            check_number(
+                SensingError, f"landmark {self.name!r}: sigma", self.sigma, "m", positive=True
+            )
         object.__setattr__(self, "position", position)
 
 
@@ -52,7 +56,9 @@ class SurveyNoise:
     """Standard deviation of each axis of a landmark's survey. [m]"""
 
     landmark_sigma: float = level(
-        0.10, "Standard deviation of each axis of a landmark's survey. Not in the paper, record 0001. [m]"
+        0.10,
+        "Standard deviation of each axis of a landmark's survey. Not in the paper, record 0001."
+        " [m]",
     )
 
 
@@ -80,12 +86,14 @@ def landmark_positions(landmarks: Sequence[Landmark]) -> Array:
 
 
 def check_names(vehicle_names: Sequence[str], landmarks: Sequence[Landmark]) -> None:
-    """Raise an error for two participants with the same name, which identifies their random streams."""
+    """
+    Raise an error for two participants with the same name, which identifies their random streams.
+    """
     seen = set(vehicle_names)
     for landmark in landmarks:
         if landmark.name in seen:
             raise SensingError(
-                f"landmark {landmark.name!r}: the name is taken by another landmark or vehicle; names must"
-                " be unique: rename one"
+                f"landmark {landmark.name!r}: the name is taken by another landmark or vehicle;"
+                " names must be unique: rename one"
             )
         seen.add(landmark.name)

@@ -99,21 +99,23 @@ def perturb(
     timing : OneWay or TwoWay
         Timing of the ranges; it determines the effect of clocks.
     clocks : ClockModel or Clocks, optional
-        Clocks of the vehicles, or their distribution in each realization. By default they are synchronous.
+        Clocks of the vehicles, or their distribution in each realization. By default they are
+        synchronous.
     ranging_truth : RangingTruth, optional
         True values of the same range attempts. Clocks need their travel times.
     detection : array_like, shape (n_ranges,), or Candidates, optional
-        Probability that an attempt with an arrival is detected; or the arrivals that a receiver can mistake for the direct one,
-        with probabilities that include their detection. By default every arrival is detected and no receiver errs.
+        Probability that an attempt with an arrival is detected; or the arrivals that a receiver can
+        mistake for the direct one, with probabilities that include their detection. By default
+        every arrival is detected and no receiver errs.
     correlation_time : float
         Correlation time of the choice among candidates, see `draw_picks`. [s]
 
     Returns
     -------
     Measurements
-        With noise on all columns of sensors. With clocks, both ranges of an attempt are pseudoranges. An
-        attempt that was not detected has status UNHEARD. An attempt with a mistaken arrival has the refracted range of that
-        arrival, see `range_on_picks`.
+        With noise on all columns of sensors. With clocks, both ranges of an attempt are
+        pseudoranges. An attempt that was not detected has status UNHEARD. An attempt with a
+        mistaken arrival has the refracted range of that arrival, see `range_on_picks`.
 
     Raises
     ------
@@ -122,8 +124,9 @@ def perturb(
 
     Notes
     -----
-    Each sensor of a vehicle and each ordered pair has its own random stream, so another vehicle or sensor does not change any draw.
-    A range attempt has one draw for both of its ranges, detected or not. Therefore all conditions have the same noise.
+    Each sensor of a vehicle and each ordered pair has its own random stream, so another vehicle or
+    sensor does not change any draw. A range attempt has one draw for both of its ranges, detected
+    or not. Therefore all conditions have the same noise.
     """
 
     def normal(shape: tuple[int, ...], *names: str) -> NDArray[np.float64]:

@@ -5,7 +5,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.geometry.se3 import matrix_from_quaternion, moved_by, quaternion_from_matrix, so3_log
+from pymantaray.geometry.se3 import (
+    matrix_from_quaternion,
+    moved_by,
+    quaternion_from_matrix,
+    so3_log,
+)
 from pymantaray.records import Measurements
 from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
@@ -36,7 +41,8 @@ class OdometryNoise:
         self, rotation: ArrayLike, translation: ArrayLike, time: ArrayLike
     ) -> NDArray[np.float64]:
         r"""
-        Composite standard deviation of odometry edges, in the tangent of their noise-free relative poses.
+        Composite standard deviation of odometry edges, in the tangent of their noise-free relative
+        poses.
 
         The paper's :math:`\sigma_i = \sqrt{(f_i \lvert m_i \rvert)^2 + (d_i \Delta t)^2}`, where
         :math:`m_i` is component i of the edge's rotation vector or translation, in the axes of its
@@ -57,7 +63,8 @@ class OdometryNoise:
             Standard deviations, of rotation before translation. [rad, m]
         """
         motion = np.concatenate(
-            [so3_log(matrix_from_quaternion(rotation)), np.asarray(translation, dtype=float)], axis=-1
+            [so3_log(matrix_from_quaternion(rotation)), np.asarray(translation, dtype=float)],
+            axis=-1,
         )
         fraction = np.repeat(
             [self.odometry_rotation_fraction, self.odometry_xy_fraction, self.odometry_z_fraction],
@@ -86,5 +93,7 @@ def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Noise ``T Exp(xi)`` on the manifold."""
     m = measurements
     xi = np.stack([normal(m.odometry_sigma.shape[1:], name, "odometry") for name in m.name])
-    rotation, translation = moved_by(m.odometry_rotation, m.odometry_translation, xi * m.odometry_sigma)
+    rotation, translation = moved_by(
+        m.odometry_rotation, m.odometry_translation, xi * m.odometry_sigma
+    )
     return {"odometry_rotation": rotation, "odometry_translation": translation}

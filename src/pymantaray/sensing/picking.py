@@ -1,4 +1,7 @@
-"""Mistaken arrivals: candidates of a receiver for the direct arrival, their probabilities and random choice."""
+"""
+Mistaken arrivals: candidates of a receiver for the direct arrival, their probabilities and random
+choice.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +17,12 @@ from pymantaray.errors import SensingError
 from pymantaray.records import Measurements, RayStatus, Trajectories
 from pymantaray.records.base import Column, Record, column
 from pymantaray.records.status import ARRIVES
-from pymantaray.sensing.exchanges import all_exchanges, exchange_times, exchange_values, velocities_of
+from pymantaray.sensing.exchanges import (
+    all_exchanges,
+    exchange_times,
+    exchange_values,
+    velocities_of,
+)
 from pymantaray.sensing.ranging import Ranging
 from pymantaray.sensing.receptions import Direction, Receptions
 from pymantaray.sensing.schedule import Attempts, chances
@@ -39,25 +47,27 @@ class Picker:
     sonar : Sonar, optional
         Detection threshold, and spread of levels about the predicted ones.
     below_strongest_db : float, optional
-        Without a sonar, for ``first-detected``: level below the link's strongest arrival at which an arrival is detected
-        with probability 0.5. [dB]
+        Without a sonar, for ``first-detected``: level below the link's strongest arrival at which
+        an arrival is detected with probability 0.5. [dB]
 
     Notes
     -----
     The level of each arrival is normal in decibels about the predicted one with standard deviation
-    :math:`\sigma`, independently of the others. With the mean excess :math:`e_k` over the threshold and :math:`p_k =
-    \Phi(e_k / \sigma)`, arrival k in order of time is taken with probability
+    :math:`\sigma`, independently of the others. With the mean excess :math:`e_k` over the threshold
+    and :math:`p_k = \Phi(e_k / \sigma)`, arrival k in order of time is taken with probability
 
     .. math:: p_k \prod_{j < k} (1 - p_j)
 
     by ``first-detected`` and, of all orders,
 
-    .. math:: \int_{-e_k / \sigma}^\infty \varphi(z) \prod_{j \ne k} \Phi\left(z + (e_k - e_j) / \sigma\right) dz
+    .. math:: \int_{-e_k / \sigma}^\infty \varphi(z) \prod_{j \ne k} \Phi\left(z + (e_k - e_j) /
+    \sigma\right) dz
 
-    by ``strongest-detected``. Both add up to :math:`1 - \prod_k (1 - p_k)`: with a sonar, it is possible that nothing is
-    detected. Without a sonar something always is: the threshold lies `below_strongest_db` below the predicted level of
-    the strongest, :math:`\sigma` is 6 dB, and if nothing passes the receiver takes the arrival predicted to be strongest;
-    ``strongest-detected`` has no threshold then.
+    by ``strongest-detected``. Both add up to :math:`1 - \prod_k (1 - p_k)`: with a sonar, it is
+    possible that nothing is detected. Without a sonar something always is: the threshold lies
+    `below_strongest_db` below the predicted level of the strongest, :math:`\sigma` is 6 dB, and if
+    nothing passes the receiver takes the arrival predicted to be strongest; ``strongest-detected``
+    has no threshold then.
     """
 
     rule: PickRule
@@ -67,12 +77,14 @@ class Picker:
     def __post_init__(self) -> None:
         """Check the rule and its threshold."""
         if self.rule not in get_args(PickRule):
-            raise SensingError(f"Picker: rule {self.rule!r}; allowed are {', '.join(get_args(PickRule))}")
+            raise SensingError(
+                f"Picker: rule {self.rule!r}; allowed are {', '.join(get_args(PickRule))}"
+            )
         needed = self.rule == "first-detected" and self.sonar is None
         if needed != (self.below_strongest_db is not None):
             raise SensingError(
-                f"Picker: below_strongest_db is {self.below_strongest_db}; first-detected without a sonar needs it,"
-                " nothing else does"
+                f"Picker: below_strongest_db is {self.below_strongest_db}; first-detected without a"
+                " sonar needs it, nothing else does"
             )
 
     def probabilities(self, loss_db: ArrayLike, link: ArrayLike, travel_time: ArrayLike) -> Array:
@@ -82,7 +94,8 @@ class Picker:
         Parameters
         ----------
         loss_db : ndarray, shape (n_arrivals,)
-            Transmission loss; NaN counts as infinite. Without a sonar, only differences within a link matter. [dB]
+            Transmission loss; NaN counts as infinite. Without a sonar, only differences within a
+            link matter. [dB]
         link : ndarray of int, shape (n_arrivals,)
             Link of each arrival.
         travel_time : ndarray, shape (n_arrivals,)
@@ -95,11 +108,13 @@ class Picker:
         """
         links = np.asarray(link, dtype=np.int64)
         order = np.lexsort((np.asarray(travel_time, dtype=float), links))
-        loss = np.nan_to_num(np.asarray(loss_db, dtype=float), nan=_FAR_DB, posinf=_FAR_DB, neginf=-_FAR_DB)[
-            order
-        ]
+        loss = np.nan_to_num(
+            np.asarray(loss_db, dtype=float), nan=_FAR_DB, posinf=_FAR_DB, neginf=-_FAR_DB
+        )[order]
         ranks = by_rank(links[order])
-        competes = np.unique(links, return_inverse=True)[1][order]  # links without gaps between them
+        competes = np.unique(links, return_inverse=True)[1][
+            order
+        ]  # links without gaps between them
         least = np.full(competes.max(initial=-1) + 1, np.inf)
         np.minimum.at(least, competes, loss)
         if self.sonar is not None:
@@ -124,7 +139,10 @@ class Picker:
 
 
 def by_rank(group: NDArray[np.int64]) -> list[Indices]:
-    """First rows of all groups, then second rows of groups with two or more, and so on; rows of a group are consecutive."""
+    """
+    First rows of all groups, then second rows of groups with two or more, and so on; rows of a
+    group are consecutive.
+    """
     _, start, count = np.unique(group, return_index=True, return_counts=True)
     return [start[count > rank] + rank for rank in range(int(count.max(initial=0)))]
 
@@ -139,7 +157,9 @@ def _earliest(ranks: list[Indices], link: Indices, marked: NDArray[np.bool_]) ->
 
 
 def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array, Array]:
-    """Probability that each row is detected first, and probability that no row of a link is detected."""
+    """
+    Probability that each row is detected first, and probability that no row of a link is detected.
+    """
     first = np.empty(detected.size)
     missed = np.ones(link.max(initial=-1) + 1)
     for rows in ranks:
@@ -149,7 +169,10 @@ def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array,
 
 
 def _loudest(ranks: list[Indices], link: Indices, level: Array, lowest: Array | None) -> Array:
-    """Probability that each row is the loudest and above the lowest level; levels have a standard deviation of 1."""
+    """
+    Probability that each row is the loudest and above the lowest level; levels have a standard
+    deviation of 1.
+    """
     from scipy.special import ndtr
 
     low = np.full(level.size, -_TAIL) if lowest is None else np.clip(lowest, -_TAIL, _TAIL)
@@ -168,7 +191,8 @@ def _loudest(ranks: list[Indices], link: Indices, level: Array, lowest: Array | 
 @dataclass(frozen=True, eq=False)
 class Candidates(Record):
     """
-    Arrivals that each range attempt can mistake for its direct one; rows of an attempt are consecutive, the direct one first.
+    Arrivals that each range attempt can mistake for its direct one; rows of an attempt are
+    consecutive, the direct one first.
 
     Two-way, a candidate is an arrival of the ping with one of the answer.
     """
@@ -179,18 +203,25 @@ class Candidates(Record):
     travel_time: Column = column(
         "candidate", "s", "travel time; two-way, half of the round trip as in the range table"
     )
-    probability: Column = column("candidate", "1", "probability that the receiver picks this arrival")
-    direct: Column = column("candidate", "1", "1 for the arrival of a range without mistakes, else 0", "i1")
+    probability: Column = column(
+        "candidate", "1", "probability that the receiver picks this arrival"
+    )
+    direct: Column = column(
+        "candidate", "1", "1 for the arrival of a range without mistakes, else 0", "i1"
+    )
     bounces: Column = column("candidate", "1", "reflections; two-way, those of both legs", "i2")
 
     @property
     def expected_mistaken(self) -> float:
-        """Mean number of attempts in a realization that mistake another arrival for the direct one."""
+        """
+        Mean number of attempts in a realization that mistake another arrival for the direct one.
+        """
         return float(np.sum(self.probability[self.direct == 0]))
 
     def picks(self, chance: ArrayLike) -> Indices:
         """
-        Candidate of each attempt from a uniform random number: the first with a greater cumulative probability.
+        Candidate of each attempt from a uniform random number: the first with a greater cumulative
+        probability.
 
         Parameters
         ----------
@@ -205,7 +236,8 @@ class Candidates(Record):
         u = np.asarray(chance, dtype=float)
         if self.attempt.size and self.attempt.max() >= u.size:
             raise SensingError(
-                f"candidates of attempt {self.attempt.max()}; the measurements have {u.size} range attempts"
+                f"candidates of attempt {self.attempt.max()}; the measurements have {u.size} range"
+                " attempts"
             )
         picks = np.full(u.size, -1)
         total = np.zeros(u.size)
@@ -242,7 +274,8 @@ def find_candidates(
     Parameters
     ----------
     ranging : Ranging
-        Ranges with the rule ``direct``, with a detector if the picker has a sonar, and with the same timing.
+        Ranges with the rule ``direct``, with a detector if the picker has a sonar, and with the
+        same timing.
     truth : Trajectories
         True poses of the vehicles.
     picker : Picker
@@ -253,12 +286,13 @@ def find_candidates(
     Returns
     -------
     Candidates
-        A link without a direct arrival has its reflected ones; attempts of a stopped vehicle have none.
+        A link without a direct arrival has its reflected ones; attempts of a stopped vehicle have
+        none.
 
     Notes
     -----
-    Without a sonar, losses consist only of the spreading of the arrivals, without reflection and absorption. Two-way, the receivers
-    pick ping and answer independently.
+    Without a sonar, losses consist only of the spreading of the arrivals, without reflection and
+    absorption. Two-way, the receivers pick ping and answer independently.
     """
     attempts = ranging.attempts
     receptions = pick_receptions(ranging.receptions, picker)
@@ -280,7 +314,10 @@ def find_candidates(
 
 
 def pick_receptions(receptions: Receptions, picker: Picker) -> Receptions:
-    """Receptions with the probability of being picked; receptions of the same link and direction compete."""
+    """
+    Receptions with the probability of being picked; receptions of the same link and direction
+    compete.
+    """
     lossless = bool(np.isnan(receptions.loss_db).all())
     if picker.sonar is not None and lossless and receptions.link.size:
         raise SensingError(
@@ -318,7 +355,8 @@ def draw_picks(
     realization : int
         Index of the realization.
     correlation_time : float
-        Correlation time of successive picks of a receiver, see `chances`; it does not change the distribution of each pick. [s]
+        Correlation time of successive picks of a receiver, see `chances`; it does not change the
+        distribution of each pick. [s]
 
     Returns
     -------
@@ -327,9 +365,9 @@ def draw_picks(
 
     Notes
     -----
-    The draws are those of `draw_unheard`, and the direct candidate is first. With the rule ``first-detected``, an attempt whose
-    direct arrival is the earliest is therefore detected with mistakes if it is detected without them: mistakes replace missed
-    detections.
+    The draws are those of `draw_unheard`, and the direct candidate is first. With the rule
+    ``first-detected``, an attempt whose direct arrival is the earliest is therefore detected with
+    mistakes if it is detected without them: mistakes replace missed detections.
     """
     return candidates.picks(
         chances(
@@ -341,12 +379,15 @@ def draw_picks(
     )
 
 
-def range_on_picks(measurements: Measurements, candidates: Candidates, picks: Indices) -> Measurements:
+def range_on_picks(
+    measurements: Measurements, candidates: Candidates, picks: Indices
+) -> Measurements:
     """
     Replace refracted ranges by those of the picks of `draw_picks`; straight ranges stay.
 
-    An attempt with a mistaken arrival has the refracted range of that arrival and status OK, as has sound without a ray, because
-    the receiver cannot tell the difference. An existing arrival that was not detected has status UNHEARD and a refracted range of NaN.
+    An attempt with a mistaken arrival has the refracted range of that arrival and status OK, as has
+    sound without a ray, because the receiver cannot tell the difference. An existing arrival that
+    was not detected has status UNHEARD and a refracted range of NaN.
     """
     m = measurements
     wrong = candidates.mistaken(picks)

@@ -1,4 +1,7 @@
-"""Ranges without noise: the pairs of every ping, their receptions, and the status and travel time of every attempt."""
+"""
+Ranges without noise: the pairs of every ping, their receptions, and the status and travel time of
+every attempt.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -33,8 +36,9 @@ class Links(Record):
     """
     Unordered pairs of participants at a ping, row by row the links of an `Arrivals` record.
 
-    A participant is an index into the vehicles if it is below their number, otherwise this number plus an index into the
-    landmarks. The first participant is the source of the rays, the second the receiver.
+    A participant is an index into the vehicles if it is below their number, otherwise this number
+    plus an index into the landmarks. The first participant is the source of the rays, the second
+    the receiver.
     """
 
     kind: ClassVar[str] = "links"
@@ -75,7 +79,10 @@ def link_positions(
 
 
 class Ranging(NamedTuple):
-    """All range attempts without noise, one row per attempt, and the arrivals and receptions behind them."""
+    """
+    All range attempts without noise, one row per attempt, and the arrivals and receptions behind
+    them.
+    """
 
     attempts: Attempts
     status: NDArray[np.int8]
@@ -86,7 +93,10 @@ class Ranging(NamedTuple):
     link: Indices
     """Row of `links` of each attempt; -1 if one of both participants is silent."""
     probability: Array | None = None
-    """Probability that an attempt succeeds (two-way: ping and answer); NaN without an arrival, None without a detector."""
+    """
+    Probability that an attempt succeeds (two-way: ping and answer); NaN without an arrival, None
+    without a detector.
+    """
 
 
 def measure_ranges(
@@ -110,14 +120,15 @@ def measure_ranges(
     landmarks : sequence of Landmark
         Fixed receivers.
     medium : Medium or callable
-        Sound speed and bathymetry; if they vary in time, a function that returns them at a time of the truth [s]. It is called
-        once per ping.
+        Sound speed and bathymetry; if they vary in time, a function that returns them at a time of
+        the truth [s]. It is called once per ping.
     schedule : PingSchedule, SlotSchedule or PingList
         Times and transmitters of the pings.
     reception : ReceptionOptions
         By default direct arrivals, all of them detected.
     currents : Currents or callable, optional
-        Their first-order effect on travel times, a function if they vary. By default the water is at rest.
+        Their first-order effect on travel times, a function if they vary. By default the water is
+        at rest.
     timing : OneWay or TwoWay
         One-way, the fleet is at rest during a ping; two-way, it moves as the truth says.
     progress : callable, optional
@@ -126,10 +137,10 @@ def measure_ranges(
     Returns
     -------
     Ranging
-        A link without an arrival has a status with the reason, and a travel time of NaN. A stopped vehicle is
-        silent: its attempts have status STOPPED and all values that need no arrival, and its links are
-        not among `links` and `arrivals`. If an end lies outside the water (status OUTSIDE), the travel time along
-        the chord and the sound speed are NaN too.
+        A link without an arrival has a status with the reason, and a travel time of NaN. A stopped
+        vehicle is silent: its attempts have status STOPPED and all values that need no arrival, and
+        its links are not among `links` and `arrivals`. If an end lies outside the water (status
+        OUTSIDE), the travel time along the chord and the sound speed are NaN too.
 
     Raises
     ------
@@ -138,15 +149,17 @@ def measure_ranges(
 
     Notes
     -----
-    Sound travels through the water as it is at the ping; two-way, this includes the answer: in the seconds of an exchange
-    the ocean does not change. Only one medium is in memory at a time.
+    Sound travels through the water as it is at the ping; two-way, this includes the answer: in the
+    seconds of an exchange the ocean does not change. Only one medium is in memory at a time.
 
-    Except for the current, travel time is reciprocal. Therefore each unordered pair is solved once per sample, whichever of the two
-    transmits. The two refracted ranges ``c t`` of a pair differ, because the sound speed is that at the transmitter (two-way: the
-    initiator).
+    Except for the current, travel time is reciprocal. Therefore each unordered pair is solved once
+    per sample, whichever of the two transmits. The two refracted ranges ``c t`` of a pair differ,
+    because the sound speed is that at the transmitter (two-way: the initiator).
     """
     check_names(truth.name.tolist(), landmarks)
-    attempts = schedule.attempts(truth.time, truth.name.tolist(), [landmark.name for landmark in landmarks])
+    attempts = schedule.attempts(
+        truth.time, truth.name.tolist(), [landmark.name for landmark in landmarks]
+    )
     pairs = _pairs(attempts, truth, landmarks)
     changes = np.empty(0, dtype=np.int64)  # first pairs of a new water
     if callable(medium) or callable(currents):
@@ -182,7 +195,9 @@ class _Pairs(NamedTuple):
 
 
 def _pairs(attempts: Attempts, truth: Trajectories, landmarks: Sequence[Landmark]) -> _Pairs:
-    ends = np.stack([attempts.sample, np.minimum(*attempts[1:]), np.maximum(*attempts[1:])], axis=-1)
+    ends = np.stack(
+        [attempts.sample, np.minimum(*attempts[1:]), np.maximum(*attempts[1:])], axis=-1
+    )
     pairs, of_attempt = np.unique(ends, axis=0, return_inverse=True)
     sample, first, second = pairs.T
     fixed = landmark_positions(landmarks)
@@ -228,7 +243,9 @@ def _transmit(
     def progress_from(before: int, count: int) -> CountProgress | None:
         if progress is None:
             return None
-        return lambda done, total: progress(before + done * count // max(total, 1), pairs.sample.size)
+        return lambda done, total: progress(
+            before + done * count // max(total, 1), pairs.sample.size
+        )
 
     sound = find_receptions(
         source[loud],
@@ -300,7 +317,9 @@ def _ranging(
         "near_cutoff": np.append(sound.near_cutoff, False)[link],
     }
     status = np.append(sound.status, np.int8(RayStatus.STOPPED))[link]
-    status[(status == RayStatus.OK) & np.isnan(values["travel_time"])] = RayStatus.SHADOW  # outside a cone
+    status[(status == RayStatus.OK) & np.isnan(values["travel_time"])] = (
+        RayStatus.SHADOW
+    )  # outside a cone
     return Ranging(
         attempts=attempts,
         status=status,
@@ -314,7 +333,10 @@ def _ranging(
 
 
 def _of_pings(receptions: Receptions, exchanges: Exchanges) -> dict[str, Array]:
-    """Other columns of the ranging truth: columns of the same name of the selected reception of each ping; NaN without one."""
+    """
+    Other columns of the ranging truth: columns of the same name of the selected reception of each
+    ping; NaN without one.
+    """
     names = {f.name for f in fields(RangingTruth)} - {"travel_time"}
     return {
         name: values_at(getattr(receptions, name), exchanges.ping)

@@ -1,4 +1,7 @@
-"""Receptions: all sound that reaches the receivers of a set of links, with one row per reception and direction."""
+"""
+Receptions: all sound that reaches the receivers of a set of links, with one row per reception and
+direction.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -42,45 +45,62 @@ class Receptions(Record):
     """
     Receptions of a set of links, sorted by direction, link and travel time at rest.
 
-    Slowness vectors are along the ray from the link's source to its receiver, in both directions: the change of the travel time
-    with the position of the source is minus ``source_slowness``, that with the position of the receiver is ``receiver_slowness``.
+    Slowness vectors are along the ray from the link's source to its receiver, in both directions:
+    the change of the travel time with the position of the source is minus ``source_slowness``, that
+    with the position of the receiver is ``receiver_slowness``.
     """
 
     kind: ClassVar[str] = "receptions"
 
     link: Column = column("reception", "1", "index of the link", "i8")
-    direction: Column = column("reception", "1", "end of the link that transmits", "i1", flags=Direction)
+    direction: Column = column(
+        "reception", "1", "end of the link that transmits", "i1", flags=Direction
+    )
     path: Column = column("reception", "1", "path of the sound", "i1", flags=SoundPath)
     arrival: Column = column(
         "reception", "1", "row of the eigenray among the arrivals, -1 without a ray", "i8"
     )
     travel_time: Column = column("reception", "s", "travel time, current included")
-    source_slowness: Column = column("reception axis", "s m-1", "slowness vector at the link's source")
-    receiver_slowness: Column = column("reception axis", "s m-1", "slowness vector at the link's receiver")
+    source_slowness: Column = column(
+        "reception axis", "s m-1", "slowness vector at the link's source"
+    )
+    receiver_slowness: Column = column(
+        "reception axis", "s m-1", "slowness vector at the link's receiver"
+    )
     surface_bounces: Column = column("reception", "1", "reflections at the surface", "i2")
     bottom_bounces: Column = column("reception", "1", "reflections at the sea bed", "i2")
     spreading_db: Column = column("reception", "1", "geometric spreading beyond spherical, in dB")
     loss_db: Column = column("reception", "1", "transmission loss, in dB; NaN without a detector")
     detection: Column = column("reception", "1", "probability of detection, 1 without a detector")
-    selected: Column = column("reception", "1", "1 if the selection rule takes this reception, else 0", "i1")
-    probability: Column = column("reception", "1", "probability that the receiver ranges on this reception")
+    selected: Column = column(
+        "reception", "1", "1 if the selection rule takes this reception, else 0", "i1"
+    )
+    probability: Column = column(
+        "reception", "1", "probability that the receiver ranges on this reception"
+    )
 
     @property
     def group(self) -> Indices:
-        """Number of the link and direction of each row, in ascending order; rows of one group compete."""
+        """
+        Number of the link and direction of each row, in ascending order; rows of one group compete.
+        """
         return np.asarray(self.direction.astype(np.int64) * _LINKS + self.link)
 
     @property
     def departure_angle(self) -> Array:
         """Angle of the sound from the horizontal at the transmitting end, positive down. [rad]"""
         forth = self.direction == Direction.FORTH
-        return np.where(forth, _elevation(self.source_slowness), _elevation(-self.receiver_slowness))
+        return np.where(
+            forth, _elevation(self.source_slowness), _elevation(-self.receiver_slowness)
+        )
 
     @property
     def arrival_angle(self) -> Array:
         """Angle of the sound from the horizontal at the receiving end, positive down. [rad]"""
         forth = self.direction == Direction.FORTH
-        return np.where(forth, _elevation(self.receiver_slowness), _elevation(-self.source_slowness))
+        return np.where(
+            forth, _elevation(self.receiver_slowness), _elevation(-self.source_slowness)
+        )
 
     def rows_of(self, link: Indices, direction: Indices) -> tuple[Indices, Indices]:
         """
@@ -123,7 +143,9 @@ class Receptions(Record):
         return rows
 
 
-_FROM_ARRIVALS = {f.name for f in fields(Receptions)} & {f.name for f in fields(Arrivals)} - {"travel_time"}
+_FROM_ARRIVALS = {f.name for f in fields(Receptions)} & {f.name for f in fields(Arrivals)} - {
+    "travel_time"
+}
 _BOTH = np.array([Direction.FORTH, Direction.BACK], dtype=np.int8)
 
 
@@ -142,7 +164,10 @@ class AlongRays(NamedTuple):
 
 
 def receptions_of(arrivals: Arrivals, along: AlongRays) -> Receptions:
-    """Receptions from arrivals in both directions, before detection and selection; the effect of a current has opposite signs."""
+    """
+    Receptions from arrivals in both directions, before detection and selection; the effect of a
+    current has opposite signs.
+    """
     n = arrivals.link.size
     bounced = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
     delay = np.zeros(n) if along.delay is None else along.delay
@@ -167,12 +192,17 @@ def with_detection(receptions: Receptions, sonar: Sonar) -> Receptions:
 
 
 def with_leaks(
-    receptions: Receptions, link: Indices, leaks: Leaks, along: AlongRays, backwards: NDArray[np.bool_]
+    receptions: Receptions,
+    link: Indices,
+    leaks: Leaks,
+    along: AlongRays,
+    backwards: NDArray[np.bool_],
 ) -> Receptions:
     """
     Add receptions of leaked or scattered sound to those of links with rays.
 
-    ``link`` is the link of each leak. If ``backwards``, the leak was computed from the receiver to the source.
+    ``link`` is the link of each leak. If ``backwards``, the leak was computed from the receiver to
+    the source.
     """
     rays = leaks.arrivals
     sign = np.where(backwards, -1.0, 1.0)
@@ -200,7 +230,10 @@ def with_leaks(
 
 
 def within_cone(receptions: Receptions, source: Array, receiver: Array, cone: float) -> Receptions:
-    """Receptions whose sound leaves within an angle [rad] of the chord of its link, and those without a ray."""
+    """
+    Receptions whose sound leaves within an angle [rad] of the chord of its link, and those without
+    a ray.
+    """
     step = (receiver - source)[receptions.link]
     forth = receptions.direction == Direction.FORTH
     slope = _elevation(np.where(forth[:, None], step, -step))
@@ -209,14 +242,19 @@ def within_cone(receptions: Receptions, source: Array, receiver: Array, cone: fl
 
 
 def admitted(receptions: Receptions, rule: ArrivalRule) -> NDArray[np.bool_]:
-    """Rows that a rule may select; sound without a ray exists only on links without such an eigenray."""
+    """
+    Rows that a rule may select; sound without a ray exists only on links without such an eigenray.
+    """
     if rule != "direct":
         return np.ones(receptions.link.size, dtype=bool)
     return np.asarray(receptions.path != SoundPath.REFLECTED)
 
 
 def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
-    """Receptions with at most one selected per link and direction; its probability is that of its detection, others have 0."""
+    """
+    Receptions with at most one selected per link and direction; its probability is that of its
+    detection, others have 0.
+    """
     lossless = np.isnan(receptions.loss_db).all()
     strength = receptions.spreading_db if lossless else receptions.loss_db
     keys = [receptions.travel_time]

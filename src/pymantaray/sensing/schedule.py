@@ -17,7 +17,10 @@ from pymantaray.records import Measurements
 
 
 class Attempts(NamedTuple):
-    """Range attempts by epoch, transmitter and receiver; the numbers of landmarks follow those of vehicles."""
+    """
+    Range attempts by epoch, transmitter and receiver; the numbers of landmarks follow those of
+    vehicles.
+    """
 
     sample: Indices
     transmitter: Indices
@@ -97,7 +100,8 @@ class Schedule(ABC):
         epochs = self.times(float(time[-1]))
         if not epochs.size:
             raise SensingError(
-                f"{self}, the mission lasts {time[-1]:g} s; at least one ping must fit: ping earlier or lengthen the mission"
+                f"{self}, the mission lasts {time[-1]:g} s; at least one ping must fit: ping"
+                " earlier or lengthen the mission"
             )
         right = np.clip(np.searchsorted(time, epochs), 1, time.size - 1)
         nearest = np.where(epochs - time[right - 1] < time[right] - epochs, right - 1, right)
@@ -105,8 +109,9 @@ class Schedule(ABC):
         if (off > 1e-6).any():
             epoch = epochs[np.argmax(off > 1e-6)]
             raise SensingError(
-                f"{self}: the ping at {epoch:g} s is not at a sample time; samples are every {time[1] - time[0]:g} s:"
-                " ping at multiples of the sampling period, or add samples to the truth at the pings"
+                f"{self}: the ping at {epoch:g} s is not at a sample time; samples are every"
+                f" {time[1] - time[0]:g} s: ping at multiples of the sampling period, or add"
+                " samples to the truth at the pings"
             )
         return nearest.astype(np.int64)
 
@@ -159,13 +164,19 @@ class PingSchedule(Schedule):
         return f"PingSchedule: interval is {self.interval:g} s"
 
     def times(self, duration: float) -> Array:
-        """Times of the start and of whole intervals after it, or of whole intervals after 0; parameters as in `Schedule.times`."""
+        """
+        Times of the start and of whole intervals after it, or of whole intervals after 0;
+        parameters as in `Schedule.times`.
+        """
         first, start = (1, 0.0) if self.start is None else (0, self.start)
         count = math.floor((duration - start) / self.interval * (1.0 + 1e-12))
         return np.asarray(start + self.interval * np.arange(first, count + 1))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """Range attempts between all vehicles in both directions, and from all vehicles to all landmarks; parameters as in `Schedule.at`."""
+        """
+        Range attempts between all vehicles in both directions, and from all vehicles to all
+        landmarks; parameters as in `Schedule.at`.
+        """
         return attempts(len(vehicles), len(landmarks), pings)
 
 
@@ -193,7 +204,9 @@ class SlotSchedule(Schedule):
         check_fields(SensingError, self, "s", "slot", positive=True)
         check_fields(SensingError, self, "s", "start")
         if not self.slots:
-            raise SensingError("SlotSchedule: there are no slots; name at least one vehicle or landmark")
+            raise SensingError(
+                "SlotSchedule: there are no slots; name at least one vehicle or landmark"
+            )
 
     def __str__(self) -> str:
         """Return the schedule as error messages name it."""
@@ -209,9 +222,14 @@ class SlotSchedule(Schedule):
         return np.asarray(self.start + self.slot * np.arange(max(count, 0)))
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
-        """Range attempts from the owner of each slot to all other participants; parameters as in `Schedule.at`."""
+        """
+        Range attempts from the owner of each slot to all other participants; parameters as in
+        `Schedule.at`.
+        """
         turns = np.array([_number(str(self), name, [*vehicles, *landmarks]) for name in self.slots])
-        return _to_all(pings, turns[np.arange(pings.size) % turns.size], len(vehicles), len(landmarks))
+        return _to_all(
+            pings, turns[np.arange(pings.size) % turns.size], len(vehicles), len(landmarks)
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +244,8 @@ class PingList(Schedule):
     transmitter : sequence of str
         Vehicle or landmark that transmits each ping.
     receivers : sequence of sequence of str
-        Vehicles or landmarks that listen to each ping; empty if all others listen. A landmark does not listen to a landmark.
+        Vehicles or landmarks that listen to each ping; empty if all others listen. A landmark does
+        not listen to a landmark.
     """
 
     time: tuple[float, ...]
@@ -239,12 +258,15 @@ class PingList(Schedule):
         checked_array(SensingError, "PingList: time", self.time, (None,))
         if min(self.time) < 0.0:
             raise SensingError(
-                f"PingList: a ping is at {min(self.time):g} s; the mission starts at 0: remove the ping"
+                f"PingList: a ping is at {min(self.time):g} s; the mission starts at 0: remove the"
+                " ping"
             )
         for name in ("transmitter", "receivers"):
             size = len(getattr(self, name))
             if size != len(self.time) and (size or name == "transmitter"):
-                raise SensingError(f"PingList: {size} {name} of {len(self.time)} pings; give one for each")
+                raise SensingError(
+                    f"PingList: {size} {name} of {len(self.time)} pings; give one for each"
+                )
 
     def __str__(self) -> str:
         """Return the schedule as error messages name it."""
@@ -265,7 +287,9 @@ class PingList(Schedule):
         inside = np.flatnonzero(row < pings.size)
         names = [*vehicles, *landmarks]
         n = len(vehicles)
-        who = np.array([_number(str(self), self.transmitter[i], names) for i in inside], dtype=np.int64)
+        who = np.array(
+            [_number(str(self), self.transmitter[i], names) for i in inside], dtype=np.int64
+        )
         if not self.receivers:
             return _to_all(pings[row[inside]], who, n, len(landmarks))
         rows: list[tuple[int, int, int]] = []
@@ -278,15 +302,21 @@ class PingList(Schedule):
             fixed = [k for k in listeners if min(k, transmitter) >= n]
             if fixed:
                 raise SensingError(
-                    f"{self}: {names[fixed[0]]} listens to {names[transmitter]}, both landmarks; one has to be a vehicle"
+                    f"{self}: {names[fixed[0]]} listens to {names[transmitter]}, both landmarks;"
+                    " one has to be a vehicle"
                 )
             everybody = range(len(names) if transmitter < n else n)
-            rows += [(pings[row[i]], transmitter, k) for k in listeners or everybody if k != transmitter]
+            rows += [
+                (pings[row[i]], transmitter, k) for k in listeners or everybody if k != transmitter
+            ]
         return Attempts(*np.array(rows, dtype=np.int64).reshape(-1, 3).T)
 
 
 def attempts(n_vehicles: int, n_landmarks: int, epochs: Indices) -> Attempts:
-    """Attempts of every vehicle to all others and to every landmark at every epoch; by epoch, transmitter, receiver."""
+    """
+    Attempts of every vehicle to all others and to every landmark at every epoch; by epoch,
+    transmitter, receiver.
+    """
     epochs = np.asarray(epochs, dtype=np.int64)
     senders = np.tile(np.arange(n_vehicles), epochs.size)
     return _to_all(np.repeat(epochs, n_vehicles), senders, n_vehicles, n_landmarks)
@@ -311,7 +341,10 @@ def _number(schedule: str, name: str, names: Sequence[str]) -> int:
 
 
 def by_pair(measurements: Measurements, draw: Callable[[str, str, int], Array]) -> Array:
-    """One number per range attempt; ``draw`` gets each transmitter and receiver and the number of their attempts."""
+    """
+    One number per range attempt; ``draw`` gets each transmitter and receiver and the number of
+    their attempts.
+    """
     m = measurements
     names = [str(name) for name in (*m.name, *m.landmark_name)]
     pair = m.range_transmitter.astype(np.int64) * len(names) + m.range_receiver
@@ -328,10 +361,13 @@ def chances(
     measurements: Measurements, *, root_seed: int, realization: int, correlation_time: float = 0.0
 ) -> Array:
     r"""
-    Uniform draws that determine the outcome of each attempt, with an arrival or not; each ordered pair has its own stream.
+    Uniform draws that determine the outcome of each attempt, with an arrival or not; each ordered
+    pair has its own stream.
 
-    With a correlation time :math:`\tau` [s], an attempt has the number of the previous attempt of the same ordered pair, a time
-    :math:`\Delta` before, with probability :math:`e^{-\Delta / \tau}`, else a new one: a Markov chain of uniform numbers.
+    With a correlation time :math:`\tau` [s], an attempt has the number of the previous attempt of
+    the same ordered pair, a time
+    :math:`\Delta` before, with probability :math:`e^{-\Delta / \tau}`, else a new one: a Markov
+    chain of uniform numbers.
     """
     check_number(SensingError, "correlation_time", correlation_time, "s")
 

@@ -19,7 +19,8 @@ _NOMINAL_SPEED = 1500.0  # m/s; for ends outside the water, where the sound spee
 @dataclass(frozen=True)
 class OneWay:
     """
-    The receiver records the arrival on its own clock; the fleet is at rest during a ping, as in the paper.
+    The receiver records the arrival on its own clock; the fleet is at rest during a ping, as in the
+    paper.
 
     Errors of the clocks are part of the noise (`ClockModel`).
     """
@@ -28,7 +29,8 @@ class OneWay:
 @dataclass(frozen=True)
 class TwoWay:
     """
-    The responder answers each ping after a known time; the initiator measures the round trip on its own clock.
+    The responder answers each ping after a known time; the initiator measures the round trip on its
+    own clock.
 
     Parameters
     ----------
@@ -52,8 +54,8 @@ class Leg(NamedTuple):
     """
     One way of an exchange: travel time between the positions of both vehicles at the ping.
 
-    The gradients are derivatives of the travel time by the positions of initiator and responder: the slowness vector along the ray
-    at its end, and minus this vector at its start.
+    The gradients are derivatives of the travel time by the positions of initiator and responder:
+    the slowness vector along the ray at its end, and minus this vector at its start.
     """
 
     travel_time: Array
@@ -67,20 +69,25 @@ def half_round_trip(
     r"""
     Half of a round trip without the turn-around time, for moving vehicles.
 
-    With the times :math:`t_1, t_2` of both legs at rest, their gradients :math:`g` and the turn-around time
-    :math:`\tau`, the responder has moved for :math:`t_1` when the ping arrives and for :math:`t_1 + \tau` when
-    it answers, the initiator for :math:`t_1 + \tau + t_2` when the answer arrives. To first order in
+    With the times :math:`t_1, t_2` of both legs at rest, their gradients :math:`g` and the
+    turn-around time
+    :math:`\tau`, the responder has moved for :math:`t_1` when the ping arrives and for :math:`t_1 +
+    \tau` when it answers, the initiator for :math:`t_1 + \tau + t_2` when the answer arrives. To
+    first order in
     :math:`v / c` the result is
 
     .. math:: \tfrac12 \left[ t_1 + t_2 + t_1\, g_1^r \cdot v_r
         + (t_1 + \tau)\, g_2^r \cdot v_r + (t_1 + \tau + t_2)\, g_2^i \cdot v_i \right],
 
-    and for equal legs the travel time at the middle of the exchange, :math:`t + \tau / 2` after the ping.
-    Neglected: :math:`(v / c)^2 t`; the curvature of travel time, at most :math:`(v_\perp T)^2 / 2 r c` for
-    speeds across the link that add up to :math:`v_\perp`, a distance :math:`r` and an exchange of duration
+    and for equal legs the travel time at the middle of the exchange, :math:`t + \tau / 2` after the
+    ping. Neglected: :math:`(v / c)^2 t`; the curvature of travel time, at most :math:`(v_\perp T)^2
+    / 2 r c` for speeds across the link that add up to :math:`v_\perp`, a distance :math:`r` and an
+    exchange of duration
     :math:`T`; and accelerations.
     """
-    g1r, g2r, g2i = (np.nan_to_num(g) for g in (ping.at_responder, answer.at_responder, answer.at_initiator))
+    g1r, g2r, g2i = (
+        np.nan_to_num(g) for g in (ping.at_responder, answer.at_responder, answer.at_initiator)
+    )
     t1 = ping.travel_time
     t2 = answer.travel_time
     wait = timing.turn_around
@@ -93,7 +100,10 @@ def half_round_trip(
 
 
 def velocities(truth: Trajectories, samples: NDArray[np.int64]) -> Array:
-    """Mean velocity (n_vehicles, n_epochs, 3) from each sample to the next; for the last sample, from the previous one. [m/s]"""
+    """
+    Mean velocity (n_vehicles, n_epochs, 3) from each sample to the next; for the last sample, from
+    the previous one. [m/s]
+    """
     start = np.minimum(samples, truth.time.size - 2)
     step = truth.position[:, start + 1] - truth.position[:, start]
     return np.asarray(step / (truth.time[start + 1] - truth.time[start])[:, None])
@@ -134,7 +144,8 @@ class Clocks:
         Parameters
         ----------
         participant : ndarray of int, shape (n,)
-            Indices of participants; indices beyond the vehicles are landmarks, whose clocks have no errors.
+            Indices of participants; indices beyond the vehicles are landmarks, whose clocks have no
+            errors.
 
         Returns
         -------
@@ -183,22 +194,30 @@ class ClockModel:
         Clocks
         """
         draws = np.array(
-            [stream(root_seed, realization, "sensing", name, "clock").standard_normal(2) for name in names]
+            [
+                stream(root_seed, realization, "sensing", name, "clock").standard_normal(2)
+                for name in names
+            ]
         ).reshape(-1, 2)
         return Clocks(offset=draws[:, 0] * self.offset_sigma, skew=draws[:, 1] * self.skew_sigma)
 
 
-def clock_error(measurements: Measurements, truth: RangingTruth, clocks: Clocks, timing: Timing) -> Array:
+def clock_error(
+    measurements: Measurements, truth: RangingTruth, clocks: Clocks, timing: Timing
+) -> Array:
     r"""
     Error of each range due to the clocks. [m]
 
-    One-way, the measured time of a ping from true time T to T + t is too long by :math:`o_r(T + t) - o_t(T)`, with the offsets of
-    receiver and transmitter. Two-way, the offset of the initiator cancels, and the skews :math:`k` of initiator and responder cause
+    One-way, the measured time of a ping from true time T to T + t is too long by :math:`o_r(T + t)
+    - o_t(T)`, with the offsets of receiver and transmitter. Two-way, the offset of the initiator
+    cancels, and the skews :math:`k` of initiator and responder cause
     :math:`\frac12 [k_i (2 t + \tau) - k_r \tau]`, to first order in the skews.
     """
     m = measurements
     if clocks.offset.size != m.name.size:
-        raise SensingError(f"clocks of {clocks.offset.size} vehicles; the measurements have {m.name.size}")
+        raise SensingError(
+            f"clocks of {clocks.offset.size} vehicles; the measurements have {m.name.size}"
+        )
     speed = np.where(np.isnan(m.transmitter_sound_speed), _NOMINAL_SPEED, m.transmitter_sound_speed)
     time = np.where(np.isnan(truth.travel_time), truth.chord_travel_time, truth.travel_time)
     time = np.where(np.isnan(time), truth.distance / speed, time)

@@ -1,4 +1,7 @@
-"""Sound between pairs of ends: receptions in both directions from a medium, with losses, leaks and the selection rule."""
+"""
+Sound between pairs of ends: receptions in both directions from a medium, with losses, leaks and the
+selection rule.
+"""
 
 from dataclasses import replace
 from typing import NamedTuple, Protocol
@@ -48,7 +51,8 @@ class ReceptionOptions(NamedTuple):
     Parameters
     ----------
     spreading_cutoff_db : float or None
-        Maximum spreading of an eigenray that counts as an arrival, see `pymantaray.acoustics.find_eigenrays`. [dB]
+        Maximum spreading of an eigenray that counts as an arrival, see
+        `pymantaray.acoustics.find_eigenrays`. [dB]
     max_surface_bounces, max_bottom_bounces : int
         Maximum numbers of reflections of an arrival.
     arrival : {"direct", "first", "strongest", "direct-or-first"}
@@ -56,9 +60,11 @@ class ReceptionOptions(NamedTuple):
     detector : Detector, optional
         Model of the probability of detection. Default: every arrival is detected.
     leakage : Leakage, optional
-        Model of sound that arrives without a ray, at the detector's frequency. Default: no such sound.
+        Model of sound that arrives without a ray, at the detector's frequency. Default: no such
+        sound.
     cone : float, optional
-        Half-angle of the fan of launch angles of the transmitter, centred on the chord. Rays launched outside the fan are lost. [rad]
+        Half-angle of the fan of launch angles of the transmitter, centred on the chord. Rays
+        launched outside the fan are lost. [rad]
     threads : int, optional
         Threads of the ray solver; the result does not depend on it.
     solved : EarlierLinks, optional
@@ -81,12 +87,17 @@ DIRECT = ReceptionOptions()
 
 
 class Transmission(NamedTuple):
-    """Sound between pairs of ends: arrivals, receptions in both directions, and outcomes of links."""
+    """
+    Sound between pairs of ends: arrivals, receptions in both directions, and outcomes of links.
+    """
 
     arrivals: Arrivals
     """Eigenrays of all links; their travel times are those in water at rest."""
     status: NDArray[np.int8]
-    """`RayStatus` of each link by the selection rule; the same in both directions, except that a cone may lose the rays of one."""
+    """
+    `RayStatus` of each link by the selection rule; the same in both directions, except that a cone
+    may lose the rays of one.
+    """
     near_cutoff: NDArray[np.bool_]
     """True for links on which 1 dB of the cut-off changes the selection, in water at rest."""
     receptions: Receptions
@@ -105,7 +116,9 @@ class Transmission(NamedTuple):
         ndarray, shape (2, n_links)
             Values by direction and link; NaN without a selected reception.
         """
-        return values_at(getattr(self.receptions, name), self.receptions.selected_rows(self.status.size))
+        return values_at(
+            getattr(self.receptions, name), self.receptions.selected_rows(self.status.size)
+        )
 
 
 class EarlierLinks(Protocol):
@@ -146,8 +159,9 @@ def find_receptions(
     currents : Currents, optional
         Their first-order effect on travel times. By default the water is at rest.
     progress : callable, optional
-        Called with the number of finished steps and the total. Each link has one step for its rays, one for the search for direct
-        rays alone, and one for the paths of its rays, as far as these are needed.
+        Called with the number of finished steps and the total. Each link has one step for its rays,
+        one for the search for direct rays alone, and one for the paths of its rays, as far as these
+        are needed.
 
     Returns
     -------
@@ -155,13 +169,15 @@ def find_receptions(
 
     Notes
     -----
-    With the rule ``direct``, travel time and status of a link do not depend on the allowed bounces: a link without a direct arrival
-    has the status that it has if no bounces are allowed. With ``direct-or-first``, travel times of links with a direct arrival do
-    not depend on them.
+    With the rule ``direct``, travel time and status of a link do not depend on the allowed bounces:
+    a link without a direct arrival has the status that it has if no bounces are allowed. With
+    ``direct-or-first``, travel times of links with a direct arrival do not depend on them.
     """
     if reception.solved is not None:
         fresh = reception._replace(solved=None)
-        return reception.solved.find(source, receiver, medium, fresh, currents=currents, progress=progress)
+        return reception.solved.find(
+            source, receiver, medium, fresh, currents=currents, progress=progress
+        )
     ends = (source, receiver)
     n = len(source)
     follows = currents is not None or reception.detector is not None
@@ -202,7 +218,10 @@ def find_receptions(
 
 
 def _status(arrivals: Arrivals, rule: ArrivalRule) -> NDArray[np.int8]:
-    """Status of links by a rule; SHADOW for links with reflected arrivals only, if the rule is ``direct``."""
+    """
+    Status of links by a rule; SHADOW for links with reflected arrivals only, if the rule is
+    ``direct``.
+    """
     status: NDArray[np.int8] = arrivals.status.copy()
     if rule == "direct":
         bounced = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
@@ -253,7 +272,8 @@ def _with_leaks(
     leakage = reception.leakage
     if leakage is None or detector is None:
         raise SensingError(
-            "ReceptionOptions: leakage needs a detector, because it depends on the frequency; add a detector, or remove leakage"
+            "ReceptionOptions: leakage needs a detector, because it depends on the frequency; add"
+            " a detector, or remove leakage"
         )
     dark = np.flatnonzero(np.isin(status, _WITHOUT_RAY))
     source, receiver = (end[dark] for end in ends)
@@ -288,14 +308,17 @@ def _along_rays(
     *,
     tailed: bool = True,
 ) -> AlongRays:
-    """Delay by the current and transmission loss of each arrival, as far as they are needed; ``tailed`` with sound behind caustics."""
+    """
+    Delay by the current and transmission loss of each arrival, as far as they are needed;
+    ``tailed`` with sound behind caustics.
+    """
     if currents is None and reception.detector is None:
         return AlongRays(None, None)
     if medium.surface.roughness is not None and np.any(arrivals.surface_bounces):
         if currents is not None or reception.detector is None:
             raise SensingError(
-                "currents along rays: they need the paths of the rays, which are not traced under rough ice; leave out"
-                " `ice_slope_deg`, or use `currents='rest'`"
+                "currents along rays: they need the paths of the rays, which are not traced under"
+                " rough ice; leave out `ice_slope_deg`, or use `currents='rest'`"
             )
         return AlongRays(None, reception.detector.loss_db(medium, *ends, arrivals, None))
     delay = np.zeros(arrivals.link.size)
@@ -312,11 +335,15 @@ def _along_rays(
             tails = None
             if tailed and reception.leakage is not None:
                 most = reception.max_surface_bounces, reception.max_bottom_bounces
-                tails = reception.detector.tails(medium, source, receiver, part, most, reception.threads)
+                tails = reception.detector.tails(
+                    medium, source, receiver, part, most, reception.threads
+                )
             loss[rows] = reception.detector.loss_db(medium, source, receiver, part, paths, tails)
         if progress is not None:
             progress(stop, arrivals.status.size)
-    return AlongRays(None if currents is None else delay, None if reception.detector is None else loss)
+    return AlongRays(
+        None if currents is None else delay, None if reception.detector is None else loss
+    )
 
 
 def _part(arrivals: Arrivals, links: slice, rows: slice) -> Arrivals:

@@ -1,4 +1,7 @@
-"""Water in metres: data sets on north, east and depth, from memory, a NetCDF file or an ``environment.json``."""
+"""
+Water in metres: data sets on north, east and depth, from memory, a NetCDF file or an
+``environment.json``.
+"""
 
 import numpy as np
 import xarray as xr
@@ -60,8 +63,8 @@ def local_of(section: OceanSection, data: xr.Dataset) -> xr.Dataset:
             raise OceanError(f"{name}: ocean.{key} does not apply to water in metres; remove it")
     if isinstance(section.bathymetry, str):
         raise OceanError(
-            f"{name}: ocean.bathymetry is a file, which water in metres cannot place; give one depth in metres, or"
-            " sea_floor_depth in the data set"
+            f"{name}: ocean.bathymetry is a file, which water in metres cannot place; give one"
+            " depth in metres, or sea_floor_depth in the data set"
         )
     local = ocean_in_metres(data, name, at_rest=section.currents == "rest")
     if section.bathymetry is not None:
@@ -84,8 +87,8 @@ def _position(local: xr.Dataset, centre: tuple[float, float], name: str) -> dict
     own = local.attrs.get("centre_latitude_deg"), local.attrs.get("centre_longitude_deg")
     if own not in ((None, None), centre):
         raise OceanError(
-            f"{name}: its centre is {own[0]:g}, {own[1]:g} degrees, and {centre[0]:g}, {centre[1]:g} is given;"
-            " remove the centre"
+            f"{name}: its centre is {own[0]:g}, {own[1]:g} degrees, and {centre[0]:g},"
+            f" {centre[1]:g} is given; remove the centre"
         )
     return {
         "centre_latitude_deg": centre[0],

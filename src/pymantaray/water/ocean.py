@@ -52,14 +52,20 @@ _MARGIN_COLUMNS = 24  # the effect of a spline's end decreases by 0.27 from colu
 
 @dataclass(frozen=True, eq=False)
 class OceanFields:
-    """Fields of an ocean over a mission; for a varying source, all except `series` are from the last snapshot at or before the start."""
+    """
+    Fields of an ocean over a mission; for a varying source, all except `series` are from the last
+    snapshot at or before the start.
+    """
 
     geographic: xr.Dataset | None
     """Temperature, salinity and currents of the source (depth, lat, lon); None for a profile."""
     local: xr.Dataset
     """Local ocean (north, east, depth)."""
     profile: xr.Dataset
-    """Mean, minimum and maximum sound speed of each level, in the requested domain or else the whole region."""
+    """
+    Mean, minimum and maximum sound speed of each level, in the requested domain or else the whole
+    region.
+    """
     region: pd.DataFrame
     """Properties of the region, one per row."""
     series: xr.Dataset | None = None
@@ -67,7 +73,9 @@ class OceanFields:
     cast: Profile | None = None
     """Profile of uniform water, else None."""
     unbounded: bool = False
-    """True if the domain has no sides for rays: uniform water without a map and without a half extent."""
+    """
+    True if the domain has no sides for rays: uniform water without a map and without a half extent.
+    """
     record: dict[str, Any] = field(default_factory=dict)
     """Reduction of a profile, for files."""
     notes: tuple[str, ...] = ()
@@ -84,7 +92,10 @@ class OceanFields:
         return self.series is not None or has_internal_tide(self.local)
 
     def absorption(self, formula: str, centre: tuple[float, float] | None) -> Absorption | None:
-        """Absorption in the water by a formula, or ``none``; most formulas need temperature and salinity."""
+        """
+        Absorption in the water by a formula, or ``none``; most formulas need temperature and
+        salinity.
+        """
         if formula == "none":
             return None
         if formula == "thorp":
@@ -94,13 +105,19 @@ class OceanFields:
             return Absorption.from_dataset(self.geographic, centre=centre, formula=known)
         if self.cast is None or self.cast.water is None:
             raise StudyError(
-                f"detection.absorption is {formula}, but {self.local.attrs.get('title', 'the water')} has no temperature or"
-                " salinity; set detection.absorption to thorp or none"
+                f"detection.absorption is {formula}, but"
+                f" {self.local.attrs.get('title', 'the water')} has no temperature or salinity; set"
+                " detection.absorption to thorp or none"
             )
         return Absorption.from_profile(self.cast.depth, *self.cast.water, formula=known)
 
-    def local_at(self, time: float, columns: Mapping[str, slice] = MappingProxyType({})) -> xr.Dataset:
-        """Local ocean, or some of its columns north and east, at a time after the start of the mission. [s]"""
+    def local_at(
+        self, time: float, columns: Mapping[str, slice] = MappingProxyType({})
+    ) -> xr.Dataset:
+        """
+        Local ocean, or some of its columns north and east, at a time after the start of the
+        mission. [s]
+        """
         if has_internal_tide(self.local):
             return displaced(self.local, time, columns)
         if self.series is None:
@@ -118,8 +135,8 @@ def build_ocean(
     """
     Build the ocean of a configuration over the duration of a mission [s], in its local frame.
 
-    ``data`` is an ocean in memory that replaces the section's source. The interpolation of the medium affects thinned
-    profiles.
+    ``data`` is an ocean in memory that replaces the section's source. The interpolation of the
+    medium affects thinned profiles.
     """
     if (metres := metres_of(section, data)) is not None:
         return local_fields(section, metres)
@@ -127,7 +144,9 @@ def build_ocean(
         return profile_fields(section, one_profile(section), interpolation)
     for key in ("thin", "smooth"):
         if getattr(section, key) is not None:
-            raise OceanError(f"ocean.{key} (--{key}) applies to a profile, not to an ocean; remove it")
+            raise OceanError(
+                f"ocean.{key} (--{key}) applies to a profile, not to an ocean; remove it"
+            )
     oceans, time = _open(section, duration, data)
     geographic = oceans[0]
     sea_floor = build_sea_floor(section, geographic)
@@ -168,7 +187,9 @@ def local_fields(section: OceanSection, data: xr.Dataset) -> OceanFields:
     )
 
 
-def profile_fields(section: OceanSection, profile: Profile, interpolation: Interpolation) -> OceanFields:
+def profile_fields(
+    section: OceanSection, profile: Profile, interpolation: Interpolation
+) -> OceanFields:
     """Build a horizontally uniform ocean from one profile."""
     water = uniform_water(section, profile, interpolation)
     local = with_tide(section.internal_tide, water.local)
@@ -191,7 +212,9 @@ def at_domain(section: OceanSection, geographic: xr.Dataset) -> xr.Dataset:
     return crop_around(geographic, section.centre, section.half_extent)
 
 
-def local_ocean(section: OceanSection, geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.Dataset:
+def local_ocean(
+    section: OceanSection, geographic: xr.Dataset, sea_floor: xr.DataArray | None
+) -> xr.Dataset:
     """Ocean in the local frame of a study, with ice."""
     local = to_local(
         geographic,
@@ -213,7 +236,10 @@ def with_tide(tide: InternalTideSection | None, local: xr.Dataset) -> xr.Dataset
 
 
 def build_sea_floor(section: OceanSection, geographic: xr.Dataset) -> xr.DataArray | None:
-    """Sea floor of a section on latitude and longitude, from a file or of constant depth; None without a sea floor. [m]"""
+    """
+    Sea floor of a section on latitude and longitude, from a file or of constant depth; None without
+    a sea floor. [m]
+    """
     bed = section.bathymetry
     if bed is None:
         return None
@@ -227,8 +253,8 @@ def open_start(section: OceanSection) -> xr.Dataset:
     """Open the geographic ocean at a study's start; for a cast, horizontally uniform."""
     if section_in_metres(section):
         raise OceanError(
-            f"{section.source[0]}: water in metres has no latitude, longitude, temperature and salinity, which this task"
-            " needs; use an ocean that has them"
+            f"{section.source[0]}: water in metres has no latitude, longitude, temperature and"
+            " salinity, which this task needs; use an ocean that has them"
         )
     if is_profile(section):
         return geographic_of(section, one_profile(section))
@@ -271,15 +297,22 @@ def _open(
 def build_medium(
     ocean: OceanFields, interpolation: Interpolation, earth: Earth = "flat"
 ) -> Medium | Callable[[float], Medium]:
-    """Build the medium for rays; if the ocean varies, a function of the time after the start of the mission [s]."""
+    """
+    Build the medium for rays; if the ocean varies, a function of the time after the start of the
+    mission [s].
+    """
     at = partial(_medium_at, ocean, interpolation, earth)  # a partial can be pickled
     return at if ocean.varies else at(0.0)
 
 
-def _medium_at(ocean: OceanFields, interpolation: Interpolation, earth: Earth, time: float) -> Medium:
+def _medium_at(
+    ocean: OceanFields, interpolation: Interpolation, earth: Earth, time: float
+) -> Medium:
     local = ocean.local_at(time)
     if ocean.unbounded:
-        local = local.isel(north=[0], east=[0])  # an axis with one point has no variation and no end
+        local = local.isel(
+            north=[0], east=[0]
+        )  # an axis with one point has no variation and no end
     return Medium.from_dataset(local, interpolation=interpolation, earth=earth)
 
 
@@ -293,8 +326,9 @@ def medium_around(
     """
     Build the medium at a time [s] from the columns around positions (n, 3) [m].
 
-    It has 24 more columns on each side. The spline there differs from that of all columns by a part in 10^13 of the difference at
-    its edge, and a medium of a few kilometres within a large region takes a small part of the time.
+    It has 24 more columns on each side. The spline there differs from that of all columns by a part
+    in 10^13 of the difference at its edge, and a medium of a few kilometres within a large region
+    takes a small part of the time.
     """
     if ocean.unbounded:
         return _medium_at(ocean, interpolation, earth, time)
@@ -303,7 +337,9 @@ def medium_around(
         axis = ocean.local[name].values
         first, last = np.searchsorted(axis, [along.min(), along.max()])
         columns[name] = slice(max(int(first) - _MARGIN_COLUMNS, 0), int(last) + _MARGIN_COLUMNS)
-    return Medium.from_dataset(ocean.local_at(time, columns), interpolation=interpolation, earth=earth)
+    return Medium.from_dataset(
+        ocean.local_at(time, columns), interpolation=interpolation, earth=earth
+    )
 
 
 def build_currents(ocean: OceanFields) -> Currents | Callable[[float], Currents]:

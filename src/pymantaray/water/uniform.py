@@ -49,9 +49,16 @@ class _Levels:
 
 
 def read_section_profiles(section: OceanSection) -> list[Profile]:
-    """Read the profiles of a section's files; the place of the section applies to files without a place."""
+    """
+    Read the profiles of a section's files; the place of the section applies to files without a
+    place.
+    """
     repair = section.repair_freezing
-    return [p for path in section.source for p in read_profiles(path, section.centre, repair_freezing=repair)]
+    return [
+        p
+        for path in section.source
+        for p in read_profiles(path, section.centre, repair_freezing=repair)
+    ]
 
 
 def one_profile(section: OceanSection) -> Profile:
@@ -59,7 +66,9 @@ def one_profile(section: OceanSection) -> Profile:
     return only_one(Path(section.source[0]).name, read_section_profiles(section), AcousticsError)
 
 
-def uniform_water(section: OceanSection, profile: Profile, interpolation: Interpolation) -> UniformWater:
+def uniform_water(
+    section: OceanSection, profile: Profile, interpolation: Interpolation
+) -> UniformWater:
     """
     Build a local ocean at rest with one profile everywhere.
 
@@ -91,8 +100,8 @@ def uniform_water(section: OceanSection, profile: Profile, interpolation: Interp
     maps = [name for name in ("bathymetry", "ice") if isinstance(getattr(section, name), str)]
     if maps and (place is None or section.half_extent is None):
         raise OceanError(
-            f"{where}: ocean.{maps[0]} is a map, which needs --centre and --half-extent for a profile (in Python: centre and"
-            " half_extent); or give a value in metres"
+            f"{where}: ocean.{maps[0]} is a map, which needs --centre and --half-extent for a"
+            " profile (in Python: centre and half_extent); or give a value in metres"
         )
     n = _NODES if isinstance(section.ice, str) else 2
     north, east = (np.linspace(-h, h, n) for h in half)
@@ -116,7 +125,11 @@ def uniform_water(section: OceanSection, profile: Profile, interpolation: Interp
         }
     local = with_section_ice(section, local)
     deepest = float(np.max(floor))
-    record = {**levels.record, "levels": int(levels.depth.size), "last_level_m": float(profile.depth[-1])}
+    record = {
+        **levels.record,
+        "levels": int(levels.depth.size),
+        "last_level_m": float(profile.depth[-1]),
+    }
     record["bottom_depth_m"] = deepest
     notes = [*profile.notes, *levels.notes, *_reach_notes(profile, deepest)]
     return UniformWater(profile, local, record, tuple(f"{where}: {note}" for note in notes))
@@ -140,7 +153,10 @@ def label(section: OceanSection, profile: Profile) -> str:
 
 
 def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
-    """Geographic ocean from a profile with temperature and salinity, for functions that need them on a grid."""
+    """
+    Geographic ocean from a profile with temperature and salinity, for functions that need them on a
+    grid.
+    """
     place = section.centre or profile.position
     bottom = section.bathymetry
     if profile.water is None or place is None or not isinstance(bottom, float):
@@ -157,12 +173,19 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
     if section.time is not None:
         start = utc_instant(section.time)
     cast = Cast(profile.name, *place, start, profile.depth, temperature, salinity)
-    options: dict[str, Any] = {} if section.half_extent is None else {"half_extent": section.half_extent}
-    return cast_ocean(cast, bathymetry=bottom, below="constant", equation=section.equation, **options)
+    options: dict[str, Any] = (
+        {} if section.half_extent is None else {"half_extent": section.half_extent}
+    )
+    return cast_ocean(
+        cast, bathymetry=bottom, below="constant", equation=section.equation, **options
+    )
 
 
 def profile_spread(local: xr.Dataset) -> xr.Dataset:
-    """Sound speed of the levels, as in `sound_speed_profile_spread`, with equal mean, minimum and maximum."""
+    """
+    Sound speed of the levels, as in `sound_speed_profile_spread`, with equal mean, minimum and
+    maximum.
+    """
     speed = local["sound_speed"][0, 0]
     count = xr.ones_like(speed, dtype=int).assign_attrs(
         long_name="wet grid points", units="1", standard_name=""
@@ -170,11 +193,16 @@ def profile_spread(local: xr.Dataset) -> xr.Dataset:
     spread = dict.fromkeys(("mean", "min", "max"), speed.drop_vars(("north", "east"))) | {
         "count": count.drop_vars(("north", "east"))
     }
-    return xr.Dataset(spread, attrs={name: local.attrs[name] for name in ("title", "source", "synthetic")})
+    return xr.Dataset(
+        spread, attrs={name: local.attrs[name] for name in ("title", "source", "synthetic")}
+    )
 
 
 def columns_spread(local: xr.Dataset) -> xr.Dataset:
-    """Sound speed of the levels above the sea floor of a local ocean, as in `sound_speed_profile_spread`."""
+    """
+    Sound speed of the levels above the sea floor of a local ocean, as in
+    `sound_speed_profile_spread`.
+    """
     speed = local["sound_speed"]
     over = ("north", "east")
     bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
@@ -214,7 +242,9 @@ def profile_region(local: xr.Dataset) -> pd.DataFrame:
 
 
 def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolation) -> _Levels:
-    """Levels of a profile, thinned or smoothed by the options of a section, which raw casts require."""
+    """
+    Levels of a profile, thinned or smoothed by the options of a section, which raw casts require.
+    """
     depth = profile.depth
     speed = profile.sound_speed
     record: dict[str, Any] = {"raw_levels": int(depth.size)}
@@ -229,9 +259,9 @@ def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolati
     else:
         if interpolation == "smooth" and is_raw_cast(depth):
             raise AcousticsError(
-                f"{label(section, profile)}: {depth.size} levels with a spacing below 2 m are a raw cast; thin it with --thin 0.1"
-                " (in Python: thin, m/s), smooth it with --smooth 10 (smooth, m), or use --interpolation linear"
-                " (interpolation)"
+                f"{label(section, profile)}: {depth.size} levels with a spacing below 2 m are a raw"
+                " cast; thin it with --thin 0.1 (in Python: thin, m/s), smooth it with --smooth 10"
+                " (smooth, m), or use --interpolation linear (interpolation)"
             )
         return _Levels(depth, speed, record)
     record[reduced.method] = size | {
@@ -259,7 +289,8 @@ def _sea_floor(
     floor = local_floor(open_sea_floor(bed, window=box, crs=section.bathymetry_crs), coarse, half)
     if floor is None:
         raise OceanError(
-            f"{bed}: its grid is coarser than the domain of +-{half[0]:g} by +-{half[1]:g} m; give one depth in metres"
+            f"{bed}: its grid is coarser than the domain of +-{half[0]:g} by +-{half[1]:g} m; give"
+            " one depth in metres"
         )
     return floor
 
@@ -273,7 +304,7 @@ def _reach_notes(profile: Profile, bottom: float) -> list[str]:
         notes.append(f"starts at {first:g} m; sound speed above is constant")
     if bottom > last + _MAX_GAP:
         notes.append(
-            f"ends at {last:g} m, above the sea bed at {bottom:g} m; sound speed below is extrapolated to a constant within"
-            " about 400 m; add levels if rays go that deep"
+            f"ends at {last:g} m, above the sea bed at {bottom:g} m; sound speed below is"
+            " extrapolated to a constant within about 400 m; add levels if rays go that deep"
         )
     return notes

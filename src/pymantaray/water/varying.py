@@ -19,16 +19,23 @@ def series_of(snapshots: Iterable[xr.Dataset], time: Array) -> xr.Dataset:
     first = next(remaining)
     fields = {name: np.empty((time.size, *first[name].shape)) for name in VARYING}
     for k, snapshot in enumerate(chain([first], remaining)):
-        if not all(np.array_equal(snapshot[name], first[name]) for name in ("north", "east", "depth")):
+        if not all(
+            np.array_equal(snapshot[name], first[name]) for name in ("north", "east", "depth")
+        ):
             raise StudyError(
-                f"ocean: the local grids at {first.attrs['time']} and {snapshot.attrs['time']} differ;"
-                " a time-varying ocean needs one grid"
+                f"ocean: the local grids at {first.attrs['time']} and {snapshot.attrs['time']}"
+                " differ; a time-varying ocean needs one grid"
             )
         for name, values in fields.items():
             values[k] = snapshot[name].values
     return first.assign(
-        {name: (("time", *first[name].dims), values, first[name].attrs) for name, values in fields.items()}
-    ).assign_coords(time=("time", time, {"long_name": "time since the start of the mission", "units": "s"}))
+        {
+            name: (("time", *first[name].dims), values, first[name].attrs)
+            for name, values in fields.items()
+        }
+    ).assign_coords(
+        time=("time", time, {"long_name": "time since the start of the mission", "units": "s"})
+    )
 
 
 def snapshot_at(series: xr.Dataset, time: float) -> xr.Dataset:
@@ -36,7 +43,8 @@ def snapshot_at(series: xr.Dataset, time: float) -> xr.Dataset:
     instants = series["time"].values
     if not instants[0] <= time <= instants[-1]:
         raise StudyError(
-            f"ocean: no water at {time:g} s; it covers {instants[0]:g} to {instants[-1]:g} s after the mission's start"
+            f"ocean: no water at {time:g} s; it covers {instants[0]:g} to {instants[-1]:g} s after"
+            " the mission's start"
         )
     after = int(np.searchsorted(instants, time))
     if instants[after] == time:

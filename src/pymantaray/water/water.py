@@ -33,7 +33,10 @@ from pymantaray.water.ocean import (
 from pymantaray.water.uniform import label, read_section_profiles
 
 Source = SoundConfig | Medium | xr.Dataset | str | Path | Sequence[str | Path]
-"""Source of `open_water`: files, a profile or cast, name of a synthetic ocean, a preset, a TOML file, a data set or a medium."""
+"""
+Source of `open_water`: files, a profile or cast, name of a synthetic ocean, a preset, a TOML file,
+a data set or a medium.
+"""
 
 _PROJ_LOCK = Lock()  # PROJ objects are not thread-safe
 
@@ -46,7 +49,8 @@ class Water:
     Attributes
     ----------
     medium, currents, reception, timing
-        Arguments for `pymantaray.sensing.measure_ranges`; functions of time [s] if the ocean varies.
+        Arguments for `pymantaray.sensing.measure_ranges`; functions of time [s] if the ocean
+        varies.
     local : xarray.Dataset or None
         Local ocean, at the start if it varies; None for a medium.
     span : tuple of float
@@ -99,16 +103,17 @@ class Water:
         """
         if self.frame is None:
             raise WaterError(
-                "geographic positions: this water has no geographic position; give positions north, east, down, or give"
-                " `centre`"
+                "geographic positions: this water has no geographic position; give positions"
+                " north, east, down, or give `centre`"
             )
         with _PROJ_LOCK:
             north, east = self.frame.to_local(places[:, 0], places[:, 1])
             bearing = self.frame.convergence(places[:, 0], places[:, 1])
         if not np.isfinite([north, east]).all():
             raise WaterError(
-                f"geographic positions: latitudes are {places[:, 0].min():g} to {places[:, 0].max():g}; they must be -90 to 90, and"
-                " no position may be antipodal to the frame's centre"
+                f"geographic positions: latitudes are {places[:, 0].min():g} to"
+                f" {places[:, 0].max():g}; they must be -90 to 90, and no position may be antipodal"
+                " to the frame's centre"
             )
         cos = np.cos(bearing)
         sin = np.sin(bearing)
@@ -127,7 +132,8 @@ class Water:
         """
         if not self.span[0] <= time <= self.span[1]:
             raise WaterError(
-                f"time is {time:g} s; it must be {self.span[0]:g} to {self.span[1]:g} s after {self.start} UTC"
+                f"time is {time:g} s; it must be {self.span[0]:g} to {self.span[1]:g} s after"
+                f" {self.start} UTC"
             )
 
     def at(self, time: float) -> tuple[Medium, Currents | None]:
@@ -171,15 +177,19 @@ def open_water(source: Source, **options: Any) -> Water:
     Parameters
     ----------
     source : str, Path, sequence of them, xarray.Dataset, SoundConfig or Medium
-        Ocean files that belong together; a profile or cast; ``"synthetic:beaufort"`` or ``"synthetic:fram"``; the name of a
-        preset or a study's TOML file; an ``environment.json`` of the paper's authors; a data set in memory, either an ocean
-        on latitude and longitude or in metres (north, east, depth; sound_speed; optional currents and sea floor); a
+        Ocean files that belong together; a profile or cast; ``"synthetic:beaufort"`` or
+        ``"synthetic:fram"``; the name of a preset or a study's TOML file; an ``environment.json``
+        of the paper's authors; a data set in memory, either an ocean on latitude and longitude or
+        in metres (north, east, depth; sound_speed; optional currents and sea floor); a
         configuration (`load_sound`); or a medium, which allows no options.
     **options
-        Keys of the sections ``[ocean]`` and ``[acoustics]`` of a study, such as ``bathymetry=2680.0``, ``ice=1.5``,
-        ``interpolation="linear"`` and ``max_surface_bounces=2``, and the sections ``mission``, ``ranging`` and ``detection`` as
-        mappings. ``earth="sphere"`` computes rays and straight distances on a spherical Earth. Also ``centre=(lat, lon)`` [degrees]; ``half_extent``, one number or (north, east) [m]; and ``currents``:
-        "rest" (default except for configurations), "required", or "carry" to include them in travel times along rays.
+        Keys of the sections ``[ocean]`` and ``[acoustics]`` of a study, such as
+        ``bathymetry=2680.0``, ``ice=1.5``, ``interpolation="linear"`` and
+        ``max_surface_bounces=2``, and the sections ``mission``, ``ranging`` and ``detection`` as
+        mappings. ``earth="sphere"`` computes rays and straight distances on a spherical Earth. Also
+        ``centre=(lat, lon)`` [degrees]; ``half_extent``, one number or (north, east) [m]; and
+        ``currents``: "rest" (default except for configurations), "required", or "carry" to include
+        them in travel times along rays.
 
     Returns
     -------
@@ -227,10 +237,14 @@ def open_waters(source: Source, **options: Any) -> list[Water]:
 
 def _of_profile(config: SoundConfig, profile: Profile) -> Water:
     try:
-        return _assembled(config, profile_fields(config.ocean, profile, config.acoustics.interpolation))
+        return _assembled(
+            config, profile_fields(config.ocean, profile, config.acoustics.interpolation)
+        )
     except AcousticsError as error:
         where = label(config.ocean, profile)
-        raise WaterError(str(error) if str(error).startswith(where) else f"{where}: {error}") from None
+        raise WaterError(
+            str(error) if str(error).startswith(where) else f"{where}: {error}"
+        ) from None
 
 
 def water_of(config: SoundConfig, ocean: OceanFields | None = None) -> Water:
@@ -252,7 +266,9 @@ def water_of(config: SoundConfig, ocean: OceanFields | None = None) -> Water:
 
 
 def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanFields:
-    """Build the ocean of a configuration, or in memory, over the duration of its mission if it varies."""
+    """
+    Build the ocean of a configuration, or in memory, over the duration of its mission if it varies.
+    """
     section = config.ocean
     duration = config.mission.duration_h * 3600.0 if section.time_varying else 0.0
     if data is None and is_profile(section):  # thinning depends on the interpolation
@@ -263,7 +279,9 @@ def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanF
 def build_reception(config: SoundConfig, ocean: OceanFields) -> ReceptionOptions:
     """Build the reception of a configuration, with the absorption of the ocean's first snapshot."""
     detection = config.detection
-    absorption = None if detection is None else ocean.absorption(detection.absorption, config.ocean.centre)
+    absorption = (
+        None if detection is None else ocean.absorption(detection.absorption, config.ocean.centre)
+    )
     return config.build_reception(absorption)
 
 
@@ -284,10 +302,13 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
     -------
     Water
     """
-    fixed = [key for key in dotted_keys(options) if key.startswith("ocean.") and key != "ocean.currents"]
+    fixed = [
+        key for key in dotted_keys(options) if key.startswith("ocean.") and key != "ocean.currents"
+    ]
     if fixed:
         raise WaterError(
-            f"{fixed[0]}: this option does not apply to a local ocean; remove it, or give the ocean before to_local"
+            f"{fixed[0]}: this option does not apply to a local ocean; remove it, or give the"
+            " ocean before to_local"
         )
     config = configuration_of(IN_MEMORY, options)
     medium = Medium.from_dataset(
@@ -323,19 +344,24 @@ def configuration_of(source: Any, options: dict[str, Any]) -> SoundConfig:
 
 
 def source_words(source: Any) -> list[str]:
-    """Words of a source that consists of names or files; an object of another type raises an error."""
+    """
+    Words of a source that consists of names or files; an object of another type raises an error.
+    """
     if isinstance(source, str | Path):
         return [str(source)]
     if isinstance(source, Water):
-        raise WaterError("source is an opened Water; give the source that open_water had, and its options")
+        raise WaterError(
+            "source is an opened Water; give the source that open_water had, and its options"
+        )
     if not isinstance(source, Sequence):
         raise WaterError(
-            f"source is of type {type(source).__name__}; it must be a name, a path, a sequence of them, an xarray.Dataset,"
-            " a SoundConfig or a Medium"
+            f"source is of type {type(source).__name__}; it must be a name, a path, a sequence of"
+            " them, an xarray.Dataset, a SoundConfig or a Medium"
         )
     if several := sum(isinstance(word, xr.Dataset) for word in source):
         raise WaterError(
-            f"source has {several} data sets in a sequence; join them with xarray.merge and give one"
+            f"source has {several} data sets in a sequence; join them with xarray.merge and give"
+            " one"
         )
     return [str(word) for word in source]
 
@@ -343,7 +369,9 @@ def source_words(source: Any) -> list[str]:
 def _frame(local: xr.Dataset) -> LocalFrame | None:
     if "centre_latitude_deg" not in local.attrs:
         return None
-    return LocalFrame(*(float(local.attrs[f"centre_{axis}_deg"]) for axis in ("latitude", "longitude")))
+    return LocalFrame(
+        *(float(local.attrs[f"centre_{axis}_deg"]) for axis in ("latitude", "longitude"))
+    )
 
 
 def _record(config: SoundConfig, medium: Medium, local: xr.Dataset) -> dict[str, Any]:
@@ -354,7 +382,11 @@ def _record(config: SoundConfig, medium: Medium, local: xr.Dataset) -> dict[str,
         out["centre_deg"] = [frame.latitude_deg, frame.longitude_deg]
     if medium.north.size > 1:
         out["half_extent_m"] = [float(medium.north[-1]), float(medium.east[-1])]
-    rough = ("ice_slope_deg", "ice_length", "ice_draw") if config.ocean.ice_slope_deg is not None else ()
+    rough = (
+        ("ice_slope_deg", "ice_length", "ice_draw")
+        if config.ocean.ice_slope_deg is not None
+        else ()
+    )
     for key in ("bathymetry", "ice", *rough):
         value = getattr(config.ocean, key)
         if value is not None:

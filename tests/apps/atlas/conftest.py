@@ -43,7 +43,9 @@ def days(ocean, tmp_path_factory):
 @pytest.fixture(scope="session")
 def links():
     """Six links, up to 3 km."""
-    return AtlasLinks(pairs=((20.0, 100.0), (300.0, 300.0)), distances=(1_000.0, 3_000.0), bearings=3)
+    return AtlasLinks(
+        pairs=((20.0, 100.0), (300.0, 300.0)), distances=(1_000.0, 3_000.0), bearings=3
+    )
 
 
 @pytest.fixture

@@ -1,4 +1,7 @@
-"""Errors of one column: those of a study of the same links, those of closed forms, and what they add up to."""
+"""
+Errors of one column: those of a study of the same links, those of closed forms, and what they add
+up to.
+"""
 
 import copy
 from dataclasses import replace
@@ -27,12 +30,16 @@ PLACE = 15, 25  # row and column of the ocean
 
 def near(ocean, rows, columns):
     return ocean.isel(
-        lat=slice(PLACE[0] - rows, PLACE[0] + rows + 1), lon=slice(PLACE[1] - columns, PLACE[1] + columns + 1)
+        lat=slice(PLACE[0] - rows, PLACE[0] + rows + 1),
+        lon=slice(PLACE[1] - columns, PLACE[1] + columns + 1),
     )
 
 
 def study_errors(path, place, links):
-    """Range errors that a study centred at a place of a file has of the same links, and their statuses."""
+    """
+    Range errors that a study centred at a place of a file has of the same links, and their
+    statuses.
+    """
     tree = copy.deepcopy(factories.TINY)
     tree["ocean"] = {
         "source": [str(path)],
@@ -48,27 +55,37 @@ def study_errors(path, place, links):
     marks = [Landmark(name=f"L{i}", position=place) for i, place in enumerate(receiver)]
     ranging = factories.range_fleet(truth, marks, medium)
     n = len(transmitter)
-    own = (ranging.attempts.receiver == n + ranging.attempts.transmitter) & (ranging.attempts.sample == 4)
+    own = (ranging.attempts.receiver == n + ranging.attempts.transmitter) & (
+        ranging.attempts.sample == 4
+    )
     assert own.sum() == n  # of each vehicle to the landmark that ends its link
     rows = np.flatnonzero(own)[np.argsort(ranging.attempts.transmitter[own])]
     errors = range_errors(ranging.truth)
-    return np.stack([errors.total, errors.reference_speed, errors.bending])[:, rows], ranging.status[rows]
+    return np.stack([errors.total, errors.reference_speed, errors.bending])[
+        :, rows
+    ], ranging.status[rows]
 
 
-@pytest.mark.parametrize("size", [(1 + SPLINE, 2 + SPLINE), (15, 25)], ids=["its own water", "more water"])
+@pytest.mark.parametrize(
+    "size", [(1 + SPLINE, 2 + SPLINE), (15, 25)], ids=["its own water", "more water"]
+)
 def test_a_column_is_a_study_of_the_same_links(ocean, links, tmp_path, size):
     path = tmp_path / "ocean.nc"
     near(ocean, *size).to_netcdf(path)
     water = open_ocean(path)
     place = float(water["lat"][size[0]]), float(water["lon"][size[1]])
     own = column_errors(medium_at(GridPoints.of(water), place, links), links)
-    parts = np.stack([own.range_error[0], own.reference_speed_error[0], own.bending_error[0]]).reshape(3, -1)
+    parts = np.stack(
+        [own.range_error[0], own.reference_speed_error[0], own.bending_error[0]]
+    ).reshape(3, -1)
     study, status = study_errors(path, place, links)
     np.testing.assert_array_equal(own.link_status.ravel(), status)
     if size[0] == 1 + SPLINE:  # 3 km reach beyond one row of 4.5 km and two columns of 1.9 km
         np.testing.assert_array_equal(parts, study)
     else:
-        np.testing.assert_allclose(parts, study, rtol=0.0, atol=1e-6)  # m; what a spline's ends still do
+        np.testing.assert_allclose(
+            parts, study, rtol=0.0, atol=1e-6
+        )  # m; what a spline's ends still do
 
 
 def test_a_column_does_not_depend_on_how_much_of_the_ocean_is_at_hand(ocean, links):
@@ -92,16 +109,20 @@ def test_errors_in_a_linear_gradient_are_those_of_circular_arcs(links):
     distance = np.linalg.norm(b - a, axis=-1)
     at_a, at_b = c + g * a[:, 2], c + g * b[:, 2]
     level = at_a == at_b
-    mean_slowness = np.where(level, 1.0 / at_a, np.log(at_b / at_a) / np.where(level, 1.0, at_b - at_a))
+    mean_slowness = np.where(
+        level, 1.0 / at_a, np.log(at_b / at_a) / np.where(level, 1.0, at_b - at_a)
+    )
     speeds = [at_a, at_b, 0.5 * (at_a + at_b), 1.0 / mean_slowness, np.full(a.shape[0], 1500.0)]
     for k, speed in enumerate(speeds):
-        expected = np.stack([speed * time, distance * speed * mean_slowness, speed * time]) - np.stack(
-            [distance, distance, distance * speed * mean_slowness]
-        )
+        expected = np.stack(
+            [speed * time, distance * speed * mean_slowness, speed * time]
+        ) - np.stack([distance, distance, distance * speed * mean_slowness])
         for values, wanted in zip(
             (own.range_error, own.reference_speed_error, own.bending_error), expected, strict=True
         ):
-            np.testing.assert_allclose(values[k].ravel(), wanted, rtol=0.0, atol=2e-6, err_msg=CONVENTIONS[k])
+            np.testing.assert_allclose(
+                values[k].ravel(), wanted, rtol=0.0, atol=2e-6, err_msg=CONVENTIONS[k]
+            )
     assert (own.bending_error <= 0.0).all()
     assert (own.arrivals_within == 1).all()
     assert not own.no_direct_path.any()
@@ -118,7 +139,8 @@ def test_parts_add_up_and_the_chord_has_no_reference_speed_error(ocean, links):
 
 
 def test_links_that_have_no_direct_path_or_lie_in_the_sea_bed_are_counted_apart():
-    # a duct above 100 m under a gradient that bends all else down: nothing direct comes back up far away
+    # a duct above 100 m under a gradient that bends all else down: nothing direct comes back up far
+    # away
     medium = Medium.from_profile([0.0, 100.0, 500.0], [1500.0, 1480.0, 1400.0], bottom_depth=500.0)
     links = AtlasLinks(pairs=((20.0, 20.0), (20.0, 800.0)), distances=(500.0, 9_000.0), bearings=2)
     own = column_errors(medium, links)
@@ -151,7 +173,8 @@ def test_arrivals_are_counted_with_their_reflections_and_ranged_on_without(links
     alone, all_of_them = column_errors(medium, links), column_errors(medium, most)
     np.testing.assert_array_equal(alone.range_error, all_of_them.range_error)
     np.testing.assert_array_equal(alone.link_status, all_of_them.link_status)
-    # direct and by the surface at once, at 3 km those of the bed, too: spreading alone is under 10 dB
+    # direct and by the surface at once, at 3 km those of the bed, too: spreading alone is under 10
+    # dB
     assert (all_of_them.arrivals_within[:, 1] == 5).all(), all_of_them.arrivals_within
     few = column_errors(medium, replace(most, within_db=0.0))
     assert (few.arrivals_within == 1).all()
@@ -166,7 +189,10 @@ def test_arrivals_are_counted_with_their_reflections_and_ranged_on_without(links
         ({"distances": (0.0, 1e3)}, "distances: 0 m is not positive; all values must be positive"),
         ({"safe": ()}, "safe: shape"),
         ({"bearings": 0}, "bearings is 0; it must be at least 1"),
-        ({"nominal_sound_speed": 0.0}, "nominal_sound_speed is 0 m/s; it must be finite and positive"),
+        (
+            {"nominal_sound_speed": 0.0},
+            "nominal_sound_speed is 0 m/s; it must be finite and positive",
+        ),
         ({"within_db": -1.0}, "within_db is -1 dB"),
     ],
 )

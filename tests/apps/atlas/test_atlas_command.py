@@ -5,7 +5,18 @@ import pytest
 import xarray as xr
 from factories import pool_here
 
-WORDS = ("--pair", "20,100", "--distances", "1000,2000", "--bearings", "2", "--every", "6", "--workers", "1")
+WORDS = (
+    "--pair",
+    "20,100",
+    "--distances",
+    "1000,2000",
+    "--bearings",
+    "2",
+    "--every",
+    "6",
+    "--workers",
+    "1",
+)
 
 
 def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, monkeypatch, tmp_path):
@@ -22,19 +33,32 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, monke
     assert "nominal" in shown.out
     atlas = told("atlas", "show", out)
     assert atlas["title"] == shown.out.splitlines()[0]
-    assert atlas["safety"][0].keys() > {"convention", "distance_m", "median_m", "safe_to_1m_percent"}
+    assert atlas["safety"][0].keys() > {
+        "convention",
+        "distance_m",
+        "median_m",
+        "safe_to_1m_percent",
+    }
     monkeypatch.setattr("pymantaray.apps.atlas.runner.open_pool", pool_here)
     again = told("atlas", "run", ocean_file, "--out", out, *WORDS, "--force")
-    assert again == {"columns_lat": 3, "columns_lon": 5, "instants": 1, "links": 4, "file": str(out)} | {
-        "safety": atlas["safety"]
-    }
+    assert again == {
+        "columns_lat": 3,
+        "columns_lon": 5,
+        "instants": 1,
+        "links": 4,
+        "file": str(out),
+    } | {"safety": atlas["safety"]}
     with xr.open_dataset(out) as atlas:
         assert dict(atlas.sizes)["distance"] == 2
         assert np.isfinite(atlas["range_error"]).any()
     plotted = mantaray("atlas", "plot", out, "--out", tmp_path / "plots", "--convention", "mean")
     assert plotted.code == 0
     names = sorted(path.name for path in (tmp_path / "plots").iterdir())
-    figures = [f"atlas_{name}.{kind}" for name in ("conventions", "error", "safe") for kind in ("pdf", "png")]
+    figures = [
+        f"atlas_{name}.{kind}"
+        for name in ("conventions", "error", "safe")
+        for kind in ("pdf", "png")
+    ]
     assert names == sorted([*figures, "index.html"])
 
 
@@ -43,15 +67,24 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, monke
     [
         (
             ("--distances", "far"),
-            "mantaray atlas run: Invalid value for '--distances': 'far'; it must be numbers separated by commas",
+            (
+                "mantaray atlas run: Invalid value for '--distances': 'far'; it must be numbers"
+                " separated by commas"
+            ),
         ),
         (
             ("--pair", "20"),
-            "mantaray atlas run: Invalid value for '--pair': '20'; it must be 2 numbers separated by commas",
+            (
+                "mantaray atlas run: Invalid value for '--pair': '20'; it must be 2 numbers separated"
+                " by commas"
+            ),
         ),
         (
             ("--window", "1,2,3"),
-            "mantaray atlas run: Invalid value for '--window': '1,2,3'; it must be 4 numbers separated by commas",
+            (
+                "mantaray atlas run: Invalid value for '--window': '1,2,3'; it must be 4 numbers"
+                " separated by commas"
+            ),
         ),
         (("--start", "2014-07-15"), "--start and --stop must be used together and without --time"),
         (("--step-h", "6"), "--step-h needs --start and --stop; give both"),
@@ -59,7 +92,10 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, monke
             ("--time", "2015-01-01"),
             "time 2015-01-01T00:00: not in the ocean, which has 1 from 2014-07-15T00:00 to",
         ),
-        (("--cutoff-db", "-3"), "--cutoff-db is -3; it must be a positive number of decibels, or none"),
+        (
+            ("--cutoff-db", "-3"),
+            "--cutoff-db is -3; it must be a positive number of decibels, or none",
+        ),
     ],
 )
 def test_what_cannot_be_is_one_line(mantaray, ocean_file, tmp_path, words, line):

@@ -9,9 +9,13 @@ from pymantaray.apps.atlas import Atlas, run_atlas
 pytest.importorskip("distributed")
 
 
-def test_a_client_gives_the_same_bytes_as_this_process(ocean, file, links, tiles, monkeypatch, tmp_path):
+def test_a_client_gives_the_same_bytes_as_this_process(
+    ocean, file, links, tiles, monkeypatch, tmp_path
+):
     lat, lon = ocean["lat"].values, ocean["lon"].values
-    atlas = Atlas(file, links, window=(lat[10] - 1e-3, lat[11] + 1e-3, lon[10] - 1e-3, lon[13] + 1e-3))
+    atlas = Atlas(
+        file, links, window=(lat[10] - 1e-3, lat[11] + 1e-3, lon[10] - 1e-3, lon[13] + 1e-3)
+    )
     assert len(atlas.blocks) == 2
     with client_here(2) as client:
         by_dask = run_atlas(atlas, tmp_path / "dask.nc", client=client)

@@ -7,14 +7,22 @@ from matplotlib.collections import QuadMesh
 from refusals import refused
 
 from pymantaray.apps.atlas import write_atlas_plots
-from pymantaray.apps.atlas.figures import error_maps, error_series, safety_maps, share_maps, worst_error
+from pymantaray.apps.atlas.figures import (
+    error_maps,
+    error_series,
+    safety_maps,
+    share_maps,
+    worst_error,
+)
 from pymantaray.errors import ReportError
 
 CONVENTIONS = ["transmitter", "receiver", "mean", "chord", "nominal"]
 
 
 def made(times=1, seed=2):
-    """An atlas of 4 x 5 columns with land, an edge, a shallow place and one without a direct path."""
+    """
+    An atlas of 4 x 5 columns with land, an edge, a shallow place and one without a direct path.
+    """
     rng = np.random.default_rng(seed)
     worst = rng.uniform(0.1, 40.0, (times, 4, 5, 5, 2, 3))
     lost = rng.uniform(0.0, 0.4, (times, 4, 5, 2, 3))
@@ -31,7 +39,8 @@ def made(times=1, seed=2):
             "column_status": (place, status),
         },
         {
-            "time": np.datetime64("2014-07-15T12", "ns") + np.timedelta64(1, "D") * np.arange(times),
+            "time": np.datetime64("2014-07-15T12", "ns")
+            + np.timedelta64(1, "D") * np.arange(times),
             "lat": 77.0 + 0.5 * np.arange(4),
             "lon": -2.0 + np.arange(5),
             "convention": CONVENTIONS,
@@ -84,7 +93,9 @@ def test_errors_and_lost_paths_are_shown_with_their_units(look):
     figure = look.draw(error_maps(atlas, 0, 2))
     error, lost = (values(meshes(axes)[0]) for axes in figure.axes[:2])
     np.testing.assert_array_equal(error, worst_error(atlas, 0, 2))
-    np.testing.assert_allclose(lost, 100.0 * atlas["no_direct_path"].values[0, :, :, :, 2].mean(axis=-1))
+    np.testing.assert_allclose(
+        lost, 100.0 * atlas["no_direct_path"].values[0, :, :, :, 2].mean(axis=-1)
+    )
     assert [axes.get_xlabel() for axes in figure.axes[2:]] == [
         "Largest range error [m]",
         "No direct path [%]",
@@ -97,9 +108,13 @@ def test_through_time_the_share_of_instants_and_the_series_of_a_place(look):
     figure = look.draw(share_maps(atlas, 1, 0))
     worst = np.fmax.reduce(atlas["worst_range_error"].values[:, :, :, 1, :, 0], axis=-1)
     for axes, limit in zip(figure.axes, (1.0, 5.0, 20.0), strict=False):
-        expected = np.where(np.isfinite(worst).any(axis=0), 100.0 * (worst <= limit).mean(axis=0), np.nan)
+        expected = np.where(
+            np.isfinite(worst).any(axis=0), 100.0 * (worst <= limit).mean(axis=0), np.nan
+        )
         np.testing.assert_allclose(values(meshes(axes)[0]), expected)
-    figure = look.draw(error_series(atlas, 0, (78.4, 362.1)))  # nearest to 78.5 N 2 E, where there is no path
+    figure = look.draw(
+        error_series(atlas, 0, (78.4, 362.1))
+    )  # nearest to 78.5 N 2 E, where there is no path
     assert figure.axes[0].get_title(loc="left") == "78.5° N, 2° E, 2 km"
     figure = look.draw(error_series(atlas, 0, (78.1, -1.9)))
     lines = figure.axes[0].get_lines()
@@ -122,7 +137,14 @@ def test_figures_are_written_and_what_is_not_there_is_refused(tmp_path):
         tmp_path,
         convention="best",
     )
-    refused(ReportError, "distance 3.0: not in the atlas", write_atlas_plots, atlas, tmp_path, distance=3.0)
+    refused(
+        ReportError,
+        "distance 3.0: not in the atlas",
+        write_atlas_plots,
+        atlas,
+        tmp_path,
+        distance=3.0,
+    )
     refused(
         ReportError,
         "pair 1,2: not in the atlas, which has 20,20, 20,800",

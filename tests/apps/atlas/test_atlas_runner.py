@@ -1,4 +1,7 @@
-"""Atlases of files: every column where it belongs, the same whoever computes it and in whatever pieces, nothing computed twice."""
+"""
+Atlases of files: every column where it belongs, the same whoever computes it and in whatever
+pieces, nothing computed twice.
+"""
 
 import os
 import subprocess
@@ -14,7 +17,16 @@ import xarray as xr
 from oracles import cf_errors
 from refusals import refused
 
-from pymantaray.apps.atlas import Atlas, AtlasLinks, blocks, open_atlas, plan, run_atlas, runner, safety_table
+from pymantaray.apps.atlas import (
+    Atlas,
+    AtlasLinks,
+    blocks,
+    open_atlas,
+    plan,
+    run_atlas,
+    runner,
+    safety_table,
+)
 from pymantaray.apps.atlas.column import EDGE, LAND, WATER, column_errors, medium_at
 from pymantaray.apps.atlas.plan import instants_between
 from pymantaray.errors import AtlasError, JobError, OceanError, WriteError
@@ -60,10 +72,14 @@ def test_every_column_is_where_it_belongs(here, ocean, file, links, content, til
 
 def test_land_and_edge_are_told_apart(here, ocean, file, links, content, tmp_path):
     own = content(
-        run_atlas(Atlas(file, links, every=1, window=_window(ocean, 0, 2, 24, 30)), tmp_path / "a.nc")
+        run_atlas(
+            Atlas(file, links, every=1, window=_window(ocean, 0, 2, 24, 30)), tmp_path / "a.nc"
+        )
     )
     assert (own["column_status"].values[0, 0] == EDGE).all()  # 3 km do not fit beside the first row
-    own = content(run_atlas(Atlas(file, links, window=_window(ocean, 20, 22, 24, 27)), tmp_path / "b.nc"))
+    own = content(
+        run_atlas(Atlas(file, links, window=_window(ocean, 20, 22, 24, 27)), tmp_path / "b.nc")
+    )
     np.testing.assert_array_equal(own["column_status"].values[0], [[WATER, WATER, LAND, LAND]] * 3)
     for name in ("range_error", "no_direct_path", "safe_distance"):
         assert np.isnan(own[name].values[0, :, 2:]).all()
@@ -81,7 +97,9 @@ def test_two_halves_joined_are_the_whole(here, ocean, file, links, content, tile
     )
     halves = [
         content(
-            run_atlas(Atlas(file, links, window=_window(ocean, 10, 12, *part)), tmp_path / f"{part[0]}.nc")
+            run_atlas(
+                Atlas(file, links, window=_window(ocean, 10, 12, *part)), tmp_path / f"{part[0]}.nc"
+            )
         )
         for part in ((10, 11), (12, 15))
     ]
@@ -92,7 +110,9 @@ def test_two_halves_joined_are_the_whole(here, ocean, file, links, content, tile
     np.testing.assert_array_equal(whole["lon"], joined["lon"])
 
 
-def test_workers_and_tiles_change_no_digit(ocean, file, links, content, tiles, monkeypatch, tmp_path):
+def test_workers_and_tiles_change_no_digit(
+    ocean, file, links, content, tiles, monkeypatch, tmp_path
+):
     atlas = Atlas(file, links, window=_window(ocean, 10, 11, 10, 15))
     workers = run_atlas(atlas, tmp_path / "workers.nc", workers=2)
     monkeypatch.setattr(runner, "open_pool", factories.pool_here)
@@ -138,7 +158,8 @@ def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):
     atlas = Atlas(file, links, every=20)
     refused(
         WriteError,
-        "already exists, from another atlas or version of the code; give another name or `force=True`",
+        "already exists, from another atlas or version of the code; give another name or"
+        " `force=True`",
         run_atlas,
         atlas,
         out,
@@ -149,7 +170,9 @@ def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):
     refused(WriteError, "already exists, from another atlas", run_atlas, other, out)
     (tmp_path / "b.nc.blocks").mkdir()
     (tmp_path / "b.nc.blocks" / "thesis.tex").write_text("x")
-    refused(JobError, "this folder is not empty and has no atlas", run_atlas, atlas, tmp_path / "b.nc")
+    refused(
+        JobError, "this folder is not empty and has no atlas", run_atlas, atlas, tmp_path / "b.nc"
+    )
 
 
 def test_an_ocean_whose_content_has_changed_is_another_atlas(here, ocean, links, tmp_path):
@@ -187,10 +210,14 @@ def test_a_block_that_fails_is_told_when_the_others_are_done(
     assert not (tmp_path / "atlas.nc").exists()
 
 
-def test_a_damaged_block_is_removed_and_told(here, ocean, file, links, tiles, monkeypatch, tmp_path):
+def test_a_damaged_block_is_removed_and_told(
+    here, ocean, file, links, tiles, monkeypatch, tmp_path
+):
     atlas, out = Atlas(file, links, window=_window(ocean, 10, 11, 10, 15)), tmp_path / "atlas.nc"
     with monkeypatch.context() as patch:
-        patch.setattr(runner, "write_atlas", lambda *_, **__: (_ for _ in ()).throw(WriteError("full")))
+        patch.setattr(
+            runner, "write_atlas", lambda *_, **__: (_ for _ in ()).throw(WriteError("full"))
+        )
         refused(WriteError, "^full$", run_atlas, atlas, out)
     block = next((tmp_path / "atlas.nc.blocks" / "blocks").glob("*.npz"))
     block.write_bytes(block.read_bytes()[:-100])
@@ -223,7 +250,9 @@ def test_workers_that_write_elsewhere_are_noticed(file, links, monkeypatch, tmp_
     )
 
 
-def test_an_atlas_through_time_has_a_series_at_every_place(here, ocean, days, links, content, tmp_path):
+def test_an_atlas_through_time_has_a_series_at_every_place(
+    here, ocean, days, links, content, tmp_path
+):
     window = _window(ocean, 12, 13, 12, 13)
     times = instants_between(days, "2014-07-15", "2014-07-18")
     assert times.size == 3
@@ -237,7 +266,9 @@ def test_an_atlas_through_time_has_a_series_at_every_place(here, ocean, days, li
     assert (np.diff(own["range_error"].values, axis=0) != 0.0).any()  # the water differs
     assert instants_between(days, "2014-07-15", "2014-07-18", 48.0).size == 2
     assert instants_between("synthetic:fram", "2014-07-15", "2014-07-18").size == 4
-    refused(AtlasError, "the ocean has no time from", instants_between, days, "2015-01-01", "2015-02-01")
+    refused(
+        AtlasError, "the ocean has no time from", instants_between, days, "2015-01-01", "2015-02-01"
+    )
     for source in (days, "synthetic:fram"):
         span = instants_between, source, "2014-07-18", "2014-07-15"
         refused(AtlasError, "the last is before the first", *span)
@@ -252,10 +283,14 @@ def test_an_atlas_through_time_has_a_series_at_every_place(here, ocean, days, li
 def test_a_sea_floor_of_its_own_is_taken(here, ocean, file, links, content, tmp_path):
     lat, lon = np.arange(77.0, 79.0, 0.02), np.arange(-2.5, 3.0, 0.04)
     floor = xr.Dataset({"elevation": (("lat", "lon"), np.full((lat.size, lon.size), -150.0))})
-    floor = floor.assign_coords(lat=("lat", lat, ocean["lat"].attrs), lon=("lon", lon, ocean["lon"].attrs))
+    floor = floor.assign_coords(
+        lat=("lat", lat, ocean["lat"].attrs), lon=("lon", lon, ocean["lon"].attrs)
+    )
     floor["elevation"].attrs = {"units": "m", "standard_name": "height_above_mean_sea_level"}
     floor.to_netcdf(tmp_path / "floor.nc")
-    atlas = Atlas(file, links, window=_window(ocean, 12, 12, 12, 13), bathymetry=tmp_path / "floor.nc")
+    atlas = Atlas(
+        file, links, window=_window(ocean, 12, 12, 12, 13), bathymetry=tmp_path / "floor.nc"
+    )
     own = content(run_atlas(atlas, tmp_path / "atlas.nc"))
     assert (own["link_status"].isel(pair=1) == RayStatus.OUTSIDE).all()  # at 300 m
     assert (own["link_status"].isel(pair=0, distance=0) == RayStatus.OK).all()
@@ -265,15 +300,22 @@ def test_a_sea_floor_of_its_own_is_taken(here, ocean, file, links, content, tmp_
 def test_a_window_across_the_seam_of_a_global_grid_is_that_of_any_other(
     here, ocean, links, content, tmp_path
 ):
-    """The same water on a grid that goes around the Earth, counted from 0 to 360, its seam amid the columns."""
+    """
+    The same water on a grid that goes around the Earth, counted from 0 to 360, its seam amid the
+    columns.
+    """
     lon = np.arange(0.0, 360.0, 4.0)
-    wide = ocean.isel(lon=slice(0, 45)).assign_coords(lon=("lon", lon[:45] - 88.0, ocean["lon"].attrs))
-    other = ocean.isel(lon=slice(0, 45)).assign_coords(lon=("lon", lon[:45] + 92.0, ocean["lon"].attrs))
+    wide = ocean.isel(lon=slice(0, 45)).assign_coords(
+        lon=("lon", lon[:45] - 88.0, ocean["lon"].attrs)
+    )
+    other = ocean.isel(lon=slice(0, 45)).assign_coords(
+        lon=("lon", lon[:45] + 92.0, ocean["lon"].attrs)
+    )
     around = xr.concat([wide, other], "lon", data_vars="all", coords="minimal", join="override")
     around["lon"].attrs = ocean["lon"].attrs
-    shifted = around.assign_coords(lon=("lon", around["lon"].values % 360.0, ocean["lon"].attrs)).sortby(
-        "lon"
-    )
+    shifted = around.assign_coords(
+        lon=("lon", around["lon"].values % 360.0, ocean["lon"].attrs)
+    ).sortby("lon")
     paths = {}
     for name, dataset in (("around", around), ("shifted", shifted)):
         paths[name] = tmp_path / f"{name}-ocean.nc"
@@ -281,7 +323,9 @@ def test_a_window_across_the_seam_of_a_global_grid_is_that_of_any_other(
     far = AtlasLinks(pairs=((20.0, 100.0),), distances=(1_000.0,), bearings=2)
     south, north = float(ocean["lat"][12]) - 1e-3, float(ocean["lat"][13]) + 1e-3
     one, two = (
-        content(run_atlas(Atlas(path, far, window=(south, north, -5.0, 5.0)), tmp_path / f"{name}.nc"))
+        content(
+            run_atlas(Atlas(path, far, window=(south, north, -5.0, 5.0)), tmp_path / f"{name}.nc")
+        )
         for name, path in paths.items()
     )
     np.testing.assert_array_equal(one["lon"], [-4.0, 0.0, 4.0])
@@ -296,7 +340,13 @@ def test_the_file_is_cf(here, ocean, file, links, content, tmp_path):
     assert not cf_errors([path])
     own = content(path)
     assert own.attrs["Conventions"] == "CF-1.8"
-    assert own["convention"].values.tolist() == ["transmitter", "receiver", "mean", "chord", "nominal"]
+    assert own["convention"].values.tolist() == [
+        "transmitter",
+        "receiver",
+        "mean",
+        "chord",
+        "nominal",
+    ]
     for name in ("latitude", "longitude", "time"):
         assert own.cf[name].ndim == 1
     np.testing.assert_allclose(own.cf.get_bounds("latitude").mean("bound"), own["lat"])
@@ -309,11 +359,18 @@ def test_the_file_is_cf(here, ocean, file, links, content, tmp_path):
             assert len(variable.attrs["flag_meanings"].split()) == flags.size
             assert np.isin(variable.values, flags).all()
     assert own["transmitter_depth"].values.tolist() == [20.0, 300.0]
-    assert set(own["range_error"].coords) >= {"transmitter_depth", "receiver_depth", "distance", "bearing"}
+    assert set(own["range_error"].coords) >= {
+        "transmitter_depth",
+        "receiver_depth",
+        "distance",
+        "bearing",
+    }
 
 
 def test_the_table_counts_places(here, ocean, file, links, content, tmp_path):
-    own = content(run_atlas(Atlas(file, links, window=_window(ocean, 12, 15, 12, 15)), tmp_path / "atlas.nc"))
+    own = content(
+        run_atlas(Atlas(file, links, window=_window(ocean, 12, 15, 12, 15)), tmp_path / "atlas.nc")
+    )
     table = safety_table(own).set_index(["convention", "distance_m"])
     worst = own["worst_range_error"].sel(convention="mean", distance=3000.0).max("pair").values
     row = table.loc["mean", 3000.0]
@@ -342,7 +399,12 @@ def test_what_cannot_be_is_refused(file, options, error, message):
 
 
 def test_what_is_no_atlas_is_refused(file, tmp_path):
-    refused(AtlasError, "not an atlas of this version; compute one with mantaray atlas run", open_atlas, file)
+    refused(
+        AtlasError,
+        "not an atlas of this version; compute one with mantaray atlas run",
+        open_atlas,
+        file,
+    )
     refused(
         AtlasError,
         "missing.nc: no such file",
@@ -371,7 +433,9 @@ print(int(own.split()[1]) // 1024, resource.getrusage(resource.RUSAGE_CHILDREN).
 
 
 def packed(path, ocean, rows, columns):
-    """A file of so many grid points, packed in 16 bits as HYCOM's are, the same profile everywhere."""
+    """
+    A file of so many grid points, packed in 16 bits as HYCOM's are, the same profile everywhere.
+    """
     profile = ocean.isel(lat=25, lon=20)
     data = xr.Dataset(
         coords={
@@ -382,7 +446,9 @@ def packed(path, ocean, rows, columns):
         }
     )
     for name in ("water_temp", "salinity", "water_u", "water_v"):
-        column = np.nan_to_num((profile[name].values - 20.0) / 1e-3, nan=-30_000.0).round().astype("i2")
+        column = (
+            np.nan_to_num((profile[name].values - 20.0) / 1e-3, nan=-30_000.0).round().astype("i2")
+        )
         values = np.broadcast_to(column[:, None, None], (column.size, rows, columns))
         attrs = ocean[name].attrs | {
             "scale_factor": 1e-3,
@@ -390,7 +456,9 @@ def packed(path, ocean, rows, columns):
             "_FillValue": np.int16(-30_000),
         }
         data[name] = ("depth", "lat", "lon"), values, attrs
-    data.to_netcdf(path, engine="netcdf4", encoding={name: {"zlib": True} for name in data.data_vars})
+    data.to_netcdf(
+        path, engine="netcdf4", encoding={name: {"zlib": True} for name in data.data_vars}
+    )
     return path
 
 
@@ -437,9 +505,13 @@ def test_a_full_disk_is_one_line_and_loses_nothing(file, links, tmp_path):
             with pytest.raises(KeyboardInterrupt):
                 run_atlas(atlas, disk / "atlas.nc", workers=1)
         with suppress(OSError):
-            filler.write_bytes(bytes(8 << 20))  # all that is left of the disk, all blocks being done
+            filler.write_bytes(
+                bytes(8 << 20)
+            )  # all that is left of the disk, all blocks being done
         os.truncate(filler, filler.stat().st_size - (32 << 10))
-        with pytest.raises(WriteError, match=r"atlas.nc: cannot be written: No space left on device$"):
+        with pytest.raises(
+            WriteError, match=r"atlas.nc: cannot be written: No space left on device$"
+        ):
             run_atlas(atlas, disk / "atlas.nc", workers=1)
         assert sorted(path.name for path in disk.iterdir()) == ["atlas.nc.blocks", "filler"]
         filler.unlink()

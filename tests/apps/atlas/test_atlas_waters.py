@@ -16,7 +16,9 @@ WHERE = {"window": (78.7, 78.8, 0.0, 0.3), "every": 1}
 
 @pytest.fixture(autouse=True)
 def _own_cache_and_process(tmp_path, monkeypatch):
-    """Blocks are computed in this process; `test_workers_and_tiles_change_no_digit` is about others."""
+    """
+    Blocks are computed in this process; `test_workers_and_tiles_change_no_digit` is about others.
+    """
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     monkeypatch.setattr("pymantaray.apps.atlas.runner.open_pool", pool_here)
 
@@ -30,7 +32,9 @@ def errors(out, *arguments, **options):
     """Range errors by the sound speed at the transmitter, of the first column."""
     run_atlas(Atlas(*arguments, **options), out)
     with open_atlas(out) as atlas:
-        return atlas["range_error"].isel(time=0, lat=0, lon=0, convention=0).values.ravel(), atlas.load()
+        return atlas["range_error"].isel(
+            time=0, lat=0, lon=0, convention=0
+        ).values.ravel(), atlas.load()
 
 
 def test_an_ocean_in_memory_has_the_atlas_of_its_name(fram, tmp_path):
@@ -64,7 +68,9 @@ def test_a_profile_has_one_column(tmp_path):
     medium = Medium.from_profile([0, 50, 200, 900], [1440, 1436, 1450, 1460], bottom_depth=1000.0)
     source, receiver = LINKS.ends()
     first = find_eigenrays(medium, source, receiver).first()
-    expected = first.source_sound_speed * first.travel_time - np.linalg.norm(receiver - source, axis=-1)
+    expected = first.source_sound_speed * first.travel_time - np.linalg.norm(
+        receiver - source, axis=-1
+    )
     np.testing.assert_allclose(mine, expected, rtol=1e-6)  # single precision
     assert (atlas.sizes["lat"], atlas.sizes["lon"]) == (1, 1)
     assert float(atlas["lat"][0]) == 74.0
@@ -72,5 +78,9 @@ def test_a_profile_has_one_column(tmp_path):
 
 def test_what_has_no_columns_is_refused(fram):
     medium = Medium.from_profile([0, 90], [1440, 1450], bottom_depth=90.0)
-    refused(AtlasError, "a medium has no latitude and longitude, which an atlas needs", Atlas, medium)
-    refused(AtlasError, "give the ocean before to_local", Atlas, to_local(fram, half_extent=(9e3, 9e3)))
+    refused(
+        AtlasError, "a medium has no latitude and longitude, which an atlas needs", Atlas, medium
+    )
+    refused(
+        AtlasError, "give the ocean before to_local", Atlas, to_local(fram, half_extent=(9e3, 9e3))
+    )

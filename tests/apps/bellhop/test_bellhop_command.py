@@ -37,9 +37,9 @@ def test_comparison_of_a_profile(mantaray, told, files, monkeypatch):
     np.testing.assert_allclose(table["difference_us"], stand_in.LATE_US, rtol=0, atol=2e-3)
     assert "2 links: 2 with a direct arrival of MantaRay, 2 of Bellhop" in shown.out
     assert "median +12.50" in shown.out
-    assert told(*words, "--out", "out.csv", "--force")["bellhop_minus_ours_us"]["median"] == pytest.approx(
-        12.5, abs=2e-3
-    )
+    assert told(*words, "--out", "out.csv", "--force")["bellhop_minus_ours_us"][
+        "median"
+    ] == pytest.approx(12.5, abs=2e-3)
     quiet = mantaray(*words, "--out", "again.csv", "--quiet", "--program", program)
     assert quiet.out == "again.csv\n"
     assert sorted(path.suffix for path in files.iterdir()) == ["", ".csv", ".csv", ".csv", ".csv"]
@@ -55,7 +55,12 @@ def test_writing_the_links_of_a_table(mantaray, files):
     second = read_env(paths[1])
     assert second.source == (500.5, -300.0, 70.0)
     assert len(second.levels) == 2  # linear by default, so not sampled
-    assert (second.run_type[0], second.bottom, second.step, len(second.bearings)) == ("R", "A", 0.0, 7)
+    assert (second.run_type[0], second.bottom, second.step, len(second.bearings)) == (
+        "R",
+        "A",
+        0.0,
+        7,
+    )
     assert set(np.ravel(read_grids(paths[1])[1][2])) == {1234.0}
     assert set(np.ravel(read_boundary(paths[1].with_suffix(".ati"))[2])) == {4.0}
     again = ("rays", "write-bellhop", "links.csv", *PROFILE, "--out", "run")
@@ -79,7 +84,10 @@ def test_a_smooth_ocean_is_sampled(mantaray, files):
 def test_links_of_a_run_come_with_the_runs_ocean(mantaray, files, tiny_run_folder):
     run = open_run(tiny_run_folder)
     n = run.truth.position.shape[0]
-    rows = [0, int(np.flatnonzero(run.links.second == n)[0])]  # between vehicles, and to the landmark
+    rows = [
+        0,
+        int(np.flatnonzero(run.links.second == n)[0]),
+    ]  # between vehicles, and to the landmark
     words = ("rays", "write-bellhop", "--run", tiny_run_folder)
     done = mantaray(*words, "--link", rows[0], "--link", rows[1], "--out", "out")
     assert done.code == 0, done.err

@@ -1,4 +1,7 @@
-"""Bellhop's own output files, written by the real programs in water of 1500 m/s, mean what geometry says."""
+"""
+Bellhop's own output files, written by the real programs in water of 1500 m/s, mean what geometry
+says.
+"""
 
 from dataclasses import replace
 from pathlib import Path
@@ -18,7 +21,10 @@ BEAM_ERROR = 3e-3  # s; a beam this far off its receiver is early or late by les
 
 
 def grid(arrivals):
-    """Source depth, bearing, receiver depth and range of every source and receiver, in the order of the counts."""
+    """
+    Source depth, bearing, receiver depth and range of every source and receiver, in the order of
+    the counts.
+    """
     a = arrivals
     axes = (
         a.source_depth,
@@ -41,7 +47,9 @@ def test_every_arrival_belongs_to_its_source_and_receiver(name):
     bounces = list(zip(arrivals.surface_bounces, arrivals.bottom_bounces, strict=True))
     assert set(bounces) <= set(images)
     rise = receiver_z - np.array([images[b][i] for i, b in enumerate(bounces)])
-    np.testing.assert_allclose(arrivals.travel_time, np.hypot(r, rise) / SPEED, rtol=0, atol=5 * BEAM_ERROR)
+    np.testing.assert_allclose(
+        arrivals.travel_time, np.hypot(r, rise) / SPEED, rtol=0, atol=5 * BEAM_ERROR
+    )
     slope = np.arctan2(rise, r)
     launch = np.where(arrivals.surface_bounces + arrivals.bottom_bounces > 0, -slope, slope)
     assert np.all(np.abs(arrivals.launch_declination - launch) < 1.01 * BEAM_SPACING[0])
@@ -54,7 +62,9 @@ def test_every_arrival_belongs_to_its_source_and_receiver(name):
     np.testing.assert_allclose(arrivals.phase, np.pi * arrivals.surface_bounces, rtol=SINGLE)
     assert np.all(arrivals.amplitude > 0.0)
     assert np.all(arrivals.travel_time_imaginary == 0.0)
-    assert np.array_equal(np.bincount(arrivals.pair, minlength=arrivals.count.size), arrivals.count.ravel())
+    assert np.array_equal(
+        np.bincount(arrivals.pair, minlength=arrivals.count.size), arrivals.count.ravel()
+    )
 
 
 @pytest.mark.parametrize("name", ["bellhop_fan.arr", "bellhop_plane.arr"])
@@ -70,7 +80,9 @@ def test_first_direct_arrivals_are_the_straight_lines(name):
 
 
 def test_text_and_binary_say_the_same():
-    text, binary = (read_bellhop_arrivals(DATA / f"bellhop_fan{kind}.arr") for kind in ("", "_binary"))
+    text, binary = (
+        read_bellhop_arrivals(DATA / f"bellhop_fan{kind}.arr") for kind in ("", "_binary")
+    )
     a, b = text.to_dataset(), binary.to_dataset()
     assert set(a) == set(b)
     for name in a.variables:
@@ -115,13 +127,17 @@ def test_rays_are_straight_and_mirrored_at_the_boundaries(name, n_rays):
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [
-        ("plane.arr", b"'2D'", b"10000.0", r"starts with '10000\.0'; it must start with '2D' or '3D'"),
+        ("plane.arr", b"'2D'", b"10000.0", (r"starts with '10000\.0'; it must start with '2D' or"
+                                           r" '3D'")),
         ("plane.arr", b"0.669983149", b"none", "could not convert string to float: 'none'"),
-        ("plane.arr", b"  4\n           2", b"  1\n           2", "2 arrivals, but the header announces at most 1"),
-        ("plane.arr", b" 1   500.000000", b" 1.5   500.000000", r"found 1\.5; a count must be here"),
+        ("plane.arr", b"  4\n           2", b"  1\n           2", ("2 arrivals, but the header"
+                                                                  " announces at most 1")),
+        ("plane.arr", b" 1   500.000000", b" 1.5   500.000000", (r"found 1\.5; a count must be"
+                                                                r" here")),
         ("plane.arr", b"\n", b" 1 2 3\n", "3 numbers follow the last arrival"),
         ("plane.ray", b"'rz'", b"'xy'", "neither 'xyz' nor 'rz'"),
-        *((name, None, b"", "the file ends early") for name in ("plane.arr", "fan_binary.arr", "fan.ray")),
+        *((name, None, b"", ("the file ends"
+                            " early")) for name in ("plane.arr", "fan_binary.arr", "fan.ray")),
     ],
 )  # fmt: skip
 def test_damaged_files_are_refused_in_one_line(tmp_path, name, old, new, message):

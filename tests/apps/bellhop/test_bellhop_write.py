@@ -1,4 +1,6 @@
-"""A medium and its links written for Bellhop, read by a reader that shares nothing with the writer."""
+"""
+A medium and its links written for Bellhop, read by a reader that shares nothing with the writer.
+"""
 
 import math
 
@@ -14,7 +16,9 @@ from pymantaray.apps.bellhop import BellhopOptions, HalfSpace, linear_medium, wr
 from pymantaray.errors import AcousticsError
 
 DEPTH = np.array([0.0, 10.0, 50.0, 200.0, 1000.0])
-PROFILE = Medium.from_profile(DEPTH, 1450.0 + 0.017 * DEPTH, bottom_depth=1234.5, interpolation="linear")
+PROFILE = Medium.from_profile(
+    DEPTH, 1450.0 + 0.017 * DEPTH, bottom_depth=1234.5, interpolation="linear"
+)
 ATOL_POSITION = 1e-9  # m; double precision of a range and a bearing
 
 
@@ -46,7 +50,9 @@ def test_a_medium_is_written_to_the_last_bit(tmp_path_factory, n_north, n_east, 
     for (north, east, *_, values), expected in grids:
         found = np.array(values)
         for k, (axis, own) in enumerate(((north, medium.north), (east, medium.east))):
-            if own.size == 1:  # two points about it, far beyond the link, and no variation between them
+            if (
+                own.size == 1
+            ):  # two points about it, far beyond the link, and no variation between them
                 assert axis[0] < own[0] - 8e4 < own[0] + 8e4 < axis[1]
                 np.testing.assert_array_equal(*np.split(found, 2, axis=k))
                 found = found.take([0], axis=k)
@@ -68,9 +74,16 @@ def test_positions_fan_and_box_of_a_link_with_x_north_and_bearings_clockwise(tmp
     assert found.source == tuple(source)
     assert (found.run_type, found.frequency, found.step) == ("RG RR3", 12_345.0, 7.0)
     r, bearing = found.receiver_range, found.receiver_bearing
-    there = [source[0] + r * math.cos(bearing), source[1] + r * math.sin(bearing), found.receiver_depth]
+    there = [
+        source[0] + r * math.cos(bearing),
+        source[1] + r * math.sin(bearing),
+        found.receiver_depth,
+    ]
     np.testing.assert_allclose(there, receiver, rtol=0, atol=ATOL_POSITION)
-    slope, fan = math.atan2(101.9, math.hypot(north, east)), np.linspace(-0.2, 0.2, 11)  # positive down
+    slope, fan = (
+        math.atan2(101.9, math.hypot(north, east)),
+        np.linspace(-0.2, 0.2, 11),
+    )  # positive down
     np.testing.assert_allclose(found.declinations, slope + fan, atol=1e-12)
     np.testing.assert_allclose(found.bearings, math.atan2(east, north) + fan, atol=1e-12)
     assert np.all(found.box[:2] > np.abs(receiver - source)[:2])
@@ -116,15 +129,23 @@ def test_ice_is_bellhops_altimetry(tmp_path):
     (HalfSpace(1650.0, 1.9, 0.8, 300.0, 1.5), "A", [1000.0, 1650.0, 300.0, 1.9, 0.8, 1.5]),
 ])  # fmt: skip
 def test_bottoms(tmp_path, bottom, letter, expected):
-    (env,) = write_bellhop(tmp_path, PROFILE, [0, 0, 10], [500.0, 0, 20], BellhopOptions(bottom=bottom))
+    (env,) = write_bellhop(
+        tmp_path, PROFILE, [0, 0, 10], [500.0, 0, 20], BellhopOptions(bottom=bottom)
+    )
     assert (read_env(env).bottom, read_env(env).half_space) == (letter, expected)
 
 
 def test_what_bellhop_would_move_or_lose_is_not_written(tmp_path):
     medium = grid_medium()
     inside = middle(medium, 20.0)
-    for receiver in (middle(medium, 20.0, (1e5, 0.0)), middle(medium, 1000.5), middle(medium, -1.0)):
-        with pytest.raises(AcousticsError, match=r"receiver of link 0: .* is outside the grid or its levels"):
+    for receiver in (
+        middle(medium, 20.0, (1e5, 0.0)),
+        middle(medium, 1000.5),
+        middle(medium, -1.0),
+    ):
+        with pytest.raises(
+            AcousticsError, match=r"receiver of link 0: .* is outside the grid or its levels"
+        ):
             write_bellhop(tmp_path, medium, inside, receiver)
     assert list(tmp_path.iterdir()) == []
 

@@ -31,7 +31,13 @@ def mission_of(config):
 def test_every_value_has_its_place(tmp_path):
     config = load_study(write_simulation(tmp_path))
     a, b = config.fleet.vehicles
-    assert (a.kind, a.north, a.east, a.depth, a.target_depth) == ("float", -700.0, 500.0, 0.01, 300.0)
+    assert (a.kind, a.north, a.east, a.depth, a.target_depth) == (
+        "float",
+        -700.0,
+        500.0,
+        0.01,
+        300.0,
+    )
     assert (a.hold_depth_h, a.hold_surface_h) == ((1200.0 + 0.5) / 3600.0, (600.0 + 0.5) / 3600.0)
     assert b.twist == (0.0, 0.0, 0.0, 0.2, -0.3, 0.01)  # north, east, down
     mark = config.landmarks[0]
@@ -53,25 +59,37 @@ def test_every_value_has_its_place(tmp_path):
 def test_keys_without_meaning_are_named(tmp_path):
     _, lines = import_study(write_simulation(tmp_path))
     unused = next(line for line in lines if line.startswith("without meaning here: "))
-    for key in ("output_dir", "bellhop_memory_mib", "acoustics.num_beams", "sensors.gps_z_noise_stddev"):
+    for key in (
+        "output_dir",
+        "bellhop_memory_mib",
+        "acoustics.num_beams",
+        "sensors.gps_z_noise_stddev",
+    ):
         assert key in unused
     assert "timing.physics_dt" not in unused
 
 
 def test_a_float_moves_as_in_the_program(tmp_path):
     """
-    Depths from the rules of the program: down at once, a hold that counts from the step after the arrival, up.
+    Depths from the rules of the program: down at once, a hold that counts from the step after the
+    arrival, up.
 
-    299.99 m at 0.5 m/s are 600 steps of 0.5 s twice, so 1200 steps: arrival at 600 s, ascent after 1200.5 s.
+    299.99 m at 0.5 m/s are 600 steps of 0.5 s twice, so 1200 steps: arrival at 600 s, ascent after
+    1200.5 s.
     """
     depth = mission_of(load_study(write_simulation(tmp_path))).truth.position[0, :, 2]
-    assert depth[:7] == pytest.approx([0.01, 50.01, 100.01, 150.01, 200.01, 250.01, 300.0], abs=1e-9)
+    assert depth[:7] == pytest.approx(
+        [0.01, 50.01, 100.01, 150.01, 200.01, 250.01, 300.0], abs=1e-9
+    )
     assert depth[18] == pytest.approx(300.0)
     assert depth[19] == pytest.approx(300.0 - 0.5 * (1900.0 - 1800.5), abs=0.02)
 
 
 def program_depths(robot, step, samples, steps_per_sample):
-    """Depths of a float by the program's rules, step by step: it finds that it has arrived, counts its hold, and then moves."""
+    """
+    Depths of a float by the program's rules, step by step: it finds that it has arrived, counts its
+    hold, and then moves.
+    """
     depth, hold, down = robot["position"][2], robot.get("start_offset_seconds", 0.0), False
     holding, elapsed = hold > 0.0, 0.0
     down = not holding  # the first hold is one at the surface
@@ -104,7 +122,10 @@ def program_depths(robot, step, samples, steps_per_sample):
     ],
 )  # fmt: skip
 def test_floats_keep_the_depths_of_the_program_over_many_cycles(step, keys, tmp_path):
-    """One step more in each hold would move a float by metres in 8 h; it stops at its depth and the program within a step beyond."""
+    """
+    One step more in each hold would move a float by metres in 8 h; it stops at its depth and the
+    program within a step beyond.
+    """
     tree = simulation()
     robot = {
         "type": "current_drift",
@@ -118,7 +139,11 @@ def test_floats_keep_the_depths_of_the_program_over_many_cycles(step, keys, tmp_
     ours = mission_of(load_study(write_simulation(tmp_path, tree))).truth.position[0, :, 2]
     theirs = program_depths(robot, step, 288, round(100.0 / step))
     np.testing.assert_allclose(
-        ours, theirs, rtol=0, atol=2.0 * step * robot["vertical_speed"] + 1e-5, err_msg=str(ours - theirs)
+        ours,
+        theirs,
+        rtol=0,
+        atol=2.0 * step * robot["vertical_speed"] + 1e-5,
+        err_msg=str(ours - theirs),
     )
 
 
@@ -148,7 +173,9 @@ def test_poses_contain_pings_that_the_program_ties_to_earlier_ones(tmp_path):
     assert config.mission.sampling_period_s == 500.0
     assert any("ties ranges to earlier poses" in line for line in lines)
     # two edges of 500 s have the variance of one of 1000 s
-    assert 2.0 * (config.noise.model.odometry_translation_drift * 500.0) ** 2 == pytest.approx(0.02**2)
+    assert 2.0 * (config.noise.model.odometry_translation_drift * 500.0) ** 2 == pytest.approx(
+        0.02**2
+    )
 
 
 def test_a_fleet_of_twelve_has_a_line(tmp_path):
@@ -190,18 +217,25 @@ def test_depths_that_the_program_does_not_reach_have_a_line(tmp_path):
 
 def test_a_float_outside_the_grid_of_the_current_has_a_line(tmp_path):
     path = write_simulation(tmp_path)
-    for key, part, line in (("x", slice(2, None), "x 0 to 9000 m"), ("z", slice(0, 3), "z 0 to 200 m")):
+    for key, part, line in (
+        ("x", slice(2, None), "x 0 to 9000 m"),
+        ("z", slice(0, 3), "z 0 to 200 m"),
+    ):
         sections = arrays()
         current = sections["current"]
         where = tuple(part if axis == key else slice(None) for axis in "xyz")
         shape = tuple(current[axis].size for axis in "xyz")
-        current |= {name: current[name].reshape(shape)[where] for name in "uv"} | {key: current[key][part]}
+        current |= {name: current[name].reshape(shape)[where] for name in "uv"} | {
+            key: current[key][part]
+        }
         write_environment(tmp_path, sections)
         tree = simulation()
         tree["robots"][0]["position"] = [-500.0, 0.0, 0.01] if key == "x" else [500.0, 0.0, 0.01]
         path.write_text(json.dumps(tree))
         _, lines = import_study(path)
-        assert any(f"robots[0]: it leaves the grid of the current, {line}" in said for said in lines), lines
+        assert any(
+            f"robots[0]: it leaves the grid of the current, {line}" in said for said in lines
+        ), lines
 
 
 def test_whole_numbers_may_have_a_point(tmp_path):
@@ -209,17 +243,22 @@ def test_whole_numbers_may_have_a_point(tmp_path):
     tree["acoustics"]["num_beams"] = 100.0
     assert load_study(write_simulation(tmp_path, tree)).study.seed == 3
     refused(
-        StudyError, "rng_seed: found 3.5", load_study, write_simulation(tmp_path, tree | {"rng_seed": 3.5})
+        StudyError,
+        "rng_seed: found 3.5",
+        load_study,
+        write_simulation(tmp_path, tree | {"rng_seed": 3.5}),
     )
 
 
 REFUSED = {
-    "`acoustics.beam_spred_deg`: unknown key. Did you mean `acoustics.beam_spread_deg`": lambda t: t["acoustics"].update(
+    "`acoustics.beam_spred_deg`: unknown key. Did you mean"
+    " `acoustics.beam_spread_deg`": lambda t: t["acoustics"].update(
         beam_spred_deg=15
     ),
     "`robot`: unknown key. Did you mean `robots`": lambda t: t.update(robot=[]),
     r"robots\[0\]: `depth`: unknown key": lambda t: t["robots"][0].update(depth=3.0),
-    r"robots\[1\].type: found 'constant_speed'; allowed: 'constant_vel' or 'current_drift'": lambda t: t["robots"][1].update(
+    r"robots\[1\].type: found 'constant_speed'; allowed: 'constant_vel' or"
+    r" 'current_drift'": lambda t: t["robots"][1].update(
         type="constant_speed"
     ),
     r"robots\[1\]: velocity: missing": lambda t: t["robots"][1].pop("velocity"),
@@ -228,22 +267,28 @@ REFUSED = {
     "acoustics.tof_mode: found 'oneway'": lambda t: t["acoustics"].update(tof_mode="oneway"),
     "max_beams is 50, less than num_beams, 100": lambda t: t["acoustics"].update(max_beams=50),
     "dry_run is true": lambda t: t["acoustics"].update(dry_run=True),
-    "sensors.odom_freq_hz is 3 Hz, 1.5 times the frequency of steps": lambda t: t["sensors"].update(odom_freq_hz=3.0),
+    "sensors.odom_freq_hz is 3 Hz, 1.5 times the frequency of"
+    " steps": lambda t: t["sensors"].update(odom_freq_hz=3.0),
     "sensors.gt_freq_hz is 0.03 Hz": lambda t: t["sensors"].update(gt_freq_hz=0.03),
-    r"vertical_speed: found -0.5; allowed: greater than 0": lambda t: t["robots"][0].update(vertical_speed=-0.5),
-    "target_depth is 0.005 m; it must be greater than surface_depth": lambda t: t["robots"][0].update(target_depth=0.005),
-    r"landmarks\[0\]: position 20000, 0, 50 is outside the grid, x -9000 to 9000 m": lambda t: t.update(
+    r"vertical_speed: found -0.5; allowed: greater than"
+    r" 0": lambda t: t["robots"][0].update(vertical_speed=-0.5),
+    "target_depth is 0.005 m; it must be greater than"
+    " surface_depth": lambda t: t["robots"][0].update(target_depth=0.005),
+    r"landmarks\[0\]: position 20000, 0, 50 is outside the grid, x -9000 to 9000"
+    r" m": lambda t: t.update(
         landmarks=[[2e4, 0.0, 50.0]]
     ),
     r"landmarks\[0\]: position 0, 0, 1950 is outside the water, z 0 to 1900 m": lambda t: t.update(
         landmarks=[[0.0, 0.0, 1950.0]]
     ),
-    r"robots\[1\]: position .* outside the grid": lambda t: t["robots"][1].update(position=[0.0, -9e3, 5.0]),
+    r"robots\[1\]: position .* outside the"
+    r" grid": lambda t: t["robots"][1].update(position=[0.0, -9e3, 5.0]),
     "would give odometry to wrong poses": lambda t: (
         t["sensors"].update(odom_freq_hz=0.02),
         t["pfg"].update(use_ground_truth_odometry=False),
     ),
-    "timing.ping_interval_min is 150 min, longer than end_time_hours, 2 h": lambda t: t["timing"].update(ping_interval_min=150),
+    "timing.ping_interval_min is 150 min, longer than end_time_hours, 2"
+    " h": lambda t: t["timing"].update(ping_interval_min=150),
     "range_variance: found 0": lambda t: t["pfg"].update(range_variance=0),
 }  # fmt: skip
 
@@ -296,7 +341,10 @@ def test_land_and_robots_that_leave_have_a_line(tmp_path):
 
 
 def test_beliefs_about_water_in_metres(tmp_path):
-    """With the file of the true water, the estimate is that of the exact water; in other water it is not."""
+    """
+    With the file of the true water, the estimate is that of the exact water; in other water it is
+    not.
+    """
     write_simulation(tmp_path)
     model = "range_model = {{ kind = 'eigenray', belief = {} }}"
     beliefs = {
@@ -308,11 +356,14 @@ def test_beliefs_about_water_in_metres(tmp_path):
         "numerics": "{ kind = 'numerics', every_level = 2 }",
     }
     text = 'base = "sim.json"\n[study]\nrealizations = 1\n'
-    text += "".join(f"[conditions.{name}]\n{model.format(belief)}\n" for name, belief in beliefs.items())
+    text += "".join(
+        f"[conditions.{name}]\n{model.format(belief)}\n" for name, belief in beliefs.items()
+    )
     (tmp_path / "mine.toml").write_text(text)
     run = run_study(load_study(tmp_path / "mine.toml"), tmp_path / "run", workers=1)
     position = {
-        name: run.estimates.position[run.estimates.condition.tolist().index(name)] for name in beliefs
+        name: run.estimates.position[run.estimates.condition.tolist().index(name)]
+        for name in beliefs
     }
     np.testing.assert_array_equal(position["file"], position["exact"])
     # a cast at the middle of the grid, and its mean, lack only the gradients along x and y
@@ -332,7 +383,10 @@ def test_beliefs_about_water_in_metres(tmp_path):
 )
 def test_beliefs_that_need_temperature_are_refused_in_water_in_metres(belief, tmp_path):
     write_simulation(tmp_path)
-    text = f"base = 'sim.json'\n[conditions.one]\nrange_model = {{ kind = 'eigenray', belief = {belief} }}\n"
+    text = (
+        f"base = 'sim.json'\n[conditions.one]\nrange_model = {{ kind = 'eigenray', belief ="
+        f" {belief} }}\n"
+    )
     (tmp_path / "mine.toml").write_text(text)
     config = load_study(tmp_path / "mine.toml")
     refused(OceanError, "water in metres has no", run_study, config, tmp_path / "run", workers=1)
@@ -386,7 +440,9 @@ UNKNOWN = {
 
 @pytest.mark.parametrize("line", UNKNOWN)
 def test_what_the_program_does_not_have_is_not_exported(line, tmp_path):
-    refused(ExchangeError, line, export_authors, load_study("quick", **UNKNOWN[line]), tmp_path / "out")
+    refused(
+        ExchangeError, line, export_authors, load_study("quick", **UNKNOWN[line]), tmp_path / "out"
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -398,7 +454,10 @@ def imported():
 
 
 def test_the_run_has_the_same_poses(imported):
-    """A hold with one step more or less would move a float by 0.4 or 0.5 m where it rises or dives after it."""
+    """
+    A hold with one step more or less would move a float by 0.4 or 0.5 m where it rises or dives
+    after it.
+    """
     for k, path in enumerate(imported.truth.position):
         theirs = np.loadtxt(
             RUN / "output" / f"robot_{k}_{k}_GroundTruthPose.csv",
@@ -412,7 +471,9 @@ def test_the_run_has_the_same_poses(imported):
 
 
 def test_the_run_has_the_same_factors(imported):
-    words = Counter(line.split()[0] for line in (RUN / "output" / "output.pfg").read_text().splitlines())
+    words = Counter(
+        line.split()[0] for line in (RUN / "output" / "output.pfg").read_text().splitlines()
+    )
     m = imported.measurements
     assert m.depth.size == words["VERTEX_SE3:QUAT"]
     assert m.odometry_sigma.shape[0] * m.odometry_sigma.shape[1] == words["EDGE_SE3:QUAT"]
@@ -442,7 +503,10 @@ def compared(imported):
 
 
 def test_the_run_has_the_same_ranges(compared):
-    """Six ranges of theirs are shorter: their beams pass the receiver by tens of metres, and carry their own travel time."""
+    """
+    Six ranges of theirs are shorter: their beams pass the receiver by tens of metres, and carry
+    their own travel time.
+    """
     assert len(compared) == 70
     later = np.array([ours - theirs for ours, theirs in compared.values()])
     assert np.count_nonzero(np.abs(later) < 0.1) == 64
@@ -470,7 +534,12 @@ def test_an_independent_fan_has_our_ranges_where_theirs_differ(imported, compare
         source = place(transmitter, at)
         c = RegularGridInterpolator(axes, speed["data"])(source)[0]
         fan = c * first_direct_time(axes, speed["data"], source, place(receiver, at))
-        assert abs(fan - compared[at, transmitter, receiver][0]) < 0.02, (at, transmitter, receiver, fan)
+        assert abs(fan - compared[at, transmitter, receiver][0]) < 0.02, (
+            at,
+            transmitter,
+            receiver,
+            fan,
+        )
 
 
 def test_the_run_is_exported_byte_by_byte(tmp_path):

@@ -25,7 +25,8 @@ def test_export_names_what_it_made_and_refuses_in_one_line(mantaray, tiny_run_fo
     refused = mantaray("export", tiny_run_folder, "--to", "ply", "--out", tmp_path / "other")
     assert refused.code == 2
     assert refused.err == (
-        "error: export: unknown format 'ply'; allowed: tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap, bag\n"
+        "error: export: unknown format 'ply'; allowed: tum, kitti, cf, csv, parquet, g2o, pyfg,"
+        " rrd, mcap, bag\n"
     )
     again = mantaray("export", tiny_run_folder, "--to", "csv", "--out", tmp_path / "tables")
     assert again.code == 2

@@ -47,17 +47,24 @@ def exported(run, tmp_path):
 def poses(run):
     """Position and quaternion, body to north, east, down, by condition and vehicle."""
     e, truth = run.estimates, run.truth
-    both = {("truth", a): (truth.position[i], truth.quaternion[i]) for i, a in enumerate(truth.name)}
+    both = {
+        ("truth", a): (truth.position[i], truth.quaternion[i]) for i, a in enumerate(truth.name)
+    }
     for (c, condition), (i, vehicle) in product(enumerate(e.condition), enumerate(truth.name)):
         both[condition, vehicle] = e.position[c, REALIZATION, i], e.quaternion[c, REALIZATION, i]
     return both
 
 
 def assert_enu(position, xyzw, pose, *, rtol=1e-12):
-    """Places are turned to east, north, up; forward, left and up of the body are forward, -right and -down of ours."""
+    """
+    Places are turned to east, north, up; forward, left and up of the body are forward, -right and
+    -down of ours.
+    """
     place, quaternion = pose
     np.testing.assert_allclose(position, place @ UP.T, rtol=rtol, atol=rtol)
-    ours = UP @ matrix_from_quaternion(quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
+    ours = UP @ matrix_from_quaternion(
+        quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+    )
     theirs = matrix_from_quaternion(np.asarray(xyzw, dtype=float)[..., [3, 0, 1, 2]])
     np.testing.assert_allclose(theirs, ours * [1.0, -1.0, -1.0], atol=3e-7)
 
@@ -68,31 +75,43 @@ def test_evo_reads_the_same_errors_from_tum(run, exported, poses):
     out = exported("tum")
     assert names_in(out) == sorted(f"{condition}-{vehicle}.tum" for condition, vehicle in poses)
     errors = (
-        run.errors().set_index(["condition", "realization", "vehicle"]).sort_index(kind="stable")["error"]
+        run.errors()
+        .set_index(["condition", "realization", "vehicle"])
+        .sort_index(kind="stable")["error"]
     )
     truth = {a: interface.read_tum_trajectory_file(out / f"truth-{a}.tum") for a in run.truth.name}
     for condition, vehicle in poses:
         read = interface.read_tum_trajectory_file(out / f"{condition}-{vehicle}.tum")
         assert read.check()[0]
         np.testing.assert_array_equal(read.positions_xyz, poses[condition, vehicle][0])
-        np.testing.assert_allclose(read.orientations_quat_wxyz, poses[condition, vehicle][1], atol=1e-7)
+        np.testing.assert_allclose(
+            read.orientations_quat_wxyz, poses[condition, vehicle][1], atol=1e-7
+        )
         if condition != "truth":
             ape = metrics.APE(metrics.PoseRelation.translation_part)
             ape.process_data((truth[vehicle], read))
-            np.testing.assert_allclose(ape.error, errors[condition, REALIZATION, vehicle], atol=1e-9)
+            np.testing.assert_allclose(
+                ape.error, errors[condition, REALIZATION, vehicle], atol=1e-9
+            )
 
 
 def test_evo_reads_kitti(run, exported, poses):
     interface = pytest.importorskip("evo.tools.file_interface")
     out = exported("kitti")
     assert names_in(out) == sorted(
-        ["frame.json", *(f"{c}-{a}.txt" for c, a in poses), *(f"times-{a}.txt" for a in run.truth.name)]
+        [
+            "frame.json",
+            *(f"{c}-{a}.txt" for c, a in poses),
+            *(f"times-{a}.txt" for a in run.truth.name),
+        ]
     )
     for (condition, vehicle), (position, quaternion) in poses.items():
         read = interface.read_kitti_poses_file(out / f"{condition}-{vehicle}.txt")
         matrices = np.array(read.poses_se3)
         np.testing.assert_array_equal(matrices[:, :3, 3], position)
-        np.testing.assert_allclose(matrices[:, :3, :3], matrix_from_quaternion(quaternion), atol=2e-7)
+        np.testing.assert_allclose(
+            matrices[:, :3, :3], matrix_from_quaternion(quaternion), atol=2e-7
+        )
     np.testing.assert_array_equal(np.loadtxt(out / "times-B.txt"), run.truth.time)
 
 
@@ -111,11 +130,14 @@ def test_pandas_reads_tables_whose_columns_say_their_units(run, exported, to):
     ranges, errors = run.ranges(REALIZATION), run.errors()
     for column in ("time", "distance", "refracted_range", "travel_time"):
         unit = ranges.attrs["units"][column]
-        np.testing.assert_array_equal(read["ranges"][f"{column}_{unit}"].astype(float), ranges[column])
+        np.testing.assert_array_equal(
+            read["ranges"][f"{column}_{unit}"].astype(float), ranges[column]
+        )
     assert read["ranges"]["status"].tolist() == ranges["status"].tolist()
     np.testing.assert_array_equal(pd.to_datetime(read["ranges"]["date"]), ranges["date"])
     np.testing.assert_array_equal(
-        read["errors"]["error_m"].astype(float), errors[errors["realization"] == REALIZATION]["error"]
+        read["errors"]["error_m"].astype(float),
+        errors[errors["realization"] == REALIZATION]["error"],
     )
     here, there = run.trajectories(REALIZATION), read["trajectories"]
     for column, own in (
@@ -150,7 +172,9 @@ def test_gtsam_reads_the_poses_and_odometry_of_g2o(run, exported, poses):
 def test_pyfg_of_the_first_realization_is_that_of_the_run(run, tmp_path):
     out = export_run(run, "pyfg", tmp_path / "out")
     for name in ("straight", "refracted", "straight-all"):
-        assert filecmp.cmp(out / f"{name}.pyfg", run.path / f"pyfg/realization-0-{name}.pyfg", shallow=False)
+        assert filecmp.cmp(
+            out / f"{name}.pyfg", run.path / f"pyfg/realization-0-{name}.pyfg", shallow=False
+        )
     other = export_run(run, "pyfg", tmp_path / "other", realization=1)
     graph, _ = read_pyfg(other / "refracted.pyfg")
     heard = run.measurements.range_status == RayStatus.OK
@@ -177,13 +201,18 @@ def test_rerun_reads_transforms_and_ranges(run, exported, poses):
     ranges = run.ranges(REALIZATION)
     for receiver in ("B", "L0"):
         heard = ranges.query(f"status == 'OK' and transmitter == 'A' and receiver == '{receiver}'")
-        error = np.array(columns[f"/range_error/A/{receiver}"]["Scalars:scalars"].to_pylist()).ravel()
+        error = np.array(
+            columns[f"/range_error/A/{receiver}"]["Scalars:scalars"].to_pylist()
+        ).ravel()
         np.testing.assert_allclose(error, heard["refracted_range"] - heard["distance"], atol=1e-9)
     strips = columns["/map/ranges"]["LineStrips3D:strips"].to_pylist()
     assert sum(map(len, strips)) == (ranges["status"] == "OK").sum()
     line = columns["/earth/B"]["GeoLineStrings:line_strings"].to_pylist()[0][0]
     np.testing.assert_allclose(
-        line, run.trajectories().query("condition == 'truth' and vehicle == 'B'")[["latitude", "longitude"]]
+        line,
+        run.trajectories().query("condition == 'truth' and vehicle == 'B'")[
+            ["latitude", "longitude"]
+        ],
     )
 
 
@@ -205,7 +234,9 @@ def messages_of_mcap(file):
         decoded = reader.make_reader(
             stream, decoder_factories=[decoder.DecoderFactory()]
         ).iter_decoded_messages()
-        return [(channel.topic, message.log_time, content) for _, channel, message, content in decoded]
+        return [
+            (channel.topic, message.log_time, content) for _, channel, message, content in decoded
+        ]
 
 
 def place_of(point):
@@ -226,14 +257,19 @@ def test_messages_of_ros_are_the_runs_in_the_axes_of_ros(run, exported, poses, t
         topics.setdefault(topic, []).append((time, content))
     names = {condition: condition.replace("-", "_") for condition, _ in poses}
     instants = (
-        (run.truth.start + (run.truth.time * 1e6).astype("m8[us]")).astype("M8[ns]").astype(int).tolist()
+        (run.truth.start + (run.truth.time * 1e6).astype("m8[us]"))
+        .astype("M8[ns]")
+        .astype(int)
+        .tolist()
     )
     for (condition, vehicle), pose in poses.items():
         stamped = topics[f"/{names[condition]}/{vehicle}/pose"]
         assert [time for time, _ in stamped] == instants
         contents = [content for _, content in stamped]
         assert {c.header.frame_id for c in contents} == {"map"}
-        assert contents[1].header.stamp.sec * 10**9 + contents[1].header.stamp.nanosec == instants[1]
+        assert (
+            contents[1].header.stamp.sec * 10**9 + contents[1].header.stamp.nanosec == instants[1]
+        )
         assert_enu(
             [place_of(c.pose.position) for c in contents],
             [turn_of(c.pose.orientation) for c in contents],
@@ -256,14 +292,17 @@ def test_messages_of_ros_are_the_runs_in_the_axes_of_ros(run, exported, poses, t
     fixes = [content for _, content in topics["/truth/B/fix"]]
     here = run.trajectories().query("condition == 'truth' and vehicle == 'B'")
     np.testing.assert_array_equal(
-        [[f.latitude, f.longitude, -f.altitude] for f in fixes], here[["latitude", "longitude", "down"]]
+        [[f.latitude, f.longitude, -f.altitude] for f in fixes],
+        here[["latitude", "longitude", "down"]],
     )
     ((_, origin),) = topics["/map/fix"]
     assert (origin.header.frame_id, origin.latitude, origin.longitude) == ("map", 74.5, -140.0)
     ranges = run.ranges(REALIZATION).query("status == 'OK'")
     for (transmitter, receiver), rows in ranges.groupby(["transmitter", "receiver"]):
         heard = topics.pop(f"/ranges/{transmitter}/{receiver}")
-        np.testing.assert_allclose([c.range for _, c in heard], rows["refracted_range"], rtol=FLOAT32)
+        np.testing.assert_allclose(
+            [c.range for _, c in heard], rows["refracted_range"], rtol=FLOAT32
+        )
         assert heard[0][1].header.frame_id == (
             receiver if receiver in marks.landmark_name else f"{receiver}/base_link"
         )
@@ -297,7 +336,9 @@ def test_cf_trajectories_point_where_the_vehicles_do_and_comply(run, late, tmp_p
     with xr.open_dataset(tmp_path / "truth.nc") as data:
         b = data.isel(trajectory=1)
         assert int(b["time"].count()) == run.truth.time.size - LATE
-        north, east, _ = np.moveaxis(matrix_from_quaternion(run.truth.quaternion[1, LATE:])[:, :, 0], -1, 0)
+        north, east, _ = np.moveaxis(
+            matrix_from_quaternion(run.truth.quaternion[1, LATE:])[:, :, 0], -1, 0
+        )
         bearing = run.truth.frame.convergence(b["latitude"][:-LATE], b["longitude"][:-LATE])
         heading = np.degrees(np.arctan2(east, north) - bearing) % 360.0
         np.testing.assert_allclose(b["heading"][:-LATE], heading, atol=1e-9)
@@ -344,12 +385,16 @@ def test_names_that_ros_cannot_tell_apart_are_refused(run, tmp_path):
 
 
 @pytest.mark.parametrize(("to", "module", "message"), [
-    ("bag", "rosbags.rosbag2", r'bag and mcap: rosbags is not installed; pip install "pymantaray\[ros\]"'),
-    ("mcap", "rosbags.rosbag2", r'bag and mcap: rosbags is not installed; pip install "pymantaray\[ros\]"'),
+    ("bag", "rosbags.rosbag2", (r'bag and mcap: rosbags is not installed; pip install'
+                               r' "pymantaray\[ros\]"')),
+    ("mcap", "rosbags.rosbag2", (r'bag and mcap: rosbags is not installed; pip install'
+                                r' "pymantaray\[ros\]"')),
     ("rrd", "rerun", r'rrd: rerun-sdk is not installed; pip install "pymantaray\[rerun\]"'),
     ("parquet", "pyarrow", r'parquet needs the extra parquet; pip install "pymantaray\[parquet\]"'),
 ])  # fmt: skip
-def test_a_missing_library_is_named_and_nothing_is_left(run, tmp_path, monkeypatch, to, module, message):
+def test_a_missing_library_is_named_and_nothing_is_left(
+    run, tmp_path, monkeypatch, to, module, message
+):
     monkeypatch.setitem(sys.modules, module, None)
     refused(ExchangeError, message, export_run, run, to, tmp_path / "out")
     assert not names_in(tmp_path)
@@ -366,7 +411,13 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(run, tmp_path, mo
     )
     refused(StudyError, "not a run folder", export_run, tmp_path, "tum", tmp_path / "a")
     refused(
-        StudyError, "realization 2: the run has 0 to 1", export_run, run, "tum", tmp_path / "a", realization=2
+        StudyError,
+        "realization 2: the run has 0 to 1",
+        export_run,
+        run,
+        "tum",
+        tmp_path / "a",
+        realization=2,
     )
     full, file = tmp_path / "full", tmp_path / "there.rrd"
     full.mkdir()
@@ -413,7 +464,9 @@ def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(run, tmp_path, form)
     ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
     try:
-        refused(WriteError, "cannot be written: File too large", export_run, run, form, tmp_path / "out")
+        refused(
+            WriteError, "cannot be written: File too large", export_run, run, form, tmp_path / "out"
+        )
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
         signal.signal(signal.SIGXFSZ, ignored)

@@ -65,7 +65,13 @@ def test_show_counts_what_is_there(graph, told, file):
     assert dict(line.split(maxsplit=1) for line in out.splitlines()).items() >= expected.items()
     counts = told("graph", "show", file)
     assert counts["vehicles"] == [{"name": "A", "poses": 3}, {"name": "B", "poses": 2}]
-    expected = {"landmarks": ["L2"], "odometry": 3, "loop_closures": 2, "ranges": 2, "determined": True}
+    expected = {
+        "landmarks": ["L2"],
+        "odometry": 3,
+        "loop_closures": 2,
+        "ranges": 2,
+        "determined": True,
+    }
     assert counts.items() >= expected.items()
 
 
@@ -111,19 +117,25 @@ def test_unknown_lines_are_named_with_a_count_and_skipped_by_choice(mantaray, gr
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert "unknown lines: 2 of 'FIX' (line 17)" in refused.err
     for command in ("show", "solve"):
-        done = graph(command, tmp_path / "s.pyfg", "--skip-unknown", "--leave-out", "EDGE_SE3_XYZ").out
+        done = graph(
+            command, tmp_path / "s.pyfg", "--skip-unknown", "--leave-out", "EDGE_SE3_XYZ"
+        ).out
         assert [line.split()[-2:] for line in done.splitlines() if line.startswith("left out")] == [
             ["1", "EDGE_SE3_XYZ"],
             ["2", "FIX"],
         ]
-    done = graph("convert", tmp_path / "s.pyfg", tmp_path / "s.g2o", "--skip-unknown", "--leave-out", "all")
+    done = graph(
+        "convert", tmp_path / "s.pyfg", tmp_path / "s.g2o", "--skip-unknown", "--leave-out", "all"
+    )
     assert "left out: 2 FIX" in done.err
     assert "EDGE_SE3_TRACKXYZ 1 5 0 -5 6 7 10 0 0 10 0 10\n" in (tmp_path / "s.g2o").read_text()
 
 
 def test_ranges_are_not_left_out_of_a_solve_in_silence(mantaray, file):
     refused = mantaray("graph", "solve", file, "--leave-out", "ranges")
-    message = f"error: {file}: no line begins with 'ranges'; allowed: words of the file to leave out\n"
+    message = (
+        f"error: {file}: no line begins with 'ranges'; allowed: words of the file to leave out\n"
+    )
     assert (refused.code, refused.err) == (2, message)
 
 
@@ -160,16 +172,23 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     done = mantaray("graph", "convert", file, tmp_path / "t.tum")
     assert done.out.splitlines() == [str(tmp_path / "t-A.tum"), str(tmp_path / "t-B.tum")]
     again = mantaray("graph", "convert", file, tmp_path / "t.tum")
-    assert again.err == f"error: {tmp_path / 't-A.tum'}: already exists; give another name or --force\n"
+    assert (
+        again.err
+        == f"error: {tmp_path / 't-A.tum'}: already exists; give another name or --force\n"
+    )
     graph("convert", file, tmp_path / "t.tum", "--force")
     again = mantaray("graph", "convert", file, tmp_path / "g.g2o")
-    assert again.err == f"error: {tmp_path / 'g.g2o'}: already exists; give another name or --force\n"
+    assert (
+        again.err == f"error: {tmp_path / 'g.g2o'}: already exists; give another name or --force\n"
+    )
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
-    (f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}\n", "", "B0: priors, odometry and ranges do not"),
+    (("VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1"
+     f" {NOISE}\n"), "", "B0: priors, odometry and ranges do not"),
     ("A0 A1 10.1 0 0 0 0 0 1 0.01", "A0 A1 10.1 0 0 0 0 0 1 0", "A1: odometry variance is"),
-    ("VERTEX_SE3:QUAT 0 B0", "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2 in a graph in three dimensions"),
+    (("VERTEX_SE3:QUAT 0"
+     " B0"), "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2 in a graph in three dimensions"),
 ], ids=["no prior", "no variance", "two dimensions"])  # fmt: skip
 def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new, said):
     assert old in file.read_text()
@@ -200,10 +219,15 @@ def test_a_failed_solve_writes_nothing_and_an_unconverged_one_ends_with_1(
     assert not (out / "estimate.nc").exists()
 
 
-def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(mantaray, graph, file, tmp_path):
+def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(
+    mantaray, graph, file, tmp_path
+):
     (tmp_path / "g.names.csv").write_text("symbol,name\nA,north-wind\nB,b_2\nL2,buoy\n")
     done = mantaray("graph", "convert", file, tmp_path / "again.pyfg")
-    assert done.out.splitlines() == [str(tmp_path / "again.pyfg"), str(tmp_path / "again.names.csv")]
+    assert done.out.splitlines() == [
+        str(tmp_path / "again.pyfg"),
+        str(tmp_path / "again.names.csv"),
+    ]
     assert read_pyfg(tmp_path / "again.pyfg")[0].vehicle_name.tolist() == ["north-wind", "b_2"]
     (tmp_path / "new.names.csv").write_text("mine")
     refused = mantaray("graph", "convert", file, tmp_path / "new.pyfg")
@@ -219,13 +243,18 @@ def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(man
 def test_costs_on_either_side_of_their_bounds_come_with_their_own_advice(
     graph, told, file, scale, status, said
 ):
-    """Many edges, all 1 m too long or short by turns, at variances that are far too small or too large."""
+    """
+    Many edges, all 1 m too long or short by turns, at variances that are far too small or too
+    large.
+    """
     edge = (
         "EDGE_SE3:QUAT 1 A0 A1 {} 0 0 0 0 0 1 "
         + " ".join(f"{float(v) * scale:g}" for v in NOISE.split())
         + "\n"
     )
-    file.write_text(file.read_text() + "".join(edge.format(10 + (-1) ** k * 0.1) for k in range(40)))
+    file.write_text(
+        file.read_text() + "".join(edge.format(10 + (-1) ** k * 0.1) for k in range(40))
+    )
     lines = graph("solve", file).out.splitlines()
     assert f": {status}, " in lines[0]
     assert lines[1].startswith(f"{status}: converged, but the cost is ")
@@ -247,13 +276,21 @@ def test_variables_that_start_as_in_the_file_are_counted(graph, told, file, star
         )
     )
     lines = graph("solve", file, "--start", start).out.splitlines()
-    said = "started at the file's values, because only ranges constrain them: 0 poses, 1 of 1 landmarks"
+    said = (
+        "started at the file's values, because only ranges constrain them: 0 poses, 1 of 1"
+        " landmarks"
+    )
     assert said in lines
-    assert told("graph", "solve", file, "--start", start)["as_in_file"] == {"poses": 0, "landmarks": 1}
+    assert told("graph", "solve", file, "--start", start)["as_in_file"] == {
+        "poses": 0,
+        "landmarks": 1,
+    }
     assert told("graph", "solve", file)["as_in_file"] == {"poses": 0, "landmarks": 0}
 
 
-def test_all_starts_a_second_minimum_and_the_certificate_are_reported(mantaray, told, graph, tmp_path):
+def test_all_starts_a_second_minimum_and_the_certificate_are_reported(
+    mantaray, told, graph, tmp_path
+):
     path = tmp_path / "ring.g2o"
     path.write_text(ring(6, 1, 9, 0.9, 20.0))
     done = graph("solve", path, "--random-starts", "2")
@@ -280,7 +317,9 @@ def test_solve_lists_the_worst_factors_by_each_measure(graph, mantaray, tmp_path
     path.write_text(TEXT)
     done = json.loads(graph("solve", path, "--worst", 2, "--json").out)
     for measure in ("residual_sigmas", "leverage", "cook_distance"):
-        rows = done["tables"][f"largest_{measure}"] if "tables" in done else done[f"largest_{measure}"]
+        rows = (
+            done["tables"][f"largest_{measure}"] if "tables" in done else done[f"largest_{measure}"]
+        )
         assert len(rows) == 2
         assert rows[0][measure] >= rows[1][measure]
         assert {row["kind"] for row in rows} <= {
@@ -295,7 +334,10 @@ def test_solve_lists_the_worst_factors_by_each_measure(graph, mantaray, tmp_path
 
 def test_covariances_may_be_those_that_pyfactorgraph_reads(graph, tmp_path):
     path = tmp_path / "g.pyfg"
-    depth = f"VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 3 0 0 0 1 {NOISE.replace('0.01', '1e12', 2).replace('1e-4', '1e12')}\n"
+    depth = (
+        "VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 3 0 0 0 1"
+        f" {NOISE.replace('0.01', '1e12', 2).replace('1e-4', '1e12')}\n"
+    )
     path.write_text(TEXT.replace(NOISE, NOISE.replace("0.01", "0.04", 1), 1) + depth)
     done = json.loads(graph("solve", path, "--covariances", "isotropic", "--json").out)
     assert done["left_out"] == {"depth priors (PyFactorGraph reads precision 0)": 1}
@@ -303,7 +345,10 @@ def test_covariances_may_be_those_that_pyfactorgraph_reads(graph, tmp_path):
 
 def test_convert_writes_depths_as_ranges(graph, tmp_path):
     path, out = tmp_path / "g.pyfg", tmp_path / "out.pyfg"
-    depth = f"VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 3 0 0 0 1 {NOISE.replace('0.01', '1e12', 2).replace('1e-4', '1e12')}\n"
+    depth = (
+        "VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 3 0 0 0 1"
+        f" {NOISE.replace('0.01', '1e12', 2).replace('1e-4', '1e12')}\n"
+    )
     path.write_text(TEXT + depth)
     assert "precision of 0" in graph("convert", path, out).err
     assert graph("convert", path, out, "--depths", "ranges", "--force").err == ""

@@ -1,4 +1,7 @@
-"""The certificate of global optimality, against dense matrices, costs by loops, and descents from many starts."""
+"""
+The certificate of global optimality, against dense matrices, costs by loops, and descents from many
+starts.
+"""
 
 import numpy as np
 import pytest
@@ -22,14 +25,18 @@ def planar_ranges(seed=1, *, loops=True):
     )
     angle = np.repeat(np.arange(4) * np.pi / 2, 5)
     landmark = np.array([[8.0, 12.0], [25.0, 3.0]])
-    lines = [f"VERTEX_SE2 {k} A{k} {x:.9g} {y:.9g} {angle[k]:.9g}" for k, (x, y) in enumerate(place)]
+    lines = [
+        f"VERTEX_SE2 {k} A{k} {x:.9g} {y:.9g} {angle[k]:.9g}" for k, (x, y) in enumerate(place)
+    ]
     lines += [f"VERTEX_XY L{k} {x} {y}" for k, (x, y) in enumerate(landmark)]
     lines.append("VERTEX_SE2:PRIOR 0 A0 0 0 0 1e-4 0 0 1e-4 0 1e-6")
     for a, b in [*((k, k + 1) for k in range(19)), *([(0, 19)] if loops else [])]:
         c, s = np.cos(angle[a]), np.sin(angle[a])
         step = np.array([[c, s], [-s, c]]) @ (place[b] - place[a]) + 0.1 * rng.normal(size=2)
         turn = angle[b] - angle[a] + 0.02 * rng.normal()
-        lines.append(f"EDGE_SE2 {b} A{a} A{b} {step[0]:.9g} {step[1]:.9g} {turn:.9g} 0.01 0 0 0.01 0 4e-4")
+        lines.append(
+            f"EDGE_SE2 {b} A{a} A{b} {step[0]:.9g} {step[1]:.9g} {turn:.9g} 0.01 0 0 0.01 0 4e-4"
+        )
     for k in range(20):
         for j in range(2):
             distance = np.linalg.norm(place[k] - landmark[j]) + 0.2 * rng.normal()
@@ -66,7 +73,8 @@ def spatial(seed=4):
     sighting = turn[2].inv().apply(landmark - place[2])
     lines.append(f"EDGE_SE3_XYZ 2 A2 L0 {text(sighting)} {upper(np.full(3, 0.2))}")
     lines += [
-        f"EDGE_RANGE {k} A{k} L0 {np.linalg.norm(landmark - place[k]) + 0.1:.9g} 0.01" for k in range(n)
+        f"EDGE_RANGE {k} A{k} L0 {np.linalg.norm(landmark - place[k]) + 0.1:.9g} 0.01"
+        for k in range(n)
     ]
     lines.append(f"EDGE_RANGE 2 A2 A5 {np.linalg.norm(place[5] - place[2]):.9g} 0.01")
     return "\n".join(lines) + "\n"
@@ -90,7 +98,9 @@ def chordal_cost(graph, rotation, place):
         table = graph[name]
         for k, ends in enumerate(table.variables):
             variance = np.diag(table.covariance[k])
-            first = (np.eye(d), np.zeros(d)) if len(ends) == 1 else (rotation[ends[0]], place[ends[0]])
+            first = (
+                (np.eye(d), np.zeros(d)) if len(ends) == 1 else (rotation[ends[0]], place[ends[0]])
+            )
             if "quaternion" in table.kind.columns_at:
                 q = table.column("quaternion")[k][[1, 2, 3, 0]]
                 measured = Rotation.from_quat(q).as_matrix()[:d, :d]
@@ -123,7 +133,9 @@ def test_matrix_form_has_the_cost_of_the_factors(opened, text):
 
 
 @pytest.mark.parametrize("text", [spatial(), planar_ranges()])
-def test_cost_anywhere_is_that_of_the_critical_point_and_a_form_of_the_certificate_matrix(opened, text):
+def test_cost_anywhere_is_that_of_the_critical_point_and_a_form_of_the_certificate_matrix(
+    opened, text
+):
     file = opened(text)
     problem = ChordalProblem(file.graph)
     point, _ = descend(problem, problem.matrix(solve_graph(file).values))
@@ -136,9 +148,9 @@ def test_cost_anywhere_is_that_of_the_critical_point_and_a_form_of_the_certifica
         turn = Rotation.random(len(rows), random_state=rng).as_matrix()
         if problem.d == 2:
             angle = rng.uniform(-np.pi, np.pi, len(rows))
-            turn = np.stack([np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)], 1).reshape(
-                -1, 2, 2
-            )
+            turn = np.stack(
+                [np.cos(angle), np.sin(angle), -np.sin(angle), np.cos(angle)], 1
+            ).reshape(-1, 2, 2)
         other[rows] = turn
         other[problem.position_row] = 20.0 * rng.normal(size=(problem.position_row.size, problem.d))
         unit = rng.normal(size=(problem.unit_row.size, problem.d))
@@ -175,7 +187,9 @@ def test_a_twisted_ring_is_not_certified_and_the_ring_is(opened):
 
 @pytest.mark.parametrize("text", [planar_ranges(5), spatial()])
 def test_no_descent_from_random_points_ends_below_the_certified_cost(opened, text):
-    """Least squares on rotation vectors and positions, which shares nothing with the certificate."""
+    """
+    Least squares on rotation vectors and positions, which shares nothing with the certificate.
+    """
     file = opened(text)
     result = solve_graph(file, start="best", random_starts=4)
     certificate = certify(result.graph, result.values)
@@ -209,7 +223,10 @@ def test_a_graph_with_depths_has_no_certificate_and_says_why(opened, make_fleet)
 
 @pytest.mark.parametrize("name", ["cooperative-2.pyfg", "sphere-big-noise-4.g2o"])
 def test_a_relaxation_is_a_global_minimum_of_the_dense_dual_problem(opened, name):
-    """Feasible, with a positive semidefinite dual matrix that is computed densely: the gap is that of semidefinite programming."""
+    """
+    Feasible, with a positive semidefinite dual matrix that is computed densely: the gap is that of
+    semidefinite programming.
+    """
     result = solve_graph(opened(FILES[name](), name), start="chordal", truth=False)
     problem = ChordalProblem(result.graph)
     relaxation = relax(problem, problem.matrix(result.values))
@@ -229,7 +246,9 @@ def test_a_relaxation_is_a_global_minimum_of_the_dense_dual_problem(opened, name
     schur = dual[np.ix_(c, c)] - dual[np.ix_(c, ~c)] @ np.linalg.solve(
         dual[np.ix_(~c, ~c)], dual[np.ix_(~c, c)]
     )
-    bound = 0.5 * np.trace(multipliers) + 0.5 * np.count_nonzero(c) * min(np.linalg.eigvalsh(schur)[0], 0.0)
+    bound = 0.5 * np.trace(multipliers) + 0.5 * np.count_nonzero(c) * min(
+        np.linalg.eigvalsh(schur)[0], 0.0
+    )
     assert relaxation.cost == pytest.approx(0.5 * np.trace(x.T @ quadratic @ x), rel=1e-9)
     assert bound == pytest.approx(relaxation.cost, rel=2e-3)
     assert relaxation.lower_bound <= relaxation.cost * (1 + 1e-12)
@@ -246,7 +265,9 @@ def test_rounded_relaxation_of_a_tight_problem_is_its_minimum(opened):
 
 
 def test_a_relaxation_certifies_ranges_whose_own_bound_is_loose(opened):
-    result = solve_graph(opened(FILES["cooperative.pyfg"](), "g.pyfg"), start="chordal", truth=False)
+    result = solve_graph(
+        opened(FILES["cooperative.pyfg"](), "g.pyfg"), start="chordal", truth=False
+    )
     certificate = certify(result.graph, result.values)
     assert certificate.least_eigenvalue < -0.5
     assert certificate.certified

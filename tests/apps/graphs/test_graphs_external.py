@@ -12,7 +12,14 @@ from pymantaray.apps.graphs import open_graph, solve_graph
 from pymantaray.apps.graphs.diagnose import diagnose
 from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import FactorGraph, GraphSolver, GraphValues, SolveOptions, build_graph, write_pyfg
+from pymantaray.estimation import (
+    FactorGraph,
+    GraphSolver,
+    GraphValues,
+    SolveOptions,
+    build_graph,
+    write_pyfg,
+)
 from pymantaray.estimation.graph.graph import KINDS
 from pymantaray.estimation.graph.pyfg import GraphFile
 from pymantaray.evaluation import graph_errors
@@ -33,12 +40,16 @@ def foreign(tmp_path, make_fleet):
 
 def test_both_starts_end_at_the_optimum_of_the_measurements_far_better_than_dead_reckoning(foreign):
     path, fleet, truth = foreign
-    from_file, reckoned = (solve_graph(open_graph(path), start=s) for s in ("file", "dead-reckoning"))
+    from_file, reckoned = (
+        solve_graph(open_graph(path), start=s) for s in ("file", "dead-reckoning")
+    )
     assert from_file.solution.status == SolveStatus.OK
     ours = GraphSolver().solve(build_graph(fleet.noisy, "straight"), truth)
     np.testing.assert_array_equal(from_file.values.position, ours.position)
     np.testing.assert_allclose(reckoned.values.position, ours.position, atol=1e-3)
-    errors = {name: graph_errors(reckoned.graph, v, truth) for name, v in reckoned.trajectories.items()}
+    errors = {
+        name: graph_errors(reckoned.graph, v, truth) for name, v in reckoned.trajectories.items()
+    }
     assert errors["estimate"][POOLED]["rmse_m"] < errors["start"][POOLED]["rmse_m"] / 2
     assert errors["truth"][POOLED]["max_m"] == 0.0
     assert list(errors["estimate"]) == ["A", "B", POOLED]
@@ -49,7 +60,10 @@ def test_results_on_disk_are_those_in_memory(foreign, tmp_path):
     result = solve_graph(open_graph(path), start="dead-reckoning")
     out = tmp_path / "out"
     out.mkdir()
-    result.save(out, more={"errors": graph_errors(result.graph, result.values, result.truth), "none": np.nan})
+    result.save(
+        out,
+        more={"errors": graph_errors(result.graph, result.values, result.truth), "none": np.nan},
+    )
     names = sorted(p.name for p in out.iterdir())
     assert names == ["estimate.nc", "graph.nc", "start.nc", "summary.json", "truth.nc"]
     estimate = GraphValues.load(out / "estimate.nc")
@@ -61,7 +75,9 @@ def test_results_on_disk_are_those_in_memory(foreign, tmp_path):
     assert summary["final_cost"] == result.solution.final_cost
     pooled = np.linalg.norm(estimate.position - GraphValues.load(out / "truth.nc").position, axis=1)
     assert summary["none"] is None
-    assert summary["errors"][POOLED]["rmse_m"] == pytest.approx(np.sqrt((pooled**2).mean()), rel=1e-12)
+    assert summary["errors"][POOLED]["rmse_m"] == pytest.approx(
+        np.sqrt((pooled**2).mean()), rel=1e-12
+    )
 
 
 def test_an_estimator_has_a_name_or_is_a_function(foreign):
@@ -72,7 +88,9 @@ def test_an_estimator_has_a_name_or_is_a_function(foreign):
 
     result = solve_graph(file, estimator=mine)
     assert (result.estimator, result.solution.status) == ("mine", SolveStatus.OK)
-    refused(EstimationError, "estimator 'magic'; allowed: batch", solve_graph, file, estimator="magic")
+    refused(
+        EstimationError, "estimator 'magic'; allowed: batch", solve_graph, file, estimator="magic"
+    )
     refused(
         EstimationError,
         "start 'truth'; allowed: file, dead-reckoning, chordal, best",
@@ -127,7 +145,9 @@ def test_fewer_measurements_than_unknowns_is_said_before_the_solver_is_asked(for
     fixes = graph["fix"].kind.table(np.arange(graph.n_poses), [values.position], unit)
     bare = without(graph, "range", "edge").with_factors(fix=fixes)
     assert bare.degrees_of_freedom < 0
-    with pytest.raises(EstimationError, match=r"^A1: .*do not determine its rotation: nothing measures it"):
+    with pytest.raises(
+        EstimationError, match=r"^A1: .*do not determine its rotation: nothing measures it"
+    ):
         solve_graph(GraphFile(bare, values, {}))
 
 
@@ -147,7 +167,10 @@ def bare_graph(place, landmarks=(), **factors):
 
 
 def test_a_long_chain_is_determined_though_its_weakest_direction_is_weak():
-    """The least eigenvalue of a chain falls with the fourth power of its length: here below rounding of the largest."""
+    """
+    The least eigenvalue of a chain falls with the fourth power of its length: here below rounding
+    of the largest.
+    """
     n = 100_000
     place, level, unit = (
         np.zeros((n, 3)),
@@ -175,7 +198,10 @@ def test_a_long_chain_is_determined_though_its_weakest_direction_is_weak():
 
 @pytest.mark.parametrize("height", [0.0, 5.0])
 def test_a_start_at_which_ranges_are_aligned_is_told_from_a_graph_that_determines_nothing(height):
-    """Of a landmark in one plane with all poses nothing says on which side it is; above the plane it is determined."""
+    """
+    Of a landmark in one plane with all poses nothing says on which side it is; above the plane it
+    is determined.
+    """
     place, mark = (
         np.array([[0.0, 0.0, 0.0], [10.0, 0.0, 0.0], [20.0, 30.0, 0.0]]),
         np.array([10.0, 10.0, 10.0]),
@@ -185,7 +211,11 @@ def test_a_start_at_which_ranges_are_aligned_is_told_from_a_graph_that_determine
         place,
         [[12.0, 11.0, height]],
         prior=(np.arange(3), [place, level], tight),
-        range=([[k, 3] for k in range(3)], [np.linalg.norm(mark - place, axis=1)], np.ones((3, 1, 1))),
+        range=(
+            [[k, 3] for k in range(3)],
+            [np.linalg.norm(mark - place, axis=1)],
+            np.ones((3, 1, 1)),
+        ),
     )
     assert diagnose(graph, values) is None
     result = solve_graph(GraphFile(graph, values, {}), start="file")
@@ -193,12 +223,16 @@ def test_a_start_at_which_ranges_are_aligned_is_told_from_a_graph_that_determine
         np.testing.assert_allclose(result.values.landmark_position, [mark], atol=1e-6)
     else:
         assert result.solution.status == SolveStatus.FAILED
-        assert result.diagnosis.startswith("L0: its position is not determined at the start, but near it")
+        assert result.diagnosis.startswith(
+            "L0: its position is not determined at the start, but near it"
+        )
 
 
 @pytest.mark.parametrize("start", ["dead-reckoning", "chordal"])
 def test_landmarks_that_only_ranges_see_start_at_the_file_and_are_counted(foreign, start):
-    """The file's values are the truth here: such a start knows where the landmarks are, and says so."""
+    """
+    The file's values are the truth here: such a start knows where the landmarks are, and says so.
+    """
     graph, truth = open_graph(foreign[0])[:2]
     graph = graph.with_factors(survey=graph["survey"][:1])  # L1 has ranges alone
     result = solve_graph(GraphFile(graph, truth, {}), start=start)

@@ -39,7 +39,11 @@ QUICK = ("mirrored.pyfg", "cooperative-2.pyfg", "ring-twisted.g2o", "ring-two-mi
 
 
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow, id=n.split(".")[0]) for n in FILES]
+    "name",
+    [
+        pytest.param(n, marks=() if n in QUICK else pytest.mark.slow, id=n.split(".")[0])
+        for n in FILES
+    ],
 )
 def test_all_starts_reach_the_lowest_cost_of_a_file_and_the_status_is_true(opened, name):
     file = opened(FILES[name](), name)
@@ -50,7 +54,9 @@ def test_all_starts_reach_the_lowest_cost_of_a_file_and_the_status_is_true(opene
     factors, values = to_gtsam(result.graph, result.solution.values)
     assert factors.error(values) == pytest.approx(cost, rel=1e-6)
     assert factors.linearize(values).optimize().norm() < 1e-2, "GTSAM's next step is short [m, rad]"
-    assert cost <= 1.002 * min(costs(other).values()), "within 0.2 % of the lowest cost of another search"
+    assert cost <= 1.002 * min(costs(other).values()), (
+        "within 0.2 % of the lowest cost of another search"
+    )
     limit = cost + 0.5 * 7.8  # the 95 % quantile of chi-square with three degrees of freedom
     extent = np.ptp(result.solution.position, axis=0).max()
 
@@ -82,13 +88,16 @@ def test_best_keeps_the_file_where_chordal_initialization_ends_higher_and_warns_
     cost = costs(result)
     assert result.start == "file"
     assert cost["file"] < cost["chordal"] - 0.5
-    # twice the difference is within the 95 % quantile of chi-square, 7.8 with three degrees of freedom
+    # twice the difference is within the 95 % quantile of chi-square, 7.8 with three degrees of
+    # freedom
     assert result.alternative.cost == pytest.approx(cost["chordal"])
     assert result.solution.status is SolveStatus.SECOND_MINIMUM
     assert "two minima fit the measurements" in result.warning
 
 
-def test_a_mirrored_landmark_is_found_by_trilateration_and_both_sides_are_reported(opened, tmp_path):
+def test_a_mirrored_landmark_is_found_by_trilateration_and_both_sides_are_reported(
+    opened, tmp_path
+):
     text, landmark = drone(wave=0.3)
     file = opened(text, "g.pyfg")
     mirrored = solve_graph(file, start="file").values.landmark_position[0]
@@ -99,13 +108,18 @@ def test_a_mirrored_landmark_is_found_by_trilateration_and_both_sides_are_report
     sides = {np.sign(o.solution.values.landmark_position[0, 2]) for o in result.outcomes}
     assert sides == {-1.0, 1.0}
     assert result.solution.final_cost == pytest.approx(min(costs(result).values()), rel=1e-6)
-    one, other = result.values.landmark_position[0], result.alternative.solution.values.landmark_position[0]
+    one, other = (
+        result.values.landmark_position[0],
+        result.alternative.solution.values.landmark_position[0],
+    )
     assert one[2] * other[2] < 0.0
     assert "L0 differs by" in result.warning
     out = tmp_path / "out"
     out.mkdir()
     result.save(out)
-    np.testing.assert_array_equal(GraphValues.load(out / "alternative.nc").landmark_position[0], other)
+    np.testing.assert_array_equal(
+        GraphValues.load(out / "alternative.nc").landmark_position[0], other
+    )
     summary = json.loads((out / "summary.json").read_text())
     assert [row["cost"] for row in summary["starts"]] == list(costs(result).values())
 
@@ -148,7 +162,9 @@ def test_trilateration_lists_every_minimum_of_the_ranges(spread):
         pose_time=np.arange(12.0),
     )
     pairs = np.column_stack([np.arange(12), np.full(12, 12)])
-    graph = graph.with_factors(range=graph["range"].kind.table(pairs, [distance], np.ones((12, 1, 1))))
+    graph = graph.with_factors(
+        range=graph["range"].kind.table(pairs, [distance], np.ones((12, 1, 1)))
+    )
     found = trilaterate(graph, GraphValues(point, level, np.zeros((1, 3))))[12]
     assert min(np.linalg.norm(x - landmark) for x in found) < (1e-5 if spread[1] else 10.0)
     for x in found[: 2 if spread[1] else None]:
@@ -157,7 +173,9 @@ def test_trilateration_lists_every_minimum_of_the_ranges(spread):
     if spread == (1.0, 1.0, 0.0):
         np.testing.assert_allclose(sorted(x[2] for x in found[:2]), [-12.0, 12.0], atol=1e-5)
     ends = [
-        least_squares(lambda x: np.linalg.norm(x - point, axis=1) - distance, 20.0 * rng.normal(size=3))
+        least_squares(
+            lambda x: np.linalg.norm(x - point, axis=1) - distance, 20.0 * rng.normal(size=3)
+        )
         for _ in range(20)
     ]
     least = min(np.sum((np.linalg.norm(found[0] - point, axis=1) - distance) ** 2) / 2, np.inf)
@@ -187,14 +205,18 @@ def test_random_starts_of_a_single_start_are_refused(opened):
 
 
 def beacons(seed, *, noise, n=80):
-    """Planar path with ranges to four beacons at random starts; ranges err by ``noise`` standard deviations."""
+    """
+    Planar path with ranges to four beacons at random starts; ranges err by ``noise`` standard
+    deviations.
+    """
     rng = np.random.default_rng(seed)
     turn = np.cumsum(rng.normal(0.0, 0.15, n))
     step = 3.0 * np.column_stack([np.cos(turn), np.sin(turn)])
     place = np.concatenate([np.zeros((1, 2)), np.cumsum(step, axis=0)[:-1]])
     beacon = rng.uniform(place.min(axis=0) - 10.0, place.max(axis=0) + 10.0, (4, 2))
     lines = [
-        f"VERTEX_SE2 {k} A{k} {x} {y} {a}" for k, ((x, y), a) in enumerate(zip(place, turn, strict=True))
+        f"VERTEX_SE2 {k} A{k} {x} {y} {a}"
+        for k, ((x, y), a) in enumerate(zip(place, turn, strict=True))
     ]
     lines += [f"VERTEX_XY L{i} {x} {y}" for i, (x, y) in enumerate(rng.normal(0.0, 40.0, (4, 2)))]
     for k in range(n - 1):
@@ -236,13 +258,18 @@ def test_a_descent_that_ends_early_is_ranked_by_cost_and_continued(opened):
     assert once.status is SolveStatus.NOT_CONVERGED
     assert np.isfinite(once.values.position).all()
     assert np.isnan(once.position).all()
-    whole, continued = (solve_graph(file, estimator=e, start="best", truth=False) for e in ("batch", short))
+    whole, continued = (
+        solve_graph(file, estimator=e, start="best", truth=False) for e in ("batch", short)
+    )
     assert continued.solution.usable
     assert continued.solution.final_cost == pytest.approx(whole.solution.final_cost, rel=1e-6)
 
 
 def test_a_published_log_reaches_the_minimum_that_gtsam_reaches():
-    """1,562.5 from the start of trilateration by GTSAM 4.3; the other starts end in a minimum of 54,388."""
+    """
+    1,562.5 from the start of trilateration by GTSAM 4.3; the other starts end in a minimum of
+    54,388.
+    """
     path = SHARED / "cases" / "range-slam-minimum" / "graph.pyfg"
     if not path.exists():
         pytest.skip(f"{path} is not there")

@@ -1,4 +1,7 @@
-"""`mantaray locate`: surveys of every grammar end to end, what is printed and written, plans, and what is refused."""
+"""
+`mantaray locate`: surveys of every grammar end to end, what is printed and written, plans, and what
+is refused.
+"""
 
 import json
 import re
@@ -22,7 +25,17 @@ from campaigns import (
 from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Survey, locate
 from pymantaray.apps.locate.plan import expected_sigmas
 
-KEYS = {"name", "lat", "lon", "north", "east", "depth", "sigma_north_m", "sigma_east_m", "sigma_depth_m"}
+KEYS = {
+    "name",
+    "lat",
+    "lon",
+    "north",
+    "east",
+    "depth",
+    "sigma_north_m",
+    "sigma_east_m",
+    "sigma_depth_m",
+}
 
 
 @pytest.fixture(scope="module")
@@ -54,7 +67,9 @@ def test_a_survey_of_garpos_is_located_by_its_ini_file_alone(told, campaign, tmp
 
 
 @pytest.mark.parametrize("turn_around", ["13 ms", "0.013"])
-def test_survey_text_of_obsrange_is_located_by_a_profile_and_a_turn_around_time(told, tmp_path, turn_around):
+def test_survey_text_of_obsrange_is_located_by_a_profile_and_a_turn_around_time(
+    told, tmp_path, turn_around
+):
     path, truth = write_obsrange(tmp_path)
     done = told(
         "locate",
@@ -89,7 +104,16 @@ def test_our_own_table_is_located_in_seconds_and_in_milliseconds(told, campaign,
         pings, nodes = write_table(campaign, tmp_path, unit=unit)
         lever = campaign.lever[0]
         done = told(
-            *("locate", pings, "--nodes", nodes, "--profile", profile_csv(tmp_path), "--lever", *lever),
+            *(
+                "locate",
+                pings,
+                "--nodes",
+                nodes,
+                "--profile",
+                profile_csv(tmp_path),
+                "--lever",
+                *lever,
+            ),
             *("--sound-speed", "time", "--correlation", "none"),
         )
         within(done["nodes"], campaign.truth)
@@ -98,7 +122,9 @@ def test_our_own_table_is_located_in_seconds_and_in_milliseconds(told, campaign,
     np.testing.assert_allclose(*places, atol=1e-3)
 
 
-def test_names_that_no_file_can_hold_are_refused_before_the_solve(mantaray, campaign, tmp_path, monkeypatch):
+def test_names_that_no_file_can_hold_are_refused_before_the_solve(
+    mantaray, campaign, tmp_path, monkeypatch
+):
     pings, nodes = write_table(campaign, tmp_path)
     for file in (pings, nodes):
         file.write_text(file.read_text().replace(campaign.names[0], "buoy 7/b"))
@@ -107,7 +133,8 @@ def test_names_that_no_file_can_hold_are_refused_before_the_solve(mantaray, camp
     done = mantaray("locate", pings, "--nodes", nodes, *water, "--out", tmp_path / "out")
     assert (done.code, (tmp_path / "out").exists()) == (2, False)
     assert done.err == (
-        f"error: {pings}: node 'buoy 7/b': files of results need names of 1 to 64 letters, digits, _ and -;"
+        f"error: {pings}: node 'buoy 7/b': files of results need names of 1 to 64 letters, digits,"
+        " _ and -;"
         " rename it in the survey\n"
     )
 
@@ -143,7 +170,10 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
     place[:, 2] = 4.0 + 0.5 * np.sin(2.0 * np.pi * time / 8.0)
     rows = [
         "time,vehicle,north,east,depth",
-        *(f"{t:.1f},ship,{p[0]:.5f},{p[1]:.5f},{p[2]:.5f}" for t, p in zip(time, place, strict=True)),
+        *(
+            f"{t:.1f},ship,{p[0]:.5f},{p[1]:.5f},{p[2]:.5f}"
+            for t, p in zip(time, place, strict=True)
+        ),
     ]
     (tmp_path / "track.csv").write_text("\n".join(rows) + "\n")
 
@@ -174,7 +204,9 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
         np.testing.assert_allclose([node["north"], node["east"], node["depth"]], truth, atol=0.02)
 
 
-def test_results_are_a_folder_of_page_tables_and_files_for_other_programs(mantaray, told, campaign, tmp_path):
+def test_results_are_a_folder_of_page_tables_and_files_for_other_programs(
+    mantaray, told, campaign, tmp_path
+):
     ini = write_garpos(campaign, tmp_path)
     done = mantaray(
         "locate",
@@ -234,7 +266,9 @@ def test_a_plan_gives_the_best_radius_of_each_pattern(told, tmp_path):
 
 
 def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
-    """The standard deviations of a plan are those of a solve of noise-free times with the same priors."""
+    """
+    The standard deviations of a plan are those of a solve of noise-free times with the same priors.
+    """
     medium = water()
     pattern, truth = Pattern("cross", 1500.0, 60), np.array([0.0, 0.0, 1800.0])
     expected, lost = expected_sigmas(pattern, medium, PlanOptions(1800.0, 2e-4))
@@ -242,13 +276,17 @@ def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
     times = 2.0 * direct_time(place, truth) + np.random.default_rng(1).normal(0.0, 2e-4, 60)
     node = Node("A", tuple(truth), (500.0, 500.0, 100.0))
     survey = Survey((node,), np.zeros(60, int), 15.0 * np.arange(60), times, place, place)
-    found = locate(survey, medium, LocateOptions(speed_model="scale", correlation="none")).nodes.iloc[0]
+    found = locate(
+        survey, medium, LocateOptions(speed_model="scale", correlation="none")
+    ).nodes.iloc[0]
     assert lost == 0
     sigma = found[["sigma_north_m", "sigma_east_m", "sigma_depth_m"]].to_numpy(dtype=float)
     np.testing.assert_allclose(sigma, expected, rtol=0.35)  # 60 pings give their own noise to 10 %
 
 
-def test_one_way_times_both_ways_and_between_nodes_give_clocks_and_a_graph(mantaray, told, tmp_path):
+def test_one_way_times_both_ways_and_between_nodes_give_clocks_and_a_graph(
+    mantaray, told, tmp_path
+):
     rng = np.random.default_rng(1)
     truth = np.array([[400.0, 10.0, 1300.0], [-300.0, 350.0, 1310.0], [-200.0, -400.0, 1290.0]])
     offset = np.array([2e-3, -1e-3, 4e-3])
@@ -265,12 +303,15 @@ def test_one_way_times_both_ways_and_between_nodes_give_clocks_and_a_graph(manta
         away = i % 2 == 1
         measured = direct_time(truth[k], place) + (-offset[k] if away else offset[k]) + noise
         where = ",".join(f"{x:.4f}" for x in place)
-        rows.append(f"{time},N{k + 1},,{'from' if away else 'to'} node,{measured:.7f},{where},0.00005")
+        rows.append(
+            f"{time},N{k + 1},,{'from' if away else 'to'} node,{measured:.7f},{where},0.00005"
+        )
     (tmp_path / "pings.csv").write_text("\n".join(rows) + "\n")
-    head = (
-        "name,north_m,east_m,depth_m,sigma_horizontal_m,sigma_depth_m,sigma_clock_offset_s,sigma_clock_drift"
-    )
-    lines = [f"N{k + 1},{p[0] + 8:g},{p[1] - 9:g},{p[2] + 5:g},20,20,0.01,1e-7" for k, p in enumerate(truth)]
+    head = "name,north_m,east_m,depth_m,sigma_horizontal_m,sigma_depth_m,sigma_clock_offset_s,sigma_clock_drift"
+    lines = [
+        f"N{k + 1},{p[0] + 8:g},{p[1] - 9:g},{p[2] + 5:g},20,20,0.01,1e-7"
+        for k, p in enumerate(truth)
+    ]
     (tmp_path / "nodes.csv").write_text("\n".join([head, *lines]) + "\n")
     words = (
         "locate",
@@ -315,7 +356,9 @@ BAD = {
         "wrong sign .north or south.",
     ),
     "exchanged": (
-        lambda text: text.replace("(Latitude):  -5.2", "(Latitude):  -32.5").replace("-132.5", "-5.2"),
+        lambda text: text.replace("(Latitude):  -5.2", "(Latitude):  -32.5").replace(
+            "-132.5", "-5.2"
+        ),
         "km apart",
     ),
     "depth": (lambda text: text.replace("2540", "deep"), "depth is 'deep'"),

@@ -1,4 +1,7 @@
-"""Files of other programs in the variants that occur: line ends, comments, missing columns, flags, clocks, folders."""
+"""
+Files of other programs in the variants that occur: line ends, comments, missing columns, flags,
+clocks, folders.
+"""
 
 import re
 
@@ -51,7 +54,9 @@ def test_flags_of_garpos_leave_pings_out_and_missing_columns_have_a_default(camp
     head = rows[0]
     rows[3][head.index("flag")] = "True"
     kept = [
-        i for i, name in enumerate(head) if name not in ("ResiTT", "TakeOff", "gamma", "pitch0", "RT", "LN")
+        i
+        for i, name in enumerate(head)
+        if name not in ("ResiTT", "TakeOff", "gamma", "pitch0", "RT", "LN")
     ]
     table.write_text("\n".join(",".join(row[i] for i in kept) for row in rows) + "\n")
     survey = read_survey(path)
@@ -63,7 +68,9 @@ def test_flags_of_garpos_leave_pings_out_and_missing_columns_have_a_default(camp
 def test_times_of_garpos_may_be_unordered_and_of_any_clock(campaign, tmp_path):
     path = write_garpos(campaign, tmp_path)
     table = tmp_path / "obsdata" / "SITE-obs.csv"
-    first, *rest = [line for line in table.read_text().splitlines() if line and not line.startswith("#")]
+    first, *rest = [
+        line for line in table.read_text().splitlines() if line and not line.startswith("#")
+    ]
     head = first.split(",")
     unix = 1552608000.0  # 2019-03-15
 
@@ -89,7 +96,9 @@ def test_fixed_stations_and_a_free_centre_are_a_rigid_array(campaign, tmp_path):
     )
     survey = read_survey(path)
     assert survey.rigid == (2.0, 3.0, 1.0, 0.0)
-    np.testing.assert_allclose(survey.nodes[0].position, campaign.prior[0] + [2.0, 1.0, -3.0], atol=1e-4)
+    np.testing.assert_allclose(
+        survey.nodes[0].position, campaign.prior[0] + [2.0, 1.0, -3.0], atol=1e-4
+    )
 
 
 BAD_GARPOS = {
@@ -169,7 +178,10 @@ def test_survey_text_of_woods_hole_has_its_turn_around_time_and_crosses_midnight
     ("change", "message"),
     [
         (("two_way_time_s", "time_of_flight"), "exactly one of two_way_time_s, two_way_time_ms"),
-        (("two_way_time_s", "two_way_time_s,two_way_time_s"), "two columns two_way_time_s; remove one"),
+        (
+            ("two_way_time_s", "two_way_time_s,two_way_time_s"),
+            "two columns two_way_time_s; remove one",
+        ),
         ((",yes", ",perhaps"), "use is 'perhaps'; allowed: 1, true, yes"),
         (
             ("north_m,east_m,depth_m,heading", "north,east,depth_m,heading"),
@@ -183,7 +195,9 @@ def test_wrong_tables_are_refused_in_one_line(campaign, tmp_path, change, messag
     text = pings.read_text()
     assert change[0] in text
     header, rows = text.split("\n", 1)
-    pings.write_text(f"{header.replace(*change)}\n{rows.replace(*change, 1 if change[0] == ',N1,' else -1)}")
+    pings.write_text(
+        f"{header.replace(*change)}\n{rows.replace(*change, 1 if change[0] == ',N1,' else -1)}"
+    )
     refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
 
 
@@ -209,7 +223,9 @@ def test_swapped_coordinates_of_nodes_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("bad", [
-    "6306 msec. Lat: 4 52.9", "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:400:06:04:30",
+    ("6306 msec. Lat: 4"
+    " 52.9"), ("6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC):"
+             " 2018:400:06:04:30"),
     "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 0000:114:06:04:30",
     "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:114:26:04:30",
 ])  # fmt: skip
@@ -241,17 +257,23 @@ def test_unreadable_lines_of_woods_hole_are_left_out_and_a_file_of_them_is_refus
 
 
 @pytest.mark.parametrize("bad", [
-    "26-JUN-23 00:00:07.00 1", "45-JUN-23 00:00:07.00 1 2 3", "26-SOL-23 00:00:07.00 1 2 3", "26-JUN-23 25:00:07.00 1 2 3",
+    "26-JUN-23 00:00:07.00 1", ("45-JUN-23 00:00:07.00 1 2"
+          " 3"), "26-SOL-23 00:00:07.00 1 2 3", "26-JUN-23 25:00:07.00 1 2 3",
     "2018-13-45 00:00:07.00 1 2 3",
 ])  # fmt: skip
 def test_unreadable_lines_of_gnatss_are_listed_and_left_out(campaign, tmp_path, bad):
     path = write_gnatss(campaign, tmp_path)
     whole = read_survey(path)
-    times = next(file for file in tmp_path.rglob("*") if file.is_file() and "JUN-23" in file.read_text())
+    times = next(
+        file for file in tmp_path.rglob("*") if file.is_file() and "JUN-23" in file.read_text()
+    )
     times.write_text(f"{times.read_text().rstrip()}\n{bad}\n")
     survey = read_survey(path)
     np.testing.assert_array_equal(survey.travel_time, whole.travel_time)
-    assert f"1 line left out, not readable: line {len(times.read_text().splitlines())}" in survey.notes[-1]
+    assert (
+        f"1 line left out, not readable: line {len(times.read_text().splitlines())}"
+        in survey.notes[-1]
+    )
 
 
 @pytest.mark.parametrize("date", ["2018-13-45", "0000-01-01", "2263-01-01", "soon"])
@@ -318,7 +340,9 @@ def test_a_table_of_mostly_unreadable_rows_is_refused_in_one_line(campaign, tmp_
     head, *rows = pings.read_text().splitlines()[1:]
     bad = [row.replace("yes", "perhaps") for row in rows[: len(rows) // 2]]
     pings.write_text("\n".join([head, *bad, *rows[len(rows) // 2 :]]) + "\n")
-    message = f"line 2: use is 'perhaps'; allowed: .* .{len(bad)} of {len(rows)} lines cannot be read"
+    message = (
+        f"line 2: use is 'perhaps'; allowed: .* .{len(bad)} of {len(rows)} lines cannot be read"
+    )
     refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
 
 
@@ -326,7 +350,9 @@ def test_rows_that_omit_their_last_optional_cells_are_whole(tmp_path):
     pings = tmp_path / "pings.csv"
     rows = [f"{10 * i},A,1.8,34.96{i},139.26" for i in range(4)]
     pings.write_text(
-        "\n".join(["time,node,two_way_time_s,lat,lon,depth_m,use", *rows, "40,A,1.8,34.96,139.26,3,no"])
+        "\n".join(
+            ["time,node,two_way_time_s,lat,lon,depth_m,use", *rows, "40,A,1.8,34.96,139.26,3,no"]
+        )
     )
     survey = read_survey(pings, ReadOptions(depth=1300.0))
     assert len(survey) == 5
@@ -343,7 +369,9 @@ def test_a_latitude_that_does_not_exist_is_left_out(tmp_path, bad):
     assert "1 line left out" in read_survey(path).notes[-1]
 
 
-@pytest.mark.parametrize("bad", ["741052807.0 0 0 0", "741052807.0 1e9 0 0", "741052807.0 -2.6e6 -4.5e6 3.6"])
+@pytest.mark.parametrize(
+    "bad", ["741052807.0 0 0 0", "741052807.0 1e9 0 0", "741052807.0 -2.6e6 -4.5e6 3.6"]
+)
 def test_positions_of_gnatss_that_are_not_on_the_earth_are_left_out(campaign, tmp_path, bad):
     path = write_gnatss(campaign, tmp_path)
     whole = read_survey(path)

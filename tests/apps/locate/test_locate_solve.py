@@ -1,4 +1,7 @@
-"""Positions from made-up surveys: truth within the stated uncertainty, gross errors found, second solutions, failures told."""
+"""
+Positions from made-up surveys: truth within the stated uncertainty, gross errors found, second
+solutions, failures told.
+"""
 
 import numpy as np
 import pytest
@@ -93,7 +96,9 @@ def test_leverages_add_up_to_the_number_of_parameters_that_the_data_determine(lo
     assert leverage.dropna().between(0.0, 1.0).all()
 
 
-def test_the_bootstrap_agrees_with_the_posterior_and_does_not_depend_on_threads(located, campaign, medium):
+def test_the_bootstrap_agrees_with_the_posterior_and_does_not_depend_on_threads(
+    located, campaign, medium
+):
     spread = located.bootstrap.std(axis=0, ddof=1)
     stated = np.sqrt(np.diag(located.covariance)).reshape(-1, 3)
     assert (spread < 1.5 * stated).all()
@@ -141,11 +146,16 @@ def test_derivatives_are_those_of_the_predicted_times(campaign, medium):
         if column == 12 or column >= unknowns.slices["speed"].start:
             step[column] = 1e-6
         numeric = (times(values + step) - times(values - step)) / (2.0 * step[column])
-        np.testing.assert_allclose(rows[:, column], numeric, rtol=2e-5, atol=2e-5 * np.abs(numeric).max())
+        np.testing.assert_allclose(
+            rows[:, column], numeric, rtol=2e-5, atol=2e-5 * np.abs(numeric).max()
+        )
 
 
 def test_whitening_and_evidence_are_those_of_the_whole_covariance(campaign, medium):
-    """The filter over rows against the covariance matrix written out, and the evidence against the density of the data."""
+    """
+    The filter over rows against the covariance matrix written out, and the evidence against the
+    density of the data.
+    """
     few = np.arange(0, 90)
     survey = survey_of(campaign).rows(few)
     platform = PlatformError(0.3, 0.2, 400.0)
@@ -167,14 +177,18 @@ def test_whitening_and_evidence_are_those_of_the_whole_covariance(campaign, medi
     whole = noise * np.outer(weight, weight) + outer @ np.array([0.09, 0.09, 0.04])
     whole = whole[np.ix_(used, used)]
     rows, residual = linear.rows(slice(0, 90))[used], linear.residual[used]
-    np.testing.assert_allclose(products.normal, rows.T @ np.linalg.solve(whole, rows), rtol=1e-8, atol=1e-12)
+    np.testing.assert_allclose(
+        products.normal, rows.T @ np.linalg.solve(whole, rows), rtol=1e-8, atol=1e-12
+    )
     np.testing.assert_allclose(
         products.right, rows.T @ np.linalg.solve(whole, residual), rtol=1e-7, atol=1e-12
     )
     assert products.log_determinant == pytest.approx(np.linalg.slogdet(whole)[1], rel=1e-9)
     found = posterior(products, unknowns, values, {}, sigma=sigma, steps=1)
     prior = rows @ np.diag(unknowns.prior_sd**2) @ rows.T
-    density = multivariate_normal(np.zeros(int(used.sum())), sigma**2 * whole + prior, allow_singular=True)
+    density = multivariate_normal(
+        np.zeros(int(used.sum())), sigma**2 * whole + prior, allow_singular=True
+    )
     assert found.log_evidence == pytest.approx(density.logpdf(residual), rel=1e-6)
 
 
@@ -192,7 +206,10 @@ def test_leaving_a_term_out_fails_the_chi_square_test(campaign, medium, change):
     if "lever" in change:
         survey = survey.changed(lever=change["lever"])
     if change.get("level"):
-        turned = survey.transmit_attitude * [1.0, 0.0, 0.0], survey.receive_attitude * [1.0, 0.0, 0.0]
+        turned = (
+            survey.transmit_attitude * [1.0, 0.0, 0.0],
+            survey.receive_attitude * [1.0, 0.0, 0.0],
+        )
         survey = survey.changed(transmit_attitude=turned[0], receive_attitude=turned[1])
     options = LocateOptions(speed_model=change.get("kind", "time"), correlation="none")
     assert not locate(survey, medium, options).passed
@@ -202,7 +219,10 @@ def test_a_start_2_km_off_converges(campaign, medium):
     survey = survey_of(campaign)
     away = [
         Node(
-            node.name, (place[0] + 1600.0, place[1] - 1200.0, place[2] + 80.0), (3000.0, 3000.0, 200.0), 0.013
+            node.name,
+            (place[0] + 1600.0, place[1] - 1200.0, place[2] + 80.0),
+            (3000.0, 3000.0, 200.0),
+            0.013,
         )
         for node, place in zip(survey.nodes, campaign.truth, strict=True)
     ]
@@ -291,10 +311,14 @@ def test_one_way_times_give_clocks_and_positions(campaign, medium):
     n, truth = 240, campaign.truth
     node = np.tile(np.arange(3), 80)
     time = 20.0 * np.arange(n)
-    place = np.column_stack([900.0 * np.cos(time / 300.0), 700.0 * np.sin(time / 230.0), np.full(n, 5.0)])
+    place = np.column_stack(
+        [900.0 * np.cos(time / 300.0), 700.0 * np.sin(time / 230.0), np.full(n, 5.0)]
+    )
     offset, drift = np.array([2e-3, -1e-3, 4e-3]), np.array([1e-7, -2e-7, 0.0])
     clock = offset[node] + drift[node] * (time - time[0])
-    measured = direct_time(truth[node], place) - clock + rng.normal(0.0, 5e-5, n)  # received less transmitted
+    measured = (
+        direct_time(truth[node], place) - clock + rng.normal(0.0, 5e-5, n)
+    )  # received less transmitted
     nodes = [
         Node(name, tuple(p), (20.0, 20.0, 5.0), offset_sigma=0.01, drift_sigma=1e-6)
         for name, p in zip(campaign.names, campaign.prior, strict=True)
@@ -352,7 +376,10 @@ def test_a_rigid_array_moves_as_one(medium):
     campaign = make_campaign(5, pings=60, drift=0.0, prior_sigma=(0.0, 0.0, 0.0))
     survey = survey_of(campaign)
     shift = np.array([1.2, -0.8, 0.6])
-    nodes = [Node(n.name, tuple(np.array(n.position) - shift), (0.0, 0.0, 0.0), 0.013) for n in survey.nodes]
+    nodes = [
+        Node(n.name, tuple(np.array(n.position) - shift), (0.0, 0.0, 0.0), 0.013)
+        for n in survey.nodes
+    ]
     survey = survey.changed(nodes=nodes, rigid=(3.0, 3.0, 3.0, 0.0))
     found = locate(survey, medium, SCALE)
     np.testing.assert_allclose(found.positions - campaign.truth, 0.0, atol=0.5)
@@ -381,7 +408,9 @@ def test_a_node_that_no_ray_reaches_has_a_status(campaign, medium):
     far = survey.transmit_position.copy()
     far[survey.node == 2] += [60e3, 0.0, 0.0]  # the profile bends rays up before they get there
     nodes = [*survey.nodes[:2], Node("N3", survey.nodes[2].position, (0.0, 0.0, 0.0), 0.013)]
-    found = locate(survey.changed(transmit_position=far, receive_position=far, nodes=nodes), medium, SCALE)
+    found = locate(
+        survey.changed(transmit_position=far, receive_position=far, nodes=nodes), medium, SCALE
+    )
     assert found.nodes["status"][2] in ("no ray", "too few pings")
     assert all(word.startswith("no ray") or "ms" in word for word in found.reason[survey.node == 2])
 
@@ -392,7 +421,9 @@ def test_a_node_above_the_platform_has_a_status(campaign, medium):
     place[40:, 1], place[40:, 0] = place[40:, 0], 0.0
     time = 2.0 * direct_time(place, truth) + np.random.default_rng(1).normal(0.0, 1e-4, 80)
     found = locate(
-        survey.changed(transmit_position=place, receive_position=place, travel_time=time), medium, SCALE
+        survey.changed(transmit_position=place, receive_position=place, travel_time=time),
+        medium,
+        SCALE,
     )
     assert found.nodes["status"].tolist() == ["above the platform"]
     assert nees(found, truth[None]) < chi2.ppf(0.999, 3)
@@ -402,7 +433,10 @@ def test_an_answer_of_another_node_is_named(medium):
     campaign = make_campaign(3, drift=0.0)
     survey = survey_of(campaign)
     ones = predict(
-        survey.changed(node=(survey.node + 1) % 3), medium, campaign.truth, np.array(campaign.lever[0])
+        survey.changed(node=(survey.node + 1) % 3),
+        medium,
+        campaign.truth,
+        np.array(campaign.lever[0]),
     )
     rows = np.flatnonzero(~campaign.gross)[5:8]
     times = survey.travel_time.copy()
@@ -416,16 +450,27 @@ def test_an_answer_of_another_node_is_named(medium):
 
 def test_the_wrong_sign_of_a_lever_arm_is_refused(campaign, medium):
     turned = LeverArm((-6.0, -2.5, 20.0))
-    refused(LocateError, "other sign of forward", locate, survey_of(campaign, lever=turned), medium, TIME)
+    refused(
+        LocateError,
+        "other sign of forward",
+        locate,
+        survey_of(campaign, lever=turned),
+        medium,
+        TIME,
+    )
 
 
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
         pytest.param(
-            lambda s: {"travel_time": 1000.0 * s.travel_time}, "divide milliseconds", id="milliseconds"
+            lambda s: {"travel_time": 1000.0 * s.travel_time},
+            "divide milliseconds",
+            id="milliseconds",
         ),
-        pytest.param(lambda s: {"time": s.time[::-1]}, "times must not decrease", id="decreasing times"),
+        pytest.param(
+            lambda s: {"time": s.time[::-1]}, "times must not decrease", id="decreasing times"
+        ),
         pytest.param(
             lambda s: {
                 "transmit_attitude": np.radians(wrapped(s.transmit_attitude)),
@@ -443,7 +488,9 @@ def test_the_wrong_sign_of_a_lever_arm_is_refused(campaign, medium):
             id="attitude in radians beyond a turn",
         ),
         pytest.param(
-            lambda s: {"travel_time": -s.travel_time}, "allowed: positive seconds", id="negative times"
+            lambda s: {"travel_time": -s.travel_time},
+            "allowed: positive seconds",
+            id="negative times",
         ),
     ],
 )
@@ -470,7 +517,10 @@ def test_a_profile_that_ends_above_a_node_is_refused(campaign):
 
 @pytest.mark.slow
 def test_ellipses_cover_the_truth_and_normalized_errors_are_as_large_as_they_should_be(medium):
-    """200 surveys with all effects: 95 % ellipses cover 92 to 98 %, mean normalized squared errors within their bounds."""
+    """
+    200 surveys with all effects: 95 % ellipses cover 92 to 98 %, mean normalized squared errors
+    within their bounds.
+    """
     inside, squares, passed = [], [], 0
     for seed in range(200):
         made = make_campaign(seed, lever_sigma=(0.1, 0.1, 0.1), turn_around_sigma=1e-3)
@@ -478,7 +528,9 @@ def test_ellipses_cover_the_truth_and_normalized_errors_are_as_large_as_they_sho
         error = found.positions - made.truth
         for k in range(3):
             own = found.covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
-            inside.append(error[k, :2] @ np.linalg.solve(own[:2, :2], error[k, :2]) < chi2.ppf(0.95, 2))
+            inside.append(
+                error[k, :2] @ np.linalg.solve(own[:2, :2], error[k, :2]) < chi2.ppf(0.95, 2)
+            )
         squares.append(nees(found, made.truth))
         passed += found.passed
     assert 0.92 <= np.mean(inside) <= 0.98, np.mean(inside)
@@ -488,9 +540,14 @@ def test_ellipses_cover_the_truth_and_normalized_errors_are_as_large_as_they_sho
 
 
 def test_a_later_echo_is_named_with_its_reflections():
-    """Water of one speed: a reflected path is straight to the mirror image of the ship's transducer or of the node."""
+    """
+    Water of one speed: a reflected path is straight to the mirror image of the ship's transducer or
+    of the node.
+    """
     speed, bed, depth = 1500.0, 1400.0, 1300.0
-    still = Medium.from_profile([0.0, bed], [speed, speed], bottom_depth=bed, interpolation="linear")
+    still = Medium.from_profile(
+        [0.0, bed], [speed, speed], bottom_depth=bed, interpolation="linear"
+    )
     angle = np.linspace(0.0, 2.0 * np.pi, 90)
     place = np.column_stack([700.0 * np.cos(angle), 500.0 * np.sin(angle), np.full(90, 20.0)])
     truth = np.array([30.0, -40.0, depth])
@@ -511,19 +568,28 @@ def test_a_survey_without_unknowns_is_refused(medium, campaign):
     survey = survey_of(campaign)
     known = [Node(node.name, node.position, (0.0, 0.0, 0.0), 0.013) for node in survey.nodes]
     options = LocateOptions(speed_model="known")
-    refused(LocateError, "there are no unknowns", locate, survey.changed(nodes=known), medium, options)
+    refused(
+        LocateError, "there are no unknowns", locate, survey.changed(nodes=known), medium, options
+    )
 
 
 def test_amplitudes_of_modes_are_estimated_with_positions(medium):
-    """A mode that grows with depth changes the gradient of the profile, whose travel times are known in closed form."""
+    """
+    A mode that grows with depth changes the gradient of the profile, whose travel times are known
+    in closed form.
+    """
     slope = 1.5e-3  # 1/s; what the water has beyond the profile
     depth = np.linspace(0.0, 3000.0, 61)
     shape = depth / np.sqrt(np.mean(depth**2))
-    modes = VerticalModes(depth, SURFACE_SPEED + GRADIENT * depth, shape[None], np.array([9.0]), 9.0)
+    modes = VerticalModes(
+        depth, SURFACE_SPEED + GRADIENT * depth, shape[None], np.array([9.0]), 9.0
+    )
     amplitude = slope * np.sqrt(np.mean(depth**2))
     time = 15.0 * np.arange(150)
     radius = np.where(np.arange(150) % 3 == 0, 250.0, 1500.0)
-    place = np.column_stack([radius * np.cos(time / 300.0), radius * np.sin(time / 300.0), np.full(150, 5.0)])
+    place = np.column_stack(
+        [radius * np.cos(time / 300.0), radius * np.sin(time / 300.0), np.full(150, 5.0)]
+    )
     truth = np.array([40.0, 25.0, 1310.0])
     times = 2.0 * direct_travel_time_linear_gradient(
         place, truth, sound_speed_surface=SURFACE_SPEED, gradient=GRADIENT + slope
@@ -539,12 +605,22 @@ def test_amplitudes_of_modes_are_estimated_with_positions(medium):
     sigma = np.sqrt(found.solution.posterior.covariance[-1, -1])
     assert abs(estimate - amplitude) < 4.0 * sigma
     assert sigma < 0.5 * amplitude
-    refused(LocateError, "needs vertical modes", locate, survey, medium, LocateOptions(speed_model="modes"))
+    refused(
+        LocateError,
+        "needs vertical modes",
+        locate,
+        survey,
+        medium,
+        LocateOptions(speed_model="modes"),
+    )
 
 
 @pytest.mark.slow
 def test_two_campaigns_differ_by_what_their_covariances_explain(medium):
-    """The same nodes by two ships whose lever arms are known to 5 cm: the difference of the array's centres, 40 times."""
+    """
+    The same nodes by two ships whose lever arms are known to 5 cm: the difference of the array's
+    centres, 40 times.
+    """
     squares = []
     for seed in range(40):
         first = make_campaign(1000 + seed, lever_sigma=(0.05, 0.05, 0.05), pings=150)
@@ -576,14 +652,19 @@ def test_headings_of_a_drifting_platform_are_accepted(campaign, medium, pings):
 
 
 def flat(depth=300.0, *, lift=0.0, bottom=400.0, draft=0.0, prior=290.0):
-    """Two-way times t = 2 r / 1500 of a circle of pings around a node, transducer 2 m deep; lift is added to heights in the file."""
+    """
+    Two-way times t = 2 r / 1500 of a circle of pings around a node, transducer 2 m deep; lift is
+    added to heights in the file.
+    """
     angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
     place = np.column_stack([200.0 * np.cos(angle), 200.0 * np.sin(angle), np.full(60, 2.0)])
     time = 2.0 * np.linalg.norm(place - [0.0, 0.0, depth], axis=1) / 1500.0
     stated = place - [0.0, 0.0, lift]
     survey = Survey(nodes=(Node("T", (0.0, 0.0, prior)),), node=np.zeros(60, int), time=10.0 * np.arange(60.0), travel_time=time,
                     transmit_position=stated, receive_position=stated)  # fmt: skip
-    return survey, Medium.from_profile([0.0, 600.0], [1500.0, 1500.0], bottom_depth=bottom, ice_draft=draft)
+    return survey, Medium.from_profile(
+        [0.0, 600.0], [1500.0, 1500.0], bottom_depth=bottom, ice_draft=draft
+    )
 
 
 KNOWN = LocateOptions(speed_model="known", correlation="none")
@@ -602,10 +683,14 @@ def test_a_transducer_far_above_the_surface_is_refused_and_waves_are_noted():
     assert (located.positions[0, 2], located.notes) == (pytest.approx(300.0, abs=1e-3), ())
     located = locate(flat(lift=2.5)[0], medium, KNOWN)
     assert located.notes == (
-        "survey: the transducer is up to 0.5 m above the surface in 60 of 60 pings; its rays end there",
+        (
+            "survey: the transducer is up to 0.5 m above the surface in 60 of 60 pings; its rays end"
+            " there"
+        ),
     )
     lever = LeverArm((0.0, 0.0, -5.0))
-    refused(LocateError, "up to 3.0 m above the surface .* lever arm the wrong sign", locate, survey.changed(lever=lever,
+    refused(LocateError, "up to 3.0 m above the surface .* lever arm the wrong"
+                         " sign", locate, survey.changed(lever=lever,
             transmit_position=flat()[0].transmit_position, receive_position=flat()[0].receive_position), medium)  # fmt: skip
 
 
@@ -617,12 +702,21 @@ def test_a_node_below_the_bed_or_above_the_surface_is_refused():
         *flat(bottom=280.0),
         KNOWN,
     )
-    refused(LocateError, "its prior depth is -290 m, above the surface", locate, *flat(prior=-290.0), KNOWN)
+    refused(
+        LocateError,
+        "its prior depth is -290 m, above the surface",
+        locate,
+        *flat(prior=-290.0),
+        KNOWN,
+    )
 
 
 def test_a_transducer_in_a_hole_of_the_ice_is_noted():
     survey, medium = flat(draft=3.0)
     located = locate(survey, medium, KNOWN)
     assert located.notes == (
-        "survey: the transducer is up to 1.0 m above the underside of the ice in 60 of 60 pings; its rays end there",
+        (
+            "survey: the transducer is up to 1.0 m above the underside of the ice in 60 of 60 pings;"
+            " its rays end there"
+        ),
     )

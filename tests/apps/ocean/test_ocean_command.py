@@ -68,17 +68,25 @@ def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, t
         ("north", 90e3, "wrong: coverage (74.5 N, 140 W): domain of +-90 km north"),
         ("east", 2e3, "coverage (vehicle"),
     ):
-        changes = ("--set", f"ocean.source={ocean_file}", "--set", f"ocean.half_extent_{side}={half}")
+        changes = (
+            "--set",
+            f"ocean.source={ocean_file}",
+            "--set",
+            f"ocean.half_extent_{side}={half}",
+        )
         result = mantaray("ocean", "check", "--study", study, *changes)
         assert (result.code, says in result.out) == (2, True)
     result = mantaray("ocean", "check")
     assert (result.code, "name one, or give a study" in result.err) == (2, True)
 
 
-def test_what_only_the_run_s_own_check_sees_is_told_by_the_check_too(mantaray, small_text, tmp_path):
+def test_what_only_the_run_s_own_check_sees_is_told_by_the_check_too(
+    mantaray, small_text, tmp_path
+):
     study = tmp_path / "study.toml"
     swimmer = (
-        '\n[[fleet.vehicles]]\nname = "W"\nkind = "waypoints"\nnorth = 0.0\neast = 0.0\ndepth = 9.0\n'
+        '\n[[fleet.vehicles]]\nname = "W"\nkind = "waypoints"\nnorth = 0.0\neast = 0.0\ndepth ='
+        " 9.0\n"
         "points = [[99.0, 0.0, 9.0]]\nspeed = 1.0\n"
     )
     text = small_text.replace("physics_step_s = 0.125", "physics_step_s = 25.0")
@@ -99,9 +107,13 @@ def test_files_are_checked_about_the_centre_that_a_run_gives_them(mantaray, ocea
         narrow.to_netcdf(tmp_path / "south.nc")
     files = [str(tmp_path / "south.nc")]
     local = build_ocean(load_study("quick", ocean=files).ocean, 0.0).local
-    assert local.attrs["centre_latitude_deg"] == pytest.approx(float(narrow["lat"].values[[0, -1]].mean()))
+    assert local.attrs["centre_latitude_deg"] == pytest.approx(
+        float(narrow["lat"].values[[0, -1]].mean())
+    )
     assert mantaray("ocean", "check", *files, "--study", "quick").code == 0
-    assert mantaray("ocean", "check", *files, "--study", "fram").code == 0, "whose centre lies elsewhere"
+    assert mantaray("ocean", "check", *files, "--study", "fram").code == 0, (
+        "whose centre lies elsewhere"
+    )
     far = preset_text("quick").replace("north = 2000.0", "north = 40000.0")
     (tmp_path / "far.toml").write_text(far, encoding="utf-8")
     result = mantaray("ocean", "check", *files, "--study", tmp_path / "far.toml")
@@ -135,9 +147,19 @@ def test_the_plan_of_a_fleet_holds_starts_targets_and_landmarks():
 
 def test_show_prints_extent_levels_time_and_ranges(mantaray, told, ocean_file):
     with xr.open_dataset(ocean_file, engine="scipy") as data:
-        spans = [f"{float(bound):.2f}" for bound in (data["water_temp"].min(), data["water_temp"].max())]
-    shown = [mantaray("ocean", "show", ocean_file, "--equation", name).out for name in ("teos-10", "unesco")]
-    for text in ("made up     yes", "2014-07-15 00:00 UTC", "17 points, 0.04 degrees apart", *spans):
+        spans = [
+            f"{float(bound):.2f}" for bound in (data["water_temp"].min(), data["water_temp"].max())
+        ]
+    shown = [
+        mantaray("ocean", "show", ocean_file, "--equation", name).out
+        for name in ("teos-10", "unesco")
+    ]
+    for text in (
+        "made up     yes",
+        "2014-07-15 00:00 UTC",
+        "17 points, 0.04 degrees apart",
+        *spans,
+    ):
         assert text in shown[0]
     assert "\n0 2 4 6 8 10 12" in shown[0]
     assert shown[0] != shown[1]
@@ -151,10 +173,14 @@ def test_show_prints_extent_levels_time_and_ranges(mantaray, told, ocean_file):
 
 def test_show_has_the_domain_and_the_sea_floor_of_its_options(told, mantaray, ocean_file, tmp_path):
     whole = told("ocean", "show", ocean_file)["region"]
-    part = told("ocean", "show", ocean_file, "--half-extent", 10000, "10km", "--bathymetry", 900)["region"]
+    part = told("ocean", "show", ocean_file, "--half-extent", 10000, "10km", "--bathymetry", 900)[
+        "region"
+    ]
     assert part["height [km]"] < 0.5 * whole["height [km]"]
     assert [part[f"{end} sea floor [m]"] for end in ("shallowest", "deepest")] == [900.0, 900.0]
-    assert "900 to 900 m, one depth" in mantaray("ocean", "show", ocean_file, "--bathymetry", 900).out
+    assert (
+        "900 to 900 m, one depth" in mantaray("ocean", "show", ocean_file, "--bathymetry", 900).out
+    )
 
 
 def test_made_oceans_have_the_domain_and_refuse_a_sea_floor(mantaray, ocean_file, tmp_path):
@@ -176,8 +202,14 @@ def test_an_ocean_of_two_files_is_perturbed(mantaray, ocean_file, tmp_path):
 
 def test_plot_writes_figures_and_refuses_places_outside(mantaray, ocean_file, tmp_path):
     folder = tmp_path / "figures"
-    result = mantaray("ocean", "plot", ocean_file, "--out", folder, "--depth", 60, "--at", "74.5,220")
-    names = [f"ocean_{n}.{k}" for n in ("profiles", "sections", "map", "sea_floor") for k in ("png", "pdf")]
+    result = mantaray(
+        "ocean", "plot", ocean_file, "--out", folder, "--depth", 60, "--at", "74.5,220"
+    )
+    names = [
+        f"ocean_{n}.{k}"
+        for n in ("profiles", "sections", "map", "sea_floor")
+        for k in ("png", "pdf")
+    ]
     assert result.code == 0
     assert sorted(path.name for path in folder.iterdir()) == sorted(names)
     assert result.out.split() == [str(folder / name) for name in names]
@@ -195,12 +227,18 @@ def test_plot_writes_figures_and_refuses_places_outside(mantaray, ocean_file, tm
 
 @pytest.fixture
 def make(mantaray, tmp_path, monkeypatch):
-    """Run a command of `mantaray ocean` in a folder with a cast and an ocean of it; give its one line."""
+    """
+    Run a command of `mantaray ocean` in a folder with a cast and an ocean of it; give its one line.
+    """
     monkeypatch.chdir(tmp_path)
     Path("cast.csv").write_text(CAST)
-    Path("warmer.csv").write_text(CAST.replace("0.4,30.7", "1.4,30.7").replace("lat 74.0", "lat 74.05"))
+    Path("warmer.csv").write_text(
+        CAST.replace("0.4,30.7", "1.4,30.7").replace("lat 74.0", "lat 74.05")
+    )
     levels = np.arange(0.0, 401.0, 25.0)
-    ocean = cast_ocean(read_cast("cast.csv"), bathymetry=400.0, half_extent=(20e3, 20e3), levels=levels)
+    ocean = cast_ocean(
+        read_cast("cast.csv"), bathymetry=400.0, half_extent=(20e3, 20e3), levels=levels
+    )
     write_netcdf(ocean, Path("ocean.nc"))
 
     def call(*words, code=0):
@@ -231,13 +269,17 @@ def member(seed):
     return perturb_ocean(open_ocean("ocean.nc"), rng=rng, **options)
 
 
-BY_MODES = "perturb ocean.nc new.nc --rms 0.5 --scale inf --mode-cast cast.csv --mode-cast warmer.csv"
+BY_MODES = (
+    "perturb ocean.nc new.nc --rms 0.5 --scale inf --mode-cast cast.csv --mode-cast warmer.csv"
+)
 MADE = {  # what is told, the command and what it calls
     "450 m; cast cast: 4 samples averaged onto": (
-        "from-cast cast.csv new.nc --below constant --half-extent 20km 30km", lambda: of_cast(below="constant")
+        ("from-cast cast.csv new.nc --below constant --half-extent 20km"
+        " 30km"), lambda: of_cast(below="constant")
     ),
     "300 m; cast cast": (
-        "from-cast cast.csv new.nc --bathymetry 300 --half-extent 20km 30km --force", lambda: of_cast(bathymetry=300.0)
+        ("from-cast cast.csv new.nc --bathymetry 300 --half-extent 20km 30km"
+        " --force"), lambda: of_cast(bathymetry=300.0)
     ),
     "corrected with 2 casts (warmer, cast)": (
         "correct ocean.nc warmer.csv cast.csv new.nc --scale 3 --noise-ratio 0.01",
@@ -273,7 +315,8 @@ def test_oceans_are_made_by_commands_as_by_functions(make, says):
     ("from-cast cast.csv new.nc", "above the bottom at 450 m"),
     ("from-cast cast.csv ocean.nc", "already exists; give another name or --force"),
     ("from-cast none.csv new.nc --bathymetry 300", "none.csv: no such file"),
-    ("from-cast cast.csv new.nc --below constant --below-cast warmer.csv", "--below and --below-cast cannot be combined"),
+    (("from-cast cast.csv new.nc --below constant --below-cast"
+     " warmer.csv"), "--below and --below-cast cannot be combined"),
     ("perturb ocean.nc ocean.nc --method mean --force", "is the input"),
     ("perturb ocean.nc new.nc", "--method eof needs --rms and --scale"),
     ("perturb ocean.nc new.nc --method mean --rms 1", "--method mean does not use --rms"),
@@ -292,10 +335,15 @@ def test_help_tells_the_units(mantaray):
         assert all(unit in shown for unit in units), shown
 
 
-ASVP = "( SoundVelocity  1.0 0 201407241920 74.50000000 -140.25000000 -1 0 0 OMS P 0003 )\n0 1436.1\n100.5 1440.2\n300 1450\n"
+ASVP = (
+    "( SoundVelocity  1.0 0 201407241920 74.50000000 -140.25000000 -1 0 0 OMS P 0003 )\n0"
+    " 1436.1\n100.5 1440.2\n300 1450\n"
+)
 
 
-def test_casts_are_converted_for_other_programs_and_refused_in_one_line(mantaray, tmp_path, monkeypatch):
+def test_casts_are_converted_for_other_programs_and_refused_in_one_line(
+    mantaray, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     Path("sound.asvp").write_text(ASVP)
     table = "depth,temperature,salinity,lat,lon\n" + "".join(
@@ -346,7 +394,9 @@ def test_rays_run_in_an_instruments_profile(told, tmp_path, monkeypatch):
         "linear",
     )
     (row,) = pd.read_csv("out.csv").to_dict("records")
-    assert row["travel_time_s"] == pytest.approx(np.hypot(500.0, 30.0) / 1438.7, rel=1e-4)  # at 65 m
+    assert row["travel_time_s"] == pytest.approx(
+        np.hypot(500.0, 30.0) / 1438.7, rel=1e-4
+    )  # at 65 m
 
 
 def test_profiles_are_shown_without_a_sea_bed(mantaray, tmp_path, monkeypatch):
@@ -362,7 +412,9 @@ def test_profiles_are_shown_without_a_sea_bed(mantaray, tmp_path, monkeypatch):
         "1,450",
     ):
         assert words in shown.out, words
-    Path("two.csv").write_text("station,depth,sound_speed\nA,0,1500\nA,9,1501\nB,0,1510\nB,99,1511\n")
+    Path("two.csv").write_text(
+        "station,depth,sound_speed\nA,0,1500\nA,9,1501\nB,0,1510\nB,99,1511\n"
+    )
     told = json.loads(mantaray("ocean", "show", "two.csv", "--json").out)
     assert [(one["profile"], one["sound_speed"]) for one in told["levels"]] == [
         ("A", [1500.0, 1501.0]),
@@ -380,14 +432,21 @@ def test_check_and_show_take_the_first_of_two_instants(mantaray, tmp_path, ocean
         done = mantaray("ocean", command, tmp_path / "two.nc")
         assert done.code == 0
         assert (
-            "times       2; this is the first, --time selects another\n2014-07-15T00:00 2014-07-16T00:00"
-            in done.out
+            "times       2; this is the first, --time selects another\n2014-07-15T00:00"
+            " 2014-07-16T00:00" in done.out
         )
 
 
 def test_a_range_in_another_form_names_its_own(mantaray, tmp_path):
     Path(tmp_path / "p.csv").write_text("depth,sound_speed\n0,1500\n99,1500\n")
     done = mantaray(
-        "table", tmp_path / "p.csv", "--source-depth", "0-20", "--receiver-depth", "0:9", "--range", "9:99"
+        "table",
+        tmp_path / "p.csv",
+        "--source-depth",
+        "0-20",
+        "--receiver-depth",
+        "0:9",
+        "--range",
+        "9:99",
     )
     assert "found '0-20'; it must be START:STOP[:STEP] in metres, such as 0:200:5" in done.err

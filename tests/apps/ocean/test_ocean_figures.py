@@ -1,4 +1,7 @@
-"""Maps and sections of an ocean show the data: artists are read back and compared with what they were given."""
+"""
+Maps and sections of an ocean show the data: artists are read back and compared with what they were
+given.
+"""
 
 import numpy as np
 import pytest
@@ -43,8 +46,12 @@ def test_the_map_shows_the_level_s_sound_speed_and_currents(look, ocean):
     level = ocean.sel(depth=90.0)
     mesh = next(c for c in axes.collections if isinstance(c, QuadMesh))
     lat, lon = (level[name].values for name in ("lat", "lon"))
-    expected = sound_speed(level["water_temp"].values, level["salinity"].values, 90.0, lat[:, None], lon)
-    np.testing.assert_allclose(np.ma.filled(mesh.get_array(), np.nan).reshape(expected.shape), expected)
+    expected = sound_speed(
+        level["water_temp"].values, level["salinity"].values, 90.0, lat[:, None], lon
+    )
+    np.testing.assert_allclose(
+        np.ma.filled(mesh.get_array(), np.nan).reshape(expected.shape), expected
+    )
     arrows = next(c for c in axes.collections if isinstance(c, Quiver))
     for x, y, u, v in list(zip(arrows.X, arrows.Y, arrows.U, arrows.V, strict=True))[::37]:
         here = level.sel(lat=y, lon=x)
@@ -83,7 +90,12 @@ def test_sections_go_through_the_place_and_depth_grows_downward(look, ocean):
 
 def test_uniform_water_at_rest_and_a_flat_bed_can_be_drawn(look, ocean):
     still = ocean.copy(deep=True)
-    for name, value in (("water_temp", 1.0), ("salinity", 35.0), ("water_u", 0.0), ("water_v", 0.0)):
+    for name, value in (
+        ("water_temp", 1.0),
+        ("salinity", 35.0),
+        ("water_u", 0.0),
+        ("water_v", 0.0),
+    ):
         still[name] = (ocean[name].dims, np.full(ocean[name].shape, value))
     for figure in (
         sound_speed_sections(still, (78.0, 0.0), HEADER),
@@ -107,4 +119,10 @@ def test_all_are_written_or_the_reason_is_given(ocean, tmp_path, monkeypatch):
     ):
         refused(ReportError, said, write_ocean_plots, ocean, tmp_path / "b", **options)
     (tmp_path / "file").touch()
-    refused(WriteError, "file: cannot be created: File exists", write_ocean_plots, ocean, tmp_path / "file")
+    refused(
+        WriteError,
+        "file: cannot be created: File exists",
+        write_ocean_plots,
+        ocean,
+        tmp_path / "file",
+    )

@@ -1,4 +1,6 @@
-"""A process that is killed in mid-mission and starts again from its file continues on the same track."""
+"""
+A process that is killed in mid-mission and starts again from its file continues on the same track.
+"""
 
 import signal
 import subprocess
@@ -13,7 +15,8 @@ from pymantaray.apps.online import OnlineEstimator
 
 SECONDS, LAG, SAVE = 900.0, 10.0, 25  # s, s, calls between two files
 TESTS = Path(__file__).parents[1]
-# the vehicle's program: it begins, or continues from the file, and reads its log from the start of the history
+# the vehicle's program: it begins, or continues from the file, and reads its log from the start of
+# the history
 PROGRAM = """
 import sys
 from pathlib import Path
@@ -36,7 +39,16 @@ for k in range(0, len(calls), int(save)):
 
 def run_until(state: Path, time: float) -> None:
     """Run the vehicle's program, and kill it at some moment after its file has reached a time."""
-    command = [sys.executable, "-c", PROGRAM, str(TESTS), str(state), str(SECONDS), str(LAG), str(SAVE)]
+    command = [
+        sys.executable,
+        "-c",
+        PROGRAM,
+        str(TESTS),
+        str(state),
+        str(SECONDS),
+        str(LAG),
+        str(SAVE),
+    ]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         for line in process.stdout:

@@ -1,4 +1,6 @@
-"""The example for ns-3: the same network with a constant sound speed and with a travel-time table."""
+"""
+The example for ns-3: the same network with a constant sound speed and with a travel-time table.
+"""
 
 import csv
 import shutil
@@ -27,7 +29,10 @@ def _flags() -> list[str]:
     if shutil.which("g++") is None or shutil.which("pkg-config") is None:
         pytest.skip("no C++ compiler or no pkg-config")
     found = subprocess.run(
-        ["pkg-config", "--cflags", "--libs", *LIBRARIES], capture_output=True, text=True, check=False
+        ["pkg-config", "--cflags", "--libs", *LIBRARIES],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     if found.returncode != 0 or not Path("/usr/include/gsl").is_dir():
         pytest.skip("no ns-3: install libns3-dev and libgsl-dev")
@@ -46,7 +51,12 @@ def test_network_has_the_delays_and_the_shadows_of_the_solver(tmp_path: Path) ->
     command = ["g++", "-std=c++17", f"-I{tmp_path}", str(EXAMPLE), "-o", str(program), *flags]
     subprocess.run(command, check=True, cwd=tmp_path)
     done = subprocess.run(
-        [program, "table.mtt"], cwd=tmp_path, capture_output=True, text=True, check=True, timeout=120
+        [program, "table.mtt"],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=True,
+        timeout=120,
     )
     rows = list(csv.DictReader(done.stdout.splitlines()))
     assert len(rows) == 12

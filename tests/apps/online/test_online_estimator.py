@@ -1,4 +1,7 @@
-"""The estimator on board against the batch solver, in any order of arrival, after a restart, and with invalid input."""
+"""
+The estimator on board against the batch solver, in any order of arrival, after a restart, and with
+invalid input.
+"""
 
 import copy
 import json
@@ -40,7 +43,14 @@ def assert_same_pose(one, other):
 def test_the_last_pose_is_that_of_the_batch_if_all_is_nearly_linear():
     fleet = factories.make_fleet(seed=4, gnss_every=8, n_landmarks=2, n_vehicles=2)
     o = fleet.noise_free
-    sigmas = ("odometry_sigma", "first_sigma", "depth_sigma", "gnss_sigma", "range_sigma", "landmark_sigma")
+    sigmas = (
+        "odometry_sigma",
+        "first_sigma",
+        "depth_sigma",
+        "gnss_sigma",
+        "range_sigma",
+        "landmark_sigma",
+    )
     o = factories.add_noise(replace(o, **{name: 1e-3 * getattr(o, name) for name in sigmas}), 5)
     poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, -1:].T
     start = factories.values_at(o, *dead_reckon(o))
@@ -183,7 +193,9 @@ def test_a_table_predicts_travel_times_with_the_derivatives_of_finite_difference
             push = np.zeros(3)
             push[axis] = 0.01
             ahead, back = (
-                model.predict(links._replace(**{name: getattr(links, name) + sign * push})).travel_time
+                model.predict(
+                    links._replace(**{name: getattr(links, name) + sign * push})
+                ).travel_time
                 for sign in (1.0, -1.0)
             )
             np.testing.assert_allclose(gradient[:, axis], (ahead - back) / 0.02, rtol=0, atol=2e-7)
@@ -195,7 +207,9 @@ def test_a_table_and_eigenrays_give_the_same_position_and_a_link_outside_is_not_
     calls, _ = mission()
     medium, _ = water.at_start
     assert isinstance(medium, Medium)
-    by_table, by_rays = (OnlineEstimator(START, BEACONS, ranges, gate=math.inf) for ranges in (table, medium))
+    by_table, by_rays = (
+        OnlineEstimator(START, BEACONS, ranges, gate=math.inf) for ranges in (table, medium)
+    )
     for estimator in (by_table, by_rays):
         assert Outcome.NO_ARRIVAL not in feed(estimator, calls[:200])
     np.testing.assert_allclose(by_table.position(), by_rays.position(), rtol=0, atol=0.3)
@@ -217,7 +231,15 @@ def test_invalid_input_gives_one_line():
         0.5,
         1e-3,
     )
-    refused(OnlineError, "'X' is unknown; allowed: vehicle", estimator.add_depth, 29.0, 5.0, 0.1, vehicle="X")
+    refused(
+        OnlineError,
+        "'X' is unknown; allowed: vehicle",
+        estimator.add_depth,
+        29.0,
+        5.0,
+        0.1,
+        vehicle="X",
+    )
     refused(OnlineError, "depth of vehicle", estimator.add_depth, 29.0, math.nan, 0.1)
     refused(OnlineError, "time is nan", estimator.add_depth, math.nan, 5.0, 0.1)
     refused(OnlineError, "sigma is 0; it must be positive", estimator.add_depth, 29.0, 5.0, 0.0)
@@ -245,7 +267,9 @@ def test_invalid_input_gives_one_line():
     refused(OnlineError, "gate is 0", new, gate=0.0)
     refused(OnlineError, "names must differ", OnlineEstimator, {"north": START}, BEACONS, SPEED)
     refused(
-        OnlineError, "missing; allowed: A, B", OnlineEstimator({"A": START, "B": START}, {}, SPEED).position
+        OnlineError,
+        "missing; allowed: A, B",
+        OnlineEstimator({"A": START, "B": START}, {}, SPEED).position,
     )
     by_transmitter = OnlineEstimator(START, BEACONS, TransmitterSpeed())
     refused(OnlineError, "needs one", by_transmitter.add_range, 0.0, "east", 0.5, 1e-3)
@@ -258,12 +282,24 @@ def test_a_damaged_or_foreign_file_is_refused_in_one_line(tmp_path):
     estimator.save(file)
     refused(OnlineError, "no such file", OnlineEstimator.restore, tmp_path / "none.json", SPEED)
     profile = MeanSlowness([0.0, 100.0], [1500.0, 1501.0])
-    refused(OnlineError, "saved with the range model ConstantSpeed", OnlineEstimator.restore, file, profile)
+    refused(
+        OnlineError,
+        "saved with the range model ConstantSpeed",
+        OnlineEstimator.restore,
+        file,
+        profile,
+    )
     head, content = file.read_text().splitlines()
     file.write_text(f"{head}\n{content.replace('50.0', '51.0', 1)}\n")
     refused(OnlineError, "checksum", OnlineEstimator.restore, file, SPEED)
     file.write_text(json.dumps({**json.loads(head), "format": 9}) + f"\n{content}\n")
-    refused(OnlineError, "format 9; this version of pymantaray reads", OnlineEstimator.restore, file, SPEED)
+    refused(
+        OnlineError,
+        "format 9; this version of pymantaray reads",
+        OnlineEstimator.restore,
+        file,
+        SPEED,
+    )
     file.write_text("hello")
     refused(OnlineError, "not a saved estimator", OnlineEstimator.restore, file, SPEED)
 
@@ -336,7 +372,10 @@ def test_a_state_with_a_right_checksum_and_a_wrong_field_is_refused_in_one_line(
                 lines.append(str(error))
                 continue
             # what is accepted can be used
-            assert np.isfinite(again.pose(vehicle=again.vehicles[0]).covariance).all(), (path, value)
+            assert np.isfinite(again.pose(vehicle=again.vehicles[0]).covariance).all(), (
+                path,
+                value,
+            )
             again.counts()
     assert len(lines) > 150
     assert not any("\n" in line for line in lines)

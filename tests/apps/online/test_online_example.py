@@ -1,4 +1,7 @@
-"""The example of the estimator on board runs, and the table's ranges are better than those of two constant sound speeds."""
+"""
+The example of the estimator on board runs, and the table's ranges are better than those of two
+constant sound speeds.
+"""
 
 import re
 import runpy

@@ -1,4 +1,7 @@
-"""A fleet in one place: ranges between vehicles in both directions, by eigenrays and by a table, with later arrivals."""
+"""
+A fleet in one place: ranges between vehicles in both directions, by eigenrays and by a table, with
+later arrivals.
+"""
 
 import math
 
@@ -35,16 +38,23 @@ def place(name: str, time: float) -> np.ndarray:
 
 
 def arrivals(medium: Medium, source: str, vehicle: str, time: float) -> np.ndarray:
-    """Travel times of the direct arrivals and of those with a reflection at the bottom, in ascending order."""
+    """
+    Travel times of the direct arrivals and of those with a reflection at the bottom, in ascending
+    order.
+    """
     ends = (place(name, time)[None] for name in (source, vehicle))
     return np.sort(find_eigenrays(medium, *ends, max_bottom_bounces=1).travel_time)
 
 
 def fly(medium: Medium, ranges, *, later: bool = False) -> tuple[OnlineEstimator, list[Outcome]]:
-    """Run the fleet with ranges from the beacon and between the vehicles; the outcomes of the ranges."""
+    """
+    Run the fleet with ranges from the beacon and between the vehicles; the outcomes of the ranges.
+    """
     rng = np.random.default_rng(6)
     sigma = [1e-4] * 3 + [5.0, 5.0, 0.2]
-    starts = {name: StartPose(at + np.array([3.0, -3.0, 0.1]), sigma=sigma) for name, at in STARTS.items()}
+    starts = {
+        name: StartPose(at + np.array([3.0, -3.0, 0.1]), sigma=sigma) for name, at in STARTS.items()
+    }
     estimator = OnlineEstimator(starts, {"beacon": Beacon(BEACON)}, ranges)
     outcomes = []
     for k in range(1, END + 1):
@@ -59,7 +69,9 @@ def fly(medium: Medium, ranges, *, later: bool = False) -> tuple[OnlineEstimator
                 noise = TIME_SIGMA * rng.standard_normal()
                 heard = times[-1] if later and k > END // 2 and source == "A" else times[0]
                 outcomes.append(
-                    estimator.add_range(float(k), source, heard + noise, TIME_SIGMA, vehicle=vehicle)
+                    estimator.add_range(
+                        float(k), source, heard + noise, TIME_SIGMA, vehicle=vehicle
+                    )
                 )
     return estimator, outcomes
 

@@ -1,4 +1,7 @@
-"""The estimator on board against the batch solver on the presets, in the order of time and with delays."""
+"""
+The estimator on board against the batch solver on the presets, in the order of time and with
+delays.
+"""
 
 import math
 from functools import cache
@@ -16,14 +19,18 @@ from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.sensing import perturb
 from pymantaray.water.ocean import build_medium
 
-# Largest distance between the last positions of filter and batch solution, in standard deviations of the batch solution: about twice
-# the measured 0.11, 0.01, 0.17 and 0.18, which are errors of linearization
+# Largest distance between the last positions of filter and batch solution, in standard deviations
+# of the batch solution: about twice the measured 0.11, 0.01, 0.17 and 0.18, which are errors of
+# linearization
 LARGEST = {"quick": 0.25, "survey": 0.03, "beaufort": 0.35, "fram": 0.4}
 
 
 @cache
 def simulated(preset):
-    """Mission of a preset without noise, its medium, and measurements with the noise of its first realization."""
+    """
+    Mission of a preset without noise, its medium, and measurements with the noise of its first
+    realization.
+    """
     config = load_study(preset)
     mission = simulate_mission(config, Stopwatch(), lambda *_: None)
     noisy = perturb(
@@ -33,11 +40,18 @@ def simulated(preset):
         timing=config.ranging.build_timing(),
         ranging_truth=mission.ranging_truth,
     )
-    return mission, build_medium(mission.ocean, config.acoustics.interpolation, config.acoustics.earth), noisy
+    return (
+        mission,
+        build_medium(mission.ocean, config.acoustics.interpolation, config.acoustics.earth),
+        noisy,
+    )
 
 
 def compare(noisy, truth, ranges, estimator):
-    """Largest distances between last positions, in standard deviations, and largest difference of covariances."""
+    """
+    Largest distances between last positions, in standard deviations, and largest difference of
+    covariances.
+    """
     last = np.array([noisy.time.size - 1])
     start = truth.position, truth.quaternion
     batch = solve_conditions(noisy, {"one": estimator}, start, covariance_samples=last)["one"]
@@ -83,7 +97,9 @@ def test_delayed_measurements_of_a_preset_do_not_change_a_digit(preset):
     period = float(np.diff(noisy.time).max())
     lag = 10.0 * period
     arrival = [arguments[0] + 9.0 * period * rng.random() for _, arguments, _ in calls]
-    in_order, late = (fleet_estimator(noisy, TransmitterSpeed(), lag=lag, gate=math.inf) for _ in range(2))
+    in_order, late = (
+        fleet_estimator(noisy, TransmitterSpeed(), lag=lag, gate=math.inf) for _ in range(2)
+    )
     feed(in_order, calls)
     outcomes = feed(late, [calls[k] for k in np.argsort(arrival)])
     assert Outcome.TOO_LATE not in outcomes

@@ -62,11 +62,19 @@ def test_a_position_on_a_line_has_equal_steps_or_varies_continuously():
 )
 def test_a_line_without_two_ends_is_refused(start, stop):
     plan = {"free": {"landmarks.T": {"from": start, "to": stop}}}
-    refused(PlanError, "a line needs two different tables of numbers with the same keys", plan_of, **plan)
+    refused(
+        PlanError,
+        "a line needs two different tables of numbers with the same keys",
+        plan_of,
+        **plan,
+    )
 
 
 def test_a_position_in_a_box_varies_in_both_axes():
-    box = {"landmarks.T.north": {"from": -500.0, "to": 500.0}, "landmarks.T.east": {"from": 0.0, "to": 900.0}}
+    box = {
+        "landmarks.T.north": {"from": -500.0, "to": 500.0},
+        "landmarks.T.east": {"from": 0.0, "to": 900.0},
+    }
     results = search_designs(plan_of(free=box, objectives=["error"], evaluations=10), workers=1)
     for key, limits in results.plan.ranges.items():
         values = [design[key] for design in results.designs]
@@ -82,7 +90,9 @@ def test_the_number_of_landmarks_can_be_free():
 
 
 def test_a_depth_band_slots_and_the_assumed_water_can_be_free():
-    slots = {"mission": {**SHORT, "schedule": {"kind": "slots", "slots": ["A", "B"], "slot_s": 600.0}}}
+    slots = {
+        "mission": {**SHORT, "schedule": {"kind": "slots", "slots": ["A", "B"], "slot_s": 600.0}}
+    }
     plan = plan_of(
         slots,
         free={
@@ -107,7 +117,9 @@ def test_errors_at_given_times_are_those_of_their_pings():
     np.testing.assert_array_equal(both.time, whole.time)
     between = DesignEvaluator(plan_of(free=free, error_at_h=[1.5])).evaluate({}, 0, None)[1]
     assert between.time.tolist() == [5400.0]
-    refused(PlanError, "plan.error_at_h: found 9; allowed: 0 to 2", plan_of, free=free, error_at_h=[9.0])
+    refused(
+        PlanError, "plan.error_at_h: found 9; allowed: 0 to 2", plan_of, free=free, error_at_h=[9.0]
+    )
 
 
 def test_members_differ_from_the_ocean_and_from_each_other_and_repeat(window):
@@ -115,7 +127,9 @@ def test_members_differ_from_the_ocean_and_from_each_other_and_repeat(window):
     plan = plan_of(window, free={"landmarks.T.depth": [5.0]}, perturbed=errors)
     assert plan.waters == [(0, 0), (0, 1)]
     still = (
-        Missions(plan_of(window, free={"landmarks.T.depth": [5.0]})).run({}, 0, None)[0].ocean["sound_speed"]
+        Missions(plan_of(window, free={"landmarks.T.depth": [5.0]}))
+        .run({}, 0, None)[0]
+        .ocean["sound_speed"]
     )
     missions = Missions(plan)
     one, other = (missions.run({}, 0, k)[0].ocean["sound_speed"] for k in range(2))
@@ -134,10 +148,16 @@ def test_an_exact_belief_knows_the_perturbed_water_and_a_file_does_not(window):
     bias = {}
     for name, belief in beliefs.items():
         conditions = [
-            {"name": name, "ranges": "refracted", "range_model": {"kind": "eigenray", "belief": belief}}
+            {
+                "name": name,
+                "ranges": "refracted",
+                "range_model": {"kind": "eigenray", "belief": belief},
+            }
         ]
         plan = plan_of(
-            {"conditions": conditions, **window}, free={"landmarks.T.depth": [5.0]}, perturbed=errors
+            {"conditions": conditions, **window},
+            free={"landmarks.T.depth": [5.0]},
+            perturbed=errors,
         )
         bias[name] = DesignEvaluator(plan)({})[0].bias_rmse_m
     assert bias["exact"] < 1e-3
@@ -148,14 +168,18 @@ def test_the_result_has_the_worst_tenth_and_its_front(window):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 3}
     free = {"landmarks.T.depth": [5.0, 200.0]}
     results = search_designs(
-        plan_of(window, free=free, perturbed=errors, ranked_by="worst-tenth", condition="refracted"),
+        plan_of(
+            window, free=free, perturbed=errors, ranked_by="worst-tenth", condition="refracted"
+        ),
         workers=1,
     )
     frame = results.frame
     assert (frame["worst_error_m"] >= frame["error_m"]).all()
     for k, scores in enumerate(results.scores):
         assert (
-            frame["worst_error_m"][k] == max(one.error_m for one in scores) == worst_score(scores, "error_m")
+            frame["worst_error_m"][k]
+            == max(one.error_m for one in scores)
+            == worst_score(scores, "error_m")
         )
     assert results.best == int(np.argmin(frame["worst_error_m"]))
     assert set(frame["worst_front"]) <= {"yes", "no"}
@@ -164,7 +188,12 @@ def test_the_result_has_the_worst_tenth_and_its_front(window):
 
 
 def test_a_perturbed_ocean_that_varies_in_time_is_refused():
-    ocean = {**TINY["ocean"], "source": ["a.nc", "b.nc"], "time_varying": True, "time": "2014-07-15T12:00:00"}
+    ocean = {
+        **TINY["ocean"],
+        "source": ["a.nc", "b.nc"],
+        "time_varying": True,
+        "time": "2014-07-15T12:00:00",
+    }
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0}
     refused(
         PlanError,
@@ -218,12 +247,19 @@ def test_the_best_value_at_a_limit_is_reported():
 
 def test_a_cast_of_a_perturbed_water_is_the_column_of_that_water_at_its_place(window):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 1}
-    run, ocean = Missions(plan_of(window, free={"landmarks.T.depth": [5.0]}, perturbed=errors)).run({}, 0, 0)
+    run, ocean = Missions(plan_of(window, free={"landmarks.T.depth": [5.0]}, perturbed=errors)).run(
+        {}, 0, 0
+    )
     still = Missions(plan_of(window, free={"landmarks.T.depth": [5.0]})).run({}, 0, None)[0].ocean
-    cast = Beliefs(run, ocean).believed(CastBelief(kind="cast", north=0.0, east=0.0), 0).local["sound_speed"]
+    cast = (
+        Beliefs(run, ocean)
+        .believed(CastBelief(kind="cast", north=0.0, east=0.0), 0)
+        .local["sound_speed"]
+    )
     below = cast.sel(depth=slice(1.0, 250.0)).interp(north=0.0, east=0.0)
     of_member, of_forecast = (
-        water["sound_speed"].interp(depth=below["depth"], north=0.0, east=0.0) for water in (run.ocean, still)
+        water["sound_speed"].interp(depth=below["depth"], north=0.0, east=0.0)
+        for water in (run.ocean, still)
     )
     from_member, from_forecast = (
         float(np.sqrt(((below - water) ** 2).mean())) for water in (of_member, of_forecast)

@@ -32,7 +32,9 @@ def test_the_quantile_of_an_isotropic_error_is_that_of_the_chi_distribution():
 
 
 def test_the_quantile_of_a_bias_without_noise_is_its_size():
-    assert error_quantile(np.tile([3.0, 0.0, 4.0], (7, 1)), np.zeros((7, 3, 3))) == pytest.approx(5.0)
+    assert error_quantile(np.tile([3.0, 0.0, 4.0], (7, 1)), np.zeros((7, 3, 3))) == pytest.approx(
+        5.0
+    )
     assert np.isnan(error_quantile(np.zeros((0, 3)), np.zeros((0, 3, 3))))
 
 
@@ -52,7 +54,8 @@ def test_lost_links_and_bias_are_those_of_the_study(tiny, tmp_path):
 def test_straight_ranges_have_no_bias_and_refracted_ranges_have_one(tiny):
     free = {"landmarks.T.depth": [5.0]}
     straight, refracted = (
-        DesignEvaluator(plan_of(tiny, free=free, condition=name))({})[0] for name in ("straight", "refracted")
+        DesignEvaluator(plan_of(tiny, free=free, condition=name))({})[0]
+        for name in ("straight", "refracted")
     )
     assert straight.bias_rmse_m < 1e-4
     assert refracted.bias_rmse_m > 100.0 * straight.bias_rmse_m
@@ -65,7 +68,9 @@ def test_cost_counts_stations_landmarks_and_pings(tiny):
         free={"mission.ping_interval_h": [1.0, 2.0]},
         costs={"station": 100.0, "landmark": 10.0, "ping": 0.5},
     )
-    often, seldom = (DesignEvaluator(plan)({"mission.ping_interval_h": h})[0].cost for h in (1.0, 2.0))
+    often, seldom = (
+        DesignEvaluator(plan)({"mission.ping_interval_h": h})[0].cost for h in (1.0, 2.0)
+    )
     transmitters = len(tiny.fleet.vehicles)
     assert often == pytest.approx(110.0 + 0.5 * 4 * transmitters)
     assert seldom == pytest.approx(110.0 + 0.5 * 2 * transmitters)
@@ -106,7 +111,9 @@ def test_a_design_that_fails_has_a_reason_and_does_not_end_the_search(tiny):
 
 
 def test_the_worst_tenth_of_oceans_is_on_the_bad_side():
-    oceans = [Scores(error_m=e, heard_by_two_percent=h) for e, h in zip(range(20), range(20), strict=True)]
+    oceans = [
+        Scores(error_m=e, heard_by_two_percent=h) for e, h in zip(range(20), range(20), strict=True)
+    ]
     assert worst_score(oceans, "error_m") == 18.5
     assert worst_score(oceans, "heard_by_two_percent") == 0.5
     assert mean_score(oceans, "error_m") == 9.5
@@ -124,8 +131,13 @@ def test_the_front_is_the_set_of_designs_that_no_other_dominates():
 
 @pytest.mark.slow
 def test_designs_have_the_order_of_full_studies(tmp_path):
-    """Bounds of errors with straight ranges: nine designs, whose errors differ by more than the standard errors of the studies."""
-    base = load_study("quick", realizations=25, conditions=["straight"], landmarks=[{**MARK, "sigma": 2.0}])
+    """
+    Bounds of errors with straight ranges: nine designs, whose errors differ by more than the
+    standard errors of the studies.
+    """
+    base = load_study(
+        "quick", realizations=25, conditions=["straight"], landmarks=[{**MARK, "sigma": 2.0}]
+    )
     free = {"mission.ping_interval_h": [1.5, 3.0, 6.0], "noise.range_sigma": [1.0, 10.0, 50.0]}
     results = search_designs(plan_of(base, free=free), workers=1)
     full = [studied(results, k, tmp_path)[0] for k in range(len(results.designs))]
@@ -136,9 +148,14 @@ def test_designs_have_the_order_of_full_studies(tmp_path):
 
 @pytest.mark.slow
 def test_designs_on_the_front_keep_their_order_and_their_errors_in_full_studies(tmp_path):
-    """Bounds and biases of ranges with the mean slowness of a mean profile, without a receiver and with one."""
+    """
+    Bounds and biases of ranges with the mean slowness of a mean profile, without a receiver and
+    with one.
+    """
     model = {"kind": "mean-slowness", "belief": "mean"}
-    base = load_study("quick", realizations=25, conditions=[{"name": "assumed", "range_model": model}])
+    base = load_study(
+        "quick", realizations=25, conditions=[{"name": "assumed", "range_model": model}]
+    )
     receiver = {"name": "T", "north": 2500.0, "east": 4500.0, "depth": 100.0, "sigma": 2.0}
     plan = plan_of(
         base,
@@ -156,7 +173,10 @@ def test_designs_on_the_front_keep_their_order_and_their_errors_in_full_studies(
 
 
 def studied(results, number, folder):
-    """RMSE and 95 % quantile of the errors of vehicles under water at the pings over realizations, from the records of a study."""
+    """
+    RMSE and 95 % quantile of the errors of vehicles under water at the pings over realizations,
+    from the records of a study.
+    """
     run = run_study(results.plan.study(results.designs[number]), folder / f"{number}", workers=1)
     m = run.measurements
     under = run.truth.status == VehicleStatus.ACTIVE

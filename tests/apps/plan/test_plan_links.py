@@ -38,7 +38,9 @@ def assert_same(record, other, label):
 
 
 def distinct_ends(run):
-    """Positions of both ends of each link; links between fixed participants repeat at every ping."""
+    """
+    Positions of both ends of each link; links between fixed participants repeat at every ping.
+    """
     number = run.truth.name.size
 
     def place(who, sample):

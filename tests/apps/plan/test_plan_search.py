@@ -35,7 +35,10 @@ def test_free_keys_have_values_counts_or_limits(tmp_path):
         },
     )
     plan = load_plan(file)
-    assert plan.lists == {"landmarks.T.depth": [5.0, 15.0, 25.0], "mission.ping_interval_h": [1.0, 2.0]}
+    assert plan.lists == {
+        "landmarks.T.depth": [5.0, 15.0, 25.0],
+        "mission.ping_interval_h": [1.0, 2.0],
+    }
     assert plan.ranges == {"noise.range_sigma": (1.0, 2.0)}
     assert plan.size == 6
     assert plan.keys[0] == "mission.ping_interval_h"  # in the order of the file
@@ -54,7 +57,10 @@ def test_a_study_is_the_same_with_and_without_a_plan(tmp_path):
     ("plan", "message"),
     [
         ({}, "plan.free"),
-        ({"free": {"landmarks.T.depth": 5.0}}, r"plan.free: landmarks.T.depth: found 5.0; give a list"),
+        (
+            {"free": {"landmarks.T.depth": 5.0}},
+            r"plan.free: landmarks.T.depth: found 5.0; give a list",
+        ),
         ({"free": {"landmarks.T.depth": []}}, "give a list"),
         ({"free": {"landmarks.T.depth": {"from": 5, "to": 1}}}, "from below to"),
         ({"free": {"landmarks.T.depth": {"from": 1, "to": 5, "count": 1}}}, "2 or more"),
@@ -66,7 +72,10 @@ def test_a_study_is_the_same_with_and_without_a_plan(tmp_path):
             {"free": {"landmarks.T.depth": [1.0]}, "condition": "best"},
             "plan.condition: found 'best'; allowed:",
         ),
-        ({"free": {"landmarks.T.depth": [1.0]}, "lost_of": "Z"}, "plan.lost_of: found 'Z'; allowed: .*T"),
+        (
+            {"free": {"landmarks.T.depth": [1.0]}, "lost_of": "Z"},
+            "plan.lost_of: found 'Z'; allowed: .*T",
+        ),
         ({"free": {"landmarks.T.depth": [1.0]}, "objectives": ["speed"]}, "objectives"),
         (
             {"free": {"landmarks.T.depth": {"from": 1, "to": 5}}, "evaluations": 9},
@@ -112,7 +121,9 @@ def test_designs_on_dask_are_those_of_this_machine(tmp_path):
     plan = load_plan(write(tmp_path, free={"landmarks.T.depth": [5.0, 100.0, 300.0]}))
     here = search_designs(plan, workers=1)
     with client_here(2) as client:
-        pd.testing.assert_frame_equal(search_designs(plan, client=client).frame, here.frame, check_exact=True)
+        pd.testing.assert_frame_equal(
+            search_designs(plan, client=client).frame, here.frame, check_exact=True
+        )
 
 
 def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch):
@@ -127,7 +138,17 @@ def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch):
     (tmp_path / "out").mkdir()
     with pytest.raises(SystemExit) as stop:
         main(
-            ["plan", "mission.toml", "--out", "out/best.toml", "--table", "t.csv", "--json", "--workers", "1"]
+            [
+                "plan",
+                "mission.toml",
+                "--out",
+                "out/best.toml",
+                "--table",
+                "t.csv",
+                "--json",
+                "--workers",
+                "1",
+            ]
         )
     assert stop.value.code == 0
     told = json.loads(capsys.readouterr().out)
@@ -136,7 +157,11 @@ def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch):
     best = load_study(tmp_path / "out" / "best.toml")
     expected = load_plan("mission.toml").study(told["best"])
     assert best.model_dump(exclude={"study"}) == expected.model_dump(exclude={"study"})
-    assert (tmp_path / "t.csv").read_text().startswith("landmarks.T.depth,mission.ping_interval_h,error_m")
+    assert (
+        (tmp_path / "t.csv")
+        .read_text()
+        .startswith("landmarks.T.depth,mission.ping_interval_h,error_m")
+    )
     assert any(sentence.startswith("T loses") for sentence in told["sentences"])
     results = search_designs(load_plan("mission.toml"), workers=1)
     refused(WriteError, "exists", results.write_best, tmp_path / "out" / "best.toml")
@@ -194,7 +219,9 @@ def test_the_map_fills_its_figure(tmp_path):
     from pymantaray.apps.plan.figures import map_figure
 
     plan = load_plan(write(tmp_path, free={"landmarks.T.depth": [5.0, 300.0]}))
-    details = {f"T at {depth:g} m": detail_of(plan, {"landmarks.T.depth": depth}) for depth in (5.0, 300.0)}
+    details = {
+        f"T at {depth:g} m": detail_of(plan, {"landmarks.T.depth": depth}) for depth in (5.0, 300.0)
+    }
     for shown in (details, {"one": details["T at 5 m"]}):
         figure = map_figure(shown, "Test Sea")
         figure.canvas.draw()

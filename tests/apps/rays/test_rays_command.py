@@ -44,7 +44,9 @@ def folder(tmp_path, monkeypatch):
 
 @pytest.fixture
 def rays(mantaray, folder):
-    """Call `mantaray rays`, which succeeds, and give what it printed; the output is the third word."""
+    """
+    Call `mantaray rays`, which succeeds, and give what it printed; the output is the third word.
+    """
 
     def call(*words):
         done = mantaray("rays", *words)
@@ -89,7 +91,9 @@ def test_times_are_the_solvers_beside_the_columns_that_came_in(rays, folder):
         np.testing.assert_allclose(out[name], expected, rtol=1e-11)
     assert math.degrees(arrivals.launch_angle[0]) == pytest.approx(out["launch_angle_deg"][0])
     outside = Path("out.csv").read_text().splitlines()[2].split("outside,")[1]
-    assert outside.replace(",", "") == f"{np.linalg.norm(receiver[1] - source[1]):.12g}"  # all else is empty
+    assert (
+        outside.replace(",", "") == f"{np.linalg.norm(receiver[1] - source[1]):.12g}"
+    )  # all else is empty
     assert json.loads(Path("out.csv.json").read_text())["outcomes"] == {"ok": 3, "outside": 1}
     assert medium_of("out.csv")["bottom_depth_m"] == 3000.0
     names = {path.name for path in folder.iterdir()}
@@ -137,9 +141,16 @@ def test_tables_and_netcdf_hold_the_solvers_records(rays, folder):
         for name, expected in columns.items():
             np.testing.assert_allclose(table[name], expected, rtol=1e-11, atol=atol, err_msg=name)
     assert eigen["name"].tolist() == links["name"][arrivals.link].tolist()
-    assert nodes["boundary"].tolist() == np.array(["water", "surface", "bottom"])[paths.boundary].tolist()
-    np.testing.assert_array_equal(FirstArrivals.load("times.nc").travel_time, arrivals.first().travel_time)
-    np.testing.assert_array_equal(Arrivals.load("eigen.nc").source_slowness, arrivals.source_slowness)
+    assert (
+        nodes["boundary"].tolist()
+        == np.array(["water", "surface", "bottom"])[paths.boundary].tolist()
+    )
+    np.testing.assert_array_equal(
+        FirstArrivals.load("times.nc").travel_time, arrivals.first().travel_time
+    )
+    np.testing.assert_array_equal(
+        Arrivals.load("eigen.nc").source_slowness, arrivals.source_slowness
+    )
     np.testing.assert_array_equal(RayPaths.load("trace.nc").position, paths.position)
     with xr.open_dataset("trace.nc") as found:
         assert found["row"].values.tolist() == arrivals.link.tolist()
@@ -161,9 +172,13 @@ def test_a_fan_without_refraction_is_straight(rays):
     out = pd.read_csv("fan.csv")
     start = np.array([[10.0, 20.0, 300.0], [-5.0, 0.0, 500.0]])[out["row"]]
     slope = np.tan(np.radians(np.array([-2.0, 1.0, 4.0])[out["ray"]]))
-    line = start + out["range_m"].to_numpy()[:, None] * np.stack([0 * slope, 0 * slope + 1, slope], axis=-1)
+    line = start + out["range_m"].to_numpy()[:, None] * np.stack(
+        [0 * slope, 0 * slope + 1, slope], axis=-1
+    )
     np.testing.assert_allclose(out[["north", "east", "depth"]], line, rtol=0, atol=1e-6)
-    np.testing.assert_allclose(out.groupby(["row", "ray"]).last()["range_m"], 2000.0, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        out.groupby(["row", "ray"]).last()["range_m"], 2000.0, rtol=0, atol=1e-6
+    )
     # without azimuth and distance it reaches for the receiver
     Path("one.csv").write_text(",".join(ENDS) + "\n0,0,300,-3000,4000,400\n")
     rays("trace", "one.csv", "to.nc", *ISO, "--fan", 1, 1, 1)
@@ -178,7 +193,9 @@ def test_an_output_can_be_overwritten_by_force_and_be_an_input(rays):
     assert [Path(name).name for name in medium_of("one.csv")["profile"]] == ["profile.csv"]
     assert "iso.csv: ends at" not in rays("times", "one.csv", "two.csv", *ISO)
     one, two = pd.read_csv("one.csv"), pd.read_csv("two.csv")
-    pd.testing.assert_series_equal(two["given_travel_time_s"], one["travel_time_s"], check_names=False)
+    pd.testing.assert_series_equal(
+        two["given_travel_time_s"], one["travel_time_s"], check_names=False
+    )
     assert not np.allclose(two["travel_time_s"], one["travel_time_s"], equal_nan=True)
 
 
@@ -187,7 +204,8 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     cast = CASTS / "beaufort_axctd_20140724_74N140W.csv"
     words = ("times", "links.csv", "out.csv", "--profile", cast, "--bathymetry", 3000)
     assert mantaray("rays", *words).err == (
-        f"error: {cast.name}: 1001 levels with a spacing below 2 m are a raw cast; thin it with --thin 0.1 (in Python: thin, m/s),"
+        f"error: {cast.name}: 1001 levels with a spacing below 2 m are a raw cast; thin it with"
+        " --thin 0.1 (in Python: thin, m/s),"
         " smooth it with --smooth 10 (smooth, m), or use --interpolation linear (interpolation)\n"
     )
     assert not Path("out.csv").exists()
@@ -210,7 +228,9 @@ def test_a_profile_by_pressure_that_starts_below_the_surface_holds_up_to_it_and_
     Path("deep.csv").write_text("pressure,sound_speed\n10,1434\n20,1437.9\n3000,1499\n")
     Path("links.csv").write_text(f"{','.join(ENDS)}\n0,0,0,100,0,0\n")
     place = ("--position", 74.5, -140)
-    printed = rays("times", "links.csv", "out.csv", "--profile", "deep.csv", "--bathymetry", 3000, *place)
+    printed = rays(
+        "times", "links.csv", "out.csv", "--profile", "deep.csv", "--bathymetry", 3000, *place
+    )
     depth = -gsw.z_from_p(10.0, 74.5)
     assert f"deep.csv: starts at {depth:g} m; sound speed above is constant\n" in printed
     assert pd.read_csv("out.csv")["source_sound_speed_m_s"][0] == pytest.approx(1434.0, abs=1e-9)
@@ -221,7 +241,9 @@ def test_a_profile_by_pressure_that_starts_below_the_surface_holds_up_to_it_and_
 def test_a_named_ocean_about_a_centre(rays):
     words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", "20km", 15000)
     rays("times", *words, "links.csv", "out.csv", "--interpolation", "linear")
-    local = to_local(open_ocean("synthetic:fram"), centre=(79.0, 1.0), half_extent=(20000.0, 15000.0))
+    local = to_local(
+        open_ocean("synthetic:fram"), centre=(79.0, 1.0), half_extent=(20000.0, 15000.0)
+    )
     _, source, receiver = own_links()
     medium = Medium.from_dataset(local, interpolation="linear")
     expected = find_eigenrays(medium, source, receiver).first().travel_time
@@ -256,7 +278,9 @@ def test_ice_reflects_over_a_profile_and_an_ocean(rays):
     out = pd.read_csv("out.csv").set_index("surface_bounces")
     assert out["travel_time_s"][1] == pytest.approx(math.hypot(5000.0, 400.0) / 1500.0, abs=1e-9)
     assert medium_of("out.csv")["ice"] == 50.0
-    assert "1 ok, 1 outside" in rays("times", "links.csv", "fram.csv", "--ocean", "synthetic:fram", *words)
+    assert "1 ok, 1 outside" in rays(
+        "times", "links.csv", "fram.csv", "--ocean", "synthetic:fram", *words
+    )
 
 
 def test_links_of_a_run_take_the_times_that_the_run_has(rays, tiny_run_folder):
@@ -266,9 +290,12 @@ def test_links_of_a_run_take_the_times_that_the_run_has(rays, tiny_run_folder):
     still = run.measurements.landmark_position
     places = [np.concatenate([run.truth.position[:, i], still]) for i in run.links.sample]
     ends = [
-        [p[who] for p, who in zip(places, end, strict=True)] for end in (run.links.first, run.links.second)
+        [p[who] for p, who in zip(places, end, strict=True)]
+        for end in (run.links.first, run.links.second)
     ]
-    pd.DataFrame(np.hstack(ends), columns=ENDS).to_csv("mine.csv", index=False, float_format="%.17g")
+    pd.DataFrame(np.hstack(ends), columns=ENDS).to_csv(
+        "mine.csv", index=False, float_format="%.17g"
+    )
     rays("times", "mine.csv", "out.csv", "--run", tiny_run_folder)
     found = pd.read_csv("out.csv")["travel_time_s"]
     np.testing.assert_allclose(found, run.arrivals.first().travel_time, rtol=1e-11)
@@ -297,29 +324,45 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times links.csv iso.csv W": "iso.csv: already exists; give another name or --force",
     "times links.csv old.csv W": "old.csv.json: already exists; give another name or --force",
     "times links.csv links.csv W --force": "links.csv: is the input",
-    "times lacks.csv out.csv W": "lacks.csv: no source_depth; the columns are name, source_north, source_east, Source_depth",
+    "times lacks.csv out.csv"
+    " W": "lacks.csv: no source_depth; the columns are name, source_north, source_east,"
+    " Source_depth",
     "times twice.csv out.csv W": "twice.csv: two columns source_east; remove one",
-    "times word.csv out.csv W": "word.csv, line 5: receiver_east is 'x'; it must be a finite number",
-    "times lat.csv out.csv W": "lat.csv: latitudes and longitudes need a place of the profile; give --centre",
-    "times far.csv out.csv --ocean synthetic:fram": "far.csv: a latitude is not in -90 to 90 degrees",
+    "times word.csv out.csv"
+    " W": "word.csv, line 5: receiver_east is 'x'; it must be a finite number",
+    "times lat.csv out.csv"
+    " W": "lat.csv: latitudes and longitudes need a place of the profile; give --centre",
+    "times far.csv out.csv --ocean"
+    " synthetic:fram": "far.csv: a latitude is not in -90 to 90 degrees",
     "times inf.csv out.csv W": "inf.csv, line 2: source_north is 'inf'",
     "times binary.csv out.csv W": "binary.csv: a binary file, not a text table",
     "times nothing.csv out.csv W": "nothing.csv: no such file",
     "times links.csv out.csv": "no ocean given; exactly one of --ocean, --profile and --run",
     "times links.csv out.csv W --ocean synthetic:fram": "--ocean and --profile given; exactly one",
-    "times links.csv out.csv --profile iso.csv": "iso.csv: a profile has no sea bed; give its depth in metres",
-    "times links.csv out.csv --profile iso.csv --bathymetry -5": "ocean.bathymetry: found -5.0; allowed: greater than 0",
-    "times links.csv out.csv --ocean synthetic:fram --thin 1": "ocean.thin .--thin. applies to a profile, not to an ocean",
-    "times links.csv out.csv W --half-extent 0 1": "ocean.half_extent_north: found 0.0; allowed: greater than 0",
+    "times links.csv out.csv --profile"
+    " iso.csv": "iso.csv: a profile has no sea bed; give its depth in metres",
+    "times links.csv out.csv --profile iso.csv --bathymetry"
+    " -5": "ocean.bathymetry: found -5.0; allowed: greater than 0",
+    "times links.csv out.csv --ocean synthetic:fram --thin"
+    " 1": "ocean.thin .--thin. applies to a profile, not to an ocean",
+    "times links.csv out.csv W --half-extent 0"
+    " 1": "ocean.half_extent_north: found 0.0; allowed: greater than 0",
     "times links.csv out.csv W --thin 0.1 --smooth 9": "thin and smooth cannot be combined",
-    "times links.csv out.csv W --cutoff-db x": "--cutoff-db is x; it must be a positive number of decibels, or none",
-    "times links.csv out.csv W --cutoff-db nan": "--cutoff-db is nan; it must be a positive number of decibels, or none",
+    "times links.csv out.csv W --cutoff-db"
+    " x": "--cutoff-db is x; it must be a positive number of decibels, or none",
+    "times links.csv out.csv W --cutoff-db"
+    " nan": "--cutoff-db is nan; it must be a positive number of decibels, or none",
     "times links.csv out.csv W --tolerance 0": "--tolerance is 0 m; it must be finite and positive",
-    "times links.csv out.csv --profile falls.csv --bathymetry 9": "falls.csv, line 4: depth is 5 after 10",
-    "times links.csv out.csv --profile holes.csv --bathymetry 9": "holes.csv, line 3: sound_speed is ''; it must be a number",
-    "times links.csv out.csv --profile km.csv --bathymetry 9": "km.csv: sound_speed: 1.5 to 1.6 m/s; it must be 1000 to 2500",
-    "times links.csv out.csv --profile salty.csv --bathymetry 9": "no column sound_speed; the columns are depth, salinity",
-    "times links.csv out.csv --profile placeless.csv --bathymetry 9": "needs a position; give --position LAT LON",
+    "times links.csv out.csv --profile falls.csv --bathymetry"
+    " 9": "falls.csv, line 4: depth is 5 after 10",
+    "times links.csv out.csv --profile holes.csv --bathymetry"
+    " 9": "holes.csv, line 3: sound_speed is ''; it must be a number",
+    "times links.csv out.csv --profile km.csv --bathymetry"
+    " 9": "km.csv: sound_speed: 1.5 to 1.6 m/s; it must be 1000 to 2500",
+    "times links.csv out.csv --profile salty.csv --bathymetry"
+    " 9": "no column sound_speed; the columns are depth, salinity",
+    "times links.csv out.csv --profile placeless.csv --bathymetry"
+    " 9": "needs a position; give --position LAT LON",
     "times links.csv out.csv --ocean synthetic:mars": "mars",
     "times links.csv out.csv W --ice ice.nc": "ocean.ice is a map, which needs --centre",
     "times links.csv out.csv W --ice 3500": "ice: the draft is 3500 m; it must be 0 to 100 m",
@@ -327,16 +370,20 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times links.csv out.csv --run .": "not a run folder",
     "trace links.csv out.csv W --azimuth 3": "--azimuth and --distance need --fan FROM TO COUNT",
     "trace links.csv out.csv W --fan 5 -5 3": "--fan is 5 -5 3; it must be FROM TO COUNT",
-    "trace links.csv out.csv W --fan -5 5 1000000000": "it must be FROM TO COUNT with FROM < TO and COUNT 1 to 100000",
+    "trace links.csv out.csv W --fan -5 5"
+    " 1000000000": "it must be FROM TO COUNT with FROM < TO and COUNT 1 to 100000",
     "trace links.csv out.csv W --fan -5 5 3 --cutoff-db 3": "--cutoff-db does not apply to --fan",
     "trace links.csv out.csv W --fan -5 5 3": "links.csv, line 7: distance: 0.0; a positive length",
-    "trace links.csv out.csv W --fan -95 5 3": r"links.csv, line 4: launch_angles: up to 1\.65806 rad",
+    "trace links.csv out.csv W --fan -95 5"
+    " 3": r"links.csv, line 4: launch_angles: up to 1\.65806 rad",
     "compare-bellhop links.csv --out profile.csv W --force": "profile.csv: is the input",
     "compare-bellhop links.csv --out out.csv W --program nothing": "no nothing on PATH; install it",
-    "write-bellhop links.csv --out run": "no ocean given; exactly one of --ocean, --profile and --run is needed",
+    "write-bellhop links.csv --out"
+    " run": "no ocean given; exactly one of --ocean, --profile and --run is needed",
     "write-bellhop links.csv --out run W --link 1": "give LINKS.csv, or --run with --link ROW",
     "write-bellhop --out run W --link 0": "--link needs a run",
-    "write-bellhop links.csv --out . W": "link_0.env: already exists; give another folder or --force",
+    "write-bellhop links.csv --out ."
+    " W": "link_0.env: already exists; give another folder or --force",
 }
 
 
@@ -380,7 +427,10 @@ def test_plot_draws_the_links_of_a_table_by_their_names(rays, folder):
         ((), "give either --source and --receiver, or --links"),
         (("--source", "0,0,20"), "give either --source and --receiver, or --links"),
         ((*DIRECT, "--links", "links.csv"), "give either --source and --receiver, or --links"),
-        (("--source", "0,0", "--receiver", "1,1,1"), "--source is '0,0'; it must be north, east and depth"),
+        (
+            ("--source", "0,0", "--receiver", "1,1,1"),
+            "--source is '0,0'; it must be north, east and depth",
+        ),
         (
             ("--source", "0,0,1", *("--receiver", "9,9,9") * 7),
             "--receiver: 7 links; a figure can show 1 to 6",
@@ -395,7 +445,9 @@ def test_plot_refuses_what_it_cannot_draw(mantaray, folder, words, message):
 
 
 def test_one_link_is_written_in_the_singular(mantaray, tmp_path):
-    ends = ",".join(f"{end}_{axis}" for end in ("source", "receiver") for axis in ("north", "east", "depth"))
+    ends = ",".join(
+        f"{end}_{axis}" for end in ("source", "receiver") for axis in ("north", "east", "depth")
+    )
     (tmp_path / "one.csv").write_text(f"{ends}\n0,0,20,900,0,60\n")
     (tmp_path / "water.csv").write_text("depth,sound_speed\n0,1440\n500,1450\n")
     words = (

@@ -1,4 +1,7 @@
-"""A made-up campaign under rough ice, of which the prediction knows neither ice nor errors, is predicted as the rule promises."""
+"""
+A made-up campaign under rough ice, of which the prediction knows neither ice nor errors, is
+predicted as the rule promises.
+"""
 
 import numpy as np
 import pytest

@@ -1,4 +1,6 @@
-"""`mantaray replay`: a folder of results whole or not at all, what is printed, and what is refused."""
+"""
+`mantaray replay`: a folder of results whole or not at all, what is printed, and what is refused.
+"""
 
 import json
 
@@ -46,7 +48,15 @@ WATER = ("--profile", "casts.csv", "--bathymetry", 2000, "--interpolation", "lin
 
 def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
     done = mantaray(
-        "replay", "events.csv", *WATER, "--out", "out", "--reference", "A", "--detection", "sonar.toml"
+        "replay",
+        "events.csv",
+        *WATER,
+        "--out",
+        "out",
+        "--reference",
+        "A",
+        "--detection",
+        "sonar.toml",
     )
     assert done.code == 0, done.err
     assert done.out.splitlines()[0] == "8 events: 8 ok"
@@ -55,7 +65,8 @@ def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
     assert done.out.splitlines()[-1].endswith("out/index.html")
     assert names_in(files / "out") == ["figures", "index.html", "replay.json", "tables"]
     assert names_in(files / "out" / "figures") == [
-        f"{name}.png" for name in ("coverage", "residual_histogram", "residual_range", "residual_time")
+        f"{name}.png"
+        for name in ("coverage", "residual_histogram", "residual_range", "residual_time")
     ]
     events = pd.read_csv(files / "out" / "tables" / "events.csv")
     np.testing.assert_allclose(events["residual_s"], 1e-3 * np.array([1.0, -1.0] * 4), atol=1e-8)
@@ -94,11 +105,22 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
     (files / "sonar.toml").write_text(DETECTION)
     (files / "salty.toml").write_text(DETECTION.replace("thorp", "francois-garrison"))
     table = pd.read_csv(files / "events.csv")
-    local = table.rename(columns=lambda name: name.replace("_lat", "_north").replace("_lon", "_east"))
+    local = table.rename(
+        columns=lambda name: name.replace("_lat", "_north").replace("_lon", "_east")
+    )
     local[[name for name in local if name.endswith(("_north", "_east"))]] *= 0.0
     local["receiver_north"] = 700.0
     local.to_csv(files / "local.csv", index=False)
-    extent = ("--ocean", "synthetic:beaufort", "--centre", 74.5, -140.0, "--half-extent", "15km", "15km")
+    extent = (
+        "--ocean",
+        "synthetic:beaufort",
+        "--centre",
+        74.5,
+        -140.0,
+        "--half-extent",
+        "15km",
+        "15km",
+    )
     one, other = (
         told("replay", "local.csv", *water, *detection, "--quiet", "--out", f"out{k}")
         for k, water in enumerate([("--run", tiny_run_folder), extent])
@@ -117,7 +139,11 @@ REFUSED = {
     "first: a profile has no sea bed": WATER[:2],
     "casts.csv: not valid TOML": (*WATER, "--detection", "casts.csv"),
     "empty.toml: no section [detection]; add it": (*WATER, "--detection", "empty.toml"),
-    "francois-garrison, but first has no temperature or salinity": (*WATER, "--detection", "salty.toml"),
+    "francois-garrison, but first has no temperature or salinity": (
+        *WATER,
+        "--detection",
+        "salty.toml",
+    ),
     "reference 'Z': no such node": (*WATER, "--reference", "Z"),
     "--window is -5 s; it must be finite and zero or positive": (*WATER, "--window", -5),
     "not a run folder": ("--run", "."),
@@ -125,7 +151,9 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("message", REFUSED)
-def test_what_cannot_be_replayed_is_refused_in_one_line_and_leaves_nothing(mantaray, files, message):
+def test_what_cannot_be_replayed_is_refused_in_one_line_and_leaves_nothing(
+    mantaray, files, message
+):
     (files / "salty.toml").write_text(DETECTION.replace("thorp", "francois-garrison"))
     (files / "empty.toml").write_text("[ocean]\n")
     done = mantaray("replay", "events.csv", *REFUSED[message], "--out", "out")
@@ -161,7 +189,10 @@ def test_positions_are_smoothed_and_drifts_and_gross_errors_are_reported(mantara
     done = mantaray("replay", "wrong.csv", *WATER, "--out", "out", *options)
     assert done.code == 0, done.err
     text = " ".join(done.out.split())
-    assert "1 of 8 measured times are no travel times of sound, such as 4.19 s instead of 2.07 s" in text
+    assert (
+        "1 of 8 measured times are no travel times of sound, such as 4.19 s instead of 2.07 s"
+        in text
+    )
     tables = files / "out" / "tables"
     assert {"baselines.csv", "nodes.csv", "positions.csv"} <= set(names_in(tables))
     clocks = pd.read_csv(tables / "clocks.csv").set_index("node")

@@ -1,4 +1,7 @@
-"""Predictions from draws of rough ice: the same ice in both directions, what is refused, and the suggestion to allow reflections."""
+"""
+Predictions from draws of rough ice: the same ice in both directions, what is refused, and the
+suggestion to allow reflections.
+"""
 
 from dataclasses import replace
 
@@ -52,12 +55,21 @@ def test_candidates_of_draws_are_the_same_in_both_directions():
 
 def test_draws_of_smooth_ice_are_refused():
     options = PredictionOptions(3)
-    refused(ReplayError, "draws: the ice is smooth", replay_events, both_ways(), water(None), options=options)
+    refused(
+        ReplayError,
+        "draws: the ice is smooth",
+        replay_events,
+        both_ways(),
+        water(None),
+        options=options,
+    )
 
 
 def test_without_reflections_and_few_predictions_some_are_suggested():
     shadowed = replace(
-        both_ways(), source_position=ENDS - [0.0, 0.0, 70.0], receiver_position=ENDS[::-1] - [0.0, 0.0, 60.0]
+        both_ways(),
+        source_position=ENDS - [0.0, 0.0, 70.0],
+        receiver_position=ENDS[::-1] - [0.0, 0.0, 60.0],
     )
     known = replay_events(shadowed, water(None, 7)).events["predicted_s"].notna().all()
     hint = replay_events(shadowed, water(None, 0)).notes

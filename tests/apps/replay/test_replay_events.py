@@ -1,4 +1,6 @@
-"""Events in: tables read or refused by their line, the water that each belongs to, and its ends there."""
+"""
+Events in: tables read or refused by their line, the water that each belongs to, and its ends there.
+"""
 
 import numpy as np
 import pyproj
@@ -16,7 +18,9 @@ from pymantaray.water import Water
 
 HEAD = "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,receiver_depth,travel_time"
 ROW = "2020-03-10T12:00:00Z,A,B,72,-145,30,72.02,-145.1,150,1.6"
-WATER = Medium.from_profile([0.0, 3000.0], [1450.0, 1450.0], bottom_depth=3000.0, interpolation="linear")
+WATER = Medium.from_profile(
+    [0.0, 3000.0], [1450.0, 1450.0], bottom_depth=3000.0, interpolation="linear"
+)
 
 
 def write(folder, *rows, head=HEAD):
@@ -35,7 +39,9 @@ def test_a_table_is_read_as_it_stands(tmp_path):
     assert events.cast.tolist() == ["first", ""]
     assert events.pair.tolist() == ["A and B", "A and B"]
     local = write(
-        tmp_path, "5,A,B,0,0,30,900,0,60,0.6", head=HEAD.replace("_lat", "_north").replace("_lon", "_east")
+        tmp_path,
+        "5,A,B,0,0,30,900,0,60,0.6",
+        head=HEAD.replace("_lat", "_north").replace("_lon", "_east"),
     )
     events = read_events(local)
     assert not events.geographic
@@ -44,7 +50,10 @@ def test_a_table_is_read_as_it_stands(tmp_path):
 
 
 BAD = {
-    "no travel_time; the columns are time": (HEAD.replace(",travel_time", ""), ROW.rsplit(",", 1)[0]),
+    "no travel_time; the columns are time": (
+        HEAD.replace(",travel_time", ""),
+        ROW.rsplit(",", 1)[0],
+    ),
     "no source_north, source_east, receiver_north, receiver_east; the columns are": (
         HEAD.replace("lat", "x").replace("lon", "y"),
         ROW,
@@ -60,9 +69,15 @@ BAD = {
         HEAD,
         ROW.replace("1.6", "4000"),
     ),
-    "source and receiver of event 1 is A and A; allowed: two nodes": (HEAD, ROW.replace(",B,", ",A,")),
+    "source and receiver of event 1 is A and A; allowed: two nodes": (
+        HEAD,
+        ROW.replace(",B,", ",A,"),
+    ),
     "latitude in -90 to 90": (HEAD, ROW.replace(",72,", ",720,")),
-    "line 2: sigma is 'small'; it must be a number or an empty cell": (f"{HEAD},sigma", f"{ROW},small"),
+    "line 2: sigma is 'small'; it must be a number or an empty cell": (
+        f"{HEAD},sigma",
+        f"{ROW},small",
+    ),
     "sigma of event 1 is 0.0; allowed: seconds above 0": (f"{HEAD},sigma", f"{ROW},0"),
     "has positions in lat, lon and in north, east": (f"{HEAD},source_north", f"{ROW},0"),
     "two columns sigma; remove one": (f"{HEAD},sigma,sigma", f"{ROW},1,1"),
@@ -179,7 +194,12 @@ def test_an_event_in_shadow_is_predicted_by_what_leaks_where_that_is_asked_for()
 
 @pytest.mark.parametrize("word", ["loudest", "within", "within:-3", "within:six", "first:3", ""])
 def test_rules_that_are_none_are_refused(word):
-    refused(ReplayError, "allowed are first, strongest, threshold and within:DB", DetectionRule.parse, word)
+    refused(
+        ReplayError,
+        "allowed are first, strongest, threshold and within:DB",
+        DetectionRule.parse,
+        word,
+    )
 
 
 def test_rules_and_references_that_do_not_fit_are_refused():
@@ -188,7 +208,14 @@ def test_rules_and_references_that_do_not_fit_are_refused():
         detector=Detector(Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0))
     )
     for waters in (Water(WATER), [Water(WATER, reception=sonar), Water(WATER)]):
-        refused(ReplayError, "rule threshold: it needs a sonar", replay_events, events, waters, "threshold")
+        refused(
+            ReplayError,
+            "rule threshold: it needs a sonar",
+            replay_events,
+            events,
+            waters,
+            "threshold",
+        )
     refused(
         ReplayError,
         "reference 'Z': no such node; allowed are A, B",
@@ -214,4 +241,10 @@ def test_positions_of_located_nodes_take_the_place_of_the_events_own(tmp_path):
         np.testing.assert_array_equal(events.source_position, own.source_position)
     refused(ReplayError, "receiver_lat is ''", read_events, write(tmp_path, empty))
     nodes.write_text("name,north,east,depth\nB,1,2,3\n")
-    refused(ReplayError, "nodes.csv: no lat, lon; the columns are", read_events, write(tmp_path, ROW), nodes)
+    refused(
+        ReplayError,
+        "nodes.csv: no lat, lon; the columns are",
+        read_events,
+        write(tmp_path, ROW),
+        nodes,
+    )

@@ -1,4 +1,7 @@
-"""Candidates merged from draws, their probabilities, and receptions that persist, against values written out."""
+"""
+Candidates merged from draws, their probabilities, and receptions that persist, against values
+written out.
+"""
 
 import numpy as np
 import pandas as pd
@@ -37,7 +40,9 @@ def test_arrivals_of_draws_merge_by_bounces_and_time_in_any_order():
 
 
 def test_the_first_detected_candidate_has_the_probability_of_its_level_and_share():
-    table = pd.DataFrame({"event": [0, 0, 1], "loss_db": [66.0, 60.0, 80.0], "share": [1.0, 1.0, 0.3]})
+    table = pd.DataFrame(
+        {"event": [0, 0, 1], "loss_db": [66.0, 60.0, 80.0], "share": [1.0, 1.0, 0.3]}
+    )
     weight = first_detected(table)
     late = 0.5 * 0.8413447460685429  # the earlier one is missed, and 6 dB above the limit
     np.testing.assert_allclose(weight[:2], [0.5 / (0.5 + late), late / (0.5 + late)], rtol=1e-6)
@@ -45,7 +50,9 @@ def test_the_first_detected_candidate_has_the_probability_of_its_level_and_share
 
 
 def two_arrivals(measured, gap=60.0):
-    """Events of one link, each with arrivals at 1 and 1.01 s, of which the first is the more probable."""
+    """
+    Events of one link, each with arrivals at 1 and 1.01 s, of which the first is the more probable.
+    """
     n = len(measured)
     events = pd.DataFrame(
         {
@@ -87,7 +94,10 @@ def test_a_prediction_follows_the_arrival_of_the_reception_before_and_never_its_
     free = predict_mixture(events, candidates, options)
     np.testing.assert_allclose(free.probability[1::2], prior)
     changed = predict_mixture(
-        events.assign(measured_s=[1.01, 1.01, 1.0, 1.0, 5.0, 1.01]), candidates, options, persistence=600.0
+        events.assign(measured_s=[1.01, 1.01, 1.0, 1.0, 5.0, 1.01]),
+        candidates,
+        options,
+        persistence=600.0,
     )
     np.testing.assert_allclose(changed.probability, mixture.probability, atol=1e-3)
 
@@ -110,7 +120,9 @@ def test_sigma_and_intervals_come_back_from_drawn_errors():
     table["residual_m"] = 1450.0 * table["residual_s"]
     coverage = coverage_table(table, seed=1).set_index("group")
     assert coverage["within_95"].between(90.0, 99.0).all()
-    assert coverage.loc["odd hours", "median_size_m"] == pytest.approx(0.6745 * 1450.0 * sigma, rel=0.1)
+    assert coverage.loc["odd hours", "median_size_m"] == pytest.approx(
+        0.6745 * 1450.0 * sigma, rel=0.1
+    )
     assert coverage["within_95_low"].isna().all(), "one pair has no interval"
     assert coverage.loc["all", "varying_m"] == pytest.approx(1450.0 * sigma, rel=0.1)
     assert coverage.loc["all", "pair_m"] < 0.3
@@ -120,7 +132,10 @@ def test_sigma_and_intervals_come_back_from_drawn_errors():
 
 
 def test_coverage_has_an_interval_over_pairs_and_parts_of_the_residuals():
-    """Twenty pairs with constant errors of 3 m and others of 1 m; in five pairs all events are outside."""
+    """
+    Twenty pairs with constant errors of 3 m and others of 1 m; in five pairs all events are
+    outside.
+    """
     rng = np.random.default_rng(2)
     pairs, n = 20, 100
     pair = np.repeat([f"pair {k:02d}" for k in range(pairs)], n)
@@ -138,7 +153,9 @@ def test_coverage_has_an_interval_over_pairs_and_parts_of_the_residuals():
         .loc["all"]
     )
     assert row["within_95"] == 75.0
-    error = 100.0 * np.sqrt(0.25 * 0.75 / pairs)  # of a share of independent pairs, not of 2,000 events
+    error = 100.0 * np.sqrt(
+        0.25 * 0.75 / pairs
+    )  # of a share of independent pairs, not of 2,000 events
     assert row["within_95_low"] == pytest.approx(75.0 - 1.96 * error, abs=6.0)
     assert row["within_95_high"] == pytest.approx(75.0 + 1.96 * error, abs=6.0)
     assert row["varying_m"] == pytest.approx(1.0, rel=0.1)
@@ -162,12 +179,17 @@ def test_words_of_the_rule_and_options_that_are_none_are_refused():
     assert str(DetectionRule.parse("persist")) == "persist:10"
     assert DetectionRule.parse("persist:2.5").persist_min == 2.5
     refused(ReplayError, "persist:MINUTES with MINUTES above 0", DetectionRule.parse, "persist:0")
-    refused(ReplayError, "draws is 0; allowed are whole numbers from 1 to 1000", PredictionOptions, 0)
+    refused(
+        ReplayError, "draws is 0; allowed are whole numbers from 1 to 1000", PredictionOptions, 0
+    )
     refused(ReplayError, "position_sigma is -1 m", PredictionOptions, 1, -1.0)
 
 
 def test_a_receiver_stays_with_its_arrival_rather_than_with_one_of_other_bounces():
-    """Two candidates at the delay of the one before: a match of other bounces has a tenth of the weight."""
+    """
+    Two candidates at the delay of the one before: a match of other bounces has a tenth of the
+    weight.
+    """
     before = 0.0, np.array([0.5]), np.array([64.0]), np.array([1.0])
     delay, bounces = np.array([0.5, 0.5, 0.9]), np.array([64.0, 128.0, 64.0])
     prior = np.array([0.2, 0.3, 0.5])

@@ -1,4 +1,7 @@
-"""Nodes and clocks of a replay: smoothed positions, consistency, drifts, gross errors, unknown clocks and baselines."""
+"""
+Nodes and clocks of a replay: smoothed positions, consistency, drifts, gross errors, unknown clocks
+and baselines.
+"""
 
 import dataclasses
 import itertools
@@ -8,7 +11,13 @@ import pandas as pd
 import pytest
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.replay import Events, correct_events, replay_events, smooth_positions, write_replay
+from pymantaray.apps.replay import (
+    Events,
+    correct_events,
+    replay_events,
+    smooth_positions,
+    write_replay,
+)
 from pymantaray.apps.replay.baselines import BY_DEPTHS, CONSTANT, baseline_table
 from pymantaray.apps.replay.clocks import (
     clock_errors,
@@ -70,7 +79,9 @@ def test_smoother_is_the_conditional_mean_of_a_random_walk_with_drift():
     reading = 700.0 + 0.1 * time + rng.normal(0.0, 3.0, 40)
     sigma, walk = 3.0, 0.2
     shared = 1e4**2 + 2.0**2 * np.outer(time, time) + walk**2 * np.minimum.outer(time, time)
-    mean = reading[0] + shared @ np.linalg.solve(shared + sigma**2 * np.eye(40), reading - reading[0])
+    mean = reading[0] + shared @ np.linalg.solve(
+        shared + sigma**2 * np.eye(40), reading - reading[0]
+    )
     np.testing.assert_allclose(_smooth(time, reading, sigma, walk).position, mean, atol=1e-4)
 
 
@@ -95,16 +106,23 @@ def test_smoothed_positions_are_nearer_to_the_truth_and_tell_the_walk(walk):
 
 def test_geographic_positions_are_smoothed_in_metres(campaign):
     rng = np.random.default_rng(1)
-    moved = {f"{end}_position": getattr(campaign.events, f"{end}_position") for end in ("source", "receiver")}
+    moved = {
+        f"{end}_position": getattr(campaign.events, f"{end}_position")
+        for end in ("source", "receiver")
+    }
     noisy = dataclasses.replace(
         campaign.events,
-        **{k: v + rng.normal(0.0, 1.0, v.shape) * [4 / 111e3, 4 / 34e3, 0.0] for k, v in moved.items()},
+        **{
+            k: v + rng.normal(0.0, 1.0, v.shape) * [4 / 111e3, 4 / 34e3, 0.0]
+            for k, v in moved.items()
+        },
     )
     smooth = smooth_positions(noisy, 4.0).events
     scale = np.array([111e3, 34e3])
     for name, true in moved.items():
         before, after = (
-            np.sqrt(np.mean(((getattr(e, name) - true)[:, :2] * scale) ** 2)) for e in (noisy, smooth)
+            np.sqrt(np.mean(((getattr(e, name) - true)[:, :2] * scale) ** 2))
+            for e in (noisy, smooth)
         )
         assert after < 0.6 * before
 
@@ -146,7 +164,9 @@ def test_clocks_without_pairs_in_both_directions_are_unknown():
     mixed = table_of(
         both,
         5,
-        late=lambda a, b, _: {"A": 0.0, "B": 2e-3, "C": -1e-3}.get(b, 0) - {"B": 2e-3, "C": -1e-3}.get(a, 0),
+        late=lambda a, b, _: (
+            {"A": 0.0, "B": 2e-3, "C": -1e-3}.get(b, 0) - {"B": 2e-3, "C": -1e-3}.get(a, 0)
+        ),
     )
     known = known_clocks(mixed, clock_table(mixed, mixed["residual_s"])).set_index("node")
     np.testing.assert_allclose(
@@ -207,17 +227,22 @@ def node_campaign(seed, *, water=0.0, ice=0.3, wrong_arrivals=0.0, wrong_by=0.0)
     """
     Events of ten pairs with errors that all events of a pair or of a node share.
 
-    Errors of positions are 0.5 m per axis, at most 2 m. ``water`` is the error of the sound speed, for the layers of each node and for all
-    pairs [m/s]; ``ice`` is an error of each pair [m]. Some pairs take an arrival that differs by up to 4 m. One node, which is returned
-    too, is wrong by ``wrong_by`` metres.
+    Errors of positions are 0.5 m per axis, at most 2 m. ``water`` is the error of the sound speed,
+    for the layers of each node and for all pairs [m/s]; ``ice`` is an error of each pair [m]. Some
+    pairs take an arrival that differs by up to 4 m. One node, which is returned too, is wrong by
+    ``wrong_by`` metres.
     """
     rng = np.random.default_rng(seed)
     names = list(CAMPS)
     places = {name: rng.normal(0.0, 0.5, 2) for name in names}
-    places = {name: offset * min(1.0, 1.9 / np.linalg.norm(offset)) for name, offset in places.items()}
+    places = {
+        name: offset * min(1.0, 1.9 / np.linalg.norm(offset)) for name, offset in places.items()
+    }
     node, angle = names[rng.integers(len(names))], rng.uniform(0.0, 2.0 * np.pi)
     places[node] = places[node] + wrong_by * np.array([np.cos(angle), np.sin(angle)])
-    slow = dict(zip(names, rng.normal(0.0, water, len(names)) + 0.5 * rng.normal(0.0, water), strict=True))
+    slow = dict(
+        zip(names, rng.normal(0.0, water, len(names)) + 0.5 * rng.normal(0.0, water), strict=True)
+    )
     rows = []
     for a, b in itertools.combinations(names, 2):
         step = np.subtract(CAMPS[b], CAMPS[a])
@@ -228,7 +253,14 @@ def node_campaign(seed, *, water=0.0, ice=0.3, wrong_arrivals=0.0, wrong_by=0.0)
         for source, receiver, sign in ((a, b, 1.0), (b, a, -1.0)):
             north, east = sign * step
             rows += [
-                (source, receiver, f"{a} and {b}", distance, np.degrees(np.arctan2(east, north)), late)
+                (
+                    source,
+                    receiver,
+                    f"{a} and {b}",
+                    distance,
+                    np.degrees(np.arctan2(east, north)),
+                    late,
+                )
             ] * 2
     table = pd.DataFrame(
         rows, columns=["source", "receiver", "pair", "distance_m", "bearing_deg", "residual_m"]
@@ -252,11 +284,17 @@ def suspects(events):
 
 
 @pytest.mark.parametrize(
-    "errors", ["water", *(pytest.param(name, marks=pytest.mark.slow) for name in ERRORS if name != "water")]
+    "errors",
+    ["water", *(pytest.param(name, marks=pytest.mark.slow) for name in ERRORS if name != "water")],
 )
 def test_right_nodes_are_suspect_in_at_most_5_percent_of_campaigns(errors):
-    """With a limit of 4 standard errors from the residuals of one node, 9 to 11 % of these campaigns had a suspect."""
-    flagged = [not suspects(node_campaign(seed, **ERRORS[errors])[0]).empty for seed in range(N_CAMPAIGNS)]
+    """
+    With a limit of 4 standard errors from the residuals of one node, 9 to 11 % of these campaigns
+    had a suspect.
+    """
+    flagged = [
+        not suspects(node_campaign(seed, **ERRORS[errors])[0]).empty for seed in range(N_CAMPAIGNS)
+    ]
     assert np.mean(flagged) <= 0.05
 
 
@@ -268,7 +306,9 @@ def test_a_wrong_node_is_found_among_positions_and_ice(wrong_by, share):
         table = suspects(events)
         if list(table.index) == [node]:
             hits += 1
-            miss = np.hypot(*(table.loc[node, ["north_m", "east_m"]].to_numpy(dtype=float) - offset))
+            miss = np.hypot(
+                *(table.loc[node, ["north_m", "east_m"]].to_numpy(dtype=float) - offset)
+            )
             ratios.append(miss / table.loc[node, "standard_error_m"])
     assert hits >= share * 60
     assert np.quantile(ratios, 0.95) < 3.0
@@ -283,7 +323,9 @@ def test_one_pair_alone_does_not_make_a_node_suspect():
 
 def test_errors_that_vary_are_scatter_of_their_node():
     rng = np.random.default_rng(3)
-    e = table_of(ALL, 60, late=lambda a, b, _: ("C" in (a, b)) * rng.normal(0.0, 7.0) / SPEED, noise=7e-4)
+    e = table_of(
+        ALL, 60, late=lambda a, b, _: ("C" in (a, b)) * rng.normal(0.0, 7.0) / SPEED, noise=7e-4
+    )
     nodes = node_table(e, no_clocks(e)).set_index("node")
     assert nodes["scatter_m"].idxmax() == "C"
     assert nodes.loc["C", "scatter_m"] == pytest.approx(7.0, rel=0.15)
@@ -308,15 +350,21 @@ def test_baselines_learn_from_other_pairs_only():
 
 @pytest.fixture(scope="module")
 def spoiled(campaign):
-    """The campaign with a camp whose stated position is wrong and clocks that drift; offset of the camp [m], and the rates."""
+    """
+    The campaign with a camp whose stated position is wrong and clocks that drift; offset of the
+    camp [m], and the rates.
+    """
     events, wrong = campaign.events, np.array([6.0, -5.0])
     rate = dict(zip("ABCDEF", [3e-6, -4e-6, 1e-6, 0.0, 5e-6, -5e-6], strict=True))
     shift = np.array([wrong[0] / 111.6e3, wrong[1] / (111.6e3 * np.cos(np.radians(72.0))), 0.0])
     changes = {
-        f"{end}_position": getattr(events, f"{end}_position") - np.outer(getattr(events, end) == "C", shift)
+        f"{end}_position": getattr(events, f"{end}_position")
+        - np.outer(getattr(events, end) == "C", shift)
         for end in ("source", "receiver")
     }
-    drift = np.array([rate[b] - rate[a] for a, b in zip(events.source, events.receiver, strict=True)])
+    drift = np.array(
+        [rate[b] - rate[a] for a, b in zip(events.source, events.receiver, strict=True)]
+    )
     changes["travel_time"] = events.travel_time + drift * (events.time - events.time.mean())
     result = replay_events(dataclasses.replace(events, **changes), campaign.waters, "within:6")
     return dataclasses.replace(result, clock_drift=True), wrong, rate
@@ -327,7 +375,10 @@ def test_campaign_with_a_wrong_camp_and_drifting_clocks_returns_both(spoiled):
     nodes = result.nodes.set_index("node")
     assert list(nodes.index[nodes["suspect"]]) == ["C"]
     row = nodes.loc["C"]
-    assert np.hypot(row["north_m"] - wrong[0], row["east_m"] - wrong[1]) < 3.0 * row["standard_error_m"]
+    assert (
+        np.hypot(row["north_m"] - wrong[0], row["east_m"] - wrong[1])
+        < 3.0 * row["standard_error_m"]
+    )
     clocks = result.clocks.set_index("node")
     true = pd.Series(rate) - np.mean(list(rate.values()))
     assert (np.abs(clocks["drift"] - true) < 4.0 * clocks["standard_error_drift"]).all()
@@ -343,7 +394,10 @@ def test_correction_removes_the_wrong_position_and_the_clocks(spoiled, campaign)
         [wrong[0] / 111.6e3, wrong[1] / (111.6e3 * np.cos(np.radians(72.0))), 0.0],
     )
     drift = np.array(
-        [rate[b] - rate[a] for a, b in zip(campaign.events.source, campaign.events.receiver, strict=True)]
+        [
+            rate[b] - rate[a]
+            for a, b in zip(campaign.events.source, campaign.events.receiver, strict=True)
+        ]
     )
     late = drift * (campaign.events.time - campaign.events.time.mean())
     wrong_events = dataclasses.replace(
@@ -358,8 +412,12 @@ def test_correction_removes_the_wrong_position_and_the_clocks(spoiled, campaign)
     assert before > 5.0
     assert after < 3.0 * result.nodes.set_index("node").loc["C", "standard_error_m"]
     offset = campaign.truth["offset_s"]
-    clock = np.array([offset[b] - offset[a] for a, b in zip(right.source, right.receiver, strict=True)])
-    np.testing.assert_allclose(wrong_events.travel_time - right.travel_time, clock + late, atol=2e-4)
+    clock = np.array(
+        [offset[b] - offset[a] for a, b in zip(right.source, right.receiver, strict=True)]
+    )
+    np.testing.assert_allclose(
+        wrong_events.travel_time - right.travel_time, clock + late, atol=2e-4
+    )
 
 
 def test_page_of_a_replay_has_the_baselines(campaign):

@@ -1,4 +1,7 @@
-"""A campaign on rough ice, with drifting clocks and one wrong position, comes back with its parameters and honest intervals."""
+"""
+A campaign on rough ice, with drifting clocks and one wrong position, comes back with its parameters
+and honest intervals.
+"""
 
 import json
 import runpy
@@ -28,7 +31,12 @@ def fitted(tmp_path_factory):
     columns = (f.name for f in fields(events) if np.ndim(getattr(events, f.name)))
     known = replace(events, **{name: getattr(events, name)[even] for name in columns})
     result = replay_events(known, waters, "persist", options=OPTIONS)
-    return events, waters, json.loads((folder / "truth.json").read_text()), replace(result, clock_drift=True)
+    return (
+        events,
+        waters,
+        json.loads((folder / "truth.json").read_text()),
+        replace(result, clock_drift=True),
+    )
 
 
 def test_even_hours_return_the_clocks_and_the_wrong_position(fitted):

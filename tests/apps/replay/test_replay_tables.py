@@ -1,4 +1,7 @@
-"""Laws of the tables: clocks by least squares and their gauge, reciprocity, switching, groups and their intervals."""
+"""
+Laws of the tables: clocks by least squares and their gauge, reciprocity, switching, groups and
+their intervals.
+"""
 
 import itertools
 
@@ -15,7 +18,10 @@ OFFSET = {"A": 2e-3, "B": -3e-3, "C": 0.5e-3, "D": 0.5e-3}
 
 
 def events_of(ways, m, *, step=45.0, offset=OFFSET, sigma=0.0, shared=0.0, seed=0, **columns):
-    """Events of ordered pairs, m each, whose residuals are clocks, noise, and what the events of a pair share."""
+    """
+    Events of ordered pairs, m each, whose residuals are clocks, noise, and what the events of a
+    pair share.
+    """
     rng = np.random.default_rng(seed)
     rows = []
     for a, b in ways:
@@ -45,11 +51,15 @@ def test_clocks_without_noise_are_exact_up_to_their_mean():
 
 
 def test_standard_errors_are_those_of_a_complete_network():
-    """Of k nodes with m events each ordered pair: variance sigma^2 (k - 1) / (2 k^2 m), which repeated draws have."""
+    """
+    Of k nodes with m events each ordered pair: variance sigma^2 (k - 1) / (2 k^2 m), which repeated
+    draws have.
+    """
     k, m, sigma = 4, 25, 1e-3
     closed = sigma * np.sqrt((k - 1) / (2.0 * k * k * m))
     tables = [
-        clock_table(e := events_of(BOTH, m, sigma=sigma, seed=seed), e["residual_s"]) for seed in range(60)
+        clock_table(e := events_of(BOTH, m, sigma=sigma, seed=seed), e["residual_s"])
+        for seed in range(60)
     ]
     told = np.mean([t["standard_error_s"] for t in tables])
     spread = np.std([t["offset_s"] for t in tables], axis=0).mean()
@@ -62,7 +72,9 @@ def test_errors_that_a_pair_shares_are_seen_by_the_standard_error_over_pairs_onl
     nodes = {chr(65 + i): 0.0 for i in range(10)}
     ways = list(itertools.combinations(nodes, 2))
     tables = [
-        clock_table(e := events_of(ways, 20, offset=nodes, sigma=1e-4, shared=1e-3, seed=s), e["residual_s"])
+        clock_table(
+            e := events_of(ways, 20, offset=nodes, sigma=1e-4, shared=1e-3, seed=s), e["residual_s"]
+        )
         for s in range(40)
     ]
     spread = np.std([t["offset_s"] for t in tables], axis=0).mean()
@@ -117,7 +129,10 @@ def test_a_partner_in_time_serves_once():
 
 
 def switching_events(stays, m=2000, seed=3, gap=5e-3):
-    """Events of one way on two candidates, the second of which is taken in a share of 0.3; and all candidates."""
+    """
+    Events of one way on two candidates, the second of which is taken in a share of 0.3; and all
+    candidates.
+    """
     rng = np.random.default_rng(seed)
     second = np.zeros(m, dtype=bool)
     for i in range(m):
@@ -126,7 +141,11 @@ def switching_events(stays, m=2000, seed=3, gap=5e-3):
     e["measured_s"] = 1.0 + gap * second + 1e-4 * rng.standard_normal(m)
     e["residual_s"] = e["measured_s"] - 1.0
     candidates = pd.DataFrame(
-        {"event": np.repeat(np.arange(m), 2), "travel_time_s": np.tile([1.0, 1.0 + gap], m), "loss_db": 70.0}
+        {
+            "event": np.repeat(np.arange(m), 2),
+            "travel_time_s": np.tile([1.0, 1.0 + gap], m),
+            "loss_db": 70.0,
+        }
     )
     return e, candidates, second
 
@@ -150,12 +169,16 @@ def test_switching_is_that_of_the_chain(stays):
 
 def test_candidates_too_near_to_be_told_apart_do_not_count():
     e, candidates, _ = switching_events(0.0, gap=2e-4)
-    taken = taken_candidates(e, candidates, pd.DataFrame({"node": ["A", "B"], "offset_s": [0.0, 0.0]}))
+    taken = taken_candidates(
+        e, candidates, pd.DataFrame({"node": ["A", "B"], "offset_s": [0.0, 0.0]})
+    )
     assert switching_table(e, taken, window=60.0, seed=1).iloc[0]["steps"] == 0
 
 
 def test_clocks_and_candidates_are_found_together():
-    """Later candidates on one direction alone would be a clock to residuals of predicted arrivals."""
+    """
+    Later candidates on one direction alone would be a clock to residuals of predicted arrivals.
+    """
     e, candidates, second = switching_events(0.9, m=400)
     back = events_of([("B", "A")], 400, offset=dict.fromkeys("AB", 0.0))
     both = pd.concat([e, back], ignore_index=True)
@@ -183,15 +206,18 @@ def summary_events(values, pair, *, distance=2000.0, status="ok"):
 
 
 def test_intervals_draw_pairs_not_events():
-    """Of pairs that share their errors the interval is that of the pairs' medians, whatever the number of events."""
+    """
+    Of pairs that share their errors the interval is that of the pairs' medians, whatever the number
+    of events.
+    """
     rng = np.random.default_rng(0)
     level = rng.standard_normal(12)
     widths = []
     for m in (10, 400):
         values = np.repeat(level, m) + 1e-3 * rng.standard_normal(12 * m)
-        row = summary_table(summary_events(values, np.repeat([f"p{i}" for i in range(12)], m)), seed=5).iloc[
-            0
-        ]
+        row = summary_table(
+            summary_events(values, np.repeat([f"p{i}" for i in range(12)], m)), seed=5
+        ).iloc[0]
         widths.append(row["median_high_m"] - row["median_low_m"])
         assert row["median_low_m"] < np.median(level) < row["median_high_m"]
     assert widths[1] == pytest.approx(widths[0], rel=0.3)
@@ -200,8 +226,9 @@ def test_intervals_draw_pairs_not_events():
 
 def test_intervals_hold_95_percent_of_what_drawing_again_gives():
     """
-    The median of n values drawn again from n is at most the k-th with a binomial probability, that of n // 2 + 1 draws or more
-    among the first k: so the ends of its 95 % interval are the first values at which it reaches 2.5 % and 97.5 %.
+    The median of n values drawn again from n is at most the k-th with a binomial probability, that
+    of n // 2 + 1 draws or more among the first k: so the ends of its 95 % interval are the first
+    values at which it reaches 2.5 % and 97.5 %.
     """
     assert percentiles(np.arange(1001.0)[::-1]) == (25.0, 975.0)
     n = 17  # of which the 5 % and the 95 % points are other values
@@ -209,7 +236,9 @@ def test_intervals_hold_95_percent_of_what_drawing_again_gives():
     at_most = binom.sf(n // 2, n, np.arange(1, n + 1) / n)
     ends = [values[np.argmax(at_most >= p)] for p in (0.025, 0.975)]
     assert ends != [values[np.argmax(at_most >= p)] for p in (0.05, 0.95)]
-    row = summary_table(summary_events(values, np.array([f"p{i}" for i in range(n)])), seed=5).iloc[0]
+    row = summary_table(summary_events(values, np.array([f"p{i}" for i in range(n)])), seed=5).iloc[
+        0
+    ]
     for name in ("median", "median_size"):
         assert [row[f"{name}_low_m"], row[f"{name}_high_m"]] == pytest.approx(ends)
 

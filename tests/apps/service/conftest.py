@@ -33,7 +33,9 @@ def service(medium):
 @pytest.fixture(scope="session")
 def loud(medium):
     """Two-way, with a sonar and one reflection at either boundary."""
-    reception = ReceptionOptions(max_surface_bounces=1, max_bottom_bounces=1, detector=Detector(SONAR))
+    reception = ReceptionOptions(
+        max_surface_bounces=1, max_bottom_bounces=1, detector=Detector(SONAR)
+    )
     return RangingService(medium, reception=reception, timing=TwoWay(turn_around=0.25))
 
 
@@ -77,7 +79,9 @@ def fly():
         config = parse_study(tree, "tiny")
         ocean = mission_ocean(config)
         truth = simulate_fleet(config, ocean)
-        ranging = range_fleet(config, ocean, build_medium(ocean, config.acoustics.interpolation), truth)
+        ranging = range_fleet(
+            config, ocean, build_medium(ocean, config.acoustics.interpolation), truth
+        )
         return config, truth, [mark.build() for mark in config.landmarks], ranging
 
     return one
@@ -85,7 +89,10 @@ def fly():
 
 @pytest.fixture(scope="session")
 def varying(fly):
-    """What `fly` gives where the water varies and carries sound, which leaks: there and back with a sonar."""
+    """
+    What `fly` gives where the water varies and carries sound, which leaks: there and back with a
+    sonar.
+    """
     return fly(
         ocean={"time_varying": True},
         acoustics={"currents": True},

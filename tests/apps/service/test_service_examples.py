@@ -40,7 +40,8 @@ def test_the_client_asks_by_the_standard_library_alone(port):
     out = subprocess.run(command, capture_output=True, text=True, check=True).stdout.splitlines()
     assert out[0] == "Beaufort Sea (synthetic)"
     there, back = (
-        next(line.split()[4] for line in out if line.startswith(who)) for who in ("B hears A", "A hears B")
+        next(line.split()[4] for line in out if line.startswith(who))
+        for who in ("B hears A", "A hears B")
     )
     assert float(back) - 10.0 == pytest.approx(float(there), abs=1e-6)
 
@@ -66,4 +67,6 @@ def test_the_client_in_cpp_compiles_and_hears(port, tmp_path):
     out = subprocess.run([tmp_path / "ping"], capture_output=True, text=True, check=True).stdout
     number = r"\d+\.\d+"  # whose last digits are the machine's
     assert re.sub(number, "", out) == re.sub(number, "", printed)
-    assert float(re.search(number, out)[0]) == pytest.approx(float(re.search(number, printed)[0]), rel=1e-12)
+    assert float(re.search(number, out)[0]) == pytest.approx(
+        float(re.search(number, printed)[0]), rel=1e-12
+    )

@@ -1,4 +1,7 @@
-"""Ranges ping by ping: those of the solver and of a study to the last digit, from any thread, process or frame."""
+"""
+Ranges ping by ping: those of the solver and of a study to the last digit, from any thread, process
+or frame.
+"""
 
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import fields
@@ -22,7 +25,9 @@ from pymantaray.records.writing import write_netcdf
 from pymantaray.sensing import Detector, ReceptionOptions, TwoWay
 from pymantaray.sensing.timing import velocities
 
-STILL = Medium.from_profile([0.0, 2000.0], [1500.0, 1500.0], bottom_depth=2000.0, interpolation="linear")
+STILL = Medium.from_profile(
+    [0.0, 2000.0], [1500.0, 1500.0], bottom_depth=2000.0, interpolation="linear"
+)
 MISSIONS = {
     "as the paper": {},
     "carried by currents, there and back": {
@@ -56,7 +61,9 @@ def test_a_ping_is_what_the_solver_finds(service, medium, links):
     np.testing.assert_array_equal(ping.status, first.status)
     np.testing.assert_array_equal(ping.travel_time, first.travel_time)
     np.testing.assert_array_equal(ping.arrival_time, 12.5 + first.travel_time)
-    np.testing.assert_array_equal(ping.refracted_range, first.source_sound_speed * first.travel_time)
+    np.testing.assert_array_equal(
+        ping.refracted_range, first.source_sound_speed * first.travel_time
+    )
     np.testing.assert_array_equal(ping.straight_range, np.linalg.norm(receivers - source, axis=1))
     assert np.isnan(ping.level_db).all()
     assert np.isnan(ping.probability).all()
@@ -105,7 +112,9 @@ def test_currents_part_there_and_back_by_twice_the_way_along_them():
     speed, distance = 0.6, 3000.0
     service = RangingService(STILL, currents=Currents.uniform(speed, 0.0))
     here, there = np.array([0.0, 0.0, 500.0]), np.array([distance, 0.0, 500.0])
-    forth, back = (service.ping(0.0, a, [b]).travel_time[0] for a, b in ((here, there), (there, here)))
+    forth, back = (
+        service.ping(0.0, a, [b]).travel_time[0] for a, b in ((here, there), (there, here))
+    )
     assert back - forth == pytest.approx(2.0 * speed * distance / 1500.0**2, rel=1e-6)
     across = service.ping(0.0, here, [(0.0, distance, 500.0)]).travel_time[0]
     assert across == pytest.approx(distance / 1500.0, rel=1e-9)
@@ -127,13 +136,17 @@ def test_a_round_trip_ends_where_the_moving_ends_meet_the_sound():
     back = left / (c + v_source)
     second_order = ((v_source - v_receiver) / c) ** 2 * (wait + distance / c)
     assert ping.travel_time[0] == pytest.approx((out + back) / 2.0, rel=0.0, abs=second_order)
-    assert ping.arrival_time[0] == pytest.approx(100.0 + out + wait + back, rel=0.0, abs=2.0 * second_order)
+    assert ping.arrival_time[0] == pytest.approx(
+        100.0 + out + wait + back, rel=0.0, abs=2.0 * second_order
+    )
     still = service.ping(100.0, (0.0, 0.0, 500.0), [(distance, 0.0, 500.0)])
     assert still.travel_time[0] == pytest.approx(distance / c, rel=1e-9)
 
 
 def test_a_level_is_that_of_the_source_less_the_spherical_spreading():
-    sonar = Sonar(source_level_db=180.0, frequency_hz=10e3, bandwidth_hz=2e3, noise=40.0, spread_db=0.0)
+    sonar = Sonar(
+        source_level_db=180.0, frequency_hz=10e3, bandwidth_hz=2e3, noise=40.0, spread_db=0.0
+    )
     service = RangingService(STILL, reception=ReceptionOptions(detector=Detector(sonar)))
     distance = np.array([100.0, 1000.0])
     ping = service.ping(0.0, (0.0, 0.0, 500.0), [(d, 0.0, 500.0) for d in distance])
@@ -149,10 +162,14 @@ def test_threads_and_processes_answer_as_one_thread_does(medium, loud, links):
             same_pings(one, other)
     water = loud.water
     with (
-        RangingService(medium, reception=water.reception, timing=water.timing, workers=2) as service,
+        RangingService(
+            medium, reception=water.reception, timing=water.timing, workers=2
+        ) as service,
         ThreadPoolExecutor(2) as pool,
     ):
-        for one, other in zip(serial, pool.map(lambda ping: service.ping(*ping), pings), strict=True):
+        for one, other in zip(
+            serial, pool.map(lambda ping: service.ping(*ping), pings), strict=True
+        ):
             same_pings(one, other)
 
 
@@ -160,11 +177,15 @@ def test_a_service_that_varies_works_in_processes(varying, in_varying):
     config, truth, *_ = varying
     place = truth.position[:, 0]
     with RangingService(config, workers=1) as service:
-        same_pings(service.ping(4000.0, place[0], place[1:]), in_varying.ping(4000.0, place[0], place[1:]))
+        same_pings(
+            service.ping(4000.0, place[0], place[1:]), in_varying.ping(4000.0, place[0], place[1:])
+        )
 
 
 def test_nothing_is_compiled_after_construction(medium, links):
-    reception = ReceptionOptions(max_surface_bounces=1, detector=Detector(Sonar(180.0, 20e3, 4e3, 50.0)))
+    reception = ReceptionOptions(
+        max_surface_bounces=1, detector=Detector(Sonar(180.0, 20e3, 4e3, 50.0))
+    )
     service = RangingService(medium, reception=reception, currents=Currents.uniform(0.2, 0.1))
     compiled = [list(entry.signatures) for entry in (solve_links, trace_arrivals)]
     service.ping(0.0, *links(25))
@@ -182,16 +203,26 @@ def test_positions_by_latitude_and_longitude_are_those_in_the_local_frame(fly):
     north = speed[:, 0] * np.cos(turn) - speed[:, 1] * np.sin(turn)
     east = speed[:, 0] * np.sin(turn) + speed[:, 1] * np.cos(turn)
     true = np.stack([north, east, speed[:, 2]], axis=1)
-    local = service.ping(0.0, place[0], place[1:], source_velocity=speed[0], receiver_velocities=speed[1:])
+    local = service.ping(
+        0.0, place[0], place[1:], source_velocity=speed[0], receiver_velocities=speed[1:]
+    )
     ping = service.ping(
-        0.0, globe[0], globe[1:], source_velocity=true[0], receiver_velocities=true[1:], geographic=True
+        0.0,
+        globe[0],
+        globe[1:],
+        source_velocity=true[0],
+        receiver_velocities=true[1:],
+        geographic=True,
     )
     np.testing.assert_array_equal(ping.status, local.status)
     np.testing.assert_allclose(ping.travel_time, local.travel_time, rtol=0.0, atol=1e-11)
 
 
 def test_a_file_an_open_ocean_and_a_configuration_are_the_same_water(tmp_path, links):
-    ocean, file = open_ocean("synthetic:beaufort", window=(74.2, 74.8, -141.0, -139.0)), tmp_path / "sea.nc"
+    ocean, file = (
+        open_ocean("synthetic:beaufort", window=(74.2, 74.8, -141.0, -139.0)),
+        tmp_path / "sea.nc",
+    )
     write_netcdf(ocean, file)
     config = tmp_path / "sea.toml"
     config.write_text('[ocean]\nsource = "sea.nc"\n')
@@ -206,14 +237,24 @@ def test_water_of_an_interval_is_that_at_its_beginning(varying, in_varying):
     config, truth, *_ = varying
     place = truth.position[:, 0]
     coarse = RangingService(config, water_interval=600.0)
-    begin, later = (in_varying.ping(time, place[0], place[1:]).travel_time for time in (3600.0, 4199.0))
+    begin, later = (
+        in_varying.ping(time, place[0], place[1:]).travel_time for time in (3600.0, 4199.0)
+    )
     np.testing.assert_array_equal(coarse.ping(4199.0, place[0], place[1:]).travel_time, begin)
     assert not np.array_equal(later, begin, equal_nan=True)
     line = r"time is 22000 s; it must be 0 to 21600 s after 2014-07-15T00:00:00 UTC"
     for service in (in_varying, coarse):
         refused(WaterError, line, service.ping, 22e3, place[0], place[1:])
     line = "geographic positions: latitudes are 95 to 95; they must be -90 to 90"
-    refused(WaterError, line, in_varying.ping, 0.0, (95.0, 0.0, 5.0), [(74.5, -140.0, 5.0)], geographic=True)
+    refused(
+        WaterError,
+        line,
+        in_varying.ping,
+        0.0,
+        (95.0, 0.0, 5.0),
+        [(74.5, -140.0, 5.0)],
+        geographic=True,
+    )
 
 
 def test_nobody_hears_a_ping_to_nobody(service):
@@ -237,7 +278,12 @@ A = (0.0, 0.0, 50.0)
     [
         (ServiceError, "time is nan; it must be a finite number", (np.nan, A, [A]), {}),
         (AcousticsError, r"source has shape \(1, 2\); it must be", (0.0, A[:2], [A]), {}),
-        (AcousticsError, "receivers: 1 coordinates are not finite", (0.0, A, [(0.0, np.inf, 5.0)]), {}),
+        (
+            AcousticsError,
+            "receivers: 1 coordinates are not finite",
+            (0.0, A, [(0.0, np.inf, 5.0)]),
+            {},
+        ),
         (ServiceError, "source: 2 positions; a ping has one source", (0.0, [A, A], [A]), {}),
         (ServiceError, "velocity: one-way timing", (0.0, A, [A]), {"source_velocity": A}),
         (WaterError, "this water has no geographic position", (0.0, A, [A]), {"geographic": True}),
@@ -253,7 +299,9 @@ def test_velocities_are_one_for_each(loud):
 
 
 def test_options_that_cannot_be_are_refused_in_one_line(medium):
-    refused(ServiceError, "workers is -1; allowed are 0 and more", RangingService, medium, workers=-1)
+    refused(
+        ServiceError, "workers is -1; allowed are 0 and more", RangingService, medium, workers=-1
+    )
     refused(ServiceError, "water_interval is -1 s", RangingService, medium, water_interval=-1.0)
     refused(MantaRayError, "sea.toml: no such file", RangingService, "sea.toml")
 
@@ -264,8 +312,10 @@ def test_the_frame_of_a_study_is_about_its_trajectories(tmp_path):
     )
     file = tmp_path / "study.toml"
     file.write_text(
-        'conditions = []\n[study]\nname = "s"\n[ocean]\nsource = "synthetic:beaufort"\nhalf_extent_north = 9e3\n'
-        'half_extent_east = 9e3\n[mission]\nping_interval_h = 1.0\n[fleet]\ntrajectories = "glider.csv"\n'
+        'conditions = []\n[study]\nname = "s"\n[ocean]\nsource ='
+        ' "synthetic:beaufort"\nhalf_extent_north = 9e3\n'
+        "half_extent_east = 9e3\n[mission]\nping_interval_h = 1.0\n[fleet]\ntrajectories ="
+        ' "glider.csv"\n'
     )
     frame = RangingService(load_sound(file)).water.frame
     assert (frame.latitude_deg, frame.longitude_deg) == pytest.approx((74.21, -140.95), abs=1e-9)

@@ -1,4 +1,7 @@
-"""The server on loopback: answers to the last digit, one clear line for what is wrong, no harm by any request."""
+"""
+The server on loopback: answers to the last digit, one clear line for what is wrong, no harm by any
+request.
+"""
 
 import contextlib
 import http.client
@@ -61,12 +64,16 @@ def request(source, receivers, time=0.0, **more):
 
 
 def columns(answer, name):
-    return np.array([np.nan if r[name] is None else r[name] for r in answer["receivers"]], dtype=float)
+    return np.array(
+        [np.nan if r[name] is None else r[name] for r in answer["receivers"]], dtype=float
+    )
 
 
 def same_as_ping(answer, ping):
     """An answer has what a ping has, to the last digit, null where it has NaN."""
-    assert [r["status"] for r in answer["receivers"]] == [RayStatus(s).name.lower() for s in ping.status]
+    assert [r["status"] for r in answer["receivers"]] == [
+        RayStatus(s).name.lower() for s in ping.status
+    ]
     for name in (
         "travel_time",
         "arrival_time",
@@ -96,11 +103,20 @@ def test_with_arrivals_all_that_reaches_a_receiver_is_told(loud_port, loud, link
     assert [len(r["arrivals"]) for r in answer["receivers"]] == np.bincount(
         ping.arrivals.link, minlength=12
     ).tolist()
-    for name in ("travel_time", "surface_bounces", "bottom_bounces", "launch_angle", "arrival_angle"):
+    for name in (
+        "travel_time",
+        "surface_bounces",
+        "bottom_bounces",
+        "launch_angle",
+        "arrival_angle",
+    ):
         np.testing.assert_array_equal([ray[name] for ray in rays], getattr(ping.arrivals, name))
-    np.testing.assert_array_equal([ray["arrival_time"] for ray in rays], 3.0 + ping.arrivals.travel_time)
     np.testing.assert_array_equal(
-        [ray["level_db"] for ray in rays], 170.0 - ping.receptions.loss_db[: ping.arrivals.link.size]
+        [ray["arrival_time"] for ray in rays], 3.0 + ping.arrivals.travel_time
+    )
+    np.testing.assert_array_equal(
+        [ray["level_db"] for ray in rays],
+        170.0 - ping.receptions.loss_db[: ping.arrivals.link.size],
     )
 
 
@@ -134,7 +150,11 @@ def test_the_root_tells_version_and_ocean_and_the_schema_both_sides(port, loud_p
     assert facts["sea_floor_depth"] == [900.0, 900.0]
     assert (facts["north"], facts["timing"], facts["source_level_db"]) == (None, "one-way", None)
     _, facts = ask(loud_port, None, "GET", "/")
-    assert (facts["timing"], facts["turn_around"], facts["source_level_db"]) == ("two-way", 0.25, 170.0)
+    assert (facts["timing"], facts["turn_around"], facts["source_level_db"]) == (
+        "two-way",
+        0.25,
+        170.0,
+    )
     assert facts["max_surface_bounces"] == 1
     status, schema = ask(port, None, "GET", "/schema")
     assert status == 200
@@ -147,7 +167,8 @@ def test_a_source_outside_the_ocean_is_refused_once(serve, in_varying):
     status, answer = ask(port, json.dumps(GOOD | {"source": HERE | {"north": 1e6}}))
     assert status == 400
     assert re.search(
-        "^source: north 1e[+]06 m is outside the ocean, which reaches from -?[0-9.]+ to", answer["error"]
+        "^source: north 1e[+]06 m is outside the ocean, which reaches from -?[0-9.]+ to",
+        answer["error"],
     )
     status, answer = ask(
         port, json.dumps(GOOD | {"receivers": [HERE | {"north": 1e6}, HERE | {"depth": -1.0}]})
@@ -158,7 +179,9 @@ def test_a_source_outside_the_ocean_is_refused_once(serve, in_varying):
 
 
 def test_the_root_tells_sound_speeds_of_the_water_and_not_of_what_lies_below_the_bed(serve):
-    """Sound speed grows by 0.02 /s of depth, over a slope from 100 to 400 m; levels go down to 2000 m."""
+    """
+    Sound speed grows by 0.02 /s of depth, over a slope from 100 to 400 m; levels go down to 2000 m.
+    """
     axis, depth = np.linspace(-1e3, 1e3, 5), np.linspace(0.0, 2000.0, 21)
     speed = np.broadcast_to(1450.0 + 0.02 * depth, (5, 5, 21))
     bed = np.broadcast_to(250.0 + 0.15 * axis[:, None], (5, 5))
@@ -190,10 +213,14 @@ BAD = {
     json.dumps(GOOD | {"time": float("nan")}): "time: found nan; allowed: .*finite number",
     json.dumps(GOOD).replace("900.0", "1e999"): r"receivers\[0\].north: found inf",
     json.dumps(GOOD | {"receivers": HERE}): "receivers: found .*; allowed: a list",
-    json.dumps(GOOD | {"receivers": [HERE] * 10_001}): "receivers: found .*; allowed: .*10000 or less",
-    json.dumps(GOOD | {"receivers": [{"north": 1.0, "east": 2.0}]}): r"receivers\[0\].depth: missing",
-    json.dumps(GOOD | {"receivers": [{"north": 1.0, "depth": 2.0}]}): r"receivers\[0\]: give either north and east or",
-    json.dumps(GOOD | {"receivers": [HERE | {"lat": 1.0, "lon": 1.0}]}): r"receivers\[0\]: give either",
+    json.dumps(GOOD | {"receivers": [HERE] * 10_001}): "receivers: found .*; allowed: .*10000 or"
+                                                       " less",
+    json.dumps(GOOD | {"receivers": [{"north": 1.0, "east": 2.0}]}): r"receivers\[0\].depth:"
+                                                                     r" missing",
+    json.dumps(GOOD | {"receivers": [{"north": 1.0, "depth": 2.0}]}): r"receivers\[0\]: give"
+                                                                      r" either north and east or",
+    json.dumps(GOOD | {"receivers": [HERE | {"lat": 1.0, "lon": 1.0}]}): r"receivers\[0\]: give"
+                                                                         r" either",
     json.dumps(GOOD | {"receivers": [{"lat": 95.0, "lon": 0.0, "depth": 5.0}]}): "lat: found 95.0; allowed: 90 or less",
     json.dumps(GOOD | {"receivers": [{"lat": 9.0, "lon": 0.0, "depth": 5.0}]}): "some positions have north and east",
     json.dumps(GOOD | {"source": HERE | {"velocity": [1.0]}}): "source.velocity",
@@ -216,14 +243,19 @@ def test_a_malformed_request_is_refused_in_one_line(port, body, line):
 
 def test_what_is_not_there_and_what_is_too_large_has_its_status(port):
     status, answer = ask(port, None, "GET", "/pings")
-    assert (status, answer["error"]) == (404, "no '/pings'; allowed are GET /, GET /schema, POST /ping")
+    assert (status, answer["error"]) == (
+        404,
+        "no '/pings'; allowed are GET /, GET /schema, POST /ping",
+    )
     for method, path in (("GET", "/ping"), ("DELETE", "/"), ("POST", "/schema")):
         status, answer = ask(port, None, method, path)
         assert status == 405
         assert re.search(f"^{method} {path}; only (GET|POST) is allowed$", answer["error"])
     status, answer = ask(port, b" " * (MAX_BYTES + 1))
     assert status == 413
-    assert answer["error"].startswith(f"the request has {MAX_BYTES + 1:,} bytes; {MAX_BYTES:,} are allowed")
+    assert answer["error"].startswith(
+        f"the request has {MAX_BYTES + 1:,} bytes; {MAX_BYTES:,} are allowed"
+    )
 
 
 def raw(port, text):
@@ -298,7 +330,9 @@ def test_clients_that_keep_connections_open_do_not_shut_others_out(serve, servic
         assert ask(port, json.dumps(GOOD))[0] == 200
 
 
-def test_the_connection_that_is_closed_for_another_is_the_one_idle_for_longest(serve, service, monkeypatch):
+def test_the_connection_that_is_closed_for_another_is_the_one_idle_for_longest(
+    serve, service, monkeypatch
+):
     monkeypatch.setattr(server, "_MAX_CONNECTIONS", 8)
     port = serve(service)
 
@@ -324,7 +358,9 @@ def test_the_connection_that_is_closed_for_another_is_the_one_idle_for_longest(s
 
 
 SLOW = {
-    "headers": itertools.chain([b"GET / HTTP/1.1\r\n"], (b"X-%d: y\r\n" % k for k in itertools.count())),
+    "headers": itertools.chain(
+        [b"GET / HTTP/1.1\r\n"], (b"X-%d: y\r\n" % k for k in itertools.count())
+    ),
     "a body": itertools.chain(
         [b"POST /ping HTTP/1.1\r\nContent-Length: 90000\r\n\r\n"], itertools.repeat(b" ")
     ),
@@ -344,7 +380,9 @@ def is_closed(line, piece):
 
 
 @pytest.mark.parametrize("kind", SLOW)
-def test_a_request_that_never_ends_does_not_hold_its_connection(serve, service, kept_open, monkeypatch, kind):
+def test_a_request_that_never_ends_does_not_hold_its_connection(
+    serve, service, kept_open, monkeypatch, kind
+):
     port = serve(service)
     with monkeypatch.context() as patch:
         patch.setattr(connections, "TIMEOUT", 1)
@@ -378,9 +416,15 @@ def test_a_request_that_never_ends_does_not_hold_its_connection(serve, service, 
 )
 @pytest.mark.parametrize("what", ["GET /", "POST /ping"])
 def test_pages_of_other_sites_cannot_ask_by_a_browser(port, head, status, what):
-    """A page whose name is made to point at 127.0.0.1 sends its own name as Host, any other page its Origin."""
+    """
+    A page whose name is made to point at 127.0.0.1 sends its own name as Host, any other page its
+    Origin.
+    """
     body = json.dumps(GOOD) if what == "POST /ping" else ""
-    text = f"{what} HTTP/1.1\r\n{head.format(port=port)}\r\nConnection: close\r\nContent-Length: {len(body)}\r\n\r\n{body}"
+    text = (
+        f"{what} HTTP/1.1\r\n{head.format(port=port)}\r\nConnection: close\r\nContent-Length:"
+        f" {len(body)}\r\n\r\n{body}"
+    )
     answer = raw(port, text.encode())
     assert answer.startswith(f"HTTP/1.1 {status} ")
     assert (list(json.loads(answer.partition("\r\n\r\n")[2])) == ["error"]) == (status == 403)
@@ -411,7 +455,10 @@ def test_what_a_request_says_is_repeated_in_a_short_printable_line(port, body):
 def test_a_worker_that_is_killed_costs_no_answer_and_other_faults_have_a_status(
     serve, medium, monkeypatch, caplog
 ):
-    """A service without workers is unavailable; a fault of the server is logged. Both times, it goes on."""
+    """
+    A service without workers is unavailable; a fault of the server is logged. Both times, it goes
+    on.
+    """
     service = RangingService(medium, workers=1)
     port = serve(service)
     service._workers._processes[0].kill()
@@ -439,8 +486,16 @@ def begin():
     begun = []
 
     def one(*words):
-        command = [sys.executable, "-c", "from pymantaray.cli.main import main; main()", "serve", *words]
-        begun.append(subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True))
+        command = [
+            sys.executable,
+            "-c",
+            "from pymantaray.cli.main import main; main()",
+            "serve",
+            *words,
+        ]
+        begun.append(
+            subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+        )
         lines = [begun[-1].stdout.readline()]
         while lines[-1] and "listening" not in lines[-1]:
             lines.append(begun[-1].stdout.readline())
@@ -464,7 +519,10 @@ def config(tmp_path_factory):
 
 def test_the_command_serves_until_it_is_told_to_stop(begin, config):
     process, lines, port = begin(config, "--port", "0", "--workers", "2")
-    assert lines == ["Fram Strait (synthetic), around 78 N, 0 E\n", f"listening on http://127.0.0.1:{port}\n"]
+    assert lines == [
+        "Fram Strait (synthetic), around 78 N, 0 E\n",
+        f"listening on http://127.0.0.1:{port}\n",
+    ]
     status, answer = ask(port, json.dumps(GOOD))
     assert (status, answer["receivers"][0]["status"]) == (200, "ok")
     assert ask(port, None, "GET", "/")[1]["turn_around"] == 0.5
@@ -479,7 +537,10 @@ def test_who_listens_beyond_this_machine_is_warned(begin):
     assert ask(port, None, "GET", "/")[1]["source_level_db"] is None
     process.send_signal(signal.SIGINT)
     printed, said = process.communicate(timeout=600)
-    assert said == "warning: listening at 0.0.0.0 without a password: anyone who can access it can use it\n"
+    assert (
+        said
+        == "warning: listening at 0.0.0.0 without a password: anyone who can access it can use it\n"
+    )
     assert (process.returncode, printed) == (130, "")
 
 
@@ -509,12 +570,18 @@ def resident(process):
 def test_memory_stays_flat_under_good_bad_and_oversized_requests(begin, config):
     process, _, port = begin(config, "--port", "0")
     dice = random.Random(0)
-    bodies = [json.dumps(GOOD).encode(), *(body.encode("latin-1") for body in BAD), b" " * (MAX_BYTES + 1)]
+    bodies = [
+        json.dumps(GOOD).encode(),
+        *(body.encode("latin-1") for body in BAD),
+        b" " * (MAX_BYTES + 1),
+    ]
     weights = [30.0, *[1.0] * len(BAD), 0.1]
     sizes = []
     for _ in range(4):
         with ThreadPoolExecutor(4) as pool:
-            statuses = list(pool.map(lambda body: ask(port, body)[0], dice.choices(bodies, weights, k=1500)))
+            statuses = list(
+                pool.map(lambda body: ask(port, body)[0], dice.choices(bodies, weights, k=1500))
+            )
         assert set(statuses) <= {200, 400, 413}
         sizes.append(resident(process))
     assert sizes[-1] < 1.03 * sizes[0], sizes

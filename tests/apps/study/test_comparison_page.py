@@ -11,7 +11,11 @@ import pytest
 from pymantaray.apps.study import comparison_page as compare
 from pymantaray.apps.study import open_run, write_comparison
 from pymantaray.apps.study import report as write_module
-from pymantaray.apps.study.comparison_page import by_name, comparison_figure_specs, comparison_tables
+from pymantaray.apps.study.comparison_page import (
+    by_name,
+    comparison_figure_specs,
+    comparison_tables,
+)
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.config import load_study
 from pymantaray.errors import JobError, ReportError
@@ -27,13 +31,25 @@ def other_folder(made_run, tmp_path_factory):
 
 
 def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(write_module, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
+    monkeypatch.setattr(
+        write_module, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn")
+    )
     page = write_comparison([run_folder, other_folder], tmp_path / "both")
     assert page == tmp_path / "both" / "index.html"
     text = page.read_text(encoding="utf-8")
     names = sorted(path.name for path in (tmp_path / "both" / "figures").iterdir())
-    joint = ["ape_pooled.png", "ape_pooled_linear.png", "range_error.png", "sound_speed.png", "pipeline.png"]
-    each = [f"{name}_{i}.png" for name in ("factor_graph", "fleet_layout", "ray_picture") for i in (1, 2)]
+    joint = [
+        "ape_pooled.png",
+        "ape_pooled_linear.png",
+        "range_error.png",
+        "sound_speed.png",
+        "pipeline.png",
+    ]
+    each = [
+        f"{name}_{i}.png"
+        for name in ("factor_graph", "fleet_layout", "ray_picture")
+        for i in (1, 2)
+    ]
     assert names == sorted(joint + each)
     assert all(f'href="figures/{name}"' in text for name in names)
     assert text.partition("<script")[0].count('src="data:image/png;base64,') == len(names)
@@ -43,9 +59,15 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
     assert [p.name for p in tmp_path.iterdir()] == ["both"]
 
 
-def test_one_page_has_all_figures_and_tables_of_the_paper(run_folder, other_folder, tmp_path, monkeypatch):
-    monkeypatch.setattr(write_module, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
-    text = write_comparison([run_folder, other_folder], tmp_path / "both").read_text(encoding="utf-8")
+def test_one_page_has_all_figures_and_tables_of_the_paper(
+    run_folder, other_folder, tmp_path, monkeypatch
+):
+    monkeypatch.setattr(
+        write_module, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn")
+    )
+    text = write_comparison([run_folder, other_folder], tmp_path / "both").read_text(
+        encoding="utf-8"
+    )
     named = re.findall(r'<(figcaption|caption)>.*?class="paper">In the paper: ([^<.]+)\.', text)
     tables = {what for element, what in named if element == "caption"}
     assert tables == {"Table I", "Table II", "Table III", "Table IV"}
@@ -54,7 +76,9 @@ def test_one_page_has_all_figures_and_tables_of_the_paper(run_folder, other_fold
 
 
 def test_settings_stand_side_by_side_with_unit_and_meaning(run, other_folder):
-    tables = comparison_tables({"one": RunResults(run), "other": RunResults(open_run(other_folder))})
+    tables = comparison_tables(
+        {"one": RunResults(run), "other": RunResults(open_run(other_folder))}
+    )
     timing = tables["timing"].frame.set_index("key")
     assert timing.loc["mission.duration_h", ["one", "unit"]].tolist() == [
         run.config.mission.duration_h,
@@ -74,7 +98,9 @@ def test_a_comparison_is_not_the_latest_run(run_folder, other_folder, tmp_path, 
 
 
 def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_folder, run):
-    tables = comparison_tables({"one": RunResults(run), "other": RunResults(open_run(other_folder))})
+    tables = comparison_tables(
+        {"one": RunResults(run), "other": RunResults(open_run(other_folder))}
+    )
     table = tables["range_drop_category_compare"].frame
     assert list(table.columns) == ["link category", "one [%]", "other [%]"]
     assert table["link category"].iloc[-1] == "all links"
@@ -96,7 +122,9 @@ def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_
 
 
 def test_the_keys_that_differ_come_first_and_no_others(run, other_folder, run_folder):
-    tables = comparison_tables({"one": RunResults(run), "other": RunResults(open_run(other_folder))})
+    tables = comparison_tables(
+        {"one": RunResults(run), "other": RunResults(open_run(other_folder))}
+    )
     assert next(iter(tables)) == "configuration"
     ((key, *values),) = tables["configuration"].frame.to_numpy().tolist()
     assert (key, values[0], values[1].endswith("somewhere.nc")) == (
@@ -112,7 +140,10 @@ def test_physics_that_differs_comes_before_the_study_and_its_words_are_left_out(
     one, runs = load_study("quick"), {}
     study = one.study.model_copy(update={"name": "b", "description": "b", "seed": 7})
     noise = one.noise.model_copy(update={"range_sigma": 2.0})
-    for name, config in (("one", one), ("other", one.model_copy(update={"study": study, "noise": noise}))):
+    for name, config in (
+        ("one", one),
+        ("other", one.model_copy(update={"study": study, "noise": noise})),
+    ):
         runs[name] = SimpleNamespace(run=SimpleNamespace(config=config))
     assert compare._differences(runs)["key"].tolist() == ["noise.range_sigma", "study.seed"]
 
@@ -121,11 +152,16 @@ def test_a_vehicle_that_differs_is_named_by_its_key():
     quick = load_study("quick")
     vehicles = list(quick.fleet.vehicles)
     vehicles[2] = vehicles[2].model_copy(update={"north": 5.0})
-    other = quick.model_copy(update={"fleet": quick.fleet.model_copy(update={"vehicles": tuple(vehicles)})})
+    other = quick.model_copy(
+        update={"fleet": quick.fleet.model_copy(update={"vehicles": tuple(vehicles)})}
+    )
     runs = {
-        name: SimpleNamespace(run=SimpleNamespace(config=c)) for name, c in (("one", quick), ("other", other))
+        name: SimpleNamespace(run=SimpleNamespace(config=c))
+        for name, c in (("one", quick), ("other", other))
     }
-    assert compare._differences(runs).to_numpy().tolist() == [["fleet.vehicles.C.north", "2000.0", "5.0"]]
+    assert compare._differences(runs).to_numpy().tolist() == [
+        ["fleet.vehicles.C.north", "2000.0", "5.0"]
+    ]
 
 
 def test_the_page_offers_what_groups_runs_and_what_all_of_them_have(run):
@@ -141,7 +177,9 @@ def test_the_page_offers_what_groups_runs_and_what_all_of_them_have(run):
 
 
 def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder):
-    specs = comparison_figure_specs({"one": RunResults(run), "other": RunResults(open_run(other_folder))})
+    specs = comparison_figure_specs(
+        {"one": RunResults(run), "other": RunResults(open_run(other_folder))}
+    )
     figure = specs[0].draw()
     assert figure.get_suptitle() == "one and other; synthetic ocean: one"
 
@@ -170,7 +208,10 @@ def test_a_comparison_that_fails_leaves_nothing(run_folder, other_folder, tmp_pa
 
 
 def test_six_runs_have_a_column_each_and_figures_without_collisions(made_run, look, tmp_path):
-    """Names longer than a figure has room for; figures are drawn, where what does not fit is a warning, and warnings are errors."""
+    """
+    Names longer than a figure has room for; figures are drawn, where what does not fit is a
+    warning, and warnings are errors.
+    """
     runs = {}
     for i in range(6):
         name = f"a run with a rather long name, number {i}"

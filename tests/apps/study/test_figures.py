@@ -1,4 +1,7 @@
-"""Laws that hold for every figure, and figures of the water and the fleet read back and compared with what they were given."""
+"""
+Laws that hold for every figure, and figures of the water and the fleet read back and compared with
+what they were given.
+"""
 
 from dataclasses import replace
 
@@ -16,7 +19,11 @@ from pymantaray.apps.study.figures import register as figures
 from pymantaray.apps.study.figures.consistency import consistency_over_time
 from pymantaray.apps.study.figures.estimators import error_and_consistency
 from pymantaray.apps.study.figures.fleet import factor_graph, fleet_layout
-from pymantaray.apps.study.figures.ranging import dropout_map, range_error_histogram, range_error_split
+from pymantaray.apps.study.figures.ranging import (
+    dropout_map,
+    range_error_histogram,
+    range_error_split,
+)
 from pymantaray.apps.study.figures.register import RunResults, register, run_figure_specs
 from pymantaray.apps.study.figures.trajectory import ApePanel, error_over_time, pooled_ape
 from pymantaray.apps.study.figures.unknowns import unknowns_before_and_after
@@ -28,18 +35,32 @@ from pymantaray.records import RayStatus
 
 HEADER = "Test Sea, synthetic ocean"
 NAME = "A long name " * 9
-WITHOUT_UNIT = {"Ranges in a bin", "Vehicle", "NEES / degrees of freedom", "NIS / degrees of freedom"}
+WITHOUT_UNIT = {
+    "Ranges in a bin",
+    "Vehicle",
+    "NEES / degrees of freedom",
+    "NIS / degrees of freedom",
+}
 
 
 @pytest.fixture(scope="module")
 def every_figure(run, made_run, tables, tmp_path_factory):
-    """All that are registered, of a run with long names and many conditions; comparisons; plots of an ocean."""
+    """
+    All that are registered, of a run with long names and many conditions; comparisons; plots of an
+    ocean.
+    """
     conditions = (*style.CONDITION_COLOURS, *(f"estimator-{i}" for i in range(style.DISTINCT)))
     made = made_run(landmarks=2, lost=0.3, title=f"{NAME}(synthetic)", conditions=conditions)
     results = RunResults(open_run(made.write(tmp_path_factory.mktemp("long") / "run")))
     truth, fixes = results.run.truth, results.fixes
-    specs = [*run_figure_specs(results), *comparison_figure_specs({NAME: results, "b": RunResults(run)})]
-    ocean, header = synthetic_ocean("fram").isel(lat=slice(0, 75, 3), lon=slice(0, 237, 4)), results.header
+    specs = [
+        *run_figure_specs(results),
+        *comparison_figure_specs({NAME: results, "b": RunResults(run)}),
+    ]
+    ocean, header = (
+        synthetic_ocean("fram").isel(lat=slice(0, 75, 3), lon=slice(0, 237, 4)),
+        results.header,
+    )
     return [spec.draw() for spec in specs] + [
         error_over_time(truth.time, truth.name.tolist(), results.errors, fixes, header),
         consistency_over_time(tables.consistency, header),
@@ -73,10 +94,12 @@ def test_every_figure_has_units_its_header_and_all_its_text_within_its_frame(loo
         for artist in drawn:
             box = artist.get_window_extent(renderer)
             inside = frame.containsx(box.x0) and frame.containsx(box.x1)
-            assert box.width == 0.0 or (inside and frame.containsy(box.y0) and frame.containsy(box.y1)), (
-                artist
-            )
-        apart = [(a, a.get_window_extent(renderer)) for a in (figure._suptitle, *figure.legends, *titles)]
+            assert box.width == 0.0 or (
+                inside and frame.containsy(box.y0) and frame.containsy(box.y1)
+            ), artist
+        apart = [
+            (a, a.get_window_extent(renderer)) for a in (figure._suptitle, *figure.legends, *titles)
+        ]
         for i, (artist, box) in enumerate(apart):
             assert not any(box.overlaps(other) for _, other in apart[:i] if box.width), artist
 
@@ -113,7 +136,9 @@ def test_profiles_are_drawn_where_there_is_water_and_depth_grows_downward(look, 
 @pytest.mark.parametrize(
     ("arriving", "legend"), [(0, None), (1, "direct eigenray"), (2, "2 direct eigenrays")]
 )
-def test_ray_picture_draws_eigenrays_over_fan_and_states_its_exaggeration(look, water, arriving, legend):
+def test_ray_picture_draws_eigenrays_over_fan_and_states_its_exaggeration(
+    look, water, arriving, legend
+):
     rays = water.rays(arriving)
     figure = look.draw(ray_picture(rays, HEADER))
     axes = figure.axes[0]
@@ -147,8 +172,13 @@ def test_rays_of_links_are_told_apart_by_what_reflects_them_over_one_scale(look,
     one, other = figure.axes[:2]
     assert one.get_title(loc="left").startswith("one, first of 4 after 2 s, vertical")
     assert other.get_title(loc="left").startswith("other, no arrival (shadow), vertical")
-    thick = [line for line in one.lines if line.get_linewidth() > 1.0 and len(line.get_xdata()) == 41]
-    assert len({(line.get_color(), str(line.get_linestyle()), line.get_linewidth()) for line in thick}) == 4
+    thick = [
+        line for line in one.lines if line.get_linewidth() > 1.0 and len(line.get_xdata()) == 41
+    ]
+    assert (
+        len({(line.get_color(), str(line.get_linestyle()), line.get_linewidth()) for line in thick})
+        == 4
+    )
     words = [text.get_text() for text in figure.legends[0].get_texts()]
     assert words == [*(f"{kind} eigenrays" for kind in kinds), "straight chord", "other rays"]
     assert one.collections[0].get_clim() == other.collections[0].get_clim()
@@ -184,7 +214,9 @@ def test_ray_picture_ends_above_a_sea_bed_that_is_far_below(look, water):
     deepest = max(rays["ray_depth"].values[0].max(), rays["chord_depth"].values.max())
     whole = ray_picture(rays, HEADER).axes[0].get_ylim()
     assert whole == (min(3.0 * deepest, rays["depth"].values[-1]), 0.0)
-    shallow = rays.assign(ray_depth=rays["ray_depth"] / 10.0, chord_depth=rays["chord_depth"] / 10.0)
+    shallow = rays.assign(
+        ray_depth=rays["ray_depth"] / 10.0, chord_depth=rays["chord_depth"] / 10.0
+    )
     axes = look.draw(ray_picture(shallow, HEADER)).axes[0]
     assert axes.get_ylim()[0] == pytest.approx(0.3 * deepest)
     speed = axes.collections[0].get_array()
@@ -198,13 +230,18 @@ def test_fleet_is_drawn_east_to_the_right(records):
     plan = fleet_layout(truth, records.measurements, HEADER).axes[0]
     for line, path in zip(plan.lines, truth.position, strict=False):
         np.testing.assert_allclose(line.get_xydata(), path[:, [1, 0]] / 1e3)
-    np.testing.assert_allclose(plan.collections[0].get_offsets(), truth.position[:, 0, [1, 0]] / 1e3)
+    np.testing.assert_allclose(
+        plan.collections[0].get_offsets(), truth.position[:, 0, [1, 0]] / 1e3
+    )
 
 
 def test_each_vehicle_has_a_colour_of_its_own_and_no_name_covers_another(look, made_run):
     truth, measurements, _, _ = made_run(names=tuple("ABCDEFGHIJK"), landmarks=2).records()
     crowd = replace(truth, position=truth.position[:1] + 30.0 * np.arange(11)[:, None, None])
-    for figure in (fleet_layout(crowd, measurements, HEADER), factor_graph(crowd, measurements, HEADER)):
+    for figure in (
+        fleet_layout(crowd, measurements, HEADER),
+        factor_graph(crowd, measurements, HEADER),
+    ):
         renderer = look.draw(figure).canvas.get_renderer()
         for axes in figure.axes:
             boxes = [text.get_window_extent(renderer) for text in axes.texts]
@@ -236,7 +273,10 @@ def test_the_page_begins_with_the_result(run):
 def test_range_edges_of_the_graph_join_the_true_places_of_both_ends(look, records):
     truth, measurements = records.truth, records.measurements
     figure = factor_graph(truth, measurements, HEADER)
-    edges = next(c for c in figure.axes[0].collections if isinstance(c, LineCollection))._segments3d * 1e3
+    edges = (
+        next(c for c in figure.axes[0].collections if isinstance(c, LineCollection))._segments3d
+        * 1e3
+    )
     heard = np.flatnonzero(measurements.range_status == RayStatus.OK)
     assert len(edges) == heard.size
     length = np.linalg.norm(edges[:, 1] - edges[:, 0], axis=-1)
@@ -256,7 +296,10 @@ def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, made_run):
         (range_error_histogram([("x", np.array([3.0]))], ""), "N = 1"),
         (range_error_histogram([("x", np.zeros(5))], ""), "N = 5"),
         (range_error_split(nothing, nothing, nothing, ""), "no range was received"),
-        (dropout_map(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, "i1"), ""), "no range was attempted"),
+        (
+            dropout_map(np.empty((0, 3)), np.empty((0, 3)), np.empty(0, "i1"), ""),
+            "no range was attempted",
+        ),
         (pooled_ape([ApePanel("p", {"straight": nothing}, log=True)], ""), "no usable solve"),
         (pooled_ape([ApePanel("p", {"straight": np.zeros(9)}, log=True)], ""), "mean 0.00 m"),
         (pooled_ape([ApePanel("p", {}, log=False)], ""), "p"),

@@ -1,10 +1,16 @@
-"""Figures of range and position errors: artists are read back and compared with what they were given."""
+"""
+Figures of range and position errors: artists are read back and compared with what they were given.
+"""
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from pymantaray.apps.study.figures.ranging import dropout_map, range_error_histogram, range_error_split
+from pymantaray.apps.study.figures.ranging import (
+    dropout_map,
+    range_error_histogram,
+    range_error_split,
+)
 from pymantaray.apps.study.figures.register import range_ends
 from pymantaray.apps.study.figures.trajectory import ApePanel, error_over_time, pooled_ape
 from pymantaray.evaluation import range_errors
@@ -17,7 +23,9 @@ HEADER = "Test Sea, synthetic ocean"
 def test_histogram_counts_every_range_once_and_marks_the_mean(look, records):
     error = records.ranging_truth.refracted_range - records.ranging_truth.distance
     heard = error[np.isfinite(error)]
-    figure = look.draw(range_error_histogram([("Test Sea", error), ("Other", 2.0 * error[:40])], HEADER))
+    figure = look.draw(
+        range_error_histogram([("Test Sea", error), ("Other", 2.0 * error[:40])], HEADER)
+    )
     assert len({axes.get_xlim() for axes in figure.axes}) == 1
     assert look.steps(figure.axes[2])[0].sum() == np.isfinite(error[:40]).sum()
     for axes in figure.axes[:2]:
@@ -31,7 +39,9 @@ def test_histogram_counts_every_range_once_and_marks_the_mean(look, records):
         x, y = normal.get_data()
         area = np.trapezoid(y, x) / (edges[1] - edges[0])
         inside = np.diff(stats.norm(heard.mean(), heard.std(ddof=1)).cdf(edges[[0, -1]]))[0]
-        assert area == pytest.approx(heard.size * inside, rel=1e-3), "the normal must enclose as many ranges"
+        assert area == pytest.approx(heard.size * inside, rel=1e-3), (
+            "the normal must enclose as many ranges"
+        )
         assert x[np.argmax(y)] == pytest.approx(heard.mean(), abs=x[1] - x[0])
     assert f"N = {heard.size:,}" in figure.axes[0].get_title(loc="left")
     assert figure.axes[1].get_yscale() == "log"
@@ -40,7 +50,9 @@ def test_histogram_counts_every_range_once_and_marks_the_mean(look, records):
 def test_split_draws_each_part_against_distance(look, records):
     e, distance = range_errors(records.ranging_truth), records.ranging_truth.distance
     heard = np.isfinite(e.bending)
-    both, counts, alone = look.draw(range_error_split(distance, e.reference_speed, e.bending, HEADER)).axes
+    both, counts, alone = look.draw(
+        range_error_split(distance, e.reference_speed, e.bending, HEADER)
+    ).axes
     for axes, colour, part in (
         (both, style.BLUE, e.reference_speed),
         (both, style.ORANGE, e.bending),
@@ -53,7 +65,10 @@ def test_split_draws_each_part_against_distance(look, records):
 
 
 def test_dropout_map_shows_every_attempt_under_its_status(look, records):
-    ends, status = range_ends(records.truth, records.measurements), records.measurements.range_status
+    ends, status = (
+        range_ends(records.truth, records.measurements),
+        records.measurements.range_status,
+    )
     distance, depths = look.draw(dropout_map(*ends, status, HEADER)).axes
     drawn = {line.get_label(): line for line in distance.lines}
     counts = {s: int((status == s).sum()) for s in RayStatus}
@@ -68,7 +83,10 @@ def test_dropout_map_shows_every_attempt_under_its_status(look, records):
 
 def test_pooled_errors_are_shares_with_mean_and_quartiles_marked(look):
     rng = np.random.default_rng(4)
-    ape = {"odometry": rng.gamma(4.0, 40.0, (3, 4, 500)), "straight": rng.gamma(3.0, 3.0, (3, 4, 500))}
+    ape = {
+        "odometry": rng.gamma(4.0, 40.0, (3, 4, 500)),
+        "straight": rng.gamma(3.0, 3.0, (3, 4, 500)),
+    }
     ape["straight"][0] = np.nan  # a solve that failed
     ape |= {"other": rng.gamma(3.0, 3.0, 900), "constant": 40.0 * ape["straight"]}
     panels = [ApePanel("log", ape, log=True), ApePanel("linear", ape, log=False)]
@@ -81,7 +99,9 @@ def test_pooled_errors_are_shares_with_mean_and_quartiles_marked(look):
             inside = np.mean((errors >= edges[0]) & (errors <= edges[-1]))
             assert share.sum() == pytest.approx(100.0 * inside)
             lines = sorted(line.get_xdata()[0] for line in axes.lines)
-            np.testing.assert_allclose(lines, sorted([errors.mean(), *np.percentile(errors, [25, 75])]))
+            np.testing.assert_allclose(
+                lines, sorted([errors.mean(), *np.percentile(errors, [25, 75])])
+            )
     assert [axes.get_xscale() for axes in grid[0]] == ["log", "linear"]
     reach = grid[0, 1].get_xlim()[1]
     assert reach < 4.0 * np.percentile(ape["other"], 99.9), (
@@ -98,14 +118,18 @@ def test_the_band_of_error_over_time_is_between_the_quartiles(look, records):
     ranks = np.random.default_rng(6).permutation(101)[:, None, None] + 1.0
     values = ranks * np.array([1.0, 2.0, 5.0, 10.0])[:, None] * np.linspace(1.0, 3.0, time.size)
     figure = look.draw(
-        error_over_time(time, list("ABCD"), {"straight": values}, np.zeros((4, time.size), bool), HEADER)
+        error_over_time(
+            time, list("ABCD"), {"straight": values}, np.zeros((4, time.size), bool), HEADER
+        )
     )
     for axes, scale in zip(figure.axes, (1.0, 2.0, 5.0, 10.0), strict=False):
         (band,) = axes.collections
         corners = band.get_paths()[0].vertices
         for hour, factor in ((0.0, 1.0), (time[-1] / 3600.0, 3.0)):
             edge = corners[np.isclose(corners[:, 0], hour), 1]
-            assert [edge.min(), edge.max()] == pytest.approx([26.0 * scale * factor, 76.0 * scale * factor])
+            assert [edge.min(), edge.max()] == pytest.approx(
+                [26.0 * scale * factor, 76.0 * scale * factor]
+            )
 
 
 def test_error_over_time_is_the_median_of_healthy_realizations(look, records):
@@ -116,7 +140,9 @@ def test_error_over_time_is_the_median_of_healthy_realizations(look, records):
     fixes[1, 10:20] = True
     errors = {"straight": values} | {f"estimator-{i}": values + i for i in range(style.DISTINCT)}
     figure = look.draw(error_over_time(records.truth.time, list("ABCD"), errors, fixes, HEADER))
-    lines = [line for line in figure.axes[0].lines if len(line.get_xdata()) == records.truth.time.size]
+    lines = [
+        line for line in figure.axes[0].lines if len(line.get_xdata()) == records.truth.time.size
+    ]
     assert len({line.get_color() for line in lines}) == len(errors)
     assert figure.legends[0].get_texts()[-1].get_text() == "GNSS fix"
     middle = np.median(np.delete(values, 2, axis=0), axis=0)

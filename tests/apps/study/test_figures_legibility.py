@@ -1,4 +1,7 @@
-"""Numbers, names and legends of figures can be read: no offsets, no missing or colliding ticks, a key to every number."""
+"""
+Numbers, names and legends of figures can be read: no offsets, no missing or colliding ticks, a key
+to every number.
+"""
 
 import hashlib
 import re
@@ -107,7 +110,9 @@ def test_a_colour_bar_has_whole_numbers_and_no_offset():
     assert isinstance(bar.ax.yaxis.get_major_formatter(), ScalarFormatter)
     assert bar.ax.yaxis.get_offset_text().get_text() == ""
     ticks = drawn_ticks(bar.ax.yaxis)
-    assert [float(text) for _, text in ticks] == pytest.approx([tick for tick, _ in ticks], rel=1e-9)
+    assert [float(text) for _, text in ticks] == pytest.approx(
+        [tick for tick, _ in ticks], rel=1e-9
+    )
 
 
 @pytest.mark.parametrize("hours", [0.3, 2.0, 3.0, 8.0, 168.0])
@@ -126,7 +131,9 @@ def test_ticks_of_errors_over_time_do_not_touch(look, hours, vehicles):
             assert not box.padded(1.0).overlaps(other), "two tick labels touch"
 
 
-def test_a_replay_calls_the_share_of_predicted_events_by_its_name(made_replay, tmp_path, monkeypatch):
+def test_a_replay_calls_the_share_of_predicted_events_by_its_name(
+    made_replay, tmp_path, monkeypatch
+):
     monkeypatch.setattr(write, "draw", lambda *_, **__: [])
     text = replay_page.write_replay(made_replay, tmp_path / "out").read_text(encoding="utf-8")
     heads = re.findall("<th[^>]*>(.*?)</th>", text)
@@ -151,7 +158,9 @@ def test_figures_for_a_paper_have_a_journal_s_width_and_300_dots_per_inch(width,
     figure = style.new_figure(width, 2.0, "Test Sea")
     figure.subplots().plot([0.0, 1.0])
     files = style.rendered(figure, ("png", "pdf", "svg"), dpi=300)
-    assert files == style.rendered(figure, ("png", "pdf", "svg"), dpi=300), "the same bytes each time"
+    assert files == style.rendered(figure, ("png", "pdf", "svg"), dpi=300), (
+        "the same bytes each time"
+    )
     with Image.open(BytesIO(files["png"])) as image:
         assert image.width == pytest.approx(mm / 25.4 * 300.0, abs=1.0)
     (box,) = re.findall(rb"/MediaBox \[ 0 0 ([\d.]+)", files["pdf"])

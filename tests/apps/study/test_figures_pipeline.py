@@ -45,7 +45,9 @@ def test_data_of_a_study_flows_one_way_and_reaches_every_stage():
     between = {(names[f.source], names[f.target], f.record) for f in flows([f for *_, f in STAGES])}
     assert ("simulate_fleet", "range_fleet", "Trajectories") in between
     assert ("perturb", "solve_conditions", "Measurements") in between
-    assert not any(target == "solve_conditions" and record == "Trajectories" for _, target, record in between)
+    assert not any(
+        target == "solve_conditions" and record == "Trajectories" for _, target, record in between
+    )
     assert {target for _, target, _ in between} == set(names) - {"mission_ocean"}
     for folder, _, function in STAGES:
         homes = {
@@ -58,7 +60,11 @@ def test_data_of_a_study_flows_one_way_and_reaches_every_stage():
 
 def test_every_stage_is_named_on_the_figure(look):
     words = {text.get_text() for text in look.draw(pipeline("")).axes[0].texts}
-    assert {folder for folder, *_ in STAGES} | {"Trajectories", "Measurements", "Estimates"} <= words
+    assert {folder for folder, *_ in STAGES} | {
+        "Trajectories",
+        "Measurements",
+        "Estimates",
+    } <= words
 
 
 def test_no_arrow_passes_behind_a_box(look):
@@ -72,7 +78,12 @@ def test_no_arrow_passes_behind_a_box(look):
         vertices = arrow._path_original.vertices  # of a straight line, or of a cubic Bézier curve
         weights = (1 - part, part)
         if len(vertices) == 4:
-            weights = ((1 - part) ** 3, 3 * (1 - part) ** 2 * part, 3 * (1 - part) * part**2, part**3)
+            weights = (
+                (1 - part) ** 3,
+                3 * (1 - part) ** 2 * part,
+                3 * (1 - part) * part**2,
+                part**3,
+            )
         points = sum(weight * vertex for weight, vertex in zip(weights, vertices, strict=True))
         for box in boxes:
             half = np.array([box.get_width(), box.get_height()]) / 2.0

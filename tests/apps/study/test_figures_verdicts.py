@@ -1,4 +1,7 @@
-"""Figures of consistency, estimators and unknowns: what is drawn is what the tables say, verdicts included."""
+"""
+Figures of consistency, estimators and unknowns: what is drawn is what the tables say, verdicts
+included.
+"""
 
 from itertools import pairwise
 
@@ -15,7 +18,9 @@ HEADER = "Test Sea, synthetic ocean"
 
 
 def curves(axes):
-    return [line for line in axes.lines if line.get_linestyle() == "-" and len(line.get_xdata()) == 4]
+    return [
+        line for line in axes.lines if line.get_linestyle() == "-" and len(line.get_xdata()) == 4
+    ]
 
 
 def test_curves_are_the_ratios_and_each_marker_says_its_verdict(look, tables):
@@ -55,11 +60,18 @@ def test_many_estimators_look_different_and_names_are_literal(look, tables):
     assert len(looks) == len(names)
     assert r"a\$x\$" in look.texts(figure)
     assert look.texts(figure).count("no usable solve") == 1, "no ranges in this table"
-    assert look.texts(look.draw(consistency_over_time(table.iloc[:0], HEADER))).count("no usable solve") == 2
+    assert (
+        look.texts(look.draw(consistency_over_time(table.iloc[:0], HEADER))).count(
+            "no usable solve"
+        )
+        == 2
+    )
 
 
 def test_estimators_are_where_the_tables_say(look, tables):
-    figure = look.draw(error_and_consistency(tables.errors, tables.at_pings, tables.consistency, HEADER))
+    figure = look.draw(
+        error_and_consistency(tables.errors, tables.at_pings, tables.consistency, HEADER)
+    )
     error, under_water, nees = figure.axes
     np.testing.assert_allclose(under_water.collections[0].get_offsets()[:3, 0], [120.0, 0.75, 25.5])
     np.testing.assert_allclose(error.collections[0].get_offsets()[:3, 0], [80.0, 12.0, 130.5])
@@ -68,15 +80,26 @@ def test_estimators_are_where_the_tables_say(look, tables):
     (dashed,) = [line for line in under_water.lines if line.get_linestyle() == "--"]
     assert dashed.get_xdata()[0] == 0.5
     assert figure.legends[0].get_texts()[0].get_text() == "lower bound"
-    spans = [line for line in nees.lines if len(line.get_xdata()) == 2 and len(set(line.get_ydata())) == 1]
-    assert [tuple(line.get_xdata()) for line in spans] == [(0.99, 1.01), (0.98, 1.3), (150.0, 1200.0)]
+    spans = [
+        line
+        for line in nees.lines
+        if len(line.get_xdata()) == 2 and len(set(line.get_ydata())) == 1
+    ]
+    assert [tuple(line.get_xdata()) for line in spans] == [
+        (0.99, 1.01),
+        (0.98, 1.3),
+        (150.0, 1200.0),
+    ]
     points = [line for line in nees.lines if line.get_marker() == "o"]
     assert [float(line.get_xdata()[0]) for line in points] == pytest.approx([1.0, 1.01, 650.0])
     every, some, none = (line.get_markerfacecolor() for line in points)
     assert every == points[0].get_color()
     assert some not in {"white", points[1].get_color()}
     assert none == "white"
-    assert len(look.draw(error_and_consistency(tables.errors, tables.at_pings, None, HEADER)).axes) == 2
+    assert (
+        len(look.draw(error_and_consistency(tables.errors, tables.at_pings, None, HEADER)).axes)
+        == 2
+    )
 
 
 def test_numbers_of_wide_axes_are_powers_of_ten_that_do_not_touch(look, tables):
@@ -85,7 +108,9 @@ def test_numbers_of_wide_axes_are_powers_of_ten_that_do_not_touch(look, tables):
         {("straight", "horizontal"): [1.0] * 4, ("refracted", "horizontal"): [1.2e5] * 4}
     )
     for table, hundred in ((tables.consistency, "100"), (wide, r"$\mathdefault{10^{2}}$")):
-        *_, nees = look.draw(error_and_consistency(tables.errors, tables.at_pings, table, HEADER)).axes
+        *_, nees = look.draw(
+            error_and_consistency(tables.errors, tables.at_pings, table, HEADER)
+        ).axes
         low, high = nees.get_xlim()
         labels = [t for t in nees.get_xticklabels() if low <= t.get_position()[0] <= high]
         assert hundred in [t.get_text() for t in labels]

@@ -1,4 +1,7 @@
-"""Plots from Python: each draws the numbers of the library on given axes, and the report draws the same."""
+"""
+Plots from Python: each draws the numbers of the library on given axes, and the report draws the
+same.
+"""
 
 import matplotlib.pyplot as plt
 import numpy as np
@@ -52,18 +55,24 @@ def test_the_histogram_has_all_errors_and_their_mean(run):
 
 def test_the_figure_by_vehicle_shows_its_table_and_is_that_of_the_report(run):
     table = run.tables["ate_per_vehicle"].frame
-    figure = next(p for p in run_figure_specs(RunResults(run)) if p.name == "error_by_vehicle").draw()
+    figure = next(
+        p for p in run_figure_specs(RunResults(run)) if p.name == "error_by_vehicle"
+    ).draw()
     for axes in (run.plot.error_by_vehicle(), figure.axes[0]):
         dots = [line for line in axes.lines if line.get_marker() == "o"]
         shown = np.stack([line.get_ydata() for line in dots])
         np.testing.assert_array_equal(shown.ravel(), table["rmse_m"])
         assert [tick.get_text() for tick in axes.get_xticklabels()] == run.truth.name.tolist()
-        quartiles = np.concatenate([np.stack(lines.get_segments())[:, :, 1] for lines in axes.collections])
+        quartiles = np.concatenate(
+            [np.stack(lines.get_segments())[:, :, 1] for lines in axes.collections]
+        )
         np.testing.assert_array_equal(quartiles, table[["p25_m", "p75_m"]])
 
 
 def test_a_medium_shows_its_profile_and_its_bed():
-    medium = Medium.from_profile([0.0, 100.0, 2000.0], [1500.0, 1490.0, 1520.0], bottom_depth=1500.0)
+    medium = Medium.from_profile(
+        [0.0, 100.0, 2000.0], [1500.0, 1490.0, 1520.0], bottom_depth=1500.0
+    )
     axes = medium.plot()
     (line, bed) = axes.lines
     np.testing.assert_allclose(line.get_xdata(), [1500.0, 1490.0, 1520.0])
@@ -76,7 +85,10 @@ def test_rays_lie_at_their_distances_and_depths_in_the_looks_of_their_reflection
     position = np.column_stack([[0.0, 300.0, 600.0], [0.0, 400.0, 800.0], down])
     both = {"position": np.concatenate([position, position]), "slowness": np.full((6, 3), 1e-4)}
     paths = RayPaths(
-        arrival=[0, 0, 0, 1, 1, 1], travel_time=[0, 0.3, 0.6] * 2, boundary=[0, 0, 0, 0, 2, 0], **both
+        arrival=[0, 0, 0, 1, 1, 1],
+        travel_time=[0, 0.3, 0.6] * 2,
+        boundary=[0, 0, 0, 0, 2, 0],
+        **both,
     )
     axes = paths.plot()
     direct, reflected = axes.lines

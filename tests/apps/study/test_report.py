@@ -1,4 +1,7 @@
-"""A whole report in a run folder: tables equal independent computations, the page refers to what is there."""
+"""
+A whole report in a run folder: tables equal independent computations, the page refers to what is
+there.
+"""
 
 import json
 import re
@@ -54,7 +57,9 @@ class Page(HTMLParser):
         if tag not in VOID:
             self.open.append(tag)
         links = (value for key, value in attrs if key in ("src", "href"))
-        self.links += [link for link in links if not link.startswith(("data:image/png;base64,", "#"))]
+        self.links += [
+            link for link in links if not link.startswith(("data:image/png;base64,", "#"))
+        ]
 
     def handle_endtag(self, tag):
         assert self.open.pop() == tag
@@ -67,17 +72,24 @@ def without_drawing(monkeypatch):
     """Let a report be written without its figures, which other tests look at."""
     monkeypatch.setattr(write, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
     specs = write.run_figure_specs
-    monkeypatch.setattr(write, "run_figure_specs", lambda r: [replace(p, draw=Figure) for p in specs(r)])
+    monkeypatch.setattr(
+        write, "run_figure_specs", lambda r: [replace(p, draw=Figure) for p in specs(r)]
+    )
 
 
 @pytest.fixture(scope="module")
 def reported(once, tiny_run_folder):
-    """Folder of a run with its report, the page's text, and what was told of the progress; not to be written to."""
+    """
+    Folder of a run with its report, the page's text, and what was told of the progress; not to be
+    written to.
+    """
 
     def report(place):
         calls = []
         shutil.copytree(tiny_run_folder, place / "run")
-        page = write_report(place / "run", formats=("pdf", "tex"), progress=lambda *call: calls.append(call))
+        page = write_report(
+            place / "run", formats=("pdf", "tex"), progress=lambda *call: calls.append(call)
+        )
         assert page == place / "run" / "index.html"
         (place / "calls.json").write_text(json.dumps(calls))
 
@@ -89,17 +101,21 @@ def reported(once, tiny_run_folder):
 
 def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run_folder):
     folder = reported.folder
-    for parts, names, kinds in (("figures", FIGURES, ("png", "pdf")), ("tables", TABLES, ("csv", "tex"))):
+    for parts, names, kinds in (
+        ("figures", FIGURES, ("png", "pdf")),
+        ("tables", TABLES, ("csv", "tex")),
+    ):
         expected = {f"{name}.{kind}" for name in names for kind in kinds}
         assert {p.name for p in (folder / parts).iterdir()} == expected
         assert all(p.stat().st_size > 0 for p in (folder / parts).iterdir())
     links = Page(reported.text).links
     assert all((folder / link).is_file() for link in links)
-    assert {f"figures/{name}.pdf" for name in FIGURES} | {f"tables/{name}.csv" for name in TABLES} <= set(
-        links
-    )
+    assert {f"figures/{name}.pdf" for name in FIGURES} | {
+        f"tables/{name}.csv" for name in TABLES
+    } <= set(links)
     drawn = re.findall(
-        r'id="(\w+)">\n(?:<p class="keys">.*\n)?<a [^>]*><img src="[^"]*" width="(\d+)" height="(\d+)"',
+        r'id="(\w+)">\n(?:<p class="keys">.*\n)?<a [^>]*><img src="[^"]*" width="(\d+)"'
+        r' height="(\d+)"',
         reported.text,
     )
     assert len(drawn) == len(FIGURES)
@@ -109,7 +125,9 @@ def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run
         assert 400 < int(size[0]) < 1000
     assert [done for _, done, _ in reported.calls] == list(range(len(FIGURES) + 1))
     report = {"figures", "tables", "index.html"}
-    assert {p.name for p in folder.iterdir()} == {p.name for p in tiny_run_folder.iterdir()} | report
+    assert {p.name for p in folder.iterdir()} == {
+        p.name for p in tiny_run_folder.iterdir()
+    } | report
 
 
 def test_tables_for_a_paper_are_those_of_the_page(reported):
@@ -194,7 +212,9 @@ def test_tables_are_those_of_the_evaluation_and_the_page_quotes_them(reported):
 
 def test_names_are_escaped_everywhere(made_run, tmp_path, monkeypatch):
     evil = "<b>&\"'"
-    made = made_run(names=("A", f"B{evil}"), title=f"Sea {evil}", description=f"about {evil}", synthetic=0)
+    made = made_run(
+        names=("A", f"B{evil}"), title=f"Sea {evil}", description=f"about {evil}", synthetic=0
+    )
     folder = made.write(tmp_path / "run")
     without_drawing(monkeypatch)
     text = write_report(folder).read_text(encoding="utf-8")
@@ -260,21 +280,32 @@ def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_sam
         run = open_run(folder)
         report.write(run)
         assert set(run.tables._made) == {"dropouts", "range_error", "ate_pooled", "ping_error"}
-    for path in sorted((*reported.folder.glob("figures/*.png"), *reported.folder.glob("tables/*.csv"))):
-        assert (folder / path.relative_to(reported.folder)).read_bytes() == path.read_bytes(), path.name
+    for path in sorted(
+        (*reported.folder.glob("figures/*.png"), *reported.folder.glob("tables/*.csv"))
+    ):
+        assert (folder / path.relative_to(reported.folder)).read_bytes() == path.read_bytes(), (
+            path.name
+        )
     assert not list(folder.glob("figures/*.pdf"))
     text = (folder / "index.html").read_text(encoding="utf-8")
-    assert text == re.sub(r' <a href="figures/\w+.pdf">PDF</a>', "", reported.text).replace(".pdf", ".png")
+    assert text == re.sub(r' <a href="figures/\w+.pdf">PDF</a>', "", reported.text).replace(
+        ".pdf", ".png"
+    )
 
 
 def test_figures_of_the_mission_are_those_that_estimates_do_not_change(run):
-    """Drawn while realizations are solved: all that are not of them must be, or they are seconds later on the page."""
+    """
+    Drawn while realizations are solved: all that are not of them must be, or they are seconds later
+    on the page.
+    """
     mission = {p.name for p in write.run_figure_specs(RunResults(run), of_mission=True)}
     assert mission == FIGURES - {"ape_pooled", "error_by_vehicle", "error_over_time", "consistency"}
 
 
 @pytest.mark.parametrize("before", [False, True])
-def test_an_interrupt_while_a_report_is_put_in_place_leaves_all_of_one(tmp_path, monkeypatch, before):
+def test_an_interrupt_while_a_report_is_put_in_place_leaves_all_of_one(
+    tmp_path, monkeypatch, before
+):
     parts = ("tables", "figures", "index.html")
     (tmp_path / "manifest.json").touch()
 
@@ -318,8 +349,12 @@ def test_a_folder_that_is_no_run_is_one_clear_line(tmp_path):
 
 def test_the_scene_shows_a_sea_floor_on_axes_of_its_own(run):
     finer = np.linspace(-3e4, 3e4, 7)
-    own = xr.DataArray(finer[:, None] / 100.0 + np.zeros(7) + 900.0, dims=("floor_north", "floor_east"))
-    ocean = run.ocean.drop_vars("sea_floor_depth").assign_coords(floor_north=finer, floor_east=finer)
+    own = xr.DataArray(
+        finer[:, None] / 100.0 + np.zeros(7) + 900.0, dims=("floor_north", "floor_east")
+    )
+    ocean = run.ocean.drop_vars("sea_floor_depth").assign_coords(
+        floor_north=finer, floor_east=finer
+    )
     ocean["sea_floor_depth"] = own
     other = SimpleNamespace(truth=run.truth, ocean=ocean, measurements=run.measurements)
     bed = _fleet(other, np.array([0]))["bed"]
@@ -339,8 +374,12 @@ def test_an_rmse_has_its_standard_error_if_that_is_known(run):
     table = results.tables["ate_pooled"].frame
     error = {"odometry": float("nan"), "straight": 0.25, "refracted": 0.5}
     table["rmse_m"], table["rmse_standard_error_m"] = 12.5, table["condition"].map(error)
-    remarks = [remark for what, _, remark in headlines(results) if what.startswith("Position error, ")]
-    texts = dict(zip(table["condition"], (remark.split("; ")[1] for remark in remarks), strict=True))
+    remarks = [
+        remark for what, _, remark in headlines(results) if what.startswith("Position error, ")
+    ]
+    texts = dict(
+        zip(table["condition"], (remark.split("; ")[1] for remark in remarks), strict=True)
+    )
     assert texts["straight"] == "RMSE 12.50 m ± 0.25 m"
     assert texts["odometry"] == "RMSE 12.50 m"
 
@@ -388,5 +427,6 @@ def test_headings_of_keys_have_the_units_of_their_descriptions():
         "sweep.no_such_key",
     )
     assert [key_heading(key) for key in keys] == [
-        "noise.range_sigma [m]", "mission.ping_interval_h [h]", "ocean.source", "fleet.vehicles.A.depth", "sweep.no_such_key",
+        "noise.range_sigma [m]", ("mission.ping_interval_h"
+                " [h]"), "ocean.source", "fleet.vehicles.A.depth", "sweep.no_such_key",
     ]  # fmt: skip

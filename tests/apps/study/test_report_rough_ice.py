@@ -12,7 +12,11 @@ from pymantaray.apps.study.figures.register import RunResults
 def test_rays_of_the_page_under_rough_ice_have_no_reflections(tmp_path):
     (tmp_path / "cast.csv").write_text("depth,sound_speed\n0,1434\n100,1442\n400,1455\n1000,1465\n")
     poses = pd.DataFrame(
-        {"time": [0.0, 600.0] * 2, "vehicle": ["A", "A", "B", "B"], "depth": [30.0, 30.0, 60.0, 60.0]}
+        {
+            "time": [0.0, 600.0] * 2,
+            "vehicle": ["A", "A", "B", "B"],
+            "depth": [30.0, 30.0, 60.0, 60.0],
+        }
     )
     poses["north"], poses["east"] = [0.0, 100.0, 1500.0, 1500.0], 0.0
     run = measure(

@@ -1,4 +1,7 @@
-"""A study runs wherever Python does: from standard input, in a thread, at the prompt, in a notebook; with workers, without a guard."""
+"""
+A study runs wherever Python does: from standard input, in a thread, at the prompt, in a notebook;
+with workers, without a guard.
+"""
 
 import os
 import subprocess
@@ -68,7 +71,10 @@ def test_a_study_with_workers_runs_from(tmp_path, tiny_run_folder, options, text
 def test_threads_of_the_linear_algebra_change_no_digit(tmp_path):
     for threads in ("1", "3"):
         done = python(
-            QUICK, threads, environment={"PYTHONPATH": TESTS, "OPENBLAS_NUM_THREADS": threads}, cwd=tmp_path
+            QUICK,
+            threads,
+            environment={"PYTHONPATH": TESTS, "OPENBLAS_NUM_THREADS": threads},
+            cwd=tmp_path,
         )
         assert done.returncode == 0, done.stderr
     for name in ("estimates.nc", "covariances.nc"):

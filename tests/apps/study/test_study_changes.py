@@ -35,19 +35,28 @@ def test_bases_chain_and_the_nearest_key_holds(write):
     write("a.toml", 'base = "quick"\n[noise]\nrange_sigma = 2.0\ndepth_sigma = 3.0\n')
     write("sub/b.toml", 'base = "../a.toml"\n[noise]\nrange_sigma = 4.0\n[study]\nname = "b2"\n')
     config = load_study(write("sub/c.toml", 'base = "b.toml"\n[study]\ndescription = "C"\n'))
-    assert (config.noise.range_sigma, config.noise.depth_sigma, config.mission.duration_h) == (4.0, 3.0, 24.0)
+    assert (config.noise.range_sigma, config.noise.depth_sigma, config.mission.duration_h) == (
+        4.0,
+        3.0,
+        24.0,
+    )
     assert (config.study.name, config.study.description) == ("c", "C")
 
 
 def test_files_are_relative_to_the_file_that_names_them(write, tmp_path, monkeypatch):
-    write("sea/base.toml", 'base = "quick"\n[ocean]\nsource = ["a.nc", "b.nc"]\nbathymetry = "floor.nc"\n')
+    write(
+        "sea/base.toml",
+        'base = "quick"\n[ocean]\nsource = ["a.nc", "b.nc"]\nbathymetry = "floor.nc"\n',
+    )
     mine = write("mine.toml", 'base = "sea/base.toml"\n[ocean]\nbathymetry = "own.nc"\n')
     sources = tuple(str(tmp_path / "sea" / name) for name in ("a.nc", "b.nc"))
     assert load_study(mine).ocean.files == (*sources, str(tmp_path / "own.nc"))
     monkeypatch.chdir(tmp_path / "sea")
     changed = load_study(mine, **{"ocean.bathymetry": "here.nc"})
     assert changed.ocean.files == (*sources, str(tmp_path / "sea" / "here.nc"))
-    assert changed.with_(**{"ocean.source": "c.nc"}).ocean.source == (str(tmp_path / "sea" / "c.nc"),)
+    assert changed.with_(**{"ocean.source": "c.nc"}).ocean.source == (
+        str(tmp_path / "sea" / "c.nc"),
+    )
     assert type(changed.ocean.bathymetry) is str
 
 
@@ -91,28 +100,43 @@ range_model.belief = { kind = "mean" }
 """)
     )  # fmt: skip
     assert [v.name for v in config.fleet.vehicles] == ["Z"]
-    assert {c.name: c.belief for c in config.conditions}["eigenray-2"].model_dump() == {"kind": "mean"}
+    assert {c.name: c.belief for c in config.conditions}["eigenray-2"].model_dump() == {
+        "kind": "mean"
+    }
 
 
 def test_none_takes_out_what_the_base_has(write):
-    loud = "[detection]\nsource_level_db = 185.0\nfrequency_hz = 25e3\nbandwidth_hz = 5e3\nshipping = 0.2\n"
+    loud = (
+        "[detection]\nsource_level_db = 185.0\nfrequency_hz = 25e3\nbandwidth_hz = 5e3\nshipping ="
+        " 0.2\n"
+    )
     base = write("loud.toml", f'base = "quick"\n{loud}')
     assert load_study(base).detection.shipping == 0.2
-    config = load_study(base, **{"detection.shipping": "none", "detection.noise_spectral_level_db": 40.0})
+    config = load_study(
+        base, **{"detection.shipping": "none", "detection.noise_spectral_level_db": 40.0}
+    )
     assert config.detection.shipping is None
-    assert load_study(write("quiet.toml", 'base = "loud.toml"\ndetection = "none"\n')).detection is None
+    assert (
+        load_study(write("quiet.toml", 'base = "loud.toml"\ndetection = "none"\n')).detection
+        is None
+    )
     assert config.with_(detection="none").detection is None
     assert load_study("survey", landmarks="none").landmarks == ()
 
 
 @pytest.mark.parametrize(("files", "line"), [
-    ({"a": 'base = "b.toml"', "b": 'base = "a.toml"'}, "base: a.toml -> b.toml -> a.toml is a circle; remove one"),
+    ({"a": 'base = "b.toml"', "b": 'base = "a.toml"'}, ("base: a.toml -> b.toml -> a.toml is a"
+                                                       " circle; remove one")),
     ({"a": 'base = "a.toml"'}, "base: a.toml -> a.toml is a circle"),
-    ({"a": 'base = "beufort"'}, "base: found 'beufort'; did you mean beaufort\\? allowed: a file that ends in .toml or .json, beaufort, "),
+    ({"a": 'base = "beufort"'}, ("base: found 'beufort'; did you mean beaufort\\? allowed: a file"
+                                " that ends in .toml or .json, beaufort, ")),
     ({"a": "base = 3"}, "base: found '3'; allowed: a file"),
     ({"a": 'base = "gone.toml"'}, "base: .*gone.toml: no such file"),
-    ({"a": 'base = "quick"\n[fleet.vehicles]\nZ = 3'}, "`fleet.vehicles.Z`: no such entry. Entries of `fleet.vehicles`: A, B, C, "),
-    ({"a": 'base = "quick"\n[noise]\nrnge_sigma = 1.0'}, "a.toml: `noise.rnge_sigma`: unknown key. Did you mean `noise.range_sigma`\\?$"),
+    ({"a": 'base = "quick"\n[fleet.vehicles]\nZ ='
+           ' 3'}, "`fleet.vehicles.Z`: no such entry. Entries of `fleet.vehicles`: A, B, C, "),
+    ({"a": 'base = "quick"\n[noise]\nrnge_sigma ='
+           ' 1.0'}, ("a.toml: `noise.rnge_sigma`: unknown key. Did you mean"
+                    " `noise.range_sigma`\\?$")),
 ])  # fmt: skip
 def test_bases_that_are_none_are_one_line(write, files, line):
     for name, text in files.items():
@@ -121,15 +145,19 @@ def test_bases_that_are_none_are_one_line(write, files, line):
 
 
 @pytest.mark.parametrize(("changes", "line"), [
-    ({"noise.rnge_sigma": 2.0}, "`noise.rnge_sigma`: unknown key. Did you mean `noise.range_sigma`\\?$"),
-    ({"ocean.max_bottom_bounces": 2}, "`ocean.max_bottom_bounces`: unknown key. Did you mean `acoustics.max_bottom_bounces`\\?"),
+    ({"noise.rnge_sigma": 2.0}, ("`noise.rnge_sigma`: unknown key. Did you mean"
+                                " `noise.range_sigma`\\?$")),
+    ({"ocean.max_bottom_bounces": 2}, ("`ocean.max_bottom_bounces`: unknown key. Did you mean"
+                                      " `acoustics.max_bottom_bounces`\\?")),
     ({"nois.range_sigma": 2.0}, "`nois`: unknown key. Did you mean `noise`\\?"),
     ({"realisations": 2}, "`realisations`: unknown key. Did you mean `study.realizations`\\?"),
     ({"range_sigma": 2.0}, "`range_sigma`: unknown key. Did you mean `noise.range_sigma`\\?"),
     ({"noise.qqq": 2.0}, "`noise.qqq`: unknown key. Allowed: attitude_heading_bias_sigma, "),
     ({"noise.range_sigma": -2.0}, "noise.range_sigma: found -2.0; allowed: greater than 0"),
-    ({"noise.range_sigma.x": 1}, "`noise.range_sigma.x`: `noise.range_sigma` is 1.0, which has no keys"),
-    ({"fleet.vehicles.Z.north": 1.0}, "`fleet.vehicles.Z.north`: no such entry. Entries of `fleet.vehicles`: A, B, "),
+    ({"noise.range_sigma.x": 1}, ("`noise.range_sigma.x`: `noise.range_sigma` is 1.0, which has no"
+                                 " keys")),
+    ({"fleet.vehicles.Z.north": 1.0}, ("`fleet.vehicles.Z.north`: no such entry. Entries of"
+                                      " `fleet.vehicles`: A, B, ")),
     ({"mission": 5}, "mission: found 5; allowed: a table"),
 ])  # fmt: skip
 def test_a_change_that_is_not_allowed_is_one_line(changes, line):
@@ -139,13 +167,20 @@ def test_a_change_that_is_not_allowed_is_one_line(changes, line):
 
 def test_a_changed_study_says_what_is_changed_and_keeps_the_rest():
     quick = load_study("quick")
-    changed = load_study("quick", realizations=5, **{"noise.range_sigma": 2, "ocean.time_varying": True})
+    changed = load_study(
+        "quick", realizations=5, **{"noise.range_sigma": 2, "ocean.time_varying": True}
+    )
     assert changed.study.description == (
         "quick with 5 realizations and noise.range_sigma = 2 and ocean.time_varying = true"
     )
-    assert quick.with_(**{"noise.range_sigma": 2.0}).study.description == "quick with noise.range_sigma = 2.0"
+    assert (
+        quick.with_(**{"noise.range_sigma": 2.0}).study.description
+        == "quick with noise.range_sigma = 2.0"
+    )
     twice = quick.with_(**{"noise.range_sigma": 2.0}).with_(**{"noise.depth_sigma": 1.0})
-    assert twice.study.description == "quick with noise.range_sigma = 2.0 and noise.depth_sigma = 1.0"
+    assert (
+        twice.study.description == "quick with noise.range_sigma = 2.0 and noise.depth_sigma = 1.0"
+    )
     assert quick.with_(**{"study.description": "mine"}).study.description == "mine"
     same = {"study": quick.study, "noise": quick.noise}
     assert twice.model_copy(update=same) == quick
@@ -173,10 +208,13 @@ def test_sections_of_sound_are_changed_too(write):
     refused(StudyError, "`noise`: unknown key", load_sound, bare, **{"noise.range_sigma": 2.0})
     refused(StudyError, "`study`: unknown key", load_sound(bare).with_, **{"study.seed": 2})
     loud = write(
-        "loud.toml", "[detection]\nsource_level_db = 185.0\nfrequency_hz = 25e3\nbandwidth_hz = 5e3\n"
+        "loud.toml",
+        "[detection]\nsource_level_db = 185.0\nfrequency_hz = 25e3\nbandwidth_hz = 5e3\n",
     )
     keys = load.sound_sections(loud)
-    assert keys == {"detection": {"source_level_db": 185.0, "frequency_hz": 25e3, "bandwidth_hz": 5e3}}
+    assert keys == {
+        "detection": {"source_level_db": 185.0, "frequency_hz": 25e3, "bandwidth_hz": 5e3}
+    }
 
 
 def test_assignments_are_toml_values_and_else_text():

@@ -1,4 +1,7 @@
-"""The command `mantaray`: what it prints, what it refuses in one line, and that refusal leaves nothing behind."""
+"""
+The command `mantaray`: what it prints, what it refuses in one line, and that refusal leaves nothing
+behind.
+"""
 
 import re
 import webbrowser
@@ -66,7 +69,8 @@ def test_show_of_trajectories_has_their_duration_and_centre(mantaray, told, tmp_
     (tmp_path / "track.csv").write_text("time,lat,lon,depth\n" + rows)
     own = tmp_path / "own.toml"
     own.write_text(
-        'study.name = "own"\nocean.source = "synthetic:beaufort"\nfleet.trajectories = "track.csv"\n'
+        'study.name = "own"\nocean.source = "synthetic:beaufort"\nfleet.trajectories ='
+        ' "track.csv"\n'
     )
     assert "\nduration_h = 3.0  # " in mantaray("study", "show", own).out
     shown = told("study", "show", own)
@@ -85,13 +89,16 @@ def test_a_mission_without_a_duration_says_how_long_it_lasts(tmp_path, caplog):
     caplog.clear()
     with pytest.raises(StudyError, match="physics steps"):
         run_study(
-            config.model_copy(update={"mission": {"physics_step_s": 1e-9, "duration_h": 8}}), tmp_path / "run"
+            config.model_copy(update={"mission": {"physics_step_s": 1e-9, "duration_h": 8}}),
+            tmp_path / "run",
         )
     assert not caplog.records
 
 
 @pytest.mark.parametrize("name", PRESETS.split(", "))
-def test_init_writes_a_preset_with_the_defaults_of_all_other_keys(mantaray, tmp_path, monkeypatch, name):
+def test_init_writes_a_preset_with_the_defaults_of_all_other_keys(
+    mantaray, tmp_path, monkeypatch, name
+):
     """What is commented out is what holds without it, and every key of each table is there."""
     monkeypatch.chdir(tmp_path)
     assert mantaray("study", "init", name, "mine.toml").code == 0
@@ -139,13 +146,24 @@ def test_every_command_of_a_study_changes_it_and_says_what_was_meant(mantaray, s
 def test_replay_changes_the_section_detection(mantaray, small):
     Path("events.csv").write_text(EVENTS)
     Path("loud.toml").write_text(LOUD)
-    words = ("replay", "events.csv", "--ocean", "synthetic:beaufort", "--set", "detection.thresold_db=2")
+    words = (
+        "replay",
+        "events.csv",
+        "--ocean",
+        "synthetic:beaufort",
+        "--set",
+        "detection.thresold_db=2",
+    )
     done = mantaray(*words, "--detection", "loud.toml")
     assert done.code == 2
-    assert done.err.endswith("`detection.thresold_db`: unknown key. Did you mean `detection.threshold_db`?\n")
+    assert done.err.endswith(
+        "`detection.thresold_db`: unknown key. Did you mean `detection.threshold_db`?\n"
+    )
 
 
-def test_changes_hold_in_what_is_shown_and_in_a_file_made_of_them(mantaray, told, tmp_path, monkeypatch):
+def test_changes_hold_in_what_is_shown_and_in_a_file_made_of_them(
+    mantaray, told, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     changes = (
         "--set",
@@ -168,11 +186,16 @@ def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch
     assert load_study("study.toml") == load_study("quick")
     Path("study.toml").write_text("# mine")
     refused = mantaray("study", "init", "quick", "study.toml")
-    assert (refused.code, refused.err) == (2, "error: study.toml: already exists; give another name\n")
+    assert (refused.code, refused.err) == (
+        2,
+        "error: study.toml: already exists; give another name\n",
+    )
     assert Path("study.toml").read_text() == "# mine"
 
 
-def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(mantaray, small, monkeypatch):
+def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
+    mantaray, small, monkeypatch
+):
     stages = {}
 
     def interrupt(*_arguments, **_options):
@@ -180,7 +203,9 @@ def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
 
     with monkeypatch.context() as patch:
         patch.setattr("pymantaray.apps.study.report_process.write_files", interrupt)
-        patch.setattr(Watch, "report", lambda watch, stage, *_: stages.update({stage: watch.stages}))
+        patch.setattr(
+            Watch, "report", lambda watch, stage, *_: stages.update({stage: watch.stages})
+        )
         done = mantaray("study", "run", small, "--out", "run", "--workers", 1)
     run = small.parent / "run"
     assert done.code == 130
@@ -223,11 +248,23 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
 
 def test_causes_of_lost_ranges_are_in_the_page_s_words_the_commonest_first(capsys):
     counts = {"category": ALL_LINKS} | {status.name.lower(): 0 for status in RayStatus}
-    counts |= {"attempts": 90, "dropouts": 12, "shadow": 3, "blocked": 7, "unheard": 2, "leaked": 20}
+    counts |= {
+        "attempts": 90,
+        "dropouts": 12,
+        "shadow": 3,
+        "blocked": 7,
+        "unheard": 2,
+        "leaked": 20,
+    }
     study_commands._print_causes(Printer(quiet=False), pd.DataFrame([counts]), 15.0)
-    assert capsys.readouterr().out == "12 of 90 lost: 7 blocked by the bottom, 3 shadow, 2 not detected\n"
+    assert (
+        capsys.readouterr().out
+        == "12 of 90 lost: 7 blocked by the bottom, 3 shadow, 2 not detected\n"
+    )
     study_commands._print_causes(
-        Printer(quiet=False), pd.DataFrame([dict.fromkeys(counts, 0) | {"category": ALL_LINKS}]), 15.0
+        Printer(quiet=False),
+        pd.DataFrame([dict.fromkeys(counts, 0) | {"category": ALL_LINKS}]),
+        15.0,
     )
     assert capsys.readouterr().out == ""
 
@@ -267,7 +304,10 @@ def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkey
         assert (done.code, done.out) == (0, f"{Path('run').resolve() / 'index.html'}\n")
         assert done.err.startswith(said)
         assert bool(done.err) == bool(said)
-    assert Path("browser.opened").read_text().strip() == (Path("run").resolve() / "index.html").as_uri()
+    assert (
+        Path("browser.opened").read_text().strip()
+        == (Path("run").resolve() / "index.html").as_uri()
+    )
     refused = mantaray("study", "run", small, "--out", "other", "--no-figures", "--open")
     assert refused.code == 2
     assert "--no-figures writes no page to open" in refused.err
@@ -305,8 +345,10 @@ def check_refusal(done, expected, left=("small.toml",)):
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
-    ("[noise]\n", "[noise]\nrange_sigm = 2.0\n", "`noise.range_sigm`: unknown key. Did you mean `noise.range_sigma`?"),
-    ("target_depth = 250.0", "target_depth = 6000.0", "'G': target_depth is 6000 m deep, below the sea floor"),
+    ("[noise]\n", ("[noise]\nrange_sigm ="
+                  " 2.0\n"), "`noise.range_sigm`: unknown key. Did you mean `noise.range_sigma`?"),
+    (("target_depth ="
+     " 250.0"), "target_depth = 6000.0", "'G': target_depth is 6000 m deep, below the sea floor"),
     ("half_extent_north = 15000.0", "half_extent_north = 9e6", "does not fit into the data"),
 ])  # fmt: skip
 def test_bad_configuration_is_one_line_and_leaves_nothing(mantaray, small, old, new, said):
@@ -324,11 +366,14 @@ def test_ocean_file_that_is_cut_is_one_line_and_leaves_nothing(mantaray, small, 
 
 
 def test_full_output_folder_is_refused_untouched(mantaray, small):
-    check_refusal(mantaray("study", "run", small, "--out", "."), "is not empty; give a new or empty folder")
+    check_refusal(
+        mantaray("study", "run", small, "--out", "."), "is not empty; give a new or empty folder"
+    )
 
 
 @pytest.mark.parametrize(("words", "expected"), [
-    (("run", "quick", "--realizations", "0"), "quick: study.realizations: found 0; allowed: 1 or more"),
+    (("run", "quick", "--realizations", "0"), ("quick: study.realizations: found 0; allowed: 1 or"
+                                              " more")),
     (("run", "fast"), f"no preset 'fast'; allowed: {PRESETS}"),
     (("run", "no.toml"), "no.toml: no such file"),
     (("show", "fast"), "no preset 'fast'"),
@@ -344,7 +389,8 @@ def test_a_run_folder_is_not_a_study_but_contains_one(mantaray, small):
     Path("done/config.toml").write_text(small.read_text())
     check_refusal(
         mantaray("study", "show", "./done"),
-        "done: not a preset, and not a study file, whose name ends in .toml or .json; use done/config.toml",
+        "done: not a preset, and not a study file, whose name ends in .toml or .json; use"
+        " done/config.toml",
         ("done", "small.toml"),
     )
 
@@ -373,7 +419,9 @@ def test_the_overview_of_commands_has_every_command_of_study():
         assert f"mantaray study {name}" in overview
 
 
-def test_tables_of_a_run_are_printed_with_the_numbers_of_the_library(mantaray, told, tiny_run_folder):
+def test_tables_of_a_run_are_printed_with_the_numbers_of_the_library(
+    mantaray, told, tiny_run_folder
+):
     run = open_run(tiny_run_folder)
     rows = told("study", "tables", tiny_run_folder, "ate_per_vehicle")["ate_per_vehicle"]
     table = error_table(run.truth, run.estimates, by=["vehicle"], freedom=run.degrees_of_freedom)

@@ -1,4 +1,6 @@
-"""Configuration: the paper's tables, strictness at every level, and one clear line for each fault."""
+"""
+Configuration: the paper's tables, strictness at every level, and one clear line for each fault.
+"""
 
 import itertools
 import math
@@ -78,7 +80,9 @@ def test_grid_spans_2_to_12_km_around_the_station_keeper():
 
 
 def test_defaults_are_the_presets_values():
-    """What a file leaves out is what the paper has, so a bare file is a study of the paper's kind."""
+    """
+    What a file leaves out is what the paper has, so a bare file is a study of the paper's kind.
+    """
     full = load_study("beaufort")
     tree = tomllib.loads(preset_text("beaufort"))
     for section in ("mission", "noise", "acoustics", "estimator", "conditions"):
@@ -132,16 +136,20 @@ REFUSED = [
     ("mission.duration_h", "7 days", f"mission.duration_h: found '7 days'; {DURATION}"),
     ("mission.duration_h", "-1 h", "mission.duration_h: found -1.0; allowed: greater than 0"),
     ("mission.duration_h", "0 min", "mission.duration_h: found 0.0; allowed: greater than 0"),
-    ("ranging.turn_around_s", "", "ranging.turn_around_s: found ''; allowed: a number of seconds, or text"),
+    ("ranging.turn_around_s", "", ("ranging.turn_around_s: found ''; allowed: a number of seconds,"
+                                  " or text")),
     ("mission.duration_h", "9" * 400 + " d", "mission.duration_h: found inf; allowed"),
     ("study.realizations", 0, "study.realizations: found 0; allowed: 1 or more"),
     ("study.realizations", 2.5, "study.realizations: found 2.5"),
     ("noise.range_sigma", "1 s", "noise.range_sigma: found '1 s'; allowed: a number"),
-    ("conditions", ["curved", "curved"], "names of conditions must differ; found curved more than once"),
+    ("conditions", ["curved", "curved"], ("names of conditions must differ; found curved more than"
+                                         " once")),
     ("conditions", "straight", "conditions: found 'straight'; allowed: a list"),
 
-    ("study.name", "a/b", "study.name: found 'a/b'; allowed: letters, digits and ._- after a letter or digit"),
-    ("fleet.vehicles.1.target_dept", 3.0, "`fleet.vehicles[1].target_dept`: unknown key. Did you mean `fleet.vehicles[1].target_depth`?"),
+    ("study.name", "a/b", ("study.name: found 'a/b'; allowed: letters, digits and ._- after a"
+                          " letter or digit")),
+    ("fleet.vehicles.1.target_dept", 3.0, ("`fleet.vehicles[1].target_dept`: unknown key. Did you"
+                                          " mean `fleet.vehicles[1].target_depth`?")),
     ("fleet.vehicles.1.kind", "boat", "fleet.vehicles[1].kind: found 'boat'; allowed: 'float', "),
     ("fleet.vehicles.1.name", "", "vehicles[1].name: found ''"),
     ("fleet.vehicles.1.name", "../up", "found '../up'; allowed: 1 to 64 letters, digits, _ and -"),
@@ -154,33 +162,46 @@ REFUSED = [
     ("noise.range_sigma", 0.0, "noise.range_sigma: found 0.0; allowed: greater than 0"),
     ("noise.range_sigma", math.inf, "noise.range_sigma: found inf"),
     ("noise.range_sigma", "1", "noise.range_sigma: found '1'"),
-    ("ocean.source", ["a\0.nc"], r"ocean.source[0]: found 'a\x00.nc', which is not a valid file name"),
-    ("ocean.source", ["synthetic:fram", "a.nc"], "a synthetic ocean cannot be combined with others"),
+    ("ocean.source", ["a\0.nc"], (r"ocean.source[0]: found 'a\x00.nc', which is not a valid file"
+                                 r" name")),
+    ("ocean.source", ["synthetic:fram", "a.nc"], ("a synthetic ocean cannot be combined with"
+                                                 " others")),
     ("ocean.centre_lat", None, "centre_lat and centre_lon must be given together"),
     ("ocean.ice", -1.0, "ocean.ice: found -1.0; allowed: 0 or more or text"),
     ("acoustics.spreading_cutoff_db", -1.0, "found -1.0; allowed: greater than 0 or 'none'"),
-    ("ocean.half_extent_north", None, "half_extent_north and half_extent_east must be given together"),
+    ("ocean.half_extent_north", None, ("half_extent_north and half_extent_east must be given"
+                                      " together")),
     ("ranging.turn_around_s", 2.0, "ranging: turn_around_s is 2 s, but timing is one-way"),
     ("ranging.below_strongest_db", 6.0, "ranging: below_strongest_db is 6, but mistaken is none"),
-    ("ranging.mistaken_correlation_s", 60.0, "ranging: mistaken_correlation_s is 60 s, but mistaken is none"),
+    ("ranging.mistaken_correlation_s", 60.0, ("ranging: mistaken_correlation_s is 60 s, but"
+                                             " mistaken is none")),
     ("ranging", DEEP | {"mistaken": "strongest-detected"}, "but mistaken is strongest-detected"),
     ("ranging.mistaken", "first-detected", "is first-detected, but there is no rule of detection"),
-    ("", {"ranging": DEEP, "detection": DETECTION}, "below_strongest_db and [detection] cannot be combined"),
+    ("", {"ranging": DEEP, "detection": DETECTION}, ("below_strongest_db and [detection] cannot be"
+                                                    " combined")),
     ("", {"ranging": DEEP, "acoustics": {"arrival": "first"}}, "but acoustics.arrival is first"),
     ("detection", DETECTION | {"scatter_db": 40.0}, "scatter_db is 40, but leakage is false"),
-    ("acoustics.max_bottom_bounces", 16, "acoustics.max_bottom_bounces: found 16; allowed: 15 or less"),
-    ("detection", {"frequency_hz": 1e4, "bandwidth_hz": 1e3}, "detection.source_level_db: missing; add it (level of a ping at 1 m, in the band [dB re 1 µPa])"),
-    ("mission.schedule", {"slot_s": 5.0}, "mission.schedule.kind: missing; add it, one of 'slots', 'pings'"),
+    ("acoustics.max_bottom_bounces", 16, ("acoustics.max_bottom_bounces: found 16; allowed: 15 or"
+                                         " less")),
+    ("detection", {"frequency_hz": 1e4, "bandwidth_hz": 1e3}, ("detection.source_level_db: missing;"
+                                                              " add it (level of a ping at 1 m, in"
+                                                              " the band [dB re 1 µPa])")),
+    ("mission.schedule", {"slot_s": 5.0}, ("mission.schedule.kind: missing; add it, one of 'slots',"
+                                          " 'pings'")),
     ("mission.schedule", "slots", "mission.schedule: found 'slots'; allowed: a table"),
     ("ocean.time", "noon", "ocean.time: found 'noon'; allowed: a time as 2014-07-15T12:00:00"),
     ("ocean", 5, "ocean: found 5; allowed: a table"),
     ("ocean.source", "", "ocean.source[0]: found ''; allowed: text of at least one letter"),
-    ("detection", DETECTION | {"bandwidth_hz": 6e4}, "detection: bandwidth_hz is 60000, but frequency_hz"),
+    ("detection", DETECTION | {"bandwidth_hz": 6e4}, ("detection: bandwidth_hz is 60000, but"
+                                                     " frequency_hz")),
     ("detection", DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0}, "cannot be combined"),
-    ("acoustics", {"surface_loss": "bubbles"}, "is bubbles, but acoustics.max_surface_bounces is 0"),
+    ("acoustics", {"surface_loss": "bubbles"}, ("is bubbles, but acoustics.max_surface_bounces is"
+                                               " 0")),
     ("acoustics", {"sediment": "sand"}, "is sand, but acoustics.max_bottom_bounces is 0"),
-    ("acoustics", BOUNCE | {"surface_loss": "bubbles"}, "is bubbles, but without [detection] every arrival is detected"),
-    ("ocean", {"internal_tide": {"amplitude": 5.0}, "time_varying": True}, "internal_tide needs a single snapshot"),
+    ("acoustics", BOUNCE | {"surface_loss": "bubbles"}, ("is bubbles, but without [detection] every"
+                                                        " arrival is detected")),
+    ("ocean", {"internal_tide": {"amplitude": 5.0}, "time_varying": True}, ("internal_tide needs a"
+                                                                           " single snapshot")),
     ("ocean.internal_tide", {"amplitude": -5.0}, "ocean.internal_tide.amplitude: found -5"),
     ("", ICE_BOUNCE, "there is no ice"),
     ("", ICE | {"ocean": {"ice": 2.0}}, "max_surface_bounces is 0"),
@@ -190,7 +211,8 @@ REFUSED = [
         | {"ocean": {"ice": 2.0}, "acoustics": ICE_BOUNCE["acoustics"] | {"surface_loss": "bubbles"}},
         "cannot be combined",
     ),
-    *((f"{s}.surprise", 1, f"`{s}.surprise`: unknown key. Allowed: ") for s in ("study", "ocean", "ranging", "noise", "fleet")),
+    *((f"{s}.surprise", 1, (f"`{s}.surprise`: unknown key. Allowed:"
+                           " ")) for s in ("study", "ocean", "ranging", "noise", "fleet")),
 ]  # fmt: skip
 VARYING = EXACT | {"time_varying": True}
 CAST = {"kind": "cast", "north": 1.0}
@@ -202,17 +224,41 @@ def rays(belief, **options):
 
 REFUSED_CONDITIONS = [
     ({"name": "two words"}, "conditions[0].name: found 'two words'"),
-    ({"name": "straight", "loss": "huber"}, "loss is given, but `straight` is a standard condition"),
-    ({"name": "straight", "ranges": "refracted"}, "ranges is given, but `straight` is a standard condition"),
-    ({"name": "odometry", "solver": LAG}, "solver is given, but `odometry` is a standard condition"),
+    (
+        {"name": "straight", "loss": "huber"},
+        "loss is given, but `straight` is a standard condition",
+    ),
+    (
+        {"name": "straight", "ranges": "refracted"},
+        "ranges is given, but `straight` is a standard condition",
+    ),
+    (
+        {"name": "odometry", "solver": LAG},
+        "solver is given, but `odometry` is a standard condition",
+    ),
     ({"range_model": "constant"}, "range model constant needs sound_speed"),
-    ({"range_model": "eigenray"}, "conditions[0].range_model.belief: missing; add it (the assumed ocean"),
+    (
+        {"range_model": "eigenray"},
+        "conditions[0].range_model.belief: missing; add it (the assumed ocean",
+    ),
     ({"belief": EXACT}, "`conditions[0].belief`: unknown key. "),
-    ({"range_model": {"kind": "transmitter", "belief": "exact"}}, "range_model.belief`: unknown key."),
-    ({"range_model": "curved"}, "conditions[0].range_model.kind: found 'curved'; allowed: 'transmitter', "),
-    ({"ranges": "none", "loss": "huber"}, 'loss is given, but ranges is "none"; remove one of the two'),
+    (
+        {"range_model": {"kind": "transmitter", "belief": "exact"}},
+        "range_model.belief`: unknown key.",
+    ),
+    (
+        {"range_model": "curved"},
+        "conditions[0].range_model.kind: found 'curved'; allowed: 'transmitter', ",
+    ),
+    (
+        {"ranges": "none", "loss": "huber"},
+        'loss is given, but ranges is "none"; remove one of the two',
+    ),
     ({"ranges": "none", "range_sigma": 3.0}, 'range_sigma is given, but ranges is "none"'),
-    ({"solver": "dead-reckoning"}, 'solver "dead-reckoning" uses no ranges, but ranges is refracted'),
+    (
+        {"solver": "dead-reckoning"},
+        'solver "dead-reckoning" uses no ranges, but ranges is refracted',
+    ),
     ({"links": "all"}, "a dropout has none"),
     ({"ranges": "straight"} | SHORT, "ranges is straight, which needs no travel times"),
     ({"variance": "per-link"}, "computed along eigenrays"),
@@ -240,14 +286,23 @@ REFUSED_CONDITIONS = [
     ({"scale_sigma": 0.1, "solver": LAG}, "does not estimate"),
     (
         {"solver": "fixed-lag"},
-        "conditions[0].solver.lag_h: missing; add it (lag: time after which poses are marginalized [h])",
+        (
+            "conditions[0].solver.lag_h: missing; add it (lag: time after which poses are marginalized"
+            " [h])"
+        ),
     ),
     ({"solver": {"kind": "batch", "lag_h": 8.0}}, "`conditions[0].solver.lag_h`: unknown key"),
     ({"solver": LAG, "loss": "huber"}, "no robust loss"),
     ({"directions": "mean", "ranges": "straight"}, 'directions "mean" is for refracted'),
     (EIGENRAY | {"directions": "mean"}, 'directions "mean" is for refracted'),
-    ({"range_sigma": "fitted", "loss": "huber"}, 'range_sigma "fitted" needs a cost with an expected value'),
-    ({"range_sigma": "fitted", "solver": LAG}, 'range_sigma "fitted" needs a cost with an expected value'),
+    (
+        {"range_sigma": "fitted", "loss": "huber"},
+        'range_sigma "fitted" needs a cost with an expected value',
+    ),
+    (
+        {"range_sigma": "fitted", "solver": LAG},
+        'range_sigma "fitted" needs a cost with an expected value',
+    ),
     ({"solver": "kalman-filter", "loss": "huber"}, 'solver "kalman-filter" has no robust loss'),
     ({"solver": "kalman-filter", "scale_sigma": 0.1}, "does not estimate"),
     (EIGENRAY | {"solver": "kalman-filter", "variance": UNSURE}, 'has no variance "per-link"'),
@@ -267,13 +322,20 @@ REFUSED_CONDITIONS = [
     (rays(VARYING), "condition e assumes an ocean that varies, but the study's does not"),
     (rays(VARYING) | {"variance": UNSURE}, 'for range_model "eigenray" with variance "fixed"'),
     ({"range_model": {"kind": "mean-slowness", "belief": VARYING}}, 'for range_model "eigenray"'),
-    (rays(VARYING, modes={"count": 1}), "modes cannot be estimated for a belief that varies in time"),
+    (
+        rays(VARYING, modes={"count": 1}),
+        "modes cannot be estimated for a belief that varies in time",
+    ),
 ]
-REFUSED += [("conditions", [{"name": "e", **values}], expected) for values, expected in REFUSED_CONDITIONS]
+REFUSED += [
+    ("conditions", [{"name": "e", **values}], expected) for values, expected in REFUSED_CONDITIONS
+]
 
 
 @pytest.mark.parametrize(("path", "value", "expected"), REFUSED)
-def test_each_bad_value_is_one_line_with_place_value_and_what_is_allowed(tiny, path, value, expected):
+def test_each_bad_value_is_one_line_with_place_value_and_what_is_allowed(
+    tiny, path, value, expected
+):
     for key in reversed(path.split(".") if path else []):
         value = {key: value}
     with pytest.raises(StudyError) as caught:
@@ -321,12 +383,17 @@ def required_keys(model):
     models = {model}
     while (
         inner := {
-            m for one in models for f in one.model_fields.values() for m in checks.models_in(f.annotation)
+            m
+            for one in models
+            for f in one.model_fields.values()
+            for m in checks.models_in(f.annotation)
         }
         - models
     ):
         models |= inner
-    return [(m, name) for m in models for name, field in m.model_fields.items() if field.is_required()]
+    return [
+        (m, name) for m in models for name, field in m.model_fields.items() if field.is_required()
+    ]
 
 
 def test_what_every_required_key_means_is_said_where_it_is_missing():
@@ -339,7 +406,9 @@ def test_what_every_required_key_means_is_said_where_it_is_missing():
             continue
         with pytest.raises(StudyError) as caught:
             checks.checked(model, {}, "it", None)
-        line = next(line for line in str(caught.value).splitlines() if line.startswith(f"it: {name}:"))
+        line = next(
+            line for line in str(caught.value).splitlines() if line.startswith(f"it: {name}:")
+        )
         assert re.fullmatch(rf"it: {name}: missing; add it \([^`]+\)", line), (model, line)
 
 
@@ -360,7 +429,8 @@ def test_several_faults_are_several_lines(quick):
         parse_study(quick, "my.toml")
     source, count = str(caught.value).splitlines()
     assert source.startswith(
-        'my.toml: ocean.source: missing; add it (files that belong together, a profile or cast, "synthetic:beaufort"'
+        "my.toml: ocean.source: missing; add it (files that belong together, a profile or cast,"
+        ' "synthetic:beaufort"'
     )
     assert count == "my.toml: study.realizations: found 0; allowed: 1 or more"
 
@@ -370,12 +440,16 @@ def test_what_ranging_needs_is_read_of_a_study_and_of_a_file_that_has_it_alone(t
     study.write_text(preset_text("quick"))
     assert load_sound(study) == load_study(study)
     alone = tmp_path / "alone.toml"
-    alone.write_text('[study]\nname = "s"\n[ocean]\nsource = "sea.nc"\n[acoustics]\narrival = "first"\n')
+    alone.write_text(
+        '[study]\nname = "s"\n[ocean]\nsource = "sea.nc"\n[acoustics]\narrival = "first"\n'
+    )
     sound = load_sound(alone)
     assert sound.ocean.source == (str(tmp_path / "sea.nc"),)
     assert sound.acoustics.arrival == "first"
     alone.write_text('[ocean]\nsource = "sea.nc"\n[acoustic]\narrival = "first"\n')
-    with pytest.raises(StudyError, match=r"alone\.toml: `acoustic`: unknown key. Did you mean `acoustics`\?"):
+    with pytest.raises(
+        StudyError, match=r"alone\.toml: `acoustic`: unknown key. Did you mean `acoustics`\?"
+    ):
         load_sound(alone)
 
 
@@ -387,7 +461,8 @@ def test_what_ranging_refuses_is_refused_without_a_fleet(tmp_path):
         "[detection]\nsource_level_db = 185.0\nfrequency_hz = 25e3\nbandwidth_hz = 5e3\n"
     )
     with pytest.raises(
-        StudyError, match=r"acoustics\.surface_loss is bubbles, but acoustics\.max_surface_bounces is 0"
+        StudyError,
+        match=r"acoustics\.surface_loss is bubbles, but acoustics\.max_surface_bounces is 0",
     ):
         load_sound(file)
 
@@ -395,7 +470,8 @@ def test_what_ranging_refuses_is_refused_without_a_fleet(tmp_path):
 def test_unknown_preset_lists_those_there_are():
     with pytest.raises(
         StudyError,
-        match=r"no preset 'fast'; allowed: beaufort, estimators-beaufort, estimators-fram, fram, quick, survey",
+        match=r"no preset 'fast'; allowed: beaufort, estimators-beaufort, estimators-fram, fram,"
+        r" quick, survey",
     ):
         load_study("fast")
     with pytest.raises(
@@ -408,7 +484,8 @@ def test_unknown_preset_lists_those_there_are():
     (None, "no such file"),
     (b"\xff", "cannot be read: not UTF-8 text"),
     (b"[study\n", "not valid TOML: Expected"),
-    (b"a = " + b"[" * 3000 + b"]" * 3000, "not valid TOML: a number is too long, or tables are nested"),
+    (b"a = " + b"[" * 3000 + b"]" * 3000, ("not valid TOML: a number is too long, or tables are"
+                                          " nested")),
     (b"a = " + b"9" * 5000, "not valid TOML: a number is too long, or tables are nested"),
     (b".".join([b"a"] * 100) + b" = 1", "`a`: unknown key"),
     (b".".join([b"a"] * 3000) + b" = 1", ""),  # Python 3.14 reads keys of at most 1000 parts
@@ -422,7 +499,9 @@ def test_files_that_are_no_configuration_are_named_in_short_lines(tmp_path, cont
     with pytest.raises(StudyError) as caught:
         load_study(tmp_path / "mine.toml")
     assert f"mine.toml: {expected}" in str(caught.value)
-    assert max(len(line.replace(str(tmp_path), "")) for line in str(caught.value).splitlines()) < 250
+    assert (
+        max(len(line.replace(str(tmp_path), "")) for line in str(caught.value).splitlines()) < 250
+    )
 
 
 def test_names_that_no_file_can_have_and_files_without_an_end_are_refused():
@@ -453,7 +532,9 @@ def test_input_files_are_relative_to_the_configuration(quick, tmp_path):
     assert (ocean.synthetic, ocean.files) == (True, (floor,))
 
 
-def test_ocean_files_of_a_parsed_tree_are_relative_to_the_working_folder(quick, tmp_path, monkeypatch):
+def test_ocean_files_of_a_parsed_tree_are_relative_to_the_working_folder(
+    quick, tmp_path, monkeypatch
+):
     """Whoever reads the configuration in the run's folder has to find them."""
     monkeypatch.chdir(tmp_path)
     quick["ocean"].update(source=["a.nc", "/abs/b.nc"], bathymetry="c.nc")
@@ -467,7 +548,9 @@ def test_overrides_replace_realizations_and_ocean(tmp_path, monkeypatch):
     config = load_study("quick", realizations=7, ocean=["x.nc"])
     assert config.study.realizations == 7
     assert config.ocean.files == (str(tmp_path / "x.nc"),)
-    with pytest.raises(StudyError, match=r"quick: study\.realizations: found 0; allowed: 1 or more"):
+    with pytest.raises(
+        StudyError, match=r"quick: study\.realizations: found 0; allowed: 1 or more"
+    ):
         load_study("quick", realizations=0)
 
 
@@ -510,7 +593,10 @@ def test_the_first_ping_may_be_at_the_start(tiny):
         "ping_interval_h": 600.0 / 3600.0,
         "ping_start_h": 60.0 / 3600.0,
     }
-    for start, refusal in ((0.01, "ping_start_h is 36 s; it must be a whole multiple"), (-1.0, "0 or more")):
+    for start, refusal in (
+        (0.01, "ping_start_h is 36 s; it must be a whole multiple"),
+        (-1.0, "0 or more"),
+    ):
         with pytest.raises(StudyError, match=refusal):
             tiny(mission={"ping_start_h": start})
 
@@ -529,7 +615,13 @@ def test_gtsam_replaces_the_batch_solver_of_conditions_with_straight_range_facto
         ({"name": "graduated", "loss": "gnc"}, "loss gnc"),
     ):
         changes = {"solver": "gtsam", "conditions": ["straight", more]}
-        refused(StudyError, f"condition {more['name']} cannot use it.*{why}", load_study, "quick", **changes)
+        refused(
+            StudyError,
+            f"condition {more['name']} cannot use it.*{why}",
+            load_study,
+            "quick",
+            **changes,
+        )
 
 
 @pytest.mark.parametrize("name", ["beaufort", "fram", "quick"])
@@ -557,7 +649,11 @@ def names_of(tree):
 
 def test_a_list_of_conditions_replaces_the_default_one_and_tables_change_it():
     assert names_of({"conditions": ["odometry", {"name": "e"}]}) == ["odometry", "e"]
-    tables = {"e": {"range_sigma": 5.0}, "straight": "none", "odometry": {"start": "dead-reckoning"}}
+    tables = {
+        "e": {"range_sigma": 5.0},
+        "straight": "none",
+        "odometry": {"start": "dead-reckoning"},
+    }
     config = parse_study({**TINY, "conditions": tables})
     assert [condition.name for condition in config.conditions] == ["odometry", "refracted", "e"]
     assert config.conditions[0].start == "dead-reckoning"

@@ -29,7 +29,9 @@ def test_ranges_have_a_row_for_each_attempt(run):
     ends = zip(frame["transmitter"], frame["receiver"], m.range_sample, strict=True)
     apart = [np.linalg.norm(place[a][k] - place[b][k]) for a, b, k in ends]
     np.testing.assert_allclose(frame["distance"], apart, rtol=1e-12)
-    assert frame["date"].iloc[0] == pd.Timestamp(run.truth.start) + pd.Timedelta(frame["time"].iloc[0], "s")
+    assert frame["date"].iloc[0] == pd.Timestamp(run.truth.start) + pd.Timedelta(
+        frame["time"].iloc[0], "s"
+    )
 
 
 def test_ranges_of_a_realization_have_its_noise(run):
@@ -41,10 +43,13 @@ def test_ranges_of_a_realization_have_its_noise(run):
 
 def test_errors_pool_to_the_tables_of_the_report(run):
     frame, table = run.errors(), error_table(run.truth, run.estimates, by=["vehicle"])
-    np.testing.assert_allclose(np.linalg.norm(frame[["north", "east", "down"]], axis=1), frame["error"])
+    np.testing.assert_allclose(
+        np.linalg.norm(frame[["north", "east", "down"]], axis=1), frame["error"]
+    )
     rmse = frame.groupby(["condition", "vehicle"])["error"].apply(lambda e: np.sqrt(np.mean(e**2)))
     np.testing.assert_allclose(
-        table["rmse_m"], [rmse[key] for key in zip(table["condition"], table["vehicle"], strict=True)]
+        table["rmse_m"],
+        [rmse[key] for key in zip(table["condition"], table["vehicle"], strict=True)],
     )
 
 
@@ -53,7 +58,9 @@ def test_errors_are_estimates_less_the_truth(run):
     frame, poses = run.errors(), run.trajectories(1).set_index(keys)[axes]
     errors = frame[frame["realization"] == 1].set_index(keys)[axes]
     truth = poses.loc["truth"].loc[errors.index.droplevel("condition")]
-    np.testing.assert_allclose(truth.to_numpy() + errors, poses.loc[errors.index], rtol=0, atol=1e-9)
+    np.testing.assert_allclose(
+        truth.to_numpy() + errors, poses.loc[errors.index], rtol=0, atol=1e-9
+    )
 
 
 def test_trajectories_are_those_of_the_records_and_lie_on_earth(run):

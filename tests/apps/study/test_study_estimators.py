@@ -1,4 +1,6 @@
-"""Estimators of a study: their sections, what they believe, and their place among the conditions."""
+"""
+Estimators of a study: their sections, what they believe, and their place among the conditions.
+"""
 
 import datetime as dt
 import tomllib
@@ -114,7 +116,10 @@ def test_exact_ocean_leads_from_dead_reckoning_to_the_truth(day):
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["estimators-beaufort", "estimators-fram"])
 def test_water_can_be_what_a_preset_believes_in_every_realization(preset):
-    """In the Beaufort Sea 5 m/s over the upper 300 m is 19 m/s at 50 m: no water has what some realizations drew."""
+    """
+    In the Beaufort Sea 5 m/s over the upper 300 m is 19 m/s at 50 m: no water has what some
+    realizations drew.
+    """
     config = parse_study(tomllib.loads(preset_text(preset)))
     sections = [e.belief for e in config.conditions if isinstance(e.belief, PerturbedBelief)]
     belief = max(sections, key=lambda section: (section.rms, -section.horizontal_scale))
@@ -126,17 +131,23 @@ def test_water_can_be_what_a_preset_believes_in_every_realization(preset):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("variance", ["fixed", "correlated"])
-def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reckoning(day, variance):
+def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reckoning(
+    day, variance
+):
     o, truth = day.noisy_measurements(0), day.truth
     if variance != "fixed":
         variance = {"kind": variance, "rms": 1.0, "horizontal_scale": 20e3}
     e = EstimatorFactory(day).estimator(section(range_model=eigenray(EXACT), variance=variance), 0)
-    believed = ModelRanges(e.model, timed_ranges(o, "refracted", "refracted"), e.uncertainty, e.correlated)
+    believed = ModelRanges(
+        e.model, timed_ranges(o, "refracted", "refracted"), e.uncertainty, e.correlated
+    )
     graph, solver, found = build_graph(o, "refracted"), GraphSolver(), []
     for position, quaternion in ((truth.position, truth.quaternion), dead_reckon(o)):
         start = GraphValues(position.reshape(-1, 3), quaternion.reshape(-1, 4), o.landmark_position)
         found.append(solver.solve(graph, start, model_ranges=believed))
-    start = GraphValues(truth.position.reshape(-1, 3), truth.quaternion.reshape(-1, 4), o.landmark_position)
+    start = GraphValues(
+        truth.position.reshape(-1, 3), truth.quaternion.reshape(-1, 4), o.landmark_position
+    )
     assert [s.status for s in found] == [SolveStatus.OK] * 2
     found.append(nonlinear_vector_factors(graph, believed, start))
     for other in found[1:]:
@@ -188,12 +199,17 @@ def test_on_line_estimators_of_a_study_are_those_of_the_library(day):
     assert [solved[f"e{k}"].status for k in range(4)] == [SolveStatus.OK] * 4
     last = solved["refracted"].position[:, -1]
     sigma = np.sqrt(np.einsum("aiai->ai", solved["refracted"].covariances.position[-1]))
-    for name in ("e0", "e1"):  # all measurements up to the end are in both, the older half linearized earlier
+    for name in (
+        "e0",
+        "e1",
+    ):  # all measurements up to the end are in both, the older half linearized earlier
         assert (np.abs(solved[name].position[:, -1] - last) < 0.5 * sigma).all()
     filtered = solved["e3"]
     assert filtered.gated_links == 0
     assert 1.0 <= filtered.unknowns.value[0] < 1.2
-    assert off(filtered.position, day.truth.position) < off(solved["e2"].position, day.truth.position)
+    assert off(filtered.position, day.truth.position) < off(
+        solved["e2"].position, day.truth.position
+    )
 
 
 def profile(belief):
@@ -207,17 +223,23 @@ def test_errors_that_depend_on_depth_and_those_of_an_instrument_are_what_is_aske
     np.testing.assert_allclose(profile(beliefs.believed(bias, 0)) - profile(exact), 0.5, atol=1e-9)
     deep = OffsetBelief(kind="offset", depth=(400.0, 600.0), sound_speed=(0.0, -2.0))
     expected = -2.0 * np.clip((depth - 400.0) / 200.0, 0.0, 1.0)
-    np.testing.assert_allclose(profile(beliefs.believed(deep, 0)) - profile(exact), expected, atol=1e-9)
+    np.testing.assert_allclose(
+        profile(beliefs.believed(deep, 0)) - profile(exact), expected, atol=1e-9
+    )
     cast = profile(beliefs.believed(CastBelief(kind="cast"), 0))
     instrument = CastBelief(kind="cast", bias_sigma=0.3, noise_sigma=0.1)
     error = np.array([profile(beliefs.believed(instrument, r)) - cast for r in range(12)])
     np.testing.assert_array_equal(error[7], profile(beliefs.believed(instrument, 7)) - cast)
-    assert error.mean(axis=1).std() == pytest.approx(np.hypot(0.3, 0.1 / np.sqrt(depth.size)), rel=0.6)
+    assert error.mean(axis=1).std() == pytest.approx(
+        np.hypot(0.3, 0.1 / np.sqrt(depth.size)), rel=0.6
+    )
     assert error.std(axis=1).mean() == pytest.approx(0.1, rel=0.1)
     short = profile(beliefs.believed(CastBelief(kind="cast", down_to=500.0), 0))
     np.testing.assert_allclose(short[depth <= 500.0], cast[depth <= 500.0], atol=1e-6)
     gradient = np.diff(short[depth > 500.0]) / np.diff(depth[depth > 500.0])
-    np.testing.assert_allclose(gradient, PRESSURE_GRADIENT, rtol=0.15, err_msg="water of one kind below")
+    np.testing.assert_allclose(
+        gradient, PRESSURE_GRADIENT, rtol=0.15, err_msg="water of one kind below"
+    )
 
 
 def test_other_numerics_are_those_of_the_same_water(beliefs):
@@ -237,16 +259,18 @@ def test_other_numerics_are_those_of_the_same_water(beliefs):
 
 
 def test_an_assumed_tide_is_in_the_water_of_the_run(beliefs, monkeypatch):
-    monkeypatch.setattr("pymantaray.apps.study.beliefs.build_ocean", None)  # the source is not opened again
+    monkeypatch.setattr(
+        "pymantaray.apps.study.beliefs.build_ocean", None
+    )  # the source is not opened again
     tide = InternalTideBelief(kind="internal-tide", amplitude=10.0)
     exact, ocean = beliefs.believed(ExactBelief(kind="exact"), 0).local, beliefs.varying(tide)
     assert ocean.varies
     np.testing.assert_array_equal(ocean.local["sound_speed"], exact["sound_speed"])
     np.testing.assert_array_equal(
         ocean.local_at(3600.0)["sound_speed"],
-        displaced(with_internal_tide(exact, amplitude=10.0, period=12.42 * 3600.0, wavelength=1e5), 3600.0)[
-            "sound_speed"
-        ],
+        displaced(
+            with_internal_tide(exact, amplitude=10.0, period=12.42 * 3600.0, wavelength=1e5), 3600.0
+        )["sound_speed"],
     )
 
 
@@ -265,8 +289,12 @@ def test_an_internal_tide_moves_the_truth_and_is_undone_where_it_is_believed(tmp
     local = Beliefs(run).believed(ExactBelief(kind="exact"), 0).local
     still = displaced(local, 3.0 * 3600.0).sel(east=0.0, method="nearest")
     apart = still["sound_speed"] - local["sound_speed"].sel(east=0.0, method="nearest")
-    assert np.abs(apart).max() < 0.05, "a quarter of a period: between crest and trough, in the middle"
-    there, half = (displaced(local, t)["sound_speed"] - local["sound_speed"] for t in (0.0, 6.0 * 3600.0))
+    assert np.abs(apart).max() < 0.05, (
+        "a quarter of a period: between crest and trough, in the middle"
+    )
+    there, half = (
+        displaced(local, t)["sound_speed"] - local["sound_speed"] for t in (0.0, 6.0 * 3600.0)
+    )
     assert 0.1 < np.abs(there).max() < 10.0
     np.testing.assert_allclose(there.isel(depth=20), -half.isel(depth=20), atol=0.2)
     table = ping_error_table(run.truth, run.estimates, run.measurements).set_index("condition")
@@ -283,13 +311,16 @@ def test_conditions_are_the_same_bytes_with_and_without_estimators(day):
         for field in ("position", "quaternion", "final_cost", "gradient_norm", "iterations"):
             np.testing.assert_array_equal(getattr(more[name], field), getattr(solution, field))
             stored = getattr(day.estimates, field)[list(day.estimates.condition).index(name), 1]
-            np.testing.assert_array_equal(stored, np.asarray(getattr(solution, field), dtype=stored.dtype))
+            np.testing.assert_array_equal(
+                stored, np.asarray(getattr(solution, field), dtype=stored.dtype)
+            )
 
 
 @pytest.mark.slow
 def test_perturbed_oceans_are_members_by_realization_in_proportion_to_rms(day, beliefs):
     one, two = (
-        PerturbedBelief(kind="perturbed", rms=rms, horizontal_scale=20e3, down_to=300.0) for rms in (0.5, 1.0)
+        PerturbedBelief(kind="perturbed", rms=rms, horizontal_scale=20e3, down_to=300.0)
+        for rms in (0.5, 1.0)
     )
     true = day.ocean["sound_speed"].values
     half = beliefs.believed(one, 0).medium.sound_speed - true
@@ -304,7 +335,9 @@ def test_perturbed_oceans_are_members_by_realization_in_proportion_to_rms(day, b
 
 
 def test_mean_and_cast_are_the_same_everywhere_and_the_cast_the_column_of_the_beacon(day, beliefs):
-    mean, cast = (beliefs.believed(s, 0) for s in (MeanBelief(kind="mean"), CastBelief(kind="cast")))
+    mean, cast = (
+        beliefs.believed(s, 0) for s in (MeanBelief(kind="mean"), CastBelief(kind="cast"))
+    )
     for belief in (mean, cast):
         # pressure and gravity with latitude
         assert np.ptp(belief.medium.sound_speed, axis=(0, 1)).max() < 0.15
@@ -327,7 +360,8 @@ def test_other_day_is_the_source_at_that_day_and_exact_the_run_itself(day, belie
     np.testing.assert_array_equal(earlier.medium.sound_speed, expected["sound_speed"].values)
     exact = beliefs.believed(ExactBelief(kind="exact"), 0)
     np.testing.assert_array_equal(exact.medium.sound_speed, day.ocean["sound_speed"].values)
-    # in these 30 km the eddies of this ocean change little in five days; by the last digits it is another one
+    # in these 30 km the eddies of this ocean change little in five days; by the last digits it is
+    # another one
     assert not np.array_equal(exact.medium.sound_speed, earlier.medium.sound_speed)
 
 
@@ -347,7 +381,9 @@ def test_larger_variance_never_costs_more(day):
     naive = {"range_model": eigenray(EXACT)}
     unsure = {"rms": 1.0, "horizontal_scale": 20e3}
     run = with_estimators(
-        day, naive, *(naive | {"variance": {"kind": kind} | unsure} for kind in ("per-link", "correlated"))
+        day,
+        naive,
+        *(naive | {"variance": {"kind": kind} | unsure} for kind in ("per-link", "correlated")),
     )
     solved = RealizationSolver(run).solve(0).solutions
     fixed, apart, together = (solved[f"e{i}"].final_cost for i in range(3))
@@ -361,7 +397,9 @@ def test_members_travel_times_scatter_as_the_covariance_says(day, beliefs):
     o, scale = day.measurements, 20e3
     ranges = timed_ranges(o, "refracted", "refracted")
     place = day.truth.position.reshape(-1, 3)
-    links = RangeEndpoints(ranges.time, place[ranges.transmitter], place[ranges.receiver], ranges.sound_speed)
+    links = RangeEndpoints(
+        ranges.time, place[ranges.transmitter], place[ranges.receiver], ranges.sound_speed
+    )
     model = EigenrayModel(beliefs.believed(ExactBelief(kind="exact"), 0).medium)
     exact = model.predict(links)
     covariances = RayUncertainty(model, beliefs.covariance(0.5, scale, 300.0)).covariances(
@@ -374,9 +412,12 @@ def test_members_travel_times_scatter_as_the_covariance_says(day, beliefs):
     scatter = []
     for r in range(12):
         member = EigenrayModel(beliefs.believed(section, r).medium).predict(links)
-        # where the first arrival is of another family in the member, no first order can say so: here two
-        # vehicles at the surface, between which the ray of the surface duct is too weak in some members
-        turned = 1450.0 * np.abs(member.transmitter_gradient - exact.transmitter_gradient).max(axis=1)
+        # where the first arrival is of another family in the member, no first order can say so:
+        # here two vehicles at the surface, between which the ray of the surface duct is too weak in
+        # some members
+        turned = 1450.0 * np.abs(member.transmitter_gradient - exact.transmitter_gradient).max(
+            axis=1
+        )
         same = member.possible & (turned < 0.02)
         assert np.mean(~same) < 0.05
         late = (member.travel_time - exact.travel_time)[same] / sigma[same]
@@ -421,7 +462,8 @@ def test_files_of_the_built_in_beliefs_are_these_beliefs(day, beliefs, tmp_path)
     ):
         write_netcdf(made, tmp_path / f"{section.kind}.nc")
         same_water(
-            beliefs.believed(file_belief(tmp_path / f"{section.kind}.nc"), 0), beliefs.believed(section, 0)
+            beliefs.believed(file_belief(tmp_path / f"{section.kind}.nc"), 0),
+            beliefs.believed(section, 0),
         )
 
 
@@ -429,7 +471,10 @@ def test_files_of_the_built_in_beliefs_are_these_beliefs(day, beliefs, tmp_path)
 def test_a_perturbed_belief_is_the_member_that_perturb_ocean_makes_of_temperatures(
     day, beliefs, tmp_path, realization
 ):
-    """A member's sound speed is exact within 1e-6 m/s; below the sea bed, its temperature is extended, not its error."""
+    """
+    A member's sound speed is exact within 1e-6 m/s; below the sea bed, its temperature is extended,
+    not its error.
+    """
     errors = {"rms": 1.0, "horizontal_scale": 20e3, "down_to": 300.0}
     rng = stream(day.config.study.seed, realization, "belief", "perturbed")
     write_netcdf(perturb_ocean(true_ocean(day), **errors, rng=rng), tmp_path / "member.nc")
@@ -438,7 +483,10 @@ def test_a_perturbed_belief_is_the_member_that_perturb_ocean_makes_of_temperatur
     above = belief.medium.depth < belief.medium.bed.depth.min()
     speed, expected = (x.medium.sound_speed[..., above] for x in (belief, member))
     np.testing.assert_allclose(speed, expected, rtol=0, atol=2e-6)
-    assert off(expected, beliefs.believed(ExactBelief(kind="exact"), 0).medium.sound_speed[..., above]) > 0.5
+    assert (
+        off(expected, beliefs.believed(ExactBelief(kind="exact"), 0).medium.sound_speed[..., above])
+        > 0.5
+    )
     np.testing.assert_array_equal(belief.local["sound_speed"], belief.medium.sound_speed)
     assert belief.local.drop_vars("sound_speed").identical(day.ocean.drop_vars("sound_speed"))
 
@@ -456,13 +504,18 @@ def test_a_cast_is_the_same_water_everywhere_over_the_studys_sea_floor(day, beli
     (tmp_path / "cast.csv").write_text(CAST)
     belief = beliefs.believed(file_belief(tmp_path / "cast.csv"), 0)
     cast = read_cast(tmp_path / "cast.csv")
-    # pressure and composition of sea water with the place, which for the cast is 14.5 degrees further south
+    # pressure and composition of sea water with the place, which for the cast is 14.5 degrees
+    # further south
     speed = belief.medium.sound_speed
     assert np.ptp(speed, axis=(0, 1)).max() < 0.15
     middle = len(belief.medium.north) // 2
     at_samples = np.interp(cast.depth[1:], belief.medium.depth, speed[middle, middle])
-    np.testing.assert_allclose(at_samples, cast.sound_speed()[1:], rtol=0, atol=1.0)  # means of layers
-    assert np.all(np.diff(speed[middle, middle, belief.medium.depth > 700.0]) > 0.0)  # by pressure alone
+    np.testing.assert_allclose(
+        at_samples, cast.sound_speed()[1:], rtol=0, atol=1.0
+    )  # means of layers
+    assert np.all(
+        np.diff(speed[middle, middle, belief.medium.depth > 700.0]) > 0.0
+    )  # by pressure alone
     floor = belief.local["sea_floor_depth"]
     here = day.ocean["sea_floor_depth"].interp(north=0.0, east=0.0)
     there = floor.interp({floor.dims[0]: 0.0, floor.dims[1]: 0.0})
@@ -486,10 +539,16 @@ def test_what_from_cast_writes_is_believed_within_its_window(day, beliefs, tmp_p
     cast = replace(read_cast(tmp_path / "cast.csv"), lat=lat, lon=lon)
     for name, half in (("wide", (20e3, 20e3)), ("narrow", (10e3, 20e3)), ("small", (3e3, 3e3))):
         ocean = cast_ocean(
-            cast, bathymetry=2600.0, below="constant", half_extent=half, time=np.datetime64("2014-01-01")
+            cast,
+            bathymetry=2600.0,
+            below="constant",
+            half_extent=half,
+            time=np.datetime64("2014-01-01"),
         )
         write_netcdf(ocean, tmp_path / f"{name}.nc")
-    wide, narrow = (beliefs.believed(file_belief(tmp_path / f"{name}.nc"), 0) for name in ("wide", "narrow"))
+    wide, narrow = (
+        beliefs.believed(file_belief(tmp_path / f"{name}.nc"), 0) for name in ("wide", "narrow")
+    )
     assert wide.medium.north[-1] == wide.medium.east[-1] == 15e3
     assert 10e3 < narrow.medium.north[-1] < 11e3
     at_cast = beliefs.believed(file_belief(tmp_path / "cast.csv"), 0)
@@ -505,7 +564,9 @@ def test_what_from_cast_writes_is_believed_within_its_window(day, beliefs, tmp_p
 
 def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp_path):
     (tmp_path / "cast.csv").write_text(CAST)
-    far = cast_ocean(read_cast(tmp_path / "cast.csv"), bathymetry=500.0, time=np.datetime64("2014-01-01"))
+    far = cast_ocean(
+        read_cast(tmp_path / "cast.csv"), bathymetry=500.0, time=np.datetime64("2014-01-01")
+    )
     write_netcdf(far, tmp_path / "far.nc")
     (tmp_path / "page.nc").write_text("<html>")
     for message, name, options in (
@@ -531,7 +592,9 @@ def test_the_file_of_a_belief_is_relative_to_the_study_and_an_input_of_it(tmp_pa
     assert config.files == (str(tmp_path / "casts" / "one.csv"),)
     again = parse_study(tomllib.loads(study_toml(config)))
     assert again == config
-    refused(StudyError, "one.csv: cannot be read: No such file", run_study, config, tmp_path / "run")
+    refused(
+        StudyError, "one.csv: cannot be read: No such file", run_study, config, tmp_path / "run"
+    )
     assert not (tmp_path / "run").exists()
 
 
@@ -552,7 +615,9 @@ def test_from_dead_reckoning_a_study_ends_at_the_minimum_of_the_truth_or_says_th
     starts = {"straight": "dead-reckoning", "from-truth": "truth"}
     run = run_tiny(
         noise={key: factor * value for key, value in ODOMETRY_NOISE.items()},
-        conditions=[{"name": name, "ranges": "straight", "start": start} for name, start in starts.items()],
+        conditions=[
+            {"name": name, "ranges": "straight", "start": start} for name, start in starts.items()
+        ],
     )
     reckoned, best = run.estimates.final_cost
     status = run.estimates.solve_status[0]

@@ -1,4 +1,6 @@
-"""The examples run for somebody who has nothing but them; the Gulf Stream's in HYCOM's real files too."""
+"""
+The examples run for somebody who has nothing but them; the Gulf Stream's in HYCOM's real files too.
+"""
 
 import runpy
 from pathlib import Path
@@ -18,7 +20,9 @@ HYCOM = EXAMPLES.parents[1] / "shared" / "data" / "hycom"
 def test_gulf_stream_runs(tmp_path, monkeypatch, real):
     text = (EXAMPLES / "gulf_stream.toml").read_text(encoding="utf-8")
     if real:
-        files = [str(HYCOM / f"hycom_glby_930_2019030712_t003_{kind}.nc") for kind in ("ts3z", "uv3z")]
+        files = [
+            str(HYCOM / f"hycom_glby_930_2019030712_t003_{kind}.nc") for kind in ("ts3z", "uv3z")
+        ]
         if not HYCOM.is_dir():
             pytest.skip(f"real HYCOM files are not at {HYCOM}")
         text = text.replace('source = "gulf_stream.nc"', f"source = {files}")
@@ -38,8 +42,12 @@ def test_gulf_stream_runs(tmp_path, monkeypatch, real):
     bending = (run.ranging_truth.travel_time - run.ranging_truth.chord_travel_time)[heard]
     assert bending.max() < 1e-6  # Fermat, s
     floats = run.truth.role == "float"
-    drift = np.linalg.norm(run.truth.position[floats, -1, :2] - run.truth.position[floats, 0, :2], axis=-1)
-    assert drift.max() < 1.6 * 24 * 3600  # the strongest current of the window [m/s] for the whole mission
+    drift = np.linalg.norm(
+        run.truth.position[floats, -1, :2] - run.truth.position[floats, 0, :2], axis=-1
+    )
+    assert (
+        drift.max() < 1.6 * 24 * 3600
+    )  # the strongest current of the window [m/s] for the whole mission
 
 
 @pytest.mark.slow

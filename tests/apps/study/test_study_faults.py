@@ -1,4 +1,7 @@
-"""What happens to runs: full disks, folders that go away, other threads; one line each, and nothing half-written."""
+"""
+What happens to runs: full disks, folders that go away, other threads; one line each, and nothing
+half-written.
+"""
 
 import shutil
 import sys
@@ -33,7 +36,10 @@ except WriteError as error:
 
 
 def test_full_disk_is_one_line_with_the_file_and_the_cause(tmp_path):
-    """In a process of its own, which HDF5 leaves with the file open, and which must not write half of Python's caches."""
+    """
+    In a process of its own, which HDF5 leaves with the file open, and which must not write half of
+    Python's caches.
+    """
     environment = {"PYTHONPATH": ":".join(sys.path), "PYTHONDONTWRITEBYTECODE": "1"}
     done = python(FULL, environment=environment, cwd=tmp_path)
     assert done.stderr in ("", "compiling kernels: takes up to a minute, only the first time\n")
@@ -53,7 +59,9 @@ def test_folder_removed_under_a_run_is_one_line(tiny_config, tmp_path):
 
 
 def test_studies_in_threads_of_one_process_are_those_of_one(tiny, tiny_run, tmp_path):
-    """The libraries behind NetCDF hold one state for all threads; signals are for the main one alone."""
+    """
+    The libraries behind NetCDF hold one state for all threads; signals are for the main one alone.
+    """
     errors = []
 
     def run(name, workers):
@@ -69,7 +77,10 @@ def test_studies_in_threads_of_one_process_are_those_of_one(tiny, tiny_run, tmp_
         thread.join()
     assert errors == []
     for name in ("truth", "arrivals", "measurements"):
-        assert len({(p / f"{name}.nc").read_bytes() for p in (tiny_run.path, *tmp_path.iterdir())}) == 1
+        assert (
+            len({(p / f"{name}.nc").read_bytes() for p in (tiny_run.path, *tmp_path.iterdir())})
+            == 1
+        )
     one, other = (open_run(tmp_path / name).estimates.position for name in "01")
     np.testing.assert_array_equal(one, other)
     np.testing.assert_array_equal(one[0], tiny_run.estimates.position[0])
@@ -81,12 +92,18 @@ def window_file(tmp_path):
     ocean = open_ocean("synthetic:beaufort", window=(74.2, 74.8, -141.2, -138.8))
     for hours in (0, 3, 6):
         time = ocean["time"].values + np.timedelta64(hours, "h")
-        write_netcdf(ocean.assign_coords(time=((), time, ocean["time"].attrs)), tmp_path / f"{hours}.nc")
+        write_netcdf(
+            ocean.assign_coords(time=((), time, ocean["time"].attrs)), tmp_path / f"{hours}.nc"
+        )
     return tmp_path
 
 
-def test_files_named_relative_to_the_working_folder_are_found_by_beliefs(tiny, window_file, monkeypatch):
-    """The configuration is read again in the run's folder, and the ocean for the cast from its source."""
+def test_files_named_relative_to_the_working_folder_are_found_by_beliefs(
+    tiny, window_file, monkeypatch
+):
+    """
+    The configuration is read again in the run's folder, and the ocean for the cast from its source.
+    """
     monkeypatch.chdir(window_file)
     cast = {"name": "cast", "range_model": {"kind": "mean-slowness", "belief": "cast"}}
     config = tiny(conditions=["odometry", cast], ocean={"source": "0.nc"})

@@ -1,4 +1,6 @@
-"""Vehicles, waypoints and landmarks by latitude and longitude are where they are by north and east."""
+"""
+Vehicles, waypoints and landmarks by latitude and longitude are where they are by north and east.
+"""
 
 import copy
 
@@ -16,16 +18,22 @@ FRAME = LocalFrame(74.5, -140.0)
 def geographic():
     tree = copy.deepcopy(TINY)
     for entry in (*tree["fleet"]["vehicles"], *tree["landmarks"]):
-        entry["lat"], entry["lon"] = map(float, FRAME.to_geodetic(entry.pop("north"), entry.pop("east")))
+        entry["lat"], entry["lon"] = map(
+            float, FRAME.to_geodetic(entry.pop("north"), entry.pop("east"))
+        )
         if "points" in entry:
-            entry["points"] = [[*map(float, FRAME.to_geodetic(n, e)), d] for n, e, d in entry["points"]]
+            entry["points"] = [
+                [*map(float, FRAME.to_geodetic(n, e)), d] for n, e, d in entry["points"]
+            ]
     return tree
 
 
 def test_they_are_in_the_same_places_and_in_the_resolved_file_by_north_and_east():
     config, plain = parse_study(geographic()), parse_study(TINY)
     for one, other in zip(
-        (*config.fleet.vehicles, *config.landmarks), (*plain.fleet.vehicles, *plain.landmarks), strict=True
+        (*config.fleet.vehicles, *config.landmarks),
+        (*plain.fleet.vehicles, *plain.landmarks),
+        strict=True,
     ):
         assert (one.north, one.east) == pytest.approx((other.north, other.east), abs=1e-6)
     route, expected = (c.fleet.vehicles[2].points for c in (config, plain))
@@ -65,7 +73,9 @@ def no_centre():
 
 
 REFUSED = {
-    "A: found lat, lon, north; give either lat and lon, or north and east": lambda: changed(north=1.0),
+    "A: found lat, lon, north; give either lat and lon, or north and east": lambda: changed(
+        north=1.0
+    ),
     "A: found lat; give either lat and lon, or north and east$": lambda: changed(lon=None),
     "A: found lat 95.0, lon -140.0; allowed: numbers, lat from -90 to 90": lambda: changed(
         lat=95.0, lon=-140.0

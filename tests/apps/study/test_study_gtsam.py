@@ -15,11 +15,15 @@ def test_a_study_by_gtsam_has_the_same_tables(tmp_path):
     theirs = run_study(load_study("quick", solver="gtsam", **small), tmp_path / "theirs", workers=1)
     assert theirs.estimates.condition.tolist() == ["odometry", "straight", "refracted"]
     np.testing.assert_array_equal(theirs.estimates.solve_status, ours.estimates.solve_status)
-    apart = np.linalg.norm(theirs.estimates.position - ours.estimates.position, axis=-1).max(axis=(1, 2, 3))
+    apart = np.linalg.norm(theirs.estimates.position - ours.estimates.position, axis=-1).max(
+        axis=(1, 2, 3)
+    )
     assert (apart < 1e-3).all()
     told = json.loads((theirs.path / "manifest.json").read_text())["from_batch_m"]
     assert sorted(told) == ["refracted", "straight"]
-    np.testing.assert_allclose([max(told[n]) for n in ("straight", "refracted")], apart[1:], atol=1e-6)
+    np.testing.assert_allclose(
+        [max(told[n]) for n in ("straight", "refracted")], apart[1:], atol=1e-6
+    )
     costs = theirs.tables["costs"].frame.set_index("condition")["from_batch_m"]
     assert costs["straight"] == max(told["straight"])
     assert "from_batch_m" not in ours.tables["costs"].frame

@@ -62,6 +62,8 @@ def test_modes_of_casts_are_scaled_as_those_of_the_ocean(run, tmp_path):
     )
     assert shapes.shape == (1, depth.size)
     fine = np.linspace(0.0, 300.0, 301)
-    assert sigma[0] * np.sqrt(np.mean(np.interp(fine, depth, shapes[0]) ** 2)) == pytest.approx(2.0, rel=0.05)
+    assert sigma[0] * np.sqrt(np.mean(np.interp(fine, depth, shapes[0]) ** 2)) == pytest.approx(
+        2.0, rel=0.05
+    )
     # warmest at the top, as the casts differ
     assert np.argmax(shapes[0]) == 0

@@ -1,4 +1,7 @@
-"""Mixtures of candidate rays: gradients, candidates of both timings, and a study whose receivers take the wrong arrival."""
+"""
+Mixtures of candidate rays: gradients, candidates of both timings, and a study whose receivers take
+the wrong arrival.
+"""
 
 import numpy as np
 import pytest
@@ -39,7 +42,9 @@ def rays(medium, timing=None, **options):
 
 def test_candidates_are_the_eigenrays_of_each_link_in_either_direction(medium, links):
     found = rays(medium).candidates(links)
-    back = rays(medium).candidates(links._replace(transmitter=links.receiver, receiver=links.transmitter))
+    back = rays(medium).candidates(
+        links._replace(transmitter=links.receiver, receiver=links.transmitter)
+    )
     expected = find_eigenrays(
         medium,
         links.transmitter,
@@ -60,7 +65,10 @@ def test_candidates_are_the_eigenrays_of_each_link_in_either_direction(medium, l
 def test_gradients_of_candidates_equal_differences(medium, links):
     model = rays(medium)
     found = model.candidates(links)
-    for end, gradient in (("transmitter", found.transmitter_gradient), ("receiver", found.receiver_gradient)):
+    for end, gradient in (
+        ("transmitter", found.transmitter_gradient),
+        ("receiver", found.receiver_gradient),
+    ):
         for axis in np.eye(3):
             ahead, behind = (
                 model.candidates(links._replace(**{end: getattr(links, end) + sign * STEP * axis}))
@@ -68,7 +76,9 @@ def test_gradients_of_candidates_equal_differences(medium, links):
             )
             np.testing.assert_array_equal(ahead.family, found.family)
             difference = (ahead.travel_time - behind.travel_time) / (2.0 * STEP)
-            np.testing.assert_allclose(difference, gradient @ axis, atol=3e-8)  # of slownesses of 7e-4 s/m
+            np.testing.assert_allclose(
+                difference, gradient @ axis, atol=3e-8
+            )  # of slownesses of 7e-4 s/m
 
 
 def test_reflected_times_expanded_about_images_follow_the_rays(medium, links):
@@ -76,7 +86,9 @@ def test_reflected_times_expanded_about_images_follow_the_rays(medium, links):
     found = model.candidates(links)
     expansion = found_expansion(found, links)
     shift = np.random.default_rng(7).normal(0.0, 20.0, (2, 5, 3))
-    moved = links._replace(transmitter=links.transmitter + shift[0], receiver=links.receiver + shift[1])
+    moved = links._replace(
+        transmitter=links.transmitter + shift[0], receiver=links.receiver + shift[1]
+    )
     there = model.candidates(moved)
     np.testing.assert_array_equal(there.family, found.family)
     residual, _, _ = expansion(moved.transmitter[found.row], moved.receiver[found.row], np.empty(0))
@@ -114,7 +126,10 @@ def test_weights_are_those_of_the_receiver_or_equal(medium, links):
 
 
 def test_two_way_candidates_are_all_combinations_of_ping_and_answer(medium, links):
-    one, two = rays(medium).candidates(links), rays(medium, TwoWay(turn_around=0.2)).candidates(links)
+    one, two = (
+        rays(medium).candidates(links),
+        rays(medium, TwoWay(turn_around=0.2)).candidates(links),
+    )
     count = np.bincount(one.row)
     np.testing.assert_array_equal(np.bincount(two.row), count**2)
     for row in range(5):
@@ -139,13 +154,16 @@ def test_mixture_with_a_loss_or_a_fitted_sigma_is_refused(tiny, extra):
 
 
 @pytest.mark.slow
-def test_study_with_mistaken_arrivals_keeps_metres_where_the_direct_arrival_alone_loses_kilometres(run_tiny):
+def test_study_with_mistaken_arrivals_keeps_metres_where_the_direct_arrival_alone_loses_kilometres(
+    run_tiny,
+):
     start = {"start": "dead-reckoning"}
     run = run_tiny(
         **MULTIPATH
         | {
             "conditions": [
-                {"name": "eigenray", "range_model": {"kind": "eigenray", "belief": "exact"}} | start,
+                {"name": "eigenray", "range_model": {"kind": "eigenray", "belief": "exact"}}
+                | start,
                 {"name": "mixture", "range_model": {"kind": "mixture", "belief": "exact"}} | start,
             ]
         }
@@ -160,7 +178,10 @@ def test_study_with_mistaken_arrivals_keeps_metres_where_the_direct_arrival_alon
 
 @pytest.mark.slow
 def test_near_the_surface_the_mixture_loses_no_more_than_the_picks_that_fit_equally_well(run_tiny):
-    """The direct arrival and its surface reflection are metres apart, so some wrong picks fit as well as the right ones."""
+    """
+    The direct arrival and its surface reflection are metres apart, so some wrong picks fit as well
+    as the right ones.
+    """
     start = {"start": "dead-reckoning"}
     run = run_tiny(
         **MULTIPATH

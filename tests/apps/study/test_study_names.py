@@ -42,7 +42,10 @@ def test_thirty_vehicles_with_long_names_run_and_go_to_a_graph_file(run, tmp_pat
     file = run.path / "pyfg/realization-0-straight.pyfg"
     assert file.read_text().split()[2] == "AA0"
     graph, values = read_pyfg(file)
-    assert (graph.vehicle_name.tolist(), graph.landmark_name.tolist()) == (NAMES, ["buoy_of-the_north"])
+    assert (graph.vehicle_name.tolist(), graph.landmark_name.tolist()) == (
+        NAMES,
+        ["buoy_of-the_north"],
+    )
     np.testing.assert_array_equal(values.position, run.truth.position.reshape(-1, 3))
     with pytest.raises(SystemExit) as end:
         main(["graph", "solve", str(file), "--out", str(tmp_path / "solved")])

@@ -9,7 +9,13 @@ import xarray as xr
 from pymantaray.apps.study import run_study
 from pymantaray.config import load_study
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean import cast_ocean, crop_around, open_ocean, read_cast, sound_speed_profile_spread
+from pymantaray.ocean import (
+    cast_ocean,
+    crop_around,
+    open_ocean,
+    read_cast,
+    sound_speed_profile_spread,
+)
 from pymantaray.records import RayStatus, VehicleStatus, write_netcdf
 from pymantaray.water.ocean import build_ocean
 
@@ -21,7 +27,8 @@ def casts():
     if not CASTS.is_dir():
         return [pytest.param(None, marks=pytest.mark.skip(reason=f"real casts are not at {CASTS}"))]
     slow = {
-        path: () if "axctd_20140724_74N" in path.name else pytest.mark.slow for path in CASTS.glob("*.csv")
+        path: () if "axctd_20140724_74N" in path.name else pytest.mark.slow
+        for path in CASTS.glob("*.csv")
     }
     return [pytest.param(path, marks=slow[path], id=path.stem) for path in sorted(slow)]
 
@@ -44,8 +51,12 @@ def write_gebco(file, lat, lon, elevation):
 
 @pytest.mark.parametrize("path", casts())
 def test_a_mission_runs_in_a_uniform_ocean_from_a_cast(path, tmp_path):
-    """The quick preset in water from a cast, dead reckoned: water, fleet and rays are what is tested."""
-    write_netcdf(cast_ocean(read_cast(path), bathymetry=3000.0, below="constant"), tmp_path / "ocean.nc")
+    """
+    The quick preset in water from a cast, dead reckoned: water, fleet and rays are what is tested.
+    """
+    write_netcdf(
+        cast_ocean(read_cast(path), bathymetry=3000.0, below="constant"), tmp_path / "ocean.nc"
+    )
     config = load_study("quick", ocean=[tmp_path / "ocean.nc"])
     config = config.with_(conditions=["odometry"], **{"study.realizations": 1})
     run = run_study(config, tmp_path / "run", workers=1)
@@ -58,12 +69,17 @@ def test_a_mission_runs_in_a_uniform_ocean_from_a_cast(path, tmp_path):
 
 
 def test_a_ridge_that_the_waters_grid_does_not_show_blocks_links(run_tiny, tiny_run, tmp_path):
-    """Up to 200 m, 2 km wide, across the fleet in a GEBCO file; the synthetic floor there is flat and deep."""
+    """
+    Up to 200 m, 2 km wide, across the fleet in a GEBCO file; the synthetic floor there is flat and
+    deep.
+    """
     lat, lon = np.arange(74.0, 75.0, 1.0 / 240.0), np.arange(-142.0, -138.0, 1.0 / 240.0)
     ridge = np.exp(-(((lon + 140.0083) * 30.0) ** 2)) + 0.0 * lat[:, None]
     file = tmp_path / "gebco.nc"
     write_gebco(file, lat, lon, np.round(-3600.0 + 3400.0 * ridge))
-    ridged = run_tiny(study={"realizations": 1}, conditions=["odometry"], ocean={"bathymetry": str(file)})
+    ridged = run_tiny(
+        study={"realizations": 1}, conditions=["odometry"], ocean={"bathymetry": str(file)}
+    )
     assert not (tiny_run.measurements.range_status == RayStatus.BLOCKED).any()
     assert np.count_nonzero(ridged.measurements.range_status == RayStatus.BLOCKED) >= 5
     floor = ridged.ocean["sea_floor_depth"]
@@ -75,7 +91,11 @@ def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny, tiny
     lat, lon = np.linspace(74.0, 75.0, 121), np.linspace(-142.0, -138.0, 161)
     depth = 2900.0 + 50.0 * np.sin(40.0 * lat)[:, None] * np.cos(30.0 * lon)
     write_gebco(tmp_path / "floor.nc", lat, lon, -depth)
-    section = {"bathymetry": str(tmp_path / "floor.nc"), "equation": "del-grosso", "time_varying": True}
+    section = {
+        "bathymetry": str(tmp_path / "floor.nc"),
+        "equation": "del-grosso",
+        "time_varying": True,
+    }
     ocean = build_ocean(tiny(ocean=section).ocean, 3600.0)
     for part in (ocean.local, ocean.drift, ocean.local_at(600.0)):
         assert part["sea_floor_depth"].dims == ("floor_north", "floor_east")
@@ -93,7 +113,10 @@ def test_profiles_are_of_the_domain_that_was_asked_for_and_no_further(tiny, tiny
     part = crop_around(whole, section.centre, section.half_extent)
     frame = LocalFrame(*section.centre)
     north, east = frame.to_local(part["lat"].values[:, None], part["lon"].values)
-    for inner, reach in ((north[1:-1], section.half_extent[0]), (east[:, 1:-1], section.half_extent[1])):
+    for inner, reach in (
+        (north[1:-1], section.half_extent[0]),
+        (east[:, 1:-1], section.half_extent[1]),
+    ):
         assert np.abs(inner).max() < 1.1 * reach
     assert north[0].max() <= -section.half_extent[0] < section.half_extent[0] <= north[-1].min()
     assert east[:, 0].max() <= -section.half_extent[1] < section.half_extent[1] <= east[:, -1].min()

@@ -1,4 +1,7 @@
-"""Range models that trace rays, and the covariance of their travel times, in a front over a flat sea bed."""
+"""
+Range models that trace rays, and the covariance of their travel times, in a front over a flat sea
+bed.
+"""
 
 import numpy as np
 import pytest
@@ -14,7 +17,11 @@ from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.range_models.eigenray_model import EigenrayModel, pairs_of
 from pymantaray.range_models.ray_uncertainty import RayUncertainty
 
-NORTH, EAST, DEPTH = np.linspace(-8e3, 8e3, 9), np.linspace(-8e3, 8e3, 9), np.linspace(0.0, 1200.0, 25)
+NORTH, EAST, DEPTH = (
+    np.linspace(-8e3, 8e3, 9),
+    np.linspace(-8e3, 8e3, 9),
+    np.linspace(0.0, 1200.0, 25),
+)
 FRONT = (
     1450.0
     + 0.016 * DEPTH
@@ -26,7 +33,12 @@ SHAPES = np.stack([np.exp(-DEPTH / 250.0), np.cos(DEPTH / 200.0)])
 
 def water(speed=FRONT, bed=1200.0, interpolation="smooth"):
     return Medium.from_grid(
-        NORTH, EAST, DEPTH, speed, bathymetry=np.broadcast_to(bed, (9, 9)), interpolation=interpolation
+        NORTH,
+        EAST,
+        DEPTH,
+        speed,
+        bathymetry=np.broadcast_to(bed, (9, 9)),
+        interpolation=interpolation,
     )
 
 
@@ -69,14 +81,18 @@ def test_travel_times_are_the_solvers_and_their_gradients_finite_differences(med
     first = find_eigenrays(medium, a, b).first()
     np.testing.assert_array_equal(found.travel_time, first.travel_time)
     assert found.possible.all()
-    step = 5.0  # truncated at 2e-9, as its square; the integrator's tolerance leaves 1e-8 m over the step
+    # truncated at 2e-9, as its square; the integrator's tolerance leaves 1e-8 m over the step
+    step = 5.0
     for k in range(3):
         e = np.eye(3)[k] * step
         for end, gradient in ((0, found.transmitter_gradient), (1, found.receiver_gradient)):
             ahead, behind = (
-                model.predict(between(a + s * e * (end == 0), b + s * e * end)).travel_time for s in (1, -1)
+                model.predict(between(a + s * e * (end == 0), b + s * e * end)).travel_time
+                for s in (1, -1)
             )
-            np.testing.assert_allclose(gradient[:, k], (ahead - behind) / (2 * step), rtol=0, atol=3e-9)
+            np.testing.assert_allclose(
+                gradient[:, k], (ahead - behind) / (2 * step), rtol=0, atol=3e-9
+            )
 
 
 def test_there_and_back_are_one_ray_solved_once(medium, ends, monkeypatch):
@@ -182,7 +198,9 @@ def test_epochs_are_apart_and_both_ways_of_a_link_are_one(medium, ends):
 def test_link_without_a_ray_has_no_variance_and_no_sensitivity(medium):
     covariance = gaussian(np.ones(DEPTH.size), 100.0, 5e3)
     links = between([[0, 0, 100.0], [0, 0, 100.0]], [[0, 9e3, 100.0], [0, 3e3, 100.0]])
-    (found,) = RayUncertainty(EigenrayModel(medium), covariance).covariances(links, np.zeros(2, dtype=int))
+    (found,) = RayUncertainty(EigenrayModel(medium), covariance).covariances(
+        links, np.zeros(2, dtype=int)
+    )
     assert found[0].tolist() == [0.0, 0.0]
     assert found[1, 1] > 0.0
     by_amplitude = adjustable().sensitivity(links)
@@ -191,14 +209,18 @@ def test_link_without_a_ray_has_no_variance_and_no_sensitivity(medium):
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-def test_sensitivities_are_finite_differences_of_travel_times_in_adjusted_water(links, interpolation):
+def test_sensitivities_are_finite_differences_of_travel_times_in_adjusted_water(
+    links, interpolation
+):
     model = adjustable(interpolation)
     assert isinstance(model, AdjustableModel)
     about = np.array([0.7, -0.4])
     here, step = model.adjusted(about), 0.01
     found = here.sensitivity(links)
     for k, e in enumerate(np.eye(2)):
-        ahead, behind = (model.adjusted(about + s * step * e).predict(links).travel_time for s in (1, -1))
+        ahead, behind = (
+            model.adjusted(about + s * step * e).predict(links).travel_time for s in (1, -1)
+        )
         # some 1e-3 s² m⁻¹ each; the second difference of a ray that bends leaves 1e-4 of that
         np.testing.assert_allclose(found[:, k], (ahead - behind) / (2 * step), rtol=3e-4, atol=1e-9)
     assert np.abs(found).max() > 1e-4

@@ -1,4 +1,7 @@
-"""What a study says of timing, currents, detection, ice and mistaken arrivals reaches its measurements."""
+"""
+What a study says of timing, currents, detection, ice and mistaken arrivals reaches its
+measurements.
+"""
 
 from functools import partial
 
@@ -67,14 +70,19 @@ def two_way(run_tiny):
     """Two-way with bad clocks and a sonar that misses some pings."""
     clocks = {"clock_offset_sigma": 10.0, "clock_skew_sigma": 1e-4}
     timing = {"timing": "two-way", "turn_around_s": 2.0}
-    return run_tiny(study=ONE, conditions=CONDITIONS, ranging=timing, noise=clocks, detection=DETECTION)
+    return run_tiny(
+        study=ONE, conditions=CONDITIONS, ranging=timing, noise=clocks, detection=DETECTION
+    )
 
 
 @pytest.fixture(scope="module")
 def one_way(fly_tiny):
     """One-way in moving water with clocks that are a millisecond apart."""
     return fly_tiny(
-        study=ONE, conditions=CONDITIONS, noise={"clock_offset_sigma": 1e-3}, acoustics={"currents": True}
+        study=ONE,
+        conditions=CONDITIONS,
+        noise={"clock_offset_sigma": 1e-3},
+        acoustics={"currents": True},
     )[1]
 
 
@@ -109,7 +117,9 @@ def test_two_way_ranges_move_with_the_vehicles_and_a_current_turns_its_sign_with
     assert 0.05 < 1450.0 * np.abs(moved - still)[ok].max() < 20.0
     rows = {
         key: row
-        for row, key in enumerate(zip(o.range_sample, o.range_transmitter, o.range_receiver, strict=True))
+        for row, key in enumerate(
+            zip(o.range_sample, o.range_transmitter, o.range_receiver, strict=True)
+        )
     }
     forth, back = np.array(
         [(row, rows[k, j, i]) for (k, i, j), row in rows.items() if i < j < 4 and ok[row]]
@@ -135,7 +145,10 @@ def test_detection_drops_pings_by_chance_and_says_how_many(two_way):
 
 def test_loss_at_the_ice_is_heard_and_no_vehicle_is_in_it_or_has_a_fix(fly_tiny, tiny_run):
     bounces = {"max_surface_bounces": 1, "arrival": "strongest"}
-    alone = {"source_level_db": 185.0, "coherent": False}  # a weaker reflection could interfere less
+    alone = {
+        "source_level_db": 185.0,
+        "coherent": False,
+    }  # a weaker reflection could interfere less
     modem = {"ocean": {"ice": 0.8}, "detection": DETECTION | alone}
     (loud, _), (quiet, _) = (
         fly_tiny(**modem, acoustics=bounces | {"ice_loss_db": loss}) for loss in (0.0, 60.0)
@@ -144,7 +157,9 @@ def test_loss_at_the_ice_is_heard_and_no_vehicle_is_in_it_or_has_a_fix(fly_tiny,
     assert np.nanmin(less) > -1e-12
     assert np.nanmax(less) > 0.5
     assert tiny_run.measurements.gnss_vehicle.size
-    assert loud.measurements.gnss_vehicle.size == 0  # though 0.8 m is shallower than the antenna reaches
+    assert (
+        loud.measurements.gnss_vehicle.size == 0
+    )  # though 0.8 m is shallower than the antenna reaches
     assert loud.truth.position[..., 2].min() >= 0.8
     assert (loud.truth.status == tiny_run.truth.status).all()
     np.testing.assert_array_equal(loud.picture["sea_ice_draft"], 0.8)
@@ -156,13 +171,17 @@ def test_mistakes_are_counted_and_become_ranges_whatever_the_number_of_workers(e
     assert 3.0 < expected < drawn[0].size
     assert abs(np.mean([m.sum() for m in drawn]) - expected) < 4.0 * np.sqrt(expected) / 2.0
     assert np.unique([m.sum() for m in drawn]).size > 1
-    np.testing.assert_array_equal(erring.ranging_truth.travel_time, tiny_run.ranging_truth.travel_time)
+    np.testing.assert_array_equal(
+        erring.ranging_truth.travel_time, tiny_run.ranging_truth.travel_time
+    )
     stored = erring.estimates.position[0]
     by_two = {}
     with ProcessPool(partial(start_solver, erring.path), 2) as pool:
         run_tasks(RealizationQueue(range(4), by_two.__setitem__), pool)
     for r, solved in by_two.items():
-        np.testing.assert_array_equal(solved.solutions["refracted"].position.astype(stored.dtype), stored[r])
+        np.testing.assert_array_equal(
+            solved.solutions["refracted"].position.astype(stored.dtype), stored[r]
+        )
         noisy = erring.noisy_measurements(r)
         assert (noisy.range_status[drawn[r]] == RayStatus.OK).all()
         assert np.isfinite(noisy.refracted_range[drawn[r]]).all()
@@ -177,8 +196,12 @@ def test_without_mistakes_there_is_no_file_and_none_is_mistaken(tiny_run):
         tiny_run.mistaken(2)
 
 
-def test_a_velocity_log_works_within_reach_of_the_sea_floor_and_sharpens_the_estimate(tiny_run, run_tiny):
-    """Altitudes are those above the medium's own bottom; the reach lies between those of the fleet."""
+def test_a_velocity_log_works_within_reach_of_the_sea_floor_and_sharpens_the_estimate(
+    tiny_run, run_tiny
+):
+    """
+    Altitudes are those above the medium's own bottom; the reach lies between those of the fleet.
+    """
     position = tiny_run.truth.position
     floor = Medium.from_dataset(tiny_run.ocean).bottom_depth(position.reshape(-1, 3))
     altitude = floor.reshape(position.shape[:2]) - position[..., 2]

@@ -33,7 +33,8 @@ PARTS = [
     ({"acoustics": {"currents": True}}, "munk1995"),
     ({"ocean": {"source": "synthetic:fram", "centre_lat": 78.0, "centre_lon": 0.0}},
      "rudels2005 rudels2000 beszczynska2012 richter2018 hofmann2021 wekerle2020"),
-    ({"ocean": {"source": "synthetic:beaufort", "equation": "del-grosso"}}, "delgrosso1974 wong1995"),
+    ({"ocean": {"source": "synthetic:beaufort", "equation": "del-grosso"}}, ("delgrosso1974"
+                                                                            " wong1995")),
     ({"ocean": {"source": "synthetic:beaufort", "equation": "unesco"}}, "chen1977 wong1995"),
     ({"detection": NOISE}, ""),
     ({"detection": SONAR}, "francois1982a francois1982b wenz1962"),
@@ -114,14 +115,18 @@ def test_a_synthetic_ocean_there_is_not_is_refused_by_those_there_are(tiny, tmp_
 def test_files_of_one_name_have_keys_of_their_own(tiny, tmp_path):
     (tmp_path / "other").mkdir()
     names = ("ocean.nc", "other/ocean.nc", "my ocean, 2.nc", "jensen.nc")
-    references = citation(tiny(ocean={"source": [data_file(tmp_path / n, title="mine") for n in names]}))
+    references = citation(
+        tiny(ocean={"source": [data_file(tmp_path / n, title="mine") for n in names]})
+    )
     keys = {
         r.fields["title"].removeprefix(f"{tmp_path}/"): r.key
         for r in references
         if "provider" in r.fields.get("note", "")
     }
     assert keys == dict(zip(names, ("ocean", "ocean-2", "my-ocean-2", "jensen-2"), strict=True))
-    assert re.findall(r"^@\w+\{([\w-]+),$", references.bibtex, re.MULTILINE) == [r.key for r in references]
+    assert re.findall(r"^@\w+\{([\w-]+),$", references.bibtex, re.MULTILINE) == [
+        r.key for r in references
+    ]
 
 
 @pytest.mark.parametrize("preset", list_presets())

@@ -1,4 +1,7 @@
-"""Rough ice in studies, for existing trajectories and in the service: the same ice everywhere, other ice in other draws."""
+"""
+Rough ice in studies, for existing trajectories and in the service: the same ice everywhere, other
+ice in other draws.
+"""
 
 import numpy as np
 import pandas as pd
@@ -12,7 +15,9 @@ from pymantaray.errors import StudyError
 from pymantaray.geometry.roughness import Roughness
 
 DEPTH = np.array([0.0, 40.0, 55.0, 60.0, 65.0, 80.0, 100.0, 150.0, 300.0, 1000.0, 2700.0])
-SPEED = np.array([1436.0, 1436.6, 1440.0, 1443.0, 1440.0, 1437.5, 1437.6, 1445.0, 1455.0, 1465.0, 1490.0])
+SPEED = np.array(
+    [1436.0, 1436.6, 1440.0, 1443.0, 1440.0, 1437.5, 1437.6, 1445.0, 1455.0, 1465.0, 1490.0]
+)
 BOUNCES = {"max_surface_bounces": 3}
 ROUGH = {"ice_slope_deg": 0.5, "ice_length": 20.0}
 
@@ -23,13 +28,22 @@ def sea(tmp_path_factory):
     folder = tmp_path_factory.mktemp("sea")
     pd.DataFrame({"depth": DEPTH, "sound_speed": SPEED}).to_csv(folder / "cast.csv", index=False)
     lat, lon = np.linspace(74.0, 75.0, 41), np.linspace(-142.0, -138.0, 41)
-    draft = (("lat", "lon"), np.full((41, 41), 2.5), {"standard_name": "sea_ice_draft", "units": "m"})
+    draft = (
+        ("lat", "lon"),
+        np.full((41, 41), 2.5),
+        {"standard_name": "sea_ice_draft", "units": "m"},
+    )
     axes = {
         "lat": ("lat", lat, {"standard_name": "latitude", "units": "degrees_north"}),
         "lon": ("lon", lon, {"standard_name": "longitude", "units": "degrees_east"}),
     }
     xr.Dataset({"ice": draft}, coords=axes).to_netcdf(folder / "ice.nc")
-    ocean = {"source": str(folder / "cast.csv"), "bathymetry": 2700.0, "ice": 1.5, "currents": "rest"}
+    ocean = {
+        "source": str(folder / "cast.csv"),
+        "bathymetry": 2700.0,
+        "ice": 1.5,
+        "currents": "rest",
+    }
     return ocean, str(folder / "ice.nc")
 
 
@@ -56,7 +70,9 @@ def times_of(flown):
 def places_of(flown):
     """Positions of both ends of each range. [m]"""
     truth, m = flown[0].truth, flown[0].measurements
-    marks = np.broadcast_to(m.landmark_position[:, None], (m.landmark_name.size, truth.time.size, 3))
+    marks = np.broadcast_to(
+        m.landmark_position[:, None], (m.landmark_name.size, truth.time.size, 3)
+    )
     everyone = np.concatenate([truth.position, marks])
     return tuple(everyone[who, m.range_sample] for who in (m.range_transmitter, m.range_receiver))
 
@@ -88,10 +104,17 @@ def test_a_file_of_ice_may_be_rough(rough, fly_under, sea):
 
 
 def test_service_and_existing_trajectories_have_the_ice_of_the_study(rough, sea):
-    options = {"centre_lat": 74.5, "centre_lon": -140.0, "half_extent_north": 15e3, "half_extent_east": 15e3}
+    options = {
+        "centre_lat": 74.5,
+        "centre_lon": -140.0,
+        "half_extent_north": 15e3,
+        "half_extent_east": 15e3,
+    }
     service = RangingService(sea[0]["source"], **ROUGH, **BOUNCES, ice=1.5, bathymetry=2700.0)
     source, receiver = places_of(rough)
-    times = [service.ping(0.0, a, [b]).travel_time[0] for a, b in zip(source, receiver, strict=True)]
+    times = [
+        service.ping(0.0, a, [b]).travel_time[0] for a, b in zip(source, receiver, strict=True)
+    ]
     np.testing.assert_allclose(times, times_of(rough), rtol=1e-9)
     ranges = measure(rough[0].truth, sea[0] | ROUGH | options, 3600.0, acoustics=BOUNCES)
     own, m = ranges.ranging_truth.travel_time, rough[0].measurements

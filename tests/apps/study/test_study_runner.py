@@ -1,4 +1,6 @@
-"""A whole small study: what is on disk is what was computed, the same whoever computes it, or nothing."""
+"""
+A whole small study: what is on disk is what was computed, the same whoever computes it, or nothing.
+"""
 
 import datetime as dt
 import hashlib
@@ -17,7 +19,14 @@ from pymantaray.apps.study.manifest import checksums, describe_run
 from pymantaray.apps.study.store import summarize
 from pymantaray.config.estimators import STANDARD, ConditionSection
 from pymantaray.errors import FleetError, JobError, StudyError
-from pymantaray.estimation import CONDITIONS, GraphSolver, SolveOptions, build_graph, dead_reckon, read_pyfg
+from pymantaray.estimation import (
+    CONDITIONS,
+    GraphSolver,
+    SolveOptions,
+    build_graph,
+    dead_reckon,
+    read_pyfg,
+)
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 
 DEAD_RECKONING = {"study": {"realizations": 1}, "conditions": ["odometry"]}
@@ -30,7 +39,9 @@ def test_the_standard_conditions_are_those_of_the_estimation(tiny_run):
     for name, expected in CONDITIONS.items():
         made = factory.estimator(ConditionSection(name=name), 0)
         assert made.initial[0] is truth.position
-        made = replace(made, initial=None, model_is_right=made.model_is_right and not made.dead_reckoned)
+        made = replace(
+            made, initial=None, model_is_right=made.model_is_right and not made.dead_reckoned
+        )
         assert made == expected or vars(made) == vars(expected)
 
 
@@ -47,7 +58,9 @@ def test_run_folder_holds_every_file_and_nothing_else(tiny_run):
 def test_opened_again_a_run_gives_the_same(tiny_run, tiny_config):
     again = open_run(tiny_run.path)
     assert again.config == tiny_config
-    assert "range_sigma = 1.0" in (tiny_run.path / "config.toml").read_text()  # defaults are written out
+    assert (
+        "range_sigma = 1.0" in (tiny_run.path / "config.toml").read_text()
+    )  # defaults are written out
     assert_same(again.estimates, tiny_run.estimates)
     assert again.region.loc["synthetic"].item() == "yes"
     assert again.synthetic
@@ -58,14 +71,20 @@ def test_samples_pings_and_attempts_follow_the_mission(tiny_run):
     np.testing.assert_array_equal(time, np.arange(0, 4 * 3600 + 1, 200))
     o = tiny_run.measurements
     assert set(time[o.range_sample]) == {3600, 7200, 10800, 14400}
-    assert o.range_status.size == 4 * 4 * (3 + 2)  # pings x transmitters x (other vehicles + landmarks)
+    assert o.range_status.size == 4 * 4 * (
+        3 + 2
+    )  # pings x transmitters x (other vehicles + landmarks)
     assert tiny_run.manifest["outcome"]["range_attempts"] == o.range_status.size
-    assert tiny_run.manifest["outcome"]["links"]["OK"] == np.count_nonzero(o.range_status == RayStatus.OK)
+    assert tiny_run.manifest["outcome"]["links"]["OK"] == np.count_nonzero(
+        o.range_status == RayStatus.OK
+    )
     assert tiny_run.links.sample.size == tiny_run.arrivals.status.size
 
 
 def test_solves_are_healthy_and_ranges_help(tiny_run):
-    """Also the refracted ones, whose range errors of 100 m make the optimum repel undamped steps."""
+    """
+    Also the refracted ones, whose range errors of 100 m make the optimum repel undamped steps.
+    """
     e = tiny_run.estimates
     assert (e.solve_status == SolveStatus.OK).all(), e.solve_status
     error = np.linalg.norm(e.position - tiny_run.truth.position, axis=-1)
@@ -107,7 +126,9 @@ def test_pyfg_of_the_first_realization_starts_at_the_truth(tiny_run):
 def test_dead_reckoned_start_reaches_the_same_optimum(run_tiny, tiny_run):
     sections = {"study": {"realizations": 1}, "conditions": ["refracted"]}
     other = run_tiny(estimator={"start": "dead-reckoning"}, **sections).estimates
-    np.testing.assert_allclose(other.position[0, 0], tiny_run.estimates.position[3, 0], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(
+        other.position[0, 0], tiny_run.estimates.position[3, 0], rtol=0, atol=1e-3
+    )
 
 
 @pytest.mark.parametrize("ranges", ["straight", "refracted"])
@@ -120,7 +141,9 @@ def test_few_steps_lead_a_study_to_its_optimum(tiny_run, ranges):
     assert usual.iterations <= 6  # eight and more without the curvature of odometry
 
 
-def test_default_folder_is_dated_and_progress_counts_up_to_the_end_of_each_stage(tiny, tmp_path, monkeypatch):
+def test_default_folder_is_dated_and_progress_counts_up_to_the_end_of_each_stage(
+    tiny, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     seen = []
     run = run_study(tiny(**DEAD_RECKONING), workers=1, progress=lambda *step: seen.append(step))
@@ -167,11 +190,14 @@ def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypat
 @pytest.mark.parametrize(("sections", "expected"), [
     ({"mission": {"duration_h": 1e9}}, "4 vehicles x 1.8e+10 samples x 5 solves x 160 bytes"),
     ({"mission": {"duration_h": 1e308}}, "duration_h is inf s; it must be a whole multiple"),
-    ({"mission": {"sampling_period_s": 1e-6, "physics_step_s": 1e-6}}, "4 vehicles x 1.44e+10 samples"),
-    ({"mission": {"physics_step_s": 1e-300}}, "4 vehicles x 1.44e+304 physics steps are more than 1e+13"),
+    ({"mission": {"sampling_period_s": 1e-6, "physics_step_s": 1e-6}}, ("4 vehicles x 1.44e+10"
+                                                                       " samples")),
+    ({"mission": {"physics_step_s": 1e-300}}, ("4 vehicles x 1.44e+304 physics steps are more than"
+                                              " 1e+13")),
     ({"study": {"realizations": 10**9}}, "4 vehicles x 72 samples x 5e+09 solves x 160 bytes"),
     ({"study": {"realizations": int("9" * 4000)}}, "study.realizations: found 99999"),
-    ({"fleet": {"vehicles": {"1": {"target_depth": 9e3}}}}, "'B': target_depth is 9000 m deep, below the sea floor"),
+    ({"fleet": {"vehicles": {"1": {"target_depth": 9e3}}}}, ("'B': target_depth is 9000 m deep,"
+                                                            " below the sea floor")),
 ], ids=range(7))  # fmt: skip
 def test_what_cannot_be_held_finished_or_dived_is_refused_at_once_in_one_line(
     tiny, tmp_path, sections, expected

@@ -21,7 +21,10 @@ from pymantaray.records import SolveStatus
 
 @pytest.fixture(scope="module")
 def round_earth(fly_tiny):
-    """Mission of one hour on a sphere, deep enough that distances in the flat frame are too long, and its run."""
+    """
+    Mission of one hour on a sphere, deep enough that distances in the flat frame are too long, and
+    its run.
+    """
     return fly_tiny(
         fleet={"vehicles": {"1": {"target_depth": 800.0}}},
         mission={"duration_h": 1.0},
@@ -31,27 +34,35 @@ def round_earth(fly_tiny):
 
 def links_at_truth(flown):
     truth, m = flown[0].truth, flown[0].measurements
-    marks = np.broadcast_to(m.landmark_position[:, None], (m.landmark_name.size, truth.time.size, 3))
+    marks = np.broadcast_to(
+        m.landmark_position[:, None], (m.landmark_name.size, truth.time.size, 3)
+    )
     everyone = np.concatenate([truth.position, marks])
     ends = [everyone[who, m.range_sample] for who in (m.range_transmitter, m.range_receiver)]
     return RangeEndpoints(m.time[m.range_sample], *ends, m.transmitter_sound_speed)
 
 
 def chord(earth_radius, a, b):
-    """Straight distance by vectors from the Earth's centre; the frame is a stereographic projection."""
+    """
+    Straight distance by vectors from the Earth's centre; the frame is a stereographic projection.
+    """
     ends = []
     for place in (a, b):
         far = np.hypot(place[:, 0], place[:, 1])
         angle = 2.0 * np.arctan(far / (2.0 * earth_radius))
         unit = place[:, :2] / np.where(far > 0.0, far, 1.0)[:, None]
         r = earth_radius - place[:, 2]
-        ends.append(np.column_stack([r[:, None] * np.sin(angle)[:, None] * unit, r * np.cos(angle)]))
+        ends.append(
+            np.column_stack([r[:, None] * np.sin(angle)[:, None] * unit, r * np.cos(angle)])
+        )
     return np.linalg.norm(ends[1] - ends[0], axis=1)
 
 
 def test_estimators_with_straight_lines_predict_the_chord_through_the_earth(round_earth):
     run, links = round_earth[1], links_at_truth(round_earth)
-    radius = 6378137.0 * np.sqrt(1.0 - 0.00669438) / (1.0 - 0.00669438 * np.sin(np.radians(74.5)) ** 2)
+    radius = (
+        6378137.0 * np.sqrt(1.0 - 0.00669438) / (1.0 - 0.00669438 * np.sin(np.radians(74.5)) ** 2)
+    )
     expected = chord(radius, links.transmitter, links.receiver)
     np.testing.assert_allclose(run.measurements.straight_range, expected, atol=1e-5)
     flat = np.linalg.norm(links.receiver - links.transmitter, axis=1)
@@ -84,10 +95,16 @@ def test_on_line_solvers_use_the_chord_as_the_batch_does(round_earth, method):
     m = run.noisy_measurements(0)
     # precise ranges, so that the shape of the Earth matters
     m = replace(
-        m, range_sigma=np.full_like(m.range_sigma, 0.01), straight_range=run.measurements.straight_range
+        m,
+        range_sigma=np.full_like(m.range_sigma, 0.01),
+        straight_range=run.measurements.straight_range,
     )
-    batch = EstimatorFactory(run).estimator({c.name: c for c in run.config.conditions}["straight"], 0)
-    tight = IncrementalOptions(relinearize=1e-6, wildfire=1e-9, final_updates=50, end_tolerance=1e-2)
+    batch = EstimatorFactory(run).estimator(
+        {c.name: c for c in run.config.conditions}["straight"], 0
+    )
+    tight = IncrementalOptions(
+        relinearize=1e-6, wildfire=1e-9, final_updates=50, end_tolerance=1e-2
+    )
     solver = GraphSolver(SolveOptions(step_tolerance=1e-9, incremental=tight))
     estimators = {
         "batch": batch,

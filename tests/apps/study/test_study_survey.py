@@ -73,7 +73,9 @@ def test_the_whole_survey_runs_healthy(tmp_path):
 
 
 def every_estimator():
-    """Every range model, belief, variance, loss, solver and start, as sections of a configuration."""
+    """
+    Every range model, belief, variance, loss, solver and start, as sections of a configuration.
+    """
     exact = {"range_model": {"kind": "eigenray", "belief": "exact"}}
     errors = {"kind": "perturbed", "rms": 2.0, "horizontal_scale": 5e4, "down_to": 300.0}
     beliefs = {
@@ -89,7 +91,9 @@ def every_estimator():
         "mean-slowness": {"range_model": {"kind": "mean-slowness", "belief": "mean"}},
         "reckoned": exact | {"start": "dead-reckoning"},
         "transmitter-incremental": {"range_model": "transmitter", "solver": "incremental"},
-        "mean-modes": {"range_model": {"kind": "eigenray", "belief": "mean", "modes": {"count": 4}}},
+        "mean-modes": {
+            "range_model": {"kind": "eigenray", "belief": "mean", "modes": {"count": 4}}
+        },
         "clocks": exact | {"clocks": {}},
         "fixed-lag": {"ranges": "straight", "solver": {"kind": "fixed-lag", "lag_h": 1.0}},
     }
@@ -102,7 +106,11 @@ def every_estimator():
         if loss != "none":
             sections[f"loss-{loss}"] = exact | {"loss": loss}
         if loss != "gnc":
-            sections[f"incremental-{loss}"] = {"ranges": "straight", "solver": "incremental", "loss": loss}
+            sections[f"incremental-{loss}"] = {
+                "ranges": "straight",
+                "solver": "incremental",
+                "loss": loss,
+            }
     return [{"name": name} | section for name, section in sections.items()]
 
 
@@ -127,7 +135,9 @@ def test_every_estimator_solves_the_survey(tmp_path):
     assert run.manifest["outcome"]["unhealthy_solves"] == []
     assert (e.gated_links == 0).all()
     auvs = (e.position - run.truth.position)[:, 0, 1:]
-    rms = dict(zip(e.condition, np.sqrt(np.mean(np.sum(auvs**2, axis=-1), axis=(1, 2))), strict=True))
+    rms = dict(
+        zip(e.condition, np.sqrt(np.mean(np.sum(auvs**2, axis=-1), axis=(1, 2))), strict=True)
+    )
     at = {name: e.position[i, 0] for i, name in enumerate(e.condition)}
     # one optimum, however it is found
     for one, other in (
@@ -137,7 +147,8 @@ def test_every_estimator_solves_the_survey(tmp_path):
         ("incremental-none", "straight"),
     ):
         assert np.abs(at[one] - at[other]).max() < 0.02, (one, other)
-    # who knows the ocean, or nearly so, does as well as in a straight world; who does not pays for it
+    # who knows the ocean, or nearly so, does as well as in a straight world; who does not pays for
+    # it
     does_not = {"odometry", "no-ranges", "refracted", "constant", "mean-slowness", "belief-mean"}
     for name in rms.keys() - does_not:
         if not name.startswith("transmitter"):
@@ -146,7 +157,10 @@ def test_every_estimator_solves_the_survey(tmp_path):
 
 
 def test_the_current_carries_vehicles_and_buoys_of_a_study_that_says_so(survey_run):
-    """Over ground they move as they do through the water and with the current, which here hardly varies."""
+    """
+    Over ground they move as they do through the water and with the current, which here hardly
+    varies.
+    """
     tree = short_survey(["straight"]).model_dump(exclude_none=True)
     for vehicle in tree["fleet"]["vehicles"]:
         vehicle |= {"current": True} if vehicle["kind"] == "waypoints" else {}
@@ -170,7 +184,9 @@ def test_the_current_carries_vehicles_and_buoys_of_a_study_that_says_so(survey_r
         forward = np.einsum(
             "tij,j->ti", matrix_from_quaternion(truth.quaternion[row, early]), [1.5, 0.0, 0.0]
         )
-        at = ocean.local.interp(dict(zip(("north", "east", "depth"), truth.position[row, 0], strict=True)))
+        at = ocean.local.interp(
+            dict(zip(("north", "east", "depth"), truth.position[row, 0], strict=True))
+        )
         current = np.array([at["current_north"], at["current_east"], 0.0])
         speed = np.gradient(truth.position[row, early], truth.time[early], axis=0)[1:-1]
         np.testing.assert_allclose(speed, forward[1:-1] + current, rtol=0, atol=0.01)

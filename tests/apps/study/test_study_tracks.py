@@ -1,4 +1,7 @@
-"""Other people's trajectories as a fleet: the same ranges by every road, schedules of all kinds, lines for what is wrong."""
+"""
+Other people's trajectories as a fleet: the same ranges by every road, schedules of all kinds, lines
+for what is wrong.
+"""
 
 import datetime as dt
 
@@ -45,7 +48,9 @@ def study_run(tiny_run_folder):
 
 @pytest.fixture(scope="module")
 def table(tmp_path_factory):
-    """Two unicycles and a mooring, in plain numpy: columns time, vehicle, north, east, depth, heading."""
+    """
+    Two unicycles and a mooring, in plain numpy: columns time, vehicle, north, east, depth, heading.
+    """
     path = tmp_path_factory.mktemp("tracks") / "mission.csv"
     time = np.arange(0.0, 3601.0, 30.0)
     parts = []
@@ -67,11 +72,15 @@ def table(tmp_path_factory):
 def same_ranges(one, other):
     """Two runs have the same attempts, statuses and travel times to the last digit."""
     for name in ("range_transmitter", "range_receiver", "range_status"):
-        np.testing.assert_array_equal(getattr(one.measurements, name), getattr(other.measurements, name))
+        np.testing.assert_array_equal(
+            getattr(one.measurements, name), getattr(other.measurements, name)
+        )
     when = [run.measurements.time[run.measurements.range_sample] for run in (one, other)]
     np.testing.assert_array_equal(*when)
     for name in ("travel_time", "chord_travel_time", "distance", "sound_speed"):
-        np.testing.assert_array_equal(getattr(one.ranging_truth, name), getattr(other.ranging_truth, name))
+        np.testing.assert_array_equal(
+            getattr(one.ranging_truth, name), getattr(other.ranging_truth, name)
+        )
 
 
 def test_the_truth_of_a_study_as_a_fleet_gives_the_ranges_of_the_study_to_the_last_digit(study_run):
@@ -95,9 +104,13 @@ def test_a_study_of_trajectories_estimates_as_one_of_the_same_vehicles(study_run
     run = run_study(parse_study(tree), tmp_path / "run", workers=1)
     same_ranges(run, study_run)
     m, other = run.measurements, study_run.measurements
-    np.testing.assert_allclose(m.odometry_translation, other.odometry_translation, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(
+        m.odometry_translation, other.odometry_translation, rtol=0, atol=1e-12
+    )
     # same draws, same truth: the same estimates
-    np.testing.assert_allclose(run.estimates.position, study_run.estimates.position, rtol=0, atol=1e-6)
+    np.testing.assert_allclose(
+        run.estimates.position, study_run.estimates.position, rtol=0, atol=1e-6
+    )
     assert run.config.mission.duration_h == 4.0
     assert list(run.manifest["ocean"]["sha256"]) == [str(study_run.path / "truth.nc")]
 
@@ -116,9 +129,15 @@ def test_places_in_latitude_and_longitude_make_a_frame_of_their_own(study_run, t
     free = measure(tmp_path / "m.csv", "synthetic:beaufort", 3600.0)
     lat, lon = frame.to_geodetic(*np.moveaxis(truth.position[..., :2], -1, 0))
     centre = free.config.ocean.centre
-    assert centre == pytest.approx((0.5 * (lat.min() + lat.max()), 0.5 * (lon.min() + lon.max())), abs=1e-9)
-    assert (free.ocean.attrs["centre_latitude_deg"], free.ocean.attrs["centre_longitude_deg"]) == centre
-    # another frame, another grid of the same water: the same travel times within what grids differ by
+    assert centre == pytest.approx(
+        (0.5 * (lat.min() + lat.max()), 0.5 * (lon.min() + lon.max())), abs=1e-9
+    )
+    assert (
+        free.ocean.attrs["centre_latitude_deg"],
+        free.ocean.attrs["centre_longitude_deg"],
+    ) == centre
+    # another frame, another grid of the same water: the same travel times within what grids differ
+    # by
     both = (free.measurements.range_status == 0) & (same.measurements.range_status == 0)
     assert both.sum() > 10
     np.testing.assert_allclose(
@@ -141,20 +160,30 @@ def test_slots_let_one_vehicle_ping_at_a_time(table):
     k = int(np.flatnonzero(m.time == 50.0)[0])
     own = Tracks.of_record(measure(table, OCEAN, 60.0, mission={"sampling_period_s": 30.0}).truth)
     between = own.at([30.0, 60.0], LocalFrame(74.5, -140.0)).position
-    np.testing.assert_allclose(run.truth.position[:, k], between[:, 0] / 3 + 2 * between[:, 1] / 3, atol=1e-9)
+    np.testing.assert_allclose(
+        run.truth.position[:, k], between[:, 0] / 3 + 2 * between[:, 1] / 3, atol=1e-9
+    )
 
 
 def test_a_list_of_pings_is_that_and_both_ways_at_one_time_are_one_link(table, tmp_path):
-    pings = PingList((10.0, 10.0, 500.5, 9999.0), ("A", "B", "M", "A"), (("B",), ("A",), ("A", "L"), ()))
+    pings = PingList(
+        (10.0, 10.0, 500.5, 9999.0), ("A", "B", "M", "A"), (("B",), ("A",), ("A", "L"), ())
+    )
     mark = {"name": "L", "north": 0.0, "east": 0.0, "depth": 100.0}
     run = measure(table, OCEAN, pings, landmarks=[mark])
     m = run.measurements
     names = np.array([*m.name, "L"])
-    rows = list(zip(m.time[m.range_sample], names[m.range_transmitter], names[m.range_receiver], strict=True))
+    rows = list(
+        zip(
+            m.time[m.range_sample], names[m.range_transmitter], names[m.range_receiver], strict=True
+        )
+    )
     assert rows == [(10.0, "A", "B"), (10.0, "B", "A"), (500.5, "M", "A"), (500.5, "M", "L")]
     assert run.links.sample.size == 3
     assert run.ranging_truth.travel_time[0] == run.ranging_truth.travel_time[1]
-    (tmp_path / "pings.csv").write_text("time,transmitter,receivers\n10,A,B\n10,B,A\n500.5,M,A L\n9999,A,\n")
+    (tmp_path / "pings.csv").write_text(
+        "time,transmitter,receivers\n10,A,B\n10,B,A\n500.5,M,A L\n9999,A,\n"
+    )
     tree = {**TINY, "ocean": OCEAN, "fleet": {"trajectories": [str(table)]}, "landmarks": [mark]}
     tree |= {"study": {"name": "pings"}, "conditions": []}
     tree["mission"] = {"schedule": {"kind": "pings", "file": "pings.csv"}}
@@ -222,7 +251,9 @@ def test_simulated_vehicles_may_ping_between_samples(study_run):
     pings = 310.0 * np.arange(12)
     assert set(mission.truth.time) == {*np.arange(0.0, 3601.0, 200.0), *pings}
     own = np.isin(mission.truth.time, study_run.truth.time)
-    np.testing.assert_array_equal(mission.truth.position[:, own], study_run.truth.position[:, : own.sum()])
+    np.testing.assert_array_equal(
+        mission.truth.position[:, own], study_run.truth.position[:, : own.sum()]
+    )
 
 
 def test_vehicles_that_are_not_there_are_silent(tmp_path, table):
@@ -254,7 +285,16 @@ def test_a_folder_of_ranges_alone_has_a_report_and_no_estimates(table, tmp_path)
     from pymantaray.cli.main import main
 
     out = tmp_path / "out"
-    words = ["ranges", str(table), "--ocean", "synthetic:beaufort", "--interval", "600", "--out", str(out)]
+    words = [
+        "ranges",
+        str(table),
+        "--ocean",
+        "synthetic:beaufort",
+        "--interval",
+        "600",
+        "--out",
+        str(out),
+    ]
     with pytest.raises(SystemExit) as ended:
         main([*words, "--quiet"])
     assert ended.value.code == 0
@@ -313,15 +353,18 @@ def far_away(table):
 
 
 IMPOSSIBLE = {
-    "far.csv: no pose is in the ocean: poses are 10.* km north, .* the ocean reaches -15.0 to 15.0": lambda table: (
+    "far.csv: no pose is in the ocean: poses are 10.* km north, .* the ocean reaches -15.0 to"
+    " 15.0": lambda table: (
         measure(far_away(table), OCEAN, 600.0)),
-    "SlotSchedule: slots of 10 s from 0 s on: no vehicle or landmark is called 'Z'; allowed: A, B, M":
+    "SlotSchedule: slots of 10 s from 0 s on: no vehicle or landmark is called 'Z'; allowed: A, B,"
+    " M":
         lambda table: measure(table, OCEAN, SlotSchedule(("A", "Z"), 10.0)),
     "PingSchedule: interval is 7200 s, the mission lasts 3600 s; at least one ping":
         lambda table: measure(table, OCEAN, 7200.0),
     "PingList: .* no vehicle or landmark is called 'L'": lambda table: measure(
         table, OCEAN, PingList((1.0,), ("L",))),
-    "PingList: .*: A listens to itself": lambda table: measure(table, OCEAN, PingList((1.0,), ("A",), (("A",),))),
+    "PingList: .*: A listens to"
+    " itself": lambda table: measure(table, OCEAN, PingList((1.0,), ("A",), (("A",),))),
     "names of vehicles and landmarks must differ; found A": lambda table: measure(
         table, OCEAN, 600.0, landmarks=[{"name": "A", "north": 0.0, "east": 0.0, "depth": 1.0}]),
     "ranges: `acoustics.max_bounces`: unknown key": lambda table: measure(
@@ -334,7 +377,8 @@ IMPOSSIBLE = {
         {**TINY, "fleet": {**TINY["fleet"], "trajectories": "m.csv"}}),
     "mission.schedule.kind: found 'often'; allowed: 'slots', 'pings'": lambda _: parse_study(
         {**TINY, "mission": {"schedule": {"kind": "often"}}}),
-    "no ranges: B is the only vehicle and there is no landmark; add the trajectory of another vehicle": lambda table: (
+    "no ranges: B is the only vehicle and there is no landmark; add the trajectory of another"
+    " vehicle": lambda table: (
         measure(pd.read_csv(table).query("vehicle == 'B'"), OCEAN, 600.0)),
     "SlotSchedule: slot is 0 s": lambda _: SlotSchedule(("A",), 0.0),
     "PingList: 1 transmitter of 2 pings": lambda _: PingList((0.0, 1.0), ("A",)),
@@ -354,7 +398,10 @@ def test_presets_are_fleets_of_vehicles_as_before():
 @pytest.mark.parametrize("where", ["slots", "pings", "trajectories"])
 def test_a_name_that_nobody_has_is_refused_before_anything_is_done(where, table, tmp_path):
     tree = {**TINY, "ocean": OCEAN, "study": {"name": "names"}, "conditions": []}
-    tree["mission"] = {**TINY["mission"], "schedule": {"kind": "slots", "slots": ["A", "Z"], "slot_s": 60.0}}
+    tree["mission"] = {
+        **TINY["mission"],
+        "schedule": {"kind": "slots", "slots": ["A", "Z"], "slot_s": 60.0},
+    }
     if where == "pings":
         (tmp_path / "pings.csv").write_text("time,transmitter,receivers\n60,A,Z\n")
         tree["mission"]["schedule"] = {"kind": "pings", "file": "pings.csv"}
@@ -366,7 +413,9 @@ def test_a_name_that_nobody_has_is_refused_before_anything_is_done(where, table,
         MantaRayError,
         "no vehicle or landmark is called 'Z'; allowed: A, B",
         lambda: run_study(
-            parse_study(tree, folder=tmp_path), tmp_path / "run", progress=lambda *now: stages.append(now)
+            parse_study(tree, folder=tmp_path),
+            tmp_path / "run",
+            progress=lambda *now: stages.append(now),
         ),
     )
     assert not stages
@@ -398,7 +447,9 @@ def test_an_exported_run_comes_back_into_the_same_water(elsewhere, tmp_path, to,
     names = [name.removeprefix("truth-") for name in back.truth.name.tolist()]
     assert names == elsewhere.truth.name.tolist()
     one, other = (
-        run.ranges().replace("^truth-", "", regex=True).sort_values(["time", "transmitter", "receiver"])
+        run.ranges()
+        .replace("^truth-", "", regex=True)
+        .sort_values(["time", "transmitter", "receiver"])
         for run in (elsewhere, back)
     )
     assert one["status"].tolist() == other["status"].tolist()
@@ -413,11 +464,16 @@ def test_formats_without_room_for_a_centre_have_it_beside_them(elsewhere, tmp_pa
 
 
 def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
-    """Local positions of a table without a centre: the middle of the ocean is taken, and a line says so."""
+    """
+    Local positions of a table without a centre: the middle of the ocean is taken, and a line says
+    so.
+    """
     run = measure(table, "synthetic:beaufort", 1800.0)
     centre = (run.ocean.attrs["centre_latitude_deg"], run.ocean.attrs["centre_longitude_deg"])
     (line,) = [record.getMessage() for record in caplog.records]
-    assert line.startswith(f"{table}: positions are local and no file gives the centre of their frame")
+    assert line.startswith(
+        f"{table}: positions are local and no file gives the centre of their frame"
+    )
     for part in centre:
         assert f"{abs(round(part, 3)):g} {'N' if part > 0 else 'W'}" in line
     assert "`centre`" in line
@@ -462,5 +518,11 @@ def test_ranges_need_no_currents_unless_they_carry_sound(table, tmp_path):
     assert measure(table, section, 1800.0).measurements.range_status.size
     for more, sections in (({}, {"acoustics": {"currents": True}}), ({"currents": "required"}, {})):
         refused(
-            MantaRayError, "no water_u and no water_v", measure, table, section | more, 1800.0, **sections
+            MantaRayError,
+            "no water_u and no water_v",
+            measure,
+            table,
+            section | more,
+            1800.0,
+            **sections,
         )

@@ -1,4 +1,6 @@
-"""A study that was interrupted goes on where it was, and its results are those of one that was not."""
+"""
+A study that was interrupted goes on where it was, and its results are those of one that was not.
+"""
 
 import errno
 import os
@@ -68,7 +70,9 @@ def same(one, other):
         a, b = (getattr(run, name).to_dataset() for run in (one, other))
         assert a.identical(b), name
     assert one.manifest["outcome"] == other.manifest["outcome"]
-    names = [{str(path.relative_to(run.path)) for path in run.path.rglob("*")} for run in (one, other)]
+    names = [
+        {str(path.relative_to(run.path)) for path in run.path.rglob("*")} for run in (one, other)
+    ]
     assert names[0] == names[1]
 
 
@@ -90,7 +94,9 @@ def test_the_same_call_goes_on_with_what_was_done(
     same(run, undisturbed(3))
 
 
-def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(tiny, at_once, monkeypatch, tmp_path, caplog):
+def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(
+    tiny, at_once, monkeypatch, tmp_path, caplog
+):
     def full(*_):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
@@ -130,7 +136,8 @@ class Harmful:
 
 
 @pytest.mark.parametrize(
-    "content", ["cut", "pickle", *(pytest.param(name, marks=pytest.mark.slow) for name in ("empty", "text"))]
+    "content",
+    ["cut", "pickle", *(pytest.param(name, marks=pytest.mark.slow) for name in ("empty", "text"))],
 )
 def test_a_damaged_realization_is_discarded_and_solved_again(
     tiny, at_once, solved, undisturbed, tmp_path, caplog, content
@@ -197,7 +204,9 @@ def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
             ("a b", "c"), ("s", "1"), np.ones(2), np.array([0.1, -0.0]), np.eye(2) / 3.0
         ),
     )
-    one = RealizationResult({**one.solutions, "of / two": failed}, {"of / two": {"a b": 0.1, "c": 1.0 / 3.0}})
+    one = RealizationResult(
+        {**one.solutions, "of / two": failed}, {"of / two": {"a b": 0.1, "c": 1.0 / 3.0}}
+    )
     two = RealizationResult.from_bytes(one.to_bytes())
     assert two.true_unknowns == one.true_unknowns
     assert list(two.solutions) == list(one.solutions)
@@ -205,7 +214,11 @@ def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
     def leaves(value):
         if is_dataclass(value):
             value = [getattr(value, f.name) for f in fields(value)]
-        return [leaf for v in value for leaf in leaves(v)] if isinstance(value, (list, tuple)) else [value]
+        return (
+            [leaf for v in value for leaf in leaves(v)]
+            if isinstance(value, (list, tuple))
+            else [value]
+        )
 
     for name, solution in one.solutions.items():
         for a, b in zip(leaves(solution), leaves(two.solutions[name]), strict=True):

@@ -31,11 +31,26 @@ def test_text_with_a_unit_is_the_number_in_another(text, unit, number):
 
 
 @pytest.mark.parametrize(
-    "text", ["", "10", "m", "10 kg", "1 h", "- m", "1 m -2 m", "1,5 m", "nan m", "inf m", "0x1 m", "1__0 m"]
+    "text",
+    [
+        "",
+        "10",
+        "m",
+        "10 kg",
+        "1 h",
+        "- m",
+        "1 m -2 m",
+        "1,5 m",
+        "nan m",
+        "inf m",
+        "0x1 m",
+        "1__0 m",
+    ],
 )
 def test_text_that_is_no_length_is_refused_with_what_is_one(text):
     message = re.escape(
-        f'found {text!r}; allowed: a number of metres, or text such as "2 km" (units mm, cm, m, km, nmi)'
+        f'found {text!r}; allowed: a number of metres, or text such as "2 km" (units mm, cm, m,'
+        " km, nmi)"
     )
     with pytest.raises(ValueError, match=message):
         quantity_of(text, "m")
@@ -67,7 +82,9 @@ def test_a_key_takes_text_with_a_unit(key, text, number):
     one, other = (base.with_(**{key: value, "study.description": ""}) for value in (text, number))
     for path in key.split("."):
         one, other = (
-            {v.name: v for v in section}[path] if isinstance(section, tuple) else getattr(section, path)
+            {v.name: v for v in section}[path]
+            if isinstance(section, tuple)
+            else getattr(section, path)
             for section in (one, other)
         )
     assert one == pytest.approx(other, rel=1e-15)
@@ -95,11 +112,13 @@ def test_ice_is_a_draft_or_a_file(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("key", "value", "line"), [
-    ("noise.range_sigma", "2 s", "noise.range_sigma: found '2 s'; allowed: a number of metres, or text such as \"2 km\""),
+    ("noise.range_sigma", "2 s", ("noise.range_sigma: found '2 s'; allowed: a number of metres, or"
+                                 " text such as \"2 km\"")),
     ("noise.range_sigma", "0 m", "noise.range_sigma: found 0.0; allowed: greater than 0"),
     ("ocean.centre_lat", "2 rad", "ocean.centre_lat: found '2 rad'; allowed: 90 or less"),
     ("fleet.vehicles.B.target_depth", "-5 m", "target_depth: found -5.0; allowed: 0 or more"),
-    ("ranging.turn_around_s", "1 m", "ranging.turn_around_s: found '1 m'; allowed: a number of seconds"),
+    ("ranging.turn_around_s", "1 m", ("ranging.turn_around_s: found '1 m'; allowed: a number of"
+                                     " seconds")),
 ])  # fmt: skip
 def test_other_text_is_refused_in_one_line(key, value, line):
     refused(StudyError, re.escape(line), load_study, "quick", **{key: value})
@@ -109,7 +128,10 @@ def models_below(model):
     models, new = {model}, {model}
     while new:
         new = {
-            m for one in new for f in one.model_fields.values() for m in checks.models_in(f.annotation)
+            m
+            for one in new
+            for f in one.model_fields.values()
+            for m in checks.models_in(f.annotation)
         } - models
         models |= new
     return models

@@ -1,4 +1,6 @@
-"""An ocean that varies in time, from the configuration to the run folder; and a sea floor from a file."""
+"""
+An ocean that varies in time, from the configuration to the run folder; and a sea floor from a file.
+"""
 
 import datetime as dt
 import json
@@ -23,7 +25,13 @@ from pymantaray.jobs.keys import sha256
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.records import write_netcdf
-from pymantaray.water.ocean import OceanFields, build_currents, build_medium, medium_around, mission_start
+from pymantaray.water.ocean import (
+    OceanFields,
+    build_currents,
+    build_medium,
+    medium_around,
+    mission_start,
+)
 from pymantaray.water.varying import VARYING, series_of, snapshot_at
 
 WINDOW = (74.2, 74.8, -141.2, -138.8)
@@ -36,11 +44,18 @@ CONDITIONS = ["odometry", "refracted"]
 
 def local(speed, current=0.0, depth=(0.0, 50.0, 400.0)):
     """A small local ocean of one sound speed."""
-    axes = {"north": np.linspace(-1e3, 1e3, 5), "east": np.linspace(-1e3, 1e3, 4), "depth": np.array(depth)}
+    axes = {
+        "north": np.linspace(-1e3, 1e3, 5),
+        "east": np.linspace(-1e3, 1e3, 4),
+        "depth": np.array(depth),
+    }
     shape = tuple(axis.size for axis in axes.values())
     fields = {"sound_speed": speed, "current_north": current, "current_east": -current}
     return xr.Dataset(
-        {name: (tuple(axes), np.full(shape, value), {"units": "m s-1"}) for name, value in fields.items()}
+        {
+            name: (tuple(axes), np.full(shape, value), {"units": "m s-1"})
+            for name, value in fields.items()
+        }
         | {"sea_floor_depth": (("north", "east"), np.full(shape[:2], 300.0))},
         coords=axes,
         attrs={"time": "2014-07-15T12:00:00", "title": "small"},
@@ -51,7 +66,9 @@ def local(speed, current=0.0, depth=(0.0, 50.0, 400.0)):
 def test_a_mission_starts_at_its_time_in_utc_whatever_zone_it_is_written_in(tiny, zone):
     time = dt.datetime(2014, 7, 15, 12, tzinfo=dt.UTC)
     time = (
-        time.replace(tzinfo=None) if zone is None else time.astimezone(dt.timezone(dt.timedelta(hours=zone)))
+        time.replace(tzinfo=None)
+        if zone is None
+        else time.astimezone(dt.timezone(dt.timedelta(hours=zone)))
     )
     assert mission_start(tiny(ocean={"time": time}).ocean) == np.datetime64("2014-07-15T12:00:00")
 
@@ -63,7 +80,10 @@ def test_between_snapshots_the_ocean_is_linear_in_time_and_on_them_exact():
         assert snapshot_at(series, time).identical(snapshot)
     for time in (-599.0, 0.0, 2999.0, 4000.0, 8999.9):
         now = snapshot_at(series, time)
-        for name, values in (("sound_speed", (1450.0, 1460.1, 1440.7)), ("current_east", (-0.1, -0.3, 0.7))):
+        for name, values in (
+            ("sound_speed", (1450.0, 1460.1, 1440.7)),
+            ("current_east", (-0.1, -0.3, 0.7)),
+        ):
             expected = np.interp(time, [-600.0, 3000.0, 9000.0], values)
             np.testing.assert_allclose(now[name], expected, rtol=1e-13)
         assert now.attrs == snapshots[0].attrs
@@ -110,7 +130,9 @@ def hours(*after):
 
 
 def test_equal_snapshots_are_the_study_in_still_water(run_tiny, tmp_path):
-    """Files of the same water at 12, 15 and 18 h: truth, rays and measurements to the last digit."""
+    """
+    Files of the same water at 12, 15 and 18 h: truth, rays and measurements to the last digit.
+    """
     files = written(tmp_path, hours(0, 3, 6))
     still, varying = (
         run_tiny(study=ONE, conditions=CONDITIONS, acoustics={"currents": True}, ocean=ocean)
@@ -143,7 +165,10 @@ MOVING = {
     "centre_lat": 74.8,
     "centre_lon": -136.95,
 }
-"""Near the centre of a Pacific Winter Water eddy that moves 4 km a day to the south, from between two snapshots on."""
+"""
+Near the centre of a Pacific Winter Water eddy that moves 4 km a day to the south, from between two
+snapshots on.
+"""
 
 
 @pytest.fixture(scope="module")
@@ -166,12 +191,17 @@ def test_the_series_encloses_the_mission_and_is_the_sources_own_water(moving_con
     section, ocean = moving_config.ocean, moving.ocean
     np.testing.assert_array_equal(ocean.series["time"], [-1.5 * HOUR, 1.5 * HOUR, 4.5 * HOUR])
     own = to_local(
-        open_ocean("synthetic:beaufort", time="2014-07-15T18:00"), section.centre, section.half_extent
+        open_ocean("synthetic:beaufort", time="2014-07-15T18:00"),
+        section.centre,
+        section.half_extent,
     )
     for name in VARYING:
         np.testing.assert_array_equal(ocean.local_at(4.5 * HOUR)[name], own[name])
     assert ocean.local.attrs["time"] == "2014-07-15T12:00:00"
-    medium, currents = build_medium(ocean, moving_config.acoustics.interpolation), build_currents(ocean)
+    medium, currents = (
+        build_medium(ocean, moving_config.acoustics.interpolation),
+        build_currents(ocean),
+    )
     middle = 0.5 * (ocean.series["sound_speed"][0] + ocean.series["sound_speed"][1])
     np.testing.assert_allclose(medium(0.0).sound_speed, middle, rtol=1e-14)
     middle = 0.5 * (ocean.series["current_east"][1] + ocean.series["current_east"][2])
@@ -191,7 +221,9 @@ def test_each_ping_of_a_study_is_ranged_in_the_water_of_its_time(moving_config, 
         ends = places[links.first[now]], places[links.second[now]]
         own, early = (find_eigenrays(medium(t), *ends).first() for t in (truth.time[sample], 0.0))
         np.testing.assert_allclose(found.travel_time[now], own.travel_time, rtol=0, atol=1e-10)
-        np.testing.assert_allclose(found.chord_travel_time[now], own.chord_travel_time, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(
+            found.chord_travel_time[now], own.chord_travel_time, rtol=0, atol=1e-10
+        )
         changed.append(np.nanmax(np.abs(own.travel_time - early.travel_time)))
     assert max(changed) > 1e-6  # s
     assert moving.picture["ray_arrives"].sum() > 0
@@ -214,20 +246,27 @@ def test_a_fleet_in_moving_water_goes_elsewhere_than_in_its_first_snapshot(movin
 
 @pytest.mark.slow
 def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(run_tiny):
-    """Without noise it leads to the truth; frozen at the start it does not; the same day taken again is the same."""
+    """
+    Without noise it leads to the truth; frozen at the start it does not; the same day taken again
+    is the same.
+    """
     beliefs = {
         "varying": {"kind": "exact", "time_varying": True},
         "frozen": {"kind": "exact"},
         "same-day": {"kind": "other-day", "days_earlier": 0.0, "time_varying": True},
     }
-    estimators = [{"name": n, "range_model": {"kind": "eigenray", "belief": b}} for n, b in beliefs.items()]
+    estimators = [
+        {"name": n, "range_model": {"kind": "eigenray", "belief": b}} for n, b in beliefs.items()
+    ]
     run = run_tiny(
         study=ONE, conditions=[*CONDITIONS, *estimators], ocean=MOVING, acoustics={"currents": True}
     )
     factory = EstimatorFactory(run)
     o, off = run.measurements, {}
     for section in run.config.conditions[2:]:
-        estimator = replace(factory.estimator(section, 0), initial=(run.truth.position, run.truth.quaternion))
+        estimator = replace(
+            factory.estimator(section, 0), initial=(run.truth.position, run.truth.quaternion)
+        )
         found = solve_conditions(o, {"e": estimator})["e"]
         assert found.usable
         off[section.name] = np.abs(found.position - run.truth.position).max()
@@ -246,7 +285,9 @@ def check_page_rays(run):
     )
     first, links = run.arrivals.first().travel_time, run.links
     for section in rays:
-        sample, one, other = (int(of[section["link"]]) for of in (ends.sample, ends.first, ends.second))
+        sample, one, other = (
+            int(of[section["link"]]) for of in (ends.sample, ends.first, ends.second)
+        )
         here = (links.sample == sample) & (np.minimum(links.first, links.second) == one)
         (row,) = np.flatnonzero(here & (np.maximum(links.first, links.second) == other))
         np.testing.assert_allclose(section["time"][:1], first[row], atol=1e-6)
@@ -259,14 +300,18 @@ def test_rays_on_the_page_run_through_the_water_of_their_ping(run_tiny, tmp_path
         with xr.open_dataset(file) as ocean, xr.set_options(keep_attrs=True):
             warmer = ocean.load().assign(water_temp=ocean["water_temp"] + degrees)
         write_netcdf(warmer, Path(file))
-    run = run_tiny(study=ONE, conditions=["straight"], ocean={"source": files, "time_varying": True})
+    run = run_tiny(
+        study=ONE, conditions=["straight"], ocean={"source": files, "time_varying": True}
+    )
     assert check_page_rays(run) > 3
     Path(files[1]).unlink()
     assert json.loads(mission_rays(RunResults(open_run(run.path)))) == []
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-def test_a_medium_around_positions_has_their_columns_and_the_travel_times_of_the_whole(interpolation):
+def test_a_medium_around_positions_has_their_columns_and_the_travel_times_of_the_whole(
+    interpolation,
+):
     axes = {
         "north": np.linspace(-90e3, 90e3, 91),
         "east": np.linspace(-150e3, 150e3, 151),

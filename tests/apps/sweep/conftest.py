@@ -38,7 +38,10 @@ def small():
     tree["study"] |= {"realizations": 1}
     tree["conditions"] = ["odometry", "straight"]
     tree["mission"] |= {"duration_h": 1.0, "ping_interval_h": 0.5}
-    tree["fleet"]["vehicles"], tree["landmarks"] = tree["fleet"]["vehicles"][:2], tree["landmarks"][:1]
+    tree["fleet"]["vehicles"], tree["landmarks"] = (
+        tree["fleet"]["vehicles"][:2],
+        tree["landmarks"][:1],
+    )
     return parse_study(tree)
 
 
@@ -51,4 +54,6 @@ def noises(small):
 @pytest.fixture
 def summaries():
     """What a sweep found, apart from what it took."""
-    return lambda results: [{k: v for k, v in c.items() if k != "seconds"} for c in results.contents]
+    return lambda results: [
+        {k: v for k, v in c.items() if k != "seconds"} for c in results.contents
+    ]

@@ -45,7 +45,10 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     assert told("sweep", "status", out) == status
     assert told("sweep", "run", file, "--out", out) == status | {"folder": str(out)}
     plan = told("sweep", "show", file, "--out", out)
-    assert plan["axes"] == [{"noise.range_sigma": [0.5, 1.0]}, {"mission.ping_interval_h": [1.0, 2.0]}]
+    assert plan["axes"] == [
+        {"noise.range_sigma": [0.5, 1.0]},
+        {"mission.ping_interval_h": [1.0, 2.0]},
+    ]
     assert (plan["done"], plan["to_do"]["points"], plan["time_s"]) == (4, 0, 0.0)
     assert "of these 4 done, 0 failed, 0 open" in mantaray("sweep", "show", file, "--out", out).out
 
@@ -58,7 +61,11 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     table = pd.read_csv(out / "table.csv")
     assert set(table["condition"]) == {"odometry", "straight"}
     with xr.open_dataset(out / "table.nc") as dataset:
-        assert dict(dataset.sizes) == {"noise.range_sigma": 2, "mission.ping_interval_h": 2, "condition": 2}
+        assert dict(dataset.sizes) == {
+            "noise.range_sigma": 2,
+            "mission.ping_interval_h": 2,
+            "condition": 2,
+        }
     again = mantaray("sweep", "collect", out, "--out", tmp_path / "sweep.toml")
     assert (again.code, again.err) == (
         2,
@@ -84,7 +91,8 @@ def test_bad_points_are_told_before_anything_runs(mantaray, file, tmp_path):
     ran = mantaray("sweep", "run", file, "--out", tmp_path / "out")
     assert ran.code == 2
     assert ran.err.splitlines() == [
-        f"error: point {n} (noise.range_sigma = {-n}.0): noise.range_sigma: found {-n}.0; allowed: greater than 0"
+        f"error: point {n} (noise.range_sigma = {-n}.0): noise.range_sigma: found {-n}.0; allowed:"
+        " greater than 0"
         for n in (1, 2)
     ]
     assert not (tmp_path / "out").exists()
@@ -93,5 +101,7 @@ def test_bad_points_are_told_before_anything_runs(mantaray, file, tmp_path):
 def test_nothing_of_dask_is_imported_before_it_is_asked_for():
     code = "import sys, pymantaray.cli.main, pymantaray.apps.sweep.runner\n"
     code += "print({'dask', 'distributed', 'fsspec'} & set(sys.modules))"
-    printed = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    printed = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True
+    )
     assert printed.stdout == "set()\n", printed.stderr

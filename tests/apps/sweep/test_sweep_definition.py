@@ -48,7 +48,13 @@ def test_every_value_meets_every_other_and_the_last_axis_is_the_fastest(sweep):
     assert [c.study.seed for c in configs[:3]] == [1, 2, 1]
     assert [c.ocean.source for c in configs[1:3]] == [("synthetic:beaufort",), ("synthetic:fram",)]
     assert (
-        len({(c.noise.range_sigma, c.mission.ping_interval_h, c.ocean, c.study.seed) for c in configs}) == 24
+        len(
+            {
+                (c.noise.range_sigma, c.mission.ping_interval_h, c.ocean, c.study.seed)
+                for c in configs
+            }
+        )
+        == 24
     )
     fram = configs[2]
     assert fram.fleet.vehicles[1].target_depth == 200.0
@@ -69,7 +75,9 @@ PLACED = {"name": "L", "lat": 73.55, "lon": -144.5, "depth": 100.0}
         {"fleet.vehicles.B.target_depth": [100.0, 200.0], "study.seed": [1, 2]},
     ],
 )
-def test_a_point_is_the_study_of_its_own_tables_although_sections_of_the_base_are_checked_once(cross):
+def test_a_point_is_the_study_of_its_own_tables_although_sections_of_the_base_are_checked_once(
+    cross,
+):
     base = load_study("quick")
     sweep = Sweep(base, cross=cross)
     plan = SweepPlan(sweep)
@@ -97,7 +105,9 @@ def test_a_sweep_written_out_needs_nothing_else_and_is_the_same(tmp_path):
     text = sweep.to_toml()
     (tmp_path / "base.toml").unlink()
     again = parse_sweep(text, "again", tmp_path / "elsewhere")
-    assert [axis.coordinates() for axis in again.axes] == [axis.coordinates() for axis in sweep.axes]
+    assert [axis.coordinates() for axis in again.axes] == [
+        axis.coordinates() for axis in sweep.axes
+    ]
     assert [again.point(n) for n in range(24)] == [sweep.point(n) for n in range(24)]
 
 
@@ -119,7 +129,9 @@ def test_all_that_python_can_give_is_kept_in_its_order(small, tmp_path):
     )
     again = parse_sweep(sweep.to_toml(), "again", tmp_path)
     assert [axis.name for axis in again.axes] == [axis.name for axis in sweep.axes]
-    assert [again.point(n) for n in range(len(again))] == [sweep.point(n) for n in range(len(sweep))]
+    assert [again.point(n) for n in range(len(again))] == [
+        sweep.point(n) for n in range(len(sweep))
+    ]
     assert len(again) == 48
 
 
@@ -140,12 +152,21 @@ def test_input_files_are_relative_to_the_sweep(tmp_path):
 
 
 def test_the_size_of_a_fleet_and_its_spacing_are_fields_too(small):
-    tree = {"kind": "waypoints", "name": "W", "north": 10.0, "east": -20.0, "depth": 5.0, "speed": 1.0}
+    tree = {
+        "kind": "waypoints",
+        "name": "W",
+        "north": 10.0,
+        "east": -20.0,
+        "depth": 5.0,
+        "speed": 1.0,
+    }
     vehicles = [
         *(v.model_dump(exclude_none=True) for v in small.fleet.vehicles),
         tree | {"points": [[4.0, 6.0, 8.0]]},
     ]
-    sweep = Sweep(small, cross={"fleet.spacing": [0.5], "fleet.count": [1, 3], "fleet.vehicles": [vehicles]})
+    sweep = Sweep(
+        small, cross={"fleet.spacing": [0.5], "fleet.count": [1, 3], "fleet.vehicles": [vehicles]}
+    )
     assert [len(sweep.point(n).fleet.vehicles) for n in (0, 1)] == [1, 3]
     before, after = small.fleet.vehicles[1], sweep.point(1).fleet.vehicles
     assert (after[1].north, after[1].east) == (0.5 * before.north, 0.5 * before.east)
@@ -162,17 +183,31 @@ def test_none_takes_a_section_out(small, none):
 
 
 def test_a_bad_point_is_one_line_and_all_are_told_at_once(small):
-    sweep = Sweep(small, cross={"noise.range_sigma": [1.0, -1.0, "x"], "mission.gnss_depth": [1.0, 2.0]})
+    sweep = Sweep(
+        small, cross={"noise.range_sigma": [1.0, -1.0, "x"], "mission.gnss_depth": [1.0, 2.0]}
+    )
     with pytest.raises(SweepError) as caught:
         SweepPlan(sweep)
     assert str(caught.value).splitlines() == [
-        f"point {number} (noise.range_sigma = {sigma}, mission.gnss_depth = {depth}): noise.range_sigma: found"
-        f" {found}; allowed: {allowed}"
+        f"point {number} (noise.range_sigma = {sigma}, mission.gnss_depth = {depth}):"
+        f" noise.range_sigma: found {found}; allowed: {allowed}"
         for number, sigma, depth, found, allowed in (
             (2, -1.0, 1.0, "-1.0", "greater than 0"),
             (3, -1.0, 2.0, "-1.0", "greater than 0"),
-            (4, "x", 1.0, "'x'", 'a number of metres, or text such as "2 km" (units mm, cm, m, km, nmi)'),
-            (5, "x", 2.0, "'x'", 'a number of metres, or text such as "2 km" (units mm, cm, m, km, nmi)'),
+            (
+                4,
+                "x",
+                1.0,
+                "'x'",
+                'a number of metres, or text such as "2 km" (units mm, cm, m, km, nmi)',
+            ),
+            (
+                5,
+                "x",
+                2.0,
+                "'x'",
+                'a number of metres, or text such as "2 km" (units mm, cm, m, km, nmi)',
+            ),
         )
     ]
 
@@ -180,7 +215,11 @@ def test_a_bad_point_is_one_line_and_all_are_told_at_once(small):
 @pytest.mark.parametrize(
     ("field", "value", "line"),
     [
-        ("noise.range_sgima", 1.0, "`noise.range_sgima`: unknown key. Did you mean `noise.range_sigma`\\?"),
+        (
+            "noise.range_sgima",
+            1.0,
+            "`noise.range_sgima`: unknown key. Did you mean `noise.range_sigma`\\?",
+        ),
         (
             "fleet.vehicles.Z.north",
             1.0,
@@ -213,7 +252,10 @@ def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, li
         ("seeds = [1]", "s.toml: base: missing; give a preset or a study file"),
         (
             'base = "quik"',
-            "s.toml: base: found 'quik'; allowed: a file that ends in .toml or .json, beaufort, .*, survey",
+            (
+                "s.toml: base: found 'quik'; allowed: a file that ends in .toml or .json, beaufort,"
+                " .*, survey"
+            ),
         ),
         (
             'base = "quick"\ncrossed = 1',
@@ -222,7 +264,10 @@ def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, li
         ('base = "quick"\ncross = 1', "s.toml: cross: must be a table"),
         ('base = "quick"\nseeds = 1', "s.toml: seeds: must be a list"),
         ('base = "quick"\nzip = 1', r"s.toml: zip: must be tables \[\[zip\]\]"),
-        ('base = "quick"\n[cross]\na.b = 1', "s.toml: a.b: found 1; it must be a list of at least one value"),
+        (
+            'base = "quick"\n[cross]\na.b = 1',
+            "s.toml: a.b: found 1; it must be a list of at least one value",
+        ),
         (
             'base = "quick"\n[cross]\na.b = []',
             r"s.toml: a.b: found \[\]; it must be a list of at least one value",
@@ -290,5 +335,9 @@ def test_a_name_that_no_table_can_have_is_refused_before_anything_runs(name):
 
 def test_a_sweep_has_a_hundred_fields_at_most(tmp_path):
     path = tmp_path / "sweep.toml"
-    path.write_text('base = "quick"\n[cross]\n' + "".join(f'"k.{k}" = [1]\n' for k in range(30_000)))
-    refused(SweepError, "30,000 fields or lists of them; at most 100 can be crossed", load_sweep, path)
+    path.write_text(
+        'base = "quick"\n[cross]\n' + "".join(f'"k.{k}" = [1]\n' for k in range(30_000))
+    )
+    refused(
+        SweepError, "30,000 fields or lists of them; at most 100 can be crossed", load_sweep, path
+    )

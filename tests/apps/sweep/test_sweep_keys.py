@@ -1,4 +1,6 @@
-"""Names of tasks: what a stage depends on is in its key and can be read, and nothing else is or can."""
+"""
+Names of tasks: what a stage depends on is in its key and can be read, and nothing else is or can.
+"""
 
 import copy
 import datetime as dt
@@ -90,7 +92,10 @@ def changed(tree, field):
 
 
 class Dumped:
-    """A configuration whose fields are what a test says, allowed together or not; of other objects keys need only the identity."""
+    """
+    A configuration whose fields are what a test says, allowed together or not; of other objects
+    keys need only the identity.
+    """
 
     def __init__(self, config, tree):
         vars(self).update(vars(config), files=config.files, _tree=tree)
@@ -114,7 +119,9 @@ def test_a_key_changes_with_each_field_that_its_stage_reads_and_with_no_other(co
         for stage in STAGES:
             read = any(field == f or field.startswith(f + ".") for f in stage_fields(stage, config))
             assert (after[stage] != before[stage]) == read, (stage, field)
-        assert (after[POINT] != before[POINT]) == (field not in {"study.name", "study.description"}), field
+        assert (after[POINT] != before[POINT]) == (
+            field not in {"study.name", "study.description"}
+        ), field
 
 
 def test_a_stage_cannot_read_what_is_not_in_its_key(config):
@@ -138,7 +145,11 @@ def stages_of(config):
     ocean = mission_ocean(stage_config(config, OCEAN))
     fleet = simulate_fleet(stage_config(config, FLEET), ocean)
     rays = stage_config(config, RAYS)
-    return ocean, fleet, range_fleet(rays, ocean, build_medium(ocean, rays.acoustics.interpolation), fleet)
+    return (
+        ocean,
+        fleet,
+        range_fleet(rays, ocean, build_medium(ocean, rays.acoustics.interpolation), fleet),
+    )
 
 
 def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):
@@ -158,13 +169,19 @@ def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):
     assert ocean.local.identical(ocean_2.local)
     for name in ("geographic", "profile"):
         assert getattr(ocean, name).identical(getattr(ocean_2, name))
-    for one, two in ((fleet, fleet_2), (rays.truth, rays_2.truth), (rays.arrivals, rays_2.arrivals)):
+    for one, two in (
+        (fleet, fleet_2),
+        (rays.truth, rays_2.truth),
+        (rays.arrivals, rays_2.arrivals),
+    ):
         for f in fields(one):
             np.testing.assert_array_equal(getattr(one, f.name), getattr(two, f.name))
 
 
 def test_the_duration_counts_for_an_ocean_that_varies_and_for_no_other(config):
-    varying = config.model_copy(update={"ocean": config.ocean.model_copy(update={"time_varying": True})})
+    varying = config.model_copy(
+        update={"ocean": config.ocean.model_copy(update={"time_varying": True})}
+    )
     assert "mission.duration_h" in stage_fields(OCEAN, varying)
     assert "mission.duration_h" not in stage_fields(OCEAN, config)
 
@@ -176,7 +193,9 @@ def test_a_file_counts_by_its_content_and_not_by_its_name(tmp_path):
         return task_keys(config, {file: checksum})
 
     assert key("a.nc", "1") == key("b.nc", "1")
-    assert all(x != y for x, y in zip(key("a.nc", "1").values(), key("a.nc", "2").values(), strict=True))
+    assert all(
+        x != y for x, y in zip(key("a.nc", "1").values(), key("a.nc", "2").values(), strict=True)
+    )
 
 
 def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
@@ -187,7 +206,9 @@ def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
 
 def test_the_version_of_the_code_changes_with_any_source_that_a_result_can_depend_on(tmp_path):
     package = tmp_path / "pymantaray"
-    shutil.copytree(Path(pymantaray.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__"))
+    shutil.copytree(
+        Path(pymantaray.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")
+    )
 
     def version():
         code = "from pymantaray.installation import code_version; print(code_version())"
@@ -209,7 +230,10 @@ def test_the_version_of_the_code_changes_with_any_source_that_a_result_can_depen
     "sections",
     [
         {},
-        {"ocean": {"time_varying": True, "time": "2014-07-15T13:30:00"}, "acoustics": {"currents": True}},
+        {
+            "ocean": {"time_varying": True, "time": "2014-07-15T13:30:00"},
+            "acoustics": {"currents": True},
+        },
         {"ocean": {"ice": 2.0}, "acoustics": {"max_surface_bounces": 1}},
     ],
 )
@@ -217,7 +241,9 @@ def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(confi
     tree = config.model_dump(exclude_none=True)
     for name, values in sections.items():
         tree[name] |= values
-    tree["ocean"]["time"] = dt.datetime.fromisoformat(str(tree["ocean"].get("time", "2014-07-15T12:00:00")))
+    tree["ocean"]["time"] = dt.datetime.fromisoformat(
+        str(tree["ocean"].get("time", "2014-07-15T12:00:00"))
+    )
     modem = MODEM
     if "ice" in tree["ocean"]:
         tree["acoustics"]["ice_loss_db"], modem = 2.0, MODEM | {"leakage": True}
@@ -227,10 +253,17 @@ def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(confi
         for stage, result in ((OCEAN, ocean), (FLEET, fleet), (RAYS, rays))
     }
     assert (ocean.series is not None) == tree["ocean"]["time_varying"]
-    for name in ("geographic", "local", "profile", *(["series"] if ocean.series is not None else [])):
+    for name in (
+        "geographic",
+        "local",
+        "profile",
+        *(["series"] if ocean.series is not None else []),
+    ):
         one, two = getattr(ocean, name), getattr(again[OCEAN], name)
         xr.testing.assert_identical(one.drop_attrs(), two.drop_attrs())
-        assert {k: str(v) for k, v in one.attrs.items()} == {k: str(v) for k, v in two.attrs.items()}
+        assert {k: str(v) for k, v in one.attrs.items()} == {
+            k: str(v) for k, v in two.attrs.items()
+        }
     assert again[OCEAN].region.to_csv() == ocean.region.to_csv()
     pairs = [(fleet, again[FLEET])]
     pairs += [(getattr(rays, name), getattr(again[RAYS], name)) for name in _RECORDS]
@@ -249,12 +282,18 @@ def test_the_turn_around_time_changes_the_rays_of_replies_and_their_key(config):
     """A vehicle moves while a reply waits, so its range differs; a shared stage would be stale."""
     tree = config.model_dump(exclude_none=True)
     configs = [
-        parse_study({**tree, "ranging": {**tree["ranging"], "timing": "two-way", "turn_around_s": seconds}})
+        parse_study(
+            {**tree, "ranging": {**tree["ranging"], "timing": "two-way", "turn_around_s": seconds}}
+        )
         for seconds in (0.0, 30.0)
     ]
     keys = [task_keys(one, {}) for one in configs]
     assert keys[0][FLEET] == keys[1][FLEET]
     assert keys[0][RAYS] != keys[1][RAYS]
     truths = [stages_of(one)[2].truth for one in configs]
-    unequal = [f.name for f in fields(truths[0]) if not np.array_equal(*(getattr(t, f.name) for t in truths))]
+    unequal = [
+        f.name
+        for f in fields(truths[0])
+        if not np.array_equal(*(getattr(t, f.name) for t in truths))
+    ]
     assert unequal

@@ -1,4 +1,7 @@
-"""Running sweeps on this machine: one result each, the same whoever computes it, and nothing computed twice."""
+"""
+Running sweeps on this machine: one result each, the same whoever computes it, and nothing computed
+twice.
+"""
 
 from concurrent.futures import Future
 from functools import partial
@@ -45,7 +48,11 @@ def counted(monkeypatch):
 
         monkeypatch.setattr(stages, function, call)
 
-    for stage, function in ((OCEAN, "mission_ocean"), (FLEET, "simulate_fleet"), (RAYS, "range_fleet")):
+    for stage, function in (
+        (OCEAN, "mission_ocean"),
+        (FLEET, "simulate_fleet"),
+        (RAYS, "range_fleet"),
+    ):
         count(stage, function)
     return counts
 
@@ -85,7 +92,9 @@ def test_points_in_a_profile_are_the_studies_to_the_last_digit(here, small, monk
     speed = 1440.0 + 8.0 * np.exp(-(((depth - 60.0) / 40.0) ** 2)) + 0.016 * depth
     pd.DataFrame({"depth": depth, "sound_speed": speed}).to_csv(cast, index=False)
     ocean = {"source": str(cast), "bathymetry": 900.0, "ice": 2.0, "thin": 0.2}
-    config = parse_study(small.model_dump(exclude_none=True) | {"ocean": ocean, "conditions": ["refracted"]})
+    config = parse_study(
+        small.model_dump(exclude_none=True) | {"ocean": ocean, "conditions": ["refracted"]}
+    )
     forms = ["smooth", "linear"]
     results = run_sweep(
         Sweep(config, cross={"acoustics.interpolation": forms}, seeds=[1, 2]), tmp_path / "out"
@@ -93,7 +102,9 @@ def test_points_in_a_profile_are_the_studies_to_the_last_digit(here, small, monk
     rows = results.table()
     for row in rows.to_dict("records"):
         changes = {name: row[name] for name in ("acoustics.interpolation", "study.seed")}
-        run = run_study(config.with_(**changes), tmp_path / "-".join(map(str, changes.values())), workers=1)
+        run = run_study(
+            config.with_(**changes), tmp_path / "-".join(map(str, changes.values())), workers=1
+        )
         table = error_table(run.truth, run.estimates, freedom=run.degrees_of_freedom)
         assert row["rmse_m"] == table["rmse_m"].item()
     assert rows["rmse_m"].nunique() == 4
@@ -138,7 +149,9 @@ def test_workers_change_no_digit(depths, tmp_path, monkeypatch):
 
 
 def test_a_point_that_fails_is_a_result_and_the_others_go_on(here, counted, small, tmp_path):
-    far = Sweep(small, cross={"fleet.vehicles.A.north": [0.0, 1e6], "noise.range_sigma": [1.0, 2.0]})
+    far = Sweep(
+        small, cross={"fleet.vehicles.A.north": [0.0, 1e6], "noise.range_sigma": [1.0, 2.0]}
+    )
     results = run_sweep(far, tmp_path / "out")
     assert [c["status"] for c in results.contents] == ["done", "done", "failed", "failed"]
     assert counted[FLEET] == 2  # the one that fails is not tried again by the second point
@@ -167,14 +180,18 @@ def test_points_leave_their_studies_where_asked_for(here, noises, summaries, tmp
     for content in results.contents:
         run = open_run(tmp_path / "out" / "studies" / content["key"])
         rmse = error_table(run.truth, run.estimates).set_index("condition")["rmse_m"]
-        assert {name: row["rmse_m"] for name, row in content["conditions"].items()} == rmse.to_dict()
+        assert {
+            name: row["rmse_m"] for name, row in content["conditions"].items()
+        } == rmse.to_dict()
         assert run.ray_picture.sizes
     assert summaries(run_sweep(noises(2), tmp_path / "without")) == summaries(results)
 
 
 def test_the_table_is_tidy_and_the_dataset_has_the_swept_fields(here, small, tmp_path):
     vehicles = small.model_dump(exclude_none=True)["fleet"]["vehicles"]
-    zipped = [{"name": "plan", "labels": ["both", "one"], "fleet.vehicles": [vehicles, vehicles[:1]]}]
+    zipped = [
+        {"name": "plan", "labels": ["both", "one"], "fleet.vehicles": [vehicles, vehicles[:1]]}
+    ]
     sweep = Sweep(small, cross={"noise.range_sigma": [1.0, 2.0]}, zipped=zipped)
     results = run_sweep(sweep, tmp_path / "out")
     table, dataset = results.table(), results.dataset()
@@ -183,7 +200,9 @@ def test_the_table_is_tidy_and_the_dataset_has_the_swept_fields(here, small, tmp
     assert dataset.sizes == {"noise.range_sigma": 2, "plan": 2, "condition": 2}
     dataset.to_netcdf(tmp_path / "table.nc")
     with xr.open_dataset(tmp_path / "table.nc") as again:
-        one = again["rmse_m"].sel({"noise.range_sigma": 2.0, "plan": "one", "condition": "straight"})
+        one = again["rmse_m"].sel(
+            {"noise.range_sigma": 2.0, "plan": "one", "condition": "straight"}
+        )
         rows = table[(table["noise.range_sigma"] == 2.0) & (table["plan"] == "one")]
         assert one.item() == rows.set_index("condition")["rmse_m"]["straight"]
         assert (again["status"] == "done").all()
@@ -213,7 +232,8 @@ def test_workers_that_write_elsewhere_are_noticed(here, noises, tmp_path, monkey
         lambda *_: factories.pool_here(partial(run_task, str(tmp_path / "away"))),
     )
     with pytest.raises(
-        JobError, match=r"workers wrote 2 points to another place; all workers must have access to this one$"
+        JobError,
+        match=r"workers wrote 2 points to another place; all workers must have access to this one$",
     ):
         run_sweep(noises(2), tmp_path / "out")
 
@@ -230,7 +250,10 @@ def test_a_stage_that_another_runner_removed_is_computed_again(here, noises, tmp
 
 
 def losing_pool(number):
-    """In place of `open_pool`: a pool in this process whose task of a number loses its worker for good."""
+    """
+    In place of `open_pool`: a pool in this process whose task of a number loses its worker for
+    good.
+    """
 
     class Losing(Pool):
         tasks = 0
@@ -249,7 +272,9 @@ def losing_pool(number):
     return lambda work, *_: Losing(lambda: work)
 
 
-def test_a_point_whose_worker_is_lost_is_a_result_and_the_others_go_on(noises, tmp_path, monkeypatch):
+def test_a_point_whose_worker_is_lost_is_a_result_and_the_others_go_on(
+    noises, tmp_path, monkeypatch
+):
     monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", losing_pool(5))
     results = run_sweep(noises(3), tmp_path / "out")
     assert [c["status"] for c in results.contents] == ["done", "failed", "done"]

@@ -53,7 +53,9 @@ def test_a_sweep_in_an_object_store_has_the_digits_of_one_in_a_folder(
     assert there.status() == (2, 2, 0, {})
     monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", factories.pool_here)
     assert summaries(open_sweep(place)) == summaries(run_sweep(noises(2), tmp_path / "here"))
-    with pytest.raises(SweepError, match="run folders of studies cannot be written to a URL; give a folder"):
+    with pytest.raises(
+        SweepError, match="run folders of studies cannot be written to a URL; give a folder"
+    ):
         run_sweep(noises(2), place, studies=True)
 
 
@@ -81,7 +83,9 @@ def test_a_folder_of_something_else_is_left_alone(noises, tmp_path):
         open_sweep(tmp_path)
 
 
-def test_what_a_killed_process_left_half_written_is_removed_when_it_is_old_and_the_users_files_stay(tmp_path):
+def test_what_a_killed_process_left_half_written_is_removed_when_it_is_old_and_the_users_files_stay(
+    tmp_path,
+):
     store = open_store(tmp_path)
     ours = (f".{'0' * 50}.{'1' * 16}.part", f".sweep.toml.{'1' * 16}.part")
     theirs = ("thesis.part", ".disk.part", f".notes.{'1' * 16}.part")
@@ -90,7 +94,11 @@ def test_what_a_killed_process_left_half_written_is_removed_when_it_is_old_and_t
     (tmp_path / "sweep.toml").touch()
     old = [tmp_path / "points" / "00" / ours[0], tmp_path / ours[1]]
     young = tmp_path / "points" / ours[0]
-    kept = [young, *(tmp_path / name for name in theirs), *(tmp_path / "points" / name for name in theirs)]
+    kept = [
+        young,
+        *(tmp_path / name for name in theirs),
+        *(tmp_path / "points" / name for name in theirs),
+    ]
     kept.append(tmp_path / "own" / ours[0])
     for path in (*old, *kept):
         path.touch()
@@ -101,18 +109,25 @@ def test_what_a_killed_process_left_half_written_is_removed_when_it_is_old_and_t
 
 
 @pytest.mark.parametrize("content", [
-    "{", "[]", "null", "", '{"key": "other", "version": "1", "conditions": {}, "links": {}, "seconds": {}}', "conditions",
+    "{", "[]", "null", "", ('{"key": "other", "version": "1", "conditions": {}, "links": {},'
+                           ' "seconds": {}}'), "conditions",
 ])  # fmt: skip
-def test_a_damaged_result_is_open_and_computed_again(here, noises, summaries, tmp_path, caplog, content):
+def test_a_damaged_result_is_open_and_computed_again(
+    here, noises, summaries, tmp_path, caplog, content
+):
     results = run_sweep(noises(2), tmp_path / "out")
     key = results.contents[0]["key"]
     path = tmp_path / "out" / point_name(key)
     path.write_text(
-        json.dumps(json.loads(path.read_text()) | {"conditions": []}) if content == "conditions" else content
+        json.dumps(json.loads(path.read_text()) | {"conditions": []})
+        if content == "conditions"
+        else content
     )
     damaged = open_sweep(tmp_path / "out")
     assert damaged.status() == (2, 1, 0, {})
-    assert f"{key}.json: damaged or of another point; run the sweep again to replace it" in caplog.text
+    assert (
+        f"{key}.json: damaged or of another point; run the sweep again to replace it" in caplog.text
+    )
     assert damaged.table()["status"].tolist()[0] == "open"
     again = run_sweep(noises(2), tmp_path / "out")
     assert f"{key}.json: damaged or of another point; removed and computed again" in caplog.text
@@ -165,7 +180,9 @@ def test_a_damaged_stage_is_computed_again_by_the_first_that_needs_it(
     assert netcdf_groups(path.read_bytes()).keys() == netcdf_groups(content).keys()
 
 
-def test_points_of_other_code_are_computed_again_and_said_to_be(here, noises, tmp_path, caplog, monkeypatch):
+def test_points_of_other_code_are_computed_again_and_said_to_be(
+    here, noises, tmp_path, caplog, monkeypatch
+):
     sweep, out = noises(2), tmp_path / "out"
     for module in ("jobs.keys", "sweep.plan", "sweep.runner"):
         monkeypatch.setattr(f"pymantaray.{module}.code_version", lambda: "0.0.9+old")
@@ -191,19 +208,29 @@ def test_a_link_in_the_place_of_a_folder_is_not_written_through(here, noises, tm
     out.mkdir()
     away.mkdir()
     (out / name).symlink_to(away)
-    with pytest.raises(JobError, match=f"out/{name}: is a symbolic link; remove it or give another folder$"):
+    with pytest.raises(
+        JobError, match=f"out/{name}: is a symbolic link; remove it or give another folder$"
+    ):
         run_sweep(noises(2), out)
     (out / name).unlink()
     store = open_store(out)
     store.claim("sweep", "sweep.toml", {"points", "stages"})
     (out / name).symlink_to(away)  # behind a runner's back
-    refused(WriteError, "a symbolic link leads out of .*; remove the link", store.write, f"{name}/x", b"1")
+    refused(
+        WriteError,
+        "a symbolic link leads out of .*; remove the link",
+        store.write,
+        f"{name}/x",
+        b"1",
+    )
     assert not any(away.iterdir())
 
 
 def test_a_circle_of_links_in_the_place_of_a_folder_is_told_in_one_line(noises, tmp_path):
     (tmp_path / "out").symlink_to(tmp_path / "out")
-    with pytest.raises(JobError, match=r"out: symbolic links form a circle; give another folder$") as caught:
+    with pytest.raises(
+        JobError, match=r"out: symbolic links form a circle; give another folder$"
+    ) as caught:
         run_sweep(noises(1), tmp_path / "out")
     assert "\n" not in str(caught.value)
     refused(JobError, "not a sweep|cannot be read", open_sweep, tmp_path / "out")

@@ -28,13 +28,17 @@ LIMITS = ("--source-depth", "10:50:10", "--receiver-depth", "10:150:20", "--rang
 
 
 @pytest.mark.usefixtures("profile")
-def test_a_profile_without_a_sea_floor_makes_a_table_and_a_reader(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_profile_without_a_sea_floor_makes_a_table_and_a_reader(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
     assert _run(*LIMITS, "--out", "t.mtt", "--c-reader", "reader.h") == 0
     assert "% direct" in capsys.readouterr().out
     table = open_table("t.mtt")
     assert table.lower == (10.0, 10.0, 100.0)
     assert table.upper == (50.0, 150.0, 1000.0)
-    assert table.travel_time(20.0, 100.0, 500.0).travel_time[0] == pytest.approx(506.36 / 1476.0, rel=2e-3)
+    assert table.travel_time(20.0, 100.0, 500.0).travel_time[0] == pytest.approx(
+        506.36 / 1476.0, rel=2e-3
+    )
     assert "mantaray_table_open" in Path("reader.h").read_text()
 
 

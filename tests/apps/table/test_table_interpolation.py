@@ -24,7 +24,8 @@ def _cubic(seed: int) -> np.ndarray:
 def _gradient(coefficients: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Exact derivatives of a polynomial."""
     return np.stack(
-        [polyval3d(*np.moveaxis(at, -1, 0), polyder(coefficients, axis=k)) for k in range(3)], axis=-1
+        [polyval3d(*np.moveaxis(at, -1, 0), polyder(coefficients, axis=k)) for k in range(3)],
+        axis=-1,
     )
 
 

@@ -14,7 +14,10 @@ LIMITS = (20.0, 60.0), (20.0, 120.0), (100.0, 1500.0)
 
 
 def _water(faster: float) -> Water:
-    """Water that is faster in the north and slower in the east, by an amount that also depends on depth."""
+    """
+    Water that is faster in the north and slower in the east, by an amount that also depends on
+    depth.
+    """
     axis, depth = np.linspace(-2500.0, 2500.0, 11), np.linspace(0.0, 300.0, 16)
     north, east, z = np.meshgrid(axis, axis, depth, indexing="ij")
     speed = 1490.0 - 0.03 * z + faster * (0.01 * north - 0.005 * east) * (1.0 + z / 300.0)
@@ -35,21 +38,28 @@ def test_a_bearing_selects_the_water_of_its_sector(sectored: TravelTimeTable) ->
     places = rng.uniform(low, high, (400, 3))
     sector = rng.integers(0, SECTORS, len(places))
     central = sector * (2.0 * np.pi / SECTORS)
-    source = np.column_stack([np.full(len(places), NODE[0]), np.full(len(places), NODE[1]), places[:, 0]])
+    source = np.column_stack(
+        [np.full(len(places), NODE[0]), np.full(len(places), NODE[1]), places[:, 0]]
+    )
     along = places[:, 2:] * np.column_stack([np.cos(central), np.sin(central)])
     receiver = np.column_stack([source[:, :2] + along, places[:, 1]])
     medium, _ = _water(1.0).at_start
     time = find_eigenrays(medium, source, receiver).first().travel_time
     bearing = central + rng.uniform(-0.49, 0.49, len(places)) * 2.0 * np.pi / SECTORS
     for turns in (-1, 0, 2):
-        found = sectored.horizontal_range(places[:, 0], places[:, 1], time, bearing + 2.0 * np.pi * turns)
+        found = sectored.horizontal_range(
+            places[:, 0], places[:, 1], time, bearing + 2.0 * np.pi * turns
+        )
         assert np.all(found.status == CellStatus.DIRECT)
         assert np.abs(found.horizontal_range - places[:, 2]).max() < sectored.tolerance
         assert found.range_sigma.min() >= 0.0
         assert found.range_sigma.max() > 0.1
     opposite = sectored.horizontal_range(places[:, 0], places[:, 1], time, central + np.pi)
     far = places[:, 2] > 500.0
-    assert np.nanmedian(np.abs(opposite.horizontal_range - places[:, 2])[far]) > 5.0 * sectored.tolerance
+    assert (
+        np.nanmedian(np.abs(opposite.horizontal_range - places[:, 2])[far])
+        > 5.0 * sectored.tolerance
+    )
 
 
 def test_sectors_that_are_too_large_together_are_refused_with_the_limit_of_the_table() -> None:
@@ -61,14 +71,18 @@ def test_sectors_that_are_too_large_together_are_refused_with_the_limit_of_the_t
         build_table(water, *LIMITS, tolerance=0.2, node=NODE, sectors=SECTORS, max_bytes=limit)
 
 
-def test_a_bearing_that_is_not_finite_is_outside_without_a_warning(sectored: TravelTimeTable) -> None:
+def test_a_bearing_that_is_not_finite_is_outside_without_a_warning(
+    sectored: TravelTimeTable,
+) -> None:
     for bearing in (np.nan, np.inf):
         assert sectored.travel_time(30.0, 50.0, 500.0, bearing).status[0] == CellStatus.OUTSIDE
         assert sectored.horizontal_range(30.0, 50.0, 0.3, bearing).status[0] == CellStatus.OUTSIDE
 
 
 @pytest.mark.skipif(COMPILER is None, reason="no C compiler")
-def test_the_c_reader_returns_the_same_bits_in_every_sector(sectored: TravelTimeTable, tmp_path) -> None:
+def test_the_c_reader_returns_the_same_bits_in_every_sector(
+    sectored: TravelTimeTable, tmp_path
+) -> None:
     low, high = np.array(LIMITS).T
     rng = np.random.default_rng(5)
     places = rng.uniform(0.9 * low, 1.1 * high, (2000, 3))

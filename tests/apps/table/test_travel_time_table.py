@@ -15,12 +15,18 @@ from pymantaray.errors import OnlineError
 from pymantaray.water import Water
 
 WITH_RANGE = (CellStatus.DIRECT, CellStatus.BOUNCED, CellStatus.AMBIGUOUS)
-POCKET, POCKET_SIZE = np.array([28.1, 53.1, 1390.6]), np.array([2.0, 3.0, 10.0])  # centre and semi-axes [m]
+POCKET, POCKET_SIZE = (
+    np.array([28.1, 53.1, 1390.6]),
+    np.array([2.0, 3.0, 10.0]),
+)  # centre and semi-axes [m]
 
 
 @pytest.fixture(scope="module")
 def solved(water: Water, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Travel time of the first direct ray at random places, and the horizontal slowness at the receiver."""
+    """
+    Travel time of the first direct ray at random places, and the horizontal slowness at the
+    receiver.
+    """
     medium, _ = water.at_start
     source, receiver = np.zeros((2, len(places), 3))
     source[:, 2], receiver[:, 2], receiver[:, 0] = places.T
@@ -31,11 +37,15 @@ def solved(water: Water, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return time, slowness
 
 
-def test_ranges_err_by_less_than_the_bound(table: TravelTimeTable, places: np.ndarray, solved) -> None:
+def test_ranges_err_by_less_than_the_bound(
+    table: TravelTimeTable, places: np.ndarray, solved
+) -> None:
     time, slowness = solved
     ranges = table.horizontal_range(places[:, 0], places[:, 1], time)
     ok = np.isin(ranges.status, WITH_RANGE)
-    error = np.abs(ranges.horizontal_range - places[:, 2])[ok] * np.minimum(slowness[ok] * 1500.0 / 0.1, 1.0)
+    error = np.abs(ranges.horizontal_range - places[:, 2])[ok] * np.minimum(
+        slowness[ok] * 1500.0 / 0.1, 1.0
+    )
     assert ok.mean() > 0.88
     assert error.max() < table.tolerance
 
@@ -61,14 +71,22 @@ def test_range_and_travel_time_are_inverse(table: TravelTimeTable, places: np.nd
 
 
 def _two_arrivals(places: np.ndarray) -> Samples:
-    """Straight rays at 1,500 m/s, and arrivals that are earlier by up to 1 m in a small ellipsoid only."""
+    """
+    Straight rays at 1,500 m/s, and arrivals that are earlier by up to 1 m in a small ellipsoid
+    only.
+    """
     off = (places - POCKET) / POCKET_SIZE
     lead = ((off * off).sum(axis=1) - 1.0) / 1500.0  # s, of the straight ray
     by_place = 2.0 * off / POCKET_SIZE / 1500.0
     straight = np.hypot(places[:, 1] - places[:, 0], places[:, 2])
-    unit = np.column_stack([places[:, :2] @ [[1.0, -1.0], [-1.0, 1.0]], places[:, 2]]) / straight[:, None]
+    unit = (
+        np.column_stack([places[:, :2] @ [[1.0, -1.0], [-1.0, 1.0]], places[:, 2]])
+        / straight[:, None]
+    )
     second = np.minimum(lead, 0.0)
-    gradient = (by_place * (lead < 0.0)[:, None] - (second / straight)[:, None] * unit) / straight[:, None]
+    gradient = (by_place * (lead < 0.0)[:, None] - (second / straight)[:, None] * unit) / straight[
+        :, None
+    ]
     zero = np.zeros(len(places), dtype=np.int64)
     return Samples(
         value=1500.0 * second / straight,
@@ -134,18 +152,24 @@ def test_arrivals_in_a_small_region_within_a_shadow_are_found() -> None:
         (2, "range_by_time", 1e-6),
     ],
 )
-def test_derivatives_equal_differences(table: TravelTimeTable, column: int, name: str, step: float) -> None:
+def test_derivatives_equal_differences(
+    table: TravelTimeTable, column: int, name: str, step: float
+) -> None:
     at = np.array([[31.2, 77.7, 0.9], [60.1, 303.3, 1.3], [12.3, 155.5, 1.9]])
     shift = np.zeros(3)
     shift[column] = step
-    high, low = (table.horizontal_range(*(at + sign * shift).T).horizontal_range for sign in (1.0, -1.0))
+    high, low = (
+        table.horizontal_range(*(at + sign * shift).T).horizontal_range for sign in (1.0, -1.0)
+    )
     derivative = getattr(table.horizontal_range(*at.T), name)
     np.testing.assert_allclose((high - low) / (2.0 * step), derivative, rtol=1e-5, atol=1e-6)
 
 
 def test_faster_water_means_a_longer_range(table: TravelTimeTable) -> None:
     at = table.horizontal_range(50.0, 200.0, [1.0, 1.02])
-    assert at.range_by_scale[0] == pytest.approx(np.diff(at.horizontal_range)[0] / np.log(1.02), rel=0.02)
+    assert at.range_by_scale[0] == pytest.approx(
+        np.diff(at.horizontal_range)[0] / np.log(1.02), rel=0.02
+    )
 
 
 @pytest.mark.parametrize("name", ["table.nc", "table.mtt"])
@@ -186,7 +210,10 @@ def test_damaged_files_are_refused_in_one_line(table: TravelTimeTable, tmp_path:
 
 
 def test_every_flipped_bit_is_refused_in_both_forms(table: TravelTimeTable, tmp_path: Path) -> None:
-    """A flip in the storage of NetCDF may also hit bytes that hold nothing; then all values are those of the table."""
+    """
+    A flip in the storage of NetCDF may also hit bytes that hold nothing; then all values are those
+    of the table.
+    """
     rng = np.random.default_rng(2)
     for name in ("table.mtt", "table.nc"):
         save_table(table, tmp_path / name)
@@ -202,11 +229,17 @@ def test_every_flipped_bit_is_refused_in_both_forms(table: TravelTimeTable, tmp_
             assert name == "table.nc", bit
             for column, other in zip(table.tree, read.tree, strict=True):
                 np.testing.assert_array_equal(column, other)
-            assert (read.lower, read.upper, read.tolerance) == (table.lower, table.upper, table.tolerance)
+            assert (read.lower, read.upper, read.tolerance) == (
+                table.lower,
+                table.upper,
+                table.tolerance,
+            )
 
 
 @pytest.mark.parametrize("change", ["flipped", "longer", "of another format"])
-def test_a_table_without_its_checksum_says_so(table: TravelTimeTable, tmp_path: Path, change: str) -> None:
+def test_a_table_without_its_checksum_says_so(
+    table: TravelTimeTable, tmp_path: Path, change: str
+) -> None:
     path = tmp_path / "table.mtt"
     save_table(table, path)
     content = bytearray(path.read_bytes())
@@ -237,7 +270,12 @@ def test_a_netcdf_table_of_other_values_is_refused(table: TravelTimeTable, tmp_p
     moved = data.assign_attrs(lower=[x + 1.0 for x in data.attrs["lower"]])
     for changed in (data.assign(value=value), other, moved):
         changed.to_netcdf(tmp_path / "changed.nc")
-        refused(OnlineError, "its values do not have their checksum", open_table, tmp_path / "changed.nc")
+        refused(
+            OnlineError,
+            "its values do not have their checksum",
+            open_table,
+            tmp_path / "changed.nc",
+        )
 
 
 def test_sigma_is_that_of_two_oceans(water: Water, tmp_path: Path) -> None:
@@ -253,7 +291,9 @@ def test_sigma_is_that_of_two_oceans(water: Water, tmp_path: Path) -> None:
     table = build_table(water, *limits, tolerance=0.5, ensemble=[other])
     found = table.horizontal_range(50.0, 150.0, 0.6)
     # two oceans that differ by 0.1 % have a standard deviation of 0.1 % / sqrt(2)
-    assert found.range_sigma[0] == pytest.approx(found.range_by_scale[0] * 1e-3 / np.sqrt(2.0), rel=0.01)
+    assert found.range_sigma[0] == pytest.approx(
+        found.range_by_scale[0] * 1e-3 / np.sqrt(2.0), rel=0.01
+    )
 
 
 @pytest.mark.parametrize(
@@ -273,7 +313,9 @@ def test_wrong_limits_are_refused(water: Water, limits, words: str) -> None:
 def test_progress_grows_to_the_whole_volume_of_all_sectors(water: Water) -> None:
     told: list[tuple[str, int, int]] = []
     limits = (0.0, 40.0), (0.0, 60.0), (50.0, 900.0)
-    build_table(water, *limits, tolerance=1.0, sectors=2, progress=lambda *words: told.append(words))
+    build_table(
+        water, *limits, tolerance=1.0, sectors=2, progress=lambda *words: told.append(words)
+    )
     done = [part for _, part, _ in told]
     assert done == sorted(done)
     assert {(stage, total) for stage, _, total in told} == {("table", 200)}
@@ -282,4 +324,6 @@ def test_progress_grows_to_the_whole_volume_of_all_sectors(water: Water) -> None
 
 def test_a_table_that_would_be_too_large_is_refused(water: Water) -> None:
     with pytest.raises(OnlineError, match="larger error"):
-        build_table(water, (0.0, 100.0), (0.0, 400.0), (50.0, 4000.0), tolerance=1e-3, max_bytes=20_000)
+        build_table(
+            water, (0.0, 100.0), (0.0, 400.0), (50.0, 4000.0), tolerance=1e-3, max_bytes=20_000
+        )

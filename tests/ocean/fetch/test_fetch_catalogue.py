@@ -25,7 +25,9 @@ def _no_environment(monkeypatch):
     ("2030-01-01", ("ESPC-D-V02",)),
 ])  # fmt: skip
 def test_every_time_since_1994_has_an_experiment(time, names):
-    experiments = covering(load_catalogue().experiments, np.datetime64(time, "s"), None, "experiment")
+    experiments = covering(
+        load_catalogue().experiments, np.datetime64(time, "s"), None, "experiment"
+    )
     assert tuple(e.name for e in experiments) == names
 
 

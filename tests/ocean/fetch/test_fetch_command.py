@@ -31,17 +31,24 @@ def test_hycom_is_fetched_by_the_command_of_the_documentation(run, thredds, monk
     assert "already exists" in str(run(*words).exception)
     words[words.index("2014-07-15T12")] = "2014-06-28T18"
     noted = run(*words, "--force", "--nearest", "--servers", thredds.root)
-    assert "warning: 2014-06-28T18:00 does not exist: nearest step 2014-06-28T09:00 used" in noted.stderr
+    assert (
+        "warning: 2014-06-28T18:00 does not exist: nearest step 2014-06-28T09:00 used"
+        in noted.stderr
+    )
     quiet = run(*words, "--force", "--nearest", "--quiet")
     assert (quiet.stdout, quiet.stderr) == ("ocean.nc\n", "")
 
 
 @pytest.mark.parametrize("text", ["73", "73,", "a,b", "1,2,3", ""])
 def test_a_pair_that_is_none_is_refused(run, text):
-    result = run("hycom", "--lat", text, "--lon", "1,2", "--time", "2014-07-15T12", "--out", "ocean.nc")
+    result = run(
+        "hycom", "--lat", text, "--lon", "1,2", "--time", "2014-07-15T12", "--out", "ocean.nc"
+    )
     assert result.exit_code == 2
     message = " ".join(result.stderr.replace("│", " ").split())
-    assert f"Invalid value for '--lat': {text!r}; it must be 2 numbers separated by commas" in message
+    assert (
+        f"Invalid value for '--lat': {text!r}; it must be 2 numbers separated by commas" in message
+    )
 
 
 @pytest.mark.parametrize("command", ["hycom", "copernicus"])

@@ -1,4 +1,7 @@
-"""GLORYS12 through the service's package: its own signature and its own selection, on a local data set of its schema."""
+"""
+GLORYS12 through the service's package: its own signature and its own selection, on a local data set
+of its schema.
+"""
 
 import inspect
 import sys
@@ -15,7 +18,18 @@ from pymantaray.ocean.fetch import fetch_copernicus
 
 # first and last levels of the 50 of GLORYS12 [m]
 LEVELS = np.array(
-    [0.494025, 1.541375, 2.645669, 5.078224, 9.572997, 18.49556, 47.37369, 92.32607, 186.1256, 380.213]
+    [
+        0.494025,
+        1.541375,
+        2.645669,
+        5.078224,
+        9.572997,
+        18.49556,
+        47.37369,
+        92.32607,
+        186.1256,
+        380.213,
+    ]
 )
 
 
@@ -38,8 +52,16 @@ def glorys():
                 LEVELS,
                 {"standard_name": "depth", "units": "m", "positive": "down", "axis": "Z"},
             ),
-            "latitude": ("latitude", np.arange(72.0, 75.01, 1 / 12), {"units": "degrees_north", "axis": "Y"}),
-            "longitude": ("longitude", -180.0 + np.arange(4320) / 12, {"units": "degrees_east", "axis": "X"}),
+            "latitude": (
+                "latitude",
+                np.arange(72.0, 75.01, 1 / 12),
+                {"units": "degrees_north", "axis": "Y"},
+            ),
+            "longitude": (
+                "longitude",
+                -180.0 + np.arange(4320) / 12,
+                {"units": "degrees_east", "axis": "X"},
+            ),
         },
         attrs={"Conventions": "CF-1.6", "source": "MERCATOR GLORYS12V1", "title": "daily mean"},
     )
@@ -57,15 +79,26 @@ def glorys():
         ("vo", "northward_sea_water_velocity", "m s-1", -0.05),
     ):
         field = (values + day + 0.0 * data["longitude"]).where(wet).astype("f4")
-        data[name] = field.transpose(*data.sizes).assign_attrs(standard_name=standard_name, units=units)
-    data["time"].encoding = {"units": "hours since 1950-01-01", "calendar": "gregorian", "dtype": "int64"}
+        data[name] = field.transpose(*data.sizes).assign_attrs(
+            standard_name=standard_name, units=units
+        )
+    data["time"].encoding = {
+        "units": "hours since 1950-01-01",
+        "calendar": "gregorian",
+        "dtype": "int64",
+    }
     return data
 
 
 @pytest.fixture
 def service(glorys, monkeypatch):
-    """The package with its network call replaced: arguments bound by the real signature, cut by the real selection."""
-    package = pytest.importorskip("copernicusmarine", reason="the extra 'copernicus' is not installed")
+    """
+    The package with its network call replaced: arguments bound by the real signature, cut by the
+    real selection.
+    """
+    package = pytest.importorskip(
+        "copernicusmarine", reason="the extra 'copernicus' is not installed"
+    )
     from copernicusmarine.download_functions import subset_parameters as parameters
     from copernicusmarine.download_functions import subset_xarray
 
@@ -97,7 +130,12 @@ def service(glorys, monkeypatch):
 
 @pytest.mark.parametrize(
     ("lon", "first"),
-    [((-150.0, -149.0), -150.0), ((210.0, 211.0), -150.0), ((179.5, -179.5), -180.5), ((0.5, 1.2), 0.5)],
+    [
+        ((-150.0, -149.0), -150.0),
+        ((210.0, 211.0), -150.0),
+        ((179.5, -179.5), -180.5),
+        ((0.5, 1.2), 0.5),
+    ],
 )
 def test_a_window_of_a_day_becomes_a_valid_ocean(service, tmp_path, lon, first):
     fetched = fetch_copernicus((73.0, 74.0), lon, "2014-07-15T18", tmp_path / "glorys.nc")

@@ -1,4 +1,7 @@
-"""A server that misbehaves: every fault ends in the right water after a retry, or in one line that says what happened."""
+"""
+A server that misbehaves: every fault ends in the right water after a retry, or in one line that
+says what happened.
+"""
 
 import base64
 import contextlib
@@ -31,11 +34,19 @@ FAULTS = {
     "flood": "wrong size: more than 64 MiB",
     "shift": "unreadable answer",
 }
-PLACES = {"description": ".dds", "attributes": ".das", "axis": "dods?lat", "block": "salinity.salinity%5B"}
+PLACES = {
+    "description": ".dds",
+    "attributes": ".das",
+    "axis": "dods?lat",
+    "block": "salinity.salinity%5B",
+}
 QUICK = {("block", fault) for fault in FAULTS} | {("attributes", "short"), ("description", "cut")}
 TEXT = ("description", "attributes")
 IMPATIENT = {"hang": {"idle_s": 0.5}, "drip": {"request_s": 2.0}}  # these faults end by a limit
-LESS_SO = {"hang": {"idle_s": 2.0}, "drip": {"request_s": 2.0}}  # and one answer may not take as long
+LESS_SO = {
+    "hang": {"idle_s": 2.0},
+    "drip": {"request_s": 2.0},
+}  # and one answer may not take as long
 CASES = [
     pytest.param(place, fault, marks=() if (place, fault) in QUICK else pytest.mark.slow)
     for place in PLACES
@@ -76,7 +87,9 @@ def test_compressed_answers_are_read(fetch, is_true, thredds):
     assert thredds.app.faults == []
 
 
-@pytest.mark.parametrize("after", ["1e300", "inf", "nan", "-5", "Fri, 31 Dec 9999 23:59:59 GMT", "soon", ""])
+@pytest.mark.parametrize(
+    "after", ["1e300", "inf", "nan", "-5", "Fri, 31 Dec 9999 23:59:59 GMT", "soon", ""]
+)
 def test_a_server_that_asks_to_come_back_much_later_is_asked_soon(fetch, is_true, thredds, after):
     thredds.app.faults.append((".das", f"503 {after}"))
     _, ocean = fetch(limits={"longest_backoff_s": 0.05})
@@ -124,12 +137,16 @@ def ends_in_time_and_leaves_no_thread(refusal, what):
     endless = Endless(what)
     before, start = threading.active_count(), time.monotonic()
     try:
-        message = refusal(servers=endless.root, limits={"attempts": 50, "request_s": 0.3, "total_s": 1.0})
+        message = refusal(
+            servers=endless.root, limits={"attempts": 50, "request_s": 0.3, "total_s": 1.0}
+        )
         assert time.monotonic() - start < 15.0
         assert "the time limit of 1 s has passed" in message
         while threading.active_count() > before and time.monotonic() - start < 30.0:
             time.sleep(0.01)
-        assert threading.active_count() <= before  # no attempt goes on unseen, while the server still talks
+        assert (
+            threading.active_count() <= before
+        )  # no attempt goes on unseen, while the server still talks
     finally:
         endless.stop()
 
@@ -185,7 +202,9 @@ def recording():
     with contextlib.ExitStack() as stack:
 
         def one(target):
-            server = stack.enter_context(http.server.ThreadingHTTPServer(("127.0.0.1", 0), Recording))
+            server = stack.enter_context(
+                http.server.ThreadingHTTPServer(("127.0.0.1", 0), Recording)
+            )
             server.target, server.headers = target, []
             threading.Thread(target=server.serve_forever, daemon=True).start()
             stack.callback(server.shutdown)
@@ -196,7 +215,9 @@ def recording():
 
 @pytest.mark.parametrize("account", ["", "ann:mine@"])
 def test_a_redirect_sends_no_password_to_the_other_host(recording, monkeypatch, tmp_path, account):
-    """Not that of the address, and not one that ~/.netrc has for the host that the redirect names."""
+    """
+    Not that of the address, and not one that ~/.netrc has for the host that the redirect names.
+    """
     from pymantaray.ocean.fetch.limits import FetchLimits
     from pymantaray.ocean.fetch.transport import Connection
 

@@ -1,4 +1,7 @@
-"""HYCOM fetched by place and time from a server on loopback: the right water, whatever the server's habits."""
+"""
+HYCOM fetched by place and time from a server on loopback: the right water, whatever the server's
+habits.
+"""
 
 from importlib import resources
 
@@ -16,7 +19,10 @@ def test_a_window_of_the_reanalysis_is_the_server_s_water(fetch, is_true, thredd
     progress = []
     fetched, ocean = fetch(progress=lambda *words: progress.append(words))
     is_true(ocean, "2014-07-15T12:00")
-    for name, south, north in (("lat", 73.0, 73.6), ("lon", -150.0, -149.0)):  # and a point beyond at most
+    for name, south, north in (
+        ("lat", 73.0, 73.6),
+        ("lon", -150.0, -149.0),
+    ):  # and a point beyond at most
         assert south - 0.09 < ocean[name][0] <= south + 1e-4
         assert north - 1e-4 <= ocean[name][-1] < north + 0.09
     assert ocean.sizes["depth"] == 40
@@ -46,7 +52,9 @@ def test_only_the_window_is_read_in_blocks_of_levels(fetch, is_true, thredds):
     ((179.5, 180.5), "2019-03-07T15", False),
     ((-0.5, 0.5), "2019-03-07T15", True),
 ])  # fmt: skip
-def test_any_longitudes_from_any_server_and_across_its_seam(fetch, is_true, thredds, lon, time, seam):
+def test_any_longitudes_from_any_server_and_across_its_seam(
+    fetch, is_true, thredds, lon, time, seam
+):
     _, ocean = fetch(lon=lon, time=time, lat=(-30.0, -29.0))
     is_true(ocean, time)
     blocks = [a for a in thredds.app.asked if "water_temp" in a]
@@ -83,7 +91,9 @@ def test_a_year_file_that_does_not_reach_the_time_gives_way_to_its_neighbour(
 ):
     shipped = resources.files("pymantaray.ocean.fetch").joinpath("servers.toml").read_text()
     mirror = shipped.replace("year_starts_h = 12", f"year_starts_h = {starts}")
-    (tmp_path / "mirror.toml").write_text(mirror.replace("https://tds.hycom.org/thredds/dodsC", thredds.root))
+    (tmp_path / "mirror.toml").write_text(
+        mirror.replace("https://tds.hycom.org/thredds/dodsC", thredds.root)
+    )
     _, ocean = fetch(time=time, servers=tmp_path / "mirror.toml")
     is_true(ocean, time)
     assert f"data/{asked_first}." in thredds.app.asked[0]
@@ -97,11 +107,16 @@ def test_between_two_year_files_the_nearest_steps_come_from_both(refusal, fetch,
 
 def test_a_step_that_the_server_lacks_is_refused_with_its_neighbours(refusal, fetch, is_true):
     message = refusal(time="2014-06-28T18")
-    assert "has no step 2014-06-28T18:00; the nearest are 2014-06-28T09:00 and 2014-06-29T12:00" in message
+    assert (
+        "has no step 2014-06-28T18:00; the nearest are 2014-06-28T09:00 and 2014-06-29T12:00"
+        in message
+    )
     assert "2014-07-15T12:00 and 2014-07-15T15:00" in refusal(time="2014-07-15T13:30")
     fetched, ocean = fetch(time="2014-06-28T18", nearest=True)
     is_true(ocean, "2014-06-28T09:00")
-    assert fetched.remarks == ("2014-06-28T18:00 does not exist: nearest step 2014-06-28T09:00 used",)
+    assert fetched.remarks == (
+        "2014-06-28T18:00 does not exist: nearest step 2014-06-28T09:00 used",
+    )
     assert fetched.remarks[0] in ocean.attrs["history"].splitlines()
 
 
@@ -152,17 +167,21 @@ def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(
     ({"lat": (73.0, 73.0)}, "lat is 73,73; the window is empty"),
     ({"lat": (73.0, 95.0)}, "lat is 73,95; it must be two numbers from -90 to 90"),
     ({"lat": (float("nan"), 1.0)}, "lat is nan,1; it must be"),
-    ({"lon": (-130.0, -150.0)}, "lon is -130,-150; it spans 340 degrees eastwards; the limit is 180; write west,east"),
+    ({"lon": (-130.0, -150.0)}, ("lon is -130,-150; it spans 340 degrees eastwards; the limit is"
+                                " 180; write west,east")),
     ({"lat": (-85.0, -82.0)}, "the data, which cover latitude -80 to 90 and longitude"),
-    ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, "points; the limit is 20,000,000; use a smaller window"),
+    ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, ("points; the limit is 20,000,000; use a smaller"
+                                                  " window")),
     ({"lon": (-150.0, -149.99)}, "axis too short (lon): 2 points; allowed 4 or more"),
     ({"out": "nowhere/ocean.nc"}, "no such folder; create it first"),
     ({"servers": "ftp://example.org"}, "no such file"),
     ({"servers": "http://"}, "is not a valid URL"),
     ({"time": "last summer"}, "is not an instant"),
-    ({"time": "1980-01-01"}, "no experiment covers 1980-01-01T00:00; available: expt_53.X 1994-01-01"),
+    ({"time": "1980-01-01"}, ("no experiment covers 1980-01-01T00:00; available: expt_53.X"
+                             " 1994-01-01")),
     ({"experiment": "mine"}, "unknown experiment 'mine'"),
-    ({"lat": (0.0, 0.4), "lon": (-49.3, -48.9)}, "lat 0 to 0.4, lon -49.3 to -48.9: ocean: no valid value (water_temp)"),
+    ({"lat": (0.0, 0.4), "lon": (-49.3, -48.9)}, ("lat 0 to 0.4, lon -49.3 to -48.9: ocean: no"
+                                                 " valid value (water_temp)")),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line(refusal, options, line):
     assert line in refusal(**options)

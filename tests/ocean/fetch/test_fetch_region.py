@@ -51,7 +51,9 @@ def test_a_regional_axis_covers_only_itself():
     grid = Region.of((0.0, 1.0), (284.4, 285.2)).of_grid(LAT, axis, "server")
     np.testing.assert_allclose(grid.lon, axis[grid.blocks[0]])
     for lon in ((-76.0, -75.0), (-75.0, -74.0), (10.0, 11.0), (-80.0, -70.0)):
-        with pytest.raises(OceanError, match=r"the data(, which)? cover .*longitude -75\.68 to -74\.32;"):
+        with pytest.raises(
+            OceanError, match=r"the data(, which)? cover .*longitude -75\.68 to -74\.32;"
+        ):
             Region.of((0.0, 1.0), lon).of_grid(LAT, axis, "server")
 
 

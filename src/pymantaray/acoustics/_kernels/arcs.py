@@ -19,9 +19,7 @@ _MAX_PIECES = 5_000
 _BEYOND_ALL = 1e9  # m; depth beyond all rays
 _MIN_SINE = 1e-12
 _BEYOND = 0.2
-_NODE = (
-    2e3  # m; longer pieces of a path get an even number of intermediate nodes, so none is at a turning point
-)
+_NODE = 2e3  # m; longer pieces of a path get an even number of intermediate nodes, so none is at a turning point
 
 
 @kernel
@@ -139,7 +137,9 @@ def _face(layer, here, way, top):
     z_end, c_end = (z1, c1) if down else (z0, c0)
     s_end = math.sqrt(max(start + a * a * (c_ref - c_end) * (c_ref + c_end), _MIN_SINE**2))
     s_end = s_end if down else -s_end
-    step = (sine - s_end) / (a * g) if turning else (z_end - z) * (cosine + a * c_end) / (sine + s_end)
+    step = (
+        (sine - s_end) / (a * g) if turning else (z_end - z) * (cosine + a * c_end) / (sine + s_end)
+    )
     return z_end, c_end, s_end, step, turning
 
 
@@ -180,7 +180,9 @@ def arrive(course, here, rates, way, g, place, ray):
     y[at.Y], y[at.Q], y[at.Y_ANGLE], y[at.W_Q] = 0.0, 0.0, 0.0, 0.0
     if path.shape[0] > 0:
         count = _fill(path, count, here, (r, tau), g, a, left, c_ref) + 1
-        _record(path[count], y[at.TAU], course.length, z, (c_ref * a, c_ref * sine / c), at.IN_WATER)
+        _record(
+            path[count], y[at.TAU], course.length, z, (c_ref * a, c_ref * sine / c), at.IN_WATER
+        )
     return count
 
 
@@ -202,7 +204,12 @@ def trace_arcs(s, walls, course, angle, ray):
     if rule.kind == at.FORWARD:
         top, bottom = walls.surface.depth[0, 0], walls.bed.depth[0, 0]
     way = at.Snell(cosine / c_ref, -sine / c_ref, sine * sine, c_ref)
-    here, rates, r, tau = at.ArcPoint(z, c_ref, sine, cosine), at.ArcRates(cosine, -sine, 0.0), 0.0, 0.0
+    here, rates, r, tau = (
+        at.ArcPoint(z, c_ref, sine, cosine),
+        at.ArcRates(cosine, -sine, 0.0),
+        0.0,
+        0.0,
+    )
     k, count, turns, reflections = find_level(s, z), 0, 0, at.Reflections(0, 0, 0)
     xi, caustics = 0.0, 0  # in a layer, XI passes through zero at most once
     y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND], y[at.GROWN] = 0.0, math.nan, math.nan, 0.0
@@ -229,7 +236,11 @@ def trace_arcs(s, walls, course, angle, ray):
         rates = _rates(face, here, rates, way, g)
         if room > 0:
             count = _fill(path, count, here, (r, tau), g, way.a, step, c_ref) + 1
-        tau += c_ref * _time(g, step, z - here.depth, here.speed, c) if ray.K.shape[1] == at.N_FULL else 0.0
+        tau += (
+            c_ref * _time(g, step, z - here.depth, here.speed, c)
+            if ray.K.shape[1] == at.N_FULL
+            else 0.0
+        )
         r += step
         turns += 1 if turning else 0
         if y[at.GONE] == 0.0 and rule.kind == at.OPEN and _above(walls, here, face, way, g, r):

@@ -200,7 +200,9 @@ def _note_exit(walls, axis, pos, z, y, K):
     if y[at.GONE] > 0.0 and down < 0.0:
         back = y[at.GONE] - pos
         y[at.GONE_RATE_Q] = -(y[at.W_Q] + back * K[0, at.W_Q]) / down
-        y[at.GONE_BEND_Q] = (K[0, at.W_Q] + K[0, at.P] * y[at.GONE_RATE_Q]) / (down + back * K[0, at.P])
+        y[at.GONE_BEND_Q] = (K[0, at.W_Q] + K[0, at.P] * y[at.GONE_RATE_Q]) / (
+            down + back * K[0, at.P]
+        )
 
 
 @kernel

@@ -22,24 +22,26 @@ from pymantaray.geometry.boundary_kernels import bilinear_weights, interval_of
 
 TOUCH = 1e-6  # m; a ray up to this distance beyond a boundary only touches it
 TOP, UNDERSIDE, NEAR, FAR, SURFACE, BOTTOM = range(6)  # faces
-ON_SURFACE = (
-    1  # mark of a reflection at a flat surface; -1 - i for cell i of the ice, i + 2 for cell i of the sea bed
-)
+ON_SURFACE = 1  # mark of a reflection at a flat surface; -1 - i for cell i of the ice, i + 2 for cell i of the sea bed
 ON_FACE = 1e-9  # m; a ray within this distance of a face is on it
 _NO_BED = 1e30  # m
-_CONTINUED = 1.5  # distance from the middle of a cell to which its bed extends, in widths of the cell
-_NONE = 1e30
-_LANDED = (
-    1e-2  # m; maximum distance from the bed of a ray that was just reflected, if it is still over its cell
+_CONTINUED = (
+    1.5  # distance from the middle of a cell to which its bed extends, in widths of the cell
 )
+_NONE = 1e30
+_LANDED = 1e-2  # m; maximum distance from the bed of a ray that was just reflected, if it is still over its cell
 _BESIDE = 0.1 * _NO_BED
 _SAMPLES = 8  # of a step over a gridded bed
 _HASH = 2**32
 _SHORTEST_AIM = 1.0  # m; nearer faces are not aimed at
-_LONGEST_SETTLING = 1.0  # m; distance by which the end of a step may move onto the face at which it was aimed
+_LONGEST_SETTLING = (
+    1.0  # m; distance by which the end of a step may move onto the face at which it was aimed
+)
 _LEAST_SLOPE = 1e-3  # of a ray at a face that is aimed at
 _ASIDE = 100.0  # m; distance from a path within which no boundary is between its depths and those that are certainly water
-_MOST_NODES = 256  # of a boundary's grid near a path; otherwise each step is compared with the boundary
+_MOST_NODES = (
+    256  # of a boundary's grid near a path; otherwise each step is compared with the boundary
+)
 _NUDGE = 1e-6  # m; shift of a point on the edge of a cell into the cell of the step
 
 
@@ -91,7 +93,10 @@ def bed_at(walls, r, y, r_cell):
         cell = int(walls.cells[at.HELD, int(walls.held)])
         if cell < 0:
             return _NO_BED, 0.0, 0.0, 0.0, cell
-        n_cell, e_cell = _middle(bed.north, cell // bed.east.size), _middle(bed.east, cell % bed.east.size)
+        n_cell, e_cell = (
+            _middle(bed.north, cell // bed.east.size),
+            _middle(bed.east, cell % bed.east.size),
+        )
     n, e = place_at(line, r, y)
     weights = bilinear_weights(bed, n, e, n_cell, e_cell)
     i, j, sn, se = weights[0], weights[1], weights[2], weights[3]
@@ -148,7 +153,9 @@ def landed(walls, r, y, bounce):
         n, e = place_at(walls.line, r, y * walls.across)
         n_e = walls.bed.east.size
         beyond = max(_beyond(walls.bed.north, own // n_e, n), _beyond(walls.bed.east, own % n_e, e))
-        walls.cells[at.LANDED, last] = max(beyond, walls.cells[at.LANDED, last]) if bounce > 1 else beyond
+        walls.cells[at.LANDED, last] = (
+            max(beyond, walls.cells[at.LANDED, last]) if bounce > 1 else beyond
+        )
     return cell
 
 
@@ -162,7 +169,14 @@ def _beyond(axis, i, x):
 def across_plane(walls, share):
     """Return the same boundaries with a share of their slope across the plane."""
     return Walls(
-        walls.bed, walls.surface, walls.line, walls.breaks, walls.n_breaks, share, walls.cells, walls.held
+        walls.bed,
+        walls.surface,
+        walls.line,
+        walls.breaks,
+        walls.n_breaks,
+        share,
+        walls.cells,
+        walls.held,
     )
 
 
@@ -170,7 +184,14 @@ def across_plane(walls, share):
 def hold(walls, held):
     """Return boundaries with only the sea bed of the cell cells[HELD, held], extended beyond its edges; -1: all cells."""
     return Walls(
-        walls.bed, walls.surface, walls.line, walls.breaks, walls.n_breaks, walls.across, walls.cells, held
+        walls.bed,
+        walls.surface,
+        walls.line,
+        walls.breaks,
+        walls.n_breaks,
+        walls.across,
+        walls.cells,
+        held,
     )
 
 
@@ -195,7 +216,10 @@ def _extreme_depth(grid, line, reach, sign):
         i, j = interval_of(north, south), interval_of(east, west)
         lows, counts = (
             (i, j),
-            (min(interval_of(north, n1) + 2, north.size) - i, min(interval_of(east, e1) + 2, east.size) - j),
+            (
+                min(interval_of(north, n1) + 2, north.size) - i,
+                min(interval_of(east, e1) + 2, east.size) - j,
+            ),
         )
         if not inside or counts[0] * counts[1] > _MOST_NODES:
             return sign * math.inf

@@ -18,7 +18,10 @@ from pymantaray.compile import kernel
 
 KNOWN, _FAILED = 99, -1  # generations of an eigenray and of a candidate without a result
 _MAX_GENERATIONS = 4  # maximum number of generations of candidates
-_ALIKE, _ALIKE_FAILED = 0.1, 0.02  # rad; candidates with the same cells and closer launches count as one
+_ALIKE, _ALIKE_FAILED = (
+    0.1,
+    0.02,
+)  # rad; candidates with the same cells and closer launches count as one
 _SHIFT_MARGIN = 4.0  # in shifts of a reflection by another slope of the bed: distance within which a neighbouring cell is tried
 _BACK = 1e-6  # rad; the tolerance of the search limits the accuracy of an edge
 _STEEPER = 0.01  # rad
@@ -76,7 +79,9 @@ def add_of_bracket(s, walls, course, bracket, n, tol, work):
     for _ in range(3):
         _, _, _, code_there = trace(s, walls, course, angle, 0.0, tol, fan_ray(work))
         if code_there == code:
-            return add_candidate(work.candidates, n, walls.cells[at.LANDED], start, 0.0, code % 1024, 0)
+            return add_candidate(
+                work.candidates, n, walls.cells[at.LANDED], start, 0.0, code % 1024, 0
+            )
         if back == 0.0:
             angle = bracket[inner, at.ANGLE]
         else:
@@ -88,7 +93,13 @@ def add_of_bracket(s, walls, course, bracket, n, tol, work):
 @kernel
 def add_neighbours(walls, n, launch, counts, generation, work):
     """Append the cells of the ray in work.path, with one of them replaced by a neighbour within reach."""
-    path, cells, grid, candidates, steps = work.path, walls.cells, walls.bed, work.candidates, launch.steps
+    path, cells, grid, candidates, steps = (
+        work.path,
+        walls.cells,
+        walls.bed,
+        work.candidates,
+        launch.steps,
+    )
     n_e = grid.east.size
     bed = hold(walls, 0.0)
     for j in range(counts % 32):
@@ -119,7 +130,9 @@ def add_neighbours(walls, n, launch, counts, generation, work):
             _, g_r, g_y, _, _ = bed_at(bed, r, y, r)
             if gap < _SHIFT_MARGIN * lever * math.hypot(g_r - f_r, g_y - f_y):
                 cells[at.TRIED, bounce] = cells[at.HELD, 0]
-                n = add_candidate(candidates, n, cells[at.TRIED], launch.angle, launch.q, counts, generation)
+                n = add_candidate(
+                    candidates, n, cells[at.TRIED], launch.angle, launch.q, counts, generation
+                )
                 cells[at.TRIED, bounce] = own
         bounce += 1
         i += 1  # a reflection has two rows

@@ -66,7 +66,14 @@ def _solve_wave(domain, bounces, settings, source, receiver, work, results):
         work.rows[t],
     )
     solve_links(
-        domain, bounces, settings, source, receiver, (t, work.path.shape[0]), Room(own, None), results
+        domain,
+        bounces,
+        settings,
+        source,
+        receiver,
+        (t, work.path.shape[0]),
+        Room(own, None),
+        results,
     )
 
 
@@ -96,7 +103,9 @@ class CudaSolver:
         ends = [cuda.to_device(np.ascontiguousarray(x)) for x in (source, receiver)]
         out = Results(*(cuda.device_array(x.shape, x.dtype) for x in results))
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", NumbaPerformanceWarning)  # few links cannot use the whole device
+            warnings.simplefilter(
+                "ignore", NumbaPerformanceWarning
+            )  # few links cannot use the whole device
             solve_wave[-(-self._threads // _BLOCK), _BLOCK](
                 self._domain, self._bounces, self._settings, *ends, self._work, out
             )

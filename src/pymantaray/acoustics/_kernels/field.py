@@ -255,7 +255,11 @@ def _cut_linear(domain, line, breaks, n_cells, data):
         r = breaks[b]
         r_mid = 0.5 * (breaks[b] + breaks[b + 1])
         i, j, sn, se, dn, de = bilinear_weights(
-            domain, line.north + r * un, line.east + r * ue, line.north + r_mid * un, line.east + r_mid * ue
+            domain,
+            line.north + r * un,
+            line.east + r * ue,
+            line.north + r_mid * un,
+            line.east + r_mid * ue,
         )
         an = un / dn if di else 0.0  # d(sn)/dr
         ae = ue / de if dj else 0.0

@@ -27,7 +27,9 @@ def share_store(domain, source, receiver, work, flights):
     """Empty the queue; return the number of columns that the section of a link may have, and the number of links with room for them."""
     longest = 0.0
     for i in range(source.shape[0]):
-        longest = max(longest, math.hypot(receiver[i, 0] - source[i, 0], receiver[i, 1] - source[i, 1]))
+        longest = max(
+            longest, math.hypot(receiver[i, 0] - source[i, 0], receiver[i, 1] - source[i, 1])
+        )
     most = work.store.shape[0]
     columns = column_count(domain, longest, most)
     flights.links[:, at.FLIGHT_LINK] = -1.0
@@ -101,7 +103,9 @@ def put_progress(k, first, last, progress, work, flights):
         row[at.FLIGHT_PROGRESS + j] = progress[j]
     room = at.MAX_AHEAD
     for link in flights.links:
-        room -= 4 + int(link[at.FLIGHT_PENDING]) if link[at.FLIGHT_LINK] >= 0.0 else 0  # none in a full queue
+        room -= (
+            4 + int(link[at.FLIGHT_PENDING]) if link[at.FLIGHT_LINK] >= 0.0 else 0
+        )  # none in a full queue
     old = int(row[at.AHEAD_FIRST])
     new = 3 * at.MAX_AHEAD - old
     end = new if row[at.FLIGHT_CROSS] > 0.0 else _look_ahead(progress, new, new + room, work)
@@ -158,7 +162,9 @@ def _put_middle(i, depth, j, ray, work):
     growth = growth if abs(miss) <= ERRING * tol * growth else 0.0
     for _ in range(depth):  # as the search halves it, for the same digits
         middle = 0.5 * (lo + hi)
-        lo, hi, place = (lo, middle, 2.0 * place) if place < 0.5 else (middle, hi, 2.0 * place - 1.0)
+        lo, hi, place = (
+            (lo, middle, 2.0 * place) if place < 0.5 else (middle, hi, 2.0 * place - 1.0)
+        )
     ray[at.ANGLE], ray[at.TOL], ray[at.GOOD] = 0.5 * (lo + hi), tol, WAITING
     ray[at.GROWTH], ray[at.DEFECT], ray[at.CROSS] = (
         growth,
@@ -192,5 +198,7 @@ def section_of(domain, row, work):
     )
     baseline = Baseline(line[0], line[1], line[2], line[3])
     n_breaks = int(row[at.FLIGHT_BREAKS])
-    walls = Walls(domain.bed, domain.surface, baseline, work.wall_breaks, n_breaks, 1.0, work.cells, -1.0)
+    walls = Walls(
+        domain.bed, domain.surface, baseline, work.wall_breaks, n_breaks, 1.0, work.cells, -1.0
+    )
     return s, walls, Link(ends[0], ends[1], ends[2], ends[3], ends[4], ends[5], ends[6], ends[7])

@@ -10,7 +10,14 @@ have no branches, so the compiler uses vectors. The search of the end of a ray i
 import math
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.arcs import arrive, bounded, fits, layer_at, trace_arcs, turn_back
+from pymantaray.acoustics._kernels.arcs import (
+    arrive,
+    bounded,
+    fits,
+    layer_at,
+    trace_arcs,
+    turn_back,
+)
 from pymantaray.acoustics._kernels.field import find_level
 from pymantaray.acoustics._kernels.trace import fan_ray
 from pymantaray.compile import kernel, out_of_line, shared
@@ -18,9 +25,20 @@ from pymantaray.compile import kernel, out_of_line, shared
 # Rows of work.ladder. Levels of both sides: square of c at the source minus that of c, its minimum up to here, depth, sound speed.
 # Layers: h (c + c'), gradient. For each ray: sines at the levels of a block, range and its derivative by a of the layers, and both
 # from the source to each block. Sizes: 1 if the ladder can be used, then first level and number of layers of each side.
-_DROP, _LEAST, _DEPTH, _SPEED, _WEIGHT, _GRADIENT, _SINE, _RANGE, _RATE, _TO_BLOCK, _RATE_TO_BLOCK, _SIZES = (
-    range(at.N_LADDER)
-)
+(
+    _DROP,
+    _LEAST,
+    _DEPTH,
+    _SPEED,
+    _WEIGHT,
+    _GRADIENT,
+    _SINE,
+    _RANGE,
+    _RATE,
+    _TO_BLOCK,
+    _RATE_TO_BLOCK,
+    _SIZES,
+) = range(at.N_LADDER)
 _BLOCK = 32  # layers
 _MOST_CROSSINGS = 64  # of the source's depth; a ray with more of them is traced layer by layer
 _LEVEL_LAUNCH = 1e-9  # a ray with a smaller sine is traced layer by layer
@@ -203,7 +221,9 @@ def _arrive_from(course, ladder, way, place, level, layer, ray):
     """
     r, rate, sign = place
     z, c = ladder[_DEPTH, level], ladder[_SPEED, level]
-    sine = sign * math.sqrt(max(way.sine_squared + way.a * way.a * ladder[_DROP, level], _MIN_SINE**2))
+    sine = sign * math.sqrt(
+        max(way.sine_squared + way.a * way.a * ladder[_DROP, level], _MIN_SINE**2)
+    )
     dcos = way.da * c
     here = at.ArcPoint(z, c, sine, way.a * c)
     rates = at.ArcRates(-(way.a * c) * dcos / sine, dcos, way.da * rate)
@@ -238,7 +258,10 @@ def trace_ladder(s, walls, course, angle, work):
                     max(way.sine_squared + a * a * ladder[_DROP, first + n], _MIN_SINE * _MIN_SINE)
                 )
                 g = abs(ladder[_GRADIENT, first + n])
-                to_end, rate_to_end = total + steep / (a * g), total_rate - 1.0 / (a * a * g * steep)
+                to_end, rate_to_end = (
+                    total + steep / (a * g),
+                    total_rate - 1.0 / (a * a * g * steep),
+                )
         if left <= total:  # on the way out
             i, before, rate_before = _layer_of(ladder, first, n, left)
             place = r + before, rate + rate_before, sign

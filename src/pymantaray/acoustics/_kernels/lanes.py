@@ -34,7 +34,9 @@ def _kind(kind, element):
     def of_vectors(self, manager, own):
         models.PrimitiveModel.__init__(self, manager, own, ir.VectorType(element, WIDTH))
 
-    register_model(kind)(type(f"{kind.__name__}Model", (models.PrimitiveModel,), {"__init__": of_vectors}))
+    register_model(kind)(
+        type(f"{kind.__name__}Model", (models.PrimitiveModel,), {"__init__": of_vectors})
+    )
     return kind(kind.__name__)
 
 
@@ -47,7 +49,9 @@ def _splat(builder, value):
         return value
     empty = ir.Constant(_VECTOR, ir.Undefined)
     first = builder.insert_element(empty, value, ir.Constant(ir.IntType(32), 0))
-    return builder.shuffle_vector(first, empty, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), None))
+    return builder.shuffle_vector(
+        first, empty, ir.Constant(ir.VectorType(ir.IntType(32), WIDTH), None)
+    )
 
 
 _PAIRS = (LANES, LANES), (LANES, types.float64), (types.float64, LANES)
@@ -139,7 +143,9 @@ def store(_context, rows, _i, value):
     def generate(context, builder, signature, args):
         at = builder.mul(args[1], args[1].type(WIDTH))
         place = _pointer(context, builder, signature.args[0], args[0], at)
-        builder.store(_splat(builder, args[2]), builder.bitcast(place, _VECTOR.as_pointer()), align=8)
+        builder.store(
+            _splat(builder, args[2]), builder.bitcast(place, _VECTOR.as_pointer()), align=8
+        )
         return context.get_dummy_value()
 
     return types.none(rows, types.int64, LANES if value == LANES else types.float64), generate
@@ -164,7 +170,8 @@ def _transposed_half(builder, pairs):
     for part in (low, high):
         left, right = (_shuffled(builder, pairs[i], pairs[i + 1], part) for i in (0, 2))
         columns += [
-            _shuffled(builder, left, right, (*range(k, k + 4), *range(k + 8, k + 12))) for k in (0, 4)
+            _shuffled(builder, left, right, (*range(k, k + 4), *range(k + 8, k + 12)))
+            for k in (0, 4)
         ]
     return columns
 
@@ -203,8 +210,13 @@ def gather(_context, data, place):
 
     def generate(context, builder, signature, args):
         kind = signature.args[0]
-        quads = [_some(_QUAD, context, builder, kind, args[0], begin) for begin in _indices(builder, args[1])]
-        pairs = [_shuffled(builder, a, b, range(8)) for a, b in zip(quads[::2], quads[1::2], strict=True)]
+        quads = [
+            _some(_QUAD, context, builder, kind, args[0], begin)
+            for begin in _indices(builder, args[1])
+        ]
+        pairs = [
+            _shuffled(builder, a, b, range(8)) for a, b in zip(quads[::2], quads[1::2], strict=True)
+        ]
         return _transposed(context, builder, pairs)
 
     return types.UniTuple(LANES, 4)(data, place), generate
@@ -227,7 +239,9 @@ def mix(_context, data, place, _stride, weights):
         columns = []
         for half in (range(4), range(4, 8)):
             orders = (*half, *(8 + k for k in half))
-            pairs = [_shuffled(builder, a, b, orders) for a, b in zip(sums[::2], sums[1::2], strict=True)]
+            pairs = [
+                _shuffled(builder, a, b, orders) for a, b in zip(sums[::2], sums[1::2], strict=True)
+            ]
             tuples = _transposed(context, builder, pairs)
             columns += [builder.extract_value(tuples, k) for k in range(4)]
         return context.make_tuple(builder, types.UniTuple(LANES, 8), columns)
@@ -252,8 +266,12 @@ def blend(_context, data, place, _stride, weights):
                 octets.append(builder.fmul(octet, weight, flags=("contract",) if k == 1 else ()))
             sums.append(builder.fadd(*octets, flags=("contract",)))
         pairs = []
-        for a, b in zip(sums[::2], sums[1::2], strict=True):  # the sums of both halves, of two lanes
-            halves = (_shuffled(builder, a, b, (*range(k, k + 4), *range(k + 8, k + 12))) for k in (0, 4))
+        for a, b in zip(
+            sums[::2], sums[1::2], strict=True
+        ):  # the sums of both halves, of two lanes
+            halves = (
+                _shuffled(builder, a, b, (*range(k, k + 4), *range(k + 8, k + 12))) for k in (0, 4)
+            )
             pairs.append(builder.fadd(*halves))
         return _transposed(context, builder, pairs)
 

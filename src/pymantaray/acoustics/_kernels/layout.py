@@ -74,7 +74,9 @@ LANDED, HELD, TRIED = 0, 1, 2
 MAX_BOUNCES = 15  # at each boundary
 
 # Candidate, see `cells`: cells, launch angle, cross-track slowness, reflections at both boundaries, generation.
-CANDIDATE_ANGLE, CANDIDATE_Q, CANDIDATE_COUNTS, CANDIDATE_GENERATION = range(MAX_BOUNCES + 1, MAX_BOUNCES + 5)
+CANDIDATE_ANGLE, CANDIDATE_Q, CANDIDATE_COUNTS, CANDIDATE_GENERATION = range(
+    MAX_BOUNCES + 1, MAX_BOUNCES + 5
+)
 N_CANDIDATE = MAX_BOUNCES + 5
 
 # Numba compiles a kernel for each type of its arguments. These constants differ in their types, so kernels are compiled without code for
@@ -175,7 +177,9 @@ Link = namedtuple("Link", "z0 z1 c0 c1 horizontal length unit_north unit_east")
 Link.__doc__ = """Ends of a link: depths, sound speeds, distances and direction."""
 
 Accuracy = namedtuple("Accuracy", "coarse fine miss")
-Accuracy.__doc__ = """Tolerances of a fan's rays and of an eigenray, and maximum miss of an eigenray. [m]"""
+Accuracy.__doc__ = (
+    """Tolerances of a fan's rays and of an eigenray, and maximum miss of an eigenray. [m]"""
+)
 
 Settings = namedtuple("Settings", "cutoff_db tolerance canonical shallower")
 Settings.__doc__ = """
@@ -270,9 +274,13 @@ def flight_shapes(own: Work, count: int = MAX_FLIGHTS) -> Flights:
 def least_shapes(domain: Any, longest: float) -> Work:
     """Smallest sufficient shapes for links up to a horizontal distance in a medium. [m]"""
     path = min(2048 + int(0.2 * longest), MAX_PATH)  # steps have at least about 5 m
-    lines = min(sum(one.north.size + one.east.size for one in (domain.bed, domain.surface)), MAX_COLUMNS)
+    lines = min(
+        sum(one.north.size + one.east.size for one in (domain.bed, domain.surface)), MAX_COLUMNS
+    )
     n_depth = domain.depth.size
-    if domain.kind == SMOOTH:  # one extra column: distances may round differently on another processor
+    if (
+        domain.kind == SMOOTH
+    ):  # one extra column: distances may round differently on another processor
         columns = min(int(np.ceil(longest / domain.column_step)) + 2, MAX_COLUMNS)
         return shapes(n_depth, columns, lines, min(_ANGLES + 2 * n_depth, MAX_NODES), path, 1)
     columns = min(domain.north.size + domain.east.size, MAX_COLUMNS)

@@ -76,14 +76,17 @@ _CLEAR, _THROUGH, _BLOCKED, _WEAK, _JUMP, _NONE = range(6)
 _LIKELY, _UNLIKELY, _STEEP_BRACKET = range(3)
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
 _LATER = -1  # status of a link that is put off
-_SPACING_SMOOTH = 0.016, 3e-4  # rad; spacing of the first fan, and distance within which nodes are merged
+_SPACING_SMOOTH = (
+    0.016,
+    3e-4,
+)  # rad; spacing of the first fan, and distance within which nodes are merged
 _SPACING_LINEAR = 0.008, 1e-9
-_RESOLVED = 30.0  # m; by which neighbours may fail to predict the miss and the extreme depths of each other
+_RESOLVED = (
+    30.0  # m; by which neighbours may fail to predict the miss and the extreme depths of each other
+)
 # RESOLVED of a link of at least this length with rays beside the plane: others may be on a curve of rays that this end does not meet
 _FROM_ONE_END, _FAR = 0.5, 12e3  # and m
-_SMALL_SHIFT = (
-    1e-4  # rad; an upper bound of the shift by horizontal refraction, about twenty times the shift itself
-)
+_SMALL_SHIFT = 1e-4  # rad; an upper bound of the shift by horizontal refraction, about twenty times the shift itself
 _REACH_SLOPE = 0.05  # largest mean slope of a ray beyond the depths of both ends
 _FINER = 0.1  # share of the tolerance for the eigenrays of such links: their errors grow with the divergence
 _SAMPLES = 8  # columns of a section
@@ -234,7 +237,9 @@ def _tolerances(s, link, settings):
     """Tolerances of a link's rays, and the slope of the miss above which rays are too weak."""
     tol = settings.tolerance * max(1.0, link.length / _FULL_TOLERANCE_LENGTH)
     fine, coarse = min(tol, 1e-4 * link.length), min(30.0 * tol, 1e-2 * link.length)
-    if s.kind == at.LINEAR:  # a ray that enters the next layer by a centimetre leaves it metres away
+    if (
+        s.kind == at.LINEAR
+    ):  # a ray that enters the next layer by a centimetre leaves it metres away
         fine = min(1e-3 * tol, 1e-8 * link.length)
         coarse = fine
     return Accuracy(coarse, fine, min(1e-2, 1e-6 * link.length)), link.length * 10.0 ** (
@@ -325,7 +330,11 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
     i, _, across = place
     for j in range(at.N_INFO):
         results.info[i, j] = np.nan
-    results.info[i, at.RAYS], results.info[i, at.COMPLETE], results.info[i, at.RESOLVED] = 0.0, 1.0, 1.0
+    results.info[i, at.RAYS], results.info[i, at.COMPLETE], results.info[i, at.RESOLVED] = (
+        0.0,
+        1.0,
+        1.0,
+    )
     results.counts[i], results.status[i] = 0, OUTSIDE
     if _outside(domain, ends[0]) or _outside(domain, ends[1]):
         return False
@@ -376,7 +385,16 @@ def _continue(domain, bounces, settings, k, work, flights, results):
             return True
         if progress.asked == 0.0:
             break
-    _end(section, course, tally_of(progress), bounces, settings, int(row[at.FLIGHT_LINK]), work, results)
+    _end(
+        section,
+        course,
+        tally_of(progress),
+        bounces,
+        settings,
+        int(row[at.FLIGHT_LINK]),
+        work,
+        results,
+    )
     return False
 
 
@@ -391,7 +409,11 @@ def _end(section, course, found, bounces, settings, i, work, results):
     n, margin, rays, complete, resolved = found
     info = results.info[i]
     accuracy, weak_slope = _tolerances(s, link, settings)
-    own = Accuracy(accuracy.coarse, _FINER * accuracy.fine, accuracy.miss) if course.cross else accuracy
+    own = (
+        Accuracy(accuracy.coarse, _FINER * accuracy.fine, accuracy.miss)
+        if course.cross
+        else accuracy
+    )
     count, through_surface, blocked, weak = _keep_direct(
         s, walls, link, (n, course), (settings.cutoff_db, weak_slope), own, work
     )
@@ -487,7 +509,9 @@ def _course_of(launch, course, walls, work):
     _, cb, sb, _ = course.axis
     y = work.y
     miss = y[at.W] - course.target
-    below_surface, above_bottom = clearances(work.path, launch.steps, walls, -sb * miss, cb * miss, y[at.Y])
+    below_surface, above_bottom = clearances(
+        work.path, launch.steps, walls, -sb * miss, cb * miss, y[at.Y]
+    )
     if below_surface < -TOUCH:
         return _THROUGH
     return _BLOCKED if above_bottom < -TOUCH else _CLEAR
@@ -565,7 +589,9 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
     # the slope at one ray may be an error of the ray beside a crest; a ray that is weak anyway needs no check
     if not polished and row[at.SPREADING_DB] <= cutoff[0]:
         narrow(s, walls, course, bracket, launch, accuracy.fine, work)
-    row[at.SPREADING_DB] += unresolved_db(bracket, miss_noise(accuracy.fine, slope, link.length), slope)
+    row[at.SPREADING_DB] += unresolved_db(
+        bracket, miss_noise(accuracy.fine, slope, link.length), slope
+    )
     return _WEAK if row[at.SPREADING_DB] > cutoff[0] else _CLEAR
 
 
@@ -574,7 +600,9 @@ def _course_of_weak(s, walls, course, bracket, accuracy, work):
     """Course of the ray at the root of a bracket's cubic: _WEAK in the water, _THROUGH, _BLOCKED, or _NONE if it does not reach the end."""
     angle = cubic_angle(bracket[0], bracket[1], 0.0)
     q = cross_slowness(bracket[0], bracket[1], angle)
-    ok, steps, turns, _ = trace_direct(s, walls, course, angle, q, accuracy.coarse, direct_ray(course, work))
+    ok, steps, turns, _ = trace_direct(
+        s, walls, course, angle, q, accuracy.coarse, direct_ray(course, work)
+    )
     place = _course_of(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
     if place != _CLEAR:
         return place
@@ -653,7 +681,16 @@ def _solve(domain, bounces, settings, ends, share, work, flights, results):
     following, every = share
     if flights is None or domain.kind == at.LINEAR:
         for i in range(following, source.shape[0], every):
-            _start(domain, bounces, settings, _ends(settings, ends, i), (i, 0, True), work, flights, results)
+            _start(
+                domain,
+                bounces,
+                settings,
+                _ends(settings, ends, i),
+                (i, 0, True),
+                work,
+                flights,
+                results,
+            )
             _finish(settings, source, receiver, i, results)
     else:
         _solve_queue(domain, bounces, settings, ends, share, False, (work, flights), results)
@@ -690,7 +727,9 @@ def _solve_queue(domain, bounces, settings, ends, share, across, room, results):
                 following += every
                 if across and results.status[i] != _LATER:
                     continue
-                waits = _start(domain, bounces, settings, place, (i, k, across), own, flights, results)
+                waits = _start(
+                    domain, bounces, settings, place, (i, k, across), own, flights, results
+                )
                 if not waits and results.status[i] != _LATER:
                     _finish(settings, source, receiver, i, results)
             busy = busy or row[at.FLIGHT_LINK] >= 0.0

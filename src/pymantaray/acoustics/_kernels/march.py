@@ -28,12 +28,15 @@ from pymantaray.compile import inlined, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
 # Rows of the workspace: state, its derivatives at the seven stages of a step, and data of each ray
-_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _RATE, _BEND, _TOL, _EXPECTED = 4, *range(32, 42)
+_SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _RATE, _BEND, _TOL, _EXPECTED = (
+    4,
+    *range(32, 42),
+)
 _TOP, _TOP_RATE, _LOW, _LOW_RATE = range(42, 46)
 # of the link: its number in the queue, first number and last column of its section, distance of the columns and its inverse, source's depth
 # and sound speed, length and its inverse, 1 if steps end at the levels, derivative of c_ref / c at the source
-_LINK, _STORE, _COLUMNS, _STEP, _PER_STEP, _SOURCE, _C_REF, _SPAN, _PER_SPAN, _LEVELS, _GRADIENT = range(
-    46, 57
+_LINK, _STORE, _COLUMNS, _STEP, _PER_STEP, _SOURCE, _C_REF, _SPAN, _PER_SPAN, _LEVELS, _GRADIENT = (
+    range(46, 57)
 )
 # and for rays that leave the plane: 1 if they do, derivative of c_ref / c across the track at the source, number of attempts to end in the
 # plane; cross-track offset and slowness, their derivatives by the launch angle, and the derivatives of the offsets and slownesses in the
@@ -46,9 +49,7 @@ _RATE_Q, _BEND_Q, _TOP_RATE_Q, _LOW_RATE_Q = range(132, 136)
 # GOOD of a ray that has not been traced, or that took over the lane of one traced ahead
 WAITING, UNDER_WAY = -1.0, -3.0
 FIRST_STEP = 60.0  # m
-_MAX_OFFSET = (
-    10.0  # tolerances; rays that end farther out of the plane and near the receiver are traced again
-)
+_MAX_OFFSET = 10.0  # tolerances; rays that end farther out of the plane and near the receiver are traced again
 # error of the miss of such a ray at most, corrected to first order, in squares of its offset divided by its length, and per divergence
 _PER_SQUARE = 100.0
 MOST_ATTEMPTS = 4
@@ -58,9 +59,7 @@ _DIVERGING = 3.0  # divergence above which a ray needs a smaller tolerance
 _HOPELESS = 1e3  # divergence above which rays are too weak to be arrivals
 # the tolerance decreases by _AMPLIFIED times the divergence, which counts up to _DIVERGENCE_LIMIT
 _AMPLIFIED, _DIVERGENCE_LIMIT = 2.0, 30.0
-_AT_LEVELS = (
-    10.0  # factor of the tolerance if steps end at the levels: errors are then a fiftieth of their estimate
-)
+_AT_LEVELS = 10.0  # factor of the tolerance if steps end at the levels: errors are then a fiftieth of their estimate
 ERRING = 100.0  # distance from the receiver beyond which errors do not matter, in tolerances times divergence
 
 
@@ -84,7 +83,10 @@ def again(miss, tol, growth, expected, to_levels):
 @kernel
 def needs_more(miss, tol, growth, expected):
     """True if a ray near the receiver diverges strongly and needs a smaller tolerance."""
-    return max(_DIVERGING, 1.5 * expected) <= growth <= _HOPELESS and abs(miss) <= ERRING * tol * growth
+    return (
+        max(_DIVERGING, 1.5 * expected) <= growth <= _HOPELESS
+        and abs(miss) <= ERRING * tol * growth
+    )
 
 
 @kernel
@@ -171,10 +173,17 @@ def _derivative(s, data, rows, at_stage, state, across):
     store(rows, slopes + 1, nnw * ih)
     if across is None:
         store(rows, slopes + 2, (ih + p * p * ih3) * eta - p * nnw * ih3 * xi)
-        store(rows, slopes + 3, ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * xi + nnw * p * ih3 * eta)
+        store(
+            rows,
+            slopes + 3,
+            ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * xi + nnw * p * ih3 * eta,
+        )
     else:
         squared, by = n * n, cy * ic
-        mixed, second = squared * (3.0 * cz * ic * by - cyz * ic), squared * (3.0 * by * by - cyy * ic)
+        mixed, second = (
+            squared * (3.0 * cz * ic * by - cyz * ic),
+            squared * (3.0 * by * by - cyy * ic),
+        )
         gradient, bends = (nnw, -1.0 * squared * by), (nw * nw + n * nww, mixed, second)
         _vary_coupled(rows, stage, (p, q, xi, eta), gradient, bends, (ih, ih3))
     return room
@@ -335,11 +344,17 @@ def _launch_next(flights, n_links, rows, lane, following):
         if i < last:
             node = flights.rays[k, i]
             rows[_LINK, lane], rows[_RAY, lane], rows[_STORE, lane] = k, i, link[at.FLIGHT_STORE]
-            rows[_COLUMNS, lane], rows[_STEP, lane] = link[at.FLIGHT_COLUMNS] - 2.0, link[at.FLIGHT_STEP]
+            rows[_COLUMNS, lane], rows[_STEP, lane] = (
+                link[at.FLIGHT_COLUMNS] - 2.0,
+                link[at.FLIGHT_STEP],
+            )
             rows[_PER_STEP, lane] = 1.0 / link[at.FLIGHT_STEP]
             rows[_SOURCE, lane], rows[_C_REF, lane] = link[at.FLIGHT_ENDS], link[at.FLIGHT_ENDS + 2]
             rows[_SPAN, lane] = link[at.FLIGHT_ENDS + 4]
-            rows[_PER_SPAN, lane], rows[_GRADIENT, lane] = 1.0 / rows[_SPAN, lane], link[at.FLIGHT_GRADIENT]
+            rows[_PER_SPAN, lane], rows[_GRADIENT, lane] = (
+                1.0 / rows[_SPAN, lane],
+                link[at.FLIGHT_GRADIENT],
+            )
             rows[_CROSS, lane] = link[at.FLIGHT_CROSS]
             rows[_CROSS_GRADIENT, lane] = link[at.FLIGHT_CROSS_GRADIENT]
             rows[_ATTEMPTS, lane] = 1.0
@@ -355,7 +370,10 @@ def _start(angle, q, rows, lane):
     p, h, gradient = math.sin(angle), math.cos(angle), rows[_GRADIENT, lane]
     rows[at.P, lane], rows[at.ETA, lane] = p, h
     rows[_SLOPES + at.W, lane], rows[_SLOPES + at.P, lane] = p / h, gradient / h
-    rows[_SLOPES + at.XI, lane], rows[_SLOPES + at.ETA, lane] = 1.0 / (h * h), gradient * p / (h * h)
+    rows[_SLOPES + at.XI, lane], rows[_SLOPES + at.ETA, lane] = (
+        1.0 / (h * h),
+        gradient * p / (h * h),
+    )
     if rows[_CROSS, lane] > 0.0:
         for row in range(_BESIDE, _NEXT_BESIDE):
             rows[row, lane] = 0.0
@@ -371,9 +389,15 @@ def _start(angle, q, rows, lane):
         )
         slopes = _BESIDE_SLOPES - _BESIDE
         rows[slopes + _OFFSET, lane], rows[slopes + _SIDE, lane] = q / along, side / along
-        rows[slopes + _Y_ANGLE, lane], rows[slopes + _Q_ANGLE, lane] = q * p * h / cube, side * p * h / cube
+        rows[slopes + _Y_ANGLE, lane], rows[slopes + _Q_ANGLE, lane] = (
+            q * p * h / cube,
+            side * p * h / cube,
+        )
         rows[slopes + _W_Q, lane], rows[slopes + _P_Q, lane] = p * q / cube, gradient * q / cube
-        rows[slopes + _Y_Q, lane], rows[slopes + _Q_Q, lane] = 1.0 / along + q * q / cube, side * q / cube
+        rows[slopes + _Y_Q, lane], rows[slopes + _Q_Q, lane] = (
+            1.0 / along + q * q / cube,
+            side * q / cube,
+        )
     rows[_LENGTH, lane] = min(rows[_SPAN, lane], FIRST_STEP)
 
 
@@ -435,7 +459,9 @@ def _relay(flights, n_links, rows):
             target = link[at.FLIGHT_ENDS + 1] - link[at.FLIGHT_ENDS]
             miss, grown = rows[at.W, lane] - target, rows[_GROWN, lane] / rows[_SPAN, lane]
             may_repeat = crosses and rows[_ATTEMPTS, lane] < MOST_ATTEMPTS
-            if may_repeat and astray(rows[_OFFSET, lane], miss, node[at.TOL], grown, rows[_SPAN, lane]):
+            if may_repeat and astray(
+                rows[_OFFSET, lane], miss, node[at.TOL], grown, rows[_SPAN, lane]
+            ):
                 rows[_ATTEMPTS, lane] += 1.0
                 _launch(node, rows[_EXPECTED, lane], rows[_LEVELS, lane], rows, lane)
                 continue
@@ -504,7 +530,11 @@ def _exit(rows, above, state, top, across):
     rise, rate = dw + back * dp, -1.0 * (xi + back * dxi) / dw
     bend = (dxi + dp * rate) / rise
     store(rows, _RATE, choose(above, rate, load(rows, _RATE)))
-    store(rows, _BEND, choose(above, choose((rise < 0.0) & (dw < 0.0), bend, math.nan), load(rows, _BEND)))
+    store(
+        rows,
+        _BEND,
+        choose(above, choose((rise < 0.0) & (dw < 0.0), bend, math.nan), load(rows, _BEND)),
+    )
     if across is not None:
         dw_q = load(rows, _BESIDE_SLOPES + 4)
         rate = -1.0 * (load(rows, _W_Q) + back * dw_q) / dw
@@ -595,7 +625,9 @@ def march(domain, flights, n_links, across, data):
         last = left < h * (1.0 + 1e-12)
         h = choose(last, left, h)
         w, p, xi, eta, room = _step(domain, data, rows, pos, h, across, state)
-        good, factor = _controlled(rows, h, left, room, absolute(xi) * load(rows, _PER_SPAN), across, levels)
+        good, factor = _controlled(
+            rows, h, left, room, absolute(xi) * load(rows, _PER_SPAN), across, levels
+        )
         failed = h < 1e-9 * length
         state = (
             choose(good, w, state[0]),
@@ -605,7 +637,11 @@ def march(domain, flights, n_links, across, data):
         )
         if across is not None:
             for i in range(_N_BESIDE):
-                store(rows, _BESIDE + i, choose(good, load(rows, _NEXT_BESIDE + i), load(rows, _BESIDE + i)))
+                store(
+                    rows,
+                    _BESIDE + i,
+                    choose(good, load(rows, _NEXT_BESIDE + i), load(rows, _BESIDE + i)),
+                )
         pos = choose(good, choose(last, length, pos + h), pos)
         h = h * factor
         source = load(rows, _SOURCE)

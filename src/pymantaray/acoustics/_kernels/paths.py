@@ -35,7 +35,9 @@ def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
     side = (slowness[1] * link.unit_north - slowness[0] * link.unit_east) * link.c0
     down = slowness[2] * link.c0
     if axis == at.VERTICAL:
-        course = legs_course(link, bounces, down > 0.0, link.z1, (bounces[0] + bounces[1] + 1) * _LEG)
+        course = legs_course(
+            link, bounces, down > 0.0, link.z1, (bounces[0] + bounces[1] + 1) * _LEG
+        )
         ok, steps = _trace_course(s, walls, link, course, (forward, side, down), tol, work)
     elif bounces[0] + bounces[1] > 0:
         course = forward_course(link, bounces, 0, 0, link.z1)
@@ -84,7 +86,10 @@ def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
         if not math.isfinite(launch[i, 0] + launch[i, 1] + launch[i, 2]):  # the ends coincide
             nodes[n, at.NODE_TIME], nodes[n, at.NODE_BOUNDARY] = 0.0, 0.0
             for k in range(3):
-                nodes[n, at.NODE_POSITION + k], nodes[n, at.NODE_SLOWNESS + k] = ends[i, 0, k], math.nan
+                nodes[n, at.NODE_POSITION + k], nodes[n, at.NODE_SLOWNESS + k] = (
+                    ends[i, 0, k],
+                    math.nan,
+                )
             counts[i] = 1
             n += 1
             continue
@@ -161,7 +166,9 @@ def _local_node(row, line, c, surface, node):
     node[at.NODE_POSITION] = line.north + r * un - y * ue
     node[at.NODE_POSITION + 1] = line.east + r * ue + y * un
     node[at.NODE_POSITION + 2] = row[at.DEPTH]
-    if row[at.BOUNDARY] == at.AT_SURFACE and surface.depth.size == 1:  # the last nanometres are missing
+    if (
+        row[at.BOUNDARY] == at.AT_SURFACE and surface.depth.size == 1
+    ):  # the last nanometres are missing
         node[at.NODE_POSITION + 2] = surface.depth[0, 0]
     node[at.NODE_SLOWNESS] = (p_r * un - p_y * ue) / c
     node[at.NODE_SLOWNESS + 1] = (p_r * ue + p_y * un) / c

@@ -6,7 +6,12 @@ from collections import namedtuple
 import numpy as np
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.beside import cross_change, direct_ray, offset_in_plane, trace_direct
+from pymantaray.acoustics._kernels.beside import (
+    cross_change,
+    direct_ray,
+    offset_in_plane,
+    trace_direct,
+)
 from pymantaray.acoustics._kernels.boundary import across_plane
 from pymantaray.acoustics._kernels.field import cubic_root
 from pymantaray.acoustics._kernels.layout import Accuracy
@@ -20,15 +25,15 @@ _WIDEST_JUMP, _STEEPEST = (
     5e-5,
     10.0,
 )  # rad, times the slope of a weak ray; the miss jumps in a narrower bracket where it is steeper
-INSET = (
-    1e-3  # m; rays to a receiver on a boundary end this far inside, and the travel time is corrected (Fermat)
-)
+INSET = 1e-3  # m; rays to a receiver on a boundary end this far inside, and the travel time is corrected (Fermat)
 _DIFFERENCE_STEP = 1e-5  # rad; distance of rays whose differences are derivatives
 # If Newton's method fails, the slopes of the boundaries across the plane increase from zero in these shares
 _FIRST_SHARE, _MIN_SHARE = 0.25, 1.0 / 128.0
 _MAX_MOVES = 24  # of a bracket's ends
 _MIN_MOVE = 1e-3  # of the bracket's width: shortest move
-_RETURN_DISTANCE = 10.0  # times the miss; a ray farther beyond the edges of the held cells does not return
+_RETURN_DISTANCE = (
+    10.0  # times the miss; a ray farther beyond the edges of the held cells does not return
+)
 _ROUGH_MISS = 1e-4  # of the course: allowed miss of a ray with a share of the slope
 
 Launch = namedtuple("Launch", "ok angle q steps turns")
@@ -49,7 +54,9 @@ the variation in the plane. A ray with another number of reflections, or with ex
 def cubic_angle(a, b, level):
     """Launch angle between two rays of a fan at which the cubic of the miss equals level."""
     h = b[at.ANGLE] - a[at.ANGLE]
-    return a[at.ANGLE] + h * cubic_root(h, a[at.MISS] - level, a[at.SLOPE], b[at.MISS] - level, b[at.SLOPE])
+    return a[at.ANGLE] + h * cubic_root(
+        h, a[at.MISS] - level, a[at.SLOPE], b[at.MISS] - level, b[at.SLOPE]
+    )
 
 
 @kernel
@@ -71,7 +78,9 @@ def polish(s, walls, course, bracket, accuracy, work):
     q = cross_slowness(a, b, m)
     steps, turns = 0, 0
     for _ in range(6):
-        ok, steps, turns, _ = trace_direct(s, walls, course, m, q, accuracy.fine, direct_ray(course, work))
+        ok, steps, turns, _ = trace_direct(
+            s, walls, course, m, q, accuracy.fine, direct_ray(course, work)
+        )
         if not ok or y[at.XI] * rise <= 0.0 or y[at.DY_DQ] <= 0.0:
             break
         f = offset_in_plane(y) - course.target
@@ -114,7 +123,9 @@ def put_off(wide, bracket):
 def taken_up(bracket):
     """Widened bracket that `put_off` stored."""
     a, b = bracket[0], bracket[1]
-    return Widened(True, a[at.SLOPE], b[at.SLOPE], a[at.SLOWNESS], b[at.SLOWNESS], a[at.SLOWNESS_SLOPE])
+    return Widened(
+        True, a[at.SLOPE], b[at.SLOPE], a[at.SLOWNESS], b[at.SLOWNESS], a[at.SLOWNESS_SLOPE]
+    )
 
 
 @kernel
@@ -245,7 +256,12 @@ def narrow(s, walls, course, bracket, launch, tol, work):
 @kernel
 def _in_plane(s, walls, course, bracket, accuracy, work):
     """Launch angle of the root of the miss in a bracket, in the plane of the link, and False if it cannot be found."""
-    lo, hi, fa, code = bracket[0, at.ANGLE], bracket[1, at.ANGLE], bracket[0, at.MISS], bracket[0, at.CODE]
+    lo, hi, fa, code = (
+        bracket[0, at.ANGLE],
+        bracket[1, at.ANGLE],
+        bracket[0, at.MISS],
+        bracket[0, at.CODE],
+    )
     m = 0.5 * (lo + hi)
     node = work.rays[0]
     previous = math.inf
@@ -305,7 +321,9 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
             m, q = 0.5 * (m + last_m), 0.5 * (q + last_q)
             continue
         f, side = y[at.W] - course.target, y[at.Y]
-        if walls.held >= 0.0 and walls.cells[at.LANDED, -1] > _RETURN_DISTANCE * (abs(f) + abs(side)):
+        if walls.held >= 0.0 and walls.cells[at.LANDED, -1] > _RETURN_DISTANCE * (
+            abs(f) + abs(side)
+        ):
             break
         if abs(f) < miss and abs(side) < miss:
             return Launch(True, m, q, steps, turns), (j00, j01, j10, j11), code
@@ -376,7 +394,9 @@ def refine_reflected(s, walls, course, bracket, accuracy, work):
 def _increase_slope(s, walls, course, start, bracket, accuracy, work):
     """Continue a reflected ray from the plane of the link while the boundaries' slopes across the plane increase from zero."""
     wanted = int(bracket[fewer_bounces(bracket), at.CODE])
-    rough = Accuracy(accuracy.coarse, accuracy.fine, max(accuracy.miss, _ROUGH_MISS * course.length))
+    rough = Accuracy(
+        accuracy.coarse, accuracy.fine, max(accuracy.miss, _ROUGH_MISS * course.length)
+    )
     m, q, share, jacobian = start, 0.0, 0.0, (0.0, 0.0, 0.0, 0.0)
     ahead = _FIRST_SHARE
     rate_m, rate_q = 0.0, 0.0  # derivatives of the ray by the share

@@ -48,22 +48,28 @@ MAX_RAYS = 20_000
 MAX_RAYS_INTERVAL = 1000
 _MORE_RAYS = 4.0  # times as many in an interval of rays that leave the plane: where several end in it at one angle, their miss jumps
 _RAYS_PER_BRACKET = 15.0  # share of a bracket in the budget of rays
-_SLOWNESS_DEFECT = 0.3  # of the vertical slowness; a larger defect of its cubic means unresolved cycles
+_SLOWNESS_DEFECT = (
+    0.3  # of the vertical slowness; a larger defect of its cubic means unresolved cycles
+)
 _WEAK_WIDTH = 5e-5  # rad; a narrower interval between two weak rays is not divided
 _CUBIC_DEPARTURE = (
     16.0 / 27.0
 )  # bound of the distance between a cubic Hermite polynomial and its chord, per slope defect, times four
 _EXIT_GAP = 0.25  # of the link; rays whose exits from the water are farther apart left it at different cycles
 _MIN_RISE = 0.3  # of the steepness at the exit must remain within an interval whose rays all leave the water
-_EXIT_AGREEMENT = 0.3  # of the distance to the exit: allowed error of the exit that the derivatives predict
-_WINDOW_WIDTH = (
-    2e-5  # rad; width down to which rays that stay in the water are searched between two that left it
+_EXIT_AGREEMENT = (
+    0.3  # of the distance to the exit: allowed error of the exit that the derivatives predict
 )
+_WINDOW_WIDTH = 2e-5  # rad; width down to which rays that stay in the water are searched between two that left it
 # A sound-speed maximum may part two rays if the miss bends by more than the first share of its size, and if this share times the
 # error of the predicted turning depths exceeds the second number of metres
 _MIN_BEND, _MIN_BEND_TIMES_DEFECT = 0.2, 1.25
-_NOISE = 4.0  # tolerances; the miss of a ray out of the plane may differ by this between two attempts
-_PASSAGE_WIDTH = 2e-4  # rad; rays that pass a sound-speed maximum within a narrower interval are weak
+_NOISE = (
+    4.0  # tolerances; the miss of a ray out of the plane may differ by this between two attempts
+)
+_PASSAGE_WIDTH = (
+    2e-4  # rad; rays that pass a sound-speed maximum within a narrower interval are weak
+)
 _WEAK_SHARE = 0.1  # of the slope of a weak ray: slope of a ray at the cut-off
 _FOLD, _FOLD_RATE = 1e-4, 20.0  # jump of the cross-track slowness, and its rate by the launch angle
 _UNKNOWN = 1e30  # m; error of a cubic
@@ -156,7 +162,8 @@ def _same_code(a, b, fold):
     if a[at.CODE] == b[at.CODE]:
         return True
     return fold != 0 and (
-        append_code(int(a[at.CODE]), fold) == b[at.CODE] or append_code(int(b[at.CODE]), fold) == a[at.CODE]
+        append_code(int(a[at.CODE]), fold) == b[at.CODE]
+        or append_code(int(b[at.CODE]), fold) == a[at.CODE]
     )
 
 
@@ -187,7 +194,9 @@ def _oscillates(a, b, h):
     """
     rise = b[at.SLOWNESS] - a[at.SLOWNESS]
     defect = max(abs(h * a[at.SLOWNESS_SLOPE] - rise), abs(h * b[at.SLOWNESS_SLOPE] - rise))
-    return defect > _SLOWNESS_DEFECT * max(abs(math.sin(a[at.ANGLE])), abs(math.sin(b[at.ANGLE])), 0.02)
+    return defect > _SLOWNESS_DEFECT * max(
+        abs(math.sin(a[at.ANGLE])), abs(math.sin(b[at.ANGLE])), 0.02
+    )
 
 
 @kernel
@@ -345,7 +354,11 @@ def _is_even(a, b, length):
         return False
     if a[at.LEFT] + b[at.LEFT] > 0.0 and not _leave_water_alike(a, b, length):
         return False
-    h, rise, turn = b[at.ANGLE] - a[at.ANGLE], b[at.MISS] - a[at.MISS], b[at.SLOWNESS] - a[at.SLOWNESS]
+    h, rise, turn = (
+        b[at.ANGLE] - a[at.ANGLE],
+        b[at.MISS] - a[at.MISS],
+        b[at.SLOWNESS] - a[at.SLOWNESS],
+    )
     bend = max(abs(h * a[at.SLOPE] - rise), abs(h * b[at.SLOPE] - rise))
     defect = max(abs(h * a[at.SLOWNESS_SLOPE] - turn), abs(h * b[at.SLOWNESS_SLOPE] - turn))
     return (
@@ -400,7 +413,9 @@ def find_brackets(s, walls, course, n_nodes, gap, search, work):
     if s.kind == at.LINEAR:
         put_ladder(s, walls, course, work)
         for i in range(n_nodes if has_ladder(work) else 0):
-            work.rays[fan + i, at.DEFECT] = _UNKNOWN  # beside a change of reflections: the middle decides
+            work.rays[fan + i, at.DEFECT] = (
+                _UNKNOWN  # beside a change of reflections: the middle decides
+            )
     shoot_waiting(s, walls, course, fan, fan + n_nodes, work)
     if progress.asked < 0.0:
         progress = fill_fan(course.length, progress, work)
@@ -433,7 +448,12 @@ def advance(varies, course, search, progress, work):
     them, and so on, and those to be traced are WAITING. work.brackets receives the rays at both ends of each bracket. varies is False
     if the section is the same at all ranges.
     """
-    asked, top, left, right = int(progress.asked), int(progress.top), int(progress.left), int(progress.right)
+    asked, top, left, right = (
+        int(progress.asked),
+        int(progress.top),
+        int(progress.left),
+        int(progress.right),
+    )
     tally = tally_of(progress)
     if tally[2] == 0:
         right = _close_gaps(right + 2, work) - 2
@@ -518,7 +538,11 @@ def _gather(varies, course, search, asked, pending, tally, work):
         elif verdict == _EDGE and search.overhang > 0.0:
             for end in (0, 1):
                 ray, beyond = st[top, end], search.overhang if end == 0 else -search.overhang
-                if room and n_brackets < work.brackets.shape[0] and _points_across(ray, course.rule, beyond):
+                if (
+                    room
+                    and n_brackets < work.brackets.shape[0]
+                    and _points_across(ray, course.rule, beyond)
+                ):
                     n_brackets = _add_bracket(ray, ray, n_brackets, k, work)
         elif verdict == _GONE and a[at.MISS] * b[at.MISS] <= 0.0:
             margin = 0.0
@@ -534,7 +558,9 @@ def _gather(varies, course, search, asked, pending, tally, work):
         if verdict != _SPLIT:
             continue
         # the fan's tolerance matters
-        doubtful = (crosses and h < _WEAK_WIDTH) or min(abs(a[at.MISS]), abs(b[at.MISS])) < 4.0 * tol_here
+        doubtful = (crosses and h < _WEAK_WIDTH) or min(
+            abs(a[at.MISS]), abs(b[at.MISS])
+        ) < 4.0 * tol_here
         if same and tol_here > fine and doubtful:
             traced = _ask_finer(a, b, fine, asked, work)
         else:
@@ -576,7 +602,11 @@ def _ask_middle(a, b, tol, i, work):
     copy_ray(b, work.halves[i, 1])
     growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
     miss = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
-    middle[at.ANGLE], middle[at.TOL], middle[at.GOOD] = 0.5 * (a[at.ANGLE] + b[at.ANGLE]), tol, WAITING
+    middle[at.ANGLE], middle[at.TOL], middle[at.GOOD] = (
+        0.5 * (a[at.ANGLE] + b[at.ANGLE]),
+        tol,
+        WAITING,
+    )
     middle[at.CROSS] = 0.5 * (a[at.CROSS] + b[at.CROSS])
     middle[at.GROWTH] = growth if abs(miss) <= ERRING * tol * growth else 0.0
     work.rays[2 * i + 1, at.GOOD] = 0.0
@@ -842,12 +872,17 @@ def speed_extremes(s, extremes):
             h = s.depth[k + 1] - s.depth[k]
             c0, c1 = s.data[i, k, 0], s.data[i, k + 1, 0] if k + 1 < s.data.shape[1] else 0.0
             if s.kind == at.SMOOTH:
-                least, largest = _cubic_extremes(h, c0, s.data[i, k, 1], s.data[i, k, 2], s.data[i, k, 3])
+                least, largest = _cubic_extremes(
+                    h, c0, s.data[i, k, 1], s.data[i, k, 2], s.data[i, k, 3]
+                )
             else:
                 least, largest = min(c0, c1), max(c0, c1)
             if i == 0:
                 extremes[0, k], extremes[1, k] = least, largest
-            extremes[0, k], extremes[1, k] = min(extremes[0, k], least), max(extremes[1, k], largest)
+            extremes[0, k], extremes[1, k] = (
+                min(extremes[0, k], least),
+                max(extremes[1, k], largest),
+            )
             variation = max(variation, abs(c0 - s.data[0, k, 0]))
     return variation
 
@@ -858,7 +893,9 @@ def _cubic_extremes(h, c0, d1, d2, d3):
     c1 = c0 + h * (d1 + h * (d2 + h * d3))
     least, largest = min(c0, c1), max(c0, c1)
     bend = d2 + 3.0 * h * d3
-    if d1 * (d1 + h * (d2 + bend)) > 0.0 and d2 * bend >= 0.0:  # the slope is not zero inside the layer
+    if (
+        d1 * (d1 + h * (d2 + bend)) > 0.0 and d2 * bend >= 0.0
+    ):  # the slope is not zero inside the layer
         return least, largest
     root = d2 * d2 - 3.0 * d1 * d3
     if root > 0.0:

@@ -129,12 +129,17 @@ def _add_in_legs(s, walls, hunt, shallowest, result, work):
             if n_s > hunt.bounces[0] or n_b > hunt.bounces[1]:
                 continue
             horizontal = link.horizontal
-            if horizontal > 1e-9 and math.atan(1.3 * legs * deepest / horizontal) + 0.1 < shallowest:
+            if (
+                horizontal > 1e-9
+                and math.atan(1.3 * legs * deepest / horizontal) + 0.1 < shallowest
+            ):
                 continue
             n = min(int(math.ceil(2.0 * half / _SPACING_LEGS)) + 1, nodes.size)
             for i in range(n):
                 nodes[i] = half * (2.0 * i / (n - 1) - 1.0)
-            course = legs_course(link, (n_s, n_b), first == 0, link.z1 - hunt.reach.inset, legs * deepest)
+            course = legs_course(
+                link, (n_s, n_b), first == 0, link.z1 - hunt.reach.inset, legs * deepest
+            )
             result = _collect(s, walls, (course, course), n, -1.0, hunt, result, work)
     return result
 
@@ -150,7 +155,9 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
         width, trust = 1e-3 * width, 1e-3 * trust
     gridded = walls.bed.depth.size > 1 and course.rule.fold == 0
     overhang = min(_OVERHANG, reach.slope + reach.across) if gridded else 0.0
-    search = Search(accuracy.coarse, accuracy.fine, width, trust, steep, hunt.weak_slope, overhang, math.inf)
+    search = Search(
+        accuracy.coarse, accuracy.fine, width, trust, steep, hunt.weak_slope, overhang, math.inf
+    )
     found = find_brackets(s, walls, fan_course, n_nodes, 0.0, search, work)
     n_brackets, _, more_rays, all_there, _ = found
     n, done, i = 0, 0, 0
@@ -172,7 +179,9 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
         if launch.ok:
             if gridded:
                 q = launch.q
-                n = add_candidate(work.candidates, n, cells[at.LANDED], launch.angle, q, counts, KNOWN)
+                n = add_candidate(
+                    work.candidates, n, cells[at.LANDED], launch.angle, q, counts, KNOWN
+                )
                 n = add_neighbours(walls, n, launch, counts, generation + 1, work)
             count, too_weak = _keep(s, walls, course, launch, counts, hunt, count, work)
             weak += too_weak
@@ -198,7 +207,9 @@ def _keep(s, walls, course, launch, counts, hunt, count, work):
     if (n_b > 0 and reach.across > 1e-9) or (n_s > 0 and reach.ice_across > 1e-9):
         det = tube(s, walls, course, launch, hunt.accuracy.fine, work)
         if not math.isnan(det):
-            row[at.SPREADING_DB] += 10.0 * math.log10(max(abs(det), 1e-300) / max(abs(plain), 1e-300))
+            row[at.SPREADING_DB] += 10.0 * math.log10(
+                max(abs(det), 1e-300) / max(abs(plain), 1e-300)
+            )
     if reach.on_boundary * row[at.ARRIVAL_ANGLE] < 0.0:  # reflected at the receiver itself
         return count, 0
     if row[at.SPREADING_DB] > hunt.cutoff_db:

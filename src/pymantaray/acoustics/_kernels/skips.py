@@ -19,7 +19,9 @@ of skips by angle at the deck: range [m], time [s], turning points, reflections 
 SkipLink = namedtuple("SkipLink", "start end length surface slope spacing most_surface most_bottom")
 SkipLink.__doc__ = """Depths of the ends [m], range [m], depth and slope of the surface, their spacing [m], most reflections."""
 RANGE, TIME, TURNS, BEDS = range(4)  # rows of a table
-ANGLE, MISS, TRAVEL, END_ANGLE, SURFACES, BOTTOMS, TURNED, RATE, N_RAY = range(9)  # columns of a ray
+ANGLE, MISS, TRAVEL, END_ANGLE, SURFACES, BOTTOMS, TURNED, RATE, N_RAY = range(
+    9
+)  # columns of a ray
 FAILED = -1.0  # surface reflections of a ray that does not arrive
 _STEEPEST = 1.53  # rad; a steeper ray is dropped
 _FLAT = 1e-12
@@ -135,7 +137,9 @@ def _above(water, link, r, z, angle):
             at_receiver = False
             lo, hi = 0.0, step
             for _ in range(_ITERATIONS):
-                step -= (z + step * (slope + 0.5 * step * bend) - bottom) / max(slope + step * bend, 1e-9)
+                step -= (z + step * (slope + 0.5 * step * bend) - bottom) / max(
+                    slope + step * bend, 1e-9
+                )
                 step = min(max(step, lo), hi)
                 if abs(z + step * (slope + 0.5 * step * bend) - bottom) < 1e-10:
                     break
@@ -194,8 +198,18 @@ def _jump(water, angle):
     w1 = (x + 1.0) * (x - 1.0) * (x - 2.0) / 2.0
     w2 = -(x + 1.0) * x * (x - 2.0) / 2.0
     w3 = (x + 1.0) * x * (x - 1.0) / 6.0
-    r = w0 * table[RANGE, i - 1] + w1 * table[RANGE, i] + w2 * table[RANGE, i + 1] + w3 * table[RANGE, i + 2]
-    t = w0 * table[TIME, i - 1] + w1 * table[TIME, i] + w2 * table[TIME, i + 1] + w3 * table[TIME, i + 2]
+    r = (
+        w0 * table[RANGE, i - 1]
+        + w1 * table[RANGE, i]
+        + w2 * table[RANGE, i + 1]
+        + w3 * table[RANGE, i + 2]
+    )
+    t = (
+        w0 * table[TIME, i - 1]
+        + w1 * table[TIME, i]
+        + w2 * table[TIME, i + 1]
+        + w3 * table[TIME, i + 2]
+    )
     return r, t, table[TURNS, i], table[BEDS, i]
 
 
@@ -206,7 +220,13 @@ def fill_table(water, most_bottom):
     for i in range(water.table.shape[1]):
         angle = max(i, 1e-3) * water.step
         _, left, _, _, _, t, turns, beds = _below(
-            water, water.deck, water.depth[water.deck], math.sin(angle), math.cos(angle) / c, 1e9, most_bottom
+            water,
+            water.deck,
+            water.depth[water.deck],
+            math.sin(angle),
+            math.cos(angle) / c,
+            1e9,
+            most_bottom,
         )
         water.table[RANGE, i] = 1e9 - left if beds >= 0 else math.inf
         water.table[TIME, i], water.table[TURNS, i], water.table[BEDS, i] = t, turns, beds
@@ -266,7 +286,9 @@ def _launch(water, link, angle, ray):
             skip, more, turned, hit = _jump(water, angle)
             if r + skip < link.length and beds + hit <= link.most_bottom:
                 r, t, turns, beds = r + skip, t + more, turns + int(turned), beds + int(hit)
-                r, z, angle, t, surfaces = _upper_part(water, link, (r, deck_depth, -angle), t, surfaces)
+                r, z, angle, t, surfaces = _upper_part(
+                    water, link, (r, deck_depth, -angle), t, surfaces
+                )
                 if surfaces < 0:
                     return
         if r >= link.length - 1e-9:

@@ -94,7 +94,9 @@ def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     n = c_ref * ic
     nw = -n * cw * ic
     nww = n * ic * (2.0 * cw * cw * ic - cww)
-    square = c_ref * c_ref - c * c * (p * p + q * q)  # (h c)^2, which does not depend on the division 1 / c
+    square = c_ref * c_ref - c * c * (
+        p * p + q * q
+    )  # (h c)^2, which does not depend on the division 1 / c
     if not square > 1e-6 * c * c:
         return False, k
     ih = c / math.sqrt(square)
@@ -150,7 +152,9 @@ def step(s, cell, pos, h, ray, axis):
 @inlined
 def _embedded(K, i):
     """Difference of the two embedded formulas divided by the length of the step."""
-    return abs(E1 * K[0, i] + E3 * K[2, i] + E4 * K[3, i] + E5 * K[4, i] + E6 * K[5, i] + E7 * K[6, i])
+    return abs(
+        E1 * K[0, i] + E3 * K[2, i] + E4 * K[3, i] + E5 * K[4, i] + E6 * K[5, i] + E7 * K[6, i]
+    )
 
 
 @inlined

@@ -33,10 +33,19 @@ from pymantaray.acoustics._kernels.boundary import (
 )
 from pymantaray.acoustics._kernels.field import find_level, move_level
 from pymantaray.acoustics._kernels.layout import MAX_STEPS, BoundaryRule, Course, Ray
-from pymantaray.acoustics._kernels.step import FAN_TUBE, MIN_WIDTH, TUBE, derivative, step, step_error
+from pymantaray.acoustics._kernels.step import (
+    FAN_TUBE,
+    MIN_WIDTH,
+    TUBE,
+    derivative,
+    step,
+    step_error,
+)
 from pymantaray.compile import inlined, kernel, out_of_line, shared
 
-MAX_STUCK = 20  # minimum steps in a row; then the ray is so flat that rounding of the field turns it
+MAX_STUCK = (
+    20  # minimum steps in a row; then the ray is so flat that rounding of the field turns it
+)
 _ENDLESS_LEG = 1e7  # m; length of a leg that ends at a boundary
 
 
@@ -89,14 +98,22 @@ def ray_axis(course):
 def course_to_levels(s, course):
     """Let the steps of a fan's rays end at the levels, for direct rays along the horizontal in a SMOOTH section."""
     able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis.sb == 0.0
-    return Course(course.rule, course.axis, course.length, course.target, able, course.rays, course.cross)
+    return Course(
+        course.rule, course.axis, course.length, course.target, able, course.rays, course.cross
+    )
 
 
 @inlined
 def any_course(course):
     """Return the course for a kernel that is compiled once for all kinds of rays."""
     return Course(
-        course.rule, course.axis, course.length, course.target, course.to_levels, at.ANY, course.cross
+        course.rule,
+        course.axis,
+        course.length,
+        course.target,
+        course.to_levels,
+        at.ANY,
+        course.cross,
     )
 
 
@@ -159,7 +176,9 @@ def trace(s, walls, course, angle, q0, tol, ray):
     pos, gone, h = 0.0, 0.0, min(length, 60.0)
     if at_levels:
         h = min(h, step_to_level(s, cell.layer, axis.z_source, down))
-    lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf  # offset of the surface
+    lowest = (
+        walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf
+    )  # offset of the surface
     hit = at.IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
     aims = s.kind == at.LINEAR and rule.kind == at.OPEN and axis.sb == 0.0
@@ -169,7 +188,9 @@ def trace(s, walls, course, angle, q0, tol, ray):
             surface += 1 if hit == at.AT_SURFACE else 0
             bottom += 1 if hit == at.AT_BOTTOM else 0
             reflections = at.Reflections(surface, bottom, code)
-            ok, code, new_axis = _reflected(s, walls, course.rule, axis, cell, (pos, hit), reflections, ray)
+            ok, code, new_axis = _reflected(
+                s, walls, course.rule, axis, cell, (pos, hit), reflections, ray
+            )
             if not ok:
                 return False, count, turns, code
             if hit == at.AT_BOTTOM and walls.held >= 0.0:
@@ -196,7 +217,9 @@ def trace(s, walls, course, angle, q0, tol, ray):
                     return False, count, turns, code
                 record_node(path[count], pos, y, K[0], axis, hit)
             hit = at.IN_WATER
-        if pos >= span or (walls.held >= 0.0 and pos > length):  # the end, or an extended cell without a bed
+        if pos >= span or (
+            walls.held >= 0.0 and pos > length
+        ):  # the end, or an extended cell without a bed
             break
         wanted, aimed = h, -1
         if s.kind == at.LINEAR and aims:
@@ -224,7 +247,9 @@ def trace(s, walls, course, angle, q0, tol, ray):
             stuck += 1
             if stuck > MAX_STUCK:
                 return False, count, turns, code
-        h_next = h * (min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error))) if error > 0.0 else 5.0)
+        h_next = h * (
+            min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error))) if error > 0.0 else 5.0
+        )
         face = -1
         if s.kind == at.LINEAR and aimed >= 0:
             h_next = max(h_next, wanted)
@@ -320,7 +345,10 @@ def _launch(s, walls, course, angle, q0, ray):
         gap, rate = face_distance(s, walls, cell, SURFACE, point, axis, 0.0)
         if gap <= 0.0 and rate < 0.0:
             return False, cell, down
-        if walls.held < 0.0 and face_distance(s, walls, cell, BOTTOM, point, axis, 0.0)[0] <= 0.0 < down:
+        if (
+            walls.held < 0.0
+            and face_distance(s, walls, cell, BOTTOM, point, axis, 0.0)[0] <= 0.0 < down
+        ):
             return False, cell, down
     return True, cell, down
 
@@ -344,7 +372,11 @@ def _reflected(s, walls, rule, axis, cell, place, reflections, ray):
     z = _depth(axis, pos, y)
     new_sb = -sb if rule.kind == at.LEGS else sb
     r = pos * cb - y[at.W] * sb
-    mark = landed(walls, r, y[at.Y], bottom) + 2 if hit == at.AT_BOTTOM else mark_of(walls, r, y[at.Y], False)
+    mark = (
+        landed(walls, r, y[at.Y], bottom) + 2
+        if hit == at.AT_BOTTOM
+        else mark_of(walls, r, y[at.Y], False)
+    )
     ok = reflect(s, walls, cell, pos, ray, axis, hit, new_sb)
     return ok, append_code(code, mark), at.Axis(z, cb, new_sb, c_ref)
 
@@ -359,7 +391,9 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
     y, K = ray.y, ray.K
     _, cb, sb, _ = axis
     before = K[0, at.P]
-    rate = face_distance(s, walls, cell, face, at.Point(pos, y[at.W], K[0, at.W], 0.0, 0.0), axis, 0.0)[1]
+    rate = face_distance(
+        s, walls, cell, face, at.Point(pos, y[at.W], K[0, at.W], 0.0, 0.0), axis, 0.0
+    )[1]
     b, k = cell
     weight = cb
     if face == TOP:

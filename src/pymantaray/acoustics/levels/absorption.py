@@ -1,5 +1,6 @@
 """
-Absorption of sound by sea water: three published formulas, and the coefficient at any position in an ocean.
+Absorption of sound by sea water: three published formulas, and the coefficient at any position in
+an ocean.
 
 The theory page on loss has the formulas, their data, a comparison, and the sources.
 """
@@ -35,7 +36,8 @@ class Absorption:
     Attributes
     ----------
     db_per_km : callable
-        Function of positions (n, 3) north, east, down [m] and a frequency [Hz] that returns (n,) coefficients. [dB/km]
+        Function of positions (n, 3) north, east, down [m] and a frequency [Hz] that returns (n,)
+        coefficients. [dB/km]
     """
 
     db_per_km: Callable[[Array, float], Array]
@@ -78,8 +80,9 @@ class Absorption:
         Parameters
         ----------
         depth, temperature, salinity : array_like, shape (n_depth,)
-            Levels in strictly increasing order, in-situ temperature and practical salinity, which are linear between the levels
-            and constant beyond them. One level is uniform water. [m, degC, -]
+            Levels in strictly increasing order, in-situ temperature and practical salinity, which
+            are linear between the levels and constant beyond them. One level is uniform water. [m,
+            degC, -]
         pH : float
             pH on the NBS scale. [-]
         formula : {"francois-garrison", "ainslie-mccolm"}
@@ -101,14 +104,16 @@ class Absorption:
         formula: Formula = "francois-garrison",
     ) -> Self:
         """
-        Return absorption in an ocean data set, linear between its grid points and constant beyond its edges.
+        Return absorption in an ocean data set, linear between its grid points and constant beyond
+        its edges.
 
         Parameters
         ----------
         ocean : xarray.Dataset
             Data set from `open_ocean`, with ``water_temp`` and ``salinity`` on (depth, lat, lon).
         centre : tuple of float, optional
-            Latitude and longitude of the local frame, as for `to_local`. Default: the middle of the window. [degrees]
+            Latitude and longitude of the local frame, as for `to_local`. Default: the middle of the
+            window. [degrees]
         pH, formula
             As in `from_profile`.
         """
@@ -119,14 +124,15 @@ class Absorption:
         missing = [name for name in names if name not in ocean]
         if missing:
             raise AcousticsError(
-                f"ocean data set lacks {', '.join(missing)};"
-                " use the data set from open_ocean, before to_local"
+                f"ocean data set lacks {', '.join(missing)}; use the data set from open_ocean,"
+                " before to_local"
             )
         window = Window.of(ocean, centre)
         lat = window.lat
         lon = window.lon
         fields = [
-            fill_below_sea_bed(ocean[name].transpose("depth", "lat", "lon").values, lat) for name in names
+            fill_below_sea_bed(ocean[name].transpose("depth", "lat", "lon").values, lat)
+            for name in names
         ]
         look_up = linear_interpolator((ocean["depth"].values, lat, lon), np.stack(fields, axis=-1))
 
@@ -134,7 +140,10 @@ class Absorption:
 
     @classmethod
     def _of_water(cls, water: Callable[[Array], Array], *, pH: float, formula: Formula) -> Self:
-        """Absorption from in-situ temperature [degC] and practical salinity (n, 2) at positions (n, 3)."""
+        """
+        Absorption from in-situ temperature [degC] and practical salinity (n, 2) at positions (n,
+        3).
+        """
         if formula not in _FORMULAS:
             raise AcousticsError(f"absorption formula {formula!r}; allowed: {', '.join(_FORMULAS)}")
 
@@ -157,7 +166,9 @@ def _at_depth(column: Callable[[Array], Array], position: Array) -> Array:
 
 
 def _at_place(look_up: Callable[[Array], Array], window: Window, position: Array) -> Array:
-    return look_up(np.stack([position[:, 2], *window.geographic(position[:, 0], position[:, 1])], axis=-1))
+    return look_up(
+        np.stack([position[:, 2], *window.geographic(position[:, 0], position[:, 1])], axis=-1)
+    )
 
 
 def _by_formula(
@@ -180,11 +191,15 @@ def francois_garrison_db_per_km(
     pH: ArrayLike = 8.0,
 ) -> Array:
     """
-    Absorption by boric acid, magnesium sulphate and water itself, after Francois and Garrison (1982). [dB/km]
+    Absorption by boric acid, magnesium sulphate and water itself, after Francois and Garrison
+    (1982). [dB/km]
 
-    Frequency [Hz], in-situ temperature [degC], practical salinity, depth [m] and pH on the NBS scale broadcast.
+    Frequency [Hz], in-situ temperature [degC], practical salinity, depth [m] and pH on the NBS
+    scale broadcast.
     """
-    hz, T, S, z, ph = (np.asarray(v, dtype=float) for v in (frequency_hz, temperature, salinity, depth, pH))
+    hz, T, S, z, ph = (
+        np.asarray(v, dtype=float) for v in (frequency_hz, temperature, salinity, depth, pH)
+    )
     f = hz / 1000.0
     c = 1412.0 + 3.21 * T + 1.19 * S + 0.0167 * z
     kelvin = 273.0 + T  # the paper's
@@ -216,7 +231,9 @@ def ainslie_mccolm_db_per_km(
 
     The formula is a fit to that of Francois and Garrison within 10 %.
     """
-    hz, T, S, z, ph = (np.asarray(v, dtype=float) for v in (frequency_hz, temperature, salinity, depth, pH))
+    hz, T, S, z, ph = (
+        np.asarray(v, dtype=float) for v in (frequency_hz, temperature, salinity, depth, pH)
+    )
     f = hz / 1000.0
     km = z / 1000.0
     f1 = 0.78 * np.sqrt(S / 35.0) * np.exp(T / 26.0)
@@ -229,9 +246,11 @@ def ainslie_mccolm_db_per_km(
 
 def thorp_db_per_km(frequency_hz: ArrayLike) -> Array:
     """
-    Absorption by Thorp's formula in the form of Jensen et al. and Bellhop at a frequency [Hz]. [dB/km]
+    Absorption by Thorp's formula in the form of Jensen et al. and Bellhop at a frequency [Hz].
+    [dB/km]
 
-    It applies to about 4 degC and 1000 m. Thorp (1967) has only the two relaxations, 0.1 and 40 dB per kiloyard.
+    It applies to about 4 degC and 1000 m. Thorp (1967) has only the two relaxations, 0.1 and 40 dB
+    per kiloyard.
     """
     f = (np.asarray(frequency_hz, dtype=float) / 1000.0) ** 2
     return np.asarray(0.0033 + f * (0.11 / (1.0 + f) + 44.0 / (4100.0 + f) + 3.0e-4))

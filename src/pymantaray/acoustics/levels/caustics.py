@@ -63,7 +63,9 @@ class Fold(NamedTuple):
         ai, slope, _, _ = airy(-self.argument)
         field = math.sqrt(math.pi) * (self.size * ai + 1j * self.skew * slope)
         with np.errstate(divide="ignore"):
-            return Waves(self.time, np.log(np.abs(field)), self.phase - 0.25 * math.pi + np.angle(field))
+            return Waves(
+                self.time, np.log(np.abs(field)), self.phase - 0.25 * math.pi + np.angle(field)
+            )
 
 
 class Tails(NamedTuple):
@@ -77,10 +79,13 @@ def waves_of(arrivals: Arrivals, loss: TransmissionLoss) -> Waves:
     """Pressures from losses; each caustic reduces the phase by a quarter of a cycle."""
     if np.any(arrivals.caustics < 0):
         raise AcousticsError(
-            "arrivals: number of caustics unknown, because an older version wrote them; compute them again"
+            "arrivals: number of caustics unknown, because an older version wrote them; compute"
+            " them again"
         )
     size = -loss.total_db * math.log(10.0) / 20.0
-    return Waves(arrivals.travel_time, size, loss.boundary_phase - 0.5 * math.pi * arrivals.caustics)
+    return Waves(
+        arrivals.travel_time, size, loss.boundary_phase - 0.5 * math.pi * arrivals.caustics
+    )
 
 
 def fold_between(early: Waves, late: Waves, frequency_hz: float) -> Fold:
@@ -89,14 +94,18 @@ def fold_between(early: Waves, late: Waves, frequency_hz: float) -> Fold:
     x = np.maximum(1.5 * half, 1e-12) ** (2.0 / 3.0)
     a = np.exp(early.log_size)
     b = np.exp(late.log_size)
-    return Fold(0.5 * (early.time + late.time), x, (a + b) * x**0.25, (b - a) * x**-0.25, early.phase)
+    return Fold(
+        0.5 * (early.time + late.time), x, (a + b) * x**0.25, (b - a) * x**-0.25, early.phase
+    )
 
 
 def fold_pairs(arrivals: Arrivals, frequency_hz: float, widest: float) -> Indices:
     """
-    Rows (n, 2) of the early and the late ray of folds up to a phase between them [rad], in ascending order of this phase.
+    Rows (n, 2) of the early and the late ray of folds up to a phase between them [rad], in
+    ascending order of this phase.
 
-    Both rays have the same reflections and adjacent launch angles, and the late ray has passed one more caustic.
+    Both rays have the same reflections and adjacent launch angles, and the late ray has passed one
+    more caustic.
     """
     keys = (arrivals.launch_angle, arrivals.bottom_bounces, arrivals.surface_bounces, arrivals.link)
     order = np.lexsort(keys)
@@ -106,7 +115,9 @@ def fold_pairs(arrivals: Arrivals, frequency_hz: float, widest: float) -> Indice
     a, b = np.where(late, b, a), np.where(late, a, b)
     same = np.logical_and.reduce([key[a] == key[b] for key in keys[1:]])
     phase = 2.0 * math.pi * frequency_hz * (arrivals.travel_time[b] - arrivals.travel_time[a])
-    fold = np.flatnonzero(same & (arrivals.caustics[b] == arrivals.caustics[a] + 1) & (phase < widest))
+    fold = np.flatnonzero(
+        same & (arrivals.caustics[b] == arrivals.caustics[a] + 1) & (phase < widest)
+    )
     taken: set[int] = set()
     pairs = []
     for row in fold[np.argsort(phase[fold], kind="stable")].tolist():
@@ -154,10 +165,12 @@ def find_tails(
 
     Notes
     -----
-    Beside a fold, the argument x of Airy's function (see `received_loss_db`), :math:`(A_a + A_b) x^{1/4}`, :math:`(A_b - A_a) x^{-1/4}` and
-    the mean time are smooth functions of depth. They are computed from the two rays at three depths inside the caustic (0.4, 0.7 and
-    1.4 widths; beside a cusp, where the fold is narrow, 0.2, 0.4 and 0.7) and extrapolated to the receiver, where x is negative:
-    x and the time quadratically, because the phase needs a fraction of a cycle, the amplitudes linearly.
+    Beside a fold, the argument x of Airy's function (see `received_loss_db`), :math:`(A_a + A_b)
+    x^{1/4}`, :math:`(A_b - A_a) x^{-1/4}` and the mean time are smooth functions of depth. They are
+    computed from the two rays at three depths inside the caustic (0.4, 0.7 and 1.4 widths; beside a
+    cusp, where the fold is narrow, 0.2, 0.4 and 0.7) and extrapolated to the receiver, where x is
+    negative: x and the time quadratically, because the phase needs a fraction of a cycle, the
+    amplitudes linearly.
     """
     folds = _search(medium, source, receiver, arrivals, frequency_hz, bounces, threads)
     if not folds:
@@ -235,7 +248,8 @@ def _search(
                     edge
                     for a in near
                     for b in far
-                    if (edge := _edge(rays, (a, b), (offset[k], offset[k + 1]), frequency_hz, i)) is not None
+                    if (edge := _edge(rays, (a, b), (offset[k], offset[k + 1]), frequency_hz, i))
+                    is not None
                     and not _has_rays(arrivals, edge, rays.launch_angle[a])
                     and not any(_same(edge, other) for other in edges)
                 ]
@@ -250,7 +264,10 @@ def _edge(
     frequency_hz: float,
     link: int,
 ) -> _Edge | None:
-    """Edge from the same fold at two places, the nearer first; None for two different folds, or if the dark side is elsewhere."""
+    """
+    Edge from the same fold at two places, the nearer first; None for two different folds, or if the
+    dark side is elsewhere.
+    """
     a, b = pairs
     counts = [
         (int(rays.surface_bounces[p[0]]), int(rays.bottom_bounces[p[0]]), int(rays.caustics[p[0]]))
@@ -259,7 +276,8 @@ def _edge(
     if counts[0] != counts[1] or not _contains(rays, b, a):
         return None
     x, y = (
-        (1.5 * math.pi * frequency_hz * float(rays.travel_time[p[1]] - rays.travel_time[p[0]])) ** (2.0 / 3.0)
+        (1.5 * math.pi * frequency_hz * float(rays.travel_time[p[1]] - rays.travel_time[p[0]]))
+        ** (2.0 / 3.0)
         for p in pairs
     )
     width = (offsets[1] - offsets[0]) / (y - x) if y > x else 0.0
@@ -287,7 +305,10 @@ def _same(edge: _Edge, other: _Edge) -> bool:
     """True if two edges, found at different places, belong to one caustic."""
     near = abs(edge.edge - other.edge) < 0.5 * abs(edge.width)
     return (
-        edge.link == other.link and edge.bounces == other.bounces and near and edge.width * other.width > 0.0
+        edge.link == other.link
+        and edge.bounces == other.bounces
+        and near
+        and edge.width * other.width > 0.0
     )
 
 
@@ -310,18 +331,28 @@ def _nearest(rays: Arrivals, pairs: Indices, link: int, edge: _Edge) -> int | No
 
 
 def _nested(rays: Arrivals, pairs: Indices, at: list[int | None]) -> Indices | None:
-    """Rows (3, 2) of the rays of a fold at three places, from its caustic inwards; None if they do not belong to one fold."""
+    """
+    Rows (3, 2) of the rays of a fold at three places, from its caustic inwards; None if they do not
+    belong to one fold.
+    """
     rows = np.array([row for row in at if row is not None], dtype=np.int64)
     chosen = pairs[rows]
-    if rows.size < len(at) or not all(_contains(rays, far, near) for near, far in itertools.pairwise(chosen)):
+    if rows.size < len(at) or not all(
+        _contains(rays, far, near) for near, far in itertools.pairwise(chosen)
+    ):
         return None
     return chosen
 
 
 def _continued(inside: Fold, place: Array) -> Fold:
-    """Fold at offset 0 from three places: time and argument are extrapolated quadratically, the others linearly from the last two."""
+    """
+    Fold at offset 0 from three places: time and argument are extrapolated quadratically, the others
+    linearly from the last two.
+    """
     share = place[2] / (place[2] - place[1])
-    size, skew = (np.array([share * c[1] + (1.0 - share) * c[2]]) for c in (inside.size, inside.skew))
+    size, skew = (
+        np.array([share * c[1] + (1.0 - share) * c[2]]) for c in (inside.size, inside.skew)
+    )
     others = [(place[[1, 2]], place[0]), (place[[0, 2]], place[1]), (place[[0, 1]], place[2])]
     weight = [float(np.prod(a / (a - b))) for a, b in others]
     time, argument = (np.array([np.dot(weight, c)]) for c in (inside.time, inside.argument))

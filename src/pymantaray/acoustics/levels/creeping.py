@@ -1,4 +1,7 @@
-"""Sound in the shadow of the sea surface: the field of a point source as an integral over horizontal wavenumber."""
+"""
+Sound in the shadow of the sea surface: the field of a point source as an integral over horizontal
+wavenumber.
+"""
 
 import math
 from typing import NamedTuple
@@ -45,20 +48,25 @@ class Column(NamedTuple):
         return 2.0 * math.pi * frequency_hz / np.interp(depth, self.depth, self.speed)
 
 
-def creep_along_surface(medium: Medium, source: Array, receiver: Array, frequency_hz: float) -> Creep | None:
+def creep_along_surface(
+    medium: Medium, source: Array, receiver: Array, frequency_hz: float
+) -> Creep | None:
     r"""
     Field in the shadow of the surface; None if the surface does not separate the ends.
 
-    In water whose sound speed c(z) is that of the link's mean column, the field of a point source at horizontal distance r is
+    In water whose sound speed c(z) is that of the link's mean column, the field of a point source
+    at horizontal distance r is
 
     .. math:: p = \tfrac12 \int g(\kappa) H_0^{(1)}(\kappa r)\, \kappa\, d\kappa,
 
-    where g solves :math:`g'' + (\omega^2 / c^2 - \kappa^2) g = -2 \delta(z - z_s)`, is zero at the surface and travels down below both ends.
-    The integral contains all creeping modes (its poles) and holds at the border of the shadow too, where their sum does not
-    converge. It is taken over wavenumbers about that of the ray that grazes the surface: no other sound gets to the receiver.
+    where g solves :math:`g'' + (\omega^2 / c^2 - \kappa^2) g = -2 \delta(z - z_s)`, is zero at the
+    surface and travels down below both ends. The integral contains all creeping modes (its poles)
+    and holds at the border of the shadow too, where their sum does not converge. It is taken over
+    wavenumbers about that of the ray that grazes the surface: no other sound gets to the receiver.
 
-    The ordinary differential equation is solved by exponentials of matrices (Magnus, fourth order). The boundary layer below the
-    surface has the thickness :math:`1 / \beta`, :math:`\beta = (2 k^2 |c'| / c)^{1/3}`, and in wavenumber the width
+    The ordinary differential equation is solved by exponentials of matrices (Magnus, fourth order).
+    The boundary layer below the surface has the thickness :math:`1 / \beta`, :math:`\beta = (2 k^2
+    |c'| / c)^{1/3}`, and in wavenumber the width
     :math:`\beta^2 / 2 k`.
     """
     legs = [_to_surface(medium, end) for end in (source, receiver)]
@@ -73,7 +81,8 @@ def creep_along_surface(medium: Medium, source: Array, receiver: Array, frequenc
     early = sum(time for _, time in legs) + way / float(column.speed[0])
     frequencies = frequency_hz * np.array([1.0 - _APART, 1.0, 1.0 + _APART])
     before, pressure, after = (
-        field_below_surface(column, depths, distance, frequency) for frequency in frequencies.tolist()
+        field_below_surface(column, depths, distance, frequency)
+        for frequency in frequencies.tolist()
     )
     omega = 2.0 * math.pi * (frequencies[2] - frequencies[0])
     late = float(np.angle(after / before * np.exp(-1j * omega * early))) / omega
@@ -81,8 +90,13 @@ def creep_along_surface(medium: Medium, source: Array, receiver: Array, frequenc
     return Creep(-20.0 * math.log10(max(abs(pressure) * chord, 1e-30)), early + late)
 
 
-def field_below_surface(column: Column, depths: list[float], distance: float, frequency_hz: float) -> complex:
-    """Pressure re 1 m at a horizontal distance, time as exp(-i omega t), by the depths of the upper and the lower end. [m]"""
+def field_below_surface(
+    column: Column, depths: list[float], distance: float, frequency_hz: float
+) -> complex:
+    """
+    Pressure re 1 m at a horizontal distance, time as exp(-i omega t), by the depths of the upper
+    and the lower end. [m]
+    """
     upper, lower = depths
     bottom = float(column.depth[-1])
     k = column.wavenumber(np.array([0.0, upper, bottom]), frequency_hz)
@@ -97,7 +111,9 @@ def field_below_surface(column: Column, depths: list[float], distance: float, fr
     slope = solve.outgoing(bottom)
     out = solve(bottom, lower, (np.ones(kappa.size, complex), slope))
     green = -2.0 * at_upper[0] * out[0] / (down[0] * slope - down[1])
-    hankel = np.sqrt(2.0 * kappa / (math.pi * distance)) * np.exp(1j * (kappa * distance - 0.25 * math.pi))
+    hankel = np.sqrt(2.0 * kappa / (math.pi * distance)) * np.exp(
+        1j * (kappa * distance - 0.25 * math.pi)
+    )
     window = _smooth_step((kappa - least) / (_TAPER * _BELOW * width))
     window = window * _smooth_step((most - kappa) / (_TAPER * _ABOVE * width))
     return complex(0.5 * step * np.sum(green * window * hankel))
@@ -123,7 +139,9 @@ class _Solver(NamedTuple):
             skew = math.sqrt(3.0) / 12.0 * h * h * (q2 - q1)
             root = np.sqrt((skew * skew - h * h * q).astype(complex))
             cosh = np.cosh(root)
-            ratio = np.where(np.abs(root) > 1e-8, np.sinh(root) / np.where(root == 0.0, 1.0, root), 1.0)
+            ratio = np.where(
+                np.abs(root) > 1e-8, np.sinh(root) / np.where(root == 0.0, 1.0, root), 1.0
+            )
             f, slope = (
                 (cosh + skew * ratio) * f + h * ratio * slope,
                 (cosh - skew * ratio) * slope - h * q * ratio * f,
@@ -131,7 +149,9 @@ class _Solver(NamedTuple):
         return f, slope
 
     def outgoing(self, depth: float) -> Field:
-        """Ratio f' / f of a wave that travels down, to second order of the slow change with depth."""
+        """
+        Ratio f' / f of a wave that travels down, to second order of the slow change with depth.
+        """
         around = self.column.wavenumber(depth - np.array([0.0, 1.0]), self.frequency_hz) ** 2
         vertical = np.sqrt((around[0] - self.kappa**2).astype(complex))
         slope: Field = 1j * vertical - (around[0] - around[1]) / (4.0 * vertical**2)
@@ -139,7 +159,10 @@ class _Solver(NamedTuple):
 
 
 def _smooth_step(x: Array) -> Array:
-    """Step from 0 to 1 between 0 and 1 by the error function, whose spectrum decays fastest for its width."""
+    """
+    Step from 0 to 1 between 0 and 1 by the error function, whose spectrum decays fastest for its
+    width.
+    """
     from scipy.special import erfc
 
     return np.asarray(0.5 * erfc(3.5 * (1.0 - 2.0 * x)))
@@ -149,9 +172,11 @@ def _mean_column(
     medium: Medium, source: Array, receiver: Array, lower: float, frequency_hz: float
 ) -> Column | None:
     """
-    Mean water column along a link to below its deeper end; None if sound speed does not decrease below the surface.
+    Mean water column along a link to below its deeper end; None if sound speed does not decrease
+    below the surface.
 
-    Below its minimum, sound speed decreases as below the surface, so no ray returns from deeper water.
+    Below its minimum, sound speed decreases as below the surface, so no ray returns from deeper
+    water.
     """
     along = source + _PLACES[:, None] * (receiver - source)
     surface = medium.surface_depth(along)
@@ -160,7 +185,9 @@ def _mean_column(
         place = np.empty((_PLACES.size, depth.size, 3))
         place[..., :2] = along[:, None, :2]
         place[..., 2] = surface[:, None] + depth
-        return np.asarray(medium.sound_speed_at(place.reshape(-1, 3)).reshape(_PLACES.size, -1).mean(axis=0))
+        return np.asarray(
+            medium.sound_speed_at(place.reshape(-1, 3)).reshape(_PLACES.size, -1).mean(axis=0)
+        )
 
     layer = thick = 1.0
     for _ in range(_ROUNDS):  # between the gradient and the depth over which it is the mean
@@ -183,17 +210,25 @@ def _mean_column(
         (water[-1] - water[-2]) / (depth[-1] - depth[-2]), (below - speed) / thick, further
     )
     drop = np.cumsum(0.5 * (gradient[1:] + gradient[:-1]) * np.diff(further))
-    return Column(np.append(depth, depth[-1] + further[1:]), np.append(water, water[-1] + drop), layer)
+    return Column(
+        np.append(depth, depth[-1] + further[1:]), np.append(water, water[-1] + drop), layer
+    )
 
 
 def _gradient_below(last: float, surface: float, further: Array) -> Array:
-    """Gradient below the deeper end, which changes within a third of the depth from its value there to that below the surface. [1/s]"""
+    """
+    Gradient below the deeper end, which changes within a third of the depth from its value there to
+    that below the surface. [1/s]
+    """
     share = np.clip(3.0 * further / further[-1], 0.0, 1.0)
     return np.asarray(last + (surface - last) * share**2 * (3.0 - 2.0 * share))
 
 
 def _to_surface(medium: Medium, end: Array) -> tuple[float, float]:
-    """Horizontal distance [m] and time [s] of the ray from an end that grazes the surface; NaN without such a ray."""
+    """
+    Horizontal distance [m] and time [s] of the ray from an end that grazes the surface; NaN without
+    such a ray.
+    """
     u = 0.5 * (1.0 + _NODES)
     surface = _surface(medium, end)
     below = float(end[2]) - surface

@@ -1,4 +1,7 @@
-"""Sound at receivers that no ray reaches: diffraction from the nearest ray, and scattered sound as a lower bound."""
+"""
+Sound at receivers that no ray reaches: diffraction from the nearest ray, and scattered sound as a
+lower bound.
+"""
 
 from __future__ import annotations
 
@@ -39,34 +42,44 @@ class Leakage:
     reach : float
         Maximum vertical distance of the nearest ray from the receiver. [m]
     scatter_db : float, optional
-        Level of scattered sound below spherical spreading, independent of leakage. Default: no scattered sound. [dB]
+        Level of scattered sound below spherical spreading, independent of leakage. Default: no
+        scattered sound. [dB]
 
     Notes
     -----
-    The nearest ray arrives above or below the receiver at the smallest distance m, at the edge of the lit region. Its slowness gives
-    the travel time at the receiver (Fermat). Its level decreases by one of three laws:
+    The nearest ray arrives above or below the receiver at the smallest distance m, at the edge of
+    the lit region. Its slowness gives the travel time at the receiver (Fermat). Its level decreases
+    by one of three laws:
 
-    - If two rays merge at the edge, as on the dark side of a caustic, Airy's law [1]_: with the time :math:`\Delta T` between both rays at
+    - If two rays merge at the edge, as on the dark side of a caustic, Airy's law [1]_: with the
+      time :math:`\Delta T` between both rays at
       :math:`\delta` inside the edge and their mean intensity I there,
 
       .. math:: l = \delta \left(\tfrac34 \omega \Delta T\right)^{-2/3}, \qquad
          \overline{|p|^2} = 4 \pi I \sqrt{\delta / l} \; \mathrm{Ai}^2(m / l).
 
-      l is the width of the caustic, 2.5 m at 12 kHz and 13 m at 1 kHz for rays that curve with a radius of 88 km.
-    - Otherwise, as behind a seamount or where rays diverge, the law of a straight edge at half the distance d [2]_: :math:`J(\nu)` below
-      the ray just inside, :math:`\nu = m \sqrt{2 / \lambda d}`, which is 6 dB at the edge, and a path longer by :math:`m^2 / d`. The level
-      behind a smooth boundary is lower, so this law is an upper bound.
-    - If the surface causes the shadow (sound speed increases towards the surface above both ends), sound creeps along the surface. Its
+      l is the width of the caustic, 2.5 m at 12 kHz and 13 m at 1 kHz for rays that curve with a
+      radius of 88 km.
+    - Otherwise, as behind a seamount or where rays diverge, the law of a straight edge at half the
+      distance d [2]_: :math:`J(\nu)` below
+      the ray just inside, :math:`\nu = m \sqrt{2 / \lambda d}`, which is 6 dB at the edge, and a
+      path longer by :math:`m^2 / d`. The level behind a smooth boundary is lower, so this law is an
+      upper bound.
+    - If the surface causes the shadow (sound speed increases towards the surface above both ends),
+      sound creeps along the surface. Its
       level is that of the wave equation in the mean column of the link (`creeping.py`).
 
-    A ray that reaches the receiver with a spreading beyond the cut-off, but at most 40 dB beyond spherical, replaces leaked sound if it
-    is stronger.
+    A ray that reaches the receiver with a spreading beyond the cut-off, but at most 40 dB beyond
+    spherical, replaces leaked sound if it is stronger.
 
     References
     ----------
-    .. [1] The uniform field at a smooth caustic is in textbooks (Brekhovskikh and Lysanov, Fundamentals of Ocean Acoustics; not at hand);
-       derived here from its limit: far inside, two rays of equal intensity with a phase between them of :math:`\omega \Delta T - \pi / 2`.
-    .. [2] Recommendation ITU-R P.526, single knife-edge obstacle: :math:`J = 6.9 + 20 \lg(\sqrt{(\nu - 0.1)^2 + 1} + \nu - 0.1)` dB; quoted from
+    .. [1] The uniform field at a smooth caustic is in textbooks (Brekhovskikh and Lysanov,
+    Fundamentals of Ocean Acoustics; not at hand);
+       derived here from its limit: far inside, two rays of equal intensity with a phase between
+       them of :math:`\omega \Delta T - \pi / 2`.
+    .. [2] Recommendation ITU-R P.526, single knife-edge obstacle: :math:`J = 6.9 + 20
+    \lg(\sqrt{(\nu - 0.1)^2 + 1} + \nu - 0.1)` dB; quoted from
        memory of it, checked against the Fresnel integral in the tests.
     """
 
@@ -88,7 +101,10 @@ class Leaks(NamedTuple):
     place: Array
     """Position (n, 3) at which the nearest ray arrives. [m]"""
     arrivals: Arrivals
-    """Nearest ray of each link, from the source to its position; its spreading is that at the receiver."""
+    """
+    Nearest ray of each link, from the source to its position; its spreading is that at the
+    receiver.
+    """
     shift: Array
     """Additional travel time from there to the receiver. [s]"""
     scattered: NDArray[np.bool_]
@@ -131,16 +147,23 @@ def find_leaks(
     """
     check_number(AcousticsError, "frequency_hz", frequency_hz, "Hz", positive=True)
 
-    def solve(link: Indices, offset: Array, cutoff_db: float | None = spreading_cutoff_db) -> Arrivals:
+    def solve(
+        link: Indices, offset: Array, cutoff_db: float | None = spreading_cutoff_db
+    ) -> Arrivals:
         """Arrivals at positions below the receivers of links by an offset. [m]"""
         place = receiver[link] + offset[:, None] * _DOWN
         return find_eigenrays(medium, source[link], place, *bounces, cutoff_db, threads=threads)
 
-    room = medium.bottom_depth(receiver) - receiver[:, 2], receiver[:, 2] - medium.surface_depth(receiver)
+    room = (
+        medium.bottom_depth(receiver) - receiver[:, 2],
+        receiver[:, 2] - medium.surface_depth(receiver),
+    )
     dark, edge = _edges(solve, np.clip(np.stack(room), 0.0, leakage.reach), leakage.reach)
     at_edge = _strongest(solve(dark, edge))
     inside = solve(dark, edge + np.copysign(_INSIDE, edge))
-    level, delay = _beyond(medium, (source[dark], receiver[dark]), edge, at_edge, inside, frequency_hz)
+    level, delay = _beyond(
+        medium, (source[dark], receiver[dark]), edge, at_edge, inside, frequency_hz
+    )
     n = len(source)
     weakest = None if spreading_cutoff_db is None else max(spreading_cutoff_db, _WEAKEST)
     weak = solve(np.arange(n), np.zeros(n), weakest)
@@ -199,7 +222,8 @@ def airy_spreading_db(distance: float, phase: float, spreading_db: Array) -> flo
     """
     Spreading at a distance [m] on the dark side of a caustic. [dB]
 
-    It depends on the phase between the two rays [rad] and on their spreading [dB], both at `_INSIDE` on the other side.
+    It depends on the phase between the two rays [rad] and on their spreading [dB], both at
+    `_INSIDE` on the other side.
     """
     from scipy.special import airye
 

@@ -1,7 +1,9 @@
 """
-Transmission loss of every arrival: spreading, absorption along its path, and reflections at sea bed and surface.
+Transmission loss of every arrival: spreading, absorption along its path, and reflections at sea bed
+and surface.
 
-The theory page on loss has the limits of each model and its sources. Models of reflection are in `reflection`.
+The theory page on loss has the limits of each model and its sources. Models of reflection are in
+`reflection`.
 """
 
 from __future__ import annotations
@@ -40,11 +42,16 @@ class TransmissionLoss(Record):
     surface_db: Column = column("arrival", "1", "loss of the bounces at the surface, in dB")
     bottom_db: Column = column("arrival", "1", "loss of the bounces at the sea bed, in dB")
     total_db: Column = column("arrival", "1", "transmission loss re 1 m, in dB")
-    boundary_phase: Column = column("arrival", "rad", "phase that the bounces add, time as exp(-i omega t)")
+    boundary_phase: Column = column(
+        "arrival", "rad", "phase that the bounces add, time as exp(-i omega t)"
+    )
 
 
 class Bounces(NamedTuple):
-    """Bounces of ray paths, each field of shape (n_bounces,); angles are relative to the tilted boundary. [rad, m/s]"""
+    """
+    Bounces of ray paths, each field of shape (n_bounces,); angles are relative to the tilted
+    boundary. [rad, m/s]
+    """
 
     arrival: NDArray[np.int64]
     boundary: NDArray[np.int64]
@@ -80,13 +87,14 @@ def transmission_loss(
     absorption : Absorption, optional
         Absorption of the water. Default: none.
     bottom : Reflection, optional
-        Reflection at the sea bed, such as `FluidBottom`. Default: that of ``medium.bed``; a bed without a reflection reflects all
-        sound without a change of phase.
+        Reflection at the sea bed, such as `FluidBottom`. Default: that of ``medium.bed``; a bed
+        without a reflection reflects all sound without a change of phase.
     surface : Reflection, optional
-        Reflection at the surface, such as `SeaSurface` or `IceCover`. Default: that of ``medium.surface``; a surface without a
-        reflection reflects all sound with phase pi.
+        Reflection at the surface, such as `SeaSurface` or `IceCover`. Default: that of
+        ``medium.surface``; a surface without a reflection reflects all sound with phase pi.
     paths : RayPaths, optional
-        Result of `trace_paths` for the arrivals. Default: the function traces paths if it needs them.
+        Result of `trace_paths` for the arrivals. Default: the function traces paths if it needs
+        them.
 
     Returns
     -------
@@ -95,7 +103,8 @@ def transmission_loss(
     Raises
     ------
     AcousticsError
-        If the frequency is not positive, or positions, arrivals and paths, with their bounces, do not match.
+        If the frequency is not positive, or positions, arrivals and paths, with their bounces, do
+        not match.
     """
     check_number(AcousticsError, "frequency_hz", frequency_hz, "Hz", positive=True)
     geometric = geometric_loss_db(source, receiver, arrivals)
@@ -130,7 +139,9 @@ def transmission_loss(
                 continue
             at = bounces.boundary == code
             speed = bounces.sound_speed[at]
-            loss, shift = model.loss_and_phase(bounces.grazing_angle[at], frequency_hz, sound_speed=speed)
+            loss, shift = model.loss_and_phase(
+                bounces.grazing_angle[at], frequency_hz, sound_speed=speed
+            )
             lost[code] = _sums(bounces.arrival[at], loss, n)
             phase += _sums(bounces.arrival[at], shift, n)
     return TransmissionLoss(
@@ -153,13 +164,17 @@ class Losses(NamedTuple):
 
 
 def loss_under_rough_surface(
-    medium: Medium, ends: tuple[Array, Array], arrivals: Arrivals, frequency_hz: float, losses: Losses
+    medium: Medium,
+    ends: tuple[Array, Array],
+    arrivals: Arrivals,
+    frequency_hz: float,
+    losses: Losses,
 ) -> Array:
     """
     Transmission loss of arrivals under a rough surface, whose paths are not traced. [dB]
 
-    Absorption is that at the mean depth of both ends over the length c t. Reflections have the grazing angle of the ray parameter at
-    the ends, by Snell's law.
+    Absorption is that at the mean depth of both ends over the length c t. Reflections have the
+    grazing angle of the ray parameter at the ends, by Snell's law.
     """
     source, receiver = ends
     loss = geometric_loss_db(source, receiver, arrivals)
@@ -171,7 +186,10 @@ def loss_under_rough_surface(
         speed = 0.5 * (arrivals.source_sound_speed + arrivals.receiver_sound_speed)[link]
         per_km: Array = losses.absorption.db_per_km(middle, frequency_hz)
         loss = loss + per_km * speed * arrivals.travel_time / 1000.0
-    p = [np.hypot(*slowness[:, :2].T) for slowness in (arrivals.source_slowness, arrivals.receiver_slowness)]
+    p = [
+        np.hypot(*slowness[:, :2].T)
+        for slowness in (arrivals.source_slowness, arrivals.receiver_slowness)
+    ]
     parameter = 0.5 * (p[0] + p[1])
     boundaries = (
         (medium.surface, losses.surface, arrivals.surface_bounces),
@@ -184,7 +202,8 @@ def loss_under_rough_surface(
         places = np.zeros((1, 3))
         places[0, :2], places[0, 2] = source[0, :2], float(boundary.depth.mean())
         speed = np.full(
-            link.size, float(replace(medium, surface=BoundarySurface(0.0)).sound_speed_at(places)[0])
+            link.size,
+            float(replace(medium, surface=BoundarySurface(0.0)).sound_speed_at(places)[0]),
         )
         grazing = np.arccos(np.clip(parameter * speed, 0.0, 1.0))
         loss = loss + count * reflection.loss_and_phase(grazing, frequency_hz, sound_speed=speed)[0]
@@ -193,19 +212,22 @@ def loss_under_rough_surface(
 
 def geometric_loss_db(source: ArrayLike, receiver: ArrayLike, arrivals: Arrivals) -> Array:
     r"""
-    Return the spreading of each arrival relative to 1 m from the source; minus infinity for direct rays between equal positions. [dB]
+    Return the spreading of each arrival relative to 1 m from the source; minus infinity for direct
+    rays between equal positions. [dB]
 
-    `Arrivals` has :math:`10 \lg (c_s A / c_r \Omega d^2)` with the ray tube's cross-section A at the
-    receiver, its solid angle :math:`\Omega` at the source, the speeds at both ends and the straight distance d. Adding
-    :math:`20 \lg d` gives the loss of pressure of ray theory at constant density, which is reciprocal.
-    It is too small within a few wavelengths of a caustic.
+    `Arrivals` has :math:`10 \lg (c_s A / c_r \Omega d^2)` with the ray tube's cross-section A at
+    the receiver, its solid angle :math:`\Omega` at the source, the speeds at both ends and the
+    straight distance d. Adding
+    :math:`20 \lg d` gives the loss of pressure of ray theory at constant density, which is
+    reciprocal. It is too small within a few wavelengths of a caustic.
     """
     a = np.atleast_2d(np.asarray(source, dtype=float))
     b = np.atleast_2d(np.asarray(receiver, dtype=float))
     n = arrivals.status.size
     if a.shape != (n, 3) or b.shape != (n, 3):
         raise AcousticsError(
-            f"source has shape {a.shape}, receiver {b.shape}; for arrivals of {n} links, both must have shape ({n}, 3)"
+            f"source has shape {a.shape}, receiver {b.shape}; for arrivals of {n} links, both must"
+            f" have shape ({n}, 3)"
         )
     distance = np.linalg.norm(b - a, axis=-1)[arrivals.link]
     reflected = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
@@ -219,8 +241,8 @@ def find_bounces(paths: RayPaths) -> Bounces:
     r"""
     Find the bounces of ray paths: two successive nodes at one position with a flag of the boundary.
 
-    A reflection changes the slowness by twice its component along the boundary's normal, so the grazing
-    angle has :math:`\sin\gamma = c\,|\mathbf{p}_{after} - \mathbf{p}_{before}| / 2`.
+    A reflection changes the slowness by twice its component along the boundary's normal, so the
+    grazing angle has :math:`\sin\gamma = c\,|\mathbf{p}_{after} - \mathbf{p}_{before}| / 2`.
     """
     marked = np.flatnonzero(paths.boundary)
     before = marked[0::2]
@@ -230,7 +252,9 @@ def find_bounces(paths: RayPaths) -> Bounces:
         | (paths.arrival[after] != paths.arrival[before])
         | (paths.boundary[after] != paths.boundary[before])
     ):
-        raise AcousticsError("ray paths: a bounce must be two successive nodes of one arrival and boundary")
+        raise AcousticsError(
+            "ray paths: a bounce must be two successive nodes of one arrival and boundary"
+        )
     speed = 1.0 / np.linalg.norm(paths.slowness[before], axis=-1)
     step = np.linalg.norm(paths.slowness[after] - paths.slowness[before], axis=-1)
     return Bounces(
@@ -246,11 +270,14 @@ def _sums(rows: NDArray[np.int64], values: Array, n: int) -> Array:
 
 
 def _check_bounces(bounces: Bounces, arrivals: Arrivals) -> None:
-    for code, expected in ((_SURFACE, arrivals.surface_bounces), (_BOTTOM, arrivals.bottom_bounces)):
+    for code, expected in (
+        (_SURFACE, arrivals.surface_bounces),
+        (_BOTTOM, arrivals.bottom_bounces),
+    ):
         rows = bounces.arrival[bounces.boundary == code]
         wrong = np.flatnonzero(np.bincount(rows, minlength=expected.size) != expected)
         if wrong.size:
             raise AcousticsError(
-                f"paths and arrivals disagree on the bounces of {wrong.size} arrivals, first {wrong[0]};"
-                " trace the paths of these arrivals"
+                f"paths and arrivals disagree on the bounces of {wrong.size} arrivals, first"
+                f" {wrong[0]}; trace the paths of these arrivals"
             )

@@ -1,4 +1,7 @@
-"""Eigenrays under a rough surface: fast in horizontally uniform water, by the general solver in other water."""
+"""
+Eigenrays under a rough surface: fast in horizontally uniform water, by the general solver in other
+water.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +25,12 @@ if TYPE_CHECKING:
     from pymantaray.acoustics.medium import Medium
 
 _ZONE = 0.5  # m; spacing of levels above the deck
-_LEVELS = ((150.0, 1.0), (400.0, 2.0), (1500.0, 10.0), (math.inf, 25.0))  # m below the deck, and spacing
+_LEVELS = (
+    (150.0, 1.0),
+    (400.0, 2.0),
+    (1500.0, 10.0),
+    (math.inf, 25.0),
+)  # m below the deck, and spacing
 _MARGIN = 0.1  # m between the deepest possible surface and the deck
 _TABLE = 7500
 _STEEPEST = 1.5  # rad; of a table, and of the fan
@@ -37,7 +45,10 @@ _MAX_NODES = 4_000_000
 
 
 class Ends(NamedTuple):
-    """Links: positions of both ends (n, 3) [m], most reflections at surface and sea bed, and cut-off [dB]."""
+    """
+    Links: positions of both ends (n, 3) [m], most reflections at surface and sea bed, and cut-off
+    [dB].
+    """
 
     source: Array
     receiver: Array
@@ -46,7 +57,10 @@ class Ends(NamedTuple):
 
 
 class SurfaceProfile(NamedTuple):
-    """Depth of the rough surface as a function of north and east, and the spacing at which it is sampled. [m]"""
+    """
+    Depth of the rough surface as a function of north and east, and the spacing at which it is
+    sampled. [m]
+    """
 
     depth: Callable[[Array, Array], Array]
     spacing: float
@@ -72,9 +86,10 @@ def with_rough_rays(
 
     Notes
     -----
-    Rays stay in the vertical plane of their link: slopes of the surface across it have no effect. The spreading across the plane is that of a flat
-    surface. Rays are refined to 0.1 mm, and their times are those of levels 1 m apart in the upper 150 m. At most 64 rays of a link, the strongest,
-    are kept.
+    Rays stay in the vertical plane of their link: slopes of the surface across it have no effect.
+    The spreading across the plane is that of a flat surface. Rays are refined to 0.1 mm, and their
+    times are those of levels 1 m apart in the upper 150 m. At most 64 rays of a link, the
+    strongest, are kept.
     """
     from pymantaray.acoustics._kernels.skips import N_RAY, RATE, find_skips
 
@@ -154,7 +169,9 @@ def _joined(
     has = np.bincount(link, minlength=direct.status.size) > 0
     status = np.where(has, np.int8(RayStatus.OK), direct.status)
     return replace(
-        direct.with_more(more), status=status, shadow_margin=np.where(has, 0.0, direct.shadow_margin)
+        direct.with_more(more),
+        status=status,
+        shadow_margin=np.where(has, 0.0, direct.shadow_margin),
     )
 
 
@@ -167,7 +184,9 @@ def skip_water(medium: Medium, most_bottom: int) -> SkipWater:
     deck = float(surface.depth.max()) + reach + _MARGIN
     bed = float(medium.bed.depth[0, 0])
     if bed < deck + 1.0:
-        raise AcousticsError(f"rough surface: it reaches {deck:g} m, but the sea bed is at {bed:g} m")
+        raise AcousticsError(
+            f"rough surface: it reaches {deck:g} m, but the sea bed is at {bed:g} m"
+        )
     n = max(math.ceil(deck / _ZONE), 1)
     levels = []
     z = deck
@@ -187,7 +206,9 @@ def skip_water(medium: Medium, most_bottom: int) -> SkipWater:
     places[:, 2] = depth
     speed = open_water.sound_speed_at(places)
     table = np.zeros((4, _TABLE))
-    water = SkipWater(depth, np.ascontiguousarray(speed), n, deck / n, bed, table, _STEEPEST / (_TABLE - 3))
+    water = SkipWater(
+        depth, np.ascontiguousarray(speed), n, deck / n, bed, table, _STEEPEST / (_TABLE - 3)
+    )
     fill_table(water, most_bottom)
     return water
 
@@ -215,7 +236,9 @@ def _surface_of(medium: Medium) -> SurfaceProfile:
     depth(np.zeros(1), np.zeros(1))
     length = np.inf if roughness is None else roughness.length
     steps = [float(np.diff(x).min()) for x in (surface.north, surface.east) if x.size > 1]
-    return SurfaceProfile(depth, min([length / _POINTS_PER_LENGTH, 20.0, *(0.5 * step for step in steps)]))
+    return SurfaceProfile(
+        depth, min([length / _POINTS_PER_LENGTH, 20.0, *(0.5 * step for step in steps)])
+    )
 
 
 def _link(surface: SurfaceProfile, a: Array, b: Array, bounces: tuple[int, int]) -> SkipLink:
@@ -231,7 +254,9 @@ def _link(surface: SurfaceProfile, a: Array, b: Array, bounces: tuple[int, int])
     return SkipLink(float(a[2]), float(b[2]), length, depth, slope, spacing, *bounces)
 
 
-def _spreading_db(rows: Array, horizontal: float, distance: float, speed: tuple[float, float]) -> Array:
+def _spreading_db(
+    rows: Array, horizontal: float, distance: float, speed: tuple[float, float]
+) -> Array:
     """Spreading of rays beyond spherical, in a plane and with spreading across it by the range."""
     from pymantaray.acoustics._kernels import skips as at
 
@@ -257,11 +282,14 @@ def realized(medium: Medium, ends: Ends) -> Medium:
     sizes = np.ceil((high - low) / step).astype(int) + 1
     if np.prod(sizes.astype(float)) > _MAX_NODES:
         raise AcousticsError(
-            f"rough surface: {sizes[0]} x {sizes[1]} grid points of {step:g} m; at most {_MAX_NODES:,} are possible in water that varies"
-            " horizontally or over a sea bed that does; use a smaller domain, a longer correlation length or a profile"
+            f"rough surface: {sizes[0]} x {sizes[1]} grid points of {step:g} m; at most"
+            f" {_MAX_NODES:,} are possible in water that varies horizontally or over a sea bed that"
+            " does; use a smaller domain, a longer correlation length or a profile"
         )
     north, east = (np.linspace(low[k], high[k], sizes[k]) for k in range(2))
-    mean = medium.surface.depth_at(np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2))
+    mean = medium.surface.depth_at(
+        np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
+    )
     depth = mean.reshape(sizes) + roughness.elevation_at(north[:, None], east[None, :])
     surface = BoundarySurface(np.maximum(depth, 0.0), north, east, medium.surface.reflection)
     return replace(medium, surface=surface)

@@ -1,5 +1,6 @@
 """
-Sonar equation: from transmission loss and the noise of the sea to the detection probability of a ping.
+Sonar equation: from transmission loss and the noise of the sea to the detection probability of a
+ping.
 
 The theory page on loss lists the sources.
 """
@@ -24,7 +25,8 @@ _NODES = 32  # Gauss-Legendre points of a band, in the logarithm of frequency
 @dataclass(frozen=True)
 class WenzNoise:
     r"""
-    Noise of turbulence, distant ships, wind and thermal agitation, by Wenz (1962) in the form of Coates (1990).
+    Noise of turbulence, distant ships, wind and thermal agitation, by Wenz (1962) in the form of
+    Coates (1990).
 
     Parameters
     ----------
@@ -37,8 +39,9 @@ class WenzNoise:
     -----
     Levels in dB re 1 µPa²/Hz, f in kHz, s the shipping and w the wind: :math:`17 - 30 \lg f`;
     :math:`40 + 20 (s - 0.5) + 26 \lg f - 60 \lg(f + 0.03)`;
-    :math:`50 + 7.5 \sqrt w + 20 \lg f - 40 \lg(f + 0.4)`; :math:`-15 + 20 \lg f`. The powers are added. The model applies to
-    deep open water from about 1 Hz to 100 kHz, without rain, ice, animals and noise of the vehicle itself.
+    :math:`50 + 7.5 \sqrt w + 20 \lg f - 40 \lg(f + 0.4)`; :math:`-15 + 20 \lg f`. The powers are
+    added. The model applies to deep open water from about 1 Hz to 100 kHz, without rain, ice,
+    animals and noise of the vehicle itself.
 
     Examples
     --------
@@ -52,7 +55,9 @@ class WenzNoise:
     def __post_init__(self) -> None:
         check_fields(AcousticsError, self, "m/s", "wind_speed")
         if not 0.0 <= self.shipping <= 1.0:
-            raise AcousticsError(f"WenzNoise: shipping is {self.shipping:g}; it must be from 0 to 1")
+            raise AcousticsError(
+                f"WenzNoise: shipping is {self.shipping:g}; it must be from 0 to 1"
+            )
 
     def components_db(self, frequency_hz: ArrayLike) -> Array:
         """
@@ -94,7 +99,9 @@ class WenzNoise:
         ndarray, shape (...)
             Level. [dB re 1 µPa²/Hz]
         """
-        return np.asarray(10.0 * np.log10(np.sum(10.0 ** (self.components_db(frequency_hz) / 10.0), axis=0)))
+        return np.asarray(
+            10.0 * np.log10(np.sum(10.0 ** (self.components_db(frequency_hz) / 10.0), axis=0))
+        )
 
     def band_level_db(self, frequency_hz: float, bandwidth_hz: float) -> float:
         """
@@ -132,21 +139,23 @@ class Sonar:
     frequency_hz, bandwidth_hz : float
         Middle and width of the band. [Hz]
     noise : WenzNoise or float
-        Noise of the sea, or a spectral level at the receiver, constant in the band. [dB re 1 µPa²/Hz]
+        Noise of the sea, or a spectral level at the receiver, constant in the band. [dB re 1
+        µPa²/Hz]
     processing_gain_db : float
         Gain in signal-to-noise ratio by pulse compression and directivity. [dB]
     threshold_db : float
         Signal-to-noise ratio at which half of the pings are detected. [dB]
     spread_db : float
-        Standard deviation of the level around its prediction (fading, aspect, errors of the model). With
-        0 detection is certain or impossible. [dB]
+        Standard deviation of the level around its prediction (fading, aspect, errors of the model).
+        With 0 detection is certain or impossible. [dB]
 
     Notes
     -----
-    The excess is :math:`E = SL - TL - NL + PG - DT` with the noise level NL of the whole band. The level in decibels has a normal
-    distribution with standard deviation :math:`\sigma`, so :math:`P = \Phi(E / \sigma)`. Draw a detection with
-    ``detected = uniform < probability``. The default spread of 6 dB is close to 5.6 dB, that of the intensity of a
-    fully saturated (Rayleigh) signal in decibels.
+    The excess is :math:`E = SL - TL - NL + PG - DT` with the noise level NL of the whole band. The
+    level in decibels has a normal distribution with standard deviation :math:`\sigma`, so :math:`P
+    = \Phi(E / \sigma)`. Draw a detection with ``detected = uniform < probability``. The default
+    spread of 6 dB is close to 5.6 dB, that of the intensity of a fully saturated (Rayleigh) signal
+    in decibels.
 
     Examples
     --------
@@ -183,7 +192,9 @@ class Sonar:
     @property
     def figure_of_merit_db(self) -> float:
         """Transmission loss at which half of the pings are detected. [dB]"""
-        return self.source_level_db - self.noise_level_db + self.processing_gain_db - self.threshold_db
+        return (
+            self.source_level_db - self.noise_level_db + self.processing_gain_db - self.threshold_db
+        )
 
     def snr_db(self, loss_db: ArrayLike) -> Array:
         """
@@ -199,7 +210,9 @@ class Sonar:
         ndarray, shape (n,)
             Signal-to-noise ratio. [dB]
         """
-        return np.asarray(self.figure_of_merit_db + self.threshold_db - np.asarray(loss_db, dtype=float))
+        return np.asarray(
+            self.figure_of_merit_db + self.threshold_db - np.asarray(loss_db, dtype=float)
+        )
 
     def detection_probability(self, loss_db: ArrayLike) -> Array:
         """
@@ -220,7 +233,8 @@ class Sonar:
 
 def probability_of_excess(excess_db: ArrayLike, spread_db: float) -> Array:
     """
-    Return the probability that a level with a normal distribution about its prediction exceeds a threshold.
+    Return the probability that a level with a normal distribution about its prediction exceeds a
+    threshold.
 
     Parameters
     ----------
@@ -243,7 +257,11 @@ def probability_of_excess(excess_db: ArrayLike, spread_db: float) -> Array:
 
 
 def link_loss_db(
-    loss_db: ArrayLike, link: ArrayLike, n_links: int, *, combine: Literal["strongest", "sum"] = "strongest"
+    loss_db: ArrayLike,
+    link: ArrayLike,
+    n_links: int,
+    *,
+    combine: Literal["strongest", "sum"] = "strongest",
 ) -> Array:
     r"""
     Transmission loss of each link from that of its arrivals.
@@ -257,8 +275,9 @@ def link_loss_db(
     n_links : int
         Number of links.
     combine : {"strongest", "sum"}
-        ``strongest``: that of the strongest arrival, because the band of a ranging modem (kilohertz) separates arrivals that are a
-        millisecond apart and each has to be detected alone. ``sum``: the mean power over the phases of arrivals that overlap,
+        ``strongest``: that of the strongest arrival, because the band of a ranging modem
+        (kilohertz) separates arrivals that are a millisecond apart and each has to be detected
+        alone. ``sum``: the mean power over the phases of arrivals that overlap,
         :math:`-10 \lg \sum 10^{-TL/10}`.
 
     Returns
@@ -269,7 +288,9 @@ def link_loss_db(
     loss = np.asarray(loss_db, dtype=float)
     row = np.asarray(link, dtype=np.int64)
     if loss.ndim != 1 or loss.shape != row.shape:
-        raise AcousticsError(f"loss_db has shape {loss.shape}, link {row.shape}; both must be (n_arrivals,)")
+        raise AcousticsError(
+            f"loss_db has shape {loss.shape}, link {row.shape}; both must be (n_arrivals,)"
+        )
     if row.size and (row.min() < 0 or row.max() >= n_links):
         raise AcousticsError(f"link: {row.min()} to {row.max()}; must lie in 0 to {n_links - 1}")
     best = np.full(n_links, np.inf)
@@ -292,6 +313,7 @@ def _band(frequency_hz: float, bandwidth_hz: float) -> tuple[float, float]:
     high = frequency_hz + 0.5 * bandwidth_hz
     if not (bandwidth_hz > 0.0 and low > 0.0 and math.isfinite(high)):
         raise AcousticsError(
-            f"band of {bandwidth_hz:g} Hz about {frequency_hz:g} Hz; must be wider than 0 and stay above 0 Hz"
+            f"band of {bandwidth_hz:g} Hz about {frequency_hz:g} Hz; must be wider than 0 and stay"
+            " above 0 Hz"
         )
     return low, high

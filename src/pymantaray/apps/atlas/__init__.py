@@ -1,4 +1,7 @@
-"""Atlas of range errors with straight rays in every column of an ocean, by convention, and of links without a direct path."""
+"""
+Atlas of range errors with straight rays in every column of an ocean, by convention, and of links
+without a direct path.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -65,13 +65,17 @@ def read_block(content: bytes) -> dict[str, NDArray[Any]]:
 def block_errors(block: Block) -> dict[str, NDArray[Any]]:
     """Variables of an atlas for the columns of a block, each (lat, lon, ...)."""
     out = {
-        name: np.full((len(block.lat), len(block.lon), *shape_of(v, block.links)), v.nothing, v.dtype)
+        name: np.full(
+            (len(block.lat), len(block.lon), *shape_of(v, block.links)), v.nothing, v.dtype
+        )
         for name, v in VARIABLES.items()
     }
     section = block.water.ocean
     if is_profile(section):
         fields = profile_fields(section, one_profile(section), block.links.interpolation)
-        medium = build_medium(fields, block.water.acoustics.interpolation, block.water.acoustics.earth)
+        medium = build_medium(
+            fields, block.water.acoustics.interpolation, block.water.acoustics.earth
+        )
         assert isinstance(medium, Medium)  # one profile does not vary in time
         columns = [(0, 0, WATER, column_errors(medium, block.links)._asdict())]
     else:
@@ -103,7 +107,9 @@ def _columns(block: Block) -> Iterator[tuple[int, int, int, dict[str, NDArray[An
     for i, lat in enumerate(block.lat):
         for j, lon in enumerate(block.lon):
             place = (lat, lon - whole_turns(lon, about=middle))
-            own = tuple(int(np.abs(axis - x).argmin()) for axis, x in zip((lats, lons), place, strict=True))
+            own = tuple(
+                int(np.abs(axis - x).argmin()) for axis, x in zip((lats, lons), place, strict=True)
+            )
             if points is None or not surface[own]:
                 yield i, j, LAND, {}
             else:
@@ -119,7 +125,9 @@ def _column(
     if grid is None:
         return EDGE, {}
     ice = _ice(block.water.ocean, grid)
-    medium = Medium.from_local_grid(grid, interpolation=interpolation, ice_draft=ice, earth=acoustics.earth)
+    medium = Medium.from_local_grid(
+        grid, interpolation=interpolation, ice_draft=ice, earth=acoustics.earth
+    )
     currents = None
     if acoustics.currents:
         currents = Currents(grid.north, grid.east, grid.depth, np.stack(grid.currents(), axis=-1))
@@ -131,7 +139,10 @@ def _ice(section: OceanSection, grid: LocalGrid) -> BoundarySurface | float:
     if section.ice is None:
         return 0.0
     frame = grid.window.frame
-    centre = {"centre_latitude_deg": frame.latitude_deg, "centre_longitude_deg": frame.longitude_deg}
+    centre = {
+        "centre_latitude_deg": frame.latitude_deg,
+        "centre_longitude_deg": frame.longitude_deg,
+    }
     axes = {"north": grid.north, "east": grid.east}
     return ice_of(with_section_ice(section, xr.Dataset(coords=axes, attrs=centre)))
 

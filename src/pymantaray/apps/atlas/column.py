@@ -1,4 +1,6 @@
-"""Water around one column of an ocean, as in a study centred there, and the range errors of its links."""
+"""
+Water around one column of an ocean, as in a study centred there, and the range errors of its links.
+"""
 
 from dataclasses import replace
 from typing import Any, NamedTuple
@@ -27,7 +29,10 @@ class ColumnErrors(NamedTuple):
     """Range errors and counts of one column."""
 
     range_error: Array
-    """Shape (convention, pair, distance, bearing), also of the next two. NaN without a direct arrival. [m]"""
+    """
+    Shape (convention, pair, distance, bearing), also of the next two. NaN without a direct arrival.
+    [m]
+    """
     reference_speed_error: Array
     bending_error: Array
     link_status: NDArray[np.int8]
@@ -42,13 +47,16 @@ class ColumnErrors(NamedTuple):
 
 
 def water_at(
-    points: GridPoints, place: tuple[float, float], links: AtlasLinks, sea_floor: xr.DataArray | None = None
+    points: GridPoints,
+    place: tuple[float, float],
+    links: AtlasLinks,
+    sea_floor: xr.DataArray | None = None,
 ) -> LocalGrid | None:
     """
     Local grid around a place; None if the links do not fit into the ocean's window.
 
-    It uses the grid points in the rectangle of all links and `SPLINE` more on each side, so it does not depend on the extent of
-    the available ocean.
+    It uses the grid points in the rectangle of all links and `SPLINE` more on each side, so it does
+    not depend on the extent of the available ocean.
     """
     half = links.half_extent, links.half_extent
     window = Window.on(points.lat, points.lon, place)
@@ -65,11 +73,17 @@ def medium_at(points: GridPoints, place: tuple[float, float], links: AtlasLinks)
     return None if grid is None else Medium.from_local_grid(grid, interpolation=links.interpolation)
 
 
-def column_errors(medium: Medium, links: AtlasLinks, currents: Currents | None = None) -> ColumnErrors:
+def column_errors(
+    medium: Medium, links: AtlasLinks, currents: Currents | None = None
+) -> ColumnErrors:
     """Errors of the links around the centre of a medium's frame, optionally with currents."""
     transmitter, receiver = links.ends()
     cutoff = links.spreading_cutoff_db
-    options: dict[str, Any] = {"spreading_cutoff_db": cutoff, "tolerance": links.tolerance, "threads": 1}
+    options: dict[str, Any] = {
+        "spreading_cutoff_db": cutoff,
+        "tolerance": links.tolerance,
+        "threads": 1,
+    }
     arrivals = find_eigenrays(medium, transmitter, receiver, **options)
     if currents is not None:
         arrivals = carried(medium, transmitter, receiver, arrivals, currents)
@@ -99,7 +113,10 @@ def column_errors(medium: Medium, links: AtlasLinks, currents: Currents | None =
 
 
 def _speeds(direct: FirstArrivals, distance: Array, nominal: float) -> list[Array]:
-    """Sound speed that converts each link's travel time to a range, for each of the `CONVENTIONS`. [m/s]"""
+    """
+    Sound speed that converts each link's travel time to a range, for each of the `CONVENTIONS`.
+    [m/s]
+    """
     measured = TransmitterSpeed()
     at_transmitter = measured.speed(direct.source_sound_speed)
     at_receiver = measured.speed(direct.receiver_sound_speed)
@@ -134,10 +151,11 @@ def _worst(error: Array, axis: int | tuple[int, ...]) -> Array:
 
 def _safe_distance(error: Array, links: AtlasLinks) -> Array:
     """
-    Greatest distance up to which every direct range error, over all pairs and bearings, is within each threshold.
+    Greatest distance up to which every direct range error, over all pairs and bearings, is within
+    each threshold.
 
-    0 if an error at the shortest distance exceeds the threshold, NaN if the shortest distance has no direct range. The search
-    stops at the first distance without a direct range.
+    0 if an error at the shortest distance exceeds the threshold, NaN if the shortest distance has
+    no direct range. The search stops at the first distance without a direct range.
     """
     worst = _worst(error, (1, 3))
     safe = worst[:, None] <= np.array(links.safe)[:, None]  # False for NaN

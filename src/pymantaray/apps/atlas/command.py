@@ -34,7 +34,9 @@ if TYPE_CHECKING:
     from pymantaray.config.sections import AcousticsSection
     from pymantaray.records.result_table import ResultTable
 
-app = Commands(cls=RunGroup, help="Map the errors of straight-line ranging in every column of an ocean.")
+app = Commands(
+    cls=RunGroup, help="Map the errors of straight-line ranging in every column of an ocean."
+)
 
 AtlasFile = Annotated[Path, typer.Argument(metavar="ATLAS.nc", help="File of an atlas.")]
 
@@ -58,8 +60,8 @@ class ColumnOptions:
         str | None,
         typer.Option(
             metavar="DURATION",
-            help="Minimum time between instants: hours, or text such as '2 d'. Default: all instants; 24 h for a synthetic"
-            " ocean.",
+            help="Minimum time between instants: hours, or text such as '2 d'. Default: all"
+            " instants; 24 h for a synthetic ocean.",
         ),
     ] = None
 
@@ -123,7 +125,8 @@ class OutOptions(ProcessOptions):
     out: Annotated[
         Path,
         typer.Option(
-            metavar="ATLAS.nc", help="File to write. Finished blocks in ATLAS.nc.blocks are skipped."
+            metavar="ATLAS.nc",
+            help="File to write. Finished blocks in ATLAS.nc.blocks are skipped.",
         ),
     ]
     force: Force = False
@@ -195,13 +198,17 @@ def plot(
     distance: Annotated[
         float | None,
         typer.Option(
-            parser=quantity("m"), metavar="M", help="A distance of the atlas. Default: the middle one."
+            parser=quantity("m"),
+            metavar="M",
+            help="A distance of the atlas. Default: the middle one.",
         ),
     ] = None,
     pair: Annotated[
         Any,
         typer.Option(
-            parser=quantities("m", 2), metavar="M,M", help="A pair of depths of the atlas. Default: all."
+            parser=quantities("m", 2),
+            metavar="M,M",
+            help="A pair of depths of the atlas. Default: all.",
         ),
     ] = None,
     at: Annotated[
@@ -214,7 +221,10 @@ def plot(
     ] = None,
     quiet: Quiet = False,
 ) -> None:
-    """Draw maps of safe distances, errors and lost paths, time series of the error, and an interactive page."""
+    """
+    Draw maps of safe distances, errors and lost paths, time series of the error, and an interactive
+    page.
+    """
     from pymantaray.apps.atlas import open_atlas, write_atlas_page, write_atlas_plots
     from pymantaray.cli.output import progress_bars
 

@@ -1,4 +1,6 @@
-"""File of an atlas: CF variables and attributes, and assembly from blocks, one in memory at a time."""
+"""
+File of an atlas: CF variables and attributes, and assembly from blocks, one in memory at a time.
+"""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -55,7 +57,10 @@ def _flags(name: str, meanings: Iterable[tuple[str, int]]) -> dict[str, Any]:
 _BY_CONVENTION = ("convention", *_LINK)
 VARIABLES = {
     "column_status": AtlasVariable(
-        (), "i1", EDGE, _flags("status of the column", (("water", WATER), ("land", LAND), ("edge", EDGE)))
+        (),
+        "i1",
+        EDGE,
+        _flags("status of the column", (("water", WATER), ("land", LAND), ("edge", EDGE))),
     ),
     "range_error": AtlasVariable(
         _BY_CONVENTION,
@@ -64,16 +69,25 @@ VARIABLES = {
         _length("sound speed of the convention times travel time, minus distance"),
     ),
     "reference_speed_error": AtlasVariable(
-        _BY_CONVENTION, "f4", np.nan, _length("part due to the reference speed: travel time along the chord")
+        _BY_CONVENTION,
+        "f4",
+        np.nan,
+        _length("part due to the reference speed: travel time along the chord"),
     ),
     "bending_error": AtlasVariable(
-        _BY_CONVENTION, "f4", np.nan, _length("part due to bending: travel time minus time along the chord")
+        _BY_CONVENTION,
+        "f4",
+        np.nan,
+        _length("part due to bending: travel time minus time along the chord"),
     ),
     "link_status": AtlasVariable(
         _LINK,
         "i1",
         RayStatus.OUTSIDE,
-        _flags("outcome of the link, without reflections", ((s.name.lower(), s.value) for s in RayStatus)),
+        _flags(
+            "outcome of the link, without reflections",
+            ((s.name.lower(), s.value) for s in RayStatus),
+        ),
     ),
     "arrivals_within": AtlasVariable(
         _LINK, "i2", 0, {"long_name": "arrivals close to the level of the strongest", "units": "1"}
@@ -83,7 +97,8 @@ VARIABLES = {
         "f4",
         np.nan,
         {
-            "long_name": "fraction of the bearings without a direct path, of those with a receiver in the water",
+            "long_name": "fraction of the bearings without a direct path, of those with a receiver"
+            " in the water",
             "units": "1",
         },
     ),
@@ -97,7 +112,9 @@ VARIABLES = {
         ("convention", "safe"),
         "f4",
         np.nan,
-        _length("distance up to which every direct range error of all pairs and bearings is within safe"),
+        _length(
+            "distance up to which every direct range error of all pairs and bearings is within safe"
+        ),
     ),
 }
 
@@ -114,9 +131,24 @@ def coordinates(atlas: Atlas) -> dict[str, tuple[tuple[str, ...], Any, dict[str,
     links, (lat_bounds, lon_bounds) = atlas.links, atlas.cells()
     pairs = np.array(links.pairs)
     depth = {"standard_name": "depth", "units": "m", "positive": "down"}
-    time = {"standard_name": "time", "axis": "T", "units": "seconds since 1970-01-01", "calendar": "standard"}
-    north = {"standard_name": "latitude", "units": "degrees_north", "axis": "Y", "bounds": "lat_bounds"}
-    east = {"standard_name": "longitude", "units": "degrees_east", "axis": "X", "bounds": "lon_bounds"}
+    time = {
+        "standard_name": "time",
+        "axis": "T",
+        "units": "seconds since 1970-01-01",
+        "calendar": "standard",
+    }
+    north = {
+        "standard_name": "latitude",
+        "units": "degrees_north",
+        "axis": "Y",
+        "bounds": "lat_bounds",
+    }
+    east = {
+        "standard_name": "longitude",
+        "units": "degrees_east",
+        "axis": "X",
+        "bounds": "lon_bounds",
+    }
     return {
         "time": (("time",), (atlas.times - _EPOCH) / _SECOND, time),
         "lat": (("lat",), atlas.lat, north),
@@ -126,9 +158,16 @@ def coordinates(atlas: Atlas) -> dict[str, tuple[tuple[str, ...], Any, dict[str,
         "convention": (
             ("convention", "letter"),
             np.array(CONVENTIONS, dtype="S")[:, None].view("S1"),  # CF does not allow strings here
-            {"long_name": "sound speed that converts a travel time to a range", "_Encoding": "utf-8"},
+            {
+                "long_name": "sound speed that converts a travel time to a range",
+                "_Encoding": "utf-8",
+            },
         ),
-        "transmitter_depth": (("pair",), pairs[:, 0], depth | {"long_name": "depth of the transmitter"}),
+        "transmitter_depth": (
+            ("pair",),
+            pairs[:, 0],
+            depth | {"long_name": "depth of the transmitter"},
+        ),
         "receiver_depth": (("pair",), pairs[:, 1], depth | {"long_name": "depth of the receiver"}),
         "distance": (("distance",), np.array(links.distances), _length("horizontal distance")),
         "bearing": (
@@ -160,8 +199,8 @@ def attributes(atlas: Atlas, title: str, synthetic: bool) -> dict[str, Any]:
         "max_bottom_bounces": links.max_bottom_bounces,
         "interpolation": links.interpolation,
         "sound_speed_equation": atlas.water.ocean.equation,
-        "comment": "range_error is reference_speed_error + bending_error; NaN where no direct arrival is admitted."
-        " The transmitter is at the column.",
+        "comment": "range_error is reference_speed_error + bending_error; NaN where no direct"
+        " arrival is admitted. The transmitter is at the column.",
     }
 
 
@@ -176,7 +215,8 @@ def write_atlas(
     """Write the file of an atlas block by block, atomically."""
     cells = int(np.prod(atlas.shape))
     size = sum(
-        np.dtype(v.dtype).itemsize * int(np.prod(shape_of(v, atlas.links))) for v in VARIABLES.values()
+        np.dtype(v.dtype).itemsize * int(np.prod(shape_of(v, atlas.links)))
+        for v in VARIABLES.values()
     )
     with whole_file(path) as temporary, NETCDF_LOCK:
         check_room(temporary, cells * size)  # uncompressed size
@@ -252,7 +292,8 @@ def open_atlas(path: str | Path) -> xr.Dataset:
     if dataset.attrs.get("format") != FORMAT:
         dataset.close()
         raise AtlasError(
-            f"{path}: not an atlas of this version; compute one with mantaray atlas run (in Python: run_atlas)"
+            f"{path}: not an atlas of this version; compute one with mantaray atlas run (in"
+            " Python: run_atlas)"
         )
     return dataset
 
@@ -269,10 +310,11 @@ def safety_table(atlas: xr.Dataset) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row per convention and distance: ``convention``, ``distance_m``, ``no_direct_path_percent``, ``median_m`` and
-        ``p95_m`` of the maximum error of a location (over pairs and bearings), and for each threshold
-        ``safe_to_<error>m_percent``, the percentage of locations and times in the water where every direct range error is within
-        the threshold.
+        One row per convention and distance: ``convention``, ``distance_m``,
+        ``no_direct_path_percent``, ``median_m`` and ``p95_m`` of the maximum error of a location
+        (over pairs and bearings), and for each threshold ``safe_to_<error>m_percent``, the
+        percentage of locations and times in the water where every direct range error is within the
+        threshold.
     """
     rows = []
     water = (atlas["column_status"] == WATER).values
@@ -283,7 +325,9 @@ def safety_table(atlas: xr.Dataset) -> pd.DataFrame:
             place = np.fmax.reduce(worst[:, :, d], axis=1)
             place = place[np.isfinite(place)]
             share = {
-                f"safe_to_{safe:g}m_percent": 100.0 * float(np.mean(place <= safe)) if place.size else np.nan
+                f"safe_to_{safe:g}m_percent": 100.0 * float(np.mean(place <= safe))
+                if place.size
+                else np.nan
                 for safe in atlas["safe"].values
             }
             known = lost[:, :, d][np.isfinite(lost[:, :, d])]

@@ -1,4 +1,7 @@
-"""Plots of an atlas: locations with safe straight-line ranges, range errors, shares of links without a direct path, and time series."""
+"""
+Plots of an atlas: locations with safe straight-line ranges, range errors, shares of links without a
+direct path, and time series.
+"""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -36,7 +39,11 @@ CONVENTION_WORDS = {
     "nominal": "one speed",
 }
 CONVENTION_COLOURS = dict(
-    zip(CONVENTION_WORDS, (style.BLUE, style.SKY, style.GREEN, style.ORANGE, style.GREY), strict=True)
+    zip(
+        CONVENTION_WORDS,
+        (style.BLUE, style.SKY, style.GREEN, style.ORANGE, style.GREY),
+        strict=True,
+    )
 )
 _WATER = 0  # of column_status
 _OTHERS = ((LAND, "land"), ("#f4f2ee", "edge of the data"), (style.BED, "too shallow"))
@@ -58,10 +65,11 @@ def write_atlas_plots(
     progress: Progress | None = None,
 ) -> list[Path]:
     """
-    Draw maps of an atlas: locations with safe ranges by distance and by convention, largest error, and links without a direct path.
+    Draw maps of an atlas: locations with safe ranges by distance and by convention, largest error,
+    and links without a direct path.
 
-    With several instants, the maps show the largest error of all instants. Two more figures show the share of the instants with safe
-    ranges, and the errors at one place over time.
+    With several instants, the maps show the largest error of all instants. Two more figures show
+    the share of the instants with safe ranges, and the errors at one place over time.
 
     Parameters
     ----------
@@ -74,9 +82,11 @@ def write_atlas_plots(
     distance : float, optional
         Distance of the atlas. Default: the middle one. [m]
     pair : tuple of float, optional
-        Depths of transmitter and receiver, one pair of the atlas. Default: the largest error of all pairs. [m]
+        Depths of transmitter and receiver, one pair of the atlas. Default: the largest error of all
+        pairs. [m]
     place : tuple of float, optional
-        Latitude and longitude of the time series, which shows the nearest column. Default: the middle of the map. [degrees]
+        Latitude and longitude of the time series, which shows the nearest column. Default: the
+        middle of the map. [degrees]
     progress : callable, optional
         Called with ``"figures"``, the number of finished figures and the total.
 
@@ -88,7 +98,8 @@ def write_atlas_plots(
     Raises
     ------
     ReportError
-        If the atlas has no such convention, distance or pair, or has only one latitude or longitude.
+        If the atlas has no such convention, distance or pair, or has only one latitude or
+        longitude.
     WriteError
         If a file cannot be written.
     """
@@ -96,9 +107,13 @@ def write_atlas_plots(
         raise ReportError("atlas: a map needs two latitudes and two longitudes at least")
     here = _one_of(atlas, "convention", convention)
     distances = atlas["distance"].values
-    where = _one_of(atlas, "distance", distances[len(distances) // 2] if distance is None else distance)
+    where = _one_of(
+        atlas, "distance", distances[len(distances) // 2] if distance is None else distance
+    )
     if pair is not None:
-        pairs = list(zip(atlas["transmitter_depth"].values, atlas["receiver_depth"].values, strict=True))
+        pairs = list(
+            zip(atlas["transmitter_depth"].values, atlas["receiver_depth"].values, strict=True)
+        )
         if pair not in pairs:
             listed = ", ".join(f"{first:g},{second:g}" for first, second in pairs)
             raise ReportError(f"pair {pair[0]:g},{pair[1]:g}: not in the atlas, which has {listed}")
@@ -107,7 +122,10 @@ def write_atlas_plots(
     draw: dict[str, Callable[[], Figure]] = {
         "atlas_safe": lambda: safety_maps(
             atlas,
-            [(f"{d / 1e3:g} km, {CONVENTION_WORDS[convention]}", here, k) for k, d in enumerate(distances)],
+            [
+                (f"{d / 1e3:g} km, {CONVENTION_WORDS[convention]}", here, k)
+                for k, d in enumerate(distances)
+            ],
         ),
         "atlas_error": lambda: error_maps(atlas, here, where),
         "atlas_conventions": lambda: safety_maps(
@@ -127,13 +145,18 @@ def write_atlas_plots(
 def _one_of(atlas: xr.Dataset, name: str, value: str | float) -> int:
     there = atlas[name].values.tolist()
     if value not in there:
-        raise ReportError(f"{name} {value}: not in the atlas, which has {', '.join(map(str, there))}")
+        raise ReportError(
+            f"{name} {value}: not in the atlas, which has {', '.join(map(str, there))}"
+        )
     return int(there.index(value))
 
 
 @style.styled
 def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Figure:
-    """Maps of error classes, one for each title, convention and distance: largest error of all pairs, bearings and instants."""
+    """
+    Maps of error classes, one for each title, convention and distance: largest error of all pairs,
+    bearings and instants.
+    """
     safe = atlas["safe"].values
     colours = [style.WATER(x) for x in np.linspace(0.97, 0.1, safe.size + 1)]
     figure, axes = _maps(atlas, len(panels), legend=True)
@@ -155,7 +178,10 @@ def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Fi
 
 @style.styled
 def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
-    """Maps of the largest error of all pairs and bearings, and of the share of links without a direct path."""
+    """
+    Maps of the largest error of all pairs and bearings, and of the share of links without a direct
+    path.
+    """
     figure, axes = _maps(atlas, 2, legend=False)
     worst = worst_error(atlas, convention, distance)
     lost = _lost(atlas, distance)
@@ -188,19 +214,25 @@ def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
 
 @style.styled
 def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
-    """Maps of the share of instants at which no direct range error is larger, one for each error threshold."""
+    """
+    Maps of the share of instants at which no direct range error is larger, one for each error
+    threshold.
+    """
     safe = atlas["safe"].values
     figure, axes = _maps(atlas, safe.size, legend=False)
     worst = _over_pairs(atlas, convention, distance)
     direct = np.isfinite(worst).sum(axis=0)
     for k, limit in enumerate(safe):
-        share = np.where(direct > 0, 100.0 * (worst <= limit).sum(axis=0) / np.maximum(direct, 1), np.nan)
+        share = np.where(
+            direct > 0, 100.0 * (worst <= limit).sum(axis=0) / np.maximum(direct, 1), np.nan
+        )
         mesh = axes[k].pcolormesh(
             atlas["lon"], atlas["lat"], share, cmap=style.WATER, vmin=0.0, vmax=100.0, **CELLS
         )
         _finish(axes[k], atlas, (k, f"safe to {limit:g} m"), distance)
     finish_bar(
-        figure.colorbar(mesh, ax=list(axes), aspect=40, location="bottom"), "Share of the instants [%]"
+        figure.colorbar(mesh, ax=list(axes), aspect=40, location="bottom"),
+        "Share of the instants [%]",
     )
     figure.draw_without_rendering()
     return figure
@@ -208,13 +240,17 @@ def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
 
 @style.styled
 def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | None) -> Figure:
-    """Time series of the largest error of each convention at one place, and of the share of its links without a direct path."""
+    """
+    Time series of the largest error of each convention at one place, and of the share of its links
+    without a direct path.
+    """
     lat = atlas["lat"].values
     lon = atlas["lon"].values
     middle = 0.5 * float(lon[0] + lon[-1])
     at = (0.5 * float(lat[0] + lat[-1]), middle) if place is None else place
     i, j = (
-        int(np.argmin(np.abs(axis - x))) for axis, x in ((lat, at[0]), (lon, wrapped(at[1], about=middle)))
+        int(np.argmin(np.abs(axis - x)))
+        for axis, x in ((lat, at[0]), (lon, wrapped(at[1], about=middle)))
     )
     figure = style.new_figure(style.DOUBLE, 3.2, _header(atlas))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.8, 1.0))
@@ -222,7 +258,12 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
     for k, name in enumerate(map(str, atlas["convention"].values)):
         worst = np.fmax.reduce(atlas["worst_range_error"][:, i, j, k, :, distance].values, axis=-1)
         upper.semilogy(
-            time, worst, "o-", markersize=2.5, color=CONVENTION_COLOURS[name], label=CONVENTION_WORDS[name]
+            time,
+            worst,
+            "o-",
+            markersize=2.5,
+            color=CONVENTION_COLOURS[name],
+            label=CONVENTION_WORDS[name],
         )
     for limit in atlas["safe"].values:
         upper.axhline(limit, color=style.INK, linestyle=":", linewidth=0.7)
@@ -237,14 +278,19 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
     lower.xaxis.set_major_formatter(ConciseDateFormatter(locator))  # type: ignore[no-untyped-call]
     lower.set_xlabel("Time (UTC)")
     km = f"{float(atlas['distance'][distance]) / 1e3:g} km"
-    there = f"{latitude_label(float(lat[i]), digits=2, unit='° ')}, {longitude_label(float(lon[j]), digits=2, unit='° ')}"
+    there = (
+        f"{latitude_label(float(lat[i]), digits=2, unit='° ')},"
+        f" {longitude_label(float(lon[j]), digits=2, unit='° ')}"
+    )
     upper.set_title(f"{there}, {km}", loc="left")
     figure.legend(loc="outside lower center", ncols=5)
     return figure
 
 
 def worst_error(atlas: xr.Dataset, convention: int, distance: int) -> Array:
-    """Largest error (lat, lon) of all pairs, bearings and instants; NaN without any direct path. [m]"""
+    """
+    Largest error (lat, lon) of all pairs, bearings and instants; NaN without any direct path. [m]
+    """
     return np.asarray(np.fmax.reduce(_over_pairs(atlas, convention, distance), axis=0))
 
 
@@ -254,7 +300,10 @@ def _over_pairs(atlas: xr.Dataset, convention: int, distance: int) -> Array:
 
 
 def _lost(atlas: xr.Dataset, distance: int) -> Array:
-    """Share (lat, lon) of the links of a distance without a direct path; NaN if no link is in the water."""
+    """
+    Share (lat, lon) of the links of a distance without a direct path; NaN if no link is in the
+    water.
+    """
     return np.asarray(atlas["no_direct_path"].isel(distance=distance).mean(("time", "pair")).values)
 
 
@@ -287,7 +336,9 @@ def _finish(axes: Axes, atlas: xr.Dataset, title: tuple[int, str], distance: int
     if np.isfinite(others).any():
         colours = ListedColormap([colour for colour, _ in _OTHERS])
         last = len(_OTHERS) - 1
-        axes.pcolormesh(atlas["lon"], atlas["lat"], others, cmap=colours, vmin=0, vmax=last, **CELLS)
+        axes.pcolormesh(
+            atlas["lon"], atlas["lat"], others, cmap=colours, vmin=0, vmax=last, **CELLS
+        )
     lay_out_map(axes, atlas["lat"].values, atlas["lon"].values, ticks=4)
     axes.set_xlabel("Longitude [°]")
     if title[0] % _COLUMNS == 0:
@@ -296,7 +347,9 @@ def _finish(axes: Axes, atlas: xr.Dataset, title: tuple[int, str], distance: int
 
 
 def _others(atlas: xr.Dataset, distance: int) -> Array:
-    """Index into `_OTHERS` of each column; NaN for columns with links of a distance in the water."""
+    """
+    Index into `_OTHERS` of each column; NaN for columns with links of a distance in the water.
+    """
     status = atlas["column_status"].isel(time=0).values
     shallow = np.isnan(_lost(atlas, distance))
     return np.where(status != _WATER, status - 1.0, np.where(shallow, len(_OTHERS) - 1.0, np.nan))
@@ -306,13 +359,19 @@ def _other_patches(atlas: xr.Dataset) -> list[Patch]:
     patches = [
         Patch(color=style.PALE, label="no direct path"),
         Patch(
-            facecolor="white", edgecolor=style.INK, linewidth=0.0, hatch=_LINES, label="none on most links"
+            facecolor="white",
+            edgecolor=style.INK,
+            linewidth=0.0,
+            hatch=_LINES,
+            label="none on most links",
         ),
     ]
     there = [_others(atlas, k) for k in range(atlas.sizes["distance"])]
     for k, (colour, label) in enumerate(_OTHERS):
         if any((others == k).any() for others in there):
-            patches.append(Patch(facecolor=colour, edgecolor=style.GREY, linewidth=0.4, label=label))
+            patches.append(
+                Patch(facecolor=colour, edgecolor=style.GREY, linewidth=0.4, label=label)
+            )
     return patches
 
 
@@ -322,5 +381,7 @@ def _header(atlas: xr.Dataset) -> str:
     several = f" and {times.size - 1} more" if times.size > 1 else ""
     depths = f"{atlas.sizes['pair']} pairs of depths"
     if atlas.sizes["pair"] == 1:
-        depths = f"{float(atlas['transmitter_depth'][0]):g} m to {float(atlas['receiver_depth'][0]):g} m"
+        depths = (
+            f"{float(atlas['transmitter_depth'][0]):g} m to {float(atlas['receiver_depth'][0]):g} m"
+        )
     return f"{style.ocean_header(attrs)}{several}; {depths}"

@@ -1,4 +1,6 @@
-"""Links of every column: from a transmitter at the column to receivers around it, with search options."""
+"""
+Links of every column: from a transmitter at the column to receivers around it, with search options.
+"""
 
 import math
 from dataclasses import dataclass
@@ -13,10 +15,14 @@ from pymantaray.errors import AtlasError
 from pymantaray.quantities.checks import check_fields, checked_array
 
 CONVENTIONS = ("transmitter", "receiver", "mean", "chord", "nominal")
-"""Sound speeds that convert a travel time to a range: at the transmitter, at the receiver, the mean of both, the harmonic mean
-along the chord, and one nominal value."""
+"""
+Sound speeds that convert a travel time to a range: at the transmitter, at the receiver, the mean of
+both, the harmonic mean along the chord, and one nominal value.
+"""
 _DEPTHS = (20.0, 200.0, 800.0)
-_MARGIN = 1.02  # half extent of the domain over the greatest distance, because rays also bend sideways
+_MARGIN = (
+    1.02  # half extent of the domain over the greatest distance, because rays also bend sideways
+)
 
 
 @dataclass(frozen=True)
@@ -27,7 +33,8 @@ class AtlasLinks:
     Parameters
     ----------
     pairs : tuple of tuple of float
-        Depths of transmitter and receiver. Default: all pairs of 20, 200 and 800 m with the transmitter above. [m]
+        Depths of transmitter and receiver. Default: all pairs of 20, 200 and 800 m with the
+        transmitter above. [m]
     distances : tuple of float
         Horizontal distances, strictly increasing. [m]
     bearings : int
@@ -37,7 +44,8 @@ class AtlasLinks:
     safe : tuple of float
         Error thresholds in ascending order. [m]
     within_db : float
-        Arrivals count if their level is at most this much below the strongest arrival of their link. [dB]
+        Arrivals count if their level is at most this much below the strongest arrival of their
+        link. [dB]
     max_surface_bounces, max_bottom_bounces : int
         Maximum numbers of reflections of counted arrivals. Ranges use direct arrivals only.
     spreading_cutoff_db, tolerance, interpolation
@@ -65,11 +73,15 @@ class AtlasLinks:
         """Check values that the ray solver does not check."""
         depths = checked_array(AtlasError, "pairs", self.pairs, (None, 2))
         if depths.min() < 0.0:
-            raise AtlasError(f"pairs: depth is {depths.min():g} m; it must be 0 m or more, positive down")
+            raise AtlasError(
+                f"pairs: depth is {depths.min():g} m; it must be 0 m or more, positive down"
+            )
         for name in ("distances", "safe"):
             values = checked_array(AtlasError, name, getattr(self, name), (None,), rising=True)
             if values[0] <= 0.0:
-                raise AtlasError(f"{name}: {values[0]:g} m is not positive; all values must be positive")
+                raise AtlasError(
+                    f"{name}: {values[0]:g} m is not positive; all values must be positive"
+                )
         if self.bearings < 1:
             raise AtlasError(f"bearings is {self.bearings}; it must be at least 1")
         check_fields(AtlasError, self, "m/s", "nominal_sound_speed", positive=True)
@@ -91,7 +103,10 @@ class AtlasLinks:
         return _MARGIN * self.distances[-1]
 
     def ends(self) -> tuple[Array, Array]:
-        """Transmitters and receivers (n_links, 3) around a column; bearings vary fastest, then distances, then pairs. [m]"""
+        """
+        Transmitters and receivers (n_links, 3) around a column; bearings vary fastest, then
+        distances, then pairs. [m]
+        """
         return _ends(self)
 
     @property
@@ -110,7 +125,10 @@ def _ends(links: AtlasLinks) -> tuple[Array, Array]:
     level = np.zeros(distance.size)
     north = (distance * np.cos(bearing)).ravel()
     east = (distance * np.sin(bearing)).ravel()
-    ends = np.stack([level, level, pairs[:, 0]], axis=-1), np.stack([north, east, pairs[:, 1]], axis=-1)
+    ends = (
+        np.stack([level, level, pairs[:, 0]], axis=-1),
+        np.stack([north, east, pairs[:, 1]], axis=-1),
+    )
     for end in ends:
         end.setflags(write=False)
     return ends

@@ -1,4 +1,7 @@
-"""Page of an atlas: an interactive map of range errors by convention, distance, depths and instant, and the figures."""
+"""
+Page of an atlas: an interactive map of range errors by convention, distance, depths and instant,
+and the figures.
+"""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,7 +21,8 @@ _WIDTH = 952  # of a figure [px]
 _CAPTIONS = {
     "atlas_safe": "Locations with safe ranges, by distance.",
     "atlas_error": "Largest range error, and the share of the links without a direct path.",
-    "atlas_conventions": "Locations with safe ranges, by the sound speed that converts time to range.",
+    "atlas_conventions": "Locations with safe ranges, by the sound speed that converts time to"
+    " range.",
     "atlas_share": "Share of the instants at which ranges are safe.",
     "atlas_series": "Largest error and lost links at one place through time.",
 }
@@ -31,7 +35,8 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
     Parameters
     ----------
     atlas : xarray.Dataset
-        Atlas from `pymantaray.apps.atlas.open_atlas`. If it has more than half a million errors, the page contains every n-th column.
+        Atlas from `pymantaray.apps.atlas.open_atlas`. If it has more than half a million errors,
+        the page contains every n-th column.
     figures : sequence of pathlib.Path
         Files from `write_atlas_plots`.
     folder : str or pathlib.Path
@@ -51,7 +56,9 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
     step = int(np.ceil(np.sqrt(errors.size / _MAX_NUMBERS))) if errors.size > _MAX_NUMBERS else 1
     part = atlas.isel(lat=slice(None, None, step), lon=slice(None, None, step))
     values = (
-        part["worst_range_error"].transpose("time", "lat", "lon", "convention", "pair", "distance").values
+        part["worst_range_error"]
+        .transpose("time", "lat", "lon", "convention", "pair", "distance")
+        .values
     )
     content = {
         "time": [str(t)[:16].replace("T", " ") for t in part["time"].values],
@@ -62,12 +69,18 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
             for name in map(str, part["convention"].values)
         ],
         "distances": part["distance"].values,
-        "pairs": np.stack([part["transmitter_depth"].values, part["receiver_depth"].values], axis=1),
+        "pairs": np.stack(
+            [part["transmitter_depth"].values, part["receiver_depth"].values], axis=1
+        ),
         "error": values.ravel().astype(float).round(3),
     }
     instants = counted(atlas.sizes["time"], "instant")
     thinned = [
-        f"The interactive map shows every {step}-th column in both directions; the figures and the file contain all columns."
+        (
+            f"The interactive map shows every {step}-th column in both directions; the figures and"
+            " the"
+            " file contain all columns."
+        )
     ]
     page = Page(
         title=str(atlas.attrs["title"]),

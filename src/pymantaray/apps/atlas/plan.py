@@ -1,4 +1,6 @@
-"""Definition of an atlas: columns of an ocean at several instants, divided into independent blocks."""
+"""
+Definition of an atlas: columns of an ocean at several instants, divided into independent blocks.
+"""
 
 import json
 from collections.abc import Sequence
@@ -70,8 +72,9 @@ class Atlas:
     Parameters
     ----------
     source : str, Path, sequence of them, xarray.Dataset or SoundConfig
-        Any source of `pymantaray.open_water` except a medium or a local ocean. A profile or cast has one column. A data set in
-        memory is written to the user's cache, because other processes read it.
+        Any source of `pymantaray.open_water` except a medium or a local ocean. A profile or cast
+        has one column. A data set in memory is written to the user's cache, because other processes
+        read it.
     links : AtlasLinks, optional
         Links. Default: `AtlasLinks` with the bounces, cut-off and interpolation of a configuration.
     window : tuple of float, optional
@@ -81,8 +84,8 @@ class Atlas:
     times : sequence of str or numpy.datetime64, optional
         Instants (UTC) of the source. Default: its first.
     **options
-        Ocean options of `pymantaray.open_water`, such as ``bathymetry``, ``ice``, ``equation``, ``names`` and
-        ``currents="carry"``. Default sea floor: the deepest wet levels of the ocean.
+        Ocean options of `pymantaray.open_water`, such as ``bathymetry``, ``ice``, ``equation``,
+        ``names`` and ``currents="carry"``. Default sea floor: the deepest wet levels of the ocean.
 
     Raises
     ------
@@ -123,21 +126,27 @@ class Atlas:
             rows = np.flatnonzero(np.isin(lat, part.lat))
             columns = part.columns
             lon = part.lon
-        chosen = [np.flatnonzero(n % every == (every // 2 if n.size > 1 else 0)) for n in (rows, columns)]
+        chosen = [
+            np.flatnonzero(n % every == (every // 2 if n.size > 1 else 0)) for n in (rows, columns)
+        ]
         self._rows = rows[chosen[0]]
         self._columns = columns[chosen[1]]
         self.lat, self.lon = self._index.lat[self._rows], lon[chosen[1]]
         """Latitudes and longitudes of the columns. [degrees]"""
         if not (self.lat.size and self.lon.size):
             raise AtlasError(
-                f"no column remains: every is {every} for {rows.size} x {columns.size} grid points; reduce it"
+                f"no column remains: every is {every} for {rows.size} x {columns.size} grid"
+                " points; reduce it"
             )
 
     def __repr__(self) -> str:
         """Source and size of the atlas."""
         times, rows, columns = self.shape
         where = ", ".join(self.water.ocean.source)
-        return f"<Atlas of {where}: {rows} x {columns} columns, {counted(times, 'instant')}, {self.links.count} links each>"
+        return (
+            f"<Atlas of {where}: {rows} x {columns} columns, {counted(times, 'instant')},"
+            f" {self.links.count} links each>"
+        )
 
     @property
     def shape(self) -> tuple[int, int, int]:
@@ -164,7 +173,11 @@ class Atlas:
     @property
     def _maps(self) -> list[str]:
         """Files of sea floor and ice."""
-        return [file for file in (self.water.ocean.bathymetry, self.water.ocean.ice) if isinstance(file, str)]
+        return [
+            file
+            for file in (self.water.ocean.bathymetry, self.water.ocean.ice)
+            if isinstance(file, str)
+        ]
 
     @cached_property
     def checksums(self) -> dict[str, str]:
@@ -203,7 +216,9 @@ class Atlas:
             "ocean": self.water.ocean.model_dump(mode="json", exclude={"source", "time"}),
             "currents": self.water.acoustics.currents,
         }
-        read = {file: self.checksums[file] for file in (*files, *self._maps) if file in self.checksums}
+        read = {
+            file: self.checksums[file] for file in (*files, *self._maps) if file in self.checksums
+        }
         return Block(
             key=digest("block", content, read),
             files=files,
@@ -242,17 +257,21 @@ class Atlas:
 def _water_config(source: Source, options: dict[str, Any]) -> SoundConfig:
     """Configuration of the water of all columns, without places and domains."""
     if isinstance(source, Medium):
-        raise AtlasError("a medium has no latitude and longitude, which an atlas needs; give an ocean")
+        raise AtlasError(
+            "a medium has no latitude and longitude, which an atlas needs; give an ocean"
+        )
     if isinstance(source, xr.Dataset):
         if "lat" not in source.dims and "north" in source.dims:
             raise AtlasError(
-                "a local ocean has no latitude and longitude, which an atlas needs; give the ocean before to_local"
+                "a local ocean has no latitude and longitude, which an atlas needs; give the ocean"
+                " before to_local"
             )
         source = str(stored_ocean(source))
     config = configuration_of(source, options)
     if section_in_metres(config.ocean):
         raise AtlasError(
-            f"{config.ocean.source[0]}: water in metres has no latitude and longitude, which an atlas needs; give an ocean"
+            f"{config.ocean.source[0]}: water in metres has no latitude and longitude, which an"
+            " atlas needs; give an ocean"
         )
     for key in ("time_varying", "internal_tide"):
         if getattr(config.ocean, key):
@@ -276,7 +295,9 @@ def _index_of(section: OceanSection) -> OceanIndex:
     """Columns and instants of an ocean; one column and one instant for a profile."""
     if not is_profile(section):
         index = ocean_index(section.source, section.standard_names)
-        return index._replace(times=np.where(np.isnat(index.times), np.datetime64(EPOCH, "ns"), index.times))
+        return index._replace(
+            times=np.where(np.isnat(index.times), np.datetime64(EPOCH, "ns"), index.times)
+        )
     profile = one_profile(section)
     lat, lon = section.centre or profile.position or (0.0, 0.0)
     time = np.datetime64(EPOCH, "ns") if np.isnat(profile.time) else profile.time
@@ -295,7 +316,8 @@ def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:
             shown = np.datetime_as_string(absent[0], unit="m")
             first, last = np.datetime_as_string(index.times[[0, -1]], unit="m")
             raise AtlasError(
-                f"time {shown}: not in the ocean, which has {index.times.size} from {first} to {last}; select one of these"
+                f"time {shown}: not in the ocean, which has {index.times.size} from {first} to"
+                f" {last}; select one of these"
             )
     return instants
 
@@ -312,7 +334,9 @@ def instants_between(
     first = parse_instant(start)
     last = parse_instant(stop)
     if last < first:
-        raise AtlasError(f"times from {start} to {stop}: the last is before the first; exchange them")
+        raise AtlasError(
+            f"times from {start} to {stop}: the last is before the first; exchange them"
+        )
     if step_h is not None and not 1.0 / 3600.0 <= step_h < np.inf:
         raise AtlasError(f"the time step is {step_h:g} h; it must be at least one second")
     if index.files[0][0].startswith(SYNTHETIC):

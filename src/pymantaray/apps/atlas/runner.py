@@ -1,4 +1,7 @@
-"""Computation of an atlas: workers compute blocks in a folder beside the file, which is then assembled from them."""
+"""
+Computation of an atlas: workers compute blocks in a folder beside the file, which is then assembled
+from them.
+"""
 
 from collections.abc import Iterator
 from contextlib import suppress
@@ -43,8 +46,9 @@ def run_atlas(
     atlas : Atlas
         Definition.
     out : str or pathlib.Path
-        NetCDF file. Until it is written, the folder ``<out>.blocks`` beside it contains finished blocks, from which the same
-        call resumes after any interruption. With Dask, every worker must have access to this folder.
+        NetCDF file. Until it is written, the folder ``<out>.blocks`` beside it contains finished
+        blocks, from which the same call resumes after any interruption. With Dask, every worker
+        must have access to this folder.
     client : distributed.Client or str, optional
         Dask client or scheduler address. Default: processes of this machine.
     workers : int, optional
@@ -74,8 +78,8 @@ def run_atlas(
         return path
     if path.exists() and not force:
         raise WriteError(
-            f"{path}: already exists, from another atlas or version of the code; give another name or"
-            " `force=True`"
+            f"{path}: already exists, from another atlas or version of the code; give another name"
+            " or `force=True`"
         )
     store = open_store(blocks_folder(path))
     store.claim("atlas", _MARKER, {_MARKER, "blocks"})
@@ -84,13 +88,16 @@ def run_atlas(
         if name.endswith(".failed.json"):  # failed in another run; try again
             store.remove(f"blocks/{name}")
     there = {name.removesuffix(".npz") for name in store.names("blocks")}
-    blocks = _Blocks(store, [b for b in atlas.blocks if b.key not in there], len(atlas.blocks), progress)
+    blocks = _Blocks(
+        store, [b for b in atlas.blocks if b.key not in there], len(atlas.blocks), progress
+    )
     if blocks.left:
         with open_pool(partial(run_block, store.url), client, workers) as pool:
             run_tasks(blocks, pool)
     if blocks.lines:
         raise AtlasError(
-            f"{len(blocks.lines)} of {len(atlas.blocks)} blocks failed, the first with: {blocks.lines[0]}"
+            f"{len(blocks.lines)} of {len(atlas.blocks)} blocks failed, the first with:"
+            f" {blocks.lines[0]}"
         )
     title, synthetic = source_of(atlas.blocks[0])
     try:
@@ -115,7 +122,8 @@ def _contents(store: Store, atlas: Atlas) -> Iterator[LocatedBlock]:
     for block in atlas.blocks:
         if not store.has(block_name(block.key)):
             raise JobError(
-                f"{store.url}: a worker wrote a block to another place; all workers must have access to this folder"
+                f"{store.url}: a worker wrote a block to another place; all workers must have"
+                " access to this folder"
             )
         values = read_valid(store, block_name(block.key), read_block)
         if values is None:
@@ -137,7 +145,9 @@ def _clear(store: Store) -> None:
 class _Blocks(Queue):
     """Unfinished blocks."""
 
-    def __init__(self, store: Store, blocks: list[Block], total: int, progress: TaskProgress | None) -> None:
+    def __init__(
+        self, store: Store, blocks: list[Block], total: int, progress: TaskProgress | None
+    ) -> None:
         super().__init__(block.key for block in blocks)
         self._store = store
         self._blocks = {block.key: block for block in blocks}

@@ -1,4 +1,7 @@
-"""BELLHOP3D: writer of its input files, reader of its output files, and comparison of its travel times with those of this package."""
+"""
+BELLHOP3D: writer of its input files, reader of its output files, and comparison of its travel times
+with those of this package.
+"""
 
 from typing import TYPE_CHECKING
 

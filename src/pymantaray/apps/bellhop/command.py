@@ -39,7 +39,9 @@ class ProgramOptions:
     refine: Refine = 4
     program: Annotated[
         str | None,
-        typer.Option(help="bellhopcxx or bellhop3d, on PATH or as a path. Default: the first on PATH."),
+        typer.Option(
+            help="bellhopcxx or bellhop3d, on PATH or as a path. Default: the first on PATH."
+        ),
     ] = None
     timeout: Annotated[
         str,
@@ -61,7 +63,9 @@ def compare_bellhop(
     printing: PrintOptions,
     force: Force = False,
 ) -> None:
-    """Run Bellhop on every link and compare its first direct travel times with those of MantaRay."""
+    """
+    Run Bellhop on every link and compare its first direct travel times with those of MantaRay.
+    """
     from pymantaray.apps.bellhop import compare_with_bellhop
     from pymantaray.apps.rays.tables import read_links, write_table
     from pymantaray.cli.output import check_output, progress_bars
@@ -144,7 +148,9 @@ def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":
     still = results.measurements.landmark_position
     wrong = [row for row in rows if not 0 <= row < links.sample.size]
     if wrong:
-        raise AcousticsError(f"--link is {wrong[0]}; the run has links 0 to {links.sample.size - 1}")
+        raise AcousticsError(
+            f"--link is {wrong[0]}; the run has links 0 to {links.sample.size - 1}"
+        )
     places = [np.concatenate([results.truth.position[:, links.sample[row]], still]) for row in rows]
     source, receiver = (
         np.array([place[who[row]] for place, row in zip(places, rows, strict=True)])
@@ -155,7 +161,9 @@ def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":
 
 def _summarize(out: Printer, table: "pd.DataFrame") -> None:
     both = table["difference_us"].dropna()
-    ours, theirs = (int(table[name].notna().sum()) for name in ("travel_time_s", "bellhop_travel_time_s"))
+    ours, theirs = (
+        int(table[name].notna().sum()) for name in ("travel_time_s", "bellhop_travel_time_s")
+    )
     out.line(
         f"{len(table)} links: {ours} with a direct arrival of MantaRay, {theirs} of Bellhop",
         links=len(table),
@@ -176,7 +184,10 @@ def _summarize(out: Printer, table: "pd.DataFrame") -> None:
         )
     cpu = {"cpu_ms": table["cpu_ms"].mean(), "bellhop_cpu_ms": table["bellhop_cpu_ms"].median()}
     out.line(
-        "CPU per link [ms]: {cpu_ms:.3f} MantaRay, {bellhop_cpu_ms:.0f} Bellhop (median)".format(**cpu), **cpu
+        "CPU per link [ms]: {cpu_ms:.3f} MantaRay, {bellhop_cpu_ms:.0f} Bellhop (median)".format(
+            **cpu
+        ),
+        **cpu,
     )
 
 

@@ -1,4 +1,7 @@
-"""Options of a run of Bellhop. The writer of its files is in another module, because the command line imports this one at each start."""
+"""
+Options of a run of Bellhop. The writer of its files is in another module, because the command line
+imports this one at each start.
+"""
 
 import math
 from dataclasses import dataclass
@@ -46,7 +49,9 @@ class HalfSpace:
             least = 1e-300 if name in ("sound_speed", "density_g_per_cm3") else 0.0
             if not least <= value < math.inf:
                 allowed = "0 or more" if least == 0.0 else "positive"
-                raise AcousticsError(f"half-space: {name} is {value}; it must be finite and {allowed}")
+                raise AcousticsError(
+                    f"half-space: {name} is {value}; it must be finite and {allowed}"
+                )
 
 
 @dataclass(frozen=True)
@@ -63,12 +68,14 @@ class BellhopOptions:
     cone : float
         Half width of the fan about the chord, in each of declination and bearing. [rad]
     frequency : float
-        Frequency. Bellhop merges arrivals that differ by less than 0.05/(2 pi frequency) seconds. [Hz]
+        Frequency. Bellhop merges arrivals that differ by less than 0.05/(2 pi frequency) seconds.
+        [Hz]
     bottom : {"rigid", "vacuum", "matching"} or HalfSpace
-        Type of the sea bed: rigid, vacuum (reflections change the sign), matching (no contrast to the water), or a half-space.
+        Type of the sea bed: rigid, vacuum (reflections change the sign), matching (no contrast to
+        the water), or a half-space.
     step : float
-        Step along the rays; 0 for Bellhop's default, a tenth of the last level, whose travel times can be wrong by milliseconds.
-        [m]
+        Step along the rays; 0 for Bellhop's default, a tenth of the last level, whose travel times
+        can be wrong by milliseconds. [m]
 
     Raises
     ------
@@ -84,14 +91,21 @@ class BellhopOptions:
     step: float = 50.0
 
     def __post_init__(self) -> None:
-        for name, value, allowed in (("run", self.run, BellhopOutput), ("bottom", self.bottom, BottomKind)):
-            if value not in get_args(allowed) and not (name == "bottom" and isinstance(value, HalfSpace)):
+        for name, value, allowed in (
+            ("run", self.run, BellhopOutput),
+            ("bottom", self.bottom, BottomKind),
+        ):
+            if value not in get_args(allowed) and not (
+                name == "bottom" and isinstance(value, HalfSpace)
+            ):
                 raise AcousticsError(f"{name}: {value!r}; allowed: {', '.join(get_args(allowed))}")
         if not 2 <= self.beams <= _MAX_BEAMS or not 0.0 < self.cone <= math.pi:
             raise AcousticsError(
-                f"beams {self.beams}, cone {self.cone:g} rad; allowed: 2 to {_MAX_BEAMS} beams, and a cone up to pi"
+                f"beams {self.beams}, cone {self.cone:g} rad; allowed: 2 to {_MAX_BEAMS} beams,"
+                " and a cone up to pi"
             )
         if not (0.0 < self.frequency < math.inf and 0.0 <= self.step < math.inf):
             raise AcousticsError(
-                f"frequency {self.frequency} Hz, step {self.step} m; the frequency must be positive, the step 0 or more"
+                f"frequency {self.frequency} Hz, step {self.step} m; the frequency must be"
+                " positive, the step 0 or more"
             )

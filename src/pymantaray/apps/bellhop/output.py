@@ -1,4 +1,7 @@
-"""Reader of Bellhop's output as records in SI units: arrivals (`.arr`, text or binary) and rays (`.ray`)."""
+"""
+Reader of Bellhop's output as records in SI units: arrivals (`.arr`, text or binary) and rays
+(`.ray`).
+"""
 
 import math
 import re
@@ -16,14 +19,19 @@ from pymantaray.user_files import read_bytes
 MAX_OUTPUT_BYTES = 2_000_000_000
 _GRID = "source_depth source_north source_east receiver_bearing receiver_depth receiver_range"
 _DECLINATION = "angle from the horizontal, positive down,"
-_RECORD_MARK = bytes([4, 0, 0, 0])  # length of the first record of a binary file, four letters with its kind
+_RECORD_MARK = bytes(
+    [4, 0, 0, 0]
+)  # length of the first record of a binary file, four letters with its kind
 _RAYS = re.compile(r"\s*'[^']*'([^']*)'(\w+)\s*'(.*)", re.DOTALL)  # title, head, coordinates, rays
 _COORDINATES = {"xyz": 3, "rz": 2}
 
 
 @dataclass(frozen=True, eq=False)
 class BellhopArrivals(Record):
-    """Arrivals and the grid of sources and receivers; Bellhop's x is north and y is east. Azimuths are NaN in a 2-D file."""
+    """
+    Arrivals and the grid of sources and receivers; Bellhop's x is north and y is east. Azimuths are
+    NaN in a 2-D file.
+    """
 
     kind: ClassVar[str] = "bellhop_arrivals"
 
@@ -31,7 +39,9 @@ class BellhopArrivals(Record):
     source_depth: Column = column("source_depth", "m", "depth of the sources")
     source_north: Column = column("source_north", "m", "north of the sources, Bellhop's x")
     source_east: Column = column("source_east", "m", "east of the sources, Bellhop's y")
-    receiver_bearing: Column = column("receiver_bearing", "rad", "bearing of the receivers from the source")
+    receiver_bearing: Column = column(
+        "receiver_bearing", "rad", "bearing of the receivers from the source"
+    )
     receiver_depth: Column = column("receiver_depth", "m", "depth of the receivers")
     receiver_range: Column = column("receiver_range", "m", "horizontal range of the receivers")
     count: Column = column(_GRID, "1", "number of arrivals", "i8")
@@ -48,7 +58,10 @@ class BellhopArrivals(Record):
     bottom_bounces: Column = column("arrival", "1", "reflections at the sea bed", "i4")
 
     def first_direct(self) -> Array:
-        """Travel time of the earliest arrival without a bounce for every source and receiver; NaN if none exists. [s]"""
+        """
+        Travel time of the earliest arrival without a bounce for every source and receiver; NaN if
+        none exists. [s]
+        """
         first = np.full(self.count.size, np.inf)
         direct = (self.surface_bounces == 0) & (self.bottom_bounces == 0)
         np.minimum.at(first, self.pair[direct], self.travel_time[direct])
@@ -57,7 +70,10 @@ class BellhopArrivals(Record):
 
 @dataclass(frozen=True, eq=False)
 class BellhopRays(Record):
-    """Nodes of all rays in succession, and one row per ray; in a 2-D file, north is the range and east is 0."""
+    """
+    Nodes of all rays in succession, and one row per ray; in a 2-D file, north is the range and east
+    is 0.
+    """
 
     kind: ClassVar[str] = "bellhop_rays"
 
@@ -72,14 +88,17 @@ class BellhopRays(Record):
 
 def read_bellhop_arrivals(path: str | Path) -> BellhopArrivals:
     """
-    Read an `.arr` file of BELLHOP or BELLHOP3D, text or binary; arrivals have the order of the file, not that of time.
+    Read an `.arr` file of BELLHOP or BELLHOP3D, text or binary; arrivals have the order of the
+    file, not that of time.
 
-    Bellhop stores travel times in single precision: the resolution is 0.24 us from 2 to 4 s and 0.48 us from 4 to 8 s.
+    Bellhop stores travel times in single precision: the resolution is 0.24 us from 2 to 4 s and
+    0.48 us from 4 to 8 s.
 
     Parameters
     ----------
     path : str or pathlib.Path
-        File with the mark 2D or 3D in its first line, as Bellhop has written it since 2018, and a rectilinear grid of receivers.
+        File with the mark 2D or 3D in its first line, as Bellhop has written it since 2018, and a
+        rectilinear grid of receivers.
 
     Returns
     -------
@@ -103,7 +122,8 @@ def read_bellhop_arrivals(path: str | Path) -> BellhopArrivals:
     mark = mark.strip().strip("' ")
     if mark not in ("2D", "3D"):
         raise AcousticsError(
-            f"{file}: starts with {mark!r}; it must start with '2D' or '3D', as Bellhop has written it since 2018"
+            f"{file}: starts with {mark!r}; it must start with '2D' or '3D', as Bellhop has"
+            " written it since 2018"
         )
     arrivals = _arrivals(stream, three_d=mark == "3D")
     if stream.left():
@@ -115,8 +135,8 @@ def read_bellhop_rays(path: str | Path) -> BellhopRays:
     """
     Read a `.ray` file of BELLHOP or BELLHOP3D; rays have the order of the file.
 
-    Some programs write the launch angle of a ray in degrees, others in radians. The function chooses the unit that agrees better
-    with the direction of the first step.
+    Some programs write the launch angle of a ray in degrees, others in radians. The function
+    chooses the unit that agrees better with the direction of the first step.
 
     Parameters
     ----------
@@ -187,7 +207,8 @@ class _Text:
     def take(self, n: int) -> Array:
         if n > self.left():
             raise AcousticsError(
-                f"{self.path}: the file ends early; wait for the end of the run, and use a rectilinear grid of receivers"
+                f"{self.path}: the file ends early; wait for the end of the run, and use a"
+                " rectilinear grid of receivers"
             )
         self._at += n
         return self._values[self._at - n : self._at]
@@ -203,7 +224,10 @@ class _Text:
 
 
 class _Binary:
-    """Numbers of four bytes in the records of an unformatted Fortran file, each between two markers of its length."""
+    """
+    Numbers of four bytes in the records of an unformatted Fortran file, each between two markers of
+    its length.
+    """
 
     def __init__(self, path: Path, content: bytes) -> None:
         self.path = path
@@ -259,7 +283,9 @@ def _arrivals(stream: _Text | _Binary, *, three_d: bool) -> BellhopArrivals:
             most = stream.whole()
         counts[pair] = n = stream.whole()
         if n > most:
-            raise AcousticsError(f"{stream.path}: {n} arrivals, but the header announces at most {most}")
+            raise AcousticsError(
+                f"{stream.path}: {n} arrivals, but the header announces at most {most}"
+            )
         tables += [stream.take(columns) for _ in range(n)]
     rows = np.array(tables).reshape(-1, columns)
     if not three_d:  # a 2-D file has no azimuths

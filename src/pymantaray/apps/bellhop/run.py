@@ -1,4 +1,7 @@
-"""Runner of Bellhop, and comparison of its travel times by the paper's rule with those of the two-point solver."""
+"""
+Runner of Bellhop, and comparison of its travel times by the paper's rule with those of the
+two-point solver.
+"""
 
 import os
 import resource
@@ -36,7 +39,10 @@ class BellhopRun(NamedTuple):
 
 
 def find_bellhop(program: str | Path | None = None) -> Path:
-    """Absolute path of a program from its path or its name on PATH; default: the first of the known names on PATH."""
+    """
+    Absolute path of a program from its path or its name on PATH; default: the first of the known
+    names on PATH.
+    """
     names = PROGRAMS if program is None else (str(program),)
     for path in map(shutil.which, names):
         if path:
@@ -48,12 +54,14 @@ def find_bellhop(program: str | Path | None = None) -> Path:
     )
 
 
-def run_bellhop(program: str | Path | None, env: str | Path, *, timeout: float = 600.0) -> BellhopRun:
+def run_bellhop(
+    program: str | Path | None, env: str | Path, *, timeout: float = 600.0
+) -> BellhopRun:
     """
     Run Bellhop on an `.env` file with one thread; it writes its results into the same folder.
 
-    The Fortran program takes only the name of the file; ``bellhopcxx`` and ``bellhopcuda`` also get options for 3-D runs on one thread with 64 MiB: their default
-    clears 4 GiB in every run.
+    The Fortran program takes only the name of the file; ``bellhopcxx`` and ``bellhopcuda`` also get
+    options for 3-D runs on one thread with 64 MiB: their default clears 4 GiB in every run.
     """
     binary = find_bellhop(program)
     file = Path(env).resolve()
@@ -81,11 +89,15 @@ def run_bellhop(program: str | Path | None, env: str | Path, *, timeout: float =
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     tail = _tail(file, done.stdout + done.stderr)
     if done.returncode != 0:
-        raise AcousticsError(f"{binary.name}: failed on {file.name} with exit code {done.returncode}{tail}")
+        raise AcousticsError(
+            f"{binary.name}: failed on {file.name} with exit code {done.returncode}{tail}"
+        )
     written = [path for path in outputs if path.is_file() and path.stat().st_size > 0]
     if not written or "FATAL ERROR" in tail:
         raise AcousticsError(f"{binary.name}: wrote no arrivals or rays for {file.name}{tail}")
-    return BellhopRun(written[0], after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return BellhopRun(
+        written[0], after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    )
 
 
 def bellhop_arrivals(
@@ -97,7 +109,10 @@ def bellhop_arrivals(
     program: str | Path | None = None,
     timeout: float = 600.0,
 ) -> tuple[BellhopArrivals, float]:
-    """Bellhop's arrivals of one link, with horizontal positions relative to the source, and its CPU time [s]."""
+    """
+    Bellhop's arrivals of one link, with horizontal positions relative to the source, and its CPU
+    time [s].
+    """
     if medium.interpolation != "linear":
         raise AcousticsError(
             "interpolation is 'smooth'; Bellhop interpolates linearly between grid points; use"
@@ -130,10 +145,11 @@ def compare_with_bellhop(
     source, receiver : array_like, shape (n_links, 3) or (3,)
         Positions ``(north, east, down)``. [m]
     options : BellhopOptions, optional
-        Options as in `write_bellhop`. The search for a direct arrival starts with their number of beams and doubles it up to 400.
+        Options as in `write_bellhop`. The search for a direct arrival starts with their number of
+        beams and doubles it up to 400.
     program : str or pathlib.Path, optional
-        Name on PATH, or a path. Default: the first of ``bellhopcxx3d``, ``bellhopcxx``, ``bellhop3d`` and
-        ``bellhop3d.exe`` on PATH.
+        Name on PATH, or a path. Default: the first of ``bellhopcxx3d``, ``bellhopcxx``,
+        ``bellhop3d`` and ``bellhop3d.exe`` on PATH.
     timeout : float
         Time limit of each run of Bellhop. [s]
     progress : callable, optional
@@ -142,25 +158,29 @@ def compare_with_bellhop(
     Returns
     -------
     pandas.DataFrame
-        One row per link: its length, status and travel time of the two-point solver (without amplitude cut-off), Bellhop's travel
-        time and number of beams, the difference (Bellhop minus solver) [us], and CPU times [ms]. The CPU time of the solver is an
-        average over all links on one thread, after compilation.
+        One row per link: its length, status and travel time of the two-point solver (without
+        amplitude cut-off), Bellhop's travel time and number of beams, the difference (Bellhop minus
+        solver) [us], and CPU times [ms]. The CPU time of the solver is an average over all links on
+        one thread, after compilation.
 
     Raises
     ------
     AcousticsError
-        As `write_bellhop`; also if the medium is smooth, or if Bellhop is missing, fails, exceeds the time limit or writes no
-        result. The message ends with the last lines of its print file.
+        As `write_bellhop`; also if the medium is smooth, or if Bellhop is missing, fails, exceeds
+        the time limit or writes no result. The message ends with the last lines of its print file.
 
     Notes
     -----
-    The rule is that of the paper: a fan of 100 x 100 beams within 15 degrees of the chord, doubled until an arrival without a bounce
-    exists; the earliest one counts. Bellhop stores positions relative to the source and travel times in single precision. This
-    alone causes differences of up to about half a microsecond.
+    The rule is that of the paper: a fan of 100 x 100 beams within 15 degrees of the chord, doubled
+    until an arrival without a bounce exists; the earliest one counts. Bellhop stores positions
+    relative to the source and travel times in single precision. This alone causes differences of up
+    to about half a microsecond.
     """
     options = options or BellhopOptions()
     binary = find_bellhop(program)
-    a, b = (np.ascontiguousarray(np.atleast_2d(np.asarray(p, dtype=float))) for p in (source, receiver))
+    a, b = (
+        np.ascontiguousarray(np.atleast_2d(np.asarray(p, dtype=float))) for p in (source, receiver)
+    )
     # the first call compiles the kernels and fills the caches
     find_eigenrays(medium, a, b, spreading_cutoff_db=None, threads=1)
     start = time.process_time()
@@ -197,12 +217,17 @@ def _first_direct(
     program: Path,
     timeout: float,
 ) -> tuple[float, int, float]:
-    """Earliest arrival without a bounce or NaN [s], its number of beams, and the CPU time of all runs [s]."""
+    """
+    Earliest arrival without a bounce or NaN [s], its number of beams, and the CPU time of all runs
+    [s].
+    """
     cpu = 0.0
     beams = options.beams
     while True:
         fan = replace(options, beams=beams)
-        arrivals, spent = bellhop_arrivals(medium, source, receiver, fan, program=program, timeout=timeout)
+        arrivals, spent = bellhop_arrivals(
+            medium, source, receiver, fan, program=program, timeout=timeout
+        )
         cpu += spent
         first = arrivals.first_direct().item()
         if np.isfinite(first) or 2 * beams > MAX_BEAMS:

@@ -1,4 +1,7 @@
-"""Writer of a medium and links as BELLHOP3D input files: `.env`, `.ssp`, `.bty` and, under ice, `.ati`."""
+"""
+Writer of a medium and links as BELLHOP3D input files: `.env`, `.ssp`, `.bty` and, under ice,
+`.ati`.
+"""
 
 import math
 import shutil
@@ -18,7 +21,12 @@ from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records.writing import whole_file
 
-_LETTER: dict[BellhopOutput, str] = {"arrivals": "A", "arrivals-binary": "a", "rays": "R", "eigenrays": "E"}
+_LETTER: dict[BellhopOutput, str] = {
+    "arrivals": "A",
+    "arrivals-binary": "a",
+    "rays": "R",
+    "eigenrays": "E",
+}
 _MAX_POINTS = 100_000_000  # of a finer grid; 0.8 GB
 
 
@@ -37,23 +45,24 @@ def write_bellhop(
     Parameters
     ----------
     folder : str or pathlib.Path
-        Folder for the files, which is created if necessary. Existing files with the same names are replaced.
+        Folder for the files, which is created if necessary. Existing files with the same names are
+        replaced.
     medium : Medium
-        The files contain its values at the grid points. Bellhop interpolates linearly between them, so convert a smooth medium
-        with `linear_medium` first.
+        The files contain its values at the grid points. Bellhop interpolates linearly between them,
+        so convert a smooth medium with `linear_medium` first.
     source, receiver : array_like, shape (n_links, 3) or (3,)
         Positions ``(north, east, down)`` inside the grid. [m]
     options : BellhopOptions, optional
         Default: arrivals of 100 x 100 beams within 15 degrees of the chord over a rigid bed.
     origin : sequence of 2 floats
-        North and east of Bellhop's x = y = 0. Bellhop stores positions in single precision, so an origin near the source
-        preserves most digits. [m]
+        North and east of Bellhop's x = y = 0. Bellhop stores positions in single precision, so an
+        origin near the source preserves most digits. [m]
 
     Returns
     -------
     list of pathlib.Path
-        The `.env` file of each link: ``link.env`` for one link, otherwise ``link_0.env`` and so on. The other files of
-        further links are hard links to those of the first.
+        The `.env` file of each link: ``link.env`` for one link, otherwise ``link_0.env`` and so on.
+        The other files of further links are hard links to those of the first.
 
     Raises
     ------
@@ -64,9 +73,11 @@ def write_bellhop(
 
     Notes
     -----
-    Bellhop's x is north, y is east and z is down, so its bearings are azimuths clockwise from north. The files contain all digits of
-    lengths. A medium with one profile becomes a profile (option C) with a flat `.bty` that extends beyond all links; any other medium
-    becomes a hexahedral grid. The sea bed is bilinear in a medium, and consists of two triangles per cell in Bellhop.
+    Bellhop's x is north, y is east and z is down, so its bearings are azimuths clockwise from
+    north. The files contain all digits of lengths. A medium with one profile becomes a profile
+    (option C) with a flat `.bty` that extends beyond all links; any other medium becomes a
+    hexahedral grid. The sea bed is bilinear in a medium, and consists of two triangles per cell in
+    Bellhop.
     """
     options = options or BellhopOptions()
     a, b = (np.atleast_2d(np.asarray(points, dtype=float)) for points in (source, receiver))
@@ -103,18 +114,22 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
     Returns
     -------
     Medium
-        Medium with ``linear`` interpolation. Its difference from a smooth medium decreases with the square of the number of parts.
+        Medium with ``linear`` interpolation. Its difference from a smooth medium decreases with the
+        square of the number of parts.
     """
     from scipy.interpolate import CubicSpline, make_interp_spline
 
     if horizontal < 1 or vertical < 1:
-        raise AcousticsError(f"horizontal {horizontal}, vertical {vertical}; both must be at least 1")
+        raise AcousticsError(
+            f"horizontal {horizontal}, vertical {vertical}; both must be at least 1"
+        )
     axes = (medium.north, medium.east, medium.depth)
     parts = (horizontal, horizontal, vertical)
     points = math.prod((axis.size - 1) * n + 1 for axis, n in zip(axes, parts, strict=True))
     if points > _MAX_POINTS:
         raise AcousticsError(
-            f"horizontal {horizontal}, vertical {vertical}: {points:,} points; at most {_MAX_POINTS:,}"
+            f"horizontal {horizontal}, vertical {vertical}: {points:,} points; at most"
+            f" {_MAX_POINTS:,}"
         )
     north, east, depth = (_cut(axis, n) for axis, n in zip(axes, parts, strict=True))
     c = medium.sound_speed
@@ -146,7 +161,9 @@ def _check_ends(medium: Medium, a: Array, b: Array) -> None:
             "Bellhop: its Earth is flat, but that of the medium is a sphere; use a flat Earth"
         )
     if a.ndim != 2 or a.shape[1:] != (3,) or a.shape != b.shape or len(a) == 0:
-        raise AcousticsError(f"source has shape {a.shape}, receiver {b.shape}; both need (n_links, 3)")
+        raise AcousticsError(
+            f"source has shape {a.shape}, receiver {b.shape}; both need (n_links, 3)"
+        )
     sides = [
         (axis[0], axis[-1]) if axis.size > 1 else (-math.inf, math.inf)
         for axis in (medium.north, medium.east)
@@ -158,17 +175,19 @@ def _check_ends(medium: Medium, a: Array, b: Array) -> None:
             p = points[outside[0]]
             deep, last = distinct_digits(p[2], medium.depth[-1])
             raise AcousticsError(
-                f"{end} of link {outside[0]}: {p[0]:g} north, {p[1]:g} east, {deep} m deep is outside the grid or"
-                f" its levels (0 to {last} m); move it inside"
+                f"{end} of link {outside[0]}: {p[0]:g} north, {p[1]:g} east, {deep} m deep is"
+                f" outside the grid or its levels (0 to {last} m); move it inside"
             )
 
 
 def _grid_texts(medium: Medium, ends: Array, shift: Array) -> dict[str, str]:
     """
-    Content of the files by suffix: `.bty`; under ice `.ati` of type R; and the hexahedral `.ssp` if sound speed varies horizontally.
+    Content of the files by suffix: `.bty`; under ice `.ati` of type R; and the hexahedral `.ssp` if
+    sound speed varies horizontally.
 
-    All have x and y in kilometres, followed by lists along x for each y, or for each depth and y. Bellhop requires two points along
-    an axis, so an axis with one point (no variation) becomes two points beyond all ends.
+    All have x and y in kilometres, followed by lists along x for each y, or for each depth and y.
+    Bellhop requires two points along an axis, so an axis with one point (no variation) becomes two
+    points beyond all ends.
     """
     centre = [np.mean(medium.north) - shift[0], np.mean(medium.east) - shift[1]]
     reach = 10_000.0 + 2.0 * float(np.abs(ends[:, :2] - centre).max())
@@ -195,7 +214,10 @@ def _grid_texts(medium: Medium, ends: Array, shift: Array) -> dict[str, str]:
 
 
 def _env_text(title: str, medium: Medium, start: Array, end: Array, options: BellhopOptions) -> str:
-    """The `.env` of one link, with a vacuum above the surface or ice, and attenuation in dB per wavelength."""
+    """
+    The `.env` of one link, with a vacuum above the surface or ice, and attenuation in dB per
+    wavelength.
+    """
     uniform = medium.sound_speed.shape[:2] == (1, 1)
     profile = medium.sound_speed[0, 0] if uniform else medium.sound_speed.mean(axis=(0, 1))
     bed = options.bottom
@@ -205,14 +227,20 @@ def _env_text(title: str, medium: Medium, start: Array, end: Array, options: Bel
     if isinstance(bed, HalfSpace):
         losses = (bed.attenuation_db_per_wavelength, bed.shear_attenuation_db_per_wavelength)
         half_space = [
-            _row((medium.depth[-1], bed.sound_speed, bed.shear_speed, bed.density_g_per_cm3, *losses))
+            _row(
+                (medium.depth[-1], bed.sound_speed, bed.shear_speed, bed.density_g_per_cm3, *losses)
+            )
         ]
     letter = "A" if isinstance(bed, HalfSpace) else "R" if bed == "rigid" else "V"
     step = end - start
     across = math.hypot(step[0], step[1])
     bearing = math.atan2(step[1], step[0])
     fan = np.degrees(np.linspace(-options.cone, options.cone, options.beams))
-    side = 1.05 * across + float(np.linalg.norm(step)) * math.sin(min(options.cone, 0.5 * math.pi)) + 100.0
+    side = (
+        1.05 * across
+        + float(np.linalg.norm(step)) * math.sin(min(options.cone, 0.5 * math.pi))
+        + 100.0
+    )
     deepest = 1.1 * float(max(medium.bed.depth.max(), medium.depth[-1]))
     box = f"{_plain(options.step)} {_kilometres(side)} {_kilometres(side)} {_plain(deepest)}"
     last = _plain(medium.depth[-1])
@@ -220,7 +248,11 @@ def _env_text(title: str, medium: Medium, start: Array, end: Array, options: Bel
         f"'{title} by MantaRay, x north, y east'",
         f"{_plain(options.frequency)} ! frequency [Hz]",
         "1 ! media",
-        f"'{'C' if uniform else 'H'}VW{' ~' if medium.has_ice else ''}' ! profile, vacuum above, attenuation in dB per wavelength",
+        (
+            f"'{'C' if uniform else 'H'}VW{' ~' if medium.has_ice else ''}' ! profile, vacuum"
+            " above,"
+            " attenuation in dB per wavelength"
+        ),
         f"{medium.depth.size} 0.0 {last} ! levels, roughness [m], last level [m]",
         *(_row(level) for level in zip(medium.depth, profile, strict=True)),
         f"'{letter}~' 0.0 ! sea bed, roughness [m]",
@@ -245,7 +277,9 @@ def _plain(value: float) -> str:
 
 
 def _kilometres(value: float) -> str:
-    """Text of a length in kilometres, from metres with a shifted decimal point to keep all digits."""
+    """
+    Text of a length in kilometres, from metres with a shifted decimal point to keep all digits.
+    """
     return format(Decimal(_plain(value)).scaleb(-3), "f")
 
 
@@ -254,7 +288,9 @@ def _row(values: Iterable[float], word: Callable[[float], str] = _plain) -> str:
     return " ".join(map(word, values)) + " /"
 
 
-def _list(values: Sequence[float] | Array, what: str, word: Callable[[float], str] = _plain) -> list[str]:
+def _list(
+    values: Sequence[float] | Array, what: str, word: Callable[[float], str] = _plain
+) -> list[str]:
     return [f"{len(values)} ! {what}", _row(values, word)]
 
 
@@ -280,4 +316,6 @@ def _cut(axis: Array, parts: int) -> Array:
 
 def _on_grid(axes: tuple[Array, ...], values: Array, finer: tuple[Array, ...]) -> Array:
     places = np.stack(np.meshgrid(*finer, indexing="ij"), axis=-1)
-    return linear_interpolator(axes, values)(places.reshape(-1, len(axes))).reshape(places.shape[:-1])
+    return linear_interpolator(axes, values)(places.reshape(-1, len(axes))).reshape(
+        places.shape[:-1]
+    )

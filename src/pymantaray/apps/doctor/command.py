@@ -33,23 +33,40 @@ def _print(out: Printer, state: dict[str, Any]) -> None:
         ("platform", state["platform"]),
         (
             "processors",
-            f"{processors['usable_cores']} of {processors['cores']} cores, {processors['memory_gib']} GiB",
+            (
+                f"{processors['usable_cores']} of {processors['cores']} cores,"
+                f" {processors['memory_gib']} GiB"
+            ),
         ),
         ("GPU", device["name"] or f"none: {device['why_not']}"),
         (
             "kernels",
-            f"{kernels['compiled']} of {kernels['all']} compiled; the others are compiled at first use",
+            (
+                f"{kernels['compiled']} of {kernels['all']} compiled; the others are compiled at"
+                " first"
+                " use"
+            ),
         ),
     ]
-    facts += [("packages", ", ".join(f"{row['name']} {row['version'] or '-'}" for row in state["packages"]))]
+    facts += [
+        (
+            "packages",
+            ", ".join(f"{row['name']} {row['version'] or '-'}" for row in state["packages"]),
+        )
+    ]
     for name, text in facts:
         out.line(f"{name:<{_WIDTH}} {text}")
     for row in state["folders"]:
         out.line(
-            f"{'writable' if row['writable'] else 'READ-ONLY':<{_WIDTH}} {row['folder']}, for {row['use']}"
+            f"{'writable' if row['writable'] else 'READ-ONLY':<{_WIDTH}} {row['folder']}, for"
+            f" {row['use']}"
         )
     for row in state["extras"]:
-        missing = f"lacks {', '.join(row['missing'])}: {row['install']}" if row["missing"] else "installed"
+        missing = (
+            f"lacks {', '.join(row['missing'])}: {row['install']}"
+            if row["missing"]
+            else "installed"
+        )
         out.line(f"{'extra':<{_WIDTH}} {row['name']} {missing}")
     for fault in state["faults"]:
         out.line(f"{'FAULT':<{_WIDTH}} {fault}")

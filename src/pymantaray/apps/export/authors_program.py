@@ -1,4 +1,7 @@
-"""Export of a study to the paper's authors' program: ``sim.json``, ``environment.json`` and its arrays."""
+"""
+Export of a study to the paper's authors' program: ``sim.json``, ``environment.json`` and its
+arrays.
+"""
 
 import json
 import logging
@@ -17,7 +20,12 @@ from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import ExchangeError, WriteError
 from pymantaray.fleet import FloatCycle, Vehicle
 from pymantaray.jobs.folder import MANIFEST, staged_folder
-from pymantaray.ocean.environment import environment_arrays, is_environment, read_arrays, write_environment
+from pymantaray.ocean.environment import (
+    environment_arrays,
+    is_environment,
+    read_arrays,
+    write_environment,
+)
 from pymantaray.water.water import mission_ocean
 
 LOG = logging.getLogger(__name__)
@@ -39,8 +47,8 @@ def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -
     source : Run, StudyConfig, str or pathlib.Path
         A run or its folder, a study, a preset, or a study's file.
     folder : str or pathlib.Path
-        A new or empty folder for ``sim.json``, ``environment.json`` and the folder ``environment``. Names in them are relative to
-        it, so start the program there.
+        A new or empty folder for ``sim.json``, ``environment.json`` and the folder ``environment``.
+        Names in them are relative to it, so start the program there.
 
     Returns
     -------
@@ -55,13 +63,21 @@ def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -
         If a file cannot be written.
     """
     run = _run_of(source)
-    config = source if isinstance(source, StudyConfig) else run.config if run else load_study(str(source))
+    config = (
+        source
+        if isinstance(source, StudyConfig)
+        else run.config
+        if run
+        else load_study(str(source))
+    )
     simulation = _simulation(config)
     arrays = _environment(config, run)
     with staged_folder(folder) as (stage, final):
         try:
             write_environment(arrays, stage)
-            (stage / SIMULATION).write_text(json.dumps(simulation, indent=1) + "\n", encoding="utf-8")
+            (stage / SIMULATION).write_text(
+                json.dumps(simulation, indent=1) + "\n", encoding="utf-8"
+            )
         except OSError as error:
             raise WriteError(f"{final}: cannot be written: {error.strerror or error}") from None
     for note in _notes(config, arrays):
@@ -155,16 +171,17 @@ def _check(config: StudyConfig) -> None:
         "fleet.trajectories: the program simulates its robots; give vehicles": bool(
             config.fleet.trajectories
         ),
-        f"fleet.vehicles: {len(config.fleet.vehicles)} vehicles; the program has {len(LETTERS)} at most": len(
-            config.fleet.vehicles
-        )
-        > len(LETTERS),
-        "mission.schedule: the program pings at one interval; remove it": mission.schedule is not None,
-        "mission.ping_start_h: the program first pings after one interval; remove it": first is not None
-        and first != mission.ping_interval_h,
-        "ocean.time_varying: the water of the program is constant; set it to false": config.ocean.time_varying,
-        "ocean.internal_tide: the water of the program is constant; remove it": config.ocean.internal_tide
+        f"fleet.vehicles: {len(config.fleet.vehicles)} vehicles; the program has {len(LETTERS)} at"
+        " most": len(config.fleet.vehicles) > len(LETTERS),
+        "mission.schedule: the program pings at one interval; remove it": mission.schedule
         is not None,
+        "mission.ping_start_h: the program first pings after one interval; remove it": first
+        is not None
+        and first != mission.ping_interval_h,
+        "ocean.time_varying: the water of the program is constant; set it to"
+        " false": config.ocean.time_varying,
+        "ocean.internal_tide: the water of the program is constant; remove"
+        " it": config.ocean.internal_tide is not None,
         "ocean.ice: the program has no ice; remove it": config.ocean.ice is not None,
     }
     for fault, is_there in faults.items():
@@ -205,11 +222,14 @@ def _robot(section: Any, vehicle: Vehicle, step: float, duration: float) -> dict
             "surface_hold_seconds": _hold(cycle.hold_surface_time, extra.surface, step, duration),
             "vertical_speed": cycle.vertical_speed,
             "surface_depth": cycle.surface_depth,
-            "start_offset_seconds": _hold(cycle.start_delay, 0, step, duration) if cycle.start_delay else 0.0,
+            "start_offset_seconds": _hold(cycle.start_delay, 0, step, duration)
+            if cycle.start_delay
+            else 0.0,
         }
     raise ExchangeError(
-        f"vehicle {vehicle.name!r}: the program has no robot that moves like it; use floats, stations, drifting vehicles at"
-        " the depth of their drogue, or a twist over ground without rotation"
+        f"vehicle {vehicle.name!r}: the program has no robot that moves like it; use floats,"
+        " stations, drifting vehicles at the depth of their drogue, or a twist over ground without"
+        " rotation"
     )
 
 
@@ -229,17 +249,31 @@ def _notes(config: StudyConfig, arrays: dict[str, dict[str, Array]]) -> Iterator
     if len(config.fleet.vehicles) > LETTERS.index("L"):
         yield "the program gives the 12th robot the letter L, which means a landmark in its graphs"
     if config.ranging.timing == "two-way":
-        yield "ranging.timing is written as one_way, because the program gives twice the distance for two_way"
-    if any((noise.odometry_rotation_fraction, noise.odometry_xy_fraction, noise.odometry_z_fraction)):
-        yield "odometry noise is written without its fractions of the motion, which the program adds in Python"
+        yield (
+            "ranging.timing is written as one_way, because the program gives twice the distance"
+            " for two_way"
+        )
+    if any(
+        (noise.odometry_rotation_fraction, noise.odometry_xy_fraction, noise.odometry_z_fraction)
+    ):
+        yield (
+            "odometry noise is written without its fractions of the motion, which the program adds"
+            " in Python"
+        )
     if config.fleet.floats.depth_gain != 10.0 or any(
         getattr(v, "depth_gain", None) not in (None, 10.0) for v in config.fleet.vehicles
     ):
         yield "depth_gain is not written: the program has 10 per second"
     if acoustics.currents or acoustics.earth != "flat" or config.detection is not None:
-        yield "currents along rays, a spherical Earth and detection are not written: the program does not have them"
+        yield (
+            "currents along rays, a spherical Earth and detection are not written: the program"
+            " does not have them"
+        )
     if config.mission.gnss_depth != _GNSS_DEPTH:
-        yield "sensors.gps_surface_range_meters is written, which only later versions of the program read"
+        yield (
+            "sensors.gps_surface_range_meters is written, which only later versions of the program"
+            " read"
+        )
     if any(mark.sigma is not None for mark in config.landmarks):
         yield "landmarks have one variance in the program, that of noise.landmark_sigma"
     if arrays["bathymetry"]["data"].min() <= 0.0 if "bathymetry" in arrays else False:

@@ -1,4 +1,7 @@
-"""Command `mantaray export`: export a run to formats of other programs, or a study to the paper's authors' program."""
+"""
+Command `mantaray export`: export a run to formats of other programs, or a study to the paper's
+authors' program.
+"""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,26 +14,36 @@ _UsageError: Any = typer.BadParameter.__base__  # typer does not export this cla
 
 def export(
     context: typer.Context,
-    run: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run; or the word authors.")],
+    run: Annotated[
+        Path, typer.Argument(metavar="RUN", help="Folder of a run; or the word authors.")
+    ],
     study: Annotated[
         list[str] | None,
         typer.Argument(
             metavar="[STUDY FOLDER]",
-            help="After authors: a run, preset or study file, and a new or empty folder for sim.json, environment.json and"
-            " its arrays, which the paper's authors' program reads.",
+            help="After authors: a run, preset or study file, and a new or empty folder for"
+            " sim.json, environment.json and its arrays, which the paper's authors' program reads.",
             show_default=False,
         ),
     ] = None,
     to: Annotated[
         str | None,
-        typer.Option("--to", help="Format: tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap or bag."),
+        typer.Option(
+            "--to", help="Format: tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap or bag."
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option("--out", help="A new or empty folder; for rrd and mcap a new file.")
+        Path | None,
+        typer.Option("--out", help="A new or empty folder; for rrd and mcap a new file."),
     ] = None,
-    realization: Annotated[int, typer.Option("--realization", help="Index of the realization, from 0.")] = 0,
+    realization: Annotated[
+        int, typer.Option("--realization", help="Index of the realization, from 0.")
+    ] = 0,
 ) -> None:
-    """Export one realization of a run to evo, pandas, g2o, PyFactorGraph, Rerun, Foxglove or ROS 2, or a study to its authors' program."""
+    """
+    Export one realization of a run to evo, pandas, g2o, PyFactorGraph, Rerun, Foxglove or ROS 2, or
+    a study to its authors' program.
+    """
     words = study or []
     if str(run) == AUTHORS and words:
         if len(words) != 2 or to is not None or out is not None:

@@ -35,7 +35,9 @@ class Format(NamedTuple):
     write: Callable[[Run, int, Path], None]
     folder: bool = True
     sidecar: bool = False
-    """True if ``frame.json`` beside the files gives the frame's centre, because the format cannot."""
+    """
+    True if ``frame.json`` beside the files gives the frame's centre, because the format cannot.
+    """
 
 
 def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: int = 0) -> Path:
@@ -82,7 +84,9 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
                 if form.sidecar:
                     write_sidecar(stage, run.truth.centre)
             except OSError as error:
-                raise WriteError(f"{folder}: cannot be written: {error.strerror or error}") from None
+                raise WriteError(
+                    f"{folder}: cannot be written: {error.strerror or error}"
+                ) from None
         return folder
     with whole_file(out, replace=False) as temporary:
         form.write(run, realization, temporary)
@@ -93,7 +97,9 @@ def record(run: Run, realization: int) -> Recording:
     """Data of one realization for other programs."""
     e = run.estimates
     estimates = {
-        condition: FleetPoses(position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True))
+        condition: FleetPoses(
+            position, quaternion / np.linalg.norm(quaternion, axis=-1, keepdims=True)
+        )
         for condition, position, quaternion in zip(
             e.condition.tolist(),
             e.position[:, realization],
@@ -130,9 +136,8 @@ def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:
     }
     for frame in frames.values():
         units = frame.attrs.pop("units")
-        frame.columns = pd.Index([
-            f"{name}_{_SUFFIXES[units[name]]}" if units.get(name) in _SUFFIXES else name for name in frame
-        ])  # fmt: skip
+        suffixes = {name: _SUFFIXES[unit] for name, unit in units.items() if unit in _SUFFIXES}
+        frame.columns = pd.Index([f"{n}_{suffixes[n]}" if n in suffixes else n for n in frame])
     return frames
 
 
@@ -170,7 +175,8 @@ def _g2o(run: Run, realization: int, folder: Path) -> None:
     solved = {name: poses for name, poses in recording.estimates.items() if name in graphs}
     if not solved:
         raise ExchangeError(
-            f"{run.path}: every solve of realization {realization} with ranges failed; select another realization"
+            f"{run.path}: every solve of realization {realization} with ranges failed; select"
+            " another realization"
         )
     for name, (position, quaternion) in solved.items():
         values = GraphValues(
@@ -185,7 +191,8 @@ def _check_ranges(run: Run) -> None:
     ranging = [name for name, condition in CONDITIONS.items() if condition.ranges is not None]
     if not set(ranging) & {c.name for c in run.config.conditions}:
         raise ExchangeError(
-            f"{run.path}: no condition of the study has ranges; a graph needs one of {', '.join(ranging)}"
+            f"{run.path}: no condition of the study has ranges; a graph needs one of"
+            f" {', '.join(ranging)}"
         )
 
 

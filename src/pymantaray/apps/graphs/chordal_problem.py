@@ -3,19 +3,24 @@ Chordal problem of a graph, whose cost is quadratic in rotations, positions and 
 
 It is the problem of SE-Sync [1]_ and CORA [2]_. Its cost is half the sum of
 
-- :math:`\kappa\,|R_j - R_i R_{ij}|_F^2` with :math:`\kappa = 1 / (2 \sigma_R^2)` for relative rotations and attitudes,
-- :math:`\tau\,|t_j - t_i - R_i t_{ij}|^2` with :math:`\tau = 1 / \sigma_t^2` for relative positions, sightings, fixes and priors,
+- :math:`\kappa\,|R_j - R_i R_{ij}|_F^2` with :math:`\kappa = 1 / (2 \sigma_R^2)` for relative
+  rotations and attitudes,
+- :math:`\tau\,|t_j - t_i - R_i t_{ij}|^2` with :math:`\tau = 1 / \sigma_t^2` for relative
+  positions, sightings, fixes and priors,
 - :math:`|t_j - t_i - d\,u|^2 / \sigma_d^2` for ranges d, with an unknown unit vector u each,
 
-where each :math:`\sigma^2` is the mean variance of the axes. Priors are edges from a node of the world. Row blocks
-:math:`R_i^\top`, :math:`t_i^\top` and :math:`u^\top` form a matrix X, and the cost is :math:`\frac12 \mathrm{tr}(X^\top Q X)`.
-The constraints are :math:`R_i^\top R_i = I` and :math:`|u| = 1`. At a critical point the multipliers are the symmetric block diagonal
-:math:`\Lambda` of :math:`Q X X^\top`, and :math:`S = Q - \Lambda` has :math:`S X = 0`. For every feasible Y
+where each :math:`\sigma^2` is the mean variance of the axes. Priors are edges from a node of the
+world. Row blocks
+:math:`R_i^\top`, :math:`t_i^\top` and :math:`u^\top` form a matrix X, and the cost is
+:math:`\frac12 \mathrm{tr}(X^\top Q X)`. The constraints are :math:`R_i^\top R_i = I` and :math:`|u|
+= 1`. At a critical point the multipliers are the symmetric block diagonal
+:math:`\Lambda` of :math:`Q X X^\top`, and :math:`S = Q - \Lambda` has :math:`S X = 0`. For every
+feasible Y
 
 .. math:: f(Y) = f(X) + \tfrac12 \mathrm{tr}(Y^\top S Y).
 
-X has d columns in d dimensions. With more columns, the problem is a relaxation: every point of the problem, padded with zeros, is one of
-the relaxation with the same cost.
+X has d columns in d dimensions. With more columns, the problem is a relaxation: every point of the
+problem, padded with zeros, is one of the relaxation with the same cost.
 
 References
 ----------
@@ -39,12 +44,17 @@ from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matr
 
 
 def not_quadratic(graph: FactorGraph) -> list[str]:
-    """Plurals of the kinds of factors in a graph that this problem cannot hold: those of a coordinate alone."""
+    """
+    Plurals of the kinds of factors in a graph that this problem cannot hold: those of a coordinate
+    alone.
+    """
     return [t.kind.plural for t in graph.tables.values() if "depth" in t.kind.columns_at and len(t)]
 
 
 class _Differences(NamedTuple):
-    """Relative measurements between nodes, -1 for the world: rotation, position and their weights."""
+    """
+    Relative measurements between nodes, -1 for the world: rotation, position and their weights.
+    """
 
     first: Indices
     second: Indices
@@ -56,14 +66,18 @@ class _Differences(NamedTuple):
 
 class ChordalProblem:
     """
-    Matrix form of a graph: rows of the world's rotation, of rotation and position of each pose, of landmarks and of unit vectors.
+    Matrix form of a graph: rows of the world's rotation, of rotation and position of each pose, of
+    landmarks and of unit vectors.
 
-    ``root`` is a sparse matrix with cost ``|root X|^2 / 2``. Methods accept an X with d or more columns.
+    ``root`` is a sparse matrix with cost ``|root X|^2 / 2``. Methods accept an X with d or more
+    columns.
     """
 
     def __init__(self, graph: FactorGraph) -> None:
         if lost := not_quadratic(graph):
-            raise EstimationError(f"a chordal problem cannot hold {', '.join(lost)}; leave them out")
+            raise EstimationError(
+                f"a chordal problem cannot hold {', '.join(lost)}; leave them out"
+            )
         self.graph = graph
         self.d = 2 if graph.planar else 3
         d = self.d
@@ -109,7 +123,10 @@ class ChordalProblem:
         )
 
     def feasible(self, x: Array) -> Array:
-        """X with each rotation block at the nearest orthonormal rows, unit vectors of length 1 and the best positions for these."""
+        """
+        X with each rotation block at the nearest orthonormal rows, unit vectors of length 1 and the
+        best positions for these.
+        """
         out = x.copy()
         d = self.d
         start = np.concatenate([[0], self.rotation_row])[:, None] + np.arange(d)
@@ -152,7 +169,9 @@ class ChordalProblem:
         return csc_array(self.quadratic - multipliers)
 
     def _root(self) -> csr_array:
-        parts = [self._rows_of(difference) for difference in self._differences()] + [self._range_rows()]
+        parts = [self._rows_of(difference) for difference in self._differences()] + [
+            self._range_rows()
+        ]
         entry = []
         row = []
         column = []
@@ -178,7 +197,9 @@ class ChordalProblem:
             variance = np.diagonal(table.covariance, axis1=1, axis2=2)
             turn = "quaternion" in columns
             rotation = (
-                matrix_from_quaternion(table.column("quaternion"))[:, : self.d, : self.d] if turn else None
+                matrix_from_quaternion(table.column("quaternion"))[:, : self.d, : self.d]
+                if turn
+                else None
             )
             position = table.column("position")[:, : self.d] if "position" in columns else None
             kappa = 0.5 / variance[:, turns].mean(axis=1) if turn else np.empty(0)
@@ -201,7 +222,10 @@ class ChordalProblem:
         if m.rotation is not None:
             weight = np.sqrt(m.kappa)
             rows = d * k[:, None] + axis
-            entry += [np.repeat(weight, d), -(weight[:, None, None] * np.swapaxes(m.rotation, 1, 2)).ravel()]
+            entry += [
+                np.repeat(weight, d),
+                -(weight[:, None, None] * np.swapaxes(m.rotation, 1, 2)).ravel(),
+            ]
             row += [rows.ravel(), np.repeat(rows.ravel(), d)]
             column.append((d + (d + 1) * m.second[:, None] + axis).ravel())
             column.append(np.repeat(start[:, None] + axis, d, axis=0).ravel())

@@ -31,8 +31,9 @@ class GraphReadOptions:
         list[str] | None,
         typer.Option(
             metavar="WHAT",
-            help="Record types to drop; the number dropped is reported. A word that begins lines of the input, such as"
-            " EDGE_SE3_XYZ; a kind that g2o output cannot hold, such as ranges; or all. May be given several times.",
+            help="Record types to drop; the number dropped is reported. A word that begins lines"
+            " of the input, such as EDGE_SE3_XYZ; a kind that g2o output cannot hold, such as"
+            " ranges; or all. May be given several times.",
         ),
     ] = None
     skip_unknown: Annotated[
@@ -42,28 +43,31 @@ class GraphReadOptions:
         bool,
         typer.Option(
             "--half-angles",
-            help="g2o: the rotation part of the information is for half the angle, as g2o defines it.",
+            help="g2o: the rotation part of the information is for half the angle, as g2o defines"
+            " it.",
         ),
     ] = False
     isam: Annotated[
         bool,
         typer.Option(
             "--isam",
-            help="Matrices of EDGE2 are those of iSAM, the upper triangular root of the information by rows.",
+            help="Matrices of EDGE2 are those of iSAM, the upper triangular root of the"
+            " information by rows.",
         ),
     ] = False
     indefinite: Annotated[
         Literal["refuse", "drop", "repair"],
         typer.Option(
-            help="Treatment of lines whose matrix is not positive definite; the number dropped or repaired is reported."
+            help="Treatment of lines whose matrix is not positive definite; the number dropped or"
+            " repaired is reported."
         ),
     ] = "refuse"
 
     covariances: Annotated[
         Literal["full", "isotropic"],
         typer.Option(
-            help="Covariances of the file, or isotropic ones as PyFactorGraph reads them: the mean variance of each translation"
-            " and of each rotation, and no depths."
+            help="Covariances of the file, or isotropic ones as PyFactorGraph reads them: the mean"
+            " variance of each translation and of each rotation, and no depths."
         ),
     ] = "full"
 
@@ -81,9 +85,9 @@ class GraphSolveOptions:
     start: Annotated[
         Literal["file", "dead-reckoning", "chordal", "best"] | None,
         typer.Option(
-            help="Start from the file's vertices, from composed edges, from linear least squares of all edges, or from all of"
-            " these and take the lowest cost (best). Default: best for graphs of at most 20,000 factors and batch estimators,"
-            " else file."
+            help="Start from the file's vertices, from composed edges, from linear least squares"
+            " of all edges, or from all of these and take the lowest cost (best). Default: best"
+            " for graphs of at most 20,000 factors and batch estimators, else file."
         ),
     ] = None
     random_starts: Annotated[
@@ -94,22 +98,23 @@ class GraphSolveOptions:
         bool | None,
         typer.Option(
             "--certify/--no-certify",
-            help="Certify that the estimate is the global minimum, or give the least eigenvalue of the certificate matrix."
-            " Default: for batch least squares of at most 2,000 factors.",
+            help="Certify that the estimate is the global minimum, or give the least eigenvalue of"
+            " the certificate matrix. Default: for batch least squares of at most 2,000 factors.",
         ),
     ] = None
     estimator: Annotated[
         str,
         typer.Option(
-            help="batch (least squares), gtsam (the same by GTSAM), incremental (iSAM2), or batch with a robust loss on the ranges: huber, cauchy,"
-            " geman-mcclure, tukey, welsch, gnc."
+            help="batch (least squares), gtsam (the same by GTSAM), incremental (iSAM2), or batch"
+            " with a robust loss on the ranges: huber, cauchy, geman-mcclure, tukey, welsch, gnc."
         ),
     ] = "batch"
     anchor: Annotated[
         bool,
         typer.Option(
             "--anchor",
-            help="Add a prior to the first pose of each free part. A graph without any anchor always gets one.",
+            help="Add a prior to the first pose of each free part. A graph without any anchor"
+            " always gets one.",
         ),
     ] = False
     truth: Annotated[
@@ -127,7 +132,9 @@ class GraphSolveOptions:
         from pymantaray.apps.graphs import solve_graph
         from pymantaray.apps.graphs.external import is_pose_graph, with_certificate
 
-        options = asdict(self) | {"truth": not is_pose_graph(file) if self.truth is None else self.truth}
+        options = asdict(self) | {
+            "truth": not is_pose_graph(file) if self.truth is None else self.truth
+        }
         certificate = options.pop("certificate")
         return with_certificate(solve_graph(content, report=report, **options), wanted=certificate)
 
@@ -171,10 +178,13 @@ def solve(
         typer.Option(
             min=0,
             metavar="N",
-            help="List the N factors with the largest whitened residual, leverage and Cook's distance, except odometry.",
+            help="List the N factors with the largest whitened residual, leverage and Cook's"
+            " distance, except odometry.",
         ),
     ] = 0,
-    out: Annotated[Path | None, typer.Option(help="Folder for the results; must be new or empty.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Folder for the results; must be new or empty.")
+    ] = None,
 ) -> None:
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
     from pymantaray.cli.output import step_line
@@ -216,23 +226,28 @@ def convert(
         Path,
         typer.Argument(
             metavar="OUT",
-            help="OUT.pyfg, OUT.g2o, or OUT.tum for the vertices (OUT-NAME.tum for each of several vehicles).",
+            help="OUT.pyfg, OUT.g2o, or OUT.tum for the vertices (OUT-NAME.tum for each of several"
+            " vehicles).",
         ),
     ],
     symbols: Annotated[
         bool,
-        typer.Option("--symbols", help="g2o out: ids are GTSAM symbols, which keep vehicle and pose number."),
+        typer.Option(
+            "--symbols", help="g2o out: ids are GTSAM symbols, which keep vehicle and pose number."
+        ),
     ] = False,
     depths: Annotated[
         Literal["priors", "ranges"],
         typer.Option(
-            help="PyFactorGraph out: depths as pose priors, which PyFactorGraph loses, or as ranges to a landmark 5e8 m above, which"
-            " it keeps."
+            help="PyFactorGraph out: depths as pose priors, which PyFactorGraph loses, or as"
+            " ranges to a landmark 5e8 m above, which it keeps."
         ),
     ] = "priors",
     force: Force = False,
 ) -> None:
-    """Convert between PyFactorGraph text, g2o and TUM; --leave-out drops what the output cannot hold."""
+    """
+    Convert between PyFactorGraph text, g2o and TUM; --leave-out drops what the output cannot hold.
+    """
     from pymantaray.apps.graphs.external import G2O
     from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
     from pymantaray.cli.output import check_output
@@ -253,7 +268,9 @@ def convert(
             content.graph,
             out,
             initial=content.values,
-            leave_out=LEFT_OUT if "all" in to_lose else [what for what in to_lose if what in LEFT_OUT],
+            leave_out=LEFT_OUT
+            if "all" in to_lose
+            else [what for what in to_lose if what in LEFT_OUT],
             symbols=symbols,
             half_angles=reading.half_angles,
         )
@@ -284,7 +301,9 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     odometry = same & (number[b] - number[a] == 1)
     landmarks = (g["range"].variables >= g.n_poses).sum(axis=1)
     time = g.pose_time
-    vehicles = (f"{name} ({np.count_nonzero(vehicle == k)} poses)" for k, name in enumerate(g.vehicle_name))
+    vehicles = (
+        f"{name} ({np.count_nonzero(vehicle == k)} poses)" for k, name in enumerate(g.vehicle_name)
+    )
     unary = {t.kind.plural: len(t) for t in g.tables.values() if len(t.kind.ends) == 1}
     priors = [f"{plural} {count}" for plural, count in unary.items() if count]
     counts = [np.count_nonzero(landmarks == k) for k in range(3)]
@@ -296,7 +315,10 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
         ("odometry", f"{np.count_nonzero(odometry)}"),
         (
             "loop closures",
-            f"{np.count_nonzero(same & ~odometry)} of one vehicle, {np.count_nonzero(~same)} between two",
+            (
+                f"{np.count_nonzero(same & ~odometry)} of one vehicle, {np.count_nonzero(~same)}"
+                " between two"
+            ),
         ),
         ("sightings", f"{len(g['sighting'])} of landmarks from poses"),
         ("ranges", "{} between poses, {} to landmarks, {} between landmarks".format(*counts)),
@@ -305,7 +327,8 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     out.add(
         dimensions=2 if g.planar else 3,
         vehicles=[
-            {"name": name, "poses": np.count_nonzero(vehicle == k)} for k, name in enumerate(g.vehicle_name)
+            {"name": name, "poses": np.count_nonzero(vehicle == k)}
+            for k, name in enumerate(g.vehicle_name)
         ],
         landmarks=g.landmark_name,
         times_s=[time.min(), time.max()],
@@ -359,7 +382,11 @@ def _errors(result: "GraphResult") -> dict[str, dict[str, dict[str, float]]]:
 
     freedom = None
     s = result.solution
-    if result.truth is not None and result.solution.usable and result.estimator in ("batch", "incremental"):
+    if (
+        result.truth is not None
+        and result.solution.usable
+        and result.estimator in ("batch", "incremental")
+    ):
         freedom = graph_degrees_of_freedom(result.graph, result.values)
     return {
         "trajectory_error": graph_errors(
@@ -407,8 +434,8 @@ def _print_result(
     same = result.counts_as_in_file
     if any(same.values()):
         out.line(
-            f"started at the file's values, because only ranges constrain them: {same['poses']} poses,"
-            f" {same['landmarks']} of {result.graph.landmark_name.size} landmarks"
+            f"started at the file's values, because only ranges constrain them: {same['poses']}"
+            f" poses, {same['landmarks']} of {result.graph.landmark_name.size} landmarks"
         )
     out.add(anchored=names, as_in_file=same)
     _print_starts(out, result)
@@ -421,7 +448,16 @@ def _print_result(
         {"vehicle": name, "start_rmse_m": before[name]["rmse_m"], **row}
         for name, row in errors["trajectory_error"].items()
     )
-    brief = ["vehicle", "n", "start_rmse_m", "mean_m", "rmse_m", "rmse_standard_error_m", "p95_m", "max_m"]
+    brief = [
+        "vehicle",
+        "n",
+        "start_rmse_m",
+        "mean_m",
+        "rmse_m",
+        "rmse_standard_error_m",
+        "p95_m",
+        "max_m",
+    ]
     brief = [name for name in brief if name in table]  # a robust loss has no standard errors
     caption = "Position error by vehicle, no alignment"
     out.table(ResultTable("trajectory_error", table, caption, brief=brief, words={"n": "poses"}))

@@ -12,23 +12,33 @@ from pymantaray.estimation.solvers.normal_equations import SIZE
 from pymantaray.estimation.solvers.problems import GraphState, distance_problem
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
-_UNDETERMINED = 1e6  # m or rad; a standard deviation of this size counts as undetermined, as in the solver
-_DAMPING = 1e-15  # added to the scaled information matrix, whose diagonal is 1, so that it can be factorized
-_INVERSE_ITERATIONS = 6  # each reduces all but the weakest direction by the ratio of the eigenvalues
-_JITTER = 0.1  # rad, and share of the extent of all positions; moves values out of accidental alignments
+_UNDETERMINED = (
+    1e6  # m or rad; a standard deviation of this size counts as undetermined, as in the solver
+)
+# added to the scaled information matrix, whose diagonal is 1, so that it can be factorized
+_DAMPING = 1e-15
+_INVERSE_ITERATIONS = (
+    6  # each reduces all but the weakest direction by the ratio of the eigenvalues
+)
+_JITTER = (
+    0.1  # rad, and share of the extent of all positions; moves values out of accidental alignments
+)
 _MIN_VARIANCE_RATIO = (
     1e-12  # smallest ratio of a variance to the median; below, the other factors lose all digits
 )
 
 
 def check_conditioned(graph: FactorGraph) -> None:
-    """Refuse a graph with a variance so far below the median that the other factors lose all digits."""
+    """
+    Refuse a graph with a variance so far below the median that the other factors lose all digits.
+    """
     tightest = _tightest(graph)
     if tightest is not None:
         what, variable, variance, median = tightest
         raise EstimationError(
-            f"{graph.variable_name(variable)}: {what} variance {variance:g} is {variance / median:.0e} of the median,"
-            f" {median:g}: badly conditioned; give variances of more similar size"
+            f"{graph.variable_name(variable)}: {what} variance {variance:g} is"
+            f" {variance / median:.0e} of the median, {median:g}: badly conditioned; give variances"
+            " of more similar size"
         )
 
 
@@ -36,9 +46,12 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
     """
     Name the variable that makes a graph singular at any values; None if the graph is determined.
 
-    The graph is determined if the solver can factorize its normal equations at the values, or near them.
+    The graph is determined if the solver can factorize its normal equations at the values, or near
+    them.
     """
-    if _is_determined(graph, values) or _is_determined(graph, _jittered(values, planar=graph.planar)):
+    if _is_determined(graph, values) or _is_determined(
+        graph, _jittered(values, planar=graph.planar)
+    ):
         return None
     weakest = _weakest_direction(graph, values)
     if np.isinf(weakest.sigma):
@@ -49,18 +62,23 @@ def diagnose(graph: FactorGraph, values: GraphValues) -> str | None:
         why = f"it may stray by {weakest.sigma:.0e} {'rad' if weakest.turns else 'm'}"
     return (
         f"{graph.variable_name(weakest.variable)}: priors, odometry and ranges do not determine its"
-        f" {'rotation' if weakest.turns else 'position'}: {why}; singular; add a prior or more ranges"
+        f" {'rotation' if weakest.turns else 'position'}: {why}; singular; add a prior or more"
+        " ranges"
     )
 
 
 def diagnose_start(graph: FactorGraph, values: GraphValues) -> str | None:
-    """Name a variable that is undetermined at exactly these values but determined near them; None if there is none."""
+    """
+    Name a variable that is undetermined at exactly these values but determined near them; None if
+    there is none.
+    """
     if _is_determined(graph, values):
         return None
     weakest = _weakest_direction(graph, values)
     return (
-        f"{graph.variable_name(weakest.variable)}: its {'rotation' if weakest.turns else 'position'} is not determined at"
-        " the start, but near it: measurements happen to be aligned there; try another start, or add a prior"
+        f"{graph.variable_name(weakest.variable)}: its"
+        f" {'rotation' if weakest.turns else 'position'} is not determined at the start, but near"
+        " it: measurements happen to be aligned there; try another start, or add a prior"
     )
 
 
@@ -97,7 +115,9 @@ def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
 
 
 def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
-    """Kind, variable and size of the smallest variance, and the median, if their ratio is too small."""
+    """
+    Kind, variable and size of the smallest variance, and the median, if their ratio is too small.
+    """
     for unit in ("m", "rad"):
         tables = [
             (
@@ -120,7 +140,10 @@ def _tightest(graph: FactorGraph) -> tuple[str, int, float, float] | None:
 
 
 class _Weakest(NamedTuple):
-    """Variable of the largest standard deviation, whether that is its rotation, its size, and the eigenvalue."""
+    """
+    Variable of the largest standard deviation, whether that is its rotation, its size, and the
+    eigenvalue.
+    """
 
     variable: int
     turns: bool
@@ -129,7 +152,10 @@ class _Weakest(NamedTuple):
 
 
 def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
-    """Find the least determined variable by inverse iteration; its sigma is infinite if no factor mentions it."""
+    """
+    Find the least determined variable by inverse iteration; its sigma is infinite if no factor
+    mentions it.
+    """
     information = distance_problem(graph).linearize(GraphState.of(values)).information()
     diagonal = information.diagonal()
     if not (diagonal > 0.0).all():

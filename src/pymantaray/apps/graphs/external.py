@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 
 from pymantaray.apps.graphs.certificate import Certificate, certify
 from pymantaray.apps.graphs.chordal_problem import not_quadratic
-from pymantaray.apps.graphs.diagnose import check_conditioned, diagnose, diagnose_start, worst_misfit
+from pymantaray.apps.graphs.diagnose import (
+    check_conditioned,
+    diagnose,
+    diagnose_start,
+    worst_misfit,
+)
 from pymantaray.apps.graphs.g2o import ISAM, TORO, load_g2o
 from pymantaray.apps.graphs.minima import (
     StartOutcome,
@@ -48,7 +53,9 @@ Start = Literal["file", "dead-reckoning", "chordal", "best"]
 _STARTS = {"dead-reckoning": dead_reckon_graph, "chordal": chordal}
 EstimatorFunction = Callable[[FactorGraph, GraphValues], GraphSolution]
 
-MAX_CHEAP_FACTORS = 20_000  # largest graph that is solved from several starts by default: about 2 s of CPU
+MAX_CHEAP_FACTORS = (
+    20_000  # largest graph that is solved from several starts by default: about 2 s of CPU
+)
 MAX_CERTIFIED_FACTORS = 2_000  # largest graph that is certified by default: about 2 s of CPU
 G2O = ".g2o"
 PYFG = ".pyfg"
@@ -62,14 +69,15 @@ class GraphResult:
     """
     Result of an estimator on a graph file.
 
-    ``graph`` includes added priors. ``as_in_file`` lists the variables that start at the file's values in spite of another
-    start, because only ranges constrain them: if the file's values are the truth, so is that part of the start. ``start`` is
-    chordal if the file has no values. ``truth`` is None if the file has none. ``diagnosis`` says in one line why the solution is
-    not usable, and is None if it is.
+    ``graph`` includes added priors. ``as_in_file`` lists the variables that start at the file's
+    values in spite of another start, because only ranges constrain them: if the file's values are
+    the truth, so is that part of the start. ``start`` is chordal if the file has no values.
+    ``truth`` is None if the file has none. ``diagnosis`` says in one line why the solution is not
+    usable, and is None if it is.
 
-    ``start`` is the name of the start that led to the solution. ``outcomes`` has the solutions from all starts, and
-    ``alternative`` the lowest other minimum if its cost is within chi-square of the solution's.
-    ``certificate`` is set by `with_certificate`.
+    ``start`` is the name of the start that led to the solution. ``outcomes`` has the solutions from
+    all starts, and ``alternative`` the lowest other minimum if its cost is within chi-square of the
+    solution's. ``certificate`` is set by `with_certificate`.
     """
 
     graph: FactorGraph
@@ -89,7 +97,10 @@ class GraphResult:
 
     @property
     def values(self) -> GraphValues:
-        """Estimated values; the last point of a descent that did not converge; NaN if the solve failed."""
+        """
+        Estimated values; the last point of a descent that did not converge; NaN if the solve
+        failed.
+        """
         return self.solution.values
 
     @property
@@ -106,7 +117,10 @@ class GraphResult:
 
     @property
     def trajectories(self) -> dict[str, GraphValues]:
-        """Values by name: ``start``, ``estimate`` or an unconverged ``last``, ``alternative`` and ``truth`` if known."""
+        """
+        Values by name: ``start``, ``estimate`` or an unconverged ``last``, ``alternative`` and
+        ``truth`` if known.
+        """
         tables = {
             "start": self.initial,
             "estimate": self.values if self.solution.usable else None,
@@ -123,8 +137,9 @@ class GraphResult:
             return None
         name, far = largest_difference(self.graph, lowest(self.outcomes), self.alternative)
         return (
-            f"two minima fit the measurements: cost {self.solution.final_cost:.6g}, and {self.alternative.cost:.6g} from start"
-            f" {self.alternative.name}; {name} differs by {far:.4g} m: compare both, or add a prior or ranges"
+            f"two minima fit the measurements: cost {self.solution.final_cost:.6g}, and"
+            f" {self.alternative.cost:.6g} from start {self.alternative.name}; {name} differs by"
+            f" {far:.4g} m: compare both, or add a prior or ranges"
         )
 
     def summary(self) -> dict[str, Any]:
@@ -167,9 +182,10 @@ class GraphResult:
         """
         Write graph, start, estimate and truth as NetCDF, and the summary as JSON.
 
-        ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc``, ``alternative.nc`` and ``truth.nc`` are `GraphValues` with
-        vehicle, number and time of each pose. There is no estimate without a usable solution; ``last.nc`` is then the last point
-        of a descent that did not converge.
+        ``graph.nc`` is a `FactorGraph`; ``start.nc``, ``estimate.nc``, ``alternative.nc`` and
+        ``truth.nc`` are `GraphValues` with vehicle, number and time of each pose. There is no
+        estimate without a usable solution; ``last.nc`` is then the last point of a descent that did
+        not converge.
 
         Parameters
         ----------
@@ -182,7 +198,9 @@ class GraphResult:
         names = ["vehicle_name", "landmark_name", "pose_vehicle", "pose_number", "pose_time"]
         about = self.graph.to_dataset()[names]
         for name, values in self.trajectories.items():
-            write_netcdf(values.to_dataset().merge(about, combine_attrs="override"), folder / f"{name}.nc")
+            write_netcdf(
+                values.to_dataset().merge(about, combine_attrs="override"), folder / f"{name}.nc"
+            )
         summary = _finite({**self.summary(), **(more or {})})
         with whole_file(folder / "summary.json") as path:
             path.write_text(json.dumps(summary, indent=2) + "\n", encoding="utf-8")
@@ -199,7 +217,8 @@ def open_graph(
     covariances: Covariances = "full",
 ) -> GraphFile:
     """
-    Read a graph file, in three dimensions or two: PyFactorGraph text, g2o, TORO or iSAM, by its name and its first vertex or edge.
+    Read a graph file, in three dimensions or two: PyFactorGraph text, g2o, TORO or iSAM, by its
+    name and its first vertex or edge.
 
     Parameters
     ----------
@@ -209,16 +228,19 @@ def open_graph(
     skip_unknown : bool
         Skip and count lines of unknown words instead of refusing them.
     half_angles : bool
-        Read the rotation part of a g2o file's information as that of half the angle, as g2o defines it.
+        Read the rotation part of a g2o file's information as that of half the angle, as g2o defines
+        it.
     isam : bool
-        Read the matrices of ``EDGE2`` as iSAM does, the upper triangular root of the information by rows. Those of ``ODOMETRY`` and
-        ``LANDMARK`` always are.
+        Read the matrices of ``EDGE2`` as iSAM does, the upper triangular root of the information by
+        rows. Those of ``ODOMETRY`` and ``LANDMARK`` always are.
     indefinite : {"refuse", "drop", "repair"}
-        Treatment of lines whose information or covariance matrix is not positive definite: refuse the file, drop the lines, or
-        raise their eigenvalues. ``left_out`` and ``repaired`` of the result count the lines.
+        Treatment of lines whose information or covariance matrix is not positive definite: refuse
+        the file, drop the lines, or raise their eigenvalues. ``left_out`` and ``repaired`` of the
+        result count the lines.
     covariances : {"full", "isotropic"}
-        Covariances of the file, or one variance of each translation and rotation, as PyFactorGraph reads them; ``left_out`` of
-        the result counts the depths, which it reads as priors without effect.
+        Covariances of the file, or one variance of each translation and rotation, as PyFactorGraph
+        reads them; ``left_out`` of the result counts the depths, which it reads as priors without
+        effect.
 
     Returns
     -------
@@ -230,7 +252,9 @@ def open_graph(
         If the file cannot be read or a line is not in the grammar; the message names the line.
     """
     if covariances not in get_args(Covariances):
-        raise EstimationError(f"covariances {covariances!r}; allowed: {', '.join(get_args(Covariances))}")
+        raise EstimationError(
+            f"covariances {covariances!r}; allowed: {', '.join(get_args(Covariances))}"
+        )
     options: dict[str, Any] = {
         "leave_out": leave_out,
         "skip_unknown": skip_unknown,
@@ -243,16 +267,19 @@ def open_graph(
     if covariances == "full":
         return file
     graph, lost = isotropic(file.graph)
-    left_out = file.left_out | ({"depth priors (PyFactorGraph reads precision 0)": lost} if lost else {})
+    left_out = file.left_out | (
+        {"depth priors (PyFactorGraph reads precision 0)": lost} if lost else {}
+    )
     return file._replace(graph=graph, left_out=left_out)
 
 
 def is_pose_graph(path: Path) -> bool:
     """
-    True for g2o and TORO files, whose vertices are starting values; those of PyFactorGraph text are the ground truth.
+    True for g2o and TORO files, whose vertices are starting values; those of PyFactorGraph text are
+    the ground truth.
 
-    Files named neither ``.g2o`` nor ``.pyfg`` are g2o if the second and third field of the first vertex or edge are numbers: PyFactorGraph
-    has a symbol among them.
+    Files named neither ``.g2o`` nor ``.pyfg`` are g2o if the second and third field of the first
+    vertex or edge are numbers: PyFactorGraph has a symbol among them.
     """
     if path.suffix == G2O:
         return True
@@ -285,17 +312,19 @@ def solve_graph(
     estimator : str or callable
         A name in `METHODS`, or a function of a graph and its starting values.
     start : {"file", "dead-reckoning", "chordal", "best"}, optional
-        "file" starts at the file's vertices, "dead-reckoning" at edges composed from the priors, "chordal" at linear least
-        squares of all edges. "best" solves from all of them, from trilaterated and mirrored landmarks and from a relaxation,
-        and returns the solution of lowest cost. The default is "best" for graphs of at most `MAX_CHEAP_FACTORS` factors if the estimator is
-        a batch method, else "file". If the file's vertices are the truth, "file" and "best" hide local minima.
+        "file" starts at the file's vertices, "dead-reckoning" at edges composed from the priors,
+        "chordal" at linear least squares of all edges. "best" solves from all of them, from
+        trilaterated and mirrored landmarks and from a relaxation, and returns the solution of
+        lowest cost. The default is "best" for graphs of at most `MAX_CHEAP_FACTORS` factors if the
+        estimator is a batch method, else "file". If the file's vertices are the truth, "file" and
+        "best" hide local minima.
     random_starts : int
         Number of further random starts of "best".
     seed : int
         Seed of the random starts.
     anchor : bool
-        Add a prior of 1 mm and 1 mrad to the first pose of each free part, instead of refusing the graph. A graph without
-        any anchor always gets these priors.
+        Add a prior of 1 mm and 1 mrad to the first pose of each free part, instead of refusing the
+        graph. A graph without any anchor always gets these priors.
     truth : bool
         True if the file's vertices are the ground truth, as in PyFactorGraph files.
     report : callable, optional
@@ -308,13 +337,16 @@ def solve_graph(
     Raises
     ------
     EstimationError
-        If the estimator or start is unknown, a part of the graph is free, or there are fewer measurements than
-        unknowns; the message names a variable.
+        If the estimator or start is unknown, a part of the graph is free, or there are fewer
+        measurements than unknowns; the message names a variable.
     """
     _check_choice(estimator, start, random_starts)
     graph, poses = anchor_graph(file, all_parts=anchor)
     if graph.degrees_of_freedom < 0:
-        fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns by {-graph.degrees_of_freedom}; singular"
+        fallback = (
+            f"{graph.variable_name(0)}: fewer measurements than unknowns by"
+            f" {-graph.degrees_of_freedom}; singular"
+        )
         raise EstimationError(diagnose(graph, file.values) or fallback)
     solver = GraphSolver(SolveOptions(report=report))
     start = start or _default_start(graph, estimator, random_starts)
@@ -329,7 +361,8 @@ def solve_graph(
         outcomes = _outcomes(file, graph, start, solve, random_starts=random_starts, seed=seed)
     except (RuntimeError, ValueError) as error:  # raised by GTSAM
         reason = (
-            diagnose(graph, file.values) or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
+            diagnose(graph, file.values)
+            or f"the solver gave up: {str(error).strip().partition(chr(10))[0]}"
         )
         raise EstimationError(reason) from None
     best = lowest(outcomes)
@@ -365,7 +398,8 @@ def with_certificate(result: GraphResult, *, wanted: bool | None = None) -> Grap
     ----------
     result : GraphResult
     wanted : bool, optional
-        By default small results of batch least squares get one, which is not possible with depth factors.
+        By default small results of batch least squares get one, which is not possible with depth
+        factors.
 
     Raises
     ------
@@ -374,17 +408,22 @@ def with_certificate(result: GraphResult, *, wanted: bool | None = None) -> Grap
     """
     if wanted and result.estimator not in {"batch", "incremental"}:
         raise EstimationError(
-            f"certificate of {result.estimator}: only least squares can be certified; use estimator 'batch'"
+            f"certificate of {result.estimator}: only least squares can be certified; use"
+            " estimator 'batch'"
         )
     graph = result.graph
     size = result.graph.n_factors
-    small = result.estimator == "batch" and size <= MAX_CERTIFIED_FACTORS and not not_quadratic(graph)
+    small = (
+        result.estimator == "batch" and size <= MAX_CERTIFIED_FACTORS and not not_quadratic(graph)
+    )
     if wanted is False or not (wanted or small) or not result.solution.usable:
         return result
     return replace(result, certificate=certify(graph, result.values))
 
 
-def _check_choice(estimator: str | EstimatorFunction, start: str | None, random_starts: int) -> None:
+def _check_choice(
+    estimator: str | EstimatorFunction, start: str | None, random_starts: int
+) -> None:
     """Refuse unknown names, and random starts of a single start."""
     if isinstance(estimator, str) and estimator not in METHODS:
         raise EstimationError(f"estimator {estimator!r}; allowed: {', '.join(METHODS)}")
@@ -393,7 +432,9 @@ def _check_choice(estimator: str | EstimatorFunction, start: str | None, random_
     if random_starts < 0:
         raise EstimationError(f"random starts: {random_starts}; allowed: 0 or more")
     if random_starts and start not in {None, "best"}:
-        raise EstimationError(f"{random_starts} random starts with start {start!r}; use `start='best'`")
+        raise EstimationError(
+            f"{random_starts} random starts with start {start!r}; use `start='best'`"
+        )
 
 
 def is_cheap(graph: FactorGraph) -> bool:
@@ -401,7 +442,9 @@ def is_cheap(graph: FactorGraph) -> bool:
     return graph.n_factors <= MAX_CHEAP_FACTORS
 
 
-def _default_start(graph: FactorGraph, estimator: str | EstimatorFunction, random_starts: int) -> Start:
+def _default_start(
+    graph: FactorGraph, estimator: str | EstimatorFunction, random_starts: int
+) -> Start:
     batch = isinstance(estimator, str) and not METHODS[estimator].incremental
     return "best" if random_starts or (batch and is_cheap(graph)) else "file"
 
@@ -418,7 +461,9 @@ def _outcomes(
     """Solutions from one start or, for "best", from all."""
     first = "chordal" if file.valueless else "file"
     if start == "best":
-        return search_minima(graph, file.values, solve, random_starts=random_starts, seed=seed, first=first)
+        return search_minima(
+            graph, file.values, solve, random_starts=random_starts, seed=seed, first=first
+        )
     initial = file.values
     unchanged = np.empty(0, dtype=np.intp)
     if start != "file":
@@ -427,12 +472,14 @@ def _outcomes(
     return [StartOutcome(name, initial, unchanged, solve(initial))]
 
 
-def anchor_graph(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGraph, NDArray[np.int32]]:
+def anchor_graph(
+    file: GraphFile, *, all_parts: bool = False
+) -> tuple[FactorGraph, NDArray[np.int32]]:
     """
     Check a file's graph and anchor it; return the poses that got a prior, too.
 
-    Without any anchor, the first pose of each part gets a prior. Otherwise a free part is refused, or anchored with
-    ``all_parts``.
+    Without any anchor, the first pose of each part gets a prior. Otherwise a free part is refused,
+    or anchored with ``all_parts``.
     """
     graph = file.graph
     values = file.values
@@ -446,16 +493,23 @@ def anchor_graph(file: GraphFile, *, all_parts: bool = False) -> tuple[FactorGra
     return graph, poses
 
 
-def _misfit(graph: FactorGraph, initial: GraphValues, estimator: str, solution: GraphSolution) -> str:
+def _misfit(
+    graph: FactorGraph, initial: GraphValues, estimator: str, solution: GraphSolution
+) -> str:
     """Reason of a failed solve of a graph that determines every variable."""
-    if solution.status is SolveStatus.FAILED and (start := diagnose_start(graph, initial)) is not None:
+    if (
+        solution.status is SolveStatus.FAILED
+        and (start := diagnose_start(graph, initial)) is not None
+    ):
         return start
     state = solution.status.name.lower().replace("_", " ")
-    expected = f", expected {solution.expected_cost:.3g}" if np.isfinite(solution.expected_cost) else ""
+    expected = (
+        f", expected {solution.expected_cost:.3g}" if np.isfinite(solution.expected_cost) else ""
+    )
     return (
-        f"{state} after {solution.iterations} iterations of {estimator}, cost {solution.initial_cost:.3g} to"
-        f" {solution.final_cost:.3g}{expected}; the worst misfit at the start is at"
-        f" {worst_misfit(graph, initial)}: try another start"
+        f"{state} after {solution.iterations} iterations of {estimator}, cost"
+        f" {solution.initial_cost:.3g} to {solution.final_cost:.3g}{expected}; the worst misfit at"
+        f" the start is at {worst_misfit(graph, initial)}: try another start"
     )
 
 
@@ -472,8 +526,8 @@ def to_gtsam(graph: FactorGraph, values: GraphValues, loss: Loss | None = None) 
     Parameters
     ----------
     graph : FactorGraph
-        Every factor becomes a GTSAM factor; depths are GPS factors without horizontal precision. Priors hold the poses of a
-        planar graph in the plane, without effect on the solution.
+        Every factor becomes a GTSAM factor; depths are GPS factors without horizontal precision.
+        Priors hold the poses of a planar graph in the plane, without effect on the solution.
     values : GraphValues
         Values of all variables of the graph.
     loss : Loss, optional
@@ -482,7 +536,8 @@ def to_gtsam(graph: FactorGraph, values: GraphValues, loss: Loss | None = None) 
     Returns
     -------
     gtsam.NonlinearFactorGraph, gtsam.Values
-        Keys are the rows of the graph: poses first, then landmarks. The ranges are the last factors.
+        Keys are the rows of the graph: poses first, then landmarks. The ranges are the last
+        factors.
     """
     from pymantaray.estimation._gtsam.factors import graph_factors, values_of
 

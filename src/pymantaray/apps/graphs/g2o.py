@@ -1,5 +1,6 @@
 """
-Pose graphs as g2o or TORO text, in three dimensions or two: poses, landmarks, edges between poses and sightings of landmarks.
+Pose graphs as g2o or TORO text, in three dimensions or two: poses, landmarks, edges between poses
+and sightings of landmarks.
 
 Lines in two dimensions are lifted and flattened as in PyFactorGraph text.
 """
@@ -70,8 +71,18 @@ _GRAMMAR = {  # names are ids, the last of a sighting that of a parameter
 TORO = {POSE: ("VERTEX3", "VERTEX2"), EDGE: ("EDGE3", "EDGE2")}
 """Words of TORO, which g2o succeeded, in three dimensions and in two."""
 ISAM = {EDGE: "ODOMETRY", SIGHTING: "LANDMARK"}
-"""Words of iSAM, in two dimensions; their matrix is the upper triangular root of the information, by rows."""
-_TORO_TRIANGLE = [0, 1, 4, 2, 5, 3]  # of a matrix over x y angle, by rows, in TORO's order 11 12 22 33 13 23
+"""
+Words of iSAM, in two dimensions; their matrix is the upper triangular root of the information, by
+rows.
+"""
+_TORO_TRIANGLE = [
+    0,
+    1,
+    4,
+    2,
+    5,
+    3,
+]  # of a matrix over x y angle, by rows, in TORO's order 11 12 22 33 13 23
 _FLAT = {
     POSE: "VERTEX_SE2",
     LANDMARK: "VERTEX_XY",
@@ -102,22 +113,27 @@ def write_g2o(
     half_angles: bool = False,
 ) -> dict[str, int]:
     """
-    Write the poses and edges of a factor graph as g2o text, atomically; return the number of omitted factors by kind.
+    Write the poses and edges of a factor graph as g2o text, atomically; return the number of
+    omitted factors by kind.
 
-    ``leave_out`` must name the kinds of `LEFT_OUT` that the graph has, because the format [1]_ cannot hold them. Vertices are numbered by the
-    row of the pose, or with ``symbols`` as GTSAM's symbols, which keep vehicle and number (vehicles of one
-    letter only) and are too large for g2o itself. With ``half_angles`` the rotation part of the information is that of
-    x, y, z of the quaternion, half the angle, as g2o has it [2]_; else that of the rotation vector, as GTSAM
-    reads the same numbers (checked with 4.3). GTSAM's own writer rounds to six digits; its reader reads ``nan``
-    as 0 and missing numbers as arbitrary values, and skips other lines without a message.
+    ``leave_out`` must name the kinds of `LEFT_OUT` that the graph has, because the format [1]_
+    cannot hold them. Vertices are numbered by the row of the pose, or with ``symbols`` as GTSAM's
+    symbols, which keep vehicle and number (vehicles of one letter only) and are too large for g2o
+    itself. With ``half_angles`` the rotation part of the information is that of x, y, z of the
+    quaternion, half the angle, as g2o has it [2]_; else that of the rotation vector, as GTSAM reads
+    the same numbers (checked with 4.3). GTSAM's own writer rounds to six digits; its reader reads
+    ``nan`` as 0 and missing numbers as arbitrary values, and skips other lines without a message.
 
     References
     ----------
-    .. [1] g2o wiki, "File Format" and "File format slam 3d", https://github.com/RainerKuemmerle/g2o/wiki
+    .. [1] g2o wiki, "File Format" and "File format slam 3d",
+    https://github.com/RainerKuemmerle/g2o/wiki
     .. [2] g2o issue 699, https://github.com/RainerKuemmerle/g2o/issues/699
     """
     path = Path(path)
-    others = {table.kind.plural: len(table) for name, table in graph.tables.items() if name not in _HELD}
+    others = {
+        table.kind.plural: len(table) for name, table in graph.tables.items() if name not in _HELD
+    }
     if not set(leave_out) <= {"landmarks", *others}:
         raise EstimationError(
             f"{path}: leave out {sorted(leave_out)}; allowed: landmarks, {', '.join(others)}"
@@ -131,8 +147,8 @@ def write_g2o(
     refused = [f"{n} {what}" for what, n in lost.items() if what not in leave_out]
     if refused:
         raise EstimationError(
-            f"{path}: g2o files hold poses, edges between them and sightings; the graph also has {', '.join(refused)}:"
-            " leave them out with `leave_out`"
+            f"{path}: g2o files hold poses, edges between them and sightings; the graph also has"
+            f" {', '.join(refused)}: leave them out with `leave_out`"
         )
     ids = _symbols(graph, path) if symbols else list(range(graph.n_variables))
     with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
@@ -152,11 +168,13 @@ def load_g2o(
     """
     Read a pose graph from g2o, TORO or iSAM text in three dimensions or two.
 
-    Lines of the words in ``leave_out`` are skipped and counted, with ``skip_unknown`` those of unknown words, too; others
-    are refused. Ids that are GTSAM symbols become vehicle and number; others belong to a vehicle A. A pose's
-    number is used as its time [s]. Sensor offsets are applied to sightings and priors. Vertices of ``FIX`` get a prior of 1 mm
-    and 1 mrad at their values. With ``isam``, or in a file with words of iSAM, lines of ``EDGE2`` have the matrix of iSAM. A file without vertices has the poses and
-    landmarks of its edges, with values by chordal initialization.
+    Lines of the words in ``leave_out`` are skipped and counted, with ``skip_unknown`` those of
+    unknown words, too; others are refused. Ids that are GTSAM symbols become vehicle and number;
+    others belong to a vehicle A. A pose's number is used as its time [s]. Sensor offsets are
+    applied to sightings and priors. Vertices of ``FIX`` get a prior of 1 mm and 1 mrad at their
+    values. With ``isam``, or in a file with words of iSAM, lines of ``EDGE2`` have the matrix of
+    iSAM. A file without vertices has the poses and landmarks of its edges, with values by chordal
+    initialization.
     """
     path = Path(path)
     lines = TextLines(path, _GRAMMAR, leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
@@ -173,7 +191,12 @@ def load_g2o(
 
 
 def _lines(
-    graph: FactorGraph, values: GraphValues, ids: list[int], sighted: NDArray[Any], *, half_angles: bool
+    graph: FactorGraph,
+    values: GraphValues,
+    ids: list[int],
+    sighted: NDArray[Any],
+    *,
+    half_angles: bool,
 ) -> Iterator[str]:
     n = graph.n_poses
     planar = graph.planar
@@ -182,7 +205,9 @@ def _lines(
         yield f"{OFFSET} 0 0 0 0 0 0 0 1\n"
     yield from write_rows(_words(POSE), [f"{k}" for k in ids[:n]], places, planar=planar)
     landmarks = values.landmark_position[sighted - n]
-    yield from write_rows(_words(LANDMARK), [f"{ids[k]}" for k in sighted], landmarks, planar=planar)
+    yield from write_rows(
+        _words(LANDMARK), [f"{ids[k]}" for k in sighted], landmarks, planar=planar
+    )
     edge = graph["edge"]
     sighting = graph["sighting"]
     heads = _heads(edge, ids)
@@ -212,7 +237,13 @@ class _Reader:
     """Converts the tables of a file to a graph."""
 
     def __init__(
-        self, lines: TextLines, tables: dict[str, Table], *, planar: bool, half_angles: bool, isam: bool
+        self,
+        lines: TextLines,
+        tables: dict[str, Table],
+        *,
+        planar: bool,
+        half_angles: bool,
+        isam: bool,
     ) -> None:
         self._lines = lines
         self._planar = planar
@@ -220,7 +251,9 @@ class _Reader:
         self._isam = isam or any(tables[word].line for word in ISAM.values())
         words = (*_FLAT, OFFSET, FIX)
         self._of = {word: self._table_of(word, tables) for word in words}
-        self._grammar = {word: _GRAMMAR[_FLAT.get(word, word) if planar else word] for word in words}
+        self._grammar = {
+            word: _GRAMMAR[_FLAT.get(word, word) if planar else word] for word in words
+        }
         self._keep: dict[str, Mask] = {}  # lines whose matrix can be used, by word
         self._known: dict[str, int] = {}  # ids by their spellings
         self._id = {word: self._checked_ids(word, table) for word, table in self._of.items()}
@@ -259,7 +292,10 @@ class _Reader:
         return graph.with_factors(**factors), values, valueless
 
     def _vertices(self) -> tuple[list[int], list[int], bool]:
-        """Ids of poses and landmarks, taken from edges if there are no vertices; and whether that is so."""
+        """
+        Ids of poses and landmarks, taken from edges if there are no vertices; and whether that is
+        so.
+        """
         poses, landmarks = (self._ids(word) for word in (POSE, LANDMARK))
         valueless = not (poses or landmarks)
         if valueless:
@@ -273,7 +309,10 @@ class _Reader:
         return poses, landmarks, valueless
 
     def _ids(self, word: str) -> list[int]:
-        """Ids of vertices; a landmark may have the id of a pose, as in files that number them separately."""
+        """
+        Ids of vertices; a landmark may have the id of a pose, as in files that number them
+        separately.
+        """
         table, (ids,) = self._of[word], self._id[word]
         if len(set(ids)) != len(ids):
             before: set[int] = set()
@@ -284,7 +323,9 @@ class _Reader:
     def _edges(self) -> Factors:
         measured, covariance = self._columns(EDGE)
         parts = [measured[:, :3], measured[:, 3:]]
-        return KINDS["edge"].table(self._ends(EDGE, self._pose), parts, covariance)[self._keep[EDGE]]
+        return KINDS["edge"].table(self._ends(EDGE, self._pose), parts, covariance)[
+            self._keep[EDGE]
+        ]
 
     def _sightings(self) -> Factors:
         """Sightings in the body frames, with sensor offsets applied."""
@@ -298,7 +339,9 @@ class _Reader:
                     place[i] = offset[:3] + turn @ place[i]
                     covariance[i] = turn @ covariance[i] @ turn.T
                     covariance[i] = 0.5 * (covariance[i] + covariance[i].T)
-        sightings = KINDS["sighting"].table(self._ends(SIGHTING, self._landmark), [place], covariance)
+        sightings = KINDS["sighting"].table(
+            self._ends(SIGHTING, self._landmark), [place], covariance
+        )
         return sightings[self._keep[SIGHTING]]
 
     def _priors(self, values: GraphValues) -> dict[str, Factors]:
@@ -333,11 +376,15 @@ class _Reader:
         return {
             "prior": prior.joined(KINDS["prior"].table(poses[:, None], at, unit)),
             "survey": KINDS["survey"].table(
-                landmarks[:, None], place, np.tile(ANCHOR_SIGMA**2 * np.eye(3), (landmarks.size, 1, 1))
+                landmarks[:, None],
+                place,
+                np.tile(ANCHOR_SIGMA**2 * np.eye(3), (landmarks.size, 1, 1)),
             ),
         }
 
-    def _known_variables(self, table: Table, ids: list[int], known: dict[int, int]) -> NDArray[np.int32]:
+    def _known_variables(
+        self, table: Table, ids: list[int], known: dict[int, int]
+    ) -> NDArray[np.int32]:
         """Variables with some ids; an unknown one is refused."""
         for row, k in enumerate(ids):
             if k not in known:
@@ -394,7 +441,9 @@ class _Reader:
         if self._half_angles and size == 6:
             information *= _angle_scale(0.5)[::-1, ::-1]
         information, self._keep[word] = self._lines.treat(table.word, information)
-        values[:, grammar.measured :] = triangle(_inverse(self._lines, table.word, information, table.line))
+        values[:, grammar.measured :] = triangle(
+            _inverse(self._lines, table.word, information, table.line)
+        )
         return to_graph(values, grammar, planar=self._planar)
 
     def _checked_ids(self, word: str, table: Table) -> list[list[int]]:
@@ -404,10 +453,14 @@ class _Reader:
             fields = table.names(end)
             for field in dict.fromkeys(fields):
                 if field not in self._known:
-                    fine = _INTEGER.fullmatch(field) and (int(field) <= _LARGEST_ID or _is_symbol(int(field)))
+                    fine = _INTEGER.fullmatch(field) and (
+                        int(field) <= _LARGEST_ID or _is_symbol(int(field))
+                    )
                     if not fine:
                         allowed = f"integers up to {_LARGEST_ID}, or GTSAM symbols"
-                        self._lines.refuse(f"id {field[:40]!r}", allowed, table.line[fields.index(field)])
+                        self._lines.refuse(
+                            f"id {field[:40]!r}", allowed, table.line[fields.index(field)]
+                        )
                     self._known[field] = int(field)
             ends.append([self._known[field] for field in fields])
         if word == EDGE:
@@ -422,7 +475,10 @@ class _Reader:
 
 
 def _in_g2o(table: Table, values: Array, *, isam: bool) -> Array:
-    """Convert numbers to those of g2o: of TORO roll, pitch, yaw and the planar triangle, of iSAM the root of the information."""
+    """
+    Convert numbers to those of g2o: of TORO roll, pitch, yaw and the planar triangle, of iSAM the
+    root of the information.
+    """
     if table.word in ISAM.values() or (isam and table.word == "EDGE2"):
         size = table.grammar.matrix
         root = np.triu(from_triangle(values[:, table.grammar.measured :], size))
@@ -471,15 +527,21 @@ def _angle_scale(factor: float) -> Array:
 
 def _symbols(graph: FactorGraph, path: Path) -> list[int]:
     vehicles = graph.vehicle_name.tolist()
-    if not all(len(a) == 1 and a.isascii() and a.isalpha() for a in vehicles) or graph.pose_number.min() < 0:
+    if (
+        not all(len(a) == 1 and a.isascii() and a.isalpha() for a in vehicles)
+        or graph.pose_number.min() < 0
+    ):
         raise EstimationError(
             f"{path}: symbols need vehicles named by one letter; found {', '.join(vehicles[:5])}"
         )
     poses = zip(graph.pose_vehicle.tolist(), graph.pose_number.tolist(), strict=True)
     names = [_SYMBOL.fullmatch(name) for name in graph.landmark_name.tolist()]
-    landmarks = [("L", i) if name is None else (name[1], int(name[2])) for i, name in enumerate(names)]
+    landmarks = [
+        ("L", i) if name is None else (name[1], int(name[2])) for i, name in enumerate(names)
+    ]
     ids = [
-        ord(letter) << _SYMBOL_SHIFT | k for letter, k in [*((vehicles[a], k) for a, k in poses), *landmarks]
+        ord(letter) << _SYMBOL_SHIFT | k
+        for letter, k in [*((vehicles[a], k) for a, k in poses), *landmarks]
     ]
     if len(set(ids)) != len(ids):
         raise EstimationError(

@@ -1,4 +1,6 @@
-"""Search for the lowest minimum of a graph's cost: several starts, mirrored landmarks, random starts."""
+"""
+Search for the lowest minimum of a graph's cost: several starts, mirrored landmarks, random starts.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -13,8 +15,17 @@ from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solvers.descents import finish, lowest, same_cost
 from pymantaray.estimation.solvers.solution import GraphSolution
-from pymantaray.estimation.solvers.starts import StartingValues, chordal, dead_reckon_graph, first_of_chains
-from pymantaray.estimation.solvers.trilateration import range_only_landmarks, trilaterate, with_landmarks
+from pymantaray.estimation.solvers.starts import (
+    StartingValues,
+    chordal,
+    dead_reckon_graph,
+    first_of_chains,
+)
+from pymantaray.estimation.solvers.trilateration import (
+    range_only_landmarks,
+    trilaterate,
+    with_landmarks,
+)
 from pymantaray.geometry import stream
 
 SolveFrom = Callable[[GraphValues], GraphSolution]
@@ -29,7 +40,8 @@ class StartOutcome:
     """
     Solution from one start.
 
-    ``unchanged`` lists the variables that start at the file's values in spite of another start, because only ranges constrain them.
+    ``unchanged`` lists the variables that start at the file's values in spite of another start,
+    because only ranges constrain them.
     """
 
     name: str
@@ -60,9 +72,11 @@ def search_minima(
     """
     Solve a graph from several starts; results are in the order of the solves.
 
-    The starts are the given values (``first`` is their name), composed edges, chordal initialization, trilateration of range-only
-    landmarks, random starts, the relaxation from the lowest of these unless that is certified, and then the lowest of all with one
-    landmark after the other at its mirrored positions. The descent of the lowest one is continued if it has not converged.
+    The starts are the given values (``first`` is their name), composed edges, chordal
+    initialization, trilateration of range-only landmarks, random starts, the relaxation from the
+    lowest of these unless that is certified, and then the lowest of all with one landmark after the
+    other at its mirrored positions. The descent of the lowest one is continued if it has not
+    converged.
     """
     outcomes = []
     for name, start in _starts(graph, values, random_starts, seed, first=first):
@@ -86,16 +100,20 @@ def _finish(outcomes: list[StartOutcome], solve: SolveFrom) -> None:
     outcomes[outcomes.index(best)] = finish(best, further)
 
 
-def plausible_alternative(graph: FactorGraph, outcomes: Sequence[StartOutcome]) -> StartOutcome | None:
+def plausible_alternative(
+    graph: FactorGraph, outcomes: Sequence[StartOutcome]
+) -> StartOutcome | None:
     """
     Lowest other minimum whose cost is within chi-square of the lowest one; None if there is none.
 
-    Twice the difference of the costs, a log-likelihood ratio, is compared with the 95 % quantile of chi-square with the degrees of
-    freedom of one position.
+    Twice the difference of the costs, a log-likelihood ratio, is compared with the 95 % quantile of
+    chi-square with the degrees of freedom of one position.
     """
     best = lowest(outcomes)
     limit = best.cost + 0.5 * chdtri(2 if graph.planar else 3, 1.0 - _PLAUSIBLE)
-    others = [o for o in outcomes if o.solution.usable and o.cost <= limit and not same_minimum(best, o)]
+    others = [
+        o for o in outcomes if o.solution.usable and o.cost <= limit and not same_minimum(best, o)
+    ]
     return min(others, key=lambda o: o.cost) if others else None
 
 
@@ -109,9 +127,13 @@ def same_minimum(one: StartOutcome, other: StartOutcome) -> bool:
     return float(np.abs(a - b).max(initial=0.0)) <= _SAME_POSITION * extent
 
 
-def largest_difference(graph: FactorGraph, one: StartOutcome, other: StartOutcome) -> tuple[str, float]:
+def largest_difference(
+    graph: FactorGraph, one: StartOutcome, other: StartOutcome
+) -> tuple[str, float]:
     """Name of the variable whose positions in two solutions differ most, and the distance [m]."""
-    far = np.linalg.norm(_positions(one.solution.values) - _positions(other.solution.values), axis=1)
+    far = np.linalg.norm(
+        _positions(one.solution.values) - _positions(other.solution.values), axis=1
+    )
     return graph.variable_name(int(far.argmax())), float(far.max())
 
 
@@ -134,7 +156,10 @@ def _starts(
     if solutions:
         nearest = {landmark: found[0] for landmark, found in solutions.items()}
         unchanged = np.setdiff1d(composed.unchanged, list(nearest))
-        yield "trilateration", StartingValues(with_landmarks(graph, composed.values, nearest), unchanged)
+        yield (
+            "trilateration",
+            StartingValues(with_landmarks(graph, composed.values, nearest), unchanged),
+        )
     for k in range(random_starts):
         rng = stream(seed, k, "estimation", "random start")
         yield f"random-{k + 1}", StartingValues(random_start(graph, composed.values, rng), none)
@@ -144,8 +169,8 @@ def random_start(graph: FactorGraph, values: GraphValues, rng: np.random.Generat
     """
     Random values: noisy edges, composed along a random tree from the priors.
 
-    A chain without a prior gets a random first pose within the spread of all positions, and a range-only landmark a random
-    position at its measured distance from one of the poses.
+    A chain without a prior gets a random first pose within the spread of all positions, and a
+    range-only landmark a random position at its measured distance from one of the poses.
     """
     n = graph.n_poses
     edge = graph["edge"]
@@ -154,7 +179,9 @@ def random_start(graph: FactorGraph, values: GraphValues, rng: np.random.Generat
     quaternion = np.array(values.quaternion)
     first = first_of_chains(graph)
     position[first] = every.mean(axis=0) + every.std(axis=0) * rng.standard_normal((first.size, 3))
-    quaternion[first] = _quaternions(Rotation.from_rotvec(_rotations(rng, first.size, planar=graph.planar)))
+    quaternion[first] = _quaternions(
+        Rotation.from_rotvec(_rotations(rng, first.size, planar=graph.planar))
+    )
     noise = np.sqrt(edge.variance) * rng.standard_normal((len(edge), 6))
     if graph.planar:
         noise[:, [0, 1, 5]] = 0.0
@@ -191,7 +218,10 @@ def _quaternions(rotation: Rotation) -> Array:
 
 
 def _relaxed(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[StartOutcome]:
-    """Outcome from the minimum of the relaxation; none if it is the minimum already found, or the graph has no relaxation."""
+    """
+    Outcome from the minimum of the relaxation; none if it is the minimum already found, or the
+    graph has no relaxation.
+    """
     if not can_relax(graph):
         return []
     values = best.solution.values if best.cost < np.inf else best.initial
@@ -204,7 +234,10 @@ def _relaxed(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[S
 
 
 def _mirrored(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[StartOutcome]:
-    """Outcomes with one landmark after the other at its other solutions, each from the lowest minimum so far."""
+    """
+    Outcomes with one landmark after the other at its other solutions, each from the lowest minimum
+    so far.
+    """
     outcomes: list[StartOutcome] = []
     landmarks = range_only_landmarks(graph).tolist() if best.cost < np.inf else []
     lower = True

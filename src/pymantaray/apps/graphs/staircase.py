@@ -1,10 +1,12 @@
 r"""
 Riemannian staircase: a global minimum of the relaxation of a chordal problem.
 
-The rows of the problem's matrix X get more columns than the dimension d, which removes local minima. Newton's method descends to a
-critical point. If the certificate matrix S has a negative eigenvalue there, a further column along its eigenvector leads down, and
-the descent continues. Without one, X is the global minimum of the relaxation. The bound of `lower_bound` is valid at any point with
-the best positions, critical or not. `rounded` projects X to d columns, which gives starting values for a solver.
+The rows of the problem's matrix X get more columns than the dimension d, which removes local
+minima. Newton's method descends to a critical point. If the certificate matrix S has a negative
+eigenvalue there, a further column along its eigenvector leads down, and the descent continues.
+Without one, X is the global minimum of the relaxation. The bound of `lower_bound` is valid at any
+point with the best positions, critical or not. `rounded` projects X to d columns, which gives
+starting values for a solver.
 """
 
 from dataclasses import dataclass
@@ -20,7 +22,8 @@ from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
 
 MAX_RELAXED_FACTORS = 500  # largest graph whose relaxation is solved: about 1 s of CPU
-GAP = 1e-3  # relative, and a tenth of it absolute: largest gap between cost and bound of a global minimum
+# relative, and a tenth of it absolute: largest gap between cost and bound of a global minimum
+GAP = 1e-3
 _MORE_COLUMNS = 5  # than the dimension, at most
 _STEPS = 100  # of Newton's method; of damping in each
 _TRIALS = 20
@@ -37,8 +40,9 @@ class Relaxation:
     """
     Result of `relax`.
 
-    ``point`` has a row for each row of the problem and ``rank`` columns; ``cost`` is its cost. No values of the problem have a cost
-    below ``lower_bound``. ``tight`` is true if the first level, without further columns, is a global minimum.
+    ``point`` has a row for each row of the problem and ``rank`` columns; ``cost`` is its cost. No
+    values of the problem have a cost below ``lower_bound``. ``tight`` is true if the first level,
+    without further columns, is a global minimum.
     """
 
     point: Array
@@ -58,7 +62,9 @@ def can_relax(graph: FactorGraph) -> bool:
 
 
 def relax(problem: ChordalProblem, x: Array) -> Relaxation:
-    """Minimize the relaxation, starting from a point of the problem, until cost and lower bound agree."""
+    """
+    Minimize the relaxation, starting from a point of the problem, until cost and lower bound agree.
+    """
     bound = 0.0
     first = x.shape[1]
     x = problem.feasible(x)
@@ -74,7 +80,10 @@ def relax(problem: ChordalProblem, x: Array) -> Relaxation:
 
 
 def rounded(problem: ChordalProblem, x: Array, like: GraphValues) -> GraphValues:
-    """Values next to a point of the relaxation: its columns in the frame of the world, projected to rotations."""
+    """
+    Values next to a point of the relaxation: its columns in the frame of the world, projected to
+    rotations.
+    """
     d = problem.d
     out = x[:, : problem.d].copy()
     start = problem.rotation_row[:, None] + np.arange(d)
@@ -90,14 +99,19 @@ def gap(cost: float) -> float:
 
 
 def lower_bound(problem: ChordalProblem, cost: float, least: float) -> float:
-    """Lower bound of the cost over all values, from the cost of a point with the best positions and the least eigenvalue there."""
+    """
+    Lower bound of the cost over all values, from the cost of a point with the best positions and
+    the least eigenvalue there.
+    """
     size = (
         problem.d * (1 + problem.rotation_row.size) + problem.unit_row.size
     )  # sum of squares of all constrained rows
     return max(cost + 0.5 * size * min(least, 0.0), 0.0) if np.isfinite(least) else 0.0
 
 
-def descend(problem: ChordalProblem, x: Array, *, tolerance: float = _DECREMENT) -> tuple[Array, float]:
+def descend(
+    problem: ChordalProblem, x: Array, *, tolerance: float = _DECREMENT
+) -> tuple[Array, float]:
     """Critical point by damped Newton steps on the manifold, and the last Newton decrement."""
     cost = problem.cost(x)
     damping = _MIN_DAMPING
@@ -106,7 +120,9 @@ def descend(problem: ChordalProblem, x: Array, *, tolerance: float = _DECREMENT)
         tangent = _tangent(problem, x)
         gradient = tangent.T @ (problem.quadratic @ x).ravel()
         eye = eye_array(x.shape[1])
-        hessian = csc_array(tangent.T @ kron(problem.certificate_matrix(x), eye, format="csc") @ tangent)
+        hessian = csc_array(
+            tangent.T @ kron(problem.certificate_matrix(x), eye, format="csc") @ tangent
+        )
         scale = np.abs(hessian.diagonal()) + np.finfo(float).tiny
         for _ in range(_TRIALS):
             factor = positive_factor(csc_array(hessian + diags_array(damping * scale)))
@@ -152,7 +168,9 @@ def _escape(problem: ChordalProblem, x: Array, direction: Array) -> Array:
 
 
 def _facing_the_world(problem: ChordalProblem, x: Array) -> Array:
-    """X turned so that the rows of the world's rotation are those of the identity, after projection."""
+    """
+    X turned so that the rows of the world's rotation are those of the identity, after projection.
+    """
     _, _, right = np.linalg.svd(x[: problem.d])
     left, _, short = np.linalg.svd(x[: problem.d], full_matrices=False)
     turn = np.concatenate([(left @ short).T, right[problem.d :].T], axis=1)
@@ -175,13 +193,18 @@ def _complement(rows: Array) -> Array:
 
 
 def _tangent(problem: ChordalProblem, x: Array) -> csc_array:
-    """Basis of the tangent space: derivatives of X, row by row, by rotations, positions and directions of unit vectors."""
+    """
+    Basis of the tangent space: derivatives of X, row by row, by rotations, positions and directions
+    of unit vectors.
+    """
     d = problem.d
     p = x.shape[1]
     axis = np.arange(x.shape[1])
     start = problem.rotation_row[:, None] + np.arange(d)
     within = np.einsum("kab,nbc->nkac", _skew(d), x[start])
-    out = np.einsum("ai,nqc->niqac", np.eye(d), _complement(x[start])).reshape(len(start), d * (p - d), d, p)
+    out = np.einsum("ai,nqc->niqac", np.eye(d), _complement(x[start])).reshape(
+        len(start), d * (p - d), d, p
+    )
     turned = np.concatenate([within, out], axis=1)
     at = np.broadcast_to((p * start[:, :, None] + axis)[:, None], turned.shape)
     n, k = turned.shape[:2]
@@ -191,7 +214,9 @@ def _tangent(problem: ChordalProblem, x: Array) -> csc_array:
     across = _complement(x[problem.unit_row][:, None])
     unit = np.broadcast_to((p * problem.unit_row[:, None] + axis)[:, None], across.shape)
     count = across.shape[0] * (p - 1)
-    by_unit = np.broadcast_to((n * k + place.size + np.arange(count)).reshape(-1, p - 1, 1), across.shape)
+    by_unit = np.broadcast_to(
+        (n * k + place.size + np.arange(count)).reshape(-1, p - 1, 1), across.shape
+    )
     entry = np.concatenate([turned.ravel(), np.ones(place.size), across.ravel()])
     row = np.concatenate([at.ravel(), place, unit.ravel()])
     column = np.concatenate([by_turn.ravel(), by_place, by_unit.ravel()])
@@ -200,10 +225,12 @@ def _tangent(problem: ChordalProblem, x: Array) -> csc_array:
 
 def least_eigenpair(problem: ChordalProblem, x: Array) -> tuple[float, Array | None]:
     """
-    Least eigenvalue of the Schur complement of the certificate matrix on its constrained rows, and its direction in all rows.
+    Least eigenvalue of the Schur complement of the certificate matrix on its constrained rows, and
+    its direction in all rows.
 
-    It uses the Lanczos method with a shift, which grows until the shifted matrix has no negative eigenvalue, by the signs of its
-    pivots; the inverse of the shifted matrix then has the least eigenvalue as its largest. NaN and None if that fails.
+    It uses the Lanczos method with a shift, which grows until the shifted matrix has no negative
+    eigenvalue, by the signs of its pivots; the inverse of the shifted matrix then has the least
+    eigenvalue as its largest. NaN and None if that fails.
     """
     matrix = problem.certificate_matrix(x)
     constrained = problem.constrained

@@ -1,4 +1,6 @@
-"""Estimation of node positions and their covariance from a survey of two-way and one-way travel times."""
+"""
+Estimation of node positions and their covariance from a survey of two-way and one-way travel times.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,6 @@
-"""Bootstrap of positions: resample independent residuals with replacement and solve the linear system."""
+"""
+Bootstrap of positions: resample independent residuals with replacement and solve the linear system.
+"""
 
 import os
 from collections.abc import Callable
@@ -26,14 +28,17 @@ def bootstrap_positions(
     """
     Estimate positions (draws, n_nodes, 3) from resampled surveys. [m]
 
-    The function resamples rows of the whitened system, which includes correlated noise and errors of the platform. Positions
-    change by at most metres. Travel times are linear to micrometres over that distance, so no ray is traced again.
+    The function resamples rows of the whitened system, which includes correlated noise and errors
+    of the platform. Positions change by at most metres. Travel times are linear to micrometres over
+    that distance, so no ray is traced again.
     """
     if not 1 < draws <= _MAX_DRAWS:
         raise LocateError(f"bootstrap is {draws}; it must be 2 to {_MAX_DRAWS:,} draws")
     s = solution
     rows = np.concatenate(list(s.whitened()))
-    sd = s.unknowns.scaled_sd(dict.fromkeys(s.unknowns.groups, 1.0) | dict(s.posterior.hyperparameters))
+    sd = s.unknowns.scaled_sd(
+        dict.fromkeys(s.unknowns.groups, 1.0) | dict(s.posterior.hyperparameters)
+    )
     active = np.flatnonzero(sd > 0.0)
     design = rows[:, active] * (sd[active] / s.posterior.sigma)
     residual = rows[:, -1] / s.posterior.sigma
@@ -45,11 +50,16 @@ def bootstrap_positions(
         count = np.bincount(rng.integers(0, size, size), minlength=size).astype(float)
         normal = (design * count[:, None]).T @ design + np.eye(active.size)
         change = np.zeros(s.unknowns.size)
-        change[active] = sd[active] * np.linalg.solve(normal, design.T @ (count * residual) + offset)
+        change[active] = sd[active] * np.linalg.solve(
+            normal, design.T @ (count * residual) + offset
+        )
         return s.unknowns.positions(s.values + change)
 
     out = []
-    with threadpool_limits(limits=1, user_api="blas"), ThreadPoolExecutor(threads or os.cpu_count()) as pool:
+    with (
+        threadpool_limits(limits=1, user_api="blas"),
+        ThreadPoolExecutor(threads or os.cpu_count()) as pool,
+    ):
         for i, place in enumerate(pool.map(draw, range(draws)), 1):
             out.append(place)
             if progress is not None:

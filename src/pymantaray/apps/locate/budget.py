@@ -21,11 +21,13 @@ def error_budget(solution: SurveySolution) -> pd.DataFrame:
     r"""
     Contributions to the standard deviations of each node's position.
 
-    With the posterior covariance :math:`\Sigma`, priors :math:`P` and information of the data :math:`G`,
-    :math:`\Sigma = \Sigma G \Sigma + \Sigma P^{-1} \Sigma`. The first part is due to the noise of the pings. It consists of
-    ``noise``, the value if only positions were unknown; ``platform positions``, the contribution of their errors; and
-    ``geometry``, the remainder, due to the correlation of positions with other unknowns in this pattern. The second part is a sum
-    over unknowns. The squares of all contributions add up to the square of ``total``.
+    With the posterior covariance :math:`\Sigma`, priors :math:`P` and information of the data
+    :math:`G`,
+    :math:`\Sigma = \Sigma G \Sigma + \Sigma P^{-1} \Sigma`. The first part is due to the noise of
+    the pings. It consists of ``noise``, the value if only positions were unknown; ``platform
+    positions``, the contribution of their errors; and ``geometry``, the remainder, due to the
+    correlation of positions with other unknowns in this pattern. The second part is a sum over
+    unknowns. The squares of all contributions add up to the square of ``total``.
     """
     unknowns = solution.unknowns
     fit = solution.posterior
@@ -43,19 +45,27 @@ def error_budget(solution: SurveySolution) -> pd.DataFrame:
     noise = np.maximum(total - sum(parts.values()), 0.0)
     alone = np.minimum(_noise_alone(solution, by_position, inverse), noise)
     platform = np.minimum(_platform(solution, by_position, total), noise - alone)
-    rows = {"noise": alone, "geometry": noise - alone - platform, "platform positions": platform} | parts
+    rows = {
+        "noise": alone,
+        "geometry": noise - alone - platform,
+        "platform positions": platform,
+    } | parts
     table = []
     for k, name in enumerate(unknowns.survey.names):
         for what, variance in (rows | {"total": total}).items():
             north, east, depth = np.sqrt(np.maximum(np.asarray(variance)[3 * k : 3 * k + 3], 0.0))
-            table.append({"node": name, "source": what, "north_m": north, "east_m": east, "depth_m": depth})
+            table.append(
+                {"node": name, "source": what, "north_m": north, "east_m": east, "depth_m": depth}
+            )
     return pd.DataFrame(table)
 
 
 def _noise_alone(solution: SurveySolution, by_position: Array, inverse: Array) -> Array:
     """Variances if only positions were unknown."""
     at = solution.unknowns.slices
-    columns = np.concatenate([np.arange(at[kind].start, at[kind].stop) for kind in ("position", "array")])
+    columns = np.concatenate(
+        [np.arange(at[kind].start, at[kind].stop) for kind in ("position", "array")]
+    )
     columns = columns[inverse[columns] > 0.0]
     if not columns.size:
         return np.zeros(len(by_position))
@@ -73,7 +83,9 @@ def _platform(solution: SurveySolution, by_position: Array, total: Array) -> Arr
     fit = solution.posterior
     if survey.platform_error.horizontal == survey.platform_error.vertical == 0.0:
         return np.zeros_like(total)
-    products = solution.linear.products(solution.used, solution.correlation, PlatformError(), fit.sigma)
+    products = solution.linear.products(
+        solution.used, solution.correlation, PlatformError(), fit.sigma
+    )
     without = posterior(
         products, solution.unknowns, solution.values, fit.hyperparameters, sigma=fit.sigma, steps=1
     )

@@ -23,15 +23,22 @@ _MIN_RESULTANT = 0.8
 _LEVER_GAIN = 0.6  # ratio of the rms of residuals with the better sign
 _LEVER_CHI_SQUARE = 200.0
 _MAX_EXTRAPOLATION = 10.0  # m of a node below a profile's last level, or 1 % of its depth
-_MAX_HEIGHT = 2.0  # m of a transducer above the surface: waves; more is another reference of heights
+_MAX_HEIGHT = (
+    2.0  # m of a transducer above the surface: waves; more is another reference of heights
+)
 _RARE = 0.05  # fraction of pings that may exceed it, as errors of single heights do
 _MAX_BELOW_BED = 1.0  # m of a node
 _ON_BOUNDARY = 2e-3  # m
 _AXES = ("forward", "starboard", "down")
 
 
-def check_places(where: str, platform: tuple[Array, Array], node: tuple[float, float], name: str) -> None:
-    """Raise an error if the distance of platform and node implies a wrong sign or order of coordinates. [degrees]"""
+def check_places(
+    where: str, platform: tuple[Array, Array], node: tuple[float, float], name: str
+) -> None:
+    """
+    Raise an error if the distance of platform and node implies a wrong sign or order of
+    coordinates. [degrees]
+    """
     lat = float(np.median(platform[0]))
     lon = float(np.median(platform[1]))
     if _distance(lat, lon, *node) < _MAX_DISTANCE:
@@ -47,8 +54,8 @@ def check_places(where: str, platform: tuple[Array, Array], node: tuple[float, f
             advice = what
     away = _distance(lat, lon, *node) / 1000.0
     raise LocateError(
-        f"{where}: the platform is at {lat:.4f}, {lon:.4f} and node {name} at {node[0]:.4f}, {node[1]:.4f}, {away:,.0f} km"
-        f" apart; {advice}"
+        f"{where}: the platform is at {lat:.4f}, {lon:.4f} and node {name} at {node[0]:.4f},"
+        f" {node[1]:.4f}, {away:,.0f} km apart; {advice}"
     )
 
 
@@ -65,12 +72,15 @@ def check_survey(survey: Survey, medium: Medium) -> None:
     """Raise an error for impossible units and signs before the solve."""
     _check_times(survey)
     own = ~survey.between_nodes
-    check_speed(survey.time[own], survey.transmit_position[own], f"{survey.source}: time", LocateError)
+    check_speed(
+        survey.time[own], survey.transmit_position[own], f"{survey.source}: time", LocateError
+    )
     moved_to_water(survey, medium, np.array(survey.lever.offset))
     for node in survey.nodes:
         if node.position[2] < 0.0:
             raise LocateError(
-                f"node {node.name}: its prior depth is {node.position[2]:g} m, above the surface; depths are positive down"
+                f"node {node.name}: its prior depth is {node.position[2]:g} m, above the surface;"
+                " depths are positive down"
             )
     _check_turn_around(survey)
     _check_attitude(survey)
@@ -78,24 +88,30 @@ def check_survey(survey: Survey, medium: Medium) -> None:
     for node in survey.nodes:
         if node.position[2] > _deepest(medium, node.position[2]):
             raise LocateError(
-                f"profile: it ends at {medium.depth[-1]:g} m, above node {node.name} at {node.position[2]:g} m; extend it"
-                " down to the node"
+                f"profile: it ends at {medium.depth[-1]:g} m, above node {node.name} at"
+                f" {node.position[2]:g} m; extend it down to the node"
             )
 
 
 def check_solution(solution: SurveySolution, medium: Medium) -> None:
-    """Raise an error for a profile that ends above a node, or a lever arm with a wrong sign, after the solve."""
+    """
+    Raise an error for a profile that ends above a node, or a lever arm with a wrong sign, after the
+    solve.
+    """
     for name, place in zip(solution.unknowns.survey.names, solution.positions, strict=True):
         if place[2] > _deepest(medium, place[2]):
             raise LocateError(
-                f"profile: it ends at {medium.depth[-1]:g} m, above node {name} at {place[2]:.0f} m; extend it down to the"
-                " node"
+                f"profile: it ends at {medium.depth[-1]:g} m, above node {name} at {place[2]:.0f}"
+                " m; extend it down to the node"
             )
     _check_lever(solution)
 
 
 def moved_to_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, ...]:
-    """Notes about transducers outside the water, whose rays end at its boundary; too many too far outside raise an error."""
+    """
+    Notes about transducers outside the water, whose rays end at its boundary; too many too far
+    outside raise an error.
+    """
     ends = [end[~survey.between_nodes] for end in transducers(survey, lever)]
     count = len(ends[0])
     if not count:
@@ -105,29 +121,43 @@ def moved_to_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, .
     below = np.maximum(*(end[:, 2] - medium.bottom_depth(end) for end in ends))
     notes = []
     for size, where, question in (
-        (height, "above the surface", "are these ellipsoidal heights, or has the lever arm the wrong sign?"),
+        (
+            height,
+            "above the surface",
+            "are these ellipsoidal heights, or has the lever arm the wrong sign?",
+        ),
         (below, "below the sea bed", "check the depths and the sea bed."),
         (in_ice, "above the underside of the ice", ""),
     ):
         outside = int(np.count_nonzero(size > _ON_BOUNDARY))
         if not outside:
             continue
-        line = f"{survey.source}: the transducer is up to {size.max():.1f} m {where} in {outside} of {count} pings"
+        line = (
+            f"{survey.source}: the transducer is up to {size.max():.1f} m {where} in {outside} of"
+            f" {count} pings"
+        )
         if question and np.count_nonzero(size > _MAX_HEIGHT) > _RARE * count:
-            raise LocateError(f"{line}; {question} Depths must be positive down from the sea surface")
+            raise LocateError(
+                f"{line}; {question} Depths must be positive down from the sea surface"
+            )
         notes.append(f"{line}; its rays end there")
     return tuple(notes)
 
 
 def below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
-    """Notes about nodes below the sea bed, whose rays end at the bed; more than a metre raises an error."""
+    """
+    Notes about nodes below the sea bed, whose rays end at the bed; more than a metre raises an
+    error.
+    """
     place = solution.positions
     depth = place[:, 2] - medium.bottom_depth(place)
     notes = []
     for k in np.flatnonzero(depth > _ON_BOUNDARY):
         name = solution.unknowns.survey.names[k]
         bed = place[k, 2] - depth[k]
-        line = f"node {name} at {place[k, 2]:.1f} m is below the sea bed of the water at {bed:.1f} m"
+        line = (
+            f"node {name} at {place[k, 2]:.1f} m is below the sea bed of the water at {bed:.1f} m"
+        )
         if depth[k] > _MAX_BELOW_BED:
             raise LocateError(f"{line}; give a deeper sea bed (bathymetry), or check its pings")
         notes.append(f"{line}; its rays end at the bed")
@@ -143,8 +173,8 @@ def _check_times(survey: Survey) -> None:
     if falls.size:
         row = int(falls[0]) + 1
         raise LocateError(
-            f"{survey.where(row)}: time {survey.time[row]:.3f} s is before the time of the previous ping,"
-            f" {survey.time[row - 1]:.3f} s; times must not decrease; sort the rows"
+            f"{survey.where(row)}: time {survey.time[row]:.3f} s is before the time of the previous"
+            f" ping, {survey.time[row - 1]:.3f} s; times must not decrease; sort the rows"
         )
 
 
@@ -154,8 +184,8 @@ def _check_turn_around(survey: Survey) -> None:
     if long.any():
         row = int(np.argmax(long))
         raise LocateError(
-            f"turn-around time of node {survey.names[survey.node[row]]} is {delay[row]:g} s, longer than most two-way times;"
-            " write milliseconds as '13 ms'"
+            f"turn-around time of node {survey.names[survey.node[row]]} is {delay[row]:g} s, longer"
+            " than most two-way times; write milliseconds as '13 ms'"
         )
 
 
@@ -176,13 +206,15 @@ def _check_attitude(survey: Survey) -> None:
     }
     if fits["radians"] > max(_MIN_RESULTANT, fits["degrees"] + 0.2):
         raise LocateError(
-            f"{survey.source}: headings from {as_radians.min():.2f} to {as_radians.max():.2f} match the course only as radians;"
-            " write attitudes in degrees"
+            f"{survey.source}: headings from {as_radians.min():.2f} to {as_radians.max():.2f} match"
+            " the course only as radians; write attitudes in degrees"
         )
 
 
 def _check_units(survey: Survey, medium: Medium) -> None:
-    """Raise an error if times are in milliseconds: a thousand times too long for the prior positions."""
+    """
+    Raise an error if times are in milliseconds: a thousand times too long for the prior positions.
+    """
     near, _ = transducers(survey, np.array(survey.lever.offset))
     nodes = np.array([node.position for node in survey.nodes])
     alone = ~survey.between_nodes
@@ -196,13 +228,15 @@ def _check_units(survey: Survey, medium: Medium) -> None:
     low, high = _MILLISECONDS
     if low < 1.0 / max(ratio, 1e-9) < high:
         raise LocateError(
-            f"{survey.source}: travel times are {1.0 / ratio:,.0f} times shorter than those of the prior positions (median"
-            f" {np.median(survey.travel_time):g} s); they must be in the unit of their column's name"
+            f"{survey.source}: travel times are {1.0 / ratio:,.0f} times shorter than those of the"
+            f" prior positions (median {np.median(survey.travel_time):g} s); they must be in the"
+            " unit of their column's name"
         )
     if low < ratio < high and np.median(survey.travel_time) > 5.0:
         raise LocateError(
-            f"{survey.source}: travel times are {ratio:,.0f} times those of the prior positions (median"
-            f" {np.median(survey.travel_time):g} s); they must be in seconds; divide milliseconds by 1000"
+            f"{survey.source}: travel times are {ratio:,.0f} times those of the prior positions"
+            f" (median {np.median(survey.travel_time):g} s); they must be in seconds; divide"
+            " milliseconds by 1000"
         )
 
 
@@ -240,6 +274,7 @@ def _check_lever(solution: SurveySolution) -> None:
     if np.sqrt(best[0]) < _LEVER_GAIN and saved > _LEVER_CHI_SQUARE:
         wrong = [name for name, a, b in zip(_AXES, lever, best[1], strict=True) if a != b]
         raise LocateError(
-            f"{unknowns.survey.source}: lever arm {', '.join(f'{x:g}' for x in lever)} m (forward, starboard, down): residuals"
-            f" decrease to {100.0 * np.sqrt(best[0]):.0f} % with the other sign of {' and '.join(wrong)}; change the sign"
+            f"{unknowns.survey.source}: lever arm {', '.join(f'{x:g}' for x in lever)} m (forward,"
+            f" starboard, down): residuals decrease to {100.0 * np.sqrt(best[0]):.0f} % with the"
+            f" other sign of {' and '.join(wrong)}; change the sign"
         )

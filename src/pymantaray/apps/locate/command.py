@@ -1,4 +1,6 @@
-"""Commands of `mantaray locate`: positions of nodes from a survey of pings, and plans of surveys."""
+"""
+Commands of `mantaray locate`: positions of nodes from a survey of pings, and plans of surveys.
+"""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -37,7 +39,9 @@ if TYPE_CHECKING:
 _BED_FACTOR = 1.2  # default depth of the sea bed over the depth of the deepest prior position
 _MAX_LISTED = 10  # unused pings
 _MAX_CANDIDATES = 8
-_NOT_CONVERGED = "check the initial positions, the profile and the pings, or give --sound-speed known"
+_NOT_CONVERGED = (
+    "check the initial positions, the profile and the pings, or give --sound-speed known"
+)
 
 
 class _SurveyGroup(TyperGroup):
@@ -51,7 +55,8 @@ class _SurveyGroup(TyperGroup):
 
 
 app = Commands(
-    help="Locate nodes from a survey of pings: mantaray locate SURVEY. Plan a survey: mantaray locate plan.",
+    help="Locate nodes from a survey of pings: mantaray locate SURVEY. Plan a survey: mantaray"
+    " locate plan.",
     cls=_SurveyGroup,
 )
 
@@ -63,8 +68,23 @@ class SurveyOptions:
     reading: Annotated[
         ReadOptions,
         Fields(
-            *("nodes", "track", "platform", "position_at", "transducer_depth", "depth", "depth_sigma"),
-            *("horizontal_sigma", "turn_around", "turn_around_sigma", "sigma", "lever", "lever_sigma"),
+            *(
+                "nodes",
+                "track",
+                "platform",
+                "position_at",
+                "transducer_depth",
+                "depth",
+                "depth_sigma",
+            ),
+            *(
+                "horizontal_sigma",
+                "turn_around",
+                "turn_around_sigma",
+                "sigma",
+                "lever",
+                "lever_sigma",
+            ),
             offset_sigma="--clock-offset-sigma",
             drift_sigma="--clock-drift-sigma",
         ),
@@ -83,12 +103,16 @@ class SurveyOptions:
     ]
     platform_sigma: Annotated[
         tuple[float, float] | None,
-        typer.Option(metavar="H V", help="Standard deviations of the platform's positions, in metres."),
+        typer.Option(
+            metavar="H V", help="Standard deviations of the platform's positions, in metres."
+        ),
     ] = None
     platform_correlation: Annotated[
         Any,
         typer.Option(
-            parser=quantity("s"), metavar="DURATION", help="Correlation time of the errors of positions."
+            parser=quantity("s"),
+            metavar="DURATION",
+            help="Correlation time of the errors of positions.",
         ),
     ] = "10 min"
     modes: Annotated[
@@ -115,7 +139,8 @@ class SurveyFolderOptions(FolderOptions):
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="New or empty folder for page, tables and files. Default: no files."
+            metavar="FOLDER",
+            help="New or empty folder for page, tables and files. Default: no files.",
         ),
     ] = None
 
@@ -127,7 +152,8 @@ def survey(
         Path,
         typer.Argument(
             metavar="SURVEY",
-            help="A table of pings, survey text of OBSrange, the ini file of GARPOS, or the config.yaml of GNATSS.",
+            help="A table of pings, survey text of OBSrange, the ini file of GARPOS, or the"
+            " config.yaml of GNATSS.",
             show_default=False,
         ),
     ],
@@ -137,7 +163,8 @@ def survey(
     folder: SurveyFolderOptions,
     printing: TableOptions,
     bootstrap: Annotated[
-        int, typer.Option(metavar="N", min=0, help="Number of resampled surveys; 0 for no bootstrap.")
+        int,
+        typer.Option(metavar="N", min=0, help="Number of resampled surveys; 0 for no bootstrap."),
     ] = 0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
 ) -> None:
@@ -158,7 +185,9 @@ def survey(
             values.locate_options(repair_freezing=options.repair_freezing),
             bootstrap=bootstrap,
             seed=seed,
-            progress=None if report is None else lambda done, total: report("bootstrap", done, total),
+            progress=None
+            if report is None
+            else lambda done, total: report("bootstrap", done, total),
         )
     notes += located.notes
     page = None
@@ -185,14 +214,16 @@ class PlannedOptions:
     pattern: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="NAME", help="Pattern: circle, cross, line, rose or lines. May be repeated. Default: all."
+            metavar="NAME",
+            help="Pattern: circle, cross, line, rose or lines. May be repeated. Default: all.",
         ),
     ] = None
     pings: Annotated[int, typer.Option(metavar="N", help="Number of pings per pattern.")] = 100
     radii: Annotated[
         tuple[float, float, int] | None,
         typer.Option(
-            metavar="FROM TO COUNT", help="Radii in metres. Default: 30 radii from 0.1 to 3 times the depth."
+            metavar="FROM TO COUNT",
+            help="Radii in metres. Default: 30 radii from 0.1 to 3 times the depth.",
         ),
     ] = None
     assumed: Annotated[
@@ -206,7 +237,9 @@ class PlannedOptions:
     ]
     depth_sigma: Annotated[
         float,
-        typer.Option(parser=quantity("m"), metavar="M", help="Standard deviation of the prior depth."),
+        typer.Option(
+            parser=quantity("m"), metavar="M", help="Standard deviation of the prior depth."
+        ),
     ] = 100.0
     platform_sigma: Annotated[
         tuple[float, float],
@@ -217,7 +250,9 @@ class PlannedOptions:
         """Return the assumptions of the plan."""
         north, east, _ = self.assumed.node_sigma
         error = PlatformError(*self.platform_sigma)
-        return replace(self.assumed, node_sigma=(north, east, self.depth_sigma), platform_error=error)
+        return replace(
+            self.assumed, node_sigma=(north, east, self.depth_sigma), platform_error=error
+        )
 
     @property
     def radius_values(self) -> "NDArray[np.float64]":
@@ -227,7 +262,8 @@ class PlannedOptions:
         first, last, count = self.radii or (0.1 * self.assumed.depth, 3.0 * self.assumed.depth, 30)
         if not (0.0 < first <= last and 1 <= count <= 1000):
             raise LocateError(
-                f"--radii is {first:g} {last:g} {count}; it must be FROM TO COUNT with 0 < FROM <= TO and COUNT 1 to 1000"
+                f"--radii is {first:g} {last:g} {count}; it must be FROM TO COUNT with 0 < FROM <="
+                " TO and COUNT 1 to 1000"
             )
         return np.linspace(first, last, count)
 
@@ -241,11 +277,16 @@ def plan(
     printing: TableOptions,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="PNG", help="Figure over radius, .png or .pdf; its table is written beside it."),
+        typer.Option(
+            metavar="PNG", help="Figure over radius, .png or .pdf; its table is written beside it."
+        ),
     ] = None,
     force: Force = False,
 ) -> None:
-    """Print the expected standard deviations of a node for patterns of pings, and the best radius of each."""
+    """
+    Print the expected standard deviations of a node for patterns of pings, and the best radius of
+    each.
+    """
     from pymantaray.apps.locate.plan import SHAPES, plan_survey
     from pymantaray.cli.output import check_output
 
@@ -273,7 +314,15 @@ def plan(
             f"Best radius of each pattern, {planned.pings} pings of {1e3 * survey.sigma:g} ms,"
             f" node at {survey.depth:g} m"
         )
-        brief = ["pattern", "radius_m", "sigma_north_m", "sigma_east_m", "sigma_depth_m", "lost", "length_m"]
+        brief = [
+            "pattern",
+            "radius_m",
+            "sigma_north_m",
+            "sigma_east_m",
+            "sigma_depth_m",
+            "lost",
+            "length_m",
+        ]
         printed.table(ResultTable("best", result.best, caption, brief=brief))
         printed.add(plan=result.table, best_horizontal=result.best_horizontal)
         if out is not None:
@@ -293,7 +342,10 @@ def _modes(paths: list[Path] | None, *, repair_freezing: bool) -> "VerticalModes
 def _water(
     source: AnySourceOptions, options: WaterOptions, survey: "Survey"
 ) -> "tuple[Survey, Medium, dict[str, Any], list[str]]":
-    """Medium from the options or the survey's own files, the survey in its frame, a description of the water, and notes."""
+    """
+    Medium from the options or the survey's own files, the survey in its frame, a description of the
+    water, and notes.
+    """
     from pymantaray.acoustics import Medium
     from pymantaray.cli.water import water_notes
 
@@ -309,7 +361,8 @@ def _water(
         interpolation = given.get("interpolation", "linear")
         if "ice_slope_deg" in given:
             raise LocateError(
-                "--ice-slope: rough ice needs --profile or --ocean; add one, or leave out --ice-slope"
+                "--ice-slope: rough ice needs --profile or --ocean; add one, or leave out"
+                " --ice-slope"
             )
         medium = Medium.from_profile(
             depth,
@@ -333,12 +386,16 @@ def _sphere(frame: "LocalFrame | None") -> "EarthSphere":
     from pymantaray.geometry import EarthSphere
 
     if frame is None:
-        raise LocateError("--earth sphere: the survey has no latitude and longitude; remove the option")
+        raise LocateError(
+            "--earth sphere: the survey has no latitude and longitude; remove the option"
+        )
     return EarthSphere.at_latitude(frame.latitude_deg)
 
 
 def _over_a_bed(source: AnySourceOptions, options: WaterOptions, deepest: float) -> "Water":
-    """Water of the source; the default sea bed of a profile is below the profile and the deepest node."""
+    """
+    Water of the source; the default sea bed of a profile is below the profile and the deepest node.
+    """
     from pymantaray.acoustics import read_profiles
     from pymantaray.cli.water import load_water
     from pymantaray.ocean import holds_casts
@@ -367,8 +424,8 @@ def _print_result(out: Printer, located: "Location", notes: list[str]) -> None:
     values = summary(located)
     left = values["rejected"]
     out.line(
-        f"{values['n_used']} of {values['n_all']} pings used, residuals {1e6 * values['rms_s']:.1f} us rms; sound speed:"
-        f" {values['hyperparameters']['sound_speed']}"
+        f"{values['n_used']} of {values['n_all']} pings used, residuals {1e6 * values['rms_s']:.1f}"
+        f" us rms; sound speed: {values['hyperparameters']['sound_speed']}"
     )
     for row in left[:_MAX_LISTED]:
         out.line(f"  not used: line {row['line']}, {row['node']}: {row['reason']}")
@@ -378,7 +435,9 @@ def _print_result(out: Printer, located: "Location", notes: list[str]) -> None:
     out.table(tables["nodes"])
     for row in values["nodes"].to_dict("records"):
         if row["status"] != "ok":
-            out.line(f"{row['name']}: {row['status']}, {row['n_used']} of {row['n_all']} pings used")
+            out.line(
+                f"{row['name']}: {row['status']}, {row['n_used']} of {row['n_all']} pings used"
+            )
     if "budget" in tables:
         out.table(tables["budget"])
     if "candidates" in tables:
@@ -386,8 +445,9 @@ def _print_result(out: Printer, located: "Location", notes: list[str]) -> None:
     for mirror in located.mirrors:
         verdict = "the pings do not exclude it" if mirror.undecided else "the pings exclude it"
         out.line(
-            f"{mirror.node}: the pings are along a line; mirror solution at north {mirror.north:.1f}, east {mirror.east:.1f},"
-            f" depth {mirror.depth:.1f} m with a chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}"
+            f"{mirror.node}: the pings are along a line; mirror solution at north"
+            f" {mirror.north:.1f}, east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a"
+            f" chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}"
         )
     for test in located.tests:
         verdict = "passed" if test.passed else "FAILED"

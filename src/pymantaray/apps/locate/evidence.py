@@ -1,9 +1,11 @@
 r"""
-Posterior and marginal likelihood of a linear system with normal priors, and hyperparameters of maximum likelihood.
+Posterior and marginal likelihood of a linear system with normal priors, and hyperparameters of
+maximum likelihood.
 
-For residuals :math:`y = J\delta + e`, :math:`e \sim N(0, \sigma^2 C)`, :math:`\delta \sim N(m, P)`. The variance of the noise and
-of each group of coefficients follow MacKay's fixed-point rule: a sum of squares over the number of parameters that the data
-determine. ABIC is -2 log evidence + 2 (number of hyperparameters).
+For residuals :math:`y = J\delta + e`, :math:`e \sim N(0, \sigma^2 C)`, :math:`\delta \sim N(m, P)`.
+The variance of the noise and of each group of coefficients follow MacKay's fixed-point rule: a sum
+of squares over the number of parameters that the data determine. ABIC is -2 log evidence + 2
+(number of hyperparameters).
 """
 
 from collections.abc import Mapping
@@ -58,18 +60,27 @@ def posterior(
     """
     Posterior at values, with the noise level [s] and the hyperparameters of maximum evidence.
 
-    The iteration starts from ``sigma`` and ``start``. The noise level stays at ``sigma`` if there are too few pings. The columns
-    ``without`` are fixed. With ``steps=1``, hyperparameters do not change.
+    The iteration starts from ``sigma`` and ``start``. The noise level stays at ``sigma`` if there
+    are too few pings. The columns ``without`` are fixed. With ``steps=1``, hyperparameters do not
+    change.
     """
     prior_sd = unknowns.prior_sd
     if without is not None:
         prior_sd[without] = 0.0
-    groups = {name: c[prior_sd[c] > 0.0] for name, c in unknowns.groups.items() if (prior_sd[c] > 0.0).any()}
+    groups = {
+        name: c[prior_sd[c] > 0.0]
+        for name, c in unknowns.groups.items()
+        if (prior_sd[c] > 0.0).any()
+    }
     active = np.flatnonzero(prior_sd > 0.0)
-    hyper = dict.fromkeys(unknowns.groups, 1.0) | {name: float(start.get(name, 1e-4)) for name in groups}
+    hyper = dict.fromkeys(unknowns.groups, 1.0) | {
+        name: float(start.get(name, 1e-4)) for name in groups
+    }
     mean = (unknowns.prior_mean - values)[active]
     place = {column: i for i, column in enumerate(active.tolist())}
-    members = {name: np.array([place[c] for c in columns.tolist()]) for name, columns in groups.items()}
+    members = {
+        name: np.array([place[c] for c in columns.tolist()]) for name, columns in groups.items()
+    }
     plain = active.size - sum(rows.size for rows in members.values())
     normal = products.normal[np.ix_(active, active)]
     right = products.right[active]

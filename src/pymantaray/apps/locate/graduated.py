@@ -1,4 +1,7 @@
-"""Initial values of a solve by graduated non-convexity, which gradually reduces the weight of gross errors."""
+"""
+Initial values of a solve by graduated non-convexity, which gradually reduces the weight of gross
+errors.
+"""
 
 import numpy as np
 
@@ -19,10 +22,12 @@ def robust_sigma(residual: Array) -> float:
 
 def graduated_change(linear: Linearization, possible: Mask) -> Array:
     """
-    Minimize a Geman-McClure loss of the linear system's residuals, with priors; return the change of all columns.
+    Minimize a Geman-McClure loss of the linear system's residuals, with priors; return the change
+    of all columns.
 
-    The scale of the loss decreases from the largest residual to 3.8 robust standard deviations. The first steps therefore use all
-    pings, and a consistent group of pings does not count as gross errors before the model has changed.
+    The scale of the loss decreases from the largest residual to 3.8 robust standard deviations. The
+    first steps therefore use all pings, and a consistent group of pings does not count as gross
+    errors before the model has changed.
     """
     unknowns = linear.unknowns
     sd = unknowns.prior_sd
@@ -38,7 +43,9 @@ def graduated_change(linear: Linearization, possible: Mask) -> Array:
         sigma = robust_sigma(left)
         weight = Loss("geman-mcclure", scale).weight(left) / sigma**2
         normal = design.T @ (design * weight[:, None]) + np.eye(active.size)
-        z = np.asarray(np.linalg.solve(normal, design.T @ (weight * residual) + offset), dtype=float)
+        z = np.asarray(
+            np.linalg.solve(normal, design.T @ (weight * residual) + offset), dtype=float
+        )
         left = np.asarray(residual - design @ z, dtype=float)
         goal = efficient * robust_sigma(left)
         if scale <= goal:

@@ -50,7 +50,9 @@ def _explained(
         if not others.size:
             continue
         swapped = survey.rows(others).changed(node=np.full(others.size, k))
-        legs = predict(swapped, medium, solution.positions, solution.unknowns.lever(solution.values))
+        legs = predict(
+            swapped, medium, solution.positions, solution.unknowns.lever(solution.values)
+        )
         expected = legs.travel_time * _slowing(solution, rows[others]) + np.where(
             swapped.direction == TravelDirection.TWO_WAY, node.turn_around, 0.0
         )
@@ -78,7 +80,11 @@ def _echoes(
     start, _ = transducers(examined, lever)
     start[:, 2] = np.maximum(start[:, 2], 1e-3)
     arrivals = find_eigenrays(
-        medium, start, solution.positions[examined.node], max_surface_bounces=1, max_bottom_bounces=1
+        medium,
+        start,
+        solution.positions[examined.node],
+        max_surface_bounces=1,
+        max_bottom_bounces=1,
     )
     slowing = _slowing(solution, rows[late])
     residual = solution.linear.residual[rows[late]]

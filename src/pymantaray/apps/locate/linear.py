@@ -1,4 +1,7 @@
-"""Linear system of a survey at one set of values: residuals, derivatives, and their products under a noise model."""
+"""
+Linear system of a survey at one set of values: residuals, derivatives, and their products under a
+noise model.
+"""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -16,7 +19,10 @@ _CHUNK = 2048  # pings whose rows are in memory at a time
 
 
 class Products(NamedTuple):
-    """Products of whitened rows: normal matrix, right-hand side, sum of squares, and terms of the evidence."""
+    """
+    Products of whitened rows: normal matrix, right-hand side, sum of squares, and terms of the
+    evidence.
+    """
 
     normal: Array  # (size, size)
     right: Array  # (size,)
@@ -29,7 +35,8 @@ class Linearization:
     """
     Residuals of a survey's times at some values, and their derivatives by all unknowns.
 
-    ``weight`` (n,) is the standard deviation of each ping's white noise divided by that of the survey.
+    ``weight`` (n,) is the standard deviation of each ping's white noise divided by that of the
+    survey.
     """
 
     def __init__(self, unknowns: SurveyUnknowns, values: Array, legs: Legs, weight: Array) -> None:
@@ -52,7 +59,9 @@ class Linearization:
         node = s.node[part]
         partner = s.partner[part]
         lines = np.arange(node.size)
-        out = np.einsum("ia,iaj->ij", legs.node_gradient[part] * slowing[:, None], self._by_position[node])
+        out = np.einsum(
+            "ia,iaj->ij", legs.node_gradient[part] * slowing[:, None], self._by_position[node]
+        )
         other = partner >= 0
         if other.any():
             gradient = legs.partner_gradient[part][other] * slowing[other, None]
@@ -77,17 +86,20 @@ class Linearization:
         for start in range(0, rows.size, _CHUNK):
             some = rows[start : start + _CHUNK]
             whole = self.rows(slice(int(some[0]), int(some[-1]) + 1))
-            out[start : start + some.size] = whole[some - some[0]][:, which] / self.weight[some, None]
+            out[start : start + some.size] = (
+                whole[some - some[0]][:, which] / self.weight[some, None]
+            )
         return out
 
     def whitened(
         self, used: Mask, correlation: Correlation, platform: PlatformError, sigma: float
     ) -> Iterator[tuple[Array, float]]:
         """
-        Yield chunks of whitened rows of the used pings, with residuals in the last column, and a log determinant.
+        Yield chunks of whitened rows of the used pings, with residuals in the last column, and a
+        log determinant.
 
-        Rows have the variance ``sigma``² [s²] of the survey's white noise. The log determinant is that of the covariance of all
-        rows up to this chunk, in units of this variance.
+        Rows have the variance ``sigma``² [s²] of the survey's white noise. The log determinant is
+        that of the covariance of all rows up to this chunk, in units of this variance.
         """
         rows = np.flatnonzero(used)
         survey = self.unknowns.survey.rows(used)

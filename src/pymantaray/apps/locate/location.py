@@ -28,10 +28,12 @@ _INTERVAL = 1.959964
 _MIN_PINGS = 3  # per node
 _MIN_DEPTH = 0.05  # m; a shallower node counts as above the surface
 _CAPTIONS = {
-    "nodes": "Positions, standard deviations, 95 % ellipse and depth interval; relative: about the mean of all nodes",
+    "nodes": "Positions, standard deviations, 95 % ellipse and depth interval; relative: about the"
+    " mean of all nodes",
     "budget": "Contributions to the standard deviations; their squares add up to that of the total",
     "tests": "Chi-square tests: residuals against the stated noise, and means of bins against zero",
-    "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion, best first",
+    "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion,"
+    " best first",
     "unknowns": "Other estimated parameters",
     "mirrors": "Second solutions of nodes whose pings lie along one line",
     "bootstrap": "Positions of resampled surveys",
@@ -88,7 +90,10 @@ class Location:
 
     @cached_property
     def covariance(self) -> Array:
-        """Joint posterior covariance of all positions (3 n_nodes, 3 n_nodes): north, east, depth of each node. [m²]"""
+        """
+        Joint posterior covariance of all positions (3 n_nodes, 3 n_nodes): north, east, depth of
+        each node. [m²]
+        """
         by_position = self.solution.unknowns.position_map(self.solution.values)
         flat = by_position.reshape(-1, self.solution.unknowns.size)
         return np.asarray(flat @ self.solution.posterior.covariance @ flat.T)
@@ -131,7 +136,10 @@ class Location:
 
     @cached_property
     def nodes(self) -> pd.DataFrame:
-        """One row per node: position, standard deviations, 95 % ellipse and depth interval, pings, residuals, status."""
+        """
+        One row per node: position, standard deviations, 95 % ellipse and depth interval, pings,
+        residuals, status.
+        """
         survey = self.survey
         used = self.solution.used
         place = self.positions
@@ -204,7 +212,10 @@ class Location:
         return {"lat": float(lat[0]), "lon": float(lon[0])} | values
 
     def _relative(self) -> Array:
-        """Standard deviations (n_nodes, 3) of the positions relative to their mean; NaN for one node. [m]"""
+        """
+        Standard deviations (n_nodes, 3) of the positions relative to their mean; NaN for one node.
+        [m]
+        """
         count = len(self.survey.nodes)
         if count < 2:
             return np.full((count, 3), np.nan)
@@ -220,11 +231,16 @@ class Location:
 
     @cached_property
     def pings(self) -> pd.DataFrame:
-        """One row per ping: node, times, residual, leverage, range, azimuth, use, and reason if unused."""
+        """
+        One row per ping: node, times, residual, leverage, range, azimuth, use, and reason if
+        unused.
+        """
         survey = self.survey
         solution = self.solution
         near, _ = solution.transducers()
-        near = np.where(survey.between_nodes[:, None], self.positions[np.maximum(survey.partner, 0)], near)
+        near = np.where(
+            survey.between_nodes[:, None], self.positions[np.maximum(survey.partner, 0)], near
+        )
         step = near - self.positions[survey.node]
         leverage = np.full(len(survey), np.nan)
         leverage[solution.used] = self._leverage()
@@ -254,16 +270,24 @@ class Location:
         fit = self.solution.posterior
         blocks = self.solution.whitened()
         covariance = fit.covariance / fit.sigma**2
-        return np.concatenate([np.einsum("ij,ij->i", b[:, :-1] @ covariance, b[:, :-1]) for b in blocks])
+        return np.concatenate(
+            [np.einsum("ij,ij->i", b[:, :-1] @ covariance, b[:, :-1]) for b in blocks]
+        )
 
     @cached_property
     def budget(self) -> pd.DataFrame:
-        """Contributions to each node's standard deviations, see `pymantaray.apps.locate.budget.error_budget`."""
+        """
+        Contributions to each node's standard deviations, see
+        `pymantaray.apps.locate.budget.error_budget`.
+        """
         return error_budget(self.solution)
 
     @cached_property
     def sound_speed(self) -> pd.DataFrame:
-        """Mean sound speed minus that of the profile over time, with its standard deviation; empty if it is known."""
+        """
+        Mean sound speed minus that of the profile over time, with its standard deviation; empty if
+        it is known.
+        """
         speed = self.solution.unknowns.speed
         s = self.solution
         if not speed.terms:
@@ -277,7 +301,11 @@ class Location:
         variance = np.einsum("ij,jk,ik->i", rows, s.posterior.covariance[own, own], rows)
         change = scale * (rows @ s.values[own])
         return pd.DataFrame(
-            {"time_s": time, "change_m_s": change, "sigma_m_s": scale * np.sqrt(np.maximum(variance, 0.0))}
+            {
+                "time_s": time,
+                "change_m_s": change,
+                "sigma_m_s": scale * np.sqrt(np.maximum(variance, 0.0)),
+            }
         )
 
     @cached_property
@@ -289,13 +317,17 @@ class Location:
         node = self.positions[survey.node]
         out = survey.direction != TravelDirection.FROM_NODE
         back = survey.direction != TravelDirection.TO_NODE
-        length = np.linalg.norm(near - node, axis=1) * out + np.linalg.norm(away - node, axis=1) * back
+        length = (
+            np.linalg.norm(near - node, axis=1) * out + np.linalg.norm(away - node, axis=1) * back
+        )
         rows = s.used & ~survey.between_nodes
         return float(np.median(length[rows] / s.legs.travel_time[rows])) if rows.any() else 1500.0
 
     @cached_property
     def other_unknowns(self) -> pd.DataFrame:
-        """Estimated turn-around times, clocks, lever arm and array shift, with standard deviations."""
+        """
+        Estimated turn-around times, clocks, lever arm and array shift, with standard deviations.
+        """
         u = self.solution.unknowns
         values = self.solution.values
         sd = np.sqrt(np.maximum(np.diag(self.solution.posterior.covariance), 0.0))
@@ -309,7 +341,12 @@ class Location:
             "lever": [f"lever arm {axis} [m]" for axis in ("forward", "starboard", "down")],
         }
         rows = [
-            {"unknown": label, "value": values[column], "sigma": sd[column], "prior": u.prior_mean[column]}
+            {
+                "unknown": label,
+                "value": values[column],
+                "sigma": sd[column],
+                "prior": u.prior_mean[column],
+            }
             for kind, own in labels.items()
             for label, column in zip(own, range(at[kind].start, at[kind].stop), strict=True)
             if u.prior_sd[column] > 0.0
@@ -321,7 +358,9 @@ class Location:
         """All tables by name, in the order of the page; empty ones are left out."""
         frames = {
             "nodes": self.nodes,
-            "budget": self.budget[(self.budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)],
+            "budget": self.budget[
+                (self.budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)
+            ],
             "tests": test_table(self.tests),
             "candidates": self.candidates,
             "unknowns": self.other_unknowns,
@@ -365,7 +404,10 @@ class Location:
 
 
 def ellipse(covariance: Array) -> tuple[float, float, float]:
-    """Semi-axes of the 95 % ellipse [m] of a covariance of north and east, and the azimuth of the major axis [degrees]."""
+    """
+    Semi-axes of the 95 % ellipse [m] of a covariance of north and east, and the azimuth of the
+    major axis [degrees].
+    """
     values, vectors = np.linalg.eigh(covariance)
     minor, major = np.sqrt(np.maximum(values, 0.0)) * _ELLIPSE
     azimuth = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1])) % 180.0
@@ -405,12 +447,14 @@ def locate(
     Returns
     -------
     Location
-        Positions with covariance. Nodes without rays or with too few pings have a status; unused pings have a reason.
+        Positions with covariance. Nodes without rays or with too few pings have a status; unused
+        pings have a reason.
 
     Raises
     ------
     LocateError
-        If units or signs are impossible, the profile ends above a node, or the model explains no ping.
+        If units or signs are impossible, the profile ends above a node, or the model explains no
+        ping.
     """
     chosen = options or LocateOptions()
     check_survey(survey, medium)
@@ -421,7 +465,9 @@ def locate(
     notes += moved_to_water(survey, medium, solution.unknowns.lever(solution.values))
     draws = None
     if bootstrap:
-        draws = bootstrap_positions(solution, bootstrap, seed=seed, threads=threads, progress=progress)
+        draws = bootstrap_positions(
+            solution, bootstrap, seed=seed, threads=threads, progress=progress
+        )
     return Location(
         survey,
         solution,

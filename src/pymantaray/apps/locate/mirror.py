@@ -1,4 +1,7 @@
-"""Second solution of a survey along one line: the mirror image of the node in the vertical plane through the line."""
+"""
+Second solution of a survey along one line: the mirror image of the node in the vertical plane
+through the line.
+"""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -16,7 +19,10 @@ _MIN_DIFFERENCE = 25.0  # chi-square; with a smaller difference, the data do not
 
 @dataclass(frozen=True)
 class Mirror:
-    """Mirrored position of a node, and the excess of its chi-square; `undecided` if the data do not exclude it."""
+    """
+    Mirrored position of a node, and the excess of its chi-square; `undecided` if the data do not
+    exclude it.
+    """
 
     node: str
     north: float
@@ -40,7 +46,10 @@ class _Candidate(NamedTuple):
 
 
 def with_mirrors(solver: Solver, solution: SurveySolution) -> tuple[SurveySolution, list[Mirror]]:
-    """Solution of the lowest chi-square, and the mirror solutions of its nodes whose pings are along one line."""
+    """
+    Solution of the lowest chi-square, and the mirror solutions of its nodes whose pings are along
+    one line.
+    """
     for _ in solver.survey.names:
         mirrored = _mirrored(solver, solution)
         best = lowest([_Candidate(_cost(solution, solution), solution), *mirrored])
@@ -59,7 +68,11 @@ def _mirrored(solver: Solver, solution: SurveySolution) -> list[_Candidate]:
     result = []
     for k, name in enumerate(survey.names):
         rows = solution.used & (survey.node == k) & (survey.partner < 0)
-        if rows.sum() < 3 or solution.unknowns.arrangement != "free" or not any(survey.nodes[k].sigma[:2]):
+        if (
+            rows.sum() < 3
+            or solution.unknowns.arrangement != "free"
+            or not any(survey.nodes[k].sigma[:2])
+        ):
             continue
         points = 0.5 * (near + away)[rows, :2]
         centre = points.mean(axis=0)
@@ -97,7 +110,10 @@ def _descend(solver: Solver, solution: SurveySolution, values: Array) -> SurveyS
 
 
 def _cost(solution: SurveySolution, main: SurveySolution) -> float:
-    """Chi-square of residuals and prior positions with the main solution's noise; gross errors count with the limit."""
+    """
+    Chi-square of residuals and prior positions with the main solution's noise; gross errors count
+    with the limit.
+    """
     survey = solution.unknowns.survey
     fit = main.posterior
     level = fit.sigma * np.sqrt(main.correlation.variance) * solution.linear.weight

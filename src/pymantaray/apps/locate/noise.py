@@ -1,5 +1,6 @@
 r"""
-Noise of pings: white noise, noise that is correlated in time, and errors of the platform's positions.
+Noise of pings: white noise, noise that is correlated in time, and errors of the platform's
+positions.
 
 With :math:`\Delta` the time between two pings, their covariance is
 :math:`\sigma^2(\delta + r\,e^{-|\Delta|/\mu}(m + (1-m)\,[\text{same node}]))`.
@@ -43,8 +44,8 @@ class Whitener:
     """
     Whitening of a survey's rows in order of time: independent rows with equal variance.
 
-    ``sensitivity`` (n, 3) is the derivative of each time by the platform's position, in standard deviations of the white noise
-    per metre.
+    ``sensitivity`` (n, 3) is the derivative of each time by the platform's position, in standard
+    deviations of the white noise per metre.
     """
 
     def __init__(
@@ -69,7 +70,9 @@ class Whitener:
                 memory += [correlation.memory] * k
                 variance += [correlation.ratio * (1.0 - correlation.shared)] * k
         axes = [
-            (axis, s) for axis, s in enumerate((platform.horizontal,) * 2 + (platform.vertical,)) if s > 0.0
+            (axis, s)
+            for axis, s in enumerate((platform.horizontal,) * 2 + (platform.vertical,))
+            if s > 0.0
         ]
         for axis, sigma in axes:
             columns.append(sensitivity[:, axis : axis + 1])

@@ -1,4 +1,7 @@
-"""Options of the solver and of plans. The module imports little, because the command line generates its options from it."""
+"""
+Options of the solver and of plans. The module imports little, because the command line generates
+its options from it.
+"""
 
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Literal, get_args
@@ -25,7 +28,8 @@ class SpeedPrior:
     scale : float
         Standard deviation of the relative error of the whole profile of sound speed. [-]
     gradient : float
-        Standard deviation of constant horizontal gradients of the relative error of the sound speed. [1/km]
+        Standard deviation of constant horizontal gradients of the relative error of the sound
+        speed. [1/km]
     knot_interval : float
         Spacing of the splines' knots; 0 for one eightieth of the survey, but at least 5 min. [s]
     """
@@ -38,8 +42,8 @@ class SpeedPrior:
         """Check the numbers."""
         if not (self.scale > 0.0 and self.gradient > 0.0 and self.knot_interval >= 0.0):
             raise LocateError(
-                f"speed_prior: scale {self.scale:g}, gradient {self.gradient:g}, knot_interval {self.knot_interval:g} s;"
-                " all must be positive"
+                f"speed_prior: scale {self.scale:g}, gradient {self.gradient:g}, knot_interval"
+                f" {self.knot_interval:g} s; all must be positive"
             )
 
 
@@ -51,13 +55,16 @@ class LocateOptions:
     Parameters
     ----------
     speed_model : {"auto", "known", "scale", "time", "gradient", "modes"}
-        Model of the sound speed relative to the profile; ``auto`` selects it by the marginal likelihood.
+        Model of the sound speed relative to the profile; ``auto`` selects it by the marginal
+        likelihood.
     correlation : {"auto", "none"}
-        Correlated noise of pings: ``auto`` selects it by the marginal likelihood, ``none`` excludes it.
+        Correlated noise of pings: ``auto`` selects it by the marginal likelihood, ``none`` excludes
+        it.
     gross : float
         Limit for gross errors, in robust standard deviations of the residuals. [-]
     arrangement : {"free", "rigid"}, optional
-        ``rigid`` moves all nodes together in their prior arrangement. Default: as in the survey's files, else ``free``.
+        ``rigid`` moves all nodes together in their prior arrangement. Default: as in the survey's
+        files, else ``free``.
     speed_prior : SpeedPrior
         Prior of the sound speed.
     modes : VerticalModes, optional
@@ -74,15 +81,22 @@ class LocateOptions:
     def __post_init__(self) -> None:
         """Check all values."""
         if self.speed_model not in ("auto", *KINDS):
-            raise LocateError(f"speed_model is {self.speed_model!r}; allowed: auto, {', '.join(KINDS)}")
+            raise LocateError(
+                f"speed_model is {self.speed_model!r}; allowed: auto, {', '.join(KINDS)}"
+            )
         if self.correlation not in ("auto", "none"):
             raise LocateError(f"correlation is {self.correlation!r}; allowed: auto, none")
         if not self.gross > 2.0:
-            raise LocateError(f"gross is {self.gross:g}; it must be greater than 2 standard deviations")
+            raise LocateError(
+                f"gross is {self.gross:g}; it must be greater than 2 standard deviations"
+            )
 
     @property
     def kinds(self) -> tuple[Kind, ...]:
-        """Candidate models, simplest first, without ``known``: its evidence is high if the data cannot test it."""
+        """
+        Candidate models, simplest first, without ``known``: its evidence is high if the data cannot
+        test it.
+        """
         if self.speed_model != "auto":
             return (self.speed_model,)
         return KINDS[1:] if self.modes is not None else KINDS[1:-1]
@@ -132,14 +146,16 @@ class PlanOptions:
         """Check."""
         if not (self.depth > self.transducer_depth >= 0.0):
             raise LocateError(
-                f"plan: depth of the node is {self.depth:g} m, of the transducer {self.transducer_depth:g} m; the node must be"
-                " deeper"
+                f"plan: depth of the node is {self.depth:g} m, of the transducer"
+                f" {self.transducer_depth:g} m; the node must be deeper"
             )
         if not (self.sigma > 0.0 and self.ping_interval > 0.0):
             raise LocateError(
-                f"plan: sigma is {self.sigma:g} s, ping_interval {self.ping_interval:g} s; both must be positive"
+                f"plan: sigma is {self.sigma:g} s, ping_interval {self.ping_interval:g} s; both"
+                " must be positive"
             )
         if self.speed_model not in get_args(PlanKind):
             raise LocateError(
-                f"plan: speed_model is {self.speed_model!r}; allowed: {', '.join(get_args(PlanKind))}"
+                f"plan: speed_model is {self.speed_model!r}; allowed:"
+                f" {', '.join(get_args(PlanKind))}"
             )

@@ -1,4 +1,7 @@
-"""Page, tables and figures of located nodes: survey map, residuals, sound speed over time; and the figure of a plan."""
+"""
+Page, tables and figures of located nodes: survey map, residuals, sound speed over time; and the
+figure of a plan.
+"""
 
 from collections.abc import Sequence
 from functools import partial
@@ -48,15 +51,16 @@ def write_location_page(
     notes : list of str, optional
         Lines for the top of the page.
     formats : sequence of str
-        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables
+        as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``. The same folder contains ``tables`` (CSV), ``figures``, ``landmarks.toml``, ``nodes.geojson``,
-        ``survey.pyfg``, ``location.nc`` and ``locate.json``.
+        The page, ``index.html``. The same folder contains ``tables`` (CSV), ``figures``,
+        ``landmarks.toml``, ``nodes.geojson``, ``survey.pyfg``, ``location.nc`` and ``locate.json``.
 
     Raises
     ------
@@ -66,7 +70,9 @@ def write_location_page(
     record = (made_by or {}) | {"model": location.hyperparameters}
     page_of = partial(_page, location, notes or [])
     others = partial(write_location, location)
-    return write_page(out, "locate", _figure_specs(location), page_of, record, formats, progress, others)
+    return write_page(
+        out, "locate", _figure_specs(location), page_of, record, formats, progress, others
+    )
 
 
 def _page(
@@ -96,14 +102,16 @@ def _page(
 def warnings_of(location: Location) -> list[str]:
     """Lines that a reader must know before trusting the positions."""
     lines = [
-        f"Test failed: {test.name}, chi-square {show(test.chi_square)} of {test.degrees:.0f} degrees of freedom; the standard"
-        " deviations are too small."
+        f"Test failed: {test.name}, chi-square {show(test.chi_square)} of {test.degrees:.0f}"
+        " degrees of freedom; the standard deviations are too small."
         for test in location.tests
         if not test.passed
     ]
     nodes = location.nodes
     lines += [
-        f"{row['name']}: {row['status']}." for row in nodes.to_dict("records") if row["status"] != "ok"
+        f"{row['name']}: {row['status']}."
+        for row in nodes.to_dict("records")
+        if row["status"] != "ok"
     ][:_MAX_WARNED]
     return lines
 
@@ -112,8 +120,15 @@ def _fact(location: Location) -> str:
     used = int(location.solution.used.sum())
     count = len(location.survey)
     epoch = location.survey.epoch
-    day = "" if np.isnat(epoch) else f", {np.datetime_as_string(epoch, unit='m').replace('T', ' ')} UTC"
-    return f"{location.survey.source}: {used:,} of {count:,} pings used, {counted(len(location.survey.nodes), 'node')}{day}"
+    day = (
+        ""
+        if np.isnat(epoch)
+        else f", {np.datetime_as_string(epoch, unit='m').replace('T', ' ')} UTC"
+    )
+    return (
+        f"{location.survey.source}: {used:,} of {count:,} pings used,"
+        f" {counted(len(location.survey.nodes), 'node')}{day}"
+    )
 
 
 def _cards(location: Location) -> list[Card]:
@@ -126,10 +141,16 @@ def _cards(location: Location) -> list[Card]:
             else f"{row['north']:.2f} N, {row['east']:.2f} E m"
         )
         sigma = (
-            "σ " + ", ".join(f"{row[f'sigma_{axis}_m']:.2g}" for axis in ("north", "east", "depth")) + " m"
+            "σ "
+            + ", ".join(f"{row[f'sigma_{axis}_m']:.2g}" for axis in ("north", "east", "depth"))
+            + " m"
         )
-        cards.append(Card(str(row["name"]), place, f"depth {row['depth']:.2f} m; {sigma} north, east, depth"))
-    cards.append(Card("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the used pings"))
+        cards.append(
+            Card(str(row["name"]), place, f"depth {row['depth']:.2f} m; {sigma} north, east, depth")
+        )
+    cards.append(
+        Card("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the used pings")
+    )
     model = location.hyperparameters
     compared = location.candidates["sound_speed"].nunique() > 1
     chosen = "model with the largest marginal likelihood" if compared else "model as requested"
@@ -156,13 +177,14 @@ def _figure_specs(location: Location) -> list[FigureSpec]:
     specs = [
         FigureSpec(
             "survey_map",
-            "Pings coloured by residual, nodes with their 95 % ellipses, and prior positions. Right: ellipses and prior positions"
-            " of each node about its estimate.",
+            "Pings coloured by residual, nodes with their 95 % ellipses, and prior positions."
+            " Right: ellipses and prior positions of each node about its estimate.",
             lambda: survey_map(location, header),
         ),
         FigureSpec(
             "residuals",
-            "Residuals of the used pings, measured minus predicted, over time, azimuth from the node and horizontal range.",
+            "Residuals of the used pings, measured minus predicted, over time, azimuth from the"
+            " node and horizontal range.",
             lambda: residual_panels(location, header),
         ),
     ]
@@ -170,7 +192,8 @@ def _figure_specs(location: Location) -> list[FigureSpec]:
         specs.append(
             FigureSpec(
                 "sound_speed",
-                "Mean sound speed along the rays minus that of the profile, with its 95 % interval.",
+                "Mean sound speed along the rays minus that of the profile, with its 95 %"
+                " interval.",
                 lambda: speed_over_time(location, header),
             )
         )
@@ -198,7 +221,9 @@ def survey_map(location: Location, header: str) -> Figure:
     )
     figure.colorbar(points, ax=whole, label="Residual [µs]", location="bottom", shrink=0.8)
     nodes = location.nodes
-    whole.plot(nodes["prior_east"], nodes["prior_north"], "x", color=style.ORANGE, label="prior position")
+    whole.plot(
+        nodes["prior_east"], nodes["prior_north"], "x", color=style.ORANGE, label="prior position"
+    )
     whole.plot(nodes["east"], nodes["north"], "o", color=style.INK, markersize=3.0, label="node")
     for row in nodes.to_dict("records"):
         whole.annotate(
@@ -221,7 +246,9 @@ def survey_map(location: Location, header: str) -> Figure:
         north = along * np.cos(turn) - across * np.sin(turn)
         east = along * np.sin(turn) + across * np.cos(turn)
         near.plot(east, north, color=colour, label=style.plain(style.short(str(row["name"]), 12)))
-        near.plot(row["prior_east"] - row["east"], row["prior_north"] - row["north"], "x", color=colour)
+        near.plot(
+            row["prior_east"] - row["east"], row["prior_north"] - row["north"], "x", color=colour
+        )
     near.plot(0.0, 0.0, "+", color=style.INK)
     near.set_xlim(-1.5 * largest, 1.5 * largest)
     near.set_ylim(-1.5 * largest, 1.5 * largest)
@@ -230,7 +257,8 @@ def survey_map(location: Location, header: str) -> Figure:
     near.set_ylabel("North of the estimate [m]")
     style.panel_title(near, "b", "95 % ellipses")
     style.common_legend(
-        figure, [*whole.get_legend_handles_labels()[0], *near.get_legend_handles_labels()[0][:_MAX_NODES]]
+        figure,
+        [*whole.get_legend_handles_labels()[0], *near.get_legend_handles_labels()[0][:_MAX_NODES]],
     )
     return figure
 
@@ -247,7 +275,9 @@ def residual_panels(location: Location, header: str) -> Figure:
         ("range_m", 1e-3, "Horizontal range [km]"),
     )
     names = location.survey.names
-    colours = style.vehicle_colours(len(names)) if len(names) <= _MAX_NODES else [style.BLUE] * len(names)
+    colours = (
+        style.vehicle_colours(len(names)) if len(names) <= _MAX_NODES else [style.BLUE] * len(names)
+    )
     for axes, (column, factor, label), letter in zip(panels, axes_of, "abc", strict=True):
         for colour, name in zip(colours, names, strict=True):
             part = pings[pings["node"] == name]
@@ -277,7 +307,11 @@ def speed_over_time(location: Location, header: str) -> Figure:
     hours = table["time_s"] / 3600.0
     half = 1.96 * table["sigma_m_s"]
     axes.fill_between(
-        hours, table["change_m_s"] - half, table["change_m_s"] + half, color=style.PALE, label="95 % interval"
+        hours,
+        table["change_m_s"] - half,
+        table["change_m_s"] + half,
+        color=style.PALE,
+        label="95 % interval",
     )
     axes.plot(hours, table["change_m_s"], color=style.BLUE, label="estimate")
     axes.axhline(0.0, color=style.INK, linewidth=0.7, linestyle="--", label="profile")
@@ -325,7 +359,11 @@ def plan_figure(plan: SurveyPlan) -> Figure:
             part = plan.table[plan.table["pattern"] == shape]
             axes.plot(part["radius_m"] / 1e3, part[column], color=colour, label=shape)
             axes.plot(
-                best.loc[shape, "radius_m"] / 1e3, best.loc[shape, column], "o", color=colour, markersize=4.0
+                best.loc[shape, "radius_m"] / 1e3,
+                best.loc[shape, column],
+                "o",
+                color=colour,
+                markersize=4.0,
             )
         axes.set_yscale("log")
         axes.set_xlabel("Radius [km]")

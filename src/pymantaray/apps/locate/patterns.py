@@ -1,4 +1,7 @@
-"""Chi-square tests of a fit: residuals against the stated noise, and against patterns over time, azimuth, range and attitude."""
+"""
+Chi-square tests of a fit: residuals against the stated noise, and against patterns over time,
+azimuth, range and attitude.
+"""
 
 from dataclasses import dataclass
 
@@ -19,7 +22,10 @@ _MIN_ATTITUDE_SPREAD = 0.02  # rad; with a smaller spread, patterns over attitud
 
 @dataclass(frozen=True)
 class NoiseTest:
-    """Result of one test: name, chi-square, degrees of freedom, probability of a larger value, and verdict."""
+    """
+    Result of one test: name, chi-square, degrees of freedom, probability of a larger value, and
+    verdict.
+    """
 
     name: str
     chi_square: float
@@ -37,8 +43,9 @@ def noise_tests(solution: SurveySolution) -> list[NoiseTest]:
     """
     Test the residuals of a solution.
 
-    ``stated noise`` compares residuals with the standard deviations in the survey, if there are any; it is two-sided. The other
-    tests compare means of bins with zero at the estimated noise. A term that the model lacks causes a pattern.
+    ``stated noise`` compares residuals with the standard deviations in the survey, if there are
+    any; it is two-sided. The other tests compare means of bins with zero at the estimated noise. A
+    term that the model lacks causes a pattern.
     """
     survey = solution.unknowns.survey
     used = solution.used
@@ -55,12 +62,16 @@ def noise_tests(solution: SurveySolution) -> list[NoiseTest]:
         tests.append(NoiseTest("stated noise", total, degrees, probability, probability > LEVEL))
     patterns = _coordinates(solution)
     for name, (coordinate, group) in patterns.items():
-        tests.append(_pattern(name, white / solution.posterior.sigma, coordinate, group, len(patterns)))
+        tests.append(
+            _pattern(name, white / solution.posterior.sigma, coordinate, group, len(patterns))
+        )
     return tests
 
 
 def whitened_residuals(solution: SurveySolution) -> Array:
-    """Independent residuals of the used pings, with the standard deviation of the white noise. [s]"""
+    """
+    Independent residuals of the used pings, with the standard deviation of the white noise. [s]
+    """
     change = solution.posterior.change
     return np.concatenate([block[:, -1] - block[:, :-1] @ change for block in solution.whitened()])
 
@@ -98,4 +109,6 @@ def _pattern(
             total += float(part.sum() ** 2 / part.size)
             bins += 1
     probability = float(chdtrc(bins, total))
-    return NoiseTest(f"pattern over {name}", total, float(bins), probability, probability > LEVEL / count)
+    return NoiseTest(
+        f"pattern over {name}", total, float(bins), probability, probability > LEVEL / count
+    )

@@ -1,4 +1,7 @@
-"""Plans of surveys: expected standard deviations for patterns of pings, from the Jacobians of the solver."""
+"""
+Plans of surveys: expected standard deviations for patterns of pings, from the Jacobians of the
+solver.
+"""
 
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
@@ -34,7 +37,8 @@ class Pattern:
     Parameters
     ----------
     shape : {"circle", "cross", "line", "rose", "lines"}
-        One full circle, two lines at right angles, one line, four petals through the middle, or five parallel lines.
+        One full circle, two lines at right angles, one line, four petals through the middle, or
+        five parallel lines.
     radius : float
         Extent of the pattern from its middle. [m]
     pings : int
@@ -67,7 +71,9 @@ class Pattern:
         elif self.shape == "line":
             unit = np.column_stack([2.0 * s - 1.0, 0.0 * s])
         else:
-            unit = _along_lines(s, 2 if self.shape == "cross" else _LINES, crossed=self.shape == "cross")
+            unit = _along_lines(
+                s, 2 if self.shape == "cross" else _LINES, crossed=self.shape == "cross"
+            )
         return np.asarray(self.radius * unit)
 
 
@@ -78,7 +84,9 @@ def _along_lines(s: Array, count: int, *, crossed: bool) -> Array:
     along = np.where(which % 2 == 0, along, -along)
     if crossed:
         return np.where(
-            (which == 0)[:, None], np.column_stack([along, 0.0 * s]), np.column_stack([0.0 * s, along])
+            (which == 0)[:, None],
+            np.column_stack([along, 0.0 * s]),
+            np.column_stack([0.0 * s, along]),
         )
     return np.column_stack([along, 2.0 * which / (count - 1) - 1.0])
 
@@ -88,8 +96,9 @@ class SurveyPlan:
     """
     Expected standard deviations of a node over the radius of patterns.
 
-    ``table`` has the columns ``pattern``, ``radius_m``, ``sigma_north_m``, ``sigma_east_m``, ``sigma_depth_m``,
-    ``sigma_horizontal_m`` (square root of the sum of both variances), ``lost`` (pings without a ray) and ``length_m`` (track).
+    ``table`` has the columns ``pattern``, ``radius_m``, ``sigma_north_m``, ``sigma_east_m``,
+    ``sigma_depth_m``, ``sigma_horizontal_m`` (square root of the sum of both variances), ``lost``
+    (pings without a ray) and ``length_m`` (track).
     """
 
     table: pd.DataFrame
@@ -97,8 +106,12 @@ class SurveyPlan:
 
     @property
     def best(self) -> pd.DataFrame:
-        """Row with the smallest three-dimensional standard deviation of each pattern, best first."""
-        return self._smallest(self.table["sigma_horizontal_m"] ** 2 + self.table["sigma_depth_m"] ** 2)
+        """
+        Row with the smallest three-dimensional standard deviation of each pattern, best first.
+        """
+        return self._smallest(
+            self.table["sigma_horizontal_m"] ** 2 + self.table["sigma_depth_m"] ** 2
+        )
 
     @property
     def best_horizontal(self) -> pd.DataFrame:
@@ -118,7 +131,10 @@ def expected_survey(pattern: Pattern, options: PlanOptions) -> Survey:
     step = np.gradient(points, axis=0)
     attitude = np.column_stack([np.arctan2(step[:, 1], step[:, 0]), np.zeros(n), np.zeros(n)])
     node = Node(
-        "node", (0.0, 0.0, options.depth), options.node_sigma, turn_around_sigma=options.turn_around_sigma
+        "node",
+        (0.0, 0.0, options.depth),
+        options.node_sigma,
+        turn_around_sigma=options.turn_around_sigma,
     )
     return Survey(
         nodes=(node,),
@@ -188,7 +204,8 @@ def plan_survey(
     """
     if options.depth > float(medium.depth[-1]) + 10.0:
         raise LocateError(
-            f"profile: it ends at {medium.depth[-1]:g} m, above the node at {options.depth:g} m; extend it down to the node"
+            f"profile: it ends at {medium.depth[-1]:g} m, above the node at {options.depth:g} m;"
+            " extend it down to the node"
         )
     rows = []
     with threadpool_limits(limits=1, user_api="blas"):

@@ -19,8 +19,9 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
     Parameters
     ----------
     path : str or pathlib.Path
-        A table (columns ``time``, ``node``, ``two_way_time_s`` and positions), survey text of OBSrange in both formats, the ini
-        file of GARPOS, or the ``config.yaml`` of GNATSS. The latter two name further files.
+        A table (columns ``time``, ``node``, ``two_way_time_s`` and positions), survey text of
+        OBSrange in both formats, the ini file of GARPOS, or the ``config.yaml`` of GNATSS. The
+        latter two name further files.
     options : ReadOptions, optional
         Data that the file does not contain: prior positions, a track, transducer depth and so on.
 

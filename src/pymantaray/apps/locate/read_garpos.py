@@ -1,9 +1,11 @@
 """
-Reader of GARPOS surveys from their ini file: site, stations with priors, antenna to transducer, pings and profile.
+Reader of GARPOS surveys from their ini file: site, stations with priors, antenna to transducer,
+pings and profile.
 
-Columns, signs and units follow the documentation of https://github.com/s-watanabe-jhod/garpos: east, north and up from the
-site's origin; ``ATDoffset`` forward, rightward and downward; attitudes in degrees; ``flag`` is true for unused pings. ``TT`` is
-the travel time without the transponder's delay. Depths are below the origin's ``Height0``.
+Columns, signs and units follow the documentation of https://github.com/s-watanabe-jhod/garpos:
+east, north and up from the site's origin; ``ATDoffset`` forward, rightward and downward; attitudes
+in degrees; ``flag`` is true for unused pings. ``TT`` is the travel time without the transponder's
+delay. Depths are below the origin's ``Height0``.
 """
 
 import configparser
@@ -39,7 +41,9 @@ class _Settings:
         self.path = path
         parser = configparser.ConfigParser(interpolation=None, strict=False, allow_no_value=True)
         try:
-            parser.read_string(read_text(path, LocateError, what="an ini file", errors="replace"), str(path))
+            parser.read_string(
+                read_text(path, LocateError, what="an ini file", errors="replace"), str(path)
+            )
         except (
             configparser.Error,
             AttributeError,
@@ -59,7 +63,9 @@ class _Settings:
             raise LocateError(f"{self.path}: [{section}] has no {key}; add it")
         return value.split("#")[0].strip()
 
-    def numbers(self, section: str, key: str, least: int, default: str | None = None) -> list[float]:
+    def numbers(
+        self, section: str, key: str, least: int, default: str | None = None
+    ) -> list[float]:
         """Numbers of an entry, with a minimum count."""
         text = self.text(section, key, default)
         try:
@@ -89,7 +95,9 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
     invalid = InvalidLines()
     table = read_text_table(pings, invalid=invalid)
     there = set(table.frame.columns)
-    table = table.readable(invalid, words=["MT"], numbers=[*_REQUIRED, *(n for n in _NUMBERS if n in there)])
+    table = table.readable(
+        invalid, words=["MT"], numbers=[*_REQUIRED, *(n for n in _NUMBERS if n in there)]
+    )
     invalid.refuse_most(len(table.frame), LocateError)
     survey = _survey(settings, table, nodes, names)
     profile = settings.text("Obs-parameter", "SoundSpeed", "")
@@ -103,7 +111,10 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
             profile=None if not profile else _profile(_find(settings, profile)),
             frame=LocalFrame(latitude, longitude),
             notes=(
-                f"{path}: depths are relative to the site's origin, {height:g} m above the ellipsoid",
+                (
+                    f"{path}: depths are relative to the site's origin, {height:g} m above the"
+                    " ellipsoid"
+                ),
                 *invalid.notes,
             ),
         )
@@ -113,7 +124,9 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
 def _nodes(
     settings: _Settings, names: list[str]
 ) -> tuple[tuple[Node, ...], tuple[float, float, float, float] | None]:
-    """Nodes with priors, and priors of a rigid array if the stations are fixed and the centre is not."""
+    """
+    Nodes with priors, and priors of a rigid array if the stations are fixed and the centre is not.
+    """
     centre = settings.numbers("Model-parameter", "dCentPos", 3, "0 0 0")
     centre_sigma = (centre + [0.0] * 3)[3:6]
     nodes = []
@@ -125,13 +138,16 @@ def _nodes(
     if not any(any(node.sigma) for node in nodes):
         if not any(centre_sigma):
             raise LocateError(
-                f"{settings.path}: all sigmas of stations and of dCentPos are 0; at least one must be positive"
+                f"{settings.path}: all sigmas of stations and of dCentPos are 0; at least one must"
+                " be positive"
             )
         return tuple(nodes), (centre_sigma[1], centre_sigma[0], centre_sigma[2], 0.0)
     return tuple(nodes), None
 
 
-def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], names: list[str]) -> Survey:
+def _survey(
+    settings: _Settings, table: TextTable, nodes: tuple[Node, ...], names: list[str]
+) -> Survey:
     columns = set(table.frame.columns)
     time, sent, e0, n0, u0 = table.numbers(_REQUIRED).T
     check_seconds(sent, f"{table.path}: ST", LocateError)
@@ -140,8 +156,8 @@ def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], name
     if (received <= sent).any():
         row = int(np.argmax(received <= sent))
         raise LocateError(
-            f"{table.where(row)}: RT {received[row]:.6f} is not after ST {sent[row]:.6f}; both must be"
-            " in seconds"
+            f"{table.where(row)}: RT {received[row]:.6f} is not after ST {sent[row]:.6f}; both must"
+            " be in seconds"
         )
     away = near
     if {"ant_e1", "ant_n1", "ant_u1"} <= columns:
@@ -150,7 +166,8 @@ def _survey(settings: _Settings, table: TextTable, nodes: tuple[Node, ...], name
     unknown = [mt for mt in table.frame["MT"] if mt not in names]
     if unknown:
         raise LocateError(
-            f"{table.where(table.frame['MT'].tolist().index(unknown[0]))}: transponder {unknown[0]!r} is not a station of the site; allowed: {', '.join(names)}"
+            f"{table.where(table.frame['MT'].tolist().index(unknown[0]))}: transponder"
+            f" {unknown[0]!r} is not a station of the site; allowed: {', '.join(names)}"
         )
     number = {name: k for k, name in enumerate(names)}
     flags = (
@@ -186,12 +203,15 @@ def _attitude(table: TextTable, end: str) -> Array:
 
 
 def _epoch(settings: _Settings, first: float) -> tuple[np.datetime64, float]:
-    """UTC of time 0, and an offset to subtract from the file's times to preserve their digits. [s]"""
+    """
+    UTC of time 0, and an offset to subtract from the file's times to preserve their digits. [s]
+    """
     shift = float(np.floor(first / 86400.0) * 86400.0) if first > _MAX_TIME_OF_DAY else 0.0
     since_1970 = shift - _MJD_1970 if first > _MJD_1970 else shift
     if since_1970 > _LATEST:
         raise LocateError(
-            f"{settings.path}: ST is {first:.17g} s, which is no time of day and no date; correct it"
+            f"{settings.path}: ST is {first:.17g} s, which is no time of day and no date; correct"
+            " it"
         )
     if first > _MAX_TIME_OF_DAY:
         return np.datetime64(round(since_1970), "s").astype("datetime64[ns]"), shift
@@ -202,7 +222,8 @@ def _epoch(settings: _Settings, first: float) -> tuple[np.datetime64, float]:
         return parse_instant(date), shift
     except OceanError:
         raise LocateError(
-            f"{settings.path}: [Obs-parameter] Date(UTC) is {date[:40]!r}; it must be a date such as 2018-04-24"
+            f"{settings.path}: [Obs-parameter] Date(UTC) is {date[:40]!r}; it must be a date such"
+            " as 2018-04-24"
         ) from None
 
 
@@ -212,12 +233,17 @@ def _profile(path: Path) -> tuple[Array, Array]:
     depth, speed = table.numbers(["depth", "speed"]).T
     if (np.diff(depth) <= 0.0).any():
         row = int(np.argmax(np.diff(depth) <= 0.0)) + 1
-        raise LocateError(f"{table.where(row)}: depth {depth[row]:g} m does not increase; sort the rows")
+        raise LocateError(
+            f"{table.where(row)}: depth {depth[row]:g} m does not increase; sort the rows"
+        )
     return depth, speed
 
 
 def _find(settings: _Settings, name: str) -> Path:
-    """File named in an ini file, relative to the working folder, to the ini file, or to a folder above it."""
+    """
+    File named in an ini file, relative to the working folder, to the ini file, or to a folder above
+    it.
+    """
     wanted = Path(name.replace("\\", "/"))
     here = settings.path.resolve().parent
     folders = [Path(), here, *here.parents]
@@ -225,5 +251,6 @@ def _find(settings: _Settings, name: str) -> Path:
         if exists(candidate) and not candidate.is_dir():
             return candidate
     raise LocateError(
-        f"{settings.path}: {name} is neither in the working folder nor in a folder above the ini file; correct its path"
+        f"{settings.path}: {name} is neither in the working folder nor in a folder above the ini"
+        " file; correct its path"
     )

@@ -1,8 +1,10 @@
 """
-Reader of GNATSS surveys from their ``config.yaml``: two-way times, positions of the transducer at each instant, and profile.
+Reader of GNATSS surveys from their ``config.yaml``: two-way times, positions of the transducer at
+each instant, and profile.
 
-Columns follow its documentation, https://gnatss.readthedocs.io: ``pxp_tt`` has a time stamp and two-way times in microseconds, one
-column per transponder; ``POS_FREED_TRANS_TWTT`` has seconds since 2000-01-01 12:00, geocentric positions and their covariance.
+Columns follow its documentation, https://gnatss.readthedocs.io: ``pxp_tt`` has a time stamp and
+two-way times in microseconds, one column per transponder; ``POS_FREED_TRANS_TWTT`` has seconds
+since 2000-01-01 12:00, geocentric positions and their covariance.
 """
 
 from collections.abc import Iterator
@@ -43,8 +45,8 @@ def read_gnatss(path: Path, options: ReadOptions) -> Survey:
         nodes = tuple(_node(k, entry, frame, geoid) for k, entry in enumerate(transponders))
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         raise LocateError(
-            f"{path}: not a configuration of GNATSS; correct {error} in solver.transponders, solver.array_center or"
-            " input_files"
+            f"{path}: not a configuration of GNATSS; correct {error} in solver.transponders,"
+            " solver.array_center or input_files"
         ) from None
     (times, counts, line), of_times = _times(_files(path, files, "travel_times"), len(nodes))
     positions, of_positions = _positions(_files(path, files, "gps_solution"), frame, geoid)
@@ -90,8 +92,13 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
     raise LocateError(f"{path}: {key}: no file matches {pattern}")
 
 
-def _times(paths: list[Path], count: int) -> tuple[tuple[Array, Array, NDArray[np.int64]], tuple[str, ...]]:
-    """Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and line numbers; and notes."""
+def _times(
+    paths: list[Path], count: int
+) -> tuple[tuple[Array, Array, NDArray[np.int64]], tuple[str, ...]]:
+    """
+    Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and line
+    numbers; and notes.
+    """
     stamps = []
     times = []
     lines = []
@@ -115,11 +122,21 @@ def _times(paths: list[Path], count: int) -> tuple[tuple[Array, Array, NDArray[n
 
 
 def _row_of_times(words: list[str], count: int) -> list[float]:
-    """Time stamp since J2000 [s] and two-way times [us] of a row; an error for a row that is incomplete or has no such date."""
+    """
+    Time stamp since J2000 [s] and two-way times [us] of a row; an error for a row that is
+    incomplete or has no such date.
+    """
     day, month, year = words[0].split("-")
-    date = np.datetime64(f"20{int(year) % 100:02d}-{MONTHS[month.lower()]:02d}-{int(day):02d}", "ns")
+    date = np.datetime64(
+        f"20{int(year) % 100:02d}-{MONTHS[month.lower()]:02d}-{int(day):02d}", "ns"
+    )
     hour, minute, second = words[1].split(":")
-    if int(hour) > 23 or int(minute) > 59 or not 0.0 <= float(second) < 61.0 or len(words) < 2 + count:
+    if (
+        int(hour) > 23
+        or int(minute) > 59
+        or not 0.0 <= float(second) < 61.0
+        or len(words) < 2 + count
+    ):
         raise ValueError(words[1])
     clock = 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
     since = float((date - _J2000) / np.timedelta64(1, "s"))
@@ -129,7 +146,10 @@ def _row_of_times(words: list[str], count: int) -> list[float]:
 def _positions(
     paths: list[Path], frame: LocalFrame, geoid: float
 ) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
-    """Times since J2000 [s], positions (n, 3) in the frame [m], and variances (n, 3) of X, Y, Z [m²]; and notes."""
+    """
+    Times since J2000 [s], positions (n, 3) in the frame [m], and variances (n, 3) of X, Y, Z [m²];
+    and notes.
+    """
     rows: list[list[float]] = []
     invalid = InvalidLines()
     for path, number, text, words in _lines(paths):
@@ -139,7 +159,8 @@ def _positions(
             values = []
         if not _is_position(values):
             reason = (
-                f"{one_line(text, 60)!r} is not a time, X, Y, Z near the Earth's surface and nine covariances"
+                f"{one_line(text, 60)!r} is not a time, X, Y, Z near the Earth's surface and nine"
+                " covariances"
             )
             invalid.add(path, number, reason)
             continue
@@ -189,7 +210,8 @@ def _survey(
     there = (near >= 0) & (away >= 0)
     if not there.any():
         raise LocateError(
-            f"{path}: no position within {_TIME_TOLERANCE * 1e3:g} ms of a ping and its reply; check transducer_delay_time"
+            f"{path}: no position within {_TIME_TOLERANCE * 1e3:g} ms of a ping and its reply;"
+            " check transducer_delay_time"
         )
     row = row[there]
     node = node[there]
@@ -200,7 +222,9 @@ def _survey(
     sigma = float(np.sqrt(np.median(positions[2].mean(axis=1))))
     notes = skipped_note(path, int(times.size - np.isfinite(times).sum()))
     if (~there).any():
-        notes += (f"{path}: {int((~there).sum())} times without a position of the platform dropped",)
+        notes += (
+            f"{path}: {int((~there).sum())} times without a position of the platform dropped",
+        )
     return Survey(
         nodes=nodes,
         node=node.astype(np.int64),
@@ -221,14 +245,18 @@ def _nearest(time: Array, wanted: Array) -> NDArray[np.int64]:
     i = np.clip(np.searchsorted(time, wanted), 1, max(time.size - 1, 1))
     last = time.size - 1
     best = np.where(
-        np.abs(time[np.minimum(i, last)] - wanted) < np.abs(time[i - 1] - wanted), np.minimum(i, last), i - 1
+        np.abs(time[np.minimum(i, last)] - wanted) < np.abs(time[i - 1] - wanted),
+        np.minimum(i, last),
+        i - 1,
     )
     return np.where(np.abs(time[best] - wanted) <= _TIME_TOLERANCE, best, -1)
 
 
 def _profile(path: Path) -> tuple[Array, Array]:
     """Depth and sound speed of two columns, depths negative down."""
-    rows = [line.replace(",", " ").split()[:2] for line in read_text(path, LocateError).splitlines()]
+    rows = [
+        line.replace(",", " ").split()[:2] for line in read_text(path, LocateError).splitlines()
+    ]
     try:
         table = np.array(
             [[float(word) for word in row] for row in rows if row and not row[0].startswith("#")]
@@ -237,7 +265,8 @@ def _profile(path: Path) -> tuple[Array, Array]:
         table = np.empty((0, 2))
     if len(table) < 2 or not np.isfinite(table).all():
         raise LocateError(
-            f"{path}: not a profile; it must have two columns, depth (negative down) and sound speed"
+            f"{path}: not a profile; it must have two columns, depth (negative down) and sound"
+            " speed"
         ) from None
     depth = np.abs(table[:, 0])
     order = np.argsort(depth, kind="stable")

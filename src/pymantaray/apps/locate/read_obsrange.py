@@ -1,8 +1,10 @@
 """
-Reader of survey text for OBSrange: the Scripps format, one event per line, and the Woods Hole format, a table below ``#`` lines.
+Reader of survey text for OBSrange: the Scripps format, one event per line, and the Woods Hole
+format, a table below ``#`` lines.
 
-The grammar follows the sample files of https://github.com/jbrussell/OBSrange. Both formats have the drop point and its depth in
-the header and one position of the ship per ping. Altitudes are the antenna's height and are not used.
+The grammar follows the sample files of https://github.com/jbrussell/OBSrange. Both formats have the
+drop point and its depth in the header and one position of the ship per ping. Altitudes are the
+antenna's height and are not used.
 """
 
 import re
@@ -29,9 +31,13 @@ _PING = re.compile(
     + _ANGLE.format("NSns")
     + r"\s+Lon:\s*"
     + _ANGLE.format("EWew")
-    + r"(?:\s+Alt:\s*\S+)?\s+Time\s*\(UTC\):\s*(\d{4}):(\d{1,3}):(\d{1,2}):(\d{1,2}):(\d{1,2}(?:\.\d*)?)\s*$"
+    + r"(?:\s+Alt:\s*\S+)?\s+Time\s*\(UTC\):\s*"
+    + r"(\d{4}):(\d{1,3}):(\d{1,2}):(\d{1,2}):(\d{1,2}(?:\.\d*)?)\s*$"
 )
-_ALLOWED = "a ping; write it as 6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29 Time(UTC): 2018:114:06:04:30"
+_ALLOWED = (
+    "a ping; write it as 6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29 Time(UTC):"
+    " 2018:114:06:04:30"
+)
 _LOOKS_LIKE_PING = re.compile(r"^\s*-?[\d.]+\s*msec", re.IGNORECASE)
 _ROW = re.compile(
     r"^\s*(?P<date>\d{4}-\d{2}-\d{2})\s+(?P<clock>\d{1,2}:\d{2}:\d{2}(?:\.\d*)?)\s*,\s*(?P<m>\d*)\s*,\s*(?P<ms>[\d.]*)\s*,\s*"
@@ -72,17 +78,26 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
             invalid.add(path, number, f"{one_line(line, 60)!r} is not {_ALLOWED}")
         elif not pings and (entry := _HEAD.match(line)) and "skipped" not in line.lower():
             head.setdefault(entry["key"].lower(), entry["value"])
-        elif line.strip() and not set(line.strip()) <= set("=-#") and not line.lstrip().startswith("#"):
+        elif (
+            line.strip()
+            and not set(line.strip()) <= set("=-#")
+            and not line.lstrip().startswith("#")
+        ):
             skipped += 1
     invalid.refuse_most(len(pings), LocateError)
     if not pings:
-        raise LocateError(f"{path}: none of {skipped} events has an answer; the survey needs answers")
+        raise LocateError(
+            f"{path}: none of {skipped} events has an answer; the survey needs answers"
+        )
     survey = _survey(path, head, pings, skipped, options)
     return options.applied(survey.changed(notes=(*survey.notes, *invalid.notes)))
 
 
 def _ping(line: str) -> tuple[float, float, float, float] | None:
-    """Time since 1970 [s], two-way time [ms], latitude and longitude [degrees] of a line; None if it is not a ping."""
+    """
+    Time since 1970 [s], two-way time [ms], latitude and longitude [degrees] of a line; None if it
+    is not a ping.
+    """
     try:
         if match := _PING.match(line):
             parts = match.groups()
@@ -107,7 +122,12 @@ def _instant(date: str, clock: str) -> float:
     """Seconds since 1970; a ValueError for a date or a time that does not exist."""
     hour, minute, second = clock.split(":")
     day = np.datetime64(date, "s")
-    if not _FIRST_DAY <= day <= _LAST_DAY or int(hour) > 23 or int(minute) > 59 or not float(second) < 61.0:
+    if (
+        not _FIRST_DAY <= day <= _LAST_DAY
+        or int(hour) > 23
+        or int(minute) > 59
+        or not float(second) < 61.0
+    ):
         raise ValueError(date)
     return float(day.astype(np.int64)) + 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
 
@@ -129,7 +149,9 @@ def _survey(
 ) -> Survey:
     line, time, ms, lat, lon = (np.array(column) for column in zip(*pings, strict=True))
     drop = _coordinate(path, head, "latitude"), _coordinate(path, head, "longitude")
-    name = next((head[key] for key in ("site", "instrument", "station") if head.get(key)), path.stem)
+    name = next(
+        (head[key] for key in ("site", "instrument", "station") if head.get(key)), path.stem
+    )
     if head.get("instrument") and "drop-point latitude" in head:
         name = head["instrument"]
     check_places(str(path), (lat, lon), drop, name)
@@ -154,7 +176,9 @@ def _survey(
 
 
 def _coordinate(path: Path, head: dict[str, str], which: str) -> float:
-    """Latitude or longitude of the drop point, from degrees or from degrees and minutes with a letter."""
+    """
+    Latitude or longitude of the drop point, from degrees or from degrees and minutes with a letter.
+    """
     text = next((value for key, value in head.items() if "drop" in key and which in key), "")
     try:
         value = float(text)
@@ -162,7 +186,8 @@ def _coordinate(path: Path, head: dict[str, str], which: str) -> float:
         match = re.fullmatch(_ANGLE.format("NSEWnsew"), text.strip())
         if match is None:
             raise LocateError(
-                f"{path}: drop point {which} is {text!r}; it must be degrees, or degrees and minutes such as 01 35.6114 N"
+                f"{path}: drop point {which} is {text!r}; it must be degrees, or degrees and"
+                " minutes such as 01 35.6114 N"
             ) from None
         try:
             value = _angle(*match.groups())
@@ -184,7 +209,8 @@ def _depth(path: Path, head: dict[str, str]) -> float:
         value = 0.0
     if not value > 0.0:
         raise LocateError(
-            f"{path}: the drop point's depth is {text!r}; give it in metres with --depth (in Python: depth)"
+            f"{path}: the drop point's depth is {text!r}; give it in metres with --depth (in"
+            " Python: depth)"
         )
     return value
 

@@ -21,12 +21,13 @@ class ReadOptions:
     nodes : str or pathlib.Path, optional
         Table of prior positions: name, lat, lon (or north_m, east_m), depth_m, standard deviations.
     track : tuple of str or pathlib.Path
-        Trajectory of the platform, in any format that `pymantaray.read_trajectories` and ``mantaray ranges`` read.
+        Trajectory of the platform, in any format that `pymantaray.read_trajectories` and ``mantaray
+        ranges`` read.
     platform : str, optional
         Name of the platform in the track; required if the track has several.
     position_at : {"both", "transmission", "reception"}
-        Instant of a single position per ping. With ``both``, the position applies to both instants; otherwise the other
-        position is interpolated between pings.
+        Instant of a single position per ping. With ``both``, the position applies to both instants;
+        otherwise the other position is interpolated between pings.
     transducer_depth : float
         Depth of positions without depth. [m]
     depth : float, optional
@@ -38,7 +39,8 @@ class ReadOptions:
     turn_around : float, optional
         Turn-around time of all nodes, such as 0.013 s. Default: from the file. [s]
     turn_around_sigma : float, optional
-        Standard deviation of turn-around times, which the solver then estimates. Default: from the file. [s]
+        Standard deviation of turn-around times, which the solver then estimates. Default: from the
+        file. [s]
     offset_sigma : float, optional
         Standard deviation of clock offsets, for one-way times. Default: from the file. [s]
     drift_sigma : float, optional
@@ -48,7 +50,8 @@ class ReadOptions:
     lever : tuple of float, optional
         Vector from antenna to transducer: forward, starboard, down. Default: from the file. [m]
     lever_sigma : tuple of float, optional
-        Standard deviations of the lever arm, which the solver then estimates. Default: from the file. [m]
+        Standard deviations of the lever arm, which the solver then estimates. Default: from the
+        file. [m]
     platform_error : PlatformError, optional
         Errors of positions, which replace those of the file.
     """
@@ -113,7 +116,9 @@ class ReadOptions:
         if self.sigma is not None:
             if not self.sigma > 0.0:
                 raise LocateError(f"sigma is {self.sigma:g} s; it must be positive")
-            changed = changed.changed(sigma=np.where(np.isfinite(survey.sigma), survey.sigma, self.sigma))
+            changed = changed.changed(
+                sigma=np.where(np.isfinite(survey.sigma), survey.sigma, self.sigma)
+            )
         lever = LeverArm(self.lever or survey.lever.offset, self.lever_sigma or survey.lever.sigma)
         changed = changed.changed(lever=lever)
         if self.platform_error is not None:
@@ -144,13 +149,21 @@ class ReadOptions:
             return time, place, place
         rising, first = np.unique(time, return_index=True)
         if rising.size < 2:
-            raise LocateError("position_at: interpolation needs at least two pings; use `position_at='both'`")
+            raise LocateError(
+                "position_at: interpolation needs at least two pings; use `position_at='both'`"
+            )
         sent = time if self.position_at == "transmission" else time - duration
         wanted = sent + duration if self.position_at == "transmission" else sent
-        other = np.column_stack([_extended(wanted, rising, place[first, axis]) for axis in range(3)])
+        other = np.column_stack(
+            [_extended(wanted, rising, place[first, axis]) for axis in range(3)]
+        )
         if self.position_at == "transmission":
             return sent, place, other
-        return time - float(np.median(duration)), other, place  # in order, even if a duration is wrong
+        return (
+            time - float(np.median(duration)),
+            other,
+            place,
+        )  # in order, even if a duration is wrong
 
 
 def _extended(wanted: Array, time: Array, values: Array) -> Array:

@@ -1,4 +1,7 @@
-"""Reader of tables of pings, one per row, with units in column names; optional tables of nodes and tracks."""
+"""
+Reader of tables of pings, one per row, with units in column names; optional tables of nodes and
+tracks.
+"""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -74,8 +77,13 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
     return options.applied(survey)
 
 
-def _readable(table: TextTable, kind: str, options: ReadOptions, invalid: InvalidLines) -> TextTable:
-    """Rows with a time, a node and a travel time, and positions of the platform or the name of a partner."""
+def _readable(
+    table: TextTable, kind: str, options: ReadOptions, invalid: InvalidLines
+) -> TextTable:
+    """
+    Rows with a time, a node and a travel time, and positions of the platform or the name of a
+    partner.
+    """
     choices: dict[str, Collection[str]] = {"use": _TRUE + _FALSE}
     if _TIMES[kind][0] != TravelDirection.TWO_WAY:
         choices["direction"] = (*_DIRECTIONS, "")
@@ -90,7 +98,9 @@ def _readable(table: TextTable, kind: str, options: ReadOptions, invalid: Invali
         limit = _LIMITS.get(name[:3], np.inf)
         alone = np.array([word == "" for word in table.words("partner")], dtype=bool)
         for row in np.flatnonzero(alone & keep & ~(np.abs(values) <= limit)).tolist():
-            invalid.add(table.path, int(table.frame.index[row]), _position_fault(table, row, name, limit))
+            invalid.add(
+                table.path, int(table.frame.index[row]), _position_fault(table, row, name, limit)
+            )
             keep[row] = False
     invalid.refuse_most(int(keep.sum()), LocateError)
     return replace(table, frame=table.frame[keep])
@@ -102,10 +112,13 @@ def _position_fault(table: TextTable, row: int, name: str, limit: float) -> str:
         return f"the position of the platform is incomplete: {name} is {cell!r}"
     lat, lon = (table.frame[name.replace(name[:3], axis)].iloc[row] for axis in ("lat", "lon"))
     exchanged = (
-        "; they may be exchanged" if name.startswith("lat") and abs(float(lon or "nan")) <= 90.0 else ""
+        "; they may be exchanged"
+        if name.startswith("lat") and abs(float(lon or "nan")) <= 90.0
+        else ""
     )
     return (
-        f"position is {lat}, {lon}; latitude must be -90 to 90 and longitude -360 to 360 degrees{exchanged}"
+        f"position is {lat}, {lon}; latitude must be -90 to 90 and longitude -360 to 360"
+        f" degrees{exchanged}"
     )
 
 
@@ -114,7 +127,8 @@ def _time_column(table: TextTable) -> str:
     if len(there) != 1:
         columns = ", ".join(there) or ", ".join(map(str, table.frame.columns))
         raise LocateError(
-            f"{table.path}: the columns are {columns}; exactly one of {', '.join(_TIMES)} is required"
+            f"{table.path}: the columns are {columns}; exactly one of {', '.join(_TIMES)} is"
+            " required"
         )
     return there[0]
 
@@ -155,19 +169,23 @@ class _Places:
         self._track = bool(options.track)
         if not (self._track or self._geodetic or {"north_m", "east_m"} <= columns or between.all()):
             raise LocateError(
-                f"{table.path}: no positions of the platform; add columns lat and lon, or north_m and east_m, or give --track (in"
-                " Python: track)"
+                f"{table.path}: no positions of the platform; add columns lat and lon, or north_m"
+                " and east_m, or give --track (in Python: track)"
             )
         self.frame: LocalFrame | None = None
         if self._track:
             from pymantaray.exchange import read_trajectories
 
             self._tracks = read_trajectories([str(p) for p in options.track])
-            self.frame = LocalFrame(*self._tracks.centre) if self._tracks.centre is not None else None
+            self.frame = (
+                LocalFrame(*self._tracks.centre) if self._tracks.centre is not None else None
+            )
         elif self._geodetic and not between.all():
             lat, lon = (table.optional(name)[~between] for name in ("lat", "lon"))
             self.frame = LocalFrame(float(np.median(lat)), float(np.median(lon)))
-        self.platform = None if not self._geodetic else tuple(table.optional(n) for n in ("lat", "lon"))
+        self.platform = (
+            None if not self._geodetic else tuple(table.optional(n) for n in ("lat", "lon"))
+        )
         self.attitude = self._attitudes()
 
     def to_frame(self, frame: LocalFrame | None) -> None:
@@ -183,7 +201,9 @@ class _Places:
         elif self._between.all():
             self.near = self.away = near
         else:
-            self.sent, self.near, self.away = self._options.both_ends(self.sent, self._duration, near)
+            self.sent, self.near, self.away = self._options.both_ends(
+                self.sent, self._duration, near
+            )
 
     def _end(self, suffix: str, frame: LocalFrame | None) -> Array:
         if self._between.all():
@@ -195,7 +215,8 @@ class _Places:
             north, east = (
                 np.where(self._between, np.nan, x)
                 for x in frame.to_local(
-                    np.where(self._between, frame.latitude_deg, lat), np.where(self._between, 0.0, lon)
+                    np.where(self._between, frame.latitude_deg, lat),
+                    np.where(self._between, 0.0, lon),
                 )
             )
         else:
@@ -218,7 +239,8 @@ class _Places:
         names = tracks.names
         if options.platform is None and len(names) > 1:
             raise LocateError(
-                f"track: it contains {', '.join(names[:6])}; name the platform with --platform (in Python: platform)"
+                f"track: it contains {', '.join(names[:6])}; name the platform with --platform (in"
+                " Python: platform)"
             )
         name = options.platform or names[0]
         if name not in names:
@@ -228,7 +250,8 @@ class _Places:
             shift = float((self._epoch - tracks.start) / np.timedelta64(1, "s"))
         elif (tracks.start is None) != np.isnat(self._epoch):
             raise LocateError(
-                "track: only one of track and survey has dates; both must have dates, or both times in seconds"
+                "track: only one of track and survey has dates; both must have dates, or both"
+                " times in seconds"
             )
         own = next(p for p in tracks.in_frame(frame or LocalFrame(0.0, 0.0)) if p.name == name)
         both = self.sent + shift, self.sent + shift + self._duration
@@ -238,8 +261,9 @@ class _Places:
             outside = ((wanted < first - 1e-6) | (wanted > last + 1e-6)) & ~self._between
             if outside.any():
                 raise LocateError(
-                    f"{self._table.where(int(np.argmax(outside)))}: the {'reception' if k else 'transmission'} is"
-                    f" {wanted[outside][0]:.1f} s after the start of the track, which lasts {last - first:.1f} s"
+                    f"{self._table.where(int(np.argmax(outside)))}: the"
+                    f" {'reception' if k else 'transmission'} is {wanted[outside][0]:.1f} s after"
+                    f" the start of the track, which lasts {last - first:.1f} s"
                 )
         record = tracks.at(np.unique(np.concatenate(both)), frame or LocalFrame(0.0, 0.0))
         k = names.index(name)
@@ -266,24 +290,33 @@ def _frame_of_nodes(options: ReadOptions) -> LocalFrame | None:
 
 
 def _nodes(
-    table: TextTable, options: ReadOptions, frame: LocalFrame | None, places: _Places, names: list[str]
+    table: TextTable,
+    options: ReadOptions,
+    frame: LocalFrame | None,
+    places: _Places,
+    names: list[str],
 ) -> tuple[Node, ...]:
     """Nodes by name, from the table of nodes or from the positions of the platform."""
     known = {} if options.nodes is None else _node_table(options, frame, places)
     missing = [name for name in names if name not in known]
     if missing and options.nodes is not None:
         raise LocateError(
-            f"{options.nodes}: no node {missing[0]}, which the survey has; available: {', '.join(known)}"
+            f"{options.nodes}: no node {missing[0]}, which the survey has; available:"
+            f" {', '.join(known)}"
         )
     for name in missing:
         if options.depth is None:
             raise LocateError(
-                f"{table.path}: the depth of node {name} is unknown; give --depth or --nodes (in Python: depth or nodes)"
+                f"{table.path}: the depth of node {name} is unknown; give --depth or --nodes (in"
+                " Python: depth or nodes)"
             )
-        mine = (table.frame["node"].str.strip() == name).to_numpy() & np.isfinite(places.near).all(axis=1)
+        mine = (table.frame["node"].str.strip() == name).to_numpy() & np.isfinite(places.near).all(
+            axis=1
+        )
         if not mine.any():
             raise LocateError(
-                f"{table.path}: node {name} has no ping of the platform; give --nodes (in Python: nodes)"
+                f"{table.path}: node {name} has no ping of the platform; give --nodes (in Python:"
+                " nodes)"
             )
         middle = places.near[mine].mean(axis=0)
         known[name] = Node(name, (float(middle[0]), float(middle[1]), options.depth), _SIGMA)

@@ -1,4 +1,6 @@
-"""Solver for node positions: outer steps with exact rays, and selection of the model by its evidence."""
+"""
+Solver for node positions: outer steps with exact rays, and selection of the model by its evidence.
+"""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -57,10 +59,15 @@ class SurveySolution:
         """Blocks of whitened rows of the used pings, with the residual in the last column."""
         platform = self.unknowns.survey.platform_error
         sigma = self.posterior.sigma
-        return (block for block, _ in self.linear.whitened(self.used, self.correlation, platform, sigma))
+        return (
+            block for block, _ in self.linear.whitened(self.used, self.correlation, platform, sigma)
+        )
 
     def transducers(self) -> tuple[Array, Array]:
-        """Positions of the platform's transducer at transmission and reception with the estimated lever arm. [m]"""
+        """
+        Positions of the platform's transducer at transmission and reception with the estimated
+        lever arm. [m]
+        """
         return transducers(self.unknowns.survey, self.unknowns.lever(self.values))
 
     @property
@@ -84,7 +91,10 @@ class Solver:
             self.weight = self.weight / np.median(self.weight)
 
     def unknowns(self, kind: Kind, position: Array) -> SurveyUnknowns:
-        """Columns for a model of the sound speed; gradients are relative to the middle of the positions."""
+        """
+        Columns for a model of the sound speed; gradients are relative to the middle of the
+        positions.
+        """
         o = self.options
         speed = sound_speed_terms(self.survey, position, kind, o.speed_prior, o.modes)
         stated: Arrangement = "free" if self.survey.rigid is None else "rigid"
@@ -118,30 +128,36 @@ class Solver:
         hyper: Mapping[str, float],
         sigma: float,
     ) -> SurveySolution:
-        """Solve the linear system at some values; the solution contains the values before the step."""
+        """
+        Solve the linear system at some values; the solution contains the values before the step.
+        """
         legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
         linear = Linearization(unknowns, values, legs, self.weight)
         if not unknowns.prior_sd.any():
             raise LocateError(
-                f"{self.survey.source}: there are no unknowns; give at least one node a positive standard deviation"
+                f"{self.survey.source}: there are no unknowns; give at least one node a positive"
+                " standard deviation"
             )
         used = self.plausible(linear)
         if not used.any():
             raise LocateError(
-                f"{self.survey.source}: the model explains no ping at the initial positions; check the positions of platform and"
-                " nodes, and the profile"
+                f"{self.survey.source}: the model explains no ping at the initial positions; check"
+                " the positions of platform and nodes, and the profile"
             )
         first = sigma or self._first_sigma(linear, used)
         products = linear.products(used, correlation, self.survey.platform_error, first)
         fit = posterior(products, unknowns, values, hyper, sigma=first)
-        return SurveySolution(unknowns, values, fit, correlation, legs, linear, products, used, settled=False)
+        return SurveySolution(
+            unknowns, values, fit, correlation, legs, linear, products, used, settled=False
+        )
 
     def legs(self, position: Array, lever: Array, modes: VerticalModes | None) -> Legs:
         """Travel times at positions; rays are traced only if the positions changed enough."""
         if self._traced is not None:
             at, arm, legs = self._traced
             near = (
-                max(float(np.abs(position - at).max()), float(np.abs(lever - arm).max())) < _RETRACE_DISTANCE
+                max(float(np.abs(position - at).max()), float(np.abs(lever - arm).max()))
+                < _RETRACE_DISTANCE
             )
             if near and legs.modes.shape[1] == (0 if modes is None else len(modes.modes)):
                 return moved(self.survey, legs, position - at, lever - arm)
@@ -150,7 +166,9 @@ class Solver:
         return traced
 
     def _first_sigma(self, linear: Linearization, used: Mask) -> float:
-        """Initial noise level from the residuals, or the stated level if there are too few pings."""
+        """
+        Initial noise level from the residuals, or the stated level if there are too few pings.
+        """
         unknowns = linear.unknowns
         scaled = sum(columns.size for columns in unknowns.groups.values())
         if used.sum() >= np.count_nonzero(unknowns.prior_sd) - scaled + MIN_REDUNDANCY:
@@ -170,7 +188,9 @@ class Solver:
     def start(self, unknowns: SurveyUnknowns, values: Array) -> Array:
         """Initial values that are accurate enough to identify gross errors."""
         for _ in range(_ROUNDS):
-            legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
+            legs = self.legs(
+                unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes
+            )
             linear = Linearization(unknowns, values, legs, self.weight)
             possible = legs.possible & ~self.survey.flagged
             if not possible.any() or not unknowns.prior_sd.any():
@@ -185,7 +205,10 @@ class Solver:
         correlation: Correlation,
         before: Posterior | None = None,
     ) -> SurveySolution:
-        """Iterate outer steps until the positions converge; full steps may oscillate, so later ones are damped."""
+        """
+        Iterate outer steps until the positions converge; full steps may oscillate, so later ones
+        are damped.
+        """
         hyper: Mapping[str, float] = {} if before is None else before.hyperparameters
         sigma = 0.0 if before is None else before.sigma
         used: Mask | None = None
@@ -255,7 +278,9 @@ class Candidate(Mapping[str, Any]):
 
 
 def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candidate]]:
-    """Allowed candidate with the lowest ABIC, and all compared candidates, at a solution's values."""
+    """
+    Allowed candidate with the lowest ABIC, and all compared candidates, at a solution's values.
+    """
     allowed = solver.options.kinds
     table = _Evidence(solver, base, "gradient")
     candidates = [table.candidate(kind, Correlation()) for kind in KINDS[:-1]]
@@ -295,7 +320,10 @@ def _shares(now: Correlation) -> list[Correlation]:
 
 
 class _Evidence:
-    """Evidence of models at one linearization; simpler models use a part of the columns of the richest model."""
+    """
+    Evidence of models at one linearization; simpler models use a part of the columns of the richest
+    model.
+    """
 
     def __init__(self, solver: Solver, base: SurveySolution, rich: Kind) -> None:
         self._solver = solver
@@ -377,7 +405,9 @@ def _solve(
 
 def candidate_table(candidates: list[Candidate], chosen: SurveySolution) -> pd.DataFrame:
     """Table of candidates in order of ABIC, with the difference from the best."""
-    table = pd.DataFrame([dict(c) for c in candidates]).sort_values("abic", ignore_index=True, kind="stable")
+    table = pd.DataFrame([dict(c) for c in candidates]).sort_values(
+        "abic", ignore_index=True, kind="stable"
+    )
     table.insert(
         0,
         "chosen",

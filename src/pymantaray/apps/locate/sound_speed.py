@@ -1,9 +1,10 @@
 r"""
 Corrections of the sound speed relative to the profile, as terms with columns and normal priors.
 
-Travel times are :math:`t\,e^{-\gamma}`, where :math:`\gamma` is the fraction by which the mean sound speed along a ray exceeds that
-of the profile. It is a scale, or a cubic B-spline in time, plus optional horizontal gradients, which multiply the distance of the
-platform or the node from the array's centre. Amplitudes of vertical modes use path integrals instead.
+Travel times are :math:`t\,e^{-\gamma}`, where :math:`\gamma` is the fraction by which the mean
+sound speed along a ray exceeds that of the profile. It is a scale, or a cubic B-spline in time,
+plus optional horizontal gradients, which multiply the distance of the platform or the node from the
+array's centre. Amplitudes of vertical modes use path integrals instead.
 """
 
 from dataclasses import dataclass
@@ -30,11 +31,13 @@ class Term:
     """
     Columns of one term.
 
-    ``sd`` are prior standard deviations of its coefficients. If the hyperparameter of `group` multiplies them, they are 1 times
-    `weight`.
+    ``sd`` are prior standard deviations of its coefficients. If the hyperparameter of `group`
+    multiplies them, they are 1 times `weight`.
     """
 
-    def __init__(self, name: str, group: str, spline: "Spline | None", factor: Array, prior: float) -> None:
+    def __init__(
+        self, name: str, group: str, spline: "Spline | None", factor: Array, prior: float
+    ) -> None:
         self.name = name
         self.group = group
         self.spline = spline
@@ -58,8 +61,9 @@ class Spline:
     """
     Cubic B-spline over a survey's time in coordinates with independent priors.
 
-    The prior penalizes second differences of the coefficients. It is diagonal in the eigenvectors of this penalty. The first two, a
-    constant and a straight line, have no penalty. ``unit`` normalizes the mean variance of the others to 1.
+    The prior penalizes second differences of the coefficients. It is diagonal in the eigenvectors
+    of this penalty. The first two, a constant and a straight line, have no penalty. ``unit``
+    normalizes the mean variance of the others to 1.
     """
 
     def __init__(self, times: Array, interval: float, most: int) -> None:
@@ -95,7 +99,10 @@ class Spline:
 
 @dataclass(frozen=True, eq=False)
 class SoundSpeed:
-    """Terms of a kind of model for a survey; ``terms`` of a richer kind begin with those of a simpler kind."""
+    """
+    Terms of a kind of model for a survey; ``terms`` of a richer kind begin with those of a simpler
+    kind.
+    """
 
     kind: Kind
     terms: tuple[Term, ...]
@@ -104,7 +111,9 @@ class SoundSpeed:
     @property
     def size(self) -> int:
         """Number of coefficients, including amplitudes of modes."""
-        return sum(t.sd.size for t in self.terms) + (0 if self.modes is None else len(self.modes.modes))
+        return sum(t.sd.size for t in self.terms) + (
+            0 if self.modes is None else len(self.modes.modes)
+        )
 
     def rows(self, part: slice) -> Array:
         """Derivative of the fraction gamma by the coefficients, without modes."""
@@ -131,14 +140,18 @@ def sound_speed_terms(
     prior: SpeedPrior,
     modes: VerticalModes | None = None,
 ) -> SoundSpeed:
-    """Terms of a kind of model; gradients are relative to the middle of the node positions (n_nodes, 3) [m]."""
+    """
+    Terms of a kind of model; gradients are relative to the middle of the node positions (n_nodes,
+    3) [m].
+    """
     n = len(survey)
     both = np.stack([survey.time, survey.time + np.maximum(survey.travel_time, 0.0)], axis=1)
     one = np.ones((n, 2))
     if kind == "modes":
         if modes is None:
             raise LocateError(
-                "speed_model 'modes' needs vertical modes; give several profiles or an ocean as `modes`"
+                "speed_model 'modes' needs vertical modes; give several profiles or an ocean as"
+                " `modes`"
             )
         return SoundSpeed(kind, (), modes)
     if kind == "known":
@@ -154,7 +167,11 @@ def sound_speed_terms(
         for axis, name in enumerate(("north", "east")):
             terms.append(
                 Term(
-                    f"platform gradient {name}", "platform gradient", spline, ends[..., axis], prior.gradient
+                    f"platform gradient {name}",
+                    "platform gradient",
+                    spline,
+                    ends[..., axis],
+                    prior.gradient,
                 )
             )
         offsets = position - centre
@@ -162,6 +179,12 @@ def sound_speed_terms(
             at_node = np.repeat(offsets[survey.node][:, None, :] / KM, 2, axis=1)
             for axis, name in enumerate(("north", "east")):
                 terms.append(
-                    Term(f"node gradient {name}", "node gradient", spline, at_node[..., axis], prior.gradient)
+                    Term(
+                        f"node gradient {name}",
+                        "node gradient",
+                        spline,
+                        at_node[..., axis],
+                        prior.gradient,
+                    )
                 )
     return SoundSpeed(kind, tuple(terms))

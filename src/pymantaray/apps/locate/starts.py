@@ -1,4 +1,6 @@
-"""Initial positions of nodes: robust estimates from straight ranges, from several initial guesses."""
+"""
+Initial positions of nodes: robust estimates from straight ranges, from several initial guesses.
+"""
 
 from typing import NamedTuple
 
@@ -27,7 +29,10 @@ def mean_speed(medium: Medium, top: float, bottom: float) -> float:
 
 
 def start_positions(survey: Survey, medium: Medium) -> Array:
-    """Position of each node (n_nodes, 3) from straight ranges to the platform, or its prior if there are too few. [m]"""
+    """
+    Position of each node (n_nodes, 3) from straight ranges to the platform, or its prior if there
+    are too few. [m]
+    """
     near, away = transducers(survey, np.array(survey.lever.offset))
     middle = 0.5 * (near + away)
     out = np.array([node.position for node in survey.nodes])
@@ -51,7 +56,9 @@ def _from_ranges(points: Array, ranges: Array, node: Node, *, biased: bool) -> A
     centre = points[:, :2].mean(axis=0)
     guesses = [np.array(node.position[:2]), centre]
     guesses += [centre + reach * np.array([np.cos(a), np.sin(a)]) for a in around]
-    ends = [_descend(points, ranges, np.append(guess, depth), node, biased=biased) for guess in guesses]
+    ends = [
+        _descend(points, ranges, np.append(guess, depth), node, biased=biased) for guess in guesses
+    ]
     best = choose(
         ends, lambda end: _descend(points, ranges, end.position, node, biased=biased, bias=end.bias)
     )
@@ -74,14 +81,17 @@ def _descend(
     loss = LOSSES["cauchy"]
     x = np.array(start)
     mean = np.append(node.position, 0.0)
-    sd = np.append(np.maximum(node.sigma, 1e-3), max(1500.0 * node.offset_sigma, 1e-6) if biased else 1e-6)
+    sd = np.append(
+        np.maximum(node.sigma, 1e-3), max(1500.0 * node.offset_sigma, 1e-6) if biased else 1e-6
+    )
     cost = np.inf
     for _ in range(_MAX_STEPS):
         step = x - points
         distance = np.maximum(np.linalg.norm(step, axis=1), 1e-6)
         residual = ranges - distance + bias
         scale = max(
-            MAD_TO_SIGMA * float(np.median(np.abs(residual - np.median(residual) * biased))), _MIN_SCALE
+            MAD_TO_SIGMA * float(np.median(np.abs(residual - np.median(residual) * biased))),
+            _MIN_SCALE,
         )
         weight = loss.weight(residual / scale) / scale**2
         rows = np.column_stack([step / distance[:, None], np.full(len(points), -1.0)])

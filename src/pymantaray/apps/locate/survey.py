@@ -40,7 +40,8 @@ class Node:
     turn_around_sigma : float
         Prior standard deviation of this delay; 0 if it is known. [s]
     offset_sigma, drift_sigma : float
-        Prior standard deviations of the clock's offset at the first ping [s] and of its drift [s/s], for one-way times.
+        Prior standard deviations of the clock's offset at the first ping [s] and of its drift
+        [s/s], for one-way times.
     """
 
     name: str
@@ -57,14 +58,22 @@ class Node:
             raise LocateError("node: the name is empty; give every node a unique name")
         if not np.isfinite(self.position).all():
             raise LocateError(f"node {self.name}: position is {self.position}; it must be finite")
-        numbers = (*self.sigma, self.turn_around, self.turn_around_sigma, self.offset_sigma, self.drift_sigma)
+        numbers = (
+            *self.sigma,
+            self.turn_around,
+            self.turn_around_sigma,
+            self.offset_sigma,
+            self.drift_sigma,
+        )
         if not (np.isfinite(numbers).all() and min(numbers) >= 0.0):
             raise LocateError(
-                f"node {self.name}: standard deviations and times are {numbers}; they must be finite and not negative"
+                f"node {self.name}: standard deviations and times are {numbers}; they must be"
+                " finite and not negative"
             )
         if self.turn_around > 60.0:
             raise LocateError(
-                f"node {self.name}: turn-around time is {self.turn_around:g} s, which is too long; write milliseconds as '13 ms'"
+                f"node {self.name}: turn-around time is {self.turn_around:g} s, which is too long;"
+                " write milliseconds as '13 ms'"
             )
 
 
@@ -78,7 +87,8 @@ class LeverArm:
     offset : tuple of float
         Components forward, starboard and down. [m]
     sigma : tuple of float
-        Prior standard deviations of the lever arm (forward, starboard, down); 0 for a known axis. [m]
+        Prior standard deviations of the lever arm (forward, starboard, down); 0 for a known axis.
+        [m]
     """
 
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
@@ -88,7 +98,8 @@ class LeverArm:
         """Check the numbers."""
         if not (np.isfinite(self.offset + self.sigma).all() and min(self.sigma) >= 0.0):
             raise LocateError(
-                f"lever arm is {self.offset} with sigma {self.sigma}; each must be three finite numbers in metres"
+                f"lever arm is {self.offset} with sigma {self.sigma}; each must be three finite"
+                " numbers in metres"
             )
 
     @property
@@ -120,8 +131,9 @@ class PlatformError:
         """Check the numbers."""
         if not (min(self.horizontal, self.vertical) >= 0.0 and self.correlation > 0.0):
             raise LocateError(
-                f"platform error is {self.horizontal:g} m, {self.vertical:g} m, {self.correlation:g} s; standard"
-                " deviations must be 0 or more, and the correlation time must be positive"
+                f"platform error is {self.horizontal:g} m, {self.vertical:g} m,"
+                f" {self.correlation:g} s; standard deviations must be 0 or more, and the"
+                " correlation time must be positive"
             )
 
 
@@ -141,8 +153,8 @@ class Survey:
     travel_time : array_like, shape (n,)
         Measured time: two-way including the turn-around time, or one-way. [s]
     transmit_position, receive_position : array_like, shape (n, 3)
-        Positions of the platform's antenna at transmission and reception: north, east, depth; NaN for pings
-        between nodes. [m]
+        Positions of the platform's antenna at transmission and reception: north, east, depth; NaN
+        for pings between nodes. [m]
     transmit_attitude, receive_attitude : array_like, shape (n, 3), optional
         Heading, pitch (bow up) and roll (starboard down). [rad]
     direction : array_like of int, shape (n,), optional
@@ -164,7 +176,8 @@ class Survey:
     epoch : numpy.datetime64
         UTC of time 0; NaT if it is unknown.
     rigid : tuple of float, optional
-        Prior standard deviations of north, east, depth [m] and rotation [rad] of a rigid array. Default: free nodes.
+        Prior standard deviations of north, east, depth [m] and rotation [rad] of a rigid array.
+        Default: free nodes.
     profile : tuple of ndarray, optional
         Depth [m] and sound speed [m/s] of the profile in the survey's files.
     source : str
@@ -215,9 +228,13 @@ class Survey:
         ):
             given = np.asarray(getattr(self, name))
             shape = (n, width) if width else (n,)
-            array = np.array(given, dtype=kind) if given.size else np.full(shape, default, dtype=kind)
+            array = (
+                np.array(given, dtype=kind) if given.size else np.full(shape, default, dtype=kind)
+            )
             if array.shape != shape:
-                raise LocateError(f"{self.source}: {name} has shape {array.shape}; it must be {shape}")
+                raise LocateError(
+                    f"{self.source}: {name} has shape {array.shape}; it must be {shape}"
+                )
             object.__setattr__(self, name, array)
         self._check()
 
@@ -229,19 +246,22 @@ class Survey:
         check_names(names, self.source)
         if self.node.min() < 0 or max(self.node.max(), self.partner.max()) >= len(names):
             raise LocateError(
-                f"{self.source}: the node of a ping does not exist; allowed indices: 0 to {len(names) - 1}"
+                f"{self.source}: the node of a ping does not exist; allowed indices: 0 to"
+                f" {len(names) - 1}"
             )
         self.refuse("travel_time", ~np.isfinite(self.travel_time), "a number of seconds")
         self.refuse("travel_time", self.travel_time <= 0.0, "positive seconds")
         middle = float(np.median(self.travel_time))
         if middle > _MAX_TRAVEL_TIME:
             raise LocateError(
-                f"{self.source}: the median travel time is {middle:g} s; times must be in seconds; divide milliseconds"
-                " by 1000 (or name the column two_way_time_ms)"
+                f"{self.source}: the median travel time is {middle:g} s; times must be in seconds;"
+                " divide milliseconds by 1000 (or name the column two_way_time_ms)"
             )
         alone = self.partner < 0
         for name in ("transmit_position", "receive_position"):
-            self.refuse(name, alone & ~np.isfinite(getattr(self, name)).all(axis=1), "finite metres")
+            self.refuse(
+                name, alone & ~np.isfinite(getattr(self, name)).all(axis=1), "finite metres"
+            )
         self.refuse("time", ~np.isfinite(self.time), "a number of seconds")
         self.refuse("sigma", self.sigma <= 0.0, "positive seconds, or NaN")
 
@@ -260,7 +280,9 @@ class Survey:
         """
         if wrong.any():
             row = int(np.argmax(wrong))
-            raise LocateError(f"{self.where(row)}: {name} is {getattr(self, name)[row]}; allowed: {allowed}")
+            raise LocateError(
+                f"{self.where(row)}: {name} is {getattr(self, name)[row]}; allowed: {allowed}"
+            )
 
     def where(self, row: int) -> str:
         """
@@ -276,7 +298,9 @@ class Survey:
         str
             File with line, or with the index of the ping.
         """
-        return f"{self.source}, " + (f"line {self.line[row]}" if self.line[row] else f"ping {row + 1}")
+        return f"{self.source}, " + (
+            f"line {self.line[row]}" if self.line[row] else f"ping {row + 1}"
+        )
 
     def __len__(self) -> int:
         """Number of pings."""
@@ -321,8 +345,8 @@ class Survey:
         Survey
         """
         names = (
-            "node time travel_time transmit_position receive_position transmit_attitude receive_attitude direction partner"
-            " sigma flagged line"
+            "node time travel_time transmit_position receive_position transmit_attitude"
+            " receive_attitude direction partner sigma flagged line"
         )
         return self.changed(**{name: getattr(self, name)[which] for name in names.split()})
 
@@ -342,7 +366,8 @@ class Survey:
         own = self.frame
         if own is None:
             raise LocateError(
-                f"{self.source}: its positions are not geographic, which an ocean requires; use a profile instead"
+                f"{self.source}: its positions are not geographic, which an ocean requires; use a"
+                " profile instead"
             )
         if (own.latitude_deg, own.longitude_deg) == (frame.latitude_deg, frame.longitude_deg):
             return self
@@ -354,7 +379,9 @@ class Survey:
 
         middle = own.to_geodetic(0.0, 0.0)
         turn = np.array([float(frame.convergence(*middle)), 0.0, 0.0])
-        nodes = tuple(replace(node, position=_three(moved(np.array(node.position)))) for node in self.nodes)
+        nodes = tuple(
+            replace(node, position=_three(moved(np.array(node.position)))) for node in self.nodes
+        )
         return self.changed(
             frame=frame,
             nodes=nodes,

@@ -20,7 +20,8 @@ class Legs:
     """
     Travel time in the water of each ping, summed over its legs, and derivatives by the positions.
 
-    ``out`` and ``back`` (n,) are the fractions of the two legs in the time; 0 for a leg that a one-way time does not have.
+    ``out`` and ``back`` (n,) are the fractions of the two legs in the time; 0 for a leg that a
+    one-way time does not have.
     """
 
     travel_time: Array
@@ -28,11 +29,16 @@ class Legs:
     node_gradient: Array
     """Derivative by the position of the node, (n, 3). [s/m]"""
     transmit_gradient: Array
-    """Derivative by the platform's position at transmission, (n, 3); zeros for pings between nodes. [s/m]"""
+    """
+    Derivative by the platform's position at transmission, (n, 3); zeros for pings between nodes.
+    [s/m]
+    """
     receive_gradient: Array
     """Derivative by the platform's position at reception, (n, 3). [s/m]"""
     partner_gradient: Array
-    """Derivative by the position of the other node, (n, 3); zeros for pings of the platform. [s/m]"""
+    """
+    Derivative by the position of the other node, (n, 3); zeros for pings of the platform. [s/m]
+    """
     status: NDArray[np.int64]
     """`RayStatus` of the worse leg."""
     modes: Array
@@ -45,7 +51,10 @@ class Legs:
 
 
 def transducers(survey: Survey, lever: Array) -> tuple[Array, Array]:
-    """Positions (n, 3) of the transducer at transmission and reception for a lever arm forward, starboard, down. [m]"""
+    """
+    Positions (n, 3) of the transducer at transmission and reception for a lever arm forward,
+    starboard, down. [m]
+    """
     turns = _rotations(survey)
     return (
         survey.transmit_position + turns[0].apply(lever),
@@ -71,9 +80,11 @@ def _rotations(survey: Survey) -> tuple[Rotation, Rotation]:
 
 def moved(survey: Survey, legs: Legs, nodes: Array, lever: Array) -> Legs:
     """
-    Travel times after small changes of the nodes (n_nodes, 3) and the lever arm [m], to first order.
+    Travel times after small changes of the nodes (n_nodes, 3) and the lever arm [m], to first
+    order.
 
-    For a change d at range r, the error is about d² / 2r divided by the sound speed: 0.2 us for 0.3 m at 200 m.
+    For a change d at range r, the error is about d² / 2r divided by the sound speed: 0.2 us for 0.3
+    m at 200 m.
     """
     own = np.sum(legs.node_gradient * nodes[survey.node], axis=1)
     other = np.sum(legs.partner_gradient * nodes[np.maximum(survey.partner, 0)], axis=1)
@@ -82,9 +93,16 @@ def moved(survey: Survey, legs: Legs, nodes: Array, lever: Array) -> Legs:
 
 
 def predict(
-    survey: Survey, medium: Medium, position: Array, lever: Array, modes: VerticalModes | None = None
+    survey: Survey,
+    medium: Medium,
+    position: Array,
+    lever: Array,
+    modes: VerticalModes | None = None,
 ) -> Legs:
-    """Travel times for nodes at positions (n_nodes, 3) [m] and a lever arm [m], with one call of the eigenray solver."""
+    """
+    Travel times for nodes at positions (n_nodes, 3) [m] and a lever arm [m], with one call of the
+    eigenray solver.
+    """
     n = len(survey)
     near, away = transducers(survey, lever)
     between = survey.between_nodes
@@ -103,7 +121,9 @@ def predict(
     arrivals = find_eigenrays(medium, *ends)
     first = arrivals.first()
     rows = np.concatenate([out, back])
-    weight = np.where((between & two_way)[rows], 2.0, 1.0)  # both legs between two nodes at rest are one ray
+    weight = np.where(
+        (between & two_way)[rows], 2.0, 1.0
+    )  # both legs between two nodes at rest are one ray
     time = np.zeros(n)
     np.add.at(time, rows, weight * first.travel_time)
     gradients = np.zeros((4, n, 3))  # node, transmit, receive, partner
@@ -127,7 +147,9 @@ def predict(
 def _sensitivity(
     medium: Medium, ends: tuple[Array, Array], arrivals: Arrivals, modes: VerticalModes
 ) -> Array:
-    """Derivative of each link's first travel time by the modes' amplitudes; 0 without an arrival."""
+    """
+    Derivative of each link's first travel time by the modes' amplitudes; 0 without an arrival.
+    """
     links, rows = np.unique(arrivals.link, return_index=True)
     out = np.zeros((len(ends[0]), len(modes.modes)))
     if links.size:
@@ -143,6 +165,8 @@ def _in_water(position: Array, medium: Medium) -> Array:
     top = medium.surface_depth(out)
     bed = medium.bottom_depth(out)
     out[:, 2] = np.clip(
-        out[:, 2], top + _BOUNDARY_MARGIN, np.maximum(bed - _BOUNDARY_MARGIN, top + _BOUNDARY_MARGIN)
+        out[:, 2],
+        top + _BOUNDARY_MARGIN,
+        np.maximum(bed - _BOUNDARY_MARGIN, top + _BOUNDARY_MARGIN),
     )
     return out

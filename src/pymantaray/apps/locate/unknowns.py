@@ -20,8 +20,9 @@ class SurveyUnknowns:
     """
     Columns of the linear system of a survey for a model of the sound speed.
 
-    In this order: three coordinates of each node, shift and rotation of a rigid array, turn-around time, clock offset and clock
-    drift of each node, lever arm, coefficients of the sound speed. Known values have a prior standard deviation of 0.
+    In this order: three coordinates of each node, shift and rotation of a rigid array, turn-around
+    time, clock offset and clock drift of each node, lever arm, coefficients of the sound speed.
+    Known values have a prior standard deviation of 0.
     """
 
     survey: Survey
@@ -65,7 +66,10 @@ class SurveyUnknowns:
 
     @property
     def prior_sd(self) -> Array:
-        """Prior standard deviations of all columns; those of smooth sound-speed terms are for hyperparameters of 1."""
+        """
+        Prior standard deviations of all columns; those of smooth sound-speed terms are for
+        hyperparameters of 1.
+        """
         nodes = self.survey.nodes
         sd = np.zeros(self.size)
         if self.arrangement == "free":
@@ -90,7 +94,9 @@ class SurveyUnknowns:
 
     @property
     def groups(self) -> dict[str, NDArray[np.int64]]:
-        """Columns whose prior standard deviations a hyperparameter multiplies, by hyperparameter."""
+        """
+        Columns whose prior standard deviations a hyperparameter multiplies, by hyperparameter.
+        """
         out: dict[str, list[int]] = {}
         at = self.slices["speed"].start
         for term in self.speed.terms:
@@ -152,7 +158,9 @@ class SurveyUnknowns:
 
     def slowing(self, values: Array) -> Array:
         """Factor ``exp(-gamma)`` of every ping's travel time in the water."""
-        return np.asarray(np.exp(-self.speed.fraction(self.speed_values(values)[0], len(self.survey))))
+        return np.asarray(
+            np.exp(-self.speed.fraction(self.speed_values(values)[0], len(self.survey)))
+        )
 
     def predicted(self, values: Array, legs: Legs) -> Array:
         """Predicted times; NaN without a ray. [s]"""
@@ -170,7 +178,10 @@ class SurveyUnknowns:
         return np.asarray(time)
 
     def clock_signs(self) -> list[tuple[Array, NDArray[np.int64]]]:
-        """Signs of the clocks of both ends in a one-way time (received minus transmitted), and their nodes."""
+        """
+        Signs of the clocks of both ends in a one-way time (received minus transmitted), and their
+        nodes.
+        """
         s = self.survey
         own = np.where(
             s.direction == TravelDirection.TO_NODE,

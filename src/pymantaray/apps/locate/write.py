@@ -1,4 +1,7 @@
-"""Export of located nodes: landmarks of a study, GeoJSON, PyFactorGraph text, NetCDF, and the object of ``--json``."""
+"""
+Export of located nodes: landmarks of a study, GeoJSON, PyFactorGraph text, NetCDF, and the object
+of ``--json``.
+"""
 
 import json
 import re
@@ -20,11 +23,17 @@ from pymantaray.records.writing import write_netcdf
 _CORNERS = 72  # per ellipse
 _MIN_SIGMA = 1e-3  # m; for known positions in a graph
 _NAME = re.compile("[A-Za-z0-9_-]{1,64}")
-_PLATFORMS = ("A", "platform", *(f"platform-{k}" for k in range(1000)))  # names of the platform in a graph
+_PLATFORMS = (
+    "A",
+    "platform",
+    *(f"platform-{k}" for k in range(1000)),
+)  # names of the platform in a graph
 
 
 def summary(location: Location) -> dict[str, Any]:
-    """Results as one object: nodes, residuals, used pings, model, tests, centre, mirror solutions."""
+    """
+    Results as one object: nodes, residuals, used pings, model, tests, centre, mirror solutions.
+    """
     return {
         "nodes": location.nodes,
         "rms_s": location.rms,
@@ -70,7 +79,10 @@ def landmarks_toml(location: Location) -> str:
 
 
 def geojson(location: Location) -> str:
-    """Nodes and their 95 % ellipses as a GeoJSON feature collection; empty without latitudes and longitudes."""
+    """
+    Nodes and their 95 % ellipses as a GeoJSON feature collection; empty without latitudes and
+    longitudes.
+    """
     features = []
     frame = location.survey.frame
     for row in location.nodes.to_dict("records"):
@@ -121,8 +133,16 @@ def dataset(location: Location) -> xr.Dataset:
         data, coords={"node": nodes["name"].to_numpy(dtype=str), "axis": ["north", "east", "depth"]}
     )
     out["status"] = out["status"].astype(str)
-    model = {key: value for key, value in location.hyperparameters.items() if isinstance(value, (str, float))}
-    out.attrs = {"title": "Located nodes", "source": location.survey.source, "rms_s": location.rms} | model
+    model = {
+        key: value
+        for key, value in location.hyperparameters.items()
+        if isinstance(value, (str, float))
+    }
+    out.attrs = {
+        "title": "Located nodes",
+        "source": location.survey.source,
+        "rms_s": location.rms,
+    } | model
     return out
 
 
@@ -142,17 +162,18 @@ def check_names_to_write(survey: Survey) -> None:
     for name in survey.names:
         if not _NAME.fullmatch(name):
             raise LocateError(
-                f"{survey.source}: node {one_line(name, 40)!r}: files of results need names of 1 to 64 letters, digits, _ and -;"
-                " rename it in the survey"
+                f"{survey.source}: node {one_line(name, 40)!r}: files of results need names of 1 to"
+                " 64 letters, digits, _ and -; rename it in the survey"
             )
 
 
 def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     """
-    Factor graph of the used pings: known poses of the platform, nodes with priors, and ranges, including ranges between nodes.
+    Factor graph of the used pings: known poses of the platform, nodes with priors, and ranges,
+    including ranges between nodes.
 
-    A range is the straight distance at the solution plus the residual in metres. The solution of the graph is therefore that of
-    the survey with the estimated sound speed and clocks.
+    A range is the straight distance at the solution plus the residual in metres. The solution of
+    the graph is therefore that of the survey with the estimated sound speed and clocks.
     """
     survey = location.survey
     solution = location.solution
@@ -169,11 +190,18 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     pairs = np.flatnonzero(solution.used & survey.between_nodes)
     both = np.concatenate([rows, pairs])
     ends = np.concatenate([place, location.positions[survey.partner[pairs]]])
-    half = location.mean_speed * np.where(survey.direction[both] == TravelDirection.TWO_WAY, 0.5, 1.0)
-    distance = (
-        np.linalg.norm(ends - location.positions[survey.node[both]], axis=1) + half * location.residual[both]
+    half = location.mean_speed * np.where(
+        survey.direction[both] == TravelDirection.TWO_WAY, 0.5, 1.0
     )
-    noise = solution.posterior.sigma * np.sqrt(solution.correlation.variance) * solution.linear.weight[both]
+    distance = (
+        np.linalg.norm(ends - location.positions[survey.node[both]], axis=1)
+        + half * location.residual[both]
+    )
+    noise = (
+        solution.posterior.sigma
+        * np.sqrt(solution.correlation.variance)
+        * solution.linear.weight[both]
+    )
     first = np.concatenate([np.arange(n), n + survey.partner[pairs]])
     unit = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
     has_prior = [i for i, one in enumerate(survey.nodes) if min(one.sigma) > 0.0]
@@ -188,7 +216,9 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
         factors={
             "prior": KINDS["prior"].table(np.arange(n), [place, unit], known),
             "survey": KINDS["survey"].table(
-                n + np.array(has_prior, dtype=int), [[survey.nodes[i].position for i in has_prior]], prior
+                n + np.array(has_prior, dtype=int),
+                [[survey.nodes[i].position for i in has_prior]],
+                prior,
             ),
             "range": KINDS["range"].table(
                 np.column_stack([first, n + survey.node[both]]), [distance], (half * noise) ** 2
@@ -199,8 +229,13 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
 
 
 def write_location(location: Location, folder: Path) -> list[Path]:
-    """Write landmarks, GeoJSON, graph and NetCDF into a folder; return the paths. The graph needs a ping of the platform."""
-    paths = [folder / name for name in ("landmarks.toml", "nodes.geojson", "survey.pyfg", "location.nc")]
+    """
+    Write landmarks, GeoJSON, graph and NetCDF into a folder; return the paths. The graph needs a
+    ping of the platform.
+    """
+    paths = [
+        folder / name for name in ("landmarks.toml", "nodes.geojson", "survey.pyfg", "location.nc")
+    ]
     paths[0].write_text(landmarks_toml(location), encoding="utf-8")
     paths[1].write_text(geojson(location), encoding="utf-8")
     write_netcdf(dataset(location), paths[3])

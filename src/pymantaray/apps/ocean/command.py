@@ -1,4 +1,7 @@
-"""Commands of `mantaray ocean`: check, show, plot and make oceans. They import modules when they run. `fetch` is a separate group."""
+"""
+Commands of `mantaray ocean`: check, show, plot and make oceans. They import modules when they run.
+`fetch` is a separate group.
+"""
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
@@ -56,22 +59,29 @@ Files = Annotated[
     list[str],
     typer.Argument(
         metavar="OCEAN...",
-        help="Files that belong together, a profile or cast, synthetic:beaufort or synthetic:fram, a preset, or a TOML file.",
+        help="Files that belong together, a profile or cast, synthetic:beaufort or synthetic:fram,"
+        " a preset, or a TOML file.",
     ),
 ]
 Ocean = Annotated[
     str,
     typer.Argument(
         metavar="OCEAN",
-        help="As in mantaray ocean show. An ocean of several files: a TOML file with source in its section ocean.",
+        help="As in mantaray ocean show. An ocean of several files: a TOML file with source in its"
+        " section ocean.",
     ),
 ]
 CastFile = Annotated[
-    Path, typer.Argument(metavar="CAST", help="A table, an instrument's file, Argo profiles or CF profiles.")
+    Path,
+    typer.Argument(
+        metavar="CAST", help="A table, an instrument's file, Argo profiles or CF profiles."
+    ),
 ]
 CastFiles = Annotated[
     list[Path],
-    typer.Argument(metavar="CASTS...", help="Tables, instruments' files, Argo profiles or CF profiles."),
+    typer.Argument(
+        metavar="CASTS...", help="Tables, instruments' files, Argo profiles or CF profiles."
+    ),
 ]
 NewOcean = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
 
@@ -82,14 +92,22 @@ class CastOptions:
 
     lat: Annotated[
         float | None,
-        typer.Option(parser=quantity("deg"), help="Latitude of a cast whose file has none, in degrees."),
+        typer.Option(
+            parser=quantity("deg"), help="Latitude of a cast whose file has none, in degrees."
+        ),
     ] = None
     lon: Annotated[
         float | None,
-        typer.Option(parser=quantity("deg"), help="Longitude of a cast whose file has none, in degrees."),
+        typer.Option(
+            parser=quantity("deg"), help="Longitude of a cast whose file has none, in degrees."
+        ),
     ] = None
-    time: Annotated[str | None, typer.Option(help="Instant (UTC), such as 2014-07-24T19:20.")] = None
-    name: Annotated[str | None, typer.Option(help="Name of the cast, if the file contains several.")] = None
+    time: Annotated[str | None, typer.Option(help="Instant (UTC), such as 2014-07-24T19:20.")] = (
+        None
+    )
+    name: Annotated[
+        str | None, typer.Option(help="Name of the cast, if the file contains several.")
+    ] = None
     repair_freezing: RepairFreezing = False
 
 
@@ -107,7 +125,8 @@ def check(
     study: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME|FILE", help="Preset or TOML file; the ocean must cover its domain and fleet."
+            metavar="NAME|FILE",
+            help="Preset or TOML file; the ocean must cover its domain and fleet.",
         ),
     ] = None,
     changes: Set = None,
@@ -206,7 +225,10 @@ def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
 @app.command()
 @with_options
 def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text") -> None:
-    """Print extent, levels, time, ranges of each variable and history of an ocean, or the levels of profiles."""
+    """
+    Print extent, levels, time, ranges of each variable and history of an ocean, or the levels of
+    profiles.
+    """
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
     from pymantaray.water.metres import section_in_metres
@@ -231,7 +253,9 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
         facts = ocean_facts(ocean, floor)
         for name, text in facts.items():
             out.line(f"{name:<11} {text}")
-        region = region_table(ocean, equation=section.equation, sea_floor=floor).iloc[:, 0].to_dict()
+        region = (
+            region_table(ocean, equation=section.equation, sea_floor=floor).iloc[:, 0].to_dict()
+        )
         out.add(title=facts["title"], region=region)
         variables = variable_table(ocean, section.equation).reset_index()
         out.table(ResultTable("variables", variables, by_row=True))
@@ -293,20 +317,24 @@ def _show_profiles(section: "OceanSection", out: "Printer") -> None:
             "levels": f"{profile.depth.size}, {profile.depth[0]:.6g} to {profile.depth[-1]:.6g} m",
         }
         lists = {
-            name.partition(" [")[0].replace(" ", "_"): values.tolist() for name, values in columns.items()
+            name.partition(" [")[0].replace(" ", "_"): values.tolist()
+            for name, values in columns.items()
         }
         shown.append({**facts, **lists, "notes": list(profile.notes)})
         if len(profiles) == 1:
             for name, text in facts.items():
                 out.line(f"{name:<11} {text}")
             out.line(
-                f"{'sea bed':<11} not part of a profile; --bathymetry gives it to commands that need one"
+                f"{'sea bed':<11} not part of a profile; --bathymetry gives it to commands that"
+                " need one"
             )
             ranges = [(name, values.min(), values.max()) for name, values in columns.items()]
             frame = pd.DataFrame(ranges, columns=["variable", "min", "max"])
             out.table(ResultTable("variables", frame, by_row=True))
     if len(profiles) > 1:
-        few = [{name: one[name] for name in ("profile", "time", "position", "levels")} for one in shown]
+        few = [
+            {name: one[name] for name in ("profile", "time", "position", "levels")} for one in shown
+        ]
         out.table(ResultTable("profiles", pd.DataFrame(few)))
     for note in dict.fromkeys(note for profile in profiles for note in profile.notes):
         out.line(f"note: {note}")
@@ -322,7 +350,8 @@ def plot(
     depth: Annotated[
         float | None,
         typer.Option(
-            parser=quantity("m"), help="Depth of the map in metres. Default: 100 m, or half the water depth."
+            parser=quantity("m"),
+            help="Depth of the map in metres. Default: 100 m, or half the water depth.",
         ),
     ] = None,
     at: Annotated[
@@ -341,7 +370,9 @@ def plot(
     section = _configured(files, water).ocean
     ocean, floor = _domain(section)
     with progress_bars(quiet=quiet) as progress:
-        paths = write_ocean_plots(ocean, out, depth=depth, place=at, sea_floor=floor, progress=progress)
+        paths = write_ocean_plots(
+            ocean, out, depth=depth, place=at, sea_floor=floor, progress=progress
+        )
     for path in paths:
         typer.echo(str(path))
 
@@ -359,11 +390,15 @@ class UniformOptions:
     ] = None
     half_extent: Annotated[
         tuple[str, str],
-        typer.Option(metavar="NORTH EAST", help="Half sides of the domain in m, or text such as '60 km'."),
+        typer.Option(
+            metavar="NORTH EAST", help="Half sides of the domain in m, or text such as '60 km'."
+        ),
     ] = ("60 km", "60 km")
     below: Annotated[
         Literal["refuse", "constant"],
-        typer.Option(help="Water below the deepest sample: refuse (an error), or constant (its values)."),
+        typer.Option(
+            help="Water below the deepest sample: refuse (an error), or constant (its values)."
+        ),
     ] = "refuse"
     below_cast: Annotated[
         Path | None, typer.Option(help="A deeper cast for the water below the deepest sample.")
@@ -400,12 +435,17 @@ def from_cast(
 def convert_cast(
     cast: CastFile,
     out: Annotated[
-        Path, typer.Argument(metavar="OUT", help="A Kongsberg .asvp, or a CF data set of profiles (.nc).")
+        Path,
+        typer.Argument(
+            metavar="OUT", help="A Kongsberg .asvp, or a CF data set of profiles (.nc)."
+        ),
     ],
     which: CastOptions,
     thin: Annotated[
         float | None,
-        typer.Option(metavar="M/S", help="Remove levels if linear interpolation stays within this error."),
+        typer.Option(
+            metavar="M/S", help="Remove levels if linear interpolation stays within this error."
+        ),
     ] = None,
     force: Force = False,
 ) -> None:
@@ -427,7 +467,11 @@ def convert_cast(
     if name is not None:
         profiles = [p for p in profiles if p.name == name]
     if not profiles or (out.suffix == ".asvp" and len(profiles) > 1):
-        cause = f"no cast {name!r}" if not profiles else f"{len(profiles)} casts, but .asvp allows only one"
+        cause = (
+            f"no cast {name!r}"
+            if not profiles
+            else f"{len(profiles)} casts, but .asvp allows only one"
+        )
         raise OceanError(f"{cast}: {cause}; available: {names}; select one with --name")
     if time is not None:
         profiles = [p._replace(time=parse_instant(time)) for p in profiles]
@@ -446,7 +490,9 @@ def _thinned(profile: "Profile", tolerance: float) -> "Profile":
     """Keep the levels that linear interpolation needs to stay within a tolerance. [m/s]"""
     from pymantaray.acoustics import thin_profile
 
-    few = thin_profile(profile.depth, profile.sound_speed, tolerance=tolerance, interpolation="linear")
+    few = thin_profile(
+        profile.depth, profile.sound_speed, tolerance=tolerance, interpolation="linear"
+    )
     return profile._replace(depth=few.depth, sound_speed=few.sound_speed, water=None)
 
 
@@ -456,20 +502,25 @@ class CorrectionOptions:
 
     scale: Annotated[
         float,
-        typer.Option(parser=quantity("km"), help="Horizontal scale of the background's error, in km."),
+        typer.Option(
+            parser=quantity("km"), help="Horizontal scale of the background's error, in km."
+        ),
     ] = 50.0
     noise_ratio: Annotated[
         float, typer.Option(help="Error variance of the casts over that of the background.")
     ] = 0.1
     vertical_scale: Annotated[
         float,
-        typer.Option(parser=quantity("m"), help="Scale of the decay below the deepest sample, in m."),
+        typer.Option(
+            parser=quantity("m"), help="Scale of the decay below the deepest sample, in m."
+        ),
     ] = 100.0
     time_scale: Annotated[
         str | None,
         typer.Option(
             metavar="DURATION",
-            help="Scale in time: days, or text such as '36 h'. Default: all casts have full weight.",
+            help="Scale in time: days, or text such as '36 h'. Default: all casts have full"
+            " weight.",
         ),
     ] = None
 
@@ -508,7 +559,9 @@ class PerturbationOptions:
 
     method: Annotated[
         Literal["eof", "mean", "column"],
-        typer.Option(help="eof: random, in vertical modes; mean: horizontal mean; column: one column."),
+        typer.Option(
+            help="eof: random, in vertical modes; mean: horizontal mean; column: one column."
+        ),
     ] = "eof"
     rms: Annotated[
         float | None,
@@ -527,9 +580,9 @@ class PerturbationOptions:
             help="For eof: depth limit of the water for --rms, in m. Default: the sea bed.",
         ),
     ] = None
-    mode_cast: Annotated[list[Path] | None, typer.Option(help="For eof: casts for the vertical modes.")] = (
-        None
-    )
+    mode_cast: Annotated[
+        list[Path] | None, typer.Option(help="For eof: casts for the vertical modes.")
+    ] = None
     place: Annotated[
         tuple[float, float] | None,
         typer.Option(help="For column: its latitude and longitude, in degrees."),
@@ -546,7 +599,9 @@ class PerturbationOptions:
         given = {name for name in options if getattr(self, name) not in (None, [])}
         words = {name: f"--{name.replace('_', '-')}" for name in options}
         if missing := sorted(needed - given):
-            raise OceanError(f"--method {self.method} needs {' and '.join(words[name] for name in missing)}")
+            raise OceanError(
+                f"--method {self.method} needs {' and '.join(words[name] for name in missing)}"
+            )
         if extra := sorted(given - needed - further):
             unused = " and ".join(words[name] for name in extra)
             raise OceanError(f"--method {self.method} does not use {unused}; remove the option")
@@ -555,7 +610,11 @@ class PerturbationOptions:
 @app.command()
 @with_options
 def perturb(
-    files: Files, out: NewOcean, water: GridOptions, error: PerturbationOptions, force: Force = False
+    files: Files,
+    out: NewOcean,
+    water: GridOptions,
+    error: PerturbationOptions,
+    force: Force = False,
 ) -> None:
     """Write a perturbed ocean for an estimator."""
     check_output(out, [".nc"], inputs=[*map(Path, files), *(error.mode_cast or [])], force=force)
@@ -599,8 +658,8 @@ def _fields(section: "OceanSection") -> "xr.Dataset":
 
     if section.bathymetry is not None and not is_profile(section):
         raise OceanError(
-            "--bathymetry applies to a profile here: the water of an ocean ends where its levels end; remove it, and use it"
-            " with the commands that trace rays"
+            "--bathymetry applies to a profile here: the water of an ocean ends where its levels"
+            " end; remove it, and use it with the commands that trace rays"
         )
     ocean, _ = _domain(section)
     return ocean
@@ -625,7 +684,8 @@ def _write(ocean: "xr.Dataset", out: Path) -> None:
     wet = np.isfinite(ocean["water_temp"].values).any(axis=(1, 2))
     making = [line for line in str(ocean.attrs["history"]).splitlines() if line.startswith(_MAKING)]
     typer.echo(
-        f"{out}: {size} levels, latitudes, longitudes to {ocean['depth'].values[wet][-1]:g} m; {making[-1]}"
+        f"{out}: {size} levels, latitudes, longitudes to {ocean['depth'].values[wet][-1]:g} m;"
+        f" {making[-1]}"
     )
 
 

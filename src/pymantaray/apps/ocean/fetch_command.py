@@ -22,7 +22,10 @@ class WindowOptions:
     """Window and instant of a download, its servers and its file."""
 
     lat: Annotated[
-        Any, typer.Option(parser=quantities("deg", 2), metavar="SOUTH,NORTH", help="Latitudes, in degrees.")
+        Any,
+        typer.Option(
+            parser=quantities("deg", 2), metavar="SOUTH,NORTH", help="Latitudes, in degrees."
+        ),
     ]
     lon: Annotated[
         Any,
@@ -38,7 +41,8 @@ class WindowOptions:
         str | None,
         typer.Option(
             metavar="FILE|URL",
-            help="TOML file of servers, or the address of an OPeNDAP root. Default: MANTARAY_OCEAN_SERVERS.",
+            help="TOML file of servers, or the address of an OPeNDAP root. Default:"
+            " MANTARAY_OCEAN_SERVERS.",
         ),
     ] = None
 
@@ -50,10 +54,13 @@ def hycom(
     limits: Annotated[FetchLimits, Fields("attempts", total_s="--time-limit")],
     nearest: Annotated[
         bool,
-        typer.Option("--nearest", help="Use the nearest time step if the requested one does not exist."),
+        typer.Option(
+            "--nearest", help="Use the nearest time step if the requested one does not exist."
+        ),
     ] = False,
     experiment: Annotated[
-        str | None, typer.Option(help="Name of an experiment. Default: the preferred one for the time.")
+        str | None,
+        typer.Option(help="Name of an experiment. Default: the preferred one for the time."),
     ] = None,
     force: Force = False,
     quiet: Quiet = False,
@@ -83,7 +90,10 @@ def copernicus(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Download a window of a GLORYS12 daily mean as a valid ocean; needs an account of Copernicus Marine."""
+    """
+    Download a window of a GLORYS12 daily mean as a valid ocean; needs an account of Copernicus
+    Marine.
+    """
     from pymantaray.ocean.fetch import fetch_copernicus
 
     _log_notes(fetch_copernicus(**asdict(window), product=product, overwrite=force))

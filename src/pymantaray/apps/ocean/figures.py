@@ -1,4 +1,7 @@
-"""Plots of an ocean on the grid of its source: profiles, maps of sound speed, currents and sea floor, vertical sections."""
+"""
+Plots of an ocean on the grid of its source: profiles, maps of sound speed, currents and sea floor,
+vertical sections.
+"""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -53,7 +56,8 @@ def write_ocean_plots(
     depth : float, optional
         Depth of the map. Default: 100 m, or half the greatest depth if that is smaller. [m]
     place : tuple of float, optional
-        Latitude and longitude at which the sections cross. Default: the middle of the window. [degrees]
+        Latitude and longitude at which the sections cross. Default: the middle of the window.
+        [degrees]
     sea_floor : xarray.DataArray, optional
         Sea floor from `pymantaray.ocean.open_sea_floor`. [m]
     progress : callable, optional
@@ -77,8 +81,8 @@ def write_ocean_plots(
     turned = wrapped(where[1], about=middle[1])
     if not (lat[0] <= where[0] <= lat[-1] and lon[0] <= turned <= lon[-1]):
         raise ReportError(
-            f"place {where[0]:g}, {where[1]:g} is outside the ocean: latitude {lat[0]:g} to {lat[-1]:g}, longitude"
-            f" {lon[0]:g} to {lon[-1]:g}"
+            f"place {where[0]:g}, {where[1]:g} is outside the ocean: latitude {lat[0]:g} to"
+            f" {lat[-1]:g}, longitude {lon[0]:g} to {lon[-1]:g}"
         )
     wet = np.isfinite(ocean["water_temp"].values).any(axis=(1, 2))
     deepest = float(ocean["depth"].values[wet][-1])
@@ -86,7 +90,9 @@ def write_ocean_plots(
     if not 0.0 <= level <= deepest:
         raise ReportError(f"depth {level:g} m is not in the water; allowed 0 to {deepest:g} m")
     time = (
-        "" if np.isnat(ocean["time"].values) else str(np.datetime_as_string(ocean["time"].values, unit="s"))
+        ""
+        if np.isnat(ocean["time"].values)
+        else str(np.datetime_as_string(ocean["time"].values, unit="s"))
     )
     header = style.ocean_header({**ocean.attrs, "time": time})
     draw: dict[str, Callable[[], Figure]] = {
@@ -124,7 +130,9 @@ def sea_floor_map(ocean: xr.Dataset, header: str, sea_floor: xr.DataArray | None
     """Map of the depth of the sea floor."""
     floor = _floor_of(ocean, sea_floor)
     source = (
-        "last level with water" if sea_floor is None else str(sea_floor.attrs.get("source", "from a file"))
+        "last level with water"
+        if sea_floor is None
+        else str(sea_floor.attrs.get("source", "from a file"))
     )
 
     def draw(axes: Axes, _arrows: int) -> Any:
@@ -163,7 +171,8 @@ def _map(
     finish_bar(bar, label)
     if invert:
         bar.ax.invert_yaxis()
-    figure.draw_without_rendering()  # a first layout, which the fixed aspect changes; the next one fits
+    # a first layout, which the fixed aspect changes; the next one fits
+    figure.draw_without_rendering()
     return figure
 
 
@@ -173,7 +182,9 @@ def map_shape(lat: Array, lon: Array) -> float:
 
 
 def lay_out_map(axes: Axes, lat: Array, lon: Array, *, ticks: int) -> None:
-    """Limits, proportions, ticks and a frame of a map of these latitudes and longitudes. [degrees]"""
+    """
+    Limits, proportions, ticks and a frame of a map of these latitudes and longitudes. [degrees]
+    """
     axes.grid(visible=False)
     axes.set_aspect(_stretch(lat))
     axes.set_xlim(lon[0], lon[-1])
@@ -193,7 +204,9 @@ def _stretch(lat: Array) -> float:
 
 def _draw_floor_lines(axes: Axes, floor: xr.DataArray) -> None:
     deepest = float(floor.max())
-    steps = [step for step in (200.0, 500.0, *np.arange(1_000.0, 7_000.0, 1_000.0)) if step < deepest]
+    steps = [
+        step for step in (200.0, 500.0, *np.arange(1_000.0, 7_000.0, 1_000.0)) if step < deepest
+    ]
     if deepest - float(floor.min()) > 50.0 and steps:
         look: dict[str, Any] = {"colors": "white", "linewidths": 0.6}
         lines = axes.contour(floor["lon"], floor["lat"], floor.values, levels=steps, **look)
@@ -214,7 +227,11 @@ def _draw_currents(axes: Axes, level: xr.Dataset, count: int) -> None:
     rows, columns = (slice(s // 2, None, s) for s in step)
     scale = float(np.nanpercentile(size, 99.0)) or 1.0
     look: dict[str, Any] = {"color": style.INK, "width": 0.0018, "headwidth": 4.0, "zorder": 4}
-    size_on_page: dict[str, Any] = {"angles": "uv", "scale_units": "width", "scale": scale * count * 0.8}
+    size_on_page: dict[str, Any] = {
+        "angles": "uv",
+        "scale_units": "width",
+        "scale": scale * count * 0.8,
+    }
     thinned = (lon[columns], lat[rows], u[rows, columns], v[rows, columns])
     arrows = axes.quiver(*thinned, **size_on_page, **look)
     key = float(f"{scale:.1g}")
@@ -241,9 +258,15 @@ class _Cut(NamedTuple):
 
 @style.styled
 def sound_speed_sections(
-    ocean: xr.Dataset, place: tuple[float, float], header: str, sea_floor: xr.DataArray | None = None
+    ocean: xr.Dataset,
+    place: tuple[float, float],
+    header: str,
+    sea_floor: xr.DataArray | None = None,
 ) -> Figure:
-    """Sections of the sound speed along a parallel and a meridian through a place: upper part and all depths."""
+    """
+    Sections of the sound speed along a parallel and a meridian through a place: upper part and all
+    depths.
+    """
     depth = np.asarray(ocean["depth"].values, dtype=float)
     cuts = _cuts(ocean, place, _floor_of(ocean, sea_floor))
     known = np.any([np.isfinite(cut.speed).any(axis=1) for cut in cuts], axis=0)
@@ -262,10 +285,14 @@ def sound_speed_sections(
             axes.axvline(cut.crossing, color=style.INK, linestyle=":", linewidth=0.7, zorder=1.5)
             if i == 0:
                 style.panel_title(axes, "ab"[j], cut.title)
-            axes.xaxis.set_major_formatter(FuncFormatter(longitude_label if j == 0 else latitude_label))
+            axes.xaxis.set_major_formatter(
+                FuncFormatter(longitude_label if j == 0 else latitude_label)
+            )
             axes.xaxis.set_major_locator(MaxNLocator(5 if j == 0 else 4, steps=[1, 2, 5, 10]))
         panels[i, 0].set_ylabel("Depth [m]")
-        finish_bar(figure.colorbar(mesh, ax=panels[i, :], pad=0.012, aspect=16), "Sound speed [m/s]")
+        finish_bar(
+            figure.colorbar(mesh, ax=panels[i, :], pad=0.012, aspect=16), "Sound speed [m/s]"
+        )
     panels[1, 0].set_xlabel("Longitude [°]")
     panels[1, 1].set_xlabel("Latitude [°]")
     return figure
@@ -273,10 +300,14 @@ def sound_speed_sections(
 
 def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) -> tuple[_Cut, _Cut]:
     """Section along the parallel and along the meridian nearest to a place."""
-    lat, lon, depth = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth"))
+    lat, lon, depth = (
+        np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth")
+    )
     row = _nearest(lat, place[0])
     column = _nearest(lon, wrapped(place[1], about=0.5 * (lon[0] + lon[-1])))
-    temperature, salinity = (fill_below_sea_bed(ocean[v].values, lat) for v in ("water_temp", "salinity"))
+    temperature, salinity = (
+        fill_below_sea_bed(ocean[v].values, lat) for v in ("water_temp", "salinity")
+    )
     filled = sound_speed(temperature, salinity, depth[:, None, None], lat[:, None], lon)
     speed = np.where(np.isfinite(ocean["water_temp"].values), filled, np.nan)
     parallel = latitude_label(lat[row], digits=2, unit="° ")
@@ -284,7 +315,14 @@ def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) ->
     along_lat = _along(floor, "lat", lon[column])
     along_lon = _along(floor, "lon", lat[row])
     return (
-        _Cut(lon, speed[:, row], filled[:, row], *along_lon, lon[column], f"west to east along {parallel}"),
+        _Cut(
+            lon,
+            speed[:, row],
+            filled[:, row],
+            *along_lon,
+            lon[column],
+            f"west to east along {parallel}",
+        ),
         _Cut(
             lat,
             speed[:, :, column],
@@ -296,12 +334,19 @@ def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) ->
     )
 
 
-def _draw_section(axes: Axes, depth: Array, cut: _Cut, span: tuple[float, float], limit: float) -> Any:
-    """Draw sound speed as filled contours, extended below the sea bed so that the bed covers their edge, then the bed."""
+def _draw_section(
+    axes: Axes, depth: Array, cut: _Cut, span: tuple[float, float], limit: float
+) -> Any:
+    """
+    Draw sound speed as filled contours, extended below the sea bed so that the bed covers their
+    edge, then the bed.
+    """
     axes.grid(visible=False)
     along = cut.along
     bed = cut.bed
-    levels = np.linspace(*span, 41) if span[1] > span[0] else np.array([span[0] - 0.5, span[0] + 0.5])
+    levels = (
+        np.linspace(*span, 41) if span[1] > span[0] else np.array([span[0] - 0.5, span[0] + 0.5])
+    )
     mesh = axes.contourf(along, depth, np.clip(cut.filled, *span), levels=levels, cmap=style.WATER)
     mesh.set_edgecolor("face")
     mesh.set_linewidth(0.2)
@@ -339,7 +384,9 @@ def _floor_of(ocean: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.DataArray
         return sea_floor_depth(ocean)
     middle = 0.5 * float(ocean["lon"][0] + ocean["lon"][-1])
     lon = sea_floor["lon"]
-    return sea_floor.assign_coords(lon=lon - whole_turns(0.5 * float(lon[0] + lon[-1]), about=middle))
+    return sea_floor.assign_coords(
+        lon=lon - whole_turns(0.5 * float(lon[0] + lon[-1]), about=middle)
+    )
 
 
 def _nearest(axis: Array, value: float) -> int:
@@ -348,7 +395,10 @@ def _nearest(axis: Array, value: float) -> int:
 
 
 def _label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
-    """Write values on contour lines, readable on light and dark colours, away from the frame and each other."""
+    """
+    Write values on contour lines, readable on light and dark colours, away from the frame and each
+    other.
+    """
     to_axes = axes.transData + axes.transAxes.inverted()
     places: list[Array] = []
     for path in lines.get_paths():
@@ -369,7 +419,9 @@ def _label_contours(axes: Axes, lines: ContourSet, form: str) -> None:
     if not places:
         return
     at = to_axes.inverted().transform(places)
-    for text in axes.clabel(lines, fontsize=5.5, fmt=form, colors="white", zorder=2, manual=at.tolist()):
+    for text in axes.clabel(
+        lines, fontsize=5.5, fmt=form, colors="white", zorder=2, manual=at.tolist()
+    ):
         text.set_path_effects(_OUTLINE)
 
 
@@ -381,14 +433,18 @@ def finish_bar(bar: Colorbar, label: str) -> None:
     bar.outline.set_linewidth(0.4)
 
 
-def longitude_label(value: float, _position: int | None = None, *, digits: int = 4, unit: str = "") -> str:
+def longitude_label(
+    value: float, _position: int | None = None, *, digits: int = 4, unit: str = ""
+) -> str:
     """Label such as ``140W``, from degrees of any window."""
     turned = round(wrapped(value), digits)
     side = "" if turned in (0.0, -180.0, 180.0) else "W" if turned < 0.0 else "E"
     return f"{abs(turned):g}{unit}{side}".rstrip()
 
 
-def latitude_label(value: float, _position: int | None = None, *, digits: int = 4, unit: str = "") -> str:
+def latitude_label(
+    value: float, _position: int | None = None, *, digits: int = 4, unit: str = ""
+) -> str:
     """As ``74.5N``."""
     rounded = round(value, digits)
     side = "" if rounded == 0.0 else "S" if rounded < 0.0 else "N"

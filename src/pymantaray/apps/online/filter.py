@@ -1,4 +1,7 @@
-"""State of a fleet and of its beacons, and what each event does to it: pure functions on arrays that never change."""
+"""
+State of a fleet and of its beacons, and what each event does to it: pure functions on arrays that
+never change.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,11 @@ import numpy as np
 
 from pymantaray.arrays import Array
 from pymantaray.estimation.filters.kalman import SIZE, corrected, moved
-from pymantaray.estimation.ranges.range_models import RangeEndpoints, RangeModel, TravelTimeUncertainty
+from pymantaray.estimation.ranges.range_models import (
+    RangeEndpoints,
+    RangeModel,
+    TravelTimeUncertainty,
+)
 from pymantaray.geometry.se3 import se3_exp, se3_log, so3_exp
 
 _ONE_LINK = np.zeros(1, dtype=np.intp)
@@ -38,11 +45,13 @@ class Outcome(IntEnum):
 
 class Event(NamedTuple):
     """
-    Odometry or a measurement; events are sorted, so their order does not depend on the order of arrival.
+    Odometry or a measurement; events are sorted, so their order does not depend on the order of
+    arrival.
 
-    ``members`` are the vehicle, or the transmitter and the receiver of a range: vehicles come first, then beacons with unknown and with exact positions. ``values`` are
-    translation, rotation vector and the six standard deviations of odometry; depth and sigma; position and three sigmas; or
-    travel time, sigma and sound speed at the transmitter (0 if unknown). [m, rad, s, m/s]
+    ``members`` are the vehicle, or the transmitter and the receiver of a range: vehicles come
+    first, then beacons with unknown and with exact positions. ``values`` are translation, rotation
+    vector and the six standard deviations of odometry; depth and sigma; position and three sigmas;
+    or travel time, sigma and sound speed at the transmitter (0 if unknown). [m, rad, s, m/s]
     """
 
     time: float
@@ -52,7 +61,10 @@ class Event(NamedTuple):
 
 
 class State(NamedTuple):
-    """Estimate of all vehicles and of beacons with unknown positions; each vehicle has the time up to which its odometry was applied."""
+    """
+    Estimate of all vehicles and of beacons with unknown positions; each vehicle has the time up to
+    which its odometry was applied.
+    """
 
     rotation: Array  # (n, 3, 3), body to world
     position: Array  # (n, 3) [m]
@@ -105,7 +117,10 @@ def advanced(state: State, vehicle: int, step: Step, time: float) -> State:
 
 
 class Measured(NamedTuple):
-    """Residual predicted minus measured (m,), its derivatives by the errors (m, 6 n), and its variances (m,)."""
+    """
+    Residual predicted minus measured (m,), its derivatives by the errors (m, 6 n), and its
+    variances (m,).
+    """
 
     residual: Array
     by_errors: Array
@@ -113,7 +128,9 @@ class Measured(NamedTuple):
 
 
 class RangePrediction(NamedTuple):
-    """Range model, its uncertainty if it has one, and the beacons with exactly known positions (n, 3)."""
+    """
+    Range model, its uncertainty if it has one, and the beacons with exactly known positions (n, 3).
+    """
 
     model: RangeModel
     uncertainty: TravelTimeUncertainty | None
@@ -137,7 +154,9 @@ def _range(state: State, event: Event, ranging: RangePrediction) -> Measured | N
     travel_time, sigma, sound_speed = event.values
     n = len(state.position)
     ends = [state.position[k] if k < n else ranging.fixed[k - n] for k in event.members]
-    links = RangeEndpoints(np.array([event.time]), ends[0][None], ends[1][None], np.array([sound_speed]))
+    links = RangeEndpoints(
+        np.array([event.time]), ends[0][None], ends[1][None], np.array([sound_speed])
+    )
     prediction = ranging.model.predict(links)
     if not prediction.possible[0]:
         return None
@@ -152,9 +171,14 @@ def _range(state: State, event: Event, ranging: RangePrediction) -> Measured | N
 
 
 def updated(state: State, found: Measured, gate: float) -> tuple[State, Outcome]:
-    """Update by a measurement unless one of its innovations exceeds the gate, in standard deviations."""
+    """
+    Update by a measurement unless one of its innovations exceeds the gate, in standard deviations.
+    """
     if np.isfinite(gate):
-        spread = np.einsum("ij,jk,ik->i", found.by_errors, state.covariance, found.by_errors) + found.variance
+        spread = (
+            np.einsum("ij,jk,ik->i", found.by_errors, state.covariance, found.by_errors)
+            + found.variance
+        )
         if (found.residual**2 > gate * gate * spread).any():
             return state, Outcome.GATED
     after = corrected(

@@ -31,9 +31,10 @@ class TableModel:
     """
     Range model of a travel-time table; the source of the table is the transmitter.
 
-    A table with one sector holds in both directions: if the transmitter's depth is outside the table's source depths, the
-    receiver becomes the source. A link without a range in the table (shadow, border, outside) has no arrival. The table's standard
-    deviations over its ensemble of oceans are the uncertainty of the travel times.
+    A table with one sector holds in both directions: if the transmitter's depth is outside the
+    table's source depths, the receiver becomes the source. A link without a range in the table
+    (shadow, border, outside) has no arrival. The table's standard deviations over its ensemble of
+    oceans are the uncertainty of the travel times.
 
     Parameters
     ----------
@@ -60,11 +61,15 @@ class TableModel:
         distance = np.hypot(step[:, 0], step[:, 1])
         by_range = 1.0 / found.range_by_time
         receiver = np.zeros_like(step)
-        receiver[:, :2] = by_range[:, None] * step[:, :2] / np.where(distance > 0.0, distance, 1.0)[:, None]
+        receiver[:, :2] = (
+            by_range[:, None] * step[:, :2] / np.where(distance > 0.0, distance, 1.0)[:, None]
+        )
         transmitter = -receiver
         transmitter[:, 2] = -found.range_by_source_depth * by_range
         receiver[:, 2] = -found.range_by_receiver_depth * by_range
-        possible = np.isin(found.status, HAS_RANGE) & np.isfinite(transmitter + receiver).all(axis=1)
+        possible = np.isin(found.status, HAS_RANGE) & np.isfinite(transmitter + receiver).all(
+            axis=1
+        )
         bounces = np.asarray(found.surface_bounces + found.bottom_bounces, dtype=np.intp)
         return Prediction(np.asarray(found.travel_time), transmitter, receiver, possible, bounces)
 
@@ -106,7 +111,9 @@ class TableModel:
 def range_model_of(
     ranges: TravelTimeTable | Medium | RangeModel | float,
 ) -> tuple[RangeModel, TravelTimeUncertainty | None]:
-    """Range model of a table, a medium, a sound speed [m/s] or a model itself, and its uncertainty."""
+    """
+    Range model of a table, a medium, a sound speed [m/s] or a model itself, and its uncertainty.
+    """
     if isinstance(ranges, TravelTimeTable):
         table = TableModel(ranges)
         return table, table
@@ -116,8 +123,8 @@ def range_model_of(
         return ConstantSpeed(float(ranges)), None
     if not callable(getattr(ranges, "predict", None)):
         raise OnlineError(
-            f"ranges: found {type(ranges).__name__}; it must be a travel-time table, a medium, a range model or a sound"
-            " speed in m/s"
+            f"ranges: found {type(ranges).__name__}; it must be a travel-time table, a medium, a"
+            " range model or a sound speed in m/s"
         )
     uncertain = callable(getattr(ranges, "covariances", None))
     return ranges, ranges if uncertain else None  # type: ignore[return-value]

@@ -1,4 +1,6 @@
-"""File of an estimator's state: one JSON document with a version and a checksum, written atomically."""
+"""
+File of an estimator's state: one JSON document with a version and a checksum, written atomically.
+"""
 
 import hashlib
 import json
@@ -41,13 +43,19 @@ def read_state(path: Path | str) -> dict[str, Any]:
     if kind != KIND:
         raise OnlineError(f"{path}: not a saved estimator; save one with OnlineEstimator.save")
     if version != FORMAT:
-        raise OnlineError(f"{path}: format {version}; this version of pymantaray reads format {FORMAT}")
+        raise OnlineError(
+            f"{path}: format {version}; this version of pymantaray reads format {FORMAT}"
+        )
     if len(lines) != 2 or head.get("sha256") != _checksum(lines[1]):
-        raise OnlineError(f"{path}: damaged: its content does not have its checksum; use an earlier file")
+        raise OnlineError(
+            f"{path}: damaged: its content does not have its checksum; use an earlier file"
+        )
     try:
         content: dict[str, Any] = json.loads(lines[1])
     except (ValueError, RecursionError) as error:
-        raise OnlineError(f"{path}: not a usable state: {one_line(error, 80)}; use an earlier file") from None
+        raise OnlineError(
+            f"{path}: not a usable state: {one_line(error, 80)}; use an earlier file"
+        ) from None
     return content
 
 
@@ -65,7 +73,11 @@ def _fault(content: dict[str, Any]) -> str:
     if not (isinstance(vehicles, list) and isinstance(beacons, list)):
         return "the names of vehicles and beacons are not lists"
     names = [*vehicles, *beacons]
-    if not vehicles or len(set(names)) != len(names) or not all(isinstance(name, str) for name in names):
+    if (
+        not vehicles
+        or len(set(names)) != len(names)
+        or not all(isinstance(name, str) for name in names)
+    ):
         return "the names of vehicles and beacons are not different texts"
     if not isinstance(content["model"], str):
         return f"model is {content['model']!r}"
@@ -92,7 +104,10 @@ def _fault(content: dict[str, Any]) -> str:
     gate = content["gate"]
     if gate is not None and not float(gate) > 0.0:
         return f"gate is {gate!r}"
-    if any(name not in Outcome.__members__ or type(k) is not int for name, k in content["total"].items()):
+    if any(
+        name not in Outcome.__members__ or type(k) is not int
+        for name, k in content["total"].items()
+    ):
         return "total is not numbers of outcomes"
     rows = [*content["events"], *content["waiting"]]
     early = next((row for row in rows if not row[0] >= content["horizon"]), None)

@@ -1,4 +1,7 @@
-"""Events of the last minutes with the state after each; a late event is inserted at its time, and later ones are applied again."""
+"""
+Events of the last minutes with the state after each; a late event is inserted at its time, and
+later ones are applied again.
+"""
 
 from __future__ import annotations
 
@@ -25,8 +28,8 @@ class Timeline:
     """
     Kalman filter with a history of fixed length.
 
-    The state depends only on the events, not on the order in which they arrive: events are sorted, and all events after a
-    late one are applied again when their result is needed.
+    The state depends only on the events, not on the order in which they arrive: events are sorted,
+    and all events after a late one are applied again when their result is needed.
 
     Parameters
     ----------
@@ -117,13 +120,17 @@ class Timeline:
         if k < len(steps) and steps[k].time == event.time:
             if _contains(self.events, event):
                 return Outcome.DUPLICATE
-            raise OnlineError(f"odometry: another step ends at {event.time:g} s; steps need different times")
+            raise OnlineError(
+                f"odometry: another step ends at {event.time:g} s; steps need different times"
+            )
         begin = steps[k - 1].time if k else self.base.begin[vehicle]
         if self.base.time[vehicle] > begin or event.time <= begin:
             return Outcome.TOO_LATE  # a part of the step after it is in the base
         self._insert(event)
         if k < len(steps):  # measurements since its begin have used the step after it
-            self._valid = min(self._valid, bisect_left(self.events, (math.nextafter(begin, math.inf),)))
+            self._valid = min(
+                self._valid, bisect_left(self.events, (math.nextafter(begin, math.inf),))
+            )
         steps.insert(k, Step.of(event))
         if self.waiting:
             ready = [other for other in self.waiting if self._covers(other)]
@@ -181,7 +188,9 @@ class Timeline:
                 self.total[outcome] += 1
         del self.events[:k], self._states[:k], self._outcomes[:k]
         for steps, begin in zip(self._steps, self.base.begin, strict=True):
-            del steps[: bisect_left(steps, math.nextafter(begin, math.inf), key=lambda step: step.time)]
+            del steps[
+                : bisect_left(steps, math.nextafter(begin, math.inf), key=lambda step: step.time)
+            ]
         late = bisect_left(self.waiting, (self.horizon,))
         self.total[Outcome.TOO_LATE] += late
         del self.waiting[:late]

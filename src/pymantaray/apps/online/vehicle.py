@@ -1,4 +1,7 @@
-"""Estimator for use on board: odometry, depths, fixes and ranges in any order, position and covariance at any time."""
+"""
+Estimator for use on board: odometry, depths, fixes and ranges in any order, position and covariance
+at any time.
+"""
 
 from __future__ import annotations
 
@@ -40,7 +43,8 @@ class StartPose(NamedTuple):
     position : array_like, shape (3,)
         North, east, down. [m]
     quaternion : array_like, shape (4,)
-        Rotation from the body (forward, right, down) to the world (w, x, y, z). By default the vehicle points north.
+        Rotation from the body (forward, right, down) to the world (w, x, y, z). By default the
+        vehicle points north.
     sigma : array_like, shape (6,)
         Rotations about the body's axes [rad], then position along them [m].
     """
@@ -79,7 +83,8 @@ class PoseEstimate(NamedTuple):
     quaternion : ndarray, shape (4,)
         Rotation from the body to the world (w, x, y, z).
     covariance : ndarray, shape (6, 6)
-        Of rotation errors about the body's axes [rad] and of position errors along north, east and down [m].
+        Of rotation errors about the body's axes [rad] and of position errors along north, east and
+        down [m].
     """
 
     time: float
@@ -92,9 +97,10 @@ class OnlineEstimator:
     """
     Position of one vehicle or of a fleet, updated as measurements arrive.
 
-    An error-state Kalman filter with a history of the last ``lag`` seconds. A measurement within the lag is applied at its
-    own time, whenever it arrives: the filter goes back and repeats what follows. The result does not depend on the order of
-    arrival. Memory and work per sample do not grow with the duration of the mission.
+    An error-state Kalman filter with a history of the last ``lag`` seconds. A measurement within
+    the lag is applied at its own time, whenever it arrives: the filter goes back and repeats what
+    follows. The result does not depend on the order of arrival. Memory and work per sample do not
+    grow with the duration of the mission.
 
     Parameters
     ----------
@@ -102,16 +108,19 @@ class OnlineEstimator:
         Vehicles by name; a single pose is a vehicle named ``vehicle``.
     beacons : mapping of str to Beacon
     ranges : TravelTimeTable, Medium, RangeModel or float
-        Range model: a table; eigenrays in a medium; any model of `pymantaray.estimation`; or a sound speed [m/s]. The
-        table's standard deviation over its ensemble of oceans adds to that of each range.
+        Range model: a table; eigenrays in a medium; any model of `pymantaray.estimation`; or a
+        sound speed [m/s]. The table's standard deviation over its ensemble of oceans adds to that
+        of each range.
     start : float
         Time of the start poses. [s]
     lag : float
         Longest delay of a measurement. [s]
     longest_step : float
-        Longest step of odometry. A later time is refused, because it would make all measurements before it too late. [s]
+        Longest step of odometry. A later time is refused, because it would make all measurements
+        before it too late. [s]
     gate : float
-        A range whose innovation exceeds this number of standard deviations is not used; ``inf`` uses all ranges.
+        A range whose innovation exceeds this number of standard deviations is not used; ``inf``
+        uses all ranges.
 
     Raises
     ------
@@ -120,9 +129,11 @@ class OnlineEstimator:
 
     Examples
     --------
-    >>> estimator = OnlineEstimator(StartPose((0.0, 0.0, 50.0)), {"B": Beacon((1000.0, 0.0, 50.0))}, 1500.0)
+    >>> start, beacon = StartPose((0.0, 0.0, 50.0)), Beacon((1000.0, 0.0, 50.0))
+    >>> estimator = OnlineEstimator(start, {"B": beacon}, 1500.0)
+    >>> still, variance = (0.0, 0.0, 0.0), [1e-5] * 3 + [0.01] * 3
     >>> for k in range(1, 101):
-    ...     step = estimator.add_odometry(0.1 * k, (0.15, 0.0, 0.0), (0.0, 0.0, 0.0), [1e-5] * 3 + [0.01] * 3)
+    ...     step = estimator.add_odometry(0.1 * k, (0.15, 0.0, 0.0), still, variance)
     >>> estimator.add_range(8.0, "B", 0.66, 0.001).name
     'USED'
     >>> print(estimator.position().round(1))
@@ -145,7 +156,9 @@ class OnlineEstimator:
             raise OnlineError("vehicles: found none; at least one is needed")
         for name in fleet:
             if name in beacons:
-                raise OnlineError(f"{name}: the name of a vehicle and of a beacon; names must differ")
+                raise OnlineError(
+                    f"{name}: the name of a vehicle and of a beacon; names must differ"
+                )
         _check_time("start", start)
         check_number(OnlineError, "lag", lag, "s", positive=True)
         check_number(OnlineError, "longest_step", longest_step, "s", positive=True)
@@ -212,7 +225,8 @@ class OnlineEstimator:
         Raises
         ------
         OnlineError
-            If a value is not finite or too large, another step ends at this time, or the step is longer than ``longest_step``.
+            If a value is not finite or too large, another step ends at this time, or the step is
+            longer than ``longest_step``.
         """
         who = self._vehicle(vehicle)
         what = f"odometry of {self._vehicles[who]}"
@@ -220,8 +234,8 @@ class OnlineEstimator:
         front = self._timeline.front(who)
         if time > front + self._longest_step:
             raise OnlineError(
-                f"{what}: time {time:.10g} s is {time - front:.4g} s after the end of the last step; allowed are"
-                f" {self._longest_step:g} s (longest_step): check the clock"
+                f"{what}: time {time:.10g} s is {time - front:.4g} s after the end of the last"
+                f" step; allowed are {self._longest_step:g} s (longest_step): check the clock"
             )
         values = (
             _sized(f"{what}: translation", translation, (3,)),
@@ -230,7 +244,9 @@ class OnlineEstimator:
         )
         return self._add(time, Kind.ODOMETRY, (who,), np.concatenate(values).tolist())
 
-    def add_depth(self, time: float, depth: float, sigma: float, *, vehicle: str | None = None) -> Outcome:
+    def add_depth(
+        self, time: float, depth: float, sigma: float, *, vehicle: str | None = None
+    ) -> Outcome:
         """
         Add a measured depth.
 
@@ -290,7 +306,8 @@ class OnlineEstimator:
         Parameters
         ----------
         time : float
-            Time at which the vehicle hears the ping. A vehicle that pings is assumed to be at its position of that time. [s]
+            Time at which the vehicle hears the ping. A vehicle that pings is assumed to be at its
+            position of that time. [s]
         source : str
             Beacon or vehicle that transmits.
         travel_time : float
@@ -315,7 +332,9 @@ class OnlineEstimator:
         members = self._vehicles + self._beacons
         if source not in members or source == self._vehicles[who]:
             allowed = [name for name in members if name != self._vehicles[who]]
-            raise OnlineError(f"source {source!r}: unknown; allowed: {', '.join(allowed) or 'none'}")
+            raise OnlineError(
+                f"source {source!r}: unknown; allowed: {', '.join(allowed) or 'none'}"
+            )
         what = f"range from {source} to {self._vehicles[who]}"
         _check_time(what, time)
         check_number(OnlineError, f"{what}: travel time", travel_time, "s")
@@ -427,7 +446,9 @@ class OnlineEstimator:
             "gate": line.gate if math.isfinite(line.gate) else None,
             "horizon": line.horizon,
             "fixed": line.ranging.fixed.tolist(),
-            "base": {name: np.asarray(value).tolist() for name, value in line.base._asdict().items()},
+            "base": {
+                name: np.asarray(value).tolist() for name, value in line.base._asdict().items()
+            },
             "events": line.events,
             "waiting": line.waiting,
             "total": {outcome.name: n for outcome, n in line.total.items()},
@@ -461,7 +482,8 @@ class OnlineEstimator:
         model, uncertainty = range_model_of(ranges)
         if type(model).__name__ != content["model"]:
             raise OnlineError(
-                f"{path}: saved with the range model {content['model']}; found {type(model).__name__}"
+                f"{path}: saved with the range model {content['model']}; found"
+                f" {type(model).__name__}"
             )
         base = content["base"]
         rotation, position, covariance = (
@@ -493,14 +515,16 @@ class OnlineEstimator:
         values = _sized(what, place, (size,)), _sigmas(f"{what}: sigma", sigma, size)
         return self._add(time, kind, (who,), np.concatenate(values).tolist())
 
-    def _add(self, time: float, kind: Kind, members: tuple[int, ...], values: list[float]) -> Outcome:
+    def _add(
+        self, time: float, kind: Kind, members: tuple[int, ...], values: list[float]
+    ) -> Outcome:
         if kind != Kind.ODOMETRY:
             line = self._timeline
             newest = max(line.front(v) for v in range(len(self._vehicles)))
             if time > newest + line.lag:
                 raise OnlineError(
-                    f"{kind.name.lower()} at {time:g} s: more than the lag of {line.lag:g} s after the last odometry at"
-                    f" {newest:g} s; check the clock"
+                    f"{kind.name.lower()} at {time:g} s: more than the lag of {line.lag:g} s after"
+                    f" the last odometry at {newest:g} s; check the clock"
                 )
         return self._timeline.add(Event(float(time), kind, members, tuple(values)))
 
@@ -516,8 +540,8 @@ class OnlineEstimator:
             )
         if at < self._timeline.horizon:
             raise OnlineError(
-                f"time {at:g} s: before the lag, which begins at {self._timeline.horizon:g} s; ask earlier or choose a"
-                f" longer lag than {self._timeline.lag:g} s"
+                f"time {at:g} s: before the lag, which begins at {self._timeline.horizon:g} s; ask"
+                f" earlier or choose a longer lag than {self._timeline.lag:g} s"
             )
         return who, at, self._timeline.state_at(who, at)
 
@@ -530,7 +554,9 @@ class OnlineEstimator:
         return self._vehicles.index(name)
 
 
-def _start_state(fleet: Mapping[str, StartPose], unknown: Mapping[str, Beacon], start: float) -> State:
+def _start_state(
+    fleet: Mapping[str, StartPose], unknown: Mapping[str, Beacon], start: float
+) -> State:
     """State of the vehicles at their start poses and of the beacons with unknown positions."""
     n = len(fleet)
     size = len(fleet) + len(unknown)
@@ -557,7 +583,10 @@ def _start_state(fleet: Mapping[str, StartPose], unknown: Mapping[str, Beacon], 
 
 
 def _events(rows: Sequence[Any]) -> list[Event]:
-    return [Event(time, Kind(kind), tuple(members), tuple(values)) for time, kind, members, values in rows]
+    return [
+        Event(time, Kind(kind), tuple(members), tuple(values))
+        for time, kind, members, values in rows
+    ]
 
 
 def _check_time(what: str, time: float) -> None:
@@ -568,7 +597,10 @@ def _check_time(what: str, time: float) -> None:
 
 
 def _sized(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
-    """Finite values that are not too large: the squares of larger ones leave no digits of a covariance, or overflow."""
+    """
+    Finite values that are not too large: the squares of larger ones leave no digits of a
+    covariance, or overflow.
+    """
     array = checked_array(OnlineError, what, values, shape)
     largest = float(np.abs(array).max(initial=0.0))
     if largest > LARGEST:
@@ -581,5 +613,7 @@ def _sigmas(what: str, sigma: ArrayLike, size: int, *, zero: bool = False) -> Ar
     given = np.asarray(sigma, dtype=float)
     values = _sized(what, np.full(size, given) if given.ndim == 0 else given, (size,))
     if (values < 0.0).any() or (not zero and (values == 0.0).any()):
-        raise OnlineError(f"{what} is {values.min():g}; it must be {'zero or ' if zero else ''}positive")
+        raise OnlineError(
+            f"{what} is {values.min():g}; it must be {'zero or ' if zero else ''}positive"
+        )
     return values

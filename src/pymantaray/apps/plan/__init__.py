@@ -1,4 +1,7 @@
-"""Plan a deployment: positions, depths and ping intervals that give small position errors and few lost links."""
+"""
+Plan a deployment: positions, depths and ping intervals that give small position errors and few lost
+links.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -20,14 +20,17 @@ class PlanFiles:
     """Files to write."""
 
     out: Annotated[
-        Path | None, typer.Option(metavar="STUDY.toml", help="Write the best design as a study file.")
+        Path | None,
+        typer.Option(metavar="STUDY.toml", help="Write the best design as a study file."),
     ] = None
     table: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="Write the table of all designs.")
     ] = None
     page: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Write a page with front, map, errors over time and lost links."),
+        typer.Option(
+            metavar="FOLDER", help="Write a page with front, map, errors over time and lost links."
+        ),
     ] = None
     force: Force = False
 
@@ -67,7 +70,10 @@ def plan(
     processes: ProcessOptions,
     changes: Set = None,
 ) -> None:
-    """Compare designs of a deployment by their expected position errors and lost links, and print the best."""
+    """
+    Compare designs of a deployment by their expected position errors and lost links, and print the
+    best.
+    """
     files.check(file)
     from pymantaray.apps.plan import load_plan, search_designs
 

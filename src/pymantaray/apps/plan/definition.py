@@ -1,4 +1,7 @@
-"""Definition of a plan: a base study, its free keys with their values or limits, oceans, costs and objectives."""
+"""
+Definition of a plan: a base study, its free keys with their values or limits, oceans, costs and
+objectives.
+"""
 
 import json
 from collections.abc import Mapping
@@ -40,7 +43,10 @@ class FreeRange(NamedTuple):
 
 
 class FreeLine(NamedTuple):
-    """Line between two tables of numbers, such as positions; the search varies the share of its length."""
+    """
+    Line between two tables of numbers, such as positions; the search varies the share of its
+    length.
+    """
 
     start: Mapping[str, float]
     stop: Mapping[str, float]
@@ -83,9 +89,11 @@ class CostSection(Section):
 
 class PerturbedWaters(PerturbedBelief):
     """
-    Ensemble of true waters: each ocean with random errors in its vertical modes, as for a perturbed belief.
+    Ensemble of true waters: each ocean with random errors in its vertical modes, as for a perturbed
+    belief.
 
-    Assumed waters start from the perturbed water. ``{ kind = "file" }`` with the source of the ocean assumes the unperturbed one.
+    Assumed waters start from the perturbed water. ``{ kind = "file" }`` with the source of the
+    ocean assumes the unperturbed one.
     """
 
     kind: Literal["perturbed"] = "perturbed"
@@ -98,14 +106,19 @@ class PlanSection(Section):
     """Section ``[plan]`` of a study file: what is free, and what a good design is."""
 
     free: dict[str, Any] = Field(min_length=1)
-    """Free keys of the study: a list of values, or ``{ from = 20, to = 500 }`` with an optional ``count`` of equal steps."""
+    """
+    Free keys of the study: a list of values, or ``{ from = 20, to = 500 }`` with an optional
+    ``count`` of equal steps.
+    """
     objectives: tuple[Objective, ...] = Field(default=("error", "lost"), strict=False, min_length=1)
     """Objectives; the first one decides which design is the best."""
     condition: str | None = None
     """Condition of the study whose errors are computed. Default: the last one."""
     error_of: str | None = None
     """Vehicle whose position error counts. Default: all vehicles."""
-    error_at_h: tuple[Hours[NonNegativeFloat], ...] | None = Field(default=None, strict=False, min_length=1)
+    error_at_h: tuple[Hours[NonNegativeFloat], ...] | None = Field(
+        default=None, strict=False, min_length=1
+    )
     """Times at which the position error counts, rounded to samples. Default: all pings. [h]"""
     lost_of: str | None = None
     """Vehicle or landmark whose links count as lost or not. Default: all links."""
@@ -114,13 +127,16 @@ class PlanSection(Section):
     perturbed: PerturbedWaters | None = None
     """Random errors of each ocean. Default: the oceans as they are."""
     ranked_by: Literal["mean", "worst-tenth"] = "mean"
-    """Value over the ensemble that decides which design is the best: the mean, or the mean of the worst tenth."""
+    """
+    Value over the ensemble that decides which design is the best: the mean, or the mean of the
+    worst tenth.
+    """
     costs: CostSection = CostSection()
     """Costs of a design."""
     evaluations: PositiveInt = 40
     """
-    Largest number of designs that the search of continuous ranges evaluates, for each objective and each combination of listed
-    values: at least 10, and at least two for each range.
+    Largest number of designs that the search of continuous ranges evaluates, for each objective and
+    each combination of listed values: at least 10, and at least two for each range.
     """
 
 
@@ -171,20 +187,23 @@ class DeploymentPlan:
             value = getattr(section, key)
             if value is not None and value not in allowed and allowed:
                 raise PlanError(
-                    f"{self.source}: plan.{key}: found {value!r}; allowed: {', '.join(map(str, allowed))}"
+                    f"{self.source}: plan.{key}: found {value!r}; allowed:"
+                    f" {', '.join(map(str, allowed))}"
                 )
         if not self.base.conditions:
-            raise PlanError(f"{self.source}: conditions: the study has none; a plan needs at least one")
+            raise PlanError(
+                f"{self.source}: conditions: the study has none; a plan needs at least one"
+            )
         if self.size > _MAX_DESIGNS:
             raise PlanError(
-                f"{self.source}: plan.free: {self.size:,} combinations; at most {_MAX_DESIGNS:,} are allowed, give"
-                " shorter lists or ranges without count"
+                f"{self.source}: plan.free: {self.size:,} combinations; at most {_MAX_DESIGNS:,}"
+                " are allowed, give shorter lists or ranges without count"
             )
         least = 2 * max(5, len(self.ranges))  # a first population and one generation
         if self.ranges and section.evaluations < least:
             raise PlanError(
-                f"{self.source}: plan.evaluations: found {section.evaluations}; the search of {counted(len(self.ranges), 'range')}"
-                f" needs at least {least}"
+                f"{self.source}: plan.evaluations: found {section.evaluations}; the search of"
+                f" {counted(len(self.ranges), 'range')} needs at least {least}"
             )
         ends = [{**self.lists_at(k), **self.ends(high=k != 0)} for k in (0, self.size - 1)]
         for design, ocean in product(ends, range(len(section.oceans))):
@@ -197,11 +216,13 @@ class DeploymentPlan:
         for time in self.section.error_at_h or ():
             if time > hours:
                 raise PlanError(
-                    f"{self.source}: plan.error_at_h: found {time:g}; allowed: 0 to {hours:g}, the duration of the mission"
+                    f"{self.source}: plan.error_at_h: found {time:g}; allowed: 0 to {hours:g}, the"
+                    " duration of the mission"
                 )
         if self.section.perturbed is not None and study.ocean.time_varying:
             raise PlanError(
-                f"{self.source}: plan.perturbed: the ocean varies in time; set ocean.time_varying to false, or remove it"
+                f"{self.source}: plan.perturbed: the ocean varies in time; set ocean.time_varying"
+                " to false, or remove it"
             )
 
     @property
@@ -214,7 +235,10 @@ class DeploymentPlan:
     @cached_property
     def fingerprint(self) -> str:
         """Hash of everything that scores of designs depend on, files excepted."""
-        content = {"study": self.base.model_dump(mode="json"), "plan": self.section.model_dump(mode="json")}
+        content = {
+            "study": self.base.model_dump(mode="json"),
+            "plan": self.section.model_dump(mode="json"),
+        }
         return digest("plan", {**content, "folder": str(self.folder.absolute())}, {})
 
     @cached_property
@@ -224,11 +248,18 @@ class DeploymentPlan:
     @cached_property
     def ranges(self) -> dict[str, FreeRange | FreeLine]:
         """Limits of the free keys that the search varies continuously."""
-        return {key: value for key, value in self._free.items() if isinstance(value, FreeRange | FreeLine)}
+        return {
+            key: value
+            for key, value in self._free.items()
+            if isinstance(value, FreeRange | FreeLine)
+        }
 
     @cached_property
     def lists(self) -> dict[str, list[Any]]:
-        """Values of the free keys that have a list or a count; those of a line are positions of the design by key."""
+        """
+        Values of the free keys that have a list or a count; those of a line are positions of the
+        design by key.
+        """
         return {key: value for key, value in self._free.items() if key not in self.ranges}
 
     @property
@@ -319,7 +350,9 @@ class DeploymentPlan:
         over = {} if ocean is None else self.section.oceans[ocean]
         values = {**{f"ocean.{key}": value for key, value in over.items()}, **design}
         try:
-            return Sweep(self.base, cross={k: [v] for k, v in values.items()}, folder=self.folder).point(0)
+            return Sweep(
+                self.base, cross={k: [v] for k, v in values.items()}, folder=self.folder
+            ).point(0)
         except MantaRayError as error:
             line = str(error).partition("\n")[0].removeprefix("sweep: ")
             raise PlanError(f"{self.source}: plan: {line}") from None
@@ -379,7 +412,9 @@ def _values(value: Any, key: str, label: str) -> list[Any] | FreeRange | FreeLin
     if not isinstance(value, Mapping):
         if isinstance(value, list | tuple) and value:
             return list(value)
-        raise PlanError(f"{label}: found {json.dumps(value, default=str)}; give a list, or from and to")
+        raise PlanError(
+            f"{label}: found {json.dumps(value, default=str)}; give a list, or from and to"
+        )
     ends: Any = [value.get(key) for key in _RANGE]
     low, high, count = ends
     if unknown := sorted(value.keys() - set(_RANGE)):
@@ -394,8 +429,14 @@ def _values(value: Any, key: str, label: str) -> list[Any] | FreeRange | FreeLin
             else LinePoints(line.at(key, x) for x in np.linspace(0.0, 1.0, count).tolist())
         )
     if not all(_is_number(end) for end in (low, high)) or not low < high:
-        raise PlanError(f"{label}: from is {low}, to is {high}; both must be numbers with from below to")
-    return FreeRange(float(low), float(high)) if count is None else np.linspace(low, high, count).tolist()
+        raise PlanError(
+            f"{label}: from is {low}, to is {high}; both must be numbers with from below to"
+        )
+    return (
+        FreeRange(float(low), float(high))
+        if count is None
+        else np.linspace(low, high, count).tolist()
+    )
 
 
 def _line(start: Any, stop: Any, label: str) -> FreeLine:
@@ -404,11 +445,13 @@ def _line(start: Any, stop: Any, label: str) -> FreeLine:
     alike = len(tables) == 2 and start.keys() == stop.keys() and dict(start) != dict(stop)
     if not alike or not all(_is_number(x) for end in tables for x in end.values()):
         raise PlanError(
-            f"{label}: from is {start}, to is {stop}; a line needs two different tables of numbers with the same keys, such as"
-            " { north = 0, east = 0 } and { north = 0, east = 5000 }"
+            f"{label}: from is {start}, to is {stop}; a line needs two different tables of numbers"
+            " with the same keys, such as { north = 0, east = 0 } and { north = 0, east = 5000 }"
         )
     return FreeLine(dict(start), dict(stop))
 
 
 def _is_number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+    return (
+        isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+    )

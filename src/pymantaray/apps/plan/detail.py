@@ -1,4 +1,6 @@
-"""Details of a few designs for figures: errors over time, lost links of each pair, and the mission."""
+"""
+Details of a few designs for figures: errors over time, lost links of each pair, and the mission.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -25,11 +27,17 @@ class DesignDetail:
     hours: Array
     """Times of the errors, shape (n,). [h]"""
     error_m: Array
-    """95 % quantile of the errors of the vehicles that count at each time, mean over the waters; NaN without a vehicle."""
+    """
+    95 % quantile of the errors of the vehicles that count at each time, mean over the waters; NaN
+    without a vehicle.
+    """
     worst_m: Array
     """The same in the water with the largest error at each time."""
     lost_percent: dict[Pair, float]
-    """Expected share of lost ranges of each pair of participants in both directions, mean over the waters."""
+    """
+    Expected share of lost ranges of each pair of participants in both directions, mean over the
+    waters.
+    """
     truth: Trajectories
     measurements: Measurements
     ocean: dict[Any, Any]
@@ -37,7 +45,10 @@ class DesignDetail:
 
 
 def detail_of(plan: DeploymentPlan, design: Design) -> DesignDetail:
-    """Details of a design that does not fail; waters and links of earlier designs in this process are used again."""
+    """
+    Details of a design that does not fail; waters and links of earlier designs in this process are
+    used again.
+    """
     evaluator = evaluator_of(plan, plan.fingerprint)
     first: Run | None = None
     errors = list[Errors]()
@@ -70,8 +81,12 @@ def lost_by_pair(run: Run) -> dict[Pair, float]:
     ends = np.sort(np.stack([m.range_transmitter, m.range_receiver], axis=1), axis=1)
     pairs, of = np.unique(ends, axis=0, return_inverse=True)
     of = of.reshape(-1)
-    heard = np.bincount(of, probability, minlength=len(pairs)) / np.bincount(of, minlength=len(pairs))
-    return {(names[a], names[b]): 100.0 * float(1.0 - h) for (a, b), h in zip(pairs, heard, strict=True)}
+    heard = np.bincount(of, probability, minlength=len(pairs)) / np.bincount(
+        of, minlength=len(pairs)
+    )
+    return {
+        (names[a], names[b]): 100.0 * float(1.0 - h) for (a, b), h in zip(pairs, heard, strict=True)
+    }
 
 
 def _over_time(errors: Errors) -> Array:

@@ -25,7 +25,10 @@ def mean_score(scores: Sequence[Scores], column: str) -> float:
 
 
 def worst_score(scores: Sequence[Scores], column: str) -> float:
-    """Mean of a score over the worst tenth of the waters, at least one; NaN if the design fails in one water."""
+    """
+    Mean of a score over the worst tenth of the waters, at least one; NaN if the design fails in one
+    water.
+    """
     values = np.sort([getattr(one, column) for one in scores])
     if column not in LARGER_IS_BETTER:
         values = values[::-1]

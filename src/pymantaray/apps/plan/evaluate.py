@@ -1,4 +1,7 @@
-"""Evaluate one design without realizations: lost links, and the bound and the bias of positions at the pings."""
+"""
+Evaluate one design without realizations: lost links, and the bound and the bias of positions at the
+pings.
+"""
 
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -62,7 +65,9 @@ class Errors(NamedTuple):
 
 
 class DesignEvaluator:
-    """Evaluates designs of a plan; waters, trajectories and links of earlier designs stay in memory."""
+    """
+    Evaluates designs of a plan; waters, trajectories and links of earlier designs stay in memory.
+    """
 
     def __init__(self, plan: DeploymentPlan) -> None:
         self._plan, self._solver = plan, GraphSolver()
@@ -102,8 +107,8 @@ class DesignEvaluator:
         """
         Mission of a design in one water, and its expected errors.
 
-        The covariance is the posterior bound along the true trajectories. The bias is the error of the estimate from measurements
-        without noise: that of the assumed water alone.
+        The covariance is the posterior bound along the true trajectories. The bias is the error of
+        the estimate from measurements without noise: that of the assumed water alone.
         """
         plan = self._plan.section
         run, drawn = self.missions.run(design, ocean, member)
@@ -115,7 +120,8 @@ class DesignEvaluator:
         solution = solve_conditions(measurements, {"bias": estimator}, solver=self._solver)["bias"]
         if not solution.status.usable:
             raise PlanError(
-                f"condition {section.name}: the estimate without noise ends with {solution.status.name}"
+                f"condition {section.name}: the estimate without noise ends with"
+                f" {solution.status.name}"
             )
         bias = (solution.position - run.truth.position)[:, samples].swapaxes(0, 1)
         counts = submerged_at(run.truth, measurements, samples)
@@ -137,14 +143,17 @@ def expected_measurements(run: Run) -> Measurements:
     m = run.measurements
     if run.hearing is None:
         return m
-    return mark_unheard(m, np.isin(m.range_status, ARRIVES) & (detection_probability(run) < _DETECTED))
+    return mark_unheard(
+        m, np.isin(m.range_status, ARRIVES) & (detection_probability(run) < _DETECTED)
+    )
 
 
 def error_quantile(bias: Array, covariance: Array, share: float = 0.95) -> float:
     """
     Quantile of the size of position errors with these means and covariances, over all of them.
 
-    From draws with a fixed seed, so designs with equal errors have equal quantiles. NaN without errors.
+    From draws with a fixed seed, so designs with equal errors have equal quantiles. NaN without
+    errors.
     """
     if not len(bias):
         return np.nan
@@ -156,7 +165,10 @@ def error_quantile(bias: Array, covariance: Array, share: float = 0.95) -> float
 
 
 def link_scores(run: Run, name: str | None) -> tuple[float, float]:
-    """Expected share of lost attempts, of one participant or of all, and of pings that two or more receivers hear. [%]"""
+    """
+    Expected share of lost attempts, of one participant or of all, and of pings that two or more
+    receivers hear. [%]
+    """
     m = run.measurements
     probability = detection_probability(run)
     use = np.ones(probability.size, dtype=bool)

@@ -1,4 +1,7 @@
-"""Figures of a plan: front of designs, map of the best designs, error over time and lost links of each pair."""
+"""
+Figures of a plan: front of designs, map of the best designs, error over time and lost links of each
+pair.
+"""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -33,7 +36,10 @@ _SIGNS = "osD^v"
 
 
 def other_objective(results: PlanResults) -> str:
-    """Column of the horizontal axis of the front: costs if there are any, otherwise the next objective, otherwise lost links."""
+    """
+    Column of the horizontal axis of the front: costs if there are any, otherwise the next
+    objective, otherwise lost links.
+    """
     if results.frame["cost"].gt(0.0).any():
         return "cost"
     columns = [
@@ -46,13 +52,19 @@ def other_objective(results: PlanResults) -> str:
 
 @style.styled
 def front_figure(results: PlanResults, header: str) -> Figure:
-    """Error of all designs against cost or lost links, with the front and the near-optimal designs."""
+    """
+    Error of all designs against cost or lost links, with the front and the near-optimal designs.
+    """
     several = len(results.base) > 1
     figure = style.new_figure(style.DOUBLE if several else 1.4 * style.COLUMN, 3.0, header)
     panels = np.atleast_1d(figure.subplots(1, 1 + several, sharey=True))
     x = other_objective(results)
     for axes, before, words, letter in zip(
-        panels, ("", "worst_"), ("mean of the waters", "worst tenth of the waters"), "ab", strict=False
+        panels,
+        ("", "worst_"),
+        ("mean of the waters", "worst tenth of the waters"),
+        "ab",
+        strict=False,
     ):
         _draw_front(axes, results, f"{before}{x}", f"{before}error_m")
         axes.set_xlabel(heading(x))
@@ -90,21 +102,29 @@ def _draw_front(axes: Axes, results: PlanResults, x: str, y: str) -> None:
     error = values[:, 1]
     near = usable & (error <= 1.1 * np.nanmin(np.where(usable, error, np.nan)))
     axes.plot(
-        *values[front].T, color=style.BLUE, drawstyle="steps-post" if sign > 0 else "steps-pre", zorder=1
+        *values[front].T,
+        color=style.BLUE,
+        drawstyle="steps-post" if sign > 0 else "steps-pre",
+        zorder=1,
     )
     axes.plot(*values[near].T, "o", color=style.GREEN, markerfacecolor="white", markersize=6.5)
     axes.plot(*values[usable].T, "o", color=style.SKY, markersize=4.0)
     axes.plot(*values[front].T, "o", color=style.BLUE, markersize=4.0)
     axes.plot(*values[results.best], linestyle="none", zorder=5, **_BEST)
     base = results.base_row
-    axes.plot(base[x], base[y], "x", color=style.INK, markersize=9.0, zorder=4)  # visible behind the best
+    axes.plot(
+        base[x], base[y], "x", color=style.INK, markersize=9.0, zorder=4
+    )  # visible behind the best
     axes.margins(0.08)
     axes.set_ylim(bottom=0.0)
 
 
 @style.styled
 def map_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
-    """Mission of the best design in plan and depth, with the landmarks and stations of the other designs."""
+    """
+    Mission of the best design in plan and depth, with the landmarks and stations of the other
+    designs.
+    """
     (_, best), *others = details.items()
     figure = style.new_figure(style.DOUBLE, 3.4, header, layout=None)
     places = _moved(best, [detail for _, detail in others])
@@ -123,7 +143,9 @@ def map_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
             "markersize": 4.0,
         }
         plan.plot(points[:, 1] / 1e3, points[:, 0] / 1e3, marker=sign, zorder=4, **look)
-        depth.plot(np.full(len(points), best.hours[-1]), points[:, 2], marker=sign, clip_on=False, **look)
+        depth.plot(
+            np.full(len(points), best.hours[-1]), points[:, 2], marker=sign, clip_on=False, **look
+        )
     deepest = max(
         [
             depth.get_ylim()[0],
@@ -152,12 +174,17 @@ def map_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
 
 
 def _moved(best: DesignDetail, others: Sequence[DesignDetail]) -> list[Array]:
-    """Start positions of participants of other designs that the best design has not, shape (n, 3) for each design."""
+    """
+    Start positions of participants of other designs that the best design has not, shape (n, 3) for
+    each design.
+    """
     known = _places(best)
     moved = []
     for other in others:
         rows = [
-            place for name, place in _places(other).items() if not np.allclose(known.get(name, np.nan), place)
+            place
+            for name, place in _places(other).items()
+            if not np.allclose(known.get(name, np.nan), place)
         ]
         moved.append(np.array(rows).reshape(-1, 3))
     return moved
@@ -166,12 +193,16 @@ def _moved(best: DesignDetail, others: Sequence[DesignDetail]) -> list[Array]:
 def _places(detail: DesignDetail) -> dict[str, Array]:
     landmarks = detail.measurements
     starts = dict(zip(detail.truth.name.tolist(), detail.truth.position[:, 0], strict=True))
-    return starts | dict(zip(landmarks.landmark_name.tolist(), landmarks.landmark_position, strict=True))
+    return starts | dict(
+        zip(landmarks.landmark_name.tolist(), landmarks.landmark_position, strict=True)
+    )
 
 
 @style.styled
 def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
-    """95 % position error of a few designs over time; shaded up to the water with the largest error."""
+    """
+    95 % position error of a few designs over time; shaded up to the water with the largest error.
+    """
     figure = style.new_figure(style.DOUBLE, 2.6, header)
     axes = figure.subplots()
     looks = zip(_colours(list(details)), details.items(), strict=True)
@@ -186,7 +217,12 @@ def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
         )
         if np.nanmax(detail.worst_m - detail.error_m, initial=0.0) > 0.0:
             axes.fill_between(
-                detail.hours, detail.error_m, detail.worst_m, color=colour, alpha=0.15, linewidth=0.0
+                detail.hours,
+                detail.error_m,
+                detail.worst_m,
+                color=colour,
+                alpha=0.15,
+                linewidth=0.0,
             )
     axes.set_ylim(bottom=0.0)
     axes.set_xlabel("Time [h]")
@@ -206,7 +242,9 @@ def _colours(names: Sequence[str]) -> list[str]:
 
 @style.styled
 def pairs_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
-    """Share of lost ranges of each pair of participants in the best design and in the study as it is."""
+    """
+    Share of lost ranges of each pair of participants in the best design and in the study as it is.
+    """
     (name, best), *others = details.items()
     shown = [(name, best), *(pair for pair in others if pair[0] == AS_IT_IS)]
     figure = style.new_figure(style.DOUBLE, 3.4, header)
@@ -238,7 +276,9 @@ def _draw_pairs(axes: Axes, detail: DesignDetail) -> Any:
                     color="white" if lost > 50.0 else style.INK,
                 )
     labels = [style.plain(style.short(name, 8)) for name in names]
-    axes.set_xticks(range(len(names)), labels, rotation=90 if max(map(len, labels)) > 2 else 0, fontsize=6.0)
+    axes.set_xticks(
+        range(len(names)), labels, rotation=90 if max(map(len, labels)) > 2 else 0, fontsize=6.0
+    )
     axes.set_yticks(range(len(names)), labels, fontsize=6.0)
     axes.tick_params(length=0.0)
     return image
@@ -246,9 +286,14 @@ def _draw_pairs(axes: Axes, detail: DesignDetail) -> Any:
 
 def pair_frame(details: Mapping[str, DesignDetail]) -> pd.DataFrame:
     """Share of lost ranges of each pair in all shown designs, one column per design. [%]"""
-    pairs: dict[Pair, None] = dict.fromkeys(pair for d in details.values() for pair in d.lost_percent)
+    pairs: dict[Pair, None] = dict.fromkeys(
+        pair for d in details.values() for pair in d.lost_percent
+    )
     rows = [
-        {"pair": " to ".join(pair), **{name: d.lost_percent.get(pair, np.nan) for name, d in details.items()}}
+        {
+            "pair": " to ".join(pair),
+            **{name: d.lost_percent.get(pair, np.nan) for name, d in details.items()},
+        }
         for pair in pairs
     ]
     return pd.DataFrame(rows, columns=["pair", *details])

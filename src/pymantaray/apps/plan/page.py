@@ -1,4 +1,6 @@
-"""Page of a plan: front, map, errors over time and lost links of the best designs, and all designs."""
+"""
+Page of a plan: front, map, errors over time and lost links of the best designs, and all designs.
+"""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
@@ -46,14 +48,16 @@ def write_plan_page(
     made_by : dict, optional
         Origin of the results, such as version and command, for ``plan.json`` and the page.
     formats : sequence of str
-        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables
+        as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``. The same folder contains ``tables`` (CSV), ``figures`` and ``plan.json``.
+        The page, ``index.html``. The same folder contains ``tables`` (CSV), ``figures`` and
+        ``plan.json``.
 
     Raises
     ------
@@ -64,11 +68,16 @@ def write_plan_page(
     record = (made_by or {}) | {"plan": section}
     details = shown_designs(results)
     page_of = partial(_page, results, details)
-    return write_page(out, "plan", _figure_specs(results, details), page_of, record, formats, progress)
+    return write_page(
+        out, "plan", _figure_specs(results, details), page_of, record, formats, progress
+    )
 
 
 def shown_designs(results: PlanResults) -> dict[str, DesignDetail]:
-    """Details of the best design, the study as it is, and other designs of the front with the smallest first objectives, by name."""
+    """
+    Details of the best design, the study as it is, and other designs of the front with the smallest
+    first objectives, by name.
+    """
     plan = results.plan
     best = results.best
     details = {f"Best: {_words(results.designs[best])}": detail_of(plan, results.designs[best])}
@@ -76,7 +85,9 @@ def shown_designs(results: PlanResults) -> dict[str, DesignDetail]:
         details[figures.AS_IT_IS] = detail_of(plan, {})
     loss = results.losses(plan.section.ranked_by)[:, 0]
     others = [int(k) for k in np.argsort(loss) if results.front[k] and k != best][:_MAX_OTHERS]
-    return details | {_words(results.designs[k]): detail_of(plan, results.designs[k]) for k in others}
+    return details | {
+        _words(results.designs[k]): detail_of(plan, results.designs[k]) for k in others
+    }
 
 
 def _words(design: Mapping[str, Any]) -> str:
@@ -120,8 +131,9 @@ def _fact(results: PlanResults) -> str:
     waters = counted(len(plan.waters), "water")
     of = "all vehicles" if plan.section.error_of is None else f"vehicle {plan.section.error_of}"
     return (
-        f"{counted(len(results.designs), 'design')} in {waters}, condition {plan.condition}, position errors of {of},"
-        f" objectives: {', '.join(plan.section.objectives).replace('_', ' ')}"
+        f"{counted(len(results.designs), 'design')} in {waters}, condition {plan.condition},"
+        f" position errors of {of}, objectives:"
+        f" {', '.join(plan.section.objectives).replace('_', ' ')}"
     )
 
 
@@ -160,9 +172,16 @@ def _near_table(results: PlanResults) -> ResultTable:
 
 def _explorer(results: PlanResults) -> Any:
     frame = results.frame
-    numbers = [str(name) for name in frame if frame[name].dtype.kind == "f" and name not in results.plan.keys]
+    numbers = [
+        str(name)
+        for name in frame
+        if frame[name].dtype.kind == "f" and name not in results.plan.keys
+    ]
     few = [key for key in results.plan.keys if frame[key].astype(str).nunique() <= _FEW_VALUES]
-    across = [*results.plan.keys, *(name for name in ("cost", "lost_percent") if frame[name].nunique() > 1)]
+    across = [
+        *results.plan.keys,
+        *(name for name in ("cost", "lost_percent") if frame[name].nunique() > 1),
+    ]
     each = (
         ["front", *few] if len(results.plan.keys) == 1 else [*few[1:], *few[:1], "front"]
     )  # not the key across
@@ -180,18 +199,26 @@ def _pair_table(details: Mapping[str, DesignDetail]) -> ResultTable:
     frame = figures.pair_frame(details)
     words = {name: f"{name} [%]" for name in details}
     return ResultTable(
-        "lost_by_pair", frame, "Expected share of lost ranges of each pair", words=words, folded=True
+        "lost_by_pair",
+        frame,
+        "Expected share of lost ranges of each pair",
+        words=words,
+        folded=True,
     )
 
 
 def _time_table(details: Mapping[str, DesignDetail]) -> ResultTable:
     parts = [
-        pd.DataFrame({"design": name, "time_h": d.hours, "error_m": d.error_m, "worst_error_m": d.worst_m})
+        pd.DataFrame(
+            {"design": name, "time_h": d.hours, "error_m": d.error_m, "worst_error_m": d.worst_m}
+        )
         for name, d in details.items()
     ]
     words = {"error_m": "95 % error [m]", "worst_error_m": "95 % error, worst water [m]"}
     frame = pd.concat(parts, ignore_index=True)
-    return ResultTable("error_over_time", frame, "95 % position error over time", words=words, folded=True)
+    return ResultTable(
+        "error_over_time", frame, "95 % position error over time", words=words, folded=True
+    )
 
 
 def _figure_specs(results: PlanResults, details: Mapping[str, DesignDetail]) -> list[FigureSpec]:
@@ -202,18 +229,21 @@ def _figure_specs(results: PlanResults, details: Mapping[str, DesignDetail]) -> 
         figures.other_objective(results), "pings that two receivers hear"
     )
     captions = {
-        "front": f"95 % position error of each design against {against}. No other design is better in both than those on the"
-        " front (blue). Designs with a circle have an error within 10 % of the smallest.",
-        "map": "Mission of the best design: (a) start positions, tracks and landmarks (triangles) in plan, (b) depths. White"
-        " marks are participants that other designs have at another place, in (b) at the right end.",
-        "error_over_time": "95 % of the position errors of the vehicles that count are below the line"
+        "front": f"95 % position error of each design against {against}. No other design is better"
+        " in both than those on the front (blue). Designs with a circle have an error within 10 %"
+        " of the smallest.",
+        "map": "Mission of the best design: (a) start positions, tracks and landmarks (triangles)"
+        " in plan, (b) depths. White marks are participants that other designs have at another"
+        " place, in (b) at the right end.",
+        "error_over_time": "95 % of the position errors of the vehicles that count are below the"
+        " line"
         + (
             ", mean over the waters; shaded up to the water with the largest error."
             if len(results.base) > 1
             else "."
         ),
-        "lost_by_pair": "Expected share of lost ranges of each pair of participants, both directions together. Empty: no"
-        " attempts.",
+        "lost_by_pair": "Expected share of lost ranges of each pair of participants, both"
+        " directions together. Empty: no attempts.",
     }
     drawings = {
         "front": lambda: figures.front_figure(results, header),
@@ -222,5 +252,6 @@ def _figure_specs(results: PlanResults, details: Mapping[str, DesignDetail]) -> 
         "lost_by_pair": lambda: figures.pairs_figure(details, header),
     }
     return [
-        FigureSpec(name, with_source(captions[name], synthetic=synthetic), d) for name, d in drawings.items()
+        FigureSpec(name, with_source(captions[name], synthetic=synthetic), d)
+        for name, d in drawings.items()
     ]

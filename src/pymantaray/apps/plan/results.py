@@ -1,4 +1,7 @@
-"""Results of a plan: table of designs with their front, the best design as a study file, and sentences with numbers."""
+"""
+Results of a plan: table of designs with their front, the best design as a study file, and sentences
+with numbers.
+"""
 
 import os
 from collections.abc import Mapping, Sequence
@@ -11,7 +14,14 @@ import tomli_w
 from numpy.typing import NDArray
 
 from pymantaray.apps.plan.definition import DeploymentPlan, Design, FreeRange
-from pymantaray.apps.plan.ensemble import COLUMNS, WORST, loss_of, mean_score, pareto_front, worst_score
+from pymantaray.apps.plan.ensemble import (
+    COLUMNS,
+    WORST,
+    loss_of,
+    mean_score,
+    pareto_front,
+    worst_score,
+)
 from pymantaray.apps.plan.evaluate import Scores
 from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig, load_study
@@ -23,7 +33,8 @@ from pymantaray.records.result_table import ResultTable
 if TYPE_CHECKING:
     import pandas as pd
 
-_NEAR = 0.1  # largest difference of near-optimal designs, as a share of the best value of the first objective
+# largest difference of near-optimal designs, as a share of the best value of the first objective
+_NEAR = 0.1
 _SCORES = [name for name in Scores._fields if name != "failure"]
 _YES = ("no", "yes")
 _WORDS = {
@@ -85,26 +96,37 @@ class PlanResults:
 
     @cached_property
     def worst_front(self) -> NDArray[np.bool_]:
-        """Mask of designs on the Pareto front of the objectives, in the mean over the worst tenth of the waters."""
+        """
+        Mask of designs on the Pareto front of the objectives, in the mean over the worst tenth of
+        the waters.
+        """
         return pareto_front(self.losses("worst-tenth"))
 
     @cached_property
     def best(self) -> int:
-        """Number of the design with the best first objective; the others decide between equal designs."""
+        """
+        Number of the design with the best first objective; the others decide between equal designs.
+        """
         order = self.losses(self.plan.section.ranked_by)
         usable = [k for k, row in enumerate(order) if np.isfinite(row).all()] or range(len(order))
         return min(usable, key=lambda k: np.nan_to_num(order[k], nan=np.inf).tolist())
 
     @cached_property
     def near(self) -> NDArray[np.bool_]:
-        """Mask of designs whose first objective is within 10 % of the best, by its size; the best design is one of them."""
+        """
+        Mask of designs whose first objective is within 10 % of the best, by its size; the best
+        design is one of them.
+        """
         losses = self.losses(self.plan.section.ranked_by)[:, 0]
         with np.errstate(invalid="ignore"):
             return np.asarray(losses - losses[self.best] <= _NEAR * abs(losses[self.best]))
 
     @cached_property
     def frame(self) -> "pd.DataFrame":
-        """All designs in the order of the search: free keys, mean scores, with several waters the worst tenth, fronts, status."""
+        """
+        All designs in the order of the search: free keys, mean scores, with several waters the
+        worst tenth, fronts, status.
+        """
         import pandas as pd
 
         rows = []
@@ -137,14 +159,23 @@ class PlanResults:
         return ResultTable(
             "designs",
             self.frame.iloc[order].reset_index(drop=True),
-            f"Designs of {self.plan.base.study.name}, {int(self.front.sum())} of {len(self.designs)} on the front",
-            brief=[*self.plan.keys, *dict.fromkeys([*objectives, *worst, "bias_rmse_m"]), *fronts, *failed],
+            f"Designs of {self.plan.base.study.name}, {int(self.front.sum())} of"
+            f" {len(self.designs)} on the front",
+            brief=[
+                *self.plan.keys,
+                *dict.fromkeys([*objectives, *worst, "bias_rmse_m"]),
+                *fronts,
+                *failed,
+            ],
             words=_WORDS,
         )
 
     @cached_property
     def sentences(self) -> list[str]:
-        """Statements about the best design, compared with the study as it is, and about designs that are nearly as good."""
+        """
+        Statements about the best design, compared with the study as it is, and about designs that
+        are nearly as good.
+        """
         design = self.designs[self.best]
         words = ", ".join(f"{key} = {_shown(value)}" for key, value in design.items())
         scores = self.scores[self.best]
@@ -172,14 +203,22 @@ class PlanResults:
         return "All links lose" if name is None else f"{name} loses"
 
     def _of_one_number(self) -> list[str]:
-        """Sentences about the values of the only free number: where links are lost, and which designs are nearly as good."""
+        """
+        Sentences about the values of the only free number: where links are lost, and which designs
+        are nearly as good.
+        """
         values = [next(iter(design.values())) for design in self.designs]
         if len(self.plan.keys) > 1 or not all(isinstance(v, int | float) for v in values):
             return []
         key = self.plan.keys[0]
         numbers = np.array(values, dtype=float)
         out = [
-            _step(key, numbers, np.array([mean_score(s, "lost_percent") for s in self.scores]), self._links)
+            _step(
+                key,
+                numbers,
+                np.array([mean_score(s, "lost_percent") for s in self.scores]),
+                self._links,
+            )
         ]
         near = self.near
         objective = self.plan.section.objectives[0]
@@ -188,8 +227,8 @@ class PlanResults:
             high = numbers[near].max()
             inside = int(np.sum((numbers >= low) & (numbers <= high)))
             out.append(
-                f"{int(near.sum())} of the {inside} designs with {key} from {_shown(low)} to {_shown(high)} are within 10 % of"
-                f" the best {objective.replace('_', ' ')}."
+                f"{int(near.sum())} of the {inside} designs with {key} from {_shown(low)} to"
+                f" {_shown(high)} are within 10 % of the best {objective.replace('_', ' ')}."
             )
         return [line for line in out if line]
 
@@ -197,7 +236,8 @@ class PlanResults:
         """Sentences about free numbers whose best value is a limit of their range."""
         best = self.designs[self.best]
         return [
-            f"The best {key} is the {'lower' if best[key] == limits.low else 'upper'} limit of its range; a wider range may be better."
+            f"The best {key} is the {'lower' if best[key] == limits.low else 'upper'} limit of its"
+            " range; a wider range may be better."
             for key, limits in self.plan.ranges.items()
             if isinstance(limits, FreeRange) and best[key] in (limits.low, limits.high)
         ]
@@ -213,7 +253,10 @@ class PlanResults:
         before = worst_score(self.base, "error_m")
         instead = _instead(now, before, " m", ".3g")
         return [
-            f"These are means over {len(scores)} waters; in {which} the 95 % error is {now:.3g} m{instead}."
+            (
+                f"These are means over {len(scores)} waters; in {which} the 95 % error is {now:.3g}"
+                f" m{instead}."
+            )
         ]
 
     def write_best(self, out: str | Path, *, replace: bool = False) -> None:
@@ -285,7 +328,10 @@ def _names(entries: Any) -> list[str]:
 
 
 def _step(key: str, values: Array, lost: Array, links: str) -> str:
-    """Sentence about the value that best separates few from many lost links; empty if there are too few designs or no difference."""
+    """
+    Sentence about the value that best separates few from many lost links; empty if there are too
+    few designs or no difference.
+    """
     order = np.argsort(values)
     order = order[np.isfinite(lost[order])]
     values = values[order]
@@ -295,8 +341,9 @@ def _step(key: str, values: Array, lost: Array, links: str) -> str:
         return ""
     k = min(splits, key=lambda k: lost[:k].var() * k + lost[k:].var() * (lost.size - k))
     return (
-        f"{links} {lost[k:].mean():.3g} % of the ranges on average with {key} of {_shown(values[k])} or more, and"
-        f" {lost[:k].mean():.3g} % with {_shown(values[k - 1])} or less."
+        f"{links} {lost[k:].mean():.3g} % of the ranges on average with {key} of"
+        f" {_shown(values[k])} or more, and {lost[:k].mean():.3g} % with {_shown(values[k - 1])} or"
+        " less."
     )
 
 

@@ -1,4 +1,7 @@
-"""Search of a plan: all combinations of listed values, and differential evolution over continuous ranges."""
+"""
+Search of a plan: all combinations of listed values, and differential evolution over continuous
+ranges.
+"""
 
 import json
 import os
@@ -42,12 +45,14 @@ def search_designs(
     plan : DeploymentPlan
         From `load_plan`.
     client : distributed.Client or str, optional
-        Dask client or scheduler address. Default: processes of this machine. Files of the study must have the same names for all
-        workers.
+        Dask client or scheduler address. Default: processes of this machine. Files of the study
+        must have the same names for all workers.
     workers : int, optional
-        Processes of this machine. Default: one per core, at most one for every four designs. The results do not depend on it.
+        Processes of this machine. Default: one per core, at most one for every four designs. The
+        results do not depend on it.
     progress : callable, optional
-        Called with the number of evaluated designs, the number of failed ones and the largest number to evaluate.
+        Called with the number of evaluated designs, the number of failed ones and the largest
+        number to evaluate.
 
     Returns
     -------
@@ -63,19 +68,24 @@ def search_designs(
 
     Notes
     -----
-    Listed values are evaluated exhaustively. For each combination of them, differential evolution (SciPy, with the seed of the
-    study) minimizes each objective over the continuous ranges. All designs that it evaluates are in the results.
+    Listed values are evaluated exhaustively. For each combination of them, differential evolution
+    (SciPy, with the seed of the study) minimizes each objective over the continuous ranges. All
+    designs that it evaluates are in the results.
 
     Examples
     --------
     >>> results = search_designs(load_plan("mission.toml"))  # doctest: +SKIP
     """
-    most = plan.size * (plan.section.evaluations * len(plan.section.objectives) if plan.ranges else 1)
+    most = plan.size * (
+        plan.section.evaluations * len(plan.section.objectives) if plan.ranges else 1
+    )
     check_scheduler(client)
     if workers is None:
         workers = min(os.cpu_count() or 1, max(most // _DESIGNS_PER_WORKER, 1))
     alone = client is None and workers == 1
-    with Pool(lambda: evaluate_task) if alone else open_pool(evaluate_task, client, workers) as pool:
+    with (
+        Pool(lambda: evaluate_task) if alone else open_pool(evaluate_task, client, workers) as pool
+    ):
         evaluations = _Evaluations(plan, pool, progress, most + 1)
         evaluations.scores([{}])
         if plan.ranges:
@@ -87,13 +97,17 @@ def search_designs(
     failures = [next((one.failure for one in scores if one.failure), "") for _, scores in rest]
     if all(failures):
         raise PlanError(f"{plan.source}: all designs fail; the first one: {failures[0]}")
-    return PlanResults(plan, [design for design, _ in rest], [scores for _, scores in rest], base[1])
+    return PlanResults(
+        plan, [design for design, _ in rest], [scores for _, scores in rest], base[1]
+    )
 
 
 class _Evaluations:
     """Evaluated designs in the order of the search; each design is evaluated once."""
 
-    def __init__(self, plan: DeploymentPlan, pool: Pool, progress: TaskProgress | None, most: int) -> None:
+    def __init__(
+        self, plan: DeploymentPlan, pool: Pool, progress: TaskProgress | None, most: int
+    ) -> None:
         self._task = partial(DesignTask, plan, plan.fingerprint)
         self._pool = pool
         self._progress = progress
@@ -108,7 +122,11 @@ class _Evaluations:
     def scores(self, designs: Sequence[Design]) -> list[list[Scores]]:
         """Scores of designs, each in all oceans."""
         keys = [json.dumps(design, sort_keys=True, default=str) for design in designs]
-        new = {key: design for key, design in zip(keys, designs, strict=True) if key not in self._by_key}
+        new = {
+            key: design
+            for key, design in zip(keys, designs, strict=True)
+            if key not in self._by_key
+        }
         queue = _DesignQueue({key: self._task(design) for key, design in new.items()}, self._report)
         run_tasks(queue, self._pool)
         self._by_key |= {key: (design, queue.results[key]) for key, design in new.items()}
@@ -151,7 +169,8 @@ def _optimize(plan: DeploymentPlan, listed: Design, evaluations: _Evaluations) -
     """
     Minimize each objective over the ranges, at one combination of listed values.
 
-    The search begins with a Latin hypercube and with the lower and the upper limits of all ranges, where a monotonic objective is best.
+    The search begins with a Latin hypercube and with the lower and the upper limits of all ranges,
+    where a monotonic objective is best.
     """
     from scipy.optimize import differential_evolution
     from scipy.stats.qmc import LatinHypercube, scale
@@ -161,7 +180,9 @@ def _optimize(plan: DeploymentPlan, listed: Design, evaluations: _Evaluations) -
     size = max(5, population * count)
     generations = plan.section.evaluations // size - 1
 
-    def losses(objective: str, points: NDArray[np.float64]) -> Any:  # SciPy's types lack vectorized functions
+    def losses(
+        objective: str, points: NDArray[np.float64]
+    ) -> Any:  # SciPy's types lack vectorized functions
         columns = [points] if points.ndim == 1 else points.T
         designs = [{**listed, **_rounded(plan.ranges, point)} for point in columns]
         ranked_by = plan.section.ranked_by

@@ -21,7 +21,8 @@ class SolvedLinks:
     """
     Receptions of links by the positions of their ends, their water and the options of the search.
 
-    The results of a link are independent of the other links, so stored and new results are equal to the last bit.
+    The results of a link are independent of the other links, so stored and new results are equal to
+    the last bit.
     """
 
     def __init__(self) -> None:
@@ -49,7 +50,8 @@ class SolvedLinks:
             rows = np.fromiter(new.values(), dtype=np.int64)
             some = source[rows], receiver[rows]
             water.add(
-                list(new), find_receptions(*some, medium, reception, currents=currents, progress=progress)
+                list(new),
+                find_receptions(*some, medium, reception, currents=currents, progress=progress),
             )
             self.solved += len(new)
         if water.links is None:  # no link at all
@@ -58,10 +60,19 @@ class SolvedLinks:
         self._limit()
         return result
 
-    def _water(self, medium: Medium, currents: Currents | None, reception: ReceptionOptions) -> "_Water":
-        """Links of a water, which is recognized by its content, because a varying ocean is built again at each ping."""
+    def _water(
+        self, medium: Medium, currents: Currents | None, reception: ReceptionOptions
+    ) -> "_Water":
+        """
+        Links of a water, which is recognized by its content, because a varying ocean is built again
+        at each ping.
+        """
         if not (self._latest[0] is medium and self._latest[1] is currents):
-            self._latest = medium, currents, hashlib.sha256(pickle.dumps((medium, currents))).digest()
+            self._latest = (
+                medium,
+                currents,
+                hashlib.sha256(pickle.dumps((medium, currents))).digest(),
+            )
         name = self._latest[2] + pickle.dumps(reception)
         return self._by_water.setdefault(name, _Water())
 
@@ -90,12 +101,25 @@ def links_of(sound: Transmission, links: Indices) -> Transmission:
     link, row = rows_between(start, stop)
     some = replace(arrivals.at({"arrival": row, "n_links": links}), link=link)
     first = np.cumsum(stop - start) - (stop - start)  # first arrival of each link in the result
-    parts = [_receptions(sound.receptions, links, direction, first - start) for direction in Direction]
-    return Transmission(some, sound.status[links], sound.near_cutoff[links], Receptions.stacked(parts))
+    parts = [
+        _receptions(sound.receptions, links, direction, first - start) for direction in Direction
+    ]
+    return Transmission(
+        some, sound.status[links], sound.near_cutoff[links], Receptions.stacked(parts)
+    )
 
 
-def _receptions(receptions: Receptions, links: Indices, direction: Direction, shift: Indices) -> Receptions:
-    """Receptions of some links in one direction; ``shift`` moves the rows of the arrivals of each link."""
-    link, row = rows_between(*receptions.rows_of(links, np.full(links.size, direction, dtype=np.int64)))
+def _receptions(
+    receptions: Receptions, links: Indices, direction: Direction, shift: Indices
+) -> Receptions:
+    """
+    Receptions of some links in one direction; ``shift`` moves the rows of the arrivals of each
+    link.
+    """
+    link, row = rows_between(
+        *receptions.rows_of(links, np.full(links.size, direction, dtype=np.int64))
+    )
     some = receptions.at({"reception": row})
-    return replace(some, link=link, arrival=np.where(some.arrival < 0, -1, some.arrival + shift[link]))
+    return replace(
+        some, link=link, arrival=np.where(some.arrival < 0, -1, some.arrival + shift[link])
+    )

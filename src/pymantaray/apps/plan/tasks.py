@@ -30,7 +30,10 @@ class DesignTask:
 
 
 def evaluate_task(task: DesignTask) -> list[Scores]:
-    """Scores of a design in each water; waters and links of earlier designs of the same plan are used again."""
+    """
+    Scores of a design in each water; waters and links of earlier designs of the same plan are used
+    again.
+    """
     with one_task(task.version):
         return evaluator_of(task.plan, task.plan_key)(task.design)
 

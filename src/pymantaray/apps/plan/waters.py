@@ -1,4 +1,7 @@
-"""Missions without noise in the waters of a plan; waters, trajectories and links of earlier designs stay in memory."""
+"""
+Missions without noise in the waters of a plan; waters, trajectories and links of earlier designs
+stay in memory.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -40,13 +43,18 @@ class Missions:
         """Solved links, which designs with the same ends in the same water share."""
 
     def run(self, design: Design, ocean: int, member: int | None) -> tuple[Run, OceanFields | None]:
-        """Mission of a design without noise, as a run in memory, and its ocean if the run's configuration does not define it."""
+        """
+        Mission of a design without noise, as a run in memory, and its ocean if the run's
+        configuration does not define it.
+        """
         config = self._plan.study(design, ocean)
         refuse_too_large(config, 1)
         keys = task_keys(config, {})
         at = keys[OCEAN], config.acoustics.interpolation, config.acoustics.earth, member
         water = _kept(self._waters, at, lambda: self._water(config, member))
-        truth = _kept(self._fleets, (keys[FLEET], member), lambda: simulate_fleet(config, water.ocean))
+        truth = _kept(
+            self._fleets, (keys[FLEET], member), lambda: simulate_fleet(config, water.ocean)
+        )
         ranging = range_fleet(config, water.ocean, water.medium, truth, solved=self.links)
         run = run_in_memory(config, assemble_mission(config, water.ocean, truth, ranging))
         return run, water.ocean if water.drawn else None
@@ -72,7 +80,10 @@ class Missions:
 
 
 def _kept(kept: dict[Any, Any], key: Any, make: Callable[[], Any]) -> Any:
-    """Value of a key, which is made if it is not in memory; the oldest value goes if there are too many."""
+    """
+    Value of a key, which is made if it is not in memory; the oldest value goes if there are too
+    many.
+    """
     if key not in kept:
         value = make()
         while len(kept) >= _KEPT:

@@ -1,4 +1,6 @@
-"""Command `mantaray ranges`: arrivals, ranges, dropouts and range errors of existing trajectories."""
+"""
+Command `mantaray ranges`: arrivals, ranges, dropouts and range errors of existing trajectories.
+"""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,31 +29,39 @@ class MissionOptions:
     interval: Annotated[
         str | None,
         typer.Option(
-            metavar="DURATION", help="Interval of pings of all vehicles: seconds, or text such as '5 min'."
+            metavar="DURATION",
+            help="Interval of pings of all vehicles: seconds, or text such as '5 min'.",
         ),
     ] = None
     slots: Annotated[
-        str | None, typer.Option(metavar="A,B,...", help="Vehicles that ping in turn (TDMA). Needs --slot.")
+        str | None,
+        typer.Option(metavar="A,B,...", help="Vehicles that ping in turn (TDMA). Needs --slot."),
     ] = None
     slot: Annotated[
         str | None,
-        typer.Option(metavar="DURATION", help="Length of a slot, as for --interval. Needs --slots."),
+        typer.Option(
+            metavar="DURATION", help="Length of a slot, as for --interval. Needs --slots."
+        ),
     ] = None
     pings: Annotated[
         Path | None,
-        typer.Option(metavar="CSV", help="Table of pings: columns time, transmitter and optional receivers."),
+        typer.Option(
+            metavar="CSV", help="Table of pings: columns time, transmitter and optional receivers."
+        ),
     ] = None
     sampling: Annotated[
         str,
         typer.Option(
-            metavar="DURATION", help="Time between poses, as for --interval, in addition to poses at pings."
+            metavar="DURATION",
+            help="Time between poses, as for --interval, in addition to poses at pings.",
         ),
     ] = "200 s"
     enu: Annotated[
         bool,
         typer.Option(
             "--enu",
-            help="TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward, left, up.",
+            help="TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward,"
+            " left, up.",
         ),
     ] = False
     vehicles: Annotated[
@@ -84,7 +94,8 @@ def ranges(
         list[str],
         typer.Argument(
             metavar="TRAJECTORIES...",
-            help="Tables (CSV, Parquet), TUM files, CF trajectories (NetCDF) or ROS bags; see the how-to.",
+            help="Tables (CSV, Parquet), TUM files, CF trajectories (NetCDF) or ROS bags; see the"
+            " how-to.",
             show_default=False,
         ),
     ],
@@ -96,7 +107,10 @@ def ranges(
     printing: TableOptions,
     changes: Set = None,
 ) -> None:
-    """Compute ranges between existing trajectories through an ocean: data, tables, figures and a page in one folder."""
+    """
+    Compute ranges between existing trajectories through an ocean: data, tables, figures and a page
+    in one folder.
+    """
     from pymantaray.apps.ranges.measure import ranges_config
     from pymantaray.apps.study.command import run_and_report
     from pymantaray.apps.study.tracks import read_fleet
@@ -118,7 +132,9 @@ def ranges(
     with printing.printer() as printed:
         for note in () if printing.quiet else read_fleet(config.fleet).notes:
             typer.echo(note, err=True)
-        run_and_report(config, folder.out, printed, workers=1, formats=folder.formats, quiet=printing.quiet)
+        run_and_report(
+            config, folder.out, printed, workers=1, formats=folder.formats, quiet=printing.quiet
+        )
 
 
 COMMANDS = {"ranges": ranges}

@@ -42,26 +42,29 @@ def measure(
     Parameters
     ----------
     trajectories : str, pathlib.Path, sequence of them, pandas.DataFrame, Tracks or Trajectories
-        Files or a data frame as for `read_trajectories`, its result, or poses in the local frame at common times.
+        Files or a data frame as for `read_trajectories`, its result, or poses in the local frame at
+        common times.
     ocean : str, pathlib.Path, sequence of them, xarray.Dataset, SoundConfig or dict
-        Any source of `pymantaray.open_water`, or the section ``[ocean]`` of a study. The centre of the frame is the first that
-        exists of: the option, the centre in the files of the trajectories, the middle of their latitudes and longitudes, the
-        middle of the ocean (with a warning).
+        Any source of `pymantaray.open_water`, or the section ``[ocean]`` of a study. The centre of
+        the frame is the first that exists of: the option, the centre in the files of the
+        trajectories, the middle of their latitudes and longitudes, the middle of the ocean (with a
+        warning).
     schedule : float or Schedule
-        Interval between pings of all vehicles [s], a `PingSchedule`, `SlotSchedule` or `PingList`. Time counts from the
-        earliest pose of any vehicle.
+        Interval between pings of all vehicles [s], a `PingSchedule`, `SlotSchedule` or `PingList`.
+        Time counts from the earliest pose of any vehicle.
     progress : callable, optional
         Called with the name of a stage, the number of its finished parts and the total.
     **options
-        Options of `pymantaray.open_water`, such as ``ice=1.5`` and ``max_surface_bounces=2``, and sections of a study as in
-        its TOML file: ``acoustics``, ``ranging``, ``detection``, ``landmarks``, ``noise``, ``mission``
-        (``sampling_period_s``, 200 by default; poses at pings are added), ``study`` (``seed``).
+        Options of `pymantaray.open_water`, such as ``ice=1.5`` and ``max_surface_bounces=2``, and
+        sections of a study as in its TOML file: ``acoustics``, ``ranging``, ``detection``,
+        ``landmarks``, ``noise``, ``mission`` (``sampling_period_s``, 200 by default; poses at pings
+        are added), ``study`` (``seed``).
 
     Returns
     -------
     Run
-        Run in memory without estimates. It has ``truth``, ``arrivals``, ``links``, ``measurements``, ``ranging_truth``,
-        ``ocean`` and `Run.noisy_measurements`.
+        Run in memory without estimates. It has ``truth``, ``arrivals``, ``links``,
+        ``measurements``, ``ranging_truth``, ``ocean`` and `Run.noisy_measurements`.
 
     Raises
     ------
@@ -107,12 +110,19 @@ def ranges_config(
     names: Sequence[str] = (),
     **options: Any,
 ) -> StudyConfig:
-    """Configuration of a study of ranges only, for trajectories in files, see `measure`; ``mantaray ranges`` runs it."""
-    sections = {name: options.pop(name) for name in list(options) if name in StudyConfig.model_fields}
+    """
+    Configuration of a study of ranges only, for trajectories in files, see `measure`; ``mantaray
+    ranges`` runs it.
+    """
+    sections = {
+        name: options.pop(name) for name in list(options) if name in StudyConfig.model_fields
+    }
     tree = _water_tree(ocean)
     for name, section in sections.items():
         tree[name] = {**tree.get(name, {}), **section} if isinstance(section, Mapping) else section
-    if not tree.get("acoustics", {}).get("currents"):  # vehicles do not drift, and no current carries sound
+    if not tree.get("acoustics", {}).get(
+        "currents"
+    ):  # vehicles do not drift, and no current carries sound
         tree["ocean"] = {"currents": "rest", **tree["ocean"]}
     tree["study"] = {"name": "ranges", **sections.get("study", {})}
     tree["conditions"] = []
@@ -132,7 +142,9 @@ def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
     elif isinstance(ocean, SoundConfig):
         return _dump(ocean)
     elif isinstance(ocean, Medium):
-        raise StudyError("measure: a medium has no grid for vehicles; give a local ocean, or an ocean")
+        raise StudyError(
+            "measure: a medium has no grid for vehicles; give a local ocean, or an ocean"
+        )
     else:
         words = source_words(ocean)
         if names_configuration(words):
@@ -141,8 +153,13 @@ def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
 
 
 def _dump(config: SoundConfig) -> dict[str, Any]:
-    """Sections of a configuration for the water; trajectories and a schedule of their own replace those of its mission."""
+    """
+    Sections of a configuration for the water; trajectories and a schedule of their own replace
+    those of its mission.
+    """
     tree = config.model_dump(exclude_none=True, exclude_unset=True)
     replaced = ("duration_h", "ping_interval_h", "ping_start_h", "schedule")
-    tree["mission"] = {key: value for key, value in tree.get("mission", {}).items() if key not in replaced}
+    tree["mission"] = {
+        key: value for key, value in tree.get("mission", {}).items() if key not in replaced
+    }
     return {name: tree[name] for name in SoundConfig.model_fields if name in tree}

@@ -47,7 +47,9 @@ class TaskOptions:
     """Links, water and output of a command."""
 
     links: Annotated[Path, LINKS]
-    out: Annotated[Path, typer.Argument(metavar="OUT.csv", help="Table to write; OUT.nc for NetCDF.")]
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT.csv", help="Table to write; OUT.nc for NetCDF.")
+    ]
     source: SourceOptions
     water: WaterOptions
     search: SearchOptions
@@ -58,7 +60,9 @@ class TaskOptions:
 @app.command()
 @with_options
 def times(task: TaskOptions) -> None:
-    """Compute the travel time of the earliest arrival of each link, or the reason for its absence."""
+    """
+    Compute the travel time of the earliest arrival of each link, or the reason for its absence.
+    """
     from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
     from pymantaray.apps.rays.tables import times_table
 
@@ -71,7 +75,9 @@ def times(task: TaskOptions) -> None:
         wide = job.solve(cutoff + NEAR_DB)
         near = is_near_cutoff(wide, cutoff, "first")
         arrivals = within_cutoff(wide, cutoff)
-    table = times_table(job.table.frame, job.source, job.receiver, arrivals, near, medium=job.medium)
+    table = times_table(
+        job.table.frame, job.source, job.receiver, arrivals, near, medium=job.medium
+    )
     job.finish(arrivals.first().to_dataset() if task.out.suffix == ".nc" else table, arrivals)
 
 
@@ -83,7 +89,11 @@ def eigen(task: TaskOptions) -> None:
 
     job = _begin("eigen", task)
     arrivals = job.solve()
-    result = arrivals.to_dataset() if task.out.suffix == ".nc" else arrivals_table(job.table.frame, arrivals)
+    result = (
+        arrivals.to_dataset()
+        if task.out.suffix == ".nc"
+        else arrivals_table(job.table.frame, arrivals)
+    )
     job.finish(result, arrivals, arrivals=arrivals.link.size)
 
 
@@ -166,13 +176,18 @@ class Job:
         return water_notes(self.water)
 
     def solve(self, cutoff_db: float | None = None) -> "Arrivals":
-        """Arrivals of all links, with the cut-off [dB] of the search or another one, and with currents if there are any."""
+        """
+        Arrivals of all links, with the cut-off [dB] of the search or another one, and with currents
+        if there are any.
+        """
         from pymantaray.acoustics import find_eigenrays
         from pymantaray.acoustics.currents import carried
         from pymantaray.cli.output import progress_bars
 
         reception = self.water.reception
-        with progress_bars(quiet=self.task.printing.quiet or len(self.source) < _MIN_LINKS_FOR_BAR) as report:
+        with progress_bars(
+            quiet=self.task.printing.quiet or len(self.source) < _MIN_LINKS_FOR_BAR
+        ) as report:
             arrivals = find_eigenrays(
                 self.medium,
                 self.source,
@@ -181,13 +196,20 @@ class Job:
                 reception.max_bottom_bounces,
                 reception.spreading_cutoff_db if cutoff_db is None else cutoff_db,
                 tolerance=self.task.search.tolerance,
-                progress=None if report is None else lambda done, total: report("links", done, total),
+                progress=None
+                if report is None
+                else lambda done, total: report("links", done, total),
             )
         currents = self.water.at_start[1]
         if currents is None:
             return arrivals
         return carried(
-            self.medium, self.source, self.receiver, arrivals, currents, tolerance=self.task.search.tolerance
+            self.medium,
+            self.source,
+            self.receiver,
+            arrivals,
+            currents,
+            tolerance=self.task.search.tolerance,
         )
 
     def trace(self) -> "tuple[TracedRays, Arrivals]":
@@ -200,8 +222,13 @@ class Job:
         paths = trace_paths(self.medium, self.source, self.receiver, arrivals, tolerance=tolerance)
         return TracedRays(paths, arrivals.link, number_within(arrivals.link)), arrivals
 
-    def trace_fans(self, angles: "Array", azimuth: float | None, distance: float | None) -> "TracedRays":
-        """Fan from the source of every row, with an azimuth [degrees] and length [m], by default towards the receiver."""
+    def trace_fans(
+        self, angles: "Array", azimuth: float | None, distance: float | None
+    ) -> "TracedRays":
+        """
+        Fan from the source of every row, with an azimuth [degrees] and length [m], by default
+        towards the receiver.
+        """
         import numpy as np
 
         from pymantaray.acoustics import trace_fan
@@ -230,17 +257,26 @@ class Job:
         n = len(fans)
         size = angles.size
         return TracedRays(
-            joined(fans, size), np.repeat(np.arange(n), size), np.tile(np.arange(size), n), np.tile(angles, n)
+            joined(fans, size),
+            np.repeat(np.arange(n), size),
+            np.tile(np.arange(size), n),
+            np.tile(angles, n),
         )
 
-    def finish(self, result: "pd.DataFrame | xr.Dataset", found: "Arrivals | None", **also: int) -> None:
-        """Write the result, and print the outcomes of the links, notes, and the name of the output."""
+    def finish(
+        self, result: "pd.DataFrame | xr.Dataset", found: "Arrivals | None", **also: int
+    ) -> None:
+        """
+        Write the result, and print the outcomes of the links, notes, and the name of the output.
+        """
         from pymantaray.apps.rays.tables import status_words, write_result
         from pymantaray.records.digits import counted
 
         outcomes = Counter([] if found is None else status_words(found.status))
         write_result(
-            result, self.task.out, self.record | ({} if found is None else {"outcomes": dict(outcomes)})
+            result,
+            self.task.out,
+            self.record | ({} if found is None else {"outcomes": dict(outcomes)}),
         )
         with self.task.printing.printer() as printed:
             counts = ", ".join(f"{count} {word}" for word, count in outcomes.most_common())

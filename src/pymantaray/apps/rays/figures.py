@@ -24,7 +24,8 @@ def write_ray_plot(
     out : str or pathlib.Path
         File with the suffix ``.png`` or ``.pdf``; an existing file is replaced.
     titles : sequence of str
-        Titles of the panels; the function adds the time of the first arrival, or the reason for its absence.
+        Titles of the panels; the function adds the time of the first arrival, or the reason for its
+        absence.
     header : str
         Small line on top that describes the water.
 

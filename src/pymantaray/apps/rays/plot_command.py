@@ -37,27 +37,32 @@ class EndOptions:
     source: Annotated[
         str | None,
         typer.Option(
-            metavar="N,E,D", help="Position of the source: north, east and depth in metres, such as 0,0,20."
+            metavar="N,E,D",
+            help="Position of the source: north, east and depth in metres, such as 0,0,20.",
         ),
     ] = None
     receiver: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="N,E,D", help="Position of the receiver. May be repeated; each has its own panel."
+            metavar="N,E,D",
+            help="Position of the receiver. May be repeated; each has its own panel.",
         ),
     ] = None
     links: Annotated[
         Path | None,
         typer.Option(
             metavar="LINKS.csv",
-            help="Table of links, as for times, eigen and trace, instead of --source and --receiver.",
+            help="Table of links, as for times, eigen and trace, instead of --source and"
+            " --receiver.",
         ),
     ] = None
 
 
 @with_options
 def plot(
-    out: Annotated[Path, typer.Argument(metavar="OUT.png", help="Figure to write; OUT.pdf for a paper.")],
+    out: Annotated[
+        Path, typer.Argument(metavar="OUT.png", help="Figure to write; OUT.pdf for a paper.")
+    ],
     ends: EndOptions,
     source: SourceOptions,
     water: WaterOptions,
@@ -99,12 +104,18 @@ def plot(
             raise AcousticsError(f"{title}: {error}") from None
         titles.append(title)
     write_ray_plot(
-        pictures, out, titles=titles, header=ocean_header({} if loaded.local is None else loaded.local.attrs)
+        pictures,
+        out,
+        titles=titles,
+        header=ocean_header({} if loaded.local is None else loaded.local.attrs),
     )
     if not quiet:
         for title, picture in zip(titles, pictures, strict=True):
             count = int(picture["ray_arrives"].sum())
-            typer.echo(f"{title}: {count} ray{'' if count == 1 else 's'}, {picture.attrs['status'].lower()}")
+            typer.echo(
+                f"{title}: {count} ray{'' if count == 1 else 's'},"
+                f" {picture.attrs['status'].lower()}"
+            )
         for note in water_notes(loaded):
             typer.echo(note)
     typer.echo(str(out))
@@ -112,7 +123,9 @@ def plot(
 
 def _check_ends(ends: EndOptions) -> None:
     direct = ends.source is not None or bool(ends.receiver)
-    if direct == (ends.links is not None) or (direct and (ends.source is None or not ends.receiver)):
+    if direct == (ends.links is not None) or (
+        direct and (ends.source is None or not ends.receiver)
+    ):
         raise AcousticsError("ends of the links: give either --source and --receiver, or --links")
 
 
@@ -130,7 +143,11 @@ def _links(ends: EndOptions, frame: "LocalFrame | None") -> "list[tuple[str, Arr
     else:
         content = read_links(ends.links)
         frame_of = content.table.frame
-        names = [f"{name}: " for name in frame_of["name"]] if "name" in frame_of else [""] * len(frame_of)
+        names = (
+            [f"{name}: " for name in frame_of["name"]]
+            if "name" in frame_of
+            else [""] * len(frame_of)
+        )
         links = list(zip(names, *content.places(frame), strict=True))
         where = str(ends.links)
     if not 1 <= len(links) <= _MAX_LINKS:

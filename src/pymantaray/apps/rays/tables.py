@@ -28,7 +28,10 @@ _WORDS = {int(status): status.name.lower() for status in RayStatus}
 
 
 class TracedRays(NamedTuple):
-    """Paths of rays; for each ray the row of its link and its number in this row, and for fans its launch angle."""
+    """
+    Paths of rays; for each ray the row of its link and its number in this row, and for fans its
+    launch angle.
+    """
 
     paths: RayPaths
     row: NDArray[np.int64]
@@ -38,24 +41,33 @@ class TracedRays(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class LinkTable:
-    """A table of links, and its ends: north, east or latitude, longitude, and depth (n_links, 3)."""
+    """
+    A table of links, and its ends: north, east or latitude, longitude, and depth (n_links, 3).
+    """
 
     table: TextTable
     ends: tuple[Array, ...]
     geographic: bool
 
     def places(self, frame: LocalFrame | None) -> tuple[Array, ...]:
-        """North, east, down in a frame of the sources and, if the table has them, of the receivers. [m]"""
+        """
+        North, east, down in a frame of the sources and, if the table has them, of the receivers.
+        [m]
+        """
         if not self.geographic:
             return self.ends
         if frame is None:
             raise AcousticsError(
-                f"{self.table.path}: latitudes and longitudes need a place of the profile; give --centre (in Python: centre), or"
-                " use north and east"
+                f"{self.table.path}: latitudes and longitudes need a place of the profile; give"
+                " --centre (in Python: centre), or use north and east"
             )
         if max(np.abs(end[:, 0]).max(initial=0.0) for end in self.ends) > 90.0:
-            raise AcousticsError(f"{self.table.path}: a latitude is not in -90 to 90 degrees; correct it")
-        return tuple(np.column_stack([*frame.to_local(end[:, 0], end[:, 1]), end[:, 2]]) for end in self.ends)
+            raise AcousticsError(
+                f"{self.table.path}: a latitude is not in -90 to 90 degrees; correct it"
+            )
+        return tuple(
+            np.column_stack([*frame.to_local(end[:, 0], end[:, 1]), end[:, 2]]) for end in self.ends
+        )
 
 
 def read_links(path: Path, *, receivers: bool = True) -> LinkTable:
@@ -81,7 +93,10 @@ def write_table(table: pd.DataFrame, out: Path) -> None:
 
 
 def write_result(result: pd.DataFrame | xr.Dataset, out: Path, record: dict[str, Any]) -> None:
-    """Write a table as CSV with a JSON record of its origin, or NetCDF with this record in the attribute ``made_by``."""
+    """
+    Write a table as CSV with a JSON record of its origin, or NetCDF with this record in the
+    attribute ``made_by``.
+    """
     if isinstance(result, xr.Dataset):
         write_netcdf(result.assign_attrs(made_by=json.dumps(record)), out)
         return
@@ -99,7 +114,10 @@ def times_table(
     *,
     medium: Medium,
 ) -> pd.DataFrame:
-    """One row per link: its input columns, its earliest arrival, and a flag if 1 dB of the cut-off changes this arrival."""
+    """
+    One row per link: its input columns, its earliest arrival, and a flag if 1 dB of the cut-off
+    changes this arrival.
+    """
     link, row = choose_arrivals(arrivals, "first")
 
     def of_first(values: NDArray[Any], kind: str = "float64") -> "pd.Series[Any]":
@@ -130,7 +148,9 @@ def times_table(
 
 def _flag(near: NDArray[np.bool_] | None, arrives: "pd.Series[bool]") -> "pd.Series[Any]":
     """1 if near the cut-off, 0 if not, empty without an arrival."""
-    flag = arrives.astype("Int64") * 0 if near is None else pd.Series(near.astype(int), dtype="Int64")
+    flag = (
+        arrives.astype("Int64") * 0 if near is None else pd.Series(near.astype(int), dtype="Int64")
+    )
     return flag.where(arrives | (flag == 1))
 
 
@@ -168,7 +188,11 @@ def paths_dataset(rays: TracedRays) -> xr.Dataset:
     """Record of the paths, with each ray's link row and number in this row."""
     dataset = rays.paths.to_dataset()
     dataset["row"] = ("ray", rays.row, {"long_name": "row of the links, from 0"})
-    dataset["number"] = ("ray", rays.number, {"long_name": "number of the ray within the row, from 0"})
+    dataset["number"] = (
+        "ray",
+        rays.number,
+        {"long_name": "number of the ray within the row, from 0"},
+    )
     if rays.launch_angle is not None:
         name = "angle from the horizontal at the source, positive down"
         dataset["launch_angle"] = ("ray", rays.launch_angle, {"units": "rad", "long_name": name})
@@ -177,7 +201,9 @@ def paths_dataset(rays: TracedRays) -> xr.Dataset:
 
 def joined(fans: list[RayPaths], rays: int) -> RayPaths:
     """Concatenate paths of fans with equal numbers of rays."""
-    return RayPaths.stacked([replace(fan, arrival=fan.arrival + i * rays) for i, fan in enumerate(fans)])
+    return RayPaths.stacked(
+        [replace(fan, arrival=fan.arrival + i * rays) for i, fan in enumerate(fans)]
+    )
 
 
 def number_within(group: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -191,7 +217,9 @@ def status_words(status: NDArray[np.int8]) -> list[str]:
 
 
 def _beside(links: pd.DataFrame, added: pd.DataFrame) -> pd.DataFrame:
-    """Append columns to those of the links; an input column of the same name is renamed to given_..."""
+    """
+    Append columns to those of the links; an input column of the same name is renamed to given_...
+    """
     names: list[str] = []
     for name in links.columns:
         while name in added.columns or name in names:

@@ -1,4 +1,7 @@
-"""Comparison of measured with predicted travel times: residuals, coverage, clocks and switching of events."""
+"""
+Comparison of measured with predicted travel times: residuals, coverage, clocks and switching of
+events.
+"""
 
 from typing import TYPE_CHECKING
 

@@ -1,4 +1,7 @@
-"""Baselines of a replay: a constant sound speed, and one speed per pair of depths, both learned from the other pairs."""
+"""
+Baselines of a replay: a constant sound speed, and one speed per pair of depths, both learned from
+the other pairs.
+"""
 
 import numpy as np
 import pandas as pd
@@ -17,8 +20,9 @@ def baseline_table(events: pd.DataFrame) -> pd.DataFrame:
     """
     Errors of the prediction by rays and of two baselines without an ocean.
 
-    ``constant sound speed`` divides the distance by the median apparent speed of all events of other pairs. ``one speed per pair of
-    depths`` uses only the events of other pairs whose depths, rounded to 10 m, are the same; without any, it has no prediction.
+    ``constant sound speed`` divides the distance by the median apparent speed of all events of
+    other pairs. ``one speed per pair of depths`` uses only the events of other pairs whose depths,
+    rounded to 10 m, are the same; without any, it has no prediction.
 
     Parameters
     ----------
@@ -28,9 +32,10 @@ def baseline_table(events: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row per prediction: number of ``events`` and of ``predicted`` ones, ``percent``, the median absolute error ``median_size_m`` of the
-        predicted ones, and the median and the 90 % quantile over all events, ``median_all_m`` and ``p90_all_m``, for which a missing
-        prediction is an infinite error. Clock offsets are not removed.
+        One row per prediction: number of ``events`` and of ``predicted`` ones, ``percent``, the
+        median absolute error ``median_size_m`` of the predicted ones, and the median and the 90 %
+        quantile over all events, ``median_all_m`` and ``p90_all_m``, for which a missing prediction
+        is an infinite error. Clock offsets are not removed.
     """
     speed = events["distance_m"] / events["measured_s"]
     errors = {"rays": events["residual_m"].to_numpy()}
@@ -47,7 +52,15 @@ def baseline_table(events: pd.DataFrame) -> pd.DataFrame:
         median = float(np.median(size[known])) if known.any() else np.nan
         quantiles = [quantile_of(every, q) for q in (0.5, 0.9)]
         rows.append((name, len(events), known.sum(), 100.0 * known.mean(), median, *quantiles))
-    columns = ["prediction", "events", "predicted", "percent", "median_size_m", "median_all_m", "p90_all_m"]
+    columns = [
+        "prediction",
+        "events",
+        "predicted",
+        "percent",
+        "median_size_m",
+        "median_all_m",
+        "p90_all_m",
+    ]
     return pd.DataFrame(rows, columns=columns)
 
 
@@ -58,8 +71,12 @@ def _pairs_of_depths(events: pd.DataFrame) -> NDArray[np.int64]:
     return np.asarray(number.reshape(-1), dtype=np.int64)
 
 
-def _learned(events: pd.DataFrame, speed: "pd.Series[float]", group: Array | NDArray[np.int64]) -> Array:
-    """Median speed of the events of a group in other pairs, for each event; NaN without any. [m/s]"""
+def _learned(
+    events: pd.DataFrame, speed: "pd.Series[float]", group: Array | NDArray[np.int64]
+) -> Array:
+    """
+    Median speed of the events of a group in other pairs, for each event; NaN without any. [m/s]
+    """
     learned = np.full(len(events), np.nan)
     pair = events["pair"].to_numpy(dtype=str)
     good = ~gross_of(events).to_numpy(dtype=bool)

@@ -36,15 +36,17 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row per candidate, by event and time: ``event``, mean ``travel_time_s``, ``loss_db``, bounces, ``share`` of the draws
-        that contain it, and ``spread_s``, the standard deviation of its times over the draws.
+        One row per candidate, by event and time: ``event``, mean ``travel_time_s``, ``loss_db``,
+        bounces, ``share`` of the draws that contain it, and ``spread_s``, the standard deviation of
+        its times over the draws.
 
     Notes
     -----
-    Arrivals of an event with the same bounces are sorted by time. The earliest begins a candidate, which takes all arrivals
-    less than 1 ms later; the next arrival begins the next candidate. The loss of a candidate is that of the mean power of the draws
-    that contain it, to which all its arrivals in a draw contribute; its time is the mean weighted by power. The result does not depend on
-    the order of the arrivals.
+    Arrivals of an event with the same bounces are sorted by time. The earliest begins a candidate,
+    which takes all arrivals less than 1 ms later; the next arrival begins the next candidate. The
+    loss of a candidate is that of the mean power of the draws that contain it, to which all its
+    arrivals in a draw contribute; its time is the mean weighted by power. The result does not
+    depend on the order of the arrivals.
     """
     a = arrivals
     order = np.lexsort((a.loss_db, a.draw, a.time, a.bottom_bounces, a.surface_bounces, a.event))
@@ -64,7 +66,9 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
     in_draws = np.bincount(np.unique(group * draws + draw) // draws, minlength=n)
     mean = np.bincount(group, power * time, minlength=n) / total
     plain = np.bincount(group, time, minlength=n) / np.bincount(group, minlength=n)
-    variance = np.bincount(group, (time - plain[group]) ** 2, minlength=n) / np.bincount(group, minlength=n)
+    variance = np.bincount(group, (time - plain[group]) ** 2, minlength=n) / np.bincount(
+        group, minlength=n
+    )
     columns = {
         "event": event[first],
         "travel_time_s": mean,

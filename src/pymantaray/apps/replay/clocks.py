@@ -1,4 +1,7 @@
-"""Clocks from residuals: offset and drift of each node, gross errors, and differences between both directions."""
+"""
+Clocks from residuals: offset and drift of each node, gross errors, and differences between both
+directions.
+"""
 
 import numpy as np
 import pandas as pd
@@ -25,28 +28,33 @@ def clock_table(
     Parameters
     ----------
     events : pandas.DataFrame
-        Events of a `Replay`. Those with a residual and without a gross error are used, weighted by ``sigma_s`` if all have one,
-        else equally.
+        Events of a `Replay`. Those with a residual and without a gross error are used, weighted by
+        ``sigma_s`` if all have one, else equally.
     residual : pandas.Series
         Residual of each event: measured travel time minus that of an arrival. [s]
     reference : str, optional
-        Node with the reference clock. By default, and in a group of nodes without it, the mean of each connected group.
+        Node with the reference clock. By default, and in a group of nodes without it, the mean of
+        each connected group.
     drift : bool
-        True to fit a constant rate of each clock too. Offsets are then those at the mean time of the events.
+        True to fit a constant rate of each clock too. Offsets are then those at the mean time of
+        the events.
 
     Returns
     -------
     pandas.DataFrame
-        One row per node: ``offset_s`` of its clock (ahead is positive), number of ``events``, ``group`` of connected nodes, and two
-        standard errors: ``standard_error_s`` for independent events, scaled by their scatter, and ``standard_error_pairs_s`` for
-        errors that all events of a pair share (a sandwich estimator over pairs, NaN unless there are more pairs than clocks).
-        With drift also ``drift``, the rate of each clock [s/s], ``standard_error_drift``, for independent events, and ``mean_time_s``.
+        One row per node: ``offset_s`` of its clock (ahead is positive), number of ``events``,
+        ``group`` of connected nodes, and two standard errors: ``standard_error_s`` for independent
+        events, scaled by their scatter, and ``standard_error_pairs_s`` for errors that all events
+        of a pair share (a sandwich estimator over pairs, NaN unless there are more pairs than
+        clocks). With drift also ``drift``, the rate of each clock [s/s], ``standard_error_drift``,
+        for independent events, and ``mean_time_s``.
 
     Notes
     -----
-    A residual is :math:`o_r - o_s + e` with the offsets of receiver and source. Only differences are observable: the
-    solution of least norm has mean zero over each connected group. An error that both directions of a pair share (a wrong sound
-    speed, a later candidate) does not affect offsets if there are events in both directions, and does if there is only one.
+    A residual is :math:`o_r - o_s + e` with the offsets of receiver and source. Only differences
+    are observable: the solution of least norm has mean zero over each connected group. An error
+    that both directions of a pair share (a wrong sound speed, a later candidate) does not affect
+    offsets if there are events in both directions, and does if there is only one.
     """
     has = residual.notna() & ~gross_of(events)
     used = events[has]
@@ -101,7 +109,10 @@ def clock_table(
 
 
 def clock_errors(events: pd.DataFrame, clocks: pd.DataFrame) -> Array:
-    """Part of each measured travel time that is due to the clocks: receiver minus source, at the time of the event. [s]"""
+    """
+    Part of each measured travel time that is due to the clocks: receiver minus source, at the time
+    of the event. [s]
+    """
     table = clocks.set_index("node")
     total = np.zeros(len(events))
     for end, sign in (("receiver", 1.0), ("source", -1.0)):
@@ -121,9 +132,10 @@ def find_gross_errors(events: pd.DataFrame, candidates: pd.DataFrame) -> "pd.Ser
     """
     Events whose measured time no sound path explains.
 
-    The measured time differs from that of the straight line, ``chord_s``, by more than 0.05 s and by more than 5 %, and from
-    every candidate by more than 0.05 s. Such a difference is a wrong clock, a wrong event or a wrong position. An event outside the
-    water has no time of the straight line and no flag.
+    The measured time differs from that of the straight line, ``chord_s``, by more than 0.05 s and
+    by more than 5 %, and from every candidate by more than 0.05 s. Such a difference is a wrong
+    clock, a wrong event or a wrong position. An event outside the water has no time of the straight
+    line and no flag.
 
     Parameters
     ----------
@@ -139,7 +151,9 @@ def find_gross_errors(events: pd.DataFrame, candidates: pd.DataFrame) -> "pd.Ser
     measured = events["measured_s"]
     far = (measured - chord).abs() > np.maximum(_GROSS_TIME, _GROSS_SHARE * chord)
     event = candidates["event"].to_numpy(dtype=np.int64)
-    near = np.abs(measured.to_numpy()[event] - candidates["travel_time_s"].to_numpy()) <= _GROSS_TIME
+    near = (
+        np.abs(measured.to_numpy()[event] - candidates["travel_time_s"].to_numpy()) <= _GROSS_TIME
+    )
     explained = np.bincount(event[near], minlength=len(events)) > 0
     return (far & ~explained).rename("gross")
 
@@ -151,17 +165,21 @@ def gross_note(events: pd.DataFrame) -> str | None:
         return None
     one = wrong.iloc[(wrong["measured_s"] - wrong["chord_s"]).abs().argmax()]
     return (
-        f"{len(wrong)} of {len(events)} measured times are no travel times of sound, such as {one['measured_s']:.3g} s instead of"
-        f" {one['chord_s']:.3g} s from {one['source']} to {one['receiver']}: check clocks and events. Clocks and baselines ignore them."
+        f"{len(wrong)} of {len(events)} measured times are no travel times of sound, such as"
+        f" {one['measured_s']:.3g} s instead of {one['chord_s']:.3g} s from {one['source']} to"
+        f" {one['receiver']}: check clocks and events. Clocks and baselines ignore them."
     )
 
 
-def known_clocks(events: pd.DataFrame, clocks: pd.DataFrame, *, reference: str | None = None) -> pd.DataFrame:
+def known_clocks(
+    events: pd.DataFrame, clocks: pd.DataFrame, *, reference: str | None = None
+) -> pd.DataFrame:
     """
     Clocks that the events determine.
 
-    An error of the sound speed or of a position acts like a clock offset unless a pair was measured in both directions. Offsets
-    are therefore relative to the nodes that are connected by such pairs, and unknown (NaN) for all other nodes.
+    An error of the sound speed or of a position acts like a clock offset unless a pair was measured
+    in both directions. Offsets are therefore relative to the nodes that are connected by such
+    pairs, and unknown (NaN) for all other nodes.
 
     Parameters
     ----------
@@ -175,7 +193,8 @@ def known_clocks(events: pd.DataFrame, clocks: pd.DataFrame, *, reference: str |
     Returns
     -------
     pandas.DataFrame
-        Like ``clocks``, with the column ``both_ways``: number of pairs of the node that were measured in both directions.
+        Like ``clocks``, with the column ``both_ways``: number of pairs of the node that were
+        measured in both directions.
     """
     used = events[events["residual_s"].notna() & ~gross_of(events)]
     ways = used.groupby("pair")["source"].nunique()
@@ -201,7 +220,9 @@ def known_clocks(events: pd.DataFrame, clocks: pd.DataFrame, *, reference: str |
 
 
 def unknown_clocks_note(clocks: pd.DataFrame) -> str | None:
-    """Sentence about the clocks that cannot be known, None if all are known relative to each other."""
+    """
+    Sentence about the clocks that cannot be known, None if all are known relative to each other.
+    """
     heard = clocks[clocks["events"] > 0]
     alone = heard.loc[heard["both_ways"] == 0, "node"].to_list()
     groups = heard.loc[heard["both_ways"] > 0, "group"].nunique()
@@ -209,11 +230,14 @@ def unknown_clocks_note(clocks: pd.DataFrame) -> str | None:
     if alone:
         names = ", ".join(alone[:8]) + (", ..." if len(alone) > 8 else "")
         lines.append(
-            f"The clock offsets of {names} cannot be known: none of their pairs was measured in both directions, so that an error of the"
-            " sound speed or of a position has the same effect."
+            f"The clock offsets of {names} cannot be known: none of their pairs was measured in"
+            " both directions, so that an error of the sound speed or of a position has the same"
+            " effect."
         )
     if groups > 1:
-        lines.append(f"Clock offsets are known within {groups} groups of nodes, not between the groups.")
+        lines.append(
+            f"Clock offsets are known within {groups} groups of nodes, not between the groups."
+        )
     return " ".join(lines) or None
 
 
@@ -250,15 +274,17 @@ def reciprocity_table(
     times : pandas.Series
         Residual of each event, including clock errors. [s]
     window : float
-        Maximum time between paired events. The partner of an event is the nearest in time of the other direction; each is used once. [s]
+        Maximum time between paired events. The partner of an event is the nearest in time of the
+        other direction; each is used once. [s]
 
     Returns
     -------
     pandas.DataFrame
-        One row per pair: number of events with a residual ``forth`` and ``back``, number ``matched``, ``mean_s`` and ``sd_s`` of the
-        difference (first name to second, minus second to first), ``clocks_s``, the part due to clock offsets, and ``left_s``, the
-        rest with its ``standard_error_s``. The rest is zero in water at rest; a current v over a distance d causes about
-        -2 d v / c^2.
+        One row per pair: number of events with a residual ``forth`` and ``back``, number
+        ``matched``, ``mean_s`` and ``sd_s`` of the difference (first name to second, minus second
+        to first), ``clocks_s``, the part due to clock offsets, and ``left_s``, the rest with its
+        ``standard_error_s``. The rest is zero in water at rest; a current v over a distance d
+        causes about -2 d v / c^2.
     """
     corrected = events.assign(clocks=clock_errors(events, clocks))
     rows = []
@@ -275,14 +301,39 @@ def reciprocity_table(
         due = forth["clocks"].to_numpy()[one] - back["clocks"].to_numpy()[other]
         expected = float(due.mean()) if n else np.nan
         rows.append(
-            (pair, len(forth), len(back), n, mean, sd, expected, mean - expected, sd / np.sqrt(max(n, 1)))
+            (
+                pair,
+                len(forth),
+                len(back),
+                n,
+                mean,
+                sd,
+                expected,
+                mean - expected,
+                sd / np.sqrt(max(n, 1)),
+            )
         )
-    names = ["pair", "forth", "back", "matched", "mean_s", "sd_s", "clocks_s", "left_s", "standard_error_s"]
+    names = [
+        "pair",
+        "forth",
+        "back",
+        "matched",
+        "mean_s",
+        "sd_s",
+        "clocks_s",
+        "left_s",
+        "standard_error_s",
+    ]
     return pd.DataFrame(rows, columns=names)
 
 
-def _matched(time: Array, other: Array, window: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Rows of events and of their nearest partners in time; a partner of several events goes to the nearest of them."""
+def _matched(
+    time: Array, other: Array, window: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """
+    Rows of events and of their nearest partners in time; a partner of several events goes to the
+    nearest of them.
+    """
     if not time.size or not other.size:
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     order = np.argsort(other, kind="stable")

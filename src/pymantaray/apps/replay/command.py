@@ -36,27 +36,31 @@ class ComparisonOptions:
         str,
         typer.Option(
             metavar="RULE",
-            help="Rule of detection: first, strongest, within:DB, threshold or persist:MINUTES (the arrival of the previous reception).",
+            help="Rule of detection: first, strongest, within:DB, threshold or persist:MINUTES"
+            " (the arrival of the previous reception).",
         ),
     ] = DEFAULT_RULE
     detection: Annotated[
         Path | None,
         typer.Option(
             metavar="FILE.toml",
-            help="TOML file with a study's section detection, for levels, and losses in its section acoustics.",
+            help="TOML file with a study's section detection, for levels, and losses in its"
+            " section acoustics.",
         ),
     ] = None
     window: Annotated[
         str,
         typer.Option(
             metavar="DURATION",
-            help="Maximum time between paired events (both directions, and successive ones): seconds, or text such as"
-            " '5 min'.",
+            help="Maximum time between paired events (both directions, and successive ones):"
+            " seconds, or text such as '5 min'.",
         ),
     ] = "60 s"
     reference: Annotated[
         str | None,
-        typer.Option(metavar="NODE", help="Node with the reference clock. Default: the mean of all clocks."),
+        typer.Option(
+            metavar="NODE", help="Node with the reference clock. Default: the mean of all clocks."
+        ),
     ] = None
     nodes: Annotated[
         Path | None,
@@ -69,12 +73,13 @@ class ComparisonOptions:
         typer.Option(
             parser=quantity("m"),
             metavar="SIGMA",
-            help="Smooth the horizontal positions of all nodes as random walks with drift; SIGMA is the error of a measured"
-            " position in metres.",
+            help="Smooth the horizontal positions of all nodes as random walks with drift; SIGMA"
+            " is the error of a measured position in metres.",
         ),
     ] = None
     clock_drift: Annotated[
-        bool, typer.Option("--clock-drift", help="Fit a constant rate of each clock besides its offset.")
+        bool,
+        typer.Option("--clock-drift", help="Fit a constant rate of each clock besides its offset."),
     ] = False
 
 
@@ -84,8 +89,9 @@ def replay(
         Path,
         typer.Argument(
             metavar="EVENTS.csv",
-            help="Columns time, source, receiver, source_lat, source_lon, source_depth (or _north, _east in metres), the same"
-            " for the receiver, travel_time in seconds; optional sigma and cast.",
+            help="Columns time, source, receiver, source_lat, source_lon, source_depth (or _north,"
+            " _east in metres), the same for the receiver, travel_time in seconds; optional sigma"
+            " and cast.",
             show_default=False,
         ),
     ],
@@ -94,14 +100,17 @@ def replay(
     search: ArrivalOptions,
     comparing: ComparisonOptions,
     prediction: Annotated[
-        PredictionOptions, Fields("draws", "position_sigma", "sound_speed_sigma", wind_speed="--wind")
+        PredictionOptions,
+        Fields("draws", "position_sigma", "sound_speed_sigma", wind_speed="--wind"),
     ],
     folder: FolderOptions,
     printing: TableOptions,
     *,
     changes: Set = None,
 ) -> None:
-    """Compare measured with predicted one-way travel times: residuals, coverage, clocks, switching."""
+    """
+    Compare measured with predicted one-way travel times: residuals, coverage, clocks, switching.
+    """
     from pymantaray.apps.replay import DetectionRule, read_events, replay_events, write_replay
     from pymantaray.apps.replay import smooth_positions as smooth
     from pymantaray.cli.output import progress_bars
@@ -130,7 +139,10 @@ def replay(
             progress=None if report is None else lambda done, total: report("events", done, total),
         )
         result = replace(
-            result, notes=(*notes, *result.notes), clock_drift=comparing.clock_drift, positions=smoothed
+            result,
+            notes=(*notes, *result.notes),
+            clock_drift=comparing.clock_drift,
+            positions=smoothed,
         )
         record: dict[str, Any] = {"mantaray": __version__, "events": str(events), "water": sources}
         record |= {
@@ -141,7 +153,11 @@ def replay(
             "clock_drift": comparing.clock_drift,
         }
         page = write_replay(
-            result, folder.out, made_by=record, formats=format_names(folder.formats), progress=report
+            result,
+            folder.out,
+            made_by=record,
+            formats=format_names(folder.formats),
+            progress=report,
         )
     with printing.printer() as printed:
         _print_result(printed, result)
@@ -172,8 +188,9 @@ def _print_result(out: Printer, result: "Replay") -> None:
     switching = result.switching.iloc[0]
     if switching["steps"]:
         out.line(
-            f"candidates change in {switching['rate']:.3f} of {switching['steps']} steps of {switching['step_s']:.0f} s,"
-            f" {switching['independent_rate']:.3f} if independent: correlation time {switching['correlation_s']:.0f} s"
+            f"candidates change in {switching['rate']:.3f} of {switching['steps']} steps of"
+            f" {switching['step_s']:.0f} s, {switching['independent_rate']:.3f} if independent:"
+            f" correlation time {switching['correlation_s']:.0f} s"
         )
 
 

@@ -19,7 +19,12 @@ from pymantaray.apps.replay.clocks import (
     unknown_clocks_note,
 )
 from pymantaray.apps.replay.consistency import fit_clocks_and_nodes, node_note
-from pymantaray.apps.replay.draws import bounce_hint, choice_of, predict_draws, with_median_candidate
+from pymantaray.apps.replay.draws import (
+    bounce_hint,
+    choice_of,
+    predict_draws,
+    with_median_candidate,
+)
 from pymantaray.apps.replay.events import Events
 from pymantaray.apps.replay.mixture import coverage_table, predict_mixture
 from pymantaray.apps.replay.options import DEFAULT_OPTIONS, PredictionOptions
@@ -40,18 +45,26 @@ from pymantaray.water import Source, Water, open_waters
 SEED = 20140715
 """Default seed, that of studies."""
 CAPTIONS = {
-    "summary": "Coverage and residuals of groups of events. Intervals (95 %) resample pairs, not events; a single pair has none",
-    "clocks": "Clock offset of each node by least squares, positive if ahead; the mean of each connected group is 0 unless a"
-    " reference is given. Standard errors as if events were independent, and by pairs",
-    "reciprocity": "Residuals of one direction less those of the other near in time, the part due to clocks, and the rest",
-    "baselines": "The prediction by rays beside two without an ocean, learned from the other pairs. Over all events, a missing prediction"
-    " counts as an infinite error; clocks are not corrected",
-    "nodes": "Offset of each node from its stated position that the ranges of its pairs suggest, and the scatter of ranges due to it",
-    "positions": "Smoothed positions: assumed error of a reading, estimated random walk and drift, and changes of the positions",
-    "coverage": "Residuals and coverage of the predictions. Even hours determine the error that nothing else explains; odd hours test"
-    " it. Sizes count events without a prediction as infinite",
+    "summary": "Coverage and residuals of groups of events. Intervals (95 %) resample pairs, not"
+    " events; a single pair has none",
+    "clocks": "Clock offset of each node by least squares, positive if ahead; the mean of each"
+    " connected group is 0 unless a reference is given. Standard errors as if events were"
+    " independent, and by pairs",
+    "reciprocity": "Residuals of one direction less those of the other near in time, the part due"
+    " to clocks, and the rest",
+    "baselines": "The prediction by rays beside two without an ocean, learned from the other"
+    " pairs. Over all events, a missing prediction counts as an infinite error; clocks are not"
+    " corrected",
+    "nodes": "Offset of each node from its stated position that the ranges of its pairs suggest,"
+    " and the scatter of ranges due to it",
+    "positions": "Smoothed positions: assumed error of a reading, estimated random walk and drift,"
+    " and changes of the positions",
+    "coverage": "Residuals and coverage of the predictions. Even hours determine the error that"
+    " nothing else explains; odd hours test it. Sizes count events without a prediction as"
+    " infinite",
     "candidates": "Arrivals that a receiver could have taken; events are numbered from 1",
-    "switching": "How often a receiver changes its candidate from one event to the next, and how often independent picks would",
+    "switching": "How often a receiver changes its candidate from one event to the next, and how"
+    " often independent picks would",
 }
 _BRIEF = {
     "summary": [
@@ -102,7 +115,8 @@ class Replay:
     positions : pandas.DataFrame, optional
         Nodes whose positions were smoothed, from `smooth_positions`.
     more : dict of pandas.DataFrame
-        Further tables by name, which follow the others on the page and in files; their captions are in ``CAPTIONS``.
+        Further tables by name, which follow the others on the page and in files; their captions are
+        in ``CAPTIONS``.
     """
 
     events: pd.DataFrame
@@ -124,7 +138,10 @@ class Replay:
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """Coverage and residuals of all events and by pair, depths and range, with intervals over pairs."""
+        """
+        Coverage and residuals of all events and by pair, depths and range, with intervals over
+        pairs.
+        """
         return summary_table(self.events, seed=self.seed)
 
     @cached_property
@@ -135,17 +152,26 @@ class Replay:
 
     @property
     def clocks(self) -> pd.DataFrame:
-        """Offset of each node's clock by least squares, with two standard errors; NaN if it cannot be known."""
+        """
+        Offset of each node's clock by least squares, with two standard errors; NaN if it cannot be
+        known.
+        """
         return known_clocks(self.events, self._fit[0], reference=self.reference)
 
     @property
     def taken(self) -> pd.DataFrame:
-        """Candidate nearest to each event after the clock correction; one row per event, NaN without a candidate."""
+        """
+        Candidate nearest to each event after the clock correction; one row per event, NaN without a
+        candidate.
+        """
         return self._fit[1]
 
     @property
     def nodes(self) -> pd.DataFrame:
-        """Horizontal offset of each node that the ranges of its pairs suggest; that of suspect nodes does not shift the clocks."""
+        """
+        Horizontal offset of each node that the ranges of its pairs suggest; that of suspect nodes
+        does not shift the clocks.
+        """
         return self._fit[2]
 
     @cached_property
@@ -162,11 +188,15 @@ class Replay:
     @cached_property
     def reciprocity(self) -> pd.DataFrame:
         """Difference of residuals between paired events in opposite directions, for each pair."""
-        return reciprocity_table(self.events, self.taken["taken_time_s"], self._fit[0], window=self.window)
+        return reciprocity_table(
+            self.events, self.taken["taken_time_s"], self._fit[0], window=self.window
+        )
 
     @cached_property
     def switching(self) -> pd.DataFrame:
-        """Rate at which receivers change between candidates, and the rate of independent choices."""
+        """
+        Rate at which receivers change between candidates, and the rate of independent choices.
+        """
         return switching_table(self.events, self.taken, window=self.window, seed=self.seed)
 
     @property
@@ -185,7 +215,9 @@ class Replay:
             "events": pd.concat([self.events, self.taken], axis=1),
         }
         return {
-            name: ResultTable(name, frame, CAPTIONS.get(name, ""), brief=_BRIEF.get(name, ()), words=_HEADS)
+            name: ResultTable(
+                name, frame, CAPTIONS.get(name, ""), brief=_BRIEF.get(name, ()), words=_HEADS
+            )
             for name, frame in frames.items()
         }
 
@@ -214,7 +246,8 @@ def replay_events(
     ----------
     events : Events
     waters : Water, sequence of Water, or source of `open_waters`
-        Water of the events. If there are several, an event uses the one that it names, else the nearest in time.
+        Water of the events. If there are several, an event uses the one that it names, else the
+        nearest in time.
     rule : DetectionRule or str
         Rule that predicts the detected arrival. Fix it before you look at residuals.
     options : PredictionOptions
@@ -231,23 +264,27 @@ def replay_events(
     Returns
     -------
     Replay
-        Its ``events`` has one row per event: ``status``, ``n_arrivals`` within the cut-off, ``predicted_s``, bounces, ``loss_db``
-        re 1 m (of spreading alone without a detector), ``level_db`` at the receiver with one, ``next_s`` and ``next_db`` (how much
-        later and louder the next candidate is), ``near_limit`` (a limit 1 dB higher or lower changes the pick),
-        ``residual_s`` (measured minus predicted) and ``residual_m`` (times the sound speed at the source). An event without a
-        predicted arrival keeps its row, with a status that gives the reason. With draws or the rule ``persist``, it also has
-        ``prediction_sigma_s``, ``low_s`` and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`.
+        Its ``events`` has one row per event: ``status``, ``n_arrivals`` within the cut-off,
+        ``predicted_s``, bounces, ``loss_db`` re 1 m (of spreading alone without a detector),
+        ``level_db`` at the receiver with one, ``next_s`` and ``next_db`` (how much later and louder
+        the next candidate is), ``near_limit`` (a limit 1 dB higher or lower changes the pick),
+        ``residual_s`` (measured minus predicted) and ``residual_m`` (times the sound speed at the
+        source). An event without a predicted arrival keeps its row, with a status that gives the
+        reason. With draws or the rule ``persist``, it also has ``prediction_sigma_s``, ``low_s``
+        and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`.
 
     Raises
     ------
     ReplayError
-        If an event names an unknown cast, no cast can be assigned, the rule needs a sonar and there is none, or the window is
-        negative.
+        If an event names an unknown cast, no cast can be assigned, the rule needs a sonar and there
+        is none, or the window is negative.
     """
     waters = _waters(waters)
     rule = DetectionRule.parse(rule) if isinstance(rule, str) else rule
     if rule.kind == "threshold" and any(water.reception.detector is None for water in waters):
-        raise ReplayError("rule threshold: it needs a sonar; give a section [detection], or use another rule")
+        raise ReplayError(
+            "rule threshold: it needs a sonar; give a section [detection], or use another rule"
+        )
     if not window >= 0.0:
         raise ReplayError(f"window is {window:g} s; allowed are 0 s and more")
     nodes = set(events.source) | set(events.receiver)
@@ -266,7 +303,9 @@ def replay_events(
                 progress(done + part * here // max(parts, 1), events.time.size)
 
         if merged:
-            frame, others = predict_draws(events, rows, water.at(time), water, rule, options.draws, tell)
+            frame, others = predict_draws(
+                events, rows, water.at(time), water, rule, options.draws, tell
+            )
         else:
             frame, others = _predict(events, rows, water, time, rule, tell)
         predicted.append(frame)
@@ -309,9 +348,14 @@ def _with_mixture(
     options: PredictionOptions,
     detector: Detector | None,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Events with the error of each prediction, and candidates with their probabilities; ``persist`` takes the median candidate."""
+    """
+    Events with the error of each prediction, and candidates with their probabilities; ``persist``
+    takes the median candidate.
+    """
     merit = None if detector is None else detector.sonar.figure_of_merit_db
-    mixture = predict_mixture(table, candidates, options, persistence=60.0 * rule.persist_min, merit_db=merit)
+    mixture = predict_mixture(
+        table, candidates, options, persistence=60.0 * rule.persist_min, merit_db=merit
+    )
     every = candidates.assign(sigma_s=mixture.sigma, probability=mixture.probability)
     if rule.kind == "persist":
         table = with_median_candidate(table, every, mixture.events["mixture_s"].to_numpy())
@@ -377,7 +421,9 @@ def _predict(
     rule: DetectionRule,
     progress: CountProgress,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Prediction of some events in one water at a time, and all candidates of each; indexed by event."""
+    """
+    Prediction of some events in one water at a time, and all candidates of each; indexed by event.
+    """
     reception, (medium, currents) = water.reception, water.at(time)
     source, receiver = ends_of(events, rows, water, medium.earth)
     cutoff = reception.spreading_cutoff_db

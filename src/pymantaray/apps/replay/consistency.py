@@ -1,4 +1,7 @@
-"""Consistency of each node's position with the ranges of all its pairs, and clocks without the effect of wrong positions."""
+"""
+Consistency of each node's position with the ranges of all its pairs, and clocks without the effect
+of wrong positions.
+"""
 
 from typing import NamedTuple
 
@@ -15,7 +18,9 @@ _SUSPECT_OFFSET = 2.0  # m, of a suspect node
 _SUSPECT_SHARE = 0.5  # of the squared residuals of its pairs, which its offset must explain
 _SUSPECT_LEVEL = 0.03  # probability that one of the right nodes of a campaign is suspect
 _CONFIRMED = 0.5  # of the significance limit, which must be exceeded without any one pair too
-_WATER_SHARE = 0.5  # of the variance of a pair's residual, due to the assumed water; it grows with distance
+_WATER_SHARE = (
+    0.5  # of the variance of a pair's residual, due to the assumed water; it grows with distance
+)
 _SHARED_WATER = 2.0 / 3.0  # of that part, the same for all pairs of a node
 _WEAK = 0.05  # singular value of directions that are almost parallel
 _POSITION_SHARE = 0.5  # of the variance, due to the usual errors of the positions of both nodes
@@ -33,7 +38,10 @@ class _Offset(NamedTuple):
     explained: float
     """Share of the squared residuals of its pairs that the offset explains."""
     significance: float
-    """F statistic over its limit. Above 1, the smallest of it and those without any one pair, over their own limit."""
+    """
+    F statistic over its limit. Above 1, the smallest of it and those without any one pair, over
+    their own limit.
+    """
 
     @property
     def suspect(self) -> bool:
@@ -46,13 +54,19 @@ _UNKNOWN = _Offset(np.full(2, np.nan), np.nan, np.nan, -1.0)
 
 
 def fit_clocks_and_nodes(
-    events: pd.DataFrame, candidates: pd.DataFrame, *, reference: str | None = None, drift: bool = False
+    events: pd.DataFrame,
+    candidates: pd.DataFrame,
+    *,
+    reference: str | None = None,
+    drift: bool = False,
 ) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """
-    Fit clocks with candidates and offsets of nodes in turn, until the offsets of suspect nodes do not change.
+    Fit clocks with candidates and offsets of nodes in turn, until the offsets of suspect nodes do
+    not change.
 
-    A wrong position changes the candidates that appear to be nearest, differently in both directions, and shifts the clocks by
-    milliseconds. The clocks are therefore fitted to residuals without the effect of suspect positions.
+    A wrong position changes the candidates that appear to be nearest, differently in both
+    directions, and shifts the clocks by milliseconds. The clocks are therefore fitted to residuals
+    without the effect of suspect positions.
 
     Parameters
     ----------
@@ -70,15 +84,20 @@ def fit_clocks_and_nodes(
     """
     late = np.zeros(len(events))
     for _ in range(_MAX_ITERATIONS):
-        right = events.assign(measured_s=events["measured_s"] - late, residual_s=events["residual_s"] - late)
+        right = events.assign(
+            measured_s=events["measured_s"] - late, residual_s=events["residual_s"] - late
+        )
         clocks, taken = fit_clocks(right, candidates, reference=reference, drift=drift)
         taken = taken.assign(
-            taken_residual_s=taken["taken_residual_s"] + late, taken_time_s=taken["taken_time_s"] + late
+            taken_residual_s=taken["taken_residual_s"] + late,
+            taken_time_s=taken["taken_time_s"] + late,
         )
         nodes = node_table(events, taken)
         before = late
         late = position_errors(events, nodes)
-        moved = np.asarray(np.abs(late - before) * _speed(events))  # NaN for an event without a prediction
+        moved = np.asarray(
+            np.abs(late - before) * _speed(events)
+        )  # NaN for an event without a prediction
         if moved[np.isfinite(moved)].max(initial=0.0) < _SETTLED:
             break
     return clocks, taken, nodes
@@ -90,7 +109,9 @@ def position_errors(events: pd.DataFrame, nodes: pd.DataFrame) -> Array:
     table = nodes[nodes["suspect"]].set_index("node")
     longer = np.zeros(len(events))
     for end, sign in (("receiver", 1.0), ("source", -1.0)):
-        north, east = (events[end].map(table[name]).fillna(0.0).to_numpy() for name in ("north_m", "east_m"))
+        north, east = (
+            events[end].map(table[name]).fillna(0.0).to_numpy() for name in ("north_m", "east_m")
+        )
         longer += sign * (np.cos(bearing) * north + np.sin(bearing) * east)
     return np.asarray(np.where(longer == 0.0, 0.0, longer / _speed(events)))
 
@@ -109,25 +130,29 @@ def node_table(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row per node: number of ``pairs`` and ``events``; ``north_m`` and ``east_m``, the offset of the true position from the
-        stated one, with ``standard_error_m`` (the larger semi-axis, with the errors that events share); ``explained``, the share of
-        the squared residuals of its pairs that the offset explains; ``scatter_m``, the standard deviation of range errors that vary in
-        time and are due to this node; and ``suspect``.
+        One row per node: number of ``pairs`` and ``events``; ``north_m`` and ``east_m``, the offset
+        of the true position from the stated one, with ``standard_error_m`` (the larger semi-axis,
+        with the errors that events share); ``explained``, the share of the squared residuals of its
+        pairs that the offset explains; ``scatter_m``, the standard deviation of range errors that
+        vary in time and are due to this node; and ``suspect``.
 
     Notes
     -----
-    A node at the offset :math:`\delta` from its stated position changes the range of a pair by :math:`u \cdot \delta`, where u is
-    the direction from the other node. The median residuals of the pairs of a node, in metres, determine its offset by generalized least
-    squares. Residuals of pairs of one node are correlated: they share the error of the assumed water, which grows with the distance d. For
-    the variance :math:`s^2` of a residual, the covariance of two pairs of a node is :math:`s^2 r_i r_j / 3` with r = d over the rms distance;
-    the rest is independent. The variance is that of the residuals of all pairs after the fit, which also contains ice, wrong arrivals and
-    clocks. The offset of a right node is not zero: half of the variance, :math:`s^2 / 4` per axis and node, is attributed to usual errors of
-    positions.
+    A node at the offset :math:`\delta` from its stated position changes the range of a pair by
+    :math:`u \cdot \delta`, where u is the direction from the other node. The median residuals of
+    the pairs of a node, in metres, determine its offset by generalized least squares. Residuals of
+    pairs of one node are correlated: they share the error of the assumed water, which grows with
+    the distance d. For the variance :math:`s^2` of a residual, the covariance of two pairs of a
+    node is :math:`s^2 r_i r_j / 3` with r = d over the rms distance; the rest is independent. The
+    variance is that of the residuals of all pairs after the fit, which also contains ice, wrong
+    arrivals and clocks. The offset of a right node is not zero: half of the variance, :math:`s^2 /
+    4` per axis and node, is attributed to usual errors of positions.
 
-    The most significant node is suspect if its offset is above 2 m, explains half of its squared residuals, and has an F statistic above
-    its 3 % limit (divided by the number of nodes), and above half of this limit without any one of its pairs, so that one wrong arrival
-    is not enough. Its part is then removed from all pairs, and the others are examined again: a wrong node affects one pair of every
-    other node. A node with fewer than three pairs is not examined.
+    The most significant node is suspect if its offset is above 2 m, explains half of its squared
+    residuals, and has an F statistic above its 3 % limit (divided by the number of nodes), and
+    above half of this limit without any one of its pairs, so that one wrong arrival is not enough.
+    Its part is then removed from all pairs, and the others are examined again: a wrong node affects
+    one pair of every other node. A node with fewer than three pairs is not examined.
     """
     pairs = _pair_residuals(events, taken)
     names = sorted(set(events["source"]) | set(events["receiver"]))
@@ -148,8 +173,19 @@ def node_table(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
     for k, name in enumerate(names):
         offset, error, explained, _ = found.get(name) or fits[name]
         of = (pairs["first"] == name) | (pairs["second"] == name)
-        rows.append((name, of.sum(), count[name], *offset, error, explained, scatter[k], name in found))
-    columns = ["node", "pairs", "events", "north_m", "east_m", "standard_error_m", "explained", "scatter_m"]
+        rows.append(
+            (name, of.sum(), count[name], *offset, error, explained, scatter[k], name in found)
+        )
+    columns = [
+        "node",
+        "pairs",
+        "events",
+        "north_m",
+        "east_m",
+        "standard_error_m",
+        "explained",
+        "scatter_m",
+    ]
     return pd.DataFrame(rows, columns=[*columns, "suspect"])
 
 
@@ -159,14 +195,21 @@ def node_note(nodes: pd.DataFrame) -> str | None:
     if wrong.empty:
         return None
     words = [
-        f"{row.node} ({row.north_m:+.1f} m north, {row.east_m:+.1f} m east, +-{row.standard_error_m:.1f} m)"
+        f"{row.node} ({row.north_m:+.1f} m north, {row.east_m:+.1f} m east,"
+        f" +-{row.standard_error_m:.1f} m)"
         for row in wrong.itertuples()
     ]
-    return f"Positions that disagree with the ranges of all their pairs: {', '.join(words)}; check them."
+    return (
+        f"Positions that disagree with the ranges of all their pairs: {', '.join(words)}; check"
+        " them."
+    )
 
 
 def _residuals_m(events: pd.DataFrame, taken: pd.DataFrame) -> "pd.Series[float]":
-    """Residuals of the candidates that events took, after the clock correction, as lengths; NaN if unknown or gross. [m]"""
+    """
+    Residuals of the candidates that events took, after the clock correction, as lengths; NaN if
+    unknown or gross. [m]
+    """
     return (taken["taken_residual_s"] * _speed(events)).where(~gross_of(events))
 
 
@@ -176,7 +219,10 @@ def _speed(events: pd.DataFrame) -> "pd.Series[float]":
 
 
 def _pair_residuals(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
-    """Median residual of each pair [m], its nodes, and the direction from the first to the second. [rad]"""
+    """
+    Median residual of each pair [m], its nodes, and the direction from the first to the second.
+    [rad]
+    """
     ends = np.sort(events[["source", "receiver"]].to_numpy(dtype=str), axis=1)
     turned = ends[:, 0] != events["source"].to_numpy(dtype=str)
     bearing = np.radians(events["bearing_deg"].to_numpy()) + np.pi * turned
@@ -202,14 +248,19 @@ def _pair_residuals(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
 
 
 def _clocks_from_one_way(events: pd.DataFrame, pairs: pd.DataFrame) -> int:
-    """Number of clock offsets that were fitted to pairs with events in one direction only, which therefore have smaller residuals."""
+    """
+    Number of clock offsets that were fitted to pairs with events in one direction only, which
+    therefore have smaller residuals.
+    """
     used = events[events["pair"].isin(pairs.index)]
     both = used.groupby("pair")["source"].nunique() > 1
 
     def fitted(table: pd.DataFrame) -> int:
         names = sorted({*table["first"], *table["second"]})
         return (
-            int(np.linalg.matrix_rank(np.array([_membership(table, name) for name in names]))) if names else 0
+            int(np.linalg.matrix_rank(np.array([_membership(table, name) for name in names])))
+            if names
+            else 0
         )
 
     return fitted(pairs) - fitted(pairs[both.reindex(pairs.index)])
@@ -217,7 +268,9 @@ def _clocks_from_one_way(events: pd.DataFrame, pairs: pd.DataFrame) -> int:
 
 def _membership(pairs: pd.DataFrame, name: str) -> Array:
     """1 for pairs to a node, -1 for pairs from it, otherwise 0."""
-    return np.asarray((pairs["second"] == name).astype(float) - (pairs["first"] == name).astype(float))
+    return np.asarray(
+        (pairs["second"] == name).astype(float) - (pairs["first"] == name).astype(float)
+    )
 
 
 def _directions(pairs: pd.DataFrame, name: str) -> Array:
@@ -226,7 +279,9 @@ def _directions(pairs: pd.DataFrame, name: str) -> Array:
 
 
 def _offset(pairs: pd.DataFrame, residual: Array, name: str, free: int) -> _Offset:
-    """Offset of a node from the residuals of all pairs [m], of which a number is free after the fit."""
+    """
+    Offset of a node from the residuals of all pairs [m], of which a number is free after the fit.
+    """
     from scipy.stats import f as f_distribution
 
     design = _directions(pairs, name)
@@ -257,23 +312,36 @@ def _offset(pairs: pd.DataFrame, residual: Array, name: str, free: int) -> _Offs
 
 
 def _weighted(design: Array, distance: Array, residual: Array) -> tuple[Array, Array]:
-    """Offset by generalized least squares, and its covariance for residuals of variance 1; distances are relative."""
-    water = (1.0 - _SHARED_WATER) * np.diag(distance**2) + _SHARED_WATER * np.outer(distance, distance)
-    noise = (1.0 - _WATER_SHARE - 0.5 * _POSITION_SHARE) * np.eye(distance.size) + _WATER_SHARE * water
+    """
+    Offset by generalized least squares, and its covariance for residuals of variance 1; distances
+    are relative.
+    """
+    water = (1.0 - _SHARED_WATER) * np.diag(distance**2) + _SHARED_WATER * np.outer(
+        distance, distance
+    )
+    noise = (1.0 - _WATER_SHARE - 0.5 * _POSITION_SHARE) * np.eye(
+        distance.size
+    ) + _WATER_SHARE * water
     weighted = np.linalg.solve(noise, design)
     covariance = np.linalg.inv(design.T @ weighted)
     return np.asarray(covariance @ (weighted.T @ residual)), np.asarray(covariance)
 
 
 def _f_statistic(offset: Array, covariance: Array, scale: float) -> float:
-    """Squared offset over its variance if the node has the usual error of its position, per axis; infinite without noise."""
+    """
+    Squared offset over its variance if the node has the usual error of its position, per axis;
+    infinite without noise.
+    """
     usual = covariance + 0.5 * _POSITION_SHARE * np.eye(2)
     size = float(offset @ np.linalg.solve(usual, offset)) / 2.0
     return size / scale if scale > 0.0 else np.inf
 
 
 def _scatter(events: pd.DataFrame, taken: pd.DataFrame, names: list[str]) -> Array:
-    """Standard deviation of range errors that each node contributes: the squared scatter of a pair is the sum of two. [m]"""
+    """
+    Standard deviation of range errors that each node contributes: the squared scatter of a pair is
+    the sum of two. [m]
+    """
     from scipy.optimize import nnls
 
     residual = _residuals_m(events, taken)

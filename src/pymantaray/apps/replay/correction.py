@@ -22,8 +22,8 @@ def correct_events(events: Events, replay: Replay) -> Events:
     events : Events
         Events of the same nodes, of any time: a replay of some hours may correct others.
     replay : Replay
-        Its ``clocks`` (with drifts if ``clock_drift`` is set) and the offsets of its suspect ``nodes`` are used. Clocks that are unknown and
-        nodes that are not suspect stay as they are.
+        Its ``clocks`` (with drifts if ``clock_drift`` is set) and the offsets of its suspect
+        ``nodes`` are used. Clocks that are unknown and nodes that are not suspect stay as they are.
 
     Returns
     -------
@@ -54,5 +54,7 @@ def _moved(position: Array, north: float, east: float, geographic: bool) -> Arra
     azimuth = np.degrees(np.arctan2(east, north))
     distance = np.hypot(north, east)
     n = len(position)
-    lon, lat, _ = ELLIPSOID.fwd(position[:, 1], position[:, 0], np.full(n, azimuth), np.full(n, distance))
+    lon, lat, _ = ELLIPSOID.fwd(
+        position[:, 1], position[:, 0], np.full(n, azimuth), np.full(n, distance)
+    )
     return np.stack([lat, lon, position[:, 2]], axis=-1)

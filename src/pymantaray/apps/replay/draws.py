@@ -29,13 +29,19 @@ _SUGGESTION_EVENTS = 60  # events of a suggestion
 _SUGGESTED_BOUNCES = 7  # reflections
 
 
-def choice_of(sound: Transmission, distance: Array, cutoff_db: float, detector: Detector | None) -> Choice:
-    """Receptions from source to receiver; without a detector their loss is spreading alone, re 1 m."""
+def choice_of(
+    sound: Transmission, distance: Array, cutoff_db: float, detector: Detector | None
+) -> Choice:
+    """
+    Receptions from source to receiver; without a detector their loss is spreading alone, re 1 m.
+    """
     forth = sound.receptions.at({"reception": sound.receptions.direction == Direction.FORTH})
     loss = forth.loss_db
     if detector is None:
         loss = forth.spreading_db + 20.0 * np.log10(np.maximum(distance[forth.link], 1.0))
-    return Choice(forth, distance.size, loss, cutoff_db, None if detector is None else detector.sonar)
+    return Choice(
+        forth, distance.size, loss, cutoff_db, None if detector is None else detector.sonar
+    )
 
 
 def predict_draws(
@@ -47,12 +53,16 @@ def predict_draws(
     draws: int,
     progress: CountProgress,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Prediction of some events by the merged arrivals of several draws of rough ice, and all candidates; indexed by event."""
+    """
+    Prediction of some events by the merged arrivals of several draws of rough ice, and all
+    candidates; indexed by event.
+    """
     (medium, currents), reception = sea, water.reception
     rough = medium.surface.roughness
     if draws > 1 and rough is None:
         raise ReplayError(
-            "draws: the ice is smooth, so all draws are equal; give `ice_slope_deg`, or leave out `draws`"
+            "draws: the ice is smooth, so all draws are equal; give `ice_slope_deg`, or leave out"
+            " `draws`"
         )
     source, receiver = ends_of(events, rows, water, medium.earth)
     if rough is not None and events.geographic and (water.frame is None or water.uniform):
@@ -69,7 +79,9 @@ def predict_draws(
     for draw in range(draws):
         one = medium
         if rough is not None:
-            one = replace(medium, surface=medium.surface.with_roughness(rough.with_draw(rough.draw + draw)))
+            one = replace(
+                medium, surface=medium.surface.with_roughness(rough.with_draw(rough.draw + draw))
+            )
         sound = find_receptions(source, receiver, one, wide, currents=currents)
         choice = choice_of(sound, distance, cutoff, reception.detector)
         r = choice.receptions
@@ -85,7 +97,9 @@ def predict_draws(
         parts.append([np.asarray(x)[kept] for x in columns])
         status = np.where((draw == 0) | (sound.status == RayStatus.OK), sound.status, status)
         progress(draw + 1, draws)
-    link, draw_of, time, loss, surface, bottom = (np.concatenate(x) for x in zip(*parts, strict=True))
+    link, draw_of, time, loss, surface, bottom = (
+        np.concatenate(x) for x in zip(*parts, strict=True)
+    )
     merged = merge_draws(
         DrawnArrivals(link, draw_of, time, loss, surface.astype(np.int64), bottom.astype(np.int64)),
         draws,
@@ -94,16 +108,21 @@ def predict_draws(
     at = merged["event"].to_numpy()
     start = np.searchsorted(at, of)
     stop = np.searchsorted(at, of, side="right")
-    candidates = merged.iloc[np.concatenate([np.arange(i, j) for i, j in zip(start, stop, strict=True)])]
+    candidates = merged.iloc[
+        np.concatenate([np.arange(i, j) for i, j in zip(start, stop, strict=True)])
+    ]
     candidates = candidates.assign(event=np.repeat(rows, stop - start))
     bearing = np.degrees(np.arctan2(*(receiver - source)[:, 1::-1].T))
     known = {"bearing_deg": bearing[of], "chord_s": sound.arrivals.chord_travel_time[of]}
     return frame.iloc[of].assign(cast=water.name, **known).set_index(rows), candidates
 
 
-def _on_ice(events: Events, rows: Rows, source: Array, receiver: Array, length: float) -> tuple[Array, Array]:
+def _on_ice(
+    events: Events, rows: Rows, source: Array, receiver: Array, length: float
+) -> tuple[Array, Array]:
     """
-    Ends of events under ice that drifts with the nodes: each pair has its own ice, the same in both directions.
+    Ends of events under ice that drifts with the nodes: each pair has its own ice, the same in both
+    directions.
 
     The first node of a pair, by name, keeps its place.
     """
@@ -144,7 +163,9 @@ def _frame(
     allowed[first[first >= 0]] = False
     after = first_picks(link, keys, allowed, n)
     state = np.where(
-        first >= 0, np.int8(RayStatus.OK), np.where(status == RayStatus.OK, RayStatus.UNHEARD, status)
+        first >= 0,
+        np.int8(RayStatus.OK),
+        np.where(status == RayStatus.OK, RayStatus.UNHEARD, status),
     )
     return pd.DataFrame(
         {
@@ -159,8 +180,12 @@ def _frame(
     ).astype({"surface_bounces": "Int64", "bottom_bounces": "Int64"})
 
 
-def with_median_candidate(table: pd.DataFrame, candidates: pd.DataFrame, median: Array) -> pd.DataFrame:
-    """Events whose predicted arrival is the candidate nearest to the median of their mixture. [s]"""
+def with_median_candidate(
+    table: pd.DataFrame, candidates: pd.DataFrame, median: Array
+) -> pd.DataFrame:
+    """
+    Events whose predicted arrival is the candidate nearest to the median of their mixture. [s]
+    """
     at = candidates["event"].to_numpy(dtype=np.int64)
     far = np.abs(candidates["travel_time_s"].to_numpy() - median[at])
     events, rows = first_rows(at, [far], np.ones(at.size, dtype=bool))
@@ -177,9 +202,12 @@ def with_median_candidate(table: pd.DataFrame, candidates: pd.DataFrame, median:
     return out.assign(level_db=level - out["loss_db"], next_s=np.nan, next_db=np.nan)
 
 
-def bounce_hint(events: Events, waters: Sequence[Water], predicted: NDArray[np.bool_]) -> tuple[str, ...]:
+def bounce_hint(
+    events: Events, waters: Sequence[Water], predicted: NDArray[np.bool_]
+) -> tuple[str, ...]:
     """
-    Suggest reflections, if none are allowed, few events are predicted and reflections would predict more of them.
+    Suggest reflections, if none are allowed, few events are predicted and reflections would predict
+    more of them.
 
     The number is from at most 60 events without a prediction, evenly spaced in the table.
     """
@@ -187,7 +215,9 @@ def bounce_hint(events: Events, waters: Sequence[Water], predicted: NDArray[np.b
     if some or not predicted.size or predicted.mean() >= _MIN_PREDICTED_SHARE:
         return ()
     lost = np.flatnonzero(~predicted)
-    sample = lost[np.unique(np.linspace(0, lost.size - 1, min(lost.size, _SUGGESTION_EVENTS)).astype(int))]
+    sample = lost[
+        np.unique(np.linspace(0, lost.size - 1, min(lost.size, _SUGGESTION_EVENTS)).astype(int))
+    ]
     which = choose_water(events, waters)[sample]
     gained = 0
     for index in np.unique(which).tolist():
@@ -206,6 +236,7 @@ def bounce_hint(events: Events, waters: Sequence[Water], predicted: NDArray[np.b
     share = 100.0 * predicted.mean()
     hint = (
         f"{share:.0f} % of the events are predicted, and no reflections are allowed; with"
-        f" `max_surface_bounces={_SUGGESTED_BOUNCES}`, {gained} of {sample.size} of the other events have an arrival"
+        f" `max_surface_bounces={_SUGGESTED_BOUNCES}`, {gained} of {sample.size} of the other"
+        " events have an arrival"
     )
     return (hint,)

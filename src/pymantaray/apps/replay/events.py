@@ -33,7 +33,8 @@ class Events:
     source, receiver : array_like of str, shape (n,)
         Names of the nodes at both ends.
     source_position, receiver_position : array_like, shape (n, 3)
-        Latitude, longitude [degrees] and depth [m] if ``geographic``, else north, east and depth in a local frame [m].
+        Latitude, longitude [degrees] and depth [m] if ``geographic``, else north, east and depth in
+        a local frame [m].
     travel_time : array_like, shape (n,)
         Receiver's clock at the reception minus the source's clock at the emission. [s]
     geographic : bool
@@ -118,12 +119,14 @@ def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
     Parameters
     ----------
     path : str or pathlib.Path
-        Columns ``time`` (UTC as ``2020-03-10T12:00:00``, or seconds), ``source`` and ``receiver`` (names), ``source_lat``,
-        ``source_lon``, ``source_depth`` and the same of the receiver [degrees, m], or ``_north`` and ``_east`` for ``_lat`` and
-        ``_lon`` [m], and ``travel_time`` [s]; optionally ``sigma`` [s] and ``cast`` (a name). Other columns are ignored.
+        Columns ``time`` (UTC as ``2020-03-10T12:00:00``, or seconds), ``source`` and ``receiver``
+        (names), ``source_lat``, ``source_lon``, ``source_depth`` and the same of the receiver
+        [degrees, m], or ``_north`` and ``_east`` for ``_lat`` and ``_lon`` [m], and ``travel_time``
+        [s]; optionally ``sigma`` [s] and ``cast`` (a name). Other columns are ignored.
     nodes : str or pathlib.Path, optional
-        Table of fixed nodes with ``name``, ``lat``, ``lon`` and ``depth`` (or ``north`` and ``east``), as `mantaray locate` writes it.
-        Its positions replace those of the events, whose cells for these nodes, or whole columns, may be empty.
+        Table of fixed nodes with ``name``, ``lat``, ``lon`` and ``depth`` (or ``north`` and
+        ``east``), as `mantaray locate` writes it. Its positions replace those of the events, whose
+        cells for these nodes, or whole columns, may be empty.
 
     Returns
     -------
@@ -132,8 +135,8 @@ def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
     Raises
     ------
     ReplayError
-        If a column is missing, or a value is impossible. Lines that cannot be parsed are left out with a note, and an error if
-        they are half of the file or more.
+        If a column is missing, or a value is impossible. Lines that cannot be parsed are left out
+        with a note, and an error if they are half of the file or more.
     """
     invalid = InvalidLines()
     try:
@@ -148,11 +151,15 @@ def _events(table: TextTable, invalid: InvalidLines) -> Events:
     columns = set(table.frame.columns)
     geographic = {f"{end}_lat" for end in ENDS} <= columns
     if geographic and "source_north" in columns:
-        raise ReplayError(f"{path}: has positions in lat, lon and in north, east; keep one of the two")
+        raise ReplayError(
+            f"{path}: has positions in lat, lon and in north, east; keep one of the two"
+        )
     places = [f"{end}_{axis}" for end in ENDS for axis in _PLACES[geographic]]
     table.require(["time", *ENDS, *places, "travel_time", *sorted({"sigma", "cast"} & columns)])
     measured = [*places, "travel_time"]
-    table = table.readable(invalid, times=["time"], numbers=measured, words=ENDS, optional=["sigma"])
+    table = table.readable(
+        invalid, times=["time"], numbers=measured, words=ENDS, optional=["sigma"]
+    )
     invalid.refuse_most(len(table.frame), ReplayError)
     numbers = table.numbers(measured)
     names = {end: table.words(end) for end in ENDS}
@@ -175,7 +182,10 @@ def _events(table: TextTable, invalid: InvalidLines) -> Events:
 
 
 def _check_unit(table: TextTable, numbers: Array, *, geographic: bool) -> None:
-    """Raise an error if travel times, the last column behind both positions, are thousands of times too long or too short."""
+    """
+    Raise an error if travel times, the last column behind both positions, are thousands of times
+    too long or too short.
+    """
     step = numbers[:, 3:6] - numbers[:, :3]
     if geographic:
         step[:, :2] *= _M_PER_DEGREE
@@ -185,8 +195,8 @@ def _check_unit(table: TextTable, numbers: Array, *, geographic: bool) -> None:
     low, high = _MILLISECONDS
     if low < ratio < high or low < 1.0 / max(ratio, 1e-9) < high:
         raise ReplayError(
-            f"{table.path}: travel_time is {ratio:.3g} times the distance over {_SOUND_SPEED:g} m/s (median {np.median(numbers[:, 6]):g} s);"
-            " it must be in seconds"
+            f"{table.path}: travel_time is {ratio:.3g} times the distance over {_SOUND_SPEED:g} m/s"
+            f" (median {np.median(numbers[:, 6]):g} s); it must be in seconds"
         )
 
 

@@ -1,4 +1,7 @@
-"""Likelihood of measured times as a mixture over candidates, and candidates that persist from one reception to the next."""
+"""
+Likelihood of measured times as a mixture over candidates, and candidates that persist from one
+reception to the next.
+"""
 
 from typing import NamedTuple
 
@@ -17,7 +20,8 @@ from pymantaray.sensing.picking import LEVEL_SPREAD_DB
 _WITHIN_DB = 6.0  # below the strongest: an arrival with this level is detected with probability 0.5
 _CLUTTER = 0.02  # share of receptions that no candidate explains
 _CLUTTER_WIDTH = 0.1  # s
-_MATCH = 1e-3  # s; candidates of successive events are the same arrival if their delays differ by about this
+# s; candidates of successive events are the same arrival if their delays differ by about this
+_MATCH = 1e-3
 _OTHER_BOUNCES = 0.1  # weight of a match with other bounces
 _UNEXPLAINED = np.geomspace(2e-4, 2e-2, 25)  # s; values tried for the error that nothing explains
 _COVERED = 0.95  # of the events of even hours, by their intervals
@@ -28,10 +32,15 @@ HOUR = 3600.0
 
 
 class Mixture(NamedTuple):
-    """Prediction of each event by a mixture over its candidates, and the probability of each candidate."""
+    """
+    Prediction of each event by a mixture over its candidates, and the probability of each
+    candidate.
+    """
 
     events: pd.DataFrame
-    """``sigma_s``, ``low_s`` and ``high_s`` (95 %), ``log_likelihood`` and ``mixture_s``, the median."""
+    """
+    ``sigma_s``, ``low_s`` and ``high_s`` (95 %), ``log_likelihood`` and ``mixture_s``, the median.
+    """
     probability: Array
     """Of each candidate before the measured time of its event is known."""
     sigma: Array
@@ -52,8 +61,9 @@ def first_detected(candidates: pd.DataFrame, merit_db: float | None = None) -> A
     r"""
     Probability that each candidate is the first that a receiver detects, from its level and share.
 
-    A candidate exists with probability ``share`` and has a level that is normal about the predicted one with a standard deviation of 6 dB. It is
-    detected above the figure of merit of a sonar, without one from 6 dB below the strongest candidate. With the probability d of both, the
+    A candidate exists with probability ``share`` and has a level that is normal about the predicted
+    one with a standard deviation of 6 dB. It is detected above the figure of merit of a sonar,
+    without one from 6 dB below the strongest candidate. With the probability d of both, the
     candidates in order of time have :math:`d_k \prod_{j<k} (1 - d_j)`, scaled to a sum of 1.
     """
     from scipy.special import ndtr
@@ -93,7 +103,8 @@ def predict_mixture(
         As from `merge_draws`, by event and time.
     options : PredictionOptions
     persistence : float
-        Time constant with which a receiver leaves an arrival for a new choice; 0 for independent choices. [s]
+        Time constant with which a receiver leaves an arrival for a new choice; 0 for independent
+        choices. [s]
     merit_db : float, optional
         Figure of merit of a sonar, for `first_detected`.
 
@@ -103,13 +114,15 @@ def predict_mixture(
 
     Notes
     -----
-    A receiver stays with its arrival for a time t with probability exp(-t / persistence); otherwise it takes the first that it detects. The
-    probabilities of the last reception's candidates pass to the candidates with the same delay over the straight path and, preferably,
-    the same bounces. A prediction uses only earlier receptions of the same source and receiver. The standard deviation of a candidate
-    consists of its spread over the draws, the errors of sound speed and position, the event's own sigma, and an
-    error that these do not explain: the value with the largest likelihood on even hours. Of all receptions, 2 % are assumed to fit no
-    candidate. Intervals are the central ones of the mixture with the probability that covers 95 % of the events of even hours; with fewer
-    than 40 such events, that is 95 %.
+    A receiver stays with its arrival for a time t with probability exp(-t / persistence); otherwise
+    it takes the first that it detects. The probabilities of the last reception's candidates pass to
+    the candidates with the same delay over the straight path and, preferably, the same bounces. A
+    prediction uses only earlier receptions of the same source and receiver. The standard deviation
+    of a candidate consists of its spread over the draws, the errors of sound speed and position,
+    the event's own sigma, and an error that these do not explain: the value with the largest
+    likelihood on even hours. Of all receptions, 2 % are assumed to fit no candidate. Intervals are
+    the central ones of the mixture with the probability that covers 95 % of the events of even
+    hours; with fewer than 40 such events, that is 95 %.
     """
     prior = first_detected(candidates, merit_db)
     known = _known_sigma(events, candidates, options)
@@ -118,7 +131,9 @@ def predict_mixture(
     even = even if even.any() else ~even
     scores = []
     for unexplained in _UNEXPLAINED:
-        _, log_likelihood = _follow(links, candidates, prior, np.hypot(known, unexplained), persistence)
+        _, log_likelihood = _follow(
+            links, candidates, prior, np.hypot(known, unexplained), persistence
+        )
         scores.append(np.nansum(log_likelihood[even]))
     unexplained = float(_UNEXPLAINED[int(np.argmax(scores))])
     sigma = np.hypot(known, unexplained)
@@ -127,24 +142,34 @@ def predict_mixture(
     return Mixture(table.assign(log_likelihood=log_likelihood), probability, sigma, unexplained)
 
 
-def _known_sigma(events: pd.DataFrame, candidates: pd.DataFrame, options: PredictionOptions) -> Array:
-    """Standard deviation of each candidate from ice, ocean, position and the event's own sigma. [s]"""
+def _known_sigma(
+    events: pd.DataFrame, candidates: pd.DataFrame, options: PredictionOptions
+) -> Array:
+    """
+    Standard deviation of each candidate from ice, ocean, position and the event's own sigma. [s]
+    """
     at = candidates["event"].to_numpy(dtype=np.int64)
     time = candidates["travel_time_s"].to_numpy()
     speed = events["distance_m"].to_numpy()[at] / time
     ocean = time * options.sound_speed_sigma / speed
     position = _ONE_WAY * options.position_sigma / speed
     own = np.nan_to_num(events["sigma_s"].to_numpy()[at])
-    waves = _wave_sigma(candidates, events["sound_speed_m_s"].to_numpy()[at], speed, options.wind_speed)
+    waves = _wave_sigma(
+        candidates, events["sound_speed_m_s"].to_numpy()[at], speed, options.wind_speed
+    )
     spread = candidates["spread_s"].to_numpy()
     return np.asarray(np.sqrt(spread**2 + ocean**2 + position**2 + own**2 + waves**2))
 
 
-def _wave_sigma(candidates: pd.DataFrame, sound_speed: Array, speed: Array, wind_speed: float) -> Array:
+def _wave_sigma(
+    candidates: pd.DataFrame, sound_speed: Array, speed: Array, wind_speed: float
+) -> Array:
     r"""
-    Spread of times by waves: :math:`2 \sqrt n\, h \sin\gamma / c` for n reflections and the rms height h of `wave_height_rms`. [s]
+    Spread of times by waves: :math:`2 \sqrt n\, h \sin\gamma / c` for n reflections and the rms
+    height h of `wave_height_rms`. [s]
 
-    The grazing angle is that of a straight path with the candidate's travel time: its cosine is the speed along the distance over that of sound.
+    The grazing angle is that of a straight path with the candidate's travel time: its cosine is the
+    speed along the distance over that of sound.
     """
     cosine = np.clip(speed / sound_speed, 0.0, 1.0)
     height = float(wave_height_rms(wind_speed))
@@ -167,7 +192,16 @@ def _links(events: pd.DataFrame, candidates: pd.DataFrame) -> list[list[tuple[in
         has = [int(i) for i in order if stop[i] > start[i]]
         links.append(
             [
-                (i, _Event(float(time[i]), float(measured[i]), int(start[i]), int(stop[i]), float(chord[i])))
+                (
+                    i,
+                    _Event(
+                        float(time[i]),
+                        float(measured[i]),
+                        int(start[i]),
+                        int(stop[i]),
+                        float(chord[i]),
+                    ),
+                )
                 for i in has
             ]
         )
@@ -181,14 +215,19 @@ def _follow(
     sigma: Array,
     persistence: float,
 ) -> tuple[Array, Array]:
-    """Probability of each candidate before its event, and the log likelihood of each event's measured time."""
+    """
+    Probability of each candidate before its event, and the log likelihood of each event's measured
+    time.
+    """
     time = candidates["travel_time_s"].to_numpy()
     bounces = (
         candidates["surface_bounces"].to_numpy() * 64 + candidates["bottom_bounces"].to_numpy()
     ).astype(float)
     probability = prior.copy()
     n = max((i for link in links for i, _ in link), default=-1) + 1
-    log_likelihood = np.full(max(n, int(candidates["event"].max() + 1) if len(candidates) else 0), np.nan)
+    log_likelihood = np.full(
+        max(n, int(candidates["event"].max() + 1) if len(candidates) else 0), np.nan
+    )
     for link in links:
         before: tuple[float, Array, Array, Array] | None = None
         for i, event in link:
@@ -211,8 +250,13 @@ def _follow(
     return probability, log_likelihood
 
 
-def _passed(before: tuple[float, Array, Array, Array], delay: Array, bounces: Array, prior: Array) -> Array:
-    """Probability of candidates that the receiver stays with its arrival, from the candidates of the reception before."""
+def _passed(
+    before: tuple[float, Array, Array, Array], delay: Array, bounces: Array, prior: Array
+) -> Array:
+    """
+    Probability of candidates that the receiver stays with its arrival, from the candidates of the
+    reception before.
+    """
     _, old, old_bounces, weight = before
     kept = weight > 1e-3 * weight.max()
     match = np.exp(-0.5 * ((delay[None, :] - old[kept, None]) / _MATCH) ** 2)
@@ -242,7 +286,9 @@ def _intervals(
     spread = np.bincount(at, probability * (sigma**2 + (time - mean[at]) ** 2), minlength=n)
 
     def below(place: Array) -> Array:
-        return np.asarray(np.bincount(at, probability * ndtr((place[at] - time) / sigma), minlength=n))
+        return np.asarray(
+            np.bincount(at, probability * ndtr((place[at] - time) / sigma), minlength=n)
+        )
 
     def quantile(level: float) -> Array:
         low = np.full(n, np.inf)
@@ -258,7 +304,11 @@ def _intervals(
 
     with np.errstate(invalid="ignore"):
         far = np.abs(2.0 * below(measured) - 1.0)[has & even]
-        width = _COVERED if far.size < _MIN_EVENTS else min(float(np.quantile(far, _COVERED)), _MAX_QUANTILE)
+        width = (
+            _COVERED
+            if far.size < _MIN_EVENTS
+            else min(float(np.quantile(far, _COVERED)), _MAX_QUANTILE)
+        )
         columns = {
             "sigma_s": np.where(has, np.sqrt(spread), np.nan),
             "low_s": quantile(0.5 - 0.5 * width),
@@ -270,7 +320,8 @@ def _intervals(
 
 def coverage_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
     """
-    Residuals and coverage of the predictions of all events, of even hours, from which errors were estimated, and of odd hours.
+    Residuals and coverage of the predictions of all events, of even hours, from which errors were
+    estimated, and of odd hours.
 
     Parameters
     ----------
@@ -282,11 +333,13 @@ def coverage_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row per group: ``events``, ``predicted`` ones, median and 90 % quantile of the size of the residual over all events (an event
-        without a prediction counts as infinite) [m], the percentage of predicted events with a residual within one and two sigma
-        and within the 95 % interval, the latter with its own 95 % interval (``within_95_low`` and ``_high``: 1,000 bootstrap samples
-        of pairs, NaN for one pair), the median ``sigma_m``, two parts of the residuals by their medians (``pair_m``, constant errors of
-        pairs, and ``varying_m``, the others), and the mean ``log_likelihood``.
+        One row per group: ``events``, ``predicted`` ones, median and 90 % quantile of the size of
+        the residual over all events (an event without a prediction counts as infinite) [m], the
+        percentage of predicted events with a residual within one and two sigma and within the 95 %
+        interval, the latter with its own 95 % interval (``within_95_low`` and ``_high``: 1,000
+        bootstrap samples of pairs, NaN for one pair), the median ``sigma_m``, two parts of the
+        residuals by their medians (``pair_m``, constant errors of pairs, and ``varying_m``, the
+        others), and the mean ``log_likelihood``.
     """
     odd = np.floor(events["time_s"].to_numpy() / HOUR) % 2 == 1
     rows = []
@@ -332,7 +385,10 @@ def _over_pairs(
 
 
 def _parts(residual: "pd.Series[float]", pair: "pd.Series[str]") -> tuple[float, float]:
-    """Standard deviations of constant errors of pairs about zero, and of the rest; by medians, so that a few wrong arrivals do not count."""
+    """
+    Standard deviations of constant errors of pairs about zero, and of the rest; by medians, so that
+    a few wrong arrivals do not count.
+    """
     middle = residual.groupby(pair).transform("median")
     constant = residual.groupby(pair).median().abs().median()
     return MAD_TO_SIGMA * float(constant), MAD_TO_SIGMA * float((residual - middle).abs().median())

@@ -18,14 +18,17 @@ class PredictionOptions:
     draws : int
         Number of draws of rough ice whose arrivals are merged.
     position_sigma : float
-        Standard deviation of the position of each end along the path, for the error of predictions. [m]
+        Standard deviation of the position of each end along the path, for the error of predictions.
+        [m]
     sound_speed_sigma : float
-        Standard deviation of the mean sound speed along the path, for the error of predictions. [m/s]
-    wind_speed : float
-        Wind at 10 m over open water, whose waves spread the times of reflections at the surface, for the error of predictions.
+        Standard deviation of the mean sound speed along the path, for the error of predictions.
         [m/s]
+    wind_speed : float
+        Wind at 10 m over open water, whose waves spread the times of reflections at the surface,
+        for the error of predictions. [m/s]
     water_interval : float
-        Water that varies in time is evaluated at the multiple of this interval that is nearest to an event. [s]
+        Water that varies in time is evaluated at the multiple of this interval that is nearest to
+        an event. [s]
     """
 
     draws: int = 1
@@ -37,7 +40,9 @@ class PredictionOptions:
     def __post_init__(self) -> None:
         """Check the numbers."""
         if self.draws not in range(1, _MAX_DRAWS + 1):
-            raise ReplayError(f"draws is {self.draws}; allowed are whole numbers from 1 to {_MAX_DRAWS}")
+            raise ReplayError(
+                f"draws is {self.draws}; allowed are whole numbers from 1 to {_MAX_DRAWS}"
+            )
         units = {"position_sigma": "m", "sound_speed_sigma": "m/s", "wind_speed": "m/s"}
         for name, unit in units.items():
             check_number(ReplayError, name, getattr(self, name), unit)

@@ -1,4 +1,6 @@
-"""Page, tables and figures of a replay: residuals over range and time, coverage, clocks and switching."""
+"""
+Page, tables and figures of a replay: residuals over range and time, coverage, clocks and switching.
+"""
 
 from collections.abc import Sequence
 from functools import partial
@@ -55,21 +57,25 @@ def write_replay(
     made_by : dict, optional
         Origin of the results, such as version and command, for ``replay.json`` and the page.
     formats : sequence of str
-        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables
+        as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``. The same folder contains ``tables`` (CSV), ``figures`` and ``replay.json``.
+        The page, ``index.html``. The same folder contains ``tables`` (CSV), ``figures`` and
+        ``replay.json``.
 
     Raises
     ------
     JobError
         If the folder is not empty or cannot be written.
     """
-    record = {"rule": str(replay.rule), "window_s": replay.window, "seed": replay.seed} | (made_by or {})
+    record = {"rule": str(replay.rule), "window_s": replay.window, "seed": replay.seed} | (
+        made_by or {}
+    )
     page_of = partial(_page, replay)
     return write_page(out, "replay", _figure_specs(replay), page_of, record, formats, progress)
 
@@ -94,7 +100,9 @@ def _page(replay: Replay, pictures: Sequence[Picture], record: dict[str, Any]) -
 def _explorer(events: pd.DataFrame) -> Explorer | None:
     """Residuals of events over time and distance."""
     count = events["surface_bounces"] + events["bottom_bounces"]
-    words = count.astype("string") + count.eq(1).map({True: " bounce", False: " bounces"}).fillna("")
+    words = count.astype("string") + count.eq(1).map({True: " bounce", False: " bounces"}).fillna(
+        ""
+    )
     table = events.assign(time_h=events["time_s"] / 3600.0, bounces=words.fillna("none predicted"))
     return table_explorer(
         table,
@@ -108,12 +116,22 @@ def _explorer(events: pd.DataFrame) -> Explorer | None:
 def _cards(replay: Replay) -> list[Card]:
     """Cards of coverage, residuals and switching."""
     every = replay.summary.iloc[0]
-    lost = [f"{every[name]} {label}" for name, (_, label) in _STATUS_STYLES.items() if name in every.index]
-    size = f"{metres(every['median_size_low_m'])} to {metres(every['median_size_high_m'])} over pairs"
+    lost = [
+        f"{every[name]} {label}"
+        for name, (_, label) in _STATUS_STYLES.items()
+        if name in every.index
+    ]
+    size = (
+        f"{metres(every['median_size_low_m'])} to {metres(every['median_size_high_m'])} over pairs"
+    )
     near = int(replay.events["near_limit"].sum())
     switching = replay.switching.iloc[0]
     return [
-        Card("Predicted", f"{every['predicted']:,} of {every['events']:,}", ", ".join(lost) or "all events"),
+        Card(
+            "Predicted",
+            f"{every['predicted']:,} of {every['events']:,}",
+            ", ".join(lost) or "all events",
+        ),
         Card("Median size of the residual", metres(every["median_size_m"]), size),
         Card(
             "Median residual",
@@ -123,11 +141,14 @@ def _cards(replay: Replay) -> list[Card]:
         Card(
             "Changes of candidate",
             f"{show(100.0 * switching['rate'])} %" if switching["steps"] else "unobservable",
-            f"{show(100.0 * switching['independent_rate'])} % if independent; {switching['steps']:,} steps"
+            f"{show(100.0 * switching['independent_rate'])} % if independent;"
+            f" {switching['steps']:,} steps"
             if switching["steps"]
             else "residuals cannot separate candidates",
         ),
-        Card("Near a limit", f"{near:,} events", "a limit 1 dB higher or lower changes the arrival"),
+        Card(
+            "Near a limit", f"{near:,} events", "a limit 1 dB higher or lower changes the arrival"
+        ),
     ]
 
 
@@ -136,25 +157,29 @@ def _figure_specs(replay: Replay) -> list[FigureSpec]:
     return [
         FigureSpec(
             "residual_range",
-            "Residual of each event, measured minus predicted, over straight distance; colours are the bounces of the predicted"
-            " arrival. Lines: median of each range class with its 95 % interval over pairs.",
+            "Residual of each event, measured minus predicted, over straight distance; colours are"
+            " the bounces of the predicted arrival. Lines: median of each range class with its 95"
+            " % interval over pairs.",
             lambda: residuals_over_range(replay.events, replay.summary, header),
         ),
         FigureSpec(
             "residual_time",
-            f"Residuals over time of the {_MAX_PAIRS} pairs with most events; one colour per direction. A step between two levels"
-            " is a change of candidate; a gap between the directions is twice the difference of the clocks.",
+            f"Residuals over time of the {_MAX_PAIRS} pairs with most events; one colour per"
+            " direction. A step between two levels is a change of candidate; a gap between the"
+            " directions is twice the difference of the clocks.",
             lambda: residuals_over_time(replay.events, header),
         ),
         FigureSpec(
             "residual_histogram",
-            "Distribution of residuals: of the predicted arrivals without correction, and of the candidate nearest to each event"
-            f" with corrected clocks; the middle {_BEYOND:g} % of each.",
+            "Distribution of residuals: of the predicted arrivals without correction, and of the"
+            f" candidate nearest to each event with corrected clocks; the middle {_BEYOND:g} % of"
+            " each.",
             lambda: residual_histograms(replay.events, replay.taken, header),
         ),
         FigureSpec(
             "coverage",
-            "Events by range, depths and pair: share with a predicted arrival, and reasons for its absence.",
+            "Events by range, depths and pair: share with a predicted arrival, and reasons for its"
+            " absence.",
             lambda: coverage_bars(replay.summary, header),
         ),
     ]
@@ -192,9 +217,17 @@ def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: st
         axes.set_xlabel("Straight distance [km]")
     groups = summary[(summary["by"] == "range") & (summary["predicted"] > 0)]
     x = [_middle(name) for name in groups["group"]]
-    spread = np.abs(groups[["median_low_m", "median_high_m"]].sub(groups["median_m"], axis=0).to_numpy().T)
+    spread = np.abs(
+        groups[["median_low_m", "median_high_m"]].sub(groups["median_m"], axis=0).to_numpy().T
+    )
     middle.errorbar(
-        x, groups["median_m"], np.nan_to_num(spread), fmt="_", color=style.INK, capsize=2.0, linewidth=1.0
+        x,
+        groups["median_m"],
+        np.nan_to_num(spread),
+        fmt="_",
+        color=style.INK,
+        capsize=2.0,
+        linewidth=1.0,
     )
     middle.set_ylim(-reach, reach)
     whole.set_ylabel("Residual [m]")
@@ -224,7 +257,10 @@ def residuals_over_time(events: pd.DataFrame, header: str) -> Figure:
     for axes, pair in zip(panels.flat, pairs, strict=False):
         part = known[known["pair"] == pair]
         first = min(part["source"].iloc[0], part["receiver"].iloc[0])
-        for colour, way in ((style.BLUE, part["source"] == first), (style.ORANGE, part["source"] != first)):
+        for colour, way in (
+            (style.BLUE, part["source"] == first),
+            (style.ORANGE, part["source"] != first),
+        ):
             rows = part.index[way]
             axes.plot(hours[rows], 1e3 * part["residual_s"][way], ".", color=colour, markersize=2.0)
         axes.axhline(0.0, color=style.INK, linewidth=0.5, linestyle="--")
@@ -257,7 +293,12 @@ def residual_histograms(events: pd.DataFrame, taken: pd.DataFrame, header: str) 
     raw, clean = figure.subplots(1, 2)
     for axes, letter, words, values in (
         (raw, "a", "predicted arrival", 1e3 * events["residual_s"].dropna()),
-        (clean, "b", "nearest candidate, clocks corrected", 1e3 * taken["taken_residual_s"].dropna()),
+        (
+            clean,
+            "b",
+            "nearest candidate, clocks corrected",
+            1e3 * taken["taken_residual_s"].dropna(),
+        ),
     ):
         style.panel_title(axes, letter, words)
         axes.set_xlabel("Residual [ms]")

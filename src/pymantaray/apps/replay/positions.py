@@ -1,4 +1,7 @@
-"""Smoothed positions of nodes: a random walk with drift, measured with the noise of satellite positions."""
+"""
+Smoothed positions of nodes: a random walk with drift, measured with the noise of satellite
+positions.
+"""
 
 import math
 from dataclasses import replace
@@ -13,7 +16,9 @@ from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.quantities.checks import check_number
 
-_WALKS = np.geomspace(1e-4, 10.0, 21)  # m per square root of a second, among which the likelihood chooses
+_WALKS = np.geomspace(
+    1e-4, 10.0, 21
+)  # m per square root of a second, among which the likelihood chooses
 _REFINEMENTS = 3  # of the choice, each ten times finer
 _DRIFT = 2.0  # m/s; prior standard deviation of the drift, above that of ice
 _VAGUE = 1e4  # m; prior standard deviation of the first position
@@ -24,7 +29,10 @@ class SmoothedPositions(NamedTuple):
 
     events: Events
     nodes: pd.DataFrame
-    """One row per node: ``readings``, ``sigma_m``, ``walk_m_per_sqrt_s``, drift ``north_m_s`` and ``east_m_s``, ``rms_change_m``, ``max_change_m`` and ``innovation_ratio``."""
+    """
+    One row per node: ``readings``, ``sigma_m``, ``walk_m_per_sqrt_s``, drift ``north_m_s`` and
+    ``east_m_s``, ``rms_change_m``, ``max_change_m`` and ``innovation_ratio``.
+    """
 
 
 class _Smoothed(NamedTuple):
@@ -38,8 +46,9 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
     r"""
     Smooth the horizontal positions of all nodes.
 
-    Each coordinate of a node is :math:`x(t) = x_0 + v t + w(t)` with a constant drift v and a random walk w, and is measured with
-    independent errors. A Kalman filter and a Rauch-Tung-Striebel smoother estimate it. The strength of the random walk has the largest
+    Each coordinate of a node is :math:`x(t) = x_0 + v t + w(t)` with a constant drift v and a
+    random walk w, and is measured with independent errors. A Kalman filter and a
+    Rauch-Tung-Striebel smoother estimate it. The strength of the random walk has the largest
     likelihood for both coordinates of the node.
 
     Parameters
@@ -60,9 +69,10 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
 
     Notes
     -----
-    Depths are not changed. Errors that are constant over the campaign remain, because no position shows them; see
-    `pymantaray.apps.replay.consistency.node_table`. ``innovation_ratio`` is the root mean square of the normalized innovations: about 1 if
-    sigma is right, more if the errors are larger.
+    Depths are not changed. Errors that are constant over the campaign remain, because no position
+    shows them; see `pymantaray.apps.replay.consistency.node_table`. ``innovation_ratio`` is the
+    root mean square of the normalized innovations: about 1 if sigma is right, more if the errors
+    are larger.
     """
     check_number(ReplayError, "smooth positions: sigma", sigma, "m", positive=True)
     frame = None
@@ -77,16 +87,34 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
     for name in np.unique(names):
         own = names == name
         instants, at = np.unique(times[own], return_inverse=True)
-        readings = np.stack([np.bincount(at, x) for x in places[own].T], axis=-1) / np.bincount(at)[:, None]
+        readings = (
+            np.stack([np.bincount(at, x) for x in places[own].T], axis=-1)
+            / np.bincount(at)[:, None]
+        )
         walk, axes = _most_likely(instants - instants[0], readings, sigma)
         smooth = np.stack([axis.position for axis in axes], axis=-1)
         change = np.linalg.norm(smooth - readings, axis=-1)
         innovations = np.concatenate([axis.innovations for axis in axes])
         ratio = float(np.sqrt(np.mean(innovations**2))) if innovations.size else np.nan
-        row = (instants.size, sigma, walk, axes[0].drift, axes[1].drift, np.sqrt(np.mean(change**2)))
+        row = (
+            instants.size,
+            sigma,
+            walk,
+            axes[0].drift,
+            axes[1].drift,
+            np.sqrt(np.mean(change**2)),
+        )
         rows.append((name, *row, change.max(), ratio))
         places[own] = smooth[at]
-    columns = ["node", "readings", "sigma_m", "walk_m_per_sqrt_s", "north_m_s", "east_m_s", "rms_change_m"]
+    columns = [
+        "node",
+        "readings",
+        "sigma_m",
+        "walk_m_per_sqrt_s",
+        "north_m_s",
+        "east_m_s",
+        "rms_change_m",
+    ]
     table = pd.DataFrame(rows, columns=[*columns, "max_change_m", "innovation_ratio"])
     if frame is not None:
         places = np.stack(frame.to_geodetic(places[..., 0], places[..., 1]), axis=-1)
@@ -160,7 +188,10 @@ def _filter(time: Array, reading: Array, sigma: float, walk: float) -> _Filtered
 
 
 def _smooth(time: Array, reading: Array, sigma: float, walk: float) -> _Smoothed:
-    """Kalman filter and Rauch-Tung-Striebel smoother of one coordinate; the state is position and drift."""
+    """
+    Kalman filter and Rauch-Tung-Striebel smoother of one coordinate; the state is position and
+    drift.
+    """
     forward = _filter(time, reading, sigma, walk)
     states = np.array(forward.states)
     ahead = np.array(forward.predicted)

@@ -1,4 +1,6 @@
-"""Rules that predict the arrival that a receiver detected; fix the rule before you look at residuals."""
+"""
+Rules that predict the arrival that a receiver detected; fix the rule before you look at residuals.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -30,9 +32,10 @@ class DetectionRule:
     """
     Rule that predicts the detected arrival.
 
-    ``first``: the earliest. ``strongest``: the arrival of least loss. ``within``: the earliest of those at most ``within_db`` weaker
-    than the strongest. ``threshold``: the earliest above the threshold of the sonar equation. ``persist``: the arrival of the
-    previous reception of the same source and receiver while it remains plausible, with a time constant of ``persist_min`` minutes.
+    ``first``: the earliest. ``strongest``: the arrival of least loss. ``within``: the earliest of
+    those at most ``within_db`` weaker than the strongest. ``threshold``: the earliest above the
+    threshold of the sonar equation. ``persist``: the arrival of the previous reception of the same
+    source and receiver while it remains plausible, with a time constant of ``persist_min`` minutes.
 
     Examples
     --------
@@ -76,8 +79,8 @@ class DetectionRule:
             or (kind == "within") != (within is not None and within >= 0.0)
         ):
             raise ReplayError(
-                f"rule {text!r}; allowed are first, strongest, threshold and within:DB with DB of 0 or more, such as within:6,"
-                " and persist or persist:MINUTES with MINUTES above 0"
+                f"rule {text!r}; allowed are first, strongest, threshold and within:DB with DB of 0"
+                " or more, such as within:6, and persist or persist:MINUTES with MINUTES above 0"
             )
         return cls(kind, within)  # type: ignore[arg-type]
 
@@ -89,7 +92,10 @@ class DetectionRule:
 
 
 class Choice(NamedTuple):
-    """Receptions among which receivers choose; sound without a ray passes every limit, because it has no competitor."""
+    """
+    Receptions among which receivers choose; sound without a ray passes every limit, because it has
+    no competitor.
+    """
 
     receptions: Receptions
     """From source to receiver, down to `NEAR_DB` beyond the cut-off."""
@@ -109,7 +115,9 @@ class Choice(NamedTuple):
     def candidates(
         self, rule: DetectionRule, *, cutoff: float = 0.0, limit: float = 0.0
     ) -> NDArray[np.bool_]:
-        """Receptions that pass the cut-off and the rule's own limit, each higher by a shift. [dB]"""
+        """
+        Receptions that pass the cut-off and the rule's own limit, each higher by a shift. [dB]
+        """
         passes = self.within_cutoff(cutoff)
         link = self.receptions.link
         if rule.kind == "within" and rule.within_db is not None:
@@ -127,13 +135,18 @@ class Choice(NamedTuple):
         return first_picks(self.receptions.link, keys, candidates, self.events)
 
     def next(self, rule: DetectionRule, candidates: NDArray[np.bool_], picks: Rows) -> Rows:
-        """Row of the candidate that each event would take without the one that it takes, -1 for none."""
+        """
+        Row of the candidate that each event would take without the one that it takes, -1 for none.
+        """
         others = candidates.copy()
         others[picks[picks >= 0]] = False
         return self.pick(rule, others)
 
     def near_limit(self, rule: DetectionRule, picks: Rows) -> NDArray[np.bool_]:
-        """True for events whose pick changes if the cut-off or the rule's limit is `NEAR_DB` higher or lower."""
+        """
+        True for events whose pick changes if the cut-off or the rule's limit is `NEAR_DB` higher or
+        lower.
+        """
         changed = np.zeros(picks.size, dtype=bool)
         for shift in (-NEAR_DB, NEAR_DB):
             for which in ("cutoff", "limit"):
@@ -150,7 +163,12 @@ def first_picks(link: Rows, keys: Sequence[Array], allowed: NDArray[np.bool_], l
 
 
 def predicted_columns(
-    candidates: "pd.DataFrame", first: Rows, after: Rows, sonar: Sonar | None, *, rays: Rows | None = None
+    candidates: "pd.DataFrame",
+    first: Rows,
+    after: Rows,
+    sonar: Sonar | None,
+    *,
+    rays: Rows | None = None,
 ) -> dict[str, Array | float]:
     """
     Columns of the picked rows of candidates and of their successors; NaN for rows of -1.

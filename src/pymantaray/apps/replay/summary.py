@@ -32,11 +32,12 @@ def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
     Returns
     -------
     pandas.DataFrame
-        One row per group, named by ``by`` and ``group``: number of ``pairs`` and ``events``, number and percentage of ``predicted``
-        ones, the number of others by status, and of the residuals in metres the median and the median absolute value with their 95 %
-        intervals, the mean and the root mean square. The bootstrap resamples pairs and not events, because the events of a pair
-        share their errors; a single pair has no interval. Depths and ranges are rounded to the finest step of 1, 2 and 5 that makes
-        at most 12 and 8 groups.
+        One row per group, named by ``by`` and ``group``: number of ``pairs`` and ``events``, number
+        and percentage of ``predicted`` ones, the number of others by status, and of the residuals
+        in metres the median and the median absolute value with their 95 % intervals, the mean and
+        the root mean square. The bootstrap resamples pairs and not events, because the events of a
+        pair share their errors; a single pair has no interval. Depths and ranges are rounded to the
+        finest step of 1, 2 and 5 that makes at most 12 and 8 groups.
     """
     others = [s.name.lower() for s in RayStatus if s != RayStatus.OK]
     present = [name for name in others if (events["status"] == name).any()]
@@ -77,7 +78,10 @@ def percentiles(values: Array) -> tuple[float, float]:
 
 
 def ratio_interval(sums: Array, rng: np.random.Generator) -> tuple[float, float]:
-    """Confidence interval of the ratio of two sums (n_pairs, 2) over resampled pairs; NaN for a single pair."""
+    """
+    Confidence interval of the ratio of two sums (n_pairs, 2) over resampled pairs; NaN for a single
+    pair.
+    """
     if len(sums) < 2:
         return np.nan, np.nan
     over, under = sums[rng.integers(0, len(sums), (RESAMPLES, len(sums)))].sum(axis=1).T
@@ -104,7 +108,11 @@ def _groupings(events: pd.DataFrame) -> Iterator[tuple[str, NDArray[np.int64], l
         cells, of = np.unique(np.floor(events["distance_m"].to_numpy() / step), return_inverse=True)
         if cells.size <= _MAX_RANGE_GROUPS:
             break
-    yield "range", of, [f"{1e-3 * step * cell:g} to {1e-3 * step * (cell + 1.0):g} km" for cell in cells]
+    yield (
+        "range",
+        of,
+        [f"{1e-3 * step * cell:g} to {1e-3 * step * (cell + 1.0):g} km" for cell in cells],
+    )
 
 
 def _of(statistic: object, values: Array) -> float:
@@ -119,7 +127,9 @@ def _bootstrap(
     if pairs.size < 2:
         return [(np.nan, np.nan)] * 2
     parts = [residual[pair == name] for name in pairs]
-    draws = stream(seed, 0, "replay", "bootstrap", *names).integers(0, pairs.size, (RESAMPLES, pairs.size))
+    draws = stream(seed, 0, "replay", "bootstrap", *names).integers(
+        0, pairs.size, (RESAMPLES, pairs.size)
+    )
     again = np.empty((2, RESAMPLES))
     for i, draw in enumerate(draws):
         values = np.concatenate([parts[k] for k in draw])

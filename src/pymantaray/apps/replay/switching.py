@@ -15,13 +15,18 @@ _MAX_ITERATIONS = 50  # of clocks and candidates
 
 
 def fit_clocks(
-    events: pd.DataFrame, candidates: pd.DataFrame, *, reference: str | None = None, drift: bool = False
+    events: pd.DataFrame,
+    candidates: pd.DataFrame,
+    *,
+    reference: str | None = None,
+    drift: bool = False,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """
     Fit clocks and candidates in turn until neither changes.
 
-    The first clocks are those by the residuals of the predicted arrivals. If receivers sometimes take later candidates, these
-    residuals alone would attribute the scatter of the delays to the clocks.
+    The first clocks are those by the residuals of the predicted arrivals. If receivers sometimes
+    take later candidates, these residuals alone would attribute the scatter of the delays to the
+    clocks.
 
     Parameters
     ----------
@@ -33,7 +38,8 @@ def fit_clocks(
     Returns
     -------
     clocks : pandas.DataFrame
-        As from `clock_table`, with ``predicted_offset_s``, the offsets by the residuals of the predicted arrivals alone.
+        As from `clock_table`, with ``predicted_offset_s``, the offsets by the residuals of the
+        predicted arrivals alone.
     taken : pandas.DataFrame
         As from `taken_candidates`.
     """
@@ -48,7 +54,9 @@ def fit_clocks(
     return clocks.assign(predicted_offset_s=begin["offset_s"]), taken
 
 
-def taken_candidates(events: pd.DataFrame, candidates: pd.DataFrame, clocks: pd.DataFrame) -> pd.DataFrame:
+def taken_candidates(
+    events: pd.DataFrame, candidates: pd.DataFrame, clocks: pd.DataFrame
+) -> pd.DataFrame:
     """
     Candidate nearest to each event after the clock correction.
 
@@ -60,9 +68,9 @@ def taken_candidates(events: pd.DataFrame, candidates: pd.DataFrame, clocks: pd.
     Returns
     -------
     pandas.DataFrame
-        One row per event: ``n_candidates``, ``taken`` (position in time relative to the predicted arrival, negative before it),
-        the residual after the clock correction ``taken_residual_s`` and before it ``taken_time_s``, and ``apart_s``, the shortest
-        time between two candidates.
+        One row per event: ``n_candidates``, ``taken`` (position in time relative to the predicted
+        arrival, negative before it), the residual after the clock correction ``taken_residual_s``
+        and before it ``taken_time_s``, and ``apart_s``, the shortest time between two candidates.
     """
     clock = clock_errors(events, clocks)
     at = candidates["event"].to_numpy(dtype=np.int64)
@@ -92,7 +100,9 @@ def taken_candidates(events: pd.DataFrame, candidates: pd.DataFrame, clocks: pd.
     return pd.DataFrame(columns | {"taken_time_s": left + clock}).astype({"taken": "Int64"})
 
 
-def switching_table(events: pd.DataFrame, taken: pd.DataFrame, *, window: float, seed: int) -> pd.DataFrame:
+def switching_table(
+    events: pd.DataFrame, taken: pd.DataFrame, *, window: float, seed: int
+) -> pd.DataFrame:
     """
     Rate at which receivers change their candidate from one event to the next.
 
@@ -108,19 +118,22 @@ def switching_table(events: pd.DataFrame, taken: pd.DataFrame, *, window: float,
     Returns
     -------
     pandas.DataFrame
-        One row for all events and one per pair: number of ``steps`` between events, the fraction ``rate`` of steps in which ``taken``
-        changes with its 95 % interval over pairs, ``independent_rate``, the rate of independent draws with the same shares, ``step_s``,
-        the mean time between the events, and ``correlation_s``, the correlation time of `pymantaray.sensing.draw_picks` with both
-        rates.
+        One row for all events and one per pair: number of ``steps`` between events, the fraction
+        ``rate`` of steps in which ``taken`` changes with its 95 % interval over pairs,
+        ``independent_rate``, the rate of independent draws with the same shares, ``step_s``, the
+        mean time between the events, and ``correlation_s``, the correlation time of
+        `pymantaray.sensing.draw_picks` with both rates.
 
     Notes
     -----
-    Only events with separable candidates are used: at least two, all further apart than four standard deviations of the corrected
-    residuals (by their median absolute deviation).
+    Only events with separable candidates are used: at least two, all further apart than four
+    standard deviations of the corrected residuals (by their median absolute deviation).
     """
     left = taken["taken_residual_s"].abs()
     clear = taken["apart_s"] > _MIN_SEPARATION * MAD_TO_SIGMA * left.dropna().median()
-    told = pd.concat([events[["pair", "source", "receiver", "time_s"]], taken["taken"]], axis=1)[clear]
+    told = pd.concat([events[["pair", "source", "receiver", "time_s"]], taken["taken"]], axis=1)[
+        clear
+    ]
     parts = []
     for (pair, *_), way in told.groupby(["pair", "source", "receiver"], sort=True):
         way = way.sort_values("time_s", kind="stable")
@@ -143,9 +156,24 @@ def switching_table(events: pd.DataFrame, taken: pd.DataFrame, *, window: float,
     pairs = ways.groupby("pair", sort=True).sum()
     pairs = pairs[pairs["steps"] > 0]
     rng = stream(seed, 0, "replay", "bootstrap", "switching")
-    rows = [_row("all", pairs.sum(), ratio_interval(pairs[["changes", "steps"]].to_numpy(dtype=float), rng))]
+    rows = [
+        _row(
+            "all",
+            pairs.sum(),
+            ratio_interval(pairs[["changes", "steps"]].to_numpy(dtype=float), rng),
+        )
+    ]
     rows += [_row(str(pair), one, (np.nan, np.nan)) for pair, one in pairs.iterrows()]
-    names = ["pair", "steps", "rate", "rate_low", "rate_high", "independent_rate", "step_s", "correlation_s"]
+    names = [
+        "pair",
+        "steps",
+        "rate",
+        "rate_low",
+        "rate_high",
+        "independent_rate",
+        "step_s",
+        "correlation_s",
+    ]
     return pd.DataFrame(rows, columns=names)
 
 
@@ -153,7 +181,9 @@ def _row(pair: str, sums: "pd.Series[float]", interval: tuple[float, float]) -> 
     steps = float(sums["steps"])
     if not steps:
         return (pair, 0, *[np.nan] * 6)
-    rate, independent, step = (float(sums[name]) / steps for name in ("changes", "independent", "seconds"))
+    rate, independent, step = (
+        float(sums[name]) / steps for name in ("changes", "independent", "seconds")
+    )
     correlation = np.nan
     if independent > 0.0:
         stays = 1.0 - rate / independent

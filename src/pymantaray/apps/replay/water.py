@@ -14,7 +14,9 @@ from pymantaray.water import Water
 
 
 def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
-    """Index of the water of each event: the only one, the one with its name, or the nearest in time."""
+    """
+    Index of the water of each event: the only one, the one with its name, or the nearest in time.
+    """
     names = [water.name for water in waters]
     if not names:
         raise ReplayError("replay: there is no water; add a cast or an ocean")
@@ -35,9 +37,14 @@ def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
     if not named.all():
         nameless = next((w.name for w in waters if np.isnat(w.time)), None)
         if nameless is not None or np.isnat(events.epoch):
-            lacks = "the events' times are seconds" if nameless is None else f"cast {nameless} has no time"
+            lacks = (
+                "the events' times are seconds"
+                if nameless is None
+                else f"cast {nameless} has no time"
+            )
             raise ReplayError(
-                f"events without a cast use the nearest in time, but {lacks}; add a column cast with the name of each event's cast"
+                f"events without a cast use the nearest in time, but {lacks}; add a column cast"
+                " with the name of each event's cast"
             )
         times = np.array([water.time for water in waters], dtype="datetime64[ns]")
         apart = np.abs(events.instant[~named][:, None] - times[None, :])
@@ -47,7 +54,8 @@ def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
 
 def instants_in(events: Events, rows: NDArray[np.int64], water: Water, interval: float) -> Array:
     """
-    Time of the water of each of some events [s]: the nearest multiple of an interval within the water's span.
+    Time of the water of each of some events [s]: the nearest multiple of an interval within the
+    water's span.
 
     Zero if the water does not vary.
     """
@@ -55,7 +63,8 @@ def instants_in(events: Events, rows: NDArray[np.int64], water: Water, interval:
         return np.zeros(rows.size)
     if np.isnat(events.epoch):
         raise ReplayError(
-            "the events' times are seconds, but the water varies; write times as 2020-03-10T12:00:00"
+            "the events' times are seconds, but the water varies; write times as"
+            " 2020-03-10T12:00:00"
         )
     since = (events.instant[rows] - np.datetime64(water.start, "ns")) / np.timedelta64(1, "s")
     for time in since:
@@ -66,7 +75,10 @@ def instants_in(events: Events, rows: NDArray[np.int64], water: Water, interval:
 def ends_of(
     events: Events, rows: NDArray[np.int64], water: Water, earth: EarthSphere | None = None
 ) -> tuple[Array, Array]:
-    """Sources and receivers (n, 3) of some events in the frame of their water, on a sphere or, for None, a flat Earth. [m]"""
+    """
+    Sources and receivers (n, 3) of some events in the frame of their water, on a sphere or, for
+    None, a flat Earth. [m]
+    """
     source = events.source_position[rows]
     receiver = events.receiver_position[rows]
     if not events.geographic:
@@ -76,7 +88,9 @@ def ends_of(
     azimuth, _, distance = ELLIPSOID.inv(source[:, 1], source[:, 0], receiver[:, 1], receiver[:, 0])
     bearing = np.radians(azimuth)
     distance = distance if earth is None else earth.frame_distance(distance)
-    along = np.stack([distance * np.cos(bearing), distance * np.sin(bearing), receiver[:, 2]], axis=-1)
+    along = np.stack(
+        [distance * np.cos(bearing), distance * np.sin(bearing), receiver[:, 2]], axis=-1
+    )
     return np.stack([0.0 * distance, 0.0 * distance, source[:, 2]], axis=-1), along
 
 

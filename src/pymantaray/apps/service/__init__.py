@@ -1,4 +1,6 @@
-"""Ranges ping by ping, in the loop of a simulator: in its own process, or by a server on loopback."""
+"""
+Ranges ping by ping, in the loop of a simulator: in its own process, or by a server on loopback.
+"""
 
 from pymantaray.apps.service.ping import Ping
 from pymantaray.apps.service.ranging_service import RangingService

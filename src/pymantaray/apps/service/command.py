@@ -22,15 +22,20 @@ def serve(
         list[str],
         typer.Argument(
             metavar="OCEAN|CONFIG",
-            help="Ocean files, a profile or cast, synthetic:beaufort or synthetic:fram, a preset, or a TOML file with a study's"
-            " sections ocean, acoustics, ranging and detection.",
+            help="Ocean files, a profile or cast, synthetic:beaufort or synthetic:fram, a preset,"
+            " or a TOML file with a study's sections ocean, acoustics, ranging and detection.",
         ),
     ],
     water: WaterOptions,
     arrivals: ArrivalOptions,
-    port: Annotated[int, typer.Option(min=0, max=65535, help="Port; 0 selects a free port.")] = 8642,
+    port: Annotated[
+        int, typer.Option(min=0, max=65535, help="Port; 0 selects a free port.")
+    ] = 8642,
     host: Annotated[
-        str, typer.Option(help="Address to listen at. The default is accessible from this machine only.")
+        str,
+        typer.Option(
+            help="Address to listen at. The default is accessible from this machine only."
+        ),
     ] = "127.0.0.1",
     workers: Annotated[
         int, typer.Option(min=0, help="Number of worker processes; 0 for the server's threads.")
@@ -39,7 +44,8 @@ def serve(
         str,
         typer.Option(
             metavar="DURATION",
-            help="Update interval of a time-varying ocean: seconds, or text such as '5 min'; 0 to update for each ping.",
+            help="Update interval of a time-varying ocean: seconds, or text such as '5 min'; 0 to"
+            " update for each ping.",
         ),
     ] = "0",
     changes: Set = None,
@@ -75,7 +81,10 @@ def _title(service: "RangingService") -> str:
 
 
 def _run(server: Any) -> int:
-    """Serve until a signal stops the server; return the signal. The server catches the exception of the signal."""
+    """
+    Serve until a signal stops the server; return the signal. The server catches the exception of
+    the signal.
+    """
     stopped_by: list[int] = []
 
     def stop(number: int, _frame: FrameType | None) -> None:

@@ -1,4 +1,7 @@
-"""Connections of the server: JSON for malformed HTTP, and limits that a slow or silent client cannot hold open."""
+"""
+Connections of the server: JSON for malformed HTTP, and limits that a slow or silent client cannot
+hold open.
+"""
 
 import socket
 import time
@@ -17,7 +20,10 @@ class JsonErrorTask(ErrorTask):  # type: ignore[misc]
     """Answer of malformed or oversized requests, in the same form as other errors."""
 
     def service(self) -> None:
-        """Answer; a client that has left needs no answer. Waitress would log the path, which a malformed request may lack."""
+        """
+        Answer; a client that has left needs no answer. Waitress would log the path, which a
+        malformed request may lack.
+        """
         try:
             super().service()
         except ClientDisconnected:
@@ -50,11 +56,16 @@ class JsonChannel(HTTPChannel):  # type: ignore[misc]
 
     @property
     def idle(self) -> bool:
-        """True if no complete request waits or is in work, and the connection is not being closed."""
+        """
+        True if no complete request waits or is in work, and the connection is not being closed.
+        """
         return not (self.requests or self.busy or self.will_close)
 
     def hang_up(self) -> None:
-        """Close the connection in the next round of the loop, even if the client does not read its answer."""
+        """
+        Close the connection in the next round of the loop, even if the client does not read its
+        answer.
+        """
         self.will_close = True
         with suppress(OSError):
             self.socket.shutdown(socket.SHUT_RDWR)
@@ -70,8 +81,8 @@ class JsonChannel(HTTPChannel):  # type: ignore[misc]
         """
         Serve a request; the connection is busy until the time of its end is recorded.
 
-        The time of the request is recorded before the client can have its answer, so that the order of connections is that of
-        their requests.
+        The time of the request is recorded before the client can have its answer, so that the order
+        of connections is that of their requests.
         """
         self.busy = True
         self.last_request = time.time()
@@ -83,7 +94,10 @@ class JsonChannel(HTTPChannel):  # type: ignore[misc]
 
 
 def close_late(server: Any, now: float) -> None:
-    """Close connections of a server without a complete request for `TIMEOUT`, even if the client does not read its answer."""
+    """
+    Close connections of a server without a complete request for `TIMEOUT`, even if the client does
+    not read its answer.
+    """
     for channel in list(server.active_channels.values()):
         if channel.idle and channel.last_activity < now - TIMEOUT:
             channel.hang_up()

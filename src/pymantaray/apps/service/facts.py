@@ -12,13 +12,16 @@ from pymantaray.water import Water
 
 
 def require_place(medium: Medium, name: str, place: Array) -> None:
-    """Refuse a position beyond the horizontal extent, which is an error of the request and no outcome of a ping. [m]"""
+    """
+    Refuse a position beyond the horizontal extent, which is an error of the request and no outcome
+    of a ping. [m]
+    """
     for k, along in enumerate(("north", "east")):
         axis = getattr(medium, along)
         if axis.size > 1 and not axis[0] <= place[k] <= axis[-1]:
             raise ServiceError(
-                f"{name}: {along} {place[k]:.6g} m is outside the ocean, which reaches from {axis[0]:.6g} to"
-                f" {axis[-1]:.6g} m; move it or take a larger ocean"
+                f"{name}: {along} {place[k]:.6g} m is outside the ocean, which reaches from"
+                f" {axis[0]:.6g} to {axis[-1]:.6g} m; move it or take a larger ocean"
             )
 
 
@@ -49,10 +52,15 @@ def facts(water: Water) -> dict[str, Any]:
 
 
 def _in_water(medium: Medium) -> Array:
-    """Sound speeds at grid points in the water, and at the sea bed and the surface below and above them. [m/s]"""
+    """
+    Sound speeds at grid points in the water, and at the sea bed and the surface below and above
+    them. [m/s]
+    """
     north, east = (x.ravel() for x in np.meshgrid(medium.north, medium.east, indexing="ij"))
     columns = np.stack([north, east], axis=-1)
-    top, bed = (depth[:, None] for depth in (medium.surface_depth(columns), medium.bottom_depth(columns)))
+    top, bed = (
+        depth[:, None] for depth in (medium.surface_depth(columns), medium.bottom_depth(columns))
+    )
     speed = medium.sound_speed.reshape(len(columns), -1)
     ends = [
         medium.sound_speed_at(np.column_stack([columns, depth]))

@@ -23,7 +23,10 @@ Vector = Annotated[tuple[float, float, float], Field(strict=False)]
 
 
 class Participant(Section):
-    """Source or receiver: north and east [m], or lat and lon [degrees], and depth [m]; velocity for two-way timing only [m/s]."""
+    """
+    Source or receiver: north and east [m], or lat and lon [degrees], and depth [m]; velocity for
+    two-way timing only [m/s].
+    """
 
     name: str | None = Field(default=None, max_length=64)
     north: float | None = None
@@ -53,14 +56,22 @@ class Participant(Section):
     @property
     def place(self) -> tuple[float | None, float | None, float]:
         """Position as `RangingService.ping` takes it."""
-        return (self.lat, self.lon, self.depth) if self.geographic else (self.north, self.east, self.depth)
+        return (
+            (self.lat, self.lon, self.depth)
+            if self.geographic
+            else (self.north, self.east, self.depth)
+        )
 
 
 class PingRequest(Section):
-    """One ping. With ``arrivals`` the answer lists all arrivals of each receiver, not only the selected one."""
+    """
+    One ping. With ``arrivals`` the answer lists all arrivals of each receiver, not only the
+    selected one.
+    """
 
     time: float = Field(
-        description="seconds since the start of the ocean; without effect if the ocean does not vary"
+        description="seconds since the start of the ocean; without effect if the ocean does not"
+        " vary"
     )
     source: Participant
     receivers: tuple[Participant, ...] = Field(max_length=MAX_RECEIVERS, strict=False)
@@ -77,7 +88,10 @@ class PingRequest(Section):
 
 @dataclass(slots=True)
 class ArrivalAnswer:
-    """One eigenray. Times include the current's effect; angles are from the horizontal, positive down. [s], [rad], [dB]."""
+    """
+    One eigenray. Times include the current's effect; angles are from the horizontal, positive down.
+    [s], [rad], [dB].
+    """
 
     arrival_time: float
     travel_time: float
@@ -91,7 +105,10 @@ class ArrivalAnswer:
 
 @dataclass(slots=True)
 class ReceiverAnswer:
-    """Outcome of the ping at a receiver: columns of `Ping`; numbers are null without an arrival or a sonar."""
+    """
+    Outcome of the ping at a receiver: columns of `Ping`; numbers are null without an arrival or a
+    sonar.
+    """
 
     name: str | None
     status: str
@@ -158,7 +175,9 @@ def answer(service: RangingService, request: PingRequest) -> PingAnswer:
         receiver_velocities=[p.velocity or (0.0,) * 3 for p in receivers] if moving else None,
         geographic=request.source.geographic,
     )
-    arrivals = _arrivals(service, request.time, ping) if request.arrivals else [None] * len(receivers)
+    arrivals = (
+        _arrivals(service, request.time, ping) if request.arrivals else [None] * len(receivers)
+    )
     names = (p.name for p in receivers)
     status = (_STATUS[code] for code in ping.status.tolist())
     numbers = (column.tolist() for column in _numbers(ping))
@@ -172,7 +191,9 @@ def answer_body(service: RangingService, body: bytes) -> bytes:
 
 
 _STATUS = {status.value: status.name.lower() for status in RayStatus}
-_numbers = attrgetter(*(field.name for field in fields(ReceiverAnswer)[2:-1]))  # columns of a `Ping`
+_numbers = attrgetter(
+    *(field.name for field in fields(ReceiverAnswer)[2:-1])
+)  # columns of a `Ping`
 
 
 def _arrivals(service: RangingService, time: float, ping: Ping) -> list[list[ArrivalAnswer]]:
@@ -180,16 +201,27 @@ def _arrivals(service: RangingService, time: float, ping: Ping) -> list[list[Arr
     rays = ping.arrivals
     receptions = ping.receptions
     detector = service.water.reception.detector
-    rows = (receptions.direction == Direction.FORTH) & (receptions.arrival >= 0)  # in the order of the rays
+    rows = (receptions.direction == Direction.FORTH) & (
+        receptions.arrival >= 0
+    )  # in the order of the rays
     travel = receptions.travel_time[rows]
     level = np.full(rays.link.size, np.nan)
     if detector is not None:
         level = detector.sonar.source_level_db - receptions.loss_db[rows]
     bounces = (rays.surface_bounces, rays.bottom_bounces)
     angles = (rays.launch_angle, rays.arrival_angle)
-    columns = (time + travel, travel, *bounces, *angles, rays.spreading_db, level)  # as in `ArrivalAnswer`
+    columns = (
+        time + travel,
+        travel,
+        *bounces,
+        *angles,
+        rays.spreading_db,
+        level,
+    )  # as in `ArrivalAnswer`
     out: list[list[ArrivalAnswer]] = [[] for _ in range(ping.status.size)]
-    for link, *row in zip(rays.link.tolist(), *(column.tolist() for column in columns), strict=True):
+    for link, *row in zip(
+        rays.link.tolist(), *(column.tolist() for column in columns), strict=True
+    ):
         out[link].append(ArrivalAnswer(*row))
     return out
 

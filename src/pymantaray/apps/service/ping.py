@@ -39,10 +39,11 @@ class Ping(Record):
     Attributes
     ----------
     arrivals : Arrivals
-        All eigenrays to the receivers; ``link`` is the receiver's row. Their travel times are those in water at rest.
+        All eigenrays to the receivers; ``link`` is the receiver's row. Their travel times are those
+        in water at rest.
     receptions : Receptions
-        All receptions of the ping, and of the answers in the other direction; ``link`` is the receiver's row. Their travel times
-        include the current.
+        All receptions of the ping, and of the answers in the other direction; ``link`` is the
+        receiver's row. Their travel times include the current.
     """
 
     kind: ClassVar[str] = "ping"
@@ -54,9 +55,13 @@ class Ping(Record):
         "receiver", "s", "travel time of the selected arrival, two-way half of the round trip"
     )
     arrival_time: Column = column(
-        "receiver", "s", "time at which the receiver detects the ping, two-way the source the answer"
+        "receiver",
+        "s",
+        "time at which the receiver detects the ping, two-way the source the answer",
     )
-    refracted_range: Column = column("receiver", "m", "travel time times the sound speed at the source")
+    refracted_range: Column = column(
+        "receiver", "m", "travel time times the sound speed at the source"
+    )
     straight_range: Column = column("receiver", "m", "distance between both ends at the ping")
     source_sound_speed: Column = column("receiver", "m s-1", "sound speed at the source")
     chord_travel_time: Column = column("receiver", "s", "travel time along the straight chord")
@@ -72,7 +77,8 @@ class Pinger:
     """
     Pings through one water, in one process and by any number of threads.
 
-    If the ocean varies, the water of a ping is that of the last whole multiple of an interval; with 0 that of its own time. [s]
+    If the ocean varies, the water of a ping is that of the last whole multiple of an interval; with
+    0 that of its own time. [s]
     """
 
     def __init__(self, water: Water, interval: float = 0.0) -> None:
@@ -87,11 +93,14 @@ class Pinger:
         receivers = participants.receivers
         n = len(receivers)
         source, velocity = (
-            np.repeat(x[None], n, axis=0) for x in (participants.source, participants.source_velocity)
+            np.repeat(x[None], n, axis=0)
+            for x in (participants.source, participants.source_velocity)
         )
         medium, currents = self._at(self._instant(participants.time))
         sound = find_receptions(source, receivers, medium, water.reception, currents=currents)
-        exchanges = selected_exchanges(sound.receptions, n, np.arange(n), np.zeros(n, dtype=np.int64))
+        exchanges = selected_exchanges(
+            sound.receptions, n, np.arange(n), np.zeros(n, dtype=np.int64)
+        )
         time = exchange_times(
             sound.receptions, exchanges, water.timing, (velocity, participants.receiver_velocities)
         )
@@ -138,7 +147,10 @@ def _deepest(medium: Medium) -> Array:
     row, col = np.unravel_index(np.argmax(medium.bed.depth), medium.bed.depth.shape)
     north, east = (
         np.clip(bed[k], axis[0], axis[-1]) if axis.size > 1 else 0.0
-        for bed, k, axis in ((medium.bed.north, row, medium.north), (medium.bed.east, col, medium.east))
+        for bed, k, axis in (
+            (medium.bed.north, row, medium.north),
+            (medium.bed.east, col, medium.east),
+        )
     )
     top = medium.surface_depth((north, east))[0]
     bed = medium.bottom_depth((north, east))[0]

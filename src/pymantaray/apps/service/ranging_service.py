@@ -1,4 +1,7 @@
-"""Ranges in a simulator's loop: a service that answers ping by ping, in the calling thread or in worker processes."""
+"""
+Ranges in a simulator's loop: a service that answers ping by ping, in the calling thread or in
+worker processes.
+"""
 
 from __future__ import annotations
 
@@ -47,25 +50,29 @@ class RangingService:
     """
     Ranges, ping by ping, for a simulator that moves the vehicles.
 
-    Travel times equal those of a study in the same water to the last digit. Any number of threads may use a service; the
-    results do not depend on them. Kernels are compiled when the service is built.
+    Travel times equal those of a study in the same water to the last digit. Any number of threads
+    may use a service; the results do not depend on them. Kernels are compiled when the service is
+    built.
 
     Parameters
     ----------
     ocean : SoundConfig, Water, or any source of `pymantaray.open_water`
         A configuration (`load_sound`, `load_study`) also contains the reception.
     reception : ReceptionOptions, optional
-        Replaces the reception of the configuration. By default direct arrivals, all of them detected.
+        Replaces the reception of the configuration. By default direct arrivals, all of them
+        detected.
     currents : Currents or str, optional
-        Replaces the currents of the configuration; or an option of `open_water`. By default the water is at rest.
+        Replaces the currents of the configuration; or an option of `open_water`. By default the
+        water is at rest.
     timing : OneWay or TwoWay, optional
-        Replaces the timing of the configuration. By default one-way, with all participants at rest during a ping.
+        Replaces the timing of the configuration. By default one-way, with all participants at rest
+        during a ping.
     water_interval : float
-        If the ocean varies, the water of a ping is that of the last whole multiple of this interval. With 0 it is built for
-        each time, which takes 0.2 s for a large ocean. [s]
+        If the ocean varies, the water of a ping is that of the last whole multiple of this
+        interval. With 0 it is built for each time, which takes 0.2 s for a large ocean. [s]
     workers : int
-        Number of worker processes; with 0 the calling thread does the work. Workers help if several threads call at the same
-        time.
+        Number of worker processes; with 0 the calling thread does the work. Workers help if several
+        threads call at the same time.
     **options
         Of `pymantaray.open_water`, such as ``ice=1.5`` and ``max_surface_bounces=2``.
 
@@ -115,7 +122,8 @@ class RangingService:
                 start = partial(_Worker, one_thread, water_interval)
                 self._workers = running.enter_context(Workers(start, workers))
                 first = [
-                    self._workers.submit((_ping, self._pinger.down_the_deepest())) for _ in range(workers)
+                    self._workers.submit((_ping, self._pinger.down_the_deepest()))
+                    for _ in range(workers)
                 ]
                 for ping in first:  # one for each process, which builds what it needs with it
                     ping.result()
@@ -158,18 +166,20 @@ class RangingService:
         receiver_velocities : array_like, shape (n, 3), optional
             North, east, down; for two-way timing only. By default receivers are at rest. [m/s]
         geographic : bool
-            True if positions are latitudes and longitudes; velocities are then along true north and east.
+            True if positions are latitudes and longitudes; velocities are then along true north and
+            east.
 
         Returns
         -------
         Ping
-            One row per receiver. The status says if a receiver is outside the water, in a shadow or behind the sea floor.
+            One row per receiver. The status says if a receiver is outside the water, in a shadow or
+            behind the sea floor.
 
         Raises
         ------
         ServiceError
-            If there is no water at that time, the source is beyond the horizontal extent of the ocean, or there is a velocity
-            with one-way timing.
+            If there is no water at that time, the source is beyond the horizontal extent of the
+            ocean, or there is a velocity with one-way timing.
         AcousticsError
             If positions or velocities are not finite or have another shape.
         """
@@ -178,8 +188,8 @@ class RangingService:
         still = source_velocity is None and receiver_velocities is None
         if not still and not isinstance(self.water.timing, TwoWay):
             raise ServiceError(
-                "velocity: one-way timing assumes that the fleet is at rest during a ping; leave out velocities or choose"
-                " two-way timing"
+                "velocity: one-way timing assumes that the fleet is at rest during a ping; leave"
+                " out velocities or choose two-way timing"
             )
         places, velocities = self._local(
             _rows("source", source), source_velocity, "source_velocity", geographic
@@ -191,15 +201,21 @@ class RangingService:
             float(time),
             places[0],
             *self._local(
-                _rows("receivers", receivers), receiver_velocities, "receiver_velocities", geographic
+                _rows("receivers", receivers),
+                receiver_velocities,
+                "receiver_velocities",
+                geographic,
             ),
             velocities[0],
         )
         return self.call(_ping, participants)
 
-    def call(self, function: Callable[[RangingService, ArgumentT], ResultT], argument: ArgumentT) -> ResultT:
+    def call(
+        self, function: Callable[[RangingService, ArgumentT], ResultT], argument: ArgumentT
+    ) -> ResultT:
         """
-        Return ``function(service, argument)``, computed in a worker process if the service has some.
+        Return ``function(service, argument)``, computed in a worker process if the service has
+        some.
 
         It is repeated once if a worker ends meanwhile, because another replaces it.
 
@@ -226,10 +242,15 @@ class RangingService:
     def _local(
         self, places: Array, velocity: ArrayLike | None, name: str, geographic: bool
     ) -> tuple[Array, Array]:
-        """Positions and velocities in the local frame, both (n, 3); without velocities all are at rest."""
+        """
+        Positions and velocities in the local frame, both (n, 3); without velocities all are at
+        rest.
+        """
         along = np.zeros_like(places) if velocity is None else _rows(name, velocity)
         if along.shape != places.shape:
-            raise ServiceError(f"{name}: {len(along)} velocities for {len(places)} positions; each needs one")
+            raise ServiceError(
+                f"{name}: {len(along)} velocities for {len(places)} positions; each needs one"
+            )
         return self.water.to_local(places, along) if geographic else (places, along)
 
 

@@ -38,9 +38,10 @@ def application(
     """
     WSGI application of a service.
 
-    ``GET /`` returns the version and facts of the ocean, ``GET /schema`` the JSON schemas, and ``POST /ping`` the outcome of a
-    ping. Errors are JSON, ``{"error": "one line"}``, with a status of 400 and above. Requests that a browser sends for a page
-    of another site are refused; on loopback also those by a name that is not this machine's.
+    ``GET /`` returns the version and facts of the ocean, ``GET /schema`` the JSON schemas, and
+    ``POST /ping`` the outcome of a ping. Errors are JSON, ``{"error": "one line"}``, with a status
+    of 400 and above. Requests that a browser sends for a page of another site are refused; on
+    loopback also those by a name that is not this machine's.
     """
     facts = json.dumps({"mantaray": __version__, **facts_of(service.water)}).encode()
     schemas = json.dumps(schema()).encode()
@@ -62,7 +63,10 @@ def application(
             return HTTPStatus.OK, facts if path == "/" else schemas
         length = int(environ.get("CONTENT_LENGTH") or 0)
         if length > MAX_BYTES:
-            line = f"the request has {length:,} bytes; {MAX_BYTES:,} are allowed: ask for fewer receivers at a time"
+            line = (
+                f"the request has {length:,} bytes; {MAX_BYTES:,} are allowed: ask for fewer"
+                " receivers at a time"
+            )
             return HTTPStatus.REQUEST_ENTITY_TOO_LARGE, error_body(line)
         try:
             body = service.call(answer_body, environ["wsgi.input"].read(length))
@@ -90,10 +94,16 @@ def application(
 
 
 def _foreign(environ: Environment, *, loopback: bool) -> str:
-    """Reason to refuse a request that a browser sends for a page of another site, or to another name; empty without one."""
+    """
+    Reason to refuse a request that a browser sends for a page of another site, or to another name;
+    empty without one.
+    """
     host = environ.get("HTTP_HOST", "").strip().lower()
     if loopback and host and not _is_loopback(host):
-        return f"Host: {host[:100]!r}; a server that listens on loopback answers only to localhost, 127.0.0.1 and [::1]"
+        return (
+            f"Host: {host[:100]!r}; a server that listens on loopback answers only to localhost,"
+            " 127.0.0.1 and [::1]"
+        )
     origin = environ.get("HTTP_ORIGIN", "").strip().lower()
     if origin and origin not in (f"http://{host}", f"https://{host}"):
         return f"Origin: {origin[:100]!r}; requests from pages of other sites are refused"
@@ -137,7 +147,9 @@ def make_server(service: RangingService, host: str = "127.0.0.1", port: int = 0)
         from pymantaray.apps.service.connections import TIMEOUT, JsonChannel, close_late
     except ImportError:
         raise ServiceError("the server needs waitress: pip install 'pymantaray[serve]'") from None
-    logging.getLogger("waitress.queue").setLevel(logging.ERROR)  # it reports every request that waits
+    logging.getLogger("waitress.queue").setLevel(
+        logging.ERROR
+    )  # it reports every request that waits
     listening = _listening(host, port)
     loopback = ip_address(listening.getsockname()[0].partition("%")[0]).is_loopback
     connections = _max_connections()
@@ -148,7 +160,8 @@ def make_server(service: RangingService, host: str = "127.0.0.1", port: int = 0)
         max_request_body_size=_READ_BYTES,
         max_request_header_size=_MAX_HEADERS,
         asyncore_use_poll=True,
-        connection_limit=connections + _OWN_SOCKETS,  # at the limit waitress waits for requests to end
+        connection_limit=connections
+        + _OWN_SOCKETS,  # at the limit waitress waits for requests to end
         cleanup_interval=1,
         channel_timeout=TIMEOUT,
         ident="mantaray",
@@ -172,7 +185,9 @@ def _listening(host: str, port: int) -> socket.socket:
 
 
 def _max_connections() -> int:
-    """Maximum number of open connections, fewer if the system allows this process few open files."""
+    """
+    Maximum number of open connections, fewer if the system allows this process few open files.
+    """
     files, _ = resource.getrlimit(resource.RLIMIT_NOFILE)
     if files == resource.RLIM_INFINITY:
         return _MAX_CONNECTIONS

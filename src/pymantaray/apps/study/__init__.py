@@ -1,4 +1,6 @@
-"""Whole studies: realizations, conditions and the run folder. `pymantaray.config` reads their configuration files.
+"""
+Whole studies: realizations, conditions and the run folder. `pymantaray.config` reads their
+configuration files.
 
 Modules that only a run needs are imported at their first use.
 """

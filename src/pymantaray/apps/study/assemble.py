@@ -16,7 +16,9 @@ from pymantaray.water.metres import section_in_metres
 from pymantaray.water.ocean import OceanFields, build_ocean, local_ocean, open_geographic
 
 
-def gnss_depth(depth: float, ocean: OceanFields, truth: Trajectories) -> float | NDArray[np.float64]:
+def gnss_depth(
+    depth: float, ocean: OceanFields, truth: Trajectories
+) -> float | NDArray[np.float64]:
     """Maximum depth of a GNSS fix: the argument in open water, 0 under ice. [m]"""
     if "sea_ice_draft" not in ocean.local:
         return depth
@@ -36,9 +38,11 @@ def altitude(ocean: OceanFields, truth: Trajectories) -> NDArray[np.float64]:
 
 def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
     """
-    Start and waypoints (n, 3) of each vehicle and landmark without drift; all points of an existing trajectory. [m]
+    Start and waypoints (n, 3) of each vehicle and landmark without drift; all points of an existing
+    trajectory. [m]
 
-    Points with latitudes and longitudes require the frame's centre in the configuration, see `with_tracks`.
+    Points with latitudes and longitudes require the frame's centre in the configuration, see
+    `with_tracks`.
     """
     marks = {mark.name: mark.position[None] for mark in config.landmarks}
     if config.fleet.trajectories:

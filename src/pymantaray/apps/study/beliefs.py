@@ -1,4 +1,7 @@
-"""Oceans that estimators assume: exact, perturbed, averaged, of one cast, of another day, from a file, or by other numerics."""
+"""
+Oceans that estimators assume: exact, perturbed, averaged, of one cast, of another day, from a file,
+or by other numerics.
+"""
 
 import datetime as dt
 from dataclasses import dataclass, replace
@@ -107,7 +110,9 @@ class Beliefs:
         self._modes: dict[int | None, VerticalModes] = {}
 
     def believed(self, section: AnyBelief, realization: int) -> Belief:
-        """Ocean that an estimator assumes; if the true ocean varies in time, a snapshot at its start."""
+        """
+        Ocean that an estimator assumes; if the true ocean varies in time, a snapshot at its start.
+        """
         drawn = isinstance(section, PerturbedBelief) or (
             isinstance(section, CastBelief) and (section.bias_sigma or section.noise_sigma) > 0.0
         )
@@ -119,7 +124,10 @@ class Beliefs:
         return self._latest[section][1]
 
     def varying(self, section: AnyBelief) -> OceanFields:
-        """Assumed ocean that varies during the mission: like the study's ocean, like another day's, or with a tide."""
+        """
+        Assumed ocean that varies during the mission: like the study's ocean, like another day's, or
+        with a tide.
+        """
         if section not in self._over_time:
             ocean = self.config.ocean
             if isinstance(section, InternalTideBelief):
@@ -133,8 +141,13 @@ class Beliefs:
             self._over_time[section] = build_ocean(ocean, self.config.mission.duration_h * 3600.0)
         return self._over_time[section]
 
-    def covariance(self, rms: float, horizontal_scale: float, down_to: float | None) -> SoundSpeedCovariance:
-        """Covariance of an error with an RMS [m/s] down to a depth [m], in the vertical modes of the region."""
+    def covariance(
+        self, rms: float, horizontal_scale: float, down_to: float | None
+    ) -> SoundSpeedCovariance:
+        """
+        Covariance of an error with an RMS [m/s] down to a depth [m], in the vertical modes of the
+        region.
+        """
         depth, shapes, sigma = self._scaled_modes((), rms, down_to)
         matrix = np.einsum("k,ki,kj->ij", sigma**2, shapes, shapes)
         return SoundSpeedCovariance(depth, 0.5 * (matrix + matrix.T), horizontal_scale)
@@ -144,7 +157,8 @@ class Beliefs:
         depth, shapes, sigma = self._scaled_modes(section.casts, section.rms, section.down_to)
         if section.count > sigma.size:
             raise OceanError(
-                f"modes: count is {section.count}, but only {sigma.size} modes vary; give at most {sigma.size}"
+                f"modes: count is {section.count}, but only {sigma.size} modes vary; give at most"
+                f" {sigma.size}"
             )
         return depth, shapes[: section.count], sigma[: section.count]
 
@@ -160,7 +174,9 @@ class Beliefs:
     def _scaled_modes(
         self, casts: tuple[str, ...], rms: float | None, down_to: float | None
     ) -> tuple[Array, Array, Array]:
-        """Levels, shapes and standard deviations of the modes of the ocean, or of casts in files."""
+        """
+        Levels, shapes and standard deviations of the modes of the ocean, or of casts in files.
+        """
         ocean = self._true
         if casts:
             modes = vertical_modes(self._read_casts(casts), equation=self.config.ocean.equation)
@@ -168,7 +184,9 @@ class Beliefs:
             modes = self._ocean_modes(None)
         depth = np.asarray(ocean["depth"].values, dtype=float)
         shapes = modes.at(depth)
-        factor = 1.0 if rms is None else rms / pooled_rms(ocean, modes.variance @ shapes**2, down_to)
+        factor = (
+            1.0 if rms is None else rms / pooled_rms(ocean, modes.variance @ shapes**2, down_to)
+        )
         return depth, shapes, factor * np.sqrt(modes.variance)
 
     def _ocean_modes(self, count: int | None) -> VerticalModes:
@@ -184,19 +202,28 @@ class Beliefs:
             base = self.believed(ExactBelief(kind="exact"), realization)
             profiles, fields = self._perturbation(section, base.medium.depth, realization)
         else:
-            assert isinstance(section, CastBelief)  # for the type checker; no other belief is random
+            assert isinstance(
+                section, CastBelief
+            )  # for the type checker; no other belief is random
             without = section.model_copy(update={"bias_sigma": 0.0, "noise_sigma": 0.0})
             base = self.believed(without, realization)
             n_levels = base.local["depth"].size
             error = self._instrument_error(section, n_levels, realization)
-            above = base.medium.depth.size - n_levels  # levels that the medium adds up to the surface
+            above = (
+                base.medium.depth.size - n_levels
+            )  # levels that the medium adds up to the surface
             profiles = np.pad(error, (above, 0), mode="edge")[None]
             fields = np.ones((1, *base.medium.sound_speed.shape[:2]))
         medium = base.medium.plus(profiles, fields)
         return replace(base, local=_with_speed_of(base.local, medium), medium=medium)
 
-    def _perturbation(self, section: PerturbedBelief, depth: Array, realization: int) -> tuple[Array, Array]:
-        """Profiles [m/s] at levels [m], and horizontal fields at the nodes of the local ocean, of a random error."""
+    def _perturbation(
+        self, section: PerturbedBelief, depth: Array, realization: int
+    ) -> tuple[Array, Array]:
+        """
+        Profiles [m/s] at levels [m], and horizontal fields at the nodes of the local ocean, of a
+        random error.
+        """
         config = self.config
         try:
             error = draw_sound_speed_error(
@@ -218,8 +245,12 @@ class Beliefs:
     def _to_nodes(self) -> TensorSpline:
         """Interpolation from the geographic ocean to the nodes of the local ocean."""
         window = Window.of(self._true, self._centre)
-        north, east = (np.asarray(self._run.ocean[name].values, dtype=float) for name in ("north", "east"))
-        return TensorSpline(window.lat, window.lon, *window.geographic(north[:, None], east[None, :]))
+        north, east = (
+            np.asarray(self._run.ocean[name].values, dtype=float) for name in ("north", "east")
+        )
+        return TensorSpline(
+            window.lat, window.lon, *window.geographic(north[:, None], east[None, :])
+        )
 
     def _make(self, section: AnyBelief, realization: int) -> Belief:
         ocean = self.config.ocean
@@ -233,7 +264,9 @@ class Beliefs:
         elif self._in_metres and not isinstance(section, ExactBelief | OffsetBelief):
             local, interpolation = self._belief_in_metres(section)
         elif isinstance(section, OffsetBelief):
-            local = _offset(local, np.interp(local["depth"].values, section.depth, section.sound_speed))
+            local = _offset(
+                local, np.interp(local["depth"].values, section.depth, section.sound_speed)
+            )
         elif isinstance(section, NumericsBelief):
             equation = section.equation or ocean.equation
             interpolation = section.interpolation or interpolation
@@ -252,7 +285,9 @@ class Beliefs:
     @property
     def _in_metres(self) -> bool:
         """True if the study's water has no latitudes, temperatures and salinities."""
-        no_columns = self._ocean is not None and self._ocean.geographic is None and self._ocean.cast is None
+        no_columns = (
+            self._ocean is not None and self._ocean.geographic is None and self._ocean.cast is None
+        )
         return no_columns or section_in_metres(self.config.ocean)
 
     def _belief_in_metres(self, section: AnyBelief) -> tuple[xr.Dataset, Interpolation]:
@@ -270,8 +305,9 @@ class Beliefs:
             column = speed.interp(north=north, east=east)
         else:
             raise OceanError(
-                f"belief {section.kind}: water in metres has no temperature and salinity, which this belief needs; use exact,"
-                " mean, cast (without down_to), offset, numerics (without equation) or file"
+                f"belief {section.kind}: water in metres has no temperature and salinity, which"
+                " this belief needs; use exact, mean, cast (without down_to), offset, numerics"
+                " (without equation) or file"
             )
         uniform = column.broadcast_like(speed).transpose(*speed.dims).assign_attrs(speed.attrs)
         return local.assign(sound_speed=uniform), interpolation
@@ -289,7 +325,10 @@ class Beliefs:
         return np.asarray(section.bias_sigma * bias + section.noise_sigma * noise)
 
     def _from_files(self, section: FileBelief) -> xr.Dataset:
-        """Local ocean of files or of a cast, over the part of the study's domain that they cover; it must contain the fleet."""
+        """
+        Local ocean of files or of a cast, over the part of the study's domain that they cover; it
+        must contain the fleet.
+        """
         name = ", ".join(section.source)
         try:
             local = self._local_of_files(section)
@@ -303,7 +342,8 @@ class Beliefs:
             return self._local_in_metres(section)
         if self._in_metres:
             raise OceanError(
-                "has latitudes and longitudes, or is a cast, but the water of the study is in metres; give a file in metres"
+                "has latitudes and longitudes, or is a cast, but the water of the study is in"
+                " metres; give a file in metres"
             )
         is_cast = holds_casts(section.source[0])
         return self._local_of_cast(section) if is_cast else self._local_of_ocean(section)
@@ -313,7 +353,9 @@ class Beliefs:
         if len(section.source) > 1:
             raise OceanError("several files; name one file in metres")
         if section.cast is not None or section.time is not None:
-            raise OceanError("a file in metres has no casts and no time; remove the keys cast and time")
+            raise OceanError(
+                "a file in metres has no casts and no time; remove the keys cast and time"
+            )
         path = section.source[0]
         return ocean_in_metres(read_file_in_metres(path), path)
 
@@ -321,7 +363,8 @@ class Beliefs:
         """Water of a cast everywhere, over the sea floor of the study."""
         if len(section.source) > 1:
             raise OceanError(
-                "several files, of which the first contains casts; name one file of casts, or files of an ocean"
+                "several files, of which the first contains casts; name one file of casts, or"
+                " files of an ocean"
             )
         ocean, (north, east, bottom) = self.config.ocean, _reach(self._run.ocean).tolist()
         frame = self._frame
@@ -340,17 +383,22 @@ class Beliefs:
             equation=ocean.equation,
         )
         sea_floor = build_sea_floor(ocean, self._true)
-        return self._local(geographic, sea_floor_depth(self._true) if sea_floor is None else sea_floor)
+        return self._local(
+            geographic, sea_floor_depth(self._true) if sea_floor is None else sea_floor
+        )
 
     def _local_of_ocean(self, section: FileBelief) -> xr.Dataset:
         """Ocean of files, with currents only where rays need them."""
         if section.cast is not None:
             raise OceanError(
-                f"cast is {section.cast!r}, but the file is an ocean without casts; remove the key cast"
+                f"cast is {section.cast!r}, but the file is an ocean without casts; remove the key"
+                " cast"
             )
         ocean = self.config.ocean
         time = None if section.time is None else utc_instant(section.time)
-        if time is None and (own_files(section.source) == () or len(ocean_times(section.source)) > 1):
+        if time is None and (
+            own_files(section.source) == () or len(ocean_times(section.source)) > 1
+        ):
             time = mission_start(ocean)
         currents = ocean.currents if self.config.acoustics.currents else "rest"
         geographic = open_ocean(section.source, time=time, currents=currents)
@@ -373,8 +421,9 @@ class Beliefs:
         if np.any(fleet > there):
             (north, far_north), (east, far_east), (depth, deep) = map(distinct_digits, there, fleet)
             raise OceanError(
-                f"covers +-{north} m north and +-{east} m east of the study's centre, down to {depth} m, but the fleet reaches"
-                f" {far_north}, {far_east} and {deep} m; give a larger ocean"
+                f"covers +-{north} m north and +-{east} m east of the study's centre, down to"
+                f" {depth} m, but the fleet reaches {far_north}, {far_east} and {deep} m; give a"
+                " larger ocean"
             )
 
     def _geographic_belief(self, section: AnyBelief) -> xr.Dataset:
@@ -385,7 +434,9 @@ class Beliefs:
         if isinstance(section, CastBelief):
             cast = column_ocean(true, self._cast_place(section))
             return cast if section.down_to is None else _constant_below(cast, section.down_to)
-        assert isinstance(section, OtherDayBelief)  # for the type checker; the exact ocean is on disk
+        assert isinstance(
+            section, OtherDayBelief
+        )  # for the type checker; the exact ocean is on disk
         earlier = np.timedelta64(round(section.days_earlier * 86400), "s")
         time = np.datetime64(str(true["time"].values), "ns") - earlier
         return open_ocean(config.ocean.source, time=time, currents=config.ocean.currents)
@@ -424,11 +475,15 @@ class Beliefs:
 def _offset(local: xr.Dataset, by_level: Array) -> xr.Dataset:
     """Local ocean with an error of sound speed at each level. [m/s]"""
     speed = local["sound_speed"]
-    return local.assign(sound_speed=(speed + xr.DataArray(by_level, dims="depth")).assign_attrs(speed.attrs))
+    return local.assign(
+        sound_speed=(speed + xr.DataArray(by_level, dims="depth")).assign_attrs(speed.attrs)
+    )
 
 
 def _with_speed_of(local: xr.Dataset, medium: Medium) -> xr.Dataset:
-    """Local ocean with the sound speed of a medium on its grid, which may have more levels above."""
+    """
+    Local ocean with the sound speed of a medium on its grid, which may have more levels above.
+    """
     speed = local["sound_speed"]
     values = medium.sound_speed[..., -local["depth"].size :]
     changed = xr.DataArray(values, dims=("north", "east", "depth")).transpose(*speed.dims)
@@ -441,13 +496,17 @@ def _every(size: int, step: int) -> NDArray[np.intp]:
 
 
 def _constant_below(geographic: xr.Dataset, depth: float) -> xr.Dataset:
-    """Ocean whose water below a depth has the temperature and salinity of the last level above that depth."""
+    """
+    Ocean whose water below a depth has the temperature and salinity of the last level above that
+    depth.
+    """
     levels = geographic["depth"].values
     last = int(np.searchsorted(levels, depth, side="right")) - 1
     if last < 0:
         end, first = distinct_digits(depth, levels[0])
         raise OceanError(
-            f"belief: the cast ends at {end} m, above the first level of the ocean, {first} m; give a deeper cast"
+            f"belief: the cast ends at {end} m, above the first level of the ocean, {first} m;"
+            " give a deeper cast"
         )
     upper = geographic.isel(depth=np.minimum(np.arange(levels.size), last))
     return geographic.assign(
@@ -460,4 +519,6 @@ def _constant_below(geographic: xr.Dataset, depth: float) -> xr.Dataset:
 
 def _reach(local: xr.Dataset) -> Array:
     """Half extents north and east, and maximum depth, of a local ocean. [m]"""
-    return np.array([local["north"].values[-1], local["east"].values[-1], local["sea_floor_depth"].max()])
+    return np.array(
+        [local["north"].values[-1], local["east"].values[-1], local["sea_floor_depth"].max()]
+    )

@@ -45,7 +45,10 @@ Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser
 
 
 def _presets(incomplete: str) -> list[str]:
-    """Return the presets that begin with a text, for shell completion; without any, shells complete files."""
+    """
+    Return the presets that begin with a text, for shell completion; without any, shells complete
+    files.
+    """
     from pymantaray.config.load import preset_names
 
     return [name for name in preset_names() if name.startswith(incomplete)]
@@ -73,7 +76,10 @@ def list_command(as_json: Json = False) -> None:
 
 @app.command()
 def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
-    """Print all keys of a preset or a file with their descriptions; keys at their defaults are commented out."""
+    """
+    Print all keys of a preset or a file with their descriptions; keys at their defaults are
+    commented out.
+    """
     from pymantaray.apps.study.tracks import with_tracks
     from pymantaray.config import load_study
     from pymantaray.config.text import commented_toml
@@ -86,7 +92,9 @@ def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
 @app.command()
 def init(
     name: Name = "quick",
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write.")] = Path("study.toml"),
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="File to write.")] = Path(
+        "study.toml"
+    ),
     changes: Set = None,
 ) -> None:
     """Write a preset with all its keys to a file for editing."""
@@ -99,13 +107,18 @@ def init(
 @app.command("import")
 def import_command(
     simulation: Annotated[
-        Path, typer.Argument(metavar="SIM.json", help="Configuration of the paper's authors' program.")
+        Path,
+        typer.Argument(metavar="SIM.json", help="Configuration of the paper's authors' program."),
     ],
     out: Annotated[
-        Path | None, typer.Option(metavar="STUDY.toml", help="File to write. Default: print the text.")
+        Path | None,
+        typer.Option(metavar="STUDY.toml", help="File to write. Default: print the text."),
     ] = None,
 ) -> None:
-    """Convert a configuration of the paper's authors' program to a study, and list what has no meaning here."""
+    """
+    Convert a configuration of the paper's authors' program to a study, and list what has no meaning
+    here.
+    """
     from pymantaray.config.load import import_study
     from pymantaray.config.text import commented_toml
 
@@ -153,17 +166,20 @@ class RunOptions:
 
     out: Out = None
     realizations: Annotated[int | None, typer.Option(help="Number of noise realizations.")] = None
-    workers: Annotated[int | None, typer.Option(min=1, help="Processes that solve realizations.")] = None
-    no_figures: Annotated[bool, typer.Option("--no-figures", help="Data only: no tables and figures.")] = (
-        False
-    )
+    workers: Annotated[
+        int | None, typer.Option(min=1, help="Processes that solve realizations.")
+    ] = None
+    no_figures: Annotated[
+        bool, typer.Option("--no-figures", help="Data only: no tables and figures.")
+    ] = False
     formats: Formats = ""
     open_page: Open = False
 
     def __post_init__(self) -> None:
         if self.open_page and self.no_figures:
             raise typer.BadParameter(
-                "--no-figures writes no page to open; remove one of the two options", param_hint="--open"
+                "--no-figures writes no page to open; remove one of the two options",
+                param_hint="--open",
             )
 
 
@@ -208,10 +224,13 @@ def run_and_report(
     formats: str,
     quiet: bool,
 ) -> Path:
-    """Run a study, draw figures of its mission meanwhile, print a summary, and return the folder."""
+    """
+    Run a study, draw figures of its mission meanwhile, print a summary, and return the folder.
+    """
     from pymantaray.apps.study.report_process import ReportProcess
 
-    # the process starts after the file is read, and imports its modules while this process imports others
+    # the process starts after the file is read, and imports its modules while this process imports
+    # others
     with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:
         from pymantaray.apps.study import run_study
 
@@ -229,7 +248,8 @@ def run_and_report(
                     report.write(results, progress)
                 except BaseException:
                     typer.echo(
-                        f"the data are complete; write their report with: mantaray study report {results.path}",
+                        "the data are complete; write their report with: mantaray study report"
+                        f" {results.path}",
                         err=True,
                     )
                     raise
@@ -272,7 +292,9 @@ def tables(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="NAME...", help="Tables, such as ate_pooled. Default: a summary.", show_default=False
+            metavar="NAME...",
+            help="Tables, such as ate_pooled. Default: a summary.",
+            show_default=False,
         ),
     ] = None,
     as_json: Json = False,
@@ -293,7 +315,9 @@ def tables(
 
 @app.command()
 def compare(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN...", help="Folders of at least two runs.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN...", help="Folders of at least two runs.")
+    ],
     out: Out = None,
     formats: Formats = "",
     open_page: Open = False,
@@ -301,7 +325,9 @@ def compare(
     to: To = "text",
     quiet: Quiet = False,
 ) -> None:
-    """Compare runs: differences of their configurations, tables, figures and a page in one folder."""
+    """
+    Compare runs: differences of their configurations, tables, figures and a page in one folder.
+    """
     from pymantaray.apps.study import write_comparison
 
     with progress_bars(quiet=quiet) as progress:
@@ -327,23 +353,30 @@ def _print_cost(out: Printer, run: "Run", after: Mapping[str, float]) -> None:
     memory = run.manifest["peak_memory_mib"]
     stages = ", ".join(f"{stage} {duration(value)}" for stage, value in seconds.items())
     workers = run.manifest["machine"]["workers"]
-    each = f", {memory['largest_worker']:.0f} MiB in each of {workers} workers" if workers > 1 else ""
+    each = (
+        f", {memory['largest_worker']:.0f} MiB in each of {workers} workers" if workers > 1 else ""
+    )
     out.line(
-        f"took {duration(sum(seconds.values()))} ({stages}) and at most {memory['main']:.0f} MiB of memory{each}",
+        f"took {duration(sum(seconds.values()))} ({stages}) and at most {memory['main']:.0f} MiB"
+        f" of memory{each}",
         seconds=seconds,
         peak_memory_mib=memory,
     )
 
 
 def _print_summary(out: Printer, run: "Run") -> None:
-    """Print dropouts, range errors and trajectory errors, and warn of failed solves and stopped vehicles."""
+    """
+    Print dropouts, range errors and trajectory errors, and warn of failed solves and stopped
+    vehicles.
+    """
     study = run.config.study
     hours = run.config.mission.duration_h
     vehicles = run.truth.name.size
     count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
     water = "synthetic ocean" if run.synthetic else "ocean from files"
     out.line(
-        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.config.solves else ''}, {water}",
+        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.config.solves else ''},"
+        f" {water}",
         study=study.name,
         duration_h=hours,
         vehicles=vehicles,
@@ -357,7 +390,8 @@ def _print_summary(out: Printer, run: "Run") -> None:
     apart = {name: max(values) for name, values in run.manifest.get("from_batch_m", {}).items()}
     for name, distance in apart.items():
         out.line(
-            f"{name}: GTSAM's positions differ from those of the batch solver by at most {distance:.2g} m"
+            f"{name}: GTSAM's positions differ from those of the batch solver by at most"
+            f" {distance:.2g} m"
         )
     out.add(from_batch_m=apart)
     out.warn(_warnings(run))
@@ -381,8 +415,9 @@ def _print_causes(out: Printer, dropouts: "pd.DataFrame", cutoff_db: float | Non
     weak = lost[RayStatus.WEAK.name.lower()]
     if weak and cutoff_db is not None and cutoff_db < _WIDE_DB:
         out.line(
-            f"{100.0 * weak / lost['attempts']:.2g} % too weak: spreading loss more than {cutoff_db:g} dB above spherical;"
-            f" `--cutoff-db {_WIDE_DB:g}` includes all within {_WIDE_DB:g} dB"
+            f"{100.0 * weak / lost['attempts']:.2g} % too weak: spreading loss more than"
+            f" {cutoff_db:g} dB above spherical; `--cutoff-db {_WIDE_DB:g}` includes all within"
+            f" {_WIDE_DB:g} dB"
         )
 
 
@@ -393,7 +428,11 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
     tables = read_comparison(folder)
     names = tables["configuration"].frame.columns[1:]
     out.add(runs=names)
-    numbers = dict(zip(names, map(str, range(1, runs + 1)), strict=True)) if runs > _MAX_NAMED_RUNS else {}
+    numbers = (
+        dict(zip(names, map(str, range(1, runs + 1)), strict=True))
+        if runs > _MAX_NAMED_RUNS
+        else {}
+    )
     for name, number in numbers.items():
         out.line(f"{number}: {name}")
     for name in SUMMARY:
@@ -405,7 +444,10 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
 
 
 def _warnings(run: "Run") -> list[str]:
-    """Warnings about failed solves, stopped vehicles, incomplete searches and changes of trajectories on reading."""
+    """
+    Warnings about failed solves, stopped vehicles, incomplete searches and changes of trajectories
+    on reading.
+    """
     from pymantaray.records.status import SOLVE_STATUS_WORDS, SolveStatus
 
     outcome = run.manifest["outcome"]

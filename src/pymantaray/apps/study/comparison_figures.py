@@ -38,9 +38,18 @@ def quantiles_by_run(
                 continue
             low, first, middle, third, high = np.percentile(finite, [5, 25, 50, 75, 95])
             axes.plot([low, high], [line, line], color=colour, linewidth=0.9)
-            axes.plot([first, third], [line, line], color=colour, linewidth=4.5, solid_capstyle="butt")
+            axes.plot(
+                [first, third], [line, line], color=colour, linewidth=4.5, solid_capstyle="butt"
+            )
             axes.plot([middle], [line], "|", color="white", markersize=4.5, markeredgewidth=1.2)
-            axes.plot([finite.mean()], [line], "o", color="white", markeredgecolor=style.INK, markersize=3.0)
+            axes.plot(
+                [finite.mean()],
+                [line],
+                "o",
+                color="white",
+                markeredgecolor=style.INK,
+                markersize=3.0,
+            )
         axes.set_yticks(range(len(runs)), [style.plain(name) for name in runs])
         axes.set_ylim(len(runs) - 0.4, -0.6)
     for axes in grid.flat[len(values) :]:

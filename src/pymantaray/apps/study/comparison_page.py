@@ -1,4 +1,7 @@
-"""Comparison of two or more runs: differences of configurations, sound speed, range errors, dropouts and position errors."""
+"""
+Comparison of two or more runs: differences of configurations, sound speed, range errors, dropouts
+and position errors.
+"""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -32,7 +35,13 @@ from pymantaray.pages.writing import write_page
 from pymantaray.records.csv_text import read_csv
 from pymantaray.records.result_table import ResultTable
 
-SUMMARY = ("configuration", "range_drop_category_compare", "range_error", "range_error_split", "ate_pooled")
+SUMMARY = (
+    "configuration",
+    "range_drop_category_compare",
+    "range_error",
+    "range_error_split",
+    "ate_pooled",
+)
 """Tables that `mantaray study compare` prints."""
 _NO_KEY = "–"  # of a configuration that has not the key
 _CAPTIONS = {
@@ -56,7 +65,11 @@ _FIGURES_OF_PAPER = {
     "range_error": "Figure 6",
     "sound_speed": "Figure 4",
 }
-_OF_EACH = ("ray_picture", "fleet_layout", "factor_graph")  # figures that show one run, of a few runs
+_OF_EACH = (
+    "ray_picture",
+    "fleet_layout",
+    "factor_graph",
+)  # figures that show one run, of a few runs
 _ONE_QUANTITY = (
     "range_drop_category_compare",
     "range_error_split",
@@ -64,7 +77,15 @@ _ONE_QUANTITY = (
 _MAX_RUNS_BESIDE = 2  # runs whose distributions fit beside each other
 _QUANTILES = "median (bar), mean (dot), quartiles (thick), 5 to 95 % (thin)"
 _STATISTICS = {
-    "ate_pooled": ("mean_m", "median_m", "rmse_m", "rmse_standard_error_m", "p25_m", "p75_m", "p95_m"),
+    "ate_pooled": (
+        "mean_m",
+        "median_m",
+        "rmse_m",
+        "rmse_standard_error_m",
+        "p25_m",
+        "p75_m",
+        "p95_m",
+    ),
     "ping_error": (
         "rmse_m",
         "rmse_standard_error_m",
@@ -92,22 +113,25 @@ def write_comparison(
     run_dirs : sequence of str or pathlib.Path
         Folders of two or more runs.
     out : str or pathlib.Path, optional
-        New or empty folder for the comparison. Default: a folder in ``runs`` with the date in its name.
+        New or empty folder for the comparison. Default: a folder in ``runs`` with the date in its
+        name.
     formats : sequence of str
-        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables
+        as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``. The same folder contains ``tables`` (CSV) and ``figures`` (PNG and the additional formats).
+        The page, ``index.html``. The same folder contains ``tables`` (CSV) and ``figures`` (PNG and
+        the additional formats).
 
     Raises
     ------
     MantaRayError
-        If there are fewer than two folders, a folder is not a run, ``out`` is not empty, or a file cannot be written. No files
-        remain then.
+        If there are fewer than two folders, a folder is not a run, ``out`` is not empty, or a file
+        cannot be written. No files remain then.
     """
     if len(run_dirs) < 2:
         raise ReportError(f"{len(run_dirs)} run to compare; give the folders of two or more")
@@ -115,7 +139,13 @@ def write_comparison(
     tables = comparison_tables(runs)
     specs = comparison_figure_specs(runs)
     return write_page(
-        out, "comparison", specs, lambda pictures, _: _page(runs, tables, pictures), {}, formats, progress
+        out,
+        "comparison",
+        specs,
+        lambda pictures, _: _page(runs, tables, pictures),
+        {},
+        formats,
+        progress,
     )
 
 
@@ -133,11 +163,17 @@ def comparison_tables(runs: Mapping[str, RunResults]) -> dict[str, ResultTable]:
     """Tables with one column per run, by name in the order of the page."""
 
     def of_all_links(table: str) -> dict[str, pd.DataFrame]:
-        return {name: r.tables[table].frame.query("category == @ALL_LINKS") for name, r in runs.items()}
+        return {
+            name: r.tables[table].frame.query("category == @ALL_LINKS") for name, r in runs.items()
+        }
 
-    dropouts = {f"{name} [%]": r.tables["dropouts"].frame.set_index("category") for name, r in runs.items()}
+    dropouts = {
+        f"{name} [%]": r.tables["dropouts"].frame.set_index("category") for name, r in runs.items()
+    }
     errors = of_all_links("range_error")
-    parts = {f"{name} [m]": t.set_index("part") for name, t in of_all_links("range_error_split").items()}
+    parts = {
+        f"{name} [m]": t.set_index("part") for name, t in of_all_links("range_error_split").items()
+    }
     regions = {name: r.tables["region"].frame.set_index("property") for name, r in runs.items()}
     frames = {
         "configuration": _differences(runs),
@@ -147,7 +183,9 @@ def comparison_tables(runs: Mapping[str, RunResults]) -> dict[str, ResultTable]:
         "range_error": _side_by_side(
             {name: t.drop(columns="category").iloc[0] for name, t in errors.items()}, "quantity"
         ),
-        "range_error_split": _side_by_side({name: t["mean_m"] for name, t in parts.items()}, "part"),
+        "range_error_split": _side_by_side(
+            {name: t["mean_m"] for name, t in parts.items()}, "part"
+        ),
         **({name: _joint_errors(runs, name) for name in _STATISTICS} if _all_solved(runs) else {}),
         "region": _side_by_side({name: t.iloc[:, 0] for name, t in regions.items()}, "property"),
         "timing": _settings(runs, "timing"),
@@ -186,9 +224,13 @@ def _settings(runs: Mapping[str, RunResults], table: str) -> pd.DataFrame:
 
 
 def _differences(runs: Mapping[str, RunResults]) -> pd.DataFrame:
-    """Keys of the configuration with different values, without name and description; keys of ``[study]`` are last."""
+    """
+    Keys of the configuration with different values, without name and description; keys of
+    ``[study]`` are last.
+    """
     settings = {
-        name: dict(entries(_by_names(r.run.config.model_dump(mode="json")))) for name, r in runs.items()
+        name: dict(entries(_by_names(r.run.config.model_dump(mode="json"))))
+        for name, r in runs.items()
     }
     words = ("study / name", "study / description")
     keys = dict.fromkeys(key for values in settings.values() for key in values if key not in words)
@@ -238,11 +280,17 @@ def comparison_figure_specs(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
 
     def spec(name: str, caption: str, draw: Callable[[], Figure]) -> FigureSpec:
         return FigureSpec(
-            name, with_source(caption, synthetic=synthetic), draw, _FIGURES_OF_PAPER[name] if few else ""
+            name,
+            with_source(caption, synthetic=synthetic),
+            draw,
+            _FIGURES_OF_PAPER[name] if few else "",
         )
 
     def ape(name: str, scale: str, *, log: bool) -> FigureSpec:
-        caption = f"Absolute position error by ranging condition in {which}, {scale} scale; mean solid, quartiles dashed."
+        caption = (
+            f"Absolute position error by ranging condition in {which}, {scale} scale; mean solid,"
+            " quartiles dashed."
+        )
         panels = [ApePanel(run, r.errors, log=log) for run, r in runs.items()]
         return spec(name, caption, lambda: pooled_ape(panels, header))
 
@@ -262,14 +310,17 @@ def comparison_figure_specs(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
     ranges = (
         spec(
             "range_error",
-            f"Signed range error, refracted minus straight, in {which}: mean (orange), zero (dashed) and fitted normal"
-            " (black).",
-            lambda: range_error_histogram([(name, r.ranges.total) for name, r in runs.items()], header),
+            f"Signed range error, refracted minus straight, in {which}: mean (orange), zero"
+            " (dashed) and fitted normal (black).",
+            lambda: range_error_histogram(
+                [(name, r.ranges.total) for name, r in runs.items()], header
+            ),
         )
         if few
         else spec(
             "range_error",
-            f"Signed range error, refracted minus straight, and its two parts in {which}: {_QUANTILES}.",
+            f"Signed range error, refracted minus straight, and its two parts in {which}:"
+            f" {_QUANTILES}.",
             lambda: quantiles_by_run(_range_errors(runs), header, "Range error [m]", log=False),
         )
     )
@@ -278,8 +329,8 @@ def comparison_figure_specs(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
         ranges,
         spec(
             "sound_speed",
-            f"Sound speed against depth in {which}: mean of each level over the domain (line), least to greatest"
-            " (shaded).",
+            f"Sound speed against depth in {which}: mean of each level over the domain (line),"
+            " least to greatest (shaded).",
             lambda: sound_speed_profiles(_profiles(runs), header),
         ),
         *(_of_each(runs) if few else []),
@@ -292,7 +343,11 @@ def _of_each(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
         name: {p.name: p for p in run_figure_specs(r, of_mission=True) if p.name in _OF_EACH}
         for name, r in runs.items()
     }
-    parts = [p for p in run_figure_specs(next(iter(runs.values())), of_mission=True) if p.name == "pipeline"]
+    parts = [
+        p
+        for p in run_figure_specs(next(iter(runs.values())), of_mission=True)
+        if p.name == "pipeline"
+    ]
     return parts + [
         replace(of_run[figure], name=f"{figure}_{i}", caption=f"{name}. {of_run[figure].caption}")
         for figure in _OF_EACH
@@ -353,7 +408,9 @@ def joint_header(runs: Mapping[str, RunResults]) -> str:
     return f"{which}; synthetic ocean: {in_words(synthetic)}" if synthetic else which
 
 
-def _side_by_side(columns: Mapping[str, "pd.Series[float]"], key: str, last: str = "") -> pd.DataFrame:
+def _side_by_side(
+    columns: Mapping[str, "pd.Series[float]"], key: str, last: str = ""
+) -> pd.DataFrame:
     rows = list(dict.fromkeys(row for column in columns.values() for row in column.index))
     rows.sort(key=lambda row: row == last)
     table = pd.DataFrame({name: column.reindex(rows) for name, column in columns.items()})
@@ -369,7 +426,8 @@ def _page(
     return Page(
         title=in_words(list(runs)),
         facts=[
-            f"{name}: study {r.run.config.study.name}, {r.received:,} of {r.attempts:,} ranges received"
+            f"{name}: study {r.run.config.study.name}, {r.received:,} of {r.attempts:,} ranges"
+            " received"
             for name, r in runs.items()
         ],
         notes=[f"{', '.join(synthetic)}: {SYNTHETIC_NOTE}"] if synthetic else [],
@@ -382,9 +440,11 @@ def _page(
 
 def _explorer(runs: Mapping[str, RunResults], differences: pd.DataFrame) -> Explorer | None:
     """
-    Interactive plot of the position errors of all runs over the differing keys of their configurations, by condition.
+    Interactive plot of the position errors of all runs over the differing keys of their
+    configurations, by condition.
 
-    Keys that some runs lack are omitted. A key with a different value in every run is equivalent to the name of the run.
+    Keys that some runs lack are omitted. A key with a different value in every run is equivalent to
+    the name of the run.
     """
     if not _all_solved(runs):
         return None

@@ -29,11 +29,15 @@ _UNITS = {
 
 
 def range_frame(run: "Run", realization: int | None) -> pd.DataFrame:
-    """One row per range attempt: measurements, without noise or of a realization, and true values."""
+    """
+    One row per range attempt: measurements, without noise or of a realization, and true values.
+    """
     m = run.measurements if realization is None else run.noisy_measurements(realization)
     truth = run.ranging_truth_in(realization)
     names = np.concatenate([m.name, m.landmark_name])
-    measured = {name: getattr(m, name) for name in ("straight_range", "refracted_range", "range_sigma")}
+    measured = {
+        name: getattr(m, name) for name in ("straight_range", "refracted_range", "range_sigma")
+    }
     true = {f.name: _column(getattr(truth, f.name)) for f in fields(truth)}
     frame = pd.DataFrame(
         {
@@ -55,7 +59,10 @@ def _column(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def error_frame(run: "Run") -> pd.DataFrame:
-    """One row per estimated pose: estimate minus truth along each axis, and the length of this difference."""
+    """
+    One row per estimated pose: estimate minus truth along each axis, and the length of this
+    difference.
+    """
     truth = run.truth
     estimates = run.estimates
     error = estimates.to_dataset()["position"] - truth.position
@@ -65,7 +72,10 @@ def error_frame(run: "Run") -> pd.DataFrame:
 
 
 def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
-    """One row per pose of the truth and of every condition in a realization; convergence is the bearing of true north."""
+    """
+    One row per pose of the truth and of every condition in a realization; convergence is the
+    bearing of true north.
+    """
     estimated = (
         realization if run.config.solves else 0
     )  # ranges alone have realizations of noise, but no estimates
@@ -87,7 +97,9 @@ def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
 def _poses(data: "xr.Dataset") -> pd.DataFrame:
     position = data["position"].to_dataset(dim="axis")
     quaternion = data["quaternion"].to_dataset(dim="quat")
-    poses = position.merge(quaternion.rename({axis: f"q{axis}" for axis in "wxyz"}), compat="override")
+    poses = position.merge(
+        quaternion.rename({axis: f"q{axis}" for axis in "wxyz"}), compat="override"
+    )
     return _rows(poses)[["vehicle", "time", *_POSE]]
 
 

@@ -1,4 +1,7 @@
-"""Construction of estimators, with their range models and uncertainties, from the conditions of a configuration."""
+"""
+Construction of estimators, with their range models and uncertainties, from the conditions of a
+configuration.
+"""
 
 from typing import Literal
 
@@ -97,7 +100,9 @@ class EstimatorFactory:
         return out
 
     def _model(self, section: ConditionSection, realization: int) -> RangeModel:
-        """Range model of a condition; conditions of one realization with the same model share it."""
+        """
+        Range model of a condition; conditions of one realization with the same model share it.
+        """
         if realization != self._realization:
             self._models = {}
             self._realization = realization
@@ -108,7 +113,9 @@ class EstimatorFactory:
         return self._models[section.range_model]
 
     def _earth(self, section: ConditionSection) -> EarthSphere | None:
-        """Sphere on which an estimator measures distances; None in a flat frame and without ranges."""
+        """
+        Sphere on which an estimator measures distances; None in a flat frame and without ranges.
+        """
         if self._run.config.acoustics.earth != "sphere" or section.ranges == "none":
             return None
         return EarthSphere.at_latitude(float(self._run.ocean.attrs["centre_latitude_deg"]))
@@ -119,4 +126,6 @@ class EstimatorFactory:
         ranging = self._run.config.ranging
         noise = self._run.config.noise
         offset, skew = section.clocks.priors(noise.clock_offset_sigma, noise.clock_skew_sigma)
-        return ClockPrior(offset, skew, None if ranging.timing == "one-way" else ranging.turn_around_s)
+        return ClockPrior(
+            offset, skew, None if ranging.timing == "one-way" else ranging.turn_around_s
+        )

@@ -1,4 +1,7 @@
-"""Data of the interactive figures of a run's page, as JSON for its script: the fleet, the links of each ping, and rays."""
+"""
+Data of the interactive figures of a run's page, as JSON for its script: the fleet, the links of
+each ping, and rays.
+"""
 
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -20,13 +23,15 @@ from pymantaray.pages.water import RAY_KINDS
 from pymantaray.records import RayStatus
 
 WORST_LINKS, ALL_LINKS_LIMIT = 50, 700
-"""Number of links with the largest range errors whose rays are on the page; number of links up to which all of them are."""
+"""
+Number of links with the largest range errors whose rays are on the page; number of links up to
+which all of them are.
+"""
 _MAX_FRAMES = 160  # equally spaced over the mission or the sea bed
 _MAX_PINGS = 120
 _BED_NODES = 41
-_MAX_PAIRS = (
-    10_000  # pairs on the page; it shows more than _MAX_PINGS pings if they have fewer pairs in total
-)
+# pairs on the page; it shows more than _MAX_PINGS pings if they have fewer pairs in total
+_MAX_PAIRS = 10_000
 _RANGES = 41  # grid points of a section, and points of each ray
 _DEPTHS = 301
 _POINTS = 81
@@ -43,7 +48,10 @@ _QUANTILES = np.linspace(0.0, 1.0, 101)
 
 
 def explorer(results: RunResults, rays: str) -> str:
-    """Return all data of the page's script as JSON that is safe in HTML; ``rays`` is the result of `mission_rays`."""
+    """
+    Return all data of the page's script as JSON that is safe in HTML; ``rays`` is the result of
+    `mission_rays`.
+    """
     run = results.run
     pings = _shown_pings(results.run)
     content = {
@@ -66,10 +74,14 @@ def mission_rays(results: RunResults) -> str:
 
 
 def rays_command(run: Run) -> str:
-    """Command for the run's folder that draws the rays of a link, without the options of its ends."""
+    """
+    Command for the run's folder that draws the rays of a link, without the options of its ends.
+    """
     a = run.config.acoustics
     cutoff = "none" if a.cutoff_db is None else f"{a.cutoff_db:g}"
-    bounces = f"--max-surface-bounces {a.max_surface_bounces} --max-bottom-bounces {a.max_bottom_bounces}"
+    bounces = (
+        f"--max-surface-bounces {a.max_surface_bounces} --max-bottom-bounces {a.max_bottom_bounces}"
+    )
     return f"mantaray rays plot link.png --run . {bounces} --cutoff-db {cutoff}"
 
 
@@ -79,7 +91,10 @@ def _shown_pings(run: Run) -> NDArray[np.int64]:
 
 
 class PageLinks:
-    """Links between unordered pairs at the pings of the page, with the range errors in both directions."""
+    """
+    Links between unordered pairs at the pings of the page, with the range errors in both
+    directions.
+    """
 
     def __init__(self, results: RunResults, pings: NDArray[np.int64]) -> None:
         m = results.run.measurements
@@ -121,7 +136,10 @@ class PageLinks:
         }
 
     def with_rays(self) -> NDArray[np.int64]:
-        """Links whose rays are on the page: all if there are few, else those of the ping with most arrivals and those with the largest errors."""
+        """
+        Links whose rays are on the page: all if there are few, else those of the ping with most
+        arrivals and those with the largest errors.
+        """
         apart = np.linalg.norm((self.receiver - self.source)[:, :2], axis=1) > 0.0
         drawable = apart & (self.status != RayStatus.STOPPED)
         if drawable.sum() <= ALL_LINKS_LIMIT:
@@ -142,9 +160,12 @@ def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
     ocean = run.ocean
     samples = np.union1d(_evenly(np.arange(truth.time.size), _MAX_FRAMES), pings)
     reach = np.nanmax(np.abs(truth.position[..., :2]), initial=1e3) * 1.15
-    bed = BoundarySurface.from_dataset(ocean, "sea_floor_depth")  # a finer sea floor has axes of its own
+    bed = BoundarySurface.from_dataset(
+        ocean, "sea_floor_depth"
+    )  # a finer sea floor has axes of its own
     north, east = (
-        np.linspace(*_within(ocean[name].to_numpy(), reach), _BED_NODES) for name in ("north", "east")
+        np.linspace(*_within(ocean[name].to_numpy(), reach), _BED_NODES)
+        for name in ("north", "east")
     )
     nodes = np.stack(np.meshgrid(north, east, indexing="ij"), axis=-1).reshape(-1, 2)
     return {
@@ -166,7 +187,10 @@ def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:
 
 
 def _rays(run: Run, ends: PageLinks) -> Iterator[dict[str, Any]]:
-    """Sections with rays in the water at each ping; none if this water is not available any more, no reflections at rough ice."""
+    """
+    Sections with rays in the water at each ping; none if this water is not available any more, no
+    reflections at rough ice.
+    """
     water = medium_of_run(run) if ends.sample.size else None
     if water is None:
         return
@@ -180,7 +204,9 @@ def _rays(run: Run, ends: PageLinks) -> Iterator[dict[str, Any]]:
             n_range=_RANGES,
             n_depth=_DEPTHS,
             n_points=_POINTS,
-            max_surface_bounces=acoustics.max_surface_bounces if medium.surface.roughness is None else 0,
+            max_surface_bounces=acoustics.max_surface_bounces
+            if medium.surface.roughness is None
+            else 0,
             max_bottom_bounces=acoustics.max_bottom_bounces,
             spreading_cutoff_db=acoustics.cutoff_db,
         )
@@ -213,7 +239,10 @@ def section(picture: xr.Dataset) -> dict[str, Any]:
 
 
 def _errors(results: RunResults) -> dict[str, Any]:
-    """Position errors by condition: RMS of each vehicle over time, quantiles over all vehicles, and standard deviations."""
+    """
+    Position errors by condition: RMS of each vehicle over time, quantiles over all vehicles, and
+    standard deviations.
+    """
     run = results.run
     samples = _evenly(np.arange(run.truth.time.size), _MAX_FRAMES)
     conditions = []
@@ -233,7 +262,10 @@ def _errors(results: RunResults) -> dict[str, Any]:
 
 
 def _sigma(run: Run, condition: int) -> dict[str, Any]:
-    """Three standard deviations of the position error by the covariances of the solves, root mean square over realizations."""
+    """
+    Three standard deviations of the position error by the covariances of the solves, root mean
+    square over realizations.
+    """
     covariances = run.covariances
     if covariances is None:
         return {}
@@ -245,7 +277,10 @@ def _sigma(run: Run, condition: int) -> dict[str, Any]:
             if np.isfinite(variance).any()
             else np.full(variance.shape[1:], np.nan)
         )
-    return {"sigma_hour": _rounded(covariances.time / 3600.0, 4), "sigma3": _rounded(3.0 * sigma.T, 2)}
+    return {
+        "sigma_hour": _rounded(covariances.time / 3600.0, 4),
+        "sigma3": _rounded(3.0 * sigma.T, 2),
+    }
 
 
 def _nees(results: RunResults) -> list[Mapping[str, Any]]:
@@ -254,7 +289,9 @@ def _nees(results: RunResults) -> list[Mapping[str, Any]]:
     table = results.tables["consistency_per_epoch"].frame
     part = table[table["statistic"] == "horizontal"]
     columns = ["condition", "time_h", "ratio", "low", "high"]
-    return [{str(k): v for k, v in row.items()} for row in part[columns].round(4).to_dict("records")]
+    return [
+        {str(k): v for k, v in row.items()} for row in part[columns].round(4).to_dict("records")
+    ]
 
 
 def _rms(error: Array) -> Array:
@@ -262,7 +299,9 @@ def _rms(error: Array) -> Array:
     usable = np.isfinite(error)
     total = np.where(usable, error, 0.0) ** 2
     count = usable.sum(axis=0)
-    mean: Array = np.divide(total.sum(axis=0), count, out=np.full(count.shape, np.nan), where=count > 0)
+    mean: Array = np.divide(
+        total.sum(axis=0), count, out=np.full(count.shape, np.nan), where=count > 0
+    )
     return np.asarray(np.sqrt(mean))
 
 

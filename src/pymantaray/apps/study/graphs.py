@@ -15,12 +15,17 @@ def noisy_graphs(run: "Run", noisy: Measurements) -> dict[str, FactorGraph]:
     """Graphs of a run's standard conditions that have ranges."""
     conditions = {c.name: CONDITIONS[c.name] for c in run.config.conditions if c.standard}
     return {
-        name: build_graph(noisy, c.ranges, c.links) for name, c in conditions.items() if c.ranges is not None
+        name: build_graph(noisy, c.ranges, c.links)
+        for name, c in conditions.items()
+        if c.ranges is not None
     }
 
 
 def write_graphs(run: "Run", realization: int, folder: Path, before: str = "") -> None:
-    """Write a realization's graphs as PyFG text with the true poses as values; file names begin with ``before``."""
+    """
+    Write a realization's graphs as PyFG text with the true poses as values; file names begin with
+    ``before``.
+    """
     noisy = run.noisy_measurements(realization)
     truth = GraphValues(
         position=run.truth.position.reshape(-1, 3),

@@ -18,7 +18,10 @@ _ROWS = 10  # of each measure
 
 
 def influence_table(run: "Run") -> pd.DataFrame:
-    """Fixes, surveys and ranges with the largest residual, leverage and Cook's distance in realization 0, by condition."""
+    """
+    Fixes, surveys and ranges with the largest residual, leverage and Cook's distance in realization
+    0, by condition.
+    """
     noisy = run.noisy_measurements(0)
     estimates = run.estimates
     tables = []
@@ -39,4 +42,6 @@ def influence_table(run: "Run") -> pd.DataFrame:
             worst = worst_factors(influence, measure, _ROWS)
             tables.append(worst.assign(condition=condition, largest=measure))
     columns = ["condition", "largest", "kind", "first", "second", "time_s", *MEASURES]
-    return pd.concat(tables, ignore_index=True)[columns] if tables else pd.DataFrame(columns=columns)
+    return (
+        pd.concat(tables, ignore_index=True)[columns] if tables else pd.DataFrame(columns=columns)
+    )

@@ -23,7 +23,10 @@ from pymantaray.version import __version__
 
 
 class Stopwatch:
-    """Wall-clock seconds of named stages in the order of their start, and the time at which the first began."""
+    """
+    Wall-clock seconds of named stages in the order of their start, and the time at which the first
+    began.
+    """
 
     def __init__(self) -> None:
         self.began = dt.datetime.now(dt.UTC)
@@ -54,7 +57,10 @@ def describe_run(
     workers: int,
     worker_memory_mib: float,
 ) -> dict[str, Any]:
-    """Content of a manifest: everything that results depend on, and their cost; ``ocean`` has the local ocean's attributes."""
+    """
+    Content of a manifest: everything that results depend on, and their cost; ``ocean`` has the
+    local ocean's attributes.
+    """
     return {
         "format": FORMAT,
         "study": config.study.name,
@@ -109,13 +115,25 @@ def _own_fleet(config: StudyConfig, ocean: Mapping[Hashable, Any]) -> dict[str, 
 
 
 def git_commit() -> str | None:
-    """Commit of the package's checkout, ``-dirty`` if files differ from it; None without checkout or git."""
+    """
+    Commit of the package's checkout, ``-dirty`` if files differ from it; None without checkout or
+    git.
+    """
     root = Path(__file__).resolve().parents[3]
     if not (root / ".git").exists():
         return None
     try:
         done = subprocess.run(
-            ["git", "-C", str(root), "describe", "--always", "--dirty", "--abbrev=40", "--exclude=*"],
+            [
+                "git",
+                "-C",
+                str(root),
+                "describe",
+                "--always",
+                "--dirty",
+                "--abbrev=40",
+                "--exclude=*",
+            ],
             capture_output=True,
             text=True,
             timeout=10,

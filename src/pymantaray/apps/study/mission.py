@@ -63,9 +63,14 @@ class Mission:
     picture: xr.Dataset | None = None
     """Section through the water along one link, with its rays; None if no link has a ray."""
     candidates: Candidates | None = None
-    """Arrivals that each attempt may mistake for the direct one; None if no receiver makes mistakes."""
+    """
+    Arrivals that each attempt may mistake for the direct one; None if no receiver makes mistakes.
+    """
     draws: RangingDraws | None = None
-    """Ranges of every realization, if each has its own ice; the other data are then those of the first."""
+    """
+    Ranges of every realization, if each has its own ice; the other data are then those of the
+    first.
+    """
 
 
 def simulate_mission(
@@ -78,9 +83,11 @@ def simulate_mission(
     data: xr.Dataset | None = None,
 ) -> Mission:
     """
-    Run a mission up to its measurements without noise; the stopwatch records the duration of each stage.
+    Run a mission up to its measurements without noise; the stopwatch records the duration of each
+    stage.
 
-    ``tracks``, ``schedule`` and ``data`` (the ocean) replace those of the configuration if they are in memory.
+    ``tracks``, ``schedule`` and ``data`` (the ocean) replace those of the configuration if they are
+    in memory.
     """
     _check_participants(config, tracks, schedule)
     progress("ocean", 0, 1)
@@ -125,7 +132,9 @@ def simulate_mission(
 
 
 def earth_note(config: StudyConfig, truth: Trajectories, ranging: RangingTruth) -> str | None:
-    """Sentence about the error of a flat Earth; None if it is small or the study's Earth is a sphere."""
+    """
+    Sentence about the error of a flat Earth; None if it is small or the study's Earth is a sphere.
+    """
     if config.acoustics.earth != "flat":
         return None
     farthest = np.hypot(truth.position[..., 0], truth.position[..., 1])
@@ -137,22 +146,36 @@ def _largest(lengths: NDArray[np.float64]) -> float:
     return float(np.max(lengths, initial=0.0, where=np.isfinite(lengths)))
 
 
-def _check_participants(config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None) -> None:
-    """Raise an error for ranges without a pair, and for a schedule with unknown names, before the simulation."""
+def _check_participants(
+    config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None
+) -> None:
+    """
+    Raise an error for ranges without a pair, and for a schedule with unknown names, before the
+    simulation.
+    """
     fleet = config.fleet
     landmarks = [mark.name for mark in config.landmarks]
-    names = (tracks or read_fleet(fleet)).names if fleet.trajectories else [v.name for v in fleet.vehicles]
+    names = (
+        (tracks or read_fleet(fleet)).names
+        if fleet.trajectories
+        else [v.name for v in fleet.vehicles]
+    )
     if not config.conditions and len(names) + len(landmarks) < 2:
         raise StudyError(
-            f"no ranges: {names[0]} is the only vehicle and there is no landmark; add the trajectory of another vehicle, or a"
-            " landmark: [[landmarks]] with name, north, east and depth"
+            f"no ranges: {names[0]} is the only vehicle and there is no landmark; add the"
+            " trajectory of another vehicle, or a landmark: [[landmarks]] with name, north, east"
+            " and depth"
         )
     if schedule is not None or config.mission.schedule is not None:
         (schedule or build_schedule(config)).check_names(names, landmarks)
 
 
 def simulate_fleet(
-    config: StudyConfig, ocean: OceanFields, *, tracks: Tracks | None = None, schedule: Schedule | None = None
+    config: StudyConfig,
+    ocean: OceanFields,
+    *,
+    tracks: Tracks | None = None,
+    schedule: Schedule | None = None,
 ) -> Trajectories:
     """Trajectories of the vehicles of a mission, with additional samples at every ping."""
     mission = config.mission
@@ -185,7 +208,10 @@ def range_fleet(
     schedule: Schedule | None = None,
     solved: EarlierLinks | None = None,
 ) -> Ranging:
-    """Ranges of a mission without noise, with all of its rays; ``solved`` remembers links of earlier missions."""
+    """
+    Ranges of a mission without noise, with all of its rays; ``solved`` remembers links of earlier
+    missions.
+    """
     return measure_ranges(
         truth,
         [mark.build() for mark in config.landmarks],
@@ -211,7 +237,10 @@ def range_draws(
     *,
     schedule: Schedule | None = None,
 ) -> RangingDraws | None:
-    """Ranges of every realization under its own ice, from medium, trajectories and ranges of the first; None if all have the same ice."""
+    """
+    Ranges of every realization under its own ice, from medium, trajectories and ranges of the
+    first; None if all have the same ice.
+    """
     if config.ocean.ice_draw != "each":
         return None
     medium, truth, ranging = first
@@ -223,11 +252,15 @@ def range_draws(
             if progress is not None:
                 progress(draw * total + done, count * total)
 
-        rangings.append(range_fleet(config, ocean, _under_draw(medium, draw), truth, tell, schedule=schedule))
+        rangings.append(
+            range_fleet(config, ocean, _under_draw(medium, draw), truth, tell, schedule=schedule)
+        )
     return RangingDraws.of(rangings)
 
 
-def _under_draw(medium: Medium | Callable[[float], Medium], draw: int) -> Medium | Callable[[float], Medium]:
+def _under_draw(
+    medium: Medium | Callable[[float], Medium], draw: int
+) -> Medium | Callable[[float], Medium]:
     """Medium, or a function that returns it, with another draw of its rough ice."""
     if callable(medium):
         return lambda time: _of_draw(medium(time), draw)
@@ -243,7 +276,9 @@ def _of_draw(medium: Medium, draw: int) -> Medium:
 def assemble_mission(
     config: StudyConfig, ocean: OceanFields, truth: Trajectories, ranging: Ranging
 ) -> Mission:
-    """Data that all realizations of a study share, built from its ranges, without the ray picture."""
+    """
+    Data that all realizations of a study share, built from its ranges, without the ray picture.
+    """
     noise = config.noise.model
     picker = config.ranging.build_picker(config.build_sonar())
     return Mission(
@@ -284,8 +319,8 @@ def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
     """
     Medium of a finished run as a function of the time since its start [s].
 
-    A run stores the ocean at the start only, so an ocean that varies is read again from its files. None if these are missing or
-    have changed.
+    A run stores the ocean at the start only, so an ocean that varies is read again from its files.
+    None if these are missing or have changed.
     """
     config = run.config
     at_start = run.ocean
@@ -320,11 +355,16 @@ def picture_of_most_bent_link(
     *,
     spreading_cutoff_db: float | None,
 ) -> xr.Dataset | None:
-    """Picture of the link between vehicles whose ray gains most time on the chord, in the water at its ping."""
+    """
+    Picture of the link between vehicles whose ray gains most time on the chord, in the water at its
+    ping.
+    """
     first = select(arrivals, "direct")
     gain = first.chord_travel_time - first.travel_time
     n_vehicles = truth.name.size
-    drawn = (first.status == RayStatus.OK) & (links.first < n_vehicles) & (links.second < n_vehicles)
+    drawn = (
+        (first.status == RayStatus.OK) & (links.first < n_vehicles) & (links.second < n_vehicles)
+    )
     if not np.any(drawn & (first.travel_time > 0.0)):
         return None
     row = int(np.nanargmax(np.where(drawn & (first.travel_time > 0.0), gain, np.nan)))
@@ -340,5 +380,7 @@ def picture_of_most_bent_link(
         water, source, receiver, fan_angles=slope + FAN, spreading_cutoff_db=spreading_cutoff_db
     )
     return picture.assign_attrs(
-        source=str(truth.name[a]), receiver=str(truth.name[b]), time_h=float(truth.time[sample]) / 3600.0
+        source=str(truth.name[a]),
+        receiver=str(truth.name[b]),
+        time_h=float(truth.time[sample]) / 3600.0,
     )

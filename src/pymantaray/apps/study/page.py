@@ -24,13 +24,15 @@ from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 
 SYNTHETIC_NOTE = (
-    "The ocean of this study is synthetic: it is composed of published water masses, not of measurements or a"
-    " forecast. The results are valid for such an ocean, not for the real ocean on a day."
+    "The ocean of this study is synthetic: it is composed of published water masses, not of"
+    " measurements or a forecast. The results are valid for such an ocean, not for the real ocean"
+    " on a day."
 )
 _CONDITIONS = {
     "odometry": "noisy odometry, integrated from the first pose",
     "straight": "factor graph of the fleet; ranges are straight distances plus noise",
-    "refracted": "same graph, noise and links; ranges are those of a modem: travel time times the sound speed at the transmitter",
+    "refracted": "same graph, noise and links; ranges are those of a modem: travel time times the"
+    " sound speed at the transmitter",
     "straight-all": "straight ranges of all attempts, without dropouts",
     "no-ranges": "the graph without ranges",
 }
@@ -87,15 +89,24 @@ def _words(results: RunResults) -> list[str]:
     if not results.run.config.solves:
         return explained(used)
     lines = [
-        f"{condition_label(name)}: {_CONDITIONS[name]}." for name in results.errors if name in _CONDITIONS
+        f"{condition_label(name)}: {_CONDITIONS[name]}."
+        for name in results.errors
+        if name in _CONDITIONS
     ]
     used += ["NEES"] if "consistency" in tables else []
-    used += ["lower bound", "efficiency"] if tables["ping_error"].frame["bound_rmse_m"].notna().any() else []
+    used += (
+        ["lower bound", "efficiency"]
+        if tables["ping_error"].frame["bound_rmse_m"].notna().any()
+        else []
+    )
     return [*lines, *explained(used)]
 
 
 def _citation(results: RunResults) -> tuple[str, str]:
-    """Citation of the run, as text and as BibTeX: the program, its version, and the command that repeats the run."""
+    """
+    Citation of the run, as text and as BibTeX: the program, its version, and the command that
+    repeats the run.
+    """
     run = results.run
     manifest = results.run.manifest
     versions = manifest["versions"]
@@ -106,7 +117,10 @@ def _citation(results: RunResults) -> tuple[str, str]:
     seed = run.config.study.seed
     which = f"version {version}" + (f", commit {commit[:12]}" if commit else "")
     digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
-    words = f"Study {study}, seed {seed}, configuration {digest} (SHA-256 of config.toml), made with MantaRay, {which}"
+    words = (
+        f"Study {study}, seed {seed}, configuration {digest} (SHA-256 of config.toml), made with"
+        f" MantaRay, {which}"
+    )
     note = f"{which}; study {study}, seed {seed}, configuration {digest}"
     # a page contains no address
     fields = {name: value for name, value in MANTARAY.fields.items() if name != "url"}
@@ -149,9 +163,13 @@ def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
         cards.append(Card(what, metres(row["mean_m"]), remark))
     for row in tables["ate_difference"].frame.head(1).to_dict("records"):
         ends = [row[f"bootstrap_{end}_m"] for end in ("low", "high")]
-        interval = f"; {' to '.join(map(signed_metres, ends))} (95 %)" if np.isfinite(ends).all() else ""
+        interval = (
+            f"; {' to '.join(map(signed_metres, ends))} (95 %)" if np.isfinite(ends).all() else ""
+        )
         what = f"{row['condition']} minus {row['baseline']}".capitalize()
-        cards.append(Card(what, signed_metres(row["pooled_difference_m"]), f"mean position error{interval}"))
+        cards.append(
+            Card(what, signed_metres(row["pooled_difference_m"]), f"mean position error{interval}")
+        )
     return cards
 
 
@@ -166,11 +184,15 @@ def warnings_of(results: RunResults) -> list[str]:
     none = pd.DataFrame(columns=["condition", "status"])
     solves = results.tables["solves"].frame if "solves" in results.tables else none
     lines = []
-    for (condition, status), part in solves[solves["status"] != "OK"].groupby(["condition", "status"]):
+    for (condition, status), part in solves[solves["status"] != "OK"].groupby(
+        ["condition", "status"]
+    ):
         every = int((solves["condition"] == condition).sum())
         words = SOLVE_STATUS_WORDS.get(SolveStatus[str(status)])
         meaning = "" if words is None else f" ({words.meaning}; {words.advice})"
-        lines.append(f"Condition {condition}: {len(part)} of {every} solves have status {status}{meaning}.")
+        lines.append(
+            f"Condition {condition}: {len(part)} of {every} solves have status {status}{meaning}."
+        )
     for name, (stop, time) in results.run.truth.stops.items():
         lines.append(f"Vehicle {name} stopped after {clock(time / 3600.0)}: {stop.name}.")
     if note := earth_note(results.run.config, results.run.truth, results.run.ranging_truth):
@@ -181,7 +203,7 @@ def warnings_of(results: RunResults) -> list[str]:
 def _row(table: ResultTable, **where: str) -> dict[str, Any]:
     """Row of a table with these values."""
     frame = table.frame
-    (row,) = frame[np.logical_and.reduce([frame[key] == value for key, value in where.items()])].to_dict(
-        "records"
-    )
+    (row,) = frame[
+        np.logical_and.reduce([frame[key] == value for key, value in where.items()])
+    ].to_dict("records")
     return {str(key): value for key, value in row.items()}

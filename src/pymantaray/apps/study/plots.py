@@ -1,4 +1,7 @@
-"""Plots for use from Python: each draws on axes, with the functions that draw the figures of the report."""
+"""
+Plots for use from Python: each draws on axes, with the functions that draw the figures of the
+report.
+"""
 
 from typing import TYPE_CHECKING
 
@@ -31,7 +34,9 @@ class RunPlots:
 
     def __repr__(self) -> str:
         """Names of the plots."""
-        names = [name for name, value in vars(type(self)).items() if callable(value) and name[0] != "_"]
+        names = [
+            name for name, value in vars(type(self)).items() if callable(value) and name[0] != "_"
+        ]
         return f"<RunPlots: {', '.join(f'{name}()' for name in names)}>"
 
     def range_error(self, ax: Axes | None = None, *, log: bool = False) -> Axes:
@@ -56,7 +61,8 @@ class RunPlots:
 
     def position_error(self, condition: str, ax: Axes | None = None, *, log: bool = False) -> Axes:
         """
-        Plot the distribution of the position error of a condition, over vehicles, times and realizations.
+        Plot the distribution of the position error of a condition, over vehicles, times and
+        realizations.
 
         Parameters
         ----------
@@ -113,7 +119,8 @@ class RunPlots:
 
     def sound_speed(self, ax: Axes | None = None) -> Axes:
         """
-        Plot the sound speed of the region against depth: mean, and range from minimum to maximum shaded.
+        Plot the sound speed of the region against depth: mean, and range from minimum to maximum
+        shaded.
 
         Parameters
         ----------

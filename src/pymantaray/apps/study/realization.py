@@ -49,7 +49,9 @@ class RealizationResult(NamedTuple):
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Self:
-        """Result from the content that `to_bytes` returned; raises `RecordError` if it is damaged."""
+        """
+        Result from the content that `to_bytes` returned; raises `RecordError` if it is damaged.
+        """
         groups = netcdf_groups(content)
         solutions = {}
         truths = {}
@@ -58,7 +60,9 @@ class RealizationResult(NamedTuple):
                 group = groups[f"solution_{k}"]
                 numbers = json.loads(group.attrs["numbers"])
                 values = {str(n): v.values for n, v in group.variables.items()} | numbers
-                covariances, unknowns = (_section(values, f"{n}_") for n in ("covariances", "unknowns"))
+                covariances, unknowns = (
+                    _section(values, f"{n}_") for n in ("covariances", "unknowns")
+                )
                 values["status"] = SolveStatus(values["status"])
                 values["covariances"] = EpochCovariances(**covariances) if covariances else None
                 values["unknowns"] = UnknownsEstimate(**unknowns) if unknowns else None
@@ -73,11 +77,16 @@ class RealizationResult(NamedTuple):
 
 
 def _take_apart(value: Any, name: str, arrays: dict[str, Any], numbers: dict[str, Any]) -> None:
-    """Sort the fields of a solution into arrays and JSON values; fields of a nested part are prefixed with its name."""
+    """
+    Sort the fields of a solution into arrays and JSON values; fields of a nested part are prefixed
+    with its name.
+    """
     if isinstance(value, np.ndarray):
         arrays[name] = value
     elif is_dataclass(value) or hasattr(value, "_fields"):
-        for field in value._fields if hasattr(value, "_fields") else [f.name for f in fields(value)]:
+        for field in (
+            value._fields if hasattr(value, "_fields") else [f.name for f in fields(value)]
+        ):
             _take_apart(getattr(value, field), f"{name}_{field}".lstrip("_"), arrays, numbers)
     else:
         numbers[name] = value.item() if isinstance(value, np.generic) else value
@@ -106,9 +115,11 @@ class RealizationSolver:
         self._run, self._solver, self._factory = run, GraphSolver(), EstimatorFactory(run)
 
     def solve(self, realization: int) -> RealizationResult:
-        """Solve one realization under all conditions, in the configured order.
+        """
+        Solve one realization under all conditions, in the configured order.
 
-        It uses one thread, because the last digits of linear algebra depend on the number of threads.
+        It uses one thread, because the last digits of linear algebra depend on the number of
+        threads.
         """
         with threadpool_limits(limits=1, user_api="blas"):
             return self._solve(realization)
@@ -121,16 +132,22 @@ class RealizationSolver:
             self._run.noisy_measurements(realization),
             {c.name: factory.estimator(c, realization) for c in config.conditions},
             solver=self._solver,
-            covariance_samples=fixed_epochs(truth.time, config.estimator.covariance_interval_h * 3600.0),
+            covariance_samples=fixed_epochs(
+                truth.time, config.estimator.covariance_interval_h * 3600.0
+            ),
         )
         joint = (c for c in config.conditions if solutions[c.name].unknowns is not None)
-        return RealizationResult(solutions, {c.name: factory.true_unknowns(c, realization) for c in joint})
+        return RealizationResult(
+            solutions, {c.name: factory.true_unknowns(c, realization) for c in joint}
+        )
 
 
 class RealizationQueue(Queue):
     """Unsolved realizations of a study; their keys are their numbers."""
 
-    def __init__(self, numbers: Iterable[int], ended: Callable[[int, RealizationResult], None]) -> None:
+    def __init__(
+        self, numbers: Iterable[int], ended: Callable[[int, RealizationResult], None]
+    ) -> None:
         super().__init__(map(str, numbers))
         self._ended = ended
 

@@ -1,4 +1,6 @@
-"""Publications that a study relies on, as text and as BibTeX; `references.toml` contains all of them."""
+"""
+Publications that a study relies on, as text and as BibTeX; `references.toml` contains all of them.
+"""
 
 import re
 import tomllib
@@ -20,7 +22,8 @@ from pymantaray.ocean.files import open_file
 from pymantaray.version import __version__
 
 _SYNTHETIC = {
-    "synthetic:beaufort": "steele2004 shimada2005 timmermans2014 timmermans2003 timmermans2008 zhao2014 zhao2015",
+    "synthetic:beaufort": "steele2004 shimada2005 timmermans2014 timmermans2003 timmermans2008"
+    " zhao2014 zhao2015",
     "synthetic:fram": "rudels2005 rudels2000 beszczynska2012 richter2018 hofmann2021 wekerle2020",
 }
 _SAYS = {
@@ -60,17 +63,25 @@ class Reference:
         place = " ".join(str(f[name]) for name in ("journal", "volume") if name in f)
         pages = str(f.get("pages", "")).replace("--", "-")
         parts = [
-            f.get("title"), f.get("booktitle"), place, pages, f.get("institution"), f.get("number"),
-            f.get("publisher"), f.get("version"), f.get("note"), f"doi:{f['doi']}" if "doi" in f else "",
-        ]  # fmt: skip
-        authors = f.get("author", "").strip("{}").replace(" and others", " et al.").replace(" and ", "; ")
+            f.get("title"),
+            f.get("booktitle"),
+            place,
+            pages,
+            *(f.get(name) for name in ("institution", "number", "publisher", "version", "note")),
+            f"doi:{f['doi']}" if "doi" in f else "",
+        ]
+        authors = (
+            f.get("author", "").strip("{}").replace(" and others", " et al.").replace(" and ", "; ")
+        )
         return ", ".join(part for part in (authors + year, *parts) if part)
 
     @property
     def bibtex(self) -> str:
         """BibTeX entry."""
         values = {
-            name: _SPECIAL.sub(r"\\\1", str(value)) for name, value in self.fields.items() if name != "type"
+            name: _SPECIAL.sub(r"\\\1", str(value))
+            for name, value in self.fields.items()
+            if name != "type"
         }
         lines = [f"  {name} = {{{value}}}," for name, value in values.items()]
         return "\n".join([f"@{self.fields['type']}{{{self.key},", *lines, "}"])
@@ -99,7 +110,10 @@ MANTARAY = Reference(
 
 
 class Citations(tuple[Reference, ...]):
-    """References in the order of the data flow; as text, one line each below the parts that rely on them."""
+    """
+    References in the order of the data flow; as text, one line each below the parts that rely on
+    them.
+    """
 
     __slots__ = ()
 
@@ -108,7 +122,9 @@ class Citations(tuple[Reference, ...]):
         groups: dict[str, list[str]] = {}
         for reference in self:
             groups.setdefault(reference.used_for, []).append(f"  {reference}")
-        return "\n".join(line for used_for, lines in groups.items() for line in (f"{used_for}:", *lines))
+        return "\n".join(
+            line for used_for, lines in groups.items() for line in (f"{used_for}:", *lines)
+        )
 
     @property
     def bibtex(self) -> str:
@@ -123,13 +139,15 @@ def citation(config: StudyConfig) -> Citations:
     Parameters
     ----------
     config : StudyConfig
-        See `pymantaray.load_study`. Its files must exist, because their attributes identify the owners of the data.
+        See `pymantaray.load_study`. Its files must exist, because their attributes identify the
+        owners of the data.
 
     Returns
     -------
     Citations
-        A tuple of references, each with ``key``, ``fields``, ``used_for`` and ``bibtex``; ``str`` gives text, ``.bibtex`` a
-        `.bib` file. An unknown data set has only its name: cite it as its provider asks.
+        A tuple of references, each with ``key``, ``fields``, ``used_for`` and ``bibtex``; ``str``
+        gives text, ``.bibtex`` a `.bib` file. An unknown data set has only its name: cite it as its
+        provider asks.
 
     Raises
     ------
@@ -152,7 +170,9 @@ def citation(config: StudyConfig) -> Citations:
 
 
 def _names(uses: Iterable[str]) -> Iterator[str]:
-    """Keys in BibTeX; the key of a file is its stem, with a number if another reference has that key."""
+    """
+    Keys in BibTeX; the key of a file is its stem, with a number if another reference has that key.
+    """
     taken = set(_references())
     for key in uses:
         if key in _references():
@@ -191,9 +211,14 @@ def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
 
 
 def _data(source: str, what: str) -> Iterator[tuple[str, str]]:
-    """Owner of the data of a source: by name for a synthetic ocean, otherwise by the file's attributes."""
+    """
+    Owner of the data of a source: by name for a synthetic ocean, otherwise by the file's
+    attributes.
+    """
     if source.startswith("synthetic:"):
-        for key in _SYNTHETIC.get(source, "").split():  # an unknown name raises an error when it is opened
+        for key in _SYNTHETIC.get(
+            source, ""
+        ).split():  # an unknown name raises an error when it is opened
             yield key, f"{what}, water masses of {source}"
         return
     said = ""
@@ -237,7 +262,9 @@ def _condition(e: ConditionSection, solver: str) -> Iterator[tuple[str, str]]:
 
 @cache
 def _references() -> dict[str, dict[str, Any]]:
-    return tomllib.loads((files("pymantaray.apps.study") / "references.toml").read_text(encoding="utf-8"))
+    return tomllib.loads(
+        (files("pymantaray.apps.study") / "references.toml").read_text(encoding="utf-8")
+    )
 
 
 def _fields(key: str) -> Mapping[str, Any]:

@@ -31,19 +31,22 @@ def write_report(
     run_dir : str or pathlib.Path
         Folder of a run.
     formats : sequence of str
-        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables as ``tex``.
+        Additional formats for a paper: figures as ``png`` with 300 dpi, ``pdf`` and ``svg``, tables
+        as ``tex``.
     progress : callable, optional
         Called with ``"report"``, the number of finished parts and the total.
 
     Returns
     -------
     pathlib.Path
-        The page, ``index.html``. The same folder contains ``tables`` (CSV) and ``figures`` (PNG and the additional formats).
+        The page, ``index.html``. The same folder contains ``tables`` (CSV) and ``figures`` (PNG and
+        the additional formats).
 
     Raises
     ------
     MantaRayError
-        If the folder is not a run, a file of the run is damaged, or a file cannot be written. The folder does not change then.
+        If the folder is not a run, a file of the run is damaged, or a file cannot be written. The
+        folder does not change then.
     """
     maker = ReportMaker(formats=formats)
     run = open_run(run_dir)
@@ -53,7 +56,10 @@ def write_report(
 
 
 class ReportMaker:
-    """Maker of a run's report; `prepare` does the parts before it that do not depend on the realizations."""
+    """
+    Maker of a run's report; `prepare` does the parts before it that do not depend on the
+    realizations.
+    """
 
     def __init__(self, *, formats: Sequence[str]) -> None:
         self._formats = checked_formats(formats)
@@ -62,7 +68,10 @@ class ReportMaker:
         self._rays = ""
 
     def prepare(self, folder: Path) -> None:
-        """Draw figures and compute tables that do not depend on the realizations, of a run's working folder."""
+        """
+        Draw figures and compute tables that do not depend on the realizations, of a run's working
+        folder.
+        """
         results = RunResults(Run(folder))
         run = results.run
         run.expect_errors()
@@ -70,7 +79,9 @@ class ReportMaker:
         pictures = draw(run_figure_specs(results, of_mission=True), formats=self._formats)
         self._pictures = {picture.name: picture for picture in pictures}
         self._rays = mission_rays(results)
-        self._mission = {name: value for name, value in vars(run).items() if name not in _OF_FINISHED_RUN}
+        self._mission = {
+            name: value for name, value in vars(run).items() if name not in _OF_FINISHED_RUN
+        }
 
     def make(
         self, folder: Path, progress: Progress | None = None

@@ -19,7 +19,8 @@ if TYPE_CHECKING:
 
 class ReportProcess(Workers):
     """
-    Process that draws figures and computes numbers of a mission while its realizations are solved, and the rest of a report afterwards.
+    Process that draws figures and computes numbers of a mission while its realizations are solved,
+    and the rest of a report afterwards.
 
     It starts and ends with the block. It writes no files; the process of the study does.
     """
@@ -38,7 +39,10 @@ class ReportProcess(Workers):
         return (self._begun,)
 
     def write(self, run: "Run", progress: Progress | None = None) -> None:
-        """Write the report of the finished run, as `write_report` does; the run gets the tables of its summary."""
+        """
+        Write the report of the finished run, as `write_report` does; the run gets the tables of its
+        summary.
+        """
         if progress is not None:
             progress("report", 0, 1)
         self._begun.result()

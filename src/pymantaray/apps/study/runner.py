@@ -34,7 +34,8 @@ from pymantaray.records import Estimates, whole_file, write_netcdf
 
 LOG = logging.getLogger(__name__)
 _REALIZATIONS_PER_WORKER = 3
-# bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a range attempt
+# bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a
+# range attempt
 _POSE_BYTES = 160
 _GRAPH_BYTES = 4000
 _LINK_BYTES = 500
@@ -58,29 +59,32 @@ def run_study(
     config : StudyConfig
         From `load_study`.
     out : str or pathlib.Path, optional
-        A new or empty folder for the results. Default: a dated folder in ``runs``, to which ``runs/latest`` then points. A
-        study with a named folder that takes longer than half a minute saves finished parts in ``<out>.unfinished``; the same
-        call resumes after any interruption.
+        A new or empty folder for the results. Default: a dated folder in ``runs``, to which
+        ``runs/latest`` then points. A study with a named folder that takes longer than half a
+        minute saves finished parts in ``<out>.unfinished``; the same call resumes after any
+        interruption.
     workers : int, optional
-        Number of processes that solve realizations. Default: one per core, at most one for every three realizations.
-        Results do not depend on it.
+        Number of processes that solve realizations. Default: one per core, at most one for every
+        three realizations. Results do not depend on it.
     progress : callable, optional
         Called with the name of a stage, the number of its finished parts and the total.
     mission_ready : callable, optional
-        Called before realizations are solved, with the folder of all data that they do not change. The folder is moved to
-        its final place after the returned futures are done.
+        Called before realizations are solved, with the folder of all data that they do not change.
+        The folder is moved to its final place after the returned futures are done.
     mission : Mission, optional
         Mission of the configuration, if it has already been simulated.
 
     Returns
     -------
     Run
-        Results, read from ``out`` at their first use; `pymantaray.report.write_report` adds tables and figures.
+        Results, read from ``out`` at their first use; `pymantaray.report.write_report` adds tables
+        and figures.
 
     Raises
     ------
     MantaRayError
-        If the folder is not empty or in use, or the configuration cannot be run. Nothing is left on disk.
+        If the folder is not empty or in use, or the configuration cannot be run. Nothing is left on
+        disk.
 
     Examples
     --------
@@ -88,10 +92,14 @@ def run_study(
     >>> run = run_study(load_study("quick"))  # doctest: +SKIP
     """
     if not config.fleet.trajectories and "duration_h" not in config.mission.model_fields_set:
-        LOG.warning("mission.duration_h is not given: the mission lasts %g h", config.mission.duration_h)
+        LOG.warning(
+            "mission.duration_h is not given: the mission lasts %g h", config.mission.duration_h
+        )
     config = with_tracks(config)
     count = config.study.realizations if config.solves else 0
-    if workers is None:  # a process takes as long to start as a few short realizations take to solve
+    if (
+        workers is None
+    ):  # a process takes as long to start as a few short realizations take to solve
         workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
     workers = max(1, min(workers, count))
     refuse_too_large(config, workers)
@@ -142,7 +150,10 @@ def run_study(
 
 
 def _restore(kept: Checkpoint, config: StudyConfig, stage: Path) -> dict[str, str] | None:
-    """Copy the files of a mission that an earlier call saved to a stage; return the checksums of its input, or None without one."""
+    """
+    Copy the files of a mission that an earlier call saved to a stage; return the checksums of its
+    input, or None without one.
+    """
     if not kept.exists:
         return None
     inputs = checksums(config)
@@ -185,12 +196,15 @@ def _cpu_seconds(solved: Mapping[int, RealizationResult]) -> dict[str, list[floa
     """CPU time of every solve, by condition, in the order of the realizations. [s]"""
     ordered = [solved[number].solutions for number in sorted(solved)]
     return {
-        name: [round(one[name].seconds, 3) for one in ordered] for name in (ordered[0] if ordered else ())
+        name: [round(one[name].seconds, 3) for one in ordered]
+        for name in (ordered[0] if ordered else ())
     }
 
 
 def _from_batch(solved: Mapping[int, RealizationResult]) -> dict[str, list[float]]:
-    """Largest distance of each usable solve by GTSAM from that of the batch solver, by condition. [m]"""
+    """
+    Largest distance of each usable solve by GTSAM from that of the batch solver, by condition. [m]
+    """
     out: dict[str, list[float]] = {}
     for number in sorted(solved):
         for name, solution in solved[number].solutions.items():
@@ -209,7 +223,10 @@ def _write_results(run: Run, solved: Sequence[RealizationResult], folder: Path) 
 
 
 def refuse_too_large(config: StudyConfig, workers: int) -> None:
-    """Raise an error, before any work, if a study needs more memory than this machine has or takes weeks."""
+    """
+    Raise an error, before any work, if a study needs more memory than this machine has or takes
+    weeks.
+    """
     size_of = mission_size(config)
     n_vehicles = size_of.vehicles
     n_samples = size_of.samples
@@ -217,25 +234,29 @@ def refuse_too_large(config: StudyConfig, workers: int) -> None:
     n_solves = config.study.realizations * len(config.conditions)
     n_links = size_of.pings * (n_vehicles + len(config.landmarks))
     needed = (
-        n_vehicles * n_samples * (_POSE_BYTES * n_solves + _GRAPH_BYTES * workers) + _LINK_BYTES * n_links
+        n_vehicles * n_samples * (_POSE_BYTES * n_solves + _GRAPH_BYTES * workers)
+        + _LINK_BYTES * n_links
     ) / 2**30
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
     size = f"{config.study.name}: {n_vehicles} vehicles x"
     if needed > there:
         raise StudyError(
-            f"{size} {n_samples:.3g} samples x {n_solves:.3g} solves x {_POSE_BYTES} bytes, {_GRAPH_BYTES} bytes"
-            f" a pose in each of {workers} workers and {n_links:.3g} links x {_LINK_BYTES} bytes are {needed:.3g}"
-            f" GiB of memory; this machine has {there:.3g}"
+            f"{size} {n_samples:.3g} samples x {n_solves:.3g} solves x {_POSE_BYTES} bytes,"
+            f" {_GRAPH_BYTES} bytes a pose in each of {workers} workers and {n_links:.3g} links x"
+            f" {_LINK_BYTES} bytes are {needed:.3g} GiB of memory; this machine has {there:.3g}"
         )
     if n_vehicles * n_steps > _MAX_STEPS:
         raise StudyError(
-            f"{size} {n_steps:.3g} physics steps are more than {_MAX_STEPS:g}, which take a day; give a longer"
-            " physics_step_s"
+            f"{size} {n_steps:.3g} physics steps are more than {_MAX_STEPS:g}, which take a day;"
+            " give a longer physics_step_s"
         )
 
 
 def _refuse_missing_files(config: StudyConfig) -> None:
-    """Raise an error for missing files of conditions before the mission runs; files of the ocean are read first anyway."""
+    """
+    Raise an error for missing files of conditions before the mission runs; files of the ocean are
+    read first anyway.
+    """
     for condition in config.conditions:
         for file in condition.files:
             if not Path(file).exists():

@@ -78,16 +78,25 @@ class Run:
 
     def __repr__(self) -> str:
         """Folder of the run, or its study if it is in memory."""
-        return f"<Run {self.config.study.name} in memory>" if self.path == Path() else f"<Run {self.path}>"
+        return (
+            f"<Run {self.config.study.name} in memory>"
+            if self.path == Path()
+            else f"<Run {self.path}>"
+        )
 
     @cached_property
     def tables(self) -> RunTables:
-        """Tables of the run by name, as in the report and commands; each is computed at its first use."""
+        """
+        Tables of the run by name, as in the report and commands; each is computed at its first use.
+        """
         return RunTables(self)
 
     @property
     def plot(self) -> Any:
-        """Plots of the run, see `pymantaray.apps.study.plots.RunPlots`: ``run.plot.range_error()`` returns matplotlib axes."""
+        """
+        Plots of the run, see `pymantaray.apps.study.plots.RunPlots`: ``run.plot.range_error()``
+        returns matplotlib axes.
+        """
         from pymantaray.apps.study.plots import RunPlots
 
         return RunPlots(self)
@@ -98,7 +107,10 @@ class Run:
         return [self.tables[name].short() for name in SUMMARY if name in self.tables]
 
     def _repr_html_(self) -> str:
-        """HTML for a notebook: study, folder, range errors and, if there are estimates, position errors."""
+        """
+        HTML for a notebook: study, folder, range errors and, if there are estimates, position
+        errors.
+        """
         config = self.config
         facts = {
             "vehicles": self.truth.name.size,
@@ -107,7 +119,9 @@ class Run:
             "ocean": f"{self.ocean.attrs['title']}{', synthetic' if self.synthetic else ''}",
             "folder": self.path,
         }
-        return notebook_html(f"Run of {config.study.name}: {config.study.description}", facts, self.summary)
+        return notebook_html(
+            f"Run of {config.study.name}: {config.study.description}", facts, self.summary
+        )
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
@@ -159,7 +173,9 @@ class Run:
 
     @cached_property
     def ranging_truth(self) -> RangingTruth:
-        """True distance and travel times of every range attempt, in the same rows as the measurements."""
+        """
+        True distance and travel times of every range attempt, in the same rows as the measurements.
+        """
         return RangingTruth.load(self.path / RANGING_TRUTH)
 
     @cached_property
@@ -167,7 +183,8 @@ class Run:
         """
         Ranges of every realization, if each has its own ice; None if all have the same.
 
-        ``measurements``, ``ranging_truth``, ``arrivals``, ``hearing`` and ``ocean`` are then those of the first realization.
+        ``measurements``, ``ranging_truth``, ``arrivals``, ``hearing`` and ``ocean`` are then those
+        of the first realization.
         """
         if self.config.ocean.ice_draw != "each":
             return None
@@ -180,14 +197,19 @@ class Run:
 
     @cached_property
     def candidates(self) -> Candidates | None:
-        """Arrivals that each range attempt may mistake for its direct arrival; None if no receiver makes mistakes."""
+        """
+        Arrivals that each range attempt may mistake for its direct arrival; None if no receiver
+        makes mistakes.
+        """
         if self.config.ranging.mistaken == "none":
             return None
         return Candidates.load(self.path / CANDIDATES)
 
     @cached_property
     def estimates(self) -> Estimates:
-        """Estimated trajectories of all conditions and realizations, with the status of each solve."""
+        """
+        Estimated trajectories of all conditions and realizations, with the status of each solve.
+        """
         if not self.config.solves:
             return Estimates.without_conditions(self.measurements)
         return Estimates.load(self.path / ESTIMATES)
@@ -211,11 +233,16 @@ class Run:
 
     @cached_property
     def degrees_of_freedom(self) -> dict[str, DegreesOfFreedom]:
-        """Effective degrees of freedom of the squared errors of each condition, see `DegreesOfFreedom`."""
+        """
+        Effective degrees of freedom of the squared errors of each condition, see
+        `DegreesOfFreedom`.
+        """
         return self._by_measurements(DegreesOfFreedom)
 
     def expect_errors(self) -> None:
-        """Compute `bounds` and `degrees_of_freedom` for all tables; they do not depend on estimates."""
+        """
+        Compute `bounds` and `degrees_of_freedom` for all tables; they do not depend on estimates.
+        """
         if not self.config.solves:
             return
         _ = self.bounds
@@ -224,8 +251,12 @@ class Run:
             if self.measurements.attitude_vehicle.size:
                 _ = expected.tilt, expected.heading
 
-    def _by_measurements(self, function: Callable[[Trajectories, Measurements, str], _T]) -> dict[str, _T]:
-        """Results of a function by condition; conditions with the same kind of measurements share one."""
+    def _by_measurements(
+        self, function: Callable[[Trajectories, Measurements, str], _T]
+    ) -> dict[str, _T]:
+        """
+        Results of a function by condition; conditions with the same kind of measurements share one.
+        """
         equivalents = {c.name: c.standard_equivalent for c in self.config.conditions}
         is_solved = (self.path / ESTIMATES).is_file()
         made: dict[str, _T] = {}
@@ -245,7 +276,9 @@ class Run:
 
     @property
     def synthetic(self) -> bool:
-        """True if the ocean is synthetic: one of this package, or a file whose attributes say so."""
+        """
+        True if the ocean is synthetic: one of this package, or a file whose attributes say so.
+        """
         return bool(self.ocean.attrs["synthetic"])
 
     def noisy_measurements(self, realization: int) -> Measurements:
@@ -330,10 +363,12 @@ class Run:
         Returns
         -------
         pandas.DataFrame
-            ``time`` since the start and ``date`` (UTC, if the mission has one), ``transmitter``, ``receiver``, ``status``
-            (`RayStatus`); true ``distance``; ``straight_range`` and ``refracted_range`` as measured, ``range_sigma``; true
-            ``sound_speed`` at the transmitter, ``travel_time``, ``chord_travel_time``, ``near_cutoff``, ``departure_angle`` and
-            ``arrival_angle``, see `RangingTruth`. Units are in ``attrs["units"]``, by column.
+            ``time`` since the start and ``date`` (UTC, if the mission has one), ``transmitter``,
+            ``receiver``, ``status`` (`RayStatus`); true ``distance``; ``straight_range`` and
+            ``refracted_range`` as measured, ``range_sigma``; true ``sound_speed`` at the
+            transmitter, ``travel_time``, ``chord_travel_time``, ``near_cutoff``,
+            ``departure_angle`` and ``arrival_angle``, see `RangingTruth`. Units are in
+            ``attrs["units"]``, by column.
 
         Raises
         ------
@@ -344,19 +379,22 @@ class Run:
 
     def errors(self) -> pd.DataFrame:
         """
-        Return position errors of all estimates, without alignment, one row per condition, realization, vehicle and time.
+        Return position errors of all estimates, without alignment, one row per condition,
+        realization, vehicle and time.
 
         Returns
         -------
         pandas.DataFrame
-            ``condition``, ``realization``, ``vehicle``, ``time`` and ``date``; the difference estimate minus truth ``north``,
-            ``east``, ``down``, and its length ``error``; NaN for a failed solve. Units are in ``attrs["units"]``.
+            ``condition``, ``realization``, ``vehicle``, ``time`` and ``date``; the difference
+            estimate minus truth ``north``, ``east``, ``down``, and its length ``error``; NaN for a
+            failed solve. Units are in ``attrs["units"]``.
         """
         return error_frame(self)
 
     def trajectories(self, realization: int = 0) -> pd.DataFrame:
         """
-        Return poses of one realization, one row per condition, vehicle and time; condition ``truth`` has the true poses.
+        Return poses of one realization, one row per condition, vehicle and time; condition
+        ``truth`` has the true poses.
 
         Parameters
         ----------
@@ -366,9 +404,10 @@ class Run:
         Returns
         -------
         pandas.DataFrame
-            ``condition``, ``vehicle``, ``time`` and ``date``, ``latitude``, ``longitude``, ``north``, ``east``, ``down``; ``qw``,
-            ``qx``, ``qy``, ``qz`` rotate body axes (forward, right, down) to north, east, down; ``status`` (`VehicleStatus`).
-            Units are in ``attrs["units"]``.
+            ``condition``, ``vehicle``, ``time`` and ``date``, ``latitude``, ``longitude``,
+            ``north``, ``east``, ``down``; ``qw``, ``qx``, ``qy``, ``qz`` rotate body axes (forward,
+            right, down) to north, east, down; ``status`` (`VehicleStatus`). Units are in
+            ``attrs["units"]``.
 
         Raises
         ------
@@ -380,7 +419,8 @@ class Run:
 
     def mistaken(self, realization: int) -> NDArray[np.bool_]:
         """
-        Return the range attempts of one realization that mistook another arrival for the direct one.
+        Return the range attempts of one realization that mistook another arrival for the direct
+        one.
 
         Parameters
         ----------
@@ -471,14 +511,19 @@ def summarize(run: Run, estimates: Estimates | None) -> dict[str, Any]:
     """
     Count outcomes of links, vehicles and solves, for the manifest and for warnings.
 
-    ``links``: attempts by `RayStatus`; ``incomplete_searches``: links that may have more rays than were found; ``stopped_vehicles``: status and time by name; ``unhealthy_solves``:
-    condition, realization and `SolveStatus` of each solve that is not OK. With a detector,
-    ``expected_unheard``: mean number per realization of attempts whose arrival is not detected; if receivers make
-    mistakes, ``expected_mistaken``: mean number of attempts that mistake another arrival for the direct one.
+    ``links``: attempts by `RayStatus`; ``incomplete_searches``: links that may have more rays than
+    were found; ``stopped_vehicles``: status and time by name; ``unhealthy_solves``: condition,
+    realization and `SolveStatus` of each solve that is not OK. With a detector,
+    ``expected_unheard``: mean number per realization of attempts whose arrival is not detected; if
+    receivers make mistakes, ``expected_mistaken``: mean number of attempts that mistake another
+    arrival for the direct one.
     """
     status = run.measurements.range_status
     candidates = run.candidates
-    stopped = {name: {"status": stop.name, "time_s": time} for name, (stop, time) in run.truth.stops.items()}
+    stopped = {
+        name: {"status": stop.name, "time_s": time}
+        for name, (stop, time) in run.truth.stops.items()
+    }
     unhealthy = (
         []
         if estimates is None
@@ -495,7 +540,9 @@ def summarize(run: Run, estimates: Estimates | None) -> dict[str, Any]:
     if run.hearing is not None:
         probability = run.hearing.probability
         if candidates is not None:
-            probability = np.bincount(candidates.attempt, candidates.probability, minlength=status.size)
+            probability = np.bincount(
+                candidates.attempt, candidates.probability, minlength=status.size
+            )
         chance["expected_unheard"] = float(np.sum(1.0 - probability[np.isin(status, ARRIVES)]))
     if candidates is not None:
         chance["expected_mistaken"] = candidates.expected_mistaken

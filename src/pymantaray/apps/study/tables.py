@@ -1,4 +1,7 @@
-"""Definitions of the tables of a run, in the order of the page. Terminal, notebooks, `run.tables`, report and sweeps use them."""
+"""
+Definitions of the tables of a run, in the order of the page. Terminal, notebooks, `run.tables`,
+report and sweeps use them.
+"""
 
 import json
 from collections.abc import Callable, Iterator, Mapping
@@ -42,7 +45,10 @@ OF_MISSION = ("bound",)
 
 @dataclass(frozen=True)
 class TableDefinition:
-    """Table of every run that has its data; column names end with their units, ``_m``, ``_s``, ``_h``, ``_deg``."""
+    """
+    Table of every run that has its data; column names end with their units, ``_m``, ``_s``, ``_h``,
+    ``_deg``.
+    """
 
     caption: str
     make: "Callable[[Run], pd.DataFrame]"
@@ -105,7 +111,9 @@ class RunTables(Mapping[str, ResultTable]):
 
 
 def solve_table(estimates: Estimates) -> pd.DataFrame:
-    """Status, iterations and costs of every solve; ``expected_cost`` is half the degrees of freedom."""
+    """
+    Status, iterations and costs of every solve; ``expected_cost`` is half the degrees of freedom.
+    """
     e = estimates
     c, r = (index.ravel() for index in np.indices(e.solve_status.shape))
     columns = {
@@ -113,12 +121,22 @@ def solve_table(estimates: Estimates) -> pd.DataFrame:
         "realization": e.realization[r],
         "status": [SolveStatus(int(status)).name for status in e.solve_status.ravel()],
     }
-    numbers = ["iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm", "gated_links"]
+    numbers = [
+        "iterations",
+        "initial_cost",
+        "final_cost",
+        "expected_cost",
+        "gradient_norm",
+        "gated_links",
+    ]
     return pd.DataFrame(columns | {name: np.asarray(getattr(e, name)).ravel() for name in numbers})
 
 
 def cost_table(run: "Run") -> pd.DataFrame:
-    """Settings of each condition, its seed, the CPU time of its solves, and the distance of GTSAM from the batch solver."""
+    """
+    Settings of each condition, its seed, the CPU time of its solves, and the distance of GTSAM from
+    the batch solver.
+    """
     own = [c for c in run.config.conditions if not c.standard]
     apart = run.manifest.get("from_batch_m", {})
     sections = {c.name: c.model_dump(mode="json", exclude_defaults=True) for c in own}
@@ -203,7 +221,9 @@ def _ranging_draws(run: "Run") -> pd.DataFrame:
         m = run.ranging_draws.measurements(run.measurements, run.ranging_truth, realization)
         lost = dropout_table(m, run.truth).iloc[-1]
         error = range_error_table(m, truth, run.truth).iloc[-1]
-        rows.append({"realization": realization, **lost.drop("category"), **error.drop(["category", "n"])})
+        rows.append(
+            {"realization": realization, **lost.drop("category"), **error.drop(["category", "n"])}
+        )
     return pd.DataFrame(rows)
 
 
@@ -223,8 +243,9 @@ TABLES: dict[str, TableDefinition] = {
         brief=f"condition vehicle {_BRIEF_ERRORS}",
     ),
     "ping_error": TableDefinition(
-        "Position error of vehicles under water at the pings, distance from the estimate with straight ranges, and bound of"
-        " the RMSE of unbiased estimators, an expectation over the noise",
+        "Position error of vehicles under water at the pings, distance from the estimate with"
+        " straight ranges, and bound of the RMSE of unbiased estimators, an expectation over the"
+        " noise",
         lambda run: ping_error_table(
             run.truth, run.estimates, run.measurements, run.bounds, run.degrees_of_freedom
         ),
@@ -235,17 +256,18 @@ TABLES: dict[str, TableDefinition] = {
         "Difference of position error between conditions, 95 % intervals over realizations",
         lambda run: comparison_table(run.truth, run.estimates, root_seed=run.config.study.seed),
         _solves,
-        columns="condition baseline statistic realizations pooled_difference_m bootstrap_low_m bootstrap_high_m",
+        columns="condition baseline statistic realizations pooled_difference_m bootstrap_low_m"
+        " bootstrap_high_m",
     ),
     "consistency": TableDefinition(
-        "Consistency: sums over realizations of NEES and of range innovations by their degrees of freedom,"
-        " and at how many epochs they are inside their 95 % bounds",
+        "Consistency: sums over realizations of NEES and of range innovations by their degrees of"
+        " freedom, and at how many epochs they are inside their 95 % bounds",
         lambda run: consistency_summary(run.tables["consistency_per_epoch"].frame),
         _has_covariances,
     ),
     "unknowns": TableDefinition(
-        "Sound-speed modes and clocks: prior and posterior standard deviation, fraction of the prior variance that the"
-        " measurements remove, and errors",
+        "Sound-speed modes and clocks: prior and posterior standard deviation, fraction of the"
+        " prior variance that the measurements remove, and errors",
         lambda run: unknowns_table(_unknowns(run)),
         _has_unknowns,
     ),
@@ -262,8 +284,8 @@ TABLES: dict[str, TableDefinition] = {
         paper="Table IV",
     ),
     "ranging_draws": TableDefinition(
-        "Dropouts and range errors of each realization, which has its own draw of rough ice. All other tables and figures of ranges are"
-        " those of realization 0",
+        "Dropouts and range errors of each realization, which has its own draw of rough ice. All"
+        " other tables and figures of ranges are those of realization 0",
         lambda run: _ranging_draws(run),
         lambda run: run.ranging_draws is not None,
         columns="realization attempts dropouts percent mean_m sd_m",
@@ -272,7 +294,8 @@ TABLES: dict[str, TableDefinition] = {
     "range_error": TableDefinition(
         "Signed range error, refracted minus straight, by kind of link",
         lambda run: range_error_table(run.measurements, run.ranging_truth, run.truth),
-        columns="category n mean_m sd_m skewness excess_kurtosis p1_m p5_m p95_m p99_m min_m max_m percent_beyond_3_sigma",
+        columns="category n mean_m sd_m skewness excess_kurtosis p1_m p5_m p95_m p99_m min_m max_m"
+        " percent_beyond_3_sigma",
         brief="category n mean_m sd_m p1_m p99_m",
     ),
     "range_error_split": TableDefinition(
@@ -281,10 +304,16 @@ TABLES: dict[str, TableDefinition] = {
     ),
     "region": TableDefinition("Region", _region, by_row=True, paper="Table I"),
     "timing": TableDefinition(
-        "Mission timing", lambda run: settings_table(run.config, TIMING), by_row=True, paper="Table II"
+        "Mission timing",
+        lambda run: settings_table(run.config, TIMING),
+        by_row=True,
+        paper="Table II",
     ),
     "noise": TableDefinition(
-        "Sensor noise", lambda run: settings_table(run.config, NOISE), by_row=True, paper="Table III"
+        "Sensor noise",
+        lambda run: settings_table(run.config, NOISE),
+        by_row=True,
+        paper="Table III",
     ),
     "ate_per_realization": TableDefinition(
         "Position error by condition and realization",
@@ -316,21 +345,23 @@ TABLES: dict[str, TableDefinition] = {
         folded=True,
     ),
     "bound": TableDefinition(
-        "Bound of the position error of unbiased estimators at each ping, without and with ranges, and directions that the ranges of"
-        " the ping alone do not observe",
+        "Bound of the position error of unbiased estimators at each ping, without and with ranges,"
+        " and directions that the ranges of the ping alone do not observe",
         lambda run: bound_table(run.truth, run.measurements),
         _solves,
         folded=True,
     ),
     "costs": TableDefinition(
-        "Settings and seed of each condition, and CPU time of its solves; mantaray study run config.toml repeats them",
+        "Settings and seed of each condition, and CPU time of its solves; mantaray study run"
+        " config.toml repeats them",
         cost_table,
         lambda run: run.config.solves and "solve_cpu_seconds" in run.manifest,
         folded=True,
     ),
     "influence": TableDefinition(
-        "Measurements of realization 0 with the largest whitened residual, leverage or Cook's distance, by condition; a large"
-        " distance means that the estimate depends on this measurement",
+        "Measurements of realization 0 with the largest whitened residual, leverage or Cook's"
+        " distance, by condition; a large distance means that the estimate depends on this"
+        " measurement",
         influence_table,
         _has_range_graphs,
         folded=True,

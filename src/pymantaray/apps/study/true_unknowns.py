@@ -16,14 +16,16 @@ def true_amplitudes(
     model: AdjustableEigenrays, true: xr.Dataset, believed: xr.Dataset, fleet: Trajectories
 ) -> dict[str, float]:
     """
-    Amplitudes of modes that best fit the error of the assumed ocean, by the names of `Unknowns`. [m/s]
+    Amplitudes of modes that best fit the error of the assumed ocean, by the names of `Unknowns`.
+    [m/s]
 
-    The fit has the least mean square over the water column of the error averaged over the vehicles' mean positions. An error
-    that varies horizontally has no single true amplitude.
+    The fit has the least mean square over the water column of the error averaged over the vehicles'
+    mean positions. An error that varies horizontally has no single true amplitude.
     """
     place = fleet.position.mean(axis=1)
     at = [
-        np.abs(true[x].values[:, None] - place[:, k]).argmin(axis=0) for k, x in enumerate(("north", "east"))
+        np.abs(true[x].values[:, None] - place[:, k]).argmin(axis=0)
+        for k, x in enumerate(("north", "east"))
     ]
     true_column, believed_column = (
         o["sound_speed"].transpose("north", "east", "depth").values[at[0], at[1]].mean(axis=0)
@@ -36,7 +38,10 @@ def true_amplitudes(
 
 
 def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict[str, float]:
-    """Offsets [s] and skews of one realization's clocks by the names of `Unknowns`; zero for exact clocks."""
+    """
+    Offsets [s] and skews of one realization's clocks by the names of `Unknowns`; zero for exact
+    clocks.
+    """
     model = config.noise.clocks
     offset = skew = np.zeros(len(names))
     if model is not None:
@@ -51,7 +56,8 @@ def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict
 
 
 def collect_unknowns(
-    solutions: Sequence[Mapping[str, GraphSolution]], truths: Sequence[Mapping[str, Mapping[str, float]]]
+    solutions: Sequence[Mapping[str, GraphSolution]],
+    truths: Sequence[Mapping[str, Mapping[str, float]]],
 ) -> SharedUnknowns | None:
     """Record of the unknowns of all realizations with their true values; None if there are none."""
     by_condition: dict[str, list[UnknownsEstimate | None]] = {}

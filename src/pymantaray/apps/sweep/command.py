@@ -7,7 +7,15 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pymantaray.cli.groups import with_options
-from pymantaray.cli.options import Commands, Json, PrintOptions, ProcessOptions, RunGroup, Set, changes_of
+from pymantaray.cli.options import (
+    Commands,
+    Json,
+    PrintOptions,
+    ProcessOptions,
+    RunGroup,
+    Set,
+    changes_of,
+)
 from pymantaray.cli.output import check_output, counted_progress, duration
 from pymantaray.cli.printing import LOG, Printer, printer
 
@@ -29,7 +37,8 @@ Place = Annotated[str, typer.Argument(metavar="FOLDER", help="Folder or URL of a
 def show(
     file: SweepFile,
     out: Annotated[
-        str | None, typer.Option("--out", help="Folder or URL of results; finished points are not counted.")
+        str | None,
+        typer.Option("--out", help="Folder or URL of results; finished points are not counted."),
     ] = None,
     measure: Annotated[
         bool, typer.Option("--measure", help="Run the first point to estimate the time.")
@@ -69,7 +78,9 @@ def show(
             cost = cost_of(open_sweep(out).contents) if done else None
         if measure:
             cost = measured_cost(sweep)
-        _print_estimate(printed, plan, points, estimate(plan, points, cost or known_cost(sweep)), workers)
+        _print_estimate(
+            printed, plan, points, estimate(plan, points, cost or known_cost(sweep)), workers
+        )
 
 
 def _print_estimate(
@@ -84,7 +95,8 @@ def _print_estimate(
     alone = what.unshared_seconds / workers
     many = f"{workers} worker{'' if workers == 1 else 's'}"
     out.line(
-        f"time: about {duration(shared)} on {many}, {duration(alone)} without shared stages; estimated from {what.origin}",
+        f"time: about {duration(shared)} on {many}, {duration(alone)} without shared stages;"
+        f" estimated from {what.origin}",
         workers=workers,
         time_s=shared,
         unshared_time_s=alone,
@@ -92,8 +104,8 @@ def _print_estimate(
     )
     size = "" if what.stage_bytes is None else f", {what.stage_bytes / 1e6:.3g} MB for one of each"
     out.line(
-        f"disk space: {len(points)} files of results, {what.point_bytes / 1e6:.3g} MB; temporarily at most {len(plan.shared)}"
-        f" oceans, fleets and rays{size}",
+        f"disk space: {len(points)} files of results, {what.point_bytes / 1e6:.3g} MB; temporarily"
+        f" at most {len(plan.shared)} oceans, fleets and rays{size}",
         results_bytes=what.point_bytes,
         shared_bytes=what.stage_bytes,
         shared_files=len(plan.shared),
@@ -104,18 +116,24 @@ def _print_estimate(
 class PointOptions:
     """Points to compute, and stages and folders to keep."""
 
-    studies: Annotated[bool, typer.Option("--studies", help="Keep the run folder of each point.")] = False
+    studies: Annotated[
+        bool, typer.Option("--studies", help="Keep the run folder of each point.")
+    ] = False
     keep_stages: Annotated[
         bool, typer.Option("--keep-stages", help="Keep oceans, fleets and rays for later sweeps.")
     ] = False
-    retry_failed: Annotated[bool, typer.Option("--retry-failed", help="Compute failed points again.")] = False
+    retry_failed: Annotated[
+        bool, typer.Option("--retry-failed", help="Compute failed points again.")
+    ] = False
 
 
 @app.command()
 @with_options
 def run(
     file: SweepFile,
-    out: Annotated[str, typer.Option(help="Folder or URL of the results. Finished points are skipped.")],
+    out: Annotated[
+        str, typer.Option(help="Folder or URL of the results. Finished points are skipped.")
+    ],
     points: PointOptions,
     processes: ProcessOptions,
     printing: PrintOptions,
@@ -125,7 +143,9 @@ def run(
     from pymantaray.apps.sweep import load_sweep
 
     sweep = load_sweep(file, **changes_of(changes))
-    from pymantaray.apps.sweep import run_sweep  # the import takes seconds, so the file is read first
+    from pymantaray.apps.sweep import (
+        run_sweep,
+    )  # the import takes seconds, so the file is read first
 
     with counted_progress("points", quiet=printing.quiet) as progress:
         results = run_sweep(
@@ -161,9 +181,13 @@ def collect(
     folder: Place,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="Table to write, .csv or .nc. Default: both, and a page, in FOLDER."),
+        typer.Option(
+            "--out", help="Table to write, .csv or .nc. Default: both, and a page, in FOLDER."
+        ),
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")] = False,
+    force: Annotated[
+        bool, typer.Option("--force", help="Overwrite the output if it exists.")
+    ] = False,
 ) -> None:
     """Write one table of all points as CSV and NetCDF, and an interactive page."""
     from pymantaray.apps.sweep import open_sweep
@@ -194,7 +218,8 @@ def collect(
 
 def _print_status(out: Printer, place: str, status: "Status") -> None:
     out.line(
-        f"{place}: {status.done} done, {status.failed} failed, {status.open} open of {status.points} points",
+        f"{place}: {status.done} done, {status.failed} failed, {status.open} open of"
+        f" {status.points} points",
         done=status.done,
         failed=status.failed,
         open=status.open,

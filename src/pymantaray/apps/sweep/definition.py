@@ -89,10 +89,14 @@ _COLUMNS = frozenset(
 """Columns of a sweep's table in addition to the swept fields."""
 _NAME = re.compile(r"[^\W\d_][\w .-]*(?<! )")
 KEYS = {
-    "base": "A preset, a study file relative to this one, or a whole study as tables ``[base.study]`` and so on.",
-    "folder": "Folder for relative names of files among the values. Default: the folder of this file.",
-    "cross": "Table of lists of values by field of a study, ``fleet.count`` or ``fleet.spacing``; all combinations are points.",
-    "zip": "Tables ``[[zip]]`` of lists of equal length, whose values change together; ``name`` and ``labels`` are for tables.",
+    "base": "A preset, a study file relative to this one, or a whole study as tables"
+    " ``[base.study]`` and so on.",
+    "folder": "Folder for relative names of files among the values. Default: the folder of this"
+    " file.",
+    "cross": "Table of lists of values by field of a study, ``fleet.count`` or ``fleet.spacing``;"
+    " all combinations are points.",
+    "zip": "Tables ``[[zip]]`` of lists of equal length, whose values change together; ``name``"
+    " and ``labels`` are for tables.",
     "seeds": "Seeds of studies, crossed with all other fields.",
 }
 """Keys of a sweep file and their meaning."""
@@ -126,12 +130,14 @@ class Sweep:
     base : StudyConfig, str or pathlib.Path
         Study, preset or study file that all points change.
     cross : mapping of str to sequence, optional
-        Values by field, such as ``{"noise.range_sigma": [0.5, 1.0]}``, in all combinations. A field may be a whole section,
-        or part of an entry of a list by its number or name (``fleet.vehicles.B.target_depth``). Two more fields are
-        ``fleet.count``, the number of vehicles taken from the start of the list, and ``fleet.spacing``, a factor on the
-        distances of vehicles from the centre of the frame. ``None`` or ``"none"`` removes a section.
+        Values by field, such as ``{"noise.range_sigma": [0.5, 1.0]}``, in all combinations. A field
+        may be a whole section, or part of an entry of a list by its number or name
+        (``fleet.vehicles.B.target_depth``). Two more fields are ``fleet.count``, the number of
+        vehicles taken from the start of the list, and ``fleet.spacing``, a factor on the distances
+        of vehicles from the centre of the frame. ``None`` or ``"none"`` removes a section.
     zipped : sequence of mapping, optional
-        Each mapping has the values of fields that change together, and a ``name`` and ``labels`` for tables.
+        Each mapping has the values of fields that change together, and a ``name`` and ``labels``
+        for tables.
     seeds : sequence of int, optional
         Seeds of studies, crossed with all other fields.
     folder : str or pathlib.Path
@@ -164,7 +170,9 @@ class Sweep:
         self.name = config.study.name
         self._base: Tree = with_conditions(config.model_dump(exclude_none=True, exclude_unset=True))
         self._folder = Path(os.path.realpath(folder))
-        axes = [Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()]
+        axes = [
+            Axis(name, {name: _list(name, values)}) for name, values in _flat(cross or {}).items()
+        ]
         axes += [_zip(table, number) for number, table in enumerate(zipped, start=1)]
         if len(seeds):
             axes.append(Axis(SEED, {SEED: _list("seeds", seeds)}))
@@ -174,7 +182,9 @@ class Sweep:
                 f"sweep: {taken[0]} is the name of another column of its tables; give another name"
             )
         if twice := sorted(name for name, count in Counter(names).items() if count > 1):
-            raise SweepError(f"sweep: {', '.join(twice)} is given more than once; remove all but one")
+            raise SweepError(
+                f"sweep: {', '.join(twice)} is given more than once; remove all but one"
+            )
         if len(axes) > _MAX_AXES:
             raise SweepError(
                 f"sweep: {len(axes):,} fields or lists of them; at most {_MAX_AXES} can be crossed"
@@ -247,9 +257,16 @@ class Sweep:
         return parse_study(self._base, self.name, self._folder)
 
     def to_toml(self) -> str:
-        """Sweep file with the base; each crossed field is a zip of its own, so that axes keep their order."""
+        """
+        Sweep file with the base; each crossed field is a zip of its own, so that axes keep their
+        order.
+        """
         tables = [
-            {"name": axis.name, **({} if axis.labels is None else {"labels": axis.labels}), **axis.values}
+            {
+                "name": axis.name,
+                **({} if axis.labels is None else {"labels": axis.labels}),
+                **axis.values,
+            }
             for axis in self.axes
         ]
         return tomli_w.dumps({"folder": str(self._folder), "base": self._base, "zip": tables})
@@ -262,7 +279,8 @@ def load_sweep(file: str | Path, **changes: Any) -> Sweep:
     Parameters
     ----------
     file : str or pathlib.Path
-        TOML: ``base``, a preset or a study file; tables ``[cross]`` and ``[[zip]]``; ``seeds``. See `Sweep`.
+        TOML: ``base``, a preset or a study file; tables ``[cross]`` and ``[[zip]]``; ``seeds``. See
+        `Sweep`.
     **changes
         Values of the base by dotted key, as for `pymantaray.load_study`.
 
@@ -282,8 +300,13 @@ def load_sweep(file: str | Path, **changes: Any) -> Sweep:
     return parse_sweep(text, str(path), path.parent, changes)
 
 
-def parse_sweep(text: str, label: str, folder: Path, changes: Mapping[str, Any] | None = None) -> Sweep:
-    """Sweep from a file's text, with changes of the base; names of files in the text are relative to a folder."""
+def parse_sweep(
+    text: str, label: str, folder: Path, changes: Mapping[str, Any] | None = None
+) -> Sweep:
+    """
+    Sweep from a file's text, with changes of the base; names of files in the text are relative to a
+    folder.
+    """
     tree = parse_toml(text, label, SweepError)
     if unknown := set(tree) - set(KEYS):
         raise SweepError(f"{label}: {min(unknown)}: unknown key; allowed: {', '.join(KEYS)}")
@@ -304,7 +327,8 @@ def parse_sweep(text: str, label: str, folder: Path, changes: Mapping[str, Any] 
             raise SweepError(f"{label}: {key}: must be {what}")
     if isinstance(base, str) and base not in preset_names():
         raise SweepError(
-            f"{label}: base: found {base!r}; allowed: a file that ends in {' or '.join(STUDY_FILES)}, {', '.join(preset_names())}"
+            f"{label}: base: found {base!r}; allowed: a file that ends in"
+            f" {' or '.join(STUDY_FILES)}, {', '.join(preset_names())}"
         )
     if changes:
         base = (base if isinstance(base, StudyConfig) else load_study(base)).with_(**changes)
@@ -318,14 +342,20 @@ def _flat(table: Mapping[str, Any], before: str = "") -> dict[str, Any]:
     """Values by dotted field; in the file, a dotted field is a quoted key or nested tables."""
     out: dict[str, Any] = {}
     for name, value in table.items():
-        out |= _flat(value, f"{before}{name}.") if isinstance(value, Mapping) else {before + name: value}
+        out |= (
+            _flat(value, f"{before}{name}.")
+            if isinstance(value, Mapping)
+            else {before + name: value}
+        )
     return out
 
 
 def _list(field: str, values: Any) -> list[Any]:
     values = values.tolist() if hasattr(values, "tolist") else values
     if isinstance(values, (str, bytes)) or not isinstance(values, Sequence) or not len(values):
-        raise SweepError(f"sweep: {field}: found {_word(values)}; it must be a list of at least one value")
+        raise SweepError(
+            f"sweep: {field}: found {_word(values)}; it must be a list of at least one value"
+        )
     return [NONE if value is None or value == {} else value for value in map(_plain, values)]
 
 
@@ -340,21 +370,27 @@ def _zip(table: Mapping[str, Any], number: int) -> Axis:
     labels = rest.pop("labels", None)
     if name is not None and not (isinstance(name, str) and _NAME.fullmatch(name)):
         raise SweepError(
-            f"sweep: zip {number}: name is {name!r}; it must begin with a letter and contain only letters, digits, blanks,"
-            " . _ and -"
+            f"sweep: zip {number}: name is {name!r}; it must begin with a letter and contain only"
+            " letters, digits, blanks, . _ and -"
         )
     values = {field: _list(field, v) for field, v in _flat(rest).items()}
     if not values or (labels is not None and name is None):
         raise SweepError(
-            f"sweep: zip {number}: fields, or the name of labels, are missing; give fields with values, and a name with labels"
+            f"sweep: zip {number}: fields, or the name of labels, are missing; give fields with"
+            " values, and a name with labels"
         )
     lists = {**values, **({} if labels is None else {"labels": _list("labels", labels)})}
     if len({len(v) for v in lists.values()}) > 1:
         sizes = ", ".join(f"{field} {len(v)}" for field, v in lists.items())
         raise SweepError(
-            f"sweep: zip {number}: lists have different lengths, {sizes}; give lists of equal length"
+            f"sweep: zip {number}: lists have different lengths, {sizes}; give lists of equal"
+            " length"
         )
-    return Axis(str(name or next(iter(values))), values, None if labels is None else [str(x) for x in labels])
+    return Axis(
+        str(name or next(iter(values))),
+        values,
+        None if labels is None else [str(x) for x in labels],
+    )
 
 
 def _word(value: Any) -> Any:
@@ -370,7 +406,8 @@ def _with(tree: Tree, field: str, value: Any) -> Tree:
     if field == COUNT:
         if not isinstance(value, int) or not 1 <= value <= len(vehicles):
             raise SweepError(
-                f"{COUNT} is {value}; it must be from 1 to {len(vehicles)}, the vehicles of the base"
+                f"{COUNT} is {value}; it must be from 1 to {len(vehicles)}, the vehicles of the"
+                " base"
             )
         field = "fleet.vehicles"
         value = vehicles[:value]
@@ -385,5 +422,7 @@ def _with(tree: Tree, field: str, value: Any) -> Tree:
 def _spread(vehicle: Tree, factor: float) -> Tree:
     out = {**vehicle, "north": factor * vehicle["north"], "east": factor * vehicle["east"]}
     if "points" in out:
-        out["points"] = [[factor * north, factor * east, depth] for north, east, depth in out["points"]]
+        out["points"] = [
+            [factor * north, factor * east, depth] for north, east, depth in out["points"]
+        ]
     return out

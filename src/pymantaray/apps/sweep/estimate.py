@@ -1,4 +1,7 @@
-"""Estimate of time and disk space of a sweep before it runs, from finished points or from known costs of studies."""
+"""
+Estimate of time and disk space of a sweep before it runs, from finished points or from known costs
+of studies.
+"""
 
 import tempfile
 from collections.abc import Collection, Mapping, Sequence
@@ -16,7 +19,10 @@ from pymantaray.errors import SweepError
 _OCEAN_SECONDS = 1.2
 _MEDIUM_SECONDS = 0.2
 _SECONDS_PER_STEP, _SECONDS_PER_LINK, _SECONDS_PER_POSE = 4e-8, 1e-4, 2e-5
-"""CPU time per physics step of a vehicle, per link and per pose in one solve, measured on `quick` with one thread. [s]"""
+"""
+CPU time per physics step of a vehicle, per link and per pose in one solve, measured on `quick` with
+one thread. [s]
+"""
 _POINT_BYTES = 4096  # one block of most file systems, enough for three conditions
 _SAMPLE = 100  # points whose size is read
 
@@ -96,6 +102,8 @@ def measured_cost(sweep: Sweep) -> Cost:
         results = open_sweep(Path(folder, "measured"))
         cost = cost_of(results.contents)
         if cost is None:
-            raise SweepError(f"the first point fails: {next(iter(results.status().failures), 'no line')}")
+            raise SweepError(
+                f"the first point fails: {next(iter(results.status().failures), 'no line')}"
+            )
         stages = sum(file.stat().st_size for file in Path(folder, "measured", "stages").iterdir())
     return Cost(cost.seconds, stages, "the first point on this machine")

@@ -58,7 +58,9 @@ def _matching(field: str) -> list[str]:
 
 
 def stage_config(config: StudyConfig, stage: str) -> StudyConfig:
-    """Configuration with only the fields that a stage reads, so its result cannot depend on others."""
+    """
+    Configuration with only the fields that a stage reads, so its result cannot depend on others.
+    """
     fields = stage_fields(stage, config)
     narrow = config.model_copy()
     for name in type(config).model_fields:
@@ -77,18 +79,25 @@ def task_keys(
     config: StudyConfig, checksums: Mapping[str, str], latest: LatestKeys | None = None
 ) -> dict[str, str]:
     """
-    Keys of a study's stages and of its point, from its configuration and the checksums of its input files.
+    Keys of a study's stages and of its point, from its configuration and the checksums of its input
+    files.
 
-    Keys of stages in ``latest`` that were computed from the same objects are used again; the others replace them.
+    Keys of stages in ``latest`` that were computed from the same objects are used again; the others
+    replace them.
     """
     tree = config.model_dump(mode="json")
     out = dict[str, str]()
     latest = {} if latest is None else latest
     for stage in STAGES:
         fields = stage_fields(stage, config)
-        read = [getattr(config, name) for name in {field.partition(".")[0]: None for field in fields}]
+        read = [
+            getattr(config, name) for name in {field.partition(".")[0]: None for field in fields}
+        ]
         if stage not in latest or [*map(id, read)] != [*map(id, latest[stage][0])]:
-            latest[stage] = read, digest(stage, {field: _pick(tree, field) for field in fields}, checksums)
+            latest[stage] = (
+                read,
+                digest(stage, {field: _pick(tree, field) for field in fields}, checksums),
+            )
         out[stage] = latest[stage][1]
     tree["study"] = {key: value for key, value in tree["study"].items() if key not in _TITLES}
     out[POINT] = digest(POINT, tree, checksums)

@@ -13,7 +13,9 @@ from pymantaray.pages.table_explorer import table_explorer
 _NO_RESULTS = ("point", "status", "error", "condition", "key")
 
 
-def write_sweep_page(table: pd.DataFrame, fields: Sequence[str], folder: str | Path, *, title: str) -> Path:
+def write_sweep_page(
+    table: pd.DataFrame, fields: Sequence[str], folder: str | Path, *, title: str
+) -> Path:
     """
     Write the page of a sweep into a folder.
 
@@ -58,7 +60,10 @@ def write_sweep_page(table: pd.DataFrame, fields: Sequence[str], folder: str | P
     page = Page(
         title=f"Sweep over {title}",
         facts=[
-            f"{len(states.index) and int(states.sum())} points: {', '.join(f'{n} {state}' for state, n in states.items())}"
+            (
+                f"{len(states.index) and int(states.sum())} points:"
+                f" {', '.join(f'{n} {state}' for state, n in states.items())}"
+            )
         ],
         notes=[f"{count} failed: {line}" for line, count in failures.items()],
         explorer=explorer,

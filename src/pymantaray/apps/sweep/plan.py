@@ -42,7 +42,9 @@ class SweepPlan:
             try:
                 config = sweep.point(number)
                 _add_checksums(checksums, config)
-                self.keys.append(task_keys(config, {file: checksums[file] for file in config.files}, latest))
+                self.keys.append(
+                    task_keys(config, {file: checksums[file] for file in config.files}, latest)
+                )
             except StudyError as error:
                 bad.append(str(error).partition("\n")[0])
         if bad:
@@ -78,7 +80,10 @@ def _add_checksums(checksums: dict[str, str], config: StudyConfig) -> None:
 
 
 def plan_content(plan: SweepPlan, toml: str) -> bytes:
-    """Content of the file of a plan's keys, with which progress is counted without making the plan again."""
+    """
+    Content of the file of a plan's keys, with which progress is counted without making the plan
+    again.
+    """
     content = {
         "sweep": hashlib.sha256(toml.encode()).hexdigest(),
         "version": code_version(),
@@ -118,7 +123,9 @@ class SweepQueue(Queue):
     After a stage, the tasks that need it are issued before the next stage.
     """
 
-    def __init__(self, plan: SweepPlan, open_points: set[str], *, keep_stages: bool, studies: bool) -> None:
+    def __init__(
+        self, plan: SweepPlan, open_points: set[str], *, keep_stages: bool, studies: bool
+    ) -> None:
         self._plan = plan
         self._studies = studies
         self.keeps_stages = keep_stages

@@ -53,7 +53,8 @@ def read_points(
     """
     Key, status (`DONE` or `FAILED`) and content of those points that have a result.
 
-    A damaged file, or one of another point, is not a result: a warning names it, and with ``discard`` it is removed.
+    A damaged file, or one of another point, is not a result: a warning names it, and with
+    ``discard`` it is removed.
     """
     there = store.names("points")
     known = list(known)
@@ -68,7 +69,9 @@ def read_points(
             except ValidationError:
                 tree = {"key": None}
             if tree.get("key", key) != key:
-                remedy = "removed and computed again" if discard else "run the sweep again to replace it"
+                remedy = (
+                    "removed and computed again" if discard else "run the sweep again to replace it"
+                )
                 _LOG.warning("%s/%s: damaged or of another point; %s", store.url, name, remedy)
                 if discard:
                     store.remove(name)
@@ -77,7 +80,9 @@ def read_points(
                 yield key, status, tree
 
 
-def finished(store: Store, known: Iterable[str], *, discard: bool = False) -> tuple[set[str], set[str]]:
+def finished(
+    store: Store, known: Iterable[str], *, discard: bool = False
+) -> tuple[set[str], set[str]]:
     """Keys of finished points and of failed points among some known keys, as in `read_points`."""
     keys: dict[str, set[str]] = {DONE: set(), FAILED: set()}
     for key, status, _ in read_points(store, known, discard=discard):

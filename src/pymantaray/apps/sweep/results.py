@@ -75,9 +75,16 @@ class SweepResults:
     def _repr_html_(self) -> str:
         """HTML for a notebook: numbers of finished, failed and unfinished points, and the table."""
         status = self.status()
-        counts = {DONE: status.done, FAILED: status.failed, OPEN: status.open, "points": status.points}
+        counts = {
+            DONE: status.done,
+            FAILED: status.failed,
+            OPEN: status.open,
+            "points": status.points,
+        }
         fields = [name for axis in self.sweep.axes for name in axis.coordinates()]
-        return notebook_html(f"Sweep {self.sweep.name}", counts, [point_table(self.table(), fields)])
+        return notebook_html(
+            f"Sweep {self.sweep.name}", counts, [point_table(self.table(), fields)]
+        )
 
     def table(self) -> pd.DataFrame:
         """
@@ -86,16 +93,21 @@ class SweepResults:
         Returns
         -------
         pandas.DataFrame
-            ``point``, the swept fields, ``status``, ``error``, ``condition``, errors and consistency of the condition, counts of
-            the point's links, seconds of its stages, ``key``.
+            ``point``, the swept fields, ``status``, ``error``, ``condition``, errors and
+            consistency of the condition, counts of the point's links, seconds of its stages,
+            ``key``.
         """
         coordinates = [axis.coordinates() for axis in self.sweep.axes]
         rows: list[dict[str, Any]] = []
         for number, content in enumerate(self.contents):
             place = self.sweep.place(number)
-            fields = {n: v[k] for k, axis in zip(place, coordinates, strict=True) for n, v in axis.items()}
+            fields = {
+                n: v[k] for k, axis in zip(place, coordinates, strict=True) for n, v in axis.items()
+            }
             links = content.get("links", {})
-            seconds = {f"{name}_seconds": value for name, value in content.get("seconds", {}).items()}
+            seconds = {
+                f"{name}_seconds": value for name, value in content.get("seconds", {}).items()
+            }
             for condition, statistics in content.get("conditions", {"": {}}).items():
                 row = {
                     "point": number,
@@ -104,7 +116,12 @@ class SweepResults:
                     "error": content.get("error", ""),
                 }
                 rows.append(
-                    row | {"condition": condition} | statistics | links | seconds | {"key": content["key"]}
+                    row
+                    | {"condition": condition}
+                    | statistics
+                    | links
+                    | seconds
+                    | {"key": content["key"]}
                 )
         return pd.DataFrame(rows)
 
@@ -133,7 +150,9 @@ class SweepResults:
             name for c in contents for row in c.get("conditions", {}).values() for name in row
         )
         for name in statistics:
-            values = [[c.get("conditions", {}).get(x, {}).get(name) for x in conditions] for c in contents]
+            values = [
+                [c.get("conditions", {}).get(x, {}).get(name) for x in conditions] for c in contents
+            ]
             array = np.array(values, dtype=float).reshape(*shape, len(conditions))
             data[name] = [*dims, "condition"], array
         coordinates: dict[str, Any] = {"condition": conditions}
@@ -213,7 +232,9 @@ def open_sweep(place: str | Path) -> SweepResults:
     try:
         toml = content.decode()
     except UnicodeDecodeError:
-        raise SweepError(f"{place}/{SWEEP}: cannot be read: not UTF-8 text; run the sweep again") from None
+        raise SweepError(
+            f"{place}/{SWEEP}: cannot be read: not UTF-8 text; run the sweep again"
+        ) from None
     sweep = parse_sweep(toml, f"{place}/{SWEEP}", Path())
     plan = read_plan(store.read(PLAN))
     known = plan is not None and plan.is_of(toml) and len(plan.keys) == len(sweep)

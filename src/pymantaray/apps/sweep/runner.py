@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING
 from pymantaray.apps.sweep.definition import Sweep
 from pymantaray.apps.sweep.keys import POINT, STAGES
 from pymantaray.apps.sweep.plan import EARLIER, SweepPlan, SweepQueue, plan_content, read_plan
-from pymantaray.apps.sweep.points import PLAN, SWEEP, SWEEP_ENTRIES, finished, point_name, stage_name
+from pymantaray.apps.sweep.points import (
+    PLAN,
+    SWEEP,
+    SWEEP_ENTRIES,
+    finished,
+    point_name,
+    stage_name,
+)
 from pymantaray.apps.sweep.results import SweepResults, open_sweep
 from pymantaray.apps.sweep.tasks import run_task
 from pymantaray.errors import JobError, SweepError
@@ -43,8 +50,8 @@ def run_sweep(
     ----------
     sweep : Sweep
     out : str or pathlib.Path
-        Folder of the results, or URL of an object store: new, empty, or of an earlier sweep, whose finished points are
-        skipped. With Dask, every worker must have access to it under this name.
+        Folder of the results, or URL of an object store: new, empty, or of an earlier sweep, whose
+        finished points are skipped. With Dask, every worker must have access to it under this name.
     client : distributed.Client or str, optional
         Dask client or scheduler address. Default: processes of this machine.
     workers : int, optional
@@ -68,7 +75,8 @@ def run_sweep(
     SweepError
         If a point is not a valid study.
     JobError
-        If the folder has other content, the scheduler does not answer, or workers have access to another folder.
+        If the folder has other content, the scheduler does not answer, or workers have access to
+        another folder.
     WriteError
         If the store cannot be written.
     """
@@ -83,7 +91,9 @@ def run_sweep(
         store.remove(point_name(key, failed=True))
     failed = set() if retry_failed else failed
     count = TaskCount(len(plan.points), progress, done=len(done), failed=len(failed))
-    queue = _Points(plan, set(plan.points) - done - failed, keep_stages=keep_stages, studies=studies)
+    queue = _Points(
+        plan, set(plan.points) - done - failed, keep_stages=keep_stages, studies=studies
+    )
     queue.store = store
     queue.count_of_points = count
     _clear_stages(store, plan, keep=True)  # stages that failed in another run are computed again
@@ -93,7 +103,8 @@ def run_sweep(
         there = {name.partition(".")[0] for name in store.names("points")}
         if missing := len(plan.points.keys() - there):
             raise JobError(
-                f"{store.url}: workers wrote {missing} points to another place; all workers must have access to this one"
+                f"{store.url}: workers wrote {missing} points to another place; all workers must"
+                " have access to this one"
             )
     _clear_stages(store, plan, keep=keep_stages)
     return open_sweep(out)
@@ -124,7 +135,8 @@ def _warn_of_other_code(store: Store, plan: SweepPlan) -> None:
     there = {name.partition(".")[0] for name in store.names("points")}
     if others := len(there.intersection(latest.keys) - plan.points.keys()):
         _LOG.warning(
-            "%s: %d points were computed by %s, but this is pymantaray %s; they are computed again, and the old files stay",
+            "%s: %d points were computed by %s, but this is pymantaray %s; they are computed"
+            " again, and the old files stay",
             store.url,
             others,
             latest.version if latest.version == EARLIER else f"pymantaray {latest.version}",

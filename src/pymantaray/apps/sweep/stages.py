@@ -1,4 +1,6 @@
-"""Stages of a mission that points share. Each is computed once and stays in memory and in the store."""
+"""
+Stages of a mission that points share. Each is computed once and stays in memory and in the store.
+"""
 
 import io
 import json
@@ -78,7 +80,10 @@ class Stages:
 
     @property
     def medium(self) -> Medium | Callable[[float], Medium]:
-        """Medium of the rays; it is not stored, because building it from the ocean is faster than reading it."""
+        """
+        Medium of the rays; it is not stored, because building it from the ocean is faster than
+        reading it.
+        """
         search = self._config.acoustics
         key = f"{self._keys[OCEAN]} {search.interpolation} {search.earth}"
         if _LATEST.get("medium", ("",))[0] != key:
@@ -105,7 +110,10 @@ class Stages:
         self._store.write(stage_name(self._keys[stage]), content)
 
     def _read(self, stage: str) -> tuple[Any, float] | None:
-        """Stage from the store and the duration of its computation [s]; None without it. A damaged one is removed."""
+        """
+        Stage from the store and the duration of its computation [s]; None without it. A damaged one
+        is removed.
+        """
 
         def parse(content: bytes) -> tuple[Any, float]:
             groups = netcdf_groups(content)
@@ -132,7 +140,10 @@ class Stages:
         return _LATEST[stage][1]
 
     def _compute(self, key: str, compute: Callable[[], Any]) -> Any:
-        """Compute a shared stage once, even if it fails: all points that need it then get the same error line."""
+        """
+        Compute a shared stage once, even if it fails: all points that need it then get the same
+        error line.
+        """
         failure = self._store.read(stage_name(key, failed=True))
         if failure is not None:
             raise SweepError(json.loads(failure)["error"])
@@ -167,12 +178,16 @@ def _pack_rays(ranging: Ranging) -> dict[str, xr.Dataset]:
     attempts = {**ranging.attempts._asdict(), "status": ranging.status, "link": ranging.link}
     if ranging.probability is not None:
         attempts["probability"] = ranging.probability
-    groups["attempts"] = xr.Dataset({name: ("attempt", values) for name, values in attempts.items()})
+    groups["attempts"] = xr.Dataset(
+        {name: ("attempt", values) for name, values in attempts.items()}
+    )
     return groups
 
 
 def _unpack_rays(groups: dict[str, xr.Dataset]) -> Ranging:
-    columns: dict[str, Any] = {str(name): values.values for name, values in groups["attempts"].items()}
+    columns: dict[str, Any] = {
+        str(name): values.values for name, values in groups["attempts"].items()
+    }
     columns["attempts"] = Attempts(**{name: columns.pop(name) for name in Attempts._fields})
     columns |= {name: record.from_dataset(groups[name]) for name, record in _RECORDS.items()}
     return Ranging(**columns)

@@ -45,7 +45,10 @@ class SweepTask:
 
 
 def run_task(url: str, task: SweepTask) -> str | None:
-    """Run a task unless the store has its result; return the error line of a failure, else None. Errors of the store are raised."""
+    """
+    Run a task unless the store has its result; return the error line of a failure, else None.
+    Errors of the store are raised.
+    """
     # a stage records its failure itself
     failed = point_name(task.key, failed=True) if task.kind == POINT else None
     return run_in_store(url, task, _compute, failed)
@@ -72,7 +75,9 @@ def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
     with watch.stage("realizations"):
         mission = assemble_mission(config, ocean, truth, ranging)
         if config.ocean.ice_draw == "each":
-            mission = replace(mission, draws=range_draws(config, ocean, (stages.medium, truth, ranging)))
+            mission = replace(
+                mission, draws=range_draws(config, ocean, (stages.medium, truth, ranging))
+            )
         if task.studies:
             assert store.folder is not None  # `run_sweep` accepts studies in a folder only
             folder = store.folder / "studies" / task.key
@@ -92,9 +97,14 @@ def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
 
 
 def summarize_point(run: Run) -> dict[str, Any]:
-    """Results of a study in a sweep: errors and consistency of each condition, and counts of links. NaN is null."""
+    """
+    Results of a study in a sweep: errors and consistency of each condition, and counts of links.
+    NaN is null.
+    """
     tables = run.tables
-    conditions = {row.pop("condition"): row for row in tables["ate_pooled"].frame.to_dict("records")}
+    conditions = {
+        row.pop("condition"): row for row in tables["ate_pooled"].frame.to_dict("records")
+    }
     for row in tables["ping_error"].frame.to_dict("records"):
         conditions[row["condition"]] |= {
             f"ping_{name}": v for name, v in row.items() if name not in {"condition", "n"}
@@ -109,10 +119,14 @@ def summarize_point(run: Run) -> dict[str, Any]:
             }
     dropouts = _all_links(tables["dropouts"].frame.to_dict("records"))
     errors = _all_links(tables["range_error"].frame.to_dict("records"))
-    links = dropouts | {f"range_error_{name}": value for name, value in errors.items() if name.endswith("_m")}
+    links = dropouts | {
+        f"range_error_{name}": value for name, value in errors.items() if name.endswith("_m")
+    }
     return {
         "conditions": {name: _plain(row) for name, row in conditions.items()},
-        "links": _plain({"dropout_percent" if name == "percent" else name: v for name, v in links.items()}),
+        "links": _plain(
+            {"dropout_percent" if name == "percent" else name: v for name, v in links.items()}
+        ),
     }
 
 

@@ -18,10 +18,16 @@ Whole = NDArray[np.int64]
 _FIRST_HALVINGS = (2, 3, 3)  # of every cell along each axis before any cell is accepted
 _MARGIN = 0.5  # share of the bound that the error at the tested points may have
 _MIN_COSINE = 0.1  # of the angle from the horizontal, in the conversion of travel time to range
-_QUARTERS = np.array([[1 + 2 * x, 1 + 2 * y, 1 + 2 * z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
-_HALVES = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2], [0, 1, 2], indexing="ij"), axis=-1).reshape(-1, 3)
+_QUARTERS = np.array(
+    [[1 + 2 * x, 1 + 2 * y, 1 + 2 * z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]
+)
+_HALVES = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2], [0, 1, 2], indexing="ij"), axis=-1).reshape(
+    -1, 3
+)
 _CORNERS = np.array([[corner & 1, corner >> 1 & 1, corner >> 2 & 1] for corner in range(8)])
-_CORNER_ROWS = np.array([int(np.flatnonzero(np.all(2 * c == _HALVES, axis=1))[0]) for c in _CORNERS])
+_CORNER_ROWS = np.array(
+    [int(np.flatnonzero(np.all(2 * c == _HALVES, axis=1))[0]) for c in _CORNERS]
+)
 _FINEST = 2  # binary logarithm of the smallest cell in lattice steps
 # size of a cell without an arrival: a larger one may hide arrivals between the tested points
 _LARGEST_SHADOW = _FINEST + 1
@@ -95,7 +101,9 @@ class _Store:
     def _add(self, keys: Whole, samples: Samples) -> None:
         """Merge new points into the sorted store."""
         if self._samples is not None:
-            samples = Samples._make(np.concatenate(pair) for pair in zip(self._samples, samples, strict=True))
+            samples = Samples._make(
+                np.concatenate(pair) for pair in zip(self._samples, samples, strict=True)
+            )
             keys = np.concatenate([self.keys, keys])
         order = np.argsort(keys)
         self.keys, self._samples = keys[order], Samples._make(column[order] for column in samples)
@@ -110,7 +118,10 @@ def _rounded(samples: Samples) -> Samples:
 
 
 class _Cells(NamedTuple):
-    """Boxes of one generation: lowest lattice point, binary logarithm of the size in lattice steps, and branch of the tree."""
+    """
+    Boxes of one generation: lowest lattice point, binary logarithm of the size in lattice steps,
+    and branch of the tree.
+    """
 
     low: Whole
     log_size: Whole
@@ -134,7 +145,8 @@ def build_tree(
     box : Box
         Limits of the table and its smallest cells.
     samplers : sequence of callable
-        Solvers of places, such as `Radial`. The first defines the table, and the standard deviation is that over all.
+        Solvers of places, such as `Radial`. The first defines the table, and the standard deviation
+        is that over all.
     tolerance : float
         Bound of the error of the interpolated range at a given travel time. [m]
     max_bytes : float
@@ -214,7 +226,10 @@ def _judge(
 def _accurate_within(
     store: _Store, cells: _Cells, corners: Whole, candidate: NDArray[np.bool_], bound: float
 ) -> NDArray[np.bool_]:
-    """True for candidates that are accurate, and of one family, also at eight points between the corners and the centre."""
+    """
+    True for candidates that are accurate, and of one family, also at eight points between the
+    corners and the centre.
+    """
     which = np.flatnonzero(candidate)
     keys = store.keys[corners[which]]  # rows move when points are added
     inner = store.rows(cells.low[which, None] + (_QUARTERS << (cells.log_size[which, None] - 2)))
@@ -228,7 +243,10 @@ def _accurate_within(
 
 
 def _errors(samples: Samples, corners: Whole, size: Array, rows: Whole, at: Array) -> Array:
-    """Errors of the interpolated range at points of cells, where ``at`` is their position within each cell. [m]"""
+    """
+    Errors of the interpolated range at points of cells, where ``at`` is their position within each
+    cell. [m]
+    """
     repeat = len(at)
     interpolated = interpolate(
         np.tile(at, (len(rows), 1)),
@@ -247,11 +265,13 @@ def _slope(samples: Samples, rows: Whole) -> Array:
 
 def _jumps(samples: Samples, rows: Whole, size: Array) -> Array:
     """
-    Largest jumps of the range near points of cells, if the next arrival becomes the first, shape (n, 27, 3).
+    Largest jumps of the range near points of cells, if the next arrival becomes the first, shape
+    (n, 27, 3).
 
-    A small region in which another arrival is the first may lie between the points. Each point covers a quarter of the cell on
-    both sides along each axis; the lead over the next arrival is extrapolated over this distance. The jump of a point is
-    the sum over the axes, each with its share. [m]
+    A small region in which another arrival is the first may lie between the points. Each point
+    covers a quarter of the cell on both sides along each axis; the lead over the next arrival is
+    extrapolated over this distance. The jump of a point is the sum over the axes, each with its
+    share. [m]
     """
     change = np.abs(samples.lead_gradient[rows]) * (0.25 * size[:, None])
     total = change.sum(axis=2)
@@ -259,8 +279,13 @@ def _jumps(samples: Samples, rows: Whole, size: Array) -> Array:
     return np.asarray(change * (excess / np.where(total > 0.0, total, 1.0))[..., None])
 
 
-def _axis(family: Whole, error: Array, jump: Array, log_size: Whole, early: NDArray[np.bool_]) -> Whole:
-    """Axis along which to halve each cell: one along which the family changes, or the one with the largest error."""
+def _axis(
+    family: Whole, error: Array, jump: Array, log_size: Whole, early: NDArray[np.bool_]
+) -> Whole:
+    """
+    Axis along which to halve each cell: one along which the family changes, or the one with the
+    largest error.
+    """
     n = len(family)
     cube_family = family.reshape(n, 3, 3, 3)
     cube_error = error.reshape(n, 3, 3, 3)
@@ -269,7 +294,9 @@ def _axis(family: Whole, error: Array, jump: Array, log_size: Whole, early: NDAr
         lines = np.moveaxis(cube_family, axis + 1, 1)
         changes = np.any(lines[:, 1:] != lines[:, :-1], axis=(1, 2, 3))
         middle = np.moveaxis(cube_error, axis + 1, 1)[:, 1][:, ::2, ::2].max(axis=(1, 2))
-        middle = np.maximum(np.where(np.isfinite(middle), middle, 0.0), jump[:, :, axis].max(axis=1))
+        middle = np.maximum(
+            np.where(np.isfinite(middle), middle, 0.0), jump[:, :, axis].max(axis=1)
+        )
         score[:, axis] = np.where(changes, 1e6 * log_size[:, axis], middle)
     score += 1e-9 * log_size + np.where(early, 1e9, 0.0)
     return np.asarray(np.argmax(np.where(log_size > _FINEST, score, -1.0), axis=1))
@@ -295,13 +322,18 @@ def _check_size(size: float, max_bytes: float, tolerance: float) -> None:
     if size > max_bytes:
         raise OnlineError(
             f"travel-time table: more than {max_bytes / 1e3:.0f} kB are needed; smooth the profile"
-            f" (`smooth=10`), allow a larger error (`tolerance={4.0 * tolerance:g}`), or give larger steps, narrower limits or"
-            " fewer `sectors`"
+            f" (`smooth=10`), allow a larger error (`tolerance={4.0 * tolerance:g}`), or give"
+            " larger steps, narrower limits or fewer `sectors`"
         )
 
 
-def _sigma(store: _Store, accepted: list[_Accepted], samplers: Sequence[Sampler]) -> NDArray[np.float32]:
-    """Standard deviation over all oceans of the values at the corners, over those with an arrival of the same family."""
+def _sigma(
+    store: _Store, accepted: list[_Accepted], samplers: Sequence[Sampler]
+) -> NDArray[np.float32]:
+    """
+    Standard deviation over all oceans of the values at the corners, over those with an arrival of
+    the same family.
+    """
     keys = np.unique(np.concatenate([part[1].ravel() for part in accepted]))
     rows = np.searchsorted(store.keys, keys)
     own = store.solved.family[rows]

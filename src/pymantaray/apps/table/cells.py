@@ -1,4 +1,7 @@
-"""Cells of a travel-time table: a binary tree of halved boxes, and the arrival at the corners of each cell."""
+"""
+Cells of a travel-time table: a binary tree of halved boxes, and the arrival at the corners of each
+cell.
+"""
 
 from enum import IntEnum
 from typing import NamedTuple
@@ -35,16 +38,17 @@ class Tree(NamedTuple):
     Attributes
     ----------
     branch : ndarray of uint32, shape (n_branches,)
-        The lowest two bits are the axis that is halved (source depth, receiver depth, range) and the others the number of the
-        lower half; the upper half has the next number. If the axis is 3, this is a cell: the third bit is 1 if it has an
-        arrival, and the others are its number, or otherwise its status.
+        The lowest two bits are the axis that is halved (source depth, receiver depth, range) and
+        the others the number of the lower half; the upper half has the next number. If the axis is
+        3, this is a cell: the third bit is 1 if it has an arrival, and the others are its number,
+        or otherwise its status.
     status, surface_bounces, bottom_bounces : ndarray of uint8, shape (n_cells,)
         Of the cells with an arrival.
     corner : ndarray of uint32, shape (n_cells, 8)
         Rows of the corners; bit k of a corner's number is its side along axis k.
     value : ndarray of float32, shape (n_corners, 4)
-        Relative difference of the mean slowness from 1/1500 s/m, and its derivatives by source depth, receiver depth
-        and range. [1, 1/m]
+        Relative difference of the mean slowness from 1/1500 s/m, and its derivatives by source
+        depth, receiver depth and range. [1, 1/m]
     sigma : ndarray of float32, shape (n_corners,) or (0,)
         Standard deviation of the relative mean slowness over an ensemble of oceans.
     root : ndarray of uint32, shape (n_sectors,)
@@ -67,7 +71,9 @@ class Tree(NamedTuple):
 
 
 class Cell(NamedTuple):
-    """Cells of ``n`` places: status, number (-1 without an arrival), and position and size of the box."""
+    """
+    Cells of ``n`` places: status, number (-1 without an arrival), and position and size of the box.
+    """
 
     status: NDArray[np.int64]
     number: NDArray[np.int64]
@@ -76,14 +82,19 @@ class Cell(NamedTuple):
 
 
 class InterpolatedSlowness(NamedTuple):
-    """Relative mean slowness at ``n`` places, its derivatives by the coordinates, and its standard deviation (NaN if unknown)."""
+    """
+    Relative mean slowness at ``n`` places, its derivatives by the coordinates, and its standard
+    deviation (NaN if unknown).
+    """
 
     value: Array
     gradient: Array
     sigma: Array
 
 
-def find_cells(tree: Tree, lower: Array, upper: Array, sector: NDArray[np.int64], places: Array) -> Cell:
+def find_cells(
+    tree: Tree, lower: Array, upper: Array, sector: NDArray[np.int64], places: Array
+) -> Cell:
     """
     Descend to the cells that contain places.
 
@@ -144,10 +155,14 @@ def mean_slowness(tree: Tree, cell: Cell) -> InterpolatedSlowness:
     has = np.flatnonzero(cell.number >= 0)
     rows = tree.corner[cell.number[has]]
     corners = tree.value[rows].astype(np.float64)
-    value[has], gradient[has] = interpolate(cell.at[has], cell.size[has], corners[..., 0], corners[..., 1:])
+    value[has], gradient[has] = interpolate(
+        cell.at[has], cell.size[has], corners[..., 0], corners[..., 1:]
+    )
     if tree.sigma.size:
         linear = tree.sigma[rows].astype(np.float64)
-        sigma[has] = interpolate(cell.at[has], cell.size[has], linear, np.zeros((*rows.shape, 3))).value
+        sigma[has] = interpolate(
+            cell.at[has], cell.size[has], linear, np.zeros((*rows.shape, 3))
+        ).value
     return InterpolatedSlowness(value, gradient, sigma)
 
 

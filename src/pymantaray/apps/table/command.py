@@ -19,7 +19,9 @@ def _axis(text: Any) -> Any:
     except ValueError:
         numbers = ()
     if len(numbers) not in (2, 3):
-        raise typer.BadParameter(f"found {text!r}; it must be START:STOP[:STEP] in metres, such as 0:200:5")
+        raise typer.BadParameter(
+            f"found {text!r}; it must be START:STOP[:STEP] in metres, such as 0:200:5"
+        )
     return numbers
 
 
@@ -28,7 +30,10 @@ class BoxOptions:
     """Limits of a table and the error of its ranges."""
 
     source_depth: Annotated[
-        Any, typer.Option(parser=_axis, metavar="M:M[:STEP]", help="Depths of the source, such as 0:200:5.")
+        Any,
+        typer.Option(
+            parser=_axis, metavar="M:M[:STEP]", help="Depths of the source, such as 0:200:5."
+        ),
     ]
     receiver_depth: Annotated[
         Any, typer.Option(parser=_axis, metavar="M:M[:STEP]", help="Depths of the receiver.")
@@ -39,12 +44,15 @@ class BoxOptions:
             "--range",
             parser=_axis,
             metavar="M:M[:STEP]",
-            help="Horizontal ranges. STEP is the size of the smallest cells, which bound shadows. Default: 1/64 of the extent.",
+            help="Horizontal ranges. STEP is the size of the smallest cells, which bound shadows."
+            " Default: 1/64 of the extent.",
         ),
     ]
     error: Annotated[
         float,
-        typer.Option(parser=quantity("m"), metavar="M", help="Bound of the error of an interpolated range."),
+        typer.Option(
+            parser=quantity("m"), metavar="M", help="Bound of the error of an interpolated range."
+        ),
     ] = 0.05
 
     @property
@@ -70,7 +78,10 @@ class TableWaterOptions:
         ),
     ] = "0,0"
     sectors: Annotated[
-        int, typer.Option(min=1, max=360, help="Sectors of bearing, for water that varies horizontally.")
+        int,
+        typer.Option(
+            min=1, max=360, help="Sectors of bearing, for water that varies horizontally."
+        ),
     ] = 1
     ensemble: Annotated[
         list[Path] | None,
@@ -90,7 +101,9 @@ class TableWaterOptions:
 class FileOptions:
     """Files to write."""
 
-    out: Annotated[Path, typer.Option(metavar="TABLE", help="File to write: .nc, or .mtt for the C reader.")]
+    out: Annotated[
+        Path, typer.Option(metavar="TABLE", help="File to write: .nc, or .mtt for the C reader.")
+    ]
     c_reader: Annotated[
         Path | None, typer.Option(metavar="FILE.h", help="Also write the C99 reader of .mtt files.")
     ] = None
@@ -162,7 +175,10 @@ def table(
 
 
 def _sea_floor(ocean: list[str], keys: dict[str, Any], deepest: float) -> dict[str, float]:
-    """Sea floor of a profile without one: the deepest level of the profile or the largest depth of the table."""
+    """
+    Sea floor of a profile without one: the deepest level of the profile or the largest depth of the
+    table.
+    """
     from pymantaray.water.ocean import is_profile
     from pymantaray.water.uniform import one_profile
     from pymantaray.water.water import configuration_of
@@ -172,7 +188,9 @@ def _sea_floor(ocean: list[str], keys: dict[str, Any], deepest: float) -> dict[s
         return {}
     depth = max(deepest, float(one_profile(section).depth[-1]))
     LOG.info(
-        "sea floor at %g m, the deepest level of the profile or of the table; --bathymetry changes it", depth
+        "sea floor at %g m, the deepest level of the profile or of the table; --bathymetry changes"
+        " it",
+        depth,
     )
     return {"bathymetry": depth}
 

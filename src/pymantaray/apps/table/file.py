@@ -170,7 +170,9 @@ def _from_netcdf(path: Path) -> TravelTimeTable:
     attrs: dict[str, Any] = dataset.attrs
     if attrs.get("kind") != "travel_time_table":
         raise ValueError("no attribute kind = travel_time_table")
-    arrays = {name: dataset[name].values.astype(dtype) for name, (_, dtype, _, _) in _COLUMNS.items()}
+    arrays = {
+        name: dataset[name].values.astype(dtype) for name, (_, dtype, _, _) in _COLUMNS.items()
+    }
     lower, upper = (_triple(attrs[name]) for name in ("lower", "upper"))
     record = json.loads(attrs.get("record", "{}"))
     table = TravelTimeTable(lower, upper, float(attrs["tolerance_m"]), Tree(**arrays), record)
@@ -182,7 +184,10 @@ def _from_netcdf(path: Path) -> TravelTimeTable:
 
 
 def _checksum(table: TravelTimeTable) -> int:
-    """CRC-32 of the content and of the record (not of the packed form: a CRC-32 over bytes with their own is constant)."""
+    """
+    CRC-32 of the content and of the record (not of the packed form: a CRC-32 over bytes with their
+    own is constant).
+    """
     return zlib.crc32(json.dumps(table.attrs).encode(), zlib.crc32(_content(table)))
 
 
@@ -193,7 +198,9 @@ def _triple(numbers: Sequence[float]) -> tuple[float, float, float]:
 
 
 def _fault(table: TravelTimeTable) -> str:
-    """First fault that would make a look-up read outside an array or never end; empty without one."""
+    """
+    First fault that would make a look-up read outside an array or never end; empty without one.
+    """
     tree = table.tree
     limits = np.array([table.lower, table.upper])
     if limits.shape != (2, 3) or not np.all(np.isfinite(limits)) or np.any(limits[0] >= limits[1]):
@@ -218,7 +225,8 @@ def _fault(table: TravelTimeTable) -> str:
     ):
         return "a cell without corners"
     if any(
-        len(column) != len(tree.corner) for column in (tree.status, tree.surface_bounces, tree.bottom_bounces)
+        len(column) != len(tree.corner)
+        for column in (tree.status, tree.surface_bounces, tree.bottom_bounces)
     ):
         return "cells without a status"
     if np.any(tree.status > CellStatus.AMBIGUOUS):

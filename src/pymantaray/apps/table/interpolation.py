@@ -1,4 +1,7 @@
-"""Interpolation of the mean slowness of a ray within one cell, from values and gradients at its corners."""
+"""
+Interpolation of the mean slowness of a ray within one cell, from values and gradients at its
+corners.
+"""
 
 from typing import NamedTuple
 
@@ -18,10 +21,11 @@ class Interpolated(NamedTuple):
 
 def interpolate(at: Array, size: Array, values: Array, gradients: Array) -> Interpolated:
     """
-    Interpolate within cells: cubic along each axis from the values and gradients at the corners, linear across it.
+    Interpolate within cells: cubic along each axis from the values and gradients at the corners,
+    linear across it.
 
-    The three one-dimensional Hermite corrections are added to the trilinear interpolation, so that all cubic polynomials
-    are reproduced and the error is of fourth order in the size of the cell.
+    The three one-dimensional Hermite corrections are added to the trilinear interpolation, so that
+    all cubic polynomials are reproduced and the error is of fourth order in the size of the cell.
 
     Parameters
     ----------
@@ -56,14 +60,24 @@ def interpolate(at: Array, size: Array, values: Array, gradients: Array) -> Inte
         derivative[1] += slope[j] * (a * c * f)
         derivative[2] += slope[k] * (a * b * f)
     for axis in range(3):
-        _add_hermite(axis, at[:, axis], size[:, axis], weight, (values, gradients), (value, derivative))
+        _add_hermite(
+            axis, at[:, axis], size[:, axis], weight, (values, gradients), (value, derivative)
+        )
     return Interpolated(value, derivative.T / size)
 
 
 def _add_hermite(
-    axis: int, t: Array, length: Array, weight: Array, corners: tuple[Array, Array], sums: tuple[Array, Array]
+    axis: int,
+    t: Array,
+    length: Array,
+    weight: Array,
+    corners: tuple[Array, Array],
+    sums: tuple[Array, Array],
 ) -> None:
-    """Add the difference between cubic Hermite and linear interpolation along the four edges of an axis."""
+    """
+    Add the difference between cubic Hermite and linear interpolation along the four edges of an
+    axis.
+    """
     values, gradients = corners
     value, derivative = sums
     u = (axis + 1) % 3

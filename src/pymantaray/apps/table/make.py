@@ -41,23 +41,27 @@ def build_table(
     Parameters
     ----------
     water : Water, or a source for `open_water`
-        Sound speed, sea bed, the selection of arrivals and their allowed reflections. Water that varies is taken at its start.
+        Sound speed, sea bed, the selection of arrivals and their allowed reflections. Water that
+        varies is taken at its start.
     source_depth, receiver_depth, horizontal_range : tuple of float
-        Lower limit, upper limit and optionally a step: the largest size of the smallest cells, which bound shadows. Default step:
-        1/64 of the extent. [m]
+        Lower limit, upper limit and optionally a step: the largest size of the smallest cells,
+        which bound shadows. Default step: 1/64 of the extent. [m]
     tolerance : float
-        Bound of the error of the interpolated range at a given travel time, for rays less than 84 degrees from the
-        horizontal; steeper rays are treated as rays of 84 degrees. [m]
+        Bound of the error of the interpolated range at a given travel time, for rays less than 84
+        degrees from the horizontal; steeper rays are treated as rays of 84 degrees. [m]
     node : tuple of float
         North and east of the source in the local frame of the water. [m]
     sectors : int
-        Number of sectors of bearing, each with the water along its central bearing; the first sector is centred on north.
+        Number of sectors of bearing, each with the water along its central bearing; the first
+        sector is centred on north.
     ensemble : sequence of Water or sources
-        Other possible oceans. The standard deviation over these and ``water`` becomes that of the range.
+        Other possible oceans. The standard deviation over these and ``water`` becomes that of the
+        range.
     max_bytes : int
         Largest allowed size of the table in memory. [B]
     progress : callable, optional
-        Called with ``"table"``, the percent of the volume of all sectors whose cells are final, and 100 for each sector.
+        Called with ``"table"``, the percent of the volume of all sectors whose cells are final, and
+        100 for each sector.
 
     Returns
     -------
@@ -70,10 +74,13 @@ def build_table(
 
     Notes
     -----
-    Cells of source depth, receiver depth and range are halved until the mean slowness (travel time over straight distance),
-    interpolated from its values and gradients at the eight corners, has at most half of the allowed error at 27 other points.
+    Cells of source depth, receiver depth and range are halved until the mean slowness (travel time
+    over straight distance), interpolated from its values and gradients at the eight corners, has at
+    most half of the allowed error at 27 other points.
     """
-    members = [entry if isinstance(entry, Water) else open_water(entry) for entry in (water, *ensemble)]
+    members = [
+        entry if isinstance(entry, Water) else open_water(entry) for entry in (water, *ensemble)
+    ]
     box = _box(source_depth, receiver_depth, horizontal_range)
     if not (math.isfinite(tolerance) and tolerance > 0.0):
         raise OnlineError(f"`tolerance` is {tolerance}; a positive length in metres is needed")
@@ -86,7 +93,9 @@ def build_table(
         size = sum(tree.nbytes for tree in trees)
         share = None if progress is None else partial(_report, progress, sector, sectors)
         trees.append(
-            build_tree(box, radials, tolerance, max_bytes=max_bytes, other_bytes=size, progress=share)
+            build_tree(
+                box, radials, tolerance, max_bytes=max_bytes, other_bytes=size, progress=share
+            )
         )
     return TravelTimeTable(
         box.lower, box.upper, float(tolerance), joined(trees), _record(members[0], node, trees)
@@ -129,13 +138,15 @@ def _box(*limits: Limits) -> Box:
         numbers = [float(value) for value in values]
         if len(numbers) not in (2, 3) or not all(math.isfinite(value) for value in numbers):
             raise OnlineError(
-                f"{name} is {tuple(values)}; a lower limit, an upper limit and optionally a step are needed"
+                f"{name} is {tuple(values)}; a lower limit, an upper limit and optionally a step"
+                " are needed"
             )
         first, last = numbers[:2]
         step = numbers[2] if len(numbers) == 3 else (last - first) / _STEPS
         if not (first < last and 0.0 < step <= last - first and first >= 0.0):
             raise OnlineError(
-                f"{name} is {tuple(values)}; allowed: 0 <= lower < upper and 0 < step <= upper - lower"
+                f"{name} is {tuple(values)}; allowed: 0 <= lower < upper and 0 < step <= upper -"
+                " lower"
             )
         lower.append(first)
         upper.append(last)

@@ -1,4 +1,7 @@
-"""Mean slowness of the selected arrival between two depths at a horizontal range, with its derivatives."""
+"""
+Mean slowness of the selected arrival between two depths at a horizontal range, with its
+derivatives.
+"""
 
 import warnings
 from collections.abc import Callable
@@ -24,21 +27,25 @@ class Samples(NamedTuple):
     Attributes
     ----------
     value : ndarray, shape (n,)
-        Relative difference of the mean slowness (travel time over straight distance) from 1/1500 s/m; NaN without an arrival.
+        Relative difference of the mean slowness (travel time over straight distance) from 1/1500
+        s/m; NaN without an arrival.
     gradient : ndarray, shape (n, 3)
         Its derivatives by source depth, receiver depth and range. [1/m]
     straight : ndarray, shape (n,)
         Straight distance. [m]
     slowness : ndarray, shape (n,)
-        Horizontal component of the slowness at the receiver, the derivative of travel time by range. [s/m]
+        Horizontal component of the slowness at the receiver, the derivative of travel time by
+        range. [s/m]
     family : ndarray of int, shape (n,)
-        Number that is equal for arrivals with equal numbers of reflections and caustics; negative without an arrival.
+        Number that is equal for arrivals with equal numbers of reflections and caustics; negative
+        without an arrival.
     bounces : ndarray of int, shape (n, 2)
         Reflections at the surface and at the bottom.
     several : ndarray of bool, shape (n,)
         True if other arrivals have the same numbers of reflections.
     lead : ndarray, shape (n,)
-        Time until the next arrival that the rule could select; infinite without one, and for the rule ``strongest``. [s]
+        Time until the next arrival that the rule could select; infinite without one, and for the
+        rule ``strongest``. [s]
     lead_gradient : ndarray, shape (n, 3)
         Its derivatives by source depth, receiver depth and range. [s/m]
     """
@@ -115,8 +122,12 @@ class Radial:
         time[link] = arrivals.travel_time[row]
         by_place[link] = derivatives[row]
         bounces = np.zeros((len(places), 2), dtype=np.int64)
-        bounces[link] = np.column_stack([arrivals.surface_bounces[row], arrivals.bottom_bounces[row]])
-        family = np.where(arrivals.status == RayStatus.OUTSIDE, OUTSIDE, NO_ARRIVAL).astype(np.int64)
+        bounces[link] = np.column_stack(
+            [arrivals.surface_bounces[row], arrivals.bottom_bounces[row]]
+        )
+        family = np.where(arrivals.status == RayStatus.OUTSIDE, OUTSIDE, NO_ARRIVAL).astype(
+            np.int64
+        )
         family[link] = (bounces[link] @ [16, 1]) * 64 + np.minimum(arrivals.caustics[row], 63)
         alike = (arrivals.surface_bounces == bounces[arrivals.link, 0]) & (
             arrivals.bottom_bounces == bounces[arrivals.link, 1]
@@ -138,7 +149,10 @@ class Radial:
 
 
 def _mean_slowness(places: Array, time: Array, by_place: Array) -> tuple[Array, Array, Array]:
-    """Convert travel times and their derivatives to the relative difference of the mean slowness and its derivatives."""
+    """
+    Convert travel times and their derivatives to the relative difference of the mean slowness and
+    its derivatives.
+    """
     down = places[:, 1] - places[:, 0]
     distance = places[:, 2]
     straight = np.hypot(down, distance)

@@ -18,7 +18,9 @@ from pymantaray.records.base import Column, Record, column
 # relative differences from the mean slowness at the first corner
 _GUESSES = np.array([0.0, 0.006, -0.006, 0.012, -0.012, 0.024, -0.024])
 _ITERATIONS = 16  # of Newton's method, those of all guesses together
-_CONVERGED = 1e-9  # relative difference between the travel times at the found range and the given one
+_CONVERGED = (
+    1e-9  # relative difference between the travel times at the found range and the given one
+)
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,8 +28,8 @@ class TableRanges(Record):
     """
     Ranges and travel times from a table, one row per look-up; NaN if the status has no range.
 
-    At a given travel time, a faster ocean means a longer range: ``range_by_scale`` is the change of range per relative
-    change of all sound speeds.
+    At a given travel time, a faster ocean means a longer range: ``range_by_scale`` is the change of
+    range per relative change of all sound speeds.
     """
 
     kind = "table_ranges"
@@ -45,7 +47,9 @@ class TableRanges(Record):
     range_by_scale: Column = column(
         "lookup", "m", "derivative of range by the logarithm of the sound-speed scale"
     )
-    range_sigma: Column = column("lookup", "m", "standard deviation of the range over the ensemble of oceans")
+    range_sigma: Column = column(
+        "lookup", "m", "standard deviation of the range over the ensemble of oceans"
+    )
     surface_bounces: Column = column("lookup", "1", "reflections at the surface", "i2")
     bottom_bounces: Column = column("lookup", "1", "reflections at the bottom", "i2")
 
@@ -55,8 +59,9 @@ class TravelTimeTable:
     """
     Travel times between two depths at horizontal ranges, interpolated with a bounded error.
 
-    Make one with `build_table`, or open a file with `open_table`. A look-up needs no ray and no ocean. A cell next to a
-    shadow or between two families of arrivals is not interpolated: its status is BORDER.
+    Make one with `build_table`, or open a file with `open_table`. A look-up needs no ray and no
+    ocean. A cell next to a shadow or between two families of arrivals is not interpolated: its
+    status is BORDER.
 
     Attributes
     ----------
@@ -98,7 +103,8 @@ class TravelTimeTable:
         horizontal_range : array_like, shape (n,) or ()
             [m]
         bearing : array_like, shape (n,) or ()
-            Direction from the source to the receiver, clockwise from north. Ignored by a table with one sector. [rad]
+            Direction from the source to the receiver, clockwise from north. Ignored by a table with
+            one sector. [rad]
 
         Returns
         -------
@@ -133,9 +139,9 @@ class TravelTimeTable:
 
         Notes
         -----
-        Newton's method on the square of the travel time as a function of the square of the range, which is almost linear. It
-        begins with the mean slowness at the first corner of the table, and again with a slightly different one where it meets a
-        place without an arrival.
+        Newton's method on the square of the travel time as a function of the square of the range,
+        which is almost linear. It begins with the mean slowness at the first corner of the table,
+        and again with a slightly different one where it meets a place without an arrival.
         """
         places, sector = self._places(source_depth, receiver_depth, travel_time, bearing)
         time = places[:, 2].copy()
@@ -151,7 +157,9 @@ class TravelTimeTable:
             with np.errstate(divide="ignore", invalid="ignore"):
                 square = inside * inside + (time * time - at * at) * inside / (at * by_range)
             attempt = attempt + ~has
-            other = np.where(attempt < len(_GUESSES), _first_range(time, down, attempt, typical), distance)
+            other = np.where(
+                attempt < len(_GUESSES), _first_range(time, down, attempt, typical), distance
+            )
             distance = np.where(has, np.sqrt(np.maximum(square, 0.0)), other)
         places[:, 2] = distance
         return self._look_up(places, sector, time)
@@ -164,7 +172,9 @@ class TravelTimeTable:
         straight = np.sqrt(distance * distance + down * down)
         slowness = (1.0 + mean.value) * REFERENCE_SLOWNESS
         with np.errstate(divide="ignore", invalid="ignore"):
-            by_range = straight * mean.gradient[:, 2] * REFERENCE_SLOWNESS + slowness * distance / straight
+            by_range = (
+                straight * mean.gradient[:, 2] * REFERENCE_SLOWNESS + slowness * distance / straight
+            )
         return straight * slowness, by_range
 
     def shares(self) -> dict[str, float]:
@@ -199,7 +209,9 @@ class TravelTimeTable:
             *(np.atleast_1d(np.asarray(c, dtype=float)) for c in columns)
         )
         if source.ndim != 1:
-            raise OnlineError(f"look-up: arguments have shape {source.shape}; one dimension is allowed")
+            raise OnlineError(
+                f"look-up: arguments have shape {source.shape}; one dimension is allowed"
+            )
         known = np.isfinite(bearing)
         turns = np.mod(np.where(known, bearing, 0.0), 2.0 * math.pi) / (2.0 * math.pi)
         places = np.column_stack([source, receiver, third])
@@ -207,7 +219,9 @@ class TravelTimeTable:
             places[~known] = np.nan  # outside
         return places, np.floor(turns * self.sectors + 0.5).astype(np.int64) % self.sectors
 
-    def _look_up(self, places: Array, sector: NDArray[np.int64], time: Array | None = None) -> TableRanges:
+    def _look_up(
+        self, places: Array, sector: NDArray[np.int64], time: Array | None = None
+    ) -> TableRanges:
         """Travel time, and derivatives of range at constant travel time, at places."""
         cell = find_cells(self.tree, *self._limits, sector, places)
         mean = mean_slowness(self.tree, cell)
@@ -243,7 +257,10 @@ class TravelTimeTable:
 
 
 def _first_range(time: Array, down: Array, attempt: NDArray[np.intp], typical: float) -> Array:
-    """Horizontal range at a travel time [s] and a difference of depth [m] with one of the mean slownesses to begin with."""
+    """
+    Horizontal range at a travel time [s] and a difference of depth [m] with one of the mean
+    slownesses to begin with.
+    """
     guess = _GUESSES[np.minimum(attempt, len(_GUESSES) - 1)]
     straight = time / ((1.0 + guess) * typical)
     return np.asarray(np.sqrt(np.maximum(straight * straight - down * down, 0.0)))

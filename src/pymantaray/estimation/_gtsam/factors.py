@@ -1,7 +1,8 @@
 """
 Convert graphs to GTSAM factors and values, for incremental solves.
 
-`_maker` chooses a generator of GTSAM factors by `Residual`, ends and columns; a new kind with one of these residuals needs no change here.
+`_maker` chooses a generator of GTSAM factors by `Residual`, ends and columns; a new kind with one
+of these residuals needs no change here.
 """
 
 from collections.abc import Callable, Iterator
@@ -12,13 +13,22 @@ import gtsam
 import numpy as np
 
 from pymantaray.arrays import Array
-from pymantaray.estimation.graph.graph import FactorGraph, FactorKind, Factors, GraphValues, Residual
+from pymantaray.estimation.graph.graph import (
+    FactorGraph,
+    FactorKind,
+    Factors,
+    GraphValues,
+    Residual,
+)
 from pymantaray.estimation.solvers.losses import Loss
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
 
 def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
-    """Convert all factors, ranges last and under a loss; variable ``i`` of the graph has the key ``i``."""
+    """
+    Convert all factors, ranges last and under a loss; variable ``i`` of the graph has the key
+    ``i``.
+    """
     out = gtsam.NonlinearFactorGraph()
     for factor in _in_plane(graph) if graph.planar else ():
         out.add(factor)
@@ -107,13 +117,20 @@ def _edges(factors: Factors, noise: list[Any]) -> Iterator[Any]:
 
 
 def _sightings(factors: Factors, noise: list[Any]) -> Iterator[Any]:
-    """Factors in Python, because GTSAM 4.3 does not wrap its own; the second variable is a landmark or a pose."""
+    """
+    Factors in Python, because GTSAM 4.3 does not wrap its own; the second variable is a landmark or
+    a pose.
+    """
     error = _stride_error if factors.kind.ends == ("pose", "pose") else _sighting_error
-    for ends, place, model in zip(factors.variables.tolist(), factors.column("position"), noise, strict=True):
+    for ends, place, model in zip(
+        factors.variables.tolist(), factors.column("position"), noise, strict=True
+    ):
         yield gtsam.CustomFactor(model, ends, partial(error, place))
 
 
-def _sighting_error(measured: Array, factor: Any, values: Any, jacobians: list[Array] | None) -> Array:
+def _sighting_error(
+    measured: Array, factor: Any, values: Any, jacobians: list[Array] | None
+) -> Array:
     pose, landmark = factor.keys()
     at = values.atPose3(pose)
     turn = at.rotation().matrix().T
@@ -124,8 +141,13 @@ def _sighting_error(measured: Array, factor: Any, values: Any, jacobians: list[A
     return np.asarray(seen - measured)
 
 
-def _stride_error(measured: Array, factor: Any, values: Any, jacobians: list[Array] | None) -> Array:
-    """Error of the position of one pose in the body frame of another; the other pose moves in its own body frame."""
+def _stride_error(
+    measured: Array, factor: Any, values: Any, jacobians: list[Array] | None
+) -> Array:
+    """
+    Error of the position of one pose in the body frame of another; the other pose moves in its own
+    body frame.
+    """
     at, to = (values.atPose3(key) for key in factor.keys())  # noqa: SIM118  a method of GTSAM
     turn = at.rotation().matrix().T
     seen = turn @ (to.translation() - at.translation())
@@ -149,7 +171,11 @@ def _ranges(factors: Factors, noise: list[Any], n_poses: int) -> Iterator[Any]:
     kinds = (gtsam.RangeFactorPose3, gtsam.RangeFactor3D, gtsam.RangeFactor3)
     kind = (factors.variables >= n_poses).sum(axis=1)
     for k, (first, second), distance, model in zip(
-        kind.tolist(), factors.variables.tolist(), factors.column("distance").tolist(), noise, strict=True
+        kind.tolist(),
+        factors.variables.tolist(),
+        factors.column("distance").tolist(),
+        noise,
+        strict=True,
     ):
         yield kinds[k](first, second, distance, model)
 

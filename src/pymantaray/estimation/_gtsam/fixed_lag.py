@@ -1,4 +1,6 @@
-"""GTSAM's incremental fixed-lag smoother, which keeps the last estimate of marginalized variables."""
+"""
+GTSAM's incremental fixed-lag smoother, which keeps the last estimate of marginalized variables.
+"""
 
 from time import process_time
 from typing import Any
@@ -13,7 +15,10 @@ from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 
 
 class LaggedSmoother:
-    """Current estimate of the latest variables; unusable after a failed update. Parameters as those of `LagWindow`."""
+    """
+    Current estimate of the latest variables; unusable after a failed update. Parameters as those of
+    `LagWindow`.
+    """
 
     def __init__(
         self,
@@ -40,7 +45,9 @@ class LaggedSmoother:
         n = self._graph.n_poses
         now = float(self._times[k])
         variables = np.flatnonzero(self._line.variable_update == k)
-        there = np.flatnonzero(self._line.variable_update[n:] <= k) + n  # landmarks are never marginalized
+        there = (
+            np.flatnonzero(self._line.variable_update[n:] <= k) + n
+        )  # landmarks are never marginalized
         time = {int(v): float(self._moment[v]) if v < n else now for v in (*variables, *there)}
         rows = np.flatnonzero(self._line.factor_update == k)
         return self._updated(rows, self._entering.values(variables, self, k), time)
@@ -73,7 +80,9 @@ class LaggedSmoother:
         return self._smoother.calculateEstimatePose3(key)
 
     def covariance(self, poses: Indices) -> Array | None:
-        """Joint covariance of poses in their tangents, (6 n, 6 n); None unless all are in the window."""
+        """
+        Joint covariance of poses in their tangents, (6 n, 6 n); None unless all are in the window.
+        """
         values = self._smoother.getLinearizationPoint()
         if not all(values.exists(key) for key in poses.tolist()):
             return None

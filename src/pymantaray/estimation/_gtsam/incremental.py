@@ -20,7 +20,10 @@ class EntryUpdates(NamedTuple):
 
 
 def timeline(factors: Any, variable_time: Array, update_time: Array) -> EntryUpdates:
-    """Find the update at which each factor and variable enters; a time of minus infinity means always available."""
+    """
+    Find the update at which each factor and variable enters; a time of minus infinity means always
+    available.
+    """
     of_variable = np.searchsorted(update_time, variable_time)
     last = update_time.size
     first_use = np.full(variable_time.size, last)
@@ -59,7 +62,10 @@ class IncrementalSmoother:
         self._smoother = gtsam.ISAM2(parameters(Options(relinearize, wildfire)))
 
     def update(self, factors: Any, rows: Indices, new: Any) -> tuple[float, int] | None:
-        """Add factors and variables and update: seconds and number of relinearized variables; None if singular."""
+        """
+        Add factors and variables and update: seconds and number of relinearized variables; None if
+        singular.
+        """
         added = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
             added.add(factors.at(i))
@@ -88,14 +94,19 @@ class Smoother(Protocol):
 
 
 class Entering:
-    """Starting values of new variables: from a prior, from an edge to an existing pose, or from given values."""
+    """
+    Starting values of new variables: from a prior, from an edge to an existing pose, or from given
+    values.
+    """
 
     def __init__(self, graph: FactorGraph, start: Any, update_time: Array) -> None:
         self._start = start
         self._n_poses = graph.n_poses
         self._graph = graph
         self._update_time = update_time
-        self._with_prior = {v for table in graph.of_ends(("landmark",)) for v in table.subject.tolist()}
+        self._with_prior = {
+            v for table in graph.of_ends(("landmark",)) for v in table.subject.tolist()
+        }
         self._time = graph.pose_time
         prior = graph["prior"]
         edge = graph["edge"]
@@ -120,7 +131,10 @@ class Entering:
         return out
 
     def _landmark(self, key: int, new: Any, smoother: Smoother, now: float) -> Any:
-        """Initial value of a landmark: its value with a prior, else the first sighting or trilateration from the earlier poses."""
+        """
+        Initial value of a landmark: its value with a prior, else the first sighting or
+        trilateration from the earlier poses.
+        """
         if key in self._with_prior:
             return self._start.atPoint3(key)
         graph = self._graph

@@ -1,1 +1,3 @@
-"""Compiled kernels of least squares: residuals of poses, and Cholesky factors of blocks of six by six."""
+"""
+Compiled kernels of least squares: residuals of poses, and Cholesky factors of blocks of six by six.
+"""

@@ -1,8 +1,9 @@
 """
 Assembly of normal equations from relative poses and measured positions, batch by batch of rows.
 
-The rows of a batch share blocks only with each other and with the last rows. A batch is emptied, filled and, if wanted, eliminated
-while its blocks are in the cache; the memory's bandwidth limits long missions.
+The rows of a batch share blocks only with each other and with the last rows. A batch is emptied,
+filled and, if wanted, eliminated while its blocks are in the cache; the memory's bandwidth limits
+long missions.
 """
 
 from collections import namedtuple
@@ -14,19 +15,22 @@ from pymantaray.estimation._kernels.residuals import add_place, add_relative
 ChainFactors = namedtuple("ChainFactors", "relative blocks placed")
 ChainFactors.__doc__ = "Relative poses, the blocks of their pairs, and measured positions."
 Batches = namedtuple("Batches", "row relative relative_start placed placed_start")
-Batches.__doc__ = """Rows from ``row[b]`` to ``row[b + 1]`` of each batch, the last rows after the batches, and their factors.
+Batches.__doc__ = """Rows from ``row[b]`` to ``row[b + 1]`` of each batch, the last rows after the batches.
 
-Factor ``relative[k]`` belongs to batch b for k from ``relative_start[b]`` to ``relative_start[b + 1]``."""
+Factor ``relative[k]`` belongs to batch b for k from ``relative_start[b]`` to
+``relative_start[b + 1]``."""
 Costs = namedtuple("Costs", "relative placed")
 
 
 @entry
 def assemble(factors, batches, poses, matrix, upper, task, costs, work):  # type: ignore[no-untyped-def]
     """
-    Compute the costs of all factors; of order 1 and above set the matrix and the gradient, as `add_relative` does.
+    Compute the costs of all factors; of order 1 and above set the matrix and the gradient, as
+    `add_relative` does.
 
-    ``task`` is the order, and whether to eliminate batches. Their rows of ``upper.right`` are then the gradient's, negative; the
-    last rows of ``right`` and ``element`` are changes by elimination alone. Return a row without digits left, or -1.
+    ``task`` is the order, and whether to eliminate batches. Their rows of ``upper.right`` are then
+    the gradient's, negative; the last rows of ``right`` and ``element`` are changes by elimination
+    alone. Return a row without digits left, or -1.
     """
     order, eliminate = task
     row, failed = batches.row, -1
@@ -38,7 +42,9 @@ def assemble(factors, batches, poses, matrix, upper, task, costs, work):  # type
             _empty_rows(matrix, upper, row[b], row[b + 1], False)
         for k in range(batches.relative_start[b], batches.relative_start[b + 1]):
             i = batches.relative[k]
-            costs.relative[i] = add_relative(factors.relative, factors.blocks, poses, matrix, order, i, work)
+            costs.relative[i] = add_relative(
+                factors.relative, factors.blocks, poses, matrix, order, i, work
+            )
         for k in range(batches.placed_start[b], batches.placed_start[b + 1]):
             i = batches.placed[k]
             costs.placed[i] = add_place(factors.placed, poses.place, matrix, order, i)
@@ -53,7 +59,10 @@ def assemble(factors, batches, poses, matrix, upper, task, costs, work):  # type
 
 @inlined
 def _empty_rows(matrix, upper, begin, end, eliminate):  # type: ignore[no-untyped-def]
-    """Set blocks and gradient of rows to zero, and their right-hand side and elements if they only count changes."""
+    """
+    Set blocks and gradient of rows to zero, and their right-hand side and elements if they only
+    count changes.
+    """
     for k in range(begin, end):
         for r in range(6):
             matrix.gradient[k, r] = 0.0

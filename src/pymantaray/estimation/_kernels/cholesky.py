@@ -1,8 +1,9 @@
 """
 Sparse Cholesky factors in blocks of six by six, row by row of the upper triangle.
 
-Row k has a diagonal block and, from ``start[k]`` to ``start[k + 1]``, blocks of the rising columns ``column``. A row's
-columns are all connected by its elimination, so that each pair of them has its block.
+Row k has a diagonal block and, from ``start[k]`` to ``start[k + 1]``, blocks of the rising columns
+``column``. A row's columns are all connected by its elimination, so that each pair of them has its
+block.
 """
 
 import math
@@ -21,11 +22,12 @@ from pymantaray.estimation._kernels.products import (
 
 # Part of its diagonal element that is left to a pivot when rounding has taken its digits.
 NO_DIGITS = 1e-12
-# Least information: some direction may stray by 1,000 km, or as many radians, given all that are eliminated after it.
+# Least information: some direction may stray by 1,000 km, or as many radians, given all that are
+# eliminated after it.
 MIN_PIVOT = 1e-12
-AHEAD = (
-    8  # rows whose blocks are fetched before they are needed: up the factor, the machine does not foresee it
-)
+# rows whose blocks are fetched before they are needed: up the factor, the machine does not foresee
+# it
+AHEAD = 8
 BATCH_ROWS = 256  # their blocks take about 250 kB and stay in a core's cache
 
 
@@ -34,8 +36,8 @@ def join_rows(first, neighbour, parent, mark, count, start, column):  # type: ig
     """
     Count the blocks of each row, or write their columns if there is room for them.
 
-    ``neighbour[first[i]:first[i + 1]]`` are the rows before i that it shares a factor with. Each climbs the tree of
-    ``parent`` up to i: all on its way have a block of column i.
+    ``neighbour[first[i]:first[i + 1]]`` are the rows before i that it shares a factor with. Each
+    climbs the tree of ``parent`` up to i: all on its way have a block of column i.
     """
     for i in range(mark.size):
         mark[i] = i
@@ -55,11 +57,14 @@ def join_rows(first, neighbour, parent, mark, count, start, column):  # type: ig
 @entry
 def eliminate_chains(pairs, fixed, near, turn, left, row, joined):  # type: ignore[no-untyped-def]
     """
-    Order the variables with at most two neighbours first, as minimum degree does; return how many there are, and pairs that they join.
+    Order the variables with at most two neighbours first, as minimum degree does; return how many
+    there are, and pairs that they join.
 
-    ``pairs`` (m, 2) of variables share a factor. Loose ends of chains are first, one variable of each per turn. Then each turn eliminates
-    variables that are not neighbours, and connects the two neighbours of each. Variables are not ordered if they are ``fixed`` or have more neighbours; ``fixed`` is then true. ``joined`` becomes pairs of these
-    that elimination connects. ``near`` (n, 2), with -1, ``turn``, with zeros, and ``left`` are scratch.
+    ``pairs`` (m, 2) of variables share a factor. Loose ends of chains are first, one variable of
+    each per turn. Then each turn eliminates variables that are not neighbours, and connects the two
+    neighbours of each. Variables are not ordered if they are ``fixed`` or have more neighbours;
+    ``fixed`` is then true. ``joined`` becomes pairs of these that elimination connects. ``near``
+    (n, 2), with -1, ``turn``, with zeros, and ``left`` are scratch.
     """
     for p in range(pairs.shape[0]):
         for end in range(2):
@@ -129,18 +134,20 @@ def _connect(near, a, old, new):  # type: ignore[no-untyped-def]
 Upper = namedtuple("Upper", "start column diagonal above element right")
 Upper.__doc__ = """A matrix and its right-hand side on their way to a factor.
 
-``element`` has the diagonal elements (n, 6) before elimination. ``right``, (n, 6) or empty, goes down the transposed factor on the way,
-so that blocks are read once."""
+``element`` has the diagonal elements (n, 6) before elimination. ``right``, (n, 6) or empty, goes
+down the transposed factor on the way, so that blocks are read once."""
 
 
 @entry
 def gather_rows(parent, row, fixed, size, root, place, end):  # type: ignore[no-untyped-def]
     """
-    Number rows anew, so that blocks of neighbouring variables are near each other; return the number of batches.
+    Number rows anew, so that blocks of neighbouring variables are near each other; return the
+    number of batches.
 
-    A batch holds subtrees, of at most BATCH_ROWS rows in all, in the order of their first variables. Its rows keep their order, in which
-    successive rows rarely depend on each other. Rows above the subtrees come last, as do variables for which ``fixed`` is true.
-    ``place`` becomes the new number of each row, and ``end[b]`` the end of each batch; ``size`` and ``root`` are scratch.
+    A batch holds subtrees, of at most BATCH_ROWS rows in all, in the order of their first
+    variables. Its rows keep their order, in which successive rows rarely depend on each other. Rows
+    above the subtrees come last, as do variables for which ``fixed`` is true. ``place`` becomes the
+    new number of each row, and ``end[b]`` the end of each batch; ``size`` and ``root`` are scratch.
     """
     n, batches, room, total = row.size, 0, 0, 0
     for k in range(n):
@@ -185,7 +192,8 @@ def gather_rows(parent, row, fixed, size, root, place, end):  # type: ignore[no-
 @entry
 def factorize(upper, begin, end):  # type: ignore[no-untyped-def]
     """
-    Eliminate rows from begin to end: they become those of the upper factor, and below them the Schur complement remains.
+    Eliminate rows from begin to end: they become those of the upper factor, and below them the
+    Schur complement remains.
 
     Return a row without digits left, or -1.
     """
@@ -194,7 +202,10 @@ def factorize(upper, begin, end):  # type: ignore[no-untyped-def]
 
 @shared
 def eliminate_rows(upper, begin, end, watched):  # type: ignore[no-untyped-def]
-    """Eliminate rows as `factorize` does; ``element`` of the watched rows, the last ones, counts what elimination takes from their diagonals."""
+    """
+    Eliminate rows as `factorize` does; ``element`` of the watched rows, the last ones, counts what
+    elimination takes from their diagonals.
+    """
     start, column, diagonal, above, element, x = (
         upper.start,
         upper.column,
@@ -247,7 +258,10 @@ def _go_down(start, column, diagonal, above, x, k):  # type: ignore[no-untyped-d
 
 @entry
 def substitute(start, column, diagonal, above, x, down):  # type: ignore[no-untyped-def]
-    """Solve for a right-hand side (n, 6) in place: down the transposed factor, unless it has been there, and up the factor."""
+    """
+    Solve for a right-hand side (n, 6) in place: down the transposed factor, unless it has been
+    there, and up the factor.
+    """
     n = diagonal.shape[0]
     if down:
         for k in range(n):
@@ -270,7 +284,8 @@ def substitute_all(start, column, diagonal, above, x):  # type: ignore[no-untype
     """
     Solve for several right-hand sides (n, 6, count) at once, with the digits of `substitute`.
 
-    Sixteen take the time of four: a block of the factor is read once for all, and vectors of the machine hold several of them.
+    Sixteen take the time of four: a block of the factor is read once for all, and vectors of the
+    machine hold several of them.
     """
     n, count = diagonal.shape[0], x.shape[2]
     for k in range(n):
@@ -297,7 +312,9 @@ def substitute_all(start, column, diagonal, above, x):  # type: ignore[no-untype
 
 @inlined
 def _subtract_sum(x, i, r, share, k):  # type: ignore[no-untyped-def]
-    """Subtract six numbers times the rows of ``x[k]`` from ``x[i, r]``, one after another; i is not k."""
+    """
+    Subtract six numbers times the rows of ``x[k]`` from ``x[i, r]``, one after another; i is not k.
+    """
     a, b, c, d, e, f = share[0], share[1], share[2], share[3], share[4], share[5]
     for s in range(x.shape[2]):
         x[i, r, s] = (
@@ -314,7 +331,8 @@ def _subtract_sum(x, i, r, share, k):  # type: ignore[no-untyped-def]
 @entry
 def invert(start, column, diagonal, above, rows, inverse_diagonal, inverse_above, work):  # type: ignore[no-untyped-def]
     """
-    Blocks of the inverse in those rows that are marked and in all that their elimination joined them to, which are marked then.
+    Blocks of the inverse in those rows that are marked and in all that their elimination joined
+    them to, which are marked then.
 
     By Takahashi's recursion from the last row: with U_kk X = I, ``Z_kj = -X sum_i U_ki Z_ij`` and
     ``Z_kk = X (X^T - sum_i U_ki Z_ik)``. Blocks of other rows stay as they are.

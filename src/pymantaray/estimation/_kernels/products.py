@@ -1,7 +1,8 @@
 """
 Products of blocks of six by six, a row at a time in vectors of the machine.
 
-Numba leaves loops of six to scalar arithmetic, which takes three times as long; digits are the same, for each element is the same sum.
+Numba leaves loops of six to scalar arithmetic, which takes three times as long; digits are the
+same, for each element is the same sum.
 """
 
 from collections.abc import Callable
@@ -26,22 +27,28 @@ def _product(
     half_empty: bool = False,
 ) -> Any:
     """
-    Function of blocks ``out[i], a[p], b[q]`` of arrays (n, size, size) that sets, adds or subtracts a product, either factor transposed or not.
+    Function of blocks ``out[i], a[p], b[q]`` of arrays (n, size, size) that sets, adds or subtracts
+    a product, either factor transposed or not.
 
-    ``out[i]`` is neither of the factors. Half empty factors have zeros in the upper right quarter; the first one is transposed.
+    ``out[i]`` is neither of the factors. Half empty factors have zeros in the upper right quarter;
+    the first one is transposed.
     """
     if PLAIN:
         return _plain_product(combine, turned_first=turned_first, turned_second=turned_second)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        out, a, b = (_elements(context, builder, signature, arguments, k, size * size) for k in (0, 2, 4))
+        out, a, b = (
+            _elements(context, builder, signature, arguments, k, size * size) for k in (0, 2, 4)
+        )
         rows = [_row(builder, b, k, turned=turned_second, size=size) for k in range(size)]
         for r in range(size):
             total = None
             for k, row in enumerate(rows):
                 if half_empty and r >= size // 2 > k:
                     continue
-                share = builder.load(_at(builder, a, size * k + r if turned_first else size * r + k))
+                share = builder.load(
+                    _at(builder, a, size * k + r if turned_first else size * r + k)
+                )
                 term = builder.fmul(_repeated(builder, share, size), row)
                 total = term if total is None else builder.fadd(total, term)
             place = builder.bitcast(_at(builder, out, size * r), _vector(size).as_pointer())
@@ -59,9 +66,11 @@ def _product(
 
 def _product_with_vector(*, turned: bool) -> Any:
     """
-    Function of vectors and a block ``out[i], a[p], x[k]`` of arrays (n, 6), (n, 6, 6), (n, 6) that subtracts ``a[p] @ x[k]`` from ``out[i]``.
+    Function of vectors and a block ``out[i], a[p], x[k]`` of arrays (n, 6), (n, 6, 6), (n, 6) that
+    subtracts ``a[p] @ x[k]`` from ``out[i]``.
 
-    Turned, the block is transposed. Terms are subtracted one after the other; ``out[i]`` is not ``x[k]``.
+    Turned, the block is transposed. Terms are subtracted one after the other; ``out[i]`` is not
+    ``x[k]``.
     """
     if PLAIN:
         return _plain_product_with_vector(turned=turned)
@@ -86,7 +95,10 @@ def _product_with_vector(*, turned: bool) -> Any:
 
 
 def _solution() -> Any:
-    """Function of blocks ``out[p], u[k]`` of arrays (n, 6, 6) that replaces ``out[p]`` by the solution of ``u[k].T @ x = out[p]``, u upper."""
+    """
+    Function of blocks ``out[p], u[k]`` of arrays (n, 6, 6) that replaces ``out[p]`` by the solution
+    of ``u[k].T @ x = out[p]``, u upper.
+    """
     if PLAIN:
         return _plain_solve
 
@@ -103,7 +115,9 @@ def _solution() -> Any:
             rows.append(builder.fmul(total, _repeated(builder, inverse)))
         for r, row in enumerate(rows):
             builder.store(
-                row, builder.bitcast(_at(builder, out, SIZE * r), _vector(SIZE).as_pointer()), align=8
+                row,
+                builder.bitcast(_at(builder, out, SIZE * r), _vector(SIZE).as_pointer()),
+                align=8,
             )
         return context.get_dummy_value()
 
@@ -114,7 +128,9 @@ def _solution() -> Any:
 
 
 def _prefetch() -> Any:
-    """Function of a block ``a[p]`` of an array (n, 6, 6) that asks for it to be loaded in the cache."""
+    """
+    Function of a block ``a[p]`` of an array (n, 6, 6) that asks for it to be loaded in the cache.
+    """
     if PLAIN:
         return lambda _a, _p: None
 
@@ -156,7 +172,9 @@ def _row(builder: Any, block: Any, k: int, *, turned: bool, size: int = SIZE) ->
     """A row of a block, or a column."""
     vector = _vector(size)
     if not turned:
-        return builder.load(builder.bitcast(_at(builder, block, size * k), vector.as_pointer()), align=8)
+        return builder.load(
+            builder.bitcast(_at(builder, block, size * k), vector.as_pointer()), align=8
+        )
     row = ir.Constant(vector, ir.Undefined)
     for c in range(size):
         element = builder.load(_at(builder, block, size * c + k))
@@ -177,7 +195,9 @@ def _plain_product(combine: str, *, turned_first: bool, turned_second: bool) -> 
 
     def product(out: Any, i: int, a: Any, p: int, b: Any, q: int) -> None:
         total = (a[p].T if turned_first else a[p]) @ (b[q].T if turned_second else b[q])
-        out[i] = total if combine == "set" else out[i] + total if combine == "add" else out[i] - total
+        out[i] = (
+            total if combine == "set" else out[i] + total if combine == "add" else out[i] - total
+        )
 
     return product
 

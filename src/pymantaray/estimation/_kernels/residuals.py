@@ -1,9 +1,10 @@
 """
 Residuals of poses, and the blocks of the normal equations that they add up to.
 
-A pose moves by ``R Exp(w), p + d``: its rotation in the body's axes, its position in the world's, ``[w, d]`` in a block. A
-landmark is a pose that does not turn. Row ``row[i]`` of the matrix is that of variable i; a pair's block is
-``above[block]``, in the order of the pair or, where ``turned``, the other way round.
+A pose moves by ``R Exp(w), p + d``: its rotation in the body's axes, its position in the world's,
+``[w, d]`` in a block. A landmark is a pose that does not turn. Row ``row[i]`` of the matrix is that
+of variable i; a pair's block is ``above[block]``, in the order of the pair or, where ``turned``,
+the other way round.
 """
 
 import math
@@ -24,35 +25,46 @@ _SMALL_ANGLE = 1e-2  # rad; below it series replace closed forms: what they leav
 
 # Scratch: blocks of six by six and matrices of three by three; the latter, by what they hold:
 TO_ERROR, ERROR, JACOBIAN, BY_ETA, BETWEEN, LEVER, CROSS = range(7)
-# derivatives of rotation and translation by the second pose's rotation, of the translation by its place, and by the first's rotation
-TURN_BY_SECOND, SHIFT_BY_SECOND, SHIFT_BY_PLACE, TURN_BY_FIRST, SHIFT_BY_FIRST = JACOBIAN, 7, 8, 9, 10
-# Vectors beside them: the residual, whitened; R1^T (p2 - p1); the error's rotation vector and translation; and of the logarithm.
+# derivatives of rotation and translation by the second pose's rotation, of the translation by its
+# place, and by the first's rotation
+TURN_BY_SECOND, SHIFT_BY_SECOND, SHIFT_BY_PLACE, TURN_BY_FIRST, SHIFT_BY_FIRST = (
+    JACOBIAN,
+    7,
+    8,
+    9,
+    10,
+)
+# Vectors beside them: the residual, whitened; R1^T (p2 - p1); the error's rotation vector and
+# translation; and of the logarithm.
 RESIDUAL, WHITE, STRIDE, ETA, SHIFT, BEND = range(6)
 BLOCKS, MATRICES, VECTORS = 4, 11, 6
 
 
 RelativePoses = namedtuple("RelativePoses", "first second turn step root")
-RelativePoses.__doc__ = """Poses (n,) in the frames of others: measured rotation and translation, and the root of their information.
+RelativePoses.__doc__ = """Poses (n,) in the frames of others: rotation, translation, and the root of their information.
 
 Roots are lower triangular (n, 6, 6) or, if all are diagonal, their diagonals (n, 6)."""
 Sightings = namedtuple("Sightings", "pose landmark measured root")
-Sightings.__doc__ = "Landmarks (n,) in the body frames of poses: places as measured, and the root of their information (n, 6, 6)."
+Sightings.__doc__ = """Landmarks (n,) in the body frames of poses: measured positions.
+
+The root of their information is of shape (n, 6, 6)."""
 Positions = namedtuple("Positions", "variable measured information")
 Positions.__doc__ = "Measured positions (n, 3), and their information (n, 3, 3)."
 PoseArrays = namedtuple("PoseArrays", "rotation place")
 Matrix = namedtuple("Matrix", "row diagonal above gradient")
-Matrix.__doc__ = (
-    "Normal equations: the row of each variable, blocks on and above the diagonal, and the gradient."
-)
+Matrix.__doc__ = """Normal equations: the row of each variable, blocks, and the gradient.
+
+The blocks are on and above the diagonal."""
 
 
 @inlined
 def add_relative(relative, blocks, poses, matrix, order, i, work):  # type: ignore[no-untyped-def]
     """
-    Cost of a relative pose; of order 1 add its blocks and gradient as well, of order 2 also its curvature.
+    Cost of a relative pose; of order 1 add its blocks and gradient as well, of order 2 also its
+    curvature.
 
-    Residual ``root Log(Z^-1 T1^-1 T2)``; where ``first`` is negative T1 is the world. ``work`` is scratch: blocks, matrices,
-    vectors of six.
+    Residual ``root Log(Z^-1 T1^-1 T2)``; where ``first`` is negative T1 is the world. ``work`` is
+    scratch: blocks, matrices, vectors of six.
     """
     root, row, diagonal, above, gradient = (
         relative.root,
@@ -106,7 +118,10 @@ def _whiten(root, i, v):  # type: ignore[no-untyped-def]
 
 @inlined
 def _whiten_block(root, i, j, to, m, parts):  # type: ignore[no-untyped-def]
-    """Block of derivatives in standard deviations, from its quarters: by rotation, and by the place with a sign."""
+    """
+    Block of derivatives in standard deviations, from its quarters: by rotation, and by the place
+    with a sign.
+    """
     turn, shift, sign = parts
     whole = root.ndim == 3
     at = 0 if whole else to
@@ -164,7 +179,10 @@ def _residual(relative, poses, i, m, v):  # type: ignore[no-untyped-def]
 
 @inlined
 def _logarithm(m, v):  # type: ignore[no-untyped-def]
-    """Residual of an error: its rotation vector w, then ``V^-1 t = t - w x t / 2 + c w x (w x t)`` of its translation t."""
+    """
+    Residual of an error: its rotation vector w, then ``V^-1 t = t - w x t / 2 + c w x (w x t)`` of
+    its translation t.
+    """
     trace = m[ERROR, 0, 0] + m[ERROR, 1, 1] + m[ERROR, 2, 2]
     if trace > 0.0:
         scalar = 1.0 + trace
@@ -188,7 +206,10 @@ def _logarithm(m, v):  # type: ignore[no-untyped-def]
     scale = angle / size if size > 1e-12 * scalar else 2.0 / scalar
     square = angle * angle
     if angle < _SMALL_ANGLE:
-        bend, slope = 1.0 / 12.0 + square / 720.0 * (1.0 + square / 42.0), 1.0 / 360.0 + square / 7560.0
+        bend, slope = (
+            1.0 / 12.0 + square / 720.0 * (1.0 + square / 42.0),
+            1.0 / 360.0 + square / 7560.0,
+        )
     else:
         cot, sine = 1.0 / math.tan(0.5 * angle), math.sin(0.5 * angle)
         bend = (1.0 - 0.5 * angle * cot) / square
@@ -220,8 +241,8 @@ def _by_second(m, v):  # type: ignore[no-untyped-def]
     """
     Derivatives by the second pose.
 
-    The inverse right Jacobian is ``1 + [w] / 2 + c [w] [w]``, V^-1 its transpose, and V^-1 t changes with w by
-    ``[t] / 2 - c ([w x t] + [w] [t]) + c' / |w| (w x (w x t)) w^T``.
+    The inverse right Jacobian is ``1 + [w] / 2 + c [w] [w]``, V^-1 its transpose, and V^-1 t
+    changes with w by ``[t] / 2 - c ([w x t] + [w] [t]) + c' / |w| (w x (w x t)) w^T``.
     """
     bend, slope, square = v[BEND, 0], v[BEND, 1], v[BEND, 2]
     _cross(m, 0.5 * v[ETA, 0], 0.5 * v[ETA, 1], 0.5 * v[ETA, 2])
@@ -238,7 +259,9 @@ def _by_second(m, v):  # type: ignore[no-untyped-def]
     )
     for r in range(3):
         for c in range(3):  # [w] [t] = t w^T - (w . t) 1
-            m[BY_ETA, r, c] = m[CROSS, r, c] + (slope * v[SHIFT, 3 + r] - bend * v[SHIFT, r]) * v[ETA, c]
+            m[BY_ETA, r, c] = (
+                m[CROSS, r, c] + (slope * v[SHIFT, 3 + r] - bend * v[SHIFT, r]) * v[ETA, c]
+            )
         m[BY_ETA, r, r] += bend * along
     set_product_of_three(m, SHIFT_BY_SECOND, m, BY_ETA, m, JACOBIAN)
     set_transposed_product_of_three(m, SHIFT_BY_PLACE, m, JACOBIAN, m, TO_ERROR)
@@ -246,7 +269,9 @@ def _by_second(m, v):  # type: ignore[no-untyped-def]
 
 @inlined
 def _by_first(first, second, turn, i, rotation, m, v):  # type: ignore[no-untyped-def]
-    """Derivatives by the first pose: it turns the error by ``-R2^T R1``, and its stride by a lever."""
+    """
+    Derivatives by the first pose: it turns the error by ``-R2^T R1``, and its stride by a lever.
+    """
     _cross(m, v[STRIDE, 0], v[STRIDE, 1], v[STRIDE, 2])
     set_transposed_product_of_three(m, BETWEEN, rotation, second, rotation, first)
     set_transposed_product_of_three(m, LEVER, turn, i, m, CROSS)
@@ -261,13 +286,19 @@ def _by_first(first, second, turn, i, rotation, m, v):  # type: ignore[no-untype
 @inlined
 def _add_curvature(relative, blocks, poses, matrix, i, m, v):  # type: ignore[no-untyped-def]
     """
-    Add how the pull on the translation turns with the first pose, the largest part of the curvature.
+    Add how the pull on the translation turns with the first pose, the largest part of the
+    curvature.
 
-    The residual's translation is linear in ``R1^T (p2 - p1)``: with its pull q there, ``[q] R1^T`` between turning the first
-    pose and moving one against the other.
+    The residual's translation is linear in ``R1^T (p2 - p1)``: with its pull q there, ``[q] R1^T``
+    between turning the first pose and moving one against the other.
     """
     first, block, turn, root = relative.first[i], blocks.block[i], relative.turn, relative.root
-    row, diagonal, above, rotation = matrix.row[first], matrix.diagonal, matrix.above, poses.rotation
+    row, diagonal, above, rotation = (
+        matrix.row[first],
+        matrix.diagonal,
+        matrix.above,
+        poses.rotation,
+    )
     for r in range(3):  # on the residual, on the error, on the stride
         v[RESIDUAL, r] = _pull(root, i, r, v)
     for r in range(3):
@@ -301,7 +332,10 @@ def _add_gradient(gradient, row, j, p, v):  # type: ignore[no-untyped-def]
 
 @entry
 def add_sightings(sighted, blocks, poses, matrix, order, cost, work):  # type: ignore[no-untyped-def]
-    """Costs (n,) of landmarks seen from poses, residuals ``root (R^T (l - p) - z)``, and of order 1 and above their blocks and gradient."""
+    """
+    Costs (n,) of landmarks seen from poses, residuals ``root (R^T (l - p) - z)``, and of order 1
+    and above their blocks and gradient.
+    """
     root, row, diagonal, above, gradient = (
         sighted.root,
         matrix.row,
@@ -365,9 +399,11 @@ def add_place(placed, place, matrix, order, i):  # type: ignore[no-untyped-def]
 @entry
 def add_pairs(pairs, blocks, residual, slope, bend, information, matrix):  # type: ignore[no-untyped-def]
     """
-    Blocks and gradient of whitened residuals (n,) of pairs (n, 2), with slopes by the positions of both ends, (n, 6).
+    Blocks and gradient of whitened residuals (n,) of pairs (n, 2), with slopes by the positions of
+    both ends, (n, 6).
 
-    Of a distance with curvature a share ``bend`` of its own residual over it: so much less along it, and as much across.
+    Of a distance with curvature a share ``bend`` of its own residual over it: so much less along
+    it, and as much across.
     """
     block, turned = blocks.block, blocks.turned
     row, diagonal, above, gradient = matrix.row, matrix.diagonal, matrix.above, matrix.gradient
@@ -392,7 +428,10 @@ def add_pairs(pairs, blocks, residual, slope, bend, information, matrix):  # typ
 
 @kernel
 def _bend_way(rotation, step, a, b, square, place):  # type: ignore[no-untyped-def]
-    """Add to a place that was moved straight on what the way along an arc has besides: ``b u x d + c u x (u x d)``, u the turn in the world."""
+    """
+    Add to a place that was moved straight on what the way along an arc has besides: ``b u x d + c u
+    x (u x d)``, u the turn in the world.
+    """
     c = (1.0 - a) / square if square > _SMALL_ANGLE * _SMALL_ANGLE else (1.0 - square / 20.0) / 6.0
     ux = rotation[0, 0] * step[0] + rotation[0, 1] * step[1] + rotation[0, 2] * step[2]
     uy = rotation[1, 0] * step[0] + rotation[1, 1] * step[1] + rotation[1, 2] * step[2]
@@ -406,7 +445,8 @@ def _bend_way(rotation, step, a, b, square, place):  # type: ignore[no-untyped-d
 @entry
 def move(rotation, place, row, step, arc, new_rotation, new_place):  # type: ignore[no-untyped-def]
     """
-    Poses after a step (n, 6) in the order of rows: ``R Exp(w), p + d``, or along an arc ``R Exp(w), p + R V(w) R^T d``.
+    Poses after a step (n, 6) in the order of rows: ``R Exp(w), p + d``, or along an arc ``R Exp(w),
+    p + R V(w) R^T d``.
 
     Along arcs, screw motions, what turns as a whole about some place stays as it is.
     """

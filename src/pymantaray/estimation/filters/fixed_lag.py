@@ -12,7 +12,12 @@ from pymantaray.estimation.filters.lag_window import LagWindow
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solvers.covariance import EpochCovariances
 from pymantaray.estimation.solvers.problems import GraphState, distance_problem
-from pymantaray.estimation.solvers.solution import GraphSolution, SolveOptions, SolveProgress, make_solution
+from pymantaray.estimation.solvers.solution import (
+    GraphSolution,
+    SolveOptions,
+    SolveProgress,
+    make_solution,
+)
 from pymantaray.estimation.solvers.trilateration import determined_times
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
@@ -33,18 +38,20 @@ def smooth_with_lag(
     Parameters
     ----------
     lag : float
-        Poses older than this are marginalized at their last linearization; at least the time between updates. [s]
+        Poses older than this are marginalized at their last linearization; at least the time
+        between updates. [s]
     incremental : bool
-        Use iSAM2 with an update at each sample, instead of a batch optimization of the lag at each ping. Old poses are
-        marginalized sample by sample, so the time of an update is bounded, and that at a ping is short.
+        Use iSAM2 with an update at each sample, instead of a batch optimization of the lag at each
+        ping. Old poses are marginalized sample by sample, so the time of an update is bounded, and
+        that at a ping is short.
     covariance_poses : ndarray of int, shape (n_epochs, n_vehicles), optional
         Poses whose joint covariances to compute; the poses of an epoch have one time.
 
     Returns
     -------
     GraphSolution
-        The last estimate of each pose and its covariance, which uses the measurements up to one lag later. The status is OK
-        if every update succeeded; there is no expected cost.
+        The last estimate of each pose and its covariance, which uses the measurements up to one lag
+        later. The status is OK if every update succeeded; there is no expected cost.
 
     Raises
     ------
@@ -70,14 +77,20 @@ def smooth_with_lag(
         thresholds = Options(options.incremental.relinearize, options.incremental.wildfire)
         smoother = LaggedSmoother(graph, initial, moment, times, lag, thresholds)
     seconds = np.full(times.size, np.nan)
-    poses = np.empty((0, 0), dtype=np.intp) if covariance_poses is None else covariance_poses.astype(np.intp)
+    poses = (
+        np.empty((0, 0), dtype=np.intp)
+        if covariance_poses is None
+        else covariance_poses.astype(np.intp)
+    )
     epoch_time = graph.pose_time[poses].max(axis=1, initial=-np.inf)
     joint: dict[int, Array] = {}
     problem = distance_problem(graph)
     cost = problem.cost(GraphState.of(initial))
     done = True
     for k, now in enumerate(times.tolist()):
-        gone = times[k + 1] - lag if k + 1 < times.size else np.inf  # poses before are marginalized next
+        gone = (
+            times[k + 1] - lag if k + 1 < times.size else np.inf
+        )  # poses before are marginalized next
         ready = (epoch_time <= now) & (epoch_time < gone)
         epochs = [epoch for epoch in np.flatnonzero(ready).tolist() if epoch not in joint]
         done = smoother.update(k, [poses[epoch] for epoch in epochs])

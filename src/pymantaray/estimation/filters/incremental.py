@@ -24,18 +24,21 @@ from pymantaray.geometry.se3 import quaternion_from_matrix
 
 @dataclass(frozen=True, eq=False)
 class IncrementalResult:
-    """Final solution of an incremental estimator, and its estimates and latencies during the mission."""
+    """
+    Final solution of an incremental estimator, and its estimates and latencies during the mission.
+    """
 
-    solution: GraphSolution  # after the last update, without bounds on the cost; its iterations are updates
+    # after the last update, without bounds on the cost; its iterations are updates
+    solution: GraphSolution
     optimum: Optimum  # final state, with the next step of a batch solver (not applied)
     update_time: Array  # since the start of the mission, (n_updates,) [s]
     seconds: Array  # duration of each update; NaN after a failed update
     relinearized: Indices  # variables linearized again in each update
-    position: Array  # estimate of each pose at its own time: after an update, or dead-reckoned from the last one [m]
+    # estimate of each pose at its own time: after an update, or dead-reckoned from the last one [m]
+    position: Array
     quaternion: Array
-    before: (
-        Array  # each position before the first update with the pose, dead-reckoned from the last update [m]
-    )
+    # each position before the first update with the pose, dead-reckoned from the last update [m]
+    before: Array
 
 
 def solve_incrementally(
@@ -47,10 +50,11 @@ def solve_incrementally(
     problem: Problem | None = None,
 ) -> IncrementalResult:
     """
-    Estimate a graph whose ranges are distances by iSAM2, with factors in the order of their latest pose.
+    Estimate a graph whose ranges are distances by iSAM2, with factors in the order of their latest
+    pose.
 
-    A pose without a prior or an edge from an existing pose enters at its initial value. A landmark enters, with all its
-    ranges and sightings so far, as soon as these determine its position.
+    A pose without a prior or an edge from an existing pose enters at its initial value. A landmark
+    enters, with all its ranges and sightings so far, as soon as these determine its position.
     """
     from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
     from pymantaray.estimation._gtsam.incremental import Entering, IncrementalSmoother, timeline
@@ -59,7 +63,8 @@ def solve_incrementally(
     check_times(graph, initial, options.incremental.every)
     if loss is not None and loss.graduated:
         raise EstimationError(
-            "a graduated loss needs all ranges at once, so an incremental solve cannot use it; choose another loss"
+            "a graduated loss needs all ranges at once, so an incremental solve cannot use it;"
+            " choose another loss"
         )
     factors = graph_factors(graph, loss)
     start = values_of(initial)
@@ -118,7 +123,9 @@ class _Log:
         self._before, self._position = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
         self._rotation = np.full((n, 3, 3), np.nan)
 
-    def note(self, update: int, poses: Indices, new: Any, smoother: Any, done: tuple[float, int]) -> None:
+    def note(
+        self, update: int, poses: Indices, new: Any, smoother: Any, done: tuple[float, int]
+    ) -> None:
         self._seconds[update], self._relinearized[update] = done
         now = self._time[update]
         for key in poses.tolist():
@@ -158,7 +165,9 @@ def check_times(graph: FactorGraph, initial: GraphValues, every: str) -> None:
     if every not in {"ping", "sample"}:
         raise EstimationError(f"an update every {every!r}; allowed: 'ping', 'sample'")
     if graph.n_poses == 0:
-        raise EstimationError("a graph without poses has no times; an incremental solve needs poses")
+        raise EstimationError(
+            "a graph without poses has no times; an incremental solve needs poses"
+        )
     fine = np.isfinite(graph.pose_time)
     if not fine.all():
         name = graph.variable_name(int(np.argmin(fine)))

@@ -1,4 +1,7 @@
-"""Error-state extended Kalman filter: the latest pose of each vehicle and all landmarks, one update for each sample."""
+"""
+Error-state extended Kalman filter: the latest pose of each vehicle and all landmarks, one update
+for each sample.
+"""
 
 from dataclasses import replace
 from itertools import pairwise
@@ -15,7 +18,13 @@ from pymantaray.estimation.graph.graph import FactorGraph, Factors, GraphValues,
 from pymantaray.estimation.ranges.range_models import ModelRanges, chord
 from pymantaray.estimation.solvers.covariance import EpochCovariances
 from pymantaray.estimation.solvers.solution import GraphSolution, SolveProgress, make_solution
-from pymantaray.geometry.se3 import hat, matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
+from pymantaray.geometry.se3 import (
+    hat,
+    matrix_from_quaternion,
+    quaternion_from_matrix,
+    so3_exp,
+    so3_log,
+)
 from pymantaray.records import SolveStatus
 
 _NOTHING = np.empty(0), np.empty((0, 0)), np.empty((0, 0))  # measurements of a time without any
@@ -31,32 +40,37 @@ def filter_graph(
     """
     Estimate the poses of a fleet by an error-state extended Kalman filter.
 
-    Odometry, with the velocities of a Doppler log, moves the poses from sample to sample; all other measurements of a
-    sample update them, ranges last. Each measurement is linearized once, at the latest estimate. Errors are in the tangent of
-    the estimate, as in [1]_.
+    Odometry, with the velocities of a Doppler log, moves the poses from sample to sample; all other
+    measurements of a sample update them, ranges last. Each measurement is linearized once, at the
+    latest estimate. Errors are in the tangent of the estimate, as in [1]_.
 
     Parameters
     ----------
     graph : FactorGraph
-        Every vehicle has a pose at every time, a prior on its first pose, and odometry between successive poses.
+        Every vehicle has a pose at every time, a prior on its first pose, and odometry between
+        successive poses.
     model_ranges : ModelRanges, optional
-        Range model and measured travel times, without unknowns. By default the graph's ranges are distances.
+        Range model and measured travel times, without unknowns. By default the graph's ranges are
+        distances.
     covariance_poses : ndarray of int, shape (n_epochs, n_vehicles), optional
         Poses whose joint covariances to compute; the poses of an epoch have one time.
 
     Returns
     -------
     GraphSolution
-        The estimate of each pose from all measurements up to its time. Costs are half the sum of squared normalized innovations.
+        The estimate of each pose from all measurements up to its time. Costs are half the sum of
+        squared normalized innovations.
 
     Raises
     ------
     EstimationError
-        If the graph has other poses, factors between poses that are not successive, sightings, or a landmark without a prior.
+        If the graph has other poses, factors between poses that are not successive, sightings, or a
+        landmark without a prior.
 
     References
     ----------
-    .. [1] Solà, J., Quaternion kinematics for the error-state Kalman filter, arXiv:1711.02508, 2017.
+    .. [1] Solà, J., Quaternion kinematics for the error-state Kalman filter, arXiv:1711.02508,
+    2017.
     """
     check_graph(graph)
     timeline = _Timeline.of(graph)
@@ -71,7 +85,9 @@ def filter_graph(
         begin = process_time()
         if k:
             state.move(steps, k - 1)
-        done = state.update(*updates.at(state, k)) and state.update(*ranges.at(state, k), ranges=True)
+        done = state.update(*updates.at(state, k)) and state.update(
+            *ranges.at(state, k), ranges=True
+        )
         seconds[k] = process_time() - begin
         if not done:
             break
@@ -98,7 +114,8 @@ class _Timeline(NamedTuple):
         pose[sample, graph.pose_vehicle] = np.arange(graph.n_poses)
         if graph.planar or (pose < 0).any() or pose.size != graph.n_poses or not pose.size:
             raise EstimationError(
-                "a Kalman filter needs poses in three dimensions, one of each vehicle at each time; choose another solver"
+                "a Kalman filter needs poses in three dimensions, one of each vehicle at each"
+                " time; choose another solver"
             )
         priors = graph["prior"].subject
         lacking = np.setdiff1d(pose[0], priors)
@@ -106,13 +123,18 @@ class _Timeline(NamedTuple):
             odd = lacking if lacking.size else np.setdiff1d(priors, pose[0])
             name = graph.variable_name(int(odd[0] if odd.size else priors[0]))
             raise EstimationError(
-                f"{name}: a Kalman filter needs one prior on the first pose of each vehicle, and none on later poses"
+                f"{name}: a Kalman filter needs one prior on the first pose of each vehicle, and"
+                " none on later poses"
             )
         taken = {"range", "survey"}
         for name, table in graph.tables.items():
             if len(table) and not (name in taken or set(table.kind.ends) == {"pose"}):
-                raise EstimationError(f"a Kalman filter takes no {table.kind.plural}; choose another solver")
-        if sorted(graph["survey"].subject.tolist()) != list(range(graph.n_poses, graph.n_variables)):
+                raise EstimationError(
+                    f"a Kalman filter takes no {table.kind.plural}; choose another solver"
+                )
+        if sorted(graph["survey"].subject.tolist()) != list(
+            range(graph.n_poses, graph.n_variables)
+        ):
             raise EstimationError(
                 "a Kalman filter needs landmarks with one prior each; choose another solver"
             )
@@ -120,12 +142,17 @@ class _Timeline(NamedTuple):
 
 
 class _Steps(NamedTuple):
-    """Motion from sample to sample (n_times - 1, n_vehicles): rotation, translation, and covariance in the second body's tangent."""
+    """
+    Motion from sample to sample (n_times - 1, n_vehicles): rotation, translation, and covariance in
+    the second body's tangent.
+    """
 
     rotation: Array
     translation: Array
     covariance: Array
-    cost: Array  # half the squared normalized innovations of the velocities (n_times - 1, n_vehicles)
+    cost: (
+        Array  # half the squared normalized innovations of the velocities (n_times - 1, n_vehicles)
+    )
 
 
 def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
@@ -136,7 +163,9 @@ def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
     at = np.full(shape, -1)
     at[row] = np.arange(len(graph["edge"]))
     if (at < 0).any() or len(graph["edge"]) != at.size:
-        raise EstimationError("a Kalman filter needs one odometry edge between each two successive poses")
+        raise EstimationError(
+            "a Kalman filter needs one odometry edge between each two successive poses"
+        )
     edge = graph["edge"]
     rotation = matrix_from_quaternion(edge.column("quaternion"))[at]
     translation = edge.column("position")[at].copy()
@@ -149,7 +178,9 @@ def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
 
 
 def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
-    """Update steps by other measurements of the same steps: of their translations, or of both parts."""
+    """
+    Update steps by other measurements of the same steps: of their translations, or of both parts.
+    """
     rotation, translation, covariance, cost = steps
     place = table.column("position")
     whole = "quaternion" in table.kind.columns_at
@@ -182,13 +213,16 @@ def _rows_of_steps(graph: FactorGraph, kind: str, timeline: _Timeline) -> tuple[
     if not successive.all():
         name = graph.variable_name(int(second[np.argmin(successive)]))
         raise EstimationError(
-            f"{name}: {graph[kind].kind.what} does not start at the previous pose of its vehicle; a Kalman filter takes no other"
+            f"{name}: {graph[kind].kind.what} does not start at the previous pose of its vehicle;"
+            " a Kalman filter takes no other"
         )
     return k, a
 
 
 class _State:
-    """Latest poses, landmarks as poses without rotation, and the joint covariance of their errors."""
+    """
+    Latest poses, landmarks as poses without rotation, and the joint covariance of their errors.
+    """
 
     def __init__(self, rotation: Array, position: Array, covariance: Array) -> None:
         self.rotation = rotation
@@ -208,7 +242,9 @@ class _State:
         self.position[:n] = position
         blocks = self.covariance.reshape(-1, SIZE, self.covariance.shape[1])
         blocks[:n] = by_pose @ blocks[:n]
-        columns = np.swapaxes(blocks.reshape(self.covariance.shape), 0, 1).reshape(blocks.shape).copy()
+        columns = (
+            np.swapaxes(blocks.reshape(self.covariance.shape), 0, 1).reshape(blocks.shape).copy()
+        )
         columns[:n] = by_pose @ columns[:n]
         self.covariance = columns.reshape(self.covariance.shape)
         noise = by_step @ steps.covariance[k] @ np.swapaxes(by_step, 1, 2)
@@ -220,7 +256,8 @@ class _State:
         self, residual: Array, by_errors: Array | Indices, variance: Array, *, ranges: bool = False
     ) -> bool:
         """
-        Update by measurements with residuals predicted minus measured (m,), derivatives as in `corrected`, and covariance (m, m).
+        Update by measurements with residuals predicted minus measured (m,), derivatives as in
+        `corrected`, and covariance (m, m).
 
         False if the covariance of the innovations is not positive definite.
         """
@@ -229,7 +266,9 @@ class _State:
             self.range_dimension = residual.size
         if not residual.size:
             return True
-        after = corrected(self.rotation, self.position, self.covariance, residual, by_errors, variance)
+        after = corrected(
+            self.rotation, self.position, self.covariance, residual, by_errors, variance
+        )
         if after is None:
             return False
         self.rotation, self.position, self.covariance, nis = after
@@ -239,12 +278,15 @@ class _State:
         return True
 
 
-def moved(rotation: Array, position: Array, turn: Array, step: Array) -> tuple[Array, Array, Array, Array]:
+def moved(
+    rotation: Array, position: Array, turn: Array, step: Array
+) -> tuple[Array, Array, Array, Array]:
     """
-    Poses after steps, and the derivatives of their errors by the errors before (n, 6, 6) and by those of the steps (n, 6, 6).
+    Poses after steps, and the derivatives of their errors by the errors before (n, 6, 6) and by
+    those of the steps (n, 6, 6).
 
-    Errors of poses are rotations in the body's axes and displacements in the world's; those of steps are in the tangent of the
-    second body.
+    Errors of poses are rotations in the body's axes and displacements in the world's; those of
+    steps are in the tangent of the second body.
     """
     after = rotation @ turn
     at = position + np.einsum("nij,nj->ni", rotation, step)
@@ -267,8 +309,8 @@ def corrected(
     """
     Poses and covariance after an update, as `_State.update`, and the squared normalized innovation.
 
-    by_errors contains derivatives (m, 6 n), or the columns (m,) of errors that are measured themselves.
-    None if the covariance of the innovations is not positive definite.
+    by_errors contains derivatives (m, 6 n), or the columns (m,) of errors that are measured
+    themselves. None if the covariance of the innovations is not positive definite.
     """
     if by_errors.ndim == 1:
         measured = by_errors.astype(np.intp, copy=False)
@@ -280,7 +322,8 @@ def corrected(
     root, failed = dpotrf(spread + variance, lower=1)
     if failed or not np.isfinite(root[-1, -1]):
         return None
-    # LAPACK's solver starts all threads of OpenBLAS even for one row, which costs milliseconds on a busy machine
+    # LAPACK's solver starts all threads of OpenBLAS even for one row, which costs milliseconds on a
+    # busy machine
     white = dtrsm(1.0, root, residual[:, None], lower=1)[:, 0]
     gain = dtrsm(1.0, root, weight, lower=1)
     error = -(gain.T @ white).reshape(-1, SIZE)
@@ -309,7 +352,9 @@ def _first_state(graph: FactorGraph, timeline: _Timeline) -> _State:
     to_world[:, :3, :3] = np.eye(3)
     to_world[:, 3:, 3:] = rotation[:n]
     vehicles = np.arange(n)
-    covariance[vehicles, :, vehicles, :] = to_world @ prior.covariance[row] @ np.swapaxes(to_world, 1, 2)
+    covariance[vehicles, :, vehicles, :] = (
+        to_world @ prior.covariance[row] @ np.swapaxes(to_world, 1, 2)
+    )
     landmark = survey.subject.astype(np.intp) - graph.n_poses
     place[n + landmark] = survey.column("position")
     covariance[n + landmark, 3:, n + landmark, 3:] = survey.covariance
@@ -321,14 +366,20 @@ class _Updates:
     """Measurements of single poses by time, of all kinds but the priors of the first poses."""
 
     def __init__(self, graph: FactorGraph, timeline: _Timeline) -> None:
-        tables = [t for name, t in graph.tables.items() if t.kind.ends == ("pose",) and name != "prior"]
+        tables = [
+            t for name, t in graph.tables.items() if t.kind.ends == ("pose",) and name != "prior"
+        ]
         self._parts = [_OfPoses(graph, table) for table in tables if len(table)]
         n_times = len(timeline.pose)
-        self._rows = [_by_time(timeline.sample[part.table.subject], n_times) for part in self._parts]
+        self._rows = [
+            _by_time(timeline.sample[part.table.subject], n_times) for part in self._parts
+        ]
         self._columns: dict[tuple[bytes, ...], Indices] = {}
 
     def at(self, state: _State, k: int) -> tuple[Array, Array | Indices, Array]:
-        """Residuals of a time, columns of the measured errors, and the covariance of the residuals."""
+        """
+        Residuals of a time, columns of the measured errors, and the covariance of the residuals.
+        """
         some = [(part, rows[k]) for part, rows in zip(self._parts, self._rows, strict=True)]
         if not any(rows.size for _, rows in some):
             return _NOTHING
@@ -360,7 +411,8 @@ class _Updates:
 
 class _OfPoses:
     """
-    Factors of one kind of single poses: their vehicles, the errors of a pose that they measure, and covariances of these.
+    Factors of one kind of single poses: their vehicles, the errors of a pose that they measure, and
+    covariances of these.
 
     Rotations are measured in the body's axes, positions in the world's.
     """
@@ -369,8 +421,12 @@ class _OfPoses:
         self.table = table
         self.vehicle = graph.pose_vehicle[table.subject]
         columns = table.kind.columns_at
-        self._turn = matrix_from_quaternion(table.column("quaternion")) if "quaternion" in columns else None
-        self._place = next((table.column(name) for name in ("position", "depth") if name in columns), None)
+        self._turn = (
+            matrix_from_quaternion(table.column("quaternion")) if "quaternion" in columns else None
+        )
+        self._place = next(
+            (table.column(name) for name in ("position", "depth") if name in columns), None
+        )
         errors = [0, 1, 2] if self._turn is not None else []
         if self._place is not None:
             errors += [5] if self._place.ndim == 1 else [3, 4, 5]
@@ -392,18 +448,28 @@ class _OfPoses:
             turned = np.swapaxes(self._turn[rows], 1, 2) @ state.rotation[vehicle]
             parts.append(np.asarray(so3_log(turned)))
         if self._place is not None:
-            at = state.position[vehicle][:, self.errors[-1:] - 3 if self._place.ndim == 1 else slice(None)]
+            at = state.position[vehicle][
+                :, self.errors[-1:] - 3 if self._place.ndim == 1 else slice(None)
+            ]
             parts.append(at - self._place[rows].reshape(at.shape))
         return np.concatenate(parts, axis=1).ravel()
 
 
 class _Ranges:
-    """Ranges by time, as distances or as travel times of a model; ``gated`` counts those without an arrival."""
+    """
+    Ranges by time, as distances or as travel times of a model; ``gated`` counts those without an
+    arrival.
+    """
 
-    def __init__(self, graph: FactorGraph, timeline: _Timeline, model_ranges: ModelRanges | None) -> None:
-        if model_ranges is not None and (model_ranges.n_unknowns or model_ranges.uncertainty is not None):
+    def __init__(
+        self, graph: FactorGraph, timeline: _Timeline, model_ranges: ModelRanges | None
+    ) -> None:
+        if model_ranges is not None and (
+            model_ranges.n_unknowns or model_ranges.uncertainty is not None
+        ):
             raise EstimationError(
-                "a Kalman filter estimates no unknowns of ranges and uses a fixed variance; choose solver batch"
+                "a Kalman filter estimates no unknowns of ranges and uses a fixed variance; choose"
+                " solver batch"
             )
         table = graph["range"]
         n = timeline.pose.shape[1]
@@ -471,10 +537,15 @@ class _Log:
     def __init__(self, graph: FactorGraph, timeline: _Timeline, poses: Indices | None) -> None:
         self._pose = timeline.pose
         self._n = graph.n_poses
-        self._position, self._rotation = np.full((self._n, 3), np.nan), np.full((self._n, 3, 3), np.nan)
+        self._position, self._rotation = (
+            np.full((self._n, 3), np.nan),
+            np.full((self._n, 3, 3), np.nan),
+        )
         self._poses = poses
         self._epoch = (
-            {} if poses is None else {int(timeline.sample[row[0]]): e for e, row in enumerate(poses)}
+            {}
+            if poses is None
+            else {int(timeline.sample[row[0]]): e for e, row in enumerate(poses)}
         )
         self._vehicle = graph.pose_vehicle
         self._out = None if poses is None else EpochCovariances.unknown(*poses.shape)

@@ -1,4 +1,7 @@
-"""Batch fixed-lag smoothing: the poses of a window are optimized at each update, then the oldest are marginalized."""
+"""
+Batch fixed-lag smoothing: the poses of a window are optimized at each update, then the oldest are
+marginalized.
+"""
 
 from time import process_time
 from typing import NamedTuple
@@ -10,7 +13,12 @@ from pymantaray.estimation.filters.marginal_prior import MarginalPrior, RangesAn
 from pymantaray.estimation.graph.graph import KINDS, FactorGraph, Factors, GraphValues
 from pymantaray.estimation.solvers.normal_equations import SIZE
 from pymantaray.estimation.solvers.optimize import LastStep, optimize
-from pymantaray.estimation.solvers.problems import FactorsExceptRanges, GraphState, Problem, ProblemCache
+from pymantaray.estimation.solvers.problems import (
+    FactorsExceptRanges,
+    GraphState,
+    Problem,
+    ProblemCache,
+)
 from pymantaray.estimation.solvers.solution import SolveOptions
 from pymantaray.estimation.solvers.starts import dead_reckon_graph
 from pymantaray.estimation.solvers.trilateration import range_only_landmarks, trilaterate
@@ -29,13 +37,15 @@ class _Window(NamedTuple):
 
 class LagWindow:
     """
-    Current estimate of the variables of a window, and the last one of those that have left it; unusable after a failed update.
+    Current estimate of the variables of a window, and the last one of those that have left it;
+    unusable after a failed update.
 
     Parameters
     ----------
     graph : FactorGraph
     initial : GraphValues
-        Starting values of variables that neither a prior nor a factor with an earlier variable gives.
+        Starting values of variables that neither a prior nor a factor with an earlier variable
+        gives.
     moment : ndarray
         Time from which each variable is determined. [s]
     times : ndarray
@@ -63,7 +73,9 @@ class LagWindow:
         state = GraphState.of(initial)
         self._rotation, self._position = state.rotation.copy(), state.position.copy()
         of_variable = np.searchsorted(times, moment)
-        self._enters = {name: of_variable[graph[name].variables].max(axis=1) for name in graph.factors}
+        self._enters = {
+            name: of_variable[graph[name].variables].max(axis=1) for name in graph.factors
+        }
         first = np.full(moment.size, times.size)
         for name, update in self._enters.items():
             for end in graph[name].variables.T:
@@ -78,7 +90,10 @@ class LagWindow:
         """CPU time of the last update."""
 
     def update(self, k: int, groups: list[Indices]) -> bool:
-        """Add what enters at an update, optimize the window, and marginalize; True if it succeeded. The poses of each group are connected."""
+        """
+        Add what enters at an update, optimize the window, and marginalize; True if it succeeded.
+        The poses of each group are connected.
+        """
         begin = process_time()
         new = np.flatnonzero(self._first == k)
         self._inside[new] = True
@@ -105,10 +120,15 @@ class LagWindow:
     def values(self) -> GraphValues:
         """Estimate of every variable when it was last in the window."""
         n = self._graph.n_poses
-        return GraphValues(self._position[:n], quaternion_from_matrix(self._rotation[:n]), self._position[n:])
+        return GraphValues(
+            self._position[:n], quaternion_from_matrix(self._rotation[:n]), self._position[n:]
+        )
 
     def covariance(self, poses: Indices) -> Array | None:
-        """Joint covariance of the poses of a group in their tangents, (6 n, 6 n); None unless all were in the last window."""
+        """
+        Joint covariance of the poses of a group in their tangents, (6 n, 6 n); None unless all were
+        in the last window.
+        """
         if self._window is None or not np.isin(poses, self._window.variables).all():
             return None
         state = self._window.last.state
@@ -144,7 +164,9 @@ class LagWindow:
         for name, of_name in rows.items():
             table = graph[name]
             ends = number[table.variables[of_name]]
-            tables[name] = Factors(table.kind, ends, table.measured[of_name], table.covariance[of_name])
+            tables[name] = Factors(
+                table.kind, ends, table.measured[of_name], table.covariance[of_name]
+            )
         return bare.with_factors(**tables)
 
     def _problem(self, graph: FactorGraph, variables: Indices, groups: list[Indices]) -> Problem:
@@ -156,7 +178,10 @@ class LagWindow:
         return Problem(factors, ranges, structure)
 
     def _start(self, graph: FactorGraph, variables: Indices, new: Mask) -> None:
-        """Starting values of the new variables of a window: from a prior, from factors with earlier variables, or as given."""
+        """
+        Starting values of the new variables of a window: from a prior, from factors with earlier
+        variables, or as given.
+        """
         if not new.any():
             return
         n = graph.n_poses
@@ -186,7 +211,10 @@ class LagWindow:
                 self._position[variables[landmark]] = found[0]
 
     def _leave(self, k: int, variables: Indices, last: LastStep) -> bool:
-        """Keep the estimates of an update and marginalize all poses older than the lag; False if they are not determined."""
+        """
+        Keep the estimates of an update and marginalize all poses older than the lag; False if they
+        are not determined.
+        """
         n = self._graph.n_poses
         old = (variables < n) & (self._moment[variables] < self._times[k] - self._lag)
         # what leaves has had its last estimate at the update before
@@ -198,7 +226,8 @@ class LagWindow:
         gone = np.zeros_like(self._left)
         gone[variables[old]] = True
         touching = {
-            name: gone[self._graph[name].variables[rows]].any(axis=1) for name, rows in self._rows.items()
+            name: gone[self._graph[name].variables[rows]].any(axis=1)
+            for name, rows in self._rows.items()
         }
         absorbed = {name: self._rows[name][rows] for name, rows in touching.items()}
         self._rows = {name: self._rows[name][~rows] for name, rows in touching.items()}

@@ -1,4 +1,6 @@
-"""Marginal prior: Gaussian information of eliminated variables on those that shared factors with them."""
+"""
+Marginal prior: Gaussian information of eliminated variables on those that shared factors with them.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -8,7 +10,12 @@ from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.graph.graph import FactorGraph
 from pymantaray.estimation.solvers.losses import Loss
 from pymantaray.estimation.solvers.normal_equations import SIZE, Blocks, NormalEquations, Structure
-from pymantaray.estimation.solvers.problems import Distances, FactorsExceptRanges, GraphState, Problem
+from pymantaray.estimation.solvers.problems import (
+    Distances,
+    FactorsExceptRanges,
+    GraphState,
+    Problem,
+)
 from pymantaray.geometry.se3 import hat, so3_log
 
 _SMALL_ANGLE = 1e-2  # rad; below it a series replaces the closed form
@@ -16,7 +23,10 @@ _SMALL_ANGLE = 1e-2  # rad; below it a series replaces the closed form
 
 @dataclass(frozen=True, eq=False)
 class MarginalPrior:
-    """Cost ``cost + gradient . d + d . matrix d / 2`` of the distance d of variables from a state, as rotation vectors and displacements."""
+    """
+    Cost ``cost + gradient . d + d . matrix d / 2`` of the distance d of variables from a state, as
+    rotation vectors and displacements.
+    """
 
     variables: Indices
     rotation: Array
@@ -52,7 +62,9 @@ class MarginalPrior:
 
     def _distance(self, state: GraphState) -> Array:
         rotation = np.swapaxes(self.rotation, 1, 2) @ state.rotation[self.variables]
-        return np.concatenate([so3_log(rotation), state.position[self.variables] - self.position], axis=1)
+        return np.concatenate(
+            [so3_log(rotation), state.position[self.variables] - self.position], axis=1
+        )
 
 
 def _by_turn(vector: Array) -> Array:
@@ -74,9 +86,13 @@ class RangesAndPrior(Distances):
 
     def cost(self, state: GraphState, loss: Loss | None) -> float:
         """Cost of the ranges and of the prior."""
-        return super().cost(state, loss) + (0.0 if self._prior is None else self._prior.cost_at(state))
+        return super().cost(state, loss) + (
+            0.0 if self._prior is None else self._prior.cost_at(state)
+        )
 
-    def add(self, state: GraphState, blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
+    def add(
+        self, state: GraphState, blocks: Blocks, loss: Loss | None, out: NormalEquations
+    ) -> None:
         """Add cost, gradient and blocks."""
         super().add(state, blocks, loss, out)
         if self._prior is not None:
@@ -103,4 +119,6 @@ def marginalized(
     if left is None:
         return None
     matrix, gradient = left
-    return MarginalPrior(kept, state.rotation[kept], state.position[kept], matrix, gradient, equations.cost)
+    return MarginalPrior(
+        kept, state.rotation[kept], state.position[kept], matrix, gradient, equations.cost
+    )

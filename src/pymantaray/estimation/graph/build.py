@@ -44,7 +44,8 @@ def build_graph(
     Returns
     -------
     FactorGraph
-        Poses are ordered by vehicle: the pose of vehicle ``a`` at sample ``k`` is variable ``a * n_time + k``.
+        Poses are ordered by vehicle: the pose of vehicle ``a`` at sample ``k`` is variable ``a *
+        n_time + k``.
 
     Raises
     ------
@@ -73,29 +74,39 @@ def with_ranges(
     ]
     # the pose comes first; a distance is symmetric
     swap = (ends[0] >= graph.n_poses) & (ends[1] < graph.n_poses)
-    variables = np.stack([np.where(swap, ends[1], ends[0]), np.where(swap, ends[0], ends[1])], axis=1)
-    distance = measurements.refracted_range if ranges == "refracted" else measurements.straight_range
+    variables = np.stack(
+        [np.where(swap, ends[1], ends[0]), np.where(swap, ends[0], ends[1])], axis=1
+    )
+    distance = (
+        measurements.refracted_range if ranges == "refracted" else measurements.straight_range
+    )
     return graph.with_factors(
-        range=_table(graph, "range", variables, [distance[use]], measurements.range_sigma[use, None])
+        range=_table(
+            graph, "range", variables, [distance[use]], measurements.range_sigma[use, None]
+        )
     )
 
 
-def timed_ranges(measurements: Measurements, ranges: MeasuredRanges, links: LinkChoice) -> TimedRanges:
+def timed_ranges(
+    measurements: Measurements, ranges: MeasuredRanges, links: LinkChoice
+) -> TimedRanges:
     """
     Travel times of the ranges of a graph, row by row.
 
-    A range is the sound speed at its transmitter times the measured travel time, so the travel time is their
-    quotient, noise included.
+    A range is the sound speed at its transmitter times the measured travel time, so the travel time
+    is their quotient, noise included.
     """
     use = _used(measurements, ranges, links)
     speed = measurements.transmitter_sound_speed[use]
     if not np.all(speed > 0.0):
         first = int(np.argmin(speed > 0.0))
         raise EstimationError(
-            f"sound speed at the transmitter of range {np.flatnonzero(use)[first]} is {speed[first]:g} m/s;"
-            " it must be positive"
+            f"sound speed at the transmitter of range {np.flatnonzero(use)[first]} is"
+            f" {speed[first]:g} m/s; it must be positive"
         )
-    distance = measurements.refracted_range if ranges == "refracted" else measurements.straight_range
+    distance = (
+        measurements.refracted_range if ranges == "refracted" else measurements.straight_range
+    )
     sample = measurements.range_sample[use]
     return TimedRanges(
         transmitter=_variables(measurements, measurements.range_transmitter[use], sample),
@@ -111,11 +122,13 @@ def _used(measurements: Measurements, ranges: MeasuredRanges, links: LinkChoice)
     """Select the attempts whose ranges enter the graph."""
     if ranges not in {"straight", "refracted", None} or links not in {"refracted", "all"}:
         raise EstimationError(
-            f"ranges {ranges!r} over links {links!r}; allowed are 'straight', 'refracted' or None over 'refracted' or"
-            " 'all'"
+            f"ranges {ranges!r} over links {links!r}; allowed are 'straight', 'refracted' or None"
+            " over 'refracted' or 'all'"
         )
     if ranges == "refracted" and links == "all":
-        raise EstimationError("refracted ranges over all links: a dropout has none; use links = 'refracted'")
+        raise EstimationError(
+            "refracted ranges over all links: a dropout has none; use links = 'refracted'"
+        )
     if ranges is None:
         return np.zeros(measurements.range_status.size, dtype=bool)
     if links == "refracted":
@@ -135,7 +148,9 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
         pose_time=np.tile(measurements.time, n_vehicles),
     )
     known = ~np.isnan(
-        np.hstack([measurements.first_position, measurements.first_quaternion, measurements.first_sigma])
+        np.hstack(
+            [measurements.first_position, measurements.first_quaternion, measurements.first_sigma]
+        )
     ).all(axis=1)
     edges = np.stack([chain[:, :-1].ravel(), chain[:, 1:].ravel()], axis=1)
     landmarks = poses.size + np.arange(measurements.landmark_name.size)
@@ -143,7 +158,11 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
     steps = [measurements.odometry_translation, measurements.odometry_rotation]
     tables = {
         "prior": (chain[known, 0], first, measurements.first_sigma[known]),
-        "depth": (poses, [measurements.depth], np.repeat(measurements.depth_sigma, n_times)[:, None]),
+        "depth": (
+            poses,
+            [measurements.depth],
+            np.repeat(measurements.depth_sigma, n_times)[:, None],
+        ),
         "survey": (
             landmarks,
             [measurements.landmark_position],
@@ -152,9 +171,13 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
         "edge": (edges, steps, measurements.odometry_sigma.reshape(-1, 6)),
     }
     tables |= {
-        name: _columns(measurements, chain, kind) for name, kind in KINDS.items() if kind.source is not None
+        name: _columns(measurements, chain, kind)
+        for name, kind in KINDS.items()
+        if kind.source is not None
     }
-    graph = bare.with_factors(**{name: _table(bare, name, *columns) for name, columns in tables.items()})
+    graph = bare.with_factors(
+        **{name: _table(bare, name, *columns) for name, columns in tables.items()}
+    )
     rotations = [
         name
         for name, kind in KINDS.items()
@@ -166,7 +189,9 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
 def _columns(
     measurements: Measurements, chain: NDArray[Any], kind: FactorKind
 ) -> tuple[NDArray[Any], list[NDArray[Any]], NDArray[Any]]:
-    """Variables, measured columns and standard deviations of a kind, from the columns of its source."""
+    """
+    Variables, measured columns and standard deviations of a kind, from the columns of its source.
+    """
     source = kind.source
     assert source is not None
     vehicle, sample, sigma = (
@@ -190,7 +215,9 @@ def _in_body(attitudes: Factors) -> Factors:
     return replace(attitudes, covariance=0.5 * (covariance + np.swapaxes(covariance, 1, 2)))
 
 
-def _variables(measurements: Measurements, participant: NDArray[Any], sample: NDArray[Any]) -> NDArray[Any]:
+def _variables(
+    measurements: Measurements, participant: NDArray[Any], sample: NDArray[Any]
+) -> NDArray[Any]:
     n_vehicles, n_times = measurements.depth.shape
     landmark = participant >= n_vehicles
     pose = participant * n_times + sample
@@ -198,9 +225,15 @@ def _variables(measurements: Measurements, participant: NDArray[Any], sample: ND
 
 
 def _table(
-    graph: FactorGraph, name: str, variables: NDArray[Any], measured: list[NDArray[Any]], sigma: NDArray[Any]
+    graph: FactorGraph,
+    name: str,
+    variables: NDArray[Any],
+    measured: list[NDArray[Any]],
+    sigma: NDArray[Any],
 ) -> Factors:
-    """Factors with diagonal covariances from standard deviations (n, rows), which must be positive."""
+    """
+    Factors with diagonal covariances from standard deviations (n, rows), which must be positive.
+    """
     kind = KINDS[name]
     covariance = np.zeros((len(sigma), kind.rows, kind.rows))
     row = np.arange(kind.rows)
@@ -211,7 +244,7 @@ def _table(
         first = int(np.argmin(fine))
         numbers = ", ".join(f"{v:g}" for v in sigma[first])
         raise EstimationError(
-            f"{graph.variable_name(int(factors.subject[first]))}: {kind.what} sigma is [{numbers}]; it must be positive"
-            " and finite"
+            f"{graph.variable_name(int(factors.subject[first]))}: {kind.what} sigma is [{numbers}];"
+            " it must be positive and finite"
         )
     return factors

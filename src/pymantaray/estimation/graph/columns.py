@@ -1,8 +1,10 @@
 """
-Columns of graph files: the numbers of each type of line, and their conversion from and to the columns of a graph.
+Columns of graph files: the numbers of each type of line, and their conversion from and to the
+columns of a graph.
 
-PyFactorGraph and g2o files have the same columns: x y z and qx qy qz qw, or x y and an angle in two dimensions, and the upper
-triangle of a matrix, translation first. Lines in two dimensions are lifted as they are read, and flattened as they are written.
+PyFactorGraph and g2o files have the same columns: x y z and qx qy qz qw, or x y and an angle in two
+dimensions, and the upper triangle of a matrix, translation first. Lines in two dimensions are
+lifted as they are read, and flattened as they are written.
 """
 
 from collections.abc import Iterable, Iterator
@@ -31,11 +33,16 @@ TO_WXYZ = [3, 0, 1, 2]
 def columns(role: str, *, timed: bool = False, more_names: int = 0) -> Word:
     """Fields of a line in three dimensions, of a pose, a landmark or a factor."""
     names, measured, matrix = _COLUMNS[role]
-    return Word(timed, names + more_names, measured, matrix, None if role in _ANY_DIMENSION else False)
+    return Word(
+        timed, names + more_names, measured, matrix, None if role in _ANY_DIMENSION else False
+    )
 
 
 def to_graph(values: Array, grammar: Word, *, planar: bool) -> tuple[Array, Array]:
-    """Measured columns and matrices of a graph from the numbers of lines: quaternions w x y z, rotation before translation."""
+    """
+    Measured columns and matrices of a graph from the numbers of lines: quaternions w x y z,
+    rotation before translation.
+    """
     measured = values[:, : grammar.measured]
     matrix = from_triangle(values[:, grammar.measured :], grammar.matrix)
     if planar:
@@ -67,7 +74,10 @@ def write_rows(
     *,
     planar: bool,
 ) -> Iterator[str]:
-    """Lines of a word, given with its word in two dimensions (None if it is the same), from the columns of a graph."""
+    """
+    Lines of a word, given with its word in two dimensions (None if it is the same), from the
+    columns of a graph.
+    """
     flat = planar and words[1] is not None
     word = words[1] if flat else words[0]
     measured, matrix = to_file(measured, matrix, planar=flat)
@@ -81,7 +91,10 @@ def write_rows(
 
 
 def flattened(measured: Array) -> Array:
-    """Planar part of x y z, (n, 3), or of x y z and a quaternion x y z w, (n, 7): x y, and the angle about down."""
+    """
+    Planar part of x y z, (n, 3), or of x y z and a quaternion x y z w, (n, 7): x y, and the angle
+    about down.
+    """
     if measured.shape[1] == 3:
         return measured[:, :2]
     z = measured[:, 5]

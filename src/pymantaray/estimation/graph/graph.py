@@ -1,9 +1,10 @@
 """
 Solver-free factor graph: its variables, and for each kind of factor one table.
 
-One entry of `KINDS` adds a kind of factor: its columns and ends determine its `Residual`, and thereby batch and incremental
-solves, checks, NetCDF and PyFactorGraph files, degrees of freedom, covariances and diagnoses. `check_kinds` refuses a kind without a
-fitting residual, and kinds that files cannot tell apart. `build.build_graph` makes a graph from measurements.
+One entry of `KINDS` adds a kind of factor: its columns and ends determine its `Residual`, and
+thereby batch and incremental solves, checks, NetCDF and PyFactorGraph files, degrees of freedom,
+covariances and diagnoses. `check_kinds` refuses a kind without a fitting residual, and kinds that
+files cannot tell apart. `build.build_graph` makes a graph from measurements.
 """
 
 from collections.abc import Mapping, Sequence
@@ -42,15 +43,20 @@ _ROWS = {
     "distance": ("distance",),
 }
 _FIRST = list(_ROWS)  # rotation before others
-_UNITS = {row: "rad" if name == "quaternion" else "m" for name, rows in _ROWS.items() for row in rows}
+_UNITS = {
+    row: "rad" if name == "quaternion" else "m" for name, rows in _ROWS.items() for row in rows
+}
 OUT_OF_PLANE = ("rx", "ry", "z")  # of a graph in two dimensions
 
 
 class Residual(Enum):
     """Residuals that all solvers implement; each kind of factor has one."""
 
-    POSE = "relative pose"  # of a pose in another pose or in the world; in the world also its rotation alone
-    SIGHTING = "sighting"  # of the position of a landmark or of another pose in the body frame of a pose
+    # of a pose in another pose or in the world; in the world also its rotation alone
+    POSE = "relative pose"
+    SIGHTING = (
+        "sighting"  # of the position of a landmark or of another pose in the body frame of a pose
+    )
     POSITION = "position"  # of a pose or a landmark in the world, or a pose's depth alone
     DISTANCE = "distance"  # between two variables
 
@@ -72,8 +78,8 @@ class FactorSource(NamedTuple):
     """
     Columns of `Measurements` with the factors of a sensor, one row per vehicle and sample.
 
-    A factor between two poses is between the pose at the sample and the next one. A ``rate`` is per second: it and its standard
-    deviation are multiplied by the time between these poses.
+    A factor between two poses is between the pose at the sample and the next one. A ``rate`` is per
+    second: it and its standard deviation are multiplied by the time between these poses.
     """
 
     vehicle: str
@@ -89,12 +95,18 @@ class FactorKind:
 
     what: str  # its name in messages
     plural: str
-    ends: tuple[str, ...]  # types of its variables: "pose", "landmark", "any"; a pose comes before a landmark
+    ends: tuple[
+        str, ...
+    ]  # types of its variables: "pose", "landmark", "any"; a pose comes before a landmark
     columns: tuple[tuple[str, int, str], ...]  # measured columns: name, width and unit
-    word: str | None  # that begins its lines in PyFactorGraph text; None if this text cannot hold it
+    word: (
+        str | None
+    )  # that begins its lines in PyFactorGraph text; None if this text cannot hold it
     axes: tuple[
         int, ...
-    ] = ()  # of a pose prior or an edge there, those of rx ry rz x y z that are measured; others are free
+        # of a pose prior or an edge there, those of rx ry rz x y z that are measured; others are
+        # free
+    ] = ()
     anchors: bool = False  # true if it ties its variable to the world
     named_after: int = 0  # index of the variable that messages name
     source: FactorSource | None = None  # of factors that `build_graph` makes without further steps
@@ -106,14 +118,17 @@ class FactorKind:
         if shape not in _RESIDUALS:
             fitting = (f"{' and '.join(c)} of {' and '.join(e)}" for e, c in _RESIDUALS)
             raise EstimationError(
-                f"{self.what}: no residual for {' and '.join(shape[1])} of {' and '.join(self.ends)};"
-                f" allowed: {', '.join(fitting)}"
+                f"{self.what}: no residual for {' and '.join(shape[1])} of"
+                f" {' and '.join(self.ends)}; allowed: {', '.join(fitting)}"
             )
         return _RESIDUALS[shape]
 
     @cached_property
     def rows(self) -> int:
-        """Number of rows of the residual: three for a quaternion, in the tangent of the body, then others, in the world's axes."""
+        """
+        Number of rows of the residual: three for a quaternion, in the tangent of the body, then
+        others, in the world's axes.
+        """
         return sum(width for _, width, _ in self.columns) - ("quaternion" in self.columns_at)
 
     @property
@@ -130,14 +145,24 @@ class FactorKind:
         return {name: slice(*ends) for name, ends in zip(names, pairwise(edges), strict=True)}
 
     def rows_in(self, units: str, *, planar: bool) -> list[int]:
-        """Rows of the residual in "rad", in "m" or in either; of a planar graph only the rows in the plane."""
+        """
+        Rows of the residual in "rad", in "m" or in either; of a planar graph only the rows in the
+        plane.
+        """
         rows = enumerate(self.row_names)
         return [
-            i for i, name in rows if _UNITS[name] in units.split() and not (planar and name in OUT_OF_PLANE)
+            i
+            for i, name in rows
+            if _UNITS[name] in units.split() and not (planar and name in OUT_OF_PLANE)
         ]
 
-    def table(self, variables: ArrayLike, measured: Sequence[ArrayLike], covariance: ArrayLike) -> "Factors":
-        """Factors of this kind, of variables (n, ends), columns (n, width) and covariances (n, rows, rows)."""
+    def table(
+        self, variables: ArrayLike, measured: Sequence[ArrayLike], covariance: ArrayLike
+    ) -> "Factors":
+        """
+        Factors of this kind, of variables (n, ends), columns (n, width) and covariances (n, rows,
+        rows).
+        """
         return self.owning_table(variables, measured, np.array(covariance, dtype=float))
 
     def owning_table(
@@ -188,9 +213,16 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             anchors=True,
             source=FactorSource("gnss_vehicle", "gnss_sample", ("gnss_position",), "gnss_sigma"),
         ),
-        "depth": FactorKind("depth", "depth priors", ("pose",), (("depth", 1, "m"),), POSE_PRIOR, axes=(5,)),
+        "depth": FactorKind(
+            "depth", "depth priors", ("pose",), (("depth", 1, "m"),), POSE_PRIOR, axes=(5,)
+        ),
         "survey": FactorKind(
-            "landmark prior", "landmark priors", ("landmark",), (POSITION,), LANDMARK_PRIOR, anchors=True
+            "landmark prior",
+            "landmark priors",
+            ("landmark",),
+            (POSITION,),
+            LANDMARK_PRIOR,
+            anchors=True,
         ),
         "edge": FactorKind(
             "odometry", "odometry", ("pose", "pose"), (POSITION, QUATERNION), EDGE, named_after=1
@@ -214,9 +246,13 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             EDGE,
             axes=(3, 4, 5),
             named_after=1,
-            source=FactorSource("dvl_vehicle", "dvl_sample", ("dvl_velocity",), "dvl_sigma", rate=True),
+            source=FactorSource(
+                "dvl_vehicle", "dvl_sample", ("dvl_velocity",), "dvl_sigma", rate=True
+            ),
         ),
-        "sighting": FactorKind("sighting", "sightings", ("pose", "landmark"), (POSITION,), SIGHTING),
+        "sighting": FactorKind(
+            "sighting", "sightings", ("pose", "landmark"), (POSITION,), SIGHTING
+        ),
         "range": FactorKind("range", "ranges", ("any", "any"), (("distance", 1, "m"),), RANGE),
     }
 )
@@ -238,7 +274,8 @@ class Factors:
         if len({len(table) for table in tables}) != 1:
             sizes = " and ".join(str(len(table)) for table in tables)
             raise EstimationError(
-                f"{self.kind.what}: {sizes} rows of variables, measurements and covariances; their numbers must be equal"
+                f"{self.kind.what}: {sizes} rows of variables, measurements and covariances; their"
+                " numbers must be equal"
             )
         for table in tables:
             table.setflags(write=False)
@@ -301,13 +338,15 @@ class FactorGraph(Record):
     """
     Variables and factors of one estimation problem, independent of any solver.
 
-    A variable is a number: a row of the pose tables, or the number of poses plus a row of ``landmark_name``.
-    ``graph["range"]`` is the table of one kind of `KINDS`, empty if there is none. Covariances of poses are
-    in the tangent of the body, rotation before translation, perturbed from the right; those of positions are
-    in the world's axes, those of sightings (a landmark's position relative to a pose) in the body's.
+    A variable is a number: a row of the pose tables, or the number of poses plus a row of
+    ``landmark_name``. ``graph["range"]`` is the table of one kind of `KINDS`, empty if there is
+    none. Covariances of poses are in the tangent of the body, rotation before translation,
+    perturbed from the right; those of positions are in the world's axes, those of sightings (a
+    landmark's position relative to a pose) in the body's.
 
-    A ``planar`` graph is two-dimensional: its poses have depth 0 and rotate about the down axis only, and its covariances
-    do not couple axes in the plane with others, which have no meaning. Its solution is that of the problem in SE(2).
+    A ``planar`` graph is two-dimensional: its poses have depth 0 and rotate about the down axis
+    only, and its covariances do not couple axes in the plane with others, which have no meaning.
+    Its solution is that of the problem in SE(2).
     """
 
     kind: ClassVar[str] = "factor_graph"
@@ -327,7 +366,10 @@ class FactorGraph(Record):
 
     @property
     def tables(self) -> dict[str, Factors]:
-        """Tables of all kinds of factors by the names of `KINDS`, in this order; a reader of factors handles or refuses each."""
+        """
+        Tables of all kinds of factors by the names of `KINDS`, in this order; a reader of factors
+        handles or refuses each.
+        """
         return {name: self[name] for name in KINDS}
 
     @property
@@ -392,16 +434,20 @@ class FactorGraph(Record):
 
     @property
     def degrees_of_freedom(self) -> int:
-        """Rows of all residuals minus the dimension of all variables; the expected cost is half of it."""
+        """
+        Rows of all residuals minus the dimension of all variables; the expected cost is half of it.
+        """
         rows = sum(
-            len(kind.rows_in("rad m", planar=self.planar)) * len(self[name]) for name, kind in KINDS.items()
+            len(kind.rows_in("rad m", planar=self.planar)) * len(self[name])
+            for name, kind in KINDS.items()
         )
         pose, landmark = (3, 2) if self.planar else (6, 3)
         return int(rows - pose * self.n_poses - landmark * self.landmark_name.size)
 
     def variable_name(self, variable: int) -> str:
         """
-        Readable name of a variable: ``A17``, ``float-1:17`` if the vehicle's name is longer, or ``L0``.
+        Readable name of a variable: ``A17``, ``float-1:17`` if the vehicle's name is longer, or
+        ``L0``.
 
         Parameters
         ----------
@@ -419,7 +465,9 @@ class FactorGraph(Record):
         return f"{name}{number}" if len(name) == 1 and not name.isdigit() else f"{name}:{number}"
 
     def to_dataset(self) -> "xr.Dataset":
-        """Convert to an xarray data set with units and long names; empty kinds of factors are omitted."""
+        """
+        Convert to an xarray data set with units and long names; empty kinds of factors are omitted.
+        """
         dataset = super().to_dataset().assign_attrs(planar=int(self.planar))
         for name, factors in self.factors.items():
             if not len(factors):
@@ -432,7 +480,10 @@ class FactorGraph(Record):
                 about = {"long_name": f"{part} of {what}", "units": unit}
                 dataset[f"{name}_{part}"] = ((name, f"{name}_{part}_axis"), values, about)
             axes = (name, f"{name}_row", f"{name}_column")
-            about = {"long_name": f"covariance of {what}, rotation before translation", "units": "rad2, m2"}
+            about = {
+                "long_name": f"covariance of {what}, rotation before translation",
+                "units": "rad2, m2",
+            }
             dataset[f"{name}_covariance"] = (axes, factors.covariance, about)
         return dataset
 
@@ -460,7 +511,9 @@ class FactorGraph(Record):
             if f"{name}_variables" in dataset
         }
         tables = {
-            str(name).removesuffix("_variables") for name in dataset if str(name).endswith("_variables")
+            str(name).removesuffix("_variables")
+            for name in dataset
+            if str(name).endswith("_variables")
         }
         if unknown := sorted(tables - set(KINDS)):
             raise EstimationError(
@@ -472,13 +525,17 @@ class FactorGraph(Record):
 
 def check_kinds() -> None:
     """
-    Refuse kinds of factors that a solver or a file cannot represent, or that a file or a list of counts cannot tell apart.
+    Refuse kinds of factors that a solver or a file cannot represent, or that a file or a list of
+    counts cannot tell apart.
 
-    Distances are ranges alone. A word fits the kind's ends, and its axes are the rows of the residual.
+    Distances are ranges alone. A word fits the kind's ends, and its axes are the rows of the
+    residual.
     """
     distances = [name for name, kind in KINDS.items() if kind.residual is Residual.DISTANCE]
     if distances != ["range"]:
-        raise EstimationError(f"kinds that measure distances: {', '.join(distances)}; allowed: range alone")
+        raise EstimationError(
+            f"kinds that measure distances: {', '.join(distances)}; allowed: range alone"
+        )
     lines: dict[Any, str] = {}
     for name, kind in KINDS.items():
         for key in ((kind.word, kind.axes), kind.what, kind.plural):
@@ -486,7 +543,11 @@ def check_kinds() -> None:
             if other != name and key != (None, kind.axes):
                 raise EstimationError(
                     f"kinds {other} and {name} have the same "
-                    + (f"name {key}" if isinstance(key, str) else f"word {kind.word} and axes in files")
+                    + (
+                        f"name {key}"
+                        if isinstance(key, str)
+                        else f"word {kind.word} and axes in files"
+                    )
                     + "; give them different ones, or the new kind the word None"
                 )
         if kind.word is None:
@@ -496,7 +557,8 @@ def check_kinds() -> None:
         if _ENDS.get(kind.word) != kind.ends or not fitting:
             raise EstimationError(
                 f"kind {name}: lines of {kind.word} with axes {kind.axes} cannot hold"
-                f" {', '.join(kind.row_names)} of {' and '.join(kind.ends)}; allowed: a fitting word, or None"
+                f" {', '.join(kind.row_names)} of {' and '.join(kind.ends)}; allowed: a fitting"
+                " word, or None"
             )
 
 
@@ -504,8 +566,8 @@ def check_graph(graph: FactorGraph) -> None:
     """
     Refuse a graph with unusable measurements or noise levels.
 
-    GTSAM treats a zero sigma as a hard constraint, ignores one triangle of an asymmetric matrix, accepts a scaled
-    rotation, and raises during a solve for a singular or overflowing covariance.
+    GTSAM treats a zero sigma as a hard constraint, ignores one triangle of an asymmetric matrix,
+    accepts a scaled rotation, and raises during a solve for a singular or overflowing covariance.
     """
     check_kinds()
     _check_names(graph)
@@ -528,7 +590,8 @@ def check_values(graph: FactorGraph, values: GraphValues) -> None:
     needed = graph.n_poses, int(graph.landmark_name.size)
     if sizes != needed:
         raise EstimationError(
-            f"values for {sizes[0]} poses and {sizes[1]} landmarks; the graph has {needed[0]} and {needed[1]}"
+            f"values for {sizes[0]} poses and {sizes[1]} landmarks; the graph has {needed[0]} and"
+            f" {needed[1]}"
         )
     variables = np.arange(sum(needed), dtype=np.int32)
     place = np.concatenate([values.position, values.landmark_position])
@@ -541,12 +604,16 @@ def check_values(graph: FactorGraph, values: GraphValues) -> None:
 
 
 def check_anchored(graph: FactorGraph) -> None:
-    """Refuse a graph with variables that nothing ties to the world; a depth leaves the horizontal position free."""
+    """
+    Refuse a graph with variables that nothing ties to the world; a depth leaves the horizontal
+    position free.
+    """
     loose = connected_parts(graph).loose
     if loose.any():
         raise EstimationError(
-            f"{graph.variable_name(int(np.argmax(loose)))}: no first-pose prior, GNSS fix or landmark prior anchors it"
-            f" or a variable that is tied to it ({np.count_nonzero(loose)} variables in all); give its vehicle a prior"
+            f"{graph.variable_name(int(np.argmax(loose)))}: no first-pose prior, GNSS fix or"
+            " landmark prior anchors it or a variable that is tied to it"
+            f" ({np.count_nonzero(loose)} variables in all); give its vehicle a prior"
         )
 
 
@@ -559,8 +626,12 @@ class ConnectedParts(NamedTuple):
 
 def connected_parts(graph: FactorGraph) -> ConnectedParts:
     """Find the sets of variables that odometry, sightings and ranges connect."""
-    pairs = np.concatenate([graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2])
-    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(graph.n_variables,) * 2)
+    pairs = np.concatenate(
+        [graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2]
+    )
+    links = coo_array(
+        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(graph.n_variables,) * 2
+    )
     _, part = connected_components(links, directed=False)
     anchored = np.concatenate([graph[name].subject for name, kind in KINDS.items() if kind.anchors])
     return ConnectedParts(part, ~np.isin(part, part[anchored]))
@@ -570,15 +641,20 @@ def _check_names(graph: FactorGraph) -> None:
     wrong = (graph.pose_vehicle < 0) | (graph.pose_vehicle >= graph.vehicle_name.size)
     if wrong.any():
         raise EstimationError(
-            f"pose: refers to vehicle {graph.pose_vehicle[wrong][0]}; allowed are 0 to {graph.vehicle_name.size - 1}"
+            f"pose: refers to vehicle {graph.pose_vehicle[wrong][0]}; allowed are 0 to"
+            f" {graph.vehicle_name.size - 1}"
         )
     # one integer for each name: the pose number has 32 bits
-    pose = graph.pose_vehicle.astype(np.int64) << 32 | graph.pose_number.astype(np.int64) & 0xFFFFFFFF
+    pose = (
+        graph.pose_vehicle.astype(np.int64) << 32 | graph.pose_number.astype(np.int64) & 0xFFFFFFFF
+    )
     for names, first in ((pose, 0), (graph.landmark_name, graph.n_poses)):
         distinct = np.unique(names, return_index=True)[1]
         if distinct.size != names.size:
             twice = first + int(np.setdiff1d(np.arange(names.size), distinct)[0])
-            raise EstimationError(f"{graph.variable_name(twice)}: two variables of this name; allowed is one")
+            raise EstimationError(
+                f"{graph.variable_name(twice)}: two variables of this name; allowed is one"
+            )
 
 
 def _check_ends(graph: FactorGraph, factors: Factors) -> None:
@@ -590,7 +666,8 @@ def _check_ends(graph: FactorGraph, factors: Factors) -> None:
         wrong = (variables < low) | (variables >= high)
         if wrong.any():
             raise EstimationError(
-                f"{kind.what}: refers to variable {variables[wrong][0]}; allowed are {low} to {high - 1}"
+                f"{kind.what}: refers to variable {variables[wrong][0]}; allowed are {low} to"
+                f" {high - 1}"
             )
     if len(kind.ends) == 2:
         first, second = factors.variables.T
@@ -613,7 +690,9 @@ def _check_measured(graph: FactorGraph, factors: Factors) -> None:
 def _check_planar(graph: FactorGraph, factors: Factors) -> None:
     kind = factors.kind
     if "depth" in kind.columns_at:
-        raise EstimationError(f"{kind.what}: {len(factors)} in a graph in two dimensions; allowed is none")
+        raise EstimationError(
+            f"{kind.what}: {len(factors)} in a graph in two dimensions; allowed is none"
+        )
     if "position" in kind.columns_at:
         down = factors.column("position")[:, 2:]
         _refuse(
@@ -625,7 +704,9 @@ def _check_planar(graph: FactorGraph, factors: Factors) -> None:
             "0 in two dimensions",
         )
     if "quaternion" in kind.columns_at:
-        _check_upright(graph, f"{kind.what} quaternion", factors.subject, factors.column("quaternion"))
+        _check_upright(
+            graph, f"{kind.what} quaternion", factors.subject, factors.column("quaternion")
+        )
     inside = kind.rows_in("rad m", planar=True)
     outside = np.setdiff1d(np.arange(kind.rows), inside)
     mixed = factors.covariance[:, inside][:, :, outside].reshape(len(factors), -1)
@@ -673,13 +754,16 @@ def _check_covariance(graph: FactorGraph, factors: Factors) -> None:
 def _refuse(
     graph: FactorGraph, what: str, variables: Indices, values: Array, fine: Any, allowed: str
 ) -> None:
-    """Refuse values (n, k) unless all are fine, (n,) or (n, k), in a line that names the first variable concerned."""
+    """
+    Refuse values (n, k) unless all are fine, (n,) or (n, k), in a line that names the first
+    variable concerned.
+    """
     if fine.all():
         return
     fine = fine.reshape(len(values), -1).all(axis=1)
     first = int(np.argmin(fine))
     numbers = ", ".join(f"{v:g}" for v in np.atleast_1d(values[first]))
     raise EstimationError(
-        f"{graph.variable_name(int(variables[first]))}: {what} is [{numbers}] ({np.count_nonzero(~fine)} such in all);"
-        f" allowed: {allowed}"
+        f"{graph.variable_name(int(variables[first]))}: {what} is [{numbers}]"
+        f" ({np.count_nonzero(~fine)} such in all); allowed: {allowed}"
     )

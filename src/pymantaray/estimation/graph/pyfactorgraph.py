@@ -24,20 +24,25 @@ def isotropic(graph: FactorGraph) -> tuple[FactorGraph, int]:
     Returns
     -------
     graph : FactorGraph
-        Graph whose translations and rotations have the mean of their variances on each axis, without covariances.
+        Graph whose translations and rotations have the mean of their variances on each axis,
+        without covariances.
     lost : int
-        Number of depths, which PyFactorGraph reads as priors of all axes with a precision of about 1e-12: none.
+        Number of depths, which PyFactorGraph reads as priors of all axes with a precision of about
+        1e-12: none.
 
     Notes
     -----
-    The reader keeps two numbers of a covariance: the precision 3 / tr of the translation, and 3 / (2 tr) of the rotation. In
-    three dimensions an information matrix has twice the latter on its diagonal, so the variance is the mean. In the
-    plane the precisions are 2 / tr and the inverse of the variance.
+    The reader keeps two numbers of a covariance: the precision 3 / tr of the translation, and 3 /
+    (2 tr) of the rotation. In three dimensions an information matrix has twice the latter on its
+    diagonal, so the variance is the mean. In the plane the precisions are 2 / tr and the inverse of
+    the variance.
 
     References
     ----------
-    .. [1] PyFactorGraph, ``py_factor_graph/utils/matrix_utils.py``, functions get_measurement_precisions_from_covariance_matrix and
-       get_info_matrix_from_measurement_precisions, https://github.com/MarineRoboticsGroup/PyFactorGraph
+    .. [1] PyFactorGraph, ``py_factor_graph/utils/matrix_utils.py``, functions
+    get_measurement_precisions_from_covariance_matrix and
+       get_info_matrix_from_measurement_precisions,
+       https://github.com/MarineRoboticsGroup/PyFactorGraph
     """
     tables = {
         name: _isotropic(graph[name], planar=graph.planar)
@@ -68,14 +73,16 @@ class DepthsAsRanges(NamedTuple):
 
 def depths_as_ranges(graph: FactorGraph, values: GraphValues) -> DepthsAsRanges:
     """
-    Replace depths by ranges to one landmark that is 5e8 m above the frame's centre, a form that PyFactorGraph keeps.
+    Replace depths by ranges to one landmark that is 5e8 m above the frame's centre, a form that
+    PyFactorGraph keeps.
 
     Parameters
     ----------
     graph : FactorGraph
     values : GraphValues
-        Values of its variables: where a range has its direction, and so also a small part of the horizontal position. For a
-        vehicle 10 km from the centre, an error of 100 m in the values shifts the depth by 2 mm.
+        Values of its variables: where a range has its direction, and so also a small part of the
+        horizontal position. For a vehicle 10 km from the centre, an error of 100 m in the values
+        shifts the depth by 2 mm.
 
     Returns
     -------
@@ -94,7 +101,9 @@ def depths_as_ranges(graph: FactorGraph, values: GraphValues) -> DepthsAsRanges:
     away = np.column_stack([values.position[pose, :2], depth.column("depth") + ABOVE])
     landmark = np.full(len(pose), graph.n_variables, dtype=np.int32)
     more = KINDS["range"].table(
-        np.column_stack([pose, landmark]), [np.linalg.norm(away, axis=1)], depth.variance.reshape(-1, 1, 1)
+        np.column_stack([pose, landmark]),
+        [np.linalg.norm(away, axis=1)],
+        depth.variance.reshape(-1, 1, 1),
     )
     survey = KINDS["survey"].table([[graph.n_variables]], [above], [_SURVEY_SIGMA**2 * np.eye(3)])
     names = graph.landmark_name.tolist()

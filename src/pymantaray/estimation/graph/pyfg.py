@@ -1,8 +1,8 @@
 """
 Factor graphs as PyFactorGraph text, in three dimensions or two.
 
-Writer and reader use one grammar. Lines in two dimensions contain only the coordinates in the plane: the reader lifts them to three
-dimensions, and the writer flattens them.
+Writer and reader use one grammar. Lines in two dimensions contain only the coordinates in the
+plane: the reader lifts them to three dimensions, and the writer flattens them.
 """
 
 import csv
@@ -80,8 +80,8 @@ class GraphFile(NamedTuple):
     """
     A graph read from a file, the values of its variables, and the number of omitted lines by word.
 
-    ``valueless`` is true if the file has no values; ``values`` are then by chordal initialization. ``repaired``
-    counts the lines whose matrix was made positive definite.
+    ``valueless`` is true if the file has no values; ``values`` are then by chordal initialization.
+    ``repaired`` counts the lines whose matrix was made positive definite.
     """
 
     graph: FactorGraph
@@ -104,16 +104,16 @@ def write_pyfg(
     Parameters
     ----------
     graph : FactorGraph
-        Vehicles keep their names if all are single capital letters other than L, and landmarks if all
-        are an L and a number. Otherwise they get such symbols in order, and a table beside the file,
-        ``name.names.csv`` for ``name.pyfg``, lists their names.
+        Vehicles keep their names if all are single capital letters other than L, and landmarks if
+        all are an L and a number. Otherwise they get such symbols in order, and a table beside the
+        file, ``name.names.csv`` for ``name.pyfg``, lists their names.
     path : pathlib.Path or str
         File to create or replace; its folder must exist.
     initial : GraphValues
         Values of the vertices: the ground truth, as PyFactorGraph defines it, or starting values.
     depths : {"priors", "ranges"}
-        Depths as pose priors, which PyFactorGraph reads with a precision of 0 (the log warns), or as ranges to a landmark 5e8 m
-        above the surface, which it keeps.
+        Depths as pose priors, which PyFactorGraph reads with a precision of 0 (the log warns), or
+        as ranges to a landmark 5e8 m above the surface, which it keeps.
 
     Raises
     ------
@@ -124,14 +124,14 @@ def write_pyfg(
 
     Notes
     -----
-    Numbers have 17 significant digits. Covariances are the upper triangle by
-    rows in the order x, y, z, rx, ry, rz; a range carries its variance. The grammar has no prior of
-    a position, a depth or an attitude alone: they are written as pose priors with a variance of 1e12 on each
-    free axis, and read back as what they were. PyFactorGraph's own reader [1]_ replaces each
-    covariance by a multiple of the identity and so loses the depth priors; it also refuses a range
-    between two landmarks, which is written here. It knows a vehicle by one letter: more than 25 vehicles get names of several
-    letters, AA, AB and so on, which `read_pyfg` reads and it does not. A comment or a word that it does not know would
-    stop it, hence the table beside.
+    Numbers have 17 significant digits. Covariances are the upper triangle by rows in the order x,
+    y, z, rx, ry, rz; a range carries its variance. The grammar has no prior of a position, a depth
+    or an attitude alone: they are written as pose priors with a variance of 1e12 on each free axis,
+    and read back as what they were. PyFactorGraph's own reader [1]_ replaces each covariance by a
+    multiple of the identity and so loses the depth priors; it also refuses a range between two
+    landmarks, which is written here. It knows a vehicle by one letter: more than 25 vehicles get
+    names of several letters, AA, AB and so on, which `read_pyfg` reads and it does not. A comment
+    or a word that it does not know would stop it, hence the table beside.
 
     References
     ----------
@@ -148,21 +148,28 @@ def warn_of_depths(graph: FactorGraph, path: Path | str) -> None:
     """Log that PyFactorGraph loses the depth priors of a graph; nothing without any."""
     if count := len(graph["depth"]):
         LOG.warning(
-            '%s: PyFactorGraph reads its %d depth priors with a precision of 0, so without effect; depths = "ranges" keeps them',
+            "%s: PyFactorGraph reads its %d depth priors with a precision of 0, so without effect;"
+            ' depths = "ranges" keeps them',
             path,
             count,
         )
 
 
 def write_pyfgs(graphs: Mapping[Path, FactorGraph], *, initial: GraphValues) -> None:
-    """Write graphs of the same variables by their files, each as `write_pyfg` does; factors that they share become text once."""
+    """
+    Write graphs of the same variables by their files, each as `write_pyfg` does; factors that they
+    share become text once.
+    """
     known = dict[str, tuple[Factors, str]]()
     for path, graph in graphs.items():
         _write(graph, path, initial, known)
 
 
 _Known = dict[str, tuple[Factors, str]] | None
-"""Tables of factors with their text, by kind, of a graph of the same variables; None if no graph follows."""
+"""
+Tables of factors with their text, by kind, of a graph of the same variables; None if no graph
+follows.
+"""
 
 
 def _write(graph: FactorGraph, path: Path, initial: GraphValues, known: _Known) -> None:
@@ -176,7 +183,8 @@ def _write(graph: FactorGraph, path: Path, initial: GraphValues, known: _Known) 
     ]
     if lost:
         raise EstimationError(
-            f"{path}: PyFactorGraph text cannot hold {', '.join(lost)}; leave them out, or write the graph as NetCDF"
+            f"{path}: PyFactorGraph text cannot hold {', '.join(lost)}; leave them out, or write"
+            " the graph as NetCDF"
         )
     vehicles, landmarks = _symbols(graph)
     full = graph.vehicle_name.tolist() + graph.landmark_name.tolist()
@@ -193,7 +201,10 @@ def _write(graph: FactorGraph, path: Path, initial: GraphValues, known: _Known) 
         if vehicles + landmarks == full:
             table.unlink(missing_ok=True)  # from a replaced file
         else:
-            with whole_file(table) as beside, beside.open("w", encoding="utf-8", newline="") as names:
+            with (
+                whole_file(table) as beside,
+                beside.open("w", encoding="utf-8", newline="") as names,
+            ):
                 csv.writer(names).writerows(
                     [("symbol", "name"), *zip(vehicles + landmarks, full, strict=True)]
                 )
@@ -211,7 +222,8 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     Parameters
     ----------
     path : pathlib.Path or str
-        If a table of names of `write_pyfg` lies beside it, vehicles and landmarks get the names of the table.
+        If a table of names of `write_pyfg` lies beside it, vehicles and landmarks get the names of
+        the table.
 
     Returns
     -------
@@ -223,14 +235,14 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     Raises
     ------
     EstimationError
-        If the file cannot be read or a line is not in the grammar; the message names the line, its error
-        and the allowed input.
+        If the file cannot be read or a line is not in the grammar; the message names the line, its
+        error and the allowed input.
 
     Notes
     -----
-    A pose prior whose rotation is free (variance 1e12 or more) becomes a position fix, and a depth prior
-    if north and east are free too. Time stamps of factors are checked and not kept: a factor has the time
-    of its poses. In files of PyFactorGraph, vertices are the ground truth.
+    A pose prior whose rotation is free (variance 1e12 or more) becomes a position fix, and a depth
+    prior if north and east are free too. Time stamps of factors are checked and not kept: a factor
+    has the time of its poses. In files of PyFactorGraph, vertices are the ground truth.
     """
     file = load_pyfg(path)
     return file.graph, file.values
@@ -243,7 +255,10 @@ def load_pyfg(
     skip_unknown: bool = False,
     indefinite: Indefinite = "refuse",
 ) -> GraphFile:
-    """Read like `read_pyfg`, but skip the lines of the words in ``leave_out`` and, with ``skip_unknown``, of unknown words."""
+    """
+    Read like `read_pyfg`, but skip the lines of the words in ``leave_out`` and, with
+    ``skip_unknown``, of unknown words.
+    """
     path = Path(path)
     lines = TextLines(path, _WORDS, leave_out, skip_unknown=skip_unknown, indefinite=indefinite)
     tables, planar = read_tables(lines, _WORDS, one_space=True)
@@ -262,19 +277,28 @@ class _Reader:
     def __init__(self, lines: TextLines, tables: dict[str, Table], *, planar: bool) -> None:
         self._lines = lines
         self._planar = planar
-        self._tables = {word: tables[FLAT.get(word, word) if self._planar else word] for word in _GRAMMAR}
+        self._tables = {
+            word: tables[FLAT.get(word, word) if self._planar else word] for word in _GRAMMAR
+        }
         self._known: dict[str, str] = {}  # names by their spellings
-        self._names = {word: self._checked_names(word, table) for word, table in self._tables.items()}
+        self._names = {
+            word: self._checked_names(word, table) for word, table in self._tables.items()
+        }
         self._values = {
             word: table.numbers(
-                lines, position=word != RANGE, quaternion=_GRAMMAR[word].measured == 7 and not self._planar
+                lines,
+                position=word != RANGE,
+                quaternion=_GRAMMAR[word].measured == 7 and not self._planar,
             )
             for word, table in self._tables.items()
         }
         self._variable: dict[str, int] = {}
         distance = self._values[RANGE][:, 1]
         self._tables[RANGE].refuse_first(
-            lines, distance < 0.0, lambda row: f"{RANGE} with distance {distance[row]:g}", "0 or more"
+            lines,
+            distance < 0.0,
+            lambda row: f"{RANGE} with distance {distance[row]:g}",
+            "0 or more",
         )
 
     def graph(self, names: dict[str, str]) -> tuple[FactorGraph, GraphValues]:
@@ -286,7 +310,9 @@ class _Reader:
             for row, name in enumerate(vertices):
                 if name in self._variable:
                     line = self._tables[word].line[row]
-                    self._lines.refuse(f"second vertex named {name}", "one vertex for each name", line)
+                    self._lines.refuse(
+                        f"second vertex named {name}", "one vertex for each name", line
+                    )
                 self._variable[name] = len(self._variable)
         of_pose = [name.rstrip(string.digits) for name in poses]
         vehicles = list(dict.fromkeys(of_pose))
@@ -308,7 +334,9 @@ class _Reader:
         }
         vertex = self._numbers(POSE)[0]
         landmark = self._numbers(LANDMARK)[0]
-        values = GraphValues(position=vertex[:, :3], quaternion=vertex[:, 3:], landmark_position=landmark)
+        values = GraphValues(
+            position=vertex[:, :3], quaternion=vertex[:, 3:], landmark_position=landmark
+        )
         return graph.with_factors(**self._pose_priors(), **tables), values
 
     def _numbers(self, word: str) -> tuple[Array, Array]:
@@ -338,12 +366,15 @@ class _Reader:
         return kind.table(variables, columns, covariance)[keep]
 
     def _pose_priors(self) -> dict[str, Factors]:
-        """Factors of the kinds that are written as pose priors, distinguished by their free axes."""
+        """
+        Factors of the kinds that are written as pose priors, distinguished by their free axes.
+        """
         measured, covariance = self._numbers(POSE_PRIOR)
         variables = self._variables(POSE_PRIOR)
         quaternion = measured[:, 3:]
         free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
-        # depth is distinct from horizontal axes only if the prior's axes are the world's, up to a rotation about down
+        # depth is distinct from horizontal axes only if the prior's axes are the world's, up to a
+        # rotation about down
         level = np.abs(quaternion[:, 1:3]).max(axis=1, initial=0.0) < 1e-9
         left = np.ones(len(free), dtype=bool)
         allowed = []
@@ -384,13 +415,20 @@ class _Reader:
             columns = [[known[name] for name in names] for names in ends]
         except KeyError:
             row, name = next(
-                (r, n) for r, row in enumerate(zip(*ends, strict=True)) for n in row if n not in known
+                (r, n)
+                for r, row in enumerate(zip(*ends, strict=True))
+                for n in row
+                if n not in known
             )
-            self._lines.refuse(f"name {name}", "names of the file's vertices", self._tables[word].line[row])
+            self._lines.refuse(
+                f"name {name}", "names of the file's vertices", self._tables[word].line[row]
+            )
         return np.array(columns, dtype=np.int32).T
 
     def _checked_names(self, lifted: str, table: Table) -> list[list[str]]:
-        """Names in the lines of a word, for each end, without leading zeros, so that A01 equals A1."""
+        """
+        Names in the lines of a word, for each end, without leading zeros, so that A01 equals A1.
+        """
         ends = []
         for end in range(_GRAMMAR[lifted].names):
             fields = table.names(end)
@@ -431,7 +469,10 @@ class _Reader:
             )
         if lifted in {LANDMARK, LANDMARK_PRIOR}:
             table.refuse_first(
-                lines, ~landmark[0], lambda row: f"{word} with pose {ends[0][row]}", "a landmark, as L0"
+                lines,
+                ~landmark[0],
+                lambda row: f"{word} with pose {ends[0][row]}",
+                "a landmark, as L0",
             )
         if len(ends) < 2:
             return
@@ -465,9 +506,14 @@ def _read_names(path: Path) -> dict[str, str]:
     except (ValueError, csv.Error) as error:
         raise EstimationError(f"{path}: not a readable table of names: {error}") from None
     names = {row[0]: row[1] for row in rows if len(row) == 2 and _STUDY_NAME.fullmatch(row[1])}
-    if head != ["symbol", "name"] or len(names) != len(rows) or len(set(names.values())) != len(rows):
+    if (
+        head != ["symbol", "name"]
+        or len(names) != len(rows)
+        or len(set(names.values())) != len(rows)
+    ):
         raise EstimationError(
-            f"{path}: not a table of names; it must have a line symbol,name, then in each line a symbol of the graph file and a name of letters, digits, _ and -,"
+            f"{path}: not a table of names; it must have a line symbol,name, then in each line a"
+            " symbol of the graph file and a name of letters, digits, _ and -,"
             " each once"
         )
     return names
@@ -494,7 +540,10 @@ def _texts(
     symbols: tuple[list[str], list[str]],
     known: _Known,
 ) -> Iterator[str]:
-    """Lines of the poses, of the landmarks and of each kind of factors, or the text of a kind from ``known``."""
+    """
+    Lines of the poses, of the landmarks and of each kind of factors, or the text of a kind from
+    ``known``.
+    """
     vehicles, landmarks = symbols
     numbers = zip(graph.pose_vehicle.tolist(), graph.pose_number.tolist(), strict=True)
     names = [f"{vehicles[a]}{k}" for a, k in numbers] + landmarks
@@ -514,7 +563,9 @@ def _texts(
         # a factor has the time of the variable that messages name; landmarks have no time
         heads = [
             f"{time[after]} {' '.join(names[v] for v in ends)}"
-            for after, ends in zip(factors.subject.tolist(), factors.variables.tolist(), strict=True)
+            for after, ends in zip(
+                factors.subject.tolist(), factors.variables.tolist(), strict=True
+            )
         ]
         rows = write_rows(_words(kind.word), heads, *_pose_prior_columns(factors), planar=planar)
         if known is None:
@@ -527,7 +578,8 @@ def _texts(
 def _same(a: Factors, b: Factors) -> bool:
     """True if two tables of factors of a kind have the same numbers."""
     return all(
-        np.array_equal(getattr(a, of), getattr(b, of)) for of in ("variables", "measured", "covariance")
+        np.array_equal(getattr(a, of), getattr(b, of))
+        for of in ("variables", "measured", "covariance")
     )
 
 
@@ -537,7 +589,10 @@ def _words(word: str) -> tuple[str, str | None]:
 
 
 def _pose_prior_columns(factors: Factors) -> tuple[Array, Array]:
-    """Measured columns and covariance; kinds without a word of their own become pose priors with free axes."""
+    """
+    Measured columns and covariance; kinds without a word of their own become pose priors with free
+    axes.
+    """
     kind = factors.kind
     covariance = factors.covariance
     measured = factors.measured

@@ -1,7 +1,9 @@
 """
-Lines of text that begin with a word, read as columns: the common part of PyFactorGraph and g2o files.
+Lines of text that begin with a word, read as columns: the common part of PyFactorGraph and g2o
+files.
 
-Fields are collected line by line, and converted and checked column by column; messages name the first wrong line.
+Fields are collected line by line, and converted and checked column by column; messages name the
+first wrong line.
 """
 
 from array import array
@@ -15,7 +17,12 @@ from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array, Mask
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph.graph import LARGEST, QUATERNION_TOLERANCE, SMALLEST_EIGENVALUE, VARIANCES
+from pymantaray.estimation.graph.graph import (
+    LARGEST,
+    QUATERNION_TOLERANCE,
+    SMALLEST_EIGENVALUE,
+    VARIANCES,
+)
 from pymantaray.user_files import open_text
 
 MAX_GRAPH_BYTES = 2_000_000_000
@@ -27,7 +34,10 @@ _REPAIRED = 1e-6  # smallest eigenvalue of a repaired matrix with unit diagonal
 
 
 class Word(NamedTuple):
-    """Fields after a word: optional time, names or ids, measured numbers, and the upper triangle of a matrix."""
+    """
+    Fields after a word: optional time, names or ids, measured numbers, and the upper triangle of a
+    matrix.
+    """
 
     timed: bool
     names: int
@@ -61,8 +71,9 @@ def definite_matrices(matrices: Array, treatment: Indefinite) -> tuple[Array, Ma
     """
     Positive definite matrices (n, k, k) in place of others, and which were positive definite.
 
-    A repaired matrix has the same eigenvectors, after scaling to a unit diagonal, and eigenvalues of at least 1e-6. A diagonal entry
-    that is not positive becomes 1e-6 of the median of its axis. With "drop" others become the identity, to be left out.
+    A repaired matrix has the same eigenvectors, after scaling to a unit diagonal, and eigenvalues
+    of at least 1e-6. A diagonal entry that is not positive becomes 1e-6 of the median of its axis.
+    With "drop" others become the identity, to be left out.
     """
     diagonal = np.diagonal(matrices, axis1=1, axis2=2)
     positive = diagonal >= VARIANCES[0]
@@ -77,7 +88,8 @@ def definite_matrices(matrices: Array, treatment: Indefinite) -> tuple[Array, Ma
         out[~fine] = eye
         return out, fine
     typical = [
-        float(np.median(d[p])) if p.any() else 1.0 for d, p in zip(diagonal.T, positive.T, strict=True)
+        float(np.median(d[p])) if p.any() else 1.0
+        for d, p in zip(diagonal.T, positive.T, strict=True)
     ]
     scale = np.sqrt(np.where(positive, diagonal, _REPAIRED * np.array(typical)))[~fine]
     unit = matrices[~fine] / scale[:, :, None] / scale[:, None, :]
@@ -93,7 +105,8 @@ class TextLines:
     """
     Lines of a text file, and errors that name the line.
 
-    Blank lines, comments and a byte-order mark are ignored; lines of omitted and skipped unknown words are counted.
+    Blank lines, comments and a byte-order mark are ignored; lines of omitted and skipped unknown
+    words are counted.
     """
 
     def __init__(
@@ -109,13 +122,19 @@ class TextLines:
         self.repaired: Counter[str] = Counter()
         self._path = path
         self.number = 0
-        self._words, self._leave_out, self._skip_unknown = tuple(words), frozenset(leave_out), skip_unknown
+        self._words, self._leave_out, self._skip_unknown = (
+            tuple(words),
+            frozenset(leave_out),
+            skip_unknown,
+        )
         self._left_out: Counter[str] = Counter()
         self._unknown: dict[str, int] = {}  # the first line of each word
 
     def __iter__(self) -> Iterator[str]:
         """Each line that begins with a known word; ``number`` is its number, from 1."""
-        with open_text(self._path, EstimationError, what="a graph file", limit=MAX_GRAPH_BYTES) as file:
+        with open_text(
+            self._path, EstimationError, what="a graph file", limit=MAX_GRAPH_BYTES
+        ) as file:
             for self.number, raw in enumerate(file, start=1):
                 line = raw.rstrip("\r\n")
                 word = next(iter(line.split(None, 1)), "#")
@@ -152,12 +171,15 @@ class TextLines:
         more = len(self._unknown) - len(named)
         listing = ", ".join(named) + (f" and {more} more words" if more else "")
         raise EstimationError(
-            f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip and count"
-            " them with `skip_unknown=True`"
+            f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip"
+            " and count them with `skip_unknown=True`"
         )
 
     def treat(self, word: str, matrices: Array) -> tuple[Array, Mask]:
-        """Treat matrices of a word that are not positive definite as chosen, and count them; returns the rows to keep."""
+        """
+        Treat matrices of a word that are not positive definite as chosen, and count them; returns
+        the rows to keep.
+        """
         out, fine = definite_matrices(matrices, self.indefinite)
         count = int(np.count_nonzero(~fine))
         if self.indefinite == "drop" and count:
@@ -194,7 +216,9 @@ class Table:
         """Name or id of one end of each line."""
         return self.fields[1 + self.grammar.timed + end :: self.grammar.width]
 
-    def numbers(self, lines: TextLines, *, position: bool = True, quaternion: bool = False) -> Array:
+    def numbers(
+        self, lines: TextLines, *, position: bool = True, quaternion: bool = False
+    ) -> Array:
         """
         Time (if any), measured numbers and triangle of each line, (n, k), checked for size.
 
@@ -216,7 +240,9 @@ class Table:
         if position:
             far = np.abs(values[:, :3]).max(axis=1, initial=0.0)
             allowed = f"positions of at most {LARGEST:g} m"
-            self.refuse_first(lines, far > LARGEST, lambda row: f"{self.word} with {far[row]:g}", allowed)
+            self.refuse_first(
+                lines, far > LARGEST, lambda row: f"{self.word} with {far[row]:g}", allowed
+            )
         most = np.abs(out).max(axis=1, initial=0.0)
         self.refuse_first(
             lines,
@@ -271,7 +297,8 @@ def read_tables(
     """
     tables = {word: Table(word, g) for word, g in grammar.items()}
     takers = {
-        w: (t.grammar.planar, t.grammar.width, t.line.append, t.fields.extend) for w, t in tables.items()
+        w: (t.grammar.planar, t.grammar.width, t.line.append, t.fields.extend)
+        for w, t in tables.items()
     }
     planar: bool | None = None  # not known yet
     also = ", with one space between fields" if one_space else ""

@@ -1,4 +1,6 @@
-"""Candidate arrivals of ranges: the arrivals that a receiver may have taken, with their probabilities."""
+"""
+Candidate arrivals of ranges: the arrivals that a receiver may have taken, with their probabilities.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,16 +17,16 @@ class CandidateArrivals(NamedTuple):
     """
     Arrivals that the ranges of a graph may belong to, one row for each.
 
-    The candidates of a range are consecutive and in order of travel time. The order of the ranges is that of the links.
+    The candidates of a range are consecutive and in order of travel time. The order of the ranges
+    is that of the links.
     """
 
     row: Rows  # range of each candidate
     travel_time: Array  # [s]
     transmitter_gradient: Array  # of the travel time by the transmitter's position, (n, 3) [s/m]
     receiver_gradient: Array  # by the receiver's
-    weight: (
-        Array  # probability that the receiver takes this candidate, if it takes one; sums to 1 for each range
-    )
+    # probability that the receiver takes this candidate, if it takes one; sums to 1 for each range
+    weight: Array
     sigma: Array  # standard deviation of the travel time due to the assumed ocean [s]
     surface_bounces: Rows
     bottom_bounces: Rows
@@ -42,11 +44,12 @@ class CandidateArrivals(NamedTuple):
         bounces: tuple[Rows, Rows],
     ) -> Self:
         """
-        Sort arrivals by range and travel time, scale their weights to a sum of 1, and number their families.
+        Sort arrivals by range and travel time, scale their weights to a sum of 1, and number their
+        families.
 
-        Arrivals of one family have the same bounces and the same rank in time among the arrivals with these bounces. With as many
-        bounces at the surface as at the bottom, they also have the same first boundary. If all weights of a range are zero its
-        arrivals have equal ones.
+        Arrivals of one family have the same bounces and the same rank in time among the arrivals
+        with these bounces. With as many bounces at the surface as at the bottom, they also have the
+        same first boundary. If all weights of a range are zero its arrivals have equal ones.
 
         Parameters
         ----------
@@ -104,7 +107,9 @@ def of_picks(prediction: Prediction, picks: Rows) -> Prediction:
 
 
 def _rank(row: Rows, kind: Rows) -> Rows:
-    """Number of earlier candidates of the same range and kind; rows of a range are in order of time."""
+    """
+    Number of earlier candidates of the same range and kind; rows of a range are in order of time.
+    """
     order = np.lexsort((kind, row))  # stable: in order of time within range and kind
     first = np.ones(row.size, dtype=bool)
     first[1:] = (np.diff(row[order]) != 0) | (np.diff(kind[order]) != 0)
@@ -126,11 +131,11 @@ class MixtureOptions:
     null_width : float
         Width of the interval over which the error of such a range is uniformly distributed. [m]
     persistence : float
-        Time constant with which the receiver of an ordered pair stays with a family of arrivals; 0 if successive picks are
-        independent. [s]
+        Time constant with which the receiver of an ordered pair stays with a family of arrivals; 0
+        if successive picks are independent. [s]
     gate : float
-        While ranges are added ping by ping, candidates whose innovation exceeds this many of its standard deviations are
-        discarded. [-]
+        While ranges are added ping by ping, candidates whose innovation exceeds this many of its
+        standard deviations are discarded. [-]
 
     Raises
     ------
@@ -153,7 +158,9 @@ class MixtureOptions:
         )
         for name, fine, allowed in limits:
             if not fine:
-                raise EstimationError(f"mixture: {name} is {getattr(self, name):g}; it must be {allowed}")
+                raise EstimationError(
+                    f"mixture: {name} is {getattr(self, name):g}; it must be {allowed}"
+                )
 
 
 @runtime_checkable

@@ -1,4 +1,6 @@
-"""Picks of the ranges of one ping from the predicted positions of its ends, by a graduated mixture."""
+"""
+Picks of the ranges of one ping from the predicted positions of its ends, by a graduated mixture.
+"""
 
 from typing import NamedTuple
 
@@ -16,14 +18,19 @@ _DRAWN_STARTS = 24  # descents from positions drawn from the prediction
 
 
 class EpochMixture(NamedTuple):
-    """Candidates of the ranges of one ping and the distribution of its ends and the unknowns before these ranges."""
+    """
+    Candidates of the ranges of one ping and the distribution of its ends and the unknowns before
+    these ranges.
+    """
 
     expansion: Expansion  # of the candidates
     transmitter: Rows  # end of each candidate
     receiver: Rows
     position: Array  # of the ends, (n_ends, 3) [m]
     unknowns: Array  # that all ranges share, in their prior standard deviations
-    covariance: Array  # of positions [m²] and unknowns, (3 n_ends + n_unknowns, 3 n_ends + n_unknowns)
+    covariance: (
+        Array  # of positions [m²] and unknowns, (3 n_ends + n_unknowns, 3 n_ends + n_unknowns)
+    )
     row: Rows  # range of each candidate
     variance: Array  # of each candidate's residual [m²]
     smallest: Array  # variance of each candidate's range in an exact ocean [m²]
@@ -35,10 +42,12 @@ def graduated_fits(mixture: EpochMixture, gate: float) -> Array:
     """
     Fit of each candidate at the most probable positions of the ends; infinite for gated candidates.
 
-    Each step weights the candidates of a range by their probabilities at the current positions and combines them with the prediction
-    (expectation and maximization). The standard deviations of the ranges begin at the largest one of an innovation and decrease to
-    their own, so that the first steps see one mode. Further descents begin at positions drawn from the prediction, with smaller
-    standard deviations; the one of lowest cost is taken. Candidates whose innovation exceeds ``gate`` standard deviations are discarded.
+    Each step weights the candidates of a range by their probabilities at the current positions and
+    combines them with the prediction (expectation and maximization). The standard deviations of the
+    ranges begin at the largest one of an innovation and decrease to their own, so that the first
+    steps see one mode. Further descents begin at positions drawn from the prediction, with smaller
+    standard deviations; the one of lowest cost is taken. Candidates whose innovation exceeds
+    ``gate`` standard deviations are discarded.
     """
     root = np.linalg.cholesky(
         mixture.covariance + 1e-12 * np.trace(mixture.covariance) * np.eye(len(mixture.covariance))
@@ -62,7 +71,9 @@ def graduated_fits(mixture: EpochMixture, gate: float) -> Array:
 def _descend(
     mixture: EpochMixture, root: Array, shift: Array, control: float, allowed: Mask
 ) -> tuple[float, Array]:
-    """Cost and residuals of the candidates at the end of a graduated descent from a shift of the ends."""
+    """
+    Cost and residuals of the candidates at the end of a graduated descent from a shift of the ends.
+    """
     residual, by_shift = _at(mixture, root, shift)
     while True:
         for _ in range(_STEPS):
@@ -84,7 +95,10 @@ def _descend(
 
 
 def _at(mixture: EpochMixture, root: Array, shift: Array) -> tuple[Array, Array]:
-    """Residuals of the candidates and their derivatives by the shift of the ends, in units of their covariance's root."""
+    """
+    Residuals of the candidates and their derivatives by the shift of the ends, in units of their
+    covariance's root.
+    """
     moved = root @ shift
     m = 3 * len(mixture.position)
     place = mixture.position + moved[:m].reshape(-1, 3)

@@ -5,9 +5,17 @@ from scipy.linalg import solve_triangular
 
 from pymantaray.arrays import Array, Mask
 from pymantaray.estimation.ranges.images import Images
-from pymantaray.estimation.ranges.range_models import ModelRanges, Prediction, RangeEndpoints, Rows, chord
+from pymantaray.estimation.ranges.range_models import (
+    ModelRanges,
+    Prediction,
+    RangeEndpoints,
+    Rows,
+    chord,
+)
 
-EpochBlock = tuple[Rows, Array]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
+EpochBlock = tuple[
+    Rows, Array
+]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
 
 _SAME_POSITION = 0.1  # m; smaller displacements and changes of curvature need no new prediction
 _SAME_CHORD = 1e-5
@@ -19,10 +27,11 @@ class Expansion:
     """
     Residuals of ranges near the links of a prediction, with unknowns in their standard deviations.
 
-    The expansion has the predicted travel time, its gradient, and the curvature of the distance between the ends
-    divided by the mean speed; for a reflected path, the distance to the image of the receiver. It omits only the change of
-    refraction. The argument ``by_unknowns`` is the derivative of
-    the travel times [s]; the attribute is that of the residuals [m], shape (n, n_unknowns).
+    The expansion has the predicted travel time, its gradient, and the curvature of the distance
+    between the ends divided by the mean speed; for a reflected path, the distance to the image of
+    the receiver. It omits only the change of refraction. The argument ``by_unknowns`` is the
+    derivative of the travel times [s]; the attribute is that of the residuals [m], shape (n,
+    n_unknowns).
     """
 
     def __init__(
@@ -55,11 +64,14 @@ class Expansion:
         self._distance, self._unit = chord(self._a, self._b)
         self._slowness = self._time / np.where(self._distance > 0.0, self._distance, 1.0)
 
-    def __call__(self, transmitter: Array, receiver: Array, unknowns: Array) -> tuple[Array, Array, Array]:
+    def __call__(
+        self, transmitter: Array, receiver: Array, unknowns: Array
+    ) -> tuple[Array, Array, Array]:
         """
         Residuals for positions of the ends, shape (n,), and their gradients by either end, (n, 3).
 
-        A residual is the sound speed at the transmitter times predicted less measured travel time. [m]
+        A residual is the sound speed at the transmitter times predicted less measured travel time.
+        [m]
         """
         receiver = receiver if self._images is None else self._images.at(receiver)
         da = transmitter - self._a
@@ -113,7 +125,8 @@ class RangeWeights:
         uncertainty = self._model_ranges.uncertainty
         place = np.concatenate([links.transmitter, links.receiver])
         stale = (
-            self._place is None or float(np.abs(place - self._place).max(initial=0.0)) > _REWEIGHT_DISTANCE
+            self._place is None
+            or float(np.abs(place - self._place).max(initial=0.0)) > _REWEIGHT_DISTANCE
         )
         if uncertainty is None or not stale:
             return
@@ -130,7 +143,8 @@ class RangeWeights:
         """Rows and covariances of the used ranges of each epoch."""
         mine = [used[rows] for rows in self._rows]
         return [
-            (rows[m], full[np.ix_(m, m)]) for rows, full, m in zip(self._rows, self._full, mine, strict=True)
+            (rows[m], full[np.ix_(m, m)])
+            for rows, full, m in zip(self._rows, self._full, mine, strict=True)
         ]
 
 

@@ -10,11 +10,13 @@ from pymantaray.estimation.ranges.range_models import Prediction, RangeEndpoints
 
 class Images(NamedTuple):
     """
-    Positions in which receivers appear to transmitters, from which the curvature of reflected travel times follows.
+    Positions in which receivers appear to transmitters, from which the curvature of reflected
+    travel times follows.
 
-    The image lies in the direction in which sound leaves the transmitter, at the length of the path. If the receiver moves,
-    its image moves in the same way, but up instead of down if the number of reflections is odd. That of a direct path is
-    the receiver itself. All of this is exact for horizontal mirrors in uniform water.
+    The image lies in the direction in which sound leaves the transmitter, at the length of the
+    path. If the receiver moves, its image moves in the same way, but up instead of down if the
+    number of reflections is odd. That of a direct path is the receiver itself. All of this is exact
+    for horizontal mirrors in uniform water.
     """
 
     position: Array  # (n, 3) [m]

@@ -1,4 +1,7 @@
-"""Picks of a mixture: the most probable candidate of each range, and sequence of candidates of each ordered pair."""
+"""
+Picks of a mixture: the most probable candidate of each range, and sequence of candidates of each
+ordered pair.
+"""
 
 from typing import NamedTuple
 
@@ -20,7 +23,10 @@ class Chains(NamedTuple):
 
     @classmethod
     def of(cls, ranges: TimedRanges, owner: Rows, persistence: float) -> "Chains":
-        """Chains of ranges between the owners of their variables; without persistence [s] no range has a previous one."""
+        """
+        Chains of ranges between the owners of their variables; without persistence [s] no range has
+        a previous one.
+        """
         n = ranges.time.size
         previous = np.full(n, -1)
         stay = np.zeros(n)
@@ -40,7 +46,8 @@ class RangeChoice(NamedTuple):
     """Alternatives of one range: each of its candidates and, last, none of them."""
 
     candidate: Rows
-    fit: Array  # negative logarithm of the likelihood, relative to a residual of zero in an exact ocean
+    # negative logarithm of the likelihood, relative to a residual of zero in an exact ocean
+    fit: Array
     prior: Array  # probability before the range is measured
     family: Rows
 
@@ -79,12 +86,18 @@ def choices(
 
 
 def fits(residual: Array, variance: Array, smallest: Array) -> Array:
-    """Negative log-likelihood of residuals [m] with variances, relative to that of zero with the smallest variance. [m²]"""
+    """
+    Negative log-likelihood of residuals [m] with variances, relative to that of zero with the
+    smallest variance. [m²]
+    """
     return np.asarray(0.5 * residual**2 / variance + 0.5 * np.log(variance / smallest))
 
 
 def best_picks(all_choices: list[RangeChoice], chains: Chains) -> Rows:
-    """Most probable candidate of each range, NONE for none, as the most probable sequence of each chain (Viterbi)."""
+    """
+    Most probable candidate of each range, NONE for none, as the most probable sequence of each
+    chain (Viterbi).
+    """
     costs: list[Array] = [np.empty(0)] * len(all_choices)
     came: list[Rows] = [np.empty(0, dtype=np.intp)] * len(all_choices)
     picked = np.full(len(all_choices), -1)  # number of the choice
@@ -105,10 +118,14 @@ def best_picks(all_choices: list[RangeChoice], chains: Chains) -> Rows:
             picked[row] = costs[row].argmin()
         if (before := int(chains.previous[row])) >= 0:
             picked[before] = came[row][picked[row]]
-    return np.array([c.candidate[k] for c, k in zip(all_choices, picked, strict=True)], dtype=np.intp)
+    return np.array(
+        [c.candidate[k] for c, k in zip(all_choices, picked, strict=True)], dtype=np.intp
+    )
 
 
-def predicted(choice: RangeChoice, before: RangeChoice, probability: Array, stay: float) -> RangeChoice:
+def predicted(
+    choice: RangeChoice, before: RangeChoice, probability: Array, stay: float
+) -> RangeChoice:
     """Choice whose prior follows from the probabilities of the previous range's choices."""
     return choice._replace(prior=probability @ choice.follow(before.family, stay))
 

@@ -1,8 +1,8 @@
 """
 Range models of estimators: predicted travel times, and unknowns that ranges share.
 
-A range model is anything with `RangeModel.predict`. The unknowns are amplitudes of sound-speed modes, and
-offset and skew of clocks; they are estimated with the poses.
+A range model is anything with `RangeModel.predict`. The unknowns are amplitudes of sound-speed
+modes, and offset and skew of clocks; they are estimated with the poses.
 """
 
 from __future__ import annotations
@@ -19,12 +19,15 @@ from pymantaray.errors import EstimationError
 from pymantaray.geometry.se3 import lengths
 
 Rows = Indices
-_LEVEL_DIFFERENCE = 0.01  # m; below this difference in depth, Simpson's rule gives the mean slowness
+_LEVEL_DIFFERENCE = (
+    0.01  # m; below this difference in depth, Simpson's rule gives the mean slowness
+)
 
 
 class TimedRanges(NamedTuple):
     """
-    Measured travel times of the ranges of a graph, row by row; the transmitter may be either variable.
+    Measured travel times of the ranges of a graph, row by row; the transmitter may be either
+    variable.
 
     The epoch is the number of the ping, from 0; its time is since the start of the mission. [s]
     """
@@ -84,7 +87,9 @@ class RangeModel(Protocol):
 class AdjustableModel(RangeModel, Protocol):
     """A range model whose ocean has modes of unknown amplitude."""
 
-    amplitude_sigma: Array  # prior standard deviation of each amplitude about zero, (n_modes,) [m/s]
+    amplitude_sigma: (
+        Array  # prior standard deviation of each amplitude about zero, (n_modes,) [m/s]
+    )
 
     def adjusted(self, amplitudes: Array) -> AdjustableModel:
         """
@@ -132,7 +137,8 @@ class ConstantSpeed(RangeModel):
     def __init__(self, sound_speed: float) -> None:
         if not (sound_speed > 0.0 and np.isfinite(sound_speed)):
             raise EstimationError(
-                f"constant range model: sound speed {sound_speed} m/s; it must be positive and finite"
+                f"constant range model: sound speed {sound_speed} m/s; it must be positive and"
+                " finite"
             )
         self.sound_speed = float(sound_speed)
 
@@ -153,7 +159,9 @@ class ConstantSpeed(RangeModel):
         return np.full(np.shape(measured), self.sound_speed)
 
     def predict(self, links: RangeEndpoints) -> Prediction:
-        """Predict the distance divided by the sound speed; parameters as in `RangeModel.predict`."""
+        """
+        Predict the distance divided by the sound speed; parameters as in `RangeModel.predict`.
+        """
         return _along_chords(links, 1.0 / self.speed(links.sound_speed))
 
 
@@ -177,7 +185,10 @@ class TransmitterSpeed(RangeModel):
         return np.asarray(measured, dtype=float)
 
     def predict(self, links: RangeEndpoints) -> Prediction:
-        """Predict the distance divided by the transmitter's sound speed; parameters as in `RangeModel.predict`."""
+        """
+        Predict the distance divided by the transmitter's sound speed; parameters as in
+        `RangeModel.predict`.
+        """
         return _along_chords(links, 1.0 / self.speed(links.sound_speed))
 
 
@@ -200,10 +211,11 @@ class MeanSlowness(RangeModel):
     Notes
     -----
     A chord is straight, so its depth is uniform along it and the mean of :math:`1/c` over it is
-    :math:`(S(z_r) - S(z_t)) / (z_r - z_t)` with :math:`S(z) = \int_0^z dz' / c(z')`; in a layer of gradient
-    :math:`g` between :math:`c_1` and :math:`c_2` the integral is :math:`\ln(c_2 / c_1) / g`. The harmonic mean
-    of the sound speed is its inverse. Exact for vertical rays, which are straight; by Fermat's
-    principle never earlier than the ray for others.
+    :math:`(S(z_r) - S(z_t)) / (z_r - z_t)` with :math:`S(z) = \int_0^z dz' / c(z')`; in a layer of
+    gradient
+    :math:`g` between :math:`c_1` and :math:`c_2` the integral is :math:`\ln(c_2 / c_1) / g`. The
+    harmonic mean of the sound speed is its inverse. Exact for vertical rays, which are straight; by
+    Fermat's principle never earlier than the ray for others.
     """
 
     def __init__(self, depth: ArrayLike, sound_speed: ArrayLike) -> None:
@@ -211,12 +223,13 @@ class MeanSlowness(RangeModel):
         c = np.array(sound_speed, dtype=float)
         if z.ndim != 1 or z.shape != c.shape or z.size < 2 or not np.all(np.diff(z) > 0.0):
             raise EstimationError(
-                f"mean slowness: depths of shape {z.shape} for sound speeds {c.shape}; give at least two increasing"
-                " depths and one speed for each"
+                f"mean slowness: depths of shape {z.shape} for sound speeds {c.shape}; give at"
+                " least two increasing depths and one speed for each"
             )
         if not np.all((c > 0.0) & np.isfinite(c)):
             raise EstimationError(
-                f"mean slowness: sound speed {c.min():g} m/s; sound speeds must be positive and finite"
+                f"mean slowness: sound speed {c.min():g} m/s; sound speeds must be positive and"
+                " finite"
             )
         self.depth = z
         self.sound_speed = c
@@ -224,7 +237,8 @@ class MeanSlowness(RangeModel):
 
     def predict(self, links: RangeEndpoints) -> Prediction:
         """
-        Predict the distance times the mean slowness between the ends' depths; parameters as in `RangeModel.predict`.
+        Predict the distance times the mean slowness between the ends' depths; parameters as in
+        `RangeModel.predict`.
 
         The gradients include both factors.
         """
@@ -263,14 +277,19 @@ class MeanSlowness(RangeModel):
         beyond = (z - inside) * self._slowness(z)
         here = np.interp(inside, self.depth, self.sound_speed)
         top = self.sound_speed[i]
-        return np.asarray(self._sum[i] + (inside - self.depth[i]) * _mean_inverse(top, here) + beyond)
+        return np.asarray(
+            self._sum[i] + (inside - self.depth[i]) * _mean_inverse(top, here) + beyond
+        )
 
 
 class ClockPrior(NamedTuple):
     """Prior knowledge of the vehicles' clocks; landmarks have true time."""
 
     offset_sigma: float
-    """Standard deviation of each clock's offset at the start of the mission; 0 if there is no offset. [s]"""
+    """
+    Standard deviation of each clock's offset at the start of the mission; 0 if there is no offset.
+    [s]
+    """
     skew_sigma: float
     """Standard deviation of the growth of the offset with time; 0 if there is none. [-]"""
     turn_around: float | None = None
@@ -281,17 +300,19 @@ class RangeUnknowns:
     r"""
     Parameters that the ranges of one graph share, each with a Gaussian prior about zero.
 
-    The amplitudes of an `AdjustableModel` are unknowns; so are, with priors of theirs, a factor on all travel times, the
-    clocks of the vehicles that ``pose_vehicle`` gives for each pose, and a bias of each ordered pair. ``sigma``, the prior
-    standard deviations, has one entry for each; ``name`` and ``unit`` leave out the biases, which come last.
+    The amplitudes of an `AdjustableModel` are unknowns; so are, with priors of theirs, a factor on
+    all travel times, the clocks of the vehicles that ``pose_vehicle`` gives for each pose, and a
+    bias of each ordered pair. ``sigma``, the prior standard deviations, has one entry for each;
+    ``name`` and ``unit`` leave out the biases, which come last.
 
-    The solver uses units of their standard deviations: one variable :math:`u \sim N(0, I)`. One way, a
-    ping sent at true time T and received at T + t is measured as
+    The solver uses units of their standard deviations: one variable :math:`u \sim N(0, I)`. One
+    way, a ping sent at true time T and received at T + t is measured as
 
     .. math:: t + o_r + k_r (T + t) - o_t - k_t T
 
     with the offsets o and skews k of receiver and transmitter; two ways, after the turn-around time
-    :math:`\tau`, half the round trip less that as :math:`t + \frac12 [k_i (2 t + \tau) - k_r \tau]`.
+    :math:`\tau`, half the round trip less that as :math:`t + \frac12 [k_i (2 t + \tau) - k_r
+    \tau]`.
     """
 
     def __init__(
@@ -306,7 +327,9 @@ class RangeUnknowns:
         bias_sigma: float | None = None,
     ) -> None:
         self._model, self._clocks, n = model, clocks, len(vehicle_name)
-        modes = np.asarray(model.amplitude_sigma) if isinstance(model, AdjustableModel) else np.empty(0)
+        modes = (
+            np.asarray(model.amplitude_sigma) if isinstance(model, AdjustableModel) else np.empty(0)
+        )
         names = [f"mode {k + 1}" for k in range(modes.size)]
         units = ["m/s"] * modes.size
         sigma = [*modes]
@@ -326,7 +349,8 @@ class RangeUnknowns:
         if bias_sigma is not None:
             # landmarks are numbered after the vehicles
             who = np.append(
-                np.asarray(pose_vehicle, dtype=np.intp), n + np.arange(_n_landmarks(ranges, pose_vehicle))
+                np.asarray(pose_vehicle, dtype=np.intp),
+                n + np.arange(_n_landmarks(ranges, pose_vehicle)),
             )
             pairs = np.stack([who[ranges.transmitter], who[ranges.receiver]], axis=1)
             distinct, self._pair = np.unique(pairs, axis=0, return_inverse=True)
@@ -334,14 +358,16 @@ class RangeUnknowns:
         self.sigma = np.array(sigma, dtype=float)
         if not self.sigma.size:
             raise EstimationError(
-                "unknowns: neither modes, scale, clocks nor biases; give at least one of them, or no unknowns"
+                "unknowns: neither modes, scale, clocks nor biases; give at least one of them, or"
+                " no unknowns"
             )
         wrong = ~((self.sigma > 0.0) & np.isfinite(self.sigma))
         if wrong.any():
             first = int(np.argmax(wrong))
             what, unit = [*zip(names, units, strict=True), ("a bias", "m")][min(first, len(names))]
             raise EstimationError(
-                f"unknowns: prior sigma of {what} is {self.sigma[first]:g} {unit}; it must be positive and finite"
+                f"unknowns: prior sigma of {what} is {self.sigma[first]:g} {unit}; it must be"
+                " positive and finite"
             )
         self._n_modes = modes.size
         self._n_vehicles = n
@@ -353,7 +379,10 @@ class RangeUnknowns:
         )
 
     def predict(self, links: RangeEndpoints, rows: Rows, u: Array) -> tuple[Prediction, Array]:
-        """Predict the measured travel times of some ranges, and their derivatives by the unknowns, (n, n_unknowns)."""
+        """
+        Predict the measured travel times of some ranges, and their derivatives by the unknowns, (n,
+        n_unknowns).
+        """
         if not isinstance(self._model, AdjustableModel):
             return self.applied(self._model.predict(links), links, rows, u)
         model = self._model.adjusted((self.sigma * u)[: self._n_modes])
@@ -367,7 +396,10 @@ class RangeUnknowns:
         u: Array,
         by_modes: Sequence[Array] = (),
     ) -> tuple[Prediction, Array]:
-        """Measured travel times and their derivatives as `predict`, of travel times that were predicted for some ranges."""
+        """
+        Measured travel times and their derivatives as `predict`, of travel times that were
+        predicted for some ranges.
+        """
         value = self.sigma * u
         k = self._n_modes
         columns = list(by_modes)
@@ -382,7 +414,9 @@ class RangeUnknowns:
         added = []
         if not all(self._known):
             added.append(
-                self._by_clocks(links.time, np.where(prediction.possible, prediction.travel_time, 0.0), rows)
+                self._by_clocks(
+                    links.time, np.where(prediction.possible, prediction.travel_time, 0.0), rows
+                )
             )
         if self._pair.size:
             biases = np.zeros((rows.size, self.sigma.size - len(self.name)))
@@ -390,7 +424,9 @@ class RangeUnknowns:
             added.append(biases)
         if added:
             by_added = np.hstack(added)
-            prediction = prediction._replace(travel_time=prediction.travel_time + by_added @ value[k:])
+            prediction = prediction._replace(
+                travel_time=prediction.travel_time + by_added @ value[k:]
+            )
             columns.append(by_added)
         return prediction, np.hstack(columns) * self.sigma
 
@@ -450,7 +486,9 @@ class ModelRanges:
 
 def _n_landmarks(ranges: TimedRanges, pose_vehicle: NDArray[np.int32]) -> int:
     """Number of landmarks that ranges refer to."""
-    last = max((int(end.max(initial=-1)) for end in (ranges.transmitter, ranges.receiver)), default=-1)
+    last = max(
+        (int(end.max(initial=-1)) for end in (ranges.transmitter, ranges.receiver)), default=-1
+    )
     return max(last + 1 - len(pose_vehicle), 0)
 
 
@@ -470,7 +508,10 @@ def _along_chords(links: RangeEndpoints, slowness: Array) -> Prediction:
 
 
 def chord(a: Array, b: Array) -> tuple[Array, Array]:
-    """Distances between positions, shape (n,), and directions from first to second, (n, 3); zero for equal positions."""
+    """
+    Distances between positions, shape (n,), and directions from first to second, (n, 3); zero for
+    equal positions.
+    """
     step = b - a
     distance = lengths(step)
     return distance, step / np.where(distance > 0.0, distance, 1.0)[:, None]

@@ -20,7 +20,8 @@ class EpochCovariances:
     """
     Covariances of one solve, with the fields of `PoseCovariances`.
 
-    Position covariances are joint, in the world's axes; pose covariances are in the tangents of the estimates.
+    Position covariances are joint, in the world's axes; pose covariances are in the tangents of the
+    estimates.
     """
 
     position: Array  # (n_epochs, n_vehicles, 3, n_vehicles, 3) [m2]
@@ -71,22 +72,25 @@ def dead_reckoning_covariances(
     measurements: Measurements, samples: Indices, trajectory: tuple[Array, Array]
 ) -> EpochCovariances:
     r"""
-    First-order covariances of dead reckoning at samples, from what `dead_reckon` returned; vehicles are independent.
+    First-order covariances of dead reckoning at samples, from what `dead_reckon` returned; vehicles
+    are independent.
 
-    Each step :math:`T_{j-1} D_j` has the error :math:`\exp(q_j)` in the tangent of its second pose. At pose k the error is
+    Each step :math:`T_{j-1} D_j` has the error :math:`\exp(q_j)` in the tangent of its second pose.
+    At pose k the error is
     :math:`\sum_{j \le k} \mathrm{Ad}(T_k^{-1} T_j) q_j`.
     """
     n_epochs = len(samples)
     position, quaternion = trajectory
     rotation = matrix_from_quaternion(quaternion)
     vehicles = np.arange(measurements.name.size)
-    # errors of all steps up to a sample, in the world's axes, relative to each vehicle's first position
+    # errors of all steps up to a sample, in the world's axes, relative to each vehicle's first
+    # position
     adjoint = np.zeros((*position.shape[:2], 6, 6))
     adjoint[..., :3, :3] = adjoint[..., 3:, 3:] = rotation
     adjoint[..., 3:, :3] = hat(position - position[:, :1]) @ rotation
-    adjoint *= np.concatenate([measurements.first_sigma[:, None], measurements.odometry_sigma], axis=1)[
-        :, :, None
-    ]
+    adjoint *= np.concatenate(
+        [measurements.first_sigma[:, None], measurements.odometry_sigma], axis=1
+    )[:, :, None]
     about_start = np.cumsum(adjoint @ np.swapaxes(adjoint, 2, 3), axis=1)[:, samples]
     shift, turn = np.zeros((2, vehicles.size, n_epochs, 6, 6))
     shift[..., range(6), range(6)] = 1.0
@@ -97,19 +101,24 @@ def dead_reckoning_covariances(
     pose = np.swapaxes(turn, 2, 3) @ world @ turn
     joint = np.zeros((n_epochs, vehicles.size, 3, vehicles.size, 3))
     joint[:, vehicles, :, vehicles, :] = np.moveaxis(world[..., 3:, 3:], 1, 0)
-    return EpochCovariances(joint, pose, np.full(n_epochs, np.nan), np.zeros(n_epochs, dtype=np.intp))
+    return EpochCovariances(
+        joint, pose, np.full(n_epochs, np.nan), np.zeros(n_epochs, dtype=np.intp)
+    )
 
 
 def effective_degrees_of_freedom(covariance: Array) -> float:
     """
-    Effective degrees of freedom of a sum of squared errors with a joint covariance: tr(P)^2 / tr(P^2).
+    Effective degrees of freedom of a sum of squared errors with a joint covariance: tr(P)^2 /
+    tr(P^2).
 
-    It is the number of independent errors of equal variance whose sum of squares has the same mean and variance.
+    It is the number of independent errors of equal variance whose sum of squares has the same mean
+    and variance.
 
     Parameters
     ----------
     covariance : ndarray
-        Joint covariance P, of any shape (..., n, ..., n) that is square when flattened, such as (n_vehicles, 3, n_vehicles, 3).
+        Joint covariance P, of any shape (..., n, ..., n) that is square when flattened, such as
+        (n_vehicles, 3, n_vehicles, 3).
 
     Returns
     -------
@@ -121,7 +130,9 @@ def effective_degrees_of_freedom(covariance: Array) -> float:
     return float(np.trace(matrix) ** 2 / np.sum(matrix**2))
 
 
-def rmse_standard_error(rmse: ArrayLike, degrees_of_freedom: ArrayLike, n_realizations: int) -> Array:
+def rmse_standard_error(
+    rmse: ArrayLike, degrees_of_freedom: ArrayLike, n_realizations: int
+) -> Array:
     """
     Standard error of an RMSE over independent realizations: RMSE / sqrt(2 n nu).
 
@@ -130,7 +141,8 @@ def rmse_standard_error(rmse: ArrayLike, degrees_of_freedom: ArrayLike, n_realiz
     rmse : array_like
         Root mean square error. [m]
     degrees_of_freedom : array_like
-        Effective degrees of freedom nu of the squared errors of one realization, from `effective_degrees_of_freedom`.
+        Effective degrees of freedom nu of the squared errors of one realization, from
+        `effective_degrees_of_freedom`.
     n_realizations : int
         Number n of realizations.
 
@@ -144,7 +156,9 @@ def rmse_standard_error(rmse: ArrayLike, degrees_of_freedom: ArrayLike, n_realiz
 
 
 def collect_covariances(
-    measurements: Measurements, samples: Indices, solutions: Sequence[Mapping[str, EpochCovariances | None]]
+    measurements: Measurements,
+    samples: Indices,
+    solutions: Sequence[Mapping[str, EpochCovariances | None]],
 ) -> PoseCovariances:
     """
     Collect the covariances of all realizations in one record.
@@ -170,12 +184,15 @@ def collect_covariances(
     conditions = list(solutions[0]) if solutions else []
     if not solutions or any(list(s) != conditions for s in solutions):
         raise EstimationError(
-            "covariances: all realizations must have the same conditions, and there must be at least one"
+            "covariances: all realizations must have the same conditions, and there must be at"
+            " least one"
         )
     nothing = EpochCovariances.unknown(len(samples), measurements.name.size)
 
     def table(attribute: str) -> NDArray[Any]:
-        return np.array([[getattr(s[c] or nothing, attribute) for s in solutions] for c in conditions])
+        return np.array(
+            [[getattr(s[c] or nothing, attribute) for s in solutions] for c in conditions]
+        )
 
     return PoseCovariances(
         condition=np.array(conditions),

@@ -1,4 +1,7 @@
-"""The rule that chooses among descents from several starts: by cost, and the descent of the best start is finished."""
+"""
+The rule that chooses among descents from several starts: by cost, and the descent of the best start
+is finished.
+"""
 
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeVar
@@ -25,7 +28,10 @@ D = TypeVar("D", bound=Descent)
 
 
 def lowest(descents: Sequence[D]) -> D:
-    """Descent of the lowest cost whatever its status; among equal costs a converged one, then the first."""
+    """
+    Descent of the lowest cost whatever its status; among equal costs a converged one, then the
+    first.
+    """
     least = min(descent.cost for descent in descents)
     equal = [one for one in descents if one.cost <= least or same_cost(one.cost, least)]
     return next((one for one in equal if one.converged), equal[0])

@@ -50,9 +50,9 @@ def factor_influence(
     Returns
     -------
     pandas.DataFrame
-        One row per factor, in the order of `KINDS`: ``kind``, ``first`` and ``second`` variable, ``time_s``,
-        ``residual_sigmas``, ``leverage``, ``cook_distance``, and ``successive`` for a factor between successive poses of a
-        vehicle.
+        One row per factor, in the order of `KINDS`: ``kind``, ``first`` and ``second`` variable,
+        ``time_s``, ``residual_sigmas``, ``leverage``, ``cook_distance``, and ``successive`` for a
+        factor between successive poses of a vehicle.
 
     Raises
     ------
@@ -61,24 +61,35 @@ def factor_influence(
 
     Notes
     -----
-    With the whitened residual :math:`r` of a factor of m rows, its Jacobian :math:`A`, the covariance :math:`P` of the
-    solution and :math:`H = A P A^\top`, the size of the residual is :math:`\sqrt{r^\top r}`, the leverage
-    :math:`\operatorname{tr} H / m`, from 0 (the other factors determine what it measures) to 1 (it alone does), and Cook's
-    distance [1]_ :math:`r^\top (I - H)^{-1} H (I - H)^{-1} r / n` with the number n of unknowns: the squared change of the
-    linearized solution without the factor, in the metric of its covariance. NaN if the factor alone determines a direction.
+    With the whitened residual :math:`r` of a factor of m rows, its Jacobian :math:`A`, the
+    covariance :math:`P` of the solution and :math:`H = A P A^\top`, the size of the residual is
+    :math:`\sqrt{r^\top r}`, the leverage :math:`\operatorname{tr} H / m`, from 0 (the other factors
+    determine what it measures) to 1 (it alone does), and Cook's distance [1]_ :math:`r^\top (I -
+    H)^{-1} H (I - H)^{-1} r / n` with the number n of unknowns: the squared change of the
+    linearized solution without the factor, in the metric of its covariance. NaN if the factor alone
+    determines a direction.
 
     References
     ----------
-    .. [1] R. D. Cook, "Detection of influential observation in linear regression", Technometrics 19(1), 1977, 15-18.
+    .. [1] R. D. Cook, "Detection of influential observation in linear regression", Technometrics
+    19(1), 1977, 15-18.
     """
-    pairs = np.concatenate([graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2])
+    pairs = np.concatenate(
+        [graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2]
+    )
     problem = distance_problem(graph, loss)
     state = GraphState.of(values)
     last = check_convergence(problem, state).last
     if last is None:
-        raise EstimationError("influence: some direction of the graph is not determined at the solution")
+        raise EstimationError(
+            "influence: some direction of the graph is not determined at the solution"
+        )
     own, between = last.factor.inverse_of_pairs(pairs.astype(np.intp))
-    weight = np.ones(len(graph["range"])) if loss is None else loss.weight(whitened_ranges(graph, values))
+    weight = (
+        np.ones(len(graph["range"]))
+        if loss is None
+        else loss.weight(whitened_ranges(graph, values))
+    )
     n_unknowns = _unknowns(graph)
     tables = []
     done = 0
@@ -93,15 +104,19 @@ def factor_influence(
             white = white * np.sqrt(weight)[:, None]
             jacobian = jacobian * np.sqrt(weight)[:, None, None]
         covariance = _joint(own, between[done - count : done], factors.variables)
-        tables.append(_named(graph, factors).assign(**_measures(white, jacobian, covariance, n_unknowns)))
+        tables.append(
+            _named(graph, factors).assign(**_measures(white, jacobian, covariance, n_unknowns))
+        )
     return pd.concat(tables, ignore_index=True)
 
 
 def worst_factors(influence: pd.DataFrame, measure: str, count: int) -> pd.DataFrame:
     """
-    Factors with the largest value of a measure, largest first, without those between successive poses of a vehicle.
+    Factors with the largest value of a measure, largest first, without those between successive
+    poses of a vehicle.
 
-    Such a factor holds the chain of poses together, so its leverage is close to 1 whatever it measures.
+    Such a factor holds the chain of poses together, so its leverage is close to 1 whatever it
+    measures.
 
     Parameters
     ----------
@@ -146,12 +161,18 @@ def _successive(graph: FactorGraph, factors: Factors) -> Mask:
     first, second = factors.variables.T
     number = graph.pose_number.astype(int)
     return np.asarray(
-        (graph.pose_vehicle[first] == graph.pose_vehicle[second]) & (number[second] - number[first] == 1)
+        (graph.pose_vehicle[first] == graph.pose_vehicle[second])
+        & (number[second] - number[first] == 1)
     )
 
 
-def _measures(white: Array, jacobian: Array, covariance: Array, n_unknowns: int) -> dict[str, Array]:
-    """Measures of factors with whitened residuals (n, m), derivatives (n, m, k) and covariances (n, k, k)."""
+def _measures(
+    white: Array, jacobian: Array, covariance: Array, n_unknowns: int
+) -> dict[str, Array]:
+    """
+    Measures of factors with whitened residuals (n, m), derivatives (n, m, k) and covariances (n, k,
+    k).
+    """
     hat = jacobian @ covariance @ np.swapaxes(jacobian, 1, 2)
     size = np.sqrt(np.sum(white**2, axis=1))
     share, axes = np.linalg.eigh(0.5 * (hat + np.swapaxes(hat, 1, 2)))
@@ -182,7 +203,10 @@ class _Ends(NamedTuple):
 
 
 def _linearized(factors: Factors, state: GraphState, *, planar: bool) -> tuple[Array, Array]:
-    """Whitened residuals (n, m) of factors and their derivatives (n, m, 6 k) by the blocks of their ends."""
+    """
+    Whitened residuals (n, m) of factors and their derivatives (n, m, 6 k) by the blocks of their
+    ends.
+    """
     kind = factors.kind
     rows = kind.rows_in("rad m", planar=planar)
     root = np.linalg.cholesky(factors.covariance[:, rows][:, :, rows])

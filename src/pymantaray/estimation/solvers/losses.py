@@ -39,13 +39,14 @@ class Loss:
     scale : float
         Residual above which a range loses weight, in its standard deviations. [-]
     graduated : bool
-        Graduated non-convexity: begin with a scale so large that the loss is nearly quadratic, and reduce it step
-        by step. For ``geman-mcclure`` only.
+        Graduated non-convexity: begin with a scale so large that the loss is nearly quadratic, and
+        reduce it step by step. For ``geman-mcclure`` only.
 
     Raises
     ------
     EstimationError
-        If the kind is unknown, the scale is not positive and finite, or the kind cannot be graduated.
+        If the kind is unknown, the scale is not positive and finite, or the kind cannot be
+        graduated.
 
     Notes
     -----
@@ -54,16 +55,19 @@ class Loss:
     - ``huber``: :math:`u^2/2` up to :math:`k`, :math:`k(|u| - k/2)` beyond; convex
     - ``cauchy``: :math:`(k^2/2) \log(1 + u^2/k^2)`; the weight falls without limit
     - ``geman-mcclure``: :math:`(k^2/2)\, u^2/(k^2 + u^2)`; at most :math:`k^2/2` for any residual
-    - ``tukey``: :math:`(k^2/6) (1 - (1 - u^2/k^2)^3)` up to :math:`k`, :math:`k^2/6` beyond, where a range has no weight
+    - ``tukey``: :math:`(k^2/6) (1 - (1 - u^2/k^2)^3)` up to :math:`k`, :math:`k^2/6` beyond, where
+      a range has no weight
     - ``welsch``: :math:`(k^2/2) (1 - e^{-u^2/k^2})`
 
-    The surrogates of graduated non-convexity [1]_ for Geman-McClure with control parameter :math:`\mu` are
-    the same loss with the scale :math:`k\sqrt{\mu}`.
+    The surrogates of graduated non-convexity [1]_ for Geman-McClure with control parameter
+    :math:`\mu` are the same loss with the scale :math:`k\sqrt{\mu}`.
 
     References
     ----------
-    .. [1] GTSAM, ``gtsam/nonlinear/GncOptimizer.h`` (functions initializeMu, updateMu), which names Yang,
-       Antonante, Tzoumas and Carlone, "Graduated Non-Convexity for Robust Spatial Perception", as its source.
+    .. [1] GTSAM, ``gtsam/nonlinear/GncOptimizer.h`` (functions initializeMu, updateMu), which names
+    Yang,
+       Antonante, Tzoumas and Carlone, "Graduated Non-Convexity for Robust Spatial Perception", as
+       its source.
     """
 
     kind: LossKind
@@ -140,7 +144,9 @@ LOSSES: Mapping[str, Loss] = MappingProxyType(
         "gnc": Loss("geman-mcclure", _EFFICIENT["geman-mcclure"], graduated=True),
     }
 )
-"""Losses by name, each with the scale that is 95 % as efficient as least squares without outliers."""
+"""
+Losses by name, each with the scale that is 95 % as efficient as least squares without outliers.
+"""
 
 
 def whitened_ranges(graph: FactorGraph, values: GraphValues) -> Array:

@@ -22,7 +22,9 @@ def check_poses(graph: FactorGraph, poses: Indices) -> Indices:
     """Check that each pose occurs once and has a prior or odometry."""
     used = [t.variables.ravel() for t in graph.tables.values() if set(t.kind.ends) == {"pose"}]
     if np.unique(poses).size != poses.size or not np.isin(poses, np.concatenate(used)).all():
-        raise EstimationError("covariances: each pose must have a prior or odometry, and must be given once")
+        raise EstimationError(
+            "covariances: each pose must have a prior or odometry, and must be given once"
+        )
     return poses.astype(np.intp)
 
 
@@ -41,7 +43,8 @@ def covariances_at(
     poses : ndarray of int, shape (n_epochs, n_vehicles)
         Each pose needs a prior or odometry.
     innovations : bool
-        Compute the innovations of the ranges, too; else they are NaN. With many ranges per epoch they take most of the time.
+        Compute the innovations of the ranges, too; else they are NaN. With many ranges per epoch
+        they take most of the time.
 
     Returns
     -------
@@ -54,11 +57,15 @@ def covariances_at(
         If some direction is undetermined at the values.
     """
     poses = check_poses(graph, poses)
-    groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, np.empty(0, dtype=np.intp))
+    groups = epoch_groups(
+        poses, graph["range"].variables, graph.n_poses, np.empty(0, dtype=np.intp)
+    )
     problem = distance_problem(graph, groups=groups)
     last = check_convergence(problem, GraphState.of(values)).last
     if last is None:
-        raise EstimationError("covariances: some direction of the graph is not determined at these values")
+        raise EstimationError(
+            "covariances: some direction of the graph is not determined at these values"
+        )
     return group_marginals(problem, last, poses, groups, innovations=innovations)
 
 
@@ -82,7 +89,10 @@ class PoseCovariance:
         return self._product(vectors, slice(3, SIZE))
 
     def rotations(self, vectors: Array) -> Array:
-        """Products of the rotations' part with vectors in the world's axes, (count, n_poses, 3); NaN as for positions. [rad2]"""
+        """
+        Products of the rotations' part with vectors in the world's axes, (count, n_poses, 3); NaN
+        as for positions. [rad2]
+        """
         # the solver's rotations are about the body's axes
         body = np.einsum("pji,kpj->kpi", self._rotation, vectors)
         world: Array = np.einsum("pij,kpj->kpi", self._rotation, self._product(body, slice(0, 3)))
@@ -98,8 +108,13 @@ class PoseCovariance:
         return np.ascontiguousarray(np.moveaxis(solution, 2, 0))
 
 
-def epoch_groups(poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indices) -> list[Indices]:
-    """Variables to connect for each epoch: its poses, the landmarks that these range to, and shared unknowns."""
+def epoch_groups(
+    poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indices
+) -> list[Indices]:
+    """
+    Variables to connect for each epoch: its poses, the landmarks that these range to, and shared
+    unknowns.
+    """
     pairs = np.concatenate([pairs, pairs[:, ::-1]])
     return [
         np.concatenate([epoch, np.unique(ends[ends >= n_poses]), shared])
@@ -109,15 +124,23 @@ def epoch_groups(poses: Indices, pairs: NDArray[Any], n_poses: int, shared: Indi
 
 
 def group_marginals(
-    problem: Problem, last: LastStep, poses: Indices, groups: list[Indices], *, innovations: bool = True
+    problem: Problem,
+    last: LastStep,
+    poses: Indices,
+    groups: list[Indices],
+    *,
+    innovations: bool = True,
 ) -> EpochCovariances:
     r"""
-    Covariances of poses, shape (n_epochs, n_vehicles), joint within each epoch, from the factor of the last step.
+    Covariances of poses, shape (n_epochs, n_vehicles), joint within each epoch, from the factor of
+    the last step.
 
-    With whitened residuals :math:`b` of the ranges of a group at the optimum, their Jacobian :math:`A` and the
-    covariance :math:`P`, residuals have the covariance :math:`S = I - A P A^\top`, and
-    :math:`b^\top S^{-1} b` is the squared innovation :math:`\nu^\top (I + A P_- A^\top)^{-1} \nu` of the same ranges
-    predicted from everything else, past and future: :math:`P^{-1} = P_-^{-1} + A^\top A` gives
+    With whitened residuals :math:`b` of the ranges of a group at the optimum, their Jacobian
+    :math:`A` and the covariance :math:`P`, residuals have the covariance :math:`S = I - A P
+    A^\top`, and
+    :math:`b^\top S^{-1} b` is the squared innovation :math:`\nu^\top (I + A P_- A^\top)^{-1} \nu`
+    of the same ranges predicted from everything else, past and future: :math:`P^{-1} = P_-^{-1} +
+    A^\top A` gives
     :math:`S = (I + A P_- A^\top)^{-1}` and :math:`b = S \nu`. Under a loss there are none.
     """
     n_epochs, members = poses.shape
@@ -153,7 +176,9 @@ def _by_group(terms: list[LinearTerm], poses: Indices, n_poses: int) -> list[lis
     return out
 
 
-def _innovation(terms: list[LinearTerm], covariance: Array, group: Indices, step: Array) -> tuple[float, int]:
+def _innovation(
+    terms: list[LinearTerm], covariance: Array, group: Indices, step: Array
+) -> tuple[float, int]:
     """Squared innovation of the ranges of a group and its dimension."""
     if not terms:
         return np.nan, 0

@@ -1,4 +1,7 @@
-"""Ranges of a max-mixture: pick the most probable candidate of each range, solve the graph with the picks, and repeat."""
+"""
+Ranges of a max-mixture: pick the most probable candidate of each range, solve the graph with the
+picks, and repeat.
+"""
 
 from dataclasses import replace
 from typing import NamedTuple
@@ -32,7 +35,9 @@ _FORWARD_TOLERANCE = 1e-2  # m, rad; of a solve before the next ping is added
 
 
 class PickedWeights(RangeWeights):
-    """Covariances of the residuals of each epoch, with the variances of the travel times of the picks."""
+    """
+    Covariances of the residuals of each epoch, with the variances of the travel times of the picks.
+    """
 
     def add(self, added: Array) -> None:
         """Replace the variances of the travel times of all picks. [m²]"""
@@ -49,16 +54,18 @@ class MixtureIterations(OuterIterations):
     r"""
     Minimize the cost of a graph whose ranges are max-mixtures of candidates.
 
-    A range of which candidate k has the weight :math:`w_k`, the residual :math:`r_k` and the variance :math:`v_k` costs
+    A range of which candidate k has the weight :math:`w_k`, the residual :math:`r_k` and the
+    variance :math:`v_k` costs
 
     .. math:: \min_k \left( \frac{r_k^2}{2 v_k} + \frac12 \log v_k - \log w_k \right)
 
-    over its candidates and the possibility that it belongs to none of them. With persistence the minimum is over
-    the sequences of candidates of an ordered pair. Picks and positions are minimized in turns, so that the
-    cost decreases. Ranges without a pick are gated.
+    over its candidates and the possibility that it belongs to none of them. With persistence the
+    minimum is over the sequences of candidates of an ordered pair. Picks and positions are
+    minimized in turns, so that the cost decreases. Ranges without a pick are gated.
 
-    The start is found on line: ping by ping, from the optimum of the graph without ranges, each ping by graduated mixtures from the
-    positions that the earlier pings predict. Then each ping is picked again from the positions that all other pings predict.
+    The start is found on line: ping by ping, from the optimum of the graph without ranges, each
+    ping by graduated mixtures from the positions that the earlier pings predict. Then each ping is
+    picked again from the positions that all other pings predict.
     """
 
     def __init__(
@@ -69,7 +76,8 @@ class MixtureIterations(OuterIterations):
         assert isinstance(model, CandidateModel)  # the caller checks
         if model_ranges.uncertainty is not None:
             raise EstimationError(
-                "a mixture of candidates has its own variances; remove the uncertainty of travel times"
+                "a mixture of candidates has its own variances; remove the uncertainty of travel"
+                " times"
             )
         self._graph = graph
         self._model = model
@@ -120,7 +128,10 @@ class MixtureIterations(OuterIterations):
         return self._factors.cost(self._given) + ranges.cost(self._given, None)
 
     def _online(self, state: GraphState, options: SolveOptions) -> GraphState:
-        """State after all pings were added one by one and then picked again; the given one if the graph is singular without ranges."""
+        """
+        State after all pings were added one by one and then picked again; the given one if the
+        graph is singular without ranges.
+        """
         n = self._model_ranges.ranges.time.size
         picked = _Picked(n, state.shared.size)
         known: list[tuple[RangeChoice, Array] | None] = [None] * n
@@ -135,7 +146,11 @@ class MixtureIterations(OuterIterations):
                 return state
             self._pick_epoch(rows, end.state, end.last, picked, known)
             end = self._solve_picked(picked, end.state, limits)
-        return end.state if np.isfinite(end.progress.final_cost) and not end.progress.singular else state
+        return (
+            end.state
+            if np.isfinite(end.progress.final_cost) and not end.progress.singular
+            else state
+        )
 
     def _solve_picked(self, picked: "_Picked", state: GraphState, options: SolveOptions) -> Optimum:
         """Optimum of the graph with the picks of the pings so far."""
@@ -153,17 +168,23 @@ class MixtureIterations(OuterIterations):
         picked: "_Picked",
         known: list[tuple[RangeChoice, Array] | None],
     ) -> None:
-        """Pick the candidates of the ranges of one epoch from the state that earlier epochs predict."""
+        """
+        Pick the candidates of the ranges of one epoch from the state that earlier epochs predict.
+        """
         r = self._model_ranges.ranges
         mixture = self._model.mixture
-        ends, at = np.unique(np.concatenate([r.transmitter[rows], r.receiver[rows]]), return_inverse=True)
+        ends, at = np.unique(
+            np.concatenate([r.transmitter[rows], r.receiver[rows]]), return_inverse=True
+        )
         place = state.position[ends]
         one = at[: rows.size]
         other = at[rows.size :]
         links = RangeEndpoints(r.time[rows], place[one], place[other], r.sound_speed[rows])
         found = self._candidates(links, rows, state.shared)
         row = found.table.row
-        before = self._priors(choices(found.table, found.fit, self._variance[rows], mixture), rows, known)
+        before = self._priors(
+            choices(found.table, found.fit, self._variance[rows], mixture), rows, known
+        )
         epoch = EpochMixture(
             expansion=found.expansion,
             transmitter=one[row],
@@ -187,7 +208,9 @@ class MixtureIterations(OuterIterations):
         picked.add(rows, links, found, picks, state.shared)
 
     def _covariance(self, last: LastStep, ends: Indices, n_unknowns: int) -> Array:
-        """Covariance of the positions of some variables and of the unknowns, before the next ping."""
+        """
+        Covariance of the positions of some variables and of the unknowns, before the next ping.
+        """
         (joint,) = last.factor.inverse([np.concatenate([ends, self._shared])])
         positions = (SIZE * np.arange(ends.size)[:, None] + np.arange(3, SIZE)).ravel()
         at = np.concatenate([positions, SIZE * ends.size + np.arange(n_unknowns)])
@@ -196,13 +219,18 @@ class MixtureIterations(OuterIterations):
     def _priors(
         self, each: list[RangeChoice], rows: Rows, known: list[tuple[RangeChoice, Array] | None]
     ) -> list[RangeChoice]:
-        """Choices of ranges with the probabilities that follow from the previous ranges of their ordered pairs."""
+        """
+        Choices of ranges with the probabilities that follow from the previous ranges of their
+        ordered pairs.
+        """
         out = []
         for choice, row in zip(each, rows.tolist(), strict=True):
             before = int(self._chains.previous[row])
             earlier = known[before] if before >= 0 else None
             out.append(
-                choice if earlier is None else predicted(choice, *earlier, float(self._chains.stay[row]))
+                choice
+                if earlier is None
+                else predicted(choice, *earlier, float(self._chains.stay[row]))
             )
         return out
 
@@ -228,7 +256,10 @@ class _Found(NamedTuple):
 
 
 class _Picked:
-    """Picks of the pings so far, expanded where they were made; their travel times are those for unknowns of zero."""
+    """
+    Picks of the pings so far, expanded where they were made; their travel times are those for
+    unknowns of zero.
+    """
 
     def __init__(self, n: int, n_unknowns: int) -> None:
         self.used, self.added = np.zeros(n, dtype=bool), np.zeros(n)
@@ -236,7 +267,9 @@ class _Picked:
         self._time, self._by_ends = np.full(n, np.nan), np.full((2, n, 3), np.nan)
         self._by_unknowns, self._bounces = np.zeros((n, n_unknowns)), np.zeros(n, dtype=np.intp)
 
-    def add(self, rows: Rows, links: RangeEndpoints, found: _Found, picks: Rows, unknowns: Array) -> None:
+    def add(
+        self, rows: Rows, links: RangeEndpoints, found: _Found, picks: Rows, unknowns: Array
+    ) -> None:
         """Add the picks of one epoch."""
         prediction = of_picks(found.prediction, picks)
         by = found.by(picks)
@@ -250,6 +283,8 @@ class _Picked:
 
     def expansion(self, links: RangeEndpoints, travel_time: Array) -> Expansion:
         """Residuals of the picks near the links at which they were made."""
-        prediction = Prediction(self._time, self._by_ends[0], self._by_ends[1], self.used, self._bounces)
+        prediction = Prediction(
+            self._time, self._by_ends[0], self._by_ends[1], self.used, self._bounces
+        )
         zero = np.zeros(self._by_unknowns.shape[1])
         return Expansion(prediction, links, travel_time, zero, self._by_unknowns)

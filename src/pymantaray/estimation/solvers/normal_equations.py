@@ -18,7 +18,10 @@ _LARGEST_SPARE = 1 << 26  # bytes
 
 
 class Blocks(NamedTuple):
-    """Indices of the blocks of pairs of variables, and whether the block has the pair in reverse order."""
+    """
+    Indices of the blocks of pairs of variables, and whether the block has the pair in reverse
+    order.
+    """
 
     block: Indices
     turned: Mask
@@ -28,13 +31,20 @@ class Structure:
     """
     Elimination order and nonzero blocks, from the pairs (n, 2) of variables that share a factor.
 
-    Variable i has row ``row[i]``, those in ``last`` after all others; ``column`` lists the off-diagonal columns, from ``start`` of each row.
-    ``batch`` has the first row of each batch, of the rows after all batches, and the number of rows. Rows of a batch share blocks only with
-    each other and with the rows after all batches, among which are those of the variables in ``unbatched``; None makes no batches.
+    Variable i has row ``row[i]``, those in ``last`` after all others; ``column`` lists the
+    off-diagonal columns, from ``start`` of each row. ``batch`` has the first row of each batch, of
+    the rows after all batches, and the number of rows. Rows of a batch share blocks only with each
+    other and with the rows after all batches, among which are those of the variables in
+    ``unbatched``; None makes no batches.
     """
 
     def __init__(
-        self, size: int, pairs: Indices, last: Indices | None = None, *, unbatched: Indices | None = None
+        self,
+        size: int,
+        pairs: Indices,
+        last: Indices | None = None,
+        *,
+        unbatched: Indices | None = None,
     ) -> None:
         late = np.zeros(size, dtype=np.bool_)
         if last is not None:
@@ -59,12 +69,18 @@ class Structure:
         return np.empty((self.row.size, SIZE, SIZE)), np.empty((self.column.size, SIZE, SIZE))
 
     def return_blocks(self, diagonal: Array, above: Array) -> None:
-        """Keep blocks that are not needed any more for the next equations, unless they are large: new memory takes time."""
+        """
+        Keep blocks that are not needed any more for the next equations, unless they are large: new
+        memory takes time.
+        """
         if diagonal.nbytes + above.nbytes <= _LARGEST_SPARE:
             self._spare.append((diagonal, above))
 
     def _tree(self, pairs: Indices) -> tuple[tuple[Indices, Indices, Indices], Indices]:
-        """Earlier neighbours of each row (their ends and numbers) and its parent in the elimination tree, and its number of blocks."""
+        """
+        Earlier neighbours of each row (their ends and numbers) and its parent in the elimination
+        tree, and its number of blocks.
+        """
         size = self.row.size
         low, high = np.sort(self.row[pairs], axis=1).T
         before = coo_array((np.ones(low.size), (high, low)), shape=(size, size)).tocsr()
@@ -98,7 +114,10 @@ class Structure:
         return Blocks(np.searchsorted(self._keys, keys), first > second)
 
     def between(self, variables: Indices) -> tuple[Indices, Indices, Blocks]:
-        """Pairs of some mutually connected variables, as two arrays of indices, and their blocks; computed once."""
+        """
+        Pairs of some mutually connected variables, as two arrays of indices, and their blocks;
+        computed once.
+        """
         key = variables.tobytes()
         if key not in self._between:
             a, b = np.triu_indices(len(variables), 1)
@@ -107,7 +126,10 @@ class Structure:
 
 
 def _order(size: int, pairs: Indices, fixed: Mask) -> Indices:
-    """Row of each variable by minimum degree; it changes ``fixed``, variables that are not in the first part of the order."""
+    """
+    Row of each variable by minimum degree; it changes ``fixed``, variables that are not in the
+    first part of the order.
+    """
     row = np.empty(size, dtype=np.intp)
     joined = np.empty((size, 2), dtype=np.intp)
     near = np.full((size, 2), -1)
@@ -122,7 +144,9 @@ def _order(size: int, pairs: Indices, fixed: Mask) -> Indices:
 
 
 def _minimum_degree(size: int, pairs: Indices) -> Indices:
-    """Row of each variable by multiple minimum degree; SciPy offers it only within a factorization."""
+    """
+    Row of each variable by multiple minimum degree; SciPy offers it only within a factorization.
+    """
     a, b = pairs.T
     links = coo_array((np.full(a.size, -1.0), (a, b)), shape=(size, size)).tocsc()
     links = (links + links.T).tocsc()
@@ -141,9 +165,11 @@ class Factor:
 
     def solve(self, vector: Array, *, overwrite: bool = False) -> Array:
         """
-        Solution for a right-hand side, both in the order of rows, (n, 6); it can take the place of the right-hand side.
+        Solution for a right-hand side, both in the order of rows, (n, 6); it can take the place of
+        the right-hand side.
 
-        Several right-hand sides, (n, 6, count), have the same digits as each alone, and take less time.
+        Several right-hand sides, (n, 6, count), have the same digits as each alone, and take less
+        time.
         """
         x = vector if overwrite else vector.copy()
         s = self._structure
@@ -155,7 +181,9 @@ class Factor:
         return x
 
     def finish(self, vector: Array) -> Array:
-        """Solution for a right-hand side that has gone down with the factorization, in its place."""
+        """
+        Solution for a right-hand side that has gone down with the factorization, in its place.
+        """
         s = self._structure
         cholesky.substitute(s.start, s.column, self._diagonal, self._above, vector, False)
         return vector
@@ -175,7 +203,10 @@ class Factor:
         return [self._joint(group, diagonal, above) for group in groups]
 
     def inverse_of_pairs(self, pairs: Indices) -> tuple[Array, Array]:
-        """Blocks of the inverse of all variables, (n_variables, 6, 6), and between connected pairs (n, 2) of them, (n, 6, 6)."""
+        """
+        Blocks of the inverse of all variables, (n_variables, 6, 6), and between connected pairs (n,
+        2) of them, (n, 6, 6).
+        """
         s = self._structure
         diagonal, above = self._inverse_blocks(np.ones(s.row.size, dtype=np.bool_))
         block, turned = s.blocks(pairs)
@@ -207,11 +238,13 @@ class Factor:
 
 class NormalEquations:
     """
-    Matrix, gradient and cost of residuals linearized at one state; ``factorize`` overwrites the matrix, which has to be set first.
+    Matrix, gradient and cost of residuals linearized at one state; ``factorize`` overwrites the
+    matrix, which has to be set first.
 
-    The matrix of order 1 is that of Gauss-Newton. Order 2 adds the largest part of the curvature of odometry, order 3 that of
-    distances, and order 4 all curvature of odometry, for steps along arcs. ``scale`` is the diagonal before order 4 is added.
-    If ``begun``, the batches of the structure are eliminated already, and only `step` can be called.
+    The matrix of order 1 is that of Gauss-Newton. Order 2 adds the largest part of the curvature of
+    odometry, order 3 that of distances, and order 4 all curvature of odometry, for steps along
+    arcs. ``scale`` is the diagonal before order 4 is added. If ``begun``, the batches of the
+    structure are eliminated already, and only `step` can be called.
     """
 
     def __init__(self, structure: Structure, order: int = 1) -> None:
@@ -226,7 +259,10 @@ class NormalEquations:
         self.failed = False
 
     def cleared(self, order: int) -> "NormalEquations":
-        """These equations without a cost and with an order; the matrix has to be set anew, and a factor in its arrays is lost."""
+        """
+        These equations without a cost and with an order; the matrix has to be set anew, and a
+        factor in its arrays is lost.
+        """
         self.order = order
         self.cost = 0.0
         self.scale = None
@@ -252,13 +288,17 @@ class NormalEquations:
         return self.upper(self._right)
 
     def factorize(self) -> Factor | None:
-        """Compute the Cholesky factor in place of the matrix; None if some direction is not determined."""
+        """
+        Compute the Cholesky factor in place of the matrix; None if some direction is not
+        determined.
+        """
         self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
         return self._eliminated(0, _NO_VECTOR)
 
     def step(self) -> tuple[Factor, Array] | None:
         """
-        Factor as in `factorize`, and the step to the minimum of the linearized cost (n, 6), in the order of rows.
+        Factor as in `factorize`, and the step to the minimum of the linearized cost (n, 6), in the
+        order of rows.
 
         The next step of equations in the same arrays may overwrite it.
         """
@@ -283,7 +323,8 @@ class NormalEquations:
 
     def eliminate(self, last: Indices) -> tuple[Array, Array] | None:
         """
-        Dense matrix and gradient that remain for the last variables of the structure, in the order given; overwrites the matrix.
+        Dense matrix and gradient that remain for the last variables of the structure, in the order
+        given; overwrites the matrix.
 
         None if some direction of the others is not determined.
         """
@@ -308,14 +349,18 @@ class NormalEquations:
         return matrix, rest[at].ravel()
 
     def damped(self, factor: float) -> "NormalEquations":
-        """Copy with a multiple of the diagonal added (of the diagonal without curvature, if stored)."""
+        """
+        Copy with a multiple of the diagonal added (of the diagonal without curvature, if stored).
+        """
         copy = NormalEquations(self.structure)
         copy.diagonal[:] = self.diagonal
         copy.above[:] = self.above
         copy.gradient = self.gradient
         copy.cost = self.cost
         i = np.arange(SIZE)
-        copy.diagonal[:, i, i] += factor * (self.diagonal[:, i, i] if self.scale is None else self.scale)
+        copy.diagonal[:, i, i] += factor * (
+            self.diagonal[:, i, i] if self.scale is None else self.scale
+        )
         return copy
 
     def add(self, variables: Indices, matrix: Array, gradient: Array) -> None:

@@ -11,8 +11,9 @@ from pymantaray.estimation.solvers.problems import GraphState, Problem
 from pymantaray.estimation.solvers.solution import SolveOptions, SolveProgress
 
 _COST_ROUNDING = 1e-9  # relative; smaller increases of the cost are rounding
-# Successive steps that may leave the cost above its lowest value: a full step from far away overshoots the rotations,
-# and the next one compensates. (A damped solve from there costs ten full steps.)
+# Successive steps that may leave the cost above its lowest value: a full step from far away
+# overshoots the rotations, and the next one compensates. (A damped solve from there costs ten full
+# steps.)
 _MAX_RISES = 2
 _CURVATURE_GAIN = 100.0  # factor by which a step with curvature shortens the next step
 _HIGHEST_ORDER = 3  # of the matrices of undamped steps
@@ -20,7 +21,9 @@ _SLOW = 0.5  # ratio of successive steps with curvature; with large residuals it
 _MAX_SLOW = 3  # such steps before the curvature is given up
 _MAX_STALLED = 10  # such steps without curvature before damped steps take over
 _MAX_INDEFINITE = 2  # indefinite matrices of an order before it is given up
-_STALLED_FALL = 1e-9  # relative decrease of the cost at which damped steps from a singular start end
+_STALLED_FALL = (
+    1e-9  # relative decrease of the cost at which damped steps from a singular start end
+)
 _FIRST_DAMPING = 1e-5  # of the diagonal
 _MAX_DAMPING = 1e5
 _SMALL_FALL = 0.01  # relative decrease of the cost below which damped steps use full curvature
@@ -46,9 +49,11 @@ def optimize(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
     """
     Minimize a least-squares cost.
 
-    If Gauss-Newton does not fall below its lowest cost within three steps, meets a singular system, or takes ten steps that do not
-    become shorter, damped steps take over, from the start or, without ranges or after such steps, from the state of lowest cost. Gauss-Newton then refines their result, unless it
-    diverges because of large residuals. The last system is undamped, and its step measures convergence.
+    If Gauss-Newton does not fall below its lowest cost within three steps, meets a singular system,
+    or takes ten steps that do not become shorter, damped steps take over, from the start or,
+    without ranges or after such steps, from the state of lowest cost. Gauss-Newton then refines
+    their result, unless it diverges because of large residuals. The last system is undamped, and
+    its step measures convergence.
     """
     first, lowest = _gauss_newton(problem, initial, options)
     progress = first.progress
@@ -60,7 +65,9 @@ def optimize(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
     if (problem.without_ranges or stalled) and not progress.singular:
         begin = lowest
         taken = progress.iterations
-    damped, iterations = _levenberg_marquardt(problem, begin, options, taken, singular=progress.singular)
+    damped, iterations = _levenberg_marquardt(
+        problem, begin, options, taken, singular=progress.singular
+    )
     if iterations == 0 and begin is initial:
         return Optimum(initial, replace(progress, iterations=0, final_cost=progress.initial_cost))
     end, _ = _gauss_newton(problem, damped, options, taken + iterations)
@@ -69,11 +76,15 @@ def optimize(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
     ):  # repelled, or about to be
         end = check_convergence(problem, damped)
     taken += iterations + end.progress.iterations
-    return end._replace(progress=replace(end.progress, iterations=taken, initial_cost=progress.initial_cost))
+    return end._replace(
+        progress=replace(end.progress, iterations=taken, initial_cost=progress.initial_cost)
+    )
 
 
 def check_convergence(problem: Problem, state: GraphState) -> Optimum:
-    """Compute the next undamped step from a state, without applying it, as a measure of convergence."""
+    """
+    Compute the next undamped step from a state, without applying it, as a measure of convergence.
+    """
     equations = problem.linearize(state)
     progress = SolveProgress(iterations=0, initial_cost=equations.cost, final_cost=equations.cost)
     solved = equations.step()
@@ -86,13 +97,16 @@ def _gauss_newton(
     problem: Problem, initial: GraphState, options: SolveOptions, taken: int = 0
 ) -> tuple[Optimum, GraphState]:
     """
-    Undamped steps; returns the optimum and the state of lowest cost. ``last_step`` is NaN if the cost stays above its lowest.
+    Undamped steps; returns the optimum and the state of lowest cost. ``last_step`` is NaN if the
+    cost stays above its lowest.
 
-    With the curvature of odometry a step leaves 1 % of the error, without it a sixth. The curvature of distances, used from
-    the second step on, matters if range residuals exceed the uncertainty of odometry. A step omits each with which its matrix
-    is not positive definite, as it often is at the start of a long mission. The next step tries again; after the second time
-    it is omitted for good. Both are omitted in the last step, which measures convergence, and after three steps with curvature
-    of which each is longer than half of the one before: both are upper bounds, too large if residuals are.
+    With the curvature of odometry a step leaves 1 % of the error, without it a sixth. The curvature
+    of distances, used from the second step on, matters if range residuals exceed the uncertainty of
+    odometry. A step omits each with which its matrix is not positive definite, as it often is at
+    the start of a long mission. The next step tries again; after the second time it is omitted for
+    good. Both are omitted in the last step, which measures convergence, and after three steps with
+    curvature of which each is longer than half of the one before: both are upper bounds, too large
+    if residuals are.
     """
     state = initial
     equations = problem.linearize(initial, 2, begin=True)
@@ -168,11 +182,13 @@ def _levenberg_marquardt(
     problem: Problem, initial: GraphState, options: SolveOptions, taken: int, *, singular: bool
 ) -> tuple[GraphState, int]:
     """
-    Damped steps until a minimum, until no damping lowers the cost, or until a singular graph stalls; returns their number, too.
+    Damped steps until a minimum, until no damping lowers the cost, or until a singular graph
+    stalls; returns their number, too.
 
-    Without ranges poses move along arcs, so that a chain can rotate as a whole. Ranges tie chains to each other; arcs from far
-    away then lead to other minima. If a step along arcs gained little, Gauss-Newton's matrix is a poor model of the cost, and
-    the matrix with full curvature is tried first. It is not positive definite far from a minimum.
+    Without ranges poses move along arcs, so that a chain can rotate as a whole. Ranges tie chains
+    to each other; arcs from far away then lead to other minima. If a step along arcs gained little,
+    Gauss-Newton's matrix is a poor model of the cost, and the matrix with full curvature is tried
+    first. It is not positive definite far from a minimum.
     """
     state = initial
     damping = _FIRST_DAMPING
@@ -204,10 +220,15 @@ class _DampedStep(NamedTuple):
 
 
 def _damped_step(
-    problem: Problem, state: GraphState, matrices: list[NormalEquations], damping: float, tolerance: float
+    problem: Problem,
+    state: GraphState,
+    matrices: list[NormalEquations],
+    damping: float,
+    tolerance: float,
 ) -> _DampedStep | None:
     """
-    Increase damping until a step lowers the cost; None if none does, or if a weakly damped step is within tolerance.
+    Increase damping until a step lowers the cost; None if none does, or if a weakly damped step is
+    within tolerance.
 
     The first of two matrices is dropped once it is not positive definite.
     """

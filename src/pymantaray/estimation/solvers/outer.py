@@ -1,4 +1,6 @@
-"""Outer iterations: expand the travel times of a range model about the estimate, solve, and repeat."""
+"""
+Outer iterations: expand the travel times of a range model about the estimate, solve, and repeat.
+"""
 
 from dataclasses import dataclass, replace
 
@@ -41,10 +43,11 @@ class OuterIterations:
     """
     Minimize the cost of a graph with the ranges of a model.
 
-    Predict travel times at the estimate, expand them (`Expansion`), solve the graph, and repeat until a new prediction changes
-    no range by more than 1 mm. A link without an arrival is gated until the next estimate, and permanently after two times,
-    so that the set of links converges. After 8 expansions the links with the largest corrections are gated, too: their first
-    arrival alternates between families of rays.
+    Predict travel times at the estimate, expand them (`Expansion`), solve the graph, and repeat
+    until a new prediction changes no range by more than 1 mm. A link without an arrival is gated
+    until the next estimate, and permanently after two times, so that the set of links converges.
+    After 8 expansions the links with the largest corrections are gated, too: their first arrival
+    alternates between families of rays.
     """
 
     def __init__(
@@ -58,7 +61,8 @@ class OuterIterations:
         _check_rows(graph, model_ranges)
         if loss is not None and model_ranges.correlated:
             raise EstimationError(
-                "a robust loss applies to single ranges, but these are correlated; remove the loss or the correlation"
+                "a robust loss applies to single ranges, but these are correlated; remove the loss"
+                " or the correlation"
             )
         self._model_ranges = model_ranges
         self._loss = loss
@@ -80,7 +84,10 @@ class OuterIterations:
         self._first: tuple[Prediction, Array] | None = None
 
     def solve(self, initial: GraphValues, options: SolveOptions) -> BatchOutcome:
-        """Solve from a start; if the expansions do not converge the last step is NaN, which no gate passes."""
+        """
+        Solve from a start; if the expansions do not converge the last step is NaN, which no gate
+        passes.
+        """
         start = GraphState.of(initial, self._model_ranges.n_unknowns)
         loss = self._loss
         end = Optimum(start, SolveProgress(0, np.nan, np.nan))
@@ -106,7 +113,9 @@ class OuterIterations:
             if loss is not None and count:
                 loss = replace(loss, graduated=False)  # only for the first expansion
             problem = Problem(self._factors, ranges, self._structure, loss)
-            tolerance = options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
+            tolerance = (
+                options.step_tolerance if count else max(options.step_tolerance, _FIRST_TOLERANCE)
+            )
             end = optimize_robust(problem, end.state, replace(options, step_tolerance=tolerance))
             iterations = iterations + end.progress.iterations
             count = count + 1
@@ -118,7 +127,9 @@ class OuterIterations:
         progress = replace(end.progress, iterations=iterations, initial_cost=cost)
         if not settled:
             progress = replace(progress, last_step=np.nan)
-        return BatchOutcome(end._replace(progress=progress), problem, self.groups, self._used, count)
+        return BatchOutcome(
+            end._replace(progress=progress), problem, self.groups, self._used, count
+        )
 
     def _ends(self, state: GraphState) -> tuple[Array, Array, Array]:
         r = self._model_ranges.ranges
@@ -158,7 +169,10 @@ class OuterIterations:
     def _initial_cost(
         self, start: GraphState, ranges: ExpandedRanges, place: tuple[Array, Array, Array]
     ) -> float:
-        """Initial cost of the links used at the end; links without an arrival at the start have their final residual."""
+        """
+        Initial cost of the links used at the end; links without an arrival at the start have their
+        final residual.
+        """
         assert self._first is not None  # the model was evaluated at least once
         assert self._expansion is not None
         prediction, residual = self._first
@@ -171,6 +185,6 @@ def _check_rows(graph: FactorGraph, model_ranges: ModelRanges) -> None:
     rows = graph["range"].variables
     if not np.array_equal(np.sort(ends, axis=1), np.sort(rows, axis=1)):
         raise EstimationError(
-            f"{len(ends)} timed ranges do not join the variables of the graph's {len(rows)} ranges; take"
-            " both from the same measurements, ranges and links"
+            f"{len(ends)} timed ranges do not join the variables of the graph's {len(rows)} ranges;"
+            " take both from the same measurements, ranges and links"
         )

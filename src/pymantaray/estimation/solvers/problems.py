@@ -1,4 +1,7 @@
-"""Costs to minimize: relative poses, sightings, measured positions, and ranges as distances or expanded travel times."""
+"""
+Costs to minimize: relative poses, sightings, measured positions, and ranges as distances or
+expanded travel times.
+"""
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
@@ -16,7 +19,9 @@ from pymantaray.estimation.solvers.normal_equations import SIZE, Blocks, NormalE
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
 _OUT_OF_PLANE = np.array([0, 1, 5])  # rx, ry and z of a block
-_DIFFERENCE_ANGLE = 1e-5  # rad; step of central differences of gradients, with a relative error of 1e-10
+_DIFFERENCE_ANGLE = (
+    1e-5  # rad; step of central differences of gradients, with a relative error of 1e-10
+)
 _PIECE = 1 << 16  # rows to convert at once
 _MIN_WEIGHT = 1e-12  # smallest weight of a range under a loss; its rows lose all digits below
 
@@ -45,11 +50,21 @@ class GraphState(NamedTuple):
         return GraphValues(self.position[:n], quaternion, self.position[n:])
 
     def moved(
-        self, structure: Structure, step: Array, *, arc: bool = False, into: "GraphState | None" = None
+        self,
+        structure: Structure,
+        step: Array,
+        *,
+        arc: bool = False,
+        into: "GraphState | None" = None,
     ) -> "GraphState":
-        """State after a step in the order of rows, (n, 6), along straight lines or arcs; it can overwrite another one."""
+        """
+        State after a step in the order of rows, (n, 6), along straight lines or arcs; it can
+        overwrite another one.
+        """
         rotation, place = (
-            (np.empty_like(self.rotation), np.empty_like(self.position)) if into is None else into[:2]
+            (np.empty_like(self.rotation), np.empty_like(self.position))
+            if into is None
+            else into[:2]
         )
         residuals.move(self.rotation, self.position, structure.row, step, arc, rotation, place)
         shared = step[structure.row[len(place) :]].ravel()[: self.shared.size]
@@ -57,7 +72,10 @@ class GraphState(NamedTuple):
 
 
 class FactorBlocks(NamedTuple):
-    """Blocks of pairs of poses, and of poses with the landmarks they sight, and the factors of each batch of rows."""
+    """
+    Blocks of pairs of poses, and of poses with the landmarks they sight, and the factors of each
+    batch of rows.
+    """
 
     relative: Blocks
     sighted: Blocks
@@ -65,14 +83,19 @@ class FactorBlocks(NamedTuple):
 
 
 class FactorsExceptRanges:
-    """All factors of a graph except its ranges: relative poses, sightings of landmarks, and measured positions."""
+    """
+    All factors of a graph except its ranges: relative poses, sightings of landmarks, and measured
+    positions.
+    """
 
     def __init__(self, graph: FactorGraph) -> None:
         self._tables = _except_ranges(graph)
         self.n_poses = graph.n_poses
         self.n_variables = graph.n_variables
         self.planar = graph.planar
-        self._groups = [graph.of_residual(r) for r in (Residual.POSE, Residual.SIGHTING, Residual.POSITION)]
+        self._groups = [
+            graph.of_residual(r) for r in (Residual.POSE, Residual.SIGHTING, Residual.POSITION)
+        ]
         poses = self._groups[0]
         self._relative = residuals.RelativePoses(*[*_stacked(_relative, poses), _pose_roots(poses)])
         self._sighted = residuals.Sightings(*_stacked(_sighted, self._groups[1]))
@@ -83,7 +106,10 @@ class FactorsExceptRanges:
         self.pairs = np.concatenate([self._relative_pairs, self._sighted_pairs])
 
     def unbatched(self, size: int, others: Sequence[Indices]) -> Indices:
-        """Variables that are in other factors than relative poses and measured positions, among ``size``, or in no relative poses."""
+        """
+        Variables that are in other factors than relative poses and measured positions, among
+        ``size``, or in no relative poses.
+        """
         alone = np.ones(size, dtype=np.bool_)
         alone[self._relative_pairs] = False
         for variables in (self._sighted_pairs, *others):
@@ -111,9 +137,12 @@ class FactorsExceptRanges:
         batches = _batches(structure.batch, eliminated, row[self._positions.variable])
         return FactorBlocks(out, structure.blocks(self._sighted_pairs), batches)
 
-    def add(self, state: GraphState, blocks: FactorBlocks, out: NormalEquations, *, begin: bool) -> None:
+    def add(
+        self, state: GraphState, blocks: FactorBlocks, out: NormalEquations, *, begin: bool
+    ) -> None:
         """
-        Set cost, gradient and blocks to those of these factors, from order 2 with the curvature of odometry.
+        Set cost, gradient and blocks to those of these factors, from order 2 with the curvature of
+        odometry.
 
         If wanted, begin the elimination.
         """
@@ -126,35 +155,48 @@ class FactorsExceptRanges:
         """
         Add the full curvature of relative poses: the Hessian less the product of Jacobians.
 
-        Residuals are linear in positions, so the difference involves rotations only. Central differences of each residual's
-        gradient, with its two poses rotated, give it.
+        Residuals are linear in positions, so the difference involves rotations only. Central
+        differences of each residual's gradient, with its two poses rotated, give it.
         """
         inner = self._inner
         m = len(self._relative_pairs)
         one, other = self._relative_pairs.T
         row = np.arange(2 * m)
-        copies = residuals.RelativePoses(row[:m], row[m:], *(column[inner] for column in self._relative[2:]))
+        copies = residuals.RelativePoses(
+            row[:m], row[m:], *(column[inner] for column in self._relative[2:])
+        )
         pairs = Blocks(row[:m], np.zeros(m, dtype=np.bool_))
         place = np.concatenate([state.position[one], state.position[other]])
         rotation = np.concatenate([state.rotation[one], state.rotation[other]])
 
-        factors = assembly.ChainFactors(copies, pairs, residuals.Positions(*(c[:0] for c in self._positions)))
+        factors = assembly.ChainFactors(
+            copies, pairs, residuals.Positions(*(c[:0] for c in self._positions))
+        )
         batches = _batches(np.array([0, 2 * m]), row[:m], row[:0])
         start = np.minimum(np.arange(2 * m + 1), m)
 
         def each(turned: Array) -> residuals.Matrix:
             """Blocks and gradient of each residual separately."""
             by_itself = residuals.Matrix(
-                row, np.empty((2 * m, SIZE, SIZE)), np.empty((m, SIZE, SIZE)), np.empty((2 * m, SIZE))
+                row,
+                np.empty((2 * m, SIZE, SIZE)),
+                np.empty((m, SIZE, SIZE)),
+                np.empty((2 * m, SIZE)),
             )
-            upper = cholesky.Upper(start, row, by_itself.diagonal, by_itself.above, *np.empty((2, 0, SIZE)))
+            upper = cholesky.Upper(
+                start, row, by_itself.diagonal, by_itself.above, *np.empty((2, 0, SIZE))
+            )
             poses = residuals.PoseArrays(turned, place)
             costs = assembly.Costs(np.empty(m), np.empty(0))
-            assembly.assemble(factors, batches, poses, by_itself, upper, (1, False), costs, _scratch())
+            assembly.assemble(
+                factors, batches, poses, by_itself, upper, (1, False), costs, _scratch()
+            )
             return by_itself
 
         at = each(rotation)
-        lacking = np.empty((m, 2, 3, 2, SIZE))  # rotated end and axis, end and component of the gradient
+        lacking = np.empty(
+            (m, 2, 3, 2, SIZE)
+        )  # rotated end and axis, end and component of the gradient
         for end, axis in np.ndindex(2, 3):
             some = slice(end * m, (end + 1) * m)
             gradients = []
@@ -207,7 +249,10 @@ class FactorsExceptRanges:
     @cached_property
     def _in_order(self) -> assembly.Batches:
         """All factors after all batches."""
-        rows = (np.zeros(len(factors), dtype=np.intp) for factors in (self._inner, self._positions.variable))
+        rows = (
+            np.zeros(len(factors), dtype=np.intp)
+            for factors in (self._inner, self._positions.variable)
+        )
         return _batches(np.array([0, 0]), *rows)
 
     def _evaluate(
@@ -218,14 +263,20 @@ class FactorsExceptRanges:
         upper: cholesky.Upper,
         task: tuple[int, bool],
     ) -> tuple[tuple[Array, Array, Array], bool]:
-        """Costs as in `_costs`, and true if elimination failed; a task of order 1 or 2 sets the matrix, see `assembly.assemble`."""
+        """
+        Costs as in `_costs`, and true if elimination failed; a task of order 1 or 2 sets the
+        matrix, see `assembly.assemble`.
+        """
         poses = residuals.PoseArrays(state.rotation, state.position)
         relative, sighted, positions = (
-            np.empty(len(rows)) for rows in (self._inner, self._sighted_pairs, self._positions.variable)
+            np.empty(len(rows))
+            for rows in (self._inner, self._sighted_pairs, self._positions.variable)
         )
         factors = assembly.ChainFactors(self._relative, blocks.relative, self._positions)
         costs = assembly.Costs(relative, positions)
-        failed = assembly.assemble(factors, blocks.batches, poses, matrix, upper, task, costs, _scratch())
+        failed = assembly.assemble(
+            factors, blocks.batches, poses, matrix, upper, task, costs, _scratch()
+        )
         if sighted.size:  # compile the kernel only if needed
             residuals.add_sightings(
                 self._sighted, blocks.sighted, poses, matrix, task[0], sighted, _scratch()
@@ -234,7 +285,10 @@ class FactorsExceptRanges:
 
 
 def _batches(row: Indices, *eliminated: Indices) -> assembly.Batches:
-    """Factors of each batch of rows, from the first row that each relative pose and each measured position adds to."""
+    """
+    Factors of each batch of rows, from the first row that each relative pose and each measured
+    position adds to.
+    """
     parts = []
     for first in eliminated:
         batch = np.minimum(np.searchsorted(row[1:], first, side="right"), row.size - 2)
@@ -254,7 +308,10 @@ def _scratch() -> tuple[Array, Array, Array]:
 
 
 def _pieces(count: int) -> Iterator[slice]:
-    """Slices of rows, at least one: temporary arrays of a long mission would take more time and memory than the result."""
+    """
+    Slices of rows, at least one: temporary arrays of a long mission would take more time and memory
+    than the result.
+    """
     for first in range(0, max(count, 1), _PIECE):
         yield slice(first, min(first + _PIECE, count))
 
@@ -293,7 +350,10 @@ def _relative(table: Factors) -> tuple[Any, ...]:
 
 
 def _pose_roots(tables: list[Factors]) -> Array:
-    """Roots of the information of relative poses (n, 6, 6) or, if all are diagonal, their diagonals (n, 6)."""
+    """
+    Roots of the information of relative poses (n, 6, 6) or, if all are diagonal, their diagonals
+    (n, 6).
+    """
     n = sum(map(len, tables))
     diagonal = all(_is_diagonal(table.covariance) for table in tables)
     out = np.zeros((n, SIZE) if diagonal else (n, SIZE, SIZE))
@@ -326,7 +386,11 @@ def _position(table: Factors) -> tuple[Any, ...]:
     n = len(table)
     if "position" in table.kind.columns_at:
         root = _information_root(table.covariance)
-        return table.subject.astype(np.intp), table.column("position"), np.swapaxes(root, 1, 2) @ root
+        return (
+            table.subject.astype(np.intp),
+            table.column("position"),
+            np.swapaxes(root, 1, 2) @ root,
+        )
     place = np.zeros((n, 3))
     information = np.zeros((n, 3, 3))
     place[:, 2] = table.column("depth")
@@ -363,12 +427,21 @@ class Distances:
         """Half the sum of squares, or the sum of losses."""
         return _cost(self.whitened(state), loss)
 
-    def add(self, state: GraphState, blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
-        """Add cost, gradient and blocks, weighted under a loss, in order 3 with the curvature of distances."""
+    def add(
+        self, state: GraphState, blocks: Blocks, loss: Loss | None, out: NormalEquations
+    ) -> None:
+        """
+        Add cost, gradient and blocks, weighted under a loss, in order 3 with the curvature of
+        distances.
+        """
         white, slope = self._at(state)
         out.cost += _cost(white, loss)
         off = white * self._sigma
-        bend = off / np.maximum(self._distance + off, self._sigma) if out.order > 2 else np.zeros_like(off)
+        bend = (
+            off / np.maximum(self._distance + off, self._sigma)
+            if out.order > 2
+            else np.zeros_like(off)
+        )
         information = self._sigma**-2
         if loss is not None:
             weight = loss.weight(white)
@@ -414,17 +487,24 @@ class ExpandedRanges:
     """
     Ranges of a graph as travel times expanded about one state.
 
-    Shared unknowns have a prior of zero mean and unit covariance. A loss needs diagonal covariances of the epochs.
+    Shared unknowns have a prior of zero mean and unit covariance. A loss needs diagonal covariances
+    of the epochs.
     """
 
     def __init__(
-        self, ranges: TimedRanges, blocks: Sequence[EpochBlock], expansion: Expansion, shared: Indices
+        self,
+        ranges: TimedRanges,
+        blocks: Sequence[EpochBlock],
+        expansion: Expansion,
+        shared: Indices,
     ) -> None:
         self._ranges = ranges
         self._expansion = expansion
         self._shared = shared
         self._epochs = [(rows, covariance) for rows, covariance in blocks if rows.size]
-        self._rows = np.concatenate([np.empty(0, dtype=np.intp), *(rows for rows, _ in self._epochs)])
+        self._rows = np.concatenate(
+            [np.empty(0, dtype=np.intp), *(rows for rows, _ in self._epochs)]
+        )
         self._separate = not shared.size and all(
             np.count_nonzero(covariance) == len(covariance) for _, covariance in self._epochs
         )
@@ -464,7 +544,9 @@ class ExpandedRanges:
             white = self._by_epoch(residual)
         return sum(_cost(w, loss) for w in white)
 
-    def add(self, state: GraphState, blocks: Blocks, loss: Loss | None, out: NormalEquations) -> None:
+    def add(
+        self, state: GraphState, blocks: Blocks, loss: Loss | None, out: NormalEquations
+    ) -> None:
         """Add cost, gradient and blocks, weighted under a loss."""
         if self._separate:
             residual, *slopes = (part[self._rows] for part in self._at(state))
@@ -504,7 +586,9 @@ class ExpandedRanges:
         terms = self._terms
         if loss is not None:
             weights = (np.maximum(loss.weight(u), _MIN_WEIGHT) for u in self._by_epoch(residual))
-            terms = [t._replace(root=t.root / np.sqrt(w)) for t, w in zip(terms, weights, strict=True)]
+            terms = [
+                t._replace(root=t.root / np.sqrt(w)) for t, w in zip(terms, weights, strict=True)
+            ]
         return [self._linear(t, residual, by_transmitter, by_receiver) for t in terms]
 
     def _linear(
@@ -523,7 +607,9 @@ class ExpandedRanges:
 
     def _at(self, state: GraphState) -> tuple[Array, Array, Array]:
         r = self._ranges
-        return self._expansion(state.position[r.transmitter], state.position[r.receiver], state.shared)
+        return self._expansion(
+            state.position[r.transmitter], state.position[r.receiver], state.shared
+        )
 
     def _by_epoch(self, residual: Array) -> list[Array]:
         return [residual[t.rows] / np.diagonal(t.root) for t in self._terms]
@@ -560,12 +646,19 @@ class Problem:
         return self.factors.cost(state) + self.ranges.cost(state, self.loss)
 
     def linearize(
-        self, state: GraphState, order: int = 1, into: NormalEquations | None = None, *, begin: bool = False
+        self,
+        state: GraphState,
+        order: int = 1,
+        into: NormalEquations | None = None,
+        *,
+        begin: bool = False,
     ) -> NormalEquations:
         """
-        Normal equations at a state, with ranges weighted by the loss; they can overwrite earlier ones.
+        Normal equations at a state, with ranges weighted by the loss; they can overwrite earlier
+        ones.
 
-        ``begin`` allows to eliminate batches of rows already; then only `NormalEquations.step` can be called.
+        ``begin`` allows to eliminate batches of rows already; then only `NormalEquations.step` can
+        be called.
         """
         out = NormalEquations(self.structure, order) if into is None else into.cleared(order)
         i = np.arange(SIZE)
@@ -628,7 +721,11 @@ class ProblemCache:
     ) -> Structure:
         """Structure of variables that are connected by factors, by other pairs or within groups."""
         within = [np.stack(np.triu_indices(len(group), 1), axis=1) for group in groups]
-        every = [factors.pairs, pairs, *(group[inner] for group, inner in zip(groups, within, strict=True))]
+        every = [
+            factors.pairs,
+            pairs,
+            *(group[inner] for group, inner in zip(groups, within, strict=True)),
+        ]
         joined = np.concatenate(every).astype(np.intp)
         unbatched = factors.unbatched(size, [pairs, *groups])
         key = size, joined.tobytes(), unbatched.tobytes()
@@ -644,11 +741,15 @@ def distance_problem(
     cache: ProblemCache | None = None,
     groups: Sequence[Indices] = (),
 ) -> Problem:
-    """Problem of a graph whose ranges are distances; the variables of each group are also connected."""
+    """
+    Problem of a graph whose ranges are distances; the variables of each group are also connected.
+    """
     cache = cache or ProblemCache()
     factors = cache.factors(graph)
     ranges = Distances(graph)
-    return Problem(factors, ranges, cache.structure(factors, graph.n_variables, ranges.pairs, groups), loss)
+    return Problem(
+        factors, ranges, cache.structure(factors, graph.n_variables, ranges.pairs, groups), loss
+    )
 
 
 def _cost(white: Array, loss: Loss | None) -> float:

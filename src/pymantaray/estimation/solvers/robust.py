@@ -20,14 +20,17 @@ _LEAST_SQUARES_OPTIONS = SolveOptions(step_tolerance=1.0)
 
 def optimize_robust(problem: Problem, initial: GraphState, options: SolveOptions) -> Optimum:
     """
-    Minimize the cost of a problem under its loss, by graduated non-convexity if the loss is graduated.
+    Minimize the cost of a problem under its loss, by graduated non-convexity if the loss is
+    graduated.
 
-    The step of iteratively re-weighted least squares always reduces the cost, but is too short if the losses are flatter
-    than their weights imply, and too long if rotations change much: a line search doubles or halves it.
+    The step of iteratively re-weighted least squares always reduces the cost, but is too short if
+    the losses are flatter than their weights imply, and too long if rotations change much: a line
+    search doubles or halves it.
 
-    A graduated loss begins with the least-squares optimum. Its largest residual r gives the first control parameter
-    2 r²/k², for which the surrogate is convex over all residuals. Each surrogate takes one step; the parameter decreases
-    by a factor of 1.4 until it is 1 and the surrogate equals the loss.
+    A graduated loss begins with the least-squares optimum. Its largest residual r gives the first
+    control parameter 2 r²/k², for which the surrogate is convex over all residuals. Each surrogate
+    takes one step; the parameter decreases by a factor of 1.4 until it is 1 and the surrogate
+    equals the loss.
     """
     loss = problem.loss
     if loss is None:
@@ -62,7 +65,9 @@ def _descend(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
         end = Optimum(state, proof)
         proof = replace(proof, final_cost=proof.initial_cost, last_step=np.nan)
     taken = progress.iterations + proof.iterations
-    return end._replace(progress=replace(proof, iterations=taken, initial_cost=progress.initial_cost))
+    return end._replace(
+        progress=replace(proof, iterations=taken, initial_cost=progress.initial_cost)
+    )
 
 
 def _descend_steps(
@@ -90,7 +95,9 @@ def _descend_steps(
     return progress, state
 
 
-def _along(problem: Problem, state: GraphState, step: Array, cost: float) -> tuple[GraphState | None, float]:
+def _along(
+    problem: Problem, state: GraphState, step: Array, cost: float
+) -> tuple[GraphState | None, float]:
     """State of lowest cost among power-of-two multiples of a step; None if none lowers the cost."""
     factor = 1.0
     best = state.moved(problem.structure, step)

@@ -27,7 +27,8 @@ class Method:
     incremental : bool
         Pass the factors to iSAM2 in the order of time, instead of a batch solve.
     lag : float, optional
-        Use a smoother that marginalizes poses older than this, with ``incremental`` that of iSAM2. [s]
+        Use a smoother that marginalizes poses older than this, with ``incremental`` that of iSAM2.
+        [s]
     kalman : bool
         Use an error-state extended Kalman filter, which starts at the priors of the graph.
     gtsam : {"converged", "default"}, optional
@@ -61,7 +62,8 @@ class IncrementalOptions:
     wildfire : float
         Do not propagate smaller changes to further variables. [m, rad]
     final_updates : int
-        Maximum number of updates without new factors after the last one; they end when nothing is relinearized.
+        Maximum number of updates without new factors after the last one; they end when nothing is
+        relinearized.
     end_tolerance : float
         Largest allowed component of the next batch step from the end. [m, rad]
     """
@@ -81,17 +83,19 @@ class SolveOptions:
     Parameters
     ----------
     step_tolerance : float
-        The solver stops when no variable moves by more than this in a step. The remaining error is a sixth of it; with the
-        default, 2e-6 m for the paper's graph. A looser tolerance saves one step of four or five. [m, rad]
+        The solver stops when no variable moves by more than this in a step. The remaining error is
+        a sixth of it; with the default, 2e-6 m for the paper's graph. A looser tolerance saves one
+        step of four or five. [m, rad]
     end_tolerance : float
-        Largest allowed undamped step at the end of damped steps, if undamped steps diverge from the optimum. [m, rad]
+        Largest allowed undamped step at the end of damped steps, if undamped steps diverge from the
+        optimum. [m, rad]
     max_iterations : int
         Maximum number of steps.
     decrement_tolerance : float
         Largest predicted decrease of the cost by one more step at the optimum. [-]
     chi_square_sigmas : float
-        Half width of the allowed interval about the expected cost if the model is right, in standard deviations
-        of the chi-square distribution. [-]
+        Half width of the allowed interval about the expected cost if the model is right, in
+        standard deviations of the chi-square distribution. [-]
     incremental : IncrementalOptions
         Limits of an incremental solve.
     report : callable, optional
@@ -115,7 +119,9 @@ class SolveProgress:
     initial_cost: float
     final_cost: float
     singular: bool = False  # the linear system could not be solved, or left a variable undetermined
-    gradient_norm: float = math.nan  # largest component of the cost's gradient at the last linearization
+    gradient_norm: float = (
+        math.nan
+    )  # largest component of the cost's gradient at the last linearization
     newton_decrement: float = math.nan  # predicted decrease of the cost by the last step
     last_step: float = math.nan  # its largest component [m, rad]
 
@@ -123,15 +129,16 @@ class SolveProgress:
 @dataclass(frozen=True, eq=False)
 class GraphSolution:
     """
-    Final values of a solve and its status; the values are NaN unless ``usable``. ``last_point`` is the last point of a batch
-    descent that did not converge, and ``values`` then returns it.
+    Final values of a solve and its status; the values are NaN unless ``usable``. ``last_point`` is
+    the last point of a batch descent that did not converge, and ``values`` then returns it.
 
-    Fields are those of `Estimates`. ``position`` and ``quaternion`` have one row for each pose of the graph, or the shape
-    ``(n_vehicles, n_times, ...)`` in results of `solve_conditions`. After a solve with a range model, ``gated_links`` counts
-    the ranges without an arrival in the assumed ocean, and ``expansions`` the evaluations of the model.
-    `solve_conditions` sets ``seconds`` of CPU time; the first estimator includes the time for shared results.
-    After a solve by GTSAM, ``from_batch`` is the largest distance of a pose or landmark from the estimate of the batch solver
-    from the same start.
+    Fields are those of `Estimates`. ``position`` and ``quaternion`` have one row for each pose of
+    the graph, or the shape ``(n_vehicles, n_times, ...)`` in results of `solve_conditions`. After a
+    solve with a range model, ``gated_links`` counts the ranges without an arrival in the assumed
+    ocean, and ``expansions`` the evaluations of the model. `solve_conditions` sets ``seconds`` of
+    CPU time; the first estimator includes the time for shared results. After a solve by GTSAM,
+    ``from_batch`` is the largest distance of a pose or landmark from the estimate of the batch
+    solver from the same start.
     """
 
     position: Array
@@ -179,11 +186,16 @@ class GraphSolution:
         GraphSolution
             The further solution with the steps of both and the first initial cost.
         """
-        return replace(again, iterations=self.iterations + again.iterations, initial_cost=self.initial_cost)
+        return replace(
+            again, iterations=self.iterations + again.iterations, initial_cost=self.initial_cost
+        )
 
     @property
     def values(self) -> GraphValues:
-        """Values of the graph's variables: the estimate, or the last point of a descent that did not converge."""
+        """
+        Values of the graph's variables: the estimate, or the last point of a descent that did not
+        converge.
+        """
         if self.last_point is not None:
             return self.last_point
         return GraphValues(
@@ -193,12 +205,14 @@ class GraphSolution:
         )
 
 
-def gate(progress: SolveProgress, options: SolveOptions, *, expected_cost: float = math.nan) -> SolveStatus:
+def gate(
+    progress: SolveProgress, options: SolveOptions, *, expected_cost: float = math.nan
+) -> SolveStatus:
     """
     Status of one solve; the cost must be within its chi-square bounds if there is an expected cost.
 
-    A solver that stops at once returns its starting values, which look perfect if they are the truth; so every condition
-    is checked.
+    A solver that stops at once returns its starting values, which look perfect if they are the
+    truth; so every condition is checked.
     """
     if progress.singular or not math.isfinite(progress.final_cost):
         return SolveStatus.FAILED
@@ -210,7 +224,9 @@ def gate(progress: SolveProgress, options: SolveOptions, *, expected_cost: float
     flat = abs(progress.newton_decrement) <= options.decrement_tolerance
     if not (stopped and flat):  # NaN does not pass
         return SolveStatus.NOT_CONVERGED
-    half_width = options.chi_square_sigmas * math.sqrt(max(expected_cost, 0.0)) + options.decrement_tolerance
+    half_width = (
+        options.chi_square_sigmas * math.sqrt(max(expected_cost, 0.0)) + options.decrement_tolerance
+    )
     if progress.final_cost - expected_cost > half_width:  # nor does NaN here
         return SolveStatus.OVER_CHI_SQUARE
     if expected_cost - progress.final_cost > half_width:
@@ -219,7 +235,10 @@ def gate(progress: SolveProgress, options: SolveOptions, *, expected_cost: float
 
 
 def make_solution(
-    values: GraphValues, progress: SolveProgress, status: SolveStatus, expected_cost: float = math.nan
+    values: GraphValues,
+    progress: SolveProgress,
+    status: SolveStatus,
+    expected_cost: float = math.nan,
 ) -> GraphSolution:
     """Solution with a status from `gate`; its values are NaN unless the status is usable."""
     mask = 1.0 if status.usable else np.nan

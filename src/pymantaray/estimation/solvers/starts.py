@@ -1,4 +1,7 @@
-"""Starting values: dead reckoning over odometry or a graph's edges, chordal initialization, and anchors of free parts."""
+"""
+Starting values: dead reckoning over odometry or a graph's edges, chordal initialization, and
+anchors of free parts.
+"""
 
 from typing import NamedTuple
 
@@ -46,13 +49,16 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
         ),
         (
             "odometry",
-            np.concatenate([measurements.odometry_rotation, measurements.odometry_translation], axis=2),
+            np.concatenate(
+                [measurements.odometry_rotation, measurements.odometry_translation], axis=2
+            ),
         ),
     ):
         fine = np.isfinite(values).reshape(measurements.name.size, -1).all(axis=1)
         if not fine.all():
             raise EstimationError(
-                f"vehicle {measurements.name[np.argmin(fine)]}: {what} is not finite; dead reckoning needs all of it"
+                f"vehicle {measurements.name[np.argmin(fine)]}: {what} is not finite; dead"
+                " reckoning needs all of it"
             )
     n_vehicles, n_times = measurements.depth.shape
     step = matrix_from_quaternion(measurements.odometry_rotation)
@@ -66,7 +72,10 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
 
 
 class StartingValues(NamedTuple):
-    """Starting values, and the variables that keep their earlier values because only ranges constrain them."""
+    """
+    Starting values, and the variables that keep their earlier values because only ranges constrain
+    them.
+    """
 
     values: GraphValues
     unchanged: Indices
@@ -78,10 +87,10 @@ def dead_reckon_graph(
     """
     Compose the edges of a graph from its pose priors.
 
-    The path to a pose starts at the nearest prior and has as few edges other than odometry as possible, then as few edges as
-    possible. A landmark has the position of its prior, else of its first sighting. The first pose of a chain without a prior,
-    and landmarks without prior and sighting, keep their ``values``. A random generator
-    selects random paths instead.
+    The path to a pose starts at the nearest prior and has as few edges other than odometry as
+    possible, then as few edges as possible. A landmark has the position of its prior, else of its
+    first sighting. The first pose of a chain without a prior, and landmarks without prior and
+    sighting, keep their ``values``. A random generator selects random paths instead.
     """
     n = graph.n_poses
     prior = graph["prior"]
@@ -128,9 +137,9 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     """
     Chordal initialization: linear least squares of all rotations, then of all positions.
 
-    Rotations are first solved as unconstrained matrices and then projected to the nearest rotations. The first pose of a chain
-    without a prior, and landmarks that only ranges constrain, keep their ``values``. GTSAM's `InitializePose3` does the same
-    for edges alone.
+    Rotations are first solved as unconstrained matrices and then projected to the nearest
+    rotations. The first pose of a chain without a prior, and landmarks that only ranges constrain,
+    keep their ``values``. GTSAM's `InitializePose3` does the same for edges alone.
     """
     n = graph.n_poses
     prior = graph["prior"]
@@ -157,7 +166,9 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
 
     step = np.concatenate([table.column("position") for table in (edge, *sightings)])
     ends = np.concatenate([table.variables for table in (edge, *sightings)])
-    weight = np.concatenate([1.0 / table.variance[:, -3:].mean(axis=1) for table in (edge, *sightings)])
+    weight = np.concatenate(
+        [1.0 / table.variance[:, -3:].mean(axis=1) for table in (edge, *sightings)]
+    )
     unary = graph.of_ends(("pose",), ("landmark",))
     placed = [table for table in unary if "position" in table.kind.columns_at]
     at = np.concatenate([table.subject for table in placed])
@@ -196,10 +207,12 @@ def _linear(
     step: Array | float = 0.0,
 ) -> Array:
     """
-    Solve linear least squares of ``X_b - turn X_a - step`` over pairs (a, b) and of ``X_i - known`` for blocks X (size, k, 3).
+    Solve linear least squares of ``X_b - turn X_a - step`` over pairs (a, b) and of ``X_i - known``
+    for blocks X (size, k, 3).
 
-    ``turn`` has shape (n, k, k); ``step`` and ``known`` have shape (n, k, 3). Weights below ``_LEAST_WEIGHT`` of the largest one
-    are raised to it: rounding of the normal equations would make them singular.
+    ``turn`` has shape (n, k, k); ``step`` and ``known`` have shape (n, k, 3). Weights below
+    ``_LEAST_WEIGHT`` of the largest one are raised to it: rounding of the normal equations would
+    make them singular.
     """
     k = turn.shape[1]
     n = len(ends)
@@ -245,11 +258,15 @@ def _first_of_parts(size: int, ends: Indices, known: Indices) -> Indices:
     return np.asarray(first[~np.isin(part[first], part[known])])
 
 
-def anchor_loose_parts(graph: FactorGraph, values: GraphValues) -> tuple[FactorGraph, NDArray[np.int32]]:
+def anchor_loose_parts(
+    graph: FactorGraph, values: GraphValues
+) -> tuple[FactorGraph, NDArray[np.int32]]:
     """
-    Add a prior at the first pose of each part that nothing ties to the world; return these poses, too.
+    Add a prior at the first pose of each part that nothing ties to the world; return these poses,
+    too.
 
-    The prior has the mean of ``values`` and `ANCHOR_SIGMA` on each axis. A part without poses gets none.
+    The prior has the mean of ``values`` and `ANCHOR_SIGMA` on each axis. A part without poses gets
+    none.
     """
     part, loose = connected_parts(graph)
     n = graph.n_poses
@@ -267,9 +284,11 @@ def _shortest_tree(
     graph: FactorGraph, starts: Indices, rng: np.random.Generator | None
 ) -> tuple[list[int], list[int], dict[tuple[int, int], int]]:
     """
-    Shortest paths from the starts: the predecessor of each pose (n_poses at a start), the order of poses, and edge rows.
+    Shortest paths from the starts: the predecessor of each pose (n_poses at a start), the order of
+    poses, and edge rows.
 
-    The edge rows are indexed by pairs of poses, in both directions. A generator gives edges random lengths.
+    The edge rows are indexed by pairs of poses, in both directions. A generator gives edges random
+    lengths.
     """
     n = graph.n_poses
     ends = graph["edge"].variables.astype(int)

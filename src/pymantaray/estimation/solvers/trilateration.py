@@ -11,9 +11,8 @@ from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 
 _CIRCLE_POINTS = 8  # starting points on the circle about a straight trajectory
 _SAME_SOLUTION = 1e-3  # of the largest range; nearer solutions count as one
-_SADDLE = (
-    1e-6  # of the sum of the weights; a more negative eigenvalue of the Hessian is that of a saddle point
-)
+# of the sum of the weights; a more negative eigenvalue of the Hessian is that of a saddle point
+_SADDLE = 1e-6
 _DETERMINED = 0.1  # of the mean range; largest standard deviation of a determined landmark
 _MAX_RANGES = 300  # used for each landmark, evenly spaced
 
@@ -32,12 +31,14 @@ def trilaterate(
     graph: FactorGraph, values: GraphValues, landmarks: Sequence[int] | None = None
 ) -> dict[int, list[Array]]:
     """
-    Solutions of the position of each range-only landmark, by cost of its ranges, with all other variables at some values.
+    Solutions of the position of each range-only landmark, by cost of its ranges, with all other
+    variables at some values.
 
     ``landmarks`` selects some of them; one without usable ranges has no entry.
 
-    Ranges from points in a plane have two solutions, mirrored in that plane; ranges from points on a line have a circle of
-    solutions. Every solution is a local minimum of the weighted squared range residuals.
+    Ranges from points in a plane have two solutions, mirrored in that plane; ranges from points on
+    a line have a circle of solutions. Every solution is a local minimum of the weighted squared
+    range residuals.
     """
     place = np.concatenate([values.position, values.landmark_position])
     unknown = range_only_landmarks(graph)
@@ -60,8 +61,9 @@ def determined_times(graph: FactorGraph, values: GraphValues) -> Array:
     """
     Time from which each landmark is determined, shape (n_landmarks,): minus infinity with a prior.
 
-    A sighting determines a landmark. Ranges do if its standard deviation, with all poses at the values, is below a tenth of their
-    mean. A landmark that is never determined gets the time of its last range or sighting.
+    A sighting determines a landmark. Ranges do if its standard deviation, with all poses at the
+    values, is below a tenth of their mean. A landmark that is never determined gets the time of its
+    last range or sighting.
     """
     n = graph.n_poses
     ranges = graph["range"]
@@ -91,7 +93,9 @@ def determined_times(graph: FactorGraph, values: GraphValues) -> Array:
     return out
 
 
-def with_landmarks(graph: FactorGraph, values: GraphValues, positions: dict[int, Array]) -> GraphValues:
+def with_landmarks(
+    graph: FactorGraph, values: GraphValues, positions: dict[int, Array]
+) -> GraphValues:
     """Values with other positions of some landmarks."""
     landmark = np.array(values.landmark_position)
     for variable, position in positions.items():
@@ -105,7 +109,9 @@ def _solutions(point: Array, distance: Array, sigma: Array) -> list[Array]:
     def residual(x: Array) -> Array:
         return np.asarray((np.linalg.norm(x - point, axis=1) - distance) / sigma)
 
-    ends = [least_squares(residual, x, method="trf", x_scale="jac") for x in _guesses(point, distance)]
+    ends = [
+        least_squares(residual, x, method="trf", x_scale="jac") for x in _guesses(point, distance)
+    ]
     ends.sort(key=lambda end: float(end.cost))
     apart = _SAME_SOLUTION * float(distance.max())
     out: list[Array] = []
@@ -118,7 +124,10 @@ def _solutions(point: Array, distance: Array, sigma: Array) -> list[Array]:
 
 
 def _is_minimum(step: Array, distance: Array, sigma: Array) -> bool:
-    """False at saddle points, such as those on the line of the points: the Hessian has a negative eigenvalue there."""
+    """
+    False at saddle points, such as those on the line of the points: the Hessian has a negative
+    eigenvalue there.
+    """
     length = np.linalg.norm(step, axis=1)
     unit = step / np.where(length > 0.0, length, 1.0)[:, None]
     across = np.eye(step.shape[1]) - unit[:, :, None] * unit[:, None, :]
@@ -130,10 +139,12 @@ def _is_minimum(step: Array, distance: Array, sigma: Array) -> bool:
 
 def _guesses(point: Array, distance: Array) -> list[Array]:
     """
-    Linear solution of the squared ranges, mirrored pair about their plane, and points of the circle about their line.
+    Linear solution of the squared ranges, mirrored pair about their plane, and points of the circle
+    about their line.
 
-    With the mean c of the points p and u = x - c, squared ranges less their mean are linear in u: ``-2 (p - c) . u``. Their mean,
-    ``|u|^2 + mean |p - c|^2``, gives the length of u, and so the part of u along directions in which the points do not extend.
+    With the mean c of the points p and u = x - c, squared ranges less their mean are linear in u:
+    ``-2 (p - c) . u``. Their mean, ``|u|^2 + mean |p - c|^2``, gives the length of u, and so the
+    part of u along directions in which the points do not extend.
     """
     centre = point.mean(axis=0)
     offset = point - centre

@@ -46,14 +46,20 @@ class _Span(_Table):
     @property
     def text(self) -> str:
         """Name and span for messages."""
-        return f"{self.name} {self.first:%Y-%m-%d} to {f'{self.last:%Y-%m-%d}' if self.last else 'today'}"
+        return (
+            f"{self.name} {self.first:%Y-%m-%d} to"
+            f" {f'{self.last:%Y-%m-%d}' if self.last else 'today'}"
+        )
 
 
 Span = TypeVar("Span", bound=_Span)
 
 
 class Dataset(_Table):
-    """A data set: its path on a server, with ``{year}`` for the year, or its identifier, and its variables."""
+    """
+    A data set: its path on a server, with ``{year}`` for the year, or its identifier, and its
+    variables.
+    """
 
     path: Annotated[str, pydantic.Field(validation_alias=pydantic.AliasChoices("path", "id"))]
     """Path below ``opendap``, or ``id`` in Copernicus Marine."""
@@ -101,7 +107,9 @@ class Catalogue(_Table):
 def covering(
     spans: tuple[Span, ...], instant: np.datetime64, name: str | None, kind: str
 ) -> tuple[Span, ...]:
-    """Select the spans that cover an instant, in order of preference, or only the one with a name."""
+    """
+    Select the spans that cover an instant, in order of preference, or only the one with a name.
+    """
     named = tuple(s for s in spans if name is None or s.name == name)
     if not named:
         known = ", ".join(s.name for s in spans) or "none"
@@ -126,12 +134,17 @@ def split_address(address: str) -> tuple[str, tuple[str, str] | None]:
             f"fetch: {address!r} is not a valid URL; it must have http:// or https:// and a host"
         )
     account = (unquote(parts.username), unquote(parts.password or "")) if parts.username else None
-    root = urlunsplit((parts.scheme, parts.netloc.rpartition("@")[2], parts.path.rstrip("/"), "", ""))
+    root = urlunsplit(
+        (parts.scheme, parts.netloc.rpartition("@")[2], parts.path.rstrip("/"), "", "")
+    )
     return root, account
 
 
 def load_catalogue(servers: str | Path | None = None) -> Catalogue:
-    """Load the catalogue of the package; tables of a TOML file or the address of an OPeNDAP root replace its entries."""
+    """
+    Load the catalogue of the package; tables of a TOML file or the address of an OPeNDAP root
+    replace its entries.
+    """
     shipped = files("pymantaray.ocean.fetch").joinpath("servers.toml")
     table = tomllib.loads(shipped.read_text(encoding="utf-8"))
     named = os.environ.get("MANTARAY_OCEAN_SERVERS") if servers is None else servers
@@ -152,7 +165,7 @@ def load_catalogue(servers: str | Path | None = None) -> Catalogue:
         variables = sorted(name for d in experiment.datasets for name in d.variables)
         if variables != sorted(HYCOM_NAMES):
             raise OceanError(
-                f"{where}: experiment {experiment.name} has {', '.join(variables)}; it must have each of"
-                f" {', '.join(HYCOM_NAMES)} once"
+                f"{where}: experiment {experiment.name} has {', '.join(variables)}; it must have"
+                f" each of {', '.join(HYCOM_NAMES)} once"
             )
     return catalogue

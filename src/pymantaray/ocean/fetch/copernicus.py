@@ -51,10 +51,10 @@ def fetch_copernicus(
 
     Notes
     -----
-    The download needs an account of Copernicus Marine. The package ``copernicusmarine`` asks for it or uses a stored login,
-    and defines retries and time limits. The service returns potential temperature ``thetao``, practical salinity ``so`` and
-    currents ``uo`` and ``vo`` on model levels ``depth``. The reader of CF files converts them to a valid ocean with in-situ
-    temperature.
+    The download needs an account of Copernicus Marine. The package ``copernicusmarine`` asks for it
+    or uses a stored login, and defines retries and time limits. The service returns potential
+    temperature ``thetao``, practical salinity ``so`` and currents ``uo`` and ``vo`` on model levels
+    ``depth``. The reader of CF files converts them to a valid ocean with in-situ temperature.
     """
     region = Region.of(lat, lon)
     day = parse_instant(time).astype("datetime64[D]").astype("datetime64[s]")
@@ -63,7 +63,8 @@ def fetch_copernicus(
     points = (region.north - region.south) * region.width * _POINTS_PER_DEGREE**2 * _LEVELS
     if points > MAX_VALUES:
         raise OceanError(
-            f"fetch: the window has about {points:,.0f} points; the limit is {MAX_VALUES:,}; use a smaller window"
+            f"fetch: the window has about {points:,.0f} points; the limit is {MAX_VALUES:,}; use a"
+            " smaller window"
         )
     with tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
         files = [Path(folder) / f"part{i}.nc" for i in range(len(chosen.datasets))]
@@ -84,7 +85,9 @@ def fetch_copernicus(
 
 
 def _request(part: Dataset, region: Region, day: np.datetime64, file: Path) -> dict[str, Any]:
-    """Arguments of ``copernicusmarine.subset`` for one data set; the time of daily means is midnight."""
+    """
+    Arguments of ``copernicusmarine.subset`` for one data set; the time of daily means is midnight.
+    """
     instant = dt.datetime.fromisoformat(str(day)).replace(tzinfo=dt.UTC)
     return {
         "dataset_id": part.path,
@@ -117,6 +120,8 @@ def _subset(request: dict[str, Any]) -> None:
         kind = type(error).__name__
         login = any(w in kind for w in ("Credential", "Password", "Authentication", "Abort"))
         remedy = f"; {_ACCOUNT}" if login else ""
-        raise OceanError(f"copernicus: {dataset}: {one_line(error) or kind} ({kind}){remedy}") from None
+        raise OceanError(
+            f"copernicus: {dataset}: {one_line(error) or kind} ({kind}){remedy}"
+        ) from None
     if not (request["output_directory"] / request["output_filename"]).is_file():
         raise OceanError(f"copernicus: {dataset}: the service returned no file; {_ACCOUNT}")

@@ -1,4 +1,7 @@
-"""Download of HYCOM by place and time: experiment, time step, window over OPeNDAP, and a valid ocean in a file."""
+"""
+Download of HYCOM by place and time: experiment, time step, window over OPeNDAP, and a valid ocean
+in a file.
+"""
 
 from dataclasses import dataclass
 from functools import partial, reduce
@@ -11,7 +14,13 @@ import xarray as xr
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, optional_package
 from pymantaray.jobs.progress import Progress
-from pymantaray.ocean.convert import Instants, decoded_times, minute, parse_instant, without_scaled_fill
+from pymantaray.ocean.convert import (
+    Instants,
+    decoded_times,
+    minute,
+    parse_instant,
+    without_scaled_fill,
+)
 from pymantaray.ocean.fetch.catalogue import Experiment, covering, load_catalogue
 from pymantaray.ocean.fetch.limits import FetchLimits, ServerError, TransientServerError
 from pymantaray.ocean.fetch.region import MAX_VALUES, Region
@@ -74,8 +83,8 @@ def fetch_hycom(
     """
     Download a window of HYCOM at one time and write it as a valid ocean.
 
-    The function reads the window over OPeNDAP block by block, with several attempts per block. The file gets its name when
-    it is complete.
+    The function reads the window over OPeNDAP block by block, with several attempts per block. The
+    file gets its name when it is complete.
 
     Parameters
     ----------
@@ -88,9 +97,9 @@ def fetch_hycom(
     out : str or Path
         File to write; its folder must exist.
     servers : str or Path, optional
-        A TOML file whose tables replace those of the package, or the address of an OPeNDAP root. Default: the value of the
-        environment variable MANTARAY_OCEAN_SERVERS, else the package's own tables. Only the server of an address receives
-        its user and password.
+        A TOML file whose tables replace those of the package, or the address of an OPeNDAP root.
+        Default: the value of the environment variable MANTARAY_OCEAN_SERVERS, else the package's
+        own tables. Only the server of an address receives its user and password.
     experiment : str, optional
         Name of an experiment. Default: the preferred experiment that covers the time.
     nearest : bool, optional
@@ -159,7 +168,10 @@ def check_out(out: str | Path, *, overwrite: bool) -> Path:
 def _find_step(
     connection: "Connection", experiment: Experiment, asked: np.datetime64, *, nearest: bool
 ) -> tuple[np.datetime64, dict[str, _Remote]] | None:
-    """Time step on the server's axes and the data set of each variable; None if the axes do not cover the time."""
+    """
+    Time step on the server's axes and the data set of each variable; None if the axes do not cover
+    the time.
+    """
     year = experiment.year_of(asked)
     opened = [_open_all(connection, experiment, year)]
     times = _common(opened[0])
@@ -180,8 +192,8 @@ def _find_step(
         if not nearest:
             sides = (times[times < asked][-1], times[times > asked][0])
             raise OceanError(
-                f"{experiment.title} has no step {minute(asked)}; the nearest are {' and '.join(map(minute, sides))};"
-                " select one, or use `nearest=True`"
+                f"{experiment.title} has no step {minute(asked)}; the nearest are"
+                f" {' and '.join(map(minute, sides))}; select one, or use `nearest=True`"
             )
         if abs(closest - asked) > _MAX_TIME_OFFSET:
             raise OceanError(
@@ -214,7 +226,10 @@ def _open(connection: "Connection", url: str) -> _Remote:
 
 
 def _common(datasets: dict[str, _Remote]) -> Instants:
-    """Time steps of all variables, increasing and unique; some servers have axes with steps back and repeats."""
+    """
+    Time steps of all variables, increasing and unique; some servers have axes with steps back and
+    repeats.
+    """
     return reduce(np.intersect1d, [remote.times for remote in datasets.values()])
 
 
@@ -237,8 +252,8 @@ def _read_window(
     grid = region.of_grid(first.axes["lat"], first.axes["lon"], first.url)
     if depth.size * grid.lat.size * grid.lon.size > MAX_VALUES:
         raise OceanError(
-            f"fetch: the window has {grid.lat.size} x {grid.lon.size} x {depth.size} points; the limit is"
-            f" {MAX_VALUES:,}; use a smaller window"
+            f"fetch: the window has {grid.lat.size} x {grid.lon.size} x {depth.size} points; the"
+            f" limit is {MAX_VALUES:,}; use a smaller window"
         )
     blocks = []
     for name in datasets:
@@ -267,7 +282,10 @@ def _read_window(
 
 
 def _check_unmoved(remote: _Remote, instant: np.datetime64) -> None:
-    """Raise an error if the index of the time step changed during the download, as in running analyses."""
+    """
+    Raise an error if the index of the time step changed during the download, as in running
+    analyses.
+    """
     index = remote.index(instant)
     if remote.data["time"].data[index : index + 1][0] != remote.axes["time"][index]:
         raise ServerError("its time axis changed during the download; run the same command again")

@@ -34,8 +34,8 @@ class FetchLimits:
     attempts : int
         Maximum number of attempts per request.
     backoff_s, longest_backoff_s : float
-        Delay before the second attempt, which doubles with each attempt, and its maximum, also if a server asks for a
-        longer delay. [s]
+        Delay before the second attempt, which doubles with each attempt, and its maximum, also if a
+        server asks for a longer delay. [s]
     """
 
     connect_s: float = 20.0

@@ -38,7 +38,8 @@ class Region:
         width = (lon[1] - lon[0]) % 360.0
         if not 0.0 < width <= _MAX_WIDTH:
             raise OceanError(
-                f"{where} it spans {width or 360.0:g} degrees eastwards; the limit is {_MAX_WIDTH:g}; write west,east"
+                f"{where} it spans {width or 360.0:g} degrees eastwards; the limit is"
+                f" {_MAX_WIDTH:g}; write west,east"
             )
         return cls(min(lat), max(lat), wrapped(lon[0]), width)
 
@@ -56,7 +57,9 @@ class Region:
     def of_grid(self, lat: Array, lon: Array, where: str) -> Selection:
         """Select the points of a server's grid that enclose the region."""
         grid = select(lat, lon, self.window, where, enclose=True)
-        west = wrapped(self.west - grid.lon[0])  # distance of the region's side from the grid's side
+        west = wrapped(
+            self.west - grid.lon[0]
+        )  # distance of the region's side from the grid's side
         sides = (
             self.south - grid.lat[0],
             grid.lat[-1] - self.north,
@@ -65,7 +68,7 @@ class Region:
         )
         if min(sides) < -_SIDE_TOLERANCE:
             raise OceanError(
-                f"{where}: {self.text} is not inside the data, which cover latitude {lat.min():g} to {lat.max():g} and"
-                f" longitude {lon.min():g} to {lon.max():g}; change the window"
+                f"{where}: {self.text} is not inside the data, which cover latitude {lat.min():g}"
+                f" to {lat.max():g} and longitude {lon.min():g} to {lon.max():g}; change the window"
             )
         return grid

@@ -36,8 +36,9 @@ class Connection:
     """
     Connection to an OPeNDAP server for a sequence of requests with retries and a total time limit.
 
-    Each attempt runs in its own thread. When its time has passed, the connection abandons the thread and closes its sockets. The
-    client library limits only single reads from a socket, which a server can keep alive forever.
+    Each attempt runs in its own thread. When its time has passed, the connection abandons the
+    thread and closes its sockets. The client library limits only single reads from a socket, which
+    a server can keep alive forever.
     """
 
     def __init__(self, root: str, limits: FetchLimits) -> None:
@@ -60,11 +61,16 @@ class Connection:
         self._session.close()
 
     def open(self, url: str) -> DatasetType:
-        """Open a pydap data set, which reads its arrays when they are indexed; call it inside `ask`."""
-        # pydap would replace this session by its own, without account and limits; therefore it gets a gateway
+        """
+        Open a pydap data set, which reads its arrays when they are indexed; call it inside `ask`.
+        """
+        # pydap would replace this session by its own, without account and limits; therefore it gets
+        # a gateway
         return open_url(url, application=self._gateway, protocol="dap2")
 
-    def _gateway(self, environ: dict[str, str], start_response: Callable[..., object]) -> list[bytes]:
+    def _gateway(
+        self, environ: dict[str, str], start_response: Callable[..., object]
+    ) -> list[bytes]:
         parts = urlsplit(self.root)
         query = environ["QUERY_STRING"].replace("[", "%5B").replace("]", "%5D")
         url = urlunsplit((parts.scheme, parts.netloc, quote(environ["PATH_INFO"]), query, ""))
@@ -109,8 +115,8 @@ class Connection:
         left = self._end - time.monotonic()
         if left <= 0.0:
             raise OceanError(
-                f"fetch: the time limit of {self.limits.total_s:g} s has passed; try again later, or give"
-                " a longer `total_s`"
+                f"fetch: the time limit of {self.limits.total_s:g} s has passed; try again later,"
+                " or give a longer `total_s`"
             )
         return left
 
@@ -146,15 +152,23 @@ class Connection:
 
 
 class _Session(requests.Session):
-    """A session that does not forward passwords to redirects or read them from ``~/.netrc``, as the library does by default."""
+    """
+    A session that does not forward passwords to redirects or read them from ``~/.netrc``, as the
+    library does by default.
+    """
 
-    def rebuild_auth(self, prepared_request: requests.PreparedRequest, response: requests.Response) -> None:
+    def rebuild_auth(
+        self, prepared_request: requests.PreparedRequest, response: requests.Response
+    ) -> None:
         if self.should_strip_auth(response.request.url or "", prepared_request.url or ""):
             prepared_request.headers.pop("Authorization", None)
 
 
 class _Adapter(HTTPAdapter):
-    """Adapter that records its sockets, to close them under a waiting thread, and threads whose time has passed."""
+    """
+    Adapter that records its sockets, to close them under a waiting thread, and threads whose time
+    has passed.
+    """
 
     def __init__(self) -> None:
         super().__init__(pool_maxsize=1)
@@ -169,7 +183,9 @@ class _Adapter(HTTPAdapter):
         return pool
 
     def remember(self, connected: socket.socket) -> None:
-        """Record a socket of this thread; close it if the thread's time passed while it connected."""
+        """
+        Record a socket of this thread; close it if the thread's time passed while it connected.
+        """
         with self._lock:
             self._sockets.add(connected)
             if threading.current_thread() in self._late:
@@ -207,7 +223,10 @@ def _whole(answer: requests.Response) -> bytes:
 
 
 def _check(answer: requests.Response, body: bytes) -> None:
-    """Raise an error if a response is not OPeNDAP: an error status, an error text, or an incomplete description."""
+    """
+    Raise an error if a response is not OPeNDAP: an error status, an error text, or an incomplete
+    description.
+    """
     said = _message(body)
     if answer.status_code >= 400:
         line = f"server error {answer.status_code} {answer.reason or ''}".rstrip()

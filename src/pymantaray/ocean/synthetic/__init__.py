@@ -17,8 +17,42 @@ from pymantaray.ocean.synthetic import beaufort, fram
 from pymantaray.ocean.synthetic.geostrophy import Grid, geostrophic_currents
 
 HYCOM_DEPTHS = (
-    *(0.0, 2.0, 4.0, 6.0, 8.0, 10.0, 12.0, 15.0, 20.0, 25.0, 30.0, 35.0, 40.0, 45.0, 50.0, 60.0, 70.0, 80.0),
-    *(90.0, 100.0, 125.0, 150.0, 200.0, 250.0, 300.0, 350.0, 400.0, 500.0, 600.0, 700.0, 800.0, 900.0),
+    *(
+        0.0,
+        2.0,
+        4.0,
+        6.0,
+        8.0,
+        10.0,
+        12.0,
+        15.0,
+        20.0,
+        25.0,
+        30.0,
+        35.0,
+        40.0,
+        45.0,
+        50.0,
+        60.0,
+        70.0,
+        80.0,
+    ),
+    *(
+        90.0,
+        100.0,
+        125.0,
+        150.0,
+        200.0,
+        250.0,
+        300.0,
+        350.0,
+        400.0,
+        500.0,
+        600.0,
+        700.0,
+        800.0,
+        900.0,
+    ),
     *(1000.0, 1250.0, 1500.0, 2000.0, 2500.0, 3000.0, 4000.0, 5000.0),
 )
 """The 40 levels of HYCOM's public data sets. [m]"""
@@ -58,9 +92,18 @@ class SyntheticRegion:
 
 REGIONS = {
     "beaufort": SyntheticRegion(
-        "Beaufort Sea", 74.5, -140.0, 76, 251, beaufort.water, beaufort.floor, beaufort.reference_height
+        "Beaufort Sea",
+        74.5,
+        -140.0,
+        76,
+        251,
+        beaufort.water,
+        beaufort.floor,
+        beaufort.reference_height,
     ),
-    "fram": SyntheticRegion("Fram Strait", 78.0, 0.0, 75, 237, fram.water, fram.floor, fram.reference_height),
+    "fram": SyntheticRegion(
+        "Fram Strait", 78.0, 0.0, 75, 237, fram.water, fram.floor, fram.reference_height
+    ),
 }
 
 
@@ -82,12 +125,13 @@ def synthetic_ocean(region: str, time: str | np.datetime64 = EPOCH) -> xr.Datase
 
     Notes
     -----
-    The grid is HYCOM's: 40 levels, steps of 0.08 degrees in longitude and 0.04 in latitude, 251 x 76 points around 74.5 N
-    140 W (Beaufort Sea) and 237 x 75 points around 78 N 0 E (Fram Strait). The widths in the paper's Table I, 650 and 490 km,
-    are those of the south edges. The widths at the centres are 595 and 437 km (597 and 438 km on the ellipsoid). Temperature
-    and salinity are sums of smooth functions of place and time, based on published water masses (see `beaufort` and `fram`).
-    Eddies drift and fronts meander; nothing is random. Currents are in geostrophic balance with the density, plus a weak
-    current that is constant over depth.
+    The grid is HYCOM's: 40 levels, steps of 0.08 degrees in longitude and 0.04 in latitude, 251 x
+    76 points around 74.5 N 140 W (Beaufort Sea) and 237 x 75 points around 78 N 0 E (Fram Strait).
+    The widths in the paper's Table I, 650 and 490 km, are those of the south edges. The widths at
+    the centres are 595 and 437 km (597 and 438 km on the ellipsoid). Temperature and salinity are
+    sums of smooth functions of place and time, based on published water masses (see `beaufort` and
+    `fram`). Eddies drift and fronts meander; nothing is random. Currents are in geostrophic balance
+    with the density, plus a weak current that is constant over depth.
     """
     return _kept_ocean(region, parse_instant(time)).copy(deep=True)
 
@@ -101,8 +145,8 @@ def _kept_ocean(region: str, instant: np.datetime64) -> xr.Dataset:
     potential_temperature, salinity = np.moveaxis(definition.water(grid, elapsed), -1, 0)
     place = (grid.depth[:, None, None], grid.lat[:, None], grid.lon)
     temperature = in_situ_temperature(potential_temperature, salinity, *place)
-    # one composition of sea water for the whole region: TEOS-10's atlas has kinks at its nodes, every 4 degrees, which
-    # would cause currents
+    # one composition of sea water for the whole region: TEOS-10's atlas has kinks at its nodes,
+    # every 4 degrees, which would cause currents
     composition = (definition.latitude_deg, definition.longitude_deg)
     u, v = geostrophic_currents(
         density(temperature, salinity, grid.depth[:, None, None], *composition),
@@ -130,10 +174,14 @@ def synthetic_axes(region: str) -> tuple[Array, Array]:
 
 def _region(name: str) -> SyntheticRegion:
     if name not in REGIONS:
-        raise OceanError(f"synthetic ocean {name!r} is unknown; available: {', '.join(sorted(REGIONS))}")
+        raise OceanError(
+            f"synthetic ocean {name!r} is unknown; available: {', '.join(sorted(REGIONS))}"
+        )
     return REGIONS[name]
 
 
 def _centred(middle: float, step: float, count: int) -> Array:
     # rounded to HYCOM's multiples of the step, so -150 does not become -149.99999999999997
-    return np.asarray(np.round(middle + step * (np.arange(count) - 0.5 * (count - 1)), 6), dtype=float)
+    return np.asarray(
+        np.round(middle + step * (np.arange(count) - 0.5 * (count - 1)), 6), dtype=float
+    )

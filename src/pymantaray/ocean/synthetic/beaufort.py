@@ -1,27 +1,31 @@
-"""Synthetic Beaufort Sea: cold fresh cap, Pacific layers, Atlantic and deep water, halocline eddies.
+"""
+Synthetic Beaufort Sea: cold fresh cap, Pacific layers, Atlantic and deep water, halocline eddies.
 
-Water masses follow the references beside each. If a paper gives a range, or a core varies between years, the value is that of
-summer 2014. Without a published value, temperature and salinity of a core are rounded from the casts of 2014 and 1997. Tests
-against these casts therefore check the construction and are not independent evidence. Only abstracts and excerpts of the
-papers were read.
+Water masses follow the references beside each. If a paper gives a range, or a core varies between
+years, the value is that of summer 2014. Without a published value, temperature and salinity of a
+core are rounded from the casts of 2014 and 1997. Tests against these casts therefore check the
+construction and are not independent evidence. Only abstracts and excerpts of the papers were read.
 
 References
 ----------
 .. [1] Steele, M. et al. (2004), Circulation of summer Pacific halocline water in the Arctic Ocean,
    J. Geophys. Res. 109, C02027, doi:10.1029/2003JC002009.
 .. [2] Shimada, K. et al. (2005), Halocline structure in the Canada Basin of the Arctic Ocean,
-   Geophys. Res. Lett. 32, L03605, doi:10.1029/2004GL021358.
-   Core salinities of Pacific Summer and Winter Water, 31.3 and 33.1: AGU Fall Meeting 2004, abstract
-   2004AGUFMOS41A0454S.
-.. [3] Timmermans, M.-L. et al. (2014), Mechanisms of Pacific Summer Water variability in the Arctic's
+   Geophys. Res. Lett. 32, L03605, doi:10.1029/2004GL021358. Core salinities of Pacific Summer and
+   Winter Water, 31.3 and 33.1: AGU Fall Meeting 2004, abstract 2004AGUFMOS41A0454S.
+.. [3] Timmermans, M.-L. et al. (2014), Mechanisms of Pacific Summer Water variability in the
+Arctic's
    Central Canada Basin, J. Geophys. Res. Oceans 119, 7523-7548, doi:10.1002/2014JC010273.
-.. [4] Timmermans, M.-L., Garrett, C. and Carmack, E. (2003), The thermohaline structure and evolution of
+.. [4] Timmermans, M.-L., Garrett, C. and Carmack, E. (2003), The thermohaline structure and
+evolution of
    the deep waters in the Canada Basin, Arctic Ocean, Deep-Sea Res. I 50, 1305-1321.
 .. [5] Timmermans, M.-L. et al. (2008), Eddies in the Canada Basin, Arctic Ocean, observed from
    ice-tethered profilers, J. Phys. Oceanogr. 38, 133-145.
-.. [6] Zhao, M. et al. (2014), Characterizing the eddy field in the Arctic Ocean halocline, J. Geophys.
+.. [6] Zhao, M. et al. (2014), Characterizing the eddy field in the Arctic Ocean halocline, J.
+Geophys.
    Res. Oceans 119, doi:10.1002/2014JC010488.
-.. [7] Zhao, M. and Timmermans, M.-L. (2015), Vertical scales and dynamics of eddies in the Arctic Ocean's
+.. [7] Zhao, M. and Timmermans, M.-L. (2015), Vertical scales and dynamics of eddies in the Arctic
+Ocean's
    Canada Basin, J. Geophys. Res. Oceans 120, 8195-8209, doi:10.1002/2015JC011251.
 """
 
@@ -51,7 +55,8 @@ _BELOW_PACIFIC_SUMMER = (
     WaterMass("homogeneous bottom layer", 2700.0, -0.514, 34.956),  # [4], uniform to the bottom
     WaterMass("homogeneous bottom layer", 5000.0, -0.514, 34.9562),
 )
-# Alaskan Coastal Water, S 31 to 32, cools away from Alaska; summer Bering Sea Water, S 32 to 33 [1, 3]
+# Alaskan Coastal Water, S 31 to 32, cools away from Alaska; summer Bering Sea Water, S 32 to 33 [1,
+# 3]
 _SOUTH = WaterColumn(
     "southern Canada Basin",
     (
@@ -70,7 +75,8 @@ _NORTH = WaterColumn(
         *_BELOW_PACIFIC_SUMMER,
     ),
 )
-# cores of halocline eddies are anomalously cold, near freezing, at the halocline's own salinity [5, 6]
+# cores of halocline eddies are anomalously cold, near freezing, at the halocline's own salinity [5,
+# 6]
 _EDDY_WATER = WaterColumn(
     "cold halocline eddy",
     (
@@ -93,9 +99,14 @@ _GYRE_HEIGHT = 0.06  # m, sea surface height that the density does not explain
 
 
 def _eddies() -> tuple[Eddy, ...]:
-    """Make anticyclones, half of them in the upper halocline [5] and half in the Pacific Winter Water [7]."""
+    """
+    Make anticyclones, half of them in the upper halocline [5] and half in the Pacific Winter Water
+    [7].
+    """
     eddies = []
-    for i, ((a, b), (c, d, e)) in enumerate(zip(scattered(_COUNT, 2), scattered(_COUNT, 3), strict=True)):
+    for i, ((a, b), (c, d, e)) in enumerate(
+        zip(scattered(_COUNT, 2), scattered(_COUNT, 3), strict=True)
+    ):
         shallow = i % 2 == 0
         half_thickness = 20.0 if shallow else 60.0
         eddies.append(
@@ -124,7 +135,10 @@ def _gyre_distance_squared(grid: Grid) -> Array:
 
 
 def water(grid: Grid, elapsed: float) -> Array:
-    """Potential temperature [degC] and practical salinity (depth, lat, lon, 2) at a time since the epoch [s]."""
+    """
+    Potential temperature [degC] and practical salinity (depth, lat, lon, 2) at a time since the
+    epoch [s].
+    """
     heave, fraction = eddy_fields(EDDIES, elapsed, grid, HALF_BOX)
     bowl = np.exp(-0.5 * _gyre_distance_squared(grid) / _GYRE_RADIUS**2)
     at_centre = np.exp(-0.5 * (_GYRE_CENTRE[0] ** 2 + _GYRE_CENTRE[1] ** 2) / _GYRE_RADIUS**2)
@@ -138,12 +152,18 @@ def water(grid: Grid, elapsed: float) -> Array:
 
 
 def floor(grid: Grid) -> Array:
-    """Depth of the sea bed: the plain of the Canada Basin, shallower to the south and towards Banks Island. [m]"""
+    """
+    Depth of the sea bed: the plain of the Canada Basin, shallower to the south and towards Banks
+    Island. [m]
+    """
     south = 0.5 * (1.0 - np.tanh((grid.north + 130e3) / 45e3))
     banks = 0.5 * (1.0 + np.tanh((grid.east - 0.5 * grid.north - 270e3) / 55e3))
     return np.asarray(3_750.0 - 1_000.0 * south - 1_900.0 * banks)
 
 
 def reference_height(grid: Grid) -> Array:
-    """Sea surface height of the gyre that its density does not explain; it drives a weak current at all depths. [m]"""
+    """
+    Sea surface height of the gyre that its density does not explain; it drives a weak current at
+    all depths. [m]
+    """
     return np.asarray(_GYRE_HEIGHT * np.exp(-0.5 * _gyre_distance_squared(grid) / _GYRE_RADIUS**2))

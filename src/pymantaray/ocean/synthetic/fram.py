@@ -1,21 +1,28 @@
-"""Synthetic Fram Strait: polar outflow, Atlantic inflow and its recirculation, fronts and eddies.
+"""
+Synthetic Fram Strait: polar outflow, Atlantic inflow and its recirculation, fronts and eddies.
 
-Water masses follow the references beside each. Without a published value, temperature and salinity of a core are rounded from
-the bottle casts of 1982. Tests against these casts therefore check the construction and are not independent evidence. Only
-abstracts and excerpts of the papers were read; [1] is cited from general knowledge of its classes.
+Water masses follow the references beside each. Without a published value, temperature and salinity
+of a core are rounded from the bottle casts of 1982. Tests against these casts therefore check the
+construction and are not independent evidence. Only abstracts and excerpts of the papers were read;
+[1] is cited from general knowledge of its classes.
 
 References
 ----------
-.. [1] Rudels, B. et al. (2005), The interaction between waters from the Arctic Ocean and the Nordic Seas
+.. [1] Rudels, B. et al. (2005), The interaction between waters from the Arctic Ocean and the Nordic
+Seas
    north of Fram Strait and along the East Greenland Current: results from the Arctic Ocean-02 Oden
    expedition, J. Mar. Syst. 55, 1-30.
-.. [2] Rudels, B. et al. (2000), Water mass distribution in Fram Strait and over the Yermak Plateau in
+.. [2] Rudels, B. et al. (2000), Water mass distribution in Fram Strait and over the Yermak Plateau
+in
    summer 1997, Ann. Geophys. 18, 687-705.
-.. [3] Beszczynska-Moeller, A. et al. (2012), Variability in Atlantic water temperature and transport at the
+.. [3] Beszczynska-Moeller, A. et al. (2012), Variability in Atlantic water temperature and
+transport at the
    entrance to the Arctic Ocean, 1997-2010, ICES J. Mar. Sci. 69, 852-863.
-.. [4] Richter, M. E., von Appen, W.-J. and Wekerle, C. (2018), Does the East Greenland Current exist in the
+.. [4] Richter, M. E., von Appen, W.-J. and Wekerle, C. (2018), Does the East Greenland Current
+exist in the
    northern Fram Strait?, Ocean Sci. 14, 1147-1165.
-.. [5] Hofmann, Z., von Appen, W.-J. and Wekerle, C. (2021), Seasonal and mesoscale variability of the two
+.. [5] Hofmann, Z., von Appen, W.-J. and Wekerle, C. (2021), Seasonal and mesoscale variability of
+the two
    Atlantic Water recirculation pathways in Fram Strait, J. Geophys. Res. Oceans 126.
 .. [6] Wekerle, C. et al. (2020), Properties and dynamics of mesoscale eddies in Fram Strait from a
    comparison between two high-resolution ocean-sea ice models, Ocean Sci. 16, 1225-1246.
@@ -24,10 +31,18 @@ References
 import numpy as np
 
 from pymantaray.arrays import Array
-from pymantaray.ocean.synthetic.geostrophy import GRAVITY, Eddy, Grid, coriolis, eddy_fields, scattered
+from pymantaray.ocean.synthetic.geostrophy import (
+    GRAVITY,
+    Eddy,
+    Grid,
+    coriolis,
+    eddy_fields,
+    scattered,
+)
 from pymantaray.ocean.synthetic.watermass import WaterColumn, WaterMass
 
-# deep waters: saltier and warmer from the Eurasian Basin, fresher and colder from the Greenland Sea [1]
+# deep waters: saltier and warmer from the Eurasian Basin, fresher and colder from the Greenland Sea
+# [1]
 _EURASIAN_DEEP = (
     WaterMass("upper polar deep water", 1_200.0, -0.58, 34.905),
     WaterMass("Eurasian Basin deep water", 1_800.0, -0.84, 34.92),
@@ -103,12 +118,16 @@ _EDDY_DRIFT = 3.5e3 / _DAY  # 35 km within a lifetime of 10 days [6]
 
 
 def _eddies() -> tuple[Eddy, ...]:
-    """Make alternating anticyclones and cyclones with radii that a grid of 2 to 4 km resolves.
+    """
+    Make alternating anticyclones and cyclones with radii that a grid of 2 to 4 km resolves.
 
-    In models with a resolution of 1 km, the mean radius is near 5 km and cyclones are slightly more frequent [6].
+    In models with a resolution of 1 km, the mean radius is near 5 km and cyclones are slightly more
+    frequent [6].
     """
     eddies = []
-    for i, ((a, b), (c, d, e)) in enumerate(zip(scattered(_COUNT, 2), scattered(_COUNT, 3), strict=True)):
+    for i, ((a, b), (c, d, e)) in enumerate(
+        zip(scattered(_COUNT, 2), scattered(_COUNT, 3), strict=True)
+    ):
         anticyclone = i % 2 == 0
         eddies.append(
             Eddy(
@@ -144,7 +163,10 @@ def _step(x: Array, width: float) -> Array:
 
 
 def water(grid: Grid, elapsed: float) -> Array:
-    """Potential temperature [degC] and practical salinity (depth, lat, lon, 2) at a time since the epoch [s]."""
+    """
+    Potential temperature [degC] and practical salinity (depth, lat, lon, 2) at a time since the
+    epoch [s].
+    """
     heave, fraction = eddy_fields(EDDIES, elapsed, grid, HALF_BOX)
     origin = grid.depth[:, None, None] - heave
     shift = _meander(grid.north, elapsed)
@@ -160,19 +182,27 @@ def water(grid: Grid, elapsed: float) -> Array:
         + (between * recirculation)[..., None] * atlantic
         + inflow[..., None] * _INFLOW.evaluate(origin)
     )
-    # eddies from the inflow carry Atlantic water, which does not differ from the two boundary currents
+    # eddies from the inflow carry Atlantic water, which does not differ from the two boundary
+    # currents
     foreign = (fraction * between)[..., None]
     return np.asarray((1.0 - foreign) * mixed + foreign * atlantic)
 
 
 def floor(grid: Grid) -> Array:
-    """Depth of the sea bed: Greenland shelf, deep passage with a rise in the north, Svalbard slope. [m]"""
+    """
+    Depth of the sea bed: Greenland shelf, deep passage with a rise in the north, Svalbard slope.
+    [m]
+    """
     greenland = _step(-(grid.east + 118e3 - 0.15 * grid.north), 26e3)
     svalbard = _step(grid.east - 205e3 + 0.25 * grid.north, 26e3)
-    rise = np.exp(-0.5 * ((grid.north - 115e3) / 32e3) ** 2 - 0.5 * ((grid.east - 25e3) / 60e3) ** 2)
+    rise = np.exp(
+        -0.5 * ((grid.north - 115e3) / 32e3) ** 2 - 0.5 * ((grid.east - 25e3) / 60e3) ** 2
+    )
     knoll = np.exp(-0.5 * ((grid.north + 100e3) ** 2 + (grid.east - 110e3) ** 2) / 22e3**2)
     deep = 3_200.0 - 800.0 * rise - 1_100.0 * knoll
-    return np.asarray(deep - (deep - 280.0) * greenland - (deep - 300.0) * (1.0 - greenland) * svalbard)
+    return np.asarray(
+        deep - (deep - 280.0) * greenland - (deep - 300.0) * (1.0 - greenland) * svalbard
+    )
 
 
 def reference_height(grid: Grid) -> Array:

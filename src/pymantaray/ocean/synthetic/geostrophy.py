@@ -22,12 +22,14 @@ def geostrophic_currents(
     density: Array, depth: Array, lat: Array, lon: Array, reference_height: Array
 ) -> tuple[Array, Array]:
     """
-    Eastward and northward currents (depth, lat, lon) [m/s] in balance with a density field of that shape [kg/m3].
+    Eastward and northward currents (depth, lat, lon) [m/s] in balance with a density field of that
+    shape [kg/m3].
 
-    ``u = -(dp/dy) / (rho f)`` and ``v = (dp/dx) / (rho f)`` at constant depth, on a regular grid away from the equator.
-    The trapezoidal rule integrates hydrostatic pressure upward from the deepest level, where the anomaly is
-    ``density * GRAVITY * reference_height`` (lat, lon) [m]. With zero height, there is no motion at the deepest level. A sloping
-    height adds a current that is constant over depth.
+    ``u = -(dp/dy) / (rho f)`` and ``v = (dp/dx) / (rho f)`` at constant depth, on a regular grid
+    away from the equator. The trapezoidal rule integrates hydrostatic pressure upward from the
+    deepest level, where the anomaly is ``density * GRAVITY * reference_height`` (lat, lon) [m].
+    With zero height, there is no motion at the deepest level. A sloping height adds a current that
+    is constant over depth.
     """
     anomaly = density - density.mean(axis=(1, 2), keepdims=True)  # a level's mean has no gradient
     layers = 0.5 * (anomaly[1:] + anomaly[:-1]) * np.diff(depth)[:, None, None]
@@ -63,8 +65,8 @@ class Eddy:
     """
     A round vortex that drifts at constant velocity in a periodic box around its region.
 
-    Isopycnals diverge from the core depth if ``heave`` is positive (an anticyclonic lens of weakly stratified water) and
-    converge if it is negative (a cyclone).
+    Isopycnals diverge from the core depth if ``heave`` is positive (an anticyclonic lens of weakly
+    stratified water) and converge if it is negative (a cyclone).
     """
 
     north: float
@@ -84,7 +86,10 @@ class Eddy:
     foreign_fraction: float
     """Fraction of eddy water in the core, 0 to 1. [-]"""
     from_surface: bool
-    """True if this fraction is constant from the core to the surface; False if it decreases above the core as below."""
+    """
+    True if this fraction is constant from the core to the surface; False if it decreases above the
+    core as below.
+    """
 
     def centre(self, elapsed: float, half_box: tuple[float, float]) -> tuple[float, float]:
         """Position [m] after a time [s] in a periodic box with these half extents."""
@@ -96,7 +101,9 @@ class Eddy:
 def eddy_fields(
     eddies: Sequence[Eddy], elapsed: float, grid: Grid, half_box: tuple[float, float]
 ) -> tuple[Array, Array]:
-    """Downward displacement of the water [m], and its fraction of eddy water; both (depth, lat, lon)."""
+    """
+    Downward displacement of the water [m], and its fraction of eddy water; both (depth, lat, lon).
+    """
     horizontal = []
     displacement = []
     core = []
@@ -106,7 +113,9 @@ def eddy_fields(
         horizontal.append(np.exp(-0.5 * squared / eddy.radius**2))
         s = (grid.depth - eddy.core_depth) / eddy.half_thickness
         bell = np.exp(-0.5 * s**2)
-        surface = 1.0 - np.exp(-((grid.depth / (0.7 * eddy.core_depth)) ** 4))  # the cap stays at rest
+        surface = 1.0 - np.exp(
+            -((grid.depth / (0.7 * eddy.core_depth)) ** 4)
+        )  # the cap stays at rest
         displacement.append(eddy.heave * s * math.exp(0.5) * bell * surface)
         lid = eddy.from_surface & (s < 0.0)
         core.append(eddy.foreign_fraction * np.where(lid, 1.0, bell))

@@ -32,8 +32,13 @@ class WaterColumn:
     @cached_property
     def _curve(self) -> PchipInterpolator:
         depth = [m.depth for m in self.masses]
-        return PchipInterpolator(depth, [[m.potential_temperature, m.salinity] for m in self.masses])
+        return PchipInterpolator(
+            depth, [[m.potential_temperature, m.salinity] for m in self.masses]
+        )
 
     def evaluate(self, depth: Array) -> Array:
-        """Potential temperature [degC] and practical salinity (..., 2) at depths [m]; constant beyond the outer cores."""
+        """
+        Potential temperature [degC] and practical salinity (..., 2) at depths [m]; constant beyond
+        the outer cores.
+        """
         return np.asarray(self._curve(np.clip(depth, self.masses[0].depth, self.masses[-1].depth)))

@@ -23,7 +23,8 @@ def error_and_consistency(
     errors: pd.DataFrame, at_pings: pd.DataFrame, consistency: pd.DataFrame | None, header: str
 ) -> Figure:
     """
-    RMSE of the position at all times and at pings, and NEES of the fleet if it exists, with one line per condition.
+    RMSE of the position at all times and at pings, and NEES of the fleet if it exists, with one
+    line per condition.
 
     A marker of NEES is filled if all epochs are within their 95 % bounds, and empty if none is.
     """
@@ -45,13 +46,22 @@ def error_and_consistency(
     style.panel_title(axes, "a", "error at all times")
     style.panel_title(grid[1], "b", "under water at pings")
     if consistency is not None:
-        _draw_consistency(grid[2], consistency[consistency["statistic"] == "horizontal"], names, colours)
+        _draw_consistency(
+            grid[2], consistency[consistency["statistic"] == "horizontal"], names, colours
+        )
         style.panel_title(grid[2], "c", "horizontal NEES / d.o.f.")
         grid[2].set_xlabel("[-]")
-        point: dict[str, Any] = {"color": style.INK, "marker": "o", "markersize": 3.8, "linestyle": "none"}
+        point: dict[str, Any] = {
+            "color": style.INK,
+            "marker": "o",
+            "markersize": 3.8,
+            "linestyle": "none",
+        }
         faces = {"inside at every epoch": style.INK, "at some": style.GREY, "at none": "white"}
         handles.append(Patch(color=style.BAND, label="95 % bounds"))
-        handles += [style.entry(label, markerfacecolor=face, **point) for label, face in faces.items()]
+        handles += [
+            style.entry(label, markerfacecolor=face, **point) for label, face in faces.items()
+        ]
     if handles:
         style.common_legend(figure, handles)
     for panel in grid:
@@ -70,16 +80,23 @@ def _draw_errors(axes: Axes, rmse: Array, colours: list[str]) -> None:
     for line, x in enumerate(rmse):
         if np.isfinite(x):
             text = f"{x:.2f}" if x < 100.0 else f"{x:.1f}"
-            axes.annotate(text, (x, line), (5, 0), textcoords="offset points", va="center", fontsize=6.0)
+            axes.annotate(
+                text, (x, line), (5, 0), textcoords="offset points", va="center", fontsize=6.0
+            )
     axes.set_xscale("log")
     axes.margins(x=0.2)
     axes.set_xlabel("[m]")
 
 
-def _draw_consistency(axes: Axes, table: pd.DataFrame, names: list[str], colours: list[str]) -> None:
+def _draw_consistency(
+    axes: Axes, table: pd.DataFrame, names: list[str], colours: list[str]
+) -> None:
     if len(table):
         axes.axvspan(
-            float(table["low"].median()), float(table["high"].median()), color=style.BAND, linewidth=0.0
+            float(table["low"].median()),
+            float(table["high"].median()),
+            color=style.BAND,
+            linewidth=0.0,
         )
     axes.axvline(1.0, color=style.GREY, linewidth=0.8)
     for i, (name, colour) in enumerate(zip(names, colours, strict=True)):
@@ -90,18 +107,21 @@ def _draw_consistency(axes: Axes, table: pd.DataFrame, names: list[str], colours
         inside = part["inside"].to_numpy(dtype=bool)
         face = colour if inside.all() else style.GREY if inside.any() else "white"
         axes.plot([ratio.min(), ratio.max()], [i, i], color=colour, linewidth=0.9)
-        axes.plot(np.median(ratio), i, color=colour, marker="o", markersize=3.8, markerfacecolor=face)
+        axes.plot(
+            np.median(ratio), i, color=colour, marker="o", markersize=3.8, markerfacecolor=face
+        )
     axes.set_xscale("log")
 
 
 register(
     "estimators",
     place=50,
-    caption="Errors and consistency of all estimators over {r.realizations}: (a) root mean square of the position error over"
-    " all poses; (b) the same for vehicles under water at the pings; dashed: lower bound of an unbiased estimator with these"
-    " measurements, on average over the noise; (c) normalized squared error of the fleet's horizontal positions with the"
-    " covariance of the estimator, divided by its degrees of freedom: median over the epochs, minimum and maximum, and the"
-    " 95 % bounds of a consistent estimator (grey).",
+    caption="Errors and consistency of all estimators over {r.realizations}: (a) root mean square"
+    " of the position error over all poses; (b) the same for vehicles under water at the pings;"
+    " dashed: lower bound of an unbiased estimator with these measurements, on average over the"
+    " noise; (c) normalized squared error of the fleet's horizontal positions with the covariance"
+    " of the estimator, divided by its degrees of freedom: median over the epochs, minimum and"
+    " maximum, and the 95 % bounds of a consistent estimator (grey).",
     draw=lambda r: error_and_consistency(
         r.tables["ate_pooled"].frame,
         r.tables["ping_error"].frame,

@@ -24,7 +24,9 @@ _MAX_NAME_LETTERS = 6  # letters; longer names cover each other
 _LETTER = 0.058  # of a key below a figure: width of a letter and of a mark, a line's height [in]
 _KEY_MARK = 0.42
 _KEY_LINE = 0.16
-_WAYS = np.array([(1, 1), (1, 0), (1, -1), (-1, 1), (-1, 0), (-1, -1), (0, 1), (0, -1)])  # from mark to name
+_WAYS = np.array(
+    [(1, 1), (1, 0), (1, -1), (-1, 1), (-1, 0), (-1, -1), (0, 1), (0, -1)]
+)  # from mark to name
 _LABEL_DISTANCES = (3.0, 9.0, 16.0, 24.0)  # points
 _NAME: dict[str, Any] = {
     "fontsize": 6.5,
@@ -57,7 +59,9 @@ def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -
 
 @style.styled
 def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
-    """Factor graph in three dimensions: coloured chains of poses, one per vehicle, and grey ranges."""
+    """
+    Factor graph in three dimensions: coloured chains of poses, one per vehicle, and grey ranges.
+    """
     colours = style.vehicle_colours(truth.name.size)
     figure, place = _figure_with_key(style.COLUMN, 3.1, header, _key(truth, measurements, colours))
     axes = figure.add_axes(place(-0.045, 0.1, 0.93, 0.83), projection="3d")
@@ -74,7 +78,9 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
         _line(axes, path, color=colour, linewidth=1.3)
     starts = truth.position[:, 0] / 1e3
     for start, colour in zip(starts, colours, strict=True):
-        axes.plot(*start[_ENU, None], "o", color=colour, markersize=3.4, markeredgecolor="white", zorder=8)
+        axes.plot(
+            *start[_ENU, None], "o", color=colour, markersize=3.4, markeredgecolor="white", zorder=8
+        )
     _finish(axes, truth, measurements, starts)
     poses = truth.position.shape[0] * truth.position.shape[1]
     words = f"{poses:,} poses, {len(edges):,} range edges"
@@ -85,11 +91,15 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
 def _key(truth: Trajectories, measurements: Measurements, colours: list[str]) -> list[Line2D]:
     """Legend of the marks of vehicles and landmarks that are not their names."""
     vehicles = zip(_marks(truth.name), truth.name.tolist(), colours, strict=True)
-    landmarks = zip(_marks(measurements.landmark_name, "L"), measurements.landmark_name.tolist(), strict=True)
+    landmarks = zip(
+        _marks(measurements.landmark_name, "L"), measurements.landmark_name.tolist(), strict=True
+    )
     looks = [(mark, name, {"color": colour, "marker": "o"}) for mark, name, colour in vehicles]
     looks += [(mark, name, {"color": style.INK, "marker": "^"}) for mark, name in landmarks]
     return [
-        style.entry(style.plain(f"{mark}: {style.short(name)}"), linestyle="none", markersize=3.6, **look)
+        style.entry(
+            style.plain(f"{mark}: {style.short(name)}"), linestyle="none", markersize=3.6, **look
+        )
         for mark, name, look in looks
         if mark != name
     ]
@@ -98,13 +108,18 @@ def _key(truth: Trajectories, measurements: Measurements, colours: list[str]) ->
 def _figure_with_key(
     width: float, height: float, header: str, key: list[Line2D]
 ) -> tuple[Figure, Callable[..., tuple[float, float, float, float]]]:
-    """Figure with a key below its panels, and a function that places a panel above it; all lengths in inches."""
+    """
+    Figure with a key below its panels, and a function that places a panel above it; all lengths in
+    inches.
+    """
     longest = max((len(str(entry.get_label())) for entry in key), default=0)
     columns = max(1, int(width / (_LETTER * longest + _KEY_MARK)))
     room = _KEY_LINE * -(-len(key) // columns)
     figure = style.new_figure(width, height + room, header, layout=None)
     if key:
-        style.common_legend(figure, key, loc="lower center", ncols=min(columns, len(key)), handletextpad=0.2)
+        style.common_legend(
+            figure, key, loc="lower center", ncols=min(columns, len(key)), handletextpad=0.2
+        )
 
     def place(
         left: float, low: float, wide: float = 0.0, high: float = 0.0
@@ -114,12 +129,16 @@ def _figure_with_key(
     return figure, place
 
 
-def draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, colours: list[str]) -> None:
+def draw_plan(
+    axes: Axes, truth: Trajectories, measurements: Measurements, colours: list[str]
+) -> None:
     """Draw tracks and landmarks from above, with names at the start positions."""
     starts = truth.position[:, 0, :2] / 1e3
     for path, colour in zip(truth.position[:, :, :2] / 1e3, colours, strict=True):
         axes.plot(path[:, 1], path[:, 0], color=colour, linewidth=0.9)
-    axes.scatter(starts[:, 1], starts[:, 0], c=colours, s=16, edgecolors=style.INK, linewidths=0.5, zorder=3)
+    axes.scatter(
+        starts[:, 1], starts[:, 0], c=colours, s=16, edgecolors=style.INK, linewidths=0.5, zorder=3
+    )
     places = measurements.landmark_position[:, :2] / 1e3
     axes.plot(places[:, 1], places[:, 0], "^", color=style.INK, markersize=4)
     axes.set_aspect("equal", adjustable="datalim")
@@ -129,7 +148,9 @@ def draw_plan(axes: Axes, truth: Trajectories, measurements: Measurements, colou
     _write_names(axes, np.concatenate([starts, places])[:, ::-1], _all_marks(truth, measurements))
 
 
-def _draw_solid(axes: Axes3D, truth: Trajectories, measurements: Measurements, colours: list[str]) -> None:
+def _draw_solid(
+    axes: Axes3D, truth: Trajectories, measurements: Measurements, colours: list[str]
+) -> None:
     deepest = truth.position[:, :, 2].max(axis=1) / 1e3
     feet = truth.position[:, 0] / 1e3
     feet[:, 2] = deepest
@@ -161,10 +182,15 @@ def _line(axes: Axes3D, path: Array, **look: object) -> None:
 
 
 def _marks(names: Array, letter: str = "") -> list[str]:
-    """Labels at the markers: names, without their common prefix if they are long, or numbers if they are still too long."""
+    """
+    Labels at the markers: names, without their common prefix if they are long, or numbers if they
+    are still too long.
+    """
     marks: list[str] = names.tolist()
     if max(map(len, marks), default=0) > _MAX_NAME_LETTERS and len(marks) > 1:
-        common = len(list(takewhile(lambda letters: len(set(letters)) == 1, zip(*marks, strict=False))))
+        common = len(
+            list(takewhile(lambda letters: len(set(letters)) == 1, zip(*marks, strict=False)))
+        )
         marks = [name[common:] or name for name in marks]
     if max(map(len, marks), default=0) > _MAX_NAME_LETTERS:
         marks = [f"{letter}{i}" for i in range(1, len(marks) + 1)]
@@ -177,13 +203,18 @@ def _all_marks(truth: Trajectories, measurements: Measurements) -> list[str]:
 
 
 def _write_names(axes: Axes, places: Array, names: list[str]) -> None:
-    """Write names next to points (n, 2) in data coordinates, each on the side with the smallest overlap."""
+    """
+    Write names next to points (n, 2) in data coordinates, each on the side with the smallest
+    overlap.
+    """
     figure = axes.figure
     assert isinstance(figure, Figure)
     axes.apply_aspect()
     dots = axes.transData.transform(places)
     per_point = figure.dpi / 72.0
-    covered = np.stack([dots - 2.0 * per_point, dots + 2.0 * per_point], axis=1)  # markers, then names too
+    covered = np.stack(
+        [dots - 2.0 * per_point, dots + 2.0 * per_point], axis=1
+    )  # markers, then names too
     for name, place, dot in zip(names, places, dots, strict=True):
         text = axes.annotate(style.plain(name), place, (0, 0), textcoords="offset points", **_NAME)
         box = text.get_window_extent()
@@ -191,14 +222,18 @@ def _write_names(axes: Axes, places: Array, names: list[str]) -> None:
         low = np.concatenate(
             [dot + r * per_point * _WAYS + 0.5 * (_WAYS - 1) * size for r in _LABEL_DISTANCES]
         )
-        common = np.minimum(covered[:, 1], (low + size)[:, None]) - np.maximum(covered[:, 0], low[:, None])
+        common = np.minimum(covered[:, 1], (low + size)[:, None]) - np.maximum(
+            covered[:, 0], low[:, None]
+        )
         best = low[np.argmin(np.prod(np.maximum(common, 0.0), axis=-1).sum(axis=1))]
         text.set_position((best - dot) / per_point)
         covered = np.concatenate([covered, [[best, best + size]]])
 
 
 def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements, marks: Array) -> None:
-    """Draw landmarks and names, and set axes with depth downward and equal scales of north and east."""
+    """
+    Draw landmarks and names, and set axes with depth downward and equal scales of north and east.
+    """
     places = measurements.landmark_position / 1e3
     for place in places:
         axes.plot(*place[_ENU, None], "^", color=style.INK, markersize=4)
@@ -234,9 +269,10 @@ register(
     place=80,
     paper="Figure 5",
     of_mission=True,
-    caption="Fleet layout: (a) start positions and drift in plan, (b) start (dotted line downward to the vehicle's"
-    " greatest depth) and track, (c) depth against time. Each vehicle has one colour in all figures"
-    " of the fleet; names that are too long for the plan are numbered, with a key below.",
+    caption="Fleet layout: (a) start positions and drift in plan, (b) start (dotted line downward"
+    " to the vehicle's greatest depth) and track, (c) depth against time. Each vehicle has one"
+    " colour in all figures of the fleet; names that are too long for the plan are numbered, with"
+    " a key below.",
     draw=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header),
 )
 register(

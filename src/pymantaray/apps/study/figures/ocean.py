@@ -9,8 +9,9 @@ def _caption_of_rays(results: RunResults) -> str:
     ice = results.run.ray_picture.get("sea_ice_draft")
     cover = " ice (blank)," if ice is not None and ice.any() else ""
     return (
-        f"Sound on the link with the most curved ray: sound speed (blue),{cover} sea bed (brown, if it is not far below),"
-        " direct eigenrays (orange), the straight chord (dashed) and other rays from the same source (grey)."
+        f"Sound on the link with the most curved ray: sound speed (blue),{cover} sea bed (brown, if"
+        " it is not far below), direct eigenrays (orange), the straight chord (dashed) and other"
+        " rays from the same source (grey)."
     )
 
 
@@ -19,8 +20,8 @@ register(
     place=100,
     paper="Figure 4",
     of_mission=True,
-    caption="Sound speed against depth over the study's domain: mean of each level (line), minimum to maximum (shaded);"
-    " (a) all depths, (b) the upper part.",
+    caption="Sound speed against depth over the study's domain: mean of each level (line), minimum"
+    " to maximum (shaded); (a) all depths, (b) the upper part.",
     draw=lambda r: sound_speed_profiles([(r.region, r.run.profile)], r.header),
 )
 register(

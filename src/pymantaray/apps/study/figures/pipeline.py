@@ -1,4 +1,7 @@
-"""Diagram of the stages of a study and the records that pass between them, from the signatures of the code."""
+"""
+Diagram of the stages of a study and the records that pass between them, from the signatures of the
+code.
+"""
 
 from collections.abc import Callable, Sequence
 from dataclasses import is_dataclass
@@ -37,7 +40,13 @@ STAGES: tuple[tuple[str, str, Callable[..., Any]], ...] = (
 """Stages of a study in order: folder, description, and function."""
 _SIZE = (0.80, 0.66)  # of a box, in columns and rows
 _CLEARANCE = 0.04  # between an arrow and a box that it passes
-_ARROW: dict[str, Any] = {"color": style.GREY, "linewidth": 0.7, "shrinkA": 0.0, "shrinkB": 0.0, "zorder": 2}
+_ARROW: dict[str, Any] = {
+    "color": style.GREY,
+    "linewidth": 0.7,
+    "shrinkA": 0.0,
+    "shrinkB": 0.0,
+    "zorder": 2,
+}
 _COLOURS = {
     "ocean": "#cfe8f6", "water": "#cfe8f6", "fleet": "#d5efe4", "acoustics": "#fbe0d0",
     "sensing": "#fdf3cf", "estimation": "#e6def3", "evaluation": "#f6dbe9",
@@ -54,7 +63,8 @@ class Flow(NamedTuple):
 
 def flows(functions: Sequence[Callable[..., Any]]) -> list[Flow]:
     """
-    Records that pass between stages: each argument of a function, from the last function before it that returns this type.
+    Records that pass between stages: each argument of a function, from the last function before it
+    that returns this type.
 
     A function returns its annotated type and the records in this type.
     """
@@ -64,9 +74,16 @@ def flows(functions: Sequence[Callable[..., Any]]) -> list[Flow]:
         hints = dict(get_type_hints(function))
         made = records_of(hints.pop("return"))
         taken = dict.fromkeys(record for hint in hints.values() for record in records_of(hint))
-        found += [Flow(makers[record], target, record.__name__) for record in taken if record in makers]
+        found += [
+            Flow(makers[record], target, record.__name__) for record in taken if record in makers
+        ]
         makers |= dict.fromkeys(made, target)
-        held = [r for record in made for hint in get_type_hints(record).values() for r in records_of(hint)]
+        held = [
+            r
+            for record in made
+            for hint in get_type_hints(record).values()
+            for r in records_of(hint)
+        ]
         makers = dict.fromkeys(held, target) | makers
     return found
 
@@ -105,12 +122,16 @@ def pipeline(header: str) -> Figure:
     for source, target in dict.fromkeys((flow.source, flow.target) for flow in between):
         others = [spot for k, spot in enumerate(spots) if k not in (source, target)]
         paths.append(route(spots[source], spots[target], others))
-        axes.add_patch(FancyArrowPatch(path=paths[-1], arrowstyle="-|>", mutation_scale=8, **_ARROW))
+        axes.add_patch(
+            FancyArrowPatch(path=paths[-1], arrowstyle="-|>", mutation_scale=8, **_ARROW)
+        )
     extent = Bbox.union([path.get_extents() for path in paths])
     axes.set_xlim(-0.5, max(column) + 0.5)
     axes.set_ylim(max(extent.y1, 0.85) + 0.05, min(extent.y0, -0.85) - 0.05)
     for spot, (folder, words, function) in zip(spots, STAGES, strict=True):
-        made = " ".join(record.__name__ for record in records_of(get_type_hints(function)["return"])[:1])
+        made = " ".join(
+            record.__name__ for record in records_of(get_type_hints(function)["return"])[:1]
+        )
         _draw_stage(axes, spot, folder, words, made)
     return figure
 
@@ -120,9 +141,15 @@ def _draw_stage(axes: Axes, spot: tuple[float, float], folder: str, words: str, 
     x, y = spot
     width, height = _SIZE
     box = FancyBboxPatch(
-        (x - width / 2.0, y - height / 2.0), width, height, boxstyle="round,pad=0,rounding_size=0.06",
-        facecolor=_COLOURS[folder], edgecolor=style.INK, linewidth=0.7, zorder=3,
-    )  # fmt: skip
+        (x - width / 2.0, y - height / 2.0),
+        width,
+        height,
+        boxstyle="round,pad=0,rounding_size=0.06",
+        facecolor=_COLOURS[folder],
+        edgecolor=style.INK,
+        linewidth=0.7,
+        zorder=3,
+    )
     axes.add_patch(box)
     write = partial(axes.text, x, ha="center", va="center", zorder=4, fontsize=6.0)
     write(y - 0.22, folder, fontweight="bold")
@@ -165,6 +192,7 @@ register(
     place=120,
     of_mission=True,
     paper="Figure 3",
-    caption="Stages of a study with their folders in the package; arrows are the records (italic) that pass between them.",
+    caption="Stages of a study with their folders in the package; arrows are the records (italic)"
+    " that pass between them.",
     draw=lambda r: pipeline(r.header),
 )

@@ -51,7 +51,9 @@ def range_error_histogram(errors: Sequence[tuple[str, Array]], header: str) -> F
 
 
 @style.styled
-def range_error_split(distance: Array, reference_speed: Array, bending: Array, header: str) -> Figure:
+def range_error_split(
+    distance: Array, reference_speed: Array, bending: Array, header: str
+) -> Figure:
     """The two parts of the range error, against distance and as distributions."""
     figure = style.new_figure(style.DOUBLE, 2.7, header)
     both, counts, alone = figure.subplots(1, 3, width_ratios=(1.25, 0.8, 1.25))
@@ -99,7 +101,9 @@ def range_error_split(distance: Array, reference_speed: Array, bending: Array, h
 
 
 @style.styled
-def dropout_map(transmitter: Array, receiver: Array, status: NDArray[np.int8], header: str) -> Figure:
+def dropout_map(
+    transmitter: Array, receiver: Array, status: NDArray[np.int8], header: str
+) -> Figure:
     """Dropouts by cause: attempts by distance, depth difference and the depths of both ends."""
     figure = style.new_figure(style.DOUBLE, 3.0, header)
     places = figure.subplots(1, 2)
@@ -122,7 +126,9 @@ def dropout_map(transmitter: Array, receiver: Array, status: NDArray[np.int8], h
             chosen = status == member
             if chosen.any():
                 text = f"{RAY_STATUS_WORDS[member].label} ({chosen.sum():,})"
-                axes.plot(x[chosen], y[chosen], marker, color=colour, markersize=2.6, label=text, **look)
+                axes.plot(
+                    x[chosen], y[chosen], marker, color=colour, markersize=2.6, label=text, **look
+                )
         if not status.size:
             style.note(axes, "no range was attempted")
     distance, depths = places
@@ -160,7 +166,10 @@ def _edges(values: Array) -> Array:
 
 
 def draw_range_errors(axes: Axes, values: Array, *, log: bool = False) -> Array:
-    """Draw the histogram of range errors, with zero, mean and the fitted normal; return the finite errors."""
+    """
+    Draw the histogram of range errors, with zero, mean and the fitted normal; return the finite
+    errors.
+    """
     errors = values[np.isfinite(values)]
     axes.set_xlabel("Range error, refracted − straight [m]")
     axes.set_ylabel("Ranges in a bin")
@@ -200,17 +209,17 @@ register(
     place=10,
     paper="Figure 6",
     of_mission=True,
-    caption="Signed range error, refracted minus straight, of {r.received:,} ranges: mean (orange), zero (dashed) and"
-    " fitted normal (black), with linear and logarithmic counts.",
+    caption="Signed range error, refracted minus straight, of {r.received:,} ranges: mean"
+    " (orange), zero (dashed) and fitted normal (black), with linear and logarithmic counts.",
     draw=lambda r: range_error_histogram([(r.region, r.ranges.total)], r.header),
 )
 register(
     "range_error_split",
     place=20,
     of_mission=True,
-    caption="Exact split of the range error: (a, b) the part due to the reference speed, because the sound speed at the"
-    " transmitter differs from the mean along the path, and the part due to the bending of the ray; (c) bending at a finer"
-    " scale.",
+    caption="Exact split of the range error: (a, b) the part due to the reference speed, because"
+    " the sound speed at the transmitter differs from the mean along the path, and the part due to"
+    " the bending of the ray; (c) bending at a finer scale.",
     draw=lambda r: range_error_split(
         r.run.ranging_truth.distance, r.ranges.reference_speed, r.ranges.bending, r.header
     ),
@@ -219,8 +228,8 @@ register(
     "dropouts",
     place=70,
     of_mission=True,
-    caption="All {r.attempts:,} range attempts by (a) distance and depth difference and (b) the depths of both ends;"
-    " colours of dropouts are their causes.",
+    caption="All {r.attempts:,} range attempts by (a) distance and depth difference and (b) the"
+    " depths of both ends; colours of dropouts are their causes.",
     draw=lambda r: dropout_map(
         *range_ends(r.run.truth, r.run.measurements), r.run.measurements.range_status, r.header
     ),

@@ -1,9 +1,10 @@
 """
 Inputs of a report, and the register of its figures.
 
-A figure is a function in a module of this folder, and a call of `register` in the same module with its name, its place on the page,
-and a function that draws it from a run's `RunResults`. `find_figures` imports all modules of the folder, and all modules that other
-packages name as entry points of the group ``pymantaray.figures``.
+A figure is a function in a module of this folder, and a call of `register` in the same module with
+its name, its place on the page, and a function that draws it from a run's `RunResults`.
+`find_figures` imports all modules of the folder, and all modules that other packages name as entry
+points of the group ``pymantaray.figures``.
 """
 
 from collections.abc import Callable, Mapping
@@ -32,7 +33,9 @@ if TYPE_CHECKING:
 
 
 class RunResults:
-    """A run with its tables, errors and texts for figures and page, each computed once on first use."""
+    """
+    A run with its tables, errors and texts for figures and page, each computed once on first use.
+    """
 
     def __init__(self, run: "Run") -> None:
         self.run = run
@@ -49,7 +52,10 @@ class RunResults:
 
     @cached_property
     def errors(self) -> Mapping[str, Array]:
-        """Position errors by condition, of shape (realizations, vehicles, times); NaN for a solve that failed. [m]"""
+        """
+        Position errors by condition, of shape (realizations, vehicles, times); NaN for a solve that
+        failed. [m]
+        """
         estimates = self.run.estimates
         errors = trajectory_errors(self.run.truth, estimates)
         return dict(zip(estimates.condition.tolist(), errors, strict=True))
@@ -120,14 +126,18 @@ def register(
     """
     Add a figure to all reports whose results satisfy ``needs``; ``place`` is its rank on the page.
 
-    A caption may contain attributes of `RunResults`, such as ``{r.received:,}``. A figure with ``of_mission`` does not depend on
-    the realizations, so it may be drawn before they are solved. ``paper`` is its counterpart in the paper.
+    A caption may contain attributes of `RunResults`, such as ``{r.received:,}``. A figure with
+    ``of_mission`` does not depend on the realizations, so it may be drawn before they are solved.
+    ``paper`` is its counterpart in the paper.
     """
     _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission, paper)
 
 
 def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[FigureSpec]:
-    """Figures of a run in the order of the page; with ``of_mission``, only those that do not depend on the realizations."""
+    """
+    Figures of a run in the order of the page; with ``of_mission``, only those that do not depend on
+    the realizations.
+    """
     find_figures()
     entries = sorted(_REGISTER.items(), key=lambda item: item[1].place)
     return [
@@ -138,14 +148,20 @@ def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[F
 
 
 def find_figures() -> None:
-    """Import all modules with figures, which registers the figures: those of this folder, and those of other packages."""
+    """
+    Import all modules with figures, which registers the figures: those of this folder, and those of
+    other packages.
+    """
     for module in iter_modules(figures.__path__):
         import_module(f"{figures.__name__}.{module.name}")
     load_entry_points("figures")
 
 
 def range_ends(truth: Trajectories, measurements: Measurements) -> tuple[Array, Array]:
-    """True positions of transmitter and receiver of every range attempt, each of shape (ranges, 3). [m]"""
+    """
+    True positions of transmitter and receiver of every range attempt, each of shape (ranges, 3).
+    [m]
+    """
     n_vehicles = len(truth.name)
 
     def place(who: NDArray[np.int32]) -> Array:
@@ -159,5 +175,9 @@ def range_ends(truth: Trajectories, measurements: Measurements) -> tuple[Array, 
 
 
 def _caption(entry: _Entry, results: RunResults) -> str:
-    text = entry.caption.format(r=results) if isinstance(entry.caption, str) else entry.caption(results)
+    text = (
+        entry.caption.format(r=results)
+        if isinstance(entry.caption, str)
+        else entry.caption(results)
+    )
     return with_source(text, synthetic=results.synthetic)

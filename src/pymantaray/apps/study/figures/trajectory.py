@@ -1,4 +1,6 @@
-"""Effect of refraction on estimated positions: errors pooled by condition, and over time by vehicle."""
+"""
+Effect of refraction on estimated positions: errors pooled by condition, and over time by vehicle.
+"""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +19,9 @@ from pymantaray.pages import style
 _LOG_BINS = 100
 _LINEAR_BINS = 60
 _ROOF = 0.78  # share of a row's height for the distribution; text is above it
-_AXIS_RATIO = 3.0  # limit of a linear axis, as a multiple of the median over conditions of their ends
+_AXIS_RATIO = (
+    3.0  # limit of a linear axis, as a multiple of the median over conditions of their ends
+)
 _SMALLEST_ERROR = 1e-4  # m; smaller errors are drawn at this value
 
 
@@ -31,7 +35,10 @@ class ApePanel:
 
 
 def _shown_over_time(results: RunResults) -> Mapping[str, Array]:
-    """Errors of all conditions, or of the study's conditions if there are too many estimators for one panel."""
+    """
+    Errors of all conditions, or of the study's conditions if there are too many estimators for one
+    panel.
+    """
     conditions = {c.name for c in results.run.config.conditions if c.standard}
     if len(results.errors) - len(conditions) <= style.DISTINCT:
         return results.errors
@@ -44,7 +51,8 @@ def _caption_over_time(results: RunResults) -> str:
     others = "; estimators are in the next figure" if len(shown) < len(results.errors) else ""
     fixes = "; GNSS fixes are marked at the bottom" if results.fixes.any() else ""
     return (
-        f"Position error of each vehicle over time: median of {results.realizations}{shaded}{others}{fixes}."
+        "Position error of each vehicle over time: median of"
+        f" {results.realizations}{shaded}{others}{fixes}."
     )
 
 
@@ -56,10 +64,13 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
     figure = style.new_figure(style.DOUBLE, 0.85 + 0.72 * rows, header)
     grid = figure.subplots(rows, len(panels), squeeze=False, sharex="col")
     pooled = [
-        {name: values[np.isfinite(values)] for name, values in panel.errors.items()} for panel in panels
+        {name: values[np.isfinite(values)] for name, values in panel.errors.items()}
+        for panel in panels
     ]
     edges = {
-        log: _ape_edges([p for p, panel in zip(pooled, panels, strict=True) if panel.log == log], log=log)
+        log: _ape_edges(
+            [p for p, panel in zip(pooled, panels, strict=True) if panel.log == log], log=log
+        )
         for log in {panel.log for panel in panels}
     }
     looks = style.condition_looks(conditions)
@@ -68,7 +79,11 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
         grid[-1, c].set_xlabel("Absolute position error [m]")
         for axes, name in zip(grid[:, c], conditions, strict=False):
             _ridge(
-                axes, values.get(name, np.empty(0)), edges[panel.log], (name, looks[name][0]), log=panel.log
+                axes,
+                values.get(name, np.empty(0)),
+                edges[panel.log],
+                (name, looks[name][0]),
+                log=panel.log,
             )
     figure.supylabel("Share of poses in a bin [%]")
     mean = style.entry("mean", color=style.INK, linewidth=1.2)
@@ -86,7 +101,10 @@ def error_over_time(
     fixes: NDArray[np.bool_],
     header: str,
 ) -> Figure:
-    """Position error of every vehicle over time: median over the realizations, with shaded quartiles for few conditions."""
+    """
+    Position error of every vehicle over time: median over the realizations, with shaded quartiles
+    for few conditions.
+    """
     columns = min(3, max(len(names), 1))
     rows = max(-(-len(names) // columns), 1)
     lines = style.legend_lines(len(errors) + bool(fixes.any()))
@@ -115,9 +133,15 @@ def error_over_time(
         low, middle, high = np.maximum(np.percentile(whole, [25, 50, 75], axis=0), _SMALLEST_ERROR)
         for i, axes in enumerate(grid.flat[: len(names)]):
             if len(errors) <= style.HEADER_LINE:
-                axes.fill_between(hours, low[i], high[i], color=looks[name][0], alpha=0.25, linewidth=0.0)
+                axes.fill_between(
+                    hours, low[i], high[i], color=looks[name][0], alpha=0.25, linewidth=0.0
+                )
             axes.plot(
-                hours, middle[i], color=looks[name][0], linewidth=0.9, linestyle=style.condition_line(name)
+                hours,
+                middle[i],
+                color=looks[name][0],
+                linewidth=0.9,
+                linestyle=style.condition_line(name),
             )
     for i, axes in enumerate(grid.flat):
         if i >= len(names):
@@ -126,7 +150,9 @@ def error_over_time(
         axes.set_title(style.plain(names[i]), loc="left", fontweight="bold")
         marks = np.repeat(hours[fixes[i]], 3), np.tile([0.0, 0.045, np.nan], int(fixes[i].sum()))
         look: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "solid_capstyle": "butt"}
-        axes.plot(*marks, color=style.SKY, linewidth=0.6, **look)  # one line, since each costs as much as all
+        axes.plot(
+            *marks, color=style.SKY, linewidth=0.6, **look
+        )  # one line, since each costs as much as all
         if i + columns >= len(names):
             axes.tick_params(labelbottom=True)
     for axes in grid.flat:
@@ -148,15 +174,22 @@ def error_over_time(
 
 
 def _set_shared_axes(axes: Axes, hours: Array) -> None:
-    """Set scales and limits that all panels share, because each change takes the time of all panels."""
+    """
+    Set scales and limits that all panels share, because each change takes the time of all panels.
+    """
     axes.set_yscale("log")
     axes.yaxis.set_minor_locator(NullLocator())
     axes.set_xlim(hours[0], hours[-1])
     axes.xaxis.set_major_locator(MaxNLocator(5, steps=[1, 2, 5, 10]))
 
 
-def draw_error_distribution(axes: Axes, errors: Mapping[str, Array], condition: str, *, log: bool) -> None:
-    """Draw the distribution of the position errors of a condition, with mean and quartiles, on the common axis of all conditions."""
+def draw_error_distribution(
+    axes: Axes, errors: Mapping[str, Array], condition: str, *, log: bool
+) -> None:
+    """
+    Draw the distribution of the position errors of a condition, with mean and quartiles, on the
+    common axis of all conditions.
+    """
     finite = {name: values[np.isfinite(values)] for name, values in errors.items()}
     colour = style.condition_looks(list(errors))[condition][0]
     _ridge(axes, finite[condition], _ape_edges([finite], log=log), (condition, colour), log=log)
@@ -168,7 +201,8 @@ def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
     """
     Common edges of bins for all panels of one scale.
 
-    A linear axis shows nearly all poses of the conditions other than odometry, but does not extend far beyond most of them.
+    A linear axis shows nearly all poses of the conditions other than odometry, but does not extend
+    far beyond most of them.
     """
     drawn = [(name, values) for pool in pools for name, values in pool.items() if values.size]
     if not drawn:
@@ -177,13 +211,17 @@ def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
         low = max(min(float(values.min()) for _, values in drawn), _SMALLEST_ERROR)
         high = max(max(float(values.max()) for _, values in drawn), 2.0 * low)
         return np.geomspace(0.999 * low, 1.001 * high, _LOG_BINS + 1)
-    solved = [values for name, values in drawn if name != "odometry"] or [values for _, values in drawn]
+    solved = [values for name, values in drawn if name != "odometry"] or [
+        values for _, values in drawn
+    ]
     each = [float(np.percentile(values, 99.9)) for values in solved]
     reach = min(max(each), _AXIS_RATIO * float(np.median(each)))
     return np.linspace(0.0, max(1.05 * reach, _SMALLEST_ERROR), _LINEAR_BINS + 1)
 
 
-def _ridge(axes: Axes, values: Array, edges: Array, condition: tuple[str, str], *, log: bool) -> None:
+def _ridge(
+    axes: Axes, values: Array, edges: Array, condition: tuple[str, str], *, log: bool
+) -> None:
     """Draw the distribution of one condition; ``condition`` is its name and colour."""
     name, colour = condition
     label = style.plain(style.condition_label(name))
@@ -207,7 +245,12 @@ def _ridge(axes: Axes, values: Array, edges: Array, condition: tuple[str, str], 
     beyond = 100.0 * float(np.mean(values > edges[-1]))
     left_out = f", {beyond:.0f} % beyond the axis" if beyond >= 0.5 else ""
     axes.text(
-        0.985, 0.98, f"mean {f'{mean:#.3g}'.rstrip('.')} m{left_out}", color=style.GREY, ha="right", **place
+        0.985,
+        0.98,
+        f"mean {f'{mean:#.3g}'.rstrip('.')} m{left_out}",
+        color=style.GREY,
+        ha="right",
+        **place,
     )
     axes.set_ylim(0.0, max(float(share.max()), 1e-6) / (_ROOF - 0.04))
 
@@ -216,11 +259,14 @@ register(
     "ape_pooled",
     place=30,
     paper="Figures 7 and 8",
-    caption="Absolute position error of all vehicles, times and {r.realizations} of the noise by ranging condition,"
-    " without alignment; mean solid, quartiles dashed; (a) logarithmic scale, (b) linear scale, which shows nearly all errors"
-    " of the conditions other than odometry.",
+    caption="Absolute position error of all vehicles, times and {r.realizations} of the noise by"
+    " ranging condition, without alignment; mean solid, quartiles dashed; (a) logarithmic scale,"
+    " (b) linear scale, which shows nearly all errors of the conditions other than odometry.",
     draw=lambda r: pooled_ape(
-        [ApePanel("logarithmic scale", r.errors, log=True), ApePanel("linear scale", r.errors, log=False)],
+        [
+            ApePanel("logarithmic scale", r.errors, log=True),
+            ApePanel("linear scale", r.errors, log=False),
+        ],
         r.header,
     ),
     needs=lambda r: r.run.config.solves,

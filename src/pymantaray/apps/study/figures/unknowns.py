@@ -14,7 +14,10 @@ _LEVEL = 110  # letters of names that fit on the axis level
 
 @style.styled
 def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
-    """Posterior standard deviation and error of every unknown, divided by its prior standard deviation."""
+    """
+    Posterior standard deviation and error of every unknown, divided by its prior standard
+    deviation.
+    """
     conditions = list(dict.fromkeys(table["condition"]))
     upright = [_too_wide(table.loc[table["condition"] == name, "unknown"]) for name in conditions]
     heights = [_HEIGHT + (0.6 if turned else 0.0) for turned in upright]
@@ -37,7 +40,9 @@ def unknowns_before_and_after(table: pd.DataFrame, header: str) -> Figure:
         axes.set_yscale("log")
         axes.set_xlim(-0.6, len(part) - 0.4)
         axes.set_xticks(
-            x, [style.plain(unknown) for unknown in part["unknown"]], rotation=90 if upright[i] else 0
+            x,
+            [style.plain(unknown) for unknown in part["unknown"]],
+            rotation=90 if upright[i] else 0,
         )
         axes.grid(visible=False, axis="x")
         style.short_numbers(axes.yaxis)
@@ -60,9 +65,10 @@ def _too_wide(names: pd.Series) -> bool:
 register(
     "unknowns",
     place=65,
-    caption="Sound-speed modes and clocks estimated together with the poses, over {r.realizations}: posterior standard"
-    " deviation (blue) and root mean square error (orange), both divided by the prior standard deviation. On the grey line,"
-    " the ranges contain no information.",
+    caption="Sound-speed modes and clocks estimated together with the poses, over"
+    " {r.realizations}: posterior standard deviation (blue) and root mean square error (orange),"
+    " both divided by the prior standard deviation. On the grey line, the ranges contain no"
+    " information.",
     draw=lambda r: unknowns_before_and_after(_with_prior(r.tables), r.header),
     needs=lambda r: "unknowns" in r.tables and len(_with_prior(r.tables)) > 0,
 )

@@ -26,7 +26,10 @@ def error_by_vehicle(table: pd.DataFrame, header: str) -> Figure:
 
 
 def draw_vehicle_errors(axes: Axes, table: pd.DataFrame) -> None:
-    """Draw RMSE (dots) and quartiles (lines) of the rows of ``ate_per_vehicle``, with conditions next to each other."""
+    """
+    Draw RMSE (dots) and quartiles (lines) of the rows of ``ate_per_vehicle``, with conditions next
+    to each other.
+    """
     vehicles = list(dict.fromkeys(table["vehicle"]))
     conditions = list(dict.fromkeys(table["condition"]))
     looks = style.condition_looks(conditions)
@@ -57,8 +60,8 @@ def _shown(results: RunResults) -> bool:
 register(
     "error_by_vehicle",
     place=45,
-    caption="Position error of each vehicle over all times and {r.realizations}, by ranging condition: RMSE (dots) and"
-    " quartiles (lines).",
+    caption="Position error of each vehicle over all times and {r.realizations}, by ranging"
+    " condition: RMSE (dots) and quartiles (lines).",
     draw=lambda r: error_by_vehicle(r.tables["ate_per_vehicle"].frame, r.header),
     needs=_shown,
 )

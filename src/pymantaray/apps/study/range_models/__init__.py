@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     from pymantaray.estimation import RangeModel
 
 
-def build_range_model(section: "AnyRangeModel", beliefs: "Beliefs", realization: int) -> "RangeModel":
+def build_range_model(
+    section: "AnyRangeModel", beliefs: "Beliefs", realization: int
+) -> "RangeModel":
     """Range model of a condition."""
     module = import_module(f"{__name__}.{section.kind.replace('-', '_')}")
     model: RangeModel = module.build(section, beliefs, realization)

@@ -1,4 +1,7 @@
-"""Eigenrays through a believed ocean: as it is believed, as it varies, or with modes of unknown amplitude."""
+"""
+Eigenrays through a believed ocean: as it is believed, as it varies, or with modes of unknown
+amplitude.
+"""
 
 from functools import partial
 
@@ -22,4 +25,6 @@ def build(section: EigenrayRangeModel, beliefs: Beliefs, realization: int) -> Ra
         assert currents_at is None or callable(currents_at)
         return VaryingEigenrays(medium_at, currents_at, spreading_cutoff_db=search.cutoff_db)
     rays = beliefs.believed(belief, realization).rays
-    return rays if section.modes is None else AdjustableEigenrays(rays, *beliefs.modes(section.modes))
+    return (
+        rays if section.modes is None else AdjustableEigenrays(rays, *beliefs.modes(section.modes))
+    )

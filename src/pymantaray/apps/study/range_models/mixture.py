@@ -15,7 +15,9 @@ def build(section: MixtureRangeModel, beliefs: Beliefs, realization: int) -> Can
         believed.medium,
         beliefs.reception,
         config.ranging.build_timing(),
-        MixtureOptions(section.null_weight, section.null_width, section.persistence_s, section.gate),
+        MixtureOptions(
+            section.null_weight, section.null_width, section.persistence_s, section.gate
+        ),
         picker=picker if section.weights == "receiver" else None,
         sound_speed_sigma=section.sound_speed_sigma,
         currents=believed.currents,

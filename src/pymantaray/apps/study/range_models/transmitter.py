@@ -5,6 +5,8 @@ from pymantaray.config.estimators import TransmitterRangeModel
 from pymantaray.estimation import TransmitterSpeed
 
 
-def build(_section: TransmitterRangeModel, _beliefs: Beliefs, _realization: int) -> TransmitterSpeed:
+def build(
+    _section: TransmitterRangeModel, _beliefs: Beliefs, _realization: int
+) -> TransmitterSpeed:
     """Range model that needs to be told nothing."""
     return TransmitterSpeed()
