@@ -29,7 +29,7 @@ def compiled(folder: Path, *options: str) -> Path:
     """Compile the reading program with the header that users get."""
     (folder / "mantaray_table.h").write_text(c_header())
     program = folder / "read_table"
-    source = Path(__file__).with_name("online") / "read_table.c"
+    source = Path(__file__).parent / "apps" / "table" / "read_table.c"
     assert COMPILER is not None
     command = [
         COMPILER,

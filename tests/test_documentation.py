@@ -313,8 +313,13 @@ def test_every_exported_name_is_described(folder):
 
 def test_all_top_folders_that_export_are_listed():
     package = Path(importlib.import_module("pymantaray").__file__).parent
-    exporting = {p.parent.name for p in package.glob("*/__init__.py") if "__all__" in p.read_text()}
-    assert exporting == {folder for folder in PAGES["FOLDERS"] if "." not in folder}
+    exporting = {
+        ".".join(path.parent.relative_to(package).parts)
+        for pattern in ("*/__init__.py", "apps/*/__init__.py")
+        for path in package.glob(pattern)
+        if "__all__" in path.read_text()
+    }
+    assert exporting == set(PAGES["FOLDERS"]) - {"ocean.fetch"}
 
 
 def keys_of_configurations():
@@ -346,7 +351,8 @@ def test_configurations_in_pages_have_no_unknown_key(page):
 
 RECORDS = [*sorted((DOCS / "design").glob("*.md")), *sorted((DOCS / "theory").glob("*.md"))]
 PATH = re.compile(
-    r"(?:src|tests|benchmarks|examples|acoustics|estimation|evaluation|geometry|ocean|records|sensing|study|sweep|cli)/[\w./]+\w"
+    r"(?:src|tests|benchmarks|examples|acoustics|apps|estimation|evaluation|geometry|ocean|records"
+    r"|sensing|cli)/[\w./]+\w"
 )
 
 

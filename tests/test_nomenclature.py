@@ -36,7 +36,7 @@ def units_of(names, text):
     units = [
         u
         for bracket in re.findall(r"\[([^][]+)\](?=[\s,.;]|$)", text)
-        for u in re.split(r", ", bracket)
+        for u in re.split(r",\s+", bracket)
     ]
     if len(set(units)) > 1 and len(units) == len(names):
         return units

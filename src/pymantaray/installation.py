@@ -3,6 +3,7 @@
 import hashlib
 import os
 import platform
+import re
 import resource
 import shlex
 import sys
@@ -35,19 +36,25 @@ def versions() -> dict[str, str | None]:
     return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
 
 
+_OF_PAGES = re.compile(
+    r"(cli|pages)/|apps/\w+/(\w*command|\w*page|\w*figures|figures/\w+|plots|explore|report\w*)\.py$"
+)
+"""Sources that do not affect results."""
+
+
 @cache
 def code_version() -> str:
     """
     Version of the package with a hash of its source files, such as ``0.1.0+3f2a9c1b52d0``.
 
-    A checkout and its wheel have the same version. The hash excludes `cli` and `report`, which do
-    not affect results.
+    A checkout and its wheel have the same version. The hash excludes commands, pages and figures,
+    which do not affect results.
     """
     root = Path(__file__).parent
     content = hashlib.sha256()
     for file in sorted(root.rglob("*.py")):
         name = file.relative_to(root).as_posix()
-        if not name.startswith(("cli/", "report/")):
+        if not _OF_PAGES.match(name):
             content.update(f"{name} {hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
     return f"{_version('pymantaray')}+{content.hexdigest()[:12]}"
 

@@ -15,8 +15,8 @@ from pathlib import Path
 
 import pytest
 import typer
-from pymantaray.cli.doctor import EXIT_FAULTS
 
+from pymantaray.apps.doctor.command import EXIT_FAULTS
 from pymantaray.apps.ocean.command import EXIT_WRONG
 from pymantaray.apps.sweep.command import EXIT_POINTS_FAILED
 from pymantaray.cli.main import app

@@ -20,7 +20,7 @@ ISO = Medium.from_profile(
 )
 SOURCE = np.array([[0.0, 0.0, 100.0], [5000.0, -300.0, 700.0]])
 RECEIVER = np.array([[3000.0, 4000.0, 400.0], [4000.0, 900.0, 40.0]])
-REFERENCE = Path(__file__).parents[3] / "shared" / "data" / "reference"
+REFERENCE = Path(__file__).parents[4] / "shared" / "data" / "reference"
 REAL = next((name for name in PROGRAMS if shutil.which(name)), None)
 needs_bellhop = pytest.mark.skipif(REAL is None, reason=f"none of {', '.join(PROGRAMS)} on PATH")
 

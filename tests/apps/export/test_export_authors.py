@@ -21,7 +21,7 @@ from pymantaray.errors import ExchangeError, MantaRayError, OceanError, StudyErr
 from pymantaray.ocean.environment import read_arrays
 from pymantaray.records import RayStatus
 
-RUN = Path(__file__).parents[3] / "shared" / "data" / "authors"
+RUN = Path(__file__).parents[4] / "shared" / "data" / "authors"
 
 
 def mission_of(config):

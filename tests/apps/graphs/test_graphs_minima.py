@@ -19,7 +19,7 @@ from pymantaray.estimation.solvers.solution import SolveOptions
 from pymantaray.estimation.solvers.trilateration import trilaterate
 from pymantaray.records import SolveStatus
 
-SHARED = Path(__file__).parents[3] / "shared"
+SHARED = Path(__file__).parents[4] / "shared"
 
 
 @pytest.fixture

@@ -14,7 +14,7 @@ from onboard import BEACONS, SPEED, START, feed, mission
 from pymantaray.apps.online import OnlineEstimator
 
 SECONDS, LAG, SAVE = 900.0, 10.0, 25  # s, s, calls between two files
-TESTS = Path(__file__).parents[1]
+TESTS = Path(__file__).parents[2]
 # the vehicle's program: it begins, or continues from the file, and reads its log from the start of
 # the history
 PROGRAM = """

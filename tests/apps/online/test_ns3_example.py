@@ -16,7 +16,7 @@ from pymantaray.apps.table.file import c_header
 from pymantaray.records import RayStatus
 from pymantaray.water import open_water
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "ns3" / "table_network.cc"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "ns3" / "table_network.cc"
 LIBRARIES = ("ns3-uan", "ns3-mobility", "ns3-network", "ns3-core")
 POSITIONS = np.array(
     [[0.0, 0.0, 150.0], [2000.0, 500.0, 120.0], [-1500.0, 2500.0, 700.0], [3500.0, -1500.0, 30.0]]

@@ -17,7 +17,7 @@ from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.records import Arrivals, FirstArrivals, RayStatus
 
-CASTS = Path(__file__).parents[3] / "shared" / "data" / "casts"
+CASTS = Path(__file__).parents[4] / "shared" / "data" / "casts"
 LINKS = """# positions of 12 May
 name,source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth,ping
 

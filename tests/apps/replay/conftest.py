@@ -10,7 +10,7 @@ import pytest
 from pymantaray.apps.replay import read_events
 from pymantaray.water import open_waters
 
-EXAMPLE = Path(__file__).parents[2] / "examples" / "replay_campaign.py"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "replay_campaign.py"
 
 
 def campaign_of(folder, duration):

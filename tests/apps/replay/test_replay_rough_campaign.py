@@ -15,7 +15,7 @@ from pymantaray.apps.replay import PredictionOptions, correct_events, read_event
 from pymantaray.water import open_waters
 
 pytestmark = pytest.mark.slow
-EXAMPLE = Path(__file__).parents[2] / "examples" / "replay_campaign.py"
+EXAMPLE = Path(__file__).parents[3] / "examples" / "replay_campaign.py"
 OPTIONS = PredictionOptions(8)
 
 

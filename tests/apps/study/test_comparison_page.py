@@ -10,7 +10,6 @@ import pytest
 
 from pymantaray.apps.study import comparison_page as compare
 from pymantaray.apps.study import open_run, write_comparison
-from pymantaray.apps.study import report as write_module
 from pymantaray.apps.study.comparison_page import (
     by_name,
     comparison_figure_specs,
@@ -19,6 +18,7 @@ from pymantaray.apps.study.comparison_page import (
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.config import load_study
 from pymantaray.errors import JobError, ReportError
+from pymantaray.pages import writing as write_module
 
 
 @pytest.fixture(scope="module")

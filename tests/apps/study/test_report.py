@@ -19,10 +19,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 from refusals import refused
 
-from pymantaray.apps.study import open_run, write_report
-from pymantaray.apps.study import report as write
+from pymantaray.apps.study import open_run, report, write_report
 from pymantaray.apps.study.explore import _fleet
-from pymantaray.apps.study.figures.register import RunResults
+from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.page import headlines, run_page
 from pymantaray.apps.study.report_process import ReportProcess
 from pymantaray.apps.study.tables import TABLES as TABLES_OF_PAGE
@@ -30,6 +29,7 @@ from pymantaray.config.headings import key_heading
 from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
+from pymantaray.pages import writing as write
 
 FIGURES = {
     "ape_pooled", "consistency", "dropouts", "error_by_vehicle", "error_over_time", "factor_graph", "fleet_layout", "range_error",
@@ -71,9 +71,9 @@ class Page(HTMLParser):
 def without_drawing(monkeypatch):
     """Let a report be written without its figures, which other tests look at."""
     monkeypatch.setattr(write, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
-    specs = write.run_figure_specs
+    specs = run_figure_specs
     monkeypatch.setattr(
-        write, "run_figure_specs", lambda r: [replace(p, draw=Figure) for p in specs(r)]
+        report, "run_figure_specs", lambda r: [replace(p, draw=Figure) for p in specs(r)]
     )
 
 
@@ -298,7 +298,7 @@ def test_figures_of_the_mission_are_those_that_estimates_do_not_change(run):
     Drawn while realizations are solved: all that are not of them must be, or they are seconds later
     on the page.
     """
-    mission = {p.name for p in write.run_figure_specs(RunResults(run), of_mission=True)}
+    mission = {p.name for p in run_figure_specs(RunResults(run), of_mission=True)}
     assert mission == FIGURES - {"ape_pooled", "error_by_vehicle", "error_over_time", "consistency"}
 
 

@@ -37,7 +37,7 @@ from pymantaray.apps.study import run_study
 from pymantaray.config import load_study
 run_study(load_study("quick"), sys.argv[1], workers=1)
 """
-TESTS = str(Path(__file__).parents[1])
+TESTS = str(Path(__file__).parents[2])
 
 
 def check(folder, tiny_run_folder):

@@ -407,13 +407,13 @@ def test_unknown_errors_keep_their_traceback(monkeypatch):
     def fail(*_arguments, **_options):
         raise ZeroDivisionError
 
-    monkeypatch.setattr("pymantaray.apps.study.load_study", fail)
+    monkeypatch.setattr("pymantaray.config.load_study", fail)
     with pytest.raises(ZeroDivisionError):
         main(["study", "show", "quick"])
 
 
 def test_the_overview_of_commands_has_every_command_of_study():
-    overview = (Path(__file__).parents[2] / "docs" / "reference" / "at-a-glance.md").read_text()
+    overview = (Path(__file__).parents[3] / "docs" / "reference" / "at-a-glance.md").read_text()
     for command in study_commands.app.registered_commands:
         name = command.name or command.callback.__name__
         assert f"mantaray study {name}" in overview

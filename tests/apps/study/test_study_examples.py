@@ -12,7 +12,7 @@ from pymantaray.apps.study import run_study
 from pymantaray.config import load_study
 from pymantaray.records import RayStatus, SolveStatus
 
-EXAMPLES = Path(__file__).parents[2] / "examples"
+EXAMPLES = Path(__file__).parents[3] / "examples"
 HYCOM = EXAMPLES.parents[1] / "shared" / "data" / "hycom"
 
 

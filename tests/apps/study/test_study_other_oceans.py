@@ -19,7 +19,7 @@ from pymantaray.ocean import (
 from pymantaray.records import RayStatus, VehicleStatus, write_netcdf
 from pymantaray.water.ocean import build_ocean
 
-CASTS = Path(__file__).resolve().parents[3] / "shared" / "data" / "casts"
+CASTS = Path(__file__).resolve().parents[4] / "shared" / "data" / "casts"
 
 
 def casts():

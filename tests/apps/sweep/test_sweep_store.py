@@ -184,7 +184,7 @@ def test_points_of_other_code_are_computed_again_and_said_to_be(
     here, noises, tmp_path, caplog, monkeypatch
 ):
     sweep, out = noises(2), tmp_path / "out"
-    for module in ("jobs.keys", "sweep.plan", "sweep.runner"):
+    for module in ("jobs.keys", "apps.sweep.plan", "apps.sweep.runner"):
         monkeypatch.setattr(f"pymantaray.{module}.code_version", lambda: "0.0.9+old")
     run_sweep(sweep, out)
     assert open_sweep(out).status() == (2, 2, 0, {})

@@ -3,6 +3,8 @@ Runner of Bellhop, and comparison of its travel times by the paper's rule with t
 two-point solver.
 """
 
+from __future__ import annotations
+
 import os
 import resource
 import shutil

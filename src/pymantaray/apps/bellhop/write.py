@@ -3,6 +3,8 @@ Writer of a medium and links as BELLHOP3D input files: `.env`, `.ssp`, `.bty` an
 `.ati`.
 """
 
+from __future__ import annotations
+
 import math
 import shutil
 from collections.abc import Callable, Iterable, Sequence

@@ -111,7 +111,7 @@ def ranges(
     Compute ranges between existing trajectories through an ocean: data, tables, figures and a page
     in one folder.
     """
-    from pymantaray.apps.ranges.measure import ranges_config
+    from pymantaray.apps.ranges.ranging import ranges_config
     from pymantaray.apps.study.command import run_and_report
     from pymantaray.apps.study.tracks import read_fleet
     from pymantaray.exchange.read import files_of

@@ -59,7 +59,7 @@ class LinkTable:
         if frame is None:
             raise AcousticsError(
                 f"{self.table.path}: latitudes and longitudes need a place of the profile; give"
-                " --centre (in Python: centre), or use north and east"
+                " `centre`, or use north and east"
             )
         if max(np.abs(end[:, 0]).max(initial=0.0) for end in self.ends) > 90.0:
             raise AcousticsError(

@@ -2,8 +2,13 @@
 Ranges ping by ping, in the loop of a simulator: in its own process, or by a server on loopback.
 """
 
-from pymantaray.apps.service.ping import Ping
-from pymantaray.apps.service.ranging_service import RangingService
-from pymantaray.apps.service.server import make_server
+from typing import TYPE_CHECKING
 
-__all__ = ["Ping", "RangingService", "make_server"]
+from pymantaray.lazy import lazy_exports
+
+if TYPE_CHECKING:
+    from pymantaray.apps.service.ping import Ping as Ping
+    from pymantaray.apps.service.ranging_service import RangingService as RangingService
+    from pymantaray.apps.service.server import make_server as make_server
+
+__getattr__, __dir__, __all__ = lazy_exports(__name__)

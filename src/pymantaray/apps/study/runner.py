@@ -88,7 +88,7 @@ def run_study(
 
     Examples
     --------
-    >>> from pymantaray.apps.study import load_study
+    >>> from pymantaray import load_study
     >>> run = run_study(load_study("quick"))  # doctest: +SKIP
     """
     if not config.fleet.trajectories and "duration_h" not in config.mission.model_fields_set:

@@ -119,7 +119,7 @@ def c_header() -> str:
     str
         Content of ``mantaray_table.h``.
     """
-    return resources.files("pymantaray.apps.online").joinpath("mantaray_table.h").read_text()
+    return resources.files("pymantaray.apps.table").joinpath("mantaray_table.h").read_text()
 
 
 def _packed(table: TravelTimeTable) -> bytes:

@@ -1,0 +1,9 @@
+"""Small fleets to estimate."""
+
+import factories
+import pytest
+
+
+@pytest.fixture
+def make_fleet():
+    return factories.make_fleet
