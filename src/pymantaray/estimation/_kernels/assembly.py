@@ -15,7 +15,7 @@ from pymantaray.estimation._kernels.residuals import add_place, add_relative
 ChainFactors = namedtuple("ChainFactors", "relative blocks placed")
 ChainFactors.__doc__ = "Relative poses, the blocks of their pairs, and measured positions."
 Batches = namedtuple("Batches", "row relative relative_start placed placed_start")
-Batches.__doc__ = """Rows from ``row[b]`` to ``row[b + 1]`` of each batch, the last rows after the batches.
+Batches.__doc__ = """Rows from ``row[b]`` to ``row[b + 1]`` of each batch, the last after them.
 
 Factor ``relative[k]`` belongs to batch b for k from ``relative_start[b]`` to
 ``relative_start[b + 1]``."""

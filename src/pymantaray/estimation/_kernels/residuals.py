@@ -41,7 +41,7 @@ BLOCKS, MATRICES, VECTORS = 4, 11, 6
 
 
 RelativePoses = namedtuple("RelativePoses", "first second turn step root")
-RelativePoses.__doc__ = """Poses (n,) in the frames of others: rotation, translation, and the root of their information.
+RelativePoses.__doc__ = """Poses (n,) in the frames of others, and the root of their information.
 
 Roots are lower triangular (n, 6, 6) or, if all are diagonal, their diagonals (n, 6)."""
 Sightings = namedtuple("Sightings", "pose landmark measured root")
