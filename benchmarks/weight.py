@@ -1,14 +1,17 @@
 """
-Size of package and tests: lines, lines of code proper, modules, functions too long or with too many
-arguments.
+Size and order of package and tests.
 
-Code proper has no docstrings, imports, comments and blank lines. Keyword-only options with a
-default do not count as arguments of a public function.
+Per shelf: modules, lines, and lines of code proper (without docstrings, imports, comments and
+blank lines). Then functions that are too long or have too many arguments (keyword-only options
+with a default do not count in a public function), parameters typed as sections of a configuration
+outside `config`, command-line options in texts outside commands, lines above 100 columns, and
+assignments of several values in one statement.
 
 python benchmarks/weight.py [ROOT]
 """
 
 import ast
+import re
 import sys
 import tokenize
 from pathlib import Path
@@ -17,6 +20,7 @@ import numpy as np
 
 LONGEST = 60  # lines of a function, docstring not counted
 MAX_ARGUMENTS = 8
+COLUMNS = 100
 
 
 def functions(path: Path):
@@ -50,32 +54,111 @@ def code_proper(path: Path) -> int:
     return len(lines)
 
 
-def main() -> None:
-    root = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
-    package = sorted((root / "src").rglob("*.py"))
+def shelf(path: Path) -> str:
+    """Folder of a module: an application, a folder of the package, or its top."""
+    parts = path.parts[:-1]
+    return "/".join(parts[:2] if parts[:1] == ("apps",) else parts[:1]) or "(top)"
+
+
+def section_names(config: Path) -> set[str]:
+    """Names of sections and configurations."""
+    name = re.compile(r"(Section|Config|RangeModel|Belief)$")
+    names = {
+        node.name
+        for path in config.rglob("*.py")
+        for node in ast.parse(path.read_text()).body
+        if isinstance(node, ast.ClassDef) and name.search(node.name)
+    }
+    return (names | {"AnyBelief", "AnyRangeModel"}) - {"RangeModel"}
+
+
+def parameters_of(tree: ast.Module, names: set[str]) -> int:
+    """Number of parameters whose annotation has one of the names."""
+    return sum(
+        bool(set(re.findall(r"\w+", ast.unparse(argument.annotation))) & names)
+        for argument in ast.walk(tree)
+        if isinstance(argument, ast.arg) and argument.annotation is not None
+    )
+
+
+def options_of(tree: ast.Module) -> int:
+    """Number of texts, docstrings excepted, that name an option such as --out."""
+    described = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    return sum(
+        isinstance(node, ast.Constant)
+        and isinstance(node.value, str)
+        and id(node) not in described
+        and " " in node.value
+        and bool(re.search(r"(?<![\w-])--[a-z]", node.value))
+        for node in ast.walk(tree)
+    )
+
+
+def paired(tree: ast.Module) -> int:
+    """Number of assignments of a tuple of values to a tuple of names."""
+    return sum(
+        isinstance(node, ast.Assign)
+        and isinstance(node.targets[0], ast.Tuple)
+        and isinstance(node.value, ast.Tuple)
+        for node in ast.walk(tree)
+    )
+
+
+def of_command(path: Path) -> bool:
+    """True for modules of the command line."""
+    return path.parts[0] == "cli" or path.stem.endswith("command")
+
+
+def print_size(root: Path) -> None:
+    """Print modules and lines per shelf, and of the tests."""
+    package = root / "src" / "pymantaray"
     counts: dict[str, list[int]] = {}
-    long, wide = [], []
-    for path in package:
-        folder = path.relative_to(root / "src" / "pymantaray").parts[0]
-        count = counts.setdefault(folder, [0, 0])
-        count[0] += len(path.read_text().splitlines())
-        count[1] += code_proper(path)
-        for name, lines, arguments in functions(path):
+    for file in sorted(package.rglob("*.py")):
+        count = counts.setdefault(shelf(file.relative_to(package)), [0, 0, 0])
+        count[0] += 1
+        count[1] += len(file.read_text().splitlines())
+        count[2] += code_proper(file)
+    print("shelf             modules   lines   code proper")
+    for folder, (modules, lines, code) in sorted(counts.items()):
+        print(f"{folder:16} {modules:8} {lines:7} {code:13}")
+    modules, lines, code = np.sum(list(counts.values()), axis=0)
+    print(f"package: {modules} modules, {lines} lines, {code} of code proper")
+    tests = sorted((root / "tests").rglob("*.py"))
+    lines = sum(len(path.read_text().splitlines()) for path in tests)
+    print(f"tests: {len(tests)} modules, {lines} lines")
+
+
+def print_order(package: Path) -> None:
+    """Print what the habits forbid, with its numbers."""
+    names = section_names(package / "config")
+    numbers = dict.fromkeys(("sections", "options", "columns", "pairs"), 0)
+    long = []
+    wide = []
+    for file in sorted(package.rglob("*.py")):
+        path = file.relative_to(package)
+        text = file.read_text()
+        tree = ast.parse(text)
+        numbers["sections"] += 0 if path.parts[0] == "config" else parameters_of(tree, names)
+        numbers["options"] += 0 if of_command(path) else options_of(tree)
+        numbers["columns"] += sum(len(line) > COLUMNS for line in text.splitlines())
+        numbers["pairs"] += paired(tree)
+        for name, lines, arguments in functions(file):
             if lines > LONGEST:
                 long.append(f"{path.stem}.{name} ({lines})")
             if arguments > MAX_ARGUMENTS:
                 wide.append(f"{path.stem}.{name} ({arguments})")
-    tests = sorted((root / "tests").rglob("*.py"))
-    print("folder            lines   code proper")
-    for folder, (lines, code) in sorted(counts.items()):
-        print(f"{folder:16} {lines:6} {code:13}")
-    lines, code = np.sum(list(counts.values()), axis=0)
-    print(f"package: {lines} lines, {code} of code proper, {len(package)} modules")
-    print(
-        f"tests: {sum(len(p.read_text().splitlines()) for p in tests)} lines, {len(tests)} modules"
-    )
     print(f"functions of more than {LONGEST} lines: {len(long)}: {', '.join(long)}")
     print(f"functions of more than {MAX_ARGUMENTS} arguments: {len(wide)}: {', '.join(wide)}")
+    print(f"parameters typed as sections outside config: {numbers['sections']}")
+    print(f"texts with options outside commands: {numbers['options']}")
+    print(f"lines above {COLUMNS} columns: {numbers['columns']}")
+    print(f"assignments of several values: {numbers['pairs']}")
+
+
+def main() -> None:
+    root = Path(sys.argv[1] if len(sys.argv) > 1 else ".")
+    print_size(root)
+    print_order(root / "src" / "pymantaray")
 
 
 main()
