@@ -14,6 +14,7 @@ import pytest
 
 import pymantaray
 
+HOUSE = Path(__file__).parents[1]
 ROOT = Path(pymantaray.__file__).parent
 MODULES = {
     ".".join(("pymantaray", *path.relative_to(ROOT).with_suffix("").parts)).removesuffix(
@@ -147,3 +148,10 @@ def test_functions_have_few_arguments():
         if count > MAX_ARGUMENTS:
             wide[name] = count
     assert wide == {}
+
+
+@pytest.mark.skipif(not SCRIPTS, reason="the scripts are not beside the tests")
+def test_the_picture_in_contributing_is_that_of_the_contracts():
+    from house_picture import picture
+
+    assert f"```text\n{picture()}\n```" in (HOUSE / "CONTRIBUTING.md").read_text()
