@@ -112,7 +112,7 @@ def test_a_time_is_chosen_among_several(tmp_path, small):
     )
     with pytest.raises(
         OceanError,
-        match=r'2 times .*select one with --time 2020-01-01T00:00 .* time = "2020-01-01T00:00"',
+        match=r"2 times .*select one with `time=2020-01-01T00:00`",
     ):
         open_ocean(path)
     with pytest.raises(OceanError, match=r"no time 2020-02-01; available: 2020-01-01T00:00"):

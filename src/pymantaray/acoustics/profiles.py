@@ -431,7 +431,7 @@ def _cast_position(table: CastTable, position: tuple[float, float] | None) -> tu
     if place is None:
         raise AcousticsError(
             f"{table.path}: computing sound speed or depth needs a"
-            f" position{unread_position(table)}; give --position LAT LON (in Python: place)"
+            f" position{unread_position(table)}; give `place=LAT LON`"
         )
     return place
 

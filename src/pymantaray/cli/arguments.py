@@ -9,7 +9,9 @@ from typer.models import OptionInfo
 _ARGUMENT = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")
 _PARAMETERS = {
     "ice_slope_deg": "ice_slope",
+    "names": "name",
     "overwrite": "force",
+    "place": "position",
     "thin_profile": "thin",
     "tolerance": "error",
     "total_s": "time_limit",

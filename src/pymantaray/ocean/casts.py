@@ -170,8 +170,8 @@ def read_casts(
         elif holds_argo(path):
             if (lat, lon, time) != (None, None, None):
                 raise OceanError(
-                    f"{path}: Argo profiles have their own places and times; remove --lat, --lon"
-                    " and --time (in Python: lat, lon, time)"
+                    f"{path}: Argo profiles have their own places and times; remove `lat`, `lon`"
+                    " and `time`"
                 )
             casts += read_argo(path)
         else:
@@ -607,8 +607,8 @@ def _extended(
         raise OceanError(
             f"cast {cast.name}: its deepest sample at {sample} m is above the bottom at {bed} m;"
             " give a bottom depth of"
-            f" {np.floor(last):g} m, or the water below with --below (in Python: below):"
-            ' "constant" or a deeper cast'
+            f" {np.floor(last):g} m, or the water below with `below`: constant, or a"
+            " deeper cast"
         )
     elif below != "constant":
         raise OceanError(f"below is {below!r}; allowed: 'refuse', 'constant' or a cast")
@@ -633,8 +633,8 @@ def _axes(cast: Cast, half_extent: tuple[float, float]) -> tuple[Array, Array]:
     if abs(cast.lat) + half_lat > 90.0 or half_lon >= 179.0:
         raise OceanError(
             f"cast {cast.name}: a window of +-{north / 1e3:g} by {east / 1e3:g} km around"
-            f" {latitude(cast.lat)} extends over the pole; give a smaller --half-extent (in Python:"
-            " half_extent)"
+            f" {latitude(cast.lat)} extends over the pole; give a smaller"
+            " `half_extent`"
         )
     s = np.linspace(-1.0, 1.0, _POINTS)
     return cast.lat + half_lat * s, frame.longitude_deg + half_lon * s

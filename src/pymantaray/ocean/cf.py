@@ -134,8 +134,8 @@ def layout_of(data: xr.Dataset) -> Layout:
             f"no variable {', '.join(HYCOM_NAMES)}, and none on levels with the standard_name of"
             " sea-water temperature,"
             f" salinity or velocity; it contains {listed_variables(data)}; add the standard_name"
-            " to the file, or give --name"
-            ' temp=sea_water_temperature (in Python: names={"temp": "sea_water_temperature"})',
+            " to the file, or give `names`, as in"
+            " temp=sea_water_temperature",
         )
     axes = _axes(data, fields[0].variable)
     for field in fields[1:]:

@@ -157,8 +157,8 @@ def to_our_unit(values: Array, quantity: str, unit: str, *, where: str) -> Array
     """
     if not unit:
         raise OceanError(
-            f"{where} has no units; set its attribute units according to CF, or give a unit with"
-            " its standard name, as in --name temp=sea_water_temperature[degC] (in Python: names)"
+            f"{where} has no units; set its attribute units according to CF, or give `names` with"
+            " standard name and unit, as in temp=sea_water_temperature[degC]"
         )
     if not is_unit_of(quantity, unit):
         raise OceanError(
@@ -298,9 +298,8 @@ def pick(times: Instants, time: str | np.datetime64 | None, names: str) -> np.da
     if time is None:
         if len(times) > 1:
             raise OceanError(
-                f"{names}: {len(times)} times ({listing(times)}); select one with --time"
-                f" {minute(times[0])} (in Python and"
-                f' TOML: time = "{minute(times[0])}")'
+                f"{names}: {len(times)} times ({listing(times)}); select one with"
+                f" `time={minute(times[0])}`"
             )
         return np.datetime64(times[0])
     instant = parse_instant(time)
