@@ -341,8 +341,8 @@ def thin_profile(
     References
     ----------
     .. [1] Imai, H. and Iri, M. (1988), Polygonal approximations of a curve, in Computational
-    Morphology,
-       71-86; cited from secondary sources, for the shortest path in the graph of admissible chords.
+       Morphology, 71-86; cited from secondary sources, for the shortest path in the graph of
+       admissible chords.
 
     Examples
     --------

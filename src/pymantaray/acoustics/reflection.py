@@ -241,11 +241,11 @@ class IceCover(_Scattering):
     References
     ----------
     .. [1] Langleben, M. P. and Pounder, E. R. (1970), Acoustic attenuation in sea ice, part II,
-    AD0707059, abstract:
-       amplitude reflection coefficient about 0.1 near the vertical, 20 to 450 kHz.
+       AD0707059, abstract: amplitude reflection coefficient about 0.1 near the vertical, 20 to 450
+       kHz.
     .. [2] Verrall, R. and Ganton, J. (1977), The reflection of acoustic waves in sea water from an
-    ice covered surface,
-       ADA047298, abstract: reflectivities of -15 dB not uncommon, 0.2 to 20 kHz.
+       ice covered surface, ADA047298, abstract: reflectivities of -15 dB not uncommon, 0.2 to 20
+       kHz.
     """
 
     db_per_bounce: float
@@ -282,8 +282,7 @@ class GrainSizeBottom(_FluidHalfSpace):
     References
     ----------
     .. [1] Applied Physics Laboratory, University of Washington (1994), APL-UW High-Frequency Ocean
-    Environmental Acoustic
-       Models Handbook, TR 9407, section IV.
+       Environmental Acoustic Models Handbook, TR 9407, section IV.
     """
 
     grain_size: float

@@ -48,8 +48,7 @@ class Roughness:
     References
     ----------
     .. [1] Tsang, L., Kong, J. A., Ding, K. H. and Ao, C. O. (2001), Scattering of Electromagnetic
-    Waves: Numerical Simulations, chapter 4;
-       opened: the description of its programs,
+       Waves: Numerical Simulations, chapter 4; opened: the description of its programs,
        http://www.ee.washington.edu/research/laceo/emwave/surface/r1/rsge.html.
     """
 

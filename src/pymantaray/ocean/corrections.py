@@ -79,9 +79,8 @@ def correct_with_casts(
     References
     ----------
     .. [1] Bretherton, F. P., Davis, R. E. and Fandry, C. B. (1976), A technique for objective
-    analysis and
-       design of oceanographic experiments applied to MODE-73, Deep-Sea Res. 23, 559-582; cited from
-       general knowledge of the method.
+       analysis and design of oceanographic experiments applied to MODE-73, Deep-Sea Res. 23,
+       559-582; cited from general knowledge of the method.
     """
     validate_ocean(ocean)
     scale = np.broadcast_to(np.asarray(horizontal_scale, dtype=float), 2)

@@ -4,15 +4,14 @@ Equations of the sound speed of sea water: one entry of a table each.
 References
 ----------
 .. [1] Del Grosso, V. A. (1974), New equation for the speed of sound in natural waters, J. Acoust.
-Soc. Am. 56, 1084-1091.
+   Soc. Am. 56, 1084-1091.
 .. [2] Chen, C.-T. and Millero, F. J. (1977), Speed of sound in seawater at high pressures, J.
-Acoust. Soc. Am. 62,
-   1129-1135; UNESCO Technical Papers in Marine Science 44, whose check value and table were read in
-   secondary sources.
+   Acoust. Soc. Am. 62, 1129-1135; UNESCO Technical Papers in Marine Science 44, whose check value
+   and table were read in secondary sources.
 .. [3] Wong, G. S. K. and Zhu, S. (1995), Speed of sound in seawater as a function of salinity,
-temperature, and pressure,
-   J. Acoust. Soc. Am. 97, 1732-1736. The abstract was read; the coefficients are those of the
-   National Physical Laboratory's technical guide, as reprinted in several codes.
+   temperature, and pressure, J. Acoust. Soc. Am. 97, 1732-1736. The abstract was read; the
+   coefficients are those of the National Physical Laboratory's technical guide, as reprinted in
+   several codes.
 """
 
 from __future__ import annotations

@@ -4,8 +4,7 @@ Sound speed and density of sea water by TEOS-10 (gsw), or sound speed by another
 References
 ----------
 .. [1] McDougall, T. J. and Barker, P. M. (2011), Getting started with TEOS-10 and the Gibbs
-Seawater (GSW) Oceanographic
-   Toolbox, SCOR/IAPSO WG127.
+   Seawater (GSW) Oceanographic Toolbox, SCOR/IAPSO WG127.
 """
 
 from __future__ import annotations

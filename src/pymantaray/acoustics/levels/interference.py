@@ -89,8 +89,7 @@ def received_loss_db(
     References
     ----------
     .. [1] NIST Digital Library of Mathematical Functions, section 36.12(i): uniform approximation
-    of integrals with coalescing critical
-       points, also by continuation where these are complex.
+       of integrals with coalescing critical points, also by continuation where these are complex.
     """
     if not (isinstance(coherent, bool) or coherent == "auto"):
         raise AcousticsError(f"coherent is {coherent!r}; allowed: true, false and 'auto'")

@@ -75,12 +75,11 @@ class Leakage:
     References
     ----------
     .. [1] The uniform field at a smooth caustic is in textbooks (Brekhovskikh and Lysanov,
-    Fundamentals of Ocean Acoustics; not at hand);
-       derived here from its limit: far inside, two rays of equal intensity with a phase between
-       them of :math:`\omega \Delta T - \pi / 2`.
+       Fundamentals of Ocean Acoustics; not at hand); derived here from its limit: far inside, two
+       rays of equal intensity with a phase between them of :math:`\omega \Delta T - \pi / 2`.
     .. [2] Recommendation ITU-R P.526, single knife-edge obstacle: :math:`J = 6.9 + 20
-    \lg(\sqrt{(\nu - 0.1)^2 + 1} + \nu - 0.1)` dB; quoted from
-       memory of it, checked against the Fresnel integral in the tests.
+       \lg(\sqrt{(\nu - 0.1)^2 + 1} + \nu - 0.1)` dB; quoted from memory of it, checked against the
+       Fresnel integral in the tests.
     """
 
     reach: float = 200.0

@@ -127,7 +127,7 @@ def write_g2o(
     References
     ----------
     .. [1] g2o wiki, "File Format" and "File format slam 3d",
-    https://github.com/RainerKuemmerle/g2o/wiki
+       https://github.com/RainerKuemmerle/g2o/wiki
     .. [2] g2o issue 699, https://github.com/RainerKuemmerle/g2o/issues/699
     """
     path = Path(path)

@@ -70,7 +70,7 @@ def filter_graph(
     References
     ----------
     .. [1] Solà, J., Quaternion kinematics for the error-state Kalman filter, arXiv:1711.02508,
-    2017.
+       2017.
     """
     check_graph(graph)
     timeline = _Timeline.of(graph)

@@ -40,7 +40,7 @@ def isotropic(graph: FactorGraph) -> tuple[FactorGraph, int]:
     References
     ----------
     .. [1] PyFactorGraph, ``py_factor_graph/utils/matrix_utils.py``, functions
-    get_measurement_precisions_from_covariance_matrix and
+       get_measurement_precisions_from_covariance_matrix and
        get_info_matrix_from_measurement_precisions,
        https://github.com/MarineRoboticsGroup/PyFactorGraph
     """

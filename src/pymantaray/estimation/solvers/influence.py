@@ -72,7 +72,7 @@ def factor_influence(
     References
     ----------
     .. [1] R. D. Cook, "Detection of influential observation in linear regression", Technometrics
-    19(1), 1977, 15-18.
+       19(1), 1977, 15-18.
     """
     pairs = np.concatenate(
         [graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2]

@@ -65,9 +65,8 @@ class Loss:
     References
     ----------
     .. [1] GTSAM, ``gtsam/nonlinear/GncOptimizer.h`` (functions initializeMu, updateMu), which names
-    Yang,
-       Antonante, Tzoumas and Carlone, "Graduated Non-Convexity for Robust Spatial Perception", as
-       its source.
+       Yang, Antonante, Tzoumas and Carlone, "Graduated Non-Convexity for Robust Spatial
+       Perception", as its source.
     """
 
     kind: LossKind

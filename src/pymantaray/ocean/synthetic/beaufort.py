@@ -14,19 +14,15 @@ References
    Geophys. Res. Lett. 32, L03605, doi:10.1029/2004GL021358. Core salinities of Pacific Summer and
    Winter Water, 31.3 and 33.1: AGU Fall Meeting 2004, abstract 2004AGUFMOS41A0454S.
 .. [3] Timmermans, M.-L. et al. (2014), Mechanisms of Pacific Summer Water variability in the
-Arctic's
-   Central Canada Basin, J. Geophys. Res. Oceans 119, 7523-7548, doi:10.1002/2014JC010273.
+   Arctic's Central Canada Basin, J. Geophys. Res. Oceans 119, 7523-7548, doi:10.1002/2014JC010273.
 .. [4] Timmermans, M.-L., Garrett, C. and Carmack, E. (2003), The thermohaline structure and
-evolution of
-   the deep waters in the Canada Basin, Arctic Ocean, Deep-Sea Res. I 50, 1305-1321.
+   evolution of the deep waters in the Canada Basin, Arctic Ocean, Deep-Sea Res. I 50, 1305-1321.
 .. [5] Timmermans, M.-L. et al. (2008), Eddies in the Canada Basin, Arctic Ocean, observed from
    ice-tethered profilers, J. Phys. Oceanogr. 38, 133-145.
 .. [6] Zhao, M. et al. (2014), Characterizing the eddy field in the Arctic Ocean halocline, J.
-Geophys.
-   Res. Oceans 119, doi:10.1002/2014JC010488.
+   Geophys. Res. Oceans 119, doi:10.1002/2014JC010488.
 .. [7] Zhao, M. and Timmermans, M.-L. (2015), Vertical scales and dynamics of eddies in the Arctic
-Ocean's
-   Canada Basin, J. Geophys. Res. Oceans 120, 8195-8209, doi:10.1002/2015JC011251.
+   Ocean's Canada Basin, J. Geophys. Res. Oceans 120, 8195-8209, doi:10.1002/2015JC011251.
 """
 
 import numpy as np
