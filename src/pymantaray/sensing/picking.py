@@ -61,7 +61,7 @@ class Picker:
     by ``first-detected`` and, of all orders,
 
     .. math:: \int_{-e_k / \sigma}^\infty \varphi(z) \prod_{j \ne k} \Phi\left(z + (e_k - e_j) /
-    \sigma\right) dz
+       \sigma\right) dz
 
     by ``strongest-detected``. Both add up to :math:`1 - \prod_k (1 - p_k)`: with a sonar, it is
     possible that nothing is detected. Without a sonar something always is: the threshold lies

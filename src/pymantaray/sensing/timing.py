@@ -208,9 +208,9 @@ def clock_error(
     r"""
     Error of each range due to the clocks. [m]
 
-    One-way, the measured time of a ping from true time T to T + t is too long by :math:`o_r(T + t)
-    - o_t(T)`, with the offsets of receiver and transmitter. Two-way, the offset of the initiator
-    cancels, and the skews :math:`k` of initiator and responder cause
+    One-way, the measured time of a ping from true time T to T + t is too long by
+    :math:`o_r(T + t) - o_t(T)`, with the offsets of receiver and transmitter. Two-way, the offset
+    of the initiator cancels, and the skews :math:`k` of initiator and responder cause
     :math:`\frac12 [k_i (2 t + \tau) - k_r \tau]`, to first order in the skews.
     """
     m = measurements

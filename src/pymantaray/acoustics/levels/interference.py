@@ -81,7 +81,7 @@ def received_loss_db(
     :math:`\xi = \omega (T_b - T_a) / 2`, :math:`x = (3 \xi / 2)^{2/3}` and the pressures A of both,
 
     .. math:: p = \sqrt \pi e^{-i \pi / 4} \left[(A_a + A_b) x^{1/4} \mathrm{Ai}(-x) + i (A_b - A_a)
-    x^{-1/4} \mathrm{Ai}'(-x)\right]
+       x^{-1/4} \mathrm{Ai}'(-x)\right]
 
     at the mean of their times. It was derived here by matching to both rays far from the caustic.
     Its general form is in [1]_.
