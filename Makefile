@@ -49,6 +49,7 @@ lint: $(VENV)/.ready-lint
 
 # warnings are errors; ARGS="-j 2" builds in two processes
 docs: $(VENV)/.ready-docs
+	rm -rf build/docs-source
 	$(BIN)/python docs/site/stage.py build/docs-source
 	$(BIN)/sphinx-build -q -W --keep-going -c docs/site $(ARGS) build/docs-source build/docs
 	@echo "build/docs/index.html"
