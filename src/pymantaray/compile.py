@@ -28,10 +28,6 @@ _SHARED_SOURCES = tuple(
     for p in (
         "compile.py",
         "linking.py",
-        "release.py",
-        "fewer_instructions.py",
-        "shortcuts.py",
-        "unreachable.py",
         "records/status.py",
         "geometry/boundary_kernels.py",
     )

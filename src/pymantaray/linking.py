@@ -16,7 +16,7 @@ from numba.core import ir as numba_ir
 from numba.core.base import BaseContext
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import register_pass
+from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.datamodel import ArgPacker, DataModelManager, default_manager
 from numba.core.datamodel.models import ArrayModel
 from numba.core.lowering import Lower
@@ -24,11 +24,7 @@ from numba.core.registry import cpu_target
 from numba.core.typed_passes import NativeLowering
 from numba.core.types.containers import BaseNamedTuple
 
-from pymantaray.fewer_instructions import remove_unused, variables_without_memory
 from pymantaray.messages import announce_compilation
-from pymantaray.release import release_code, release_module
-from pymantaray.shortcuts import QuickPassManager, shortcuts
-from pymantaray.unreachable import DecideByType
 
 # Passes of Numba for features that no kernel uses: with blocks, closures, exceptions, lists, array expressions.
 _SKIPPED_PASSES = {
@@ -53,12 +49,6 @@ class Library(JITCodeLibrary):  # type: ignore[misc]
 
     def _optimize_functions(self, module: Any) -> None:
         module.data_layout = self._codegen._data_layout
-
-    def add_ir_module(self, ir_module: Any) -> None:
-        """Add code without what nobody uses."""
-        remove_unused(ir_module)
-        super().add_ir_module(ir_module)
-        release_module(ir_module)
 
 
 class KernelLibrary(Library):
@@ -155,10 +145,6 @@ class KernelLower(Lower):  # type: ignore[misc]
         """Allocate a variable."""
         return cgutils.alloca_once(self.builder, self.context.get_value_type(kind), name=name)
 
-    def _find_singly_assigned_variable(self) -> None:
-        self._singly_assigned_vars = variables_without_memory(self.blocks)
-        self._blk_local_varmap: dict[str, Any] = {}
-
     def lower_block(self, block: Any) -> None:
         """Lower the instructions of a block; an error tells which one."""
         self.pre_block(block)
@@ -210,7 +196,6 @@ class KernelLowering(NativeLowering):  # type: ignore[misc]
         no_entry = ("{" + f"{name} is called by kernels only" + "}").format
         state.targetctx.insert_user_function(no_entry, state.cr.fndesc, [state.library])
         state["cr"] = state.cr._replace(cfunc=no_entry)
-        release_code(state)
         return changed
 
 
@@ -244,7 +229,6 @@ class EntryLowering(NativeLowering):  # type: ignore[misc]
         state.library.enable_object_caching()
         state.flags.no_cfunc_wrapper = True
         changed: bool = super().run_pass(state)
-        release_code(state)
         return changed
 
 
@@ -255,14 +239,12 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
 
     def define_pipelines(self) -> list[Any]:
         """Numba's passes in their order."""
-        manager = QuickPassManager(self.__class__.__name__)
+        manager = PassManager(self.__class__.__name__)
         manager.passes = [
             (self.lowering if own is NativeLowering else own, why)
             for own, why in DefaultPassBuilder.define_nopython_pipeline(self.state).passes
             if own._name not in _SKIPPED_PASSES
         ]
-        names = [own._name for own, _ in manager.passes]
-        manager.passes.insert(names.index("dead_branch_prune"), (DecideByType, "comparisons of types"))
         manager.finalize()
         return [manager]
 
@@ -281,7 +263,7 @@ class EntryCompiler(KernelCompiler):
     def compile_extra(self, function: Any) -> Any:
         """Compile a function and log it."""
         announce_compilation()
-        with shortcuts(), _arrays_by_data_and_shape():
+        with _arrays_by_data_and_shape():
             return super().compile_extra(function)
 
 

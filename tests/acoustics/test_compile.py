@@ -1,28 +1,21 @@
 """How kernels are compiled: linked into entries, cached on disk only as long as no source changes, in memory where no disk can be written."""
 
-import gc
-import itertools
 import os
 import pickle
 import signal
 import subprocess
 import sys
-from collections import Counter, namedtuple
+from collections import namedtuple
 from functools import partial
 
 import numpy as np
 import pytest
 from factories import python
-from llvmlite import ir as llvm_ir
 from numba import njit, types
-from numba.core import ir
-from numba.core.errors import TypingError
-from numba.core.typeinfer import TypeVar
 from numba.extending import intrinsic
 
 from pymantaray import compile as compilation
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.compile import entry, kernel
 from pymantaray.geometry import EarthSphere
@@ -288,112 +281,6 @@ def test_variables_tuples_and_views_have_the_values_of_plain_python():
     assert walk(ours, 5) == expected
     assert np.array_equal(ours, plain)
     assert not np.array_equal(ours, values)
-
-
-@kernel
-def untypable(x):
-    return x.nothing
-
-
-@entry
-def call_untypable(x):
-    return untypable(x)
-
-
-TWO = (2,)
-Part = namedtuple("Part", "kind size")
-Whole = namedtuple("Whole", "part pair")
-
-
-@kernel
-def by_kind(whole, pair, maybe):
-    """Comparisons in all forms of code: of fields, of parts of tuples, in conditions with others, as values, of changed variables."""
-    part, total = whole.part, 0
-    first, second = pair
-    total += 1 if part.kind == at.SMOOTH else 2
-    if first.kind != at.SMOOTH and first.size > 0.0:
-        total += 10 if first.kind == TWO else 20
-    one = second.kind == at.LINEAR and part.size > 1.0
-    if one or second.kind == TWO:
-        total += 100
-    changed = part
-    for i in range(3):
-        total += 1000 if changed.kind == at.LINEAR else 3000
-        changed = Part(changed.kind, changed.size - i)
-    if maybe is not None and maybe[0] > 0.5:
-        total += 10000
-    return total, one, maybe is None
-
-
-@entry
-def call_by_kind(whole, pair, maybe):
-    return by_kind(whole, pair, maybe)
-
-
-def test_comparisons_that_types_decide_have_the_values_of_plain_python():
-    parts = [Part(kind, size) for kind in (at.DIRECT, at.ANY, (2,)) for size in (0.0, 2.0)]
-    body, seen = getattr(by_kind, "py_func", by_kind), set()
-    for a, b in itertools.product(parts, parts):
-        for maybe in (None, (0.0,), (1.0,)):
-            expected = body(Whole(a, (b, a)), (b, a), maybe)
-            assert call_by_kind(Whole(a, (b, a)), (b, a), maybe) == expected, (a, b, maybe)
-            seen.add(expected[0])
-    assert len(seen) > 20
-
-
-@entry
-def call_unless_empty(part):
-    if part.kind == at.SMOOTH:
-        return part.size
-    return untypable(part.size)
-
-
-@pytest.mark.skipif(not LINKED, reason="this Numba compiles all branches")
-def test_branch_that_types_make_unreachable_is_not_compiled():
-    assert call_unless_empty(Part((), 3.0)) == 3.0
-    with pytest.raises(TypingError, match="nothing"):
-        call_unless_empty(Part((1,), 3.0))
-
-
-@pytest.mark.skipif(not LINKED, reason="this Numba compiles each kernel by itself")
-def test_numba_is_unchanged_after_a_compilation_even_if_it_failed():
-    from pymantaray.shortcuts import _replacements
-
-    places = [(owner, name) for owner, name, _ in _replacements()]
-    before = [vars(owner)[name] for owner, name in places]
-    assert len(before) > 8
-    with pytest.raises(TypingError, match="nothing"):
-        call_untypable(1.0)
-    assert [vars(owner)[name] for owner, name in places] == before
-
-
-LONG = {}
-exec("def steps(x):\n" + "".join(f"    x = max({i}.0 * x, 1.0)\n" for i in range(200)) + "    return x", LONG)  # noqa: S102
-steps = kernel(LONG["steps"])
-
-
-@entry
-def call_steps(x):
-    return steps(x)
-
-
-@pytest.mark.skipif(not LINKED, reason="this Numba keeps what it made")
-def test_what_compilers_made_on_the_way_is_freed_without_a_garbage_collection():
-    """They left a million objects in cycles, whose collection took two seconds at the end of a process."""
-    kinds = ir.Inst, ir.Block, ir.Var, llvm_ir.Instruction, llvm_ir.Block, TypeVar
-
-    def there():
-        return Counter(type(x) for x in gc.get_objects() if issubclass(type(x), kinds))
-
-    gc.collect()
-    before = there()
-    gc.disable()
-    try:
-        assert call_steps(-1.0) == LONG["steps"](-1.0)
-        more = there() - before
-    finally:
-        gc.enable()
-    assert sum(more.values()) < 500, more  # some of the function that Python calls remain
 
 
 @intrinsic

@@ -77,10 +77,7 @@ MAX_BOUNCES = 15  # at each boundary
 CANDIDATE_ANGLE, CANDIDATE_Q, CANDIDATE_COUNTS, CANDIDATE_GENERATION = range(MAX_BOUNCES + 1, MAX_BOUNCES + 5)
 N_CANDIDATE = MAX_BOUNCES + 5
 
-# Numba compiles a kernel for each type of its arguments. These constants differ in their types, so kernels are compiled without code for
-# a medium of the other kind, and without code for reflections if all rays are direct, see `unreachable.py`.
-SMOOTH, LINEAR = (), (1,)  # kinds of a field
-DIRECT, ANY = (), (1,)  # rays of a course: none is reflected, or all kinds
+SMOOTH, LINEAR = 0, 1  # kinds of a field
 
 Domain = namedtuple(
     "Domain",
@@ -128,13 +125,13 @@ end_depth. fold is the mark of the boundary on which the receiver is, or 0: the 
 """
 OPEN, FORWARD, LEGS = 0, 1, 2
 
-Course = namedtuple("Course", "rule axis length target to_levels rays cross")
+Course = namedtuple("Course", "rule axis length target to_levels cross")
 Course.__doc__ = """
 Integration of rays: rule at the boundaries, axis, length along it, and target offset. [m]
 
-rays is DIRECT only if the rule is OPEN. With to_levels, steps of a fan's direct rays through a SMOOTH section end at its levels; steps of full rays always do. For LEGS, the
-length is an approximate total of all legs. With cross, direct rays of a fan leave the plane and end in it at the receiver; otherwise they
-remain in it.
+With to_levels, steps of a fan's direct rays through a SMOOTH section end at its levels; steps of full rays
+always do. For LEGS, the length is an approximate total of all legs. With cross, direct rays of a fan leave
+the plane and end in it at the receiver; otherwise they remain in it.
 """
 
 Axis = namedtuple("Axis", "z_source cb sb c_ref")

@@ -62,7 +62,6 @@ from pymantaray.acoustics._kernels.search import (
 )
 from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
 from pymantaray.acoustics._kernels.trace import (
-    any_course,
     course_to_levels,
     direct_course,
     ray_axis,
@@ -342,7 +341,7 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
     course = direct_course(link, n_nodes == 0, cross)
     if n_nodes == 0:
         found = _predicted_bracket(link, results.info[i, at.CHORD_TIME], work)
-    elif flights is not None and domain.kind == at.SMOOTH:  # otherwise, Numba omits this branch
+    elif flights is not None and domain.kind == at.SMOOTH:  # for None, Numba omits this branch
         fan = put_fan(n_nodes, search.coarse, _first_gap(s), work)
         put_flight(section, place[:2], fan, cross, work, flights)
         return True
@@ -369,7 +368,7 @@ def _continue(domain, bounces, settings, k, work, flights, results):
         if row[at.FLIGHT_PENDING] > 0.0:
             return True
     while True:
-        progress = advance(s.n_range > 1, any_course(course), search, progress, work)
+        progress = advance(s.n_range > 1, course, search, progress, work)
         row[at.FLIGHT_LEVELS] = 1.0
         put_progress(k, 0, 2 * int(progress.asked), progress, work, flights)
         if row[at.FLIGHT_PENDING] > 0.0:

@@ -139,7 +139,7 @@ def trace_launches(domain, fan, angles, bounces, tol, work, out):
     c = field_at(s, 0.0, source[2])
     rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], 0, 0, 0.0, 0)
     axis = at.Axis(source[2], 1.0, 0.0, c)
-    course = Course(rule, axis, distance, 0.0, False, at.ANY, False)
+    course = Course(rule, axis, distance, 0.0, False, False)
     n = 0
     for i in range(angles.size):
         if n + work.path.shape[0] > nodes.shape[0]:

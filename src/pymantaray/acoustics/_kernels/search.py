@@ -35,7 +35,6 @@ from pymantaray.acoustics._kernels.march import (
     astray,
 )
 from pymantaray.acoustics._kernels.trace import (
-    any_course,
     course_to_levels,
     fan_ray,
     trace,
@@ -89,9 +88,7 @@ other miss to within resolved [m].
 @kernel
 def aimed_at(course, target):
     """Return the course with another target."""
-    return Course(
-        course.rule, course.axis, course.length, target, course.to_levels, course.rays, course.cross
-    )
+    return Course(course.rule, course.axis, course.length, target, course.to_levels, course.cross)
 
 
 @kernel
@@ -407,7 +404,7 @@ def find_brackets(s, walls, course, n_nodes, gap, search, work):
         shoot_waiting(s, walls, course, fan, fan + n_nodes, work)
     course = course_to_levels(s, course)
     while True:
-        progress = advance(s.n_range > 1, any_course(course), search, progress, work)
+        progress = advance(s.n_range > 1, course, search, progress, work)
         if progress.asked == 0.0:
             return tally_of(progress)
         shoot_waiting(s, walls, course, 0, 2 * int(progress.asked), work)

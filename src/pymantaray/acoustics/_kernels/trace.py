@@ -53,7 +53,6 @@ def direct_course(link, along_chord, cross):
         length,
         target,
         False,
-        at.DIRECT,
         cross,
     )
 
@@ -63,7 +62,7 @@ def forward_course(link, bounces, spare, fold, z_end):
     """Course of rays along the horizontal to a depth, with at most these reflections at the surface and at the sea bed."""
     rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
     axis = at.Axis(link.z0, 1.0, 0.0, link.c0)
-    return Course(rule, axis, link.horizontal, z_end - link.z0, False, at.ANY, False)
+    return Course(rule, axis, link.horizontal, z_end - link.z0, False, False)
 
 
 @kernel
@@ -74,7 +73,7 @@ def legs_course(link, bounces, down, z_end, length):
     sb_end = sb if legs % 2 == 1 else -sb
     rule = BoundaryRule(at.LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
     axis = at.Axis(link.z0, 0.0, sb, link.c0)
-    return Course(rule, axis, length, -link.horizontal * sb_end, False, at.ANY, False)
+    return Course(rule, axis, length, -link.horizontal * sb_end, False, False)
 
 
 @kernel
@@ -89,15 +88,7 @@ def ray_axis(course):
 def course_to_levels(s, course):
     """Let the steps of a fan's rays end at the levels, for direct rays along the horizontal in a SMOOTH section."""
     able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis.sb == 0.0
-    return Course(course.rule, course.axis, course.length, course.target, able, course.rays, course.cross)
-
-
-@inlined
-def any_course(course):
-    """Return the course for a kernel that is compiled once for all kinds of rays."""
-    return Course(
-        course.rule, course.axis, course.length, course.target, course.to_levels, at.ANY, course.cross
-    )
+    return Course(course.rule, course.axis, course.length, course.target, able, course.cross)
 
 
 @inlined
@@ -141,7 +132,6 @@ def trace(s, walls, course, angle, q0, tol, ray):
     if s.kind == at.LINEAR and fits(s, walls, course, q0):
         return trace_arcs(s, walls, course, angle, ray)
     rule, axis, length = course.rule, course.axis, course.length
-    direct = course.rays == at.DIRECT
     y, K, path = ray.y, ray.K, ray.path
     n_eq = K.shape[1]
     ok, cell, down = _launch(s, walls, course, angle, q0, ray)
@@ -165,7 +155,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
     aims = s.kind == at.LINEAR and rule.kind == at.OPEN and axis.sb == 0.0
     faces = 0 if s.kind == at.LINEAR else SURFACE, SURFACE if rule.kind == at.OPEN else BOTTOM + 1
     for _ in range(MAX_STEPS):
-        if not direct and hit != at.IN_WATER:
+        if hit != at.IN_WATER:
             surface += 1 if hit == at.AT_SURFACE else 0
             bottom += 1 if hit == at.AT_BOTTOM else 0
             reflections = at.Reflections(surface, bottom, code)
@@ -199,7 +189,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
         if pos >= span or (walls.held >= 0.0 and pos > length):  # the end, or an extended cell without a bed
             break
         wanted, aimed = h, -1
-        if s.kind == at.LINEAR and aims:
+        if aims:
             aimed, h = aim(s, walls, cell, pos, h, ray, axis)
         last = pos + h * (1.0 + 1e-12) >= span
         if last:
@@ -226,11 +216,11 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 return False, count, turns, code
         h_next = h * (min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error))) if error > 0.0 else 5.0)
         face = -1
-        if s.kind == at.LINEAR and aimed >= 0:
+        if aimed >= 0:
             h_next = max(h_next, wanted)
             lengths = at.StepLengths(h, span - pos, near)
             face, h = _on_aimed_face(s, walls, cell, (*faces, aimed), pos, lengths, ray, axis)
-        if face < 0 and (s.kind == at.LINEAR or not direct) and faces[1] > faces[0]:
+        if face < 0 and faces[1] > faces[0]:
             face, h_hit = crossing(s, walls, cell, (*faces, -1), pos, h, ray, axis)
             if face >= 0:
                 h_hit = land(s, walls, cell, face, pos, at.StepLengths(h_hit, h, near), ray, axis)
@@ -245,7 +235,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
         for i in range(n_eq):
             y[i] = ray.ynew[i]
             K[0, i] = K[6, i]
-        if not direct and face >= SURFACE:
+        if face >= SURFACE:
             if pos < span:  # in the receiver's plane it is the end, not a reflection
                 hit = at.AT_SURFACE if face == SURFACE else at.AT_BOTTOM
         elif s.kind == at.LINEAR and face >= 0:
@@ -315,7 +305,7 @@ def _launch(s, walls, course, angle, q0, ray):
     if not derivative(s, cell, 0.0, y, K[0], K.shape[1], axis):
         return False, cell, 0.0
     down = sb + K[0, at.W] * cb
-    if course.rays != at.DIRECT and course.rule.kind != at.OPEN:
+    if course.rule.kind != at.OPEN:
         point = at.Point(0.0, 0.0, K[0, at.W], 0.0, 0.0)
         gap, rate = face_distance(s, walls, cell, SURFACE, point, axis, 0.0)
         if gap <= 0.0 and rate < 0.0:
