@@ -24,10 +24,10 @@ PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
 _LOCK_WAIT = 30.0  # s; longer than another process needs, unless it is starved or stopped
 _LOCK_POLL = 0.1  # s
 _SHARED_SOURCES = tuple(
-    Path(__file__).parent / p
+    Path(__file__).parents[1] / p
     for p in (
-        "compile.py",
-        "linking.py",
+        "compile/kernel.py",
+        "compile/linking.py",
         "records/status.py",
         "geometry/boundary_kernels.py",
     )
@@ -44,19 +44,25 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False
 _TESTED_VERSIONS = (0, 63), (0, 68)
 
 
-def _compilers() -> tuple[dict[str, Any], ...]:
-    """Options that link kernels into entries, for kernels, shared kernels and entries; empty for an untested Numba version."""
-    low, high = _TESTED_VERSIONS
-    if not low <= tuple(int(n) for n in numba.__version__.split(".")[:2]) <= high:
-        return {}, {}, {}
+def _compilers() -> tuple[str, tuple[dict[str, Any], ...]]:
+    """
+    Options that link kernels into entries, for kernels, shared kernels and entries.
+
+    They are empty if that is not possible, and the text says why.
+    """
+    low, high = (".".join(map(str, version)) for version in _TESTED_VERSIONS)
+    plain: tuple[dict[str, Any], ...] = ({}, {}, {})
+    version = tuple(int(n) for n in numba.__version__.split(".")[:2])
+    if not _TESTED_VERSIONS[0] <= version <= _TESTED_VERSIONS[1]:
+        return f"Numba {numba.__version__} was not tried, only {low} to {high}", plain
     try:
-        from pymantaray.linking import EntryCompiler, KernelCompiler, SharedCompiler
-    except ImportError:
-        return {}, {}, {}
-    return tuple({"pipeline_class": x} for x in (KernelCompiler, SharedCompiler, EntryCompiler))
+        from pymantaray.compile.linking import EntryCompiler, KernelCompiler, SharedCompiler
+    except (ImportError, AttributeError) as error:
+        return f"Numba {numba.__version__} lacks a part ({one_line(error, 80)})", plain
+    return "", tuple({"pipeline_class": x} for x in (KernelCompiler, SharedCompiler, EntryCompiler))
 
 
-_KERNEL, _SHARED, _ENTRY = _compilers()
+_WHY_PLAIN, (_KERNEL, _SHARED, _ENTRY) = _compilers()
 
 
 @cache
@@ -80,7 +86,7 @@ def cached_on_disk(decorate: Callable[..., Any], function: Callable[..., Any], *
     try:
         compiled = decorate(cache=True, **options)(function)
     except RuntimeError:  # no locator
-        warn_not_cached("the package's folder and the user's cache folder are not writable")
+        warn_not_cached("the package's folder and the user's cache folder are not writable", _WHY_PLAIN)
         return decorate(**options)(function)
     finally:
         function.__qualname__ = name
@@ -137,14 +143,16 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
 
     def load_or_wait(signature: Any, context: Any) -> Any:
         code = load(signature, context)
-        if code is not None or locks or in_memory:
-            return code
-        with suppress(OSError):  # the folder is not writable, or its disk has no locks
-            locks.append(path.open("w"))
-            if not _is_locked(locks[0]):
-                locks.pop().close()
-                in_memory.append(True)
-        return load(signature, context)
+        if code is None and not locks and not in_memory:
+            with suppress(OSError):  # the folder is not writable, or its disk has no locks
+                locks.append(path.open("w"))
+                if not _is_locked(locks[0]):
+                    locks.pop().close()
+                    in_memory.append(True)
+            code = load(signature, context)
+        if code is None:
+            announce_compilation(_WHY_PLAIN)
+        return code
 
     def save_unless_in_memory(signature: Any, code: Any) -> None:
         if not in_memory:
@@ -169,7 +177,7 @@ def _is_locked(file: TextIO) -> bool:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            announce_compilation()
+            announce_compilation(_WHY_PLAIN)
             if time.monotonic() > end:
                 warn_once(
                     f"another process has been compiling kernels for {_LOCK_WAIT:.0f} s; compiling them in memory"
