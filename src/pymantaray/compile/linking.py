@@ -16,11 +16,13 @@ from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager, register_pass
 from numba.core.cpu import CPUContext
 from numba.core.datamodel import ArgPacker, DataModelManager, default_manager
-from numba.core.datamodel.models import ArrayModel
+from numba.core.datamodel.models import ArrayModel, OpaqueModel
 from numba.core.lowering import Lower
 from numba.core.registry import cpu_target
 from numba.core.typed_passes import NativeLowering
 from numba.core.types.containers import BaseNamedTuple
+from numba.core.typing import Context
+from numba.extending import register_model
 
 # Passes of Numba for features that no kernel uses: with blocks, closures, exceptions, lists, array expressions.
 _SKIPPED_PASSES = {
@@ -104,6 +106,54 @@ class KernelContext(CPUContext):  # type: ignore[misc]
         if kinds not in self.packers:
             self.packers[kinds] = ArgPacker(ModelsOfArguments, kinds)
         return self.packers[kinds]
+
+
+class KnownFunction(types.Function):
+    """
+    An operator or a function that Numba provides, which knows its signatures.
+
+    Numba tries all candidates again at each of its places.
+    """
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function.templates)
+        self.signatures = dict[Any, Any]()
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        """Signature of a call."""
+        if kws:
+            return super().get_call_type(context, args, kws)
+        if args not in self.signatures:
+            self.signatures[args] = super().get_call_type(context, args, kws)
+        return self.signatures[args]
+
+
+register_model(KnownFunction)(OpaqueModel)
+
+
+class KernelTyping(Context):  # type: ignore[misc]
+    """Numba's typing context with `KnownFunction`."""
+
+    known: ClassVar[dict[Any, KnownFunction]] = {}
+
+    def __init__(self, whole: Context) -> None:
+        self.__dict__.update(whole.__dict__)  # the same registries
+
+    def resolve_value_type(self, value: Any) -> Any:
+        """Type of a constant or a global name."""
+        return self._as_known(super().resolve_value_type(value))
+
+    def resolve_function_type(self, function: Any, args: Any, kws: Any) -> Any:
+        """Signature of a call of an operator or of a type that can be called."""
+        operator = self._lookup_global(function)
+        return super().resolve_function_type(self._as_known(operator) or function, args, kws)
+
+    def _as_known(self, kind: Any) -> Any:
+        if type(kind) is not types.Function:
+            return kind
+        if kind not in self.known:
+            self.known[kind] = KnownFunction(kind)
+        return self.known[kind]
 
 
 class Library(JITCodeLibrary):  # type: ignore[misc]
@@ -301,6 +351,7 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
 
     def __init__(self, *args: Any) -> None:
         super().__init__(*args)
+        self.state.typingctx = self.state.targetctx.typing_context = KernelTyping(self.state.typingctx)
         self.state.targetctx.__class__ = KernelContext  # a copy that this compilation owns
 
     def define_pipelines(self) -> list[Any]:
