@@ -14,6 +14,9 @@ _BARE_ACCOUNT = re.compile(r"(?<![^\s'\"=(])[^\s:/'\"=(]+:[^\s/]+@(?=[\w.\[-]+:\
 # value in a query, ?name=value
 _VALUE = re.compile(r"([?&#][\w.\[\]%-]+=)[^\s&#'\"]*?(?=[:;,]?(?:[\s&#'\"]|$))")
 
+# what Numba needs for kernels that are not linked, see docs/design/0013-compilers-for-kernels.md
+_HOW_SLOW = "takes up to five minutes of a processor"
+
 
 def without_secrets(text: object) -> str:
     """
@@ -42,11 +45,17 @@ def one_line(text: object, longest: int = 160) -> str:
     return words if len(words) <= longest else words[: longest - 3] + "..."
 
 
-def announce_compilation() -> None:
+def announce_compilation(why_plain: str) -> None:
     """
     Log that kernels are compiled, unless a warning already said that each process compiles them.
+
+    why_plain is the reason why Numba compiles each kernel by itself, or empty.
     """
-    if not warn_not_cached.cache_info().currsize:
+    if warn_not_cached.cache_info().currsize:
+        return
+    if why_plain:
+        warn_once(f"compiling kernels one by one: {why_plain}; {_HOW_SLOW}, only the first time")
+    else:
         warn_once("compiling kernels: takes up to a minute, only the first time")
 
 
@@ -57,9 +66,10 @@ def warn_once(line: str) -> None:
 
 
 @cache
-def warn_not_cached(cause: str) -> None:
-    """Log once that compiled kernels cannot be stored."""
+def warn_not_cached(cause: str, why_plain: str = "") -> None:
+    """Log once that compiled kernels cannot be stored, and if each is compiled by itself, why."""
+    plainly = f", one by one ({why_plain}; {_HOW_SLOW})" if why_plain else ""
     warn_once(
-        f"compiled kernels cannot be cached: {cause}; each process will compile them again; set"
-        " NUMBA_CACHE_DIR to a writable folder"
+        f"compiled kernels cannot be cached: {cause}; "
+        f"each process will compile them again{plainly}; set NUMBA_CACHE_DIR to a writable folder"
     )

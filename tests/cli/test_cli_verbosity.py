@@ -22,6 +22,7 @@ from pymantaray.apps.sweep.command import EXIT_POINTS_FAILED
 from pymantaray.cli.main import app
 from pymantaray.cli.output import EXIT_KNOWN_ERROR
 from pymantaray.cli.printing import LOG, log_to_stderr, printer
+from pymantaray.compile import PLAIN
 from pymantaray.records.result_table import ResultTable
 
 PATHS_ONLY = {
@@ -166,6 +167,16 @@ def test_the_page_has_every_status_that_commands_end_with():
     ours = {EXIT_FAULTS, EXIT_POINTS_FAILED, EXIT_KNOWN_ERROR, EXIT_WRONG}
     signals = {128 + number for number in (signal.SIGINT, signal.SIGPIPE, signal.SIGTERM)}
     assert told == {0} | ours | signals
+
+
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+def test_doctor_compiles_the_kernels_that_studies_need(mantaray, told):
+    compiled = told("doctor", "--compile")["kernels"]["compiled"]
+    assert compiled > 15
+    again = mantaray("doctor", "--compile").out
+    assert re.search(
+        rf"^compiled 0 kernels in \d+ s of a processor; {compiled} were there$", again, re.MULTILINE
+    )
 
 
 def test_doctor_knows_what_is_here_and_what_is_not(mantaray, told, monkeypatch, tmp_path):

@@ -1,11 +1,13 @@
 """
-Rays through horizontally uniform layers with constant gradients of sound speed, as circular arcs in closed form.
+Rays through horizontally uniform layers with constant gradients of sound speed, as circular arcs in
+closed form.
 
-With the ray parameter ``a = cos(theta) / c``, sine and cosine of a ray's angle (positive down) at every level follow from the sound
-speed there and the values at the source. Between two points of one layer, ``dr = dz (cos + cos') / (sin + sin')``; across a turning
-point, ``dr = (sin - sin') / (a g)``. The time is ``2 / g asinh(g d / (2 sqrt(c c')))`` for a chord d. Derivatives by the launch
-angle are at fixed depth up to the last level, and at fixed range at the end. No formula divides by a gradient that may be zero, and
-errors do not accumulate over layers.
+With the ray parameter ``a = cos(theta) / c``, sine and cosine of a ray's angle (positive down) at
+every level follow from the sound speed there and the values at the source. Between two points of
+one layer, ``dr = dz (cos + cos') / (sin + sin')``; across a turning point, ``dr = (sin - sin') / (a
+g)``. The time is ``2 / g asinh(g d / (2 sqrt(c c')))`` for a chord d. Derivatives by the launch
+angle are at fixed depth up to the last level, and at fixed range at the end. No formula divides by
+a gradient that may be zero, and errors do not accumulate over layers.
 """
 
 import math
@@ -19,12 +21,16 @@ _MAX_PIECES = 5_000
 _BEYOND_ALL = 1e9  # m; depth beyond all rays
 _MIN_SINE = 1e-12
 _BEYOND = 0.2
-_NODE = 2e3  # m; longer pieces of a path get an even number of intermediate nodes, so none is at a turning point
+# m; longer pieces of a path get an even number of intermediate nodes, so none is at a turning point
+_NODE = 2e3
 
 
 @kernel
 def fits(s, walls, course, q0):
-    """True if arcs can trace a ray: layered water, horizontal axis, no cross-track slowness, flat boundaries if they reflect."""
+    """
+    True if arcs can trace a ray: layered water, horizontal axis, no cross-track slowness, flat
+    boundaries if they reflect.
+    """
     rule = course.rule
     flat = walls.bed.depth.size == 1 and walls.surface.depth.size == 1 and walls.held < 0.0
     kind = rule.kind == at.OPEN or (rule.kind == at.FORWARD and flat)
@@ -36,7 +42,8 @@ def layer_at(s, k):
     """
     Depths of a layer's upper and lower face, and the sound speed there.
 
-    Above and below the levels, the gradient continues until the sound speed has changed by a fifth; beyond, it is constant.
+    Above and below the levels, the gradient continues until the sound speed has changed by a fifth;
+    beyond, it is constant.
     """
     n = s.depth.size
     if 0 <= k < n - 1:
@@ -82,7 +89,10 @@ def _record(row, tau, r, z, slowness, boundary):
 
 @kernel
 def _end(here, rates, g, a, da, left):
-    """Depth, sine and their derivatives, and cosine, after a range ``left`` in a layer; ``rates`` are at fixed depth."""
+    """
+    Depth, sine and their derivatives, and cosine, after a range ``left`` in a layer; ``rates`` are
+    at fixed depth.
+    """
     z, _, s, cos = here
     ds, dcos, dr = rates
     s1 = s - a * g * left
@@ -111,7 +121,10 @@ def _fill(path, count, here, place, g, a, dr, c_ref):
 
 @kernel
 def turn_back(walls, rule, ray, r, hit, reflections):
-    """Count a reflection; return True if the ray continues, and its reflections at both boundaries with their code."""
+    """
+    Count a reflection; return True if the ray continues, and its reflections at both boundaries
+    with their code.
+    """
     surface, bottom, code = reflections
     surface += 1 if hit == at.AT_SURFACE else 0
     bottom += 1 if hit == at.AT_BOTTOM else 0
@@ -126,7 +139,10 @@ def turn_back(walls, rule, ray, r, hit, reflections):
 
 @inlined
 def _face(layer, here, way, top):
-    """Next face that a ray reaches: depth, sound speed, sine of the angle, range to it, and True if the ray turns before it."""
+    """
+    Next face that a ray reaches: depth, sound speed, sine of the angle, range to it, and True if
+    the ray turns before it.
+    """
     z0, z1, c0, c1, g = layer
     z, _, sine, cosine = here
     a, _, start, c_ref = way
@@ -160,7 +176,10 @@ def _rates(face, here, rates, way, g):
 
 @kernel
 def arrive(course, here, rates, way, g, place, ray):
-    """Write the state of a ray at the end of the course; return the number of rows of its path minus one."""
+    """
+    Write the state of a ray at the end of the course; return the number of rows of its path minus
+    one.
+    """
     r, tau, count = place
     a, da, _, c_ref = way
     y, path = ray.y, ray.path
@@ -188,7 +207,10 @@ def arrive(course, here, rates, way, g, place, ray):
 
 @inlined
 def _above(walls, here, face, way, g, r):
-    """True if a direct ray is above the water at a face at range r, or above ice of constant draft before it."""
+    """
+    True if a direct ray is above the water at a face at range r, or above ice of constant draft
+    before it.
+    """
     if walls.surface.depth.size > 1:
         return face[0] < surface_at(walls, r, 0.0, r)[0]
     highest = here.depth + (1.0 / way.a - here.speed) / g if face[4] else face[0]

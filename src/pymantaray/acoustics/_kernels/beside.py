@@ -1,11 +1,14 @@
 """
-Integration of direct rays that leave the plane of their section, along the horizontal in SMOOTH sections, with coupled variations.
+Integration of direct rays that leave the plane of their section, along the horizontal in SMOOTH
+sections, with coupled variations.
 
-The state follows the equations of `step`. The derivatives of ``w``, ``p``, ``y`` and ``q`` by the launch angle and by ``q`` depend on each
-other if the sound speed varies across the plane. With ``m = n^2 / 2`` and ``g = (m_w dw + m_y dy - p dp - q dq) / h^3``, each of the two
-sets of derivatives follows
+The state follows the equations of `step`. The derivatives of ``w``, ``p``, ``y`` and ``q`` by the
+launch angle and by ``q`` depend on each other if the sound speed varies across the plane. With ``m
+= n^2 / 2`` and ``g = (m_w dw + m_y dy - p dp - q dq) / h^3``, each of the two sets of derivatives
+follows
 
-    dw' = dp / h - p g,   dp' = (m_ww dw + m_wy dy) / h - m_w g,   dy' = dq / h - q g,   dq' = (m_wy dw + m_yy dy) / h - m_y g
+    dw' = dp / h - p g,   dp' = (m_ww dw + m_wy dy) / h - m_w g,   dy' = dq / h - q g,   dq' = (m_wy
+    dw + m_yy dy) / h - m_y g
 """
 
 import math
@@ -26,7 +29,9 @@ from pymantaray.compile import inlined, kernel, out_of_line, shared
 
 @inlined
 def direct_ray(course, work):
-    """Workspace of a direct ray with all variations, coupled if rays leave the plane, and its path."""
+    """
+    Workspace of a direct ray with all variations, coupled if rays leave the plane, and its path.
+    """
     return Ray(work.y, work.K_space if course.cross else work.K, work.ynew, work.path)
 
 
@@ -38,7 +43,9 @@ def direct_ray_end(course, work):
 
 @kernel
 def trace_direct(s, walls, course, angle, q0, tol, ray):
-    """Trace a `direct_ray` as `trace.trace` does, with coupled variations if rays leave the plane."""
+    """
+    Trace a `direct_ray` as `trace.trace` does, with coupled variations if rays leave the plane.
+    """
     if s.kind == at.SMOOTH and course.cross:
         return _trace_beside(s, walls, course, angle, q0, tol, ray)
     return trace(s, walls, course, angle, q0, tol, ray)
@@ -46,19 +53,28 @@ def trace_direct(s, walls, course, angle, q0, tol, ray):
 
 @kernel
 def offset_in_plane(y):
-    """Offset across the axis at which the ray of state y would end if it ended in the plane, to first order."""
+    """
+    Offset across the axis at which the ray of state y would end if it ended in the plane, to first
+    order.
+    """
     return y[at.W] - y[at.W_Q] * (y[at.Y] / y[at.DY_DQ]) if y[at.DY_DQ] > 0.0 else y[at.W]
 
 
 @kernel
 def cross_change(y, change):
-    """Change of the cross-track slowness with which the ray of state y ends in the plane, if its launch angle changes."""
+    """
+    Change of the cross-track slowness with which the ray of state y ends in the plane, if its
+    launch angle changes.
+    """
     return -(y[at.Y] + y[at.Y_ANGLE] * change) / y[at.DY_DQ] if y[at.DY_DQ] > 0.0 else 0.0
 
 
 @kernel
 def _derivative(s, k, pos, y, dy, axis):
-    """Right-hand side; returns False if the ray has turned across the axis, and the layer, from a search that starts at layer k."""
+    """
+    Right-hand side; returns False if the ray has turned across the axis, and the layer, from a
+    search that starts at layer k.
+    """
     z, p, q = axis.z_source + y[at.W], y[at.P], y[at.Q]
     k = move_level(s.depth, k, z)
     c, cz, czz, cy, cyz, cyy = smooth_beside(s, k, pos, z, y[at.Y])
@@ -115,7 +131,9 @@ def _launch(y, angle, q0):
 
 @shared
 def _trace_beside(s, walls, course, angle, q0, tol, ray):
-    """Trace one direct ray as `trace.trace` does; the variations at the end are those of `_combine`."""
+    """
+    Trace one direct ray as `trace.trace` does; the variations at the end are those of `_combine`.
+    """
     out_of_line()
     axis, length = course.axis, course.length
     y, K, path = ray.y, ray.K, ray.path
@@ -208,7 +226,8 @@ def _note_exit(walls, axis, pos, z, y, K):
 @kernel
 def _combine(y):
     """
-    Replace the derivatives by the launch angle by those along the rays that end at the same cross-track offset.
+    Replace the derivatives by the launch angle by those along the rays that end at the same
+    cross-track offset.
 
     Their cross-track slownesses change with the launch angle by -Y_ANGLE / Y_Q.
     """

@@ -1,8 +1,9 @@
 """
-Surface and sea bed along a baseline: depth and slope, distance and intersection of rays, reflection.
+Surface and sea bed along a baseline: depth and slope, distance and intersection of rays,
+reflection.
 
-A step of a ray ends at the faces of a LINEAR section's cells, at the surface and at the sea bed. The surface is flat or the underside
-of ice. Sea bed and varying ice are bilinear.
+A step of a ray ends at the faces of a LINEAR section's cells, at the surface and at the sea bed.
+The surface is flat or the underside of ice. Sea bed and varying ice are bilinear.
 """
 
 import math
@@ -22,14 +23,17 @@ from pymantaray.geometry.boundary_kernels import bilinear_weights, interval_of
 
 TOUCH = 1e-6  # m; a ray up to this distance beyond a boundary only touches it
 TOP, UNDERSIDE, NEAR, FAR, SURFACE, BOTTOM = range(6)  # faces
-ON_SURFACE = 1  # mark of a reflection at a flat surface; -1 - i for cell i of the ice, i + 2 for cell i of the sea bed
+# mark of a reflection at a flat surface; -1 - i for cell i of the ice, i + 2 for cell i of the sea
+# bed
+ON_SURFACE = 1
 ON_FACE = 1e-9  # m; a ray within this distance of a face is on it
 _NO_BED = 1e30  # m
 _CONTINUED = (
     1.5  # distance from the middle of a cell to which its bed extends, in widths of the cell
 )
 _NONE = 1e30
-_LANDED = 1e-2  # m; maximum distance from the bed of a ray that was just reflected, if it is still over its cell
+# m; maximum distance from the bed of a ray that was just reflected, if it is still over its cell
+_LANDED = 1e-2
 _BESIDE = 0.1 * _NO_BED
 _SAMPLES = 8  # of a step over a gridded bed
 _HASH = 2**32
@@ -38,7 +42,9 @@ _LONGEST_SETTLING = (
     1.0  # m; distance by which the end of a step may move onto the face at which it was aimed
 )
 _LEAST_SLOPE = 1e-3  # of a ray at a face that is aimed at
-_ASIDE = 100.0  # m; distance from a path within which no boundary is between its depths and those that are certainly water
+# m; distance from a path within which no boundary is between its depths and those that are
+# certainly water
+_ASIDE = 100.0
 _MOST_NODES = (
     256  # of a boundary's grid near a path; otherwise each step is compared with the boundary
 )
@@ -62,7 +68,10 @@ def place_at(line, r, y):
 
 @inlined
 def _bilinear(grid, line, cell, across):
-    """Depth of a boundary, its derivatives f_r, f_y and f_rr, and the number of its cell, from `bilinear_weights`."""
+    """
+    Depth of a boundary, its derivatives f_r, f_y and f_rr, and the number of its cell, from
+    `bilinear_weights`.
+    """
     i, j, sn, se, dn, de = cell
     un, ue = line.unit_north, line.unit_east
     di = 1 if grid.north.size > 1 else 0
@@ -85,7 +94,10 @@ def _bilinear(grid, line, cell, across):
 
 @kernel
 def bed_at(walls, r, y, r_cell):
-    """Depth of the sea bed, its derivatives f_r, f_y and f_rr, and its cell; the cell is that at range r_cell."""
+    """
+    Depth of the sea bed, its derivatives f_r, f_y and f_rr, and its cell; the cell is that at range
+    r_cell.
+    """
     bed, line = walls.bed, walls.line
     y *= walls.across
     n_cell, e_cell = place_at(line, r_cell, y)
@@ -107,7 +119,10 @@ def bed_at(walls, r, y, r_cell):
 
 @inlined
 def surface_at(walls, r, y, r_cell):
-    """Depth of the surface or the ice's underside, its derivatives f_r, f_y and f_rr, and its cell; the cell is that at range r_cell."""
+    """
+    Depth of the surface or the ice's underside, its derivatives f_r, f_y and f_rr, and its cell;
+    the cell is that at range r_cell.
+    """
     if walls.surface.depth.size == 1:
         return walls.surface.depth[0, 0], 0.0, 0.0, 0.0, 0
     return _varying_surface_at(walls.surface, walls.line, walls.across, r, y, r_cell)
@@ -142,8 +157,8 @@ def landed(walls, r, y, bounce):
     """
     Cell of the bounce-th reflection of a ray at the sea bed.
 
-    The function writes it to cells[LANDED]; the number after the last cell is the distance of the reflections beyond the edges of
-    the held cells.
+    The function writes it to cells[LANDED]; the number after the last cell is the distance of the
+    reflections beyond the edges of the held cells.
     """
     cell = bed_at(hold(walls, -1.0), r, y, r)[4]
     last = walls.cells.shape[1] - 1
@@ -182,7 +197,10 @@ def across_plane(walls, share):
 
 @kernel
 def hold(walls, held):
-    """Return boundaries with only the sea bed of the cell cells[HELD, held], extended beyond its edges; -1: all cells."""
+    """
+    Return boundaries with only the sea bed of the cell cells[HELD, held], extended beyond its
+    edges; -1: all cells.
+    """
     return Walls(
         walls.bed,
         walls.surface,
@@ -198,9 +216,11 @@ def hold(walls, held):
 @kernel
 def _extreme_depth(grid, line, reach, sign):
     """
-    Largest (sign 1) or smallest (sign -1) depth of a boundary within reach of a line: smallest and largest range, largest offset.
+    Largest (sign 1) or smallest (sign -1) depth of a boundary within reach of a line: smallest and
+    largest range, largest offset.
 
-    Infinite in the direction of the sign if the line comes near the edges of the grid or crosses many cells.
+    Infinite in the direction of the sign if the line comes near the edges of the grid or crosses
+    many cells.
     """
     depth, north, east = grid.depth, grid.north, grid.east
     first, last, side = reach
@@ -232,7 +252,10 @@ def _extreme_depth(grid, line, reach, sign):
 
 @kernel
 def _certain_water(path, steps, walls, miss):
-    """Depths between which a recorded path, with a miss of this size at its end, is certainly in the water. [m]"""
+    """
+    Depths between which a recorded path, with a miss of this size at its end, is certainly in the
+    water. [m]
+    """
     first, last, side = 0.0, 0.0, 0.0
     for i in range(steps + 1):
         first, last = min(first, path[i, at.RANGE]), max(last, path[i, at.RANGE])
@@ -245,14 +268,16 @@ def _certain_water(path, steps, walls, miss):
 @kernel
 def clearances(path, steps, walls, miss_r, miss_z, miss_y):
     """
-    Smallest distances of a recorded path from the surface and from the sea bed, negative beyond them. [m]
+    Smallest distances of a recorded path from the surface and from the sea bed, negative beyond
+    them. [m]
 
-    Steps that are certainly between both do not count: a cubic remains within the depths of its Bezier points. The path is first
-    corrected to end at the receiver: each point moves by a share of the miss that increases linearly in time.
+    Steps that are certainly between both do not count: a cubic remains within the depths of its
+    Bezier points. The path is first corrected to end at the receiver: each point moves by a share
+    of the miss that increases linearly in time.
 
-    The function samples the cubic Hermite polynomial in time of every step at nine points, at its turning point, at each edge of the
-    boundaries' cells, where peaks are, and at the vertex of the parabola through the three lowest samples, where a ridge inside a
-    cell is nearest.
+    The function samples the cubic Hermite polynomial in time of every step at nine points, at its
+    turning point, at each edge of the boundaries' cells, where peaks are, and at the vertex of the
+    parabola through the three lowest samples, where a ridge inside a cell is nearest.
     """
     below_surface, above_bottom = math.inf, math.inf
     breaks = walls.breaks
@@ -312,10 +337,12 @@ def reflect(s, walls, cell, pos, ray, axis, hit, new_sb):
     """
     Reflect a ray on a boundary; the axis may change to the tilt new_sb = +-sb with cosine cb.
 
-    Position x and slowness P in the section's plane vary with the launch angle. The point of incidence moves along the boundary by
-    ``dx + P dt`` with ``N (dx + P dt) = 0``. The reflection is ``P -> P - 2 (P N) N``, where N varies with the curvature of the
-    boundary. The function then converts the variation back to fixed distance along the axis. A ray of a fan stays in the plane and
-    is not affected by the slope across it. Returns False if the ray does not leave forward along the axis.
+    Position x and slowness P in the section's plane vary with the launch angle. The point of
+    incidence moves along the boundary by ``dx + P dt`` with ``N (dx + P dt) = 0``. The reflection
+    is ``P -> P - 2 (P N) N``, where N varies with the curvature of the boundary. The function then
+    converts the variation back to fixed distance along the axis. A ray of a fan stays in the plane
+    and is not affected by the slope across it. Returns False if the ray does not leave forward
+    along the axis.
     """
     z_source, cb, sb, c_ref = axis
     y = ray.y
@@ -373,7 +400,10 @@ def reflect(s, walls, cell, pos, ray, axis, hit, new_sb):
 
 @kernel
 def extremum(h, f0, d0, f1, d1):
-    """Fraction of a step at which its cubic Hermite polynomial has zero slope; the slopes at the ends have different signs."""
+    """
+    Fraction of a step at which its cubic Hermite polynomial has zero slope; the slopes at the ends
+    have different signs.
+    """
     lo, hi = 0.0, 1.0
     a = 6.0 * (f0 - f1) / h + 3.0 * (d0 + d1)
     b = 6.0 * (f1 - f0) / h - 4.0 * d0 - 2.0 * d1
@@ -431,7 +461,9 @@ def face_distance(s, walls, cell, face, point, axis, nudge):
 
 @inlined
 def _gap_within(walls, face, t, pos, h, ray, axis):
-    """Distance from the sea bed or the surface, positive in the water, at the fraction t of a step."""
+    """
+    Distance from the sea bed or the surface, positive in the water, at the fraction t of a step.
+    """
     z_source, cb, sb, _ = axis
     y, K, ynew = ray.y, ray.K, ray.ynew
     w = cubic(t, h, y[at.W], K[0, at.W], ynew[at.W], K[6, at.W])
@@ -448,7 +480,10 @@ def _gap_within(walls, face, t, pos, h, ray, axis):
 
 @kernel
 def _gridded_crossing(walls, face, pos, h, ray, axis):
-    """Fraction of a step at which it meets a gridded boundary, or 9; off the baseline, edges of cells can be anywhere."""
+    """
+    Fraction of a step at which it meets a gridded boundary, or 9; off the baseline, edges of cells
+    can be anywhere.
+    """
     lo, hi = 0.0, 9.0
     above = True
     held = face == BOTTOM and walls.held >= 0.0
@@ -490,9 +525,11 @@ def _bisected(walls, face, lo, hi, stride, ray, axis):
 @kernel
 def _first_ridge(walls, face, before, stride, ray, axis):
     """
-    Fraction of a vertical step, smaller than another, at which it is inside a ridge between the samples; otherwise 9.
+    Fraction of a vertical step, smaller than another, at which it is inside a ridge between the
+    samples; otherwise 9.
 
-    Ridges are at the edges of the boundary's cells. Steps of rays in range end at these edges, so only vertical steps miss them.
+    Ridges are at the edges of the boundary's cells. Steps of rays in range end at these edges, so
+    only vertical steps miss them.
     """
     pos, h = stride
     near, far = -ray.y[at.W] * axis.sb, -ray.ynew[at.W] * axis.sb
@@ -509,7 +546,10 @@ def _first_ridge(walls, face, before, stride, ray, axis):
 
 @kernel
 def _cubic_crossing(h, g0, e0, g1, e1):
-    """Fraction of a step at which a distance with these values and slopes at the ends becomes negative; otherwise 9."""
+    """
+    Fraction of a step at which a distance with these values and slopes at the ends becomes
+    negative; otherwise 9.
+    """
     lo, hi = 0.0, 1.0
     if e0 < 0.0 < e1:  # nearest in the middle
         t = extremum(h, g0, e0, g1, e1)
@@ -539,8 +579,9 @@ def crossing(s, walls, cell, faces, pos, h, ray, axis):
     """
     First face of some faces that a step crosses; the result of the step is in ynew and K[6].
 
-    faces are the first, one past the last, and one between them that does not count, or -1.
-    Returns the face and the step to it, or -1 and h. If faces coincide, the boundary of the water has priority.
+    faces are the first, one past the last, and one between them that does not count, or -1. Returns
+    the face and the step to it, or -1 and h. If faces coincide, the boundary of the water has
+    priority.
     """
     best = h
     best_face = -1
@@ -573,7 +614,10 @@ def crossing(s, walls, cell, faces, pos, h, ray, axis):
 
 @kernel
 def land(s, walls, cell, face, pos, lengths, ray, axis):
-    """Repeat a step with other `StepLengths` until it ends close enough to the face; return the length, or -1."""
+    """
+    Repeat a step with other `StepLengths` until it ends close enough to the face; return the
+    length, or -1.
+    """
     h, hi, near = lengths
     lo = 0.0
     ynew, K = ray.ynew, ray.K
@@ -603,7 +647,8 @@ def land(s, walls, cell, face, pos, lengths, ray, axis):
 @kernel
 def aim(s, walls, cell, pos, h, ray, axis):
     """
-    Face that a direct ray along the horizontal seems to meet first within a step, and the step to it; otherwise -1 and h.
+    Face that a direct ray along the horizontal seems to meet first within a step, and the step to
+    it; otherwise -1 and h.
 
     The offset is a parabola here, with the curvature at the beginning of the step.
     """
@@ -630,7 +675,8 @@ def aim(s, walls, cell, pos, h, ray, axis):
 @kernel
 def settle(s, walls, cell, face, pos, lengths, ray, axis):
     """
-    Move the end of a step along the ray onto the face at which it was aimed; return the length of the step, or -1 if the face is not near.
+    Move the end of a step along the ray onto the face at which it was aimed; return the length of
+    the step, or -1 if the face is not near.
 
     The trapezoidal rule has no error over so short a distance.
     """

@@ -1,10 +1,13 @@
 """
-Reflected rays for given cells of the sea bed: Newton's method over cells that are extended beyond their edges.
+Reflected rays for given cells of the sea bed: Newton's method over cells that are extended beyond
+their edges.
 
-At the edges of cells, the slope of the bed is discontinuous, and so is the end of a ray. Newton's method stops there, and it does not
-start for cells that no ray in the plane of the link meets. Over given, extended cells, the end of a ray is a smooth function of the
-launch. A candidate is a sequence of cells and a launch. If its ray is reflected beyond an edge, the cells there become a new
-candidate. If it is an eigenray, neighbours of its cells that are close enough to reflect another ray become candidates.
+At the edges of cells, the slope of the bed is discontinuous, and so is the end of a ray. Newton's
+method stops there, and it does not start for cells that no ray in the plane of the link meets. Over
+given, extended cells, the end of a ray is a smooth function of the launch. A candidate is a
+sequence of cells and a launch. If its ray is reflected beyond an edge, the cells there become a new
+candidate. If it is an eigenray, neighbours of its cells that are close enough to reflect another
+ray become candidates.
 """
 
 import math
@@ -22,14 +25,18 @@ _ALIKE, _ALIKE_FAILED = (
     0.1,
     0.02,
 )  # rad; candidates with the same cells and closer launches count as one
-_SHIFT_MARGIN = 4.0  # in shifts of a reflection by another slope of the bed: distance within which a neighbouring cell is tried
+# in shifts of a reflection by another slope of the bed: distance within which a neighbouring cell
+# is tried
+_SHIFT_MARGIN = 4.0
 _BACK = 1e-6  # rad; the tolerance of the search limits the accuracy of an edge
 _STEEPER = 0.01  # rad
 
 
 @kernel
 def _find(candidates, n, cells, m, counts):
-    """Row of the candidate with m reflections in these cells and the same launch; -1 without one."""
+    """
+    Row of the candidate with m reflections in these cells and the same launch; -1 without one.
+    """
     for i in range(n):
         alike = _ALIKE if candidates[i, at.CANDIDATE_GENERATION] != _FAILED else _ALIKE_FAILED
         if (
@@ -66,7 +73,9 @@ def candidate(candidates, i):
 
 @kernel
 def add_of_bracket(s, walls, course, bracket, n, tol, work):
-    """Append the cells of a bracket's ray; a bracket without width is a ray at an edge of its cells."""
+    """
+    Append the cells of a bracket's ray; a bracket without width is a ray at an edge of its cells.
+    """
     inner = fewer_bounces(bracket)
     code = int(bracket[inner, at.CODE])
     angle = bracket[inner, at.ANGLE]
@@ -92,7 +101,9 @@ def add_of_bracket(s, walls, course, bracket, n, tol, work):
 
 @kernel
 def add_neighbours(walls, n, launch, counts, generation, work):
-    """Append the cells of the ray in work.path, with one of them replaced by a neighbour within reach."""
+    """
+    Append the cells of the ray in work.path, with one of them replaced by a neighbour within reach.
+    """
     path, cells, grid, candidates, steps = (
         work.path,
         walls.cells,
@@ -142,9 +153,11 @@ def add_neighbours(walls, n, launch, counts, generation, work):
 @kernel
 def solve_candidate(s, walls, course, place, bracket, accuracy, work):
     """
-    Solve for the ray of a candidate by Newton's method over its cells, then over the actual sea bed.
+    Solve for the ray of a candidate by Newton's method over its cells, then over the actual sea
+    bed.
 
-    place contains the number of the candidate and the number of all candidates. Returns the new number of candidates, and the ray.
+    place contains the number of the candidate and the number of all candidates. Returns the new
+    number of candidates, and the ray.
     """
     candidates, (i, n) = work.candidates, place
     counts, generation = candidate(candidates, i)

@@ -1,8 +1,9 @@
 """
-Solver of links on a CUDA device, with one thread per link and the kernels of the processor. Experimental: never run on a device.
+Solver of links on a CUDA device, with one thread per link and the kernels of the processor.
+Experimental: never run on a device.
 
-If a CUDA kernel calls a function that is decorated for the processor, Numba compiles it again for the device. In the simulator
-(NUMBA_ENABLE_CUDASIM=1), all kernels are plain Python.
+If a CUDA kernel calls a function that is decorated for the processor, Numba compiles it again for
+the device. In the simulator (NUMBA_ENABLE_CUDASIM=1), all kernels are plain Python.
 """
 
 import warnings
@@ -30,12 +31,16 @@ from pymantaray.arrays import Array
 from pymantaray.compile import cached_on_disk
 
 _BLOCK = 64  # threads
-_THREADS = 32_768  # number of threads with 255 registers that the largest devices run at once; smaller devices queue them
+# number of threads with 255 registers that the largest devices run at once; smaller devices queue
+# them
+_THREADS = 32_768
 _SHARE = 0.7  # share of the device's free memory for workspaces
 
 
 def _solve_wave(domain, bounces, settings, source, receiver, work, results):
-    """Solve links; each workspace in ``work`` is an array (n_threads, ...) with one row per thread."""
+    """
+    Solve links; each workspace in ``work`` is an array (n_threads, ...) with one row per thread.
+    """
     t = cuda.grid(1)
     if t >= work.path.shape[0]:
         return
@@ -81,7 +86,10 @@ solve_wave = cached_on_disk(cuda.jit, _solve_wave)
 
 
 class CudaSolver:
-    """Solver with the medium and workspaces on the current device, for links up to the longest of these links."""
+    """
+    Solver with the medium and workspaces on the current device, for links up to the longest of
+    these links.
+    """
 
     def __init__(
         self,
@@ -123,7 +131,10 @@ def _on_device(value: Any) -> Any:
 
 
 def thread_count(n_links: int, sizes: Work) -> int:
-    """Number of threads for some links, limited by the number that can run at once and by the free memory for workspaces."""
+    """
+    Number of threads for some links, limited by the number that can run at once and by the free
+    memory for workspaces.
+    """
     needed = 8 * sum(prod(shape) for shape in sizes)
     fit = _SHARE * cuda.current_context().get_memory_info().free / needed
     return max(1, int(min(n_links, _THREADS, fit)))

@@ -1,13 +1,15 @@
 """
 Sound-speed field of one link: a vertical section of the 3-D medium along the baseline.
 
-There are two kinds. ``SMOOTH``: columns at equally spaced ranges contain the field, its range derivative and its first two cross-track
-derivatives at the depth levels, with their depth derivatives. Interpolation between them is bicubic Hermite, and exact in depth at the
-columns. ``LINEAR``: the trilinear field itself, which along a straight baseline is quadratic in range between crossings of grid lines,
-and linear in depth between levels. Off the baseline, both are expanded to second order in the cross-track offset.
+There are two kinds. ``SMOOTH``: columns at equally spaced ranges contain the field, its range
+derivative and its first two cross-track derivatives at the depth levels, with their depth
+derivatives. Interpolation between them is bicubic Hermite, and exact in depth at the columns.
+``LINEAR``: the trilinear field itself, which along a straight baseline is quadratic in range
+between crossings of grid lines, and linear in depth between levels. Off the baseline, both are
+expanded to second order in the cross-track offset.
 
-Rays that leave the water continue through a bounded extension of the field. The miss distance is therefore a smooth function of the
-launch angle. The solver rejects such rays afterwards.
+Rays that leave the water continue through a bounded extension of the field. The miss distance is
+therefore a smooth function of the launch angle. The solver rejects such rays afterwards.
 """
 
 import math
@@ -38,7 +40,10 @@ def cubic(t, h, f0, d0, f1, d1):
 
 @kernel
 def cubic_root(h, f0, d0, f1, d1):
-    """Fraction of an interval h at which the cubic is zero; the values at the ends have different signs."""
+    """
+    Fraction of an interval h at which the cubic is zero; the values at the ends have different
+    signs.
+    """
     lo, hi = 0.0, 1.0
     for _ in range(40):
         t = 0.5 * (lo + hi)
@@ -66,8 +71,8 @@ def depth_lut(depth, lut):
     """
     Fill a table of starts for the search of `find_level`; return the number of entries per metre.
 
-    A row contains the index of a layer, the depth of the level above it, and the depths of the two levels below, infinite beyond the
-    last layer.
+    A row contains the index of a layer, the depth of the level above it, and the depths of the two
+    levels below, infinite beyond the last layer.
     """
     n = depth.size
     scale = LUT_SIZE / (depth[n - 1] - depth[0])
@@ -99,7 +104,10 @@ def find_level(s, z):
 
 @inlined
 def move_level(depth, k, z):
-    """As `find_level`, but starting from a layer k near by; the processor can predict the branches of this search."""
+    """
+    As `find_level`, but starting from a layer k near by; the processor can predict the branches of
+    this search.
+    """
     while k < depth.size - 2 and z >= depth[k + 1]:
         k += 1
     while k > 0 and z < depth[k]:
@@ -110,9 +118,11 @@ def move_level(depth, k, z):
 @kernel
 def bspline_basis(knots, degree, x, w, dw, ddw):
     """
-    Compute values w and two derivatives of the degree + 1 B-splines that are not zero at x; return the index of the first.
+    Compute values w and two derivatives of the degree + 1 B-splines that are not zero at x; return
+    the index of the first.
 
-    The function uses the recurrence of Cox and de Boor. Outside the knots, it extrapolates the pieces at the ends.
+    The function uses the recurrence of Cox and de Boor. Outside the knots, it extrapolates the
+    pieces at the ends.
     """
     n = knots.size - degree - 1
     lo, hi = degree, n
@@ -146,7 +156,10 @@ def bspline_basis(knots, degree, x, w, dw, ddw):
 
 @inlined
 def _product(q, north, east, line):
-    """Value (q = 0), range derivative, or first or second cross-track derivative of a product, from those of both factors."""
+    """
+    Value (q = 0), range derivative, or first or second cross-track derivative of a product, from
+    those of both factors.
+    """
     un, ue = line.unit_north, line.unit_east
     if q == 0:
         return north[0] * east[0]
@@ -160,10 +173,12 @@ def _product(q, north, east, line):
 
 @kernel
 def _add_splines(coef, small, starts, degrees, units, acc):
-    """Sum the B-splines that are not zero at a point into acc: values and slopes of the quantities of `_product`.
+    """
+    Sum the B-splines that are not zero at a point into acc: values and slopes of the quantities of
+    `_product`.
 
-    small contains values and two derivatives of the splines in both directions, starts the first of them in coef. The arguments are few,
-    because each column of a section calls this function.
+    small contains values and two derivatives of the splines in both directions, starts the first of
+    them in coef. The arguments are few, because each column of a section calls this function.
     """
     line = Baseline(0.0, 0.0, units[0], units[1])
     wn, dn, ddn, we, de, dde = small[0], small[1], small[2], small[3], small[4], small[5]
@@ -214,7 +229,10 @@ def _cut_smooth(domain, line, r_step, n_range, work):
 
 @kernel
 def add_crossings(grid, line, r_hi, breaks, count):
-    """Append the ranges up to r_hi, beyond the first of breaks, at which a line crosses lines of a grid; return their number."""
+    """
+    Append the ranges up to r_hi, beyond the first of breaks, at which a line crosses lines of a
+    grid; return their number.
+    """
     for axis_index in range(2):
         axis = grid.north if axis_index == 0 else grid.east
         x0 = line.north if axis_index == 0 else line.east
@@ -247,7 +265,10 @@ def sort_breaks(r_hi, breaks, count):
 
 @kernel
 def _cut_linear(domain, line, breaks, n_cells, data):
-    """Fill the cells of a LINEAR section: per cell and level c = d0 + d1 x + d2 x^2, c_y = d3 + d4 x, c_yy = d5."""
+    """
+    Fill the cells of a LINEAR section: per cell and level c = d0 + d1 x + d2 x^2, c_y = d3 + d4 x,
+    c_yy = d5.
+    """
     field, un, ue = domain.field, line.unit_north, line.unit_east
     di = 1 if domain.north.size > 1 else 0
     dj = 1 if domain.east.size > 1 else 0
@@ -280,7 +301,10 @@ def _cut_linear(domain, line, breaks, n_cells, data):
 
 @kernel
 def column_count(domain, horizontal, most):
-    """Number of columns of the section of a link with a horizontal distance; for LINEAR, as many as there are."""
+    """
+    Number of columns of the section of a link with a horizontal distance; for LINEAR, as many as
+    there are.
+    """
     if domain.kind == at.LINEAR:
         return most
     if domain.uniform:
@@ -294,7 +318,8 @@ def cut_section(domain, line, horizontal, work):
     store, breaks, levels = work.store, work.breaks, (domain.depth, domain.lut, domain.lut_scale)
     if domain.kind == at.SMOOTH:
         count = column_count(domain, horizontal, store.shape[0])
-        # columns at both ends; beyond them, rays of short and steep links use the polynomial of the first cell
+        # columns at both ends; beyond them, rays of short and steep links use the polynomial of the
+        # first cell
         step = max(horizontal / (count - 1), _MIN_STEP)
         _cut_smooth(domain, line, step, count, work)
         return FieldSection(domain.kind, count, 0.0, step, breaks, *levels, store, domain.layered)
@@ -308,7 +333,9 @@ def cut_section(domain, line, horizontal, work):
 
 @inlined
 def hermite(u, h):
-    """Cubic Hermite weights for (f0, f0', f1, f1') on an interval of length h, and their derivatives."""
+    """
+    Cubic Hermite weights for (f0, f0', f1, f1') on an interval of length h, and their derivatives.
+    """
     u2 = u * u
     u3 = u2 * u
     i1 = 1.0 / h
@@ -340,7 +367,9 @@ def _beyond(x, scale):
 
 @inlined
 def _smooth_place(s, k, r, z):
-    """Column, fraction of the column step, and depth within layer k (limited to the water's levels)."""
+    """
+    Column, fraction of the column step, and depth within layer k (limited to the water's levels).
+    """
     last = s.depth.size - 1
     x = (r - s.r_first) / s.r_step
     i = min(max(int(x), 0), s.n_range - 2)
@@ -355,7 +384,10 @@ def _outside(s, z):
 
 @inlined
 def _extension(s, z):
-    """Weights of the slope at the edge in the extension and in its derivatives, at a depth beyond the levels."""
+    """
+    Weights of the slope at the edge in the extension and in its derivatives, at a depth beyond the
+    levels.
+    """
     if z < s.depth[0]:
         return _beyond(z - s.depth[0], ABOVE_SCALE)
     return _beyond(z - s.depth[s.depth.size - 1], BELOW_SCALE)
@@ -386,7 +418,10 @@ def smooth_planar(s, k, r, z):
 
 @inlined
 def _column_at(s, i, k, x, z):
-    """Quantities of column i at a depth x in layer k: c and c_r with two derivatives, c_y and c_yy with one."""
+    """
+    Quantities of column i at a depth x in layer k: c and c_r with two derivatives, c_y and c_yy
+    with one.
+    """
     d = s.data[i, k]
     f = d[0] + x * (d[1] + x * (d[2] + x * d[3]))
     fz = d[1] + x * (2.0 * d[2] + 3.0 * x * d[3])
@@ -408,7 +443,10 @@ def _column_at(s, i, k, x, z):
 
 @inlined
 def smooth_full(s, k, r, z):
-    """Sound speed and its derivatives in layer k of a SMOOTH section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz, c_yy, c_yyz."""
+    """
+    Sound speed and its derivatives in layer k of a SMOOTH section: c, c_z, c_r, c_zz, c_rz, c_rr,
+    c_y, c_yz, c_yy, c_yyz.
+    """
     i, t, x = _smooth_place(s, k, r, z)
     v0, v1, v2, v3, d0, d1, d2, d3, e0, e1, e2, e3 = hermite(t, s.r_step)
     f0, fz0, fzz0, g0, gz0, gzz0, b0, bz0, a0, az0 = _column_at(s, i, k, x, z)
@@ -430,7 +468,10 @@ def smooth_full(s, k, r, z):
 
 @inlined
 def smooth_beside(s, k, r, z, y):
-    """Sound speed and its derivatives beside the plane, in layer k of a SMOOTH section: c, c_z, c_zz, c_y, c_yz, c_yy."""
+    """
+    Sound speed and its derivatives beside the plane, in layer k of a SMOOTH section: c, c_z, c_zz,
+    c_y, c_yz, c_yy.
+    """
     i, t, x = _smooth_place(s, k, r, z)
     d0, d1, u = s.data[i, k], s.data[i + 1, k], 1.0 - t
     v0 = u * u * (1.0 + 2.0 * t)
@@ -454,7 +495,8 @@ def smooth_beside(s, k, r, z, y):
 @inlined
 def linear_full(s, b, k, r, z):
     """
-    Sound speed and its derivatives in cell (b, k) of a LINEAR section: c, c_z, c_r, c_zz, c_rz, c_rr, c_y, c_yz, c_yy, c_yyz.
+    Sound speed and its derivatives in cell (b, k) of a LINEAR section: c, c_z, c_r, c_zz, c_rz,
+    c_rr, c_y, c_yz, c_yy, c_yyz.
 
     k = -1 is the extension above the first level, and k = n - 1 that below the last.
     """

@@ -1,8 +1,10 @@
 """
-Links in the queue of `march`: their rows, their parts of the workspaces, and their rays that are traced ahead.
+Links in the queue of `march`: their rows, their parts of the workspaces, and their rays that are
+traced ahead.
 
-Few links leave most lanes idle. These lanes trace rays that a search will probably need next. When a search asks for rays, it first takes
-those of the table that were traced in the same way. Its order and its results remain the same.
+Few links leave most lanes idle. These lanes trace rays that a search will probably need next. When
+a search asks for rays, it first takes those of the table that were traced in the same way. Its
+order and its results remain the same.
 """
 
 import math
@@ -24,7 +26,10 @@ from pymantaray.compile import kernel
 
 @kernel
 def share_store(domain, source, receiver, work, flights):
-    """Empty the queue; return the number of columns that the section of a link may have, and the number of links with room for them."""
+    """
+    Empty the queue; return the number of columns that the section of a link may have, and the
+    number of links with room for them.
+    """
     longest = 0.0
     for i in range(source.shape[0]):
         longest = max(
@@ -70,7 +75,10 @@ def own_work(work, flights, k, columns):
 
 @kernel
 def put_flight(section, place, progress, cross, work, flights):
-    """Put link i into place k of the queue; the rays of its fan wait. With cross, they leave the plane."""
+    """
+    Put link i into place k of the queue; the rays of its fan wait. With cross, they leave the
+    plane.
+    """
     s, walls, link = section
     i, k = place
     row = flights.links[k]
@@ -91,7 +99,10 @@ def put_flight(section, place, progress, cross, work, flights):
 
 @kernel
 def put_progress(k, first, last, progress, work, flights):
-    """Put the progress of the search in place k into its row, and the range of rows with rays that wait; choose the next rays ahead."""
+    """
+    Put the progress of the search in place k into its row, and the range of rows with rays that
+    wait; choose the next rays ahead.
+    """
     row, pending = flights.links[k], 0.0
     for i in range(first, last):
         if work.rays[i, at.GOOD] == WAITING:
@@ -117,7 +128,9 @@ def put_progress(k, first, last, progress, work, flights):
 
 @kernel
 def _take_ahead(row, k, i, flights):
-    """Complete ray i of the link in place k if it was traced ahead, or let it take over the lane."""
+    """
+    Complete ray i of the link in place k if it was traced ahead, or let it take over the lane.
+    """
     rays, ray = flights.rays[k], flights.rays[k, i]
     for j in range(int(row[at.AHEAD_FIRST]), int(row[at.AHEAD_LAST])):
         alike = rays[j, at.ANGLE] == ray[at.ANGLE] and rays[j, at.TOL] == ray[at.TOL]
@@ -133,9 +146,11 @@ def _take_ahead(row, k, i, flights):
 @kernel
 def _look_ahead(progress, first, last, work):
     """
-    Put rays that the search may need next into rows from first to at most last - 1; return the last one used + 1.
+    Put rays that the search may need next into rows from first to at most last - 1; return the last
+    one used + 1.
 
-    They are the rays of the first fan that are left out, or the middles of both halves of the waiting intervals, then of their quarters.
+    They are the rays of the first fan that are left out, or the middles of both halves of the
+    waiting intervals, then of their quarters.
     """
     n, fan = first, first_row(work)
     for i in range(fan, fan + int(progress.right) + 1 if progress.asked < 0.0 else fan):
@@ -154,7 +169,10 @@ def _look_ahead(progress, first, last, work):
 
 @kernel
 def _put_middle(i, depth, j, ray, work):
-    """Put the middle of part j of the 2^depth parts of a waiting interval into a ray of the table, with the expected divergence also as DEFECT."""
+    """
+    Put the middle of part j of the 2^depth parts of a waiting interval into a ray of the table,
+    with the expected divergence also as DEFECT.
+    """
     a, b, tol = work.halves[i, 0], work.halves[i, 1], work.rays[2 * i, at.TOL]
     lo, hi, place = a[at.ANGLE], b[at.ANGLE], (j + 0.5) / (1 << depth)
     miss = cubic(place, hi - lo, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])

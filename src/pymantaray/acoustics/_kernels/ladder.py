@@ -1,10 +1,12 @@
 """
 Rays of a fan through layered water, each layer computed once for all cycles and reflections.
 
-A ray of one launch angle covers the same range between two depths in every cycle. The levels above and below the source are the two
-sides of a ladder, from the source outwards. With the ray parameter ``a = cos(theta) / c`` and the sines s and s' of a ray's angle at both
-faces of a layer, ``t = h (c + c') / (s s' (s + s'))`` gives the range ``a s s' t`` and its derivative ``t`` by a. These loops over layers
-have no branches, so the compiler uses vectors. The search of the end of a ray is that of `arcs`, from the last level before it.
+A ray of one launch angle covers the same range between two depths in every cycle. The levels above
+and below the source are the two sides of a ladder, from the source outwards. With the ray parameter
+``a = cos(theta) / c`` and the sines s and s' of a ray's angle at both faces of a layer, ``t = h (c
++ c') / (s s' (s + s'))`` gives the range ``a s s' t`` and its derivative ``t`` by a. These loops
+over layers have no branches, so the compiler uses vectors. The search of the end of a ray is that
+of `arcs`, from the last level before it.
 """
 
 import math
@@ -22,9 +24,10 @@ from pymantaray.acoustics._kernels.field import find_level
 from pymantaray.acoustics._kernels.trace import fan_ray
 from pymantaray.compile import kernel, out_of_line, shared
 
-# Rows of work.ladder. Levels of both sides: square of c at the source minus that of c, its minimum up to here, depth, sound speed.
-# Layers: h (c + c'), gradient. For each ray: sines at the levels of a block, range and its derivative by a of the layers, and both
-# from the source to each block. Sizes: 1 if the ladder can be used, then first level and number of layers of each side.
+# Rows of work.ladder. Levels of both sides: square of c at the source minus that of c, its minimum
+# up to here, depth, sound speed. Layers: h (c + c'), gradient. For each ray: sines at the levels of
+# a block, range and its derivative by a of the layers, and both from the source to each block.
+# Sizes: 1 if the ladder can be used, then first level and number of layers of each side.
 (
     _DROP,
     _LEAST,
@@ -91,17 +94,23 @@ def put_ladder(s, walls, course, work):
 
 @kernel
 def _least_range(height, slowest, fastest):
-    """Range of a straight ray over a height, as steep as a ray in the slowest water that turns in the fastest."""
+    """
+    Range of a straight ray over a height, as steep as a ray in the slowest water that turns in the
+    fastest.
+    """
     return height * slowest / math.sqrt((fastest - slowest) * (fastest + slowest))
 
 
 @kernel
 def add_turning_angles(s, lo, hi, link, n, nodes):
     """
-    Append to the first n nodes two launch angles beside each angle at which rays turn at a level of a layered section.
+    Append to the first n nodes two launch angles beside each angle at which rays turn at a level of
+    a layered section.
 
-    The miss is smooth between these angles and may jump at them. Rays that turn beyond the range of the receiver do not count. A ray turns only at a level with a higher sound speed than all levels between it and the source. Its range there is at least that
-    of a straight ray with the steepest angle between them. Returns the number of nodes.
+    The miss is smooth between these angles and may jump at them. Rays that turn beyond the range of
+    the receiver do not count. A ray turns only at a level with a higher sound speed than all levels
+    between it and the source. Its range there is at least that of a straight ray with the steepest
+    angle between them. Returns the number of nodes.
     """
     z, c0 = link.z0, link.c0
     below = find_level(s, z) + 1
@@ -135,9 +144,11 @@ def add_turning_angles(s, lo, hi, link, n, nodes):
 @kernel
 def add_middles(n, nodes):
     """
-    Add the middle of each interval of the fan that is wider than _RESOLVED; return the number of nodes.
+    Add the middle of each interval of the fan that is wider than _RESOLVED; return the number of
+    nodes.
 
-    Beside the angle of a level, the miss may change so fast that it does not show how it changes between two levels.
+    Beside the angle of a level, the miss may change so fast that it does not show how it changes
+    between two levels.
     """
     wide = 0
     for i in range(1, n):
@@ -173,7 +184,8 @@ def _turning_level(least, first, layers, a2, start):
 @kernel
 def _sweep(ladder, first, n, a, start, left):
     """
-    Compute ranges and their derivatives of the first n layers of a side, until a block ends beyond the range left.
+    Compute ranges and their derivatives of the first n layers of a side, until a block ends beyond
+    the range left.
 
     Returns the number of layers, their range and its derivative.
     """
@@ -232,7 +244,10 @@ def _arrive_from(course, ladder, way, place, level, layer, ray):
 
 @shared
 def trace_ladder(s, walls, course, angle, work):
-    """Trace a ray of a fan with the ladder of its link; return True if it reaches the end, and the code of its reflections."""
+    """
+    Trace a ray of a fan with the ladder of its link; return True if it reaches the end, and the
+    code of its reflections.
+    """
     out_of_line()
     ladder, y, ray, length = work.ladder, work.y, fan_ray(work), course.length
     sizes, c_ref = ladder[_SIZES], course.axis.c_ref
@@ -243,7 +258,8 @@ def trace_ladder(s, walls, course, angle, work):
     y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND], y[at.GROWN] = 0.0, math.nan, math.nan, 0.0
     possible = abs(sine) > _LEVEL_LAUNCH and sizes[2 + 2 * side] > 0.0
     r, rate, reflections = 0.0, 0.0, at.Reflections(0, 0, 0)
-    # of the side before: layers, their range and derivative, those to the turning point or boundary, True if it turns
+    # of the side before: layers, their range and derivative, those to the turning point or
+    # boundary, True if it turns
     n, turns, total, total_rate, to_end, rate_to_end = 0, False, 0.0, 0.0, 0.0, 0.0
     n1, turns1, total1, total_rate1, to_end1, rate_to_end1 = 0, False, 0.0, 0.0, 0.0, 0.0
     for crossing in range(_MOST_CROSSINGS if possible else 0):

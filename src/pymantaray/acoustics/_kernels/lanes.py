@@ -1,8 +1,9 @@
 """
-Arithmetic on sixteen numbers in vector registers of the processor (`Lanes`), for sixteen rays at a time.
+Arithmetic on sixteen numbers in vector registers of the processor (`Lanes`), for sixteen rays at a
+time.
 
-Comparisons return a mask for `choose` and `any_lane`. A product and a sum may be combined with a single rounding. There is no plain
-Python version.
+Comparisons return a mask for `choose` and `any_lane`. A product and a sum may be combined with a
+single rounding. There is no plain Python version.
 """
 
 import operator
@@ -21,7 +22,9 @@ _QUAD, _OCTET = (ir.VectorType(ir.DoubleType(), n) for n in (4, 8))
 
 
 class Lanes(types.Type):  # type: ignore[misc]
-    """Numba type of sixteen numbers in vector registers; the name identifies it in kernels on disk."""
+    """
+    Numba type of sixteen numbers in vector registers; the name identifies it in kernels on disk.
+    """
 
 
 class Mask(types.Type):  # type: ignore[misc]
@@ -157,14 +160,20 @@ def _shuffled(builder, a, b, order):
 
 
 def _transposed(context, builder, pairs):
-    """Transpose sixteen vectors of four numbers, each two of them in one vector, to four vectors of sixteen."""
+    """
+    Transpose sixteen vectors of four numbers, each two of them in one vector, to four vectors of
+    sixteen.
+    """
     halves = [_transposed_half(builder, pairs[i : i + 4]) for i in (0, 4)]
     columns = [_shuffled(builder, a, b, range(WIDTH)) for a, b in zip(*halves, strict=True)]
     return context.make_tuple(builder, types.UniTuple(LANES, 4), columns)
 
 
 def _transposed_half(builder, pairs):
-    """Transpose eight vectors of four numbers, each two of them in one vector, to four vectors of eight."""
+    """
+    Transpose eight vectors of four numbers, each two of them in one vector, to four vectors of
+    eight.
+    """
     low, high = (0, 4, 8, 12, 1, 5, 9, 13), (2, 6, 10, 14, 3, 7, 11, 15)
     columns = []
     for part in (low, high):
@@ -224,7 +233,10 @@ def gather(_context, data, place):
 
 @intrinsic
 def mix(_context, data, place, _stride, weights):
-    """As `gather`, but eight numbers: the sum, with two weights, of those at a position and of those one stride further."""
+    """
+    As `gather`, but eight numbers: the sum, with two weights, of those at a position and of those
+    one stride further.
+    """
 
     def generate(context, builder, signature, args):
         weights = [builder.extract_value(args[3], k) for k in range(2)]
@@ -251,7 +263,10 @@ def mix(_context, data, place, _stride, weights):
 
 @intrinsic
 def blend(_context, data, place, _stride, weights):
-    """As `gather`, but weighted sums of these four numbers, the next four, and both of these one stride further."""
+    """
+    As `gather`, but weighted sums of these four numbers, the next four, and both of these one
+    stride further.
+    """
 
     def generate(context, builder, signature, args):
         weights = [builder.extract_value(args[3], k) for k in range(4)]
@@ -262,7 +277,8 @@ def blend(_context, data, place, _stride, weights):
                 octet = _some(_OCTET, context, builder, signature.args[0], args[0], octet_at)
                 order = 4 * (lane,) + 4 * (WIDTH + lane,)
                 weight = _shuffled(builder, weights[2 * k], weights[2 * k + 1], order)
-                # only the second product may be combined with the sum: otherwise the compiler chooses, in each lane anew
+                # only the second product may be combined with the sum: otherwise the compiler
+                # chooses, in each lane anew
                 octets.append(builder.fmul(octet, weight, flags=("contract",) if k == 1 else ()))
             sums.append(builder.fadd(*octets, flags=("contract",)))
         pairs = []

@@ -1,4 +1,7 @@
-"""Names of all columns and tuples that the kernels share (`at.NAME` in the kernels), and the workspaces of the kernels."""
+"""
+Names of all columns and tuples that the kernels share (`at.NAME` in the kernels), and the
+workspaces of the kernels.
+"""
 
 from collections import namedtuple
 from typing import Any
@@ -7,37 +10,42 @@ import numpy as np
 
 from pymantaray.compile import PLAIN
 
-# State y of a ray, see `step`. For a fan, only the first N_FAN numbers are integrated; for a ray whose variations in the plane and out of it
-# depend on each other, N_SPACE: also the derivatives of Y and Q by the launch angle, and of W, P, Y and Q by the cross-track slowness. DY_DQ
-# is then the integral of 1 / h; at the end, it receives the derivative.
+# State y of a ray, see `step`. For a fan, only the first N_FAN numbers are integrated; for a ray
+# whose variations in the plane and out of it depend on each other, N_SPACE: also the derivatives of
+# Y and Q by the launch angle, and of W, P, Y and Q by the cross-track slowness. DY_DQ is then the
+# integral of 1 / h; at the end, it receives the derivative.
 W, P, XI, ETA, TAU, Y, Q, DY_DQ = range(8)
 Y_ANGLE, Q_ANGLE, W_Q, P_Q, Y_Q, Q_Q = range(8, 14)
 N_FAN, N_FULL, N_SPACE = 4, 8, 14
-# Additional numbers for a ray of a fan: GONE, the distance along the axis at which an OPEN ray left the water or a FORWARD ray had too
-# many reflections (0: nowhere); GROWN, the largest |xi| on the path; the smallest and largest offset across the axis on the path. For an
-# OPEN ray, derivatives by the launch angle of GONE, of the logarithm of the steepness there, and of both offsets; and the same by the
-# cross-track slowness.
+# Additional numbers for a ray of a fan: GONE, the distance along the axis at which an OPEN ray left
+# the water or a FORWARD ray had too many reflections (0: nowhere); GROWN, the largest |xi| on the
+# path; the smallest and largest offset across the axis on the path. For an OPEN ray, derivatives by
+# the launch angle of GONE, of the logarithm of the steepness there, and of both offsets; and the
+# same by the cross-track slowness.
 GONE, GROWN, HIGHEST, LOWEST = range(14, 18)
 GONE_RATE, GONE_BEND, HIGHEST_RATE, LOWEST_RATE = range(18, 22)
 GONE_RATE_Q, GONE_BEND_Q, HIGHEST_RATE_Q, LOWEST_RATE_Q = range(22, 26)
-# Additional number for a full ray: the number of caustics, points on the path at which the width of the ray tube passes through zero.
+# Additional number for a full ray: the number of caustics, points on the path at which the width of
+# the ray tube passes through zero.
 CAUSTICS_PASSED = 26
 N_STATE = 27
 
-# Node of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset [m],
-# slowness along range, depth and cross-track [times the source's sound speed], boundary.
+# Node of a recorded path: time [m at the source's sound speed], range, depth, cross-track offset
+# [m], slowness along range, depth and cross-track [times the source's sound speed], boundary.
 TIME, RANGE, DEPTH, SIDE, P_RANGE, P_DEPTH, P_SIDE, BOUNDARY = range(8)
 N_PATH = 8
 IN_WATER, AT_SURFACE, AT_BOTTOM = 0, 1, 2
 
-# Node of a path in the local frame: travel time [s], position (3) [m], slowness (3) [s/m], boundary.
+# Node of a path in the local frame: travel time [s], position (3) [m], slowness (3) [s/m],
+# boundary.
 NODE_TIME, NODE_POSITION, NODE_SLOWNESS, NODE_BOUNDARY = 0, 1, 4, 7
 N_NODE = 8
 
-# Ray of a fan: launch angle, miss and its slope, slowness and its slope, 1 if it reached the end, code of its reflections, cross-track
-# slowness at the source. For the search only: error of the cubic near it, tolerance, divergence on the path (before tracing: expected divergence), GONE with its two
-# derivatives, and smallest and largest depth relative to the source with their derivatives. The upper end of an interval has the number
-# of the fan's interval instead of DEFECT.
+# Ray of a fan: launch angle, miss and its slope, slowness and its slope, 1 if it reached the end,
+# code of its reflections, cross-track slowness at the source. For the search only: error of the
+# cubic near it, tolerance, divergence on the path (before tracing: expected divergence), GONE with
+# its two derivatives, and smallest and largest depth relative to the source with their derivatives.
+# The upper end of an interval has the number of the fan's interval instead of DEFECT.
 ANGLE, MISS, SLOPE, SLOWNESS, SLOWNESS_SLOPE, GOOD, CODE, CROSS, DEFECT, TOL, GROWTH = range(11)
 LEFT, LEFT_RATE, LEFT_BEND = range(11, 14)
 TOP, TOP_RATE, LOW, LOW_RATE = range(14, 18)
@@ -45,10 +53,12 @@ INTERVAL = DEFECT
 N_RAY = 18
 N_BRACKET = 8  # number of these columns, from the first, that an end of a bracket has
 
-# A link in the queue of `march`: its number (negative: none), columns of its section, their distance [m], first number of the section
-# in the store, number of breaks of its boundaries, derivatives of c_ref / c by depth and across the track at the source [1/m], 1 if steps
-# end at the levels, 1 if rays leave the plane, first, next and last + 1 of the rows of rays to be traced, and number of these rays that are not finished; the same three of the rays
-# traced ahead; then its `Baseline`, `Link` and `Progress`.
+# A link in the queue of `march`: its number (negative: none), columns of its section, their
+# distance [m], first number of the section in the store, number of breaks of its boundaries,
+# derivatives of c_ref / c by depth and across the track at the source [1/m], 1 if steps end at the
+# levels, 1 if rays leave the plane, first, next and last + 1 of the rows of rays to be traced, and
+# number of these rays that are not finished; the same three of the rays traced ahead; then its
+# `Baseline`, `Link` and `Progress`.
 FLIGHT_LINK, FLIGHT_COLUMNS, FLIGHT_STEP, FLIGHT_STORE, FLIGHT_BREAKS = range(5)
 FLIGHT_GRADIENT, FLIGHT_CROSS_GRADIENT, FLIGHT_LEVELS, FLIGHT_CROSS = range(5, 9)
 FLIGHT_FIRST, FLIGHT_NEXT, FLIGHT_LAST, FLIGHT_PENDING = range(9, 13)
@@ -56,16 +66,18 @@ AHEAD_FIRST, AHEAD_NEXT, AHEAD_LAST = range(13, 16)
 FLIGHT_LINE, FLIGHT_ENDS, FLIGHT_PROGRESS = 16, 20, 28
 N_FLIGHT = 37
 
-# Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning points, slowness vectors at
-# both ends (3 + 3) [s/m], reflections at the surface and at the sea bed, axis of integration, and caustics.
+# Row of an arrival: travel time [s], launch and arrival angle [rad], spreading [dB], turning
+# points, slowness vectors at both ends (3 + 3) [s/m], reflections at the surface and at the sea
+# bed, axis of integration, and caustics.
 TRAVEL_TIME, LAUNCH_ANGLE, ARRIVAL_ANGLE, SPREADING_DB, TURNING_POINTS = range(5)
 SOURCE_SLOWNESS, RECEIVER_SLOWNESS = 5, 8
 SURFACE_BOUNCES, BOTTOM_BOUNCES, RAY_AXIS, CAUSTICS = 11, 12, 13, 14
 N_ARRIVAL = 15
 HORIZONTAL, CHORD, VERTICAL = 0, 1, 2  # as `records.RayAxis`
 
-# Information about a link: chord travel time [s], sound speed at both ends [m/s], smallest miss [m], number of traced rays, 1 if
-# there was room for all arrivals, and 1 if the search resolved all intervals, or a half if it should be repeated from the other end.
+# Information about a link: chord travel time [s], sound speed at both ends [m/s], smallest miss
+# [m], number of traced rays, 1 if there was room for all arrivals, and 1 if the search resolved all
+# intervals, or a half if it should be repeated from the other end.
 CHORD_TIME, SOURCE_SPEED, RECEIVER_SPEED, MARGIN, RAYS, COMPLETE, RESOLVED = range(7)
 N_INFO = 7
 
@@ -73,20 +85,19 @@ N_INFO = 7
 LANDED, HELD, TRIED = 0, 1, 2
 MAX_BOUNCES = 15  # at each boundary
 
-# Candidate, see `cells`: cells, launch angle, cross-track slowness, reflections at both boundaries, generation.
+# Candidate, see `cells`: cells, launch angle, cross-track slowness, reflections at both boundaries,
+# generation.
 CANDIDATE_ANGLE, CANDIDATE_Q, CANDIDATE_COUNTS, CANDIDATE_GENERATION = range(
     MAX_BOUNCES + 1, MAX_BOUNCES + 5
 )
 N_CANDIDATE = MAX_BOUNCES + 5
 
-# Numba compiles a kernel for each type of its arguments. These constants differ in their types, so kernels are compiled without code for
-# a medium of the other kind, and without code for reflections if all rays are direct, see `unreachable.py`.
-SMOOTH, LINEAR = (), (1,)  # kinds of a field
-DIRECT, ANY = (), (1,)  # rays of a course: none is reflected, or all kinds
+SMOOTH, LINEAR = 0, 1  # kinds of a field
 
 Domain = namedtuple(
     "Domain",
-    "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale column_step bed surface uniform layered radius",
+    "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale"
+    " column_step bed surface uniform layered radius",
 )
 Domain.__doc__ = """
 Medium for the kernels: sound speed, and `BoundaryGrid` of the sea bed and of the surface.
@@ -130,13 +141,13 @@ end_depth. fold is the mark of the boundary on which the receiver is, or 0: the 
 """
 OPEN, FORWARD, LEGS = 0, 1, 2
 
-Course = namedtuple("Course", "rule axis length target to_levels rays cross")
+Course = namedtuple("Course", "rule axis length target to_levels cross")
 Course.__doc__ = """
 Integration of rays: rule at the boundaries, axis, length along it, and target offset. [m]
 
-rays is DIRECT only if the rule is OPEN. With to_levels, steps of a fan's direct rays through a SMOOTH section end at its levels; steps of full rays always do. For LEGS, the
-length is an approximate total of all legs. With cross, direct rays of a fan leave the plane and end in it at the receiver; otherwise they
-remain in it.
+With to_levels, steps of a fan's direct rays through a SMOOTH section end at its levels; steps of full rays
+always do. For LEGS, the length is an approximate total of all legs. With cross, direct rays of a fan leave
+the plane and end in it at the receiver; otherwise they remain in it.
 """
 
 Axis = namedtuple("Axis", "z_source cb sb c_ref")
@@ -209,11 +220,13 @@ MAX_AHEAD = 2 * MAX_HALVED  # rays of a link traced ahead
 MAX_FLIGHTS = 8  # links whose rays are traced together
 MAX_CANDIDATES = 96
 N_LADDER = 12  # rows, see `ladder`
-_ANGLES = 768  # nodes of a first fan without those of the levels: twice the widest fan divided by its spacing
+# nodes of a first fan without those of the levels: twice the widest fan divided by its spacing
+_ANGLES = 768
 
 Work = namedtuple(
     "Work",
-    "y K K_fan K_space ynew no_path path breaks wall_breaks cells candidates small acc store cuts extremes ladder nodes rays stack halves kinds brackets rows",
+    "y K K_fan K_space ynew no_path path breaks wall_breaks cells candidates small acc store cuts"
+    " extremes ladder nodes rays stack halves kinds brackets rows",
 )
 Work.__doc__ = """
 Workspaces of one thread, shared by all kernels; kernels write them for each link before they read them.
@@ -236,7 +249,10 @@ def shapes(
     path: int = MAX_PATH,
     halved: int = MAX_HALVED,
 ) -> Work:
-    """Shapes of the workspaces for numbers of columns of a section, grid lines under a link, angles of a fan, steps, and intervals halved at a time."""
+    """
+    Shapes of the workspaces for numbers of columns of a section, grid lines under a link, angles of
+    a fan, steps, and intervals halved at a time.
+    """
     return Work(
         y=(N_STATE,),
         K=(7, N_FULL),

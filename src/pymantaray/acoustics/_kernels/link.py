@@ -1,4 +1,6 @@
-"""Solver of links: compute the section, search, refine, and check that the rays stay in the water."""
+"""
+Solver of links: compute the section, search, refine, and check that the rays stay in the water.
+"""
 
 import math
 
@@ -62,7 +64,6 @@ from pymantaray.acoustics._kernels.search import (
 )
 from pymantaray.acoustics._kernels.search_reflected import Hunt, add_reflected, reach_of
 from pymantaray.acoustics._kernels.trace import (
-    any_course,
     course_to_levels,
     direct_course,
     ray_axis,
@@ -70,9 +71,11 @@ from pymantaray.acoustics._kernels.trace import (
 from pymantaray.compile import compact, entry, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
-# Ray of a bracket: in the water, through the surface, into the sea bed, in the water and weak; or no ray because the miss jumps; or no ray
+# Ray of a bracket: in the water, through the surface, into the sea bed, in the water and weak; or
+# no ray because the miss jumps; or no ray
 _CLEAR, _THROUGH, _BLOCKED, _WEAK, _JUMP, _NONE = range(6)
-# Brackets in the order of refinement: those that may contain an arrival, those with a jump, those with a miss so steep that rays are weak
+# Brackets in the order of refinement: those that may contain an arrival, those with a jump, those
+# with a miss so steep that rays are weak
 _LIKELY, _UNLIKELY, _STEEP_BRACKET = range(3)
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
 _LATER = -1  # status of a link that is put off
@@ -84,11 +87,14 @@ _SPACING_LINEAR = 0.008, 1e-9
 _RESOLVED = (
     30.0  # m; by which neighbours may fail to predict the miss and the extreme depths of each other
 )
-# RESOLVED of a link of at least this length with rays beside the plane: others may be on a curve of rays that this end does not meet
+# RESOLVED of a link of at least this length with rays beside the plane: others may be on a curve of
+# rays that this end does not meet
 _FROM_ONE_END, _FAR = 0.5, 12e3  # and m
-_SMALL_SHIFT = 1e-4  # rad; an upper bound of the shift by horizontal refraction, about twenty times the shift itself
+# rad; an upper bound of the shift by horizontal refraction, about twenty times the shift itself
+_SMALL_SHIFT = 1e-4
 _REACH_SLOPE = 0.05  # largest mean slope of a ray beyond the depths of both ends
-_FINER = 0.1  # share of the tolerance for the eigenrays of such links: their errors grow with the divergence
+# share of the tolerance for the eigenrays of such links: their errors grow with the divergence
+_FINER = 0.1
 _SAMPLES = 8  # columns of a section
 _ONE_LAUNCH, _ONE_ARRIVAL = 5e-6, 1e-4  # rad; nearer rays are one
 _CHORD_HALF_WIDTH = 0.02  # rad; of the bracket of a steep link
@@ -145,7 +151,9 @@ def _outside(domain, point):
 
 @kernel
 def chord_travel_time(s, link, cuts):
-    """Travel time along the straight chord: Gauss-Legendre between all levels and columns it crosses."""
+    """
+    Travel time along the straight chord: Gauss-Legendre between all levels and columns it crosses.
+    """
     z0, z1, horizontal = link.z0, link.z1, link.horizontal
     n = 0
     cuts[n] = 0.0
@@ -197,10 +205,14 @@ def _add_roots(a, b, c, cuts, n):
 
 @kernel
 def sphere_chord_time(s, link, radius, cuts):
-    """Travel time along the straight chord through the Earth, from a section of flattened water, as `chord_travel_time`."""
+    """
+    Travel time along the straight chord through the Earth, from a section of flattened water, as
+    `chord_travel_time`.
+    """
     horizontal, angle = link.horizontal, link.horizontal / radius
     r0, r1 = radius * math.exp(-link.z0 / radius), radius * math.exp(-link.z1 / radius)
-    # the chord in the vertical plane, from (0, r0): up is the direction from the Earth's centre to the source
+    # the chord in the vertical plane, from (0, r0): up is the direction from the Earth's centre to
+    # the source
     along, up = r1 * math.sin(angle), (r1 - r0) - 2.0 * r1 * math.sin(0.5 * angle) ** 2
     length = math.hypot(along, up)
     n = 1
@@ -272,8 +284,9 @@ def _leaves_plane(s, link):
     """
     True if horizontal refraction may move the launch angles of rays by more than _SMALL_SHIFT.
 
-    Rays are then traced in three dimensions. With the mean cross-track gradient g of the sound speed along the section, a ray leaves the
-    plane by up to g R^2 / 8 c; the gradient's derivative by depth turns it there by R / c times their product.
+    Rays are then traced in three dimensions. With the mean cross-track gradient g of the sound
+    speed along the section, a ray leaves the plane by up to g R^2 / 8 c; the gradient's derivative
+    by depth turns it there by R / c times their product.
     """
     if s.kind == at.LINEAR or s.n_range < 3:
         return False
@@ -294,7 +307,10 @@ def _leaves_plane(s, link):
 
 @kernel
 def _begin(domain, section, i, work, results):
-    """Begin to solve link i: put the angles of its fan into work.nodes; return their number, 0 for a steep link, -1 if it is solved."""
+    """
+    Begin to solve link i: put the angles of its fan into work.nodes; return their number, 0 for a
+    steep link, -1 if it is solved.
+    """
     s, _, link = section
     info = results.info[i]
     info[at.SOURCE_SPEED], info[at.RECEIVER_SPEED] = link.c0, link.c1
@@ -313,7 +329,8 @@ def _begin(domain, section, i, work, results):
     slope = math.atan2(link.z1 - link.z0, link.horizontal)
     if is_steep(slope, max(limits[0], limits[1])):
         return 0
-    # a ray that turns is within the limits; a ray that does not turn is as steep as the chord at some depth
+    # a ray that turns is within the limits; a ray that does not turn is as steep as the chord at
+    # some depth
     lo = -math.acos(math.cos(limits[0]) * math.cos(min(slope, 0.0))) - BEYOND
     hi = math.acos(math.cos(limits[1]) * math.cos(max(slope, 0.0))) + BEYOND
     return fan_nodes(s, lo, hi, _spacing(s), link, work.nodes)
@@ -322,10 +339,12 @@ def _begin(domain, section, i, work, results):
 @kernel
 def _start(domain, bounces, settings, ends, place, work, flights, results):
     """
-    Start to solve link i of place (i, k, across); return True if its rays now wait in place k of the queue, False if it is solved.
+    Start to solve link i of place (i, k, across); return True if its rays now wait in place k of
+    the queue, False if it is solved.
 
-    Rays along a chord, those of a LINEAR medium, and all rays if flights is None are traced one by one. Links whose rays leave the plane
-    are put off until across is True: the lanes of the queue must not depend on each other.
+    Rays along a chord, those of a LINEAR medium, and all rays if flights is None are traced one by
+    one. Links whose rays leave the plane are put off until across is True: the lanes of the queue
+    must not depend on each other.
     """
     i, _, across = place
     for j in range(at.N_INFO):
@@ -351,7 +370,7 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
     course = direct_course(link, n_nodes == 0, cross)
     if n_nodes == 0:
         found = _predicted_bracket(link, results.info[i, at.CHORD_TIME], work)
-    elif flights is not None and domain.kind == at.SMOOTH:  # otherwise, Numba omits this branch
+    elif flights is not None and domain.kind == at.SMOOTH:  # for None, Numba omits this branch
         fan = put_fan(n_nodes, search.coarse, _first_gap(s), work)
         put_flight(section, place[:2], fan, cross, work, flights)
         return True
@@ -363,7 +382,10 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
 
 @kernel
 def _continue(domain, bounces, settings, k, work, flights, results):
-    """Continue to solve the link in place k of the queue after its rays were traced; return True if rays wait again, False if it is solved."""
+    """
+    Continue to solve the link in place k of the queue after its rays were traced; return True if
+    rays wait again, False if it is solved.
+    """
     row = flights.links[k]
     section, progress = section_of(domain, row, work), progress_of(row)
     s, walls, link = section
@@ -378,7 +400,7 @@ def _continue(domain, bounces, settings, k, work, flights, results):
         if row[at.FLIGHT_PENDING] > 0.0:
             return True
     while True:
-        progress = advance(s.n_range > 1, any_course(course), search, progress, work)
+        progress = advance(s.n_range > 1, course, search, progress, work)
         row[at.FLIGHT_LEVELS] = 1.0
         put_progress(k, 0, 2 * int(progress.asked), progress, work, flights)
         if row[at.FLIGHT_PENDING] > 0.0:
@@ -401,9 +423,11 @@ def _continue(domain, bounces, settings, k, work, flights, results):
 @kernel
 def _end(section, course, found, bounces, settings, i, work, results):
     """
-    Find the eigenrays in the brackets of link i, and the reflected ones with up to bounces reflections at the surface and the bottom.
+    Find the eigenrays in the brackets of link i, and the reflected ones with up to bounces
+    reflections at the surface and the bottom.
 
-    With bounces None, only direct ones. found is what `find_brackets` returned; the results receive the arrivals and the status.
+    With bounces None, only direct ones. found is what `find_brackets` returned; the results receive
+    the arrivals and the status.
     """
     s, walls, link = section
     n, margin, rays, complete, resolved = found
@@ -470,10 +494,12 @@ def _same_place(row):
 @kernel
 def _predicted_bracket(link, chord_time, work):
     """
-    Bracket of a steep link about the launch angle that Snell's law predicts, without a ray; returns the values of `find_brackets`.
+    Bracket of a steep link about the launch angle that Snell's law predicts, without a ray; returns
+    the values of `find_brackets`.
 
-    With c = m (1 + d) along the chord of slope b, the mean m and a mean square v of d, the cosine of the slope at the source is
-    cos(b) (c_source / m) (1 - 1.5 v / tan(b)^2) to second order; v is that of a constant gradient.
+    With c = m (1 + d) along the chord of slope b, the mean m and a mean square v of d, the cosine
+    of the slope at the source is cos(b) (c_source / m) (1 - 1.5 v / tan(b)^2) to second order; v is
+    that of a constant gradient.
     """
     chord = math.atan2(link.z1 - link.z0, link.horizontal)
     mean = link.length / chord_time
@@ -522,9 +548,9 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
     """
     Refine the direct rays in the brackets of a fan, and keep those that stay in the water.
 
-    fan contains the number of brackets and their course; cutoff contains the cut-off of the spreading, and the slope of the miss above
-    which rays are too weak. [dB, m] Returns the number of rows, and the numbers of rays through the surface, into the sea bed and below
-    the cut-off.
+    fan contains the number of brackets and their course; cutoff contains the cut-off of the
+    spreading, and the slope of the miss above which rays are too weak. [dB, m] Returns the number
+    of rows, and the numbers of rays through the surface, into the sea bed and below the cut-off.
     """
     n, course = fan
     brackets, rank = work.brackets, work.nodes  # the search has ended and needs its nodes no longer
@@ -556,10 +582,12 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
 @kernel
 def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
     """
-    Refine the direct ray of a bracket and fill its row after the first count rows of room (count, work).
+    Refine the direct ray of a bracket and fill its row after the first count rows of room (count,
+    work).
 
-    own contains the bracket, its course, and True at the first attempt, which stops if the miss jumps. Returns _CLEAR if the ray is an
-    arrival, _WEAK if it is below the cut-off, _THROUGH the surface, _BLOCKED by the sea bed, _JUMP, or _NONE.
+    own contains the bracket, its course, and True at the first attempt, which stops if the miss
+    jumps. Returns _CLEAR if the ray is an arrival, _WEAK if it is below the cut-off, _THROUGH the
+    surface, _BLOCKED by the sea bed, _JUMP, or _NONE.
     """
     bracket, course, first = own
     count, work = room
@@ -586,7 +614,8 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
     row, slope = work.rows[count], work.y[at.XI]
     finish(row, work.y, launch, course, link, 0.0)
     row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
-    # the slope at one ray may be an error of the ray beside a crest; a ray that is weak anyway needs no check
+    # the slope at one ray may be an error of the ray beside a crest; a ray that is weak anyway
+    # needs no check
     if not polished and row[at.SPREADING_DB] <= cutoff[0]:
         narrow(s, walls, course, bracket, launch, accuracy.fine, work)
     row[at.SPREADING_DB] += unresolved_db(
@@ -597,7 +626,10 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
 
 @kernel
 def _course_of_weak(s, walls, course, bracket, accuracy, work):
-    """Course of the ray at the root of a bracket's cubic: _WEAK in the water, _THROUGH, _BLOCKED, or _NONE if it does not reach the end."""
+    """
+    Course of the ray at the root of a bracket's cubic: _WEAK in the water, _THROUGH, _BLOCKED, or
+    _NONE if it does not reach the end.
+    """
     angle = cubic_angle(bracket[0], bracket[1], 0.0)
     q = cross_slowness(bracket[0], bracket[1], angle)
     ok, steps, turns, _ = trace_direct(
@@ -611,7 +643,9 @@ def _course_of_weak(s, walls, course, bracket, accuracy, work):
 
 @kernel
 def _keep_row(rows, count):
-    """Append the row after the first count, or keep only the stronger of two rows of one ray; return the number of rows.
+    """
+    Append the row after the first count, or keep only the stronger of two rows of one ray; return
+    the number of rows.
 
     Both brackets at a caustic may lead to the same ray.
     """
@@ -654,7 +688,9 @@ def _reverse(rows, info):
 
 @kernel
 def _upwards(a, b):
-    """True if a link's canonical direction, from the deeper end (ties: north, east), is from b to a."""
+    """
+    True if a link's canonical direction, from the deeper end (ties: north, east), is from b to a.
+    """
     for k in (2, 0, 1):
         if a[k] != b[k]:
             return a[k] < b[k]
@@ -703,7 +739,10 @@ def _solve(domain, bounces, settings, ends, share, work, flights, results):
 
 @kernel
 def _solve_queue(domain, bounces, settings, ends, share, across, room, results):
-    """Solve the links of a share whose rays remain in their planes, or with across those that were put off because they leave them."""
+    """
+    Solve the links of a share whose rays remain in their planes, or with across those that were put
+    off because they leave them.
+    """
     source, receiver = ends
     following, every = share
     work, flights = room
@@ -750,9 +789,10 @@ def _ends(settings, ends, i):
 @compact
 def solve_links(domain, bounces, settings, source, receiver, share, room, results):
     """
-    Solve the links first, first + every, ... of share (first, every); the results contain the first arrivals that have room.
+    Solve the links first, first + every, ... of share (first, every); the results contain the first
+    arrivals that have room.
 
-    With bounces None, only direct rays. With settings.canonical, the solver starts from the deeper end of each link (ties: north, east)
-    and reverses the results.
+    With bounces None, only direct rays. With settings.canonical, the solver starts from the deeper
+    end of each link (ties: north, east) and reverses the results.
     """
     _solve(domain, bounces, settings, (source, receiver), share, room.work, room.flights, results)

@@ -1,8 +1,10 @@
 """
-Integration of sixteen direct rays at a time through SMOOTH sections, each with its own steps: a queue of the rays of several links.
+Integration of sixteen direct rays at a time through SMOOTH sections, each with its own steps: a
+queue of the rays of several links.
 
-Equations, formula and error control are those of `step` and `trace`. The sixteen rays share only the processor's instructions, so a ray does
-not depend on the others. When a ray reaches the end, the next ray takes its lane. `trace` traces rays that fail here.
+Equations, formula and error control are those of `step` and `trace`. The sixteen rays share only
+the processor's instructions, so a ray does not depend on the others. When a ray reaches the end,
+the next ray takes its lane. `trace` traces rays that fail here.
 """
 
 import math
@@ -33,15 +35,18 @@ _SLOPES, _POS, _LENGTH, _GONE, _GROWN, _DONE, _RAY, _RATE, _BEND, _TOL, _EXPECTE
     *range(32, 42),
 )
 _TOP, _TOP_RATE, _LOW, _LOW_RATE = range(42, 46)
-# of the link: its number in the queue, first number and last column of its section, distance of the columns and its inverse, source's depth
-# and sound speed, length and its inverse, 1 if steps end at the levels, derivative of c_ref / c at the source
+# of the link: its number in the queue, first number and last column of its section, distance of the
+# columns and its inverse, source's depth and sound speed, length and its inverse, 1 if steps end at
+# the levels, derivative of c_ref / c at the source
 _LINK, _STORE, _COLUMNS, _STEP, _PER_STEP, _SOURCE, _C_REF, _SPAN, _PER_SPAN, _LEVELS, _GRADIENT = (
     range(46, 57)
 )
-# and for rays that leave the plane: 1 if they do, derivative of c_ref / c across the track at the source, number of attempts to end in the
-# plane; cross-track offset and slowness, their derivatives by the launch angle, and the derivatives of the offsets and slownesses in the
-# plane and across it by the cross-track slowness; the same eight at the end of a step, and their derivatives at its seven stages; and the
-# derivatives of GONE, of the steepness there and of both extreme offsets by the cross-track slowness
+# and for rays that leave the plane: 1 if they do, derivative of c_ref / c across the track at the
+# source, number of attempts to end in the plane; cross-track offset and slowness, their derivatives
+# by the launch angle, and the derivatives of the offsets and slownesses in the plane and across it
+# by the cross-track slowness; the same eight at the end of a step, and their derivatives at its
+# seven stages; and the derivatives of GONE, of the steepness there and of both extreme offsets by
+# the cross-track slowness
 _CROSS, _CROSS_GRADIENT, _ATTEMPTS = range(57, 60)
 _BESIDE, _NEXT_BESIDE, _BESIDE_SLOPES, _N_BESIDE = 60, 68, 76, 8
 _OFFSET, _SIDE, _Y_ANGLE, _Q_ANGLE, _W_Q, _P_Q, _Y_Q, _Q_Q = range(_BESIDE, _BESIDE + _N_BESIDE)
@@ -49,8 +54,10 @@ _RATE_Q, _BEND_Q, _TOP_RATE_Q, _LOW_RATE_Q = range(132, 136)
 # GOOD of a ray that has not been traced, or that took over the lane of one traced ahead
 WAITING, UNDER_WAY = -1.0, -3.0
 FIRST_STEP = 60.0  # m
-_MAX_OFFSET = 10.0  # tolerances; rays that end farther out of the plane and near the receiver are traced again
-# error of the miss of such a ray at most, corrected to first order, in squares of its offset divided by its length, and per divergence
+# tolerances; rays that end farther out of the plane and near the receiver are traced again
+_MAX_OFFSET = 10.0
+# error of the miss of such a ray at most, corrected to first order, in squares of its offset
+# divided by its length, and per divergence
 _PER_SQUARE = 100.0
 MOST_ATTEMPTS = 4
 _COME, _FAILED = 1.0, 2.0
@@ -59,13 +66,18 @@ _DIVERGING = 3.0  # divergence above which a ray needs a smaller tolerance
 _HOPELESS = 1e3  # divergence above which rays are too weak to be arrivals
 # the tolerance decreases by _AMPLIFIED times the divergence, which counts up to _DIVERGENCE_LIMIT
 _AMPLIFIED, _DIVERGENCE_LIMIT = 2.0, 30.0
-_AT_LEVELS = 10.0  # factor of the tolerance if steps end at the levels: errors are then a fiftieth of their estimate
-ERRING = 100.0  # distance from the receiver beyond which errors do not matter, in tolerances times divergence
+# factor of the tolerance if steps end at the levels: errors are then a fiftieth of their estimate
+_AT_LEVELS = 10.0
+# distance from the receiver beyond which errors do not matter, in tolerances times divergence
+ERRING = 100.0
 
 
 @kernel
 def allowed(tol, growth, to_levels):
-    """Tolerance of the steps of a ray with an expected divergence ``growth``; to_levels: steps end at the levels."""
+    """
+    Tolerance of the steps of a ray with an expected divergence ``growth``; to_levels: steps end at
+    the levels.
+    """
     diverges = _DIVERGING < growth < _HOPELESS
     if to_levels:
         return tol * _AT_LEVELS / min(growth, _AT_LEVELS) if diverges else tol * _AT_LEVELS
@@ -74,7 +86,10 @@ def allowed(tol, growth, to_levels):
 
 @kernel
 def again(miss, tol, growth, expected, to_levels):
-    """True if a ray near the receiver diverges so strongly that it must be traced again, with the tolerance of its divergence."""
+    """
+    True if a ray near the receiver diverges so strongly that it must be traced again, with the
+    tolerance of its divergence.
+    """
     if not needs_more(miss, tol, growth, expected):
         return False
     return expected == 0.0 or allowed(tol, growth, to_levels) != allowed(tol, expected, to_levels)
@@ -91,14 +106,20 @@ def needs_more(miss, tol, growth, expected):
 
 @kernel
 def astray(offset, miss, tol, grown, length):
-    """True if a ray ends so far out of the plane that its miss may have the wrong sign; grown is its divergence."""
+    """
+    True if a ray ends so far out of the plane that its miss may have the wrong sign; grown is its
+    divergence.
+    """
     error = _PER_SQUARE * offset * offset / length * max(grown, 1.0)
     return abs(offset) > _MAX_OFFSET * tol and abs(miss) < error
 
 
 @kernel
 def traced_alike(one, two):
-    """True if rays with two expected divergences, whose steps end at the levels, are traced with the same steps."""
+    """
+    True if rays with two expected divergences, whose steps end at the levels, are traced with the
+    same steps.
+    """
     least, most = min(one, two), max(one, two)
     return least == most or 1.5 * most <= _DIVERGING or _AT_LEVELS <= least <= most < _HOPELESS
 
@@ -120,9 +141,12 @@ def _level(s, z):
 
 @inlined
 def _derivative(s, data, rows, at_stage, state, across):
-    """Write the right-hand side of sixteen rays to the rows of a stage; return (h c)^2 minus its lower limit.
+    """
+    Write the right-hand side of sixteen rays to the rows of a stage; return (h c)^2 minus its lower
+    limit.
 
-    Unless across is None, rays are beside the plane, as far as the rows of the stage say; otherwise, Numba omits this.
+    Unless across is None, rays are beside the plane, as far as the rows of the stage say;
+    otherwise, Numba omits this.
     """
     w, p, xi, eta = state
     stage, pos = at_stage
@@ -203,7 +227,8 @@ def _extended(beyond, c, cz, czz):
 @inlined
 def _field_beside(coefficients, x, y):
     """
-    Cubic in depth to be added to that of the sound speed at offsets y from the plane, and c_y, c_yz and c_yy.
+    Cubic in depth to be added to that of the sound speed at offsets y from the plane, and c_y, c_yz
+    and c_yy.
 
     The coefficients are those of the cubics of c_y and c_yy in the plane.
     """
@@ -218,7 +243,10 @@ def _field_beside(coefficients, x, y):
 
 @inlined
 def _vary_coupled(rows, stage, state, gradient, bends, inverses):
-    """Write the right-hand sides of the offset and slowness across the plane, and of both coupled variations."""
+    """
+    Write the right-hand sides of the offset and slowness across the plane, and of both coupled
+    variations.
+    """
     p, q, xi, eta = state
     slopes, beside = _SLOPES + 4 * stage, _BESIDE_SLOPES + _N_BESIDE * stage
     store(rows, beside, q * inverses[0])
@@ -236,7 +264,10 @@ def _vary_coupled(rows, stage, state, gradient, bends, inverses):
 
 @inlined
 def _vary(rows, places, variation, slowness, gradient, bends, inverses):
-    """Write the right-hand side of a coupled variation, as in `step`: in the plane and across it, to two pairs of rows."""
+    """
+    Write the right-hand side of a coupled variation, as in `step`: in the plane and across it, to
+    two pairs of rows.
+    """
     dw, dp, dy, dq = variation
     p, q = slowness
     mw, my = gradient
@@ -265,7 +296,9 @@ def _embedded(rows, i):
 
 @inlined
 def _step(s, data, rows, pos, h, across, state):
-    """One step of Dormand and Prince; return the new state, and the smallest result of `_derivative`."""
+    """
+    One step of Dormand and Prince; return the new state, and the smallest result of `_derivative`.
+    """
     w, p, xi, eta = state
     w1, p1, xi1, eta1, room = w, p, xi, eta, pos + 1.0
     for stage in range(1, 7):
@@ -295,7 +328,10 @@ def _move_beside(rows, stage, h):
 
 @inlined
 def _to_level(s, z, down):
-    """Length of the step of sixteen rays to just beyond the next level; as `trace._to_level`, but a level at the ray counts as one layer away."""
+    """
+    Length of the step of sixteen rays to just beyond the next level; as `trace._to_level`, but a
+    level at the ray counts as one layer away.
+    """
     last = s.depth.size - 1
     inside = choose(z < s.depth[0], s.depth[0], z)
     inside = choose(inside < s.depth[last], inside, s.depth[last])
@@ -316,7 +352,10 @@ def free_lanes(rows):
 
 @kernel
 def replace_rays(rows, k, first, last, other):
-    """Replace rays first to last - 1 of the link in place k in their lanes by another one (-1: none); return True if there are any."""
+    """
+    Replace rays first to last - 1 of the link in place k in their lanes by another one (-1: none);
+    return True if there are any.
+    """
     found = False
     for lane in range(WIDTH):
         if rows[_LINK, lane] == k and first <= rows[_RAY, lane] < last:
@@ -332,7 +371,10 @@ def _is_awaited(ray):
 
 @kernel
 def _launch_next(flights, n_links, rows, lane, following):
-    """Start the next ray that waits in a lane, with FLIGHT_NEXT or AHEAD_NEXT as following, if there is one."""
+    """
+    Start the next ray that waits in a lane, with FLIGHT_NEXT or AHEAD_NEXT as following, if there
+    is one.
+    """
     for k in range(n_links):
         link = flights.links[k]
         if link[at.FLIGHT_LINK] < 0.0:
@@ -403,7 +445,10 @@ def _start(angle, q, rows, lane):
 
 @kernel
 def _launch(node, growth, to_levels, rows, lane):
-    """Start a ray with an expected divergence in a lane that has the numbers of its link; steps of a diverging ray end at the levels."""
+    """
+    Start a ray with an expected divergence in a lane that has the numbers of its link; steps of a
+    diverging ray end at the levels.
+    """
     _start(node[at.ANGLE], node[at.CROSS], rows, lane)
     levels = to_levels > 0.0 or growth > 0.0
     rows[_EXPECTED, lane], rows[_LEVELS, lane] = growth, 1.0 if levels else 0.0
@@ -415,7 +460,8 @@ def _fill(flights, n_links, rows):
     """
     Start rays in the free lanes; return the number of rays in all lanes that searches wait for.
 
-    Such a ray takes the lane of one that is traced ahead if none is free. Level rays keep the remaining lanes busy.
+    Such a ray takes the lane of one that is traced ahead if none is free. Level rays keep the
+    remaining lanes busy.
     """
     running, used = 0, 0
     for turn in range(3):
@@ -437,10 +483,12 @@ def _fill(flights, n_links, rows):
 
 @kernel
 def _relay(flights, n_links, rows):
-    """Write finished rays to their nodes, start rays again that need a smaller tolerance, and start new rays in the other lanes.
+    """
+    Write finished rays to their nodes, start rays again that need a smaller tolerance, and start
+    new rays in the other lanes.
 
-    Returns by how many fewer rays are in the lanes that searches wait for, and the number of links without another such ray. A
-    failed ray remains WAITING or UNDER_WAY.
+    Returns by how many fewer rays are in the lanes that searches wait for, and the number of links
+    without another such ray. A failed ray remains WAITING or UNDER_WAY.
     """
     ended, ready = 0, 0
     for lane in range(WIDTH):
@@ -522,7 +570,10 @@ def _under_ice(surface, flights, rows):
 
 @inlined
 def _exit(rows, above, state, top, across):
-    """Record the exit of rays from the water at an offset top (infinite: at their position), as `trace`; return the distance to it."""
+    """
+    Record the exit of rays from the water at an offset top (infinite: at their position), as
+    `trace`; return the distance to it.
+    """
     w, _, xi, _ = state
     dw, dp, dxi = load(rows, _SLOPES), load(rows, _SLOPES + 1), load(rows, _SLOPES + 2)
     back = (top - w) / dw
@@ -545,7 +596,10 @@ def _exit(rows, above, state, top, across):
 
 @inlined
 def _note_extremes(rows, state, across):
-    """Update the smallest and the largest offset of sixteen rays on their paths, with the derivatives there."""
+    """
+    Update the smallest and the largest offset of sixteen rays on their paths, with the derivatives
+    there.
+    """
     w, _, xi, _ = state
     top, low = load(rows, _TOP), load(rows, _LOW)
     if across is not None:
@@ -579,10 +633,12 @@ def _stored(rows, state, pos, h, gone, grown):
 @inlined
 def _controlled(rows, h, left, room, width, across, levels):
     """
-    Masks of steps that are accurate enough and of steps that are too short to continue, and the factor of the next length.
+    Masks of steps that are accurate enough and of steps that are too short to continue, and the
+    factor of the next length.
 
-    For masks `levels` of rays whose steps end at the levels, the error of the variation, relative to the ray's length, counts as in `step.step_error`. Derivatives at
-    the end of an accepted step become those at the start of the next.
+    For masks `levels` of rays whose steps end at the levels, the error of the variation, relative
+    to the ray's length, counts as in `step.step_error`. Derivatives at the end of an accepted step
+    become those at the start of the next.
     """
     error = h * (_embedded(rows, at.W) + left * _embedded(rows, at.P)) + 1e-300
     if any_lane(levels):
@@ -608,11 +664,12 @@ def _controlled(rows, h, left, room, width, across, levels):
 @shared
 def march(domain, flights, n_links, across, data):
     """
-    Trace waiting rays of the first n_links links as `search.shoot` does, until a lane is free and no ray of a link is to be traced.
+    Trace waiting rays of the first n_links links as `search.shoot` does, until a lane is free and
+    no ray of a link is to be traced.
 
-    The other rays remain in their lanes for the next call. Rays that `search.shoot` must trace remain WAITING or UNDER_WAY. Lanes that
-    would be free trace rays ahead, which end no call. With across, all rays leave the plane; for None, none does, and Numba omits the
-    code for it.
+    The other rays remain in their lanes for the next call. Rays that `search.shoot` must trace
+    remain WAITING or UNDER_WAY. Lanes that would be free trace rays ahead, which end no call. With
+    across, all rays leave the plane; for None, none does, and Numba omits the code for it.
     """
     rows, surface = flights.lanes, domain.surface
     flat = surface.depth.size == 1

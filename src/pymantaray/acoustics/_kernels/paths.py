@@ -26,8 +26,8 @@ def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
     """
     Trace one eigenray again, with a given slowness at the source, into work.path.
 
-    manner contains its axis and its reflections at the surface and at the bottom. Returns True if it reaches the end, the number of
-    steps, and c at the source.
+    manner contains its axis and its reflections at the surface and at the bottom. Returns True if
+    it reaches the end, the number of steps, and c at the source.
     """
     s, walls, link = prepare(domain, source, receiver, work)
     axis, bounces = manner[0], (manner[1], manner[2])
@@ -50,7 +50,10 @@ def _trace_arrival(domain, source, receiver, slowness, manner, tol, work):
 
 @kernel
 def _trace_course(s, walls, link, course, slowness, tol, work):
-    """Trace an eigenray with a given slowness (forward, side, down) along its course; return True if it reaches the end, and the number of steps."""
+    """
+    Trace an eigenray with a given slowness (forward, side, down) along its course; return True if
+    it reaches the end, and the number of steps.
+    """
     forward, side, down = slowness
     _, cb, sb, _ = course.axis
     angle = math.asin(min(max(down * cb - forward * sb, -1.0), 1.0))
@@ -72,11 +75,13 @@ def _trace_course(s, walls, link, course, slowness, tol, work):
 @compact
 def trace_arrivals(domain, ends, launch, manner, times, tol, work, out):
     """
-    Trace eigenrays into rows of nodes in the local frame, from the source, while there is room for any ray.
+    Trace eigenrays into rows of nodes in the local frame, from the source, while there is room for
+    any ray.
 
-    ends (n, 2, 3) contains source and receiver; launch (n, 4) the slowness at the launch, and 1 for a launch from the receiver;
-    manner (n, 3) the axes of the rays and their reflections at both boundaries. out receives the nodes, and the number of nodes of each
-    ray, 0 if it ends early. Returns the number of traced rays.
+    ends (n, 2, 3) contains source and receiver; launch (n, 4) the slowness at the launch, and 1 for
+    a launch from the receiver; manner (n, 3) the axes of the rays and their reflections at both
+    boundaries. out receives the nodes, and the number of nodes of each ray, 0 if it ends early.
+    Returns the number of traced rays.
     """
     nodes, counts = out
     n = 0
@@ -134,7 +139,8 @@ def _line(start, end):
 @compact
 def trace_launches(domain, fan, angles, bounces, tol, work, out):
     """
-    Trace a fan of rays into rows of nodes in the local frame, while there is room for any ray; return the number of traced rays.
+    Trace a fan of rays into rows of nodes in the local frame, while there is room for any ray;
+    return the number of traced rays.
 
     fan contains the source, the direction of the plane and the distance.
     """
@@ -144,7 +150,7 @@ def trace_launches(domain, fan, angles, bounces, tol, work, out):
     c = field_at(s, 0.0, source[2])
     rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], 0, 0, 0.0, 0)
     axis = at.Axis(source[2], 1.0, 0.0, c)
-    course = Course(rule, axis, distance, 0.0, False, at.ANY, False)
+    course = Course(rule, axis, distance, 0.0, False, False)
     n = 0
     for i in range(angles.size):
         if n + work.path.shape[0] > nodes.shape[0]:
@@ -178,7 +184,10 @@ def _local_node(row, line, c, surface, node):
 
 @entry
 def section_grid(domain, fan, ranges, depths, work, out):
-    """Write sound speed (range, depth), sea bed and surface along a baseline to out; ``fan`` is as in `trace_launches`."""
+    """
+    Write sound speed (range, depth), sea bed and surface along a baseline to out; ``fan`` is as in
+    `trace_launches`.
+    """
     source, unit, distance = fan
     speed, floor, top = out
     line = Baseline(source[0], source[1], unit[0], unit[1])

@@ -1,4 +1,7 @@
-"""Find the ray of a bracket that meets the receiver, by Newton's method in three dimensions, and fill its row of an arrival."""
+"""
+Find the ray of a bracket that meets the receiver, by Newton's method in three dimensions, and fill
+its row of an arrival.
+"""
 
 import math
 from collections import namedtuple
@@ -25,9 +28,11 @@ _WIDEST_JUMP, _STEEPEST = (
     5e-5,
     10.0,
 )  # rad, times the slope of a weak ray; the miss jumps in a narrower bracket where it is steeper
-INSET = 1e-3  # m; rays to a receiver on a boundary end this far inside, and the travel time is corrected (Fermat)
+# m; rays to a receiver on a boundary end this far inside, and the travel time is corrected (Fermat)
+INSET = 1e-3
 _DIFFERENCE_STEP = 1e-5  # rad; distance of rays whose differences are derivatives
-# If Newton's method fails, the slopes of the boundaries across the plane increase from zero in these shares
+# If Newton's method fails, the slopes of the boundaries across the plane increase from zero in
+# these shares
 _FIRST_SHARE, _MIN_SHARE = 0.25, 1.0 / 128.0
 _MAX_MOVES = 24  # of a bracket's ends
 _MIN_MOVE = 1e-3  # of the bracket's width: shortest move
@@ -68,9 +73,12 @@ def cross_slowness(a, b, angle):
 
 @kernel
 def polish(s, walls, course, bracket, accuracy, work):
-    """Find the direct ray of a bracket by Newton's method from the root of its cubic, with horizontal refraction.
+    """
+    Find the direct ray of a bracket by Newton's method from the root of its cubic, with horizontal
+    refraction.
 
-    Not ok if the method does not converge at once, leaves the bracket, or reaches a ray on the other side of a caustic.
+    Not ok if the method does not converge at once, leaves the bracket, or reaches a ray on the
+    other side of a caustic.
     """
     y, a, b = work.y, bracket[0], bracket[1]
     lo, hi, rise = a[at.ANGLE], b[at.ANGLE], b[at.MISS] - a[at.MISS]
@@ -95,13 +103,19 @@ def polish(s, walls, course, bracket, accuracy, work):
 
 @kernel
 def miss_noise(tol, slope, length):
-    """Difference of the misses of neighbouring rays that their errors can cause; the errors grow with the divergence. [m]"""
+    """
+    Difference of the misses of neighbouring rays that their errors can cause; the errors grow with
+    the divergence. [m]
+    """
     return 30.0 * tol * max(1.0, abs(slope) / length)
 
 
 @kernel
 def jumps(wide, weak):
-    """True if the miss is much steeper than weak across a widened bracket, as at a crest: usually the bracket contains no ray."""
+    """
+    True if the miss is much steeper than weak across a widened bracket, as at a crest: usually the
+    bracket contains no ray.
+    """
     width = wide.b - wide.a
     return (
         wide.ok
@@ -130,11 +144,14 @@ def taken_up(bracket):
 
 @kernel
 def refine(s, walls, course, wide, accuracy, weak, work):
-    """Find the direct ray of a widened bracket, with horizontal refraction, that ends within accuracy.miss of the receiver.
+    """
+    Find the direct ray of a widened bracket, with horizontal refraction, that ends within
+    accuracy.miss of the receiver.
 
-    Newton's method on both slownesses: the angle by xi, the cross-track slowness by dy/dq, safeguarded by bisection. It stops
-    without a ray if the bracket is narrower than _NARROWEST_JUMP and the miss in it steeper than weak by more than the rays' errors.
-    The end state stays in work.y and its path in work.path.
+    Newton's method on both slownesses: the angle by xi, the cross-track slowness by dy/dq,
+    safeguarded by bisection. It stops without a ray if the bracket is narrower than _NARROWEST_JUMP
+    and the miss in it steeper than weak by more than the rays' errors. The end state stays in
+    work.y and its path in work.path.
     """
     y, ray, tol, miss = work.y, direct_ray(course, work), accuracy.fine, accuracy.miss
     ok, a, b, fa, fb, q = wide
@@ -183,7 +200,8 @@ def refine(s, walls, course, wide, accuracy, weak, work):
 
 @kernel
 def widened(s, walls, course, bracket, tol, work):
-    """Widen a bracket until it contains the root, which horizontal refraction moves by a small angle.
+    """
+    Widen a bracket until it contains the root, which horizontal refraction moves by a small angle.
 
     If the bracket is still too narrow, the misses have the same sign.
     """
@@ -228,9 +246,11 @@ def widened(s, walls, course, bracket, tol, work):
 
 @kernel
 def unresolved_db(bracket, noise, slope):
-    """Spreading to add if a bracket has the width of the resolution and the miss jumps across it. [dB]
+    """
+    Spreading to add if a bracket has the width of the resolution and the miss jumps across it. [dB]
 
-    Along a sound-speed maximum rays diverge faster than the digits of a launch angle resolve, so the slope at one ray says nothing.
+    Along a sound-speed maximum rays diverge faster than the digits of a launch angle resolve, so
+    the slope at one ray says nothing.
     """
     h = bracket[1, at.ANGLE] - bracket[0, at.ANGLE]
     jump = abs(bracket[1, at.MISS] - bracket[0, at.MISS])
@@ -242,7 +262,10 @@ def unresolved_db(bracket, noise, slope):
 
 @kernel
 def narrow(s, walls, course, bracket, launch, tol, work):
-    """Move the ends of a bracket to rays beside a ray, closer to each other than the resolution; if one does not reach the end, without a jump."""
+    """
+    Move the ends of a bracket to rays beside a ray, closer to each other than the resolution; if
+    one does not reach the end, without a jump.
+    """
     reach = True
     for i in range(2):
         angle = launch.angle + (i - 0.5) * 0.9 * RESOLUTION
@@ -255,7 +278,10 @@ def narrow(s, walls, course, bracket, launch, tol, work):
 
 @kernel
 def _in_plane(s, walls, course, bracket, accuracy, work):
-    """Launch angle of the root of the miss in a bracket, in the plane of the link, and False if it cannot be found."""
+    """
+    Launch angle of the root of the miss in a bracket, in the plane of the link, and False if it
+    cannot be found.
+    """
     lo, hi, fa, code = (
         bracket[0, at.ANGLE],
         bracket[1, at.ANGLE],
@@ -288,7 +314,10 @@ def _in_plane(s, walls, course, bracket, accuracy, work):
 
 @kernel
 def _differences(s, walls, course, angle, q, tol, work):
-    """Return ok and the derivatives of both end offsets by both launch parameters, by differences from the ray in work."""
+    """
+    Return ok and the derivatives of both end offsets by both launch parameters, by differences from
+    the ray in work.
+    """
     y, ray, d = work.y, full_ray_end(work), _DIFFERENCE_STEP
     w0, y0 = y[at.W], y[at.Y]
     ok1, _, _, _ = trace(s, walls, course, angle + d, q, tol, ray)
@@ -300,9 +329,11 @@ def _differences(s, walls, course, angle, q, tol, work):
 
 @kernel
 def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
-    """Find the reflected ray that ends at the target, by Newton's method with Broyden's updates.
+    """
+    Find the reflected ray that ends at the target, by Newton's method with Broyden's updates.
 
-    If bounded, the search stops when it leaves the bracket. Returns the launch, the jacobian and the code of the last ray.
+    If bounded, the search stops when it leaves the bracket. Returns the launch, the jacobian and
+    the code of the last ray.
     """
     rule, y, ray, fine, miss = course.rule, work.y, full_ray(work), accuracy.fine, accuracy.miss
     inner = fewer_bounces(bracket)
@@ -359,11 +390,14 @@ def newton(s, walls, course, trial, bracket, bounded, accuracy, work):
 
 @kernel
 def refine_reflected(s, walls, course, bracket, accuracy, work):
-    """Find the reflected ray of a bracket that ends at the target; also return True if it has the bracket's boundary cells.
+    """
+    Find the reflected ray of a bracket that ends at the target; also return True if it has the
+    bracket's boundary cells.
 
-    Newton's method starts from the root of the bracket's cubic. If the reflections change, it starts again from the root in the plane
-    of the link. If this fails too, the slopes of the boundaries across the plane increase from zero, and each ray starts the
-    search of the next. The end state stays in work.y, its path in work.path.
+    Newton's method starts from the root of the bracket's cubic. If the reflections change, it
+    starts again from the root in the plane of the link. If this fails too, the slopes of the
+    boundaries across the plane increase from zero, and each ray starts the search of the next. The
+    end state stays in work.y, its path in work.path.
     """
     rule = course.rule
     inner = fewer_bounces(bracket)
@@ -392,7 +426,10 @@ def refine_reflected(s, walls, course, bracket, accuracy, work):
 
 @kernel
 def _increase_slope(s, walls, course, start, bracket, accuracy, work):
-    """Continue a reflected ray from the plane of the link while the boundaries' slopes across the plane increase from zero."""
+    """
+    Continue a reflected ray from the plane of the link while the boundaries' slopes across the
+    plane increase from zero.
+    """
     wanted = int(bracket[fewer_bounces(bracket), at.CODE])
     rough = Accuracy(
         accuracy.coarse, accuracy.fine, max(accuracy.miss, _ROUGH_MISS * course.length)
@@ -422,17 +459,22 @@ def _increase_slope(s, walls, course, start, bracket, accuracy, work):
 
 @kernel
 def tube(s, walls, course, launch, tol, work):
-    """Determinant of the end offsets by both launch parameters, by differences from the ray in work; NaN if a ray fails."""
+    """
+    Determinant of the end offsets by both launch parameters, by differences from the ray in work;
+    NaN if a ray fails.
+    """
     ok, (w1, w2, y1, y2) = _differences(s, walls, course, launch.angle, launch.q, tol, work)
     return w1 * y2 - w2 * y1 if ok else math.nan
 
 
 @kernel
 def finish(row, y, launch, course, link, inset):
-    """Fill a row with the ray that ended in state y, moved by its small miss onto the receiver, which is inset beyond the target.
+    """
+    Fill a row with the ray that ended in state y, moved by its small miss onto the receiver, which
+    is inset beyond the target.
 
-    The travel time changes by the slowness at the receiver times the miss (Fermat), to second order; the slownesses change by their
-    derivatives along the variation.
+    The travel time changes by the slowness at the receiver times the miss (Fermat), to second
+    order; the slownesses change by their derivatives along the variation.
     """
     _, cb, sb, _ = course.axis
     angle, q, c0 = launch.angle, launch.q, link.c0
@@ -462,7 +504,10 @@ def finish(row, y, launch, course, link, inset):
 
 @kernel
 def _finish_end(row, slowness, tilt, link, angle_column, slowness_column):
-    """Write angle and slowness vector of one end, from the slownesses across the axis, out of the plane and along the axis."""
+    """
+    Write angle and slowness vector of one end, from the slownesses across the axis, out of the
+    plane and along the axis.
+    """
     p, side, h = slowness
     cb, sb = tilt
     along = h * cb - p * sb

@@ -1,10 +1,14 @@
-"""Find all launch angles whose rays meet the receiver, with limits for their steepness and an adaptive fan of rays.
+"""
+Find all launch angles whose rays meet the receiver, with limits for their steepness and an adaptive
+fan of rays.
 
-A fan of rays gives the miss ``F`` and its derivative by the launch angle. A cubic Hermite polynomial approximates F between neighbours. If an
-interval may contain a root, a ray in its middle checks this polynomial. Intervals are halved until each contains one root or none, or is
-narrower than the resolution. The signs of the derivatives show pairs of roots about an extremum of F (a caustic). The slowness at the
-receiver shows neighbours that differ by several cycles, because its cubic is then not resolved. The errors of diverging rays grow with the
-divergence: if such a ray comes near the receiver, it is traced again with a smaller tolerance.
+A fan of rays gives the miss ``F`` and its derivative by the launch angle. A cubic Hermite
+polynomial approximates F between neighbours. If an interval may contain a root, a ray in its middle
+checks this polynomial. Intervals are halved until each contains one root or none, or is narrower
+than the resolution. The signs of the derivatives show pairs of roots about an extremum of F (a
+caustic). The slowness at the receiver shows neighbours that differ by several cycles, because its
+cubic is then not resolved. The errors of diverging rays grow with the divergence: if such a ray
+comes near the receiver, it is traced again with a smaller tolerance.
 """
 
 import math
@@ -35,7 +39,6 @@ from pymantaray.acoustics._kernels.march import (
     astray,
 )
 from pymantaray.acoustics._kernels.trace import (
-    any_course,
     course_to_levels,
     fan_ray,
     trace,
@@ -46,7 +49,9 @@ STEEP = 0.08  # rad; a link steeper than the Snell limit by this has one ray
 BEYOND = 0.02  # rad; the fan extends beyond the steepest ray that may arrive by this
 MAX_RAYS = 20_000
 MAX_RAYS_INTERVAL = 1000
-_MORE_RAYS = 4.0  # times as many in an interval of rays that leave the plane: where several end in it at one angle, their miss jumps
+# times as many in an interval of rays that leave the plane: where several end in it at one angle,
+# their miss jumps
+_MORE_RAYS = 4.0
 _RAYS_PER_BRACKET = 15.0  # share of a bracket in the budget of rays
 _SLOWNESS_DEFECT = (
     0.3  # of the vertical slowness; a larger defect of its cubic means unresolved cycles
@@ -54,15 +59,21 @@ _SLOWNESS_DEFECT = (
 _WEAK_WIDTH = 5e-5  # rad; a narrower interval between two weak rays is not divided
 _CUBIC_DEPARTURE = (
     16.0 / 27.0
-)  # bound of the distance between a cubic Hermite polynomial and its chord, per slope defect, times four
-_EXIT_GAP = 0.25  # of the link; rays whose exits from the water are farther apart left it at different cycles
-_MIN_RISE = 0.3  # of the steepness at the exit must remain within an interval whose rays all leave the water
+    # bound of the distance between a cubic Hermite polynomial and its chord, per slope defect,
+    # times four
+)
+# of the link; rays whose exits from the water are farther apart left it at different cycles
+_EXIT_GAP = 0.25
+# of the steepness at the exit must remain within an interval whose rays all leave the water
+_MIN_RISE = 0.3
 _EXIT_AGREEMENT = (
     0.3  # of the distance to the exit: allowed error of the exit that the derivatives predict
 )
-_WINDOW_WIDTH = 2e-5  # rad; width down to which rays that stay in the water are searched between two that left it
-# A sound-speed maximum may part two rays if the miss bends by more than the first share of its size, and if this share times the
-# error of the predicted turning depths exceeds the second number of metres
+# rad; width down to which rays that stay in the water are searched between two that left it
+_WINDOW_WIDTH = 2e-5
+# A sound-speed maximum may part two rays if the miss bends by more than the first share of its
+# size, and if this share times the error of the predicted turning depths exceeds the second number
+# of metres
 _MIN_BEND, _MIN_BEND_TIMES_DEFECT = 0.2, 1.25
 _NOISE = (
     4.0  # tolerances; the miss of a ray out of the plane may differ by this between two attempts
@@ -73,8 +84,9 @@ _PASSAGE_WIDTH = (
 _WEAK_SHARE = 0.1  # of the slope of a weak ray: slope of a ray at the cut-off
 _FOLD, _FOLD_RATE = 1e-4, 20.0  # jump of the cross-track slowness, and its rate by the launch angle
 _UNKNOWN = 1e30  # m; error of a cubic
-# Between two rays that do not turn, no ray of the first fan is needed if both slopes of the miss differ from the mean by less than the first
-# share, and the slownesses at the end from their predictions by less than the second share of the smaller one
+# Between two rays that do not turn, no ray of the first fan is needed if both slopes of the miss
+# differ from the mean by less than the first share, and the slownesses at the end from their
+# predictions by less than the second share of the smaller one
 _EVEN_MISS, _EVEN_SLOWNESS = 0.2, 0.3
 LEFT_OUT = -2.0  # GOOD of a ray of the first fan that is not needed
 _DROP, _SPLIT, _BRACKET, _EDGE, _GONE = range(5)  # verdicts on an interval
@@ -95,18 +107,18 @@ other miss to within resolved [m].
 @kernel
 def aimed_at(course, target):
     """Return the course with another target."""
-    return Course(
-        course.rule, course.axis, course.length, target, course.to_levels, course.rays, course.cross
-    )
+    return Course(course.rule, course.axis, course.length, target, course.to_levels, course.cross)
 
 
 @kernel
 def shoot(s, walls, course, angle, tol, growth, node, work):
-    """Trace a ray of a fan into a node with an error of at most tol at its end; growth is the expected divergence.
+    """
+    Trace a ray of a fan into a node with an error of at most tol at its end; growth is the expected
+    divergence.
 
-    The steps of a diverging ray end at the levels. Slopes are derivatives by the launch angle. If the receiver is on a boundary, a
-    reflection there is unfolded: rays that are reflected just before the receiver miss it on the other side, so the miss changes
-    sign at the receiver.
+    The steps of a diverging ray end at the levels. Slopes are derivatives by the launch angle. If
+    the receiver is on a boundary, a reflection there is unfolded: rays that are reflected just
+    before the receiver miss it on the other side, so the miss changes sign at the receiver.
     """
     rule, y = course.rule, work.y
     grown = 0.0
@@ -139,7 +151,10 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
 
 @kernel
 def _shoot_across(s, walls, course, angle, tol, node, work):
-    """Trace a direct ray out of the plane until it ends in it; the node receives its cross-track slowness."""
+    """
+    Trace a direct ray out of the plane until it ends in it; the node receives its cross-track
+    slowness.
+    """
     y = work.y
     for _ in range(MOST_ATTEMPTS):
         ok, _, _, code = trace_direct(
@@ -158,7 +173,10 @@ def _shoot_across(s, walls, course, angle, tol, node, work):
 
 @kernel
 def _same_code(a, b, fold):
-    """True if the miss is smooth between two rays: equal reflections, or one more at the receiver's boundary."""
+    """
+    True if the miss is smooth between two rays: equal reflections, or one more at the receiver's
+    boundary.
+    """
     if a[at.CODE] == b[at.CODE]:
         return True
     return fold != 0 and (
@@ -182,15 +200,20 @@ def fewer_bounces(bracket):
 
 @kernel
 def _cannot_vanish(node, h):
-    """True if the miss cannot become zero within h, even if its derivative grows like an inverse root."""
+    """
+    True if the miss cannot become zero within h, even if its derivative grows like an inverse root.
+    """
     return node[at.GOOD] == 0.0 or abs(node[at.MISS]) > 3.0 * abs(node[at.SLOPE]) * h
 
 
 @kernel
 def _oscillates(a, b, h):
-    """True if the slowness at the receiver's plane differs between two rays by more than its slopes predict.
+    """
+    True if the slowness at the receiver's plane differs between two rays by more than its slopes
+    predict.
 
-    Two rays that differ by several cycles may both be at the top of a cycle, where the miss is flat.
+    Two rays that differ by several cycles may both be at the top of a cycle, where the miss is
+    flat.
     """
     rise = b[at.SLOWNESS] - a[at.SLOWNESS]
     defect = max(abs(h * a[at.SLOWNESS_SLOPE] - rise), abs(h * b[at.SLOWNESS_SLOPE] - rise))
@@ -201,18 +224,24 @@ def _oscillates(a, b, h):
 
 @kernel
 def _window(a, b, length):
-    """True if two rays left the water so far apart that rays between them may stay in it: they turn once more before."""
+    """
+    True if two rays left the water so far apart that rays between them may stay in it: they turn
+    once more before.
+    """
     return a[at.LEFT] * b[at.LEFT] > 0.0 and abs(a[at.LEFT] - b[at.LEFT]) > _EXIT_GAP * length
 
 
 @kernel
 def _maximum_between(a, b, h, bend, resolved):
-    """True if a sound-speed maximum seems to turn one of two rays, while the other one crosses it.
+    """
+    True if a sound-speed maximum seems to turn one of two rays, while the other one crosses it.
 
-    The least and greatest depths of a ray are smooth functions of the launch angle, except at the angle of a ray that runs along the crest
-    of a maximum. In water that varies horizontally, rays near that angle may enter a duct beyond the crest: the miss then changes
-    by hundreds of metres within 1e-4 rad, which neither ray's derivative shows. bend is the larger slope defect of the miss,
-    as a share of the nearer miss. The depths of neighbours must predict each other to within resolved.
+    The least and greatest depths of a ray are smooth functions of the launch angle, except at the
+    angle of a ray that runs along the crest of a maximum. In water that varies horizontally, rays
+    near that angle may enter a duct beyond the crest: the miss then changes by hundreds of metres
+    within 1e-4 rad, which neither ray's derivative shows. bend is the larger slope defect of the
+    miss, as a share of the nearer miss. The depths of neighbours must predict each other to within
+    resolved.
     """
     defect = max(_turning_defect(a, b, h, at.TOP), _turning_defect(a, b, h, at.LOW))
     return defect > resolved or (bend > _MIN_BEND and bend * defect > _MIN_BEND_TIMES_DEFECT)
@@ -220,9 +249,12 @@ def _maximum_between(a, b, h, bend, resolved):
 
 @kernel
 def _turning_defect(a, b, h, column):
-    """Error with which an extreme depth of each ray and its derivative predict that of the other ray, the larger one. [m]
+    """
+    Error with which an extreme depth of each ray and its derivative predict that of the other ray,
+    the larger one. [m]
 
-    Zero if both rays are at their extreme depths at the receiver: these depths are the miss, not turning depths.
+    Zero if both rays are at their extreme depths at the receiver: these depths are the miss, not
+    turning depths.
     """
     if a[column + 1] == a[at.SLOPE] and b[column + 1] == b[at.SLOPE]:
         return 0.0
@@ -232,11 +264,13 @@ def _turning_defect(a, b, h, column):
 
 @kernel
 def _leave_water_alike(a, b, length):
-    """True if two direct rays left the water in the same way, so all rays between them leave it.
+    """
+    True if two direct rays left the water in the same way, so all rays between them leave it.
 
-    The exit and the steepness there are smooth functions of the launch angle until the steepness becomes zero. Three conditions hold: the
-    derivatives show no such zero within the interval, they predict the other ray's exit, and no exit is beyond the receiver (about
-    a caustic, rays may leave beyond it between two that leave just before it).
+    The exit and the steepness there are smooth functions of the launch angle until the steepness
+    becomes zero. Three conditions hold: the derivatives show no such zero within the interval, they
+    predict the other ray's exit, and no exit is beyond the receiver (about a caustic, rays may
+    leave beyond it between two that leave just before it).
     """
     if a[at.LEFT] == 0.0 or b[at.LEFT] == 0.0:
         return False
@@ -259,10 +293,12 @@ def _leave_on_one_side(a, b):
 
 @kernel
 def is_weak(bracket, weak, resolution):
-    """True if the miss is so steep across a bracket that its ray is too weak.
+    """
+    True if the miss is so steep across a bracket that its ray is too weak.
 
-    In a bracket at the resolution the mean slope decides. The cubic of a wider bracket is resolved, and its slope at the root is at
-    least a quarter of the smallest of the mean slope and the slopes at both ends.
+    In a bracket at the resolution the mean slope decides. The cubic of a wider bracket is resolved,
+    and its slope at the root is at least a quarter of the smallest of the mean slope and the slopes
+    at both ends.
     """
     a, b = bracket[0], bracket[1]
     h = b[at.ANGLE] - a[at.ANGLE]
@@ -274,7 +310,9 @@ def is_weak(bracket, weak, resolution):
 
 @kernel
 def _points_across(end, rule, overhang):
-    """True if a reflected ray at an edge of its cells would meet the receiver if the cells were larger.
+    """
+    True if a reflected ray at an edge of its cells would meet the receiver if the cells were
+    larger.
 
     Slopes across the plane may move this ray back within the edge.
     """
@@ -302,15 +340,21 @@ def shoot_waiting(s, walls, course, first, last, work):
 
 @kernel
 def first_row(work):
-    """Row of the first ray of the fan; before it are the rays for which intervals wait, and those traced ahead."""
+    """
+    Row of the first ray of the fan; before it are the rays for which intervals wait, and those
+    traced ahead.
+    """
     return 6 * work.halves.shape[0]
 
 
 @kernel
 def put_fan(n_nodes, tol, gap, work):
-    """Put the rays of a fan with the angles work.nodes into work.rays; return the state of a new search.
+    """
+    Put the rays of a fan with the angles work.nodes into work.rays; return the state of a new
+    search.
 
-    With a positive gap [rad], only rays that are at most so far apart wait at first; `fill_fan` decides about those between them.
+    With a positive gap [rad], only rays that are at most so far apart wait at first; `fill_fan`
+    decides about those between them.
     """
     fan = work.rays[first_row(work) :]
     previous = work.nodes[0]
@@ -328,7 +372,10 @@ def put_fan(n_nodes, tol, gap, work):
 
 @kernel
 def fill_fan(length, progress, work):
-    """Let the other rays of a fan wait, except between rays that show that there is neither a root nor a ray that turns."""
+    """
+    Let the other rays of a fan wait, except between rays that show that there is neither a root nor
+    a ray that turns.
+    """
     fan, a = work.rays[first_row(work) :], 0
     for b in range(1, int(progress.right) + 2):
         if fan[b, at.GOOD] == LEFT_OUT:
@@ -343,7 +390,9 @@ def fill_fan(length, progress, work):
 
 @kernel
 def _is_even(a, b, length):
-    """True if the miss certainly rises without a root between two rays: neither turned, and nor does any ray between them.
+    """
+    True if the miss certainly rises without a root between two rays: neither turned, and nor does
+    any ray between them.
 
     The miss of rays that do not turn rises with the launch angle.
     """
@@ -403,10 +452,11 @@ def _close_gaps(n_nodes, work):
 @kernel
 def find_brackets(s, walls, course, n_nodes, gap, search, work):
     """
-    Bracket all roots of the miss between the first and the last angle of work.nodes; rays are traced one by one. gap is that of `put_fan`.
+    Bracket all roots of the miss between the first and the last angle of work.nodes; rays are
+    traced one by one. gap is that of `put_fan`.
 
-    Returns the number of brackets, the smallest miss, the number of rays, True if the budget was sufficient, and True if no interval
-    remained unresolved.
+    Returns the number of brackets, the smallest miss, the number of rays, True if the budget was
+    sufficient, and True if no interval remained unresolved.
     """
     progress = put_fan(n_nodes, search.coarse, gap, work)
     fan = first_row(work)
@@ -422,7 +472,7 @@ def find_brackets(s, walls, course, n_nodes, gap, search, work):
         shoot_waiting(s, walls, course, fan, fan + n_nodes, work)
     course = course_to_levels(s, course)
     while True:
-        progress = advance(s.n_range > 1, any_course(course), search, progress, work)
+        progress = advance(s.n_range > 1, course, search, progress, work)
         if progress.asked == 0.0:
             return tally_of(progress)
         shoot_waiting(s, walls, course, 0, 2 * int(progress.asked), work)
@@ -439,14 +489,17 @@ def tally_of(progress):
 @compact
 def advance(varies, course, search, progress, work):
     """
-    Continue a search after its rays were traced, until intervals wait for rays again; none wait if the search is complete.
+    Continue a search after its rays were traced, until intervals wait for rays again; none wait if
+    the search is complete.
 
-    A search of reflected rays skips direct rays. The miss is smooth between rays of one code; it may bend or jump across a change of
-    code. If the miss is within a few tolerances of zero, or changes sign without becoming smooth, the rays are traced again with the
-    fine tolerance. Between rays that exceed the number of reflections at places far apart, rays with fewer reflections are
-    searched in wider intervals. Several intervals of direct rays wait at a time: the first two rows of work.rays belong to the first of
-    them, and so on, and those to be traced are WAITING. work.brackets receives the rays at both ends of each bracket. varies is False
-    if the section is the same at all ranges.
+    A search of reflected rays skips direct rays. The miss is smooth between rays of one code; it
+    may bend or jump across a change of code. If the miss is within a few tolerances of zero, or
+    changes sign without becoming smooth, the rays are traced again with the fine tolerance. Between
+    rays that exceed the number of reflections at places far apart, rays with fewer reflections are
+    searched in wider intervals. Several intervals of direct rays wait at a time: the first two rows
+    of work.rays belong to the first of them, and so on, and those to be traced are WAITING.
+    work.brackets receives the rays at both ends of each bracket. varies is False if the section is
+    the same at all ranges.
     """
     asked, top, left, right = (
         int(progress.asked),
@@ -491,7 +544,10 @@ def _read_fan(n_nodes, work):
 
 @kernel
 def _next_interval(pending, work):
-    """Put the steepest pending interval of the fan on the empty stack: the number of rays towards the axis may be unlimited."""
+    """
+    Put the steepest pending interval of the fan on the empty stack: the number of rays towards the
+    axis may be unlimited.
+    """
     _, left, right = pending
     fan, ends = work.rays[first_row(work) :], work.stack[0]
     i = left if abs(fan[left, at.ANGLE]) >= abs(fan[right + 1, at.ANGLE]) else right
@@ -504,9 +560,12 @@ def _next_interval(pending, work):
 
 @inlined
 def _gather(varies, course, search, asked, pending, tally, work):
-    """Judge intervals until as many wait for rays as there is room for or none is left; return their number.
+    """
+    Judge intervals until as many wait for rays as there is room for or none is left; return their
+    number.
 
-    pending has the size of the stack and the first and last interval of the fan; tally is what `find_brackets` returns.
+    pending has the size of the stack and the first and last interval of the fan; tally is what
+    `find_brackets` returns.
     """
     n_brackets, margin, rays, complete, resolved = tally
     top, left, right = pending
@@ -595,7 +654,10 @@ def _ask_finer(a, b, fine, i, work):
 
 @kernel
 def _ask_middle(a, b, tol, i, work):
-    """Ask for the ray in the middle of an interval; fine at once if the rays diverge and their cubic comes near the receiver."""
+    """
+    Ask for the ray in the middle of an interval; fine at once if the rays diverge and their cubic
+    comes near the receiver.
+    """
     middle, h = work.rays[2 * i], b[at.ANGLE] - a[at.ANGLE]
     work.kinds[i] = HALVE
     copy_ray(a, work.halves[i, 0])
@@ -615,7 +677,10 @@ def _ask_middle(a, b, tol, i, work):
 
 @inlined
 def _put_back(course, asked, top, tally, fine, work):
-    """Put the intervals that waited back on the stack, halved or with other ends; return the number of those that wait again."""
+    """
+    Put the intervals that waited back on the stack, halved or with other ends; return the number of
+    those that wait again.
+    """
     n_brackets, margin, rays, complete, resolved = tally
     still = 0
     for i in range(asked):
@@ -646,9 +711,11 @@ def _put_back(course, asked, top, tally, fine, work):
 
 @kernel
 def _end_to_move(a, b, finer_a, finer_b):
-    """Index of the interval's end that must be moved over the root, or -1.
+    """
+    Index of the interval's end that must be moved over the root, or -1.
 
-    If the fine tolerance moved the root just beyond one end, the adjacent interval may lack it. A root inside the interval remains there.
+    If the fine tolerance moved the root just beyond one end, the adjacent interval may lack it. A
+    root inside the interval remains there.
     """
     near = 0 if abs(finer_a[at.MISS]) < abs(finer_b[at.MISS]) else 1
     end = finer_a if near == 0 else finer_b
@@ -672,7 +739,9 @@ def _ask_moved(a, b, moved, fine, i, work):
 
 @kernel
 def _put_halves(rule, a, m, b, top, work):
-    """Put both halves of an interval on the stack, the steeper on top; return the size of the stack."""
+    """
+    Put both halves of an interval on the stack, the steeper on top; return the size of the stack.
+    """
     e = a[at.DEFECT]
     if (
         m[at.GOOD] * a[at.GOOD] * b[at.GOOD] > 0.0
@@ -702,7 +771,8 @@ def _add_bracket(a, b, n, interval, work):
 
 @kernel
 def _unresolved(a, b, h, search):
-    """True if a pair of rays about an extremum of the miss may be between two rays at the resolution.
+    """
+    True if a pair of rays about an extremum of the miss may be between two rays at the resolution.
 
     Where the miss jumps, rays are too weak.
     """
@@ -715,7 +785,10 @@ def _unresolved(a, b, h, search):
 
 @kernel
 def _folds(a, b, h, weak):
-    """True if the cross-track slowness jumps between two rays beside the plane: several rays of one launch angle end in it."""
+    """
+    True if the cross-track slowness jumps between two rays beside the plane: several rays of one
+    launch angle end in it.
+    """
     if h >= _WEAK_WIDTH or a[at.GOOD] * b[at.GOOD] <= 0.0 or a[at.LEFT] + b[at.LEFT] > 0.0:
         return False
     if min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > _WEAK_SHARE * weak:
@@ -725,7 +798,10 @@ def _folds(a, b, h, weak):
 
 @kernel
 def _meets(ray, fine, h):
-    """True if a ray out of the plane meets the receiver within its error: the sign of its miss may differ between its two intervals."""
+    """
+    True if a ray out of the plane meets the receiver within its error: the sign of its miss may
+    differ between its two intervals.
+    """
     return ray[at.TOL] <= fine and abs(ray[at.MISS]) < _NOISE * fine < 0.5 * h * abs(ray[at.SLOPE])
 
 
@@ -743,7 +819,10 @@ def _add_around(ray, fine, n, interval, work):
 
 @inlined
 def _judge(a, b, varies, course, search):
-    """Return the verdict on the interval between two rays, and True if the miss is smooth there; varies is False if the section is the same at all ranges."""
+    """
+    Return the verdict on the interval between two rays, and True if the miss is smooth there;
+    varies is False if the section is the same at all ranges.
+    """
     rule, h = course.rule, b[at.ANGLE] - a[at.ANGLE]
     reflecting = rule.kind != at.OPEN
     alive = a[at.GOOD] > 0.0 and b[at.GOOD] > 0.0
@@ -772,7 +851,10 @@ def _judge(a, b, varies, course, search):
 
 @inlined
 def _judge_smooth(a, b, varies, direct, length, search):
-    """Return the verdict on an interval between rays with the same reflections, or between direct rays."""
+    """
+    Return the verdict on an interval between rays with the same reflections, or between direct
+    rays.
+    """
     h, fa, fb, e = b[at.ANGLE] - a[at.ANGLE], a[at.MISS], b[at.MISS], a[at.DEFECT]
     rise = fb - fa
     ea = h * a[at.SLOPE] - rise
@@ -790,8 +872,8 @@ def _judge_smooth(a, b, varies, direct, length, search):
     tol = max(a[at.TOL], b[at.TOL])
     nearest = min(abs(fa), abs(fb))
     reach = _CUBIC_DEPARTURE * (abs(ea) + abs(eb)) + e
-    # If one end is within the tolerance of zero, only the fine tolerance shows on which side of zero it is;
-    # without this condition the intervals beside it would be halved without end.
+    # If one end is within the tolerance of zero, only the fine tolerance shows on which side of
+    # zero it is; without this condition the intervals beside it would be halved without end.
     sure = tol <= search.fine or nearest > 4.0 * tol
     even = sure and monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
     clear = even or (nearest > reach + tol and not _oscillates(a, b, h))
@@ -805,7 +887,10 @@ def _judge_smooth(a, b, varies, direct, length, search):
 
 @kernel
 def _defect(a, m, b):
-    """Largest error of the cubic in the wider part of [a, b], from its error at the ray between; the error is taken as a quartic."""
+    """
+    Largest error of the cubic in the wider part of [a, b], from its error at the ray between; the
+    error is taken as a quartic.
+    """
     h = b[at.ANGLE] - a[at.ANGLE]
     t = (m[at.ANGLE] - a[at.ANGLE]) / h
     departure = abs(m[at.MISS] - cubic(t, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE]))
@@ -815,12 +900,13 @@ def _defect(a, m, b):
 
 @kernel
 def fan_nodes(s, lo, hi, spacing, link, nodes):
-    """Launch angles of the first fan: equal spacing, and the angles at which rays turn at the levels.
+    """
+    Launch angles of the first fan: equal spacing, and the angles at which rays turn at the levels.
 
     spacing contains the equal spacing and the least distance between two nodes. [rad]
 
-    A ray that turns between two levels depends on the profile there: the miss has structure on the scale of these angles, and in a
-    LINEAR section singularities exactly at them.
+    A ray that turns between two levels depends on the profile there: the miss has structure on the
+    scale of these angles, and in a LINEAR section singularities exactly at them.
     """
     spacing, closest = spacing
     count = max(int(math.ceil((hi - lo) / spacing)), 2) + 1
@@ -844,7 +930,10 @@ def fan_nodes(s, lo, hi, spacing, link, nodes):
 
 @kernel
 def _add_level_angles(s, lo, hi, c_source, n, nodes):
-    """Append to the first n nodes the angles at which rays turn at the levels; return the number of nodes."""
+    """
+    Append to the first n nodes the angles at which rays turn at the levels; return the number of
+    nodes.
+    """
     for k in range(s.depth.size):
         c_first = 0.0
         for cell in range(s.n_range):
@@ -865,7 +954,10 @@ def _add_level_angles(s, lo, hi, c_source, n, nodes):
 
 @kernel
 def speed_extremes(s, extremes):
-    """Put the least and largest sound speed of each layer into extremes; return the largest variation along the section."""
+    """
+    Put the least and largest sound speed of each layer into extremes; return the largest variation
+    along the section.
+    """
     variation = 0.0
     for i in range(s.n_range):
         for k in range(s.depth.size - 1):
@@ -909,10 +1001,12 @@ def _cubic_extremes(h, c0, d1, d2, d3):
 
 @kernel
 def snell_limit(s, c_source, top, low, variation, extremes):
-    """Steepest launch angle of a ray that turns between two depths, and steepest angle of such a ray there, from the horizontal.
+    """
+    Steepest launch angle of a ray that turns between two depths, and steepest angle of such a ray
+    there, from the horizontal.
 
-    Snell's law: arccos of the sound speed at the source over the largest between the depths, increased by the variation of the
-    field along the section.
+    Snell's law: arccos of the sound speed at the source over the largest between the depths,
+    increased by the variation of the field along the section.
     """
     slowest, fastest = c_source, c_source
     for k in range(s.depth.size - 1):
@@ -926,7 +1020,9 @@ def snell_limit(s, c_source, top, low, variation, extremes):
 
 @kernel
 def turning_limits(s, c_source, z0, z1, horizontal, variation, extremes):
-    """Steepest launch angles upwards and downwards at which a ray can turn within reach of a link."""
+    """
+    Steepest launch angles upwards and downwards at which a ray can turn within reach of a link.
+    """
     up, down, steep_up, steep_down = 0.6, 0.6, 0.6, 0.6
     for _ in range(3):
         reach = 0.5 * horizontal * math.tan(steep_up) + 1.0

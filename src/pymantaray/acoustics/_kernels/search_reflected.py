@@ -1,10 +1,11 @@
 """
 Search for eigenrays with reflections at the surface and the sea bed.
 
-Two fans share the launch angles. Up to _STEEPEST_FORWARD from the horizontal, rays are integrated in range and reflected wherever they
-meet a boundary. Steeper rays, which may turn back on a slope, are integrated in depth, leg by leg, for each number of reflections. Both
-fans first search in the vertical plane of the link. Newton's method with two launch angles then includes slopes and sound-speed
-gradients across the plane. Over a gridded sea bed, it continues with given cells.
+Two fans share the launch angles. Up to _STEEPEST_FORWARD from the horizontal, rays are integrated
+in range and reflected wherever they meet a boundary. Steeper rays, which may turn back on a slope,
+are integrated in depth, leg by leg, for each number of reflections. Both fans first search in the
+vertical plane of the link. Newton's method with two launch angles then includes slopes and
+sound-speed gradients across the plane. Over a gridded sea bed, it continues with given cells.
 """
 
 import math
@@ -35,7 +36,9 @@ _STEEPEST_FORWARD = 1.08  # rad
 _SHALLOWEST_LEGS = 1.02  # rad; the fans overlap, and rays of both are kept once
 _SPACING_FORWARD = 0.04  # rad, beyond the angles at which rays can turn
 _SPACING_LEGS = 0.13  # rad
-_OVERHANG = 0.08  # rad; a ray up to this angle beyond an edge of its cells in the plane may be within the cells out of the plane
+# rad; a ray up to this angle beyond an edge of its cells in the plane may be within the cells out
+# of the plane
+_OVERHANG = 0.08
 _RESOLUTION = 1e-6  # rad; narrower windows between changes of reflections are not searched
 _TRUST = 2e-4  # rad; rays above the usual cut-off have wider windows
 _SAME_TIME, _SAME_ANGLE = 2e-8, 4e-5  # s, rad
@@ -76,7 +79,9 @@ def reach_of(walls, link):
 
 @kernel
 def add_reflected(s, walls, hunt, count, work):
-    """Append all eigenrays with one or more allowed reflections to work.rows; return a `SearchResult`."""
+    """
+    Append all eigenrays with one or more allowed reflections to work.rows; return a `SearchResult`.
+    """
     horizontal, reach = hunt.link.horizontal, hunt.reach
     result = at.SearchResult(count, 0, 0, True)
     steepest = 0.5 * math.pi
@@ -84,7 +89,8 @@ def add_reflected(s, walls, hunt, count, work):
         legs = hunt.bounces[0] + hunt.bounces[1] + 1
         steepest = math.atan(1.3 * legs * reach.deepest / horizontal) + 0.1
         result = _add_forward(s, walls, hunt, steepest, result, work)
-    # on a slope, each reflection makes a ray steeper by twice the angle of the slope, so it may turn back
+    # on a slope, each reflection makes a ray steeper by twice the angle of the slope, so it may
+    # turn back
     turned = hunt.bounces[1] * math.atan(reach.slope) + hunt.bounces[0] * math.atan(reach.ice_slope)
     shallowest = max(_SHALLOWEST_LEGS - 2.0 * turned, hunt.limit + 0.05)
     if steepest > shallowest:
@@ -146,7 +152,10 @@ def _add_in_legs(s, walls, hunt, shallowest, result, work):
 
 @kernel
 def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
-    """Find and refine the reflected rays of one fan; courses are that of the rays, and that of the fan with the target of the search."""
+    """
+    Find and refine the reflected rays of one fan; courses are that of the rays, and that of the fan
+    with the target of the search.
+    """
     count, weak, rays, complete = result
     course, fan_course = courses
     reach, accuracy, cells = hunt.reach, hunt.accuracy, walls.cells
@@ -192,7 +201,10 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
 
 @kernel
 def _keep(s, walls, course, launch, counts, hunt, count, work):
-    """Write the ray in work.y to the next row unless it exists; return the number of rows, and 1 if the ray is below the cut-off."""
+    """
+    Write the ray in work.y to the next row unless it exists; return the number of rows, and 1 if
+    the ray is below the cut-off.
+    """
     link, reach, rows = hunt.link, hunt.reach, work.rows
     n_s, n_b = counts // 32, counts % 32
     if count >= rows.shape[0] or n_s > hunt.bounces[0] or n_b > hunt.bounces[1] or counts == 0:

@@ -1,9 +1,13 @@
-"""Rays in horizontally uniform water under a rough surface: skips from tables, and the surface followed step by step.
+"""
+Rays in horizontally uniform water under a rough surface: skips from tables, and the surface
+followed step by step.
 
-The water has levels with a constant gradient of sound speed between them. Above a deck, the depth that the surface does not reach, a ray is
-stepped along the range and reflected where it meets the surface. Below the deck its range and time until it comes back
-are functions of its angle at the deck alone; they are tabulated once for all links and surfaces. Only the last skip, in which
-the receiver is, is followed level by level. The surface has a depth and a slope at equally spaced ranges.
+The water has levels with a constant gradient of sound speed between them. Above a deck, the depth
+that the surface does not reach, a ray is stepped along the range and reflected where it meets the
+surface. Below the deck its range and time until it comes back are functions of its angle at the
+deck alone; they are tabulated once for all links and surfaces. Only the last skip, in which the
+receiver is, is followed level by level. The surface has a depth and a slope at equally spaced
+ranges.
 """
 
 import math
@@ -62,9 +66,11 @@ def _arc_time(g, dr, dz, c0, c1):
 
 @kernel
 def _below(water, k, z, sine, a, left, most_bottom):
-    """Follow a ray below the deck until a range or back to the deck.
+    """
+    Follow a ray below the deck until a range or back to the deck.
 
-    Returns True if it has reached the range, the rest of the range, level, depth, sine, time, turning points and reflections at the bed (-1 if too many).
+    Returns True if it has reached the range, the rest of the range, level, depth, sine, time,
+    turning points and reflections at the bed (-1 if too many).
     """
     depth, speed = water.depth, water.speed
     t, turns, beds = 0.0, 0, 0
@@ -176,9 +182,12 @@ def _above(water, link, r, z, angle):
 
 @kernel
 def _jump(water, angle):
-    """Range, time, turning points and reflections at the bed of a skip by its angle at the deck; range infinite beyond the table.
+    """
+    Range, time, turning points and reflections at the bed of a skip by its angle at the deck; range
+    infinite beyond the table.
 
-    Cubic between the entries where four of them have the same turning points and reflections, else linear.
+    Cubic between the entries where four of them have the same turning points and reflections, else
+    linear.
     """
     u = angle / water.step
     i = int(u)
@@ -215,7 +224,10 @@ def _jump(water, angle):
 
 @entry
 def fill_table(water, most_bottom):
-    """Fill the table of skips of water; the range of a ray with too many reflections at the bed is infinite."""
+    """
+    Fill the table of skips of water; the range of a ray with too many reflections at the bed is
+    infinite.
+    """
     c = water.speed[water.deck]
     for i in range(water.table.shape[1]):
         angle = max(i, 1e-3) * water.step
@@ -247,7 +259,10 @@ def _level(water, z):
 
 @kernel
 def _upper_part(water, link, place, t, surfaces):
-    """Follow a ray above the deck from place (range, depth, angle); return its range, depth, angle, time, and reflections (-1 if too many)."""
+    """
+    Follow a ray above the deck from place (range, depth, angle); return its range, depth, angle,
+    time, and reflections (-1 if too many).
+    """
     r, z, angle, more, hit = _above(water, link, place[0], place[1], place[2])
     surfaces += hit
     return r, z, angle, t + more, surfaces if hit >= 0 and surfaces <= link.most_surface else -1
@@ -315,7 +330,10 @@ def _copy(a, b):
 
 @kernel
 def _refine(water, link, a, b, weak, rows, count, work):
-    """Append the ray between two rays on either side of the receiver, unless it is too weak; return the number of rows."""
+    """
+    Append the ray between two rays on either side of the receiver, unless it is too weak; return
+    the number of rows.
+    """
     if count >= rows.shape[0]:
         return count
     middle = work[2]
@@ -345,8 +363,9 @@ def find_skips(water, link, fan, weak, rows, work):
     """
     Find the rays of a link with at least one reflection at the surface.
 
-    fan has the steepest angles up and down, the spacing and the least spacing [rad]; weak is the largest slope of the miss [m/rad]. rows (n, N_RAY)
-    receives the rays, work (60, N_RAY) is room. Returns the number of rays.
+    fan has the steepest angles up and down, the spacing and the least spacing [rad]; weak is the
+    largest slope of the miss [m/rad]. rows (n, N_RAY) receives the rays, work (60, N_RAY) is room.
+    Returns the number of rays.
     """
     up, down, spacing, least = fan
     count = 0
@@ -380,6 +399,9 @@ def find_skips(water, link, fan, weak, rows, work):
 
 @kernel
 def _needs_more(a, b, h, weak):
-    """True if an interval of rays with the same reflections may hide more rays than the signs of the misses show."""
+    """
+    True if an interval of rays with the same reflections may hide more rays than the signs of the
+    misses show.
+    """
     nearest = min(abs(a[MISS]), abs(b[MISS]))
     return nearest < weak * h or abs(a[END_ANGLE] - b[END_ANGLE]) > 0.02

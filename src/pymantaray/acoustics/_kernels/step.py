@@ -1,17 +1,20 @@
 """
 Hamilton's equations of a ray with their variation, and one Dormand-Prince 5(4) step of them.
 
-The independent variable is the distance ``s`` along an axis through the source in the section's plane. The axis is horizontal, or the
-chord, with a tilt of cosine ``cb`` and sine ``sb``. With ``n = c_ref / c``, the offset ``w`` across the axis in the plane (towards
-greater depth), the offset ``y`` out of the plane (to the right), the conjugate slownesses ``p`` and ``q``, and
-``h = sqrt(n^2 - p^2 - q^2)``:
+The independent variable is the distance ``s`` along an axis through the source in the section's
+plane. The axis is horizontal, or the chord, with a tilt of cosine ``cb`` and sine ``sb``. With ``n
+= c_ref / c``, the offset ``w`` across the axis in the plane (towards greater depth), the offset
+``y`` out of the plane (to the right), the conjugate slownesses ``p`` and ``q``, and ``h = sqrt(n^2
+- p^2 - q^2)``:
 
     w' = p / h,   p' = n n_w / h,   y' = q / h,   q' = n n_y / h,   T' = n^2 / h
 
-Rays therefore end exactly on the plane through the receiver. ``xi`` and ``eta`` are the derivatives of
-``w`` and ``p`` by the launch angle; ``A`` is the integral of ``1 / h``, the derivative of ``y`` by ``q``.
+Rays therefore end exactly on the plane through the receiver. ``xi`` and ``eta`` are the derivatives
+of ``w`` and ``p`` by the launch angle; ``A`` is the integral of ``1 / h``, the derivative of ``y``
+by ``q``.
 
-`layout` contains the names of the state vector's columns; that of A is DY_DQ. A fan needs only the first four.
+`layout` contains the names of the state vector's columns; that of A is DY_DQ. A fan needs only the
+first four.
 """
 
 import math
@@ -22,7 +25,8 @@ from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.field import linear_full, move_level, smooth_full, smooth_planar
 from pymantaray.compile import inlined, kernel, shared
 
-# relative accuracy of the ray tube's width: 0.004 dB; and for a fan's ray with steps that end at the levels
+# relative accuracy of the ray tube's width: 0.004 dB; and for a fan's ray with steps that end at
+# the levels
 TUBE, FAN_TUBE = 1e-3, 2e-3
 MIN_WIDTH = 0.05  # minimum width of a tube for the error control, in lengths of the ray
 
@@ -44,16 +48,21 @@ E1, E3, E4, E5, E6, E7 = 71 / 57600, -71 / 16695, 71 / 1920, -17253 / 339200, 22
 
 @shared
 def _tilted(axis, pos, w):
-    """Range and depth of a point from a tilted axis.
+    """
+    Range and depth of a point from a tilted axis.
 
-    For the horizontal axis, the compiler does not compute these: the range then does not wait for the offset, and steps are faster.
+    For the horizontal axis, the compiler does not compute these: the range then does not wait for
+    the offset, and steps are faster.
     """
     return pos * axis.cb - w * axis.sb, axis.z_source + pos * axis.sb + w * axis.cb
 
 
 @shared
 def _across(axis, cz, cr, second):
-    """First and second derivative of the sound speed across a tilted axis, from those by depth and range."""
+    """
+    First and second derivative of the sound speed across a tilted axis, from those by depth and
+    range.
+    """
     _, cb, sb, _ = axis
     czz, crz, crr = second
     return cz * cb - cr * sb, czz * cb * cb - 2.0 * crz * cb * sb + crr * sb * sb
@@ -62,7 +71,8 @@ def _across(axis, cz, cr, second):
 @inlined
 def _derivative(s, b, k, pos, y, dy, n_eq, axis):
     """
-    Right-hand side; returns False if the ray has turned across the axis, and the layer, from a search that starts at layer k.
+    Right-hand side; returns False if the ray has turned across the axis, and the layer, from a
+    search that starts at layer k.
 
     n is 1 at the source, where the sound speed is axis.c_ref.
     """
@@ -122,7 +132,10 @@ def derivative(s, cell, pos, y, dy, n_eq, axis):
 
 @inlined
 def _advance(stage, h, y, K, ynew, n):
-    """Put the first n numbers of the state at a stage into ynew; with a constant n the compiler uses vector instructions."""
+    """
+    Put the first n numbers of the state at a stage into ynew; with a constant n the compiler uses
+    vector instructions.
+    """
     for i in range(n):
         ynew[i] = A[stage, 0] * K[0, i]
     for j in range(1, stage):
@@ -134,7 +147,10 @@ def _advance(stage, h, y, K, ynew, n):
 
 @inlined
 def step(s, cell, pos, h, ray, axis):
-    """One Dormand-Prince step from pos with the derivative in K[0]; the derivative at the end is in K[6]."""
+    """
+    One Dormand-Prince step from pos with the derivative in K[0]; the derivative at the end is in
+    K[6].
+    """
     y, K, ynew = ray.y, ray.K, ray.ynew
     b, k = cell
     n_eq = K.shape[1]
@@ -162,8 +178,8 @@ def step_error(h, ray, remaining, tol, width, tube):
     """
     Estimate the displacement at the end of the ray due to the error of this step. [m]
 
-    An error of the variation of tube times its size (at least width) counts as much as the whole tolerance; if tube is 0, the
-    variation does not count.
+    An error of the variation of tube times its size (at least width) counts as much as the whole
+    tolerance; if tube is 0, the variation does not count.
     """
     K = ray.K
     total = _embedded(K, at.W) + remaining * _embedded(K, at.P)

@@ -1,9 +1,11 @@
 """
-Integration of one ray through a section from the source to the receiver's plane, and courses of a link's rays.
+Integration of one ray through a section from the source to the receiver's plane, and courses of a
+link's rays.
 
-A direct ray is integrated along the horizontal, or along the chord of a steep link, and continues beyond surface and sea bed. A
-reflected ray is integrated along the horizontal, or in depth if it is steep or may turn back on a slope. Only `direct_course`,
-`forward_course` and `legs_course` define this; the row of an arrival records it as RAY_AXIS.
+A direct ray is integrated along the horizontal, or along the chord of a steep link, and continues
+beyond surface and sea bed. A reflected ray is integrated along the horizontal, or in depth if it is
+steep or may turn back on a slope. Only `direct_course`, `forward_course` and `legs_course` define
+this; the row of an arrival records it as RAY_AXIS.
 """
 
 import math
@@ -51,7 +53,10 @@ _ENDLESS_LEG = 1e7  # m; length of a leg that ends at a boundary
 
 @kernel
 def direct_course(link, along_chord, cross):
-    """Course of direct rays along the horizontal, or along the chord; with cross, rays of a fan leave the plane."""
+    """
+    Course of direct rays along the horizontal, or along the chord; with cross, rays of a fan leave
+    the plane.
+    """
     cb, sb, length, target = 1.0, 0.0, link.horizontal, link.z1 - link.z0
     if along_chord:
         slope = math.atan2(target, link.horizontal)
@@ -62,28 +67,33 @@ def direct_course(link, along_chord, cross):
         length,
         target,
         False,
-        at.DIRECT,
         cross,
     )
 
 
 @kernel
 def forward_course(link, bounces, spare, fold, z_end):
-    """Course of rays along the horizontal to a depth, with at most these reflections at the surface and at the sea bed."""
+    """
+    Course of rays along the horizontal to a depth, with at most these reflections at the surface
+    and at the sea bed.
+    """
     rule = BoundaryRule(at.FORWARD, bounces[0], bounces[1], spare, 0, 0.0, fold)
     axis = at.Axis(link.z0, 1.0, 0.0, link.c0)
-    return Course(rule, axis, link.horizontal, z_end - link.z0, False, at.ANY, False)
+    return Course(rule, axis, link.horizontal, z_end - link.z0, False, False)
 
 
 @kernel
 def legs_course(link, bounces, down, z_end, length):
-    """Course of rays in depth to an end depth, initially downward or upward, with these numbers of reflections."""
+    """
+    Course of rays in depth to an end depth, initially downward or upward, with these numbers of
+    reflections.
+    """
     legs = bounces[0] + bounces[1] + 1
     sb = 1.0 if down else -1.0
     sb_end = sb if legs % 2 == 1 else -sb
     rule = BoundaryRule(at.LEGS, bounces[0], bounces[1], 0, legs, z_end, 0)
     axis = at.Axis(link.z0, 0.0, sb, link.c0)
-    return Course(rule, axis, length, -link.horizontal * sb_end, False, at.ANY, False)
+    return Course(rule, axis, length, -link.horizontal * sb_end, False, False)
 
 
 @kernel
@@ -96,25 +106,12 @@ def ray_axis(course):
 
 @inlined
 def course_to_levels(s, course):
-    """Let the steps of a fan's rays end at the levels, for direct rays along the horizontal in a SMOOTH section."""
+    """
+    Let the steps of a fan's rays end at the levels, for direct rays along the horizontal in a
+    SMOOTH section.
+    """
     able = s.kind == at.SMOOTH and course.rule.kind == at.OPEN and course.axis.sb == 0.0
-    return Course(
-        course.rule, course.axis, course.length, course.target, able, course.rays, course.cross
-    )
-
-
-@inlined
-def any_course(course):
-    """Return the course for a kernel that is compiled once for all kinds of rays."""
-    return Course(
-        course.rule,
-        course.axis,
-        course.length,
-        course.target,
-        course.to_levels,
-        at.ANY,
-        course.cross,
-    )
+    return Course(course.rule, course.axis, course.length, course.target, able, course.cross)
 
 
 @inlined
@@ -140,8 +137,8 @@ def trace(s, walls, course, angle, q0, tol, ray):
     """
     Trace one ray to the course's length, or for LEGS to the end of the last leg.
 
-    angle is the launch angle from the axis, q0 the slowness out of the plane, and tol the allowed displacement at the end.
-    [rad, 1, m] The end state is in y, and its derivative in K[0].
+    angle is the launch angle from the axis, q0 the slowness out of the plane, and tol the allowed
+    displacement at the end. [rad, 1, m] The end state is in y, and its derivative in K[0].
 
     Returns
     -------
@@ -152,13 +149,13 @@ def trace(s, walls, course, angle, q0, tol, ray):
     turns : int
         Turning points in depth.
     code : int
-        Code of the reflections, their order and the cells of the boundaries; 32 surface + bottom modulo 1024.
+        Code of the reflections, their order and the cells of the boundaries; 32 surface + bottom
+        modulo 1024.
     """
     out_of_line()
     if s.kind == at.LINEAR and fits(s, walls, course, q0):
         return trace_arcs(s, walls, course, angle, ray)
     rule, axis, length = course.rule, course.axis, course.length
-    direct = course.rays == at.DIRECT
     y, K, path = ray.y, ray.K, ray.path
     n_eq = K.shape[1]
     ok, cell, down = _launch(s, walls, course, angle, q0, ray)
@@ -184,7 +181,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
     aims = s.kind == at.LINEAR and rule.kind == at.OPEN and axis.sb == 0.0
     faces = 0 if s.kind == at.LINEAR else SURFACE, SURFACE if rule.kind == at.OPEN else BOTTOM + 1
     for _ in range(MAX_STEPS):
-        if not direct and hit != at.IN_WATER:
+        if hit != at.IN_WATER:
             surface += 1 if hit == at.AT_SURFACE else 0
             bottom += 1 if hit == at.AT_BOTTOM else 0
             reflections = at.Reflections(surface, bottom, code)
@@ -222,7 +219,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
         ):  # the end, or an extended cell without a bed
             break
         wanted, aimed = h, -1
-        if s.kind == at.LINEAR and aims:
+        if aims:
             aimed, h = aim(s, walls, cell, pos, h, ray, axis)
         last = pos + h * (1.0 + 1e-12) >= span
         if last:
@@ -251,11 +248,11 @@ def trace(s, walls, course, angle, q0, tol, ray):
             min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error))) if error > 0.0 else 5.0
         )
         face = -1
-        if s.kind == at.LINEAR and aimed >= 0:
+        if aimed >= 0:
             h_next = max(h_next, wanted)
             lengths = at.StepLengths(h, span - pos, near)
             face, h = _on_aimed_face(s, walls, cell, (*faces, aimed), pos, lengths, ray, axis)
-        if face < 0 and (s.kind == at.LINEAR or not direct) and faces[1] > faces[0]:
+        if face < 0 and faces[1] > faces[0]:
             face, h_hit = crossing(s, walls, cell, (*faces, -1), pos, h, ray, axis)
             if face >= 0:
                 h_hit = land(s, walls, cell, face, pos, at.StepLengths(h_hit, h, near), ray, axis)
@@ -270,7 +267,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
         for i in range(n_eq):
             y[i] = ray.ynew[i]
             K[0, i] = K[6, i]
-        if not direct and face >= SURFACE:
+        if face >= SURFACE:
             if pos < span:  # in the receiver's plane it is the end, not a reflection
                 hit = at.AT_SURFACE if face == SURFACE else at.AT_BOTTOM
         elif s.kind == at.LINEAR and face >= 0:
@@ -300,7 +297,10 @@ def trace(s, walls, course, angle, q0, tol, ray):
 
 @inlined
 def _on_aimed_face(s, walls, cell, faces, pos, lengths, ray, axis):
-    """Move the end of a step onto the face faces[2] at which it aimed, unless it crosses another one; return the face or -1, and the step."""
+    """
+    Move the end of a step onto the face faces[2] at which it aimed, unless it crosses another one;
+    return the face or -1, and the step.
+    """
     if crossing(s, walls, cell, faces, pos, lengths.first, ray, axis)[0] < 0:
         h = settle(s, walls, cell, faces[2], pos, lengths, ray, axis)
         if h > 0.0:
@@ -310,7 +310,10 @@ def _on_aimed_face(s, walls, cell, faces, pos, lengths, ray, axis):
 
 @inlined
 def _note_extremes(y):
-    """Update the largest variation of a ray of a fan, and the extreme offsets of its path with the variation there."""
+    """
+    Update the largest variation of a ray of a fan, and the extreme offsets of its path with the
+    variation there.
+    """
     y[at.GROWN] = max(y[at.GROWN], abs(y[at.XI]))
     if y[at.W] < y[at.HIGHEST]:
         y[at.HIGHEST], y[at.HIGHEST_RATE] = y[at.W], y[at.XI]
@@ -326,7 +329,9 @@ def _depth(axis, pos, y):
 
 @inlined
 def _launch(s, walls, course, angle, q0, ray):
-    """Start a ray; return True if it enters the water, its cell, and its downward rate along the axis."""
+    """
+    Start a ray; return True if it enters the water, its cell, and its downward rate along the axis.
+    """
     y, K, axis = ray.y, ray.K, course.axis
     z_source, cb, sb, _ = axis
     for i in range(at.N_STATE):
@@ -340,7 +345,7 @@ def _launch(s, walls, course, angle, q0, ray):
     if not derivative(s, cell, 0.0, y, K[0], K.shape[1], axis):
         return False, cell, 0.0
     down = sb + K[0, at.W] * cb
-    if course.rays != at.DIRECT and course.rule.kind != at.OPEN:
+    if course.rule.kind != at.OPEN:
         point = at.Point(0.0, 0.0, K[0, at.W], 0.0, 0.0)
         gap, rate = face_distance(s, walls, cell, SURFACE, point, axis, 0.0)
         if gap <= 0.0 and rate < 0.0:
@@ -356,9 +361,11 @@ def _launch(s, walls, course, angle, q0, ray):
 @kernel
 def _reflected(s, walls, rule, axis, cell, place, reflections, ray):
     """
-    Reflect a ray; return True if this is allowed and the ray continues forward, the code of its reflections, and the axis of its next leg.
+    Reflect a ray; return True if this is allowed and the ray continues forward, the code of its
+    reflections, and the axis of its next leg.
 
-    place contains its point and the boundary; reflections contains the numbers at both boundaries, including this one, and their code.
+    place contains its point and the boundary; reflections contains the numbers at both boundaries,
+    including this one, and their code.
     """
     y = ray.y
     pos, hit = place
@@ -386,7 +393,8 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
     """
     Move a ray through a face of its LINEAR cell; return True if it continues, and the next cell.
 
-    The variation jumps with the field's gradient, because neighbouring rays cross the face a little earlier or later.
+    The variation jumps with the field's gradient, because neighbouring rays cross the face a little
+    earlier or later.
     """
     y, K = ray.y, ray.K
     _, cb, sb, _ = axis
@@ -418,7 +426,10 @@ def _next_cell(s, walls, cell, face, pos, ray, axis):
 
 @kernel
 def note_exit(walls, axis, pos, z, y, K):
-    """Record the point and steepness at which a ray of a fan left the water, by a straight line from there, if it did."""
+    """
+    Record the point and steepness at which a ray of a fan left the water, by a straight line from
+    there, if it did.
+    """
     _, cb, sb, _ = axis
     r = pos * cb - y[at.W] * sb
     top = surface_at(walls, r, 0.0, r)[0]
@@ -437,7 +448,10 @@ def note_exit(walls, axis, pos, z, y, K):
 
 @kernel
 def step_to_level(s, k, z, down):
-    """Length of the step to the next level of a SMOOTH section; the error estimate cannot detect a level inside a step of a steep ray."""
+    """
+    Length of the step to the next level of a SMOOTH section; the error estimate cannot detect a
+    level inside a step of a steep ray.
+    """
     ahead = 1 if down > 0.0 else 0
     thickness = s.depth[k + 1] - s.depth[k]
     gap = abs(s.depth[k + ahead] - z)

@@ -1,6 +1,12 @@
-"""Command `mantaray doctor`: report packages, extras, folders, processors and faults."""
+"""
+Command `mantaray doctor`: report packages, extras, folders, processors and faults, and compile
+kernels ahead of their use.
+"""
 
-from typing import Any
+import tempfile
+import time
+from pathlib import Path
+from typing import Annotated, Any
 
 import typer
 
@@ -11,16 +17,59 @@ EXIT_FAULTS = 1
 _WIDTH = 12
 
 
-def doctor(as_json: Json = False) -> None:
+Compile = Annotated[
+    bool,
+    typer.Option(
+        "--compile",
+        help="First compile the kernels of rays, fleets and studies, for an image, a classroom or"
+        " a vessel.",
+    ),
+]
+
+
+def doctor(compile_kernels: Compile = False, as_json: Json = False) -> None:
     """Report installed packages and extras, and list faults; exit with 1 if there are any."""
     from pymantaray.installation import installation
 
+    before = installation()["kernels"]["compiled"] if compile_kernels else 0
+    start = time.process_time()
+    if compile_kernels:
+        _use_kernels()
+    seconds = time.process_time() - start
     state = installation()
     with printer(as_json=as_json) as out:
+        if compile_kernels:
+            new = state["kernels"]["compiled"] - before
+            out.line(
+                f"compiled {new} kernels in {seconds:.0f} s of a processor; {before} were there",
+                compiled_now=new,
+                compile_s=round(seconds, 1),
+            )
         out.add(**state)
         _print(out, state)
     if state["faults"]:
         raise typer.Exit(EXIT_FAULTS)
+
+
+def _use_kernels() -> None:
+    """
+    Use the kernels of rays, fleets and studies once, so that Numba compiles those that are not on
+    disk.
+
+    Kernels are compiled for the types of their arguments. Only a use of the package knows these.
+    """
+    from pymantaray import load_study, run_study
+    from pymantaray.acoustics import Medium, find_eigenrays, ray_picture, trace_paths
+
+    medium = Medium.from_profile([0.0, 100.0], [1450.0, 1460.0], bottom_depth=100.0)
+    source, receiver = [0.0, 0.0, 10.0], [1000.0, 0.0, 20.0]
+    arrivals = find_eigenrays(medium, source, receiver)
+    find_eigenrays(medium, source, receiver, 1, 1)
+    trace_paths(medium, source, receiver, arrivals)
+    ray_picture(medium, source, receiver, fan_angles=[0.1])
+    with tempfile.TemporaryDirectory() as folder:
+        for name in ("quick", "survey"):
+            run_study(load_study(name, realizations=1), Path(folder) / name, workers=1)
 
 
 def _print(out: Printer, state: dict[str, Any]) -> None:

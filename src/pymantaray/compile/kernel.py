@@ -24,14 +24,10 @@ PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
 _LOCK_WAIT = 30.0  # s; longer than another process needs, unless it is starved or stopped
 _LOCK_POLL = 0.1  # s
 _SHARED_SOURCES = tuple(
-    Path(__file__).parent / p
+    Path(__file__).parents[1] / p
     for p in (
-        "compile.py",
-        "linking.py",
-        "release.py",
-        "fewer_instructions.py",
-        "shortcuts.py",
-        "unreachable.py",
+        "compile/kernel.py",
+        "compile/linking.py",
         "records/status.py",
         "geometry/boundary_kernels.py",
     )
@@ -51,22 +47,25 @@ _OPTIONS: dict[str, Any] = {"nogil": True, "error_model": "numpy", "_nrt": False
 _TESTED_VERSIONS = (0, 63), (0, 68)
 
 
-def _compilers() -> tuple[dict[str, Any], ...]:
+def _compilers() -> tuple[str, tuple[dict[str, Any], ...]]:
     """
-    Options that link kernels into entries, for kernels, shared kernels and entries; empty for an
-    untested Numba version.
+    Options that link kernels into entries, for kernels, shared kernels and entries.
+
+    They are empty if that is not possible, and the text says why.
     """
-    low, high = _TESTED_VERSIONS
-    if not low <= tuple(int(n) for n in numba.__version__.split(".")[:2]) <= high:
-        return {}, {}, {}
+    low, high = (".".join(map(str, version)) for version in _TESTED_VERSIONS)
+    plain: tuple[dict[str, Any], ...] = ({}, {}, {})
+    version = tuple(int(n) for n in numba.__version__.split(".")[:2])
+    if not _TESTED_VERSIONS[0] <= version <= _TESTED_VERSIONS[1]:
+        return f"Numba {numba.__version__} was not tried, only {low} to {high}", plain
     try:
-        from pymantaray.linking import EntryCompiler, KernelCompiler, SharedCompiler
-    except ImportError:
-        return {}, {}, {}
-    return tuple({"pipeline_class": x} for x in (KernelCompiler, SharedCompiler, EntryCompiler))
+        from pymantaray.compile.linking import EntryCompiler, KernelCompiler, SharedCompiler
+    except (ImportError, AttributeError) as error:
+        return f"Numba {numba.__version__} lacks a part ({one_line(error, 80)})", plain
+    return "", tuple({"pipeline_class": x} for x in (KernelCompiler, SharedCompiler, EntryCompiler))
 
 
-_KERNEL, _SHARED, _ENTRY = _compilers()
+_WHY_PLAIN, (_KERNEL, _SHARED, _ENTRY) = _compilers()
 
 
 @cache
@@ -96,13 +95,17 @@ def cached_on_disk(
     try:
         compiled = decorate(cache=True, **options)(function)
     except RuntimeError:  # no locator
-        warn_not_cached("the package's folder and the user's cache folder are not writable")
+        warn_not_cached(
+            "the package's folder and the user's cache folder are not writable", _WHY_PLAIN
+        )
         return decorate(**options)(function)
     finally:
         function.__qualname__ = name
     if not PLAIN:
-        folder = Path(compiled.stats.cache_path)
-        stem = f"{Path(function.__code__.co_filename).stem}.{name}"
+        folder, stem = (
+            Path(compiled.stats.cache_path),
+            f"{Path(function.__code__.co_filename).stem}.{name}",
+        )
         _discard_stale(folder, stem, digest)
         _ignore_failed_saves(compiled._cache)
         _discard_damaged(compiled._cache, folder, f"{stem}-{digest}")
@@ -151,22 +154,21 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
 
     After half a minute, a waiting process compiles in memory.
     """
-    load = compiled._cache.load_overload
-    compile_types = compiled.compile
-    locks = list[TextIO]()
-    save = compiled._cache.save_overload
-    in_memory = list[bool]()
+    load, compile_types, locks = compiled._cache.load_overload, compiled.compile, list[TextIO]()
+    save, in_memory = compiled._cache.save_overload, list[bool]()
 
     def load_or_wait(signature: Any, context: Any) -> Any:
         code = load(signature, context)
-        if code is not None or locks or in_memory:
-            return code
-        with suppress(OSError):  # the folder is not writable, or its disk has no locks
-            locks.append(path.open("w"))
-            if not _is_locked(locks[0]):
-                locks.pop().close()
-                in_memory.append(True)
-        return load(signature, context)
+        if code is None and not locks and not in_memory:
+            with suppress(OSError):  # the folder is not writable, or its disk has no locks
+                locks.append(path.open("w"))
+                if not _is_locked(locks[0]):
+                    locks.pop().close()
+                    in_memory.append(True)
+            code = load(signature, context)
+        if code is None:
+            announce_compilation(_WHY_PLAIN)
+        return code
 
     def save_unless_in_memory(signature: Any, code: Any) -> None:
         if not in_memory:
@@ -182,8 +184,7 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
                         lock, fcntl.LOCK_UN
                     )  # a process that was forked meanwhile has the file, too
 
-    compiled._cache.load_overload = load_or_wait
-    compiled.compile = compile_and_unlock
+    compiled._cache.load_overload, compiled.compile = load_or_wait, compile_and_unlock
     compiled._cache.save_overload = save_unless_in_memory
 
 
@@ -194,7 +195,7 @@ def _is_locked(file: TextIO) -> bool:
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except BlockingIOError:
-            announce_compilation()
+            announce_compilation(_WHY_PLAIN)
             if time.monotonic() > end:
                 warn_once(
                     f"another process has been compiling kernels for {_LOCK_WAIT:.0f} s; compiling"

@@ -7,8 +7,6 @@ calls, under a name that is the same in every process. The disk cache stores an 
 machine code of its shared kernels.
 """
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from functools import partial
 from typing import Any, ClassVar
 
@@ -16,22 +14,18 @@ from llvmlite import binding as llvm  # type: ignore[import-untyped]
 from llvmlite import ir
 from numba.core import cgutils, errors, types
 from numba.core import ir as numba_ir
-from numba.core.base import BaseContext
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
-from numba.core.compiler_machinery import register_pass
+from numba.core.compiler_machinery import PassManager, register_pass
+from numba.core.cpu import CPUContext
 from numba.core.datamodel import ArgPacker, DataModelManager, default_manager
-from numba.core.datamodel.models import ArrayModel
+from numba.core.datamodel.models import ArrayModel, OpaqueModel
 from numba.core.lowering import Lower
 from numba.core.registry import cpu_target
 from numba.core.typed_passes import NativeLowering
 from numba.core.types.containers import BaseNamedTuple
-
-from pymantaray.fewer_instructions import remove_unused, variables_without_memory
-from pymantaray.messages import announce_compilation
-from pymantaray.release import release_code, release_module
-from pymantaray.shortcuts import QuickPassManager, shortcuts
-from pymantaray.unreachable import DecideByType
+from numba.core.typing import Context
+from numba.extending import register_model
 
 # Passes of Numba for features that no kernel uses: with blocks, closures, exceptions, lists, array
 # expressions.
@@ -52,17 +46,132 @@ _SKIPPED_PASSES = {
 }
 
 
+class ArrayByDataAndShape(ArrayModel):  # type: ignore[misc]
+    """
+    A contiguous array of numbers that is passed by its data and shape, from which its other fields
+    follow.
+    """
+
+    def get_argument_type(self) -> tuple[Any, ...]:
+        """Types of the arguments."""
+        data = self.get_model(self.get_field_position("data"))
+        return data.get_value_type(), *(cgutils.intp_t,) * self._fe_type.ndim
+
+    def as_argument(self, builder: Any, value: Any) -> tuple[Any, ...]:
+        """Extract data and shape from an array."""
+        shape = self.get(builder, value, "shape")
+        return self.get(builder, value, "data"), *cgutils.unpack_tuple(builder, shape)
+
+    def from_argument(self, builder: Any, value: Any) -> Any:
+        """Build the array from its data and shape."""
+        data, *shape = value
+        itemsize = cgutils.intp_t(self._fe_type.dtype.bitwidth // 8)
+        nitems, strides = shape[-1], [itemsize]
+        for n in shape[-2::-1]:
+            strides.insert(0, builder.mul(itemsize, nitems))
+            nitems = builder.mul(n, nitems)
+        parts = {"nitems": nitems, "itemsize": itemsize, "data": data}
+        parts |= {
+            "shape": cgutils.pack_array(builder, shape),
+            "strides": cgutils.pack_array(builder, strides),
+        }
+        array = ir.Constant(self.get_value_type(), None)
+        for name, part in parts.items():
+            array = self.set(builder, array, part, name)
+        return array
+
+
+def _array_model(models: Any, kind: Any) -> Any:
+    plain = kind.layout == "C" and isinstance(kind.dtype, types.Number)
+    return (ArrayByDataAndShape if plain else ArrayModel)(models, kind)
+
+
+class ModelsOfArguments:
+    """
+    Numba's models of types, with `ArrayByDataAndShape` for arrays in named tuples, which only
+    kernels take.
+    """
+
+    in_tuples = DataModelManager().chain(default_manager)
+    in_tuples.register(types.Array, _array_model)
+
+    @classmethod
+    def lookup(cls, kind: Any) -> Any:
+        """Model of a type."""
+        return (cls.in_tuples if isinstance(kind, BaseNamedTuple) else default_manager).lookup(kind)
+
+
+class KernelContext(CPUContext):  # type: ignore[misc]
+    """
+    Numba's context of a processor, with `ModelsOfArguments`.
+
+    Two to four numbers per array of a workspace are passed instead of seven to eleven; saves a
+    tenth of the time.
+    """
+
+    packers: ClassVar[dict[Any, Any]] = {}
+
+    def get_arg_packer(self, kinds: Any) -> Any:
+        """Packer of arguments, one for the same types."""
+        kinds = tuple(kinds)
+        if kinds not in self.packers:
+            self.packers[kinds] = ArgPacker(ModelsOfArguments, kinds)
+        return self.packers[kinds]
+
+
+class KnownFunction(types.Function):
+    """
+    An operator or a function that Numba provides, which knows its signatures.
+
+    Numba tries all candidates again at each of its places.
+    """
+
+    def __init__(self, function: Any) -> None:
+        super().__init__(function.templates)
+        self.signatures = dict[Any, Any]()
+
+    def get_call_type(self, context: Any, args: Any, kws: Any) -> Any:
+        """Signature of a call."""
+        if kws:
+            return super().get_call_type(context, args, kws)
+        if args not in self.signatures:
+            self.signatures[args] = super().get_call_type(context, args, kws)
+        return self.signatures[args]
+
+
+register_model(KnownFunction)(OpaqueModel)
+
+
+class KernelTyping(Context):  # type: ignore[misc]
+    """Numba's typing context with `KnownFunction`."""
+
+    known: ClassVar[dict[Any, KnownFunction]] = {}
+
+    def __init__(self, whole: Context) -> None:
+        self.__dict__.update(whole.__dict__)  # the same registries
+
+    def resolve_value_type(self, value: Any) -> Any:
+        """Type of a constant or a global name."""
+        return self._as_known(super().resolve_value_type(value))
+
+    def resolve_function_type(self, function: Any, args: Any, kws: Any) -> Any:
+        """Signature of a call of an operator or of a type that can be called."""
+        operator = self._lookup_global(function)
+        return super().resolve_function_type(self._as_known(operator) or function, args, kws)
+
+    def _as_known(self, kind: Any) -> Any:
+        if type(kind) is not types.Function:
+            return kind
+        if kind not in self.known:
+            self.known[kind] = KnownFunction(kind)
+        return self.known[kind]
+
+
 class Library(JITCodeLibrary):  # type: ignore[misc]
     """Code that is optimized only as a whole, not function by function."""
 
     def _optimize_functions(self, module: Any) -> None:
         module.data_layout = self._codegen._data_layout
-
-    def add_ir_module(self, ir_module: Any) -> None:
-        """Add code without what nobody uses."""
-        remove_unused(ir_module)
-        super().add_ir_module(ir_module)
-        release_module(ir_module)
 
 
 class KernelLibrary(Library):
@@ -97,8 +206,7 @@ class EntryLibrary(Library):
 
     def finalize(self) -> None:
         """Load shared kernels, add the code of all other kernels, then optimize and compile."""
-        waiting = list(self._linking_libraries)
-        all_libraries = dict[Any, None]()
+        waiting, all_libraries = list(self._linking_libraries), dict[Any, None]()
         while waiting:
             library = waiting.pop()
             if library not in all_libraries:
@@ -178,10 +286,6 @@ class KernelLower(Lower):  # type: ignore[misc]
         """Allocate a variable."""
         return cgutils.alloca_once(self.builder, self.context.get_value_type(kind), name=name)
 
-    def _find_singly_assigned_variable(self) -> None:
-        self._singly_assigned_vars = variables_without_memory(self.blocks)
-        self._blk_local_varmap: dict[str, Any] = {}
-
     def lower_block(self, block: Any) -> None:
         """Lower the instructions of a block; an error tells which one."""
         self.pre_block(block)
@@ -236,7 +340,6 @@ class KernelLowering(NativeLowering):  # type: ignore[misc]
         no_entry = ("{" + f"{name} is called by kernels only" + "}").format
         state.targetctx.insert_user_function(no_entry, state.cr.fndesc, [state.library])
         state["cr"] = state.cr._replace(cfunc=no_entry)
-        release_code(state)
         return changed
 
 
@@ -273,7 +376,6 @@ class EntryLowering(NativeLowering):  # type: ignore[misc]
         state.library.enable_object_caching()
         state.flags.no_cfunc_wrapper = True
         changed: bool = super().run_pass(state)
-        release_code(state)
         return changed
 
 
@@ -285,18 +387,21 @@ class KernelCompiler(CompilerBase):  # type: ignore[misc]
 
     lowering = KernelLowering
 
+    def __init__(self, *args: Any) -> None:
+        super().__init__(*args)
+        self.state.typingctx = self.state.targetctx.typing_context = KernelTyping(
+            self.state.typingctx
+        )
+        self.state.targetctx.__class__ = KernelContext  # a copy that this compilation owns
+
     def define_pipelines(self) -> list[Any]:
         """Numba's passes in their order."""
-        manager = QuickPassManager(self.__class__.__name__)
+        manager = PassManager(self.__class__.__name__)
         manager.passes = [
             (self.lowering if own is NativeLowering else own, why)
             for own, why in DefaultPassBuilder.define_nopython_pipeline(self.state).passes
             if own._name not in _SKIPPED_PASSES
         ]
-        names = [own._name for own, _ in manager.passes]
-        manager.passes.insert(
-            names.index("dead_branch_prune"), (DecideByType, "comparisons of types")
-        )
         manager.finalize()
         return [manager]
 
@@ -311,88 +416,3 @@ class EntryCompiler(KernelCompiler):
     """Compiler of entries, which also compiles the kernels that an entry calls."""
 
     lowering = EntryLowering
-
-    def compile_extra(self, function: Any) -> Any:
-        """Compile a function and log it."""
-        announce_compilation()
-        with shortcuts(), _arrays_by_data_and_shape():
-            return super().compile_extra(function)
-
-
-class ArrayByDataAndShape(ArrayModel):  # type: ignore[misc]
-    """
-    A contiguous array of numbers that is passed by its data and shape, from which its other fields
-    follow.
-    """
-
-    def get_argument_type(self) -> tuple[Any, ...]:
-        """Types of the arguments."""
-        data = self.get_model(self.get_field_position("data"))
-        return data.get_value_type(), *(cgutils.intp_t,) * self._fe_type.ndim
-
-    def as_argument(self, builder: Any, value: Any) -> tuple[Any, ...]:
-        """Extract data and shape from an array."""
-        shape = self.get(builder, value, "shape")
-        return self.get(builder, value, "data"), *cgutils.unpack_tuple(builder, shape)
-
-    def from_argument(self, builder: Any, value: Any) -> Any:
-        """Build the array from its data and shape."""
-        data, *shape = value
-        itemsize = cgutils.intp_t(self._fe_type.dtype.bitwidth // 8)
-        nitems = shape[-1]
-        strides = [itemsize]
-        for n in shape[-2::-1]:
-            strides.insert(0, builder.mul(itemsize, nitems))
-            nitems = builder.mul(n, nitems)
-        parts = {"nitems": nitems, "itemsize": itemsize, "data": data}
-        parts |= {
-            "shape": cgutils.pack_array(builder, shape),
-            "strides": cgutils.pack_array(builder, strides),
-        }
-        array = ir.Constant(self.get_value_type(), None)
-        for name, part in parts.items():
-            array = self.set(builder, array, part, name)
-        return array
-
-
-def _array_model(models: Any, kind: Any) -> Any:
-    plain = kind.layout == "C" and isinstance(kind.dtype, types.Number)
-    return (ArrayByDataAndShape if plain else ArrayModel)(models, kind)
-
-
-class ModelsOfArguments:
-    """
-    Numba's models of types, with `ArrayByDataAndShape` for arrays in named tuples, which only
-    kernels take.
-    """
-
-    in_tuples = DataModelManager().chain(default_manager)
-    in_tuples.register(types.Array, _array_model)
-
-    @classmethod
-    def lookup(cls, kind: Any) -> Any:
-        """Model of a type."""
-        return (cls.in_tuples if isinstance(kind, BaseNamedTuple) else default_manager).lookup(kind)
-
-
-@contextmanager
-def _arrays_by_data_and_shape() -> Iterator[None]:
-    """
-    Pass two to four numbers per array of a workspace instead of seven to eleven; saves a tenth of
-    the time.
-    """
-    context: Any = BaseContext
-    pack = context.get_arg_packer
-    packers = dict[Any, Any]()
-
-    def packer(_context: Any, args: Any) -> Any:
-        kinds = tuple(args)
-        if kinds not in packers:
-            packers[kinds] = ArgPacker(ModelsOfArguments, kinds)
-        return packers[kinds]
-
-    context.get_arg_packer = packer
-    try:
-        yield
-    finally:
-        context.get_arg_packer = pack
