@@ -99,90 +99,95 @@ Domain = namedtuple(
     "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale"
     " column_step bed surface uniform layered radius",
 )
-Domain.__doc__ = """
-Medium for the kernels: sound speed, and `BoundaryGrid` of the sea bed and of the surface.
+Domain.__doc__ = """Medium for the kernels: sound speed, and `BoundaryGrid` of the sea bed and of
+the surface.
 
-For SMOOTH, field contains B-spline coefficients (north, east, 2 * depth); for LINEAR, the sound speed (north, east, depth). A
-surface without ice has one point at depth 0. A uniform medium does not vary horizontally; a layered medium is uniform and LINEAR, and
-its levels reach the sea bed. radius is that of the Earth if depths and sound speeds are those of
-flattened water, otherwise 0. [m]
-"""
+For SMOOTH, field contains B-spline coefficients (north, east, 2 * depth); for LINEAR, the sound
+speed (north, east, depth). A surface without ice has one point at depth 0. A uniform medium does
+not vary horizontally; a layered medium is uniform and LINEAR, and its levels reach the sea bed.
+radius is that of the Earth if depths and sound speeds are those of flattened water, otherwise 0.
+[m]"""
 
 FieldSection = namedtuple(
     "FieldSection", "kind n_range r_first r_step breaks depth lut lut_scale data layered"
 )
-FieldSection.__doc__ = """
-Sound-speed field along one baseline.
+FieldSection.__doc__ = """Sound-speed field along one baseline.
 
-It has n_range columns (SMOOTH) or cells (LINEAR); breaks contains the edges of the cells (LINEAR). lut maps a depth to a level at or
-above the layer of this depth. For SMOOTH, data has shape (n_range, n_depth - 1, 16) and contains the cubics in depth of c, c_r, c_y and
-c_yy in each layer; for LINEAR, its shape is (n_range, n_depth, 6).
-"""
+It has n_range columns (SMOOTH) or cells (LINEAR); breaks contains the edges of the cells (LINEAR).
+lut maps a depth to a level at or above the layer of this depth. For SMOOTH, data has shape
+(n_range, n_depth - 1, 16) and contains the cubics in depth of c, c_r, c_y and c_yy in each layer;
+for LINEAR, its shape is (n_range, n_depth, 6)."""
 
 Baseline = namedtuple("Baseline", "north east unit_north unit_east")
 Baseline.__doc__ = """Start of a link, and its horizontal direction."""
 
 Walls = namedtuple("Walls", "bed surface line breaks n_breaks across cells held")
-Walls.__doc__ = """
-Sea bed and surface along one baseline; breaks are the ranges at which it crosses their grid lines, and its ends.
+Walls.__doc__ = """Sea bed and surface along one baseline; breaks are the ranges at which it crosses
+their grid lines, and its ends.
 
-across is the share of the boundaries' slope across the plane that the kernels use, usually 1. Row LANDED of cells receives the cells
-of the sea bed in which a ray is reflected. If held is not negative, the bed is that of the cell cells[HELD, held] alone, extended
-beyond its edges by its width; elsewhere, and for a cell -1, there is no bed.
-"""
+across is the share of the boundaries' slope across the plane that the kernels use, usually 1. Row
+LANDED of cells receives the cells of the sea bed in which a ray is reflected. If held is not
+negative, the bed is that of the cell cells[HELD, held] alone, extended beyond its edges by its
+width; elsewhere, and for a cell -1, there is no bed."""
 
 BoundaryRule = namedtuple("BoundaryRule", "kind max_surface max_bottom spare legs end_depth fold")
-BoundaryRule.__doc__ = """
-Behaviour of a ray at the surface and at the sea bed.
+BoundaryRule.__doc__ = """Behaviour of a ray at the surface and at the sea bed.
 
-OPEN: the ray continues beyond them. FORWARD: it is reflected at most max_surface and max_bottom times, plus spare times each, because
-a search needs rays on both sides of the allowed ones. LEGS: on a vertical axis, it is reflected ``legs - 1`` times and ends at
-end_depth. fold is the mark of the boundary on which the receiver is, or 0: the search then unfolds the miss, see `search.shoot`.
-"""
+OPEN: the ray continues beyond them. FORWARD: it is reflected at most max_surface and max_bottom
+times, plus spare times each, because a search needs rays on both sides of the allowed ones. LEGS:
+on a vertical axis, it is reflected ``legs - 1`` times and ends at end_depth. fold is the mark of
+the boundary on which the receiver is, or 0: the search then unfolds the miss, see
+`search.shoot`."""
 OPEN, FORWARD, LEGS = 0, 1, 2
 
 Course = namedtuple("Course", "rule axis length target to_levels cross")
-Course.__doc__ = """
-Integration of rays: rule at the boundaries, axis, length along it, and target offset. [m]
+Course.__doc__ = """Integration of rays: rule at the boundaries, axis, length along it, and target
+offset. [m]
 
-With to_levels, steps of a fan's direct rays through a SMOOTH section end at its levels; steps of full rays
-always do. For LEGS, the length is an approximate total of all legs. With cross, direct rays of a fan leave
-the plane and end in it at the receiver; otherwise they remain in it.
-"""
+With to_levels, steps of a fan's direct rays through a SMOOTH section end at its levels; steps of
+full rays always do. For LEGS, the length is an approximate total of all legs. With cross, direct
+rays of a fan leave the plane and end in it at the receiver; otherwise they remain in it."""
 
 Axis = namedtuple("Axis", "z_source cb sb c_ref")
-Axis.__doc__ = """Axis of integration through the source: depth of the source, cosine and sine of the tilt, sound speed at the source."""
+Axis.__doc__ = """Axis of integration through the source: depth of the source, cosine and sine of
+the tilt, sound speed at the source."""
 
 Cell = namedtuple("Cell", "column layer")
-Cell.__doc__ = """Cell of a section: index of its column in range (LINEAR) and of its layer; layers -1 and n - 1 are outside the levels."""
+Cell.__doc__ = """Cell of a section: index of its column in range (LINEAR) and of its layer; layers
+-1 and n - 1 are outside the levels."""
 
 Point = namedtuple("Point", "along w dw side dside")
-Point.__doc__ = """Point of a ray: distance along the axis, offsets in and out of the plane, and their derivatives by this distance."""
+Point.__doc__ = """Point of a ray: distance along the axis, offsets in and out of the plane, and
+their derivatives by this distance."""
 
 StepLengths = namedtuple("StepLengths", "first longest near")
-StepLengths.__doc__ = """StepLengths of a step to a face: initial length, maximum, and maximum distance of its end from the face. [m]"""
+StepLengths.__doc__ = """StepLengths of a step to a face: initial length, maximum, and maximum
+distance of its end from the face. [m]"""
 
 Reflections = namedtuple("Reflections", "surface bottom code")
-Reflections.__doc__ = """Reflections of a ray: numbers at both boundaries, and the code of their order and cells, see `boundary.append_code`."""
+Reflections.__doc__ = """Reflections of a ray: numbers at both boundaries, and the code of their
+order and cells, see `boundary.append_code`."""
 
 SearchResult = namedtuple("SearchResult", "count weak rays complete")
-SearchResult.__doc__ = """Result of a search: number of arrivals, of rays below the cut-off and of traced rays; True if there was room for all."""
+SearchResult.__doc__ = """Result of a search: number of arrivals, of rays below the cut-off and of
+traced rays; True if there was room for all."""
 
 ArcPoint = namedtuple("ArcPoint", "depth speed sine cosine")
-ArcPoint.__doc__ = """Point of an arc of `arcs`: depth, sound speed, and sine (positive down) and cosine of the ray's angle."""
+ArcPoint.__doc__ = """Point of an arc of `arcs`: depth, sound speed, and sine (positive down) and
+cosine of the ray's angle."""
 
 ArcRates = namedtuple("ArcRates", "sine cosine range")
 ArcRates.__doc__ = """Derivatives of sine, cosine and range by the launch angle at a fixed depth."""
 
 Snell = namedtuple("Snell", "a da sine_squared c_ref")
-Snell.__doc__ = """Constants of a ray through layers: a = cos / c and its derivative by the launch angle; squared sine and c at the source."""
+Snell.__doc__ = """Constants of a ray through layers: a = cos / c and its derivative by the launch
+angle; squared sine and c at the source."""
 
 Progress = namedtuple("Progress", "asked top left right brackets margin rays complete resolved")
-Progress.__doc__ = """
-Progress of a search: intervals that wait for rays, intervals on the stack, first and last interval of the fan that is not yet judged,
-number of brackets, smallest miss, number of rays, 1 if the limits were sufficient, and 1 if no interval remained unresolved. All are
-floats.
-"""
+Progress.__doc__ = """Progress of a search: intervals that wait for rays, intervals on the stack,
+first and last interval of the fan that is not yet judged, number of brackets, smallest miss, number
+of rays, 1 if the limits were sufficient, and 1 if no interval remained unresolved. All
+are floats."""
 
 Link = namedtuple("Link", "z0 z1 c0 c1 horizontal length unit_north unit_east")
 Link.__doc__ = """Ends of a link: depths, sound speeds, distances and direction."""
@@ -200,14 +205,14 @@ With canonical, links are solved from their deeper end, or with shallower from t
 """
 
 Results = namedtuple("Results", "rows counts status info")
-Results.__doc__ = """Arrivals (n_links, n, N_ARRIVAL) of links, and number of arrivals, status and information (n_links, N_INFO) of each link."""
+Results.__doc__ = """Arrivals (n_links, n, N_ARRIVAL) of links, and number of arrivals, status and
+information (n_links, N_INFO) of each link."""
 
 Ray = namedtuple("Ray", "y K ynew path")
-Ray.__doc__ = """
-Workspace of one ray: K (7, N_FULL) for the full state, K (7, N_FAN) for the state of a fan, K (7, N_SPACE) for coupled variations.
+Ray.__doc__ = """Workspace of one ray: K (7, N_FULL) for the full state, K (7, N_FAN) for the state
+of a fan, K (7, N_SPACE) for coupled variations.
 
-path (n, N_PATH) receives every accepted step of a full ray if it has rows.
-"""
+path (n, N_PATH) receives every accepted step of a full ray if it has rows."""
 
 N_LANES = 137  # rows of sixteen numbers, see `march`
 MAX_COLUMNS = 1024
@@ -228,17 +233,19 @@ Work = namedtuple(
     "y K K_fan K_space ynew no_path path breaks wall_breaks cells candidates small acc store cuts"
     " extremes ladder nodes rays stack halves kinds brackets rows",
 )
-Work.__doc__ = """
-Workspaces of one thread, shared by all kernels; kernels write them for each link before they read them.
+Work.__doc__ = """Workspaces of one thread, shared by all kernels; kernels write them for each link
+before they read them.
 
-rays contains two rows for each interval that waits for rays, two tables of as many rays traced ahead, and then the fan.
-"""
+rays contains two rows for each interval that waits for rays, two tables of as many rays traced
+ahead, and then the fan."""
 
 Flights = namedtuple("Flights", "links lanes wall_breaks nodes rays stack halves kinds brackets")
-Flights.__doc__ = """Links whose rays are traced together: a row (N_FLIGHT) of each, the rows of `march`, and arrays of `Work`, one of each link."""
+Flights.__doc__ = """Links whose rays are traced together: a row (N_FLIGHT) of each, the rows of
+`march`, and arrays of `Work`, one of each link."""
 
 Room = namedtuple("Room", "work flights")
-Room.__doc__ = """Workspaces of `link.solve_links`; flights is None on CUDA and in plain Python, where rays are traced one after another."""
+Room.__doc__ = """Workspaces of `link.solve_links`; flights is None on CUDA and in plain Python,
+where rays are traced one after another."""
 
 
 def shapes(

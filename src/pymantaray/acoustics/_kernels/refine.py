@@ -42,17 +42,20 @@ _RETURN_DISTANCE = (
 _ROUGH_MISS = 1e-4  # of the course: allowed miss of a ray with a share of the slope
 
 Launch = namedtuple("Launch", "ok angle q steps turns")
-Launch.__doc__ = """An eigenray: True if it is one, launch angle, slowness out of the plane, steps of its path, turning points."""
+Launch.__doc__ = """An eigenray: True if it is one, launch angle, slowness out of the plane, steps
+of its path, turning points."""
 
 Widened = namedtuple("Widened", "ok a b fa fb q")
-Widened.__doc__ = """Widened bracket: False if a ray fails, launch angles and misses of both ends, slowness out of the plane."""
+Widened.__doc__ = """Widened bracket: False if a ray fails, launch angles and misses of both ends,
+slowness out of the plane."""
 
 Trial = namedtuple("Trial", "angle q jacobian most wanted exact")
-Trial.__doc__ = """Start of Newton's method, largest number of rays, and required code of reflections.
+Trial.__doc__ = """Start of Newton's method, largest number of rays, and required code of
+reflections.
 
-A jacobian of zeros is replaced: by differences of three rays if exact is set or only a share of the boundaries' slopes counts, otherwise by
-the variation in the plane. A ray with another number of reflections, or with exact another code, is moved back half-way.
-"""
+A jacobian of zeros is replaced: by differences of three rays if exact is set or only a share of the
+boundaries' slopes counts, otherwise by the variation in the plane. A ray with another number of
+reflections, or with exact another code, is moved back half-way."""
 
 
 @kernel

@@ -95,13 +95,14 @@ HALVE, _FINER, _MOVE_FIRST, _MOVE_SECOND = range(
 )  # what an interval waits for: its middle, finer ends, an end beyond the root
 
 Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang resolved")
-Search.__doc__ = """Settings of a search: tolerances of the fan's rays and of rays near the receiver [m], narrowest interval [rad].
+Search.__doc__ = """Settings of a search: tolerances of the fan's rays and of rays near the receiver
+[m], narrowest interval [rad].
 
-Across a change of code the slopes of the miss are used beyond the angle steep and in intervals narrower than trust [rad].
-Rays with a slope above weak [m/rad] are too weak to be searched. A ray at a change of code that would meet the receiver within
-overhang [rad] beyond the change is a bracket without width. Two direct rays may be neighbours only if both slopes of the miss predict the
-other miss to within resolved [m].
-"""
+Across a change of code the slopes of the miss are used beyond the angle steep and in intervals
+narrower than trust [rad]. Rays with a slope above weak [m/rad] are too weak to be searched. A ray
+at a change of code that would meet the receiver within overhang [rad] beyond the change is a
+bracket without width. Two direct rays may be neighbours only if both slopes of the miss predict the
+other miss to within resolved [m]."""
 
 
 @kernel

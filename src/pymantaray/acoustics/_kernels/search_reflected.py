@@ -44,14 +44,14 @@ _TRUST = 2e-4  # rad; rays above the usual cut-off have wider windows
 _SAME_TIME, _SAME_ANGLE = 2e-8, 4e-5  # s, rad
 
 Hunt = namedtuple("Hunt", "link reach accuracy bounces cutoff_db weak_slope limit spacing")
-Hunt.__doc__ = """Link and settings of a search: maximum reflections at the surface and at the bottom, cut-off [dB], slope of the miss above which
-rays are too weak, steepest angle of rays that turn, and spacing of the first fan for `search.fan_nodes` [rad].
-"""
+Hunt.__doc__ = """Link and settings of a search: maximum reflections at the surface and at the
+bottom, cut-off [dB], slope of the miss above which rays are too weak, steepest angle of rays that
+turn, and spacing of the first fan for `search.fan_nodes` [rad]."""
 
 Reach = namedtuple("Reach", "top bed deepest slope across ice_slope ice_across inset on_boundary")
-Reach.__doc__ = """Boundaries of a link: depths at the receiver, largest depth of the sea bed, largest slopes of sea bed and ice along and
-across, distance of the target inside the boundary for a receiver on it, and this boundary: -1 the surface, 1 the sea bed.
-"""
+Reach.__doc__ = """Boundaries of a link: depths at the receiver, largest depth of the sea bed,
+largest slopes of sea bed and ice along and across, distance of the target inside the boundary for a
+receiver on it, and this boundary: -1 the surface, 1 the sea bed."""
 
 
 @kernel

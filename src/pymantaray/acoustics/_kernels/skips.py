@@ -17,11 +17,12 @@ from pymantaray.acoustics._kernels.layout import MAX_STEPS
 from pymantaray.compile import entry, kernel
 
 SkipWater = namedtuple("SkipWater", "depth speed deck zone bed table step")
-SkipWater.__doc__ = """Levels [m, m/s], the index of the level at the deck, spacing of the levels above it [m], depth of the bed [m], and the table
-of skips by angle at the deck: range [m], time [s], turning points, reflections at the bed; its spacing [rad].
-"""
+SkipWater.__doc__ = """Levels [m, m/s], the index of the level at the deck, spacing of the levels
+above it [m], depth of the bed [m], and the table of skips by angle at the deck: range [m], time
+[s], turning points, reflections at the bed; its spacing [rad]."""
 SkipLink = namedtuple("SkipLink", "start end length surface slope spacing most_surface most_bottom")
-SkipLink.__doc__ = """Depths of the ends [m], range [m], depth and slope of the surface, their spacing [m], most reflections."""
+SkipLink.__doc__ = """Depths of the ends [m], range [m], depth and slope of the surface, their
+spacing [m], most reflections."""
 RANGE, TIME, TURNS, BEDS = range(4)  # rows of a table
 ANGLE, MISS, TRAVEL, END_ANGLE, SURFACES, BOTTOMS, TURNED, RATE, N_RAY = range(
     9
