@@ -58,8 +58,9 @@ def _use_kernels() -> None:
 
     Kernels are compiled for the types of their arguments. Only a use of the package knows these.
     """
-    from pymantaray import load_study, run_study
     from pymantaray.acoustics import Medium, find_eigenrays, ray_picture, trace_paths
+    from pymantaray.apps.study import run_study
+    from pymantaray.config import load_study
 
     medium = Medium.from_profile([0.0, 100.0], [1450.0, 1460.0], bottom_depth=100.0)
     source, receiver = [0.0, 0.0, 10.0], [1000.0, 0.0, 20.0]
