@@ -309,12 +309,8 @@ def _bound_graph(e: Estimator, o: Measurements) -> FactorGraph:
     graph = build_graph(o, None if e.ranges is None else "straight", e.links)
     if not e.dead_reckoned:
         return graph
-    others = [
-        name
-        for name, table in graph.tables.items()
-        if name not in ("prior", "edge") and table.kind.ends != ("landmark",)
-    ]
-    return graph.with_factors(**{name: graph[name][:0] for name in others})
+    others = {name: table[:0] for name, table in graph.tables.items() if not table.kind.reckons}
+    return graph.with_factors(**others)
 
 
 def rms_bound(bound: Array, submerged: NDArray[np.bool_]) -> float:

@@ -22,7 +22,13 @@ from pymantaray.estimation.filters.error_state import (
     to_world_axes,
     update,
 )
-from pymantaray.estimation.graph.graph import FactorGraph, Factors, GraphValues, check_graph
+from pymantaray.estimation.graph.graph import (
+    FactorGraph,
+    Factors,
+    GraphValues,
+    Residual,
+    check_graph,
+)
 from pymantaray.estimation.ranges.range_models import (
     ConstantSpeed,
     ModelRanges,
@@ -147,17 +153,20 @@ class _Timeline(NamedTuple):
                 f"{name}: a Kalman filter needs one prior on the first pose of each vehicle, and"
                 " none on later poses"
             )
-        taken = {"range", "survey"}
-        for name, table in graph.tables.items():
-            if len(table) and not (name in taken or set(table.kind.ends) == {"pose"}):
+        for table in graph.tables.values():
+            kind = table.kind
+            of_one_type = set(kind.ends) in ({"pose"}, {"landmark"})
+            if len(table) and not (of_one_type or kind.residual is Residual.DISTANCE):
                 raise EstimationError(
-                    f"a Kalman filter takes no {table.kind.plural}; choose another solver"
+                    f"a Kalman filter takes no {kind.plural}; choose another solver"
                 )
-        if sorted(graph["survey"].subject.tolist()) != list(
-            range(graph.n_poses, graph.n_variables)
-        ):
+        surveys = _surveys(graph)
+        surveyed = sorted(landmark for table in surveys for landmark in table.subject.tolist())
+        if surveyed != list(range(graph.n_poses, graph.n_variables)):
+            found = ", ".join(f"{len(table)} {table.kind.plural}" for table in surveys) or "none"
             raise EstimationError(
-                "a Kalman filter needs landmarks with one prior each; choose another solver"
+                f"a Kalman filter needs landmarks with one prior each; found {found}; choose"
+                " another solver"
             )
         return cls(pose, sample)
 
@@ -249,16 +258,26 @@ def _rows_of_steps(graph: FactorGraph, kind: str, timeline: _Timeline) -> tuple[
 def _first_state(graph: FactorGraph) -> State:
     """Priors of the first poses and of the landmarks."""
     prior = graph["prior"]
-    survey = graph["survey"]
     by_vehicle = prior[np.argsort(graph.pose_vehicle[prior.subject])]
-    by_landmark = survey[np.argsort(survey.subject)]
+    n_landmarks = graph.landmark_name.size
+    landmark_position = np.zeros((n_landmarks, 3))
+    landmark_covariance = np.zeros((n_landmarks, 3, 3))
+    for survey in _surveys(graph):
+        landmark = survey.subject - graph.n_poses
+        landmark_position[landmark] = survey.column("position")
+        landmark_covariance[landmark] = survey.covariance
     return State.at_start(
         matrix_from_quaternion(by_vehicle.column("quaternion")),
         by_vehicle.column("position"),
         by_vehicle.covariance,
-        by_landmark.column("position"),
-        by_landmark.covariance,
+        landmark_position,
+        landmark_covariance,
     )
+
+
+def _surveys(graph: FactorGraph) -> list[Factors]:
+    """Priors of landmarks, of all kinds."""
+    return [table for table in graph.of_ends(("landmark",)) if len(table)]
 
 
 class _Updates:
