@@ -15,6 +15,7 @@ from pymantaray.estimation import (
     Estimator,
     GraphSolver,
     Method,
+    RangeModel,
     SolveOptions,
     TransmitterSpeed,
     build_graph,
@@ -174,7 +175,7 @@ def test_a_range_model_gives_the_same_estimate_as_the_distances_that_it_stands_f
     np.testing.assert_allclose(times.position, distances.position, rtol=0, atol=1e-6)
 
 
-class Asked:
+class Asked(RangeModel):
     """
     The transmitter's speed as a model that is asked for travel times, of which some may not be
     possible.

@@ -7,12 +7,12 @@ import numpy as np
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.paths import travel_time_sensitivity
 from pymantaray.arrays import Array
-from pymantaray.estimation import Prediction, RangeEndpoints
+from pymantaray.estimation import Prediction, RangeEndpoints, RangeModel
 from pymantaray.geometry.natural_spline import natural_spline
 from pymantaray.range_models.eigenray_model import EigenrayModel, pairs_of
 
 
-class AdjustableEigenrays:
+class AdjustableEigenrays(RangeModel):
     r"""
     Travel time of the earliest direct eigenray where what is believed lacks :math:`\sum_k a_k
     \phi_k(z)`.

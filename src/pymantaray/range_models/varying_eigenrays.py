@@ -6,11 +6,11 @@ import numpy as np
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.arrays import Array
-from pymantaray.estimation import Prediction, RangeEndpoints
+from pymantaray.estimation import Prediction, RangeEndpoints, RangeModel
 from pymantaray.range_models.eigenray_model import EigenrayModel
 
 
-class VaryingEigenrays:
+class VaryingEigenrays(RangeModel):
     """
     Travel time of the earliest direct eigenray in the water at each ping, by its time since the
     mission's start [s].

@@ -24,7 +24,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OnlineError
 from pymantaray.estimation.filters.error_state import SIZE, State
 from pymantaray.estimation.graph.graph import LARGEST
-from pymantaray.estimation.ranges.range_models import RangeModel, TransmitterSpeed
+from pymantaray.estimation.ranges.range_models import RangeModel
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.quantities.checks import check_number, checked_array
 
@@ -341,8 +341,10 @@ class OnlineEstimator:
         _sized(f"{what}: travel time", [travel_time, sound_speed or 0.0], (2,))
         if sound_speed is not None:
             check_number(OnlineError, f"{what}: sound speed", sound_speed, "m/s", positive=True)
-        elif isinstance(self._timeline.ranging.model, TransmitterSpeed):
-            raise OnlineError(f"{what}: no sound speed; the range model TransmitterSpeed needs one")
+        elif (model := self._timeline.ranging.model).needs_sound_speed:
+            raise OnlineError(
+                f"{what}: no sound speed; the range model {type(model).__name__} needs one"
+            )
         values = [
             float(travel_time),
             *_sigmas(f"{what}: sigma", sigma, 1).tolist(),

@@ -28,6 +28,7 @@ class OnSphere(RangeModel):
     def __init__(self, model: RangeModel, earth: EarthSphere) -> None:
         self._model = model
         self._earth = earth
+        self.needs_sound_speed = model.needs_sound_speed
 
     def predict(self, links: RangeEndpoints) -> Prediction:
         """
