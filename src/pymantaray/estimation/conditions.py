@@ -423,19 +423,20 @@ def _solves_like(estimator: Estimator) -> tuple[object, ...]:
     Equal for estimators whose first solves are equal: the same objects and values, except for the
     fit of a range sigma.
     """
-    e = estimator
-    sigma = None if e.range_sigma == "fitted" else e.range_sigma
-    objects = tuple(id(part) for part in (e.model, e.uncertainty, *(e.initial or ())))
-    priors = e.clocks, e.scale_sigma, e.bias_sigma, sigma
+    sigma = None if estimator.range_sigma == "fitted" else estimator.range_sigma
+    objects = tuple(
+        id(part) for part in (estimator.model, estimator.uncertainty, *(estimator.initial or ()))
+    )
+    priors = estimator.clocks, estimator.scale_sigma, estimator.bias_sigma, sigma
     return (
         objects,
-        e.ranges,
-        e.links,
-        e.correlated,
-        e.model_is_right,
-        e.method,
+        estimator.ranges,
+        estimator.links,
+        estimator.correlated,
+        estimator.model_is_right,
+        estimator.method,
         priors,
-        e.mean_of_directions,
+        estimator.mean_of_directions,
     )
 
 

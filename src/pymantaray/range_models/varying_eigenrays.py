@@ -45,6 +45,8 @@ class VaryingEigenrays(RangeModel):
                 currents=None if self._currents_at is None else self._currents_at(float(time)),
             )
             of_ping = model.predict(RangeEndpoints(*(column[rows] for column in links)))
-            for whole, part in zip(out[:4], of_ping[:4], strict=True):
-                whole[rows] = part
+            out.travel_time[rows] = of_ping.travel_time
+            out.transmitter_gradient[rows] = of_ping.transmitter_gradient
+            out.receiver_gradient[rows] = of_ping.receiver_gradient
+            out.possible[rows] = of_ping.possible
         return out

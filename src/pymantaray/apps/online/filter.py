@@ -91,8 +91,8 @@ class Step(NamedTuple):
     @classmethod
     def of(cls, event: Event) -> Step:
         """Step of an odometry event."""
-        values = np.array(event.values)
-        return cls(event.time, so3_exp(values[3:6]), values[:3], values[6:] ** 2)
+        translation, rotation, sigma = np.split(np.array(event.values), (3, 6))
+        return cls(event.time, so3_exp(rotation), translation, sigma**2)
 
 
 def advance(state: FleetState, vehicle: int, step: Step, time: float) -> FleetState:

@@ -90,7 +90,13 @@ class CandidateArrivals(NamedTuple):
     def prediction(self) -> Prediction:
         """Travel times and gradients of all candidates."""
         bounces = self.surface_bounces + self.bottom_bounces
-        return Prediction(*self[1:4], np.ones(self.row.size, dtype=bool), bounces)
+        return Prediction(
+            travel_time=self.travel_time,
+            transmitter_gradient=self.transmitter_gradient,
+            receiver_gradient=self.receiver_gradient,
+            possible=np.ones(self.row.size, dtype=bool),
+            bounces=bounces,
+        )
 
 
 def of_picks(prediction: Prediction, picks: Rows) -> Prediction:

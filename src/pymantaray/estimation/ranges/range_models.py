@@ -63,6 +63,15 @@ class Prediction(NamedTuple):
     possible: Mask  # true if the assumed ocean has an arrival, (n,)
     bounces: Rows | None = None  # reflections of each path, (n,); None if all paths are direct
 
+    def scaled(self, factor: float | Array) -> Prediction:
+        """Travel times and gradients multiplied by a factor, one or one for each link."""
+        each = np.asarray(factor)[..., None]
+        return self._replace(
+            travel_time=factor * self.travel_time,
+            transmitter_gradient=each * self.transmitter_gradient,
+            receiver_gradient=each * self.receiver_gradient,
+        )
+
 
 class RangeModel(ABC):
     """
@@ -422,10 +431,7 @@ class RangeUnknowns:
         if self._scaled:
             columns = [(1.0 + value[k]) * by for by in columns]
             columns.append(np.where(prediction.possible, prediction.travel_time, 0.0)[:, None])
-            time, by_transmitter, by_receiver = ((1.0 + value[k]) * part for part in prediction[:3])
-            prediction = prediction._replace(
-                travel_time=time, transmitter_gradient=by_transmitter, receiver_gradient=by_receiver
-            )
+            prediction = prediction.scaled(1.0 + value[k])
             k += 1
         added = []
         if not all(self._known):
