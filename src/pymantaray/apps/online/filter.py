@@ -84,29 +84,27 @@ class Step(NamedTuple):
     """Odometry step of a vehicle up to a time."""
 
     time: float
-    rotation: Array  # (3, 3)
-    translation: Array  # (3,) in the axes of the body at its begin [m]
-    variance: Array  # (6,) in the tangent of the body at its end, rotation first
+    motion: Motion
 
     @classmethod
     def of(cls, event: Event) -> Step:
         """Step of an odometry event."""
-        translation, rotation, sigma = np.split(np.array(event.values), (3, 6))
-        return cls(event.time, so3_exp(rotation), translation, sigma**2)
+        values = np.array(event.values)
+        translation = values[None, :3]
+        rotation = so3_exp(values[None, 3:6])
+        sigma = values[6:]
+        return cls(event.time, Motion(rotation, translation, np.diag(sigma**2)[None]))
 
 
 def advance(state: FleetState, vehicle: int, step: Step, time: float) -> FleetState:
     """Move a vehicle to a time within a step; a part of a step is a part of its screw motion."""
     begin = state.begin[vehicle]
     now = state.time[vehicle]
-    rotation = step.rotation
-    translation = step.translation
-    variance = step.variance
+    motion = step.motion
     if now != begin or time != step.time:
         part = (time - now) / (step.time - begin)
-        rotation, translation = se3_exp(part * se3_log(rotation, translation))
-        variance = part * variance
-    motion = Motion(rotation[None], translation[None], np.diag(variance)[None])
+        rotation, translation = se3_exp(part * se3_log(motion.rotation, motion.translation))
+        motion = Motion(rotation, translation, part * motion.covariance)
     return FleetState(
         predict(state.estimate, slice(vehicle, vehicle + 1), motion),
         _with(state.time, vehicle, time),
@@ -128,20 +126,21 @@ def innovation_of(state: State, event: Event, ranging: RangePrediction) -> Innov
     """Innovation of a measurement; None if the range model has no arrival."""
     if event.kind == Kind.RANGE:
         return _range(state, event, ranging)
-    axes = [2] if event.kind == Kind.DEPTH else [0, 1, 2]
     value, sigma = np.array(event.values).reshape(2, -1)
     vehicle = event.members[0]
-    columns = SIZE * vehicle + 3 + np.array(axes)
-    return Innovation(state.position[vehicle, axes] - value, columns, np.diag(sigma**2))
+    end = SIZE * (vehicle + 1)  # a depth is the last coordinate, a fix all three
+    estimated = state.position[vehicle, -value.size :]
+    return Innovation(estimated - value, np.arange(end - value.size, end), np.diag(sigma**2))
 
 
 def _range(state: State, event: Event, ranging: RangePrediction) -> Innovation | None:
     travel_time, sigma, sound_speed = event.values
-    ends = np.array([event.members])
-    positions = np.concatenate([state.position, ranging.fixed])[ends]
-    links = RangeEndpoints(
-        np.array([event.time]), positions[:, 0], positions[:, 1], np.array([sound_speed])
+    n = len(state.position)
+    transmitter, receiver = (
+        state.position[k : k + 1] if k < n else ranging.fixed[k - n : k - n + 1]
+        for k in event.members
     )
+    links = RangeEndpoints(np.array([event.time]), transmitter, receiver, np.array([sound_speed]))
     prediction = ranging.model.predict(links)
     if not prediction.possible[0]:
         return None
@@ -150,11 +149,10 @@ def _range(state: State, event: Event, ranging: RangePrediction) -> Innovation |
         variance += ranging.uncertainty.covariances(links, _ONE_LINK)[0][0]
     return range_innovation(
         state,
-        ends,
-        prediction,
-        np.array([travel_time]),
+        np.array([event.members]),
+        prediction.travel_time - travel_time,
+        (prediction.transmitter_gradient, prediction.receiver_gradient),
         variance,
-        scale=np.ones(1),
         n_fixed=len(ranging.fixed),
     )
 
@@ -174,7 +172,7 @@ def apply(
     updated = update(state.estimate, innovation)
     if updated is None:
         return state, Outcome.FAILED
-    return state._replace(estimate=updated.state), Outcome.USED
+    return FleetState(updated.state, state.time, state.begin), Outcome.USED
 
 
 def _with(values: tuple[float, ...], at: int, value: float) -> tuple[float, ...]:

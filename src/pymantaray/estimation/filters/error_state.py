@@ -6,6 +6,7 @@ All functions return new arrays, so that a caller may keep earlier states. `kalm
 factors of a graph in the order of their times; `apps.online` feeds measurements as they arrive.
 """
 
+import math
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -13,7 +14,6 @@ from scipy.linalg.blas import dtrsm
 from scipy.linalg.lapack import dpotrf
 
 from pymantaray.arrays import Array, Indices
-from pymantaray.estimation.ranges.range_models import Prediction
 from pymantaray.geometry.se3 import hat, so3_exp
 
 SIZE = 6  # errors of a pose: rotation in the body's axes [rad], position in the world's axes [m]
@@ -93,7 +93,7 @@ def predict(state: State, vehicles: slice, motion: Motion) -> State:
     shape = state.covariance.shape
     rows = state.covariance.reshape(-1, SIZE, shape[1]).copy()
     rows[vehicles] = by_pose @ rows[vehicles]
-    columns = np.swapaxes(rows.reshape(shape), 0, 1).reshape(rows.shape).copy()
+    columns = rows.reshape(shape).T.copy().reshape(rows.shape)
     columns[vehicles] = by_pose @ columns[vehicles]
     covariance = columns.reshape(shape)
     noise = by_step @ motion.covariance @ np.swapaxes(by_step, 1, 2)
@@ -132,37 +132,31 @@ def to_world_axes(rotation: Array, covariance: Array) -> Array:
 def range_innovation(
     state: State,
     ends: Indices,
-    prediction: Prediction,
-    travel_time: Array,
+    residual: Array,
+    gradients: tuple[Array, Array],
     variance: Array,
     *,
-    scale: Array,
     n_fixed: int = 0,
 ) -> Innovation:
     """
-    Innovation of the links (m,) with an arrival, multiplied by a scale: 1 for travel times, the
-    sound speed for ranges.
+    Innovation of ranges or travel times, with gradients (m, 3) by the transmitters' and by the
+    receivers' positions.
 
     ``ends`` (m, 2) are members of the state, or ones after them with exactly known positions.
     """
-    possible = prediction.possible
-    residual = (scale * (prediction.travel_time - travel_time))[possible]
     n = len(state.position)
     by_errors = np.zeros((residual.size, n + n_fixed, SIZE))
     row = np.arange(residual.size)
-    gradients = prediction.transmitter_gradient, prediction.receiver_gradient
-    for end, gradient in zip(ends[possible].T, gradients, strict=True):
-        by_errors[row, end, 3:] += (scale[:, None] * gradient)[possible]
+    for end, gradient in zip(ends.T, gradients, strict=True):
+        by_errors[row, end, 3:] = gradient  # the ends of a range differ
     return Innovation(
-        residual,
-        by_errors[:, :n].reshape(residual.size, SIZE * n),
-        np.diag(variance[possible]),
+        residual, by_errors[:, :n].reshape(residual.size, SIZE * n), np.diag(variance)
     )
 
 
 def exceeds(state: State, innovation: Innovation, gate: float) -> bool:
     """True if an innovation with derivatives exceeds a number of standard deviations."""
-    if not np.isfinite(gate):
+    if not math.isfinite(gate):
         return False
     by_errors = innovation.by_errors
     spread = np.einsum("ij,jk,ik->i", by_errors, state.covariance, by_errors)
@@ -182,7 +176,7 @@ def update(state: State, innovation: Innovation) -> Update | None:
         weight = by_errors @ covariance
         spread = weight @ by_errors.T
     root, failed = dpotrf(spread + variance, lower=1)
-    if failed or not np.isfinite(root[-1, -1]):
+    if failed or not math.isfinite(root[-1, -1]):
         return None
     # LAPACK's solver starts all threads of OpenBLAS even for one row, which costs milliseconds on a
     # busy machine

@@ -410,14 +410,16 @@ class _Ranges:
             sound_speed=timed.sound_speed[rows],
         )
         prediction, _ = self._model.predict(links, rows, np.empty(0))
-        self.gated += int(np.count_nonzero(~prediction.possible))
+        possible = prediction.possible
+        self.gated += int(np.count_nonzero(~possible))
+        ranges = prediction.scaled(links.sound_speed)
+        residual = links.sound_speed * (prediction.travel_time - timed.travel_time[rows])
         return range_innovation(
             state,
-            ends,
-            prediction,
-            timed.travel_time[rows],
-            self._variance[rows],
-            scale=links.sound_speed,
+            ends[possible],
+            residual[possible],
+            (ranges.transmitter_gradient[possible], ranges.receiver_gradient[possible]),
+            self._variance[rows][possible],
         )
 
 
