@@ -146,7 +146,8 @@ def write_pyfg(
 
 def warn_of_depths(graph: FactorGraph, path: Path | str) -> None:
     """Log that PyFactorGraph loses the depth priors of a graph; nothing without any."""
-    if count := sum(len(table) for table in graph.tables.values() if table.kind.is_depth):
+    kept = [table for table in graph.tables.values() if table.kind.is_depth and table.kind.word]
+    if count := sum(map(len, kept)):
         LOG.warning(
             "%s: PyFactorGraph reads its %d depth priors with a precision of 0, so without effect;"
             ' depths = "ranges" keeps them',
