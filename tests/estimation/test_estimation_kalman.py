@@ -15,13 +15,14 @@ from pymantaray.estimation import (
     Estimator,
     GraphSolver,
     Method,
+    RangeModel,
     SolveOptions,
     TransmitterSpeed,
     build_graph,
     dead_reckon,
     solve_conditions,
 )
-from pymantaray.estimation.filters.kalman import moved
+from pymantaray.estimation.filters.error_state import propagate
 from pymantaray.evaluation.consistency import nees
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
 from pymantaray.records import RayStatus, SolveStatus
@@ -112,12 +113,12 @@ def test_derivatives_of_a_step_are_those_of_finite_differences():
     rng = np.random.default_rng(2)
     rotation, turn = so3_exp(rng.normal(0, 1.0, (4, 3))), so3_exp(rng.normal(0, 0.5, (4, 3)))
     position, step = rng.normal(0, 100.0, (2, 4, 3))
-    after, at, by_pose, by_step = moved(rotation, position, turn, step)
+    after, at, by_pose, by_step = propagate(rotation, position, turn, step)
     h = 1e-6
 
     def error(before, own):
         """Error after a step from errors before and of the step, in their conventions."""
-        out = moved(
+        out = propagate(
             rotation @ so3_exp(before[:, :3]),
             position + before[:, 3:],
             turn @ so3_exp(own[:, :3]),
@@ -174,7 +175,7 @@ def test_a_range_model_gives_the_same_estimate_as_the_distances_that_it_stands_f
     np.testing.assert_allclose(times.position, distances.position, rtol=0, atol=1e-6)
 
 
-class Asked:
+class Asked(RangeModel):
     """
     The transmitter's speed as a model that is asked for travel times, of which some may not be
     possible.

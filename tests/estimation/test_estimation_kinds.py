@@ -4,6 +4,7 @@ refused by name.
 """
 
 from dataclasses import replace
+from functools import partial
 
 import factories
 import numpy as np
@@ -12,12 +13,13 @@ from refusals import refused
 
 from pymantaray.apps.graphs.certificate import certify
 from pymantaray.apps.graphs.chordal_problem import ChordalProblem
-from pymantaray.apps.graphs.g2o import write_g2o
+from pymantaray.apps.graphs.g2o import load_g2o, write_g2o
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import build_graph, covariances_at
 from pymantaray.estimation.graph.graph import KINDS, FactorGraph, check_kinds
 from pymantaray.estimation.graph.pyfg import read_pyfg, write_pyfg
 from pymantaray.estimation.solve import GraphSolver
+from pymantaray.estimation.solvers.influence import factor_influence
 from pymantaray.estimation.solvers.losses import Loss
 from pymantaray.estimation.solvers.solution import Method
 from pymantaray.estimation.solvers.starts import chordal, dead_reckon_graph
@@ -32,6 +34,7 @@ METHODS = {
     "lag": Method(lag=1e5),
     "incremental lag": Method(lag=1e5, incremental=True),
     "kalman": Method(kalman=True),
+    "gtsam": Method(gtsam="converged"),
 }
 COPIED = sorted(set(KINDS) - {"range"})
 
@@ -96,6 +99,92 @@ def solved(graph, truth, method):
     )
 
 
+def covered(graph, truth):
+    """Covariances of all poses, as in the bound of a study."""
+    return covariances_at(graph, truth, np.arange(graph.n_poses)[:, None]).pose
+
+
+def certified(graph, truth):
+    """Cost of the certificate's problem, or why there is no certificate."""
+    certificate = certify(graph, truth)
+    return certificate.reason or np.array([certificate.cost])
+
+
+def influential(graph, truth):
+    """Whitened residuals and leverages of all factors, kind by kind."""
+    solution = GraphSolver().solve(graph, truth, model_is_right=False)
+    table = factor_influence(graph, solution.values)
+    assert table["kind"].value_counts().to_dict() == {
+        kind.kind.what: len(kind) for kind in graph.tables.values() if len(kind)
+    }
+    return table[["residual_sigmas", "leverage"]].to_numpy().ravel()
+
+
+def in_text(graph, truth, folder):
+    """Numbers of factors of each kind after a file of PyFactorGraph text."""
+    write_pyfg(graph, folder / "a.pyfg", initial=truth)
+    return counts(read_pyfg(folder / "a.pyfg")[0])
+
+
+def in_g2o(graph, truth, folder):
+    """Numbers of factors of each kind after a g2o file."""
+    write_g2o(graph, folder / "a.g2o", initial=truth, leave_out=["landmarks"])
+    return counts(load_g2o(folder / "a.g2o").graph)
+
+
+def in_netcdf(graph, truth, folder):
+    """Numbers of factors of each kind after a NetCDF file."""
+    graph.save(folder / "a.nc")
+    return counts(FactorGraph.load(folder / "a.nc"))
+
+
+def counts(graph):
+    return np.array([len(table) for table in graph.tables.values()])
+
+
+READERS = {
+    **{name: partial(solved, method=method) for name, method in METHODS.items()},
+    "freedom": lambda graph, _: graph.degrees_of_freedom,
+    "bound": covered,
+    "certificate": certified,
+    "influence": influential,
+}
+FILES = {"PyFactorGraph text": in_text, "g2o": in_g2o, "NetCDF": in_netcdf}
+
+
+def refusal(read, *arguments):
+    try:
+        return read(*arguments)
+    except EstimationError as error:
+        return str(error)
+
+
+@pytest.mark.parametrize("reader", [*READERS, *FILES])
+@pytest.mark.parametrize("kind", sorted(KINDS))
+def test_every_reader_counts_a_kind_or_refuses_it_by_its_name(graph, fleet, kind, reader, tmp_path):
+    depths = [name for name in KINDS if KINDS[name].is_depth]
+    alone = factories.without(graph, *depths) if reader == "certificate" else graph
+    more = one_more(alone, kind, fleet.truth)
+    plural = KINDS[kind].plural
+    if reader in READERS:
+        before, after = (refusal(READERS[reader], g, fleet.truth) for g in (alone, more))
+        if isinstance(after, str):
+            assert plural in after or f"one {kind} " in after, (reader, after)
+            return
+        assert not isinstance(before, str), (reader, before)
+        before, after = np.asarray(before), np.asarray(after)
+        changed = before.shape != after.shape or not np.allclose(before, after, rtol=1e-9, atol=0)
+        assert changed, f"{reader} ignores {plural}"
+        return
+    if reader == "g2o":  # holds no other kind of this graph than odometry
+        more = factories.without(more, *set(KINDS) - {kind, "edge"})
+    written = refusal(FILES[reader], more, fleet.truth, tmp_path)
+    if isinstance(written, str):
+        assert plural in written, (reader, written)
+        return
+    np.testing.assert_array_equal(written, counts(more))
+
+
 def test_a_factor_of_a_new_kind_counts_as_one_of_its_form_in_every_solver(graph, fleet, copied):
     """
     As in the kind of which it is a copy; a solver that ignores it would leave the estimate where it
@@ -130,10 +219,10 @@ def test_covariances_and_freedom_count_a_new_kind(graph, fleet, copied):
 
 
 def test_the_certificate_counts_a_new_kind_or_says_that_it_cannot(graph, fleet, copied):
-    bare = factories.without(graph, "depth")
+    bare = factories.without(graph, *(name for name in KINDS if KINDS[name].is_depth))
     known, new = (one_more(bare, name, fleet.truth, copied) for name in (copied, "new"))
     one, other = certify(known, fleet.truth), certify(new, fleet.truth)
-    if copied == "depth":
+    if KINDS[copied].is_depth:
         assert not one.certified
         assert not other.certified
         assert other.reason == "new ones are not quadratic in the relaxation"
@@ -179,7 +268,7 @@ def test_files_hold_a_new_kind_or_say_that_they_cannot(graph, fleet, copied, tmp
     np.testing.assert_array_equal(back["new"].measured, new["new"].measured)
 
 
-@pytest.mark.parametrize("name", sorted(KINDS))
+@pytest.mark.parametrize("name", sorted(name for name, kind in KINDS.items() if kind.word))
 def test_text_holds_each_factor_once(graph, fleet, name, tmp_path):
     more = one_more(graph, name, fleet.truth)
     write_pyfg(more, tmp_path / "a.pyfg", initial=fleet.truth)

@@ -24,7 +24,7 @@ from pymantaray.estimation import (
     RangeEndpoints,
     solve_conditions,
 )
-from pymantaray.estimation.ranges.candidates import of_picks
+from pymantaray.estimation.ranges.candidates import CandidateModel, of_picks
 from pymantaray.estimation.ranges.epoch_picks import EpochMixture, graduated_fits
 from pymantaray.estimation.ranges.expansion import Expansion
 from pymantaray.estimation.ranges.picks import NONE, Chains, RangeChoice, best_picks
@@ -36,13 +36,13 @@ BOUNCES = ((0, 0), (1, 0), (0, 1), (1, 1), (2, 1))
 WEIGHTS = (0.3, 0.3, 0.2, 0.1, 0.1)
 
 
-class Mirrors:
+class Mirrors(CandidateModel):
     """Uniform water between plane mirrors: paths are straight to the images of the receiver."""
 
     def __init__(
         self, top, bottom, *, speed=SPEED, weights=WEIGHTS, mixture=None, order=None, sigma=0.0
     ):
-        self.top, self.bottom, self.speed, self.weights = top, bottom, speed, weights
+        self.top, self.bottom, self.sound_speed, self.weights = top, bottom, speed, weights
         self.mixture, self.order, self.sigma = mixture or MixtureOptions(), order, sigma
 
     def paths(self, links):
@@ -65,8 +65,8 @@ class Mirrors:
                 sign = 1.0 if k == 3 else -1.0
             step = image - links.transmitter
             distance = np.linalg.norm(step, axis=1)
-            along = step / distance[:, None] / self.speed
-            out.append((distance / self.speed, -along, along * [1.0, 1.0, sign]))
+            along = step / distance[:, None] / self.sound_speed
+            out.append((distance / self.sound_speed, -along, along * [1.0, 1.0, sign]))
         return [np.stack(parts) for parts in zip(*out, strict=True)]
 
     def candidates(self, links):
@@ -83,7 +83,7 @@ class Mirrors:
             time[kind, row],
             (by_a[kind, row], by_b[kind, row]),
             np.array(self.weights)[kind],
-            sigma=self.sigma * time[kind, row] / self.speed,
+            sigma=self.sigma * time[kind, row] / self.sound_speed,
             bounces=(bounces[0], bounces[1]),
         )
 
@@ -92,7 +92,7 @@ class Mirrors:
         return of_picks(found.prediction, np.searchsorted(found.row, np.arange(links.time.size)))
 
 
-class Alone:
+class Alone(CandidateModel):
     """Another range model, as a mixture whose ranges have one candidate."""
 
     mixture = MixtureOptions(null_weight=0.0, gate=1e6)
@@ -307,7 +307,7 @@ class Echoed(Mirrors):
 
     def paths(self, links):
         time, by_a, by_b = super().paths(links)
-        time[1], by_a[1], by_b[1] = time[0] + 3.0 / self.speed, by_a[0], by_b[0]
+        time[1], by_a[1], by_b[1] = time[0] + 3.0 / self.sound_speed, by_a[0], by_b[0]
         return time, by_a, by_b
 
 

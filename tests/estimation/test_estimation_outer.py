@@ -4,7 +4,6 @@ factors, consistent, gated.
 """
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import factories
 import numpy as np
@@ -30,7 +29,12 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.graph.build import timed_ranges
-from pymantaray.estimation.ranges.range_models import ModelRanges, RangeUnknowns
+from pymantaray.estimation.ranges.range_models import (
+    ModelRanges,
+    RangeModel,
+    RangeUnknowns,
+    TravelTimeUncertainty,
+)
 from pymantaray.records import RangingTruth, RayStatus, SolveStatus
 from pymantaray.sensing import Clocks, OneWay, TwoWay
 from pymantaray.sensing.timing import clock_error
@@ -43,7 +47,7 @@ STEP = 1e-3
 WATER = MeanSlowness([0.0, 2000.0, 3000.0, 6000.0], [1450.0, 1470.0, 1455.0, 1500.0])
 
 
-class Adjustable:
+class Adjustable(RangeModel):
     """
     Chords through a profile with two shapes of unknown amplitude.
 
@@ -95,14 +99,15 @@ def estimate(o, model, initial=None, **options):
     return solve_conditions(o, {"e": e}, covariance_samples=np.array([o.time.size - 1]))["e"]
 
 
-def heard_within(reach):
+class HeardWithin(RangeModel):
     """The same water in which nothing is heard beyond some distance."""
 
-    def predict(links):
-        near = np.linalg.norm(links.receiver - links.transmitter, axis=1) <= reach
-        return WATER.predict(links)._replace(possible=near)
+    def __init__(self, reach):
+        self.reach = reach
 
-    return SimpleNamespace(predict=predict)
+    def predict(self, links):
+        near = np.linalg.norm(links.receiver - links.transmitter, axis=1) <= self.reach
+        return WATER.predict(links)._replace(possible=near)
 
 
 def lengths(o, position):
@@ -116,7 +121,7 @@ def unheard(o, lost):
     return replace(o, range_status=np.where(lost, RayStatus.SHADOW, o.range_status))
 
 
-class Moody:
+class Moody(RangeModel):
     """Water that changes at every question: in what is possible, or in its travel times."""
 
     def __init__(self, *, flicker=False, drift=0.0):
@@ -173,7 +178,7 @@ def test_gated_links_are_counted_and_do_as_if_never_measured(make_fleet):
     ordered = np.sort(distance)
     k = int(np.argmax(np.diff(ordered)[ordered.size // 4 : -5])) + ordered.size // 4
     reach = 0.5 * (ordered[k] + ordered[k + 1])  # in the widest gap, which no estimate crosses
-    found = estimate(o, heard_within(reach), fleet.start)
+    found = estimate(o, HeardWithin(reach), fleet.start)
     assert found.gated_links == np.count_nonzero(distance > reach) > 0
     assert collect_estimates(o, [{"e": found}]).gated_links.tolist() == [[found.gated_links]]
     plain = estimate(unheard(o, distance > reach), WATER, fleet.start)
@@ -190,7 +195,7 @@ def test_link_becomes_possible_again_where_the_estimate_has_moved(make_fleet):
     apart = lengths(o, far)
     reach = float(lengths(o, fleet.position).max()) + 1.0
     assert np.count_nonzero(apart > reach) > 3
-    found = estimate(o, heard_within(reach), (far, fleet.quaternion))
+    found = estimate(o, HeardWithin(reach), (far, fleet.quaternion))
     assert found.gated_links == 0
     assert off(found.position, fleet.position) < 1e-3
     # links that were not possible at the start count there as they end, which is exactly as
@@ -211,7 +216,7 @@ def test_link_that_comes_and_goes_is_gated_for_good_and_a_model_that_never_settl
     assert np.isnan(drifted.position).all()
 
 
-class Shared:
+class Shared(TravelTimeUncertainty):
     """Every link of an epoch carries one and the same error."""
 
     def __init__(self, sigma):

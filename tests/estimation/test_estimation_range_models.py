@@ -10,7 +10,13 @@ from oracles import direct_travel_time_linear_gradient
 from scipy.integrate import quad
 
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import ConstantSpeed, MeanSlowness, RangeEndpoints, TransmitterSpeed
+from pymantaray.estimation import (
+    ConstantSpeed,
+    MeanSlowness,
+    RangeEndpoints,
+    RangeModel,
+    TransmitterSpeed,
+)
 
 DUCT = MeanSlowness(
     [0.0, 50.0, 100.0, 400.0, 1000.0, 3000.0], [1440.0, 1447.0, 1436.0, 1461.0, 1463.0, 1492.0]
@@ -120,3 +126,18 @@ def test_nearly_level_chords_join_level_ones():
 def test_impossible_models_are_refused(make, message):
     with pytest.raises(EstimationError, match=message):
         make()
+
+
+def test_a_range_model_needs_a_prediction_alone():
+    class Chord(RangeModel):
+        def predict(self, links):
+            return ConstantSpeed(1500.0).predict(links)
+
+    with pytest.raises(TypeError, match="predict"):
+        RangeModel()
+    model = Chord()
+    assert model.speed(np.array([1490.0])) is None
+    assert model.amplitude_sigma.size == 0
+    assert model.adjusted(np.empty(0)) is model
+    assert not model.needs_sound_speed
+    assert TransmitterSpeed().needs_sound_speed

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from pymantaray.geometry.natural_spline import natural_slopes
+from pymantaray.geometry.natural_spline import natural_slopes, natural_spline
 
 
 @pytest.mark.parametrize(
@@ -23,3 +23,13 @@ def test_slopes_are_those_of_scipys_natural_spline(points, shape):
     expected = CubicSpline(points, values, axis=-1, bc_type="natural")(points, 1)
     np.testing.assert_allclose(natural_slopes(points, values), expected, rtol=1e-12, atol=1e-14)
     np.testing.assert_array_equal(values, before)
+
+
+def test_values_have_no_curvature_at_the_ends_and_pass_through_the_points():
+    points = np.array([0.0, 1.0, 5.0, 40.0])
+    values = np.array([[1500.0, 1490.0, 1495.0, 1480.0], [0.0, 1.0, 0.0, 2.0]])
+    np.testing.assert_allclose(natural_spline(points, values, points), values, rtol=1e-14)
+    h = 1e-3
+    for end in (points[0] + h, points[-1] - h):  # second differences about a point beside an end
+        below, at, above = natural_spline(points, values, np.array([end - h, end, end + h])).T
+        np.testing.assert_allclose((below - 2.0 * at + above) / h**2, 0.0, atol=0.05)

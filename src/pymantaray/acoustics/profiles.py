@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError
+from pymantaray.geometry.natural_spline import natural_spline
 from pymantaray.quantities.checks import check_number, checked_array, distinct_digits
 
 if TYPE_CHECKING:
@@ -446,9 +447,7 @@ def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:
 def _interpolated(levels: Array, values: Array, at: Array, interpolation: Interpolation) -> Array:
     if interpolation == "linear":
         return np.interp(at, levels, values)
-    from scipy.interpolate import CubicSpline
-
-    return np.asarray(CubicSpline(levels, values, bc_type="natural")(at))
+    return natural_spline(levels, values, at)
 
 
 def _record(

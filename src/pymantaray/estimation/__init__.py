@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from pymantaray.estimation.ranges.candidates import CandidateArrivals as CandidateArrivals
     from pymantaray.estimation.ranges.candidates import CandidateModel as CandidateModel
     from pymantaray.estimation.ranges.candidates import MixtureOptions as MixtureOptions
-    from pymantaray.estimation.ranges.range_models import AdjustableModel as AdjustableModel
     from pymantaray.estimation.ranges.range_models import ClockPrior as ClockPrior
     from pymantaray.estimation.ranges.range_models import ConstantSpeed as ConstantSpeed
     from pymantaray.estimation.ranges.range_models import MeanSlowness as MeanSlowness

@@ -25,13 +25,10 @@ from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 from pymantaray.estimation.ranges.candidates import CandidateModel
 from pymantaray.estimation.ranges.on_sphere import OnSphere
 from pymantaray.estimation.ranges.range_models import (
-    AdjustableModel,
     ClockPrior,
-    ConstantSpeed,
     ModelRanges,
     RangeModel,
     RangeUnknowns,
-    TransmitterSpeed,
     TravelTimeUncertainty,
     UnknownsEstimate,
 )
@@ -77,7 +74,7 @@ class Estimator:
         Solver and loss.
     clocks : ClockPrior, optional
         Estimate offset and skew of all clocks with the poses, as amplitudes are estimated if the
-        model is an `AdjustableModel`.
+        model has modes.
     scale_sigma, bias_sigma : float, optional
         Prior standard deviations of a factor less 1 on all travel times [-] and of a bias of the
         ranges of each ordered pair [m], which are then estimated too.
@@ -426,19 +423,20 @@ def _solves_like(estimator: Estimator) -> tuple[object, ...]:
     Equal for estimators whose first solves are equal: the same objects and values, except for the
     fit of a range sigma.
     """
-    e = estimator
-    sigma = None if e.range_sigma == "fitted" else e.range_sigma
-    objects = tuple(id(part) for part in (e.model, e.uncertainty, *(e.initial or ())))
-    priors = e.clocks, e.scale_sigma, e.bias_sigma, sigma
+    sigma = None if estimator.range_sigma == "fitted" else estimator.range_sigma
+    objects = tuple(
+        id(part) for part in (estimator.model, estimator.uncertainty, *(estimator.initial or ()))
+    )
+    priors = estimator.clocks, estimator.scale_sigma, estimator.bias_sigma, sigma
     return (
         objects,
-        e.ranges,
-        e.links,
-        e.correlated,
-        e.model_is_right,
-        e.method,
+        estimator.ranges,
+        estimator.links,
+        estimator.correlated,
+        estimator.model_is_right,
+        estimator.method,
         priors,
-        e.mean_of_directions,
+        estimator.mean_of_directions,
     )
 
 
@@ -526,17 +524,16 @@ def _with_model(
         for prior in (estimator.clocks, estimator.scale_sigma, estimator.bias_sigma)
     )
     plain = estimator.uncertainty is None and not unknown
-    if isinstance(estimator.model, ConstantSpeed | TransmitterSpeed) and plain:
-        return _with_longer_ranges(
-            graph, estimator.model.speed(timed.sound_speed) / timed.sound_speed
-        ), None
+    speed = estimator.model.speed(timed.sound_speed)
+    if speed is not None and plain:
+        return _with_longer_ranges(graph, speed / timed.sound_speed), None
     if isinstance(estimator.model, OnSphere) and plain and estimator.method.uses_distances:
         place = np.concatenate([start.position, start.landmark_position])
         place[: graph.n_poses, 2] = measurements.depth.ravel()  # dead reckoning has worse depths
         links = timed.links(place[timed.transmitter], place[timed.receiver])
         return _with_longer_ranges(graph, estimator.model.frame_scale(links)), None
     unknowns = None
-    if unknown or isinstance(estimator.model, AdjustableModel):
+    if unknown or estimator.model.amplitude_sigma.size:
         unknowns = RangeUnknowns(
             estimator.model,
             timed,

@@ -102,25 +102,24 @@ def error_bound(
     >>> bound = error_bound(run.truth, run.measurements)  # doctest: +SKIP
     """
     submerged_at_pings(truth, measurements)  # raises if the vehicles differ
-    o = measurements
-    e = _known(condition)
+    estimator = _known(condition)
     if samples is None:
         samples = ping_samples(measurements)
     if not samples.size:
-        return np.empty((0, *2 * (o.name.size, 3)))
-    if e.dead_reckoned:
-        return dead_reckoning_covariances(o, samples, dead_reckon(o)).position
-    graph = _bound_graph(e, o)
-    values = _true_values(truth, o)
-    poses = np.arange(o.depth.size).reshape(o.depth.shape)[:, samples].T
+        return np.empty((0, *2 * (measurements.name.size, 3)))
+    if estimator.dead_reckoned:
+        return dead_reckoning_covariances(measurements, samples, dead_reckon(measurements)).position
+    graph = _bound_graph(estimator, measurements)
+    values = _true_values(truth, measurements)
+    poses = np.arange(measurements.depth.size).reshape(measurements.depth.shape)[:, samples].T
     return covariances_at(graph, values, poses, innovations=False).position
 
 
-def _true_values(truth: Trajectories, o: Measurements) -> GraphValues:
+def _true_values(truth: Trajectories, measurements: Measurements) -> GraphValues:
     return GraphValues(
         position=truth.position.reshape(-1, 3),
         quaternion=truth.quaternion.reshape(-1, 4),
-        landmark_position=o.landmark_position,
+        landmark_position=measurements.landmark_position,
     )
 
 
@@ -302,19 +301,17 @@ def _known(condition: str) -> Estimator:
     return CONDITIONS[condition]
 
 
-def _bound_graph(e: Estimator, o: Measurements) -> FactorGraph:
+def _bound_graph(estimator: Estimator, measurements: Measurements) -> FactorGraph:
     """
     Graph of the measurements that a condition uses; dead reckoning has priors and odometry alone.
     """
-    graph = build_graph(o, None if e.ranges is None else "straight", e.links)
-    if not e.dead_reckoned:
+    graph = build_graph(
+        measurements, None if estimator.ranges is None else "straight", estimator.links
+    )
+    if not estimator.dead_reckoned:
         return graph
-    others = [
-        name
-        for name, table in graph.tables.items()
-        if name not in ("prior", "edge") and table.kind.ends != ("landmark",)
-    ]
-    return graph.with_factors(**{name: graph[name][:0] for name in others})
+    others = {name: table[:0] for name, table in graph.tables.items() if not table.kind.reckons}
+    return graph.with_factors(**others)
 
 
 def rms_bound(bound: Array, submerged: NDArray[np.bool_]) -> float:
@@ -400,17 +397,23 @@ def _rotation(place: Array, anchors: Array, covariance: Array) -> tuple[float, f
     return np.sqrt(variance) / length, variance / float(np.trace(joint))
 
 
-def _unseen(truth: Trajectories, o: Measurements, sample: int, fixed: NDArray[np.bool_]) -> int:
+def _unseen(
+    truth: Trajectories, measurements: Measurements, sample: int, fixed: NDArray[np.bool_]
+) -> int:
     """
     Number of directions of active vehicles' positions that the measurements of one sample without
     odometry do not determine.
     """
     active = np.flatnonzero(truth.status[:, sample] == VehicleStatus.ACTIVE)
-    column = np.full(len(truth.name) + o.landmark_name.size, -1)
+    column = np.full(len(truth.name) + measurements.landmark_name.size, -1)
     column[active] = np.arange(active.size)
-    place = np.concatenate([truth.position[:, sample], o.landmark_position])
-    received = np.flatnonzero((o.range_sample == sample) & np.isin(o.range_status, ARRIVES))
-    ends = np.stack([o.range_transmitter[received], o.range_receiver[received]], axis=1)
+    place = np.concatenate([truth.position[:, sample], measurements.landmark_position])
+    received = np.flatnonzero(
+        (measurements.range_sample == sample) & np.isin(measurements.range_status, ARRIVES)
+    )
+    ends = np.stack(
+        [measurements.range_transmitter[received], measurements.range_receiver[received]], axis=1
+    )
     apart = place[ends[:, 1]] - place[ends[:, 0]]
     unit = apart / np.linalg.norm(apart, axis=1, keepdims=True)
     by = np.zeros((len(ends), active.size, 3))

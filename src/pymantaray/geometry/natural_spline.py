@@ -1,10 +1,15 @@
-"""
-Slopes of natural cubic splines through many columns of values, without the other coefficients.
-"""
+"""Natural cubic splines through many columns of values: their values, or their slopes alone."""
 
 import numpy as np
 
 from pymantaray.arrays import Array
+
+
+def natural_spline(points: Array, values: Array, at: Array, *, axis: int = -1) -> Array:
+    """Values of the natural cubic splines through values along an axis."""
+    from scipy.interpolate import CubicSpline
+
+    return np.asarray(CubicSpline(points, values, axis=axis, bc_type="natural")(at))
 
 
 def natural_slopes(points: Array, values: Array) -> Array:
@@ -12,8 +17,8 @@ def natural_slopes(points: Array, values: Array) -> Array:
     Slopes at the points of the natural cubic splines through values (..., n), one spline for each
     row.
 
-    They are those of scipy's ``CubicSpline(..., bc_type="natural")``, which also computes the other
-    coefficients and takes three times as long. LAPACK solves all rows in place.
+    They are those of `natural_spline`, which also computes the other coefficients and takes three
+    times as long. LAPACK solves all rows in place.
     """
     from scipy.linalg.lapack import dgtsv
 

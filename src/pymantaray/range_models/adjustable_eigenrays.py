@@ -7,11 +7,12 @@ import numpy as np
 from pymantaray.acoustics import Medium
 from pymantaray.acoustics.paths import travel_time_sensitivity
 from pymantaray.arrays import Array
-from pymantaray.estimation import Prediction, RangeEndpoints
+from pymantaray.estimation import Prediction, RangeEndpoints, RangeModel
+from pymantaray.geometry.natural_spline import natural_spline
 from pymantaray.range_models.eigenray_model import EigenrayModel, pairs_of
 
 
-class AdjustableEigenrays:
+class AdjustableEigenrays(RangeModel):
     r"""
     Travel time of the earliest direct eigenray where what is believed lacks :math:`\sum_k a_k
     \phi_k(z)`.
@@ -95,9 +96,5 @@ class AdjustableEigenrays:
         medium = self._believed.medium
         z = np.clip(position[:, 2], medium.depth[0], medium.depth[-1])
         if medium.interpolation == "smooth":
-            from scipy.interpolate import CubicSpline
-
-            return np.asarray(
-                CubicSpline(medium.depth, self._levels, axis=1, bc_type="natural")(z).T
-            )
+            return natural_spline(medium.depth, self._levels, z).T
         return np.stack([np.interp(z, medium.depth, level) for level in self._levels], axis=1)

@@ -7,8 +7,12 @@ import numpy as np
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.arrays import Array
-from pymantaray.estimation import CandidateArrivals, MixtureOptions, Prediction, RangeEndpoints
-from pymantaray.estimation.ranges.candidates import of_picks
+from pymantaray.estimation import (
+    CandidateArrivals,
+    CandidateModel,
+    MixtureOptions,
+    RangeEndpoints,
+)
 from pymantaray.range_models.eigenray_model import pairs_of
 from pymantaray.sensing import Picker, ReceptionOptions, Timing
 from pymantaray.sensing.exchanges import all_exchanges, exchange_times, exchange_values
@@ -17,7 +21,7 @@ from pymantaray.sensing.receptions import Direction, Receptions
 from pymantaray.sensing.transmission import find_receptions
 
 
-class CandidateRays:
+class CandidateRays(CandidateModel):
     """
     Arrivals of each link in an assumed ocean, and the probability that the receiver takes each.
 
@@ -46,14 +50,6 @@ class CandidateRays:
         self._sound_speed_sigma = sound_speed_sigma
         self._currents = currents
         self._latest: dict[bytes, Receptions] = {}
-
-    def predict(self, links: RangeEndpoints) -> Prediction:
-        """Predict the candidate of the largest weight."""
-        found = self.candidates(links)
-        picks = np.full(links.time.size, -1)
-        order = np.lexsort((found.weight, found.row))
-        picks[found.row[order]] = order  # the last of a range is the heaviest
-        return of_picks(found.prediction, picks)
 
     def candidates(self, links: RangeEndpoints) -> CandidateArrivals:
         """Candidates of all links."""

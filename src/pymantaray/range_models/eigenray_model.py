@@ -20,7 +20,7 @@ from pymantaray.acoustics import (
 from pymantaray.acoustics.eigenrays import solved_backwards
 from pymantaray.acoustics.paths import quadrature
 from pymantaray.arrays import Array
-from pymantaray.estimation import Prediction, RangeEndpoints
+from pymantaray.estimation import Prediction, RangeEndpoints, RangeModel
 from pymantaray.records import Arrivals
 
 
@@ -35,7 +35,7 @@ class Pairs(NamedTuple):
     """True if the link runs from the pair's receiver to its source."""
 
 
-class EigenrayModel:
+class EigenrayModel(RangeModel):
     """
     Travel time of the earliest direct eigenray in the ocean that is believed.
 

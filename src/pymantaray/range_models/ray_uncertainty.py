@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics.paths import quadrature
 from pymantaray.arrays import Array
 from pymantaray.estimation import RangeEndpoints
+from pymantaray.estimation.ranges.range_models import TravelTimeUncertainty
 from pymantaray.ocean import SoundSpeedCovariance
 from pymantaray.range_models.eigenray_model import EigenrayModel, pairs_of
 
@@ -15,7 +16,7 @@ _PER_SCALE = 8  # pieces of a ray to each horizontal scale: 0.2 % of a variance
 _MAX_SECTIONS = 64
 
 
-class RayUncertainty:
+class RayUncertainty(TravelTimeUncertainty):
     r"""
     Uncertainty of the direct arrivals' travel times in a believed ocean.
 

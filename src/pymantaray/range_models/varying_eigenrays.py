@@ -6,11 +6,11 @@ import numpy as np
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.arrays import Array
-from pymantaray.estimation import Prediction, RangeEndpoints
+from pymantaray.estimation import Prediction, RangeEndpoints, RangeModel
 from pymantaray.range_models.eigenray_model import EigenrayModel
 
 
-class VaryingEigenrays:
+class VaryingEigenrays(RangeModel):
     """
     Travel time of the earliest direct eigenray in the water at each ping, by its time since the
     mission's start [s].
@@ -45,6 +45,8 @@ class VaryingEigenrays:
                 currents=None if self._currents_at is None else self._currents_at(float(time)),
             )
             of_ping = model.predict(RangeEndpoints(*(column[rows] for column in links)))
-            for whole, part in zip(out[:4], of_ping[:4], strict=True):
-                whole[rows] = part
+            out.travel_time[rows] = of_ping.travel_time
+            out.transmitter_gradient[rows] = of_ping.transmitter_gradient
+            out.receiver_gradient[rows] = of_ping.receiver_gradient
+            out.possible[rows] = of_ping.possible
         return out

@@ -125,7 +125,7 @@ class Picker:
             excess = (self.below_strongest_db or 0.0) + least[competes] - loss
         strongest = _earliest(ranks, competes, loss == least[competes])
         if self.rule == "first-detected":
-            picked, missed = _first(ranks, competes, probability_of_excess(excess, spread))
+            picked, missed = detected_first(ranks, competes, probability_of_excess(excess, spread))
             if self.sonar is None:
                 picked[strongest] += missed[competes[strongest]]
         elif spread == 0.0:
@@ -156,9 +156,10 @@ def _earliest(ranks: list[Indices], link: Indices, marked: NDArray[np.bool_]) ->
     return row
 
 
-def _first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array, Array]:
+def detected_first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array, Array]:
     """
-    Probability that each row is detected first, and probability that no row of a link is detected.
+    Probability that each row is detected first, and probability that no row of a link is detected;
+    ``ranks`` as from `by_rank`.
     """
     first = np.empty(detected.size)
     missed = np.ones(link.max(initial=-1) + 1)

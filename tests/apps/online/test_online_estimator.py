@@ -22,6 +22,7 @@ from pymantaray.errors import OnlineError
 from pymantaray.estimation import (
     GraphSolver,
     MeanSlowness,
+    Method,
     SolveOptions,
     TransmitterSpeed,
     build_graph,
@@ -29,6 +30,7 @@ from pymantaray.estimation import (
 )
 from pymantaray.estimation.ranges.range_models import RangeEndpoints
 from pymantaray.geometry.se3 import se3_exp, so3_log
+from pymantaray.records import RayStatus
 
 
 def new(**options):
@@ -70,6 +72,27 @@ def test_the_last_pose_is_that_of_the_batch_if_all_is_nearly_linear():
             rtol=0,
             atol=5e-3 * sigma.max() ** 2,
         )
+
+
+def test_the_filter_of_a_graph_is_this_one_fed_in_order():
+    fleet = factories.make_fleet(seed=4, n_landmarks=1, n_vehicles=1)
+    # one measurement of a sort at a time: a graph's filter linearizes those of a time together
+    own = fleet.noisy.range_transmitter == 0
+    status = np.where(own, RayStatus.SHADOW, fleet.noisy.range_status)
+    measurements = replace(fleet.noisy, range_status=status)
+    last = np.array([[measurements.time.size - 1]])
+    graph = build_graph(measurements, "straight")
+    offline = GraphSolver().solve(
+        graph, fleet.truth, method=Method(kalman=True), covariance_poses=last
+    )
+    estimator = fleet_estimator(measurements, TransmitterSpeed(), lag=1e4, gate=math.inf)
+    feed(estimator, fleet_calls(measurements, "straight_range"))
+    pose = estimator.pose()
+    np.testing.assert_allclose(pose.position, offline.position[-1], rtol=0, atol=1e-8)
+    np.testing.assert_allclose(pose.quaternion, offline.quaternion[-1], rtol=0, atol=1e-11)
+    np.testing.assert_allclose(
+        pose.covariance[3:, 3:], offline.covariances.position[0, 0, :, 0], rtol=1e-9, atol=1e-9
+    )
 
 
 def test_ranges_reduce_the_error_of_dead_reckoning_and_the_covariance_covers_it():

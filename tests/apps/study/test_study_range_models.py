@@ -10,7 +10,7 @@ from factories import trajectories
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, quadrature
 from pymantaray.apps.study.true_unknowns import true_amplitudes
-from pymantaray.estimation import AdjustableModel, RangeEndpoints
+from pymantaray.estimation import RangeEndpoints, RangeModel
 from pymantaray.ocean import SoundSpeedCovariance
 from pymantaray.range_models import eigenray_model
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
@@ -213,7 +213,7 @@ def test_sensitivities_are_finite_differences_of_travel_times_in_adjusted_water(
     links, interpolation
 ):
     model = adjustable(interpolation)
-    assert isinstance(model, AdjustableModel)
+    assert isinstance(model, RangeModel)
     about = np.array([0.7, -0.4])
     here, step = model.adjusted(about), 0.01
     found = here.sensitivity(links)

@@ -192,7 +192,7 @@ def test_what_the_user_has_in_the_unfinished_folder_stays(tiny, at_once, tmp_pat
 
 
 def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
-    """With covariances, with unknowns, and a solve that failed."""
+    """With covariances, with unknowns, and solves that failed or did not converge."""
     run = run_study(tiny(study={"realizations": 1}, landmarks=[]), tmp_path / "run", workers=1)
     one = RealizationSolver(run).solve(0)
     failed = replace(
@@ -204,8 +204,10 @@ def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
             ("a b", "c"), ("s", "1"), np.ones(2), np.array([0.1, -0.0]), np.eye(2) / 3.0
         ),
     )
+    unconverged = replace(failed, last_point=one.solutions["straight"].values)
     one = RealizationResult(
-        {**one.solutions, "of / two": failed}, {"of / two": {"a b": 0.1, "c": 1.0 / 3.0}}
+        {**one.solutions, "of / two": failed, "last": unconverged},
+        {"of / two": {"a b": 0.1, "c": 1.0 / 3.0}},
     )
     two = RealizationResult.from_bytes(one.to_bytes())
     assert two.true_unknowns == one.true_unknowns

@@ -20,6 +20,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.grid import linear_interpolator
+from pymantaray.geometry.natural_spline import natural_spline
 from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records.writing import whole_file
 
@@ -119,7 +120,7 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
         Medium with ``linear`` interpolation. Its difference from a smooth medium decreases with the
         square of the number of parts.
     """
-    from scipy.interpolate import CubicSpline, make_interp_spline
+    from scipy.interpolate import make_interp_spline
 
     if horizontal < 1 or vertical < 1:
         raise AcousticsError(
@@ -136,7 +137,7 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
     north, east, depth = (_cut(axis, n) for axis, n in zip(axes, parts, strict=True))
     c = medium.sound_speed
     if medium.interpolation == "smooth":
-        c = CubicSpline(medium.depth, c, axis=2, bc_type="natural")(depth)
+        c = natural_spline(medium.depth, c, depth)
         for k, (axis, finer) in enumerate(((medium.north, north), (medium.east, east))):
             if axis.size > 1:
                 c = make_interp_spline(axis, c, k=min(3, axis.size - 1), axis=k)(finer)

@@ -48,7 +48,7 @@ def not_quadratic(graph: FactorGraph) -> list[str]:
     Plurals of the kinds of factors in a graph that this problem cannot hold: those of a coordinate
     alone.
     """
-    return [t.kind.plural for t in graph.tables.values() if "depth" in t.kind.columns_at and len(t)]
+    return [t.kind.plural for t in graph.tables.values() if t.kind.is_depth and len(t)]
 
 
 class _Differences(NamedTuple):
@@ -189,7 +189,7 @@ class ChordalProblem:
         out = []
         turns = [2] if self.d == 2 else [0, 1, 2]
         for table in self.graph.of_residual(Residual.POSE, Residual.SIGHTING, Residual.POSITION):
-            if "depth" in table.kind.columns_at:
+            if table.kind.is_depth:
                 continue
             ends = table.variables.astype(np.intp)
             first = ends[:, 0] if ends.shape[1] == 2 else np.full(len(table), -1)

@@ -30,6 +30,7 @@ from pymantaray.estimation.graph.graph import (
     SMALLEST_EIGENVALUE,
     VARIANCES,
     FactorGraph,
+    FactorKind,
     Factors,
     GraphValues,
     check_graph,
@@ -62,8 +63,8 @@ _GRAMMAR = {  # names are ids, the last of a sighting that of a parameter
     "EDGE2": columns("edge").flat,
     "VERTEX3": Word(False, 1, 6),
     "EDGE3": Word(False, 2, 6, 6),
-    PRIOR: columns("pose prior", more_names=1),
-    "EDGE_PRIOR_SE2": columns("pose prior").flat,
+    PRIOR: columns("prior", more_names=1),
+    "EDGE_PRIOR_SE2": columns("prior").flat,
     FIX: Word(False, 1, 0, planar=None),
     "ODOMETRY": columns("edge").flat,
     "LANDMARK": columns("sighting").flat,
@@ -91,8 +92,13 @@ _FLAT = {
     PRIOR: "EDGE_PRIOR_SE2",
 }
 
-_HELD = ("edge", "sighting")  # kinds that a file can hold
-LEFT_OUT = ("landmarks", *(kind.plural for name, kind in KINDS.items() if name not in _HELD))
+
+def _holds(kind: FactorKind) -> bool:
+    """True if a file can hold factors of a kind: lines of its words that measure all their axes."""
+    return kind.word in (KINDS["edge"].word, KINDS["sighting"].word) and not kind.axes
+
+
+LEFT_OUT = ("landmarks", *(kind.plural for kind in KINDS.values() if not _holds(kind)))
 """Contents that a file cannot hold; landmarks are those without a sighting."""
 
 _TREATMENTS = "; or drop or repair these lines with `indefinite`"
@@ -132,7 +138,7 @@ def write_g2o(
     """
     path = Path(path)
     others = {
-        table.kind.plural: len(table) for name, table in graph.tables.items() if name not in _HELD
+        table.kind.plural: len(table) for table in graph.tables.values() if not _holds(table.kind)
     }
     if not set(leave_out) <= {"landmarks", *others}:
         raise EstimationError(

@@ -27,7 +27,7 @@ _OTHER_END = {
 }
 
 
-class TableModel:
+class TableModel(RangeModel, TravelTimeUncertainty):
     """
     Range model of a travel-time table; the source of the table is the transmitter.
 
@@ -121,10 +121,9 @@ def range_model_of(
         return EigenrayModel(ranges), None
     if isinstance(ranges, int | float | np.number):
         return ConstantSpeed(float(ranges)), None
-    if not callable(getattr(ranges, "predict", None)):
+    if not isinstance(ranges, RangeModel):
         raise OnlineError(
             f"ranges: found {type(ranges).__name__}; it must be a travel-time table, a medium, a"
             " range model or a sound speed in m/s"
         )
-    uncertain = callable(getattr(ranges, "covariances", None))
-    return ranges, ranges if uncertain else None  # type: ignore[return-value]
+    return ranges, ranges if isinstance(ranges, TravelTimeUncertainty) else None

@@ -11,7 +11,7 @@ import numpy as np
 
 from pymantaray.apps.online.filter import Kind, Outcome
 from pymantaray.errors import OnlineError
-from pymantaray.estimation.filters.kalman import SIZE as KALMAN_SIZE
+from pymantaray.estimation.filters.error_state import SIZE
 from pymantaray.messages import one_line
 from pymantaray.records.writing import whole_file
 from pymantaray.user_files import read_text
@@ -88,7 +88,7 @@ def _fault(content: dict[str, Any]) -> str:
     shapes = {
         "rotation": (size, 3, 3),
         "position": (size, 3),
-        "covariance": (KALMAN_SIZE * size, KALMAN_SIZE * size),
+        "covariance": (SIZE * size, SIZE * size),
         "time": (n,),
         "begin": (n,),
     }

@@ -12,14 +12,13 @@ from collections.abc import Iterable, Sequence
 
 from pymantaray.apps.online.filter import (
     Event,
+    FleetState,
     Kind,
     Outcome,
     RangePrediction,
-    State,
     Step,
-    advanced,
-    measured,
-    updated,
+    advance,
+    apply,
 )
 from pymantaray.errors import OnlineError
 
@@ -33,7 +32,7 @@ class Timeline:
 
     Parameters
     ----------
-    state : State
+    state : FleetState
         At the horizon.
     ranging : RangePrediction
     lag : float
@@ -45,7 +44,13 @@ class Timeline:
     """
 
     def __init__(
-        self, state: State, ranging: RangePrediction, *, lag: float, gate: float, horizon: float
+        self,
+        state: FleetState,
+        ranging: RangePrediction,
+        *,
+        lag: float,
+        gate: float,
+        horizon: float,
     ) -> None:
         self.base = state
         self.ranging = ranging
@@ -55,7 +60,9 @@ class Timeline:
         self.events: list[Event] = []
         self.waiting: list[Event] = []
         self.total: Counter[Outcome] = Counter()  # of measurements that are not in the history
-        self._states: list[State] = []  # after each event; the first `_valid` ones are up to date
+        self._states: list[
+            FleetState
+        ] = []  # after each event; the first `_valid` ones are up to date
         self._valid = 0
         self._outcomes: list[Outcome] = []
         self._steps: list[list[Step]] = [[] for _ in state.time]
@@ -92,7 +99,7 @@ class Timeline:
                 self._steps[event.members[0]].append(Step.of(event))
         self.waiting = list(waiting)
 
-    def state_at(self, vehicle: int, time: float) -> State:
+    def state_at(self, vehicle: int, time: float) -> FleetState:
         """State after all events up to a time, with a vehicle moved to that time."""
         k = bisect_left(self.events, (math.nextafter(time, math.inf),))
         self._apply_until(k)
@@ -155,24 +162,21 @@ class Timeline:
             self._states[k], self._outcomes[k] = self._applied(state, self.events[k])
             self._valid = k + 1
 
-    def _applied(self, state: State, event: Event) -> tuple[State, Outcome]:
+    def _applied(self, state: FleetState, event: Event) -> tuple[FleetState, Outcome]:
         for vehicle in event.members:
             if vehicle < len(self._steps):
                 state = self._moved(state, vehicle, event.time)
         if event.kind == Kind.ODOMETRY:
             return state, Outcome.USED
-        found = measured(state, event, self.ranging)
-        if found is None:
-            return state, Outcome.NO_ARRIVAL
-        return updated(state, found, self.gate if event.kind == Kind.RANGE else math.inf)
+        return apply(state, event, self.ranging, self.gate)
 
-    def _moved(self, state: State, vehicle: int, time: float) -> State:
+    def _moved(self, state: FleetState, vehicle: int, time: float) -> FleetState:
         """State with a vehicle at a time within its next step."""
         if state.time[vehicle] >= time:
             return state
         steps = self._steps[vehicle]
         k = bisect_left(steps, time, key=lambda step: step.time)
-        return advanced(state, vehicle, steps[k], time)
+        return advance(state, vehicle, steps[k], time)
 
     def _forget(self) -> None:
         """Move the horizon, and forget events before it."""

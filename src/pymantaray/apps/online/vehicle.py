@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.online.filter import Event, Kind, Outcome, RangePrediction, State
+from pymantaray.apps.online.filter import Event, FleetState, Kind, Outcome, RangePrediction
 from pymantaray.apps.online.range_model import range_model_of
 from pymantaray.apps.online.saved_state import fault_of, read_state, write_state
 from pymantaray.apps.online.timeline import Timeline
 from pymantaray.apps.table.table import TravelTimeTable
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OnlineError
-from pymantaray.estimation.filters.kalman import SIZE
+from pymantaray.estimation.filters.error_state import SIZE, State
 from pymantaray.estimation.graph.graph import LARGEST
-from pymantaray.estimation.ranges.range_models import RangeModel, TransmitterSpeed
+from pymantaray.estimation.ranges.range_models import RangeModel
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.quantities.checks import check_number, checked_array
 
@@ -341,8 +341,10 @@ class OnlineEstimator:
         _sized(f"{what}: travel time", [travel_time, sound_speed or 0.0], (2,))
         if sound_speed is not None:
             check_number(OnlineError, f"{what}: sound speed", sound_speed, "m/s", positive=True)
-        elif isinstance(self._timeline.ranging.model, TransmitterSpeed):
-            raise OnlineError(f"{what}: no sound speed; the range model TransmitterSpeed needs one")
+        elif (model := self._timeline.ranging.model).needs_sound_speed:
+            raise OnlineError(
+                f"{what}: no sound speed; the range model {type(model).__name__} needs one"
+            )
         values = [
             float(travel_time),
             *_sigmas(f"{what}: sigma", sigma, 1).tolist(),
@@ -437,6 +439,7 @@ class OnlineEstimator:
             The range model is not saved.
         """
         line = self._timeline
+        base = line.base.estimate._asdict() | {"time": line.base.time, "begin": line.base.begin}
         content = {
             "vehicles": self._vehicles,
             "beacons": self._beacons,
@@ -446,9 +449,7 @@ class OnlineEstimator:
             "gate": line.gate if math.isfinite(line.gate) else None,
             "horizon": line.horizon,
             "fixed": line.ranging.fixed.tolist(),
-            "base": {
-                name: np.asarray(value).tolist() for name, value in line.base._asdict().items()
-            },
+            "base": {name: np.asarray(value).tolist() for name, value in base.items()},
             "events": line.events,
             "waiting": line.waiting,
             "total": {outcome.name: n for outcome, n in line.total.items()},
@@ -486,15 +487,13 @@ class OnlineEstimator:
                 f" {type(model).__name__}"
             )
         base = content["base"]
-        rotation, position, covariance = (
-            np.array(base[name]) for name in ("rotation", "position", "covariance")
-        )
+        estimate = State(**{name: np.array(base[name]) for name in State._fields})
         self = cls.__new__(cls)
         self._vehicles = content["vehicles"]
         self._beacons = content["beacons"]
         self._longest_step = float(content["longest_step"])
         self._timeline = Timeline(
-            State(rotation, position, covariance, tuple(base["time"]), tuple(base["begin"])),
+            FleetState(estimate, tuple(base["time"]), tuple(base["begin"])),
             RangePrediction(model, uncertainty, np.array(content["fixed"]).reshape(-1, 3)),
             lag=content["lag"],
             gate=math.inf if content["gate"] is None else content["gate"],
@@ -543,7 +542,7 @@ class OnlineEstimator:
                 f"time {at:g} s: before the lag, which begins at {self._timeline.horizon:g} s; ask"
                 f" earlier or choose a longer lag than {self._timeline.lag:g} s"
             )
-        return who, at, self._timeline.state_at(who, at)
+        return who, at, self._timeline.state_at(who, at).estimate
 
     def _vehicle(self, name: str | None) -> int:
         if name is None and len(self._vehicles) == 1:
@@ -556,13 +555,12 @@ class OnlineEstimator:
 
 def _start_state(
     fleet: Mapping[str, StartPose], unknown: Mapping[str, Beacon], start: float
-) -> State:
+) -> FleetState:
     """State of the vehicles at their start poses and of the beacons with unknown positions."""
     n = len(fleet)
-    size = len(fleet) + len(unknown)
-    rotation = np.tile(np.eye(3), (size, 1, 1))
-    position = np.zeros((size, 3))
-    covariance = np.zeros((SIZE * size, SIZE * size))
+    rotation = np.empty((n, 3, 3))
+    position = np.empty((n, 3))
+    covariance = np.empty((n, SIZE, SIZE))
     for k, (name, pose) in enumerate(fleet.items()):
         position[k] = _sized(f"position of {name}", pose.position, (3,))
         quaternion = checked_array(OnlineError, f"quaternion of {name}", pose.quaternion, (4,))
@@ -570,16 +568,17 @@ def _start_state(
             rotation[k] = matrix_from_quaternion(quaternion)
         except GeometryError as error:
             raise OnlineError(f"{name}: {error}") from None
-        to_world = np.eye(SIZE)
-        to_world[3:, 3:] = rotation[k]
-        own = slice(SIZE * k, SIZE * (k + 1))
-        variance = _sigmas(f"sigma of {name}", pose.sigma, SIZE, zero=True) ** 2
-        covariance[own, own] = (to_world * variance) @ to_world.T
-    for k, (name, beacon) in enumerate(unknown.items(), start=n):
-        position[k] = _sized(f"beacon {name}", beacon.position, (3,))
-        own = slice(SIZE * k + 3, SIZE * (k + 1))
-        covariance[own, own] = np.eye(3) * beacon.sigma**2
-    return State(rotation, position, covariance, (start,) * n, (start,) * n)
+        covariance[k] = np.diag(_sigmas(f"sigma of {name}", pose.sigma, SIZE, zero=True) ** 2)
+    beacons = [_sized(f"beacon {name}", one.position, (3,)) for name, one in unknown.items()]
+    variance = np.array([one.sigma**2 for one in unknown.values()])
+    estimate = State.at_start(
+        rotation,
+        position,
+        covariance,
+        np.array(beacons).reshape(-1, 3),
+        variance[:, None, None] * np.eye(3),
+    )
+    return FleetState(estimate, (start,) * n, (start,) * n)
 
 
 def _events(rows: Sequence[Any]) -> list[Event]:

@@ -9,13 +9,15 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from pymantaray.acoustics import probability_of_excess
 from pymantaray.acoustics.reflection import wave_height_rms
 from pymantaray.apps.replay.options import PredictionOptions
 from pymantaray.apps.replay.summary import quantile_of, ratio_interval
 from pymantaray.arrays import Array
+from pymantaray.estimation.ranges.picks import persist, stay_probability
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import MAD_TO_SIGMA
-from pymantaray.sensing.picking import LEVEL_SPREAD_DB
+from pymantaray.sensing.picking import LEVEL_SPREAD_DB, by_rank, detected_first
 
 _WITHIN_DB = 6.0  # below the strongest: an arrival with this level is detected with probability 0.5
 _CLUTTER = 0.02  # share of receptions that no candidate explains
@@ -66,8 +68,6 @@ def first_detected(candidates: pd.DataFrame, merit_db: float | None = None) -> A
     without one from 6 dB below the strongest candidate. With the probability d of both, the
     candidates in order of time have :math:`d_k \prod_{j<k} (1 - d_j)`, scaled to a sum of 1.
     """
-    from scipy.special import ndtr
-
     event = candidates["event"].to_numpy(dtype=np.int64)
     loss = candidates["loss_db"].to_numpy()
     share = candidates["share"].to_numpy()
@@ -76,11 +76,10 @@ def first_detected(candidates: pd.DataFrame, merit_db: float | None = None) -> A
     certain = loss - 10.0 * np.log10(share)  # a rare strong arrival does not hide the others
     np.minimum.at(least, group, certain)
     limit = least[group] + _WITHIN_DB if merit_db is None else merit_db
-    detected = np.clip(share * ndtr((limit - loss) / LEVEL_SPREAD_DB), 1e-9, 1.0 - 1e-9)
-    missed = np.log1p(-detected)
-    total = np.cumsum(missed) - missed
-    start = np.searchsorted(group, np.arange(least.size))
-    first = detected * np.exp(total - total[start][group])
+    detected = np.clip(
+        share * probability_of_excess(limit - loss, LEVEL_SPREAD_DB), 1e-9, 1.0 - 1e-9
+    )
+    first, _ = detected_first(by_rank(event), group, detected)
     return np.asarray(first / np.bincount(group, first)[group])
 
 
@@ -236,8 +235,11 @@ def _follow(
             own = prior[rows]
             expected = own
             if before is not None and persistence > 0.0:
-                stays = np.exp(-(event.time - before[0]) / persistence)
-                expected = stays * _passed(before, delay, bounces[rows], own) + (1.0 - stays) * own
+                expected = persist(
+                    _passed(before, delay, bounces[rows], own),
+                    own,
+                    stay_probability(event.time - before[0], persistence),
+                )
             probability[rows] = expected
             off = (event.measured - time[rows]) / sigma[rows]
             density = np.exp(-0.5 * off**2) / (np.sqrt(2.0 * np.pi) * sigma[rows])

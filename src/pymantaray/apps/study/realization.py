@@ -1,22 +1,19 @@
 """Realizations of noise, each solved under every condition by every estimator."""
 
-import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import fields, is_dataclass
+from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
-import numpy as np
-import xarray as xr
 from threadpoolctl import threadpool_limits
 
 from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.store import Run
 from pymantaray.apps.study.true_unknowns import collect_unknowns
-from pymantaray.errors import JobError, RecordError
+from pymantaray.errors import JobError
 from pymantaray.estimation import (
     GraphSolution,
     GraphSolver,
+    GraphValues,
     UnknownsEstimate,
     collect_covariances,
     collect_estimates,
@@ -25,8 +22,9 @@ from pymantaray.estimation import (
 )
 from pymantaray.estimation.solvers.covariance import EpochCovariances
 from pymantaray.jobs.pool import Queue
-from pymantaray.records import Estimates, PoseCovariances, SharedUnknowns, SolveStatus
-from pymantaray.records.writing import netcdf_content, netcdf_groups
+from pymantaray.records import Estimates, PoseCovariances, SharedUnknowns, SolveStatus, nested
+
+_PARTS = GraphSolution, EpochCovariances, UnknownsEstimate, GraphValues, SolveStatus
 
 
 class RealizationResult(NamedTuple):
@@ -37,67 +35,16 @@ class RealizationResult(NamedTuple):
     """True values by name for each solution with unknowns other than poses."""
 
     def to_bytes(self) -> bytes:
-        """Content of a NetCDF file with one group per solution; numbers have all digits."""
-        groups = {"about": xr.Dataset(attrs={"conditions": json.dumps(list(self.solutions))})}
-        for k, (name, solution) in enumerate(self.solutions.items()):
-            arrays: dict[str, Any] = {}
-            numbers: dict[str, Any] = {"true_unknowns": self.true_unknowns.get(name)}
-            _take_apart(solution, "", arrays, numbers)
-            variables = {n: ([f"{n}_{i}" for i in range(a.ndim)], a) for n, a in arrays.items()}
-            groups[f"solution_{k}"] = xr.Dataset(variables, attrs={"numbers": json.dumps(numbers)})
-        return netcdf_content(groups)
+        """Content of a NetCDF file; numbers have all digits."""
+        return nested.to_bytes(self)
 
     @classmethod
     def from_bytes(cls, content: bytes) -> Self:
         """
         Result from the content that `to_bytes` returned; raises `RecordError` if it is damaged.
         """
-        groups = netcdf_groups(content)
-        solutions = {}
-        truths = {}
-        try:
-            for k, name in enumerate(json.loads(groups["about"].attrs["conditions"])):
-                group = groups[f"solution_{k}"]
-                numbers = json.loads(group.attrs["numbers"])
-                values = {str(n): v.values for n, v in group.variables.items()} | numbers
-                covariances, unknowns = (
-                    _section(values, f"{n}_") for n in ("covariances", "unknowns")
-                )
-                values["status"] = SolveStatus(values["status"])
-                values["covariances"] = EpochCovariances(**covariances) if covariances else None
-                values["unknowns"] = UnknownsEstimate(**unknowns) if unknowns else None
-                solutions[name] = GraphSolution(
-                    **{field.name: values[field.name] for field in fields(GraphSolution)}
-                )
-                if numbers["true_unknowns"] is not None:
-                    truths[name] = numbers["true_unknowns"]
-        except (KeyError, TypeError, ValueError) as error:
-            raise RecordError(f"not a solved realization: {type(error).__name__} {error}") from None
-        return cls(solutions, truths)
-
-
-def _take_apart(value: Any, name: str, arrays: dict[str, Any], numbers: dict[str, Any]) -> None:
-    """
-    Sort the fields of a solution into arrays and JSON values; fields of a nested part are prefixed
-    with its name.
-    """
-    if isinstance(value, np.ndarray):
-        arrays[name] = value
-    elif is_dataclass(value) or hasattr(value, "_fields"):
-        for field in (
-            value._fields if hasattr(value, "_fields") else [f.name for f in fields(value)]
-        ):
-            _take_apart(getattr(value, field), f"{name}_{field}".lstrip("_"), arrays, numbers)
-    else:
-        numbers[name] = value.item() if isinstance(value, np.generic) else value
-
-
-def _section(values: Mapping[str, Any], prefix: str) -> dict[str, Any]:
-    return {
-        name.removeprefix(prefix): tuple(value) if isinstance(value, list) else value
-        for name, value in values.items()
-        if name.startswith(prefix)
-    }
+        result: Self = nested.from_bytes(content, cls, *_PARTS)
+        return result
 
 
 class StudyEstimates(NamedTuple):

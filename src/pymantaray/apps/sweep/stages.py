@@ -20,7 +20,7 @@ from pymantaray.config import StudyConfig
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.jobs.store import Store, failure_content, read_valid
 from pymantaray.records import Arrivals, RangingTruth, Trajectories
-from pymantaray.records.base import Record
+from pymantaray.records.nested import from_groups, to_groups
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.sensing import Links, Ranging, Receptions
 from pymantaray.sensing.schedule import Attempts
@@ -29,12 +29,7 @@ from pymantaray.water.water import mission_ocean
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
 """Latest result of each stage in this process, with its key and the time of its computation. [s]"""
-_RECORDS: dict[str, type[Record]] = {
-    "truth": RangingTruth,
-    "links": Links,
-    "arrivals": Arrivals,
-    "receptions": Receptions,
-}
+_RANGING = Ranging, Attempts, RangingTruth, Links, Arrivals, Receptions
 
 
 class Stages:
@@ -172,34 +167,13 @@ def _unpack_ocean(groups: dict[str, xr.Dataset]) -> OceanFields:
     return OceanFields(geographic, groups["local"], groups["profile"], region, groups.get("series"))
 
 
-def _pack_rays(ranging: Ranging) -> dict[str, xr.Dataset]:
-    """One group for each record, and one group for all other arrays with one row per attempt."""
-    groups = {name: getattr(ranging, name).to_dataset() for name in _RECORDS}
-    attempts = {**ranging.attempts._asdict(), "status": ranging.status, "link": ranging.link}
-    if ranging.probability is not None:
-        attempts["probability"] = ranging.probability
-    groups["attempts"] = xr.Dataset(
-        {name: ("attempt", values) for name, values in attempts.items()}
-    )
-    return groups
-
-
-def _unpack_rays(groups: dict[str, xr.Dataset]) -> Ranging:
-    columns: dict[str, Any] = {
-        str(name): values.values for name, values in groups["attempts"].items()
-    }
-    columns["attempts"] = Attempts(**{name: columns.pop(name) for name in Attempts._fields})
-    columns |= {name: record.from_dataset(groups[name]) for name, record in _RECORDS.items()}
-    return Ranging(**columns)
-
-
 _PACK: dict[str, Callable[[Any], dict[str, xr.Dataset]]] = {
     OCEAN: _pack_ocean,
-    FLEET: lambda truth: {"truth": truth.to_dataset()},
-    RAYS: _pack_rays,
+    FLEET: to_groups,
+    RAYS: to_groups,
 }
 _UNPACK: dict[str, Callable[[dict[str, xr.Dataset]], Any]] = {
     OCEAN: _unpack_ocean,
-    FLEET: lambda groups: Trajectories.from_dataset(groups["truth"]),
-    RAYS: _unpack_rays,
+    FLEET: lambda groups: from_groups(groups, Trajectories),
+    RAYS: lambda groups: from_groups(groups, *_RANGING),
 }

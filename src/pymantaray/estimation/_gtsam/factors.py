@@ -52,7 +52,7 @@ def _maker(kind: FactorKind) -> Callable[[Factors, list[Any]], Iterator[Any]]:
     if kind.residual is Residual.SIGHTING:
         return _sightings
     if kind.residual is Residual.POSITION:
-        return _depths if "depth" in kind.columns_at else _positions
+        return _depths if kind.is_depth else _positions
     if len(kind.ends) == 2:
         return _edges
     return _priors if "position" in kind.columns_at else _attitudes

@@ -66,6 +66,7 @@ def eliminate_chains(pairs, fixed, near, turn, left, row, joined):  # type: igno
     ``fixed`` is then true. ``joined`` becomes pairs of these that elimination connects. ``near``
     (n, 2), with -1, ``turn``, with zeros, and ``left`` are scratch.
     """
+    # Neighbours of each variable; one with a third branches, and is left to minimum degree.
     for p in range(pairs.shape[0]):
         for end in range(2):
             a, b = pairs[p, end], pairs[p, 1 - end]
@@ -82,7 +83,9 @@ def eliminate_chains(pairs, fixed, near, turn, left, row, joined):  # type: igno
         if not fixed[i] and min(near[i, 0], near[i, 1]) < 0:
             left[count] = i
             count += 1
-    while count > 0:  # loose ends
+    # Loose ends have one neighbour: their elimination connects nothing, so they are first. The
+    # neighbour may become a loose end of the next turn.
+    while count > 0:
         now, kept = now + 1, 0
         for k in range(count):
             i = left[k]
@@ -95,6 +98,8 @@ def eliminate_chains(pairs, fixed, near, turn, left, row, joined):  # type: igno
                     kept += 1
                 _connect(near, a, i, -1)
         count = kept
+    # What is left are chains between branches, and rings. Of two neighbours one waits for the next
+    # turn, so that a turn eliminates every second variable: the tree has logarithmic height.
     count = 0
     for i in range(fixed.size):
         if not fixed[i] and turn[i] == 0:
@@ -104,7 +109,7 @@ def eliminate_chains(pairs, fixed, near, turn, left, row, joined):  # type: igno
         now, kept = now + 1, 0
         for k in range(count):
             i = left[k]
-            if turn[i] == now:
+            if turn[i] == now:  # a neighbour has been eliminated in this turn
                 left[kept] = i
                 kept += 1
                 continue
@@ -117,7 +122,7 @@ def eliminate_chains(pairs, fixed, near, turn, left, row, joined):  # type: igno
             if b >= 0 and not fixed[b]:
                 _connect(near, b, i, a)
                 turn[b] = now
-            if a >= 0 and b >= 0 and fixed[a] and fixed[b]:
+            if a >= 0 and b >= 0 and fixed[a] and fixed[b]:  # fill-in between two branches
                 joined[joins, 0], joined[joins, 1] = a, b
                 joins += 1
         count = kept

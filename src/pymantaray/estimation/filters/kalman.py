@@ -1,6 +1,6 @@
 """
-Error-state extended Kalman filter: the latest pose of each vehicle and all landmarks, one update
-for each sample.
+Error-state extended Kalman filter of a factor graph: its factors in the order of their times, one
+update for each sample.
 """
 
 from dataclasses import replace
@@ -9,17 +9,35 @@ from time import process_time
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg.blas import dtrsm
-from scipy.linalg.lapack import dpotrf
 
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph.graph import FactorGraph, Factors, GraphValues, check_graph
-from pymantaray.estimation.ranges.range_models import ModelRanges, chord
+from pymantaray.estimation.filters.error_state import (
+    SIZE,
+    Innovation,
+    Motion,
+    State,
+    predict,
+    range_innovation,
+    to_world_axes,
+    update,
+)
+from pymantaray.estimation.graph.graph import (
+    FactorGraph,
+    Factors,
+    GraphValues,
+    Residual,
+    check_graph,
+)
+from pymantaray.estimation.ranges.range_models import (
+    ConstantSpeed,
+    ModelRanges,
+    RangeEndpoints,
+    TimedRanges,
+)
 from pymantaray.estimation.solvers.covariance import EpochCovariances
 from pymantaray.estimation.solvers.solution import GraphSolution, SolveProgress, make_solution
 from pymantaray.geometry.se3 import (
-    hat,
     matrix_from_quaternion,
     quaternion_from_matrix,
     so3_exp,
@@ -27,8 +45,8 @@ from pymantaray.geometry.se3 import (
 )
 from pymantaray.records import SolveStatus
 
-_NOTHING = np.empty(0), np.empty((0, 0)), np.empty((0, 0))  # measurements of a time without any
-SIZE = 6  # errors of a pose: rotation in the body's axes [rad], position in the world's axes [m]
+_NOTHING = Innovation(np.empty(0), np.empty((0, 0)), np.empty((0, 0)))
+"""Measurements of a time without any."""
 
 
 def filter_graph(
@@ -75,28 +93,37 @@ def filter_graph(
     check_graph(graph)
     timeline = _Timeline.of(graph)
     steps = _steps(graph, timeline)
-    state = _first_state(graph, timeline)
+    state = _first_state(graph)
     updates = _Updates(graph, timeline)
     ranges = _Ranges(graph, timeline, model_ranges)
     log = _Log(graph, timeline, covariance_poses)
-    done = True
     seconds = np.full(timeline.pose.shape[0], np.nan)
+    cost = 0.0
+    failed = False
     for k in range(seconds.size):
         begin = process_time()
         if k:
-            state.move(steps, k - 1)
-        done = state.update(*updates.at(state, k)) and state.update(
-            *ranges.at(state, k), ranges=True
-        )
+            state = predict(state, slice(0, timeline.pose.shape[1]), steps.motion(k - 1))
+            cost += float(steps.cost[k - 1].sum())
+        for innovations in (updates.at, ranges.at):  # ranges are linearized after all others
+            innovation = innovations(state, k)
+            nis = np.nan
+            if innovation.residual.size:
+                updated = update(state, innovation)
+                failed = updated is None
+                if updated is None:
+                    break
+                state, nis = updated
+                cost += 0.5 * nis
         seconds[k] = process_time() - begin
-        if not done:
+        if failed:
             break
-        log.note(state, k)
+        log.note(state, k, range_nis=nis, range_dimension=innovation.residual.size)
     values = log.values(state)
     rows = (graph.degrees_of_freedom - ranges.gated) / 2.0
-    good = done and bool(np.isfinite(values.position).all())
+    good = not failed and bool(np.isfinite(values.position).all())
     status = SolveStatus.OK if good else SolveStatus.FAILED
-    cost = state.cost if good else np.nan
+    cost = cost if good else np.nan
     solution = make_solution(values, SolveProgress(seconds.size, np.nan, cost), status, rows)
     return log.with_covariances(replace(solution, update_seconds=seconds), ranges.gated)
 
@@ -126,17 +153,20 @@ class _Timeline(NamedTuple):
                 f"{name}: a Kalman filter needs one prior on the first pose of each vehicle, and"
                 " none on later poses"
             )
-        taken = {"range", "survey"}
-        for name, table in graph.tables.items():
-            if len(table) and not (name in taken or set(table.kind.ends) == {"pose"}):
+        for table in graph.tables.values():
+            kind = table.kind
+            of_one_type = set(kind.ends) in ({"pose"}, {"landmark"})
+            if len(table) and not (of_one_type or kind.residual is Residual.DISTANCE):
                 raise EstimationError(
-                    f"a Kalman filter takes no {table.kind.plural}; choose another solver"
+                    f"a Kalman filter takes no {kind.plural}; choose another solver"
                 )
-        if sorted(graph["survey"].subject.tolist()) != list(
-            range(graph.n_poses, graph.n_variables)
-        ):
+        surveys = _surveys(graph)
+        surveyed = sorted(landmark for table in surveys for landmark in table.subject.tolist())
+        if surveyed != list(range(graph.n_poses, graph.n_variables)):
+            found = ", ".join(f"{len(table)} {table.kind.plural}" for table in surveys) or "none"
             raise EstimationError(
-                "a Kalman filter needs landmarks with one prior each; choose another solver"
+                f"a Kalman filter needs landmarks with one prior each; found {found}; choose"
+                " another solver"
             )
         return cls(pose, sample)
 
@@ -153,6 +183,10 @@ class _Steps(NamedTuple):
     cost: (
         Array  # half the squared normalized innovations of the velocities (n_times - 1, n_vehicles)
     )
+
+    def motion(self, k: int) -> Motion:
+        """Steps of all vehicles from one time to the next."""
+        return Motion(self.rotation[k], self.translation[k], self.covariance[k])
 
 
 def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
@@ -182,19 +216,21 @@ def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
     Update steps by other measurements of the same steps: of their translations, or of both parts.
     """
     rotation, translation, covariance, cost = steps
-    place = table.column("position")
-    whole = "quaternion" in table.kind.columns_at
-    turn = matrix_from_quaternion(table.column("quaternion")) if whole else np.empty((0, 3, 3))
+    measured = table.column("position")
+    with_rotation = "quaternion" in table.kind.columns_at
+    turn = (
+        matrix_from_quaternion(table.column("quaternion")) if with_rotation else np.empty((0, 3, 3))
+    )
     for i, (k, a) in enumerate(zip(*rows, strict=True)):
-        innovation = place[i] - translation[k, a]
-        if whole:  # in the tangent of the second body
-            by = np.eye(SIZE)
+        innovation = measured[i] - translation[k, a]
+        if with_rotation:  # in the tangent of the second body
+            by_errors = np.eye(SIZE)
             own = np.swapaxes(rotation[k, a], 0, 1)
             innovation = np.concatenate([so3_log((own @ turn[i])[None])[0], own @ innovation])
         else:
-            by = np.concatenate([np.zeros((3, 3)), rotation[k, a]], axis=1)
-        weight = covariance[k, a] @ by.T
-        variance = by @ weight + table.covariance[i]
+            by_errors = np.concatenate([np.zeros((3, 3)), rotation[k, a]], axis=1)
+        weight = covariance[k, a] @ by_errors.T
+        variance = by_errors @ weight + table.covariance[i]
         gain = np.linalg.solve(variance, weight.T).T
         error = gain @ innovation
         cost[k, a] += 0.5 * innovation @ np.linalg.solve(variance, innovation)
@@ -219,147 +255,29 @@ def _rows_of_steps(graph: FactorGraph, kind: str, timeline: _Timeline) -> tuple[
     return k, a
 
 
-class _State:
-    """
-    Latest poses, landmarks as poses without rotation, and the joint covariance of their errors.
-    """
-
-    def __init__(self, rotation: Array, position: Array, covariance: Array) -> None:
-        self.rotation = rotation
-        self.position = position
-        self.covariance = covariance
-        self.cost = 0.0
-        self.range_nis, self.range_dimension = np.nan, 0
-        """Squared normalized innovation of the ranges of the last update, and their number."""
-
-    def move(self, steps: _Steps, k: int) -> None:
-        """Move all vehicles by their k-th steps."""
-        n = steps.rotation.shape[1]
-        rotation, position, by_pose, by_step = moved(
-            self.rotation[:n], self.position[:n], steps.rotation[k], steps.translation[k]
-        )
-        self.rotation[:n] = rotation
-        self.position[:n] = position
-        blocks = self.covariance.reshape(-1, SIZE, self.covariance.shape[1])
-        blocks[:n] = by_pose @ blocks[:n]
-        columns = (
-            np.swapaxes(blocks.reshape(self.covariance.shape), 0, 1).reshape(blocks.shape).copy()
-        )
-        columns[:n] = by_pose @ columns[:n]
-        self.covariance = columns.reshape(self.covariance.shape)
-        noise = by_step @ steps.covariance[k] @ np.swapaxes(by_step, 1, 2)
-        square = self.covariance.reshape(-1, SIZE, len(blocks), SIZE)
-        np.einsum("iaib->iab", square)[:n] += noise  # a view of the diagonal blocks
-        self.cost += float(steps.cost[k].sum())
-
-    def update(
-        self, residual: Array, by_errors: Array | Indices, variance: Array, *, ranges: bool = False
-    ) -> bool:
-        """
-        Update by measurements with residuals predicted minus measured (m,), derivatives as in
-        `corrected`, and covariance (m, m).
-
-        False if the covariance of the innovations is not positive definite.
-        """
-        if ranges:
-            self.range_nis = np.nan
-            self.range_dimension = residual.size
-        if not residual.size:
-            return True
-        after = corrected(
-            self.rotation, self.position, self.covariance, residual, by_errors, variance
-        )
-        if after is None:
-            return False
-        self.rotation, self.position, self.covariance, nis = after
-        self.cost += 0.5 * nis
-        if ranges:
-            self.range_nis = nis
-        return True
-
-
-def moved(
-    rotation: Array, position: Array, turn: Array, step: Array
-) -> tuple[Array, Array, Array, Array]:
-    """
-    Poses after steps, and the derivatives of their errors by the errors before (n, 6, 6) and by
-    those of the steps (n, 6, 6).
-
-    Errors of poses are rotations in the body's axes and displacements in the world's; those of
-    steps are in the tangent of the second body.
-    """
-    after = rotation @ turn
-    at = position + np.einsum("nij,nj->ni", rotation, step)
-    by_pose, by_step = np.zeros((2, len(rotation), SIZE, SIZE))
-    by_pose[:, :3, :3] = np.swapaxes(turn, 1, 2)
-    by_pose[:, 3:, :3] = -rotation @ hat(step)
-    by_pose[:, 3:, 3:] = by_step[:, :3, :3] = np.eye(3)
-    by_step[:, 3:, 3:] = after
-    return after, at, by_pose, by_step
-
-
-def corrected(
-    rotation: Array,
-    position: Array,
-    covariance: Array,
-    residual: Array,
-    by_errors: Array | Indices,
-    variance: Array,
-) -> tuple[Array, Array, Array, float] | None:
-    """
-    Poses and covariance after an update, as `_State.update`, and the squared normalized innovation.
-
-    by_errors contains derivatives (m, 6 n), or the columns (m,) of errors that are measured
-    themselves. None if the covariance of the innovations is not positive definite.
-    """
-    if by_errors.ndim == 1:
-        measured = by_errors.astype(np.intp, copy=False)
-        weight = covariance.take(measured, axis=0)
-        spread = weight.take(measured, axis=1)
-    else:
-        weight = by_errors @ covariance
-        spread = weight @ by_errors.T
-    root, failed = dpotrf(spread + variance, lower=1)
-    if failed or not np.isfinite(root[-1, -1]):
-        return None
-    # LAPACK's solver starts all threads of OpenBLAS even for one row, which costs milliseconds on a
-    # busy machine
-    white = dtrsm(1.0, root, residual[:, None], lower=1)[:, 0]
-    gain = dtrsm(1.0, root, weight, lower=1)
-    error = -(gain.T @ white).reshape(-1, SIZE)
-    reduced = covariance - gain.T @ gain
-    return (
-        rotation @ so3_exp(error[:, :3]),
-        position + error[:, 3:],
-        0.5 * (reduced + reduced.T),
-        float(white @ white),
-    )
-
-
-def _first_state(graph: FactorGraph, timeline: _Timeline) -> _State:
+def _first_state(graph: FactorGraph) -> State:
     """Priors of the first poses and of the landmarks."""
-    n = timeline.pose.shape[1]
-    n_landmarks = graph.landmark_name.size
     prior = graph["prior"]
-    survey = graph["survey"]
-    row = np.argsort(graph.pose_vehicle[prior.subject])
-    rotation = np.tile(np.eye(3), (n + n_landmarks, 1, 1))
-    rotation[:n] = matrix_from_quaternion(prior.column("quaternion"))[row]
-    place = np.zeros((n + n_landmarks, 3))
-    place[:n] = prior.column("position")[row]
-    covariance = np.zeros((n + n_landmarks, SIZE, n + n_landmarks, SIZE))
-    to_world = np.zeros((n, SIZE, SIZE))
-    to_world[:, :3, :3] = np.eye(3)
-    to_world[:, 3:, 3:] = rotation[:n]
-    vehicles = np.arange(n)
-    covariance[vehicles, :, vehicles, :] = (
-        to_world @ prior.covariance[row] @ np.swapaxes(to_world, 1, 2)
+    by_vehicle = prior[np.argsort(graph.pose_vehicle[prior.subject])]
+    n_landmarks = graph.landmark_name.size
+    landmark_position = np.zeros((n_landmarks, 3))
+    landmark_covariance = np.zeros((n_landmarks, 3, 3))
+    for survey in _surveys(graph):
+        landmark = survey.subject - graph.n_poses
+        landmark_position[landmark] = survey.column("position")
+        landmark_covariance[landmark] = survey.covariance
+    return State.at_start(
+        matrix_from_quaternion(by_vehicle.column("quaternion")),
+        by_vehicle.column("position"),
+        by_vehicle.covariance,
+        landmark_position,
+        landmark_covariance,
     )
-    landmark = survey.subject.astype(np.intp) - graph.n_poses
-    place[n + landmark] = survey.column("position")
-    covariance[n + landmark, 3:, n + landmark, 3:] = survey.covariance
-    size = SIZE * (n + n_landmarks)
-    return _State(rotation, place, covariance.reshape(size, size))
+
+
+def _surveys(graph: FactorGraph) -> list[Factors]:
+    """Priors of landmarks, of all kinds."""
+    return [table for table in graph.of_ends(("landmark",)) if len(table)]
 
 
 class _Updates:
@@ -376,21 +294,16 @@ class _Updates:
         ]
         self._columns: dict[tuple[bytes, ...], Indices] = {}
 
-    def at(self, state: _State, k: int) -> tuple[Array, Array | Indices, Array]:
-        """
-        Residuals of a time, columns of the measured errors, and the covariance of the residuals.
-        """
+    def at(self, state: State, k: int) -> Innovation:
+        """Innovation of a time, with the columns of the measured errors."""
         some = [(part, rows[k]) for part, rows in zip(self._parts, self._rows, strict=True)]
         if not any(rows.size for _, rows in some):
             return _NOTHING
         residual = np.concatenate([part.residual(state, rows) for part, rows in some])
         columns = self._measured([(part, part.vehicle[rows]) for part, rows in some])
         if all(part.table.kind.rows == 1 for part, rows in some if rows.size):  # the usual case
-            return (
-                residual,
-                columns,
-                np.diag(np.concatenate([part.variance[rows] for part, rows in some if rows.size])),
-            )
+            diagonal = np.concatenate([part.variance[rows] for part, rows in some if rows.size])
+            return Innovation(residual, columns, np.diag(diagonal))
         variance = np.zeros((residual.size, residual.size))
         start = 0
         for part, rows in some:
@@ -398,7 +311,7 @@ class _Updates:
                 end = start + len(block)
                 variance[start:end, start:end] = block
                 start = end
-        return residual, columns, variance
+        return Innovation(residual, columns, variance)
 
     def _measured(self, of: list[tuple["_OfPoses", Indices]]) -> Indices:
         """Columns of the errors that are measured; the same vehicles measure at most times."""
@@ -421,37 +334,34 @@ class _OfPoses:
         self.table = table
         self.vehicle = graph.pose_vehicle[table.subject]
         columns = table.kind.columns_at
-        self._turn = (
+        self._rotation = (
             matrix_from_quaternion(table.column("quaternion")) if "quaternion" in columns else None
         )
-        self._place = next(
+        self._position = next(
             (table.column(name) for name in ("position", "depth") if name in columns), None
         )
-        errors = [0, 1, 2] if self._turn is not None else []
-        if self._place is not None:
-            errors += [5] if self._place.ndim == 1 else [3, 4, 5]
+        errors = [0, 1, 2] if self._rotation is not None else []
+        if self._position is not None:
+            errors += [5] if self._position.ndim == 1 else [3, 4, 5]
         self.errors = np.array(errors)
         self.covariance = table.covariance
         self.variance = table.variance
-        if self._turn is not None and self._place is not None:  # a prior is in the body's tangent
-            to_world = np.tile(np.eye(SIZE), (len(table), 1, 1))
-            to_world[:, 3:, 3:] = self._turn
-            self.covariance = to_world @ table.covariance @ np.swapaxes(to_world, 1, 2)
+        if self._rotation is not None and self._position is not None:  # in the body's tangent
+            self.covariance = to_world_axes(self._rotation, table.covariance)
 
-    def residual(self, state: _State, rows: Indices) -> Array:
+    def residual(self, state: State, rows: Indices) -> Array:
         """Estimated minus measured, factor by factor."""
         if not rows.size:
             return np.empty(0)
         vehicle = self.vehicle[rows]
         parts = []
-        if self._turn is not None:
-            turned = np.swapaxes(self._turn[rows], 1, 2) @ state.rotation[vehicle]
-            parts.append(np.asarray(so3_log(turned)))
-        if self._place is not None:
-            at = state.position[vehicle][
-                :, self.errors[-1:] - 3 if self._place.ndim == 1 else slice(None)
-            ]
-            parts.append(at - self._place[rows].reshape(at.shape))
+        if self._rotation is not None:
+            error = np.swapaxes(self._rotation[rows], 1, 2) @ state.rotation[vehicle]
+            parts.append(np.asarray(so3_log(error)))
+        if self._position is not None:
+            axes = self.errors[-1:] - 3 if self._position.ndim == 1 else slice(None)
+            estimated = state.position[vehicle][:, axes]
+            parts.append(estimated - self._position[rows].reshape(estimated.shape))
         return np.concatenate(parts, axis=1).ravel()
 
 
@@ -473,12 +383,10 @@ class _Ranges:
             )
         table = graph["range"]
         n = timeline.pose.shape[1]
-        self._model = model_ranges
+        self._model = model_ranges or _distances(table)
         self._variance = table.variance
-        self._distance = np.asarray(table.column("distance"))
-        ends = table.variables.astype(np.intp)
-        if model_ranges is not None:
-            ends = np.stack([model_ranges.ranges.transmitter, model_ranges.ranges.receiver], axis=1)
+        timed = self._model.ranges
+        ends = np.stack([timed.transmitter, timed.receiver], axis=1)
         # a landmark exists at all times
         sample = np.append(timeline.sample, np.full(graph.landmark_name.size, -1))[ends]
         if ((sample[:, 0] != sample[:, 1]) & (sample.min(axis=1, initial=0) >= 0)).any():
@@ -488,40 +396,42 @@ class _Ranges:
         self._ends = member[ends].astype(np.intp)
         self.gated = 0
 
-    def at(self, state: _State, k: int) -> tuple[Array, Array, Array]:
-        """Residuals of a time, their derivatives by the errors, and their covariance."""
+    def at(self, state: State, k: int) -> Innovation:
+        """Innovation of the ranges of a time that have an arrival."""
         rows = self._rows[k]
         if not rows.size:
             return _NOTHING
-        a, b = (state.position[self._ends[rows, end]] for end in (0, 1))
-        if self._model is None:
-            distance, unit = chord(a, b)
-            residual = distance - self._distance[rows]
-            by_a = -unit
-            by_b = unit
-        else:
-            timed = self._model.ranges
-            links = timed.links(a, b)
-            links = links._replace(time=timed.time[rows], sound_speed=timed.sound_speed[rows])
-            prediction, _ = self._model.predict(links, rows, np.empty(0))
-            fine = prediction.possible
-            speed = links.sound_speed
-            self.gated += int(np.count_nonzero(~fine))
-            rows = rows[fine]
-            residual = (speed * (prediction.travel_time - timed.travel_time[self._rows[k]]))[fine]
-            by_a, by_b = (
-                (speed[:, None] * gradient)[fine]
-                for gradient in (prediction.transmitter_gradient, prediction.receiver_gradient)
-            )
-        by_errors = np.zeros((rows.size, len(state.position), SIZE))
-        row = np.arange(rows.size)
-        by_errors[row, self._ends[rows, 0], 3:] += by_a
-        by_errors[row, self._ends[rows, 1], 3:] += by_b
-        return (
-            residual,
-            by_errors.reshape(rows.size, SIZE * len(state.position)),
-            np.diag(self._variance[rows]),
+        timed = self._model.ranges
+        ends = self._ends[rows]
+        links = RangeEndpoints(
+            time=timed.time[rows],
+            transmitter=state.position[ends[:, 0]],
+            receiver=state.position[ends[:, 1]],
+            sound_speed=timed.sound_speed[rows],
         )
+        prediction, _ = self._model.predict(links, rows, np.empty(0))
+        possible = prediction.possible
+        self.gated += int(np.count_nonzero(~possible))
+        ranges = prediction.scaled(links.sound_speed)
+        residual = links.sound_speed * (prediction.travel_time - timed.travel_time[rows])
+        return range_innovation(
+            state,
+            ends[possible],
+            residual[possible],
+            (ranges.transmitter_gradient[possible], ranges.receiver_gradient[possible]),
+            self._variance[rows][possible],
+        )
+
+
+def _distances(table: Factors) -> ModelRanges:
+    """Ranges as distances: travel times at a sound speed of 1 m/s."""
+    transmitter, receiver = table.variables.T.astype(np.intp)
+    none = np.zeros(len(table))
+    speed = np.ones(len(table))
+    timed = TimedRanges(
+        transmitter, receiver, none.astype(np.intp), none, speed, table.column("distance")
+    )
+    return ModelRanges(ConstantSpeed(1.0), timed)
 
 
 def _by_time(sample: Indices, n_times: int) -> list[Indices]:
@@ -550,8 +460,11 @@ class _Log:
         self._vehicle = graph.pose_vehicle
         self._out = None if poses is None else EpochCovariances.unknown(*poses.shape)
 
-    def note(self, state: _State, k: int) -> None:
-        """Keep the estimates of one time."""
+    def note(self, state: State, k: int, *, range_nis: float, range_dimension: int) -> None:
+        """
+        Keep the estimates of one time, the squared normalized innovation of its ranges, and their
+        number.
+        """
         n = self._pose.shape[1]
         self._position[self._pose[k]] = state.position[:n]
         self._rotation[self._pose[k]] = state.rotation[:n]
@@ -564,11 +477,11 @@ class _Log:
         to_body = np.zeros((who.size, SIZE, SIZE))
         to_body[:, :3, :3], to_body[:, 3:, 3:] = np.eye(3), np.swapaxes(state.rotation[who], 1, 2)
         self._out.pose[e] = to_body @ blocks[who, :, who, :] @ np.swapaxes(to_body, 1, 2)
-        if state.range_dimension:
-            self._out.range_nis[e] = state.range_nis
-            self._out.range_dimension[e] = state.range_dimension
+        if range_dimension:
+            self._out.range_nis[e] = range_nis
+            self._out.range_dimension[e] = range_dimension
 
-    def values(self, state: _State) -> GraphValues:
+    def values(self, state: State) -> GraphValues:
         """Estimates of all variables."""
         quaternion = np.full((self._n, 4), np.nan)
         fine = np.isfinite(self._rotation).all(axis=(1, 2))

@@ -12,18 +12,10 @@ from collections.abc import Iterable, Iterator
 import numpy as np
 
 from pymantaray.arrays import Array
+from pymantaray.estimation.graph.graph import KINDS, Residual
 from pymantaray.estimation.graph.text import Word
 
-_COLUMNS = {  # names or ids, measured numbers, size of the matrix
-    "pose": (1, 7, 0),
-    "landmark": (1, 3, 0),
-    "pose prior": (1, 7, 6),
-    "landmark prior": (1, 3, 3),
-    "edge": (2, 7, 6),
-    "sighting": (2, 3, 3),
-    "range": (2, 1, 1),
-}
-_ANY_DIMENSION = ("range",)  # lines of graphs in two and in three dimensions
+_VERTICES = {"pose": 7, "landmark": 3}  # measured numbers
 _IN_PLANE = {6: [0, 1, 5], 3: [0, 1]}  # of x y z rx ry rz, and of x y z
 ROTATION_FIRST = [3, 4, 5, 0, 1, 2]  # order of a tangent, from translation first and back
 TO_XYZW = [1, 2, 3, 0]
@@ -31,11 +23,14 @@ TO_WXYZ = [3, 0, 1, 2]
 
 
 def columns(role: str, *, timed: bool = False, more_names: int = 0) -> Word:
-    """Fields of a line in three dimensions, of a pose, a landmark or a factor."""
-    names, measured, matrix = _COLUMNS[role]
-    return Word(
-        timed, names + more_names, measured, matrix, None if role in _ANY_DIMENSION else False
-    )
+    """Fields of a line in three dimensions, of a pose, a landmark or a kind of factor."""
+    if role in _VERTICES:
+        return Word(timed, 1 + more_names, _VERTICES[role], 0, False)
+    kind = KINDS[role]
+    measured = sum(width for _, width, _ in kind.columns)
+    # lines of distances are the same in two and in three dimensions
+    planar = None if kind.residual is Residual.DISTANCE else False
+    return Word(timed, len(kind.ends) + more_names, measured, kind.rows, planar)
 
 
 def to_graph(values: Array, grammar: Word, *, planar: bool) -> tuple[Array, Array]:

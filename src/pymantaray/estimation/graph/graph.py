@@ -108,6 +108,7 @@ class FactorKind:
         # free
     ] = ()
     anchors: bool = False  # true if it ties its variable to the world
+    reckons: bool = False  # true if dead reckoning uses it: first poses, steps and landmarks
     named_after: int = 0  # index of the variable that messages name
     source: FactorSource | None = None  # of factors that `build_graph` makes without further steps
 
@@ -122,6 +123,11 @@ class FactorKind:
                 f" {' and '.join(self.ends)}; allowed: {', '.join(fitting)}"
             )
         return _RESIDUALS[shape]
+
+    @property
+    def is_depth(self) -> bool:
+        """True if it measures the down coordinate alone."""
+        return "depth" in self.columns_at
 
     @cached_property
     def rows(self) -> int:
@@ -202,6 +208,7 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             POSE_PRIOR,
             axes=(0, 1, 2, 3, 4, 5),
             anchors=True,
+            reckons=True,
         ),
         "fix": FactorKind(
             "GNSS fix",
@@ -223,9 +230,16 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
             (POSITION,),
             LANDMARK_PRIOR,
             anchors=True,
+            reckons=True,
         ),
         "edge": FactorKind(
-            "odometry", "odometry", ("pose", "pose"), (POSITION, QUATERNION), EDGE, named_after=1
+            "odometry",
+            "odometry",
+            ("pose", "pose"),
+            (POSITION, QUATERNION),
+            EDGE,
+            named_after=1,
+            reckons=True,
         ),
         "attitude": FactorKind(
             "attitude",
@@ -689,7 +703,7 @@ def _check_measured(graph: FactorGraph, factors: Factors) -> None:
 
 def _check_planar(graph: FactorGraph, factors: Factors) -> None:
     kind = factors.kind
-    if "depth" in kind.columns_at:
+    if kind.is_depth:
         raise EstimationError(
             f"{kind.what}: {len(factors)} in a graph in two dimensions; allowed is none"
         )

@@ -44,13 +44,14 @@ def isotropic(graph: FactorGraph) -> tuple[FactorGraph, int]:
        get_info_matrix_from_measurement_precisions,
        https://github.com/MarineRoboticsGroup/PyFactorGraph
     """
-    tables = {
-        name: _isotropic(graph[name], planar=graph.planar)
-        for name in KINDS
-        if len(graph[name]) and name != "depth"
+    tables = {name: table for name, table in graph.tables.items() if len(table)}
+    depths = {name: table[:0] for name, table in tables.items() if table.kind.is_depth}
+    others = {
+        name: _isotropic(table, planar=graph.planar)
+        for name, table in tables.items()
+        if name not in depths
     }
-    none = graph["depth"][:0]
-    return graph.with_factors(**tables, depth=none), len(graph["depth"])
+    return graph.with_factors(**others, **depths), sum(len(tables[name]) for name in depths)
 
 
 def _isotropic(factors: Factors, *, planar: bool) -> Factors:
@@ -95,21 +96,23 @@ def depths_as_ranges(graph: FactorGraph, values: GraphValues) -> DepthsAsRanges:
     """
     if graph.planar:
         raise EstimationError("a planar graph has no depths; leave them as they are")
-    depth, (ranges, surveys) = graph["depth"], (graph["range"], graph["survey"])
-    pose = depth.variables[:, 0]
+    depths = {name: table for name, table in graph.tables.items() if table.kind.is_depth}
+    pose = np.concatenate([table.subject for table in depths.values()])
+    depth = np.concatenate([table.column("depth") for table in depths.values()])
+    variance = np.concatenate([table.covariance for table in depths.values()])
     above = np.array([[0.0, 0.0, -ABOVE]])
-    away = np.column_stack([values.position[pose, :2], depth.column("depth") + ABOVE])
+    from_above = np.column_stack([values.position[pose, :2], depth + ABOVE])
     landmark = np.full(len(pose), graph.n_variables, dtype=np.int32)
     more = KINDS["range"].table(
-        np.column_stack([pose, landmark]),
-        [np.linalg.norm(away, axis=1)],
-        depth.variance.reshape(-1, 1, 1),
+        np.column_stack([pose, landmark]), [np.linalg.norm(from_above, axis=1)], variance
     )
     survey = KINDS["survey"].table([[graph.n_variables]], [above], [_SURVEY_SIGMA**2 * np.eye(3)])
     names = graph.landmark_name.tolist()
     name = next(f"L{k}" for k in range(len(names) + 1) if f"L{k}" not in names)
     whole = replace(graph, landmark_name=np.array([*names, name])).with_factors(
-        depth=depth[:0], range=ranges.joined(more), survey=surveys.joined(survey)
+        **{name: table[:0] for name, table in depths.items()},
+        range=graph["range"].joined(more),
+        survey=graph["survey"].joined(survey),
     )
     positions = np.concatenate([values.landmark_position.reshape(-1, 3), above])
     return DepthsAsRanges(whole, replace(values, landmark_position=positions))

@@ -65,8 +65,8 @@ _AXES = np.array(["rx", "ry", "rz", "x", "y", "z"])  # of a tangent, rotation be
 _GRAMMAR = {
     POSE: columns("pose", timed=True),
     LANDMARK: columns("landmark"),
-    POSE_PRIOR: columns("pose prior", timed=True),
-    LANDMARK_PRIOR: columns("landmark prior", timed=True),
+    POSE_PRIOR: columns("prior", timed=True),
+    LANDMARK_PRIOR: columns("survey", timed=True),
     EDGE: columns("edge", timed=True),
     RANGE: columns("range", timed=True),
     SIGHTING: columns("sighting", timed=True),
@@ -146,7 +146,8 @@ def write_pyfg(
 
 def warn_of_depths(graph: FactorGraph, path: Path | str) -> None:
     """Log that PyFactorGraph loses the depth priors of a graph; nothing without any."""
-    if count := len(graph["depth"]):
+    kept = [table for table in graph.tables.values() if table.kind.is_depth and table.kind.word]
+    if count := sum(map(len, kept)):
         LOG.warning(
             "%s: PyFactorGraph reads its %d depth priors with a precision of 0, so without effect;"
             ' depths = "ranges" keeps them',

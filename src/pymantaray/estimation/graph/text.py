@@ -224,13 +224,15 @@ class Table:
 
         The first three measured numbers may be a position, the next four a quaternion.
         """
-        g = self.grammar
+        grammar = self.grammar
         n = len(self.line)
-        first = 1 + g.timed + g.names
-        out = np.empty((n, g.timed + g.numbers))
-        for column, at in enumerate([*([1] if g.timed else []), *range(first, g.width)]):
-            out[:, column] = self._column(lines, self.fields[at :: g.width])
-        values = out[:, g.timed :]
+        first = 1 + grammar.timed + grammar.names
+        out = np.empty((n, grammar.timed + grammar.numbers))
+        for column, at in enumerate(
+            [*([1] if grammar.timed else []), *range(first, grammar.width)]
+        ):
+            out[:, column] = self._column(lines, self.fields[at :: grammar.width])
+        values = out[:, grammar.timed :]
         self.refuse_first(
             lines,
             ~np.isfinite(out).all(axis=1),

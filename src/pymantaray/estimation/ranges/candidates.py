@@ -2,9 +2,10 @@
 Candidate arrivals of ranges: the arrivals that a receiver may have taken, with their probabilities.
 """
 
+from abc import abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, Self, runtime_checkable
+from typing import NamedTuple, Self
 
 import numpy as np
 
@@ -89,7 +90,13 @@ class CandidateArrivals(NamedTuple):
     def prediction(self) -> Prediction:
         """Travel times and gradients of all candidates."""
         bounces = self.surface_bounces + self.bottom_bounces
-        return Prediction(*self[1:4], np.ones(self.row.size, dtype=bool), bounces)
+        return Prediction(
+            travel_time=self.travel_time,
+            transmitter_gradient=self.transmitter_gradient,
+            receiver_gradient=self.receiver_gradient,
+            possible=np.ones(self.row.size, dtype=bool),
+            bounces=bounces,
+        )
 
 
 def of_picks(prediction: Prediction, picks: Rows) -> Prediction:
@@ -163,12 +170,20 @@ class MixtureOptions:
                 )
 
 
-@runtime_checkable
-class CandidateModel(RangeModel, Protocol):
-    """A range model that predicts all arrivals that a receiver may take."""
+class CandidateModel(RangeModel):
+    """Base of range models that predict all arrivals that a receiver may take."""
 
     mixture: MixtureOptions
 
+    def predict(self, links: RangeEndpoints) -> Prediction:
+        """Predict the candidate of the largest weight; parameters as in `RangeModel.predict`."""
+        found = self.candidates(links)
+        picks = np.full(links.time.size, -1)
+        order = np.lexsort((found.weight, found.row))
+        picks[found.row[order]] = order  # the last of a range is the heaviest
+        return of_picks(found.prediction, picks)
+
+    @abstractmethod
     def candidates(self, links: RangeEndpoints) -> CandidateArrivals:
         """
         Predict the arrivals of all links of a graph.
@@ -183,4 +198,3 @@ class CandidateModel(RangeModel, Protocol):
         CandidateArrivals
             Arrivals; a link without one has no rows.
         """
-        ...

@@ -28,6 +28,7 @@ class OnSphere(RangeModel):
     def __init__(self, model: RangeModel, earth: EarthSphere) -> None:
         self._model = model
         self._earth = earth
+        self.needs_sound_speed = model.needs_sound_speed
 
     def predict(self, links: RangeEndpoints) -> Prediction:
         """
@@ -38,11 +39,7 @@ class OnSphere(RangeModel):
         distance = np.linalg.norm(links.receiver - links.transmitter, axis=1)
         chord = self._earth.straight_distance(links.transmitter, links.receiver)
         ratio = np.divide(chord, distance, out=np.ones_like(chord), where=distance > 0.0)
-        return flat._replace(
-            travel_time=ratio * flat.travel_time,
-            transmitter_gradient=ratio[:, None] * flat.transmitter_gradient,
-            receiver_gradient=ratio[:, None] * flat.receiver_gradient,
-        )
+        return flat.scaled(ratio)
 
     def frame_scale(self, links: RangeEndpoints) -> Array:
         """

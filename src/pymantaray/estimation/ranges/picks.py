@@ -6,12 +6,18 @@ ordered pair.
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.estimation.ranges.candidates import CandidateArrivals, MixtureOptions
 from pymantaray.estimation.ranges.range_models import Rows, TimedRanges
 
 NONE = -1  # pick, and family, of a range that belongs to none of its candidates
+
+
+def stay_probability(elapsed: float, persistence: float) -> float:
+    """Probability that a receiver stays with its arrival for a time. [s]"""
+    return float(np.exp(-elapsed / persistence))
 
 
 class Chains(NamedTuple):
@@ -37,9 +43,19 @@ class Chains(NamedTuple):
             pair = tuple(pairs[row])
             if pair in last:
                 previous[row] = last[pair]
-                stay[row] = np.exp((ranges.time[last[pair]] - ranges.time[row]) / persistence)
+                stay[row] = stay_probability(
+                    ranges.time[row] - ranges.time[last[pair]], persistence
+                )
             last[pair] = row
         return cls(previous, stay, order)
+
+
+def persist(same: ArrayLike, prior: Array, stay: ArrayLike) -> Array:
+    """
+    Probability of each arrival if the receiver stays with that of the range before with a
+    probability, and otherwise picks as if for the first time.
+    """
+    return np.asarray(np.multiply(stay, same) + np.subtract(1.0, stay) * prior)
 
 
 class RangeChoice(NamedTuple):
@@ -59,7 +75,7 @@ class RangeChoice(NamedTuple):
         """
         same = family[:, None] == self.family
         return np.asarray(
-            np.where(same.any(axis=1)[:, None], stay * same + (1.0 - stay) * self.prior, self.prior)
+            np.where(same.any(axis=1)[:, None], persist(same, self.prior, stay), self.prior)
         )
 
 

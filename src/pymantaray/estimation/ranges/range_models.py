@@ -1,15 +1,16 @@
 """
 Range models of estimators: predicted travel times, and unknowns that ranges share.
 
-A range model is anything with `RangeModel.predict`. The unknowns are amplitudes of sound-speed
-modes, and offset and skew of clocks; they are estimated with the poses.
+Range models are subclasses of `RangeModel`. The unknowns are amplitudes of sound-speed modes, and
+offset and skew of clocks; they are estimated with the poses.
 """
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -62,10 +63,30 @@ class Prediction(NamedTuple):
     possible: Mask  # true if the assumed ocean has an arrival, (n,)
     bounces: Rows | None = None  # reflections of each path, (n,); None if all paths are direct
 
+    def scaled(self, factor: float | Array) -> Prediction:
+        """Travel times and gradients multiplied by a factor, one or one for each link."""
+        each = np.asarray(factor)[..., None]
+        return self._replace(
+            travel_time=factor * self.travel_time,
+            transmitter_gradient=each * self.transmitter_gradient,
+            receiver_gradient=each * self.receiver_gradient,
+        )
 
-class RangeModel(Protocol):
-    """Predicts the travel times of links."""
 
+class RangeModel(ABC):
+    """
+    Base of range models, which predict the travel times of links.
+
+    A subclass needs `predict` only. By default, its ocean has no modes of unknown amplitude, and
+    the sound speed along a link is not one number.
+    """
+
+    amplitude_sigma: Array = np.empty(0)
+    """Prior standard deviation about zero of the amplitude of each mode, (n_modes,). [m/s]"""
+    needs_sound_speed: bool = False
+    """True if predictions depend on the sound speed measured at the transmitter."""
+
+    @abstractmethod
     def predict(self, links: RangeEndpoints) -> Prediction:
         """
         Predict the travel times of all links of a graph.
@@ -80,18 +101,24 @@ class RangeModel(Protocol):
         Prediction
             Travel times and their gradients.
         """
-        ...
 
+    def speed(self, measured: Array) -> Array | None:  # noqa: ARG002
+        """
+        Sound speed along each link, if it is one number that does not depend on positions.
 
-@runtime_checkable
-class AdjustableModel(RangeModel, Protocol):
-    """A range model whose ocean has modes of unknown amplitude."""
+        Parameters
+        ----------
+        measured : ndarray, shape (n,)
+            Sound speeds at the transmitters. [m/s]
 
-    amplitude_sigma: (
-        Array  # prior standard deviation of each amplitude about zero, (n_modes,) [m/s]
-    )
+        Returns
+        -------
+        ndarray, shape (n,), or None
+            [m/s]
+        """
+        return None
 
-    def adjusted(self, amplitudes: Array) -> AdjustableModel:
+    def adjusted(self, amplitudes: Array) -> RangeModel:  # noqa: ARG002
         """
         Return a copy of the model with other amplitudes of its modes.
 
@@ -102,9 +129,9 @@ class AdjustableModel(RangeModel, Protocol):
 
         Returns
         -------
-        AdjustableModel
+        RangeModel
         """
-        ...
+        return self
 
     def sensitivity(self, links: RangeEndpoints) -> Array:
         """
@@ -120,15 +147,15 @@ class AdjustableModel(RangeModel, Protocol):
         ndarray, shape (n, n_modes)
             Zero for a link without an arrival. [s²/m]
         """
-        ...
+        return np.zeros((links.time.size, self.amplitude_sigma.size))
 
 
-class TravelTimeUncertainty(Protocol):
+class TravelTimeUncertainty(ABC):
     """Uncertainty of predicted travel times due to the uncertainty of the ocean."""
 
+    @abstractmethod
     def covariances(self, links: RangeEndpoints, epoch: Rows) -> list[Array]:
         """Covariance matrix of the links of each epoch, in the order of the rows. [s²]."""
-        ...
 
 
 class ConstantSpeed(RangeModel):
@@ -167,6 +194,8 @@ class ConstantSpeed(RangeModel):
 
 class TransmitterSpeed(RangeModel):
     """The sound speed measured at the transmitter for the whole link: the paper's c_i."""
+
+    needs_sound_speed = True
 
     def speed(self, measured: Array) -> Array:
         """
@@ -300,7 +329,7 @@ class RangeUnknowns:
     r"""
     Parameters that the ranges of one graph share, each with a Gaussian prior about zero.
 
-    The amplitudes of an `AdjustableModel` are unknowns; so are, with priors of theirs, a factor on
+    The amplitudes of a model with modes are unknowns; so are, with priors of theirs, a factor on
     all travel times, the clocks of the vehicles that ``pose_vehicle`` gives for each pose, and a
     bias of each ordered pair. ``sigma``, the prior standard deviations, has one entry for each;
     ``name`` and ``unit`` leave out the biases, which come last.
@@ -327,9 +356,7 @@ class RangeUnknowns:
         bias_sigma: float | None = None,
     ) -> None:
         self._model, self._clocks, n = model, clocks, len(vehicle_name)
-        modes = (
-            np.asarray(model.amplitude_sigma) if isinstance(model, AdjustableModel) else np.empty(0)
-        )
+        modes = np.asarray(model.amplitude_sigma)
         names = [f"mode {k + 1}" for k in range(modes.size)]
         units = ["m/s"] * modes.size
         sigma = [*modes]
@@ -383,8 +410,6 @@ class RangeUnknowns:
         Predict the measured travel times of some ranges, and their derivatives by the unknowns, (n,
         n_unknowns).
         """
-        if not isinstance(self._model, AdjustableModel):
-            return self.applied(self._model.predict(links), links, rows, u)
         model = self._model.adjusted((self.sigma * u)[: self._n_modes])
         return self.applied(model.predict(links), links, rows, u, [model.sensitivity(links)])
 
@@ -406,10 +431,7 @@ class RangeUnknowns:
         if self._scaled:
             columns = [(1.0 + value[k]) * by for by in columns]
             columns.append(np.where(prediction.possible, prediction.travel_time, 0.0)[:, None])
-            time, by_transmitter, by_receiver = ((1.0 + value[k]) * part for part in prediction[:3])
-            prediction = prediction._replace(
-                travel_time=time, transmitter_gradient=by_transmitter, receiver_gradient=by_receiver
-            )
+            prediction = prediction.scaled(1.0 + value[k])
             k += 1
         added = []
         if not all(self._known):

@@ -154,10 +154,12 @@ class MixtureIterations(OuterIterations):
 
     def _solve_picked(self, picked: "_Picked", state: GraphState, options: SolveOptions) -> Optimum:
         """Optimum of the graph with the picks of the pings so far."""
-        r = self._model_ranges.ranges
-        expansion = picked.expansion(r.links(picked.transmitter, picked.receiver), r.travel_time)
+        timed = self._model_ranges.ranges
+        expansion = picked.expansion(
+            timed.links(picked.transmitter, picked.receiver), timed.travel_time
+        )
         self._picked_weights.add(picked.added)
-        ranges = ExpandedRanges(r, self._weights.blocks(picked.used), expansion, self._shared)
+        ranges = ExpandedRanges(timed, self._weights.blocks(picked.used), expansion, self._shared)
         return optimize(Problem(self._factors, ranges, self._structure), state, options)
 
     def _pick_epoch(
@@ -171,15 +173,15 @@ class MixtureIterations(OuterIterations):
         """
         Pick the candidates of the ranges of one epoch from the state that earlier epochs predict.
         """
-        r = self._model_ranges.ranges
+        timed = self._model_ranges.ranges
         mixture = self._model.mixture
         ends, at = np.unique(
-            np.concatenate([r.transmitter[rows], r.receiver[rows]]), return_inverse=True
+            np.concatenate([timed.transmitter[rows], timed.receiver[rows]]), return_inverse=True
         )
         place = state.position[ends]
         one = at[: rows.size]
         other = at[rows.size :]
-        links = RangeEndpoints(r.time[rows], place[one], place[other], r.sound_speed[rows])
+        links = RangeEndpoints(timed.time[rows], place[one], place[other], timed.sound_speed[rows])
         found = self._candidates(links, rows, state.shared)
         row = found.table.row
         before = self._priors(

@@ -172,8 +172,8 @@ class Factor:
         time.
         """
         x = vector if overwrite else vector.copy()
-        s = self._structure
-        factor = s.start, s.column, self._diagonal, self._above
+        structure = self._structure
+        factor = structure.start, structure.column, self._diagonal, self._above
         if x.ndim == 2:
             cholesky.substitute(*factor, x, True)
         else:
@@ -184,8 +184,10 @@ class Factor:
         """
         Solution for a right-hand side that has gone down with the factorization, in its place.
         """
-        s = self._structure
-        cholesky.substitute(s.start, s.column, self._diagonal, self._above, vector, False)
+        structure = self._structure
+        cholesky.substitute(
+            structure.start, structure.column, self._diagonal, self._above, vector, False
+        )
         return vector
 
     def release(self) -> None:
@@ -195,10 +197,10 @@ class Factor:
 
     def inverse(self, groups: list[Indices]) -> list[Array]:
         """Dense blocks of the inverse, one for each group of mutually connected variables."""
-        s = self._structure
-        rows = np.zeros(s.row.size, dtype=np.bool_)
+        structure = self._structure
+        rows = np.zeros(structure.row.size, dtype=np.bool_)
         for group in groups:
-            rows[s.row[group]] = True
+            rows[structure.row[group]] = True
         diagonal, above = self._inverse_blocks(rows)
         return [self._joint(group, diagonal, above) for group in groups]
 
@@ -207,29 +209,38 @@ class Factor:
         Blocks of the inverse of all variables, (n_variables, 6, 6), and between connected pairs (n,
         2) of them, (n, 6, 6).
         """
-        s = self._structure
-        diagonal, above = self._inverse_blocks(np.ones(s.row.size, dtype=np.bool_))
-        block, turned = s.blocks(pairs)
+        structure = self._structure
+        diagonal, above = self._inverse_blocks(np.ones(structure.row.size, dtype=np.bool_))
+        block, turned = structure.blocks(pairs)
         between = above[block]
         between[turned] = np.swapaxes(between[turned], 1, 2)
-        return diagonal[s.row], between
+        return diagonal[structure.row], between
 
     def _inverse_blocks(self, rows: Mask) -> tuple[Array, Array]:
         """Blocks of the inverse in some rows, on and above the diagonal."""
-        s = self._structure
+        structure = self._structure
         diagonal = np.empty_like(self._diagonal)
         above = np.empty_like(self._above)
         work = np.empty((1, SIZE, SIZE))
-        cholesky.invert(s.start, s.column, self._diagonal, self._above, rows, diagonal, above, work)
+        cholesky.invert(
+            structure.start,
+            structure.column,
+            self._diagonal,
+            self._above,
+            rows,
+            diagonal,
+            above,
+            work,
+        )
         return diagonal, above
 
     def _joint(self, group: Indices, diagonal: Array, above: Array) -> Array:
-        s = self._structure
+        structure = self._structure
         n = len(group)
         out = np.empty((n, n, SIZE, SIZE))
         i = np.arange(n)
-        out[i, i] = diagonal[s.row[group]]
-        a, b, (block, turned) = s.between(group)
+        out[i, i] = diagonal[structure.row[group]]
+        a, b, (block, turned) = structure.between(group)
         between = above[block]
         between[turned] = np.swapaxes(between[turned], 1, 2)
         out[a, b], out[b, a] = between, np.swapaxes(between, 1, 2)
@@ -277,8 +288,10 @@ class NormalEquations:
 
     def upper(self, right: Array = _NO_VECTOR) -> cholesky.Upper:
         """Arrays to factorize, with a right-hand side or none."""
-        s = self.structure
-        return cholesky.Upper(s.start, s.column, self.diagonal, self.above, self._element, right)
+        structure = self.structure
+        return cholesky.Upper(
+            structure.start, structure.column, self.diagonal, self.above, self._element, right
+        )
 
     def begin(self) -> cholesky.Upper:
         """Arrays to eliminate batches in, for a step."""
@@ -316,10 +329,10 @@ class NormalEquations:
 
     def _eliminated(self, first: int, right: Array) -> Factor | None:
         """Factor after elimination of all rows from the first one."""
-        s = self.structure
-        if cholesky.factorize(self.upper(right), first, s.row.size) >= 0:
+        structure = self.structure
+        if cholesky.factorize(self.upper(right), first, structure.row.size) >= 0:
             return None
-        return Factor(s, self.diagonal, self.above)
+        return Factor(structure, self.diagonal, self.above)
 
     def eliminate(self, last: Indices) -> tuple[Array, Array] | None:
         """
@@ -328,23 +341,23 @@ class NormalEquations:
 
         None if some direction of the others is not determined.
         """
-        s = self.structure
+        structure = self.structure
         n = len(last)
-        first = s.row.size - n
-        end = s.start[s.row.size - n]
+        first = structure.row.size - n
+        end = structure.start[structure.row.size - n]
         self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
         if cholesky.factorize(self.upper(), 0, first) >= 0:
             return None
         left = np.zeros((n, n, SIZE, SIZE))
         own = np.arange(n)
-        row = np.repeat(np.arange(n), np.diff(s.start[first:]))
+        row = np.repeat(np.arange(n), np.diff(structure.start[first:]))
         left[own, own] = self.diagonal[first:]
-        left[row, s.column[end:] - first] = self.above[end:]
-        left[s.column[end:] - first, row] = np.swapaxes(self.above[end:], 1, 2)
+        left[row, structure.column[end:] - first] = self.above[end:]
+        left[structure.column[end:] - first, row] = np.swapaxes(self.above[end:], 1, 2)
         self.diagonal[first:] = np.eye(SIZE)
         self.above[end:] = 0.0
-        rest = Factor(s, self.diagonal, self.above).solve(self.gradient)[first:]
-        at = s.row[last] - first
+        rest = Factor(structure, self.diagonal, self.above).solve(self.gradient)[first:]
+        at = structure.row[last] - first
         matrix = np.moveaxis(left[at[:, None], at], 2, 1).reshape(n * SIZE, n * SIZE)
         return matrix, rest[at].ravel()
 
@@ -365,25 +378,25 @@ class NormalEquations:
 
     def add(self, variables: Indices, matrix: Array, gradient: Array) -> None:
         """Add a dense term of mutually connected variables."""
-        s = self.structure
+        structure = self.structure
         n = len(variables)
         blocks = np.swapaxes(matrix.reshape(n, SIZE, n, SIZE), 1, 2)
-        rows = s.row[variables]
+        rows = structure.row[variables]
         i = np.arange(n)
         self.gradient[rows] += gradient.reshape(n, SIZE)
         self.diagonal[rows] += blocks[i, i]
-        a, b, (block, turned) = s.between(variables)
+        a, b, (block, turned) = structure.between(variables)
         between = blocks[a, b]
         between[turned] = np.swapaxes(between[turned], 1, 2)
         self.above[block] += between
 
     def information(self) -> csc_array:
         """The matrix in the order of the variables."""
-        s = self.structure
+        structure = self.structure
         n = self.structure.row.size
-        variable = np.argsort(s.row)
-        row = np.repeat(variable, np.diff(s.start))
-        upper = _matrix(row, variable[s.column], self.above, n)
+        variable = np.argsort(structure.row)
+        row = np.repeat(variable, np.diff(structure.start))
+        upper = _matrix(row, variable[structure.column], self.above, n)
         return csc_array(upper + upper.T + _matrix(variable, variable, self.diagonal, n))
 
 

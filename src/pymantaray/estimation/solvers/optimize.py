@@ -121,28 +121,31 @@ def _gauss_newton(
     progress = SolveProgress(iterations=0, initial_cost=lowest, final_cost=lowest)
     for iteration in range(1, options.max_iterations + 1):
         solved = equations.step()
+        # without the highest curvature until the matrix is positive definite
         while solved is None and equations.order > 1:
             indefinite[equations.order] += 1
             if indefinite[equations.order] == _MAX_INDEFINITE:
                 most = min(most, equations.order - 1)
             equations = problem.linearize(state, equations.order - 1, equations, begin=True)
             solved = equations.step()
-        if solved is None:
+        if solved is None:  # even Gauss-Newton's matrix is singular: damped steps take over
             return Optimum(state, replace(progress, singular=True, last_step=np.nan)), best
         last = LastStep(state, *solved)
         largest = _largest(last.step)
         trial = state.moved(problem.structure, last.step, into=spare)
         slow = slow + 1 if largest > _SLOW * longest else 0
         longest = largest
+        # only a step without curvature measures convergence
         ended = equations.order == 1 and largest <= options.step_tolerance
         final = ended or iteration == options.max_iterations  # then its factor is kept
         if largest <= _CURVATURE_GAIN * options.step_tolerance:
-            most = 1
+            most = 1  # the next step may be the last, which has no curvature
         elif most > 1 and slow >= _MAX_SLOW:
-            most = 1
+            most = 1  # the curvature is too large: an upper bound far above that of the residuals
             slow = 0
         ahead = None if final else problem.linearize(trial, most, equations, begin=True)
         cost = problem.cost(trial) if ahead is None else ahead.cost
+        # a full step from far away may overshoot the rotations; the next ones have to compensate
         above = 0 if cost <= lowest + _COST_ROUNDING * (1.0 + lowest) else above + 1
         stalled = most == 1 and slow >= _MAX_STALLED
         if above > _MAX_RISES or stalled or not np.isfinite(cost):
@@ -154,6 +157,7 @@ def _gauss_newton(
         progress = replace(progress, iterations=iteration, final_cost=cost)
         if options.report is not None:
             options.report(taken + iteration, cost)
+        # a short step at a higher cost than before is no minimum
         if (ended and above == 0) or iteration == options.max_iterations:
             break
         equations = ahead or problem.linearize(trial, 1, equations, begin=True)

@@ -66,20 +66,25 @@ class OuterIterations:
             )
         self._model_ranges = model_ranges
         self._loss = loss
-        r = model_ranges.ranges
+        ranges = model_ranges.ranges
         n = graph.n_variables
         self._shared = n + np.arange(-(-model_ranges.n_unknowns // SIZE))
         self._factors = cache.factors(graph)
         self.groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, self._shared)
-        ends = np.stack([r.transmitter, r.receiver], axis=1)
-        epochs = [np.unique(ends[r.epoch == e]) for e in range(int(r.epoch.max(initial=-1)) + 1)]
+        ends = np.stack([ranges.transmitter, ranges.receiver], axis=1)
+        epochs = [
+            np.unique(ends[ranges.epoch == e]) for e in range(int(ranges.epoch.max(initial=-1)) + 1)
+        ]
         cliques = [*self.groups, *(np.concatenate([e, self._shared]) for e in epochs)]
         self._structure = cache.structure(
             self._factors, n + self._shared.size, np.empty((0, 2), dtype=np.intp), cliques
         )
         self._weights = RangeWeights(model_ranges, graph["range"].variance)
-        self._rows = np.arange(r.time.size)
-        self._used, self._gated = np.ones(r.time.size, dtype=bool), np.zeros(r.time.size, dtype=int)
+        self._rows = np.arange(ranges.time.size)
+        self._used, self._gated = (
+            np.ones(ranges.time.size, dtype=bool),
+            np.zeros(ranges.time.size, dtype=int),
+        )
         self._expansion: Expansion | None = None
         self._first: tuple[Prediction, Array] | None = None
 
@@ -132,20 +137,20 @@ class OuterIterations:
         )
 
     def _ends(self, state: GraphState) -> tuple[Array, Array, Array]:
-        r = self._model_ranges.ranges
-        return state.position[r.transmitter], state.position[r.receiver], state.shared
+        ranges = self._model_ranges.ranges
+        return state.position[ranges.transmitter], state.position[ranges.receiver], state.shared
 
     def _ask(self, place: tuple[Array, Array, Array], count: int) -> Expansion | None:
         """Evaluate the model and gate links; None if nothing has changed."""
-        r = self._model_ranges.ranges
+        ranges = self._model_ranges.ranges
         a, b, u = place
-        links = r.links(a, b)
+        links = ranges.links(a, b)
         prediction, by_unknowns = self._predict(links, u)
         self._gated += self._used & ~prediction.possible
         before = self._used
         self._used = prediction.possible & (self._gated < _MAX_GATINGS)
-        residual = r.sound_speed * (
-            np.where(prediction.possible, prediction.travel_time, 0.0) - r.travel_time
+        residual = ranges.sound_speed * (
+            np.where(prediction.possible, prediction.travel_time, 0.0) - ranges.travel_time
         )
         if self._first is None:
             self._first = prediction, residual
@@ -160,7 +165,7 @@ class OuterIterations:
                 if np.count_nonzero(unsettled) <= _MAX_GATED_SHARE * np.count_nonzero(self._used):
                     self._gated[unsettled], self._used = _MAX_GATINGS, self._used & ~unsettled
         self._weights.at(links)
-        return Expansion(prediction, links, r.travel_time, u, by_unknowns)
+        return Expansion(prediction, links, ranges.travel_time, u, by_unknowns)
 
     def _predict(self, links: RangeEndpoints, unknowns: Array) -> tuple[Prediction, Array]:
         """Predict the travel times of all ranges and their derivatives by the unknowns."""

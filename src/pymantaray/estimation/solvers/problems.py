@@ -592,23 +592,25 @@ class ExpandedRanges:
         return [self._linear(t, residual, by_transmitter, by_receiver) for t in terms]
 
     def _linear(
-        self, t: EpochTerms, residual: Array, by_transmitter: Array, by_receiver: Array
+        self, terms: EpochTerms, residual: Array, by_transmitter: Array, by_receiver: Array
     ) -> LinearTerm:
-        m = t.rows.size
-        row = np.arange(t.rows.size)
-        by = np.zeros((m, len(t.variables), SIZE))
-        by[row, t.transmitter, 3:] = by_transmitter[t.rows]  # the ends of a range differ
-        by[row, t.receiver, 3:] = by_receiver[t.rows]
+        m = terms.rows.size
+        row = np.arange(terms.rows.size)
+        by = np.zeros((m, len(terms.variables), SIZE))
+        by[row, terms.transmitter, 3:] = by_transmitter[terms.rows]  # the ends of a range differ
+        by[row, terms.receiver, 3:] = by_receiver[terms.rows]
         flat = by.reshape(m, -1)
-        by_unknowns = self._expansion.by_unknowns[t.rows]
-        first = SIZE * (int(max(t.transmitter.max(), t.receiver.max())) + 1)
+        by_unknowns = self._expansion.by_unknowns[terms.rows]
+        first = SIZE * (int(max(terms.transmitter.max(), terms.receiver.max())) + 1)
         flat[:, first : first + by_unknowns.shape[1]] = by_unknowns
-        return LinearTerm(t.variables, whiten(t.root, residual[t.rows]), whiten(t.root, flat))
+        return LinearTerm(
+            terms.variables, whiten(terms.root, residual[terms.rows]), whiten(terms.root, flat)
+        )
 
     def _at(self, state: GraphState) -> tuple[Array, Array, Array]:
-        r = self._ranges
+        ranges = self._ranges
         return self._expansion(
-            state.position[r.transmitter], state.position[r.receiver], state.shared
+            state.position[ranges.transmitter], state.position[ranges.receiver], state.shared
         )
 
     def _by_epoch(self, residual: Array) -> list[Array]:
