@@ -21,10 +21,10 @@ import numpy as np
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.apps.online import Beacon, OnlineEstimator, StartPose
 from pymantaray.config import load_study
+from pymantaray.config.build.ocean import build_medium
+from pymantaray.config.build.water import mission_ocean
 from pymantaray.fleet import simulate
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
-from pymantaray.water.ocean import build_medium
-from pymantaray.water.water import mission_ocean
 
 RATE = 10  # odometry per second
 PING, DELAY, EVERY = (

@@ -172,7 +172,7 @@ def library_texts():
 
 OTHERS = {  # messages that still have options
     "acoustics/profiles.py", "apps/locate/read_obsrange.py", "apps/locate/read_table.py", "ocean/casts.py", "ocean/cf.py", "ocean/convert.py",
-    "water/uniform.py",
+    "config/build/uniform.py",
 }  # fmt: skip
 
 

@@ -9,6 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from pymantaray import open_water
 from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
 from pymantaray.apps.replay import Events, replay_events
 from pymantaray.apps.study.manifest import Stopwatch
@@ -16,7 +17,6 @@ from pymantaray.apps.study.mission import earth_note, simulate_mission
 from pymantaray.config.load import load_study
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import EarthSphere, LocalFrame
-from pymantaray.water import open_water
 
 EARTH = EarthSphere.at_latitude(78.0)
 LEVELS = np.linspace(0.0, 3000.0, 601)

@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from pymantaray import open_water
 from pymantaray.acoustics import Medium
 from pymantaray.config.load import load_study
 from pymantaray.errors import MantaRayError
 from pymantaray.records import RayStatus
 from pymantaray.sensing import ReceptionOptions, find_receptions
-from pymantaray.water import open_water
 
 GRADIENT, SPEED = 0.05, 1400.0  # 1/s, m/s at the surface
 

@@ -17,13 +17,13 @@ from pymantaray.apps.atlas import AtlasLinks
 from pymantaray.apps.atlas.column import SPLINE, column_errors, medium_at
 from pymantaray.apps.atlas.links import CONVENTIONS
 from pymantaray.config import parse_study
+from pymantaray.config.build.ocean import build_medium, build_ocean
 from pymantaray.errors import AtlasError
 from pymantaray.evaluation.ranging_error import range_errors
 from pymantaray.ocean import open_ocean
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.records import RayStatus
 from pymantaray.sensing import Landmark
-from pymantaray.water.ocean import build_medium, build_ocean
 
 PLACE = 15, 25  # row and column of the ocean
 

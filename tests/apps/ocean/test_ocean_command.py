@@ -10,6 +10,7 @@ import xarray as xr
 
 from pymantaray.apps.study.assemble import fleet_plan
 from pymantaray.config import load_study, preset_text
+from pymantaray.config.build.ocean import build_ocean
 from pymantaray.geometry import stream
 from pymantaray.ocean import (
     cast_ocean,
@@ -24,7 +25,6 @@ from pymantaray.ocean import (
 from pymantaray.ocean.corrections import correct_with_casts
 from pymantaray.ocean.schema import validate_ocean
 from pymantaray.records import write_netcdf
-from pymantaray.water.ocean import build_ocean
 
 CAST = """# drop 9, 2014-07-24/1920 UTC, lat 74.0, lon -140.0; bottom 450 m
 depth_m,temperature_degC,practical_salinity

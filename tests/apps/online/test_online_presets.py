@@ -14,10 +14,10 @@ from pymantaray.apps.online import Outcome
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.config import load_study
+from pymantaray.config.build.ocean import build_medium
 from pymantaray.estimation import Estimator, TransmitterSpeed, solve_conditions
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.sensing import perturb
-from pymantaray.water.ocean import build_medium
 
 # Largest distance between the last positions of filter and batch solution, in standard deviations
 # of the batch solution: about twice the measured 0.11, 0.01, 0.17 and 0.18, which are errors of

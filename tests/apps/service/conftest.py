@@ -10,9 +10,9 @@ from pymantaray.acoustics import Medium, Sonar
 from pymantaray.apps.service import RangingService, make_server
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.config import parse_study
+from pymantaray.config.build.ocean import build_medium
+from pymantaray.config.build.water import mission_ocean
 from pymantaray.sensing import Detector, ReceptionOptions, TwoWay
-from pymantaray.water.ocean import build_medium
-from pymantaray.water.water import mission_ocean
 
 SONAR = Sonar(source_level_db=170.0, frequency_hz=25e3, bandwidth_hz=4e3, noise=45.0)
 

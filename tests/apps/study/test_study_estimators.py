@@ -18,6 +18,7 @@ from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.realization import RealizationSolver
 from pymantaray.apps.study.store import Run
 from pymantaray.config import parse_study, preset_text, study_toml
+from pymantaray.config.build.ocean import mission_start, open_start
 from pymantaray.config.estimators import (
     CastBelief,
     ConditionSection,
@@ -57,7 +58,6 @@ from pymantaray.ocean.internal_tide import PRESSURE_GRADIENT, displaced, with_in
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.records import SolveStatus, write_netcdf
-from pymantaray.water.ocean import mission_start, open_start
 
 EXACT = {"kind": "exact"}
 PERTURBED = {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 20e3, "down_to": 300.0}

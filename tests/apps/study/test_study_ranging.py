@@ -11,14 +11,14 @@ import pytest
 from pymantaray.acoustics import Leakage, Medium, WenzNoise
 from pymantaray.apps.study import open_run
 from pymantaray.apps.study.realization import RealizationQueue, start_solver
+from pymantaray.config.build.ocean import build_currents, build_ocean
+from pymantaray.config.build.water import build_reception
 from pymantaray.config.sections import DetectionSection, RangingSection
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
 from pymantaray.jobs.pool import ProcessPool, run_tasks
 from pymantaray.records import RayStatus
 from pymantaray.sensing import ClockModel, Picker, TwoWay, perturb
-from pymantaray.water.ocean import build_currents, build_ocean
-from pymantaray.water.water import build_reception
 
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
 

@@ -8,10 +8,10 @@ import pytest
 from pymantaray.apps.study import run_study
 from pymantaray.apps.study.mission import simulate_fleet
 from pymantaray.config import load_study, parse_study, preset_text
+from pymantaray.config.build.water import mission_ocean
 from pymantaray.estimation import CONDITIONS
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
-from pymantaray.water.water import mission_ocean
 
 
 def short_survey(conditions):

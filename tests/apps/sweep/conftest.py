@@ -9,7 +9,7 @@ from factories import TINY, pool_here
 
 from pymantaray.apps.sweep import Sweep, stages
 from pymantaray.config import parse_study
-from pymantaray.water.water import mission_ocean
+from pymantaray.config.build.water import mission_ocean
 
 
 @pytest.fixture(scope="session")

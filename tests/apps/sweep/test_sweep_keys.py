@@ -30,10 +30,10 @@ from pymantaray.apps.sweep.keys import (
 )
 from pymantaray.apps.sweep.stages import _PACK, _RECORDS, _UNPACK
 from pymantaray.config import parse_study
+from pymantaray.config.build.ocean import build_medium
+from pymantaray.config.build.water import mission_ocean
 from pymantaray.installation import code_version
 from pymantaray.records.writing import netcdf_content, netcdf_groups
-from pymantaray.water.ocean import build_medium
-from pymantaray.water.water import mission_ocean
 
 MODEM = {"source_level_db": 190.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
 

@@ -19,12 +19,12 @@ from pymantaray.apps.sweep.plan import SweepPlan, SweepQueue
 from pymantaray.apps.sweep.points import stage_name
 from pymantaray.apps.sweep.tasks import SweepTask, run_task
 from pymantaray.config import parse_study
+from pymantaray.config.build.water import mission_ocean
 from pymantaray.errors import JobError
 from pymantaray.evaluation import dropout_table, error_table
 from pymantaray.jobs.pool import Pool
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.jobs.store import open_store
-from pymantaray.water.water import mission_ocean
 
 
 @pytest.fixture

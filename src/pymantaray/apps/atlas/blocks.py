@@ -15,6 +15,8 @@ from pymantaray.acoustics.medium import ice_of
 from pymantaray.apps.atlas.column import EDGE, LAND, WATER, column_errors, water_at
 from pymantaray.apps.atlas.dataset import VARIABLES, shape_of
 from pymantaray.apps.atlas.plan import Block
+from pymantaray.config.build.ocean import build_medium, build_sea_floor, is_profile, profile_fields
+from pymantaray.config.build.uniform import one_profile, with_section_ice
 from pymantaray.config.sections import OceanSection
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.longitude import whole_turns
@@ -26,8 +28,6 @@ from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
-from pymantaray.water.ocean import build_medium, build_sea_floor, is_profile, profile_fields
-from pymantaray.water.uniform import one_profile, with_section_ice
 
 _STATUS = "column_status"
 

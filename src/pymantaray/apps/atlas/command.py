@@ -146,8 +146,8 @@ def run(
     """Compute an atlas, or complete an interrupted one."""
     check_output(out.out, [".nc"], inputs=[Path(name) for name in files], force=True)
     from pymantaray.apps.atlas import Atlas, open_atlas, run_atlas, safety_table
+    from pymantaray.config.build.water import configuration_of
     from pymantaray.records.digits import counted
-    from pymantaray.water.water import configuration_of
 
     config = configuration_of(files, replace(water, time=None).keys | search.keys)
     atlas = Atlas(

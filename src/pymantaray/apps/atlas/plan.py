@@ -19,6 +19,10 @@ from pymantaray.apps.atlas.column import SPLINE
 from pymantaray.apps.atlas.links import AtlasLinks
 from pymantaray.arrays import Array
 from pymantaray.config import SoundConfig
+from pymantaray.config.build.metres import section_in_metres
+from pymantaray.config.build.ocean import is_profile
+from pymantaray.config.build.uniform import one_profile
+from pymantaray.config.build.water import Source, configuration_of
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AtlasError
 from pymantaray.geometry import LocalFrame
@@ -32,11 +36,6 @@ from pymantaray.ocean.open import FileSource, OceanIndex, ocean_index
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import GeographicWindow, rectangle, select
 from pymantaray.records.digits import counted
-from pymantaray.water import Source
-from pymantaray.water.metres import section_in_metres
-from pymantaray.water.ocean import is_profile
-from pymantaray.water.uniform import one_profile
-from pymantaray.water.water import configuration_of
 
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]
 _COLUMNS = 16  # per block and axis; 256 columns take ten seconds

@@ -178,15 +178,15 @@ def check(
 
 def _configured(words: list[str], options: GridOptions) -> "SoundConfig":
     """Configuration of an ocean, which must have currents unless an option sets them to rest."""
-    from pymantaray.water.water import configuration_of
+    from pymantaray.config.build.water import configuration_of
 
     return configuration_of(words, {"currents": "required"} | options.keys)
 
 
 def _refusals(words: list[str], options: WaterOptions) -> "list[Finding]":
     """Findings of options of ice, rays and profiles, which only the water itself has."""
+    from pymantaray.config.build.water import open_water
     from pymantaray.ocean.schema import Finding
-    from pymantaray.water import open_water
 
     try:
         open_water(words, **{"currents": "required"} | options.keys)
@@ -197,11 +197,11 @@ def _refusals(words: list[str], options: WaterOptions) -> "list[Finding]":
 
 def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
     """Check the ocean of a configuration, with its domain and sea floor."""
+    from pymantaray.config.build.metres import section_in_metres
+    from pymantaray.config.build.ocean import build_ocean, build_sea_floor, is_profile, open_start
     from pymantaray.ocean import check_ocean
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.schema import Finding
-    from pymantaray.water.metres import section_in_metres
-    from pymantaray.water.ocean import build_ocean, build_sea_floor, is_profile, open_start
 
     section = config.ocean
     if section_in_metres(section):
@@ -229,10 +229,10 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     Print extent, levels, time, ranges of each variable and history of an ocean, or the levels of
     profiles.
     """
+    from pymantaray.config.build.metres import section_in_metres
+    from pymantaray.config.build.ocean import build_ocean, is_profile
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
-    from pymantaray.water.metres import section_in_metres
-    from pymantaray.water.ocean import build_ocean, is_profile
 
     config = _configured(files, water)
     section = config.ocean
@@ -271,8 +271,8 @@ def _times(section: "OceanSection") -> "Sequence[np.datetime64]":
     """Known instants of an ocean; none for a profile."""
     import numpy as np
 
+    from pymantaray.config.build.ocean import is_profile
     from pymantaray.ocean import ocean_times
-    from pymantaray.water.ocean import is_profile
 
     if is_profile(section):
         return []
@@ -298,9 +298,9 @@ def _show_profiles(section: "OceanSection", out: "Printer") -> None:
     """Print the levels of profiles, which need no sea bed here."""
     import pandas as pd
 
+    from pymantaray.config.build.uniform import read_section_profiles
     from pymantaray.ocean.schema import place_text
     from pymantaray.records.result_table import ResultTable
-    from pymantaray.water.uniform import read_section_profiles
 
     profiles = read_section_profiles(section)
     shown = []
@@ -654,7 +654,7 @@ def perturb(
 
 def _fields(section: "OceanSection") -> "xr.Dataset":
     """Temperature, salinity and currents of an ocean in its domain."""
-    from pymantaray.water.ocean import is_profile
+    from pymantaray.config.build.ocean import is_profile
 
     if section.bathymetry is not None and not is_profile(section):
         raise OceanError(
@@ -667,7 +667,7 @@ def _fields(section: "OceanSection") -> "xr.Dataset":
 
 def _domain(section: "OceanSection") -> "tuple[xr.Dataset, xr.DataArray | None]":
     """Ocean and sea floor of a section, in its domain."""
-    from pymantaray.water.ocean import at_domain, build_sea_floor, open_start
+    from pymantaray.config.build.ocean import at_domain, build_sea_floor, open_start
 
     ocean = at_domain(section, open_start(section))
     return ocean, build_sea_floor(section, ocean)

@@ -14,11 +14,11 @@ from pymantaray.apps.study.runner import refuse_too_large
 from pymantaray.apps.study.store import Run, run_in_memory
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, task_keys
 from pymantaray.config import StudyConfig
+from pymantaray.config.build.ocean import OceanFields, build_medium, open_start
+from pymantaray.config.build.water import mission_ocean
 from pymantaray.geometry import stream
 from pymantaray.ocean import perturb_ocean
 from pymantaray.records import Trajectories
-from pymantaray.water.ocean import OceanFields, build_medium, open_start
-from pymantaray.water.water import mission_ocean
 
 _KEPT = 8  # waters, and trajectories of fleets, in memory
 

@@ -12,6 +12,8 @@ from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import Run, run_in_memory
 from pymantaray.apps.study.tracks import centre_note, with_tracks
+from pymantaray.config.build.water import Source as WaterSource
+from pymantaray.config.build.water import source_words
 from pymantaray.config.common import IN_MEMORY
 from pymantaray.config.keys import with_key
 from pymantaray.config.load import load_sound, parse_study
@@ -24,8 +26,6 @@ from pymantaray.exchange.read import Source
 from pymantaray.jobs.progress import Progress
 from pymantaray.records import Trajectories
 from pymantaray.sensing import PingSchedule, Schedule
-from pymantaray.water import Source as WaterSource
-from pymantaray.water.water import source_words
 
 
 def measure(

@@ -4,16 +4,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.apps.study.tracks import read_fleet
+from pymantaray.config.build.metres import section_in_metres
+from pymantaray.config.build.ocean import OceanFields, build_ocean, local_ocean, open_geographic
 from pymantaray.config.sections import StudyConfig
 from pymantaray.fleet.simulation import fleet_refusals
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.boundary import BoundarySurface
+from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.schema import Finding
 from pymantaray.records import Trajectories
 from pymantaray.sensing import Schedule
-from pymantaray.water.instants import utc_instant
-from pymantaray.water.metres import section_in_metres
-from pymantaray.water.ocean import OceanFields, build_ocean, local_ocean, open_geographic
 
 
 def gnss_depth(

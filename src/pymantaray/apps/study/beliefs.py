@@ -15,6 +15,17 @@ from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
+from pymantaray.config.build.metres import file_in_metres, read_file_in_metres, section_in_metres
+from pymantaray.config.build.ocean import (
+    OceanFields,
+    build_ocean,
+    build_sea_floor,
+    local_ocean,
+    mission_start,
+    open_start,
+    with_tide,
+)
+from pymantaray.config.build.water import build_reception, mission_ocean
 from pymantaray.config.common import own_files
 from pymantaray.config.estimators import (
     AnyBelief,
@@ -49,6 +60,7 @@ from pymantaray.ocean import (
     vertical_modes,
 )
 from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.local import TensorSpline
 from pymantaray.ocean.metres import ocean_in_metres
 from pymantaray.ocean.perturb import draw_sound_speed_error
@@ -56,18 +68,6 @@ from pymantaray.ocean.window import Window
 from pymantaray.quantities.checks import distinct_digits
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.sensing import ReceptionOptions
-from pymantaray.water.instants import utc_instant
-from pymantaray.water.metres import file_in_metres, read_file_in_metres, section_in_metres
-from pymantaray.water.ocean import (
-    OceanFields,
-    build_ocean,
-    build_sea_floor,
-    local_ocean,
-    mission_start,
-    open_start,
-    with_tide,
-)
-from pymantaray.water.water import build_reception, mission_ocean
 
 _DOMAIN = ("centre_lat", "centre_lon", "half_extent_north", "half_extent_east")
 

@@ -9,6 +9,7 @@ from pymantaray.apps.study.beliefs import Beliefs
 from pymantaray.apps.study.range_models import build_range_model
 from pymantaray.apps.study.store import Run
 from pymantaray.apps.study.true_unknowns import true_amplitudes, true_clocks
+from pymantaray.config.build.ocean import OceanFields
 from pymantaray.config.estimators import (
     AnyRangeModel,
     ConditionSection,
@@ -22,7 +23,6 @@ from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.range_models.ray_uncertainty import RayUncertainty
-from pymantaray.water.ocean import OceanFields
 
 
 class EstimatorFactory:

@@ -18,6 +18,8 @@ from pymantaray.apps.study.assemble import (
 )
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.tracks import read_fleet, sample_tracks
+from pymantaray.config.build.ocean import OceanFields, build_currents, build_medium, mission_start
+from pymantaray.config.build.water import build_reception, mission_ocean
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import MantaRayError, StudyError
 from pymantaray.exchange import Tracks
@@ -39,8 +41,6 @@ from pymantaray.sensing import (
     measure_ranges,
 )
 from pymantaray.sensing.transmission import EarlierLinks
-from pymantaray.water.ocean import OceanFields, build_currents, build_medium, mission_start
-from pymantaray.water.water import build_reception, mission_ocean
 
 if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run

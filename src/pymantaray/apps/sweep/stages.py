@@ -17,6 +17,8 @@ from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS, stage_config
 from pymantaray.apps.sweep.points import stage_name
 from pymantaray.config import StudyConfig
+from pymantaray.config.build.ocean import OceanFields, build_medium, is_profile
+from pymantaray.config.build.water import mission_ocean
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.jobs.store import Store, failure_content, read_valid
 from pymantaray.records import Arrivals, RangingTruth, Trajectories
@@ -24,8 +26,6 @@ from pymantaray.records.base import Record
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.sensing import Links, Ranging, Receptions
 from pymantaray.sensing.schedule import Attempts
-from pymantaray.water.ocean import OceanFields, build_medium, is_profile
-from pymantaray.water.water import mission_ocean
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
 """Latest result of each stage in this process, with its key and the time of its computation. [s]"""

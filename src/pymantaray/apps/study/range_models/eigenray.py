@@ -6,11 +6,11 @@ amplitude.
 from functools import partial
 
 from pymantaray.apps.study.beliefs import Beliefs
+from pymantaray.config.build.ocean import build_currents, medium_around
 from pymantaray.config.estimators import EigenrayRangeModel, varies
 from pymantaray.estimation import RangeModel
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.range_models.varying_eigenrays import VaryingEigenrays
-from pymantaray.water.ocean import build_currents, medium_around
 
 
 def build(section: EigenrayRangeModel, beliefs: Beliefs, realization: int) -> RangeModel:

@@ -11,7 +11,7 @@ import xarray as xr
 from authors_files import FLOOR, X, Y, Z, arrays, currents, sound_speed, write_environment
 from refusals import refused
 
-from pymantaray import find_eigenrays, load_study, measure, simulate
+from pymantaray import find_eigenrays, load_study, measure, open_water, simulate
 from pymantaray.acoustics import Medium
 from pymantaray.apps.atlas import Atlas
 from pymantaray.apps.study.manifest import Stopwatch
@@ -20,7 +20,6 @@ from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.fleet import Drifting, Vehicle
 from pymantaray.ocean.environment import environment_arrays, read_environment
 from pymantaray.records import Trajectories
-from pymantaray.water import open_water
 
 PLACE = np.array([[1200.0, -3300.0, 120.0], [-900.0, 5000.0, 1700.0]])  # north, east, depth
 

@@ -18,7 +18,7 @@ from pymantaray.ocean.metres import (
     read_metres,
     with_flat_floor,
 )
-from pymantaray.water.instants import utc_instant
+from pymantaray.ocean.instants import utc_instant
 
 _WITHOUT_MEANING = (
     "names",

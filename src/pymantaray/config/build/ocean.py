@@ -34,9 +34,9 @@ from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_in
 from pymantaray.ocean.open import Source
 from pymantaray.ocean.schema import reading_notes
 from pymantaray.user_files import exists
-from pymantaray.water.instants import utc_instant
-from pymantaray.water.metres import local_of, metres_of, section_in_metres
-from pymantaray.water.uniform import (
+from pymantaray.ocean.instants import utc_instant
+from pymantaray.config.build.metres import local_of, metres_of, section_in_metres
+from pymantaray.config.build.uniform import (
     columns_spread,
     geographic_of,
     one_profile,
@@ -45,7 +45,7 @@ from pymantaray.water.uniform import (
     uniform_water,
     with_section_ice,
 )
-from pymantaray.water.varying import series_of, snapshot_at
+from pymantaray.ocean.varying import series_of, snapshot_at
 
 _MARGIN_COLUMNS = 24  # the effect of a spline's end decreases by 0.27 from column to column
 

@@ -22,7 +22,7 @@ from pymantaray.ocean.local import assemble_local
 from pymantaray.ocean.sea_floor import local_floor
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import Window
-from pymantaray.water.instants import utc_instant
+from pymantaray.ocean.instants import utc_instant
 
 UNBOUNDED = 1e6
 """Default half side of the domain of a profile. [m]"""

@@ -21,7 +21,7 @@ from pymantaray.config.parse import parse
 from pymantaray.errors import AcousticsError, WaterError
 from pymantaray.geometry import LocalFrame
 from pymantaray.sensing import OneWay, ReceptionOptions, Timing
-from pymantaray.water.ocean import (
+from pymantaray.config.build.ocean import (
     OceanFields,
     build_currents,
     build_medium,
@@ -30,7 +30,7 @@ from pymantaray.water.ocean import (
     mission_start,
     profile_fields,
 )
-from pymantaray.water.uniform import label, read_section_profiles
+from pymantaray.config.build.uniform import label, read_section_profiles
 
 Source = SoundConfig | Medium | xr.Dataset | str | Path | Sequence[str | Path]
 """
