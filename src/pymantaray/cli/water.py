@@ -8,7 +8,7 @@ from pymantaray.errors import WaterError
 
 if TYPE_CHECKING:
     from pymantaray.acoustics.medium import Interpolation
-    from pymantaray.config.build.water import Water
+    from pymantaray.sensing.water import Water
 
 
 OF_THE_SOURCE = {

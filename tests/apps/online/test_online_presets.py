@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from onboard import feed, fleet_calls, fleet_estimator
 
+from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.online import Outcome
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.config import load_study
-from pymantaray.config.build.ocean import build_medium
 from pymantaray.estimation import Estimator, TransmitterSpeed, solve_conditions
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.sensing import perturb

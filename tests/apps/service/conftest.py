@@ -7,10 +7,10 @@ import pytest
 from factories import TINY
 
 from pymantaray.acoustics import Medium, Sonar
+from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.service import RangingService, make_server
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.config import parse_study
-from pymantaray.config.build.ocean import build_medium
 from pymantaray.config.build.water import mission_ocean
 from pymantaray.sensing import Detector, ReceptionOptions, TwoWay
 

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from pymantaray.acoustics import Leakage, Medium, WenzNoise
+from pymantaray.acoustics.ocean_fields import build_currents
 from pymantaray.apps.study import open_run
 from pymantaray.apps.study.realization import RealizationQueue, start_solver
-from pymantaray.config.build.ocean import build_currents, build_ocean
+from pymantaray.config.build.ocean import build_ocean
 from pymantaray.config.build.water import build_reception
 from pymantaray.config.sections import DetectionSection, RangingSection
 from pymantaray.errors import StudyError

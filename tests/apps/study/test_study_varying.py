@@ -14,17 +14,17 @@ import xarray as xr
 from factories import assert_same
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.apps.study import open_run, run_study
-from pymantaray.apps.study.estimators import EstimatorFactory
-from pymantaray.apps.study.explore import PageLinks, mission_rays
-from pymantaray.apps.study.figures.register import RunResults
-from pymantaray.config.build.ocean import (
+from pymantaray.acoustics.ocean_fields import (
     OceanFields,
     build_currents,
     build_medium,
     medium_around,
-    mission_start,
 )
+from pymantaray.apps.study import open_run, run_study
+from pymantaray.apps.study.estimators import EstimatorFactory
+from pymantaray.apps.study.explore import PageLinks, mission_rays
+from pymantaray.apps.study.figures.register import RunResults
+from pymantaray.config.build.ocean import mission_start
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import solve_conditions
 from pymantaray.fleet import simulate

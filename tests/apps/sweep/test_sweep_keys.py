@@ -17,6 +17,7 @@ import xarray as xr
 from factories import TINY
 
 import pymantaray
+from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.apps.sweep.keys import (
     FLEET,
@@ -30,7 +31,6 @@ from pymantaray.apps.sweep.keys import (
 )
 from pymantaray.apps.sweep.stages import _PACK, _RECORDS, _UNPACK
 from pymantaray.config import parse_study
-from pymantaray.config.build.ocean import build_medium
 from pymantaray.config.build.water import mission_ocean
 from pymantaray.installation import code_version
 from pymantaray.records.writing import netcdf_content, netcdf_groups

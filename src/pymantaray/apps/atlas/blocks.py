@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.medium import ice_of
+from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.atlas.column import EDGE, LAND, WATER, column_errors, water_at
 from pymantaray.apps.atlas.dataset import VARIABLES, shape_of
 from pymantaray.apps.atlas.plan import Block
-from pymantaray.config.build.ocean import build_medium, build_sea_floor, is_profile, profile_fields
+from pymantaray.config.build.ocean import build_sea_floor, is_profile, profile_fields
 from pymantaray.config.build.uniform import one_profile, with_section_ice
 from pymantaray.config.sections import OceanSection
 from pymantaray.geometry.boundary import BoundarySurface

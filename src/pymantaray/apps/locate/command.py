@@ -32,9 +32,9 @@ if TYPE_CHECKING:
 
     from pymantaray.acoustics import Medium
     from pymantaray.apps.locate import Location, Survey
-    from pymantaray.config.build.water import Water
     from pymantaray.geometry import EarthSphere, LocalFrame
     from pymantaray.ocean.modes import VerticalModes
+    from pymantaray.sensing.water import Water
 
 _BED_FACTOR = 1.2  # default depth of the sea bed over the depth of the deepest prior position
 _MAX_LISTED = 10  # unused pings

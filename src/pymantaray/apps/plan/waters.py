@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from pymantaray.acoustics import Medium
+from pymantaray.acoustics.ocean_fields import OceanFields, build_medium
 from pymantaray.apps.plan.definition import DeploymentPlan, Design
 from pymantaray.apps.plan.solved_links import SolvedLinks
 from pymantaray.apps.study.mission import assemble_mission, range_fleet, simulate_fleet
@@ -14,7 +15,7 @@ from pymantaray.apps.study.runner import refuse_too_large
 from pymantaray.apps.study.store import Run, run_in_memory
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, task_keys
 from pymantaray.config import StudyConfig
-from pymantaray.config.build.ocean import OceanFields, build_medium, open_start
+from pymantaray.config.build.ocean import open_start
 from pymantaray.config.build.water import mission_ocean
 from pymantaray.geometry import stream
 from pymantaray.ocean import perturb_ocean

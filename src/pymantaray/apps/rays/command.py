@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 
     from pymantaray.acoustics import Medium
     from pymantaray.apps.rays.tables import TracedRays
-    from pymantaray.config.build.water import Water
     from pymantaray.records import Arrivals
     from pymantaray.records.text_table import TextTable
+    from pymantaray.sensing.water import Water
 
     Array = NDArray[np.float64]
 

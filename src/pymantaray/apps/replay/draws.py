@@ -14,12 +14,12 @@ from pymantaray.apps.replay.events import Events
 from pymantaray.apps.replay.rules import Choice, DetectionRule, first_picks, predicted_columns
 from pymantaray.apps.replay.water import choose_water, ends_of, instants_in
 from pymantaray.arrays import Array
-from pymantaray.config.build.water import Water
 from pymantaray.errors import ReplayError
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
 from pymantaray.sensing import Detector, Transmission, find_receptions
 from pymantaray.sensing.receptions import Direction
+from pymantaray.sensing.water import Water
 
 Rows = NDArray[np.int64]
 _MIN_DRAW_SHARE = 0.5  # of the draws, for a candidate that a rule without a mixture takes

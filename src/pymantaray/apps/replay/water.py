@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from pymantaray.apps.replay.events import Events
 from pymantaray.arrays import Array
-from pymantaray.config.build.water import Water
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import EarthSphere, LocalFrame
 from pymantaray.geometry.frames import ELLIPSOID
+from pymantaray.sensing.water import Water
 
 
 def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:

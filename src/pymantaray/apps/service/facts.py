@@ -6,9 +6,9 @@ import numpy as np
 
 from pymantaray.acoustics import Medium
 from pymantaray.arrays import Array
-from pymantaray.config.build.water import Water
 from pymantaray.errors import ServiceError
 from pymantaray.sensing import TwoWay
+from pymantaray.sensing.water import Water
 
 
 def require_place(medium: Medium, name: str, place: Array) -> None:

@@ -8,11 +8,11 @@ import numpy as np
 
 from pymantaray.acoustics import Medium
 from pymantaray.arrays import Array
-from pymantaray.config.build.water import Water
 from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing import Receptions, TwoWay, find_receptions
 from pymantaray.sensing.exchanges import exchange_times, exchange_values, selected_exchanges
+from pymantaray.sensing.water import Water
 
 _INSTANTS = 4  # number of waters in memory; that of a basin takes 15 MB
 

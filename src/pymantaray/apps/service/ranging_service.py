@@ -23,11 +23,12 @@ from pymantaray.apps.service.ping import Participants, Ping, Pinger
 from pymantaray.apps.study.tracks import with_tracks
 from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig
-from pymantaray.config.build.water import Source, Water, configuration_of, open_water
+from pymantaray.config.build.water import Source, configuration_of, open_water
 from pymantaray.errors import ServiceError
 from pymantaray.jobs.processes import WorkerEndedError, Workers
 from pymantaray.quantities.checks import check_number
 from pymantaray.sensing import ReceptionOptions, Timing, TwoWay
+from pymantaray.sensing.water import Water
 
 ArgumentT = TypeVar("ArgumentT")
 ResultT = TypeVar("ResultT")

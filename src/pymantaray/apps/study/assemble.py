@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.tracks import read_fleet
 from pymantaray.config.build.metres import section_in_metres
-from pymantaray.config.build.ocean import OceanFields, build_ocean, local_ocean, open_geographic
+from pymantaray.config.build.ocean import build_ocean, local_ocean, open_geographic
 from pymantaray.config.sections import StudyConfig
 from pymantaray.fleet.simulation import fleet_refusals
 from pymantaray.geometry import LocalFrame

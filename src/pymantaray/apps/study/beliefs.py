@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
-from pymantaray.config.build.metres import file_in_metres, read_file_in_metres, section_in_metres
+from pymantaray.config.build.metres import section_in_metres
 from pymantaray.config.build.ocean import (
-    OceanFields,
     build_ocean,
     build_sea_floor,
     local_ocean,
@@ -62,7 +62,7 @@ from pymantaray.ocean import (
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.local import TensorSpline
-from pymantaray.ocean.metres import ocean_in_metres
+from pymantaray.ocean.metres import file_in_metres, ocean_in_metres, read_file_in_metres
 from pymantaray.ocean.perturb import draw_sound_speed_error
 from pymantaray.ocean.window import Window
 from pymantaray.quantities.checks import distinct_digits

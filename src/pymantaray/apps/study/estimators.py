@@ -5,11 +5,11 @@ configuration.
 
 from typing import Literal
 
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.beliefs import Beliefs
 from pymantaray.apps.study.range_models import build_range_model
 from pymantaray.apps.study.store import Run
 from pymantaray.apps.study.true_unknowns import true_amplitudes, true_clocks
-from pymantaray.config.build.ocean import OceanFields
 from pymantaray.config.estimators import (
     AnyRangeModel,
     ConditionSection,

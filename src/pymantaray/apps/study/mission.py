@@ -11,6 +11,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, ray_picture, select
+from pymantaray.acoustics.ocean_fields import OceanFields, build_currents, build_medium
 from pymantaray.apps.study.assemble import (
     altitude,
     build_schedule,
@@ -18,7 +19,7 @@ from pymantaray.apps.study.assemble import (
 )
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.tracks import read_fleet, sample_tracks
-from pymantaray.config.build.ocean import OceanFields, build_currents, build_medium, mission_start
+from pymantaray.config.build.ocean import mission_start
 from pymantaray.config.build.water import build_reception, mission_ocean
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import MantaRayError, StudyError

@@ -13,11 +13,12 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import Medium
+from pymantaray.acoustics.ocean_fields import OceanFields, build_medium
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS, stage_config
 from pymantaray.apps.sweep.points import stage_name
 from pymantaray.config import StudyConfig
-from pymantaray.config.build.ocean import OceanFields, build_medium, is_profile
+from pymantaray.config.build.ocean import is_profile
 from pymantaray.config.build.water import mission_ocean
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.jobs.store import Store, failure_content, read_valid

@@ -11,6 +11,8 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.environment import is_environment, read_environment
 from pymantaray.ocean.metres import (
+    file_in_metres,
+    read_file_in_metres,
     cropped,
     holds_metres,
     is_in_metres,
@@ -36,14 +38,8 @@ def section_in_metres(section: OceanSection) -> bool:
     return len(section.source) == 1 and file_in_metres(section.source[0])
 
 
-def file_in_metres(path: str) -> bool:
-    """True if a file has water in metres."""
-    return is_environment(path) or holds_metres(path)
 
 
-def read_file_in_metres(path: str) -> xr.Dataset:
-    """Read a file with water in metres."""
-    return read_environment(path) if is_environment(path) else read_metres(path)
 
 
 def metres_of(section: OceanSection, data: xr.Dataset | None) -> xr.Dataset | None:

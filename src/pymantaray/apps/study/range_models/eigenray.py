@@ -5,8 +5,8 @@ amplitude.
 
 from functools import partial
 
+from pymantaray.acoustics.ocean_fields import build_currents, medium_around
 from pymantaray.apps.study.beliefs import Beliefs
-from pymantaray.config.build.ocean import build_currents, medium_around
 from pymantaray.config.estimators import EigenrayRangeModel, varies
 from pymantaray.estimation import RangeModel
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
