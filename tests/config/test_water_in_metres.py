@@ -16,6 +16,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.atlas import Atlas
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
+from pymantaray.config.build.study import build_study
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.fleet import Drifting, Vehicle
 from pymantaray.ocean.environment import environment_arrays, read_environment
@@ -148,7 +149,7 @@ def test_a_study_runs_in_water_in_metres(tmp_path):
     }
     for source in (path, dataset()):
         config = load_study("quick", ocean=source, **keys)
-        mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+        mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
         c = sound_speed(0.0, 0.0, 50.0)
         assert mission.measurements.transmitter_sound_speed[0] == pytest.approx(c, abs=1e-9)
     assert (

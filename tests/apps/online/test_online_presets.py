@@ -15,6 +15,7 @@ from pymantaray.apps.online import Outcome
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.config import load_study
+from pymantaray.config.build.study import build_study
 from pymantaray.estimation import Estimator, TransmitterSpeed, solve_conditions
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.sensing import perturb
@@ -32,7 +33,7 @@ def simulated(preset):
     realization.
     """
     config = load_study(preset)
-    mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+    mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
     noisy = perturb(
         mission.measurements,
         root_seed=config.study.seed,

@@ -51,10 +51,11 @@ def test_data_of_a_study_flows_one_way_and_reaches_every_stage():
     assert {target for _, target, _ in between} == set(names) - {"mission_ocean"}
     for folder, _, function in STAGES:
         homes = {
-            "ocean": "water",
-            "fleet": "study",
-            "acoustics": "study",
-        }  # stages that study puts together from these folders
+            "ocean": "config",
+            "fleet": "apps",
+            "water": "acoustics",
+            "acoustics": "apps",
+        }  # stages that others put together from these folders
         assert function.__module__.split(".")[1] == homes.get(folder, folder)
 
 

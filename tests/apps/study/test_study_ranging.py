@@ -13,7 +13,7 @@ from pymantaray.acoustics.ocean_fields import build_currents
 from pymantaray.apps.study import open_run
 from pymantaray.apps.study.realization import RealizationQueue, start_solver
 from pymantaray.config.build.ocean import build_ocean
-from pymantaray.config.build.water import build_reception
+from pymantaray.config.build.sound import build_sound
 from pymantaray.config.sections import DetectionSection, RangingSection
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
@@ -49,7 +49,7 @@ def test_sections_become_what_ranging_takes(tiny):
     currents = build_currents(ocean)
     np.testing.assert_array_equal(currents.velocity[..., 0], ocean.local["current_north"].values)
     np.testing.assert_array_equal(currents.velocity[..., 1], ocean.local["current_east"].values)
-    reception = build_reception(config, ocean)
+    reception = build_sound(config).reception(ocean)
     detector = reception.detector
     assert detector.sonar.noise == WenzNoise(wind_speed=12.0, shipping=0.5)
     assert (detector.surface.wind_speed, detector.surface.model) == (12.0, "coherent")

@@ -21,9 +21,9 @@ from pymantaray.acoustics.ocean_fields import (
     medium_around,
 )
 from pymantaray.apps.study import open_run, run_study
-from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.explore import PageLinks, mission_rays
 from pymantaray.apps.study.figures.register import RunResults
+from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.config.build.ocean import mission_start
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import solve_conditions

@@ -14,7 +14,7 @@ from pymantaray.apps.study.store import Run, open_run
 from pymantaray.arrays import Array
 from pymantaray.config.authors import LETTERS, REFLECTED
 from pymantaray.config.authors_holds import counted_steps, extra_steps
-from pymantaray.config.build.water import mission_ocean
+from pymantaray.config.build.ocean import mission_ocean
 from pymantaray.config.fleet import DriftingVehicle, FloatVehicle, StationVehicle, TwistVehicle
 from pymantaray.config.load import load_study
 from pymantaray.config.sections import StudyConfig

@@ -148,19 +148,21 @@ def check(
         if findings.ok and water.own_keys:
             findings = Findings([*_refusals(files or [], water), *findings])
     else:
-        from pymantaray.apps.study.assemble import fleet_findings, fleet_plan
-        from pymantaray.apps.study.tracks import with_tracks
+        from pymantaray.apps.study.assemble import fleet_findings
         from pymantaray.config import load_study
+        from pymantaray.config.build.fleet import with_tracks
+        from pymantaray.config.build.study import build_study
         from pymantaray.config.options import dotted_keys
 
         # these files replace the study's ocean, as in `study run --ocean`
         config = with_tracks(
             load_study(study, ocean=files or None, **dotted_keys(water.keys), **changes_of(changes))
         )
-        moved = bool(config.fleet.trajectories)
-        findings = _checked(config, fleet=fleet_plan(config), existing_trajectories=moved)
+        mission = build_study(config)
+        moved = mission.fleet.existing is not None
+        findings = _checked(config, fleet=mission.planned, existing_trajectories=moved)
         if findings.ok and not moved:
-            findings = Findings([*fleet_findings(config), *findings])
+            findings = Findings([*fleet_findings(mission), *findings])
     with printer(as_json=as_json) as out:
         if note:
             out.line(note)

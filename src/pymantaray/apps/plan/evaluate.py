@@ -12,10 +12,10 @@ from threadpoolctl import threadpool_limits
 
 from pymantaray.apps.plan.definition import CostSection, DeploymentPlan, Design
 from pymantaray.apps.plan.waters import Missions
-from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig
+from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.config.estimators import CastBelief
 from pymantaray.errors import MantaRayError, PlanError
 from pymantaray.estimation import GraphSolver, solve_conditions

@@ -11,7 +11,9 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import Run, run_in_memory
-from pymantaray.apps.study.tracks import centre_note, with_tracks
+from pymantaray.apps.study.tracks import centre_note
+from pymantaray.config.build.fleet import with_tracks
+from pymantaray.config.build.study import build_study
 from pymantaray.config.build.water import Source as WaterSource
 from pymantaray.config.build.water import source_words
 from pymantaray.config.common import IN_MEMORY
@@ -86,9 +88,10 @@ def measure(
     mission = dict(options.pop("mission", {}))
     mission |= keys_of_schedule(schedule)
     files = list(dict.fromkeys(p.file for p in trajectories.poses))
-    config = with_tracks(ranges_config(files, ocean, mission=mission, **options), trajectories)
+    config = ranges_config(files, ocean, mission=mission, **options)
+    study = build_study(with_tracks(config, trajectories))
     out = simulate_mission(
-        config,
+        study,
         Stopwatch(),
         progress or (lambda *_: None),
         tracks=trajectories,
@@ -96,10 +99,10 @@ def measure(
         data=ocean if isinstance(ocean, xr.Dataset) else None,
     )
     attrs = out.ocean.local.attrs
-    note = centre_note(config, attrs, trajectories)
+    note = centre_note(study.ocean.centre, attrs, trajectories)
     if note:
         logging.getLogger(__name__).warning(note)
-    return run_in_memory(config, out)
+    return run_in_memory(study, out)
 
 
 def ranges_config(

@@ -20,9 +20,9 @@ from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.solving import as_positions
 from pymantaray.apps.service.facts import require_place
 from pymantaray.apps.service.ping import Participants, Ping, Pinger
-from pymantaray.apps.study.tracks import with_tracks
 from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig
+from pymantaray.config.build.fleet import with_tracks
 from pymantaray.config.build.water import Source, configuration_of, open_water
 from pymantaray.errors import ServiceError
 from pymantaray.jobs.processes import WorkerEndedError, Workers

@@ -80,8 +80,8 @@ def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
     Print all keys of a preset or a file with their descriptions; keys at their defaults are
     commented out.
     """
-    from pymantaray.apps.study.tracks import with_tracks
     from pymantaray.config import load_study
+    from pymantaray.config.build.fleet import with_tracks
     from pymantaray.config.text import commented_toml
 
     config = with_tracks(load_study(study, **changes_of(changes)))

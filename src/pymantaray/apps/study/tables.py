@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from pymantaray.apps.study.influence import influence_table
-from pymantaray.apps.study.settings import NOISE, TIMING, settings_table
+from pymantaray.config.settings import NOISE, TIMING, settings_table
 from pymantaray.estimation import CONDITIONS
 from pymantaray.evaluation import (
     attitude_table,

@@ -1,5 +1,6 @@
 """The ocean of a section: fields over a mission, local ocean, sea floor and start."""
 
+from dataclasses import dataclass
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import partial
@@ -16,7 +17,7 @@ from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.acoustics.profiles import Profile
 from pymantaray.config.estimators import InternalTideSection
-from pymantaray.config.sections import OceanSection
+from pymantaray.config.sections import OceanSection, SoundConfig
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.geometry.sphere import Earth
 from pymantaray.ocean import (
@@ -32,6 +33,7 @@ from pymantaray.ocean import (
     window_of,
 )
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_internal_tide
+from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.open import Source
 from pymantaray.ocean.schema import reading_notes
 from pymantaray.ocean.summary import columns_spread, profile_region, profile_spread
@@ -44,6 +46,78 @@ from pymantaray.ocean.varying import series_of, snapshot_at
 
 
 
+
+
+@dataclass(frozen=True, eq=False)
+class MissionOcean:
+    """Ocean of a mission before it is opened."""
+
+    section: OceanSection
+    duration: float
+    """Time over which it varies; 0 if it is constant. [s]"""
+
+    def open(
+        self, interpolation: Interpolation = "smooth", data: xr.Dataset | None = None
+    ) -> OceanFields:
+        """
+        Fields of the ocean, or of one in memory, over the mission; a thinned profile depends on the
+        interpolation.
+        """
+        return build_ocean(self.section, self.duration, interpolation=interpolation, data=data)
+
+    def geographic_start(self) -> xr.Dataset:
+        """Geographic ocean at the start; for a cast, horizontally uniform."""
+        return open_start(self.section)
+
+    def local_start(self) -> xr.Dataset:
+        """Local ocean at the start, without the checks of a domain's spread."""
+        if section_in_metres(self.section):
+            return build_ocean(self.section, 0.0).local
+        geographic = open_start(self.section)
+        return local_ocean(self.section, geographic, build_sea_floor(self.section, geographic))
+
+    @property
+    def source(self) -> tuple[str, ...]:
+        """Files, a profile, or the name of a synthetic ocean."""
+        return self.section.source
+
+    @property
+    def time_varying(self) -> bool:
+        """True if the source varies during the mission."""
+        return self.section.time_varying
+
+    @property
+    def is_profile(self) -> bool:
+        """True if the source is a profile or cast."""
+        return is_profile(self.section)
+
+    @property
+    def own_ice(self) -> bool:
+        """True if each realization has its own draw of rough ice."""
+        return self.section.ice_draw == "each"
+
+    @property
+    def centre(self) -> tuple[float, float] | None:
+        """Latitude and longitude of the frame's centre; None for the data's middle. [degrees]"""
+        return self.section.centre
+
+    @property
+    def equation(self) -> Equation:
+        """Equation of sound speed."""
+        return self.section.equation
+
+
+def build_mission_ocean(config: SoundConfig) -> MissionOcean:
+    """Ocean of a configuration over the duration of its mission if it varies."""
+    varies = config.ocean.time_varying
+    return MissionOcean(config.ocean, config.mission.duration_h * 3600.0 if varies else 0.0)
+
+
+def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanFields:
+    """
+    Build the ocean of a configuration, or in memory, over the duration of its mission if it varies.
+    """
+    return build_mission_ocean(config).open(config.acoustics.interpolation, data)
 
 
 def build_ocean(
@@ -180,12 +254,6 @@ def open_start(section: OceanSection) -> xr.Dataset:
     if is_profile(section):
         return geographic_of(section, one_profile(section))
     return _open(section, 0.0, None)[0][0]
-
-
-def open_geographic(section: OceanSection) -> tuple[xr.Dataset, xr.DataArray | None]:
-    """Open the geographic ocean at a study's start, and its sea floor if it has one. [m]"""
-    geographic = open_start(section)
-    return geographic, build_sea_floor(section, geographic)
 
 
 def mission_start(section: OceanSection, data: xr.Dataset | None = None) -> np.datetime64:

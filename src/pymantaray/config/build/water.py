@@ -14,6 +14,8 @@ from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.profiles import Profile, only_one
 from pymantaray.arrays import Array
 from pymantaray.config import SoundConfig
+from pymantaray.config.build.ocean import mission_ocean
+from pymantaray.config.build.sound import build_sound
 from pymantaray.config.common import IN_MEMORY
 from pymantaray.config.load import load_sound
 from pymantaray.config.options import dotted_keys, names_configuration
@@ -131,26 +133,6 @@ def water_of(config: SoundConfig, ocean: OceanFields | None = None) -> Water:
     return _assembled(config, mission_ocean(config) if ocean is None else ocean)
 
 
-def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanFields:
-    """
-    Build the ocean of a configuration, or in memory, over the duration of its mission if it varies.
-    """
-    section = config.ocean
-    duration = config.mission.duration_h * 3600.0 if section.time_varying else 0.0
-    if data is None and is_profile(section):  # thinning depends on the interpolation
-        return build_ocean(section, duration, interpolation=config.acoustics.interpolation)
-    return build_ocean(section, duration, data=data)
-
-
-def build_reception(config: SoundConfig, ocean: OceanFields) -> ReceptionOptions:
-    """Build the reception of a configuration, with the absorption of the ocean's first snapshot."""
-    detection = config.detection
-    absorption = (
-        None if detection is None else ocean.absorption(detection.absorption, config.ocean.centre)
-    )
-    return config.build_reception(absorption)
-
-
 def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **options: Any) -> Water:
     """
     Build water from a local ocean without changing its grid, sea floor and ice.
@@ -183,7 +165,9 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
     return Water(
         medium,
         Currents.from_dataset(local) if config.acoustics.currents else None,
-        build_reception(config, OceanFields(geographic, local, xr.Dataset(), pd.DataFrame())),
+        build_sound(config).reception(
+            OceanFields(geographic, local, xr.Dataset(), pd.DataFrame())
+        ),
         config.ranging.build_timing(),
         local=local,
         start=local.attrs.get("time"),
@@ -274,7 +258,7 @@ def _assembled(config: SoundConfig, ocean: OceanFields, data: xr.Dataset | None 
     return Water(
         medium,
         build_currents(ocean) if config.acoustics.currents else None,
-        build_reception(config, ocean),
+        build_sound(config).reception(ocean),
         config.ranging.build_timing(),
         ocean.local,
         span,
