@@ -19,10 +19,10 @@ from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.arrays import Array
 from pymantaray.config.build.metres import section_in_metres
 from pymantaray.config.build.ocean import (
-    mission_ocean,
     build_ocean,
     build_sea_floor,
     local_ocean,
+    mission_ocean,
     mission_start,
     open_start,
     with_tide,

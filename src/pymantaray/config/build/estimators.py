@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from pymantaray.acoustics.ocean_fields import OceanFields
 import xarray as xr
 
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.config.build.beliefs import Beliefs, KnownMission
 from pymantaray.config.build.range_models import build_range_model
 from pymantaray.config.estimators import (

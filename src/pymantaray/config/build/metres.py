@@ -9,18 +9,15 @@ import xarray as xr
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean.environment import is_environment, read_environment
+from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.metres import (
-    file_in_metres,
-    read_file_in_metres,
     cropped,
-    holds_metres,
+    file_in_metres,
     is_in_metres,
     ocean_in_metres,
-    read_metres,
+    read_file_in_metres,
     with_flat_floor,
 )
-from pymantaray.ocean.instants import utc_instant
 
 _WITHOUT_MEANING = (
     "names",
@@ -36,10 +33,6 @@ _WITHOUT_MEANING = (
 def section_in_metres(section: OceanSection) -> bool:
     """True if the source of a section is water in metres."""
     return len(section.source) == 1 and file_in_metres(section.source[0])
-
-
-
-
 
 
 def metres_of(section: OceanSection, data: xr.Dataset | None) -> xr.Dataset | None:

@@ -1,25 +1,27 @@
 """The ocean of a section: fields over a mission, local ocean, sea floor and start."""
 
-from dataclasses import dataclass
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import partial
-from types import MappingProxyType
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Absorption, Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.acoustics.profiles import Profile
+from pymantaray.config.build.metres import local_of, metres_of, section_in_metres
+from pymantaray.config.build.uniform import (
+    geographic_of,
+    one_profile,
+    read_section_profiles,
+    uniform_water,
+    with_section_ice,
+)
 from pymantaray.config.estimators import InternalTideSection
 from pymantaray.config.sections import OceanSection, SoundConfig
-from pymantaray.errors import OceanError, StudyError
-from pymantaray.geometry.sphere import Earth
+from pymantaray.errors import OceanError
 from pymantaray.ocean import (
     crop_around,
     holds_casts,
@@ -32,20 +34,14 @@ from pymantaray.ocean import (
     to_local,
     window_of,
 )
-from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_internal_tide
 from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.instants import utc_instant
+from pymantaray.ocean.internal_tide import with_internal_tide
 from pymantaray.ocean.open import Source
 from pymantaray.ocean.schema import reading_notes
 from pymantaray.ocean.summary import columns_spread, profile_region, profile_spread
+from pymantaray.ocean.varying import series_of
 from pymantaray.user_files import exists
-from pymantaray.ocean.instants import utc_instant
-from pymantaray.config.build.metres import local_of, metres_of, section_in_metres
-from pymantaray.config.build.uniform import geographic_of, one_profile, uniform_water, with_section_ice
-from pymantaray.ocean.summary import columns_spread, profile_region, profile_spread
-from pymantaray.ocean.varying import series_of, snapshot_at
-
-
-
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,9 +65,42 @@ class MissionOcean:
         """Geographic ocean at the start; for a cast, horizontally uniform."""
         return open_start(self.section)
 
+    def in_domain(self) -> tuple[xr.Dataset, xr.DataArray | None]:
+        """Geographic ocean at the start in its domain, and its sea floor if it has one. [m]"""
+        ocean = at_domain(self.section, self.geographic_start())
+        return ocean, self.sea_floor(ocean)
+
+    def sea_floor(self, geographic: xr.Dataset) -> xr.DataArray | None:
+        """Sea floor on latitude and longitude; None if the ocean's own is used. [m]"""
+        return build_sea_floor(self.section, geographic)
+
+    def with_ice(self, local: xr.Dataset) -> xr.Dataset:
+        """Local ocean with ice, smooth or rough; unchanged without ice."""
+        return with_section_ice(self.section, local)
+
+    def profiles(self) -> list[Profile]:
+        """Profiles of the files."""
+        return read_section_profiles(self.section)
+
+    def profile(self) -> Profile:
+        """The only profile of the files; several raise an error."""
+        return one_profile(self.section)
+
+    def instants(self) -> list[np.datetime64]:
+        """Known instants of the source; none for a profile."""
+        if self.is_profile:
+            return []
+        times = ocean_times(self.section.source, self.section.standard_names)
+        return [time for time in times if not np.isnat(time)]
+
+    def at(self, time: np.datetime64) -> "MissionOcean":
+        """The ocean at one of its instants."""
+        instant = time.astype("datetime64[us]").item()
+        return replace(self, section=self.section.model_copy(update={"time": instant}))
+
     def local_start(self) -> xr.Dataset:
         """Local ocean at the start, without the checks of a domain's spread."""
-        if section_in_metres(self.section):
+        if self.in_metres:
             return build_ocean(self.section, 0.0).local
         geographic = open_start(self.section)
         return local_ocean(self.section, geographic, build_sea_floor(self.section, geographic))
@@ -80,6 +109,51 @@ class MissionOcean:
     def source(self) -> tuple[str, ...]:
         """Files, a profile, or the name of a synthetic ocean."""
         return self.section.source
+
+    @property
+    def reading(self) -> dict[str, Any]:
+        """Options of `open_ocean`: whether currents are required, and names of variables."""
+        return {"currents": self.section.currents, "names": self.section.standard_names}
+
+    @property
+    def domain(self) -> dict[str, Any]:
+        """Centre [degrees] and half extents [m] of the domain; None for all data."""
+        return {"centre": self.section.centre, "half_extent": self.section.half_extent}
+
+    @property
+    def time(self) -> np.datetime64 | None:
+        """Time of the ocean; None for the first of the source."""
+        return None if self.section.time is None else utc_instant(self.section.time)
+
+    @property
+    def has_ice(self) -> bool:
+        """True if there is ice."""
+        return self.section.ice is not None
+
+    @property
+    def has_sea_floor(self) -> bool:
+        """True if the sea floor is not that of the source."""
+        return self.section.bathymetry is not None
+
+    @property
+    def maps(self) -> list[str]:
+        """Files of sea floor and ice."""
+        return [f for f in (self.section.bathymetry, self.section.ice) if isinstance(f, str)]
+
+    @property
+    def has_tide(self) -> bool:
+        """True if an internal tide moves the water."""
+        return self.section.internal_tide is not None
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Values of everything but source and time, as in JSON."""
+        return self.section.model_dump(mode="json", exclude={"source", "time"})
+
+    @property
+    def in_metres(self) -> bool:
+        """True if the source is water in metres."""
+        return section_in_metres(self.section)
 
     @property
     def time_varying(self) -> bool:
@@ -281,13 +355,3 @@ def _open(
     stop = start + round(duration * 1e9) * np.timedelta64(1, "ns")
     oceans = list(open_ocean_series(source, start, stop, **options))
     return oceans, np.array([(ocean["time"].values - start) / second for ocean in oceans])
-
-
-
-
-
-
-
-
-
-

@@ -1,16 +1,12 @@
 """A study as objects of the library: its stages, noise, conditions and provenance."""
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Currents, Medium
-from pymantaray.acoustics.medium import Interpolation
-from pymantaray.acoustics.ocean_fields import OceanFields, build_currents, build_medium
 from pymantaray.config.build.estimators import Condition, build_condition
 from pymantaray.config.build.fleet import (
     MissionFleet,
@@ -19,19 +15,16 @@ from pymantaray.config.build.fleet import (
     build_pings,
     planned_points,
 )
-from pymantaray.config.build.sound import SoundOptions, build_sound
 from pymantaray.config.build.ocean import MissionOcean, build_mission_ocean
-from pymantaray.config.sections import SoundConfig, StudyConfig
+from pymantaray.config.build.sound import SoundOptions, build_sound
+from pymantaray.config.sections import StudyConfig
 from pymantaray.config.text import study_toml
-from pymantaray.geometry.sphere import Earth
 from pymantaray.sensing import (
     ClockModel,
     Landmark,
     NoiseModel,
     Picker,
-    ReceptionOptions,
     Schedule,
-    Timing,
 )
 
 

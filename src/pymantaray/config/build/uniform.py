@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import smooth_profile, thin_profile
@@ -15,14 +14,13 @@ from pymantaray.arrays import Array
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.ocean import Cast, cast_ocean, open_sea_floor, with_ice, with_roughness
+from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.local import assemble_local
 from pymantaray.ocean.sea_floor import local_floor
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import Window
-from pymantaray.ocean.instants import utc_instant
 
 UNBOUNDED = 1e6
 """Default half side of the domain of a profile. [m]"""
@@ -179,12 +177,6 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
     return cast_ocean(
         cast, bathymetry=bottom, below="constant", equation=section.equation, **options
     )
-
-
-
-
-
-
 
 
 def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolation) -> _Levels:

@@ -1,9 +1,7 @@
 """Water from any source, and the water of a configuration."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -11,11 +9,17 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.acoustics.ocean_fields import OceanFields, build_currents, build_medium
 from pymantaray.acoustics.profiles import Profile, only_one
-from pymantaray.arrays import Array
 from pymantaray.config import SoundConfig
-from pymantaray.config.build.ocean import mission_ocean
+from pymantaray.config.build.ocean import (
+    is_profile,
+    mission_ocean,
+    mission_start,
+    profile_fields,
+)
 from pymantaray.config.build.sound import build_sound
+from pymantaray.config.build.uniform import label, read_section_profiles
 from pymantaray.config.common import IN_MEMORY
 from pymantaray.config.load import load_sound
 from pymantaray.config.options import dotted_keys, names_configuration
@@ -23,19 +27,12 @@ from pymantaray.config.parse import parse
 from pymantaray.errors import AcousticsError, WaterError
 from pymantaray.geometry import LocalFrame
 from pymantaray.sensing.water import Water
-from pymantaray.sensing import OneWay, ReceptionOptions, Timing
-from pymantaray.config.build.ocean import build_ocean, is_profile, mission_start, profile_fields
-from pymantaray.acoustics.ocean_fields import OceanFields, build_currents, build_medium
-from pymantaray.config.build.uniform import label, read_section_profiles
 
 Source = SoundConfig | Medium | xr.Dataset | str | Path | Sequence[str | Path]
 """
 Source of `open_water`: files, a profile or cast, name of a synthetic ocean, a preset, a TOML file,
 a data set or a medium.
 """
-
-
-
 
 
 def open_water(source: Source, **options: Any) -> Water:
@@ -165,9 +162,7 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
     return Water(
         medium,
         Currents.from_dataset(local) if config.acoustics.currents else None,
-        build_sound(config).reception(
-            OceanFields(geographic, local, xr.Dataset(), pd.DataFrame())
-        ),
+        build_sound(config).reception(OceanFields(geographic, local, xr.Dataset(), pd.DataFrame())),
         config.ranging.build_timing(),
         local=local,
         start=local.attrs.get("time"),
