@@ -143,7 +143,7 @@ def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(ocean, xr.Dataset):
         words = [IN_MEMORY]
     elif isinstance(ocean, SoundConfig):
-        return _dump(ocean)
+        return _water_sections(ocean.model_dump(exclude_none=True, exclude_unset=True))
     elif isinstance(ocean, Medium):
         raise StudyError(
             "measure: a medium has no grid for vehicles; give a local ocean, or an ocean"
@@ -151,16 +151,16 @@ def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
     else:
         words = source_words(ocean)
         if names_configuration(words):
-            return _dump(load_sound(words[0]))
+            config = load_sound(words[0])
+            return _water_sections(config.model_dump(exclude_none=True, exclude_unset=True))
     return {"ocean": {"source": words}}
 
 
-def _dump(config: SoundConfig) -> dict[str, Any]:
+def _water_sections(tree: dict[str, Any]) -> dict[str, Any]:
     """
     Sections of a configuration for the water; trajectories and a schedule of their own replace
     those of its mission.
     """
-    tree = config.model_dump(exclude_none=True, exclude_unset=True)
     replaced = ("duration_h", "ping_interval_h", "ping_start_h", "schedule")
     tree["mission"] = {
         key: value for key, value in tree.get("mission", {}).items() if key not in replaced

@@ -234,7 +234,9 @@ def run_and_report(
     with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:
         from pymantaray.apps.study import run_study
 
-        with progress_bars(quiet=quiet, stages=_stages(config, figures=figures)) as progress:
+        with progress_bars(
+            quiet=quiet, stages=_stages(solves=config.solves, figures=figures)
+        ) as progress:
             results = run_study(
                 config,
                 out,
@@ -262,9 +264,9 @@ def run_and_report(
     return results.path
 
 
-def _stages(config: "StudyConfig", *, figures: bool) -> list[str]:
+def _stages(*, solves: bool, figures: bool) -> list[str]:
     """Stages of a study, in order."""
-    solving = ["realizations"] if config.solves else []
+    solving = ["realizations"] if solves else []
     drawing = ["report"] if figures else []
     return ["ocean", "fleet", "rays", *solving, "files", *drawing]
 
