@@ -76,7 +76,7 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
             " --profile"
         )
     from pymantaray.config import load_study
-    from pymantaray.config.build.ocean import open_start
+    from pymantaray.config.build.ocean import build_mission_ocean
     from pymantaray.config.build.water import open_local
     from pymantaray.jobs.run_folder import CONFIG, OCEAN, checked_manifest
     from pymantaray.records import read_netcdf
@@ -84,7 +84,7 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
     checked_manifest(folder)
     config = load_study(folder.resolve() / CONFIG)
     keys.setdefault("interpolation", default or config.acoustics.interpolation)
-    geographic = open_start(config.ocean) if keys.get("detection") else None
+    geographic = build_mission_ocean(config).geographic_start() if keys.get("detection") else None
     water = open_local(read_netcdf(folder.resolve() / OCEAN), geographic=geographic, **keys)
     return replace(water, record={"run": str(folder), **water.record})
 

@@ -371,24 +371,24 @@ def _print_summary(out: Printer, run: "Run") -> None:
     Print dropouts, range errors and trajectory errors, and warn of failed solves and stopped
     vehicles.
     """
-    study = run.config.study
-    hours = run.config.mission.duration_h
+    study = run.study
+    hours = study.duration / 3600.0
     vehicles = run.truth.name.size
     count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
     water = "synthetic ocean" if run.synthetic else "ocean from files"
     out.line(
-        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.config.solves else ''},"
+        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.study.solves else ''},"
         f" {water}",
         study=study.name,
         duration_h=hours,
         vehicles=vehicles,
-        realizations=study.realizations if run.config.solves else 0,
+        realizations=study.realizations if run.study.solves else 0,
         synthetic_ocean=run.synthetic,
     )
     for table in run.summary:
         out.table(table)
         if table.name == "dropouts":
-            _print_causes(out, table.frame, run.config.acoustics.cutoff_db)
+            _print_causes(out, table.frame, study.sound.options.spreading_cutoff_db)
     apart = {name: max(values) for name, values in run.manifest.get("from_batch_m", {}).items()}
     for name, distance in apart.items():
         out.line(
@@ -463,7 +463,7 @@ def _warnings(run: "Run") -> list[str]:
     for solve in outcome["unhealthy_solves"]:
         by_kind.setdefault((solve["condition"], solve["status"]), []).append(solve["realization"])
     for (condition, status), which in by_kind.items():
-        count = f"{len(which)} of {run.config.study.realizations} solves"
+        count = f"{len(which)} of {run.study.realizations} solves"
         listed = ", ".join(map(str, which))
         words = SOLVE_STATUS_WORDS.get(SolveStatus[status])
         meaning = "" if words is None else f" ({words.meaning}; {words.advice})"

@@ -108,17 +108,15 @@ class Run:
         HTML for a notebook: study, folder, range errors and, if there are estimates, position
         errors.
         """
-        config = self.config
+        study = self.study
         facts = {
             "vehicles": self.truth.name.size,
-            "hours": f"{config.mission.duration_h:g}",
-            "realizations": config.study.realizations if config.solves else 0,
+            "hours": f"{study.duration / 3600.0:g}",
+            "realizations": study.realizations if study.solves else 0,
             "ocean": f"{self.ocean.attrs['title']}{', synthetic' if self.synthetic else ''}",
             "folder": self.path,
         }
-        return notebook_html(
-            f"Run of {config.study.name}: {config.study.description}", facts, self.summary
-        )
+        return notebook_html(f"Run of {study.name}: {study.description}", facts, self.summary)
 
     @cached_property
     def manifest(self) -> dict[str, Any]:

@@ -1,7 +1,8 @@
 """Estimators, with their range models and uncertainties, of the conditions of a study."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import xarray as xr
 
@@ -38,6 +39,8 @@ class Condition:
     estimates_clocks: bool
     files: tuple[str, ...]
     """Input files."""
+    settings: Mapping[str, Any]
+    """Keys with values, as in JSON, that the name does not define."""
 
 
 def build_condition(section: ConditionSection) -> Condition:
@@ -49,6 +52,9 @@ def build_condition(section: ConditionSection) -> Condition:
         needs_cast=isinstance(section.belief, CastBelief),
         estimates_clocks=section.clocks is not None,
         files=section.files,
+        settings={}
+        if section.standard
+        else section.model_dump(mode="json", exclude_defaults=True, exclude={"name"}),
     )
 
 

@@ -48,6 +48,7 @@ class Study:
     config: StudyConfig
     """Configuration, for provenance."""
     name: str
+    description: str
     seed: int
     realizations: int
     ocean: MissionOcean
@@ -124,6 +125,7 @@ def build_study(config: StudyConfig, like: Study | None = None) -> Study:
     return Study(
         config=config,
         name=config.study.name,
+        description=config.study.description,
         seed=config.study.seed,
         realizations=config.study.realizations,
         **_stages(config, like),
