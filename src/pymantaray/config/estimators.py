@@ -414,7 +414,7 @@ class RayVariance(Section):
         return self
 
 
-class Solver(Section):
+class SolverSection(Section):
     """Solver of a condition."""
 
     publications: ClassVar[tuple[str, ...]] = ()
@@ -428,14 +428,14 @@ class Solver(Section):
             yield key, f"solver {self.kind}"
 
 
-class BatchSolver(Solver):
+class BatchSolver(SolverSection):
     """Batch estimation."""
 
     kind: Literal["batch"]
     """Batch estimation."""
 
 
-class GtsamSolver(Solver):
+class GtsamSolver(SolverSection):
     """Batch estimation by GTSAM's Levenberg-Marquardt optimizer, as in the paper."""
 
     publications: ClassVar[tuple[str, ...]] = ("dellaert2012",)
@@ -449,7 +449,7 @@ class GtsamSolver(Solver):
     """
 
 
-class IncrementalSolver(Solver):
+class IncrementalSolver(SolverSection):
     """Incremental estimation."""
 
     publications: ClassVar[tuple[str, ...]] = ("dellaert2012", "kaess2012")
@@ -458,7 +458,7 @@ class IncrementalSolver(Solver):
     """Incremental estimation."""
 
 
-class FixedLagSolver(Solver):
+class FixedLagSolver(SolverSection):
     """Fixed-lag smoothing."""
 
     publications: ClassVar[tuple[str, ...]] = ("dellaert2012",)
@@ -474,7 +474,7 @@ class FixedLagSolver(Solver):
     """
 
 
-class KalmanFilter(Solver):
+class KalmanFilter(SolverSection):
     """Error-state extended Kalman filter, sample by sample from the priors."""
 
     publications: ClassVar[tuple[str, ...]] = ("sola2017",)
@@ -483,7 +483,7 @@ class KalmanFilter(Solver):
     """Error-state extended Kalman filter."""
 
 
-class DeadReckoning(Solver):
+class DeadReckoning(SolverSection):
     """Odometry, attitude and depth alone; no graph is solved."""
 
     kind: Literal["dead-reckoning"]
