@@ -23,11 +23,12 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 import numpy as np
 from factories import TINY
 
-from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import Run, run_in_memory
 from pymantaray.config import parse_study
+from pymantaray.config.build.estimators import EstimatorFactory
+from pymantaray.config.build.study import build_study
 from pymantaray.estimation import GraphSolution, solve_conditions
 from pymantaray.evaluation.bound import ping_samples, submerged_at_pings
 
@@ -63,7 +64,9 @@ def flown(name: str, conditions: list[str], realizations: int) -> Run:
         tree[section] = tree.get(section, {}) | keys
     tree["conditions"] = [{"name": c} | CONDITIONS[c] for c in conditions]
     config = parse_study(tree, name)
-    return run_in_memory(config, simulate_mission(config, Stopwatch(), lambda *_: None))
+    return run_in_memory(
+        build_study(config), simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
+    )
 
 
 def numbers(run: Run, solution: GraphSolution) -> Row:

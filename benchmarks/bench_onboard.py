@@ -19,12 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.online import Beacon, OnlineEstimator, StartPose
 from pymantaray.config import load_study
+from pymantaray.config.build.ocean import mission_ocean
 from pymantaray.fleet import simulate
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
-from pymantaray.water.ocean import build_medium
-from pymantaray.water.water import mission_ocean
 
 RATE = 10  # odometry per second
 PING, DELAY, EVERY = (

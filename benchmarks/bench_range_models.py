@@ -17,6 +17,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.config import load_study
+from pymantaray.config.build.study import build_study
 from pymantaray.estimation import ClockPrior, Estimator, GraphSolver, MeanSlowness, solve_conditions
 from pymantaray.ocean.modes import vertical_modes
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
@@ -37,7 +38,7 @@ def main() -> None:
     parser.add_argument("--realizations", type=int, default=3)
     arguments = parser.parse_args()
     config = load_study(arguments.study)
-    mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+    mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
     medium = Medium.from_dataset(mission.ocean.local, interpolation=config.acoustics.interpolation)
     truth = mission.truth.position, mission.truth.quaternion
     profile = medium.sound_speed.mean(axis=(0, 1))

@@ -20,6 +20,7 @@ import numpy as np
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import open_run
+from pymantaray.config.build.study import build_study
 from pymantaray.config.load import load_study
 from pymantaray.estimation import (
     LOSSES,
@@ -77,7 +78,7 @@ def main() -> None:
         truth, o = run.truth, run.noisy_measurements(0)
     else:
         config = load_study("quick")
-        mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+        mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
         truth, o = (
             mission.truth,
             perturb(mission.measurements, root_seed=config.study.seed, realization=0),

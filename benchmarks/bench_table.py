@@ -24,13 +24,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pymantaray import Water, open_water
 from pymantaray.acoustics import Medium
 from pymantaray.apps.table import CellStatus, TravelTimeTable, build_table, save_table
 from pymantaray.apps.table.cells import HAS_RANGE
 from pymantaray.apps.table.file import c_header
 from pymantaray.apps.table.samples import Radial
 from pymantaray.errors import OnlineError
-from pymantaray.water import Water, open_water
 
 ROOT = Path(__file__).resolve().parents[1]
 DATA = ROOT.parent / "shared" / "data"

@@ -20,9 +20,8 @@ from pathlib import Path
 
 import numpy as np
 
-from pymantaray import Beacon, OnlineEstimator, StartPose, build_table
+from pymantaray import Beacon, OnlineEstimator, StartPose, build_table, open_water
 from pymantaray.geometry.se3 import so3_exp
-from pymantaray.water import open_water
 
 STEP, PING, DURATION = 0.1, 20.0, 1200.0  # s
 START = StartPose((0.0, -600.0, 60.0), sigma=[0.001, 0.001, 0.01, 2.0, 2.0, 0.2])

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from pymantaray import Water, open_water
 from pymantaray.apps.table import TravelTimeTable, build_table
-from pymantaray.water import Water, open_water
 
 SOURCE, RECEIVER, RANGE = (5.0, 105.0, 5.0), (0.0, 400.0, 20.0), (50.0, 4050.0, 100.0)
 

@@ -171,7 +171,7 @@ def library_texts():
 
 
 OTHERS = {  # messages that still have options
-    "apps/locate/read_obsrange.py", "apps/locate/read_table.py", "water/uniform.py",
+    "apps/locate/read_obsrange.py", "apps/locate/read_table.py", "config/build/uniform.py",
 }  # fmt: skip
 
 

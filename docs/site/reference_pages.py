@@ -14,7 +14,15 @@ import typer.main
 
 FOLDERS = (
     *("geometry", "records", "ocean", "ocean.fetch", "acoustics", "fleet", "sensing", "estimation"),
-    *("evaluation", "exchange", "config", "water", "apps.study", "apps.sweep", "apps.replay"),
+    *(
+        "evaluation",
+        "exchange",
+        "config",
+        "config.build",
+        "apps.study",
+        "apps.sweep",
+        "apps.replay",
+    ),
     *("apps.locate", "apps.table", "apps.online", "apps.plan", "apps.atlas", "apps.service"),
     *("apps.graphs", "apps.bellhop", "apps.rays", "apps.ranges", "apps.ocean", "apps.export"),
 )

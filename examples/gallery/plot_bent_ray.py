@@ -10,8 +10,8 @@ short.
 import numpy as np
 from matplotlib import pyplot as plt
 
+from pymantaray import open_water
 from pymantaray.acoustics import find_eigenrays, ray_picture
-from pymantaray.water import open_water
 
 medium, _ = open_water("synthetic:beaufort").at_start
 source, receiver = [0.0, 0.0, 20.0], [10_000.0, 0.0, 200.0]  # north, east, down [m]

@@ -14,8 +14,7 @@ from pathlib import Path
 import pandas as pd
 from matplotlib import pyplot as plt
 
-from pymantaray import read_events, replay_events
-from pymantaray.water import open_waters
+from pymantaray import open_waters, read_events, replay_events
 
 with tempfile.TemporaryDirectory() as folder:
     runpy.run_path("../replay_campaign.py")["main"](folder)  # this script runs in its own folder

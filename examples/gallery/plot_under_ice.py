@@ -10,8 +10,8 @@ at the underside of the ice.
 import numpy as np
 from matplotlib import pyplot as plt
 
+from pymantaray import open_water
 from pymantaray.acoustics import ray_picture
-from pymantaray.water import open_water
 
 figure, panels = plt.subplots(2, 1, figsize=(8, 5), sharex=True, layout="constrained")
 for axes, draft in zip(panels, (0.0, 40.0), strict=True):

@@ -99,6 +99,8 @@ if TYPE_CHECKING:
     from pymantaray.apps.table import save_table as save_table
     from pymantaray.config import StudyConfig as StudyConfig
     from pymantaray.config import load_study as load_study
+    from pymantaray.config.build.water import open_water as open_water
+    from pymantaray.config.build.water import open_waters as open_waters
     from pymantaray.errors import MantaRayError as MantaRayError
     from pymantaray.estimation import dead_reckon as dead_reckon
     from pymantaray.estimation import read_pyfg as read_pyfg
@@ -130,6 +132,6 @@ if TYPE_CHECKING:
     from pymantaray.sensing import PingSchedule as PingSchedule
     from pymantaray.sensing import SlotSchedule as SlotSchedule
     from pymantaray.sensing import perturb as perturb
-    from pymantaray.water import open_water as open_water
+    from pymantaray.sensing.water import Water as Water
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -16,6 +16,7 @@ from scipy.integrate import quad
 
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
+from pymantaray.config.build.study import build_study
 from pymantaray.config.load import load_study
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
@@ -67,7 +68,7 @@ class Study:
 
     def __init__(self):
         config = load_study("quick")
-        mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+        mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
         o = perturb(mission.measurements, root_seed=config.study.seed, realization=0)
         self.graph = build_graph(o, "straight")
         self.truth = values_at(o, mission.truth.position, mission.truth.quaternion)

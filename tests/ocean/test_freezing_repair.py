@@ -4,9 +4,9 @@ import gsw
 import numpy as np
 import pytest
 
+from pymantaray import open_water
 from pymantaray.acoustics import read_profile
 from pymantaray.ocean import read_cast
-from pymantaray.water import open_water
 
 TEMPERATURE = np.array([-1.6, -1.6, -1.55, -1.0, 0.4, 0.3])
 SALINITY = np.array([24.0, 27.0, 29.5, 31.0, 34.8, 34.9])

@@ -9,14 +9,15 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.interpolate import CubicSpline
 
+from pymantaray import open_water
 from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
 from pymantaray.apps.replay import Events, replay_events
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import earth_note, simulate_mission
+from pymantaray.config.build.study import build_study
 from pymantaray.config.load import load_study
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import EarthSphere, LocalFrame
-from pymantaray.water import open_water
 
 EARTH = EarthSphere.at_latitude(78.0)
 LEVELS = np.linspace(0.0, 3000.0, 601)
@@ -207,7 +208,11 @@ def test_replayed_nodes_far_from_the_centre_of_the_frame_have_a_note_even_if_lin
 
 def test_study_with_a_sphere_measures_ranges_through_the_earth():
     missions = {
-        earth: simulate_mission(load_study("quick").with_(**{"acoustics.earth": earth}), Stopwatch(), lambda *_: None)
+        earth: simulate_mission(
+            build_study(load_study("quick", **{"acoustics.earth": earth})),
+            Stopwatch(),
+            lambda *_: None,
+        )
         for earth in ("flat", "sphere")
     }  # fmt: skip
     flat, sphere = (missions[earth].ranging_truth for earth in ("flat", "sphere"))
@@ -223,16 +228,18 @@ def test_study_with_a_sphere_measures_ranges_through_the_earth():
 
 def test_trajectories_far_from_the_centre_of_a_flat_frame_have_a_warning():
     config = load_study("quick")
-    mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+    mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
     truth, ranges = mission.truth, mission.ranging_truth
-    assert earth_note(config, truth, ranges) is None
+    assert earth_note(build_study(config), truth, ranges) is None
     extent = np.hypot(truth.position[..., 0], truth.position[..., 1]).max()
     away = replace(truth, position=truth.position + np.array([15e3 + extent, 0.0, 0.0]))
-    note = earth_note(config, away, ranges)
+    note = earth_note(build_study(config), away, ranges)
     farthest = 1e-3 * np.hypot(away.position[..., 0], away.position[..., 1]).max()
     assert note.startswith(
         f"Trajectories extend to {farthest:.1f} km from the centre of the frame, and links are up"
         " to 12.0 km"
     )
     assert note.endswith("use `earth='sphere'` (in a study: acoustics.earth).")
-    assert earth_note(config.with_(**{"acoustics.earth": "sphere"}), away, ranges) is None
+    assert (
+        earth_note(build_study(config.with_(**{"acoustics.earth": "sphere"})), away, ranges) is None
+    )

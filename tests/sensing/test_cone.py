@@ -5,12 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from pymantaray import open_water
 from pymantaray.acoustics import Medium
+from pymantaray.config.build.study import build_study
 from pymantaray.config.load import load_study
 from pymantaray.errors import MantaRayError
 from pymantaray.records import RayStatus
 from pymantaray.sensing import ReceptionOptions, find_receptions
-from pymantaray.water import open_water
 
 GRADIENT, SPEED = 0.05, 1400.0  # 1/s, m/s at the surface
 
@@ -63,7 +64,7 @@ def test_a_study_with_a_narrow_fan_loses_ranges_and_keeps_the_others():
     kinds = {}
     for width in ("none", 2.0):
         config = load_study("quick").with_(**{"acoustics.cone_deg": width})
-        mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+        mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
         kinds[width] = mission
     free, narrow = kinds["none"], kinds[2.0]
     lost = (free.measurements.range_status == RayStatus.OK) & (

@@ -8,7 +8,7 @@ from pymantaray.errors import WaterError
 
 if TYPE_CHECKING:
     from pymantaray.acoustics.medium import Interpolation
-    from pymantaray.water import Water
+    from pymantaray.sensing.water import Water
 
 
 OF_THE_SOURCE = {
@@ -54,7 +54,7 @@ def load_waters(
     smooth. Options override ``sections``, which are keys of a file. ``changes`` are values by
     dotted key, which override both.
     """
-    from pymantaray.water import open_waters
+    from pymantaray.config.build.water import open_waters
 
     arrivals = {} if search is None else search.keys
     keys = (sections or {}) | options.keys | arrivals | (changes or {})
@@ -76,15 +76,15 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
             " --profile"
         )
     from pymantaray.config import load_study
+    from pymantaray.config.build.ocean import build_mission_ocean
+    from pymantaray.config.build.water import open_local
     from pymantaray.jobs.run_folder import CONFIG, OCEAN, checked_manifest
     from pymantaray.records import read_netcdf
-    from pymantaray.water.ocean import open_start
-    from pymantaray.water.water import open_local
 
     checked_manifest(folder)
     config = load_study(folder.resolve() / CONFIG)
     keys.setdefault("interpolation", default or config.acoustics.interpolation)
-    geographic = open_start(config.ocean) if keys.get("detection") else None
+    geographic = build_mission_ocean(config).geographic_start() if keys.get("detection") else None
     water = open_local(read_netcdf(folder.resolve() / OCEAN), geographic=geographic, **keys)
     return replace(water, record={"run": str(folder), **water.record})
 

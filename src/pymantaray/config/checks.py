@@ -167,7 +167,7 @@ def _meaning(location: tuple[int | str, ...], root: type[BaseModel]) -> str:
     """Meaning of the key at a pydantic location, in parentheses; empty without a description."""
     model, _, _ = _walk(location[:-1], root)
     field = model.model_fields.get(str(location[-1])) if model else None
-    meaning = (field.description or "").replace("``", "") if field else ""
+    meaning = " ".join((field.description or "").split()).replace("``", "") if field else ""
     first = re.split(r"\.(?=\s|$)", meaning)[0]
     unit = re.search(r"\[[^]]+\]$", meaning)
     words = first + (f" {unit[0]}" if unit and unit[0] not in first else "")

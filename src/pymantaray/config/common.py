@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
 
 from pymantaray.config.checks import PARTICIPANT, checked
+from pymantaray.config.references import References
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.quantities.units import quantity_of
 
@@ -183,6 +184,10 @@ class Section(BaseModel):
             return tree
         empty = cls._may_lack()
         return {key: value for key, value in tree.items() if not (key in empty and _is_none(value))}
+
+    def references(self) -> References:
+        """Publications that the section relies on, each with its use; none by default."""
+        return iter(())
 
     @classmethod
     @cache

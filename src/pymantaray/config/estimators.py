@@ -5,7 +5,7 @@ module because checks compare them.
 
 from collections.abc import Mapping
 from itertools import pairwise
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -25,7 +25,8 @@ from pymantaray.config.common import (
     Section,
     own_files,
 )
-from pymantaray.ocean.equations import Equation
+from pymantaray.config.references import References, data_references
+from pymantaray.ocean.equations import EQUATIONS, Equation
 
 
 def _kind_alone(value: object) -> object:
@@ -143,6 +144,11 @@ class NumericsBelief(Section):
     interpolation: Literal["smooth", "linear"] | None = None
     """Interpolation of the sound speed. Default: that of the study."""
 
+    def references(self) -> References:
+        """The equation, if it is another."""
+        for key in () if self.equation is None else EQUATIONS[self.equation].references:
+            yield key, "sound speed that an estimator assumes"
+
 
 class InternalTideSection(Section):
     """First-mode internal tide that propagates to the east."""
@@ -196,6 +202,11 @@ class FileBelief(Section):
     """Time of the ocean (UTC). Default: the start of the mission."""
     cast: str | None = None
     """Name of the cast, if the file contains several."""
+
+    def references(self) -> References:
+        """Owners of the data."""
+        for source in self.source:
+            yield from data_references(source, "ocean that an estimator assumes")
 
 
 AnyBelief = Annotated[
@@ -403,15 +414,31 @@ class RayVariance(Section):
         return self
 
 
-class BatchSolver(Section):
+class SolverSection(Section):
+    """Solver of a condition."""
+
+    publications: ClassVar[tuple[str, ...]] = ()
+    """Keys of the publications about the solver."""
+    if TYPE_CHECKING:
+        kind: str
+
+    def references(self) -> References:
+        """Publications about the solver."""
+        for key in self.publications:
+            yield key, f"solver {self.kind}"
+
+
+class BatchSolver(SolverSection):
     """Batch estimation."""
 
     kind: Literal["batch"]
     """Batch estimation."""
 
 
-class GtsamSolver(Section):
+class GtsamSolver(SolverSection):
     """Batch estimation by GTSAM's Levenberg-Marquardt optimizer, as in the paper."""
+
+    publications: ClassVar[tuple[str, ...]] = ("dellaert2012",)
 
     kind: Literal["gtsam"]
     """Batch estimation by GTSAM."""
@@ -422,15 +449,19 @@ class GtsamSolver(Section):
     """
 
 
-class IncrementalSolver(Section):
+class IncrementalSolver(SolverSection):
     """Incremental estimation."""
+
+    publications: ClassVar[tuple[str, ...]] = ("dellaert2012", "kaess2012")
 
     kind: Literal["incremental"]
     """Incremental estimation."""
 
 
-class FixedLagSolver(Section):
+class FixedLagSolver(SolverSection):
     """Fixed-lag smoothing."""
+
+    publications: ClassVar[tuple[str, ...]] = ("dellaert2012",)
 
     kind: Literal["fixed-lag"]
     """Fixed-lag smoothing."""
@@ -443,14 +474,16 @@ class FixedLagSolver(Section):
     """
 
 
-class KalmanFilter(Section):
+class KalmanFilter(SolverSection):
     """Error-state extended Kalman filter, sample by sample from the priors."""
+
+    publications: ClassVar[tuple[str, ...]] = ("sola2017",)
 
     kind: Literal["kalman-filter"]
     """Error-state extended Kalman filter."""
 
 
-class DeadReckoning(Section):
+class DeadReckoning(SolverSection):
     """Odometry, attitude and depth alone; no graph is solved."""
 
     kind: Literal["dead-reckoning"]
@@ -712,6 +745,15 @@ class ConditionSection(Section):
                 " belief is perturbed; give both"
             )
         return self
+
+    def references(self) -> References:
+        """Publications about the assumed ocean, its uncertainty and the loss."""
+        if self.belief is not None:
+            yield from self.belief.references()
+        if self.modes is not None or self.variance.kind != "fixed":
+            yield "munk1995", "travel times that depend on uncertain water"
+        if self.loss == "gnc":
+            yield "yang2020", "graduated non-convexity"
 
     @property
     def uncertainty(self) -> tuple[float, float, float | None] | None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 from pydantic import BeforeValidator, Field, ValidationError, create_model, model_validator
 
-from pymantaray.acoustics.reflection import Sediment
+from pymantaray.acoustics.reflection import Sediment, sediment_source
 from pymantaray.acoustics.selection import ArrivalRule
 from pymantaray.config.checks import NAME, NAMED
 from pymantaray.config.common import (
@@ -46,8 +46,9 @@ from pymantaray.config.geographic import with_local_places
 from pymantaray.config.keys import changed, described, words_of
 from pymantaray.config.mission import MissionSection, PingsSection
 from pymantaray.config.parse import parse
+from pymantaray.config.references import References, data_references
 from pymantaray.geometry.sphere import Earth
-from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.equations import EQUATIONS, Equation
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.quantities.units import is_like_quantity, quantity_of
 from pymantaray.sensing import ClockModel
@@ -58,6 +59,15 @@ if TYPE_CHECKING:
     from pymantaray.sensing import Picker, ReceptionOptions, Timing
 
 Bounces = Annotated[int, Field(ge=0, le=15)]  # maximum of the ray solver
+
+
+_SURFACE_LOSS = {"bubbles": ("apl-uw1994",), "coherent": ("pierson1964",)}
+_ABSORPTION = {
+    "francois-garrison": ("francois1982a", "francois1982b"),
+    "ainslie-mccolm": ("ainslie1998",),
+    "thorp": ("thorp1967", "jensen"),
+}
+"""Keys of the publications about each formula."""
 
 
 class AcousticsSection(Section):
@@ -105,6 +115,18 @@ class AcousticsSection(Section):
     """
     earth: Earth = "flat"
     """Shape of the Earth for rays and straight distances: a plane, as in the paper, or a sphere."""
+
+    def references(self) -> References:
+        """Publications about rays, currents and losses of reflections."""
+        yield "dormand1980", "integration of rays"
+        if self.spreading_cutoff_db != "none":
+            yield "snieder1998", "reciprocal spreading of rays, by which weak rays are excluded"
+        if self.currents:
+            yield "munk1995", "sound in moving water"
+        for key in _SURFACE_LOSS.get(self.surface_loss, ()):
+            yield key, "loss at the surface"
+        if (source := sediment_source(self.sediment)) is not None:
+            yield source, "sediments"
 
     @property
     def cutoff_db(self) -> float | None:
@@ -246,6 +268,15 @@ class DetectionSection(Section):
     Level of scattered sound in shadow zones below spherical spreading. Default: no scattered sound.
     [dB]
     """
+
+    def references(self) -> References:
+        """Publications about absorption, noise and leakage."""
+        for key in _ABSORPTION.get(self.absorption, ()):
+            yield key, "absorption"
+        if self.noise_spectral_level_db is None:
+            yield "wenz1962", "ambient noise, in the form of Coates (1990)"
+        if self.leakage:
+            yield "itu-p526", "sound behind an edge"
 
     def build_sonar(self) -> "Sonar":
         """Build the modems."""
@@ -436,6 +467,15 @@ class OceanSection(Section):
                 " = false or remove it"
             )
         return self
+
+    def references(self) -> References:
+        """Owners of the data, and the equation of sound speed."""
+        for source in self.source:
+            yield from data_references(source, "ocean")
+        if isinstance(self.bathymetry, str):
+            yield from data_references(self.bathymetry, "sea floor")
+        for key in EQUATIONS[self.equation].references:
+            yield key, "sound speed"
 
     @property
     def first_ice_draw(self) -> int:
@@ -737,6 +777,17 @@ class StudyConfig(SoundConfig):
     @classmethod
     def _places(cls, tree: Any) -> Any:
         return with_local_places(tree)
+
+    def references(self) -> References:
+        """Publications that the study relies on, in the order of the data flow."""
+        yield "kogucki-papalia", "conditions and noise of the study"
+        for section in (self.ocean, self.acoustics, self.detection):
+            yield from () if section is None else section.references()
+        for condition in self.conditions:
+            yield from condition.references()
+            yield from self.solver_of(condition).references()
+        if self.solves:
+            yield "sturm2012", "absolute trajectory error"
 
     @property
     def files(self) -> tuple[str, ...]:

@@ -13,6 +13,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.convert import is_our_unit, our_unit
+from pymantaray.ocean.environment import is_environment, read_environment
 from pymantaray.ocean.files import IN_MEMORY, is_netcdf, open_file
 from pymantaray.ocean.local import assemble_local
 from pymantaray.ocean.schema import layer_edges
@@ -45,6 +46,16 @@ def read_metres(path: str | Path) -> xr.Dataset:
     """Read a data set in metres from a NetCDF file."""
     with open_file(path) as data:
         return data.load()
+
+
+def file_in_metres(path: str) -> bool:
+    """True if a file has water in metres."""
+    return is_environment(path) or holds_metres(path)
+
+
+def read_file_in_metres(path: str) -> xr.Dataset:
+    """Read a file with water in metres."""
+    return read_environment(path) if is_environment(path) else read_metres(path)
 
 
 def ocean_in_metres(data: xr.Dataset, name: str = IN_MEMORY, *, at_rest: bool = True) -> xr.Dataset:

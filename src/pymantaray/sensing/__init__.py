@@ -38,5 +38,6 @@ if TYPE_CHECKING:
     from pymantaray.sensing.transmission import ReceptionOptions as ReceptionOptions
     from pymantaray.sensing.transmission import Transmission as Transmission
     from pymantaray.sensing.transmission import find_receptions as find_receptions
+    from pymantaray.sensing.water import Water as Water
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

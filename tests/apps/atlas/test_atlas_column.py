@@ -13,17 +13,18 @@ from oracles import direct_travel_time_linear_gradient
 from refusals import refused
 
 from pymantaray.acoustics import Medium
+from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.atlas import AtlasLinks
 from pymantaray.apps.atlas.column import SPLINE, column_errors, medium_at
 from pymantaray.apps.atlas.links import CONVENTIONS
 from pymantaray.config import parse_study
+from pymantaray.config.build.ocean import build_ocean
 from pymantaray.errors import AtlasError
 from pymantaray.evaluation.ranging_error import range_errors
 from pymantaray.ocean import open_ocean
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.records import RayStatus
 from pymantaray.sensing import Landmark
-from pymantaray.water.ocean import build_medium, build_ocean
 
 PLACE = 15, 25  # row and column of the ocean
 

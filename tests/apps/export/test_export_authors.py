@@ -16,6 +16,7 @@ from pymantaray import load_study, run_study
 from pymantaray.apps.export import export_authors
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
+from pymantaray.config.build.study import build_study
 from pymantaray.config.load import import_study
 from pymantaray.errors import ExchangeError, MantaRayError, OceanError, StudyError
 from pymantaray.ocean.environment import read_arrays
@@ -25,7 +26,7 @@ RUN = Path(__file__).parents[4] / "shared" / "data" / "authors"
 
 
 def mission_of(config):
-    return simulate_mission(config, Stopwatch(), lambda *_: None)
+    return simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
 
 
 def test_every_value_has_its_place(tmp_path):

@@ -426,7 +426,8 @@ def test_what_cannot_be_exported_is_refused_and_leaves_nothing(run, tmp_path, mo
     refused(JobError, "full", export_run, run, "tum", full)
     refused(WriteError, r"there\.rrd: already exists", export_run, run, "rrd", file)
     assert names_in(full) == ["mine"]
-    monkeypatch.setitem(vars(run.config), "conditions", run.config.conditions[:2])
+    study = replace(run.study, conditions=run.study.conditions[:2])
+    monkeypatch.setitem(vars(run), "study", study)
     refused(
         ExchangeError,
         "no condition of the study has ranges; a graph needs one of straight",

@@ -8,8 +8,9 @@ import pandas as pd
 import pytest
 import xarray as xr
 
-from pymantaray.apps.study.assemble import fleet_plan
 from pymantaray.config import load_study, preset_text
+from pymantaray.config.build.fleet import planned_points
+from pymantaray.config.build.ocean import build_ocean
 from pymantaray.geometry import stream
 from pymantaray.ocean import (
     cast_ocean,
@@ -24,7 +25,6 @@ from pymantaray.ocean import (
 from pymantaray.ocean.corrections import correct_with_casts
 from pymantaray.ocean.schema import validate_ocean
 from pymantaray.records import write_netcdf
-from pymantaray.water.ocean import build_ocean
 
 CAST = """# drop 9, 2014-07-24/1920 UTC, lat 74.0, lon -140.0; bottom 450 m
 depth_m,temperature_degC,practical_salinity
@@ -136,7 +136,7 @@ def test_options_of_ice_and_profiles_are_checked_without_a_study(mantaray, ocean
 
 def test_the_plan_of_a_fleet_holds_starts_targets_and_landmarks():
     config = load_study("beaufort")
-    plan = fleet_plan(config)
+    plan = planned_points(config)
     assert set(plan) == {v.name for v in config.fleet.vehicles} | {m.name for m in config.landmarks}
     floats = [v for v in config.fleet.vehicles if v.kind == "float"]
     assert floats

@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pymantaray import open_water
 from pymantaray.acoustics import find_eigenrays
 from pymantaray.apps.table import build_table, save_table
 from pymantaray.apps.table.file import c_header
 from pymantaray.records import RayStatus
-from pymantaray.water import open_water
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "ns3" / "table_network.cc"
 LIBRARIES = ("ns3-uan", "ns3-mobility", "ns3-network", "ns3-core")

@@ -10,14 +10,15 @@ import numpy as np
 import pytest
 from onboard import feed, fleet_calls, fleet_estimator
 
+from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.online import Outcome
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.config import load_study
+from pymantaray.config.build.study import build_study
 from pymantaray.estimation import Estimator, TransmitterSpeed, solve_conditions
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.sensing import perturb
-from pymantaray.water.ocean import build_medium
 
 # Largest distance between the last positions of filter and batch solution, in standard deviations
 # of the batch solution: about twice the measured 0.11, 0.01, 0.17 and 0.18, which are errors of
@@ -32,7 +33,7 @@ def simulated(preset):
     realization.
     """
     config = load_study(preset)
-    mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+    mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
     noisy = perturb(
         mission.measurements,
         root_seed=config.study.seed,

@@ -10,8 +10,8 @@ from pymantaray.apps.plan.definition import PlanSection
 from pymantaray.apps.plan.ensemble import worst_score
 from pymantaray.apps.plan.evaluate import DesignEvaluator
 from pymantaray.apps.plan.waters import Missions
-from pymantaray.apps.study.beliefs import Beliefs
 from pymantaray.config import parse_study
+from pymantaray.config.build.beliefs import Beliefs
 from pymantaray.config.estimators import CastBelief
 from pymantaray.errors import PlanError
 from pymantaray.ocean import open_ocean

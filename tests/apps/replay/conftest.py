@@ -7,8 +7,8 @@ from types import SimpleNamespace
 
 import pytest
 
+from pymantaray import open_waters
 from pymantaray.apps.replay import read_events
-from pymantaray.water import open_waters
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "replay_campaign.py"
 

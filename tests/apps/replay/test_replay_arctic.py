@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from arctic import write_campaign
 
+from pymantaray import open_waters
 from pymantaray.apps.replay import PredictionOptions, read_events, replay_events
-from pymantaray.water import open_waters
 
 pytestmark = pytest.mark.slow
 

@@ -10,12 +10,12 @@ import pytest
 from arctic import BOTTOM, DEPTH, cast
 from refusals import refused
 
+from pymantaray import Water
 from pymantaray.acoustics import BoundarySurface, Medium
 from pymantaray.apps.replay import Events, PredictionOptions, replay_events
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.sensing import ReceptionOptions
-from pymantaray.water import Water
 
 ENDS = np.array([[72.0, -145.0, 90.0], [72.0135, -145.0, 90.0]])
 

@@ -8,13 +8,13 @@ import pytest
 from factories import ridged
 from refusals import refused
 
+from pymantaray import Water
 from pymantaray.acoustics import Leakage, Medium, Sonar
 from pymantaray.apps.replay import DetectionRule, Events, read_events, replay_events
 from pymantaray.apps.replay.water import choose_water, ends_of
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.sensing import Detector, ReceptionOptions
-from pymantaray.water import Water
 
 HEAD = "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,receiver_depth,travel_time"
 ROW = "2020-03-10T12:00:00Z,A,B,72,-145,30,72.02,-145.1,150,1.6"

@@ -10,6 +10,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from pymantaray import Water
 from pymantaray.acoustics import Medium
 from pymantaray.apps.replay import (
     Events,
@@ -30,7 +31,6 @@ from pymantaray.apps.replay.clocks import (
 from pymantaray.apps.replay.consistency import node_table
 from pymantaray.apps.replay.positions import _smooth
 from pymantaray.errors import ReplayError
-from pymantaray.water import Water
 
 PLACES = {
     "A": (0.0, 0.0), "B": (1500.0, 200.0), "C": (-1400.0, 2700.0),

@@ -11,8 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pymantaray import open_waters
 from pymantaray.apps.replay import PredictionOptions, correct_events, read_events, replay_events
-from pymantaray.water import open_waters
 
 pytestmark = pytest.mark.slow
 EXAMPLE = Path(__file__).parents[3] / "examples" / "replay_campaign.py"

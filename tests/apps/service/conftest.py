@@ -10,9 +10,8 @@ from pymantaray.acoustics import Medium, Sonar
 from pymantaray.apps.service import RangingService, make_server
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.config import parse_study
+from pymantaray.config.build.study import build_study
 from pymantaray.sensing import Detector, ReceptionOptions, TwoWay
-from pymantaray.water.ocean import build_medium
-from pymantaray.water.water import mission_ocean
 
 SONAR = Sonar(source_level_db=170.0, frequency_hz=25e3, bandwidth_hz=4e3, noise=45.0)
 
@@ -77,11 +76,10 @@ def fly():
     def one(**sections):
         tree = TINY | {name: TINY.get(name, {}) | section for name, section in sections.items()}
         config = parse_study(tree, "tiny")
-        ocean = mission_ocean(config)
-        truth = simulate_fleet(config, ocean)
-        ranging = range_fleet(
-            config, ocean, build_medium(ocean, config.acoustics.interpolation), truth
-        )
+        study = build_study(config)
+        ocean = study.ocean.open()
+        truth = simulate_fleet(study.fleet, ocean)
+        ranging = range_fleet(study.ranging, ocean, study.sound.medium(ocean), truth)
         return config, truth, [mark.build() for mark in config.landmarks], ranging
 
     return one

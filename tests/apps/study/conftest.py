@@ -10,6 +10,7 @@ from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import run_in_memory
 from pymantaray.config import parse_study
+from pymantaray.config.build.study import build_study
 
 
 def changed(tree, sections):
@@ -57,7 +58,7 @@ def fly_tiny(tiny):
 
     def fly(**sections):
         config = tiny(**sections)
-        mission = simulate_mission(config, Stopwatch(), lambda *_: None)
-        return mission, run_in_memory(config, mission)
+        mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
+        return mission, run_in_memory(build_study(config), mission)
 
     return fly

@@ -50,11 +50,12 @@ def test_data_of_a_study_flows_one_way_and_reaches_every_stage():
     )
     assert {target for _, target, _ in between} == set(names) - {"mission_ocean"}
     for folder, _, function in STAGES:
-        homes = {  # stages that are put together from these folders
-            "ocean": "water",
+        homes = {
+            "ocean": "config",
             "fleet": "apps",
+            "water": "acoustics",
             "acoustics": "apps",
-        }
+        }  # stages that others put together from these folders
         assert function.__module__.split(".")[1] == homes.get(folder, folder)
 
 

@@ -13,11 +13,12 @@ from oracles import nonlinear_vector_factors
 from refusals import refused
 
 from pymantaray.apps.study import run_study
-from pymantaray.apps.study.beliefs import Beliefs
-from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.realization import RealizationSolver
 from pymantaray.apps.study.store import Run
 from pymantaray.config import parse_study, preset_text, study_toml
+from pymantaray.config.build.beliefs import Beliefs
+from pymantaray.config.build.estimators import EstimatorFactory
+from pymantaray.config.build.ocean import mission_start, open_start
 from pymantaray.config.estimators import (
     CastBelief,
     ConditionSection,
@@ -57,7 +58,6 @@ from pymantaray.ocean.internal_tide import PRESSURE_GRADIENT, displaced, with_in
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.records import SolveStatus, write_netcdf
-from pymantaray.water.ocean import mission_start, open_start
 
 EXACT = {"kind": "exact"}
 PERTURBED = {"kind": "perturbed", "rms": 1.0, "horizontal_scale": 20e3, "down_to": 300.0}
@@ -260,7 +260,7 @@ def test_other_numerics_are_those_of_the_same_water(beliefs):
 
 def test_an_assumed_tide_is_in_the_water_of_the_run(beliefs, monkeypatch):
     monkeypatch.setattr(
-        "pymantaray.apps.study.beliefs.build_ocean", None
+        "pymantaray.config.build.beliefs.build_ocean", None
     )  # the source is not opened again
     tide = InternalTideBelief(kind="internal-tide", amplitude=10.0)
     exact, ocean = beliefs.believed(ExactBelief(kind="exact"), 0).local, beliefs.varying(tide)

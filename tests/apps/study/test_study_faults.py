@@ -12,12 +12,12 @@ import pytest
 from factories import python
 
 from pymantaray.apps.study import open_run, run_study
-from pymantaray.apps.study.beliefs import Beliefs
+from pymantaray.config.build import ocean as water_ocean
+from pymantaray.config.build.beliefs import Beliefs
 from pymantaray.config.estimators import ModesSection
 from pymantaray.errors import JobError
 from pymantaray.ocean import open_ocean
 from pymantaray.records import write_netcdf
-from pymantaray.water import ocean as water_ocean
 
 FULL = """
 import resource

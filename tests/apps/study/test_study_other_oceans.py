@@ -8,6 +8,7 @@ import xarray as xr
 
 from pymantaray.apps.study import run_study
 from pymantaray.config import load_study
+from pymantaray.config.build.ocean import build_ocean
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import (
     cast_ocean,
@@ -17,7 +18,6 @@ from pymantaray.ocean import (
     sound_speed_profile_spread,
 )
 from pymantaray.records import RayStatus, VehicleStatus, write_netcdf
-from pymantaray.water.ocean import build_ocean
 
 CASTS = Path(__file__).resolve().parents[4] / "shared" / "data" / "casts"
 

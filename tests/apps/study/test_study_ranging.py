@@ -9,16 +9,17 @@ import numpy as np
 import pytest
 
 from pymantaray.acoustics import Leakage, Medium, WenzNoise
+from pymantaray.acoustics.ocean_fields import build_currents
 from pymantaray.apps.study import open_run
 from pymantaray.apps.study.realization import RealizationQueue, start_solver
+from pymantaray.config.build.ocean import build_ocean
+from pymantaray.config.build.sound import build_sound
 from pymantaray.config.sections import DetectionSection, RangingSection
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
 from pymantaray.jobs.pool import ProcessPool, run_tasks
 from pymantaray.records import RayStatus
 from pymantaray.sensing import ClockModel, Picker, TwoWay, perturb
-from pymantaray.water.ocean import build_currents, build_ocean
-from pymantaray.water.water import build_reception
 
 DETECTION = {"source_level_db": 160.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}
 
@@ -48,7 +49,7 @@ def test_sections_become_what_ranging_takes(tiny):
     currents = build_currents(ocean)
     np.testing.assert_array_equal(currents.velocity[..., 0], ocean.local["current_north"].values)
     np.testing.assert_array_equal(currents.velocity[..., 1], ocean.local["current_east"].values)
-    reception = build_reception(config, ocean)
+    reception = build_sound(config).reception(ocean)
     detector = reception.detector
     assert detector.sonar.noise == WenzNoise(wind_speed=12.0, shipping=0.5)
     assert (detector.surface.wind_speed, detector.surface.model) == (12.0, "coherent")

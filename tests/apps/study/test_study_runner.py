@@ -14,9 +14,9 @@ from factories import assert_same, names_in
 from refusals import refused
 
 from pymantaray.apps.study import open_run, run_study, runner
-from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.manifest import checksums, describe_run
 from pymantaray.apps.study.store import summarize
+from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.config.estimators import STANDARD, ConditionSection
 from pymantaray.errors import FleetError, JobError, StudyError
 from pymantaray.estimation import (
@@ -247,7 +247,7 @@ def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path):
     content = tmp_path / "a.nc"
     content.write_bytes(b"ocean")
     config = tiny(ocean={"source": [str(content)]})
-    assert checksums(config) == {str(content): hashlib.sha256(b"ocean").hexdigest()}
+    assert checksums(config.files) == {str(content): hashlib.sha256(b"ocean").hexdigest()}
     assert manifest["ocean"]["synthetic"] is True
 
 

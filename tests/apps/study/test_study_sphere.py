@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.realization import RealizationSolver
+from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.estimation import (
     GraphSolver,
     IncrementalOptions,

@@ -8,10 +8,11 @@ import pytest
 from pymantaray.apps.study import run_study
 from pymantaray.apps.study.mission import simulate_fleet
 from pymantaray.config import load_study, parse_study, preset_text
+from pymantaray.config.build.fleet import build_fleet
+from pymantaray.config.build.ocean import mission_ocean
 from pymantaray.estimation import CONDITIONS
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
-from pymantaray.water.water import mission_ocean
 
 
 def short_survey(conditions):
@@ -170,7 +171,7 @@ def test_the_current_carries_vehicles_and_buoys_of_a_study_that_says_so(survey_r
     )
     config = parse_study(tree)
     ocean = mission_ocean(config)
-    truth = simulate_fleet(config, ocean)
+    truth = simulate_fleet(build_fleet(config), ocean)
     assert truth.role.tolist() == ["station"] + 4 * ["waypoints"] + 2 * ["drifting"]
     hours = truth.time[-1]
     for row, depth in ((5, 0.5), (6, 400.0)):

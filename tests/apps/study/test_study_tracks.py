@@ -25,8 +25,9 @@ from pymantaray import (
     run_study,
 )
 from pymantaray.apps.export.run_files import export_run
-from pymantaray.apps.study.tracks import with_tracks
 from pymantaray.config import parse_study
+from pymantaray.config.build.fleet import with_tracks
+from pymantaray.config.build.study import build_study
 from pymantaray.errors import ExchangeError, MantaRayError, StudyError
 from pymantaray.exchange.centre import centre_beside
 from pymantaray.ocean import open_ocean
@@ -247,7 +248,7 @@ def test_simulated_vehicles_may_ping_between_samples(study_run):
     from pymantaray.apps.study.manifest import Stopwatch
     from pymantaray.apps.study.mission import simulate_mission
 
-    mission = simulate_mission(parse_study(tree), Stopwatch(), lambda *_: None)
+    mission = simulate_mission(build_study(parse_study(tree)), Stopwatch(), lambda *_: None)
     pings = 310.0 * np.arange(12)
     assert set(mission.truth.time) == {*np.arange(0.0, 3601.0, 200.0), *pings}
     own = np.isin(mission.truth.time, study_run.truth.time)

@@ -14,25 +14,25 @@ import xarray as xr
 from factories import assert_same
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics.ocean_fields import (
+    OceanFields,
+    build_currents,
+    build_medium,
+    medium_around,
+)
 from pymantaray.apps.study import open_run, run_study
-from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.explore import PageLinks, mission_rays
 from pymantaray.apps.study.figures.register import RunResults
+from pymantaray.config.build.estimators import EstimatorFactory
+from pymantaray.config.build.ocean import mission_start
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import solve_conditions
 from pymantaray.fleet import simulate
 from pymantaray.jobs.keys import sha256
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.synthetic import EPOCH
+from pymantaray.ocean.varying import VARYING, series_of, snapshot_at
 from pymantaray.records import write_netcdf
-from pymantaray.water.ocean import (
-    OceanFields,
-    build_currents,
-    build_medium,
-    medium_around,
-    mission_start,
-)
-from pymantaray.water.varying import VARYING, series_of, snapshot_at
 
 WINDOW = (74.2, 74.8, -141.2, -138.8)
 HOUR = 3600.0

@@ -2,27 +2,26 @@
 
 import copy
 from functools import cache
-from types import SimpleNamespace
 
 import pytest
 from factories import TINY, pool_here
 
 from pymantaray.apps.sweep import Sweep, stages
 from pymantaray.config import parse_study
-from pymantaray.water.water import mission_ocean
+from pymantaray.config.build.ocean import build_ocean
 
 
 @pytest.fixture(scope="session")
 def ocean_of():
     """Ocean of a configuration, made once for all tests of this process: it takes longest."""
-    return cache(lambda section: mission_ocean(SimpleNamespace(ocean=section)))
+    return cache(lambda section: build_ocean(section, 0.0))
 
 
 @pytest.fixture(autouse=True)
 def nothing_in_memory(monkeypatch, ocean_of):
     """What one test computed is not there for the next, but for oceans."""
     stages._LATEST.clear()
-    monkeypatch.setattr(stages, "mission_ocean", lambda config: ocean_of(config.ocean))
+    monkeypatch.setattr(stages, "open_ocean", lambda ocean, _: ocean_of(ocean.section))
 
 
 @pytest.fixture

@@ -11,6 +11,7 @@ from pymantaray.apps.sweep.definition import parse_sweep
 from pymantaray.apps.sweep.keys import task_keys
 from pymantaray.apps.sweep.plan import SweepPlan
 from pymantaray.config import load_study, parse_study, study_toml
+from pymantaray.config.build.study import build_study
 from pymantaray.config.keys import with_key
 from pymantaray.errors import SweepError
 
@@ -87,7 +88,7 @@ def test_a_point_is_the_study_of_its_own_tables_although_sections_of_the_base_ar
             tree = with_key(tree, axis.name, axis.values[axis.name][k])
         study = parse_study(tree)
         assert sweep.point(number) == study
-        assert plan.keys[number] == task_keys(study, {})
+        assert plan.keys[number] == task_keys(build_study(study), {})
 
 
 def test_all_else_is_the_base(sweep):

@@ -19,12 +19,12 @@ from pymantaray.apps.sweep.plan import SweepPlan, SweepQueue
 from pymantaray.apps.sweep.points import stage_name
 from pymantaray.apps.sweep.tasks import SweepTask, run_task
 from pymantaray.config import parse_study
+from pymantaray.config.build.ocean import MissionOcean
 from pymantaray.errors import JobError
 from pymantaray.evaluation import dropout_table, error_table
 from pymantaray.jobs.pool import Pool
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.jobs.store import open_store
-from pymantaray.water.water import mission_ocean
 
 
 @pytest.fixture
@@ -49,7 +49,7 @@ def counted(monkeypatch):
         monkeypatch.setattr(stages, function, call)
 
     for stage, function in (
-        (OCEAN, "mission_ocean"),
+        (OCEAN, "open_ocean"),
         (FLEET, "simulate_fleet"),
         (RAYS, "range_fleet"),
     ):
@@ -86,7 +86,7 @@ def test_a_point_is_the_study_to_the_last_digit(here, small, tmp_path):
 
 
 def test_points_in_a_profile_are_the_studies_to_the_last_digit(here, small, monkeypatch, tmp_path):
-    monkeypatch.setattr(stages, "mission_ocean", mission_ocean)
+    monkeypatch.setattr(stages, "open_ocean", MissionOcean.open)
     cast = tmp_path / "cast.csv"
     depth = np.arange(0.0, 1000.0, 20.0)
     speed = 1440.0 + 8.0 * np.exp(-(((depth - 60.0) / 40.0) ** 2)) + 0.016 * depth

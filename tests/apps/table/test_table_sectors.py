@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from table_reader import COMPILER, bits_of, compiled, read
 
+from pymantaray import Water
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.apps.table import CellStatus, TravelTimeTable, build_table, save_table
 from pymantaray.errors import OnlineError
-from pymantaray.water import Water
 
 NODE, SECTORS = (300.0, -200.0), 4
 LIMITS = (20.0, 60.0), (20.0, 120.0), (100.0, 1500.0)

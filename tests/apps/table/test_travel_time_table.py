@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from refusals import refused
 
+from pymantaray import Water
 from pymantaray.acoustics import choose_arrivals, find_eigenrays
 from pymantaray.apps.table import CellStatus, TravelTimeTable, build_table, open_table, save_table
 from pymantaray.apps.table.build import Box, build_tree
 from pymantaray.apps.table.samples import NO_ARRIVAL, Samples
 from pymantaray.errors import OnlineError
-from pymantaray.water import Water
 
 WITH_RANGE = (CellStatus.DIRECT, CellStatus.BOUNCED, CellStatus.AMBIGUOUS)
 POCKET, POCKET_SIZE = (
@@ -284,7 +284,7 @@ def test_sigma_is_that_of_two_oceans(water: Water, tmp_path: Path) -> None:
     speed = 1500.0 - 30.0 / (1.0 + np.exp(-(depth - 80.0) / 25.0)) + 0.017 * depth
     rows = [f"{z},{c * 1.001}" for z, c in zip(depth, speed, strict=True)]
     faster.write_text("\n".join(["depth_m,sound_speed", *rows]))
-    from pymantaray.water import open_water
+    from pymantaray import open_water
 
     other = open_water(str(faster), bathymetry=1000.0)
     limits = ((40.0, 60.0), (100.0, 300.0), (500.0, 1500.0))

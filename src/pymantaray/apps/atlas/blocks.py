@@ -15,7 +15,7 @@ from pymantaray.acoustics.medium import ice_of
 from pymantaray.apps.atlas.column import EDGE, LAND, WATER, column_errors, water_at
 from pymantaray.apps.atlas.dataset import VARIABLES, shape_of
 from pymantaray.apps.atlas.plan import Block
-from pymantaray.config.sections import OceanSection
+from pymantaray.config.build.ocean import MissionOcean
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.longitude import whole_turns
 from pymantaray.jobs.pool import run_in_store
@@ -26,8 +26,6 @@ from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.ocean.open import read_ocean
 from pymantaray.ocean.window import crop
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
-from pymantaray.water.ocean import build_medium, build_sea_floor, is_profile, profile_fields
-from pymantaray.water.uniform import one_profile, with_section_ice
 
 _STATUS = "column_status"
 
@@ -70,12 +68,8 @@ def block_errors(block: Block) -> dict[str, NDArray[Any]]:
         )
         for name, v in VARIABLES.items()
     }
-    section = block.water.ocean
-    if is_profile(section):
-        fields = profile_fields(section, one_profile(section), block.links.interpolation)
-        medium = build_medium(
-            fields, block.water.acoustics.interpolation, block.water.acoustics.earth
-        )
+    if block.ocean.is_profile:
+        medium = block.sound.medium(block.ocean.open(block.links.interpolation))
         assert isinstance(medium, Medium)  # one profile does not vary in time
         columns = [(0, 0, WATER, column_errors(medium, block.links)._asdict())]
     else:
@@ -89,8 +83,8 @@ def block_errors(block: Block) -> dict[str, NDArray[Any]]:
 
 def source_of(block: Block) -> tuple[str, bool]:
     """Title of the water, and True if it is synthetic."""
-    if is_profile(block.water.ocean):
-        return one_profile(block.water.ocean).name, False
+    if block.ocean.is_profile:
+        return block.ocean.profile().name, False
     attrs = _water(block).attrs
     return str(attrs["title"]), bool(attrs["synthetic"])
 
@@ -98,12 +92,12 @@ def source_of(block: Block) -> tuple[str, bool]:
 def _columns(block: Block) -> Iterator[tuple[int, int, int, dict[str, NDArray[Any]]]]:
     """Row, column, status and errors of each column of a gridded ocean."""
     ocean = _water(block)
-    sea_floor = build_sea_floor(block.water.ocean, ocean)
+    sea_floor = block.ocean.sea_floor(ocean)
     surface = np.isfinite(ocean["water_temp"].values[0])
     lats = ocean["lat"].values
     lons = ocean["lon"].values
     middle = 0.5 * float(lons[0] + lons[-1])
-    points = GridPoints.of(ocean, block.water.ocean.equation) if surface.any() else None
+    points = GridPoints.of(ocean, block.ocean.equation) if surface.any() else None
     for i, lat in enumerate(block.lat):
         for j, lon in enumerate(block.lon):
             place = (lat, lon - whole_turns(lon, about=middle))
@@ -119,24 +113,23 @@ def _columns(block: Block) -> Iterator[tuple[int, int, int, dict[str, NDArray[An
 def _column(
     points: GridPoints, place: tuple[float, float], block: Block, sea_floor: xr.DataArray | None
 ) -> tuple[int, dict[str, NDArray[Any]]]:
-    acoustics = block.water.acoustics
     interpolation = block.links.interpolation
     grid = water_at(points, place, block.links, sea_floor)
     if grid is None:
         return EDGE, {}
-    ice = _ice(block.water.ocean, grid)
+    ice = _ice(block.ocean, grid)
     medium = Medium.from_local_grid(
-        grid, interpolation=interpolation, ice_draft=ice, earth=acoustics.earth
+        grid, interpolation=interpolation, ice_draft=ice, earth=block.sound.earth
     )
     currents = None
-    if acoustics.currents:
+    if block.sound.currents:
         currents = Currents(grid.north, grid.east, grid.depth, np.stack(grid.currents(), axis=-1))
     return WATER, column_errors(medium, block.links, currents)._asdict()
 
 
-def _ice(section: OceanSection, grid: LocalGrid) -> BoundarySurface | float:
-    """Surface of a local grid with the ice of a section; depth 0 without ice. [m]"""
-    if section.ice is None:
+def _ice(ocean: MissionOcean, grid: LocalGrid) -> BoundarySurface | float:
+    """Surface of a local grid with the ice of an ocean; depth 0 without ice. [m]"""
+    if not ocean.has_ice:
         return 0.0
     frame = grid.window.frame
     centre = {
@@ -144,17 +137,15 @@ def _ice(section: OceanSection, grid: LocalGrid) -> BoundarySurface | float:
         "centre_longitude_deg": frame.longitude_deg,
     }
     axes = {"north": grid.north, "east": grid.east}
-    return ice_of(with_section_ice(section, xr.Dataset(coords=axes, attrs=centre)))
+    return ice_of(ocean.with_ice(xr.Dataset(coords=axes, attrs=centre)))
 
 
 def _water(block: Block) -> xr.Dataset:
     """Grid points that the links of a block may need; all of them may be land."""
     time = str(block.time)
-    section = block.water.ocean
     if block.files[0].startswith(SYNTHETIC):
         return crop(_whole(block.files, time), block.window)
-    options: dict[str, Any] = {"currents": section.currents, "names": section.standard_names}
-    return read_ocean(block.files, time=time, window=block.window, **options)
+    return read_ocean(block.files, time=time, window=block.window, **block.ocean.reading)
 
 
 @lru_cache(maxsize=1)

@@ -31,7 +31,7 @@ from pymantaray.errors import AtlasError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pymantaray.config.sections import AcousticsSection
+    from pymantaray.config.build.sound import SoundOptions
     from pymantaray.records.result_table import ResultTable
 
 app = Commands(
@@ -104,17 +104,17 @@ class LinkOptions:
         Fields("distances", "bearings", "safe", "within_db", nominal_sound_speed="--nominal"),
     ]
 
-    def of_study(self, acoustics: "AcousticsSection", tolerance: float) -> AtlasLinks:
-        """Links with the search options of a configuration."""
+    def of_study(self, sound: "SoundOptions", tolerance: float) -> AtlasLinks:
+        """Links with the search of a study."""
         pairs = self.pair or combinations_with_replacement(self.depths, 2)
         return replace(
             self.links,
             pairs=tuple(pairs),
-            max_surface_bounces=acoustics.max_surface_bounces,
-            max_bottom_bounces=acoustics.max_bottom_bounces,
-            spreading_cutoff_db=acoustics.cutoff_db,
+            max_surface_bounces=sound.options.max_surface_bounces,
+            max_bottom_bounces=sound.options.max_bottom_bounces,
+            spreading_cutoff_db=sound.options.spreading_cutoff_db,
             tolerance=tolerance,
-            interpolation=acoustics.interpolation,
+            interpolation=sound.interpolation,
         )
 
 
@@ -146,13 +146,14 @@ def run(
     """Compute an atlas, or complete an interrupted one."""
     check_output(out.out, [".nc"], inputs=[Path(name) for name in files], force=True)
     from pymantaray.apps.atlas import Atlas, open_atlas, run_atlas, safety_table
+    from pymantaray.config.build.sound import build_sound
+    from pymantaray.config.build.water import configuration_of
     from pymantaray.records.digits import counted
-    from pymantaray.water.water import configuration_of
 
     config = configuration_of(files, replace(water, time=None).keys | search.keys)
     atlas = Atlas(
         config,
-        links.of_study(config.acoustics, search.tolerance),
+        links.of_study(build_sound(config), search.tolerance),
         window=grid.window,
         every=grid.every,
         times=grid.instants(config.ocean.source, water.time),

@@ -198,7 +198,7 @@ def attributes(atlas: Atlas, title: str, synthetic: bool) -> dict[str, Any]:
         "max_surface_bounces": links.max_surface_bounces,
         "max_bottom_bounces": links.max_bottom_bounces,
         "interpolation": links.interpolation,
-        "sound_speed_equation": atlas.water.ocean.equation,
+        "sound_speed_equation": atlas.ocean.equation,
         "comment": "range_error is reference_speed_error + bending_error; NaN where no direct"
         " arrival is admitted. The transmitter is at the column.",
     }

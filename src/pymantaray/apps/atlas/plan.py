@@ -18,8 +18,9 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.atlas.column import SPLINE
 from pymantaray.apps.atlas.links import AtlasLinks
 from pymantaray.arrays import Array
-from pymantaray.config import SoundConfig
-from pymantaray.config.sections import OceanSection
+from pymantaray.config.build.ocean import MissionOcean, build_mission_ocean
+from pymantaray.config.build.sound import SoundOptions, build_sound
+from pymantaray.config.build.water import Source, configuration_of
 from pymantaray.errors import AtlasError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import wrapped
@@ -32,11 +33,6 @@ from pymantaray.ocean.open import FileSource, OceanIndex, ocean_index
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import GeographicWindow, rectangle, select
 from pymantaray.records.digits import counted
-from pymantaray.water import Source
-from pymantaray.water.metres import section_in_metres
-from pymantaray.water.ocean import is_profile
-from pymantaray.water.uniform import one_profile
-from pymantaray.water.water import configuration_of
 
 Times = Sequence[str | np.datetime64] | NDArray[np.datetime64]
 _COLUMNS = 16  # per block and axis; 256 columns take ten seconds
@@ -57,8 +53,10 @@ class Block:
     lat: tuple[float, ...]
     lon: tuple[float, ...]
     links: AtlasLinks
-    water: SoundConfig
+    ocean: MissionOcean
     """Sea floor, ice, equation, names and currents of the ocean."""
+    sound: SoundOptions
+    """Shape of the Earth, and whether currents change travel times."""
     place: tuple[int, slice, slice]
     """Position in the atlas: time, latitudes, longitudes."""
     kind: str = "block"
@@ -110,10 +108,10 @@ class Atlas:
         times: Times | None = None,
         **options: Any,
     ) -> None:
-        self.water = _water_config(source, options)
+        self.ocean, self.sound = _water_of(source, options)
         self.every = every
-        self.links = links or _links_of(self.water)
-        self._index = _index_of(self.water.ocean)
+        self.links = links or _links_of(self.sound)
+        self._index = _index_of(self.ocean)
         self.times = _instants(self._index, times)
         lat = self._index.lat
         lon = self._index.lon
@@ -142,7 +140,7 @@ class Atlas:
     def __repr__(self) -> str:
         """Source and size of the atlas."""
         times, rows, columns = self.shape
-        where = ", ".join(self.water.ocean.source)
+        where = ", ".join(self.ocean.source)
         return (
             f"<Atlas of {where}: {rows} x {columns} columns, {counted(times, 'instant')},"
             f" {self.links.count} links each>"
@@ -170,20 +168,11 @@ class Atlas:
         there = np.flatnonzero(self._index.times == time)
         return self._index.files[int(there[0]) if there.size else 0]
 
-    @property
-    def _maps(self) -> list[str]:
-        """Files of sea floor and ice."""
-        return [
-            file
-            for file in (self.water.ocean.bathymetry, self.water.ocean.ice)
-            if isinstance(file, str)
-        ]
-
     @cached_property
     def checksums(self) -> dict[str, str]:
         """SHA-256 of every input file."""
         files = dict.fromkeys(file for time in self.times for file in self._files(time))
-        names = [*files, *self._maps]
+        names = [*files, *self.ocean.maps]
         try:
             return {name: sha256(Path(name)) for name in names if not name.startswith(SYNTHETIC)}
         except OSError as error:
@@ -213,11 +202,13 @@ class Atlas:
             "lat": lat,
             "lon": lon,
             "links": asdict(self.links),
-            "ocean": self.water.ocean.model_dump(mode="json", exclude={"source", "time"}),
-            "currents": self.water.acoustics.currents,
+            "ocean": self.ocean.values,
+            "currents": self.sound.currents,
         }
         read = {
-            file: self.checksums[file] for file in (*files, *self._maps) if file in self.checksums
+            file: self.checksums[file]
+            for file in (*files, *self.ocean.maps)
+            if file in self.checksums
         }
         return Block(
             key=digest("block", content, read),
@@ -227,7 +218,8 @@ class Atlas:
             lat=tuple(lat),
             lon=tuple(lon),
             links=self.links,
-            water=self.water,
+            ocean=self.ocean,
+            sound=self.sound,
             place=(t, rows, columns),
         )
 
@@ -254,8 +246,8 @@ class Atlas:
         return float(south), float(north), float(west), float(min(east, west + 360.0))
 
 
-def _water_config(source: Source, options: dict[str, Any]) -> SoundConfig:
-    """Configuration of the water of all columns, without places and domains."""
+def _water_of(source: Source, options: dict[str, Any]) -> tuple[MissionOcean, SoundOptions]:
+    """Ocean and sound of all columns, without places and domains."""
     if isinstance(source, Medium):
         raise AtlasError(
             "a medium has no latitude and longitude, which an atlas needs; give an ocean"
@@ -268,40 +260,45 @@ def _water_config(source: Source, options: dict[str, Any]) -> SoundConfig:
             )
         source = str(stored_ocean(source))
     config = configuration_of(source, options)
-    if section_in_metres(config.ocean):
+    ocean = build_mission_ocean(config)
+    if ocean.in_metres:
         raise AtlasError(
-            f"{config.ocean.source[0]}: water in metres has no latitude and longitude, which an"
+            f"{ocean.source[0]}: water in metres has no latitude and longitude, which an"
             " atlas needs; give an ocean"
         )
-    for key in ("time_varying", "internal_tide"):
-        if getattr(config.ocean, key):
+    for key, is_there in {
+        "time_varying": ocean.time_varying,
+        "internal_tide": ocean.has_tide,
+    }.items():
+        if is_there:
             raise AtlasError(
                 f"ocean.{key} does not apply to an atlas; remove it, and select instants with times"
             )
-    return config
+    return ocean, build_sound(config)
 
 
-def _links_of(config: SoundConfig) -> AtlasLinks:
-    acoustics = config.acoustics
+def _links_of(sound: SoundOptions) -> AtlasLinks:
+    """Links with the search of a study."""
+    search = sound.options
     return AtlasLinks(
-        max_surface_bounces=acoustics.max_surface_bounces,
-        max_bottom_bounces=acoustics.max_bottom_bounces,
-        spreading_cutoff_db=acoustics.cutoff_db,
-        interpolation=acoustics.interpolation,
+        max_surface_bounces=search.max_surface_bounces,
+        max_bottom_bounces=search.max_bottom_bounces,
+        spreading_cutoff_db=search.spreading_cutoff_db,
+        interpolation=sound.interpolation,
     )
 
 
-def _index_of(section: OceanSection) -> OceanIndex:
+def _index_of(ocean: MissionOcean) -> OceanIndex:
     """Columns and instants of an ocean; one column and one instant for a profile."""
-    if not is_profile(section):
-        index = ocean_index(section.source, section.standard_names)
+    if not ocean.is_profile:
+        index = ocean_index(ocean.source, ocean.reading["names"])
         return index._replace(
             times=np.where(np.isnat(index.times), np.datetime64(EPOCH, "ns"), index.times)
         )
-    profile = one_profile(section)
-    lat, lon = section.centre or profile.position or (0.0, 0.0)
+    profile = ocean.profile()
+    lat, lon = ocean.centre or profile.position or (0.0, 0.0)
     time = np.datetime64(EPOCH, "ns") if np.isnat(profile.time) else profile.time
-    return OceanIndex(np.array([lat]), np.array([lon]), np.array([time]), (section.source,))
+    return OceanIndex(np.array([lat]), np.array([lon]), np.array([time]), (ocean.source,))
 
 
 def _instants(index: OceanIndex, times: Times | None) -> NDArray[np.datetime64]:

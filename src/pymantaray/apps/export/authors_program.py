@@ -14,11 +14,11 @@ from pymantaray.apps.study.store import Run, open_run
 from pymantaray.arrays import Array
 from pymantaray.config.authors import LETTERS, REFLECTED
 from pymantaray.config.authors_holds import counted_steps, extra_steps
-from pymantaray.config.fleet import DriftingVehicle, FloatVehicle, StationVehicle, TwistVehicle
+from pymantaray.config.build.study import Study, build_study
 from pymantaray.config.load import load_study
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import ExchangeError, WriteError
-from pymantaray.fleet import FloatCycle, Vehicle
+from pymantaray.fleet import ConstantTwist, Drifting, FloatCycle, StationKeeping, Vehicle
 from pymantaray.jobs.folder import MANIFEST, staged_folder
 from pymantaray.ocean.environment import (
     environment_arrays,
@@ -26,7 +26,7 @@ from pymantaray.ocean.environment import (
     read_arrays,
     write_environment,
 )
-from pymantaray.water.water import mission_ocean
+from pymantaray.sensing import OneWay
 
 LOG = logging.getLogger(__name__)
 SIMULATION = "sim.json"
@@ -34,6 +34,7 @@ _BEAMS = 100  # of the authors' configurations
 _MAX_BEAMS = 400
 _SPREAD_DEG = 15.0
 _GNSS_DEPTH = 0.1  # m, of the program
+_DEPTH_GAIN = 10.0  # 1/s, of the program
 
 
 def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -> Path:
@@ -62,16 +63,15 @@ def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -
     WriteError
         If a file cannot be written.
     """
-    run = _run_of(source)
-    config = (
-        source
-        if isinstance(source, StudyConfig)
-        else run.config
-        if run
-        else load_study(str(source))
-    )
-    simulation = _simulation(config)
-    arrays = _environment(config, run)
+    run = source if isinstance(source, Run) else None
+    if isinstance(source, str | Path) and (Path(source) / MANIFEST).is_file():
+        run = open_run(Path(source))
+    if run is not None:
+        study = run.study
+    else:
+        study = build_study(source if isinstance(source, StudyConfig) else load_study(str(source)))
+    simulation = _simulation(study)
+    arrays = _environment(study, run)
     with staged_folder(folder) as (stage, final):
         try:
             write_environment(arrays, stage)
@@ -80,36 +80,32 @@ def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -
             )
         except OSError as error:
             raise WriteError(f"{final}: cannot be written: {error.strerror or error}") from None
-    for note in _notes(config, arrays):
-        LOG.warning("%s: %s", config.study.name, note)
+    for note in _notes(study, arrays):
+        LOG.warning("%s: %s", study.name, note)
     return final
 
 
-def _run_of(source: Run | StudyConfig | str | Path) -> Run | None:
-    if isinstance(source, Run | StudyConfig):
-        return source if isinstance(source, Run) else None
-    return open_run(Path(source)) if (Path(source) / MANIFEST).is_file() else None
-
-
-def _environment(config: StudyConfig, run: Run | None) -> dict[str, dict[str, Array]]:
+def _environment(study: Study, run: Run | None) -> dict[str, dict[str, Array]]:
     """Arrays of the water; those of an ``environment.json`` are unchanged."""
-    section = config.ocean
-    changed = section.bathymetry is not None or section.half_extent is not None
-    source = section.source[0]
+    ocean = study.ocean
+    changed = ocean.has_sea_floor or ocean.domain["half_extent"] is not None
+    source = ocean.source[0]
     if is_environment(source) and not changed and (run is None or Path(source).is_file()):
         return read_arrays(source)
-    return environment_arrays(mission_ocean(config).local if run is None else run.ocean)
+    return environment_arrays(
+        ocean.open(study.sound.interpolation).local if run is None else run.ocean
+    )
 
 
-def _simulation(config: StudyConfig) -> dict[str, Any]:
+def _simulation(study: Study) -> dict[str, Any]:
     """Content of ``sim.json``."""
-    mission = config.mission
-    acoustics = config.acoustics
-    noise = config.noise.model
-    _check(config)
-    period = mission.sampling_period_s
+    fleet = study.fleet
+    search = study.sound.options
+    noise = study.noise
+    _check(study)
+    period = fleet.sampling_period
     frequency = 1.0 / period
-    spread = _SPREAD_DEG if acoustics.cone_deg is None else acoustics.cone_deg
+    spread = _SPREAD_DEG if search.cone is None else _digits(math.degrees(search.cone))
     sensors = {
         "gt_freq_hz": frequency,
         "odom_freq_hz": frequency,
@@ -118,8 +114,8 @@ def _simulation(config: StudyConfig) -> dict[str, Any]:
         "gps_xy_noise_stddev": noise.gnss_sigma,
         "gps_z_noise_stddev": noise.gnss_sigma,
     }
-    if mission.gnss_depth != _GNSS_DEPTH:  # only later versions of the program read this key
-        sensors["gps_surface_range_meters"] = mission.gnss_depth
+    if study.gnss_depth != _GNSS_DEPTH:  # only later versions of the program read this key
+        sensors["gps_surface_range_meters"] = study.gnss_depth
     pfg: dict[str, Any] = {
         "use_ground_truth_odometry": True,
         "range_variance": _variance(noise.range_sigma),
@@ -127,82 +123,88 @@ def _simulation(config: StudyConfig) -> dict[str, Any]:
         "pose_prior_cov_diag": [_variance(noise.first_position_sigma)] * 3
         + [_variance(noise.first_rotation_sigma)] * 3,
     }
-    if config.landmarks:
+    if study.ranging.landmarks:
         pfg["landmark_prior_cov_diag"] = [_variance(noise.landmark_sigma)] * 3
-    vehicles = zip(config.fleet.vehicles, config.fleet.build(), strict=True)
     return {
-        "run_name": config.study.name,
+        "run_name": study.name,
         "output_dir": "output",
         "env_config_file": "environment.json",
-        "rng_seed": config.study.seed,
+        "rng_seed": study.seed,
         "timing": {
-            "end_time_hours": mission.duration_h,
-            "physics_dt": mission.physics_step_s,
-            "ping_interval_min": 60.0 * mission.ping_interval_h,
+            "end_time_hours": _digits(fleet.duration / 3600.0),
+            "physics_dt": fleet.physics_step,
+            "ping_interval_min": _digits(study.ranging.pings.interval / 60.0),
         },
         "acoustics": {
             "tof_mode": "one_way",
             "num_beams": _BEAMS,
             "max_beams": _MAX_BEAMS,
             "beam_spread_deg": spread,
-            "allow_multipath": acoustics.arrival in REFLECTED,
+            "allow_multipath": search.arrival in REFLECTED,
         },
         "sensors": sensors,
         "robots": [
-            _robot(section, vehicle, mission.physics_step_s, 3600.0 * mission.duration_h)
-            for section, vehicle in vehicles
+            _robot(vehicle, fleet.physics_step, fleet.duration) for vehicle in fleet.vehicles
         ],
-        "landmarks": [[mark.east, mark.north, mark.depth] for mark in config.landmarks],
+        "landmarks": [
+            [east, north, depth]
+            for north, east, depth in (mark.position.tolist() for mark in study.ranging.landmarks)
+        ],
         "pfg": pfg,
     }
 
 
 def _variance(sigma: float) -> float:
     """Square of a standard deviation, to 12 digits."""
-    return float(f"{sigma * sigma:.12g}")
+    return _digits(sigma * sigma)
 
 
-def _check(config: StudyConfig) -> None:
+def _digits(value: float) -> float:
+    """A value to 12 digits, without the last ones of a conversion of units."""
+    return float(f"{value:.12g}")
+
+
+def _check(study: Study) -> None:
     """Raise an error for what the program does not have."""
-    mission = config.mission
-    name = config.study.name
-    first = mission.ping_start_h
+    name = study.name
+    pings = study.ranging.pings
+    count = len(study.fleet.vehicles)
     faults = {
-        "fleet.trajectories: the program simulates its robots; give vehicles": bool(
-            config.fleet.trajectories
+        "fleet.trajectories: the program simulates its robots; give vehicles": (
+            study.fleet.existing is not None
         ),
-        f"fleet.vehicles: {len(config.fleet.vehicles)} vehicles; the program has {len(LETTERS)} at"
-        " most": len(config.fleet.vehicles) > len(LETTERS),
-        "mission.schedule: the program pings at one interval; remove it": mission.schedule
-        is not None,
-        "mission.ping_start_h: the program first pings after one interval; remove it": first
-        is not None
-        and first != mission.ping_interval_h,
+        f"fleet.vehicles: {count} vehicles; the program has {len(LETTERS)} at most": count
+        > len(LETTERS),
+        "mission.schedule: the program pings at one interval; remove it": pings.own is not None,
+        "mission.ping_start_h: the program first pings after one interval; remove it": (
+            pings.first not in (None, pings.interval)
+        ),
         "ocean.time_varying: the water of the program is constant; set it to"
-        " false": config.ocean.time_varying,
+        " false": study.ocean.time_varying,
         "ocean.internal_tide: the water of the program is constant; remove"
-        " it": config.ocean.internal_tide is not None,
-        "ocean.ice: the program has no ice; remove it": config.ocean.ice is not None,
+        " it": study.ocean.has_tide,
+        "ocean.ice: the program has no ice; remove it": study.ocean.has_ice,
     }
     for fault, is_there in faults.items():
         if is_there:
             raise ExchangeError(f"{name}: {fault}")
 
 
-def _robot(section: Any, vehicle: Vehicle, step: float, duration: float) -> dict[str, Any]:
+def _robot(vehicle: Vehicle, step: float, duration: float) -> dict[str, Any]:
     """Robot of the program that moves like a vehicle."""
     north, east, depth = map(float, vehicle.position)
     position = [east, north, depth]
-    if isinstance(section, StationVehicle):
+    behaviour = vehicle.behaviour
+    if isinstance(behaviour, StationKeeping):
         return {"type": "constant_vel", "position": position, "velocity": [0.0, 0.0, 0.0]}
-    if isinstance(section, TwistVehicle) and not (section.current or any(section.twist[:3])):
-        forward, right, down = section.twist[3:]
+    if isinstance(behaviour, ConstantTwist) and not (behaviour.current or any(behaviour.twist[:3])):
+        forward, right, down = behaviour.twist[3:].tolist()
         cos = math.cos(vehicle.heading)
         sin = math.sin(vehicle.heading)
         velocity = [forward * sin + right * cos, forward * cos - right * sin, down]
         return {"type": "constant_vel", "position": position, "velocity": velocity}
     drift = {"type": "current_drift", "position": position}
-    if isinstance(section, DriftingVehicle) and section.drogue_depth in (None, section.depth):
+    if isinstance(behaviour, Drifting) and behaviour.drogue_depth == behaviour.depth:
         # a surface hold that outlasts the mission
         return {
             **drift,
@@ -210,9 +212,8 @@ def _robot(section: Any, vehicle: Vehicle, step: float, duration: float) -> dict
             "surface_depth": depth,
             "start_offset_seconds": duration + 1.0,
         }
-    if isinstance(section, FloatVehicle):
-        cycle = vehicle.behaviour
-        assert isinstance(cycle, FloatCycle)
+    if isinstance(behaviour, FloatCycle):
+        cycle = behaviour
         motion = cycle.target_depth, cycle.surface_depth, cycle.vertical_speed
         extra = extra_steps(depth, *motion, step, round(duration / step))
         return {
@@ -242,13 +243,13 @@ def _hold(seconds: float, extra: int | None, step: float, duration: float) -> fl
     return nominal if counted_steps(nominal, step) <= steps else (steps - 0.5) * step
 
 
-def _notes(config: StudyConfig, arrays: dict[str, dict[str, Array]]) -> Iterator[str]:
+def _notes(study: Study, arrays: dict[str, dict[str, Array]]) -> Iterator[str]:
     """Differences between the study and the program, one line each."""
-    noise = config.noise.model
-    acoustics = config.acoustics
-    if len(config.fleet.vehicles) > LETTERS.index("L"):
+    noise = study.noise
+    sound = study.sound
+    if len(study.fleet.vehicles) > LETTERS.index("L"):
         yield "the program gives the 12th robot the letter L, which means a landmark in its graphs"
-    if config.ranging.timing == "two-way":
+    if not isinstance(sound.timing, OneWay):
         yield (
             "ranging.timing is written as one_way, because the program gives twice the distance"
             " for two_way"
@@ -260,21 +261,22 @@ def _notes(config: StudyConfig, arrays: dict[str, dict[str, Array]]) -> Iterator
             "odometry noise is written without its fractions of the motion, which the program adds"
             " in Python"
         )
-    if config.fleet.floats.depth_gain != 10.0 or any(
-        getattr(v, "depth_gain", None) not in (None, 10.0) for v in config.fleet.vehicles
+    if any(
+        isinstance(v.behaviour, FloatCycle) and v.behaviour.depth_gain != _DEPTH_GAIN
+        for v in study.fleet.vehicles
     ):
         yield "depth_gain is not written: the program has 10 per second"
-    if acoustics.currents or acoustics.earth != "flat" or config.detection is not None:
+    if sound.currents or sound.earth != "flat" or study.detects:
         yield (
             "currents along rays, a spherical Earth and detection are not written: the program"
             " does not have them"
         )
-    if config.mission.gnss_depth != _GNSS_DEPTH:
+    if study.gnss_depth != _GNSS_DEPTH:
         yield (
             "sensors.gps_surface_range_meters is written, which only later versions of the program"
             " read"
         )
-    if any(mark.sigma is not None for mark in config.landmarks):
+    if any(mark.sigma is not None for mark in study.ranging.landmarks):
         yield "landmarks have one variance in the program, that of noise.landmark_sigma"
     if arrays["bathymetry"]["data"].min() <= 0.0 if "bathymetry" in arrays else False:
         yield "the water has land, at which the program stops"

@@ -73,7 +73,7 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
     if to not in FORMATS:
         raise ExchangeError(f"export: unknown format {to!r}; allowed: {', '.join(FORMATS)}")
     run = run if isinstance(run, Run) else open_run(run)
-    count = run.config.study.realizations
+    count = run.study.realizations
     form = FORMATS[to]
     if not 0 <= realization < count:
         raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
@@ -108,7 +108,7 @@ def record(run: Run, realization: int) -> Recording:
         )
         if np.isfinite(position).all()
     }
-    name = f"{run.config.study.name}-{realization}"
+    name = f"{run.study.name}-{realization}"
     noisy = run.noisy_measurements(realization)
     return Recording(name, run.truth, estimates, noisy, run.measurements.landmark_position)
 
@@ -189,7 +189,7 @@ def _g2o(run: Run, realization: int, folder: Path) -> None:
 
 def _check_ranges(run: Run) -> None:
     ranging = [name for name, condition in CONDITIONS.items() if condition.ranges is not None]
-    if not set(ranging) & {c.name for c in run.config.conditions}:
+    if not set(ranging) & {c.name for c in run.study.conditions}:
         raise ExchangeError(
             f"{run.path}: no condition of the study has ranges; a graph needs one of"
             f" {', '.join(ranging)}"

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from pymantaray.apps.locate import Location, Survey
     from pymantaray.geometry import EarthSphere, LocalFrame
     from pymantaray.ocean.modes import VerticalModes
-    from pymantaray.water import Water
+    from pymantaray.sensing.water import Water
 
 _BED_FACTOR = 1.2  # default depth of the sea bed over the depth of the deepest prior position
 _MAX_LISTED = 10  # unused pings

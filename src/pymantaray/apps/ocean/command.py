@@ -38,8 +38,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from pymantaray.acoustics.profiles import Profile
-    from pymantaray.config import SoundConfig
-    from pymantaray.config.sections import OceanSection
+    from pymantaray.config.build.ocean import MissionOcean
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.schema import Finding
 
@@ -139,28 +138,30 @@ def check(
         raise OceanError("no ocean; name one, or give a study with --study")
     note = ""
     if study is None:
-        config = _configured(files or [], water)
-        times = _times(config.ocean)
-        if config.ocean.time is None and len(times) > 1:
+        ocean = _configured(files or [], water)
+        times = _times(ocean)
+        if ocean.time is None and len(times) > 1:
             note = f"times       {_first_of(times)}"
-            config = _at(config, times[0])
-        findings = _checked(config)
+            ocean = ocean.at(times[0])
+        findings = _checked(ocean)
         if findings.ok and water.own_keys:
             findings = Findings([*_refusals(files or [], water), *findings])
     else:
-        from pymantaray.apps.study.assemble import fleet_findings, fleet_plan
-        from pymantaray.apps.study.tracks import with_tracks
+        from pymantaray.apps.study.assemble import fleet_findings
         from pymantaray.config import load_study
+        from pymantaray.config.build.fleet import with_tracks
+        from pymantaray.config.build.study import build_study
         from pymantaray.config.options import dotted_keys
 
         # these files replace the study's ocean, as in `study run --ocean`
-        config = with_tracks(
-            load_study(study, ocean=files or None, **dotted_keys(water.keys), **changes_of(changes))
+        config = load_study(
+            study, ocean=files or None, **dotted_keys(water.keys), **changes_of(changes)
         )
-        moved = bool(config.fleet.trajectories)
-        findings = _checked(config, fleet=fleet_plan(config), existing_trajectories=moved)
+        mission = build_study(with_tracks(config))
+        moved = mission.fleet.existing is not None
+        findings = _checked(mission.ocean, fleet=mission.planned, existing_trajectories=moved)
         if findings.ok and not moved:
-            findings = Findings([*fleet_findings(config), *findings])
+            findings = Findings([*fleet_findings(mission), *findings])
     with printer(as_json=as_json) as out:
         if note:
             out.line(note)
@@ -176,17 +177,18 @@ def check(
         raise typer.Exit(EXIT_WRONG)
 
 
-def _configured(words: list[str], options: GridOptions) -> "SoundConfig":
-    """Configuration of an ocean, which must have currents unless an option sets them to rest."""
-    from pymantaray.water.water import configuration_of
+def _configured(words: list[str], options: GridOptions) -> "MissionOcean":
+    """An ocean, which must have currents unless an option sets them to rest."""
+    from pymantaray.config.build.ocean import build_mission_ocean
+    from pymantaray.config.build.water import configuration_of
 
-    return configuration_of(words, {"currents": "required"} | options.keys)
+    return build_mission_ocean(configuration_of(words, {"currents": "required"} | options.keys))
 
 
 def _refusals(words: list[str], options: WaterOptions) -> "list[Finding]":
     """Findings of options of ice, rays and profiles, which only the water itself has."""
+    from pymantaray.config.build.water import open_water
     from pymantaray.ocean.schema import Finding
-    from pymantaray.water import open_water
 
     try:
         open_water(words, **{"currents": "required"} | options.keys)
@@ -195,31 +197,26 @@ def _refusals(words: list[str], options: WaterOptions) -> "list[Finding]":
     return []
 
 
-def _checked(config: "SoundConfig", **fleet: Any) -> "Findings":
-    """Check the ocean of a configuration, with its domain and sea floor."""
+def _checked(own: "MissionOcean", **fleet: Any) -> "Findings":
+    """Check an ocean, with its domain and sea floor."""
     from pymantaray.ocean import check_ocean
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.schema import Finding
-    from pymantaray.water.metres import section_in_metres
-    from pymantaray.water.ocean import build_ocean, build_sea_floor, is_profile, open_start
 
-    section = config.ocean
-    if section_in_metres(section):
+    if own.in_metres:
         try:
-            build_ocean(section, 0.0)
+            own.local_start()
         except OceanError as error:
             return Findings([Finding("wrong", "water in metres", in_options(str(error)))])
         return Findings([])
-    options: dict[str, Any] = {"equation": section.equation, "currents": section.currents, **fleet}
-    options |= {"centre": section.centre, "half_extent": section.half_extent}
-    if not (is_profile(section) or section.standard_names) and section.bathymetry is None:
-        time = None if section.time is None else section.time.isoformat()
-        return check_ocean(section.source, time=time, **options)
+    options = {"equation": own.equation, "currents": own.reading["currents"], **own.domain, **fleet}
+    if not (own.is_profile or own.reading["names"] or own.has_sea_floor):
+        return check_ocean(own.source, time=own.time, **options)
     try:
-        ocean = open_start(section)
+        ocean = own.geographic_start()
     except OceanError as error:
         return Findings([Finding("wrong", "cannot be opened", str(error))])
-    return check_ocean(ocean, sea_floor=build_sea_floor(section, ocean), **options)
+    return check_ocean(ocean, sea_floor=own.sea_floor(ocean), **options)
 
 
 @app.command()
@@ -231,33 +228,28 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     """
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
-    from pymantaray.water.metres import section_in_metres
-    from pymantaray.water.ocean import build_ocean, is_profile
 
-    config = _configured(files, water)
-    section = config.ocean
+    own = _configured(files, water)
     with printer(as_json=as_json, to=to) as out:
-        if section_in_metres(section):
-            table = build_ocean(section, 0.0).region.reset_index()
+        if own.in_metres:
+            table = own.open().region.reset_index()
             out.table(ResultTable("region", table, by_row=True))
             return
-        if is_profile(section) and section.bathymetry is None:
-            _show_profiles(section, out)
+        if own.is_profile and not own.has_sea_floor:
+            _show_profiles(own.profiles(), out)
             return
-        times = _times(section)
+        times = _times(own)
         out.add(times=[str(t)[:16] for t in times])
-        if section.time is None and len(times) > 1:
+        if own.time is None and len(times) > 1:
             out.line(f"times       {_first_of(times)}\n")
-            section = _at(config, times[0]).ocean
-        ocean, floor = _domain(section)
+            own = own.at(times[0])
+        ocean, floor = own.in_domain()
         facts = ocean_facts(ocean, floor)
         for name, text in facts.items():
             out.line(f"{name:<11} {text}")
-        region = (
-            region_table(ocean, equation=section.equation, sea_floor=floor).iloc[:, 0].to_dict()
-        )
+        region = region_table(ocean, equation=own.equation, sea_floor=floor).iloc[:, 0].to_dict()
         out.add(title=facts["title"], region=region)
-        variables = variable_table(ocean, section.equation).reset_index()
+        variables = variable_table(ocean, own.equation).reset_index()
         out.table(ResultTable("variables", variables, by_row=True))
         levels = ocean["depth"].values
         out.line(f"levels [m]\n{' '.join(f'{z:g}' for z in levels)}", levels_m=levels)
@@ -267,17 +259,10 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
         out.add(history=history.splitlines())
 
 
-def _times(section: "OceanSection") -> "Sequence[np.datetime64]":
+def _times(own: "MissionOcean") -> "Sequence[np.datetime64]":
     """Known instants of an ocean; none for a profile."""
-    import numpy as np
-
-    from pymantaray.ocean import ocean_times
-    from pymantaray.water.ocean import is_profile
-
-    if is_profile(section):
-        return []
     try:
-        return [t for t in ocean_times(section.source, section.standard_names) if not np.isnat(t)]
+        return own.instants()
     except OceanError:
         return []  # the command itself reports it
 
@@ -288,21 +273,13 @@ def _first_of(times: "Sequence[np.datetime64]") -> str:
     return f"{len(times)}; this is the first, --time selects another\n{listed}"
 
 
-def _at(config: "SoundConfig", time: "np.datetime64") -> "SoundConfig":
-    """Configuration of an ocean at one of its instants."""
-    changed: SoundConfig = config.with_(**{"ocean.time": time.astype("datetime64[us]").item()})
-    return changed
-
-
-def _show_profiles(section: "OceanSection", out: "Printer") -> None:
+def _show_profiles(profiles: "Sequence[Profile]", out: "Printer") -> None:
     """Print the levels of profiles, which need no sea bed here."""
     import pandas as pd
 
     from pymantaray.ocean.schema import place_text
     from pymantaray.records.result_table import ResultTable
-    from pymantaray.water.uniform import read_section_profiles
 
-    profiles = read_section_profiles(section)
     shown = []
     for profile in profiles:
         columns = {"depth [m]": profile.depth, "sound speed [m/s]": profile.sound_speed}
@@ -367,8 +344,7 @@ def plot(
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
     from pymantaray.apps.ocean import write_ocean_plots
 
-    section = _configured(files, water).ocean
-    ocean, floor = _domain(section)
+    ocean, floor = _configured(files, water).in_domain()
     with progress_bars(quiet=quiet) as progress:
         paths = write_ocean_plots(
             ocean, out, depth=depth, place=at, sea_floor=floor, progress=progress
@@ -543,7 +519,7 @@ def correct(
     if scales.time_scale is not None:
         time_scale = parse_duration("--time-scale", scales.time_scale, "d") * _S_PER_DAY
     corrected = correct_with_casts(
-        _fields(_configured([ocean], water).ocean),
+        _fields(_configured([ocean], water)),
         read_casts(casts, repair_freezing=water.repair_freezing),
         horizontal_scale=scales.scale * _M_PER_KM,
         noise_ratio=scales.noise_ratio,
@@ -628,9 +604,9 @@ def perturb(
         with_history,
     )
 
-    section = _configured(files, water).ocean
-    true = _fields(section)
-    equation = section.equation
+    own = _configured(files, water)
+    true = _fields(own)
+    equation = own.equation
     if error.method == "mean":
         return _write(mean_ocean(true), out)
     if error.place is not None:
@@ -652,25 +628,15 @@ def perturb(
     return _write(with_history(member, f"seed {error.seed}"), out)
 
 
-def _fields(section: "OceanSection") -> "xr.Dataset":
+def _fields(own: "MissionOcean") -> "xr.Dataset":
     """Temperature, salinity and currents of an ocean in its domain."""
-    from pymantaray.water.ocean import is_profile
-
-    if section.bathymetry is not None and not is_profile(section):
+    if own.has_sea_floor and not own.is_profile:
         raise OceanError(
             "--bathymetry applies to a profile here: the water of an ocean ends where its levels"
             " end; remove it, and use it with the commands that trace rays"
         )
-    ocean, _ = _domain(section)
+    ocean, _ = own.in_domain()
     return ocean
-
-
-def _domain(section: "OceanSection") -> "tuple[xr.Dataset, xr.DataArray | None]":
-    """Ocean and sea floor of a section, in its domain."""
-    from pymantaray.water.ocean import at_domain, build_sea_floor, open_start
-
-    ocean = at_domain(section, open_start(section))
-    return ocean, build_sea_floor(section, ocean)
 
 
 def _write(ocean: "xr.Dataset", out: Path) -> None:

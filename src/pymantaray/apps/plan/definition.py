@@ -208,18 +208,17 @@ class DeploymentPlan:
         ends = [{**self.lists_at(k), **self.ends(high=k != 0)} for k in (0, self.size - 1)]
         for design, ocean in product(ends, range(len(section.oceans))):
             study = self.study(design, ocean)
-            self._check(study)
+            self._check(study.mission.duration_h, varies=study.ocean.time_varying)
 
-    def _check(self, study: StudyConfig) -> None:
+    def _check(self, hours: float, *, varies: bool) -> None:
         """Refuse times after the mission, and perturbations of an ocean that varies."""
-        hours = study.mission.duration_h
         for time in self.section.error_at_h or ():
             if time > hours:
                 raise PlanError(
                     f"{self.source}: plan.error_at_h: found {time:g}; allowed: 0 to {hours:g}, the"
                     " duration of the mission"
                 )
-        if self.section.perturbed is not None and study.ocean.time_varying:
+        if self.section.perturbed is not None and varies:
             raise PlanError(
                 f"{self.source}: plan.perturbed: the ocean varies in time; set ocean.time_varying"
                 " to false, or remove it"

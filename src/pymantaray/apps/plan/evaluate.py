@@ -12,11 +12,10 @@ from threadpoolctl import threadpool_limits
 
 from pymantaray.apps.plan.definition import CostSection, DeploymentPlan, Design
 from pymantaray.apps.plan.waters import Missions
-from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
-from pymantaray.config import StudyConfig
-from pymantaray.config.estimators import CastBelief
+from pymantaray.config.build.estimators import EstimatorFactory
+from pymantaray.config.build.study import Study
 from pymantaray.errors import MantaRayError, PlanError
 from pymantaray.estimation import GraphSolver, solve_conditions
 from pymantaray.evaluation import error_bound
@@ -97,7 +96,7 @@ class DesignEvaluator:
             bias_rmse_m=round(root_mean(shift), _BIAS_DIGITS),
             lost_percent=lost,
             heard_by_two_percent=heard,
-            cost=cost_of(run.config, run.measurements, plan.costs, self._plan.condition),
+            cost=cost_of(run.study, run.measurements, plan.costs, self._plan.condition),
             failure=""
             if errors.counts.any()
             else "no vehicle is under water at the pings or times that count",
@@ -112,15 +111,15 @@ class DesignEvaluator:
         """
         plan = self._plan.section
         run, drawn = self.missions.run(design, ocean, member)
-        section = next(c for c in run.config.conditions if c.name == self._plan.condition)
+        condition = next(c for c in run.study.conditions if c.name == self._plan.condition)
         measurements = expected_measurements(run)
         samples = _samples(run, plan.error_at_h)
-        joint = error_bound(run.truth, measurements, section.standard_equivalent, samples=samples)
-        estimator = EstimatorFactory(run, drawn).estimator(section, 0)
+        joint = error_bound(run.truth, measurements, condition.standard_equivalent, samples=samples)
+        estimator = EstimatorFactory(run, drawn).estimator(condition.name, 0)
         solution = solve_conditions(measurements, {"bias": estimator}, solver=self._solver)["bias"]
         if not solution.status.usable:
             raise PlanError(
-                f"condition {section.name}: the estimate without noise ends with"
+                f"condition {condition.name}: the estimate without noise ends with"
                 f" {solution.status.name}"
             )
         bias = (solution.position - run.truth.position)[:, samples].swapaxes(0, 1)
@@ -181,14 +180,13 @@ def link_scores(run: Run, name: str | None) -> tuple[float, float]:
     return lost, 100.0 * float(np.mean(receivers >= 2)) if sent else np.nan
 
 
-def cost_of(config: StudyConfig, m: Measurements, costs: CostSection, condition: str) -> float:
+def cost_of(study: Study, m: Measurements, costs: CostSection, condition: str) -> float:
     """Cost of stations, landmarks, transmissions, and the cast that a condition assumes."""
-    stations = sum(vehicle.kind == "station" for vehicle in config.fleet.vehicles)
-    section = next(c for c in config.conditions if c.name == condition)
-    casts = int(isinstance(section.belief, CastBelief))
+    stations = sum(vehicle.behaviour.role == "station" for vehicle in study.fleet.vehicles)
+    casts = sum(c.needs_cast for c in study.conditions if c.name == condition)
     return (
         costs.station * stations
-        + costs.landmark * len(config.landmarks)
+        + costs.landmark * len(study.ranging.landmarks)
         + costs.ping * _pings(m)[1]
         + costs.cast * casts
     )

@@ -24,7 +24,7 @@ from pymantaray.apps.plan.ensemble import (
 )
 from pymantaray.apps.plan.evaluate import Scores
 from pymantaray.arrays import Array
-from pymantaray.config import StudyConfig, load_study
+from pymantaray.config import load_study
 from pymantaray.config.common import NONE
 from pymantaray.config.load import BASE, preset_names
 from pymantaray.records import whole_file
@@ -281,15 +281,11 @@ class PlanResults:
         source = plan.source
         if source not in preset_names():
             source = os.path.relpath(os.path.realpath(source), os.path.realpath(path.parent))
-        changes = difference(_tree(load_study(plan.source)), _tree(new))
+        given: dict[str, Any] = {"exclude_none": True, "exclude_unset": True}
+        changes = difference(load_study(plan.source).model_dump(**given), new.model_dump(**given))
         changes.setdefault("study", {})["description"] = " ".join(self.sentences[:1])
         with whole_file(path, replace=replace) as temporary:
             temporary.write_text(tomli_w.dumps({BASE: source, **changes}), encoding="utf-8")
-
-
-def _tree(config: StudyConfig) -> dict[str, Any]:
-    """Nested dictionaries of a configuration with what is set in it."""
-    return dict(config.model_dump(exclude_none=True, exclude_unset=True))
 
 
 def difference(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,18 +7,17 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from pymantaray.acoustics import Medium
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.plan.definition import DeploymentPlan, Design
 from pymantaray.apps.plan.solved_links import SolvedLinks
 from pymantaray.apps.study.mission import assemble_mission, range_fleet, simulate_fleet
 from pymantaray.apps.study.runner import refuse_too_large
 from pymantaray.apps.study.store import Run, run_in_memory
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, task_keys
-from pymantaray.config import StudyConfig
+from pymantaray.config.build.study import Study, build_study
 from pymantaray.geometry import stream
 from pymantaray.ocean import perturb_ocean
 from pymantaray.records import Trajectories
-from pymantaray.water.ocean import OceanFields, build_medium, open_start
-from pymantaray.water.water import mission_ocean
 
 _KEPT = 8  # waters, and trajectories of fleets, in memory
 
@@ -47,36 +46,35 @@ class Missions:
         Mission of a design without noise, as a run in memory, and its ocean if the run's
         configuration does not define it.
         """
-        config = self._plan.study(design, ocean)
-        refuse_too_large(config, 1)
-        keys = task_keys(config, {})
-        at = keys[OCEAN], config.acoustics.interpolation, config.acoustics.earth, member
-        water = _kept(self._waters, at, lambda: self._water(config, member))
+        study = build_study(self._plan.study(design, ocean))
+        refuse_too_large(study, 1)
+        keys = task_keys(study, {})
+        at = keys[OCEAN], study.sound.interpolation, study.sound.earth, member
+        water = _kept(self._waters, at, lambda: self._water(study, member))
         truth = _kept(
-            self._fleets, (keys[FLEET], member), lambda: simulate_fleet(config, water.ocean)
+            self._fleets, (keys[FLEET], member), lambda: simulate_fleet(study.fleet, water.ocean)
         )
-        ranging = range_fleet(config, water.ocean, water.medium, truth, solved=self.links)
-        run = run_in_memory(config, assemble_mission(config, water.ocean, truth, ranging))
+        ranging = range_fleet(study.ranging, water.ocean, water.medium, truth, solved=self.links)
+        run = run_in_memory(study, assemble_mission(study, water.ocean, truth, ranging))
         return run, water.ocean if water.drawn else None
 
-    def _water(self, config: StudyConfig, member: int | None) -> DesignWater:
+    def _water(self, study: Study, member: int | None) -> DesignWater:
         """Water of a study, or of a random member."""
         errors = self._plan.section.perturbed
         data = None
         if errors is not None:
             assert member is not None  # each water of a plan with perturbations has a member
             data = perturb_ocean(
-                open_start(config.ocean),
+                study.ocean.geographic_start(),
                 rms=errors.rms,
                 horizontal_scale=errors.horizontal_scale,
                 down_to=errors.down_to,
                 modes=errors.n_modes,
                 rng=stream(self._plan.base.study.seed, member, "plan", "water"),
-                equation=config.ocean.equation,
+                equation=study.ocean.equation,
             )
-        ocean = mission_ocean(config, data)
-        medium = build_medium(ocean, config.acoustics.interpolation, config.acoustics.earth)
-        return DesignWater(ocean, medium, data is not None)
+        ocean = study.ocean.open(study.sound.interpolation, data)
+        return DesignWater(ocean, study.sound.medium(ocean), data is not None)
 
 
 def _kept(kept: dict[Any, Any], key: Any, make: Callable[[], Any]) -> Any:

@@ -113,7 +113,7 @@ def ranges(
     """
     from pymantaray.apps.ranges.ranging import ranges_config
     from pymantaray.apps.study.command import run_and_report
-    from pymantaray.apps.study.tracks import read_fleet
+    from pymantaray.config.build.fleet import track_files
     from pymantaray.exchange.read import files_of
 
     files = files_of(trajectories)
@@ -129,8 +129,9 @@ def ranges(
         **water.keys,
         **arrivals.keys,
     ).with_(**changes_of(changes))
+    existing = track_files(config.fleet)
     with printing.printer() as printed:
-        for note in () if printing.quiet else read_fleet(config.fleet).notes:
+        for note in () if printing.quiet or existing is None else existing.tracks.notes:
             typer.echo(note, err=True)
         run_and_report(
             config, folder.out, printed, workers=1, formats=folder.formats, quiet=printing.quiet

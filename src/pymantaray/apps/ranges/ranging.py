@@ -11,7 +11,11 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import Run, run_in_memory
-from pymantaray.apps.study.tracks import centre_note, with_tracks
+from pymantaray.apps.study.tracks import centre_note
+from pymantaray.config.build.fleet import with_tracks
+from pymantaray.config.build.study import build_study
+from pymantaray.config.build.water import Source as WaterSource
+from pymantaray.config.build.water import source_words
 from pymantaray.config.common import IN_MEMORY
 from pymantaray.config.keys import with_key
 from pymantaray.config.load import load_sound, parse_study
@@ -24,8 +28,6 @@ from pymantaray.exchange.read import Source
 from pymantaray.jobs.progress import Progress
 from pymantaray.records import Trajectories
 from pymantaray.sensing import PingSchedule, Schedule
-from pymantaray.water import Source as WaterSource
-from pymantaray.water.water import source_words
 
 
 def measure(
@@ -86,9 +88,10 @@ def measure(
     mission = dict(options.pop("mission", {}))
     mission |= keys_of_schedule(schedule)
     files = list(dict.fromkeys(p.file for p in trajectories.poses))
-    config = with_tracks(ranges_config(files, ocean, mission=mission, **options), trajectories)
+    config = ranges_config(files, ocean, mission=mission, **options)
+    study = build_study(with_tracks(config, trajectories))
     out = simulate_mission(
-        config,
+        study,
         Stopwatch(),
         progress or (lambda *_: None),
         tracks=trajectories,
@@ -96,10 +99,10 @@ def measure(
         data=ocean if isinstance(ocean, xr.Dataset) else None,
     )
     attrs = out.ocean.local.attrs
-    note = centre_note(config, attrs, trajectories)
+    note = centre_note(study.ocean.centre, attrs, trajectories)
     if note:
         logging.getLogger(__name__).warning(note)
-    return run_in_memory(config, out)
+    return run_in_memory(study, out)
 
 
 def ranges_config(
@@ -140,7 +143,7 @@ def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
     if isinstance(ocean, xr.Dataset):
         words = [IN_MEMORY]
     elif isinstance(ocean, SoundConfig):
-        return _dump(ocean)
+        return _water_sections(ocean.model_dump(exclude_none=True, exclude_unset=True))
     elif isinstance(ocean, Medium):
         raise StudyError(
             "measure: a medium has no grid for vehicles; give a local ocean, or an ocean"
@@ -148,16 +151,16 @@ def _water_tree(ocean: WaterSource | Mapping[str, Any]) -> dict[str, Any]:
     else:
         words = source_words(ocean)
         if names_configuration(words):
-            return _dump(load_sound(words[0]))
+            config = load_sound(words[0])
+            return _water_sections(config.model_dump(exclude_none=True, exclude_unset=True))
     return {"ocean": {"source": words}}
 
 
-def _dump(config: SoundConfig) -> dict[str, Any]:
+def _water_sections(tree: dict[str, Any]) -> dict[str, Any]:
     """
     Sections of a configuration for the water; trajectories and a schedule of their own replace
     those of its mission.
     """
-    tree = config.model_dump(exclude_none=True, exclude_unset=True)
     replaced = ("duration_h", "ping_interval_h", "ping_start_h", "schedule")
     tree["mission"] = {
         key: value for key, value in tree.get("mission", {}).items() if key not in replaced

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     from pymantaray.apps.rays.tables import TracedRays
     from pymantaray.records import Arrivals
     from pymantaray.records.text_table import TextTable
-    from pymantaray.water import Water
+    from pymantaray.sensing.water import Water
 
     Array = NDArray[np.float64]
 

@@ -33,6 +33,7 @@ from pymantaray.apps.replay.summary import summary_table
 from pymantaray.apps.replay.switching import switching_table
 from pymantaray.apps.replay.water import choose_water, ends_of, instants_in
 from pymantaray.arrays import Array
+from pymantaray.config.build.water import Source, open_waters
 from pymantaray.errors import ReplayError
 from pymantaray.geometry.sphere import flat_earth_note
 from pymantaray.jobs.progress import CountProgress
@@ -40,7 +41,7 @@ from pymantaray.records import RayStatus
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
 from pymantaray.sensing import Detector, find_receptions
-from pymantaray.water import Source, Water, open_waters
+from pymantaray.sensing.water import Water
 
 SEED = 20140715
 """Default seed, that of studies."""

@@ -19,7 +19,7 @@ from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
 from pymantaray.sensing import Detector, Transmission, find_receptions
 from pymantaray.sensing.receptions import Direction
-from pymantaray.water import Water
+from pymantaray.sensing.water import Water
 
 Rows = NDArray[np.int64]
 _MIN_DRAW_SHARE = 0.5  # of the draws, for a candidate that a rule without a mixture takes

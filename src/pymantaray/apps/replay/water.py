@@ -10,7 +10,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import EarthSphere, LocalFrame
 from pymantaray.geometry.frames import ELLIPSOID
-from pymantaray.water import Water
+from pymantaray.sensing.water import Water
 
 
 def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:

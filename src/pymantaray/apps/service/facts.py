@@ -8,7 +8,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.arrays import Array
 from pymantaray.errors import ServiceError
 from pymantaray.sensing import TwoWay
-from pymantaray.water import Water
+from pymantaray.sensing.water import Water
 
 
 def require_place(medium: Medium, name: str, place: Array) -> None:

@@ -12,7 +12,7 @@ from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing import Receptions, TwoWay, find_receptions
 from pymantaray.sensing.exchanges import exchange_times, exchange_values, selected_exchanges
-from pymantaray.water import Water
+from pymantaray.sensing.water import Water
 
 _INSTANTS = 4  # number of waters in memory; that of a basin takes 15 MB
 

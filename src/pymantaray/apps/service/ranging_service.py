@@ -20,15 +20,15 @@ from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.solving import as_positions
 from pymantaray.apps.service.facts import require_place
 from pymantaray.apps.service.ping import Participants, Ping, Pinger
-from pymantaray.apps.study.tracks import with_tracks
 from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig
+from pymantaray.config.build.fleet import with_tracks
+from pymantaray.config.build.water import Source, configuration_of, open_water
 from pymantaray.errors import ServiceError
 from pymantaray.jobs.processes import WorkerEndedError, Workers
 from pymantaray.quantities.checks import check_number
 from pymantaray.sensing import ReceptionOptions, Timing, TwoWay
-from pymantaray.water import Source, Water, open_water
-from pymantaray.water.water import configuration_of
+from pymantaray.sensing.water import Water
 
 ArgumentT = TypeVar("ArgumentT")
 ResultT = TypeVar("ResultT")

@@ -1,19 +1,14 @@
-"""Conversion of a configuration to the objects of other folders."""
+"""Places of vehicles in their ocean: ice above, sea floor below, and refusals."""
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.apps.study.tracks import read_fleet
-from pymantaray.config.sections import StudyConfig
+from pymantaray.acoustics.ocean_fields import OceanFields
+from pymantaray.config.build.study import Study
 from pymantaray.fleet.simulation import fleet_refusals
-from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.ocean.schema import Finding
 from pymantaray.records import Trajectories
-from pymantaray.sensing import Schedule
-from pymantaray.water.instants import utc_instant
-from pymantaray.water.metres import section_in_metres
-from pymantaray.water.ocean import OceanFields, build_ocean, local_ocean, open_geographic
 
 
 def gnss_depth(
@@ -36,36 +31,8 @@ def altitude(ocean: OceanFields, truth: Trajectories) -> NDArray[np.float64]:
     return np.asarray(depth - truth.position[..., 2])
 
 
-def fleet_plan(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
-    """
-    Start and waypoints (n, 3) of each vehicle and landmark without drift; all points of an existing
-    trajectory. [m]
-
-    Points with latitudes and longitudes require the frame's centre in the configuration, see
-    `with_tracks`.
-    """
-    marks = {mark.name: mark.position[None] for mark in config.landmarks}
-    if config.fleet.trajectories:
-        tracks = read_fleet(config.fleet)
-        frame = LocalFrame(*(config.ocean.centre or (0.0, 0.0)))  # local points do not depend on it
-        return {p.name: p.place for p in tracks.in_frame(frame)} | marks
-    return config.fleet.planned() | marks
-
-
-def fleet_findings(config: StudyConfig) -> list[Finding]:
+def fleet_findings(study: Study) -> list[Finding]:
     """Findings of the check of a run's vehicles in its ocean; none for existing trajectories."""
-    section = config.ocean
-    if section_in_metres(section):
-        local = build_ocean(section, 0.0).local
-    else:
-        local = local_ocean(section, *open_geographic(section))
-    refusals = fleet_refusals(config.fleet.build(), local, config.mission.physics_step_s)
+    fleet = study.fleet
+    refusals = fleet_refusals(fleet.vehicles, study.ocean.local_start(), fleet.physics_step)
     return [Finding("wrong", "fleet", str(refusal)) for refusal in refusals]
-
-
-def build_schedule(config: StudyConfig) -> Schedule:
-    """Schedule of the pings of a study."""
-    start = None if config.ocean.time is None else utc_instant(config.ocean.time)
-    if config.fleet.trajectories and config.mission.schedule is not None:
-        start = read_fleet(config.fleet).start
-    return config.mission.pings(start)

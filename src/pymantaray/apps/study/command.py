@@ -80,8 +80,8 @@ def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
     Print all keys of a preset or a file with their descriptions; keys at their defaults are
     commented out.
     """
-    from pymantaray.apps.study.tracks import with_tracks
     from pymantaray.config import load_study
+    from pymantaray.config.build.fleet import with_tracks
     from pymantaray.config.text import commented_toml
 
     config = with_tracks(load_study(study, **changes_of(changes)))
@@ -234,7 +234,9 @@ def run_and_report(
     with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:
         from pymantaray.apps.study import run_study
 
-        with progress_bars(quiet=quiet, stages=_stages(config, figures=figures)) as progress:
+        with progress_bars(
+            quiet=quiet, stages=_stages(solves=config.solves, figures=figures)
+        ) as progress:
             results = run_study(
                 config,
                 out,
@@ -262,9 +264,9 @@ def run_and_report(
     return results.path
 
 
-def _stages(config: "StudyConfig", *, figures: bool) -> list[str]:
+def _stages(*, solves: bool, figures: bool) -> list[str]:
     """Stages of a study, in order."""
-    solving = ["realizations"] if config.solves else []
+    solving = ["realizations"] if solves else []
     drawing = ["report"] if figures else []
     return ["ocean", "fleet", "rays", *solving, "files", *drawing]
 
@@ -369,24 +371,24 @@ def _print_summary(out: Printer, run: "Run") -> None:
     Print dropouts, range errors and trajectory errors, and warn of failed solves and stopped
     vehicles.
     """
-    study = run.config.study
-    hours = run.config.mission.duration_h
+    study = run.study
+    hours = study.duration / 3600.0
     vehicles = run.truth.name.size
     count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
     water = "synthetic ocean" if run.synthetic else "ocean from files"
     out.line(
-        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.config.solves else ''},"
+        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.study.solves else ''},"
         f" {water}",
         study=study.name,
         duration_h=hours,
         vehicles=vehicles,
-        realizations=study.realizations if run.config.solves else 0,
+        realizations=study.realizations if run.study.solves else 0,
         synthetic_ocean=run.synthetic,
     )
     for table in run.summary:
         out.table(table)
         if table.name == "dropouts":
-            _print_causes(out, table.frame, run.config.acoustics.cutoff_db)
+            _print_causes(out, table.frame, study.sound.options.spreading_cutoff_db)
     apart = {name: max(values) for name, values in run.manifest.get("from_batch_m", {}).items()}
     for name, distance in apart.items():
         out.line(
@@ -461,7 +463,7 @@ def _warnings(run: "Run") -> list[str]:
     for solve in outcome["unhealthy_solves"]:
         by_kind.setdefault((solve["condition"], solve["status"]), []).append(solve["realization"])
     for (condition, status), which in by_kind.items():
-        count = f"{len(which)} of {run.config.study.realizations} solves"
+        count = f"{len(which)} of {run.study.realizations} solves"
         listed = ", ".join(map(str, which))
         words = SOLVE_STATUS_WORDS.get(SolveStatus[status])
         meaning = "" if words is None else f" ({words.meaning}; {words.advice})"

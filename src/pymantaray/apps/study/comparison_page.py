@@ -153,7 +153,7 @@ def by_name(results: Sequence[RunResults]) -> dict[str, RunResults]:
     """Runs by a unique name: the region, otherwise the study, otherwise the folder."""
     regions = [r.region for r in results]
     folders = [r.run.path.name for r in results]
-    studies = [r.run.config.study.name for r in results]
+    studies = [r.run.study.name for r in results]
     numbered = [f"{study} ({i + 1})" for i, study in enumerate(studies)]
     names = next(n for n in (regions, studies, folders, numbered) if len(set(n)) == len(n))
     return dict(zip(names, results, strict=True))
@@ -252,7 +252,7 @@ def _by_names(content: Any) -> Any:
 
 def _all_solved(runs: Mapping[str, RunResults]) -> bool:
     """True if every run has estimates."""
-    return all(r.run.config.solves for r in runs.values())
+    return all(r.run.study.solves for r in runs.values())
 
 
 def _joint_errors(runs: Mapping[str, RunResults], table: str) -> pd.DataFrame:
@@ -426,8 +426,7 @@ def _page(
     return Page(
         title=in_words(list(runs)),
         facts=[
-            f"{name}: study {r.run.config.study.name}, {r.received:,} of {r.attempts:,} ranges"
-            " received"
+            f"{name}: study {r.run.study.name}, {r.received:,} of {r.attempts:,} ranges received"
             for name, r in runs.items()
         ],
         notes=[f"{', '.join(synthetic)}: {SYNTHETIC_NOTE}"] if synthetic else [],

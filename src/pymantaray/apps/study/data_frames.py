@@ -77,7 +77,7 @@ def pose_frame(run: "Run", realization: int) -> pd.DataFrame:
     bearing of true north.
     """
     estimated = (
-        realization if run.config.solves else 0
+        realization if run.study.solves else 0
     )  # ranges alone have realizations of noise, but no estimates
     estimates = run.estimates.to_dataset().isel(realization=estimated)
     parts = {TRUTH: _poses(run.truth.to_dataset())}

@@ -77,10 +77,12 @@ def rays_command(run: Run) -> str:
     """
     Command for the run's folder that draws the rays of a link, without the options of its ends.
     """
-    a = run.config.acoustics
-    cutoff = "none" if a.cutoff_db is None else f"{a.cutoff_db:g}"
+    search = run.study.sound.options
+    limit = search.spreading_cutoff_db
+    cutoff = "none" if limit is None else f"{limit:g}"
     bounces = (
-        f"--max-surface-bounces {a.max_surface_bounces} --max-bottom-bounces {a.max_bottom_bounces}"
+        f"--max-surface-bounces {search.max_surface_bounces}"
+        f" --max-bottom-bounces {search.max_bottom_bounces}"
     )
     return f"mantaray rays plot link.png --run . {bounces} --cutoff-db {cutoff}"
 
@@ -194,7 +196,7 @@ def _rays(run: Run, ends: PageLinks) -> Iterator[dict[str, Any]]:
     water = medium_of_run(run) if ends.sample.size else None
     if water is None:
         return
-    acoustics = run.config.acoustics
+    search = run.study.sound.options
     for link in ends.with_rays().tolist():  # in the order of their pings
         medium = water(float(run.truth.time[ends.sample[link]]))
         picture = ray_picture(
@@ -204,11 +206,11 @@ def _rays(run: Run, ends: PageLinks) -> Iterator[dict[str, Any]]:
             n_range=_RANGES,
             n_depth=_DEPTHS,
             n_points=_POINTS,
-            max_surface_bounces=acoustics.max_surface_bounces
+            max_surface_bounces=search.max_surface_bounces
             if medium.surface.roughness is None
             else 0,
-            max_bottom_bounces=acoustics.max_bottom_bounces,
-            spreading_cutoff_db=acoustics.cutoff_db,
+            max_bottom_bounces=search.max_bottom_bounces,
+            spreading_cutoff_db=search.spreading_cutoff_db,
         )
         yield {"link": link, **section(picture)}
 

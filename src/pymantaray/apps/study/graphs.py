@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 def noisy_graphs(run: "Run", noisy: Measurements) -> dict[str, FactorGraph]:
     """Graphs of a run's standard conditions that have ranges."""
-    conditions = {c.name: CONDITIONS[c.name] for c in run.config.conditions if c.standard}
+    conditions = {c.name: CONDITIONS[c.name] for c in run.study.conditions if c.standard}
     return {
         name: build_graph(noisy, c.ranges, c.links)
         for name, c in conditions.items()

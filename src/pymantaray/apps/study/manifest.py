@@ -6,15 +6,16 @@ import platform
 import shlex
 import subprocess
 import sys
-from collections.abc import Hashable, Iterator, Mapping
+from collections.abc import Hashable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
 from typing import Any
 
 from pymantaray.apps.study.references import Citations
-from pymantaray.apps.study.tracks import centre_note, read_fleet
-from pymantaray.config.sections import StudyConfig
+from pymantaray.apps.study.tracks import centre_note
+from pymantaray.config.build.fleet import TrackFiles
+from pymantaray.config.build.study import Study
 from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.jobs.keys import sha256
 from pymantaray.jobs.run_folder import FORMAT
@@ -42,13 +43,13 @@ class Stopwatch:
             self.seconds[name] = self.seconds.get(name, 0.0) + perf_counter() - start
 
 
-def checksums(config: StudyConfig) -> dict[str, str]:
-    """SHA-256 of every input file of a study, by file name."""
-    return {file: sha256(Path(file)) for file in config.files}
+def checksums(files: Iterable[str]) -> dict[str, str]:
+    """SHA-256 of every input file, by file name."""
+    return {file: sha256(Path(file)) for file in files}
 
 
 def describe_run(
-    config: StudyConfig,
+    study: Study,
     inputs: dict[str, str],
     watch: Stopwatch,
     *,
@@ -61,20 +62,21 @@ def describe_run(
     Content of a manifest: everything that results depend on, and their cost; ``ocean`` has the
     local ocean's attributes.
     """
+    existing = study.fleet.existing
     return {
         "format": FORMAT,
-        "study": config.study.name,
+        "study": study.name,
         "made": {"began": f"{watch.began:%Y-%m-%dT%H:%M:%SZ}", "command": _command()},
         "ocean": {
-            "source": [without_secrets(source) for source in config.ocean.source],
+            "source": [without_secrets(source) for source in study.ocean.source],
             "synthetic": bool(ocean["synthetic"]),
-            "time_varying": config.ocean.time_varying,
+            "time_varying": study.ocean.time_varying,
             "sha256": inputs,
         },
-        **({"fleet": _own_fleet(config, ocean)} if config.fleet.trajectories else {}),
+        **({} if existing is None else {"fleet": _own_fleet(existing, study.ocean.centre, ocean)}),
         "random": {
-            "seed": config.study.seed,
-            "realizations": config.study.realizations,
+            "seed": study.seed,
+            "realizations": study.realizations,
             "generator": "PCG64, one stream a realization, vehicle and sensor, by name",
         },
         "versions": {
@@ -103,12 +105,14 @@ def _command() -> str | None:
     )
 
 
-def _own_fleet(config: StudyConfig, ocean: Mapping[Hashable, Any]) -> dict[str, Any]:
+def _own_fleet(
+    existing: TrackFiles, centre: tuple[float, float] | None, ocean: Mapping[Hashable, Any]
+) -> dict[str, Any]:
     """Source of a fleet's trajectories, their start, and changes or assumptions made on reading."""
-    tracks = read_fleet(config.fleet)
-    note = centre_note(config, ocean, tracks)
+    tracks = existing.tracks
+    note = centre_note(centre, ocean, tracks)
     return {
-        "trajectories": list(config.fleet.trajectories),
+        "trajectories": list(existing.files),
         "start": None if tracks.start is None else str(tracks.start),
         "notes": [*tracks.notes, *([note] if note else [])],
     }

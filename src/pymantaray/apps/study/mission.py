@@ -11,14 +11,15 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, ray_picture, select
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.assemble import (
     altitude,
-    build_schedule,
     gnss_depth,
 )
 from pymantaray.apps.study.manifest import Stopwatch
-from pymantaray.apps.study.tracks import read_fleet, sample_tracks
-from pymantaray.config.sections import StudyConfig
+from pymantaray.apps.study.tracks import sample_tracks
+from pymantaray.config.build.fleet import MissionFleet
+from pymantaray.config.build.study import MissionRanging, Study
 from pymantaray.errors import MantaRayError, StudyError
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import with_times
@@ -39,8 +40,6 @@ from pymantaray.sensing import (
     measure_ranges,
 )
 from pymantaray.sensing.transmission import EarlierLinks
-from pymantaray.water.ocean import OceanFields, build_currents, build_medium, mission_start
-from pymantaray.water.water import build_reception, mission_ocean
 
 if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run
@@ -74,7 +73,7 @@ class Mission:
 
 
 def simulate_mission(
-    config: StudyConfig,
+    study: Study,
     watch: Stopwatch,
     progress: Progress,
     *,
@@ -86,56 +85,56 @@ def simulate_mission(
     Run a mission up to its measurements without noise; the stopwatch records the duration of each
     stage.
 
-    ``tracks``, ``schedule`` and ``data`` (the ocean) replace those of the configuration if they are
-    in memory.
+    ``tracks``, ``schedule`` and ``data`` (the ocean) replace those of the study if they are in
+    memory.
     """
-    _check_participants(config, tracks, schedule)
+    _check_participants(study, tracks, schedule)
     progress("ocean", 0, 1)
     with watch.stage("ocean"):
-        ocean = mission_ocean(config, data)
+        ocean = study.ocean.open(study.sound.interpolation, data)
     progress("ocean", 1, 1)
 
     progress("fleet", 0, 1)
     with watch.stage("fleet"):
-        truth = simulate_fleet(config, ocean, tracks=tracks, schedule=schedule)
+        truth = simulate_fleet(study.fleet, ocean, tracks=tracks, schedule=schedule)
     progress("fleet", 1, 1)
 
     progress("rays", 0, 1)
     with watch.stage("medium"):
-        medium = build_medium(ocean, config.acoustics.interpolation, config.acoustics.earth)
+        medium = study.sound.medium(ocean)
     with watch.stage("rays"):
-        count = ice_draws(config)
+        count = study.ice_draws
         ranging = range_fleet(
-            config,
+            study.ranging,
             ocean,
             medium,
             truth,
             lambda done, total: progress("rays", done, count * max(total, 1)),
             schedule=schedule,
         )
-        mission = assemble_mission(config, ocean, truth, ranging)
+        mission = assemble_mission(study, ocean, truth, ranging)
         draws = range_draws(
-            config,
+            study,
             ocean,
             (medium, truth, ranging),
             lambda done, total: progress("rays", done, max(total, 1)),
             schedule=schedule,
         )
         mission = replace(mission, draws=draws)
-    if note := earth_note(config, mission.truth, mission.ranging_truth):
+    if note := earth_note(study, mission.truth, mission.ranging_truth):
         LOG.warning(note)
     with watch.stage("picture"):
-        mission = replace(mission, picture=mission_picture(config, mission, medium))
+        mission = replace(mission, picture=mission_picture(study, mission, medium))
     if not ranging.status.size:  # no pair
         progress("rays", 1, 1)
     return mission
 
 
-def earth_note(config: StudyConfig, truth: Trajectories, ranging: RangingTruth) -> str | None:
+def earth_note(study: Study, truth: Trajectories, ranging: RangingTruth) -> str | None:
     """
     Sentence about the error of a flat Earth; None if it is small or the study's Earth is a sphere.
     """
-    if config.acoustics.earth != "flat":
+    if study.sound.earth != "flat":
         return None
     farthest = np.hypot(truth.position[..., 0], truth.position[..., 1])
     return flat_earth_note(_largest(ranging.distance), _largest(farthest))
@@ -146,60 +145,56 @@ def _largest(lengths: NDArray[np.float64]) -> float:
     return float(np.max(lengths, initial=0.0, where=np.isfinite(lengths)))
 
 
-def _check_participants(
-    config: StudyConfig, tracks: Tracks | None, schedule: Schedule | None
-) -> None:
+def _check_participants(study: Study, tracks: Tracks | None, schedule: Schedule | None) -> None:
     """
     Raise an error for ranges without a pair, and for a schedule with unknown names, before the
     simulation.
     """
-    fleet = config.fleet
-    landmarks = [mark.name for mark in config.landmarks]
-    names = (
-        (tracks or read_fleet(fleet)).names
-        if fleet.trajectories
-        else [v.name for v in fleet.vehicles]
-    )
-    if not config.conditions and len(names) + len(landmarks) < 2:
+    landmarks = [mark.name for mark in study.ranging.landmarks]
+    names = study.fleet.names if tracks is None else tracks.names
+    if not study.solves and len(names) + len(landmarks) < 2:
         raise StudyError(
             f"no ranges: {names[0]} is the only vehicle and there is no landmark; add the"
             " trajectory of another vehicle, or a landmark: [[landmarks]] with name, north, east"
             " and depth"
         )
-    if schedule is not None or config.mission.schedule is not None:
-        (schedule or build_schedule(config)).check_names(names, landmarks)
+    if schedule is not None or study.ranging.pings.own is not None:
+        (schedule or study.schedule).check_names(names, landmarks)
 
 
 def simulate_fleet(
-    config: StudyConfig,
+    fleet: MissionFleet,
     ocean: OceanFields,
     *,
     tracks: Tracks | None = None,
     schedule: Schedule | None = None,
 ) -> Trajectories:
     """Trajectories of the vehicles of a mission, with additional samples at every ping."""
-    mission = config.mission
-    duration = config.mission.duration_h * 3600.0
-    if config.fleet.trajectories:
-        pings = (schedule or build_schedule(config)).times(duration)
-        own = tracks or read_fleet(config.fleet)
-        return sample_tracks(own, duration, mission.sampling_period_s, pings, ocean.local)
-    start = None if config.ocean.time is None else mission_start(config.ocean)
+    pings = fleet.sampled_pings
+    if schedule is None and pings is not None:
+        schedule = pings.schedule
+    if fleet.existing is not None:
+        assert schedule is not None  # of existing trajectories, all pings are sampled
+        return sample_tracks(
+            tracks or fleet.existing.tracks,
+            fleet.duration,
+            fleet.sampling_period,
+            schedule.times(fleet.duration),
+            ocean.local,
+        )
     truth = simulate(
-        config.fleet.build(),
+        fleet.vehicles,
         ocean.drift,
-        duration=duration,
-        physics_step=mission.physics_step_s,
-        sampling_period=mission.sampling_period_s,
-        start=start,
+        duration=fleet.duration,
+        physics_step=fleet.physics_step,
+        sampling_period=fleet.sampling_period,
+        start=fleet.start,
     )
-    if mission.schedule is None:
-        return truth
-    return with_times(truth, build_schedule(config).times(duration))
+    return truth if schedule is None else with_times(truth, schedule.times(fleet.duration))
 
 
 def range_fleet(
-    config: StudyConfig,
+    ranging: MissionRanging,
     ocean: OceanFields,
     medium: Medium | Callable[[float], Medium],
     truth: Trajectories,
@@ -212,25 +207,21 @@ def range_fleet(
     Ranges of a mission without noise, with all of its rays; ``solved`` remembers links of earlier
     missions.
     """
+    sound = ranging.sound
     return measure_ranges(
         truth,
-        [mark.build() for mark in config.landmarks],
+        ranging.landmarks,
         medium,
-        schedule or build_schedule(config),
-        build_reception(config, ocean)._replace(solved=solved),
-        currents=build_currents(ocean) if config.acoustics.currents else None,
-        timing=config.ranging.build_timing(),
+        schedule or ranging.pings.schedule,
+        sound.reception(ocean)._replace(solved=solved),
+        currents=sound.currents_in(ocean),
+        timing=sound.timing,
         progress=progress,
     )
 
 
-def ice_draws(config: StudyConfig) -> int:
-    """Number of different draws of rough ice in the realizations of a study."""
-    return config.study.realizations if config.ocean.ice_draw == "each" else 1
-
-
 def range_draws(
-    config: StudyConfig,
+    study: Study,
     ocean: OceanFields,
     first: tuple[Medium | Callable[[float], Medium], Trajectories, Ranging],
     progress: CountProgress | None = None,
@@ -241,10 +232,10 @@ def range_draws(
     Ranges of every realization under its own ice, from medium, trajectories and ranges of the
     first; None if all have the same ice.
     """
-    if config.ocean.ice_draw != "each":
+    if not study.ocean.own_ice:
         return None
     medium, truth, ranging = first
-    count = ice_draws(config)
+    count = study.ice_draws
     rangings = [ranging]
     for draw in range(1, count):
 
@@ -253,7 +244,9 @@ def range_draws(
                 progress(draw * total + done, count * total)
 
         rangings.append(
-            range_fleet(config, ocean, _under_draw(medium, draw), truth, tell, schedule=schedule)
+            range_fleet(
+                study.ranging, ocean, _under_draw(medium, draw), truth, tell, schedule=schedule
+            )
         )
     return RangingDraws.of(rangings)
 
@@ -274,13 +267,12 @@ def _of_draw(medium: Medium, draw: int) -> Medium:
 
 
 def assemble_mission(
-    config: StudyConfig, ocean: OceanFields, truth: Trajectories, ranging: Ranging
+    study: Study, ocean: OceanFields, truth: Trajectories, ranging: Ranging
 ) -> Mission:
     """
     Data that all realizations of a study share, built from its ranges, without the ray picture.
     """
-    noise = config.noise.model
-    picker = config.ranging.build_picker(config.build_sonar())
+    picker = study.picker
     return Mission(
         ocean=ocean,
         truth=truth,
@@ -288,22 +280,22 @@ def assemble_mission(
         arrivals=ranging.arrivals,
         measurements=assemble(
             truth,
-            [mark.build() for mark in config.landmarks],
+            study.ranging.landmarks,
             ranging,
-            noise,
-            gnss_depth=gnss_depth(config.mission.gnss_depth, ocean, truth),
+            study.noise,
+            gnss_depth=gnss_depth(study.gnss_depth, ocean, truth),
             altitude=altitude(ocean, truth),
         ),
         ranging_truth=ranging.truth,
         hearing=None if ranging.probability is None else Hearing(probability=ranging.probability),
         candidates=None
         if picker is None
-        else find_candidates(ranging, truth, picker, timing=config.ranging.build_timing()),
+        else find_candidates(ranging, truth, picker, timing=study.sound.timing),
     )
 
 
 def mission_picture(
-    config: StudyConfig, mission: Mission, medium: Medium | Callable[[float], Medium]
+    study: Study, mission: Mission, medium: Medium | Callable[[float], Medium]
 ) -> xr.Dataset | None:
     """Picture of the most bent link of a mission."""
     return picture_of_most_bent_link(
@@ -311,7 +303,7 @@ def mission_picture(
         mission.truth,
         mission.links,
         mission.arrivals,
-        spreading_cutoff_db=config.acoustics.cutoff_db,
+        spreading_cutoff_db=study.sound.options.spreading_cutoff_db,
     )
 
 
@@ -322,13 +314,13 @@ def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
     A run stores the ocean at the start only, so an ocean that varies is read again from its files.
     None if these are missing or have changed.
     """
-    config = run.config
+    study = run.study
     at_start = run.ocean
-    search = config.acoustics
-    medium_of = partial(Medium.from_dataset, interpolation=search.interpolation, earth=search.earth)
-    if config.ocean.time_varying:
+    sound = study.sound
+    medium_of = partial(Medium.from_dataset, interpolation=sound.interpolation, earth=sound.earth)
+    if study.ocean.time_varying:
         try:
-            ocean = mission_ocean(config)
+            ocean = study.ocean.open(sound.interpolation)
         except MantaRayError:
             return None
         same = ocean.local["sound_speed"].shape == at_start["sound_speed"].shape

@@ -41,15 +41,16 @@ _CONDITIONS = {
 def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Page:
     """Page of a run with its figures; ``rays`` is the result of `mission_rays`."""
     run = results.run
-    config = results.run.config
-    mission = f"{results.region}: {run.truth.name.size} vehicles, {config.mission.duration_h:g} h"
-    if config.solves:
-        count = config.study.realizations
+    study = run.study
+    hours = study.duration / 3600.0
+    mission = f"{results.region}: {run.truth.name.size} vehicles, {hours:g} h"
+    if study.solves:
+        count = study.realizations
         mission += f", {count} noise realization{'' if count == 1 else 's'}"
     return Page(
-        title=config.study.name,
+        title=study.name,
         facts=[mission, *_provenance(results)],
-        description=config.study.description,
+        description=study.description,
         notes=[*([SYNTHETIC_NOTE] if results.synthetic else []), *warnings_of(results)],
         cards=headlines(results),
         words=_words(results),
@@ -70,7 +71,7 @@ def _provenance(results: RunResults) -> list[str]:
     made = manifest.get("made")
     facts = [f"MantaRay {version}"] if version else []
     facts += [f"water of {time[:16].replace('T', ' ')} UTC"] if time else []
-    facts.append(f"seed {results.run.config.study.seed}")
+    facts.append(f"seed {results.run.study.seed}")
     if made is not None:  # by a version that says so
         began = f"{made['began'][:16].replace('T', ' ')} UTC"
         facts.append(f"made {began} in {sum(manifest['seconds'].values()):.0f} s")
@@ -86,7 +87,7 @@ def _words(results: RunResults) -> list[str]:
     causes = tables["dropouts"].frame.set_index("category").loc[ALL_LINKS]
     used = [str(name) for name in causes.index if name in GLOSSARY and causes[name] > 0]
     used += ["reference speed", "bending"]
-    if not results.run.config.solves:
+    if not results.run.study.solves:
         return explained(used)
     lines = [
         f"{condition_label(name)}: {_CONDITIONS[name]}."
@@ -113,8 +114,8 @@ def _citation(results: RunResults) -> tuple[str, str]:
     version = versions.get("pymantaray", "unknown")
     commit = versions.get("git_commit")
     made = str((manifest.get("made") or {}).get("began", ""))[:10]
-    study = run.config.study.name
-    seed = run.config.study.seed
+    study = run.study.name
+    seed = run.study.seed
     which = f"version {version}" + (f", commit {commit[:12]}" if commit else "")
     digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
     words = (
@@ -147,7 +148,7 @@ def headlines(results: RunResults) -> list[Card]:
             "the remaining range error is due to the reference speed",
         ),
     ]
-    if results.run.config.solves:
+    if results.run.study.solves:
         cards += _error_cards(tables)
     return cards
 
@@ -195,7 +196,7 @@ def warnings_of(results: RunResults) -> list[str]:
         )
     for name, (stop, time) in results.run.truth.stops.items():
         lines.append(f"Vehicle {name} stopped after {clock(time / 3600.0)}: {stop.name}.")
-    if note := earth_note(results.run.config, results.run.truth, results.run.ranging_truth):
+    if note := earth_note(results.run.study, results.run.truth, results.run.ranging_truth):
         lines.append(note)
     return lines
 

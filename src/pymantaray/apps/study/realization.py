@@ -6,9 +6,9 @@ from typing import NamedTuple, Self
 
 from threadpoolctl import threadpool_limits
 
-from pymantaray.apps.study.estimators import EstimatorFactory
 from pymantaray.apps.study.store import Run
-from pymantaray.apps.study.true_unknowns import collect_unknowns
+from pymantaray.apps.study.true_unknowns import collect_unknowns, true_unknowns
+from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.errors import JobError
 from pymantaray.estimation import (
     GraphSolution,
@@ -72,20 +72,18 @@ class RealizationSolver:
             return self._solve(realization)
 
     def _solve(self, realization: int) -> RealizationResult:
-        config = self._run.config
+        study = self._run.study
         truth = self._run.truth
         factory = self._factory
         solutions = solve_conditions(
             self._run.noisy_measurements(realization),
-            {c.name: factory.estimator(c, realization) for c in config.conditions},
+            {c.name: factory.estimator(c.name, realization) for c in study.conditions},
             solver=self._solver,
-            covariance_samples=fixed_epochs(
-                truth.time, config.estimator.covariance_interval_h * 3600.0
-            ),
+            covariance_samples=fixed_epochs(truth.time, study.covariance_interval),
         )
-        joint = (c for c in config.conditions if solutions[c.name].unknowns is not None)
+        joint = (c for c in study.conditions if solutions[c.name].unknowns is not None)
         return RealizationResult(
-            solutions, {c.name: factory.true_unknowns(c, realization) for c in joint}
+            solutions, {c.name: true_unknowns(self._run, factory, c, realization) for c in joint}
         )
 
 
@@ -120,7 +118,7 @@ def start_solver(folder: Path) -> Callable[[int], RealizationResult]:
 def collect_results(run: Run, solved: Sequence[RealizationResult]) -> StudyEstimates:
     """Collect the solutions of all realizations of a run in its records."""
     solutions = [one.solutions for one in solved]
-    epochs = fixed_epochs(run.truth.time, run.config.estimator.covariance_interval_h * 3600.0)
+    epochs = fixed_epochs(run.truth.time, run.study.covariance_interval)
     covariances = [{name: s.covariances for name, s in one.items()} for one in solutions]
     return StudyEstimates(
         collect_estimates(run.measurements, solutions),

@@ -13,39 +13,10 @@ from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
-from pymantaray.acoustics.reflection import sediment_source
-from pymantaray.config.estimators import ConditionSection, FileBelief, NumericsBelief
-from pymantaray.config.sections import AcousticsSection, DetectionSection, StudyConfig
-from pymantaray.ocean import holds_casts
-from pymantaray.ocean.equations import EQUATIONS
-from pymantaray.ocean.files import open_file
+from pymantaray.config.sections import StudyConfig
 from pymantaray.version import __version__
 
-_SYNTHETIC = {
-    "synthetic:beaufort": "steele2004 shimada2005 timmermans2014 timmermans2003 timmermans2008"
-    " zhao2014 zhao2015",
-    "synthetic:fram": "rudels2005 rudels2000 beszczynska2012 richter2018 hofmann2021 wekerle2020",
-}
-_SAYS = {
-    "hycom": "chassignet2008",
-    "glorys": "lellouche2021",
-    "gebco": "weatherall2015",
-    "etopo1": "amante2009",
-}
-"""Words in a file's attributes that identify the owner of its data."""
-_ABSORPTION = {
-    "francois-garrison": ("francois1982a", "francois1982b"),
-    "ainslie-mccolm": ("ainslie1998",),
-    "thorp": ("thorp1967", "jensen"),
-}
-_SURFACE = {"bubbles": ("apl-uw1994",), "coherent": ("pierson1964",)}
 _SPECIAL = re.compile(r"([&%#_])")
-_SOLVERS = {
-    "gtsam": ("dellaert2012",),
-    "incremental": ("dellaert2012", "kaess2012"),
-    "fixed-lag": ("dellaert2012",),
-    "kalman-filter": ("sola2017",),
-}
 
 
 @dataclass(frozen=True)
@@ -161,7 +132,7 @@ def citation(config: StudyConfig) -> Citations:
     ['dormand1980', 'snieder1998', 'sturm2012']
     """
     uses: dict[str, str] = {}
-    for key, used_for in _relied_on(config):
+    for key, used_for in ((MANTARAY.key, MANTARAY.used_for), *config.references()):
         uses.setdefault(key, used_for)
     return Citations(
         Reference(name, _fields(key), used_for)
@@ -183,81 +154,6 @@ def _names(uses: Iterable[str]) -> Iterator[str]:
         name = next(name for name in names if name not in taken)
         taken.add(name)
         yield name
-
-
-def _relied_on(config: StudyConfig) -> Iterator[tuple[str, str]]:
-    """Keys of references and the parts that rely on them; a key may occur several times."""
-    yield MANTARAY.key, MANTARAY.used_for
-    yield "kogucki-papalia", "conditions and noise of the study"
-    o = config.ocean
-    a = config.acoustics
-    for source in o.source:
-        yield from _data(source, "ocean")
-    if isinstance(o.bathymetry, str):
-        yield from _data(o.bathymetry, "sea floor")
-    for key in EQUATIONS[o.equation].references:
-        yield key, "sound speed"
-    yield "dormand1980", "integration of rays"
-    if a.spreading_cutoff_db != "none":
-        yield "snieder1998", "reciprocal spreading of rays, by which weak rays are excluded"
-    if a.currents:
-        yield "munk1995", "sound in moving water"
-    if config.detection is not None:
-        yield from _sonar(config.detection, config.acoustics)
-    for condition in config.conditions:
-        yield from _condition(condition, config.solver_of(condition).kind)
-    if config.solves:
-        yield "sturm2012", "absolute trajectory error"
-
-
-def _data(source: str, what: str) -> Iterator[tuple[str, str]]:
-    """
-    Owner of the data of a source: by name for a synthetic ocean, otherwise by the file's
-    attributes.
-    """
-    if source.startswith("synthetic:"):
-        for key in _SYNTHETIC.get(
-            source, ""
-        ).split():  # an unknown name raises an error when it is opened
-            yield key, f"{what}, water masses of {source}"
-        return
-    said = ""
-    if not holds_casts(source):
-        with open_file(source) as data:
-            said = " ".join(map(str, data.attrs.values())).lower()
-    keys = [key for word, key in _SAYS.items() if word in said]
-    for key in keys or [source]:
-        yield key, what
-
-
-def _sonar(s: DetectionSection, losses: AcousticsSection) -> Iterator[tuple[str, str]]:
-    """Publications of the sonar equation."""
-    for key in _ABSORPTION.get(s.absorption, ()):
-        yield key, "absorption"
-    if s.noise_spectral_level_db is None:
-        yield "wenz1962", "ambient noise, in the form of Coates (1990)"
-    for key in _SURFACE.get(losses.surface_loss, ()):
-        yield key, "loss at the surface"
-    if (source := sediment_source(losses.sediment)) is not None:
-        yield source, "sediments"
-    if s.leakage:
-        yield "itu-p526", "sound behind an edge"
-
-
-def _condition(e: ConditionSection, solver: str) -> Iterator[tuple[str, str]]:
-    """References of one condition."""
-    if isinstance(e.belief, FileBelief):
-        for source in e.belief.source:
-            yield from _data(source, "ocean that an estimator assumes")
-    if isinstance(e.belief, NumericsBelief) and e.belief.equation is not None:
-        for key in EQUATIONS[e.belief.equation].references:
-            yield key, "sound speed that an estimator assumes"
-    if e.modes is not None or e.variance.kind != "fixed":
-        yield "munk1995", "travel times that depend on uncertain water"
-    if e.loss == "gnc":
-        yield "yang2020", "graduated non-convexity"
-    for key in _SOLVERS.get(solver, ()):
-        yield key, f"solver {solver}"
 
 
 @cache

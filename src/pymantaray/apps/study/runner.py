@@ -20,9 +20,10 @@ from pymantaray.apps.study.realization import (
 )
 from pymantaray.apps.study.references import citation
 from pymantaray.apps.study.store import Run, open_run, run_in_memory, summarize
-from pymantaray.apps.study.tracks import mission_size, with_tracks
+from pymantaray.apps.study.tracks import mission_size
+from pymantaray.config.build.fleet import with_tracks
+from pymantaray.config.build.study import Study, build_study
 from pymantaray.config.sections import StudyConfig
-from pymantaray.config.text import study_toml
 from pymantaray.errors import StudyError
 from pymantaray.jobs import run_folder
 from pymantaray.jobs.checkpoint import Checkpoint
@@ -95,43 +96,43 @@ def run_study(
         LOG.warning(
             "mission.duration_h is not given: the mission lasts %g h", config.mission.duration_h
         )
-    config = with_tracks(config)
-    count = config.study.realizations if config.solves else 0
+    study = build_study(with_tracks(config))
+    count = study.realizations if study.solves else 0
     if (
         workers is None
     ):  # a process takes as long to start as a few short realizations take to solve
         workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
     workers = max(1, min(workers, count))
-    refuse_too_large(config, workers)
-    _refuse_missing_files(config)
-    references = citation(config)  # read before the files can change
+    refuse_too_large(study, workers)
+    _refuse_missing_files(study)
+    references = citation(study.config)  # read before the files can change
     report = progress or _silent
     watch = Stopwatch()
-    with staged_folder(out, config.study.name) as (stage, folder):
+    with staged_folder(out, study.name) as (stage, folder):
         kept = Checkpoint(folder if out is not None and mission is None else None, "realizations")
         start = partial(start_solver, stage)
         with ProcessPool(start, workers) if workers > 1 else Pool(start) as pool:
-            inputs = _restore(kept, config, stage)
+            inputs = _restore(kept, study, stage)
             if inputs is None:
-                mission = mission or simulate_mission(config, watch, report)
+                mission = mission or simulate_mission(study, watch, report)
                 with watch.stage("files"):
-                    inputs = checksums(config)  # computed before the files can change
-                    _write_mission(config, mission, stage)
-                kept.use(_job_key(config, inputs))
-            known = Run(stage) if mission is None else run_in_memory(config, mission)
+                    inputs = checksums(study.files)  # computed before the files can change
+                    _write_mission(study, mission, stage)
+                kept.use(_job_key(study, inputs))
+            known = Run(stage) if mission is None else run_in_memory(study, mission)
             solved = kept.results(count, RealizationResult.from_bytes)
             with kept.saving(stage, solved, RealizationResult.to_bytes) as keep:
                 reading = () if mission_ready is None else mission_ready(stage)
-                if config.solves:
+                if study.solves:
                     with watch.stage("realizations"):
                         _solve(known, stage, pool, solved, keep, report)
         report("files", 0, 1)
         estimates = None
         with watch.stage("files"):
-            if config.solves:
+            if study.solves:
                 estimates = _write_results(known, [solved[n] for n in range(count)], stage)
         content = describe_run(
-            config,
+            study,
             inputs,
             watch,
             references=references,
@@ -149,20 +150,20 @@ def run_study(
     return open_run(folder)
 
 
-def _restore(kept: Checkpoint, config: StudyConfig, stage: Path) -> dict[str, str] | None:
+def _restore(kept: Checkpoint, study: Study, stage: Path) -> dict[str, str] | None:
     """
     Copy the files of a mission that an earlier call saved to a stage; return the checksums of its
     input, or None without one.
     """
     if not kept.exists:
         return None
-    inputs = checksums(config)
-    kept.use(_job_key(config, inputs))
+    inputs = checksums(study.files)
+    kept.use(_job_key(study, inputs))
     return inputs if kept.restore(stage) else None
 
 
-def _job_key(config: StudyConfig, inputs: Mapping[str, str]) -> str:
-    return digest("study", {"study": study_toml(config), "inputs": dict(inputs)}, {})
+def _job_key(study: Study, inputs: Mapping[str, str]) -> str:
+    return digest("study", {"study": study.toml, "inputs": dict(inputs)}, {})
 
 
 def _solve(
@@ -174,7 +175,7 @@ def _solve(
     report: Progress,
 ) -> None:
     """Solve the unsolved realizations, and write the graphs of the first into a folder."""
-    count = run.config.study.realizations
+    count = run.study.realizations
     graphs = folder / run_folder.PYFG
     graphs.mkdir()
 
@@ -222,23 +223,23 @@ def _write_results(run: Run, solved: Sequence[RealizationResult], folder: Path) 
     return results.estimates
 
 
-def refuse_too_large(config: StudyConfig, workers: int) -> None:
+def refuse_too_large(study: Study, workers: int) -> None:
     """
     Raise an error, before any work, if a study needs more memory than this machine has or takes
     weeks.
     """
-    size_of = mission_size(config)
+    size_of = mission_size(study)
     n_vehicles = size_of.vehicles
     n_samples = size_of.samples
     n_steps = size_of.steps
-    n_solves = config.study.realizations * len(config.conditions)
-    n_links = size_of.pings * (n_vehicles + len(config.landmarks))
+    n_solves = study.realizations * len(study.conditions)
+    n_links = size_of.pings * (n_vehicles + len(study.ranging.landmarks))
     needed = (
         n_vehicles * n_samples * (_POSE_BYTES * n_solves + _GRAPH_BYTES * workers)
         + _LINK_BYTES * n_links
     ) / 2**30
     there = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30
-    size = f"{config.study.name}: {n_vehicles} vehicles x"
+    size = f"{study.name}: {n_vehicles} vehicles x"
     if needed > there:
         raise StudyError(
             f"{size} {n_samples:.3g} samples x {n_solves:.3g} solves x {_POSE_BYTES} bytes,"
@@ -252,12 +253,12 @@ def refuse_too_large(config: StudyConfig, workers: int) -> None:
         )
 
 
-def _refuse_missing_files(config: StudyConfig) -> None:
+def _refuse_missing_files(study: Study) -> None:
     """
     Raise an error for missing files of conditions before the mission runs; files of the ocean are
     read first anyway.
     """
-    for condition in config.conditions:
+    for condition in study.conditions:
         for file in condition.files:
             if not Path(file).exists():
                 raise StudyError(
@@ -265,9 +266,9 @@ def _refuse_missing_files(config: StudyConfig) -> None:
                 )
 
 
-def _write_mission(config: StudyConfig, mission: Mission, folder: Path) -> None:
+def _write_mission(study: Study, mission: Mission, folder: Path) -> None:
     with whole_file(folder / run_folder.CONFIG) as file:
-        file.write_text(study_toml(config), encoding="utf-8")
+        file.write_text(study.toml, encoding="utf-8")
     write_netcdf(mission.ocean.local, folder / run_folder.OCEAN)
     write_netcdf(mission.ocean.profile, folder / run_folder.PROFILE)
     with whole_file(folder / run_folder.REGION) as file:

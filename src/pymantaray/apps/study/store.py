@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from pymantaray.apps.study.data_frames import error_frame, pose_frame, range_frame
 from pymantaray.apps.study.tables import SUMMARY, RunTables
+from pymantaray.config.build.study import Study, build_study
 from pymantaray.config.load import load_study
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
@@ -78,11 +79,7 @@ class Run:
 
     def __repr__(self) -> str:
         """Folder of the run, or its study if it is in memory."""
-        return (
-            f"<Run {self.config.study.name} in memory>"
-            if self.path == Path()
-            else f"<Run {self.path}>"
-        )
+        return f"<Run {self.study.name} in memory>" if self.path == Path() else f"<Run {self.path}>"
 
     @cached_property
     def tables(self) -> RunTables:
@@ -111,17 +108,15 @@ class Run:
         HTML for a notebook: study, folder, range errors and, if there are estimates, position
         errors.
         """
-        config = self.config
+        study = self.study
         facts = {
             "vehicles": self.truth.name.size,
-            "hours": f"{config.mission.duration_h:g}",
-            "realizations": config.study.realizations if config.solves else 0,
+            "hours": f"{study.duration / 3600.0:g}",
+            "realizations": study.realizations if study.solves else 0,
             "ocean": f"{self.ocean.attrs['title']}{', synthetic' if self.synthetic else ''}",
             "folder": self.path,
         }
-        return notebook_html(
-            f"Run of {config.study.name}: {config.study.description}", facts, self.summary
-        )
+        return notebook_html(f"Run of {study.name}: {study.description}", facts, self.summary)
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
@@ -132,6 +127,11 @@ class Run:
     def config(self) -> StudyConfig:
         """Resolved configuration, defaults included."""
         return load_study(self.path / CONFIG)
+
+    @cached_property
+    def study(self) -> Study:
+        """The configuration as objects of the library."""
+        return build_study(self.config)
 
     @cached_property
     def ocean(self) -> xr.Dataset:
@@ -186,14 +186,14 @@ class Run:
         ``measurements``, ``ranging_truth``, ``arrivals``, ``hearing`` and ``ocean`` are then those
         of the first realization.
         """
-        if self.config.ocean.ice_draw != "each":
+        if not self.study.ocean.own_ice:
             return None
         return RangingDraws.load(self.path / RANGING_DRAWS)
 
     @cached_property
     def hearing(self) -> Hearing | None:
         """Detection probability of each range attempt; None if every arrival is detected."""
-        return None if self.config.detection is None else Hearing.load(self.path / HEARING)
+        return Hearing.load(self.path / HEARING) if self.study.detects else None
 
     @cached_property
     def candidates(self) -> Candidates | None:
@@ -201,7 +201,7 @@ class Run:
         Arrivals that each range attempt may mistake for its direct arrival; None if no receiver
         makes mistakes.
         """
-        if self.config.ranging.mistaken == "none":
+        if self.study.picker is None:
             return None
         return Candidates.load(self.path / CANDIDATES)
 
@@ -210,7 +210,7 @@ class Run:
         """
         Estimated trajectories of all conditions and realizations, with the status of each solve.
         """
-        if not self.config.solves:
+        if not self.study.solves:
             return Estimates.without_conditions(self.measurements)
         return Estimates.load(self.path / ESTIMATES)
 
@@ -243,7 +243,7 @@ class Run:
         """
         Compute `bounds` and `degrees_of_freedom` for all tables; they do not depend on estimates.
         """
-        if not self.config.solves:
+        if not self.study.solves:
             return
         _ = self.bounds
         for expected in self.degrees_of_freedom.values():
@@ -257,7 +257,7 @@ class Run:
         """
         Results of a function by condition; conditions with the same kind of measurements share one.
         """
-        equivalents = {c.name: c.standard_equivalent for c in self.config.conditions}
+        equivalents = {c.name: c.standard_equivalent for c in self.study.conditions}
         is_solved = (self.path / ESTIMATES).is_file()
         made: dict[str, _T] = {}
         out = {}
@@ -300,7 +300,7 @@ class Run:
             If the run has no such realization.
         """
         self._check(realization)
-        ranging = self.config.ranging
+        study = self.study
         candidates = self.candidates
         draws = self.ranging_draws
         measurements = self.measurements
@@ -310,13 +310,13 @@ class Run:
             probability = None if probability is None else draws.probability[realization]
         return perturb(
             measurements,
-            root_seed=self.config.study.seed,
+            root_seed=study.seed,
             realization=realization,
-            timing=ranging.build_timing(),
-            clocks=self.config.noise.clocks,
+            timing=study.sound.timing,
+            clocks=study.clocks,
             ranging_truth=self.ranging_truth_in(realization),
             detection=probability if candidates is None else candidates,
-            correlation_time=ranging.mistaken_correlation_s,
+            correlation_time=study.pick_correlation_time,
         )
 
     def ranging_truth_in(self, realization: int | None) -> RangingTruth:
@@ -438,29 +438,29 @@ class Run:
         """
         self._check(realization)
         candidates = self.candidates
-        seed = self.config.study.seed
         if candidates is None:
             return np.zeros(self.measurements.range_status.size, dtype=bool)
         picks = draw_picks(
             self.measurements,
             candidates,
-            root_seed=seed,
+            root_seed=self.study.seed,
             realization=realization,
-            correlation_time=self.config.ranging.mistaken_correlation_s,
+            correlation_time=self.study.pick_correlation_time,
         )
         return candidates.mistaken(picks)
 
     def _check(self, realization: int) -> None:
-        count = self.config.study.realizations
+        count = self.study.realizations
         if not 0 <= realization < count:
             raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
 
 
-def run_in_memory(config: StudyConfig, mission: "Mission") -> Run:
+def run_in_memory(study: Study, mission: "Mission") -> Run:
     """Run without a folder and without estimates, from a mission."""
     run = Run(Path())
     vars(run).update(  # values that would be read from files
-        config=config,
+        config=study.config,
+        study=study,
         ocean=mission.ocean.local,
         profile=mission.ocean.profile,
         region=mission.ocean.region,

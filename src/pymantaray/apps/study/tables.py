@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 
 from pymantaray.apps.study.influence import influence_table
-from pymantaray.apps.study.settings import NOISE, TIMING, settings_table
+from pymantaray.config.settings import NOISE, TIMING, settings_table
 from pymantaray.estimation import CONDITIONS
 from pymantaray.evaluation import (
     attitude_table,
@@ -137,17 +137,16 @@ def cost_table(run: "Run") -> pd.DataFrame:
     Settings of each condition, its seed, the CPU time of its solves, and the distance of GTSAM from
     the batch solver.
     """
-    own = [c for c in run.config.conditions if not c.standard]
     apart = run.manifest.get("from_batch_m", {})
-    sections = {c.name: c.model_dump(mode="json", exclude_defaults=True) for c in own}
+    own = {c.name: c.settings for c in run.study.conditions}
     rows = []
     for name, seconds in run.manifest.get("solve_cpu_seconds", {}).items():
-        settings = {key: value for key, value in sections.get(name, {}).items() if key != "name"}
+        settings = own.get(name)
         rows.append(
             {
                 "condition": name,
                 "settings": json.dumps(settings) if settings else "-",
-                "seed": run.config.study.seed,
+                "seed": run.study.seed,
                 "realizations": len(seconds),
                 "cpu_median_s": float(np.median(seconds)),
                 "cpu_total_s": float(np.sum(seconds)),
@@ -196,16 +195,16 @@ def _number(value: object) -> object:
 
 def _solves(run: "Run") -> bool:
     """True if the run has estimates, not ranges alone."""
-    return run.config.solves
+    return run.study.solves
 
 
 def _has_covariances(run: "Run") -> bool:
-    return run.config.solves and run.covariances is not None
+    return run.study.solves and run.covariances is not None
 
 
 def _has_range_graphs(run: "Run") -> bool:
-    standard = (c.name for c in run.config.conditions if c.standard)
-    return run.config.solves and any(CONDITIONS[name].ranges is not None for name in standard)
+    standard = (c.name for c in run.study.conditions if c.standard)
+    return run.study.solves and any(CONDITIONS[name].ranges is not None for name in standard)
 
 
 def _has_unknowns(run: "Run") -> bool:
@@ -216,7 +215,7 @@ def _ranging_draws(run: "Run") -> pd.DataFrame:
     """Dropouts and range errors of all links, by realization."""
     assert run.ranging_draws is not None
     rows = []
-    for realization in range(run.config.study.realizations):
+    for realization in range(run.study.realizations):
         truth = run.ranging_truth_in(realization)
         m = run.ranging_draws.measurements(run.measurements, run.ranging_truth, realization)
         lost = dropout_table(m, run.truth).iloc[-1]
@@ -254,7 +253,7 @@ TABLES: dict[str, TableDefinition] = {
     ),
     "ate_difference": TableDefinition(
         "Difference of position error between conditions, 95 % intervals over realizations",
-        lambda run: comparison_table(run.truth, run.estimates, root_seed=run.config.study.seed),
+        lambda run: comparison_table(run.truth, run.estimates, root_seed=run.study.seed),
         _solves,
         columns="condition baseline statistic realizations pooled_difference_m bootstrap_low_m"
         " bootstrap_high_m",
@@ -274,7 +273,7 @@ TABLES: dict[str, TableDefinition] = {
     "attitude": TableDefinition(
         "Errors of attitudes about the horizontal axes and about the vertical",
         lambda run: attitude_table(run.truth, run.estimates, run.degrees_of_freedom),
-        lambda run: run.config.solves and run.measurements.attitude_vehicle.size > 0,
+        lambda run: run.study.solves and run.measurements.attitude_vehicle.size > 0,
     ),
     "dropouts": TableDefinition(
         "Range attempts and dropouts by kind of link, and their causes",
@@ -355,7 +354,7 @@ TABLES: dict[str, TableDefinition] = {
         "Settings and seed of each condition, and CPU time of its solves; mantaray study run"
         " config.toml repeats them",
         cost_table,
-        lambda run: run.config.solves and "solve_cpu_seconds" in run.manifest,
+        lambda run: run.study.solves and "solve_cpu_seconds" in run.manifest,
         folded=True,
     ),
     "influence": TableDefinition(

@@ -5,11 +5,29 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import xarray as xr
 
-from pymantaray.config.sections import StudyConfig
+from pymantaray.apps.study.store import Run
+from pymantaray.config.build.estimators import Condition, EstimatorFactory
 from pymantaray.estimation import GraphSolution, UnknownsEstimate
 from pymantaray.ocean import layer_weights
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.records import SharedUnknowns, Trajectories
+from pymantaray.sensing import ClockModel
+
+
+def true_unknowns(
+    run: Run, factory: EstimatorFactory, condition: Condition, realization: int
+) -> dict[str, float]:
+    """True values of a condition's unknowns other than poses, by the names of `Unknowns`."""
+    out: dict[str, float] = {}
+    rays = factory.adjustable(condition.name, realization)
+    if rays is not None:
+        model, believed = rays
+        out |= true_amplitudes(model, run.ocean, believed, run.truth)
+    if condition.estimates_clocks:
+        clocks = run.study.clocks
+        names = run.truth.name.tolist()
+        out |= true_clocks(clocks, names, root_seed=run.study.seed, realization=realization)
+    return out
 
 
 def true_amplitudes(
@@ -37,15 +55,16 @@ def true_amplitudes(
     return {f"mode {k + 1}": float(a) for k, a in enumerate(amplitudes)}
 
 
-def true_clocks(config: StudyConfig, names: list[str], realization: int) -> dict[str, float]:
+def true_clocks(
+    model: ClockModel | None, names: list[str], *, root_seed: int, realization: int
+) -> dict[str, float]:
     """
     Offsets [s] and skews of one realization's clocks by the names of `Unknowns`; zero for exact
     clocks.
     """
-    model = config.noise.clocks
     offset = skew = np.zeros(len(names))
     if model is not None:
-        clocks = model.draw(names, root_seed=config.study.seed, realization=realization)
+        clocks = model.draw(names, root_seed=root_seed, realization=realization)
         offset = clocks.offset
         skew = clocks.skew
     return {

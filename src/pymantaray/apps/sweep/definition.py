@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 
 import tomli_w
 
-from pymantaray.apps.study.tracks import with_tracks
 from pymantaray.config import StudyConfig, load_study, parse_study
+from pymantaray.config.build.fleet import with_tracks
 from pymantaray.config.common import NONE
 from pymantaray.config.conditions import with_conditions
 from pymantaray.config.keys import Tree, with_key

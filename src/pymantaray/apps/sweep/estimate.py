@@ -13,7 +13,7 @@ from pymantaray.apps.study.tracks import mission_size
 from pymantaray.apps.sweep.definition import Sweep
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
 from pymantaray.apps.sweep.plan import SweepPlan
-from pymantaray.config import StudyConfig
+from pymantaray.config.build.study import Study, build_study
 from pymantaray.errors import SweepError
 
 _OCEAN_SECONDS = 1.2
@@ -62,16 +62,16 @@ def estimate(plan: SweepPlan, points: Collection[str], cost: Cost) -> Estimate:
 def known_cost(sweep: Sweep) -> Cost:
     """Cost of tasks in the preset `quick`, scaled to studies of this size."""
     count = len(sweep)
-    configs = [sweep.point(k * count // min(count, _SAMPLE)) for k in range(min(count, _SAMPLE))]
-    sizes = [_seconds(config) for config in configs]
+    points = [k * count // min(count, _SAMPLE) for k in range(min(count, _SAMPLE))]
+    sizes = [_seconds(build_study(sweep.point(point))) for point in points]
     mean = {kind: fmean(size[kind] for size in sizes) for kind in (*STAGES, POINT)}
     return Cost(mean, None, "the preset quick, scaled by steps, links and poses")
 
 
-def _seconds(config: StudyConfig) -> dict[str, float]:
-    size = mission_size(config)
-    links = size.pings * ((size.vehicles - 1) / 2 + len(config.landmarks))
-    solves = config.study.realizations * len(config.conditions)
+def _seconds(study: Study) -> dict[str, float]:
+    size = mission_size(study)
+    links = size.pings * ((size.vehicles - 1) / 2 + len(study.ranging.landmarks))
+    solves = study.realizations * len(study.conditions)
     return {
         OCEAN: _OCEAN_SECONDS,
         FLEET: _SECONDS_PER_STEP * size.vehicles * size.steps,

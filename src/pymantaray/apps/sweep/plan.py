@@ -3,7 +3,7 @@
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
@@ -11,8 +11,8 @@ from typing import NamedTuple
 from pymantaray.apps.sweep.definition import Sweep
 from pymantaray.apps.sweep.keys import POINT, STAGES, LatestKeys, task_keys
 from pymantaray.apps.sweep.tasks import SweepTask
-from pymantaray.config import StudyConfig
-from pymantaray.errors import StudyError, SweepError
+from pymantaray.config.build.study import Study, build_study
+from pymantaray.errors import MantaRayError, StudyError, SweepError
 from pymantaray.installation import code_version
 from pymantaray.jobs.keys import sha256
 from pymantaray.jobs.pool import Queue
@@ -35,17 +35,18 @@ class SweepPlan:
         self.sweep = sweep
         checksums = dict[str, str]()
         latest = LatestKeys()
+        study: Study | None = None
         bad: list[str] = []
         self.keys: list[dict[str, str]] = []
         """Keys of each point by the name of the stage."""
         for number in range(len(sweep)):
             try:
-                config = sweep.point(number)
-                _add_checksums(checksums, config)
+                study = build_study(sweep.point(number), study)
+                _add_checksums(checksums, study.files)
                 self.keys.append(
-                    task_keys(config, {file: checksums[file] for file in config.files}, latest)
+                    task_keys(study, {file: checksums[file] for file in study.files}, latest)
                 )
-            except StudyError as error:
+            except MantaRayError as error:
                 bad.append(str(error).partition("\n")[0])
         if bad:
             rest = [f"and {len(bad) - _MAX_FAULTS} more"] if len(bad) > _MAX_FAULTS else []
@@ -70,8 +71,8 @@ class SweepPlan:
         return len({self.keys[self.points[key]][stage] for key in points})
 
 
-def _add_checksums(checksums: dict[str, str], config: StudyConfig) -> None:
-    for file in config.files:
+def _add_checksums(checksums: dict[str, str], files: Iterable[str]) -> None:
+    for file in files:
         if file not in checksums:
             try:
                 checksums[file] = sha256(Path(file))

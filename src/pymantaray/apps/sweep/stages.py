@@ -13,10 +13,13 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import Medium
+from pymantaray.acoustics.medium import Interpolation
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
-from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS, stage_config
+from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS
 from pymantaray.apps.sweep.points import stage_name
-from pymantaray.config import StudyConfig
+from pymantaray.config.build.ocean import MissionOcean
+from pymantaray.config.build.study import Study
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.jobs.store import Store, failure_content, read_valid
 from pymantaray.records import Arrivals, RangingTruth, Trajectories
@@ -24,53 +27,55 @@ from pymantaray.records.nested import from_groups, to_groups
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 from pymantaray.sensing import Links, Ranging, Receptions
 from pymantaray.sensing.schedule import Attempts
-from pymantaray.water.ocean import OceanFields, build_medium, is_profile
-from pymantaray.water.water import mission_ocean
 
 _LATEST: dict[str, tuple[str, Any, float]] = {}
 """Latest result of each stage in this process, with its key and the time of its computation. [s]"""
 _RANGING = Ranging, Attempts, RangingTruth, Links, Arrivals, Receptions
 
 
+def open_ocean(ocean: MissionOcean, interpolation: Interpolation) -> OceanFields:
+    """Ocean of a mission."""
+    return ocean.open(interpolation)
+
+
 class Stages:
     """Stages of one study; shared stages are written to the store for other points."""
 
     def __init__(
-        self, config: StudyConfig, keys: Mapping[str, str], store: Store, shared: frozenset[str]
+        self, study: Study, keys: Mapping[str, str], store: Store, shared: frozenset[str]
     ) -> None:
-        self._config = config
+        self._study = study
         self._keys = keys
         self._store = store
-        profile = is_profile(config.ocean)  # faster to read again than from the store
-        self._shared = shared - {OCEAN} if profile else shared
+        self._profile = study.ocean.is_profile  # faster to read again than from the store
+        self._shared = shared - {OCEAN} if self._profile else shared
 
     @property
     def ocean(self) -> OceanFields:
         """Ocean of the mission."""
-        config = self._config
+        ocean = self._study.ocean
+        interpolation = self._study.sound.interpolation
         key = self._keys[OCEAN]
-        if is_profile(config.ocean):  # its thinned levels depend on the interpolation of the medium
-            key = f"{key} {config.acoustics.interpolation}"
-        else:
-            config = stage_config(config, OCEAN)
-        out: OceanFields = self._get(OCEAN, lambda: mission_ocean(config), key)
+        if self._profile:  # its thinned levels depend on the interpolation of the medium
+            key = f"{key} {interpolation}"
+        out: OceanFields = self._get(OCEAN, lambda: open_ocean(ocean, interpolation), key)
         return out
 
     @property
     def fleet(self) -> Trajectories:
         """True poses of the vehicles."""
-        config = stage_config(self._config, FLEET)
         ocean = self.ocean
-        out: Trajectories = self._get(FLEET, lambda: simulate_fleet(config, ocean))
+        fleet = self._study.fleet
+        out: Trajectories = self._get(FLEET, lambda: simulate_fleet(fleet, ocean))
         return out
 
     @property
     def rays(self) -> Ranging:
         """Ranges without noise."""
-        config = stage_config(self._config, RAYS)
         ocean = self.ocean
-        fleet = self.fleet
-        out: Ranging = self._get(RAYS, lambda: range_fleet(config, ocean, self.medium, fleet))
+        truth = self.fleet
+        ranging = self._study.ranging
+        out: Ranging = self._get(RAYS, lambda: range_fleet(ranging, ocean, self.medium, truth))
         return out
 
     @property
@@ -79,14 +84,10 @@ class Stages:
         Medium of the rays; it is not stored, because building it from the ocean is faster than
         reading it.
         """
-        search = self._config.acoustics
-        key = f"{self._keys[OCEAN]} {search.interpolation} {search.earth}"
+        sound = self._study.sound
+        key = f"{self._keys[OCEAN]} {sound.interpolation} {sound.earth}"
         if _LATEST.get("medium", ("",))[0] != key:
-            _LATEST["medium"] = (
-                key,
-                build_medium(self.ocean, search.interpolation, search.earth),
-                math.nan,
-            )
+            _LATEST["medium"] = key, sound.medium(self.ocean), math.nan
         medium: Medium | Callable[[float], Medium] = _LATEST["medium"][1]
         return medium
 

@@ -16,6 +16,7 @@ from pymantaray.apps.sweep.keys import POINT, STAGES
 from pymantaray.apps.sweep.points import point_name
 from pymantaray.apps.sweep.stages import Stages
 from pymantaray.config import StudyConfig
+from pymantaray.config.build.study import Study, build_study
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.installation import code_version
 from pymantaray.jobs.folder import MANIFEST
@@ -55,40 +56,39 @@ def run_task(url: str, task: SweepTask) -> str | None:
 
 
 def _compute(store: Store, task: SweepTask) -> None:
-    stages = Stages(task.config, task.keys, store, task.shared)
+    study = build_study(task.config)
+    stages = Stages(study, task.keys, store, task.shared)
     if task.kind != POINT:
         stages.ensure(task.kind)
     elif not store.has(point_name(task.key)):
-        content = _solve(task, stages, store)
+        content = _solve(task, study, stages, store)
         store.write(point_name(task.key), json.dumps(content, indent=1).encode())
         store.remove(point_name(task.key, failed=True))
 
 
-def _solve(task: SweepTask, stages: Stages, store: Store) -> dict[str, Any]:
+def _solve(task: SweepTask, study: Study, stages: Stages, store: Store) -> dict[str, Any]:
     """Summary of a point, and the duration of its stages."""
-    config = task.config
     watch = Stopwatch()
-    refuse_too_large(config, 1)
+    refuse_too_large(study, 1)
     ocean = stages.ocean
     truth = stages.fleet
     ranging = stages.rays
     with watch.stage("realizations"):
-        mission = assemble_mission(config, ocean, truth, ranging)
-        if config.ocean.ice_draw == "each":
-            mission = replace(
-                mission, draws=range_draws(config, ocean, (stages.medium, truth, ranging))
-            )
+        mission = assemble_mission(study, ocean, truth, ranging)
+        if study.ocean.own_ice:
+            draws = range_draws(study, ocean, (stages.medium, truth, ranging))
+            mission = replace(mission, draws=draws)
         if task.studies:
             assert store.folder is not None  # `run_sweep` accepts studies in a folder only
             folder = store.folder / "studies" / task.key
             if not (folder / MANIFEST).exists():
-                mission = replace(mission, picture=mission_picture(config, mission, stages.medium))
-                run_study(config, folder, workers=1, mission=mission)
+                mission = replace(mission, picture=mission_picture(study, mission, stages.medium))
+                run_study(task.config, folder, workers=1, mission=mission)
             run = open_run(folder)
         else:
-            run = run_in_memory(config, mission)
+            run = run_in_memory(study, mission)
             solver = RealizationSolver(run)
-            solved = [solver.solve(realization) for realization in range(config.study.realizations)]
+            solved = [solver.solve(realization) for realization in range(study.realizations)]
             vars(run).update(collect_results(run, solved)._asdict())
     with watch.stage("summary"):
         summary = summarize_point(run)

@@ -136,8 +136,8 @@ def table(
     files.check([Path(name) for name in ocean])
     from pymantaray.apps.table import build_table, save_table
     from pymantaray.apps.table.file import c_header
+    from pymantaray.config.build.water import open_water
     from pymantaray.records.writing import whole_file
-    from pymantaray.water import open_water
 
     keys = water.keys | arrivals.keys | choice.keys
     keys |= _sea_floor(ocean, keys, limits.deepest)
@@ -179,14 +179,13 @@ def _sea_floor(ocean: list[str], keys: dict[str, Any], deepest: float) -> dict[s
     Sea floor of a profile without one: the deepest level of the profile or the largest depth of the
     table.
     """
-    from pymantaray.water.ocean import is_profile
-    from pymantaray.water.uniform import one_profile
-    from pymantaray.water.water import configuration_of
+    from pymantaray.config.build.ocean import build_mission_ocean
+    from pymantaray.config.build.water import configuration_of
 
-    section = configuration_of(ocean, keys).ocean
-    if section.bathymetry is not None or not is_profile(section):
+    own = build_mission_ocean(configuration_of(ocean, keys))
+    if own.has_sea_floor or not own.is_profile:
         return {}
-    depth = max(deepest, float(one_profile(section).depth[-1]))
+    depth = max(deepest, float(own.profile().depth[-1]))
     LOG.info(
         "sea floor at %g m, the deepest level of the profile or of the table; --bathymetry changes"
         " it",

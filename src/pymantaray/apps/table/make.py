@@ -12,10 +12,10 @@ from pymantaray.apps.table.build import Box, build_tree
 from pymantaray.apps.table.cells import Tree, joined
 from pymantaray.apps.table.samples import Radial
 from pymantaray.apps.table.table import TravelTimeTable
+from pymantaray.config.build.water import Source, open_water
 from pymantaray.errors import OnlineError
 from pymantaray.jobs.progress import Progress
-from pymantaray.water import Water, open_water
-from pymantaray.water.water import Source
+from pymantaray.sensing.water import Water
 
 Limits = tuple[float, float] | tuple[float, float, float]
 MAX_BYTES = 1_000_000

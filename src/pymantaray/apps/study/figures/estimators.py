@@ -128,5 +128,5 @@ register(
         r.tables["consistency_per_epoch"].frame if "consistency_per_epoch" in r.tables else None,
         r.header,
     ),
-    needs=lambda r: any(not c.standard for c in r.run.config.conditions),
+    needs=lambda r: any(not c.standard for c in r.run.study.conditions),
 )

@@ -283,5 +283,5 @@ register(
     caption="Factor graph at the true positions: chains of poses coloured by vehicle, the"
     " {r.received:,} received ranges in grey.",
     draw=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header),
-    needs=lambda r: r.run.config.solves,
+    needs=lambda r: r.run.study.solves,
 )

@@ -16,14 +16,14 @@ from matplotlib.patches import FancyArrowPatch, FancyBboxPatch
 from matplotlib.path import Path
 from matplotlib.transforms import Bbox
 
+from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.study.figures.register import register
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
+from pymantaray.config.build.ocean import mission_ocean
 from pymantaray.estimation import collect_estimates, solve_conditions
 from pymantaray.evaluation import error_table, range_error_table
 from pymantaray.pages import style
 from pymantaray.sensing import assemble, perturb
-from pymantaray.water.ocean import build_medium
-from pymantaray.water.water import mission_ocean
 
 STAGES: tuple[tuple[str, str, Callable[..., Any]], ...] = (
     ("ocean", "model, casts or synthetic", mission_ocean),

@@ -39,7 +39,7 @@ def _shown_over_time(results: RunResults) -> Mapping[str, Array]:
     Errors of all conditions, or of the study's conditions if there are too many estimators for one
     panel.
     """
-    conditions = {c.name for c in results.run.config.conditions if c.standard}
+    conditions = {c.name for c in results.run.study.conditions if c.standard}
     if len(results.errors) - len(conditions) <= style.DISTINCT:
         return results.errors
     return {name: errors for name, errors in results.errors.items() if name in conditions}
@@ -269,7 +269,7 @@ register(
         ],
         r.header,
     ),
-    needs=lambda r: r.run.config.solves,
+    needs=lambda r: r.run.study.solves,
 )
 register(
     "error_over_time",
@@ -278,5 +278,5 @@ register(
     draw=lambda r: error_over_time(
         r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header
     ),
-    needs=lambda r: r.run.config.solves,
+    needs=lambda r: r.run.study.solves,
 )

@@ -52,7 +52,7 @@ def draw_vehicle_errors(axes: Axes, table: pd.DataFrame) -> None:
 
 
 def _shown(results: RunResults) -> bool:
-    if not results.run.config.solves or len(results.run.truth.name) > _MAX_NAMED_VEHICLES:
+    if not results.run.study.solves or len(results.run.truth.name) > _MAX_NAMED_VEHICLES:
         return False
     return bool(results.tables["ate_per_vehicle"].frame["rmse_m"].notna().any())
 

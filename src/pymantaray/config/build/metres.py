@@ -9,16 +9,15 @@ import xarray as xr
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean.environment import is_environment, read_environment
+from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.metres import (
     cropped,
-    holds_metres,
+    file_in_metres,
     is_in_metres,
     ocean_in_metres,
-    read_metres,
+    read_file_in_metres,
     with_flat_floor,
 )
-from pymantaray.water.instants import utc_instant
 
 _WITHOUT_MEANING = (
     "names",
@@ -34,16 +33,6 @@ _WITHOUT_MEANING = (
 def section_in_metres(section: OceanSection) -> bool:
     """True if the source of a section is water in metres."""
     return len(section.source) == 1 and file_in_metres(section.source[0])
-
-
-def file_in_metres(path: str) -> bool:
-    """True if a file has water in metres."""
-    return is_environment(path) or holds_metres(path)
-
-
-def read_file_in_metres(path: str) -> xr.Dataset:
-    """Read a file with water in metres."""
-    return read_environment(path) if is_environment(path) else read_metres(path)
 
 
 def metres_of(section: OceanSection, data: xr.Dataset | None) -> xr.Dataset | None:

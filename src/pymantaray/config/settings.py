@@ -31,7 +31,7 @@ def settings_table(config: StudyConfig, keys: tuple[str, ...]) -> pd.DataFrame:
             section = getattr(section, part, None)
         if getattr(section, name, None) is None:
             continue
-        words = type(section).model_fields[name].description
+        words = " ".join(type(section).model_fields[name].description.split())
         unit = _LAST_UNIT.search(words)
         rows.append(
             {

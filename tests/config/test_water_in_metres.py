@@ -11,16 +11,16 @@ import xarray as xr
 from authors_files import FLOOR, X, Y, Z, arrays, currents, sound_speed, write_environment
 from refusals import refused
 
-from pymantaray import find_eigenrays, load_study, measure, simulate
+from pymantaray import find_eigenrays, load_study, measure, open_water, simulate
 from pymantaray.acoustics import Medium
 from pymantaray.apps.atlas import Atlas
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
+from pymantaray.config.build.study import build_study
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.fleet import Drifting, Vehicle
 from pymantaray.ocean.environment import environment_arrays, read_environment
 from pymantaray.records import Trajectories
-from pymantaray.water import open_water
 
 PLACE = np.array([[1200.0, -3300.0, 120.0], [-900.0, 5000.0, 1700.0]])  # north, east, depth
 
@@ -149,7 +149,7 @@ def test_a_study_runs_in_water_in_metres(tmp_path):
     }
     for source in (path, dataset()):
         config = load_study("quick", ocean=source, **keys)
-        mission = simulate_mission(config, Stopwatch(), lambda *_: None)
+        mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
         c = sound_speed(0.0, 0.0, 50.0)
         assert mission.measurements.transmitter_sound_speed[0] == pytest.approx(c, abs=1e-9)
     assert (

@@ -1,16 +1,17 @@
-"""
-Construction of estimators, with their range models and uncertainties, from the conditions of a
-configuration.
-"""
+"""Estimators, with their range models and uncertainties, of the conditions of a study."""
 
-from typing import Literal
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
 
-from pymantaray.apps.study.beliefs import Beliefs
-from pymantaray.apps.study.range_models import build_range_model
-from pymantaray.apps.study.store import Run
-from pymantaray.apps.study.true_unknowns import true_amplitudes, true_clocks
+import xarray as xr
+
+from pymantaray.acoustics.ocean_fields import OceanFields
+from pymantaray.config.build.beliefs import Beliefs, KnownMission
+from pymantaray.config.build.range_models import build_range_model
 from pymantaray.config.estimators import (
     AnyRangeModel,
+    CastBelief,
     ConditionSection,
     ExactBelief,
     FixedLagSolver,
@@ -22,7 +23,39 @@ from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.range_models.ray_uncertainty import RayUncertainty
-from pymantaray.water.ocean import OceanFields
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Condition of a study as tables and files need it; `EstimatorFactory` builds its estimator."""
+
+    name: str
+    standard: bool
+    """True if the name defines the condition completely."""
+    standard_equivalent: str
+    """The standard condition with the same kind of measurements."""
+    needs_cast: bool
+    """True if its estimator assumes the water of a cast."""
+    estimates_clocks: bool
+    files: tuple[str, ...]
+    """Input files."""
+    settings: Mapping[str, Any]
+    """Keys with values, as in JSON, that the name does not define."""
+
+
+def build_condition(section: ConditionSection) -> Condition:
+    """Condition of a section."""
+    return Condition(
+        name=section.name,
+        standard=section.standard,
+        standard_equivalent=section.standard_equivalent,
+        needs_cast=isinstance(section.belief, CastBelief),
+        estimates_clocks=section.clocks is not None,
+        files=section.files,
+        settings={}
+        if section.standard
+        else section.model_dump(mode="json", exclude_defaults=True, exclude={"name"}),
+    )
 
 
 class EstimatorFactory:
@@ -32,13 +65,14 @@ class EstimatorFactory:
     ``ocean`` replaces the ocean of the run's configuration if it is in memory.
     """
 
-    def __init__(self, run: Run, ocean: OceanFields | None = None) -> None:
+    def __init__(self, run: KnownMission, ocean: OceanFields | None = None) -> None:
         self._run, self._beliefs = run, Beliefs(run, ocean)
         self._models: dict[AnyRangeModel, RangeModel] = {}
         self._realization = -1  # of the models
 
-    def estimator(self, section: ConditionSection, realization: int) -> Estimator:
-        """Estimator of one condition, for one realization."""
+    def estimator(self, condition: str | ConditionSection, realization: int) -> Estimator:
+        """Estimator of one condition, by its name or section, for one realization."""
+        section = self._section(condition)
         truth = self._run.truth
         start = section.start or self._run.config.estimator.start
         model = None
@@ -87,17 +121,23 @@ class EstimatorFactory:
             gtsam=gtsam,
         )
 
-    def true_unknowns(self, section: ConditionSection, realization: int) -> dict[str, float]:
-        """True values of a condition's unknowns other than poses, by the names of `Unknowns`."""
-        run = self._run
-        out: dict[str, float] = {}
+    def adjustable(
+        self, condition: str, realization: int
+    ) -> tuple[AdjustableEigenrays, xr.Dataset] | None:
+        """
+        Rays whose modes a condition estimates, and the local ocean that it assumes; None without
+        modes.
+        """
+        section = self._section(condition)
         model = self._model(section, realization)
-        if isinstance(model, AdjustableEigenrays) and section.belief is not None:
-            believed = self._beliefs.believed(section.belief, realization)
-            out |= true_amplitudes(model, run.ocean, believed.local, run.truth)
-        if section.clocks is not None:
-            out |= true_clocks(run.config, run.truth.name.tolist(), realization)
-        return out
+        if not isinstance(model, AdjustableEigenrays) or section.belief is None:
+            return None
+        return model, self._beliefs.believed(section.belief, realization).local
+
+    def _section(self, condition: str | ConditionSection) -> ConditionSection:
+        if isinstance(condition, ConditionSection):
+            return condition
+        return next(one for one in self._run.config.conditions if one.name == condition)
 
     def _model(self, section: ConditionSection, realization: int) -> RangeModel:
         """

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import smooth_profile, thin_profile
@@ -15,14 +14,13 @@ from pymantaray.arrays import Array
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.ocean import Cast, cast_ocean, open_sea_floor, with_ice, with_roughness
+from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.local import assemble_local
 from pymantaray.ocean.sea_floor import local_floor
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import Window
-from pymantaray.water.instants import utc_instant
 
 UNBOUNDED = 1e6
 """Default half side of the domain of a profile. [m]"""
@@ -179,66 +177,6 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
     return cast_ocean(
         cast, bathymetry=bottom, below="constant", equation=section.equation, **options
     )
-
-
-def profile_spread(local: xr.Dataset) -> xr.Dataset:
-    """
-    Sound speed of the levels, as in `sound_speed_profile_spread`, with equal mean, minimum and
-    maximum.
-    """
-    speed = local["sound_speed"][0, 0]
-    count = xr.ones_like(speed, dtype=int).assign_attrs(
-        long_name="wet grid points", units="1", standard_name=""
-    )
-    spread = dict.fromkeys(("mean", "min", "max"), speed.drop_vars(("north", "east"))) | {
-        "count": count.drop_vars(("north", "east"))
-    }
-    return xr.Dataset(
-        spread, attrs={name: local.attrs[name] for name in ("title", "source", "synthetic")}
-    )
-
-
-def columns_spread(local: xr.Dataset) -> xr.Dataset:
-    """
-    Sound speed of the levels above the sea floor of a local ocean, as in
-    `sound_speed_profile_spread`.
-    """
-    speed = local["sound_speed"]
-    over = ("north", "east")
-    bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
-    places = np.stack(np.meshgrid(*(local[name].values for name in over), indexing="ij"), axis=-1)
-    wet = local["depth"].values <= bed.depth_at(places.reshape(-1, 2)).reshape(*places.shape[:2], 1)
-    speed = speed.where(xr.DataArray(wet, dims=speed.dims))
-    count = speed.count(over).assign_attrs(long_name="wet grid points", units="1")
-    spread = {
-        "mean": speed.sum(over) / count.where(count > 0),
-        "min": speed.reduce(np.fmin.reduce, over),
-        "max": speed.reduce(np.fmax.reduce, over),
-    }
-    return xr.Dataset(
-        {name: values.assign_attrs(local["sound_speed"].attrs) for name, values in spread.items()}
-        | {"count": count},
-        attrs={name: local.attrs[name] for name in ("title", "source", "synthetic")},
-    )
-
-
-def profile_region(local: xr.Dataset) -> pd.DataFrame:
-    """Properties of the water, one per row, as in `region_table` for a gridded ocean."""
-    speed = local["sound_speed"].values
-    floor = local["sea_floor_depth"].values
-    rows: dict[str, object] = {
-        "levels": int(local.sizes["depth"]),
-        "time [UTC]": local.attrs.get("time", "unknown"),
-        "shallowest sea floor [m]": float(floor.min()),
-        "deepest sea floor [m]": float(floor.max()),
-        "lowest sound speed [m/s]": float(speed.min()),
-        "highest sound speed [m/s]": float(speed.max()),
-        "synthetic": "no",
-        "source": str(local.attrs["source"]),
-    }
-    table = pd.DataFrame({str(local.attrs["title"]): pd.Series(rows, dtype=object)})
-    table.index.name = "property"
-    return table
 
 
 def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolation) -> _Levels:

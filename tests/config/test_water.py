@@ -6,14 +6,13 @@ import pytest
 import xarray as xr
 from refusals import refused
 
-from pymantaray import load_study, measure
+from pymantaray import Water, load_study, measure, open_water, open_waters
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, thin_profile
 from pymantaray.apps.atlas import Atlas
 from pymantaray.config import load_sound
 from pymantaray.errors import MantaRayError, OceanError, StudyError, WaterError
 from pymantaray.ocean import open_ocean, to_local, with_ice
 from pymantaray.records import RayStatus
-from pymantaray.water import Water, open_water, open_waters
 
 HALF = 15e3
 DEPTH = np.array([0.0, 40.0, 90.0, 200.0, 600.0])

@@ -1,23 +1,27 @@
-"""Fields of an ocean in the local frame, and their medium, currents and absorption for rays."""
+"""The ocean of a section: fields over a mission, local ocean, sea floor and start."""
 
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
-from functools import partial
-from types import MappingProxyType
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Absorption, Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.acoustics.profiles import Profile
+from pymantaray.config.build.metres import local_of, metres_of, section_in_metres
+from pymantaray.config.build.uniform import (
+    geographic_of,
+    one_profile,
+    read_section_profiles,
+    uniform_water,
+    with_section_ice,
+)
 from pymantaray.config.estimators import InternalTideSection
-from pymantaray.config.sections import OceanSection
-from pymantaray.errors import OceanError, StudyError
-from pymantaray.geometry.sphere import Earth
+from pymantaray.config.sections import OceanSection, SoundConfig
+from pymantaray.errors import OceanError
 from pymantaray.ocean import (
     crop_around,
     holds_casts,
@@ -30,99 +34,164 @@ from pymantaray.ocean import (
     to_local,
     window_of,
 )
-from pymantaray.ocean.internal_tide import displaced, has_internal_tide, with_internal_tide
+from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.instants import utc_instant
+from pymantaray.ocean.internal_tide import with_internal_tide
 from pymantaray.ocean.open import Source
 from pymantaray.ocean.schema import reading_notes
+from pymantaray.ocean.summary import columns_spread, profile_region, profile_spread
+from pymantaray.ocean.varying import series_of
 from pymantaray.user_files import exists
-from pymantaray.water.instants import utc_instant
-from pymantaray.water.metres import local_of, metres_of, section_in_metres
-from pymantaray.water.uniform import (
-    columns_spread,
-    geographic_of,
-    one_profile,
-    profile_region,
-    profile_spread,
-    uniform_water,
-    with_section_ice,
-)
-from pymantaray.water.varying import series_of, snapshot_at
-
-_MARGIN_COLUMNS = 24  # the effect of a spline's end decreases by 0.27 from column to column
 
 
 @dataclass(frozen=True, eq=False)
-class OceanFields:
-    """
-    Fields of an ocean over a mission; for a varying source, all except `series` are from the last
-    snapshot at or before the start.
-    """
+class MissionOcean:
+    """Ocean of a mission before it is opened."""
 
-    geographic: xr.Dataset | None
-    """Temperature, salinity and currents of the source (depth, lat, lon); None for a profile."""
-    local: xr.Dataset
-    """Local ocean (north, east, depth)."""
-    profile: xr.Dataset
-    """
-    Mean, minimum and maximum sound speed of each level, in the requested domain or else the whole
-    region.
-    """
-    region: pd.DataFrame
-    """Properties of the region, one per row."""
-    series: xr.Dataset | None = None
-    """Local ocean over the mission (time [s], north, east, depth); None if it does not vary."""
-    cast: Profile | None = None
-    """Profile of uniform water, else None."""
-    unbounded: bool = False
-    """
-    True if the domain has no sides for rays: uniform water without a map and without a half extent.
-    """
-    record: dict[str, Any] = field(default_factory=dict)
-    """Reduction of a profile, for files."""
-    notes: tuple[str, ...] = ()
-    """Doubts about the source."""
+    section: OceanSection
+    duration: float
+    """Time over which it varies; 0 if it is constant. [s]"""
+
+    def open(
+        self, interpolation: Interpolation = "smooth", data: xr.Dataset | None = None
+    ) -> OceanFields:
+        """
+        Fields of the ocean, or of one in memory, over the mission; a thinned profile depends on the
+        interpolation.
+        """
+        return build_ocean(self.section, self.duration, interpolation=interpolation, data=data)
+
+    def geographic_start(self) -> xr.Dataset:
+        """Geographic ocean at the start; for a cast, horizontally uniform."""
+        return open_start(self.section)
+
+    def in_domain(self) -> tuple[xr.Dataset, xr.DataArray | None]:
+        """Geographic ocean at the start in its domain, and its sea floor if it has one. [m]"""
+        ocean = at_domain(self.section, self.geographic_start())
+        return ocean, self.sea_floor(ocean)
+
+    def sea_floor(self, geographic: xr.Dataset) -> xr.DataArray | None:
+        """Sea floor on latitude and longitude; None if the ocean's own is used. [m]"""
+        return build_sea_floor(self.section, geographic)
+
+    def with_ice(self, local: xr.Dataset) -> xr.Dataset:
+        """Local ocean with ice, smooth or rough; unchanged without ice."""
+        return with_section_ice(self.section, local)
+
+    def profiles(self) -> list[Profile]:
+        """Profiles of the files."""
+        return read_section_profiles(self.section)
+
+    def profile(self) -> Profile:
+        """The only profile of the files; several raise an error."""
+        return one_profile(self.section)
+
+    def instants(self) -> list[np.datetime64]:
+        """Known instants of the source; none for a profile."""
+        if self.is_profile:
+            return []
+        times = ocean_times(self.section.source, self.section.standard_names)
+        return [time for time in times if not np.isnat(time)]
+
+    def at(self, time: np.datetime64) -> "MissionOcean":
+        """The ocean at one of its instants."""
+        instant = time.astype("datetime64[us]").item()
+        return replace(self, section=self.section.model_copy(update={"time": instant}))
+
+    def local_start(self) -> xr.Dataset:
+        """Local ocean at the start, without the checks of a domain's spread."""
+        if self.in_metres:
+            return build_ocean(self.section, 0.0).local
+        geographic = open_start(self.section)
+        return local_ocean(self.section, geographic, build_sea_floor(self.section, geographic))
 
     @property
-    def drift(self) -> xr.Dataset:
-        """Local ocean for the simulation of the fleet, over time if it varies."""
-        return self.local if self.series is None else self.series
+    def source(self) -> tuple[str, ...]:
+        """Files, a profile, or the name of a synthetic ocean."""
+        return self.section.source
 
     @property
-    def varies(self) -> bool:
-        """True if the sound speed varies in time."""
-        return self.series is not None or has_internal_tide(self.local)
+    def reading(self) -> dict[str, Any]:
+        """Options of `open_ocean`: whether currents are required, and names of variables."""
+        return {"currents": self.section.currents, "names": self.section.standard_names}
 
-    def absorption(self, formula: str, centre: tuple[float, float] | None) -> Absorption | None:
-        """
-        Absorption in the water by a formula, or ``none``; most formulas need temperature and
-        salinity.
-        """
-        if formula == "none":
-            return None
-        if formula == "thorp":
-            return Absorption.thorp()
-        known: Any = formula
-        if self.geographic is not None:
-            return Absorption.from_dataset(self.geographic, centre=centre, formula=known)
-        if self.cast is None or self.cast.water is None:
-            raise StudyError(
-                f"detection.absorption is {formula}, but"
-                f" {self.local.attrs.get('title', 'the water')} has no temperature or salinity; set"
-                " detection.absorption to thorp or none"
-            )
-        return Absorption.from_profile(self.cast.depth, *self.cast.water, formula=known)
+    @property
+    def domain(self) -> dict[str, Any]:
+        """Centre [degrees] and half extents [m] of the domain; None for all data."""
+        return {"centre": self.section.centre, "half_extent": self.section.half_extent}
 
-    def local_at(
-        self, time: float, columns: Mapping[str, slice] = MappingProxyType({})
-    ) -> xr.Dataset:
-        """
-        Local ocean, or some of its columns north and east, at a time after the start of the
-        mission. [s]
-        """
-        if has_internal_tide(self.local):
-            return displaced(self.local, time, columns)
-        if self.series is None:
-            return self.local.isel(columns)
-        return snapshot_at(self.series.isel(columns), time)
+    @property
+    def time(self) -> np.datetime64 | None:
+        """Time of the ocean; None for the first of the source."""
+        return None if self.section.time is None else utc_instant(self.section.time)
+
+    @property
+    def has_ice(self) -> bool:
+        """True if there is ice."""
+        return self.section.ice is not None
+
+    @property
+    def has_sea_floor(self) -> bool:
+        """True if the sea floor is not that of the source."""
+        return self.section.bathymetry is not None
+
+    @property
+    def maps(self) -> list[str]:
+        """Files of sea floor and ice."""
+        return [f for f in (self.section.bathymetry, self.section.ice) if isinstance(f, str)]
+
+    @property
+    def has_tide(self) -> bool:
+        """True if an internal tide moves the water."""
+        return self.section.internal_tide is not None
+
+    @property
+    def values(self) -> dict[str, Any]:
+        """Values of everything but source and time, as in JSON."""
+        return self.section.model_dump(mode="json", exclude={"source", "time"})
+
+    @property
+    def in_metres(self) -> bool:
+        """True if the source is water in metres."""
+        return section_in_metres(self.section)
+
+    @property
+    def time_varying(self) -> bool:
+        """True if the source varies during the mission."""
+        return self.section.time_varying
+
+    @property
+    def is_profile(self) -> bool:
+        """True if the source is a profile or cast."""
+        return is_profile(self.section)
+
+    @property
+    def own_ice(self) -> bool:
+        """True if each realization has its own draw of rough ice."""
+        return self.section.ice_draw == "each"
+
+    @property
+    def centre(self) -> tuple[float, float] | None:
+        """Latitude and longitude of the frame's centre; None for the data's middle. [degrees]"""
+        return self.section.centre
+
+    @property
+    def equation(self) -> Equation:
+        """Equation of sound speed."""
+        return self.section.equation
+
+
+def build_mission_ocean(config: SoundConfig) -> MissionOcean:
+    """Ocean of a configuration over the duration of its mission if it varies."""
+    varies = config.ocean.time_varying
+    return MissionOcean(config.ocean, config.mission.duration_h * 3600.0 if varies else 0.0)
+
+
+def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanFields:
+    """
+    Build the ocean of a configuration, or in memory, over the duration of its mission if it varies.
+    """
+    return build_mission_ocean(config).open(config.acoustics.interpolation, data)
 
 
 def build_ocean(
@@ -261,12 +330,6 @@ def open_start(section: OceanSection) -> xr.Dataset:
     return _open(section, 0.0, None)[0][0]
 
 
-def open_geographic(section: OceanSection) -> tuple[xr.Dataset, xr.DataArray | None]:
-    """Open the geographic ocean at a study's start, and its sea floor if it has one. [m]"""
-    geographic = open_start(section)
-    return geographic, build_sea_floor(section, geographic)
-
-
 def mission_start(section: OceanSection, data: xr.Dataset | None = None) -> np.datetime64:
     """Start of a mission; without one, the first time of the source."""
     if section.time is None:
@@ -292,61 +355,3 @@ def _open(
     stop = start + round(duration * 1e9) * np.timedelta64(1, "ns")
     oceans = list(open_ocean_series(source, start, stop, **options))
     return oceans, np.array([(ocean["time"].values - start) / second for ocean in oceans])
-
-
-def build_medium(
-    ocean: OceanFields, interpolation: Interpolation, earth: Earth = "flat"
-) -> Medium | Callable[[float], Medium]:
-    """
-    Build the medium for rays; if the ocean varies, a function of the time after the start of the
-    mission [s].
-    """
-    at = partial(_medium_at, ocean, interpolation, earth)  # a partial can be pickled
-    return at if ocean.varies else at(0.0)
-
-
-def _medium_at(
-    ocean: OceanFields, interpolation: Interpolation, earth: Earth, time: float
-) -> Medium:
-    local = ocean.local_at(time)
-    if ocean.unbounded:
-        local = local.isel(
-            north=[0], east=[0]
-        )  # an axis with one point has no variation and no end
-    return Medium.from_dataset(local, interpolation=interpolation, earth=earth)
-
-
-def medium_around(
-    ocean: OceanFields,
-    interpolation: Interpolation,
-    earth: Earth,
-    time: float,
-    positions: NDArray[np.float64],
-) -> Medium:
-    """
-    Build the medium at a time [s] from the columns around positions (n, 3) [m].
-
-    It has 24 more columns on each side. The spline there differs from that of all columns by a part
-    in 10^13 of the difference at its edge, and a medium of a few kilometres within a large region
-    takes a small part of the time.
-    """
-    if ocean.unbounded:
-        return _medium_at(ocean, interpolation, earth, time)
-    columns = {}
-    for name, along in (("north", positions[:, 0]), ("east", positions[:, 1])):
-        axis = ocean.local[name].values
-        first, last = np.searchsorted(axis, [along.min(), along.max()])
-        columns[name] = slice(max(int(first) - _MARGIN_COLUMNS, 0), int(last) + _MARGIN_COLUMNS)
-    return Medium.from_dataset(
-        ocean.local_at(time, columns), interpolation=interpolation, earth=earth
-    )
-
-
-def build_currents(ocean: OceanFields) -> Currents | Callable[[float], Currents]:
-    """Build the currents along rays, as in `build_medium`."""
-    at = partial(_currents_at, ocean)
-    return at if ocean.varies else at(0.0)
-
-
-def _currents_at(ocean: OceanFields, time: float) -> Currents:
-    return Currents.from_dataset(ocean.local_at(time))

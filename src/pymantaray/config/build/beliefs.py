@@ -6,15 +6,28 @@ or by other numerics.
 import datetime as dt
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
-from pymantaray.apps.study.store import Run
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.arrays import Array
+from pymantaray.config.build.metres import section_in_metres
+from pymantaray.config.build.ocean import (
+    build_ocean,
+    build_sea_floor,
+    local_ocean,
+    mission_ocean,
+    mission_start,
+    open_start,
+    with_tide,
+)
+from pymantaray.config.build.sound import build_sound
 from pymantaray.config.common import own_files
 from pymantaray.config.estimators import (
     AnyBelief,
@@ -30,6 +43,7 @@ from pymantaray.config.estimators import (
     PerturbedBelief,
 )
 from pymantaray.config.fleet import StationVehicle
+from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame, stream
 from pymantaray.ocean import (
@@ -49,27 +63,44 @@ from pymantaray.ocean import (
     vertical_modes,
 )
 from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.local import TensorSpline
-from pymantaray.ocean.metres import ocean_in_metres
+from pymantaray.ocean.metres import file_in_metres, ocean_in_metres, read_file_in_metres
 from pymantaray.ocean.perturb import draw_sound_speed_error
 from pymantaray.ocean.window import Window
 from pymantaray.quantities.checks import distinct_digits
 from pymantaray.range_models.eigenray_model import EigenrayModel
+from pymantaray.records import Trajectories
 from pymantaray.sensing import ReceptionOptions
-from pymantaray.water.instants import utc_instant
-from pymantaray.water.metres import file_in_metres, read_file_in_metres, section_in_metres
-from pymantaray.water.ocean import (
-    OceanFields,
-    build_ocean,
-    build_sea_floor,
-    local_ocean,
-    mission_start,
-    open_start,
-    with_tide,
-)
-from pymantaray.water.water import build_reception, mission_ocean
 
 _DOMAIN = ("centre_lat", "centre_lon", "half_extent_north", "half_extent_east")
+
+
+class KnownMission(Protocol):
+    """Configuration and truth of a mission, such as a run, from which assumed oceans derive."""
+
+    @property
+    def config(self) -> StudyConfig:
+        """Configuration of the study."""
+
+    @property
+    def ocean(self) -> xr.Dataset:
+        """Local ocean at the start."""
+
+    @property
+    def profile(self) -> xr.Dataset:
+        """Spread of the sound speed of each level."""
+
+    @property
+    def region(self) -> pd.DataFrame:
+        """Properties of the region."""
+
+    @property
+    def truth(self) -> Trajectories:
+        """True poses of the fleet."""
+
+    def ocean_in(self, realization: int) -> xr.Dataset:
+        """Local ocean with the ice of a realization."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +132,7 @@ class Beliefs:
     ``ocean`` replaces the ocean of the run's configuration if it is in memory.
     """
 
-    def __init__(self, run: Run, ocean: OceanFields | None = None) -> None:
+    def __init__(self, run: KnownMission, ocean: OceanFields | None = None) -> None:
         self.config = run.config
         self._run = run
         self._ocean = ocean
@@ -165,7 +196,8 @@ class Beliefs:
     @cached_property
     def reception(self) -> ReceptionOptions:
         """Reception of the study, with the absorption in its ocean at the start."""
-        return build_reception(self.config, self._ocean or mission_ocean(self.config))
+        ocean = self._ocean or mission_ocean(self.config)
+        return build_sound(self.config).reception(ocean)
 
     def _read_casts(self, files: tuple[str, ...]) -> list[Cast]:
         repair = self.config.ocean.repair_freezing

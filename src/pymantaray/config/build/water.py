@@ -1,9 +1,7 @@
-"""Water from any source: medium, currents, reception and geographic position."""
+"""Water from any source, and the water of a configuration."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -11,163 +9,30 @@ import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import Currents, Medium
+from pymantaray.acoustics.ocean_fields import OceanFields, build_currents, build_medium
 from pymantaray.acoustics.profiles import Profile, only_one
-from pymantaray.arrays import Array
 from pymantaray.config import SoundConfig
+from pymantaray.config.build.ocean import (
+    is_profile,
+    mission_ocean,
+    mission_start,
+    profile_fields,
+)
+from pymantaray.config.build.sound import build_sound
+from pymantaray.config.build.uniform import label, read_section_profiles
 from pymantaray.config.common import IN_MEMORY
 from pymantaray.config.load import load_sound
 from pymantaray.config.options import dotted_keys, names_configuration
 from pymantaray.config.parse import parse
 from pymantaray.errors import AcousticsError, WaterError
 from pymantaray.geometry import LocalFrame
-from pymantaray.sensing import OneWay, ReceptionOptions, Timing
-from pymantaray.water.ocean import (
-    OceanFields,
-    build_currents,
-    build_medium,
-    build_ocean,
-    is_profile,
-    mission_start,
-    profile_fields,
-)
-from pymantaray.water.uniform import label, read_section_profiles
+from pymantaray.sensing.water import Water
 
 Source = SoundConfig | Medium | xr.Dataset | str | Path | Sequence[str | Path]
 """
 Source of `open_water`: files, a profile or cast, name of a synthetic ocean, a preset, a TOML file,
 a data set or a medium.
 """
-
-_PROJ_LOCK = Lock()  # PROJ objects are not thread-safe
-
-
-@dataclass(frozen=True, eq=False)
-class Water:
-    """
-    Medium, currents, reception and geographic position of water; `open_water` makes it.
-
-    Attributes
-    ----------
-    medium, currents, reception, timing
-        Arguments for `pymantaray.sensing.measure_ranges`; functions of time [s] if the ocean
-        varies.
-    local : xarray.Dataset or None
-        Local ocean, at the start if it varies; None for a medium.
-    span : tuple of float
-        Time span of the water; infinite if it does not vary. [s]
-    start : str or None
-        Time 0 in UTC.
-    name : str
-        Name of a cast, by which events select it.
-    time : numpy.datetime64
-        Time of a cast, by which events select it; NaT if it is unknown.
-    uniform : bool
-        True if the water is horizontally uniform, so only depths and distances matter.
-    record : dict
-        Description of the water for files.
-    notes : tuple of str
-        Doubts about the water.
-    frame : LocalFrame or None
-        Local frame; None if the water has no geographic position.
-    """
-
-    medium: Medium | Callable[[float], Medium]
-    currents: Currents | Callable[[float], Currents] | None = None
-    reception: ReceptionOptions = field(default_factory=ReceptionOptions)
-    timing: Timing = field(default_factory=OneWay)
-    local: xr.Dataset | None = None
-    span: tuple[float, float] = (-np.inf, np.inf)
-    start: str | None = None
-    name: str = ""
-    time: np.datetime64 = field(default_factory=lambda: np.datetime64("NaT", "ns"))
-    uniform: bool = False
-    record: dict[str, Any] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    frame: LocalFrame | None = None
-
-    def to_local(self, places: Array, velocities: Array) -> tuple[Array, Array]:
-        """
-        Convert geographic positions and velocities to the local frame.
-
-        Parameters
-        ----------
-        places : ndarray, shape (n, 3)
-            Latitude, longitude [degrees] and depth [m].
-        velocities : ndarray, shape (n, 3)
-            Components along true north, true east and down. [m/s]
-
-        Returns
-        -------
-        position, velocity : ndarray, shape (n, 3)
-            North, east, down. [m, m/s]
-        """
-        if self.frame is None:
-            raise WaterError(
-                "geographic positions: this water has no geographic position; give positions"
-                " north, east, down, or give `centre`"
-            )
-        with _PROJ_LOCK:
-            north, east = self.frame.to_local(places[:, 0], places[:, 1])
-            bearing = self.frame.convergence(places[:, 0], places[:, 1])
-        if not np.isfinite([north, east]).all():
-            raise WaterError(
-                f"geographic positions: latitudes are {places[:, 0].min():g} to"
-                f" {places[:, 0].max():g}; they must be -90 to 90, and no position may be antipodal"
-                " to the frame's centre"
-            )
-        cos = np.cos(bearing)
-        sin = np.sin(bearing)
-        v_north, v_east, v_down = velocities.T
-        along = [v_north * cos - v_east * sin, v_north * sin + v_east * cos, v_down]
-        return np.stack([north, east, places[:, 2]], axis=-1), np.stack(along, axis=-1)
-
-    def require(self, time: float) -> None:
-        """
-        Raise an error if there is no water at a time.
-
-        Parameters
-        ----------
-        time : float
-            [s]
-        """
-        if not self.span[0] <= time <= self.span[1]:
-            raise WaterError(
-                f"time is {time:g} s; it must be {self.span[0]:g} to {self.span[1]:g} s after"
-                f" {self.start} UTC"
-            )
-
-    def at(self, time: float) -> tuple[Medium, Currents | None]:
-        """
-        Medium and currents at a time.
-
-        Parameters
-        ----------
-        time : float
-            [s]
-
-        Returns
-        -------
-        medium : Medium
-        currents : Currents or None
-        """
-        medium = self.medium(time) if callable(self.medium) else self.medium
-        return medium, self.currents(time) if callable(self.currents) else self.currents
-
-    @property
-    def at_start(self) -> tuple[Medium, Currents | None]:
-        """Medium and currents at time 0, or at the first time of the span."""
-        return self.at(max(self.span[0], 0.0))
-
-    @property
-    def varies(self) -> bool:
-        """True if the water varies in time."""
-        return callable(self.medium)
-
-    def __repr__(self) -> str:
-        """Source and medium in one line."""
-        title = "medium" if self.local is None else self.local.attrs.get("title", "local ocean")
-        medium, _ = self.at_start
-        return f"<Water {title}{', varying' if self.varies else ''}: {medium!r}>"
 
 
 def open_water(source: Source, **options: Any) -> Water:
@@ -265,26 +130,6 @@ def water_of(config: SoundConfig, ocean: OceanFields | None = None) -> Water:
     return _assembled(config, mission_ocean(config) if ocean is None else ocean)
 
 
-def mission_ocean(config: SoundConfig, data: xr.Dataset | None = None) -> OceanFields:
-    """
-    Build the ocean of a configuration, or in memory, over the duration of its mission if it varies.
-    """
-    section = config.ocean
-    duration = config.mission.duration_h * 3600.0 if section.time_varying else 0.0
-    if data is None and is_profile(section):  # thinning depends on the interpolation
-        return build_ocean(section, duration, interpolation=config.acoustics.interpolation)
-    return build_ocean(section, duration, data=data)
-
-
-def build_reception(config: SoundConfig, ocean: OceanFields) -> ReceptionOptions:
-    """Build the reception of a configuration, with the absorption of the ocean's first snapshot."""
-    detection = config.detection
-    absorption = (
-        None if detection is None else ocean.absorption(detection.absorption, config.ocean.centre)
-    )
-    return config.build_reception(absorption)
-
-
 def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **options: Any) -> Water:
     """
     Build water from a local ocean without changing its grid, sea floor and ice.
@@ -317,7 +162,7 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
     return Water(
         medium,
         Currents.from_dataset(local) if config.acoustics.currents else None,
-        build_reception(config, OceanFields(geographic, local, xr.Dataset(), pd.DataFrame())),
+        build_sound(config).reception(OceanFields(geographic, local, xr.Dataset(), pd.DataFrame())),
         config.ranging.build_timing(),
         local=local,
         start=local.attrs.get("time"),
@@ -408,7 +253,7 @@ def _assembled(config: SoundConfig, ocean: OceanFields, data: xr.Dataset | None 
     return Water(
         medium,
         build_currents(ocean) if config.acoustics.currents else None,
-        build_reception(config, ocean),
+        build_sound(config).reception(ocean),
         config.ranging.build_timing(),
         ocean.local,
         span,

@@ -1,0 +1,162 @@
+"""A study as objects of the library: its stages, noise, conditions and provenance."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pymantaray.config.build.estimators import Condition, build_condition
+from pymantaray.config.build.fleet import (
+    MissionFleet,
+    MissionPings,
+    build_fleet,
+    build_pings,
+    planned_points,
+)
+from pymantaray.config.build.ocean import MissionOcean, build_mission_ocean
+from pymantaray.config.build.sound import SoundOptions, build_sound
+from pymantaray.config.sections import StudyConfig
+from pymantaray.config.text import study_toml
+from pymantaray.sensing import (
+    ClockModel,
+    Landmark,
+    NoiseModel,
+    Picker,
+    Schedule,
+)
+
+
+@dataclass(frozen=True, eq=False)
+class MissionRanging:
+    """Participants with known positions, pings and sound of a mission."""
+
+    landmarks: tuple[Landmark, ...]
+    pings: MissionPings
+    sound: SoundOptions
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """
+    Study as objects of the library; `build_study` makes it of a configuration.
+
+    ``ocean``, ``fleet`` and ``ranging`` are all that the stages of a mission read, in this order.
+    """
+
+    config: StudyConfig
+    """Configuration, for provenance."""
+    name: str
+    description: str
+    seed: int
+    realizations: int
+    ocean: MissionOcean
+    fleet: MissionFleet
+    ranging: MissionRanging
+    gnss_depth: float
+    """Depth above which vehicles have GNSS fixes. [m]"""
+    noise: NoiseModel
+    clocks: ClockModel | None
+    """Clocks of vehicles; None if they are synchronous."""
+    picker: Picker | None
+    """Rule by which receivers mistake arrivals; None if they do not."""
+    pick_correlation_time: float
+    """Correlation time of the choice of an arrival. [s]"""
+    conditions: tuple[Condition, ...]
+    covariance_interval: float
+    """Interval of stored covariances of poses. [s]"""
+    files: tuple[str, ...]
+    """All input files, each once."""
+
+    @property
+    def solves(self) -> bool:
+        """True if there are conditions to estimate; a study without conditions has ranges only."""
+        return bool(self.conditions)
+
+    @property
+    def duration(self) -> float:
+        """Duration of the mission. [s]"""
+        return self.fleet.duration
+
+    @property
+    def sound(self) -> SoundOptions:
+        """Medium of the rays, and what receivers hear of them."""
+        return self.ranging.sound
+
+    @property
+    def schedule(self) -> Schedule:
+        """Schedule of the pings."""
+        return self.ranging.pings.schedule
+
+    @property
+    def ice_draws(self) -> int:
+        """Number of different draws of rough ice in the realizations."""
+        return self.realizations if self.ocean.own_ice else 1
+
+    @property
+    def detects(self) -> bool:
+        """True if arrivals have a probability of detection."""
+        return self.sound.options.detector is not None
+
+    @cached_property
+    def planned(self) -> dict[str, NDArray[np.float64]]:
+        """Points (n, 3) of each vehicle and landmark without drift, see `planned_points`. [m]"""
+        return planned_points(self.config)
+
+    @cached_property
+    def toml(self) -> str:
+        """TOML text of the resolved configuration."""
+        return study_toml(self.config)
+
+    @cached_property
+    def tree(self) -> dict[str, Any]:
+        """All keys of the configuration with their values, as in JSON."""
+        return self.config.model_dump(mode="json")
+
+
+def build_study(config: StudyConfig, like: Study | None = None) -> Study:
+    """
+    Study of a configuration that is complete, see `with_tracks`.
+
+    Stages that read the same sections as in ``like`` are the same objects.
+    """
+    picker = config.ranging.build_picker(config.build_sonar())
+    return Study(
+        config=config,
+        name=config.study.name,
+        description=config.study.description,
+        seed=config.study.seed,
+        realizations=config.study.realizations,
+        **_stages(config, like),
+        gnss_depth=config.mission.gnss_depth,
+        noise=config.noise.model,
+        clocks=config.noise.clocks,
+        picker=picker,
+        pick_correlation_time=config.ranging.mistaken_correlation_s,
+        conditions=tuple(build_condition(section) for section in config.conditions),
+        covariance_interval=config.estimator.covariance_interval_h * 3600.0,
+        files=config.files,
+    )
+
+
+def _stages(config: StudyConfig, like: Study | None) -> dict[str, Any]:
+    """Stages of a study; those of another study whose sections are the same objects."""
+
+    def same(*names: str) -> bool:
+        return like is not None and all(
+            getattr(config, name) is getattr(like.config, name) for name in names
+        )
+
+    own = "ocean", "mission", "fleet"
+    return {
+        "ocean": like.ocean if like and same("ocean", "mission") else build_mission_ocean(config),
+        "fleet": like.fleet if like and same(*own) else build_fleet(config),
+        "ranging": like.ranging
+        if like and same(*own, "landmarks", "acoustics", "ranging", "detection")
+        else MissionRanging(
+            landmarks=tuple(mark.build() for mark in config.landmarks),
+            pings=build_pings(config),
+            sound=build_sound(config),
+        ),
+    }

@@ -1,0 +1,159 @@
+"""The door: outside `config`, functions take objects of the library, not sections."""
+
+import ast
+import dataclasses
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import pymantaray
+from pymantaray import load_study
+from pymantaray.acoustics import Absorption
+from pymantaray.config.build.range_models import BUILDERS
+from pymantaray.config.build.study import build_study
+from pymantaray.config.common import Section
+from pymantaray.config.estimators import (
+    ConstantRangeModel,
+    EigenrayRangeModel,
+    MeanSlownessRangeModel,
+    MixtureRangeModel,
+    TransmitterRangeModel,
+)
+from pymantaray.config.sections import StudyConfig
+from pymantaray.errors import StudyError
+from pymantaray.sensing import PingSchedule, TwoWay
+
+ROOT = Path(pymantaray.__file__).parent
+OPEN_THE_DOOR = {
+    "apps/export/authors_program.py: export_authors",
+    "apps/study/command.py: run_and_report",
+    "apps/study/references.py: citation",
+    "apps/study/runner.py: run_study",
+    "apps/sweep/definition.py: __init__",
+}
+"""Functions outside `config` that take a configuration."""
+
+
+def sections():
+    """Names of all sections of configurations, and of unions of them."""
+    found, waiting = set(), [Section]
+    while waiting:
+        section = waiting.pop()
+        found.add(section.__name__)
+        waiting += [
+            s for s in section.__subclasses__() if s.__module__.startswith("pymantaray.config")
+        ]
+    for file in (ROOT / "config").glob("*.py"):
+        found |= set(re.findall(r"^(Any\w+) = Annotated", file.read_text(), re.MULTILINE))
+    return found
+
+
+def test_few_functions_outside_config_take_a_section():
+    names = sections()
+    assert {"OceanSection", "StudyConfig", "AnyBelief", "FloatVehicle"} <= names
+    found = set()
+    for file in ROOT.rglob("*.py"):
+        if file.is_relative_to(ROOT / "config"):
+            continue
+        for node in ast.walk(ast.parse(file.read_text())):
+            if isinstance(node, ast.FunctionDef):
+                a = node.args
+                for arg in (*a.posonlyargs, *a.args, *a.kwonlyargs):
+                    words = re.findall(r"\w+", ast.unparse(arg.annotation or ast.Constant("")))
+                    if names & set(words) - {"Section"}:
+                        found.add(f"{file.relative_to(ROOT)}: {node.name}")
+    assert found == OPEN_THE_DOOR
+
+
+def test_each_kind_of_range_model_has_a_builder():
+    kinds = {
+        model.model_fields["kind"].annotation.__args__[0]
+        for model in (
+            TransmitterRangeModel,
+            ConstantRangeModel,
+            MeanSlownessRangeModel,
+            EigenrayRangeModel,
+            MixtureRangeModel,
+        )
+    }
+    assert BUILDERS.keys() == kinds
+
+
+def test_a_study_has_the_values_of_its_configuration():
+    config = load_study(
+        "quick",
+        **{
+            "mission.ping_start_h": 2.0,
+            "mission.gnss_depth": 0.5,
+            "ranging.timing": "two-way",
+            "ranging.turn_around_s": 0.25,
+            "acoustics.cone_deg": 30.0,
+            "acoustics.spreading_cutoff_db": "none",
+            "study.seed": 7,
+            "estimator.covariance_interval_h": 2.0,
+        },
+    )
+    study = build_study(config)
+    assert (study.name, study.seed, study.realizations) == (
+        config.study.name, 7, config.study.realizations
+    )  # fmt: skip
+    assert study.duration == 3600.0 * config.mission.duration_h
+    assert study.covariance_interval == 7200.0
+    assert study.gnss_depth == 0.5
+    interval = 3600.0 * config.mission.ping_interval_h
+    assert study.schedule == PingSchedule(interval=interval, start=7200.0)
+    assert study.sound.timing == TwoWay(turn_around=0.25)
+    assert study.sound.options.cone == pytest.approx(np.pi / 6.0)
+    assert study.sound.options.spreading_cutoff_db is None
+    assert [v.name for v in study.fleet.vehicles] == [v.name for v in config.fleet.vehicles]
+    assert [c.name for c in study.conditions] == [c.name for c in config.conditions]
+    assert not study.detects
+
+
+def test_reception_has_the_absorption_of_the_water():
+    modem = {"source_level_db": 190.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
+    study = build_study(load_study("quick", detection={**modem, "absorption": "thorp"}))
+    without = study.sound.options.detector
+    assert without.absorption is None
+    detector = study.sound.reception(study.ocean.open()).detector
+    for field in dataclasses.fields(without):
+        if field.name != "absorption":
+            assert getattr(detector, field.name) == getattr(without, field.name)
+    frequency = 1e4
+    at = np.array([[0.0, 0.0, 100.0]])
+    np.testing.assert_array_equal(
+        detector.absorption.db_per_km(at, frequency), Absorption.thorp().db_per_km(at, frequency)
+    )
+
+
+def test_a_study_shares_the_stages_whose_sections_are_the_same_objects():
+    config = load_study("quick")
+    one = build_study(config)
+    noisier = config.model_copy(
+        update={"noise": config.noise.model_copy(update={"range_sigma": 9.0})}
+    )
+    deeper = config.model_copy(
+        update={"acoustics": config.acoustics.model_copy(update={"max_bottom_bounces": 1})}
+    )
+    two = build_study(noisier, one)
+    assert (two.ocean is one.ocean, two.fleet is one.fleet, two.ranging is one.ranging) == 3 * (
+        True,
+    )
+    assert two.noise.range_sigma == 9.0
+    three = build_study(deeper, one)
+    assert (three.ocean is one.ocean, three.fleet is one.fleet) == (True, True)
+    assert three.sound.options.max_bottom_bounces == 1
+
+
+def test_existing_trajectories_are_read_when_they_are_needed(tmp_path):
+    tree = load_study("quick").model_dump(exclude_none=True, exclude={"fleet"})
+    file = tmp_path / "missing.csv"
+    study = build_study(
+        StudyConfig.model_validate({**tree, "fleet": {"trajectories": [str(file)]}})
+    )
+    assert study.fleet.vehicles == ()
+    assert study.fleet.existing.files == (str(file),)
+    with pytest.raises(StudyError, match=r"missing\.csv: cannot be read"):
+        _ = study.fleet.names
