@@ -193,7 +193,7 @@ def test_arrivals_of_older_run_folders_have_an_unknown_number_of_caustics(tmp_pa
 def test_a_short_representation_counts_in_words():
     assert repr(filled(Measurements)) == (
         "<Measurements: 3 vehicles, 4 times, 2 edges, 3 fixes, 4 landmarks, 2 ranges, 3 attitudes,"
-        " 4 DVL samples>"
+        " 4 DVL samples, 2 altitudes>"
     )
     assert repr(make_arrivals([0], status=(0, 1))) == "<Arrivals: 1 arrival, 2 links>"
 

@@ -4,10 +4,28 @@ from dataclasses import dataclass
 
 from pymantaray.errors import SensingError
 from pymantaray.quantities.checks import check_fields
-from pymantaray.sensing import attitude, depth, dvl, first_pose, gnss, landmarks, odometry
+from pymantaray.sensing import (
+    altimeter,
+    attitude,
+    depth,
+    dvl,
+    first_pose,
+    gnss,
+    landmarks,
+    odometry,
+)
 from pymantaray.sensing.sensor import Sensor, level
 
-SENSORS: tuple[Sensor, ...] = (odometry, depth, gnss, landmarks, first_pose, attitude, dvl)
+SENSORS: tuple[Sensor, ...] = (
+    odometry,
+    depth,
+    gnss,
+    landmarks,
+    first_pose,
+    attitude,
+    dvl,
+    altimeter,
+)
 """All sensors except ranges, which are in `pymantaray.sensing.ranging`."""
 
 
@@ -20,6 +38,7 @@ class RangeNoise:
 
 @dataclass(frozen=True)
 class NoiseModel(
+    altimeter.AltimeterNoise,
     dvl.DvlNoise,
     attitude.AttitudeNoise,
     landmarks.SurveyNoise,

@@ -1,14 +1,17 @@
 """Noisy factor graphs of a realization, and their PyFG files."""
 
+import logging
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pymantaray.estimation import CONDITIONS, FactorGraph, GraphValues, build_graph
-from pymantaray.estimation.graph.pyfg import write_pyfgs
+from pymantaray.estimation.graph.pyfg import not_in_text, write_pyfgs
 from pymantaray.records import Measurements
 
 if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run
+
+LOG = logging.getLogger(__name__)
 
 
 def noisy_graphs(run: "Run", noisy: Measurements) -> dict[str, FactorGraph]:
@@ -23,8 +26,8 @@ def noisy_graphs(run: "Run", noisy: Measurements) -> dict[str, FactorGraph]:
 
 def write_graphs(run: "Run", realization: int, folder: Path, before: str = "") -> None:
     """
-    Write a realization's graphs as PyFG text with the true poses as values; file names begin with
-    ``before``.
+    Write a realization's graphs as PyFG text with the true poses as values, or as NetCDF if the
+    text cannot hold them; file names begin with ``before``.
     """
     noisy = run.noisy_measurements(realization)
     truth = GraphValues(
@@ -32,5 +35,12 @@ def write_graphs(run: "Run", realization: int, folder: Path, before: str = "") -
         quaternion=run.truth.quaternion.reshape(-1, 4),
         landmark_position=noisy.landmark_position,
     )
-    graphs = noisy_graphs(run, noisy).items()
-    write_pyfgs({folder / f"{before}{name}.pyfg": graph for name, graph in graphs}, initial=truth)
+    texts = {}
+    for name, graph in noisy_graphs(run, noisy).items():
+        if lost := not_in_text(graph):
+            path = folder / f"{before}{name}.nc"
+            LOG.warning("%s: NetCDF, because PyFG text cannot hold %s", path, ", ".join(lost))
+            graph.save(path)
+        else:
+            texts[folder / f"{before}{name}.pyfg"] = graph
+    write_pyfgs(texts, initial=truth)

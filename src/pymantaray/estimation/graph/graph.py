@@ -264,6 +264,16 @@ KINDS: Mapping[str, FactorKind] = MappingProxyType(
                 "dvl_vehicle", "dvl_sample", ("dvl_velocity",), "dvl_sigma", rate=True
             ),
         ),
+        "altimeter": FactorKind(
+            "altimeter depth",
+            "altimeter depths",
+            ("pose",),
+            (("depth", 1, "m"),),
+            None,
+            source=FactorSource(
+                "altimeter_vehicle", "altimeter_sample", ("altimeter_depth",), "altimeter_sigma"
+            ),
+        ),
         "sighting": FactorKind(
             "sighting", "sightings", ("pose", "landmark"), (POSITION,), SIGHTING
         ),

@@ -156,6 +156,12 @@ def warn_of_depths(graph: FactorGraph, path: Path | str) -> None:
         )
 
 
+def not_in_text(graph: FactorGraph) -> list[str]:
+    """Numbers and plurals of the kinds of factors in a graph that this text cannot hold."""
+    tables = (table for table in graph.tables.values() if table.kind.word is None)
+    return [f"{len(table)} {table.kind.plural}" for table in tables if len(table)]
+
+
 def write_pyfgs(graphs: Mapping[Path, FactorGraph], *, initial: GraphValues) -> None:
     """
     Write graphs of the same variables by their files, each as `write_pyfg` does; factors that they
@@ -177,12 +183,7 @@ def _write(graph: FactorGraph, path: Path, initial: GraphValues, known: _Known) 
     """Write a graph; its tables replace others in ``known``."""
     check_kinds()
     check_values(graph, initial)
-    lost = [
-        f"{len(table)} {table.kind.plural}"
-        for table in graph.tables.values()
-        if table.kind.word is None and len(table)
-    ]
-    if lost:
+    if lost := not_in_text(graph):
         raise EstimationError(
             f"{path}: PyFactorGraph text cannot hold {', '.join(lost)}; leave them out, or write"
             " the graph as NetCDF"
