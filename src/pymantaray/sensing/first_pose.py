@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymantaray.geometry.se3 import moved_by
+from pymantaray.geometry.se3 import retract
 from pymantaray.records import Measurements
 from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
@@ -38,5 +38,5 @@ def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Noise ``T Exp(xi)`` on the manifold."""
     m = measurements
     xi = np.stack([normal((6,), name, "first pose") for name in m.name]) * m.first_sigma
-    quaternion, position = moved_by(m.first_quaternion, m.first_position, xi)
+    quaternion, position = retract(m.first_quaternion, m.first_position, xi)
     return {"first_position": position, "first_quaternion": quaternion}

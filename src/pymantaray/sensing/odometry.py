@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.geometry.se3 import (
     matrix_from_quaternion,
-    moved_by,
     quaternion_from_matrix,
+    retract,
     so3_log,
 )
 from pymantaray.records import Measurements
@@ -93,7 +93,7 @@ def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Noise ``T Exp(xi)`` on the manifold."""
     m = measurements
     xi = np.stack([normal(m.odometry_sigma.shape[1:], name, "odometry") for name in m.name])
-    rotation, translation = moved_by(
+    rotation, translation = retract(
         m.odometry_rotation, m.odometry_translation, xi * m.odometry_sigma
     )
     return {"odometry_rotation": rotation, "odometry_translation": translation}

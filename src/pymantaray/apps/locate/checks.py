@@ -12,7 +12,7 @@ from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import transducers
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.records.text_table import check_speed
 
 _MAX_DISTANCE = 100_000.0  # m; no node answers from a greater distance
@@ -63,7 +63,7 @@ def _distance(lat: float, lon: float, lat_2: float, lon_2: float) -> float:
     """Distance on a sphere. [m]"""
     a = math.radians(lat)
     b = math.radians(lat_2)
-    turn = math.radians(float(wrapped(np.asarray(lon_2 - lon))))
+    turn = math.radians(float(wrap_longitude(np.asarray(lon_2 - lon))))
     inner = math.sin((b - a) / 2.0) ** 2 + math.cos(a) * math.cos(b) * math.sin(turn / 2.0) ** 2
     return 2.0 * 6371e3 * math.asin(min(1.0, math.sqrt(max(inner, 0.0))))
 
