@@ -285,7 +285,7 @@ def joined_transmissions(parts: Sequence[Transmission]) -> Transmission:
         number = np.where(rows.arrival < 0, -1, rows.arrival + row)
         receptions.append(replace(rows, link=rows.link + link, arrival=number))
     return Transmission(
-        Arrivals.stacked(arrivals),
+        Arrivals.stack(arrivals),
         np.concatenate([part.status for part in parts]),
         np.concatenate([part.near_cutoff for part in parts]),
         joined(receptions),

@@ -270,7 +270,7 @@ def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
 
 def joined(tables: Sequence[Receptions]) -> Receptions:
     """Join tables with the same links and arrivals, in the order of a table."""
-    together = Receptions.stacked(tables)
+    together = Receptions.stack(tables)
     return together.at({"reception": np.argsort(together.group, kind="stable")})
 
 

@@ -105,7 +105,7 @@ def links_of(sound: Transmission, links: Indices) -> Transmission:
         _receptions(sound.receptions, links, direction, first - start) for direction in Direction
     ]
     return Transmission(
-        some, sound.status[links], sound.near_cutoff[links], Receptions.stacked(parts)
+        some, sound.status[links], sound.near_cutoff[links], Receptions.stack(parts)
     )
 
 
