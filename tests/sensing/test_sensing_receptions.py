@@ -17,7 +17,7 @@ from pymantaray.sensing.exchanges import (
 from pymantaray.sensing.receptions import (
     AlongRays,
     Direction,
-    joined,
+    join_receptions,
     receptions_of,
     select_receptions,
     with_detection,
@@ -90,7 +90,7 @@ def test_the_selected_reception_has_the_probability_of_its_detection():
 def test_tables_of_one_direction_join_to_the_table_of_both():
     whole = table()
     parts = [whole.at({"reception": whole.link == k}) for k in (2, 0)]
-    assert_same(joined(parts), whole)
+    assert_same(join_receptions(parts), whole)
 
 
 def test_exchanges_of_selected_receptions_and_all_combinations():
