@@ -1,7 +1,4 @@
-"""
-Laws of the package's structure: no circle of imports, and functions of limited length with few
-arguments.
-"""
+"""Laws of the package's structure: imports without circles, short functions, short test names."""
 
 import ast
 from collections.abc import Iterator
@@ -26,6 +23,7 @@ MAX_LINES = {
     "pymantaray.acoustics._kernels.trace.trace": 134
 }  # one step of a ray with all its events
 USUAL_LINES, MAX_ARGUMENTS = 60, 8
+MAX_LETTERS = 60  # of the name of a test
 
 
 def _imports(tree: ast.Module, *, of_package: bool) -> Iterator[ast.Import | ast.ImportFrom]:
@@ -132,3 +130,14 @@ def test_functions_have_few_arguments():
         if count > MAX_ARGUMENTS:
             wide[name] = count
     assert wide == {}
+
+
+def test_names_of_tests_are_short():
+    tests = Path(__file__).parent.rglob("test_*.py")
+    names = [
+        node.name.removeprefix("test_")
+        for path in tests
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+    ]
+    assert [name for name in names if len(name) > MAX_LETTERS] == []

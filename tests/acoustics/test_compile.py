@@ -206,7 +206,7 @@ def raised(x):
 """
 
 
-def test_shared_kernel_is_found_by_entries_that_are_compiled_and_by_those_cached_on_disk(tmp_path):
+def test_new_and_cached_entries_find_a_shared_kernel(tmp_path):
     (tmp_path / "both.py").write_text(SHARED)
     for first, second, lines in (
         ("plain", "plain", 1),
@@ -268,7 +268,7 @@ def sum_by_others(fields, i):
     return summed_by_others(fields, i)
 
 
-def test_arrays_in_named_tuples_reach_kernels_whole_and_functions_of_others_as_before():
+def test_kernels_accept_arrays_in_named_tuples():
     cube, square = np.arange(24.0).reshape(2, 3, 4), np.arange(9.0).reshape(3, 3)
     fields = Fields(
         cube, square.T, np.arange(5), np.array([True, False]), (square, square[:, :2].copy())
@@ -363,7 +363,7 @@ def call_by_kind(whole, pair, maybe):
     return by_kind(whole, pair, maybe)
 
 
-def test_comparisons_that_types_decide_have_the_values_of_plain_python():
+def test_comparisons_decided_by_types_equal_plain_python():
     parts = [Part(kind, size) for kind in (at.DIRECT, at.ANY, (2,)) for size in (0.0, 2.0)]
     body, seen = getattr(by_kind, "py_func", by_kind), set()
     for a, b in itertools.product(parts, parts):
@@ -416,7 +416,7 @@ def call_steps(x):
 
 
 @pytest.mark.skipif(not LINKED, reason="this Numba keeps what it made")
-def test_what_compilers_made_on_the_way_is_freed_without_a_garbage_collection():
+def test_compilation_frees_its_memory_without_a_garbage_collection():
     """
     They left a million objects in cycles, whose collection took two seconds at the end of a
     process.
@@ -457,7 +457,7 @@ def call_twice(a, b, c):
 
 
 @pytest.mark.skipif(compilation.PLAIN, reason="plain Python has no intrinsics")
-def test_instructions_that_are_first_needed_during_a_compilation_are_found():
+def test_instructions_first_needed_in_a_compilation_are_found():
     """
     A first start failed by chance: an instruction is registered for a type when it is first needed,
     without a new module.
@@ -501,9 +501,7 @@ def test_change_in_a_called_file_is_seen_wherever_the_cache_lies(two_files, tmp_
     assert len(kept) == 1  # that of the first factor is gone
 
 
-def test_where_no_folder_can_be_written_kernels_are_compiled_in_memory_and_one_line_says_so(
-    two_files, tmp_path
-):
+def test_kernels_are_compiled_in_memory_if_no_folder_is_writable(two_files, tmp_path):
     (tmp_path / "__pycache__").touch()
     nowhere = str(tmp_path / "__pycache__" / "nowhere")
     printed, said = two_files(2.0, HOME=nowhere, XDG_CACHE_HOME=nowhere, NUMBA_CACHE_DIR="")
@@ -512,7 +510,7 @@ def test_where_no_folder_can_be_written_kernels_are_compiled_in_memory_and_one_l
     assert "cannot be cached" in said
 
 
-def test_where_a_disk_is_full_kernels_go_on_in_memory_and_one_line_says_so(two_files, tmp_path):
+def test_kernels_stay_in_memory_if_the_disk_is_full(two_files, tmp_path):
     full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))"
     printed, said = two_files(2.0, full)
     assert printed == ["2.0", "True"], said

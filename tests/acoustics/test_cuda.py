@@ -129,7 +129,7 @@ def test_kernel_compiles_for_a_device_without_one():
 
 
 @pytest.mark.parametrize("dirt", [np.nan, 1e300])
-def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt):
+def test_the_smallest_workspaces_suffice_whatever_they_contain(dirt):
     from pymantaray.acoustics._kernels.layout import (
         N_ARRIVAL,
         N_INFO,
@@ -174,7 +174,7 @@ def test_least_workspaces_suffice_and_what_they_held_before_does_not_matter(dirt
         assert results[0][1].sum() > 3
 
 
-def test_a_thread_of_a_12_km_link_needs_less_than_three_quarters_of_a_megabyte():
+def test_a_thread_of_a_12_km_link_needs_less_than_750_kb():
     from pymantaray.acoustics._kernels.layout import least_shapes
 
     axis, depth = np.linspace(0.0, 2e4, 9), np.linspace(0.0, 4000.0, 40)

@@ -102,7 +102,7 @@ def call():
     return run
 
 
-def test_options_that_are_not_used_leave_the_defaults_of_the_dataclass(call):
+def test_unused_options_leave_the_defaults_of_the_dataclass(call):
     called, done = call("--hydrophone-depth", "30")
     assert done.exit_code == 0, done.output
     assert called == (Both(buoy=Buoy(depth=30.0)), False)

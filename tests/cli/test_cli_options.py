@@ -161,9 +161,7 @@ def test_every_option_has_a_type_and_not_the_name_of_one():
     assert [name for name, (kind, *_) in kinds.items() if isinstance(kind, str | ForwardRef)] == []
 
 
-def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(
-    mantaray, monkeypatch, tmp_path
-):
+def test_ranges_accept_times_in_words_and_need_the_file_first(mantaray, monkeypatch, tmp_path):
     seen = []
     monkeypatch.setattr(
         "pymantaray.apps.study.command.run_and_report", lambda config, *_, **__: seen.append(config)
@@ -196,9 +194,7 @@ def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(
      " rset"), "mantaray ocean check: Invalid value for '--currents': 'rset' .*'rest'"),
     ("ocean make", "mantaray ocean: No such command 'make'"),
 ])  # fmt: skip
-def test_a_word_that_a_command_does_not_take_is_one_line_that_names_the_command(
-    mantaray, words, fault
-):
+def test_an_unknown_word_is_one_line_that_names_the_command(mantaray, words, fault):
     wrong = mantaray(*words.split())
     assert (wrong.code, wrong.out) == (2, "")
     command = fault.partition(":")[0]

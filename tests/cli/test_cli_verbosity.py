@@ -94,7 +94,7 @@ def test_levels_are_those_of_the_page(capsys, options, lines):
     assert logging.getLogger("pymantaray").handlers == before
 
 
-def test_a_verbose_command_tells_its_stages_and_twice_what_led_to_an_error(mantaray):
+def test_a_verbose_command_prints_its_stages_and_causes_of_errors(mantaray):
     assert mantaray("ocean", "show", "synthetic:fram", "-v").err.endswith(" MiB\n")
     refused = mantaray("study", "show", "fast", "-vv").err
     assert refused.startswith("traceback:\nTraceback")
@@ -152,7 +152,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "exit-codes.md"
 
 
 @pytest.mark.parametrize("words", sorted(COMMANDS))
-def test_a_word_that_no_command_knows_ends_with_2_and_prints_no_result(mantaray, words):
+def test_an_unknown_command_exits_with_2_and_prints_no_result(mantaray, words):
     refused = mantaray(*words.split(), "--nosuch")
     assert (refused.code, refused.out) == (2, "")
     assert "No such option" in refused.err

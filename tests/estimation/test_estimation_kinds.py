@@ -96,7 +96,7 @@ def solved(graph, truth, method):
     )
 
 
-def test_a_factor_of_a_new_kind_counts_as_one_of_its_form_in_every_solver(graph, fleet, copied):
+def test_a_new_kind_of_factor_counts_by_its_form_in_every_solver(graph, fleet, copied):
     """
     As in the kind of which it is a copy; a solver that ignores it would leave the estimate where it
     is.

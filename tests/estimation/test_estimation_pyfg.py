@@ -182,7 +182,7 @@ def named(graph, *names):
     return replace(graph, vehicle_name=np.array(names))
 
 
-def test_names_that_are_no_letters_are_kept_in_a_table_beside_the_file(tmp_path, make_fleet):
+def test_names_other_than_letters_are_in_a_table_beside_the_file(tmp_path, make_fleet):
     fleet = make_fleet(n_vehicles=3, n_times=6, n_landmarks=1)
     graph = replace(
         named(build_graph(fleet.noisy), "beacon", "float-1", "L"),
@@ -300,7 +300,7 @@ EDGE_RANGE 1.600000000 L0 L7 4.242641 0.010000
 """
 
 
-def test_file_as_pyfactorgraph_writes_it_is_read_and_its_truth_is_its_optimum(tmp_path):
+def test_the_truth_of_a_pyfactorgraph_file_is_its_optimum(tmp_path):
     path = tmp_path / "foreign.pyfg"
     path.write_text(FOREIGN)
     graph, values = read_pyfg(path)
@@ -317,7 +317,7 @@ def test_file_as_pyfactorgraph_writes_it_is_read_and_its_truth_is_its_optimum(tm
     np.testing.assert_allclose(solution.position, values.position, atol=1e-6)
 
 
-def test_landmarks_keep_their_numbers_and_trailing_blanks_do_not_matter(tmp_path):
+def test_landmarks_keep_their_numbers_despite_trailing_blanks(tmp_path):
     text = "".join(f"{line} \n" for line in FOREIGN.splitlines())
     graph, values = read_text(tmp_path, text.replace("VERTEX_XYZ L7", "VERTEX_XYZ L007"))
     write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
@@ -326,7 +326,7 @@ def test_landmarks_keep_their_numbers_and_trailing_blanks_do_not_matter(tmp_path
     assert_same(graph, again)
 
 
-def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_path, make_fleet):
+def test_free_axes_are_written_as_1e12_and_constrain_nothing(tmp_path, make_fleet):
     fleet = make_fleet(n_vehicles=1, n_times=4)
     write_pyfg(build_graph(fleet.noisy), tmp_path / "g.pyfg", initial=fleet.truth)
     lines = [x.split() for x in (tmp_path / "g.pyfg").read_text().splitlines() if ":PRIOR" in x]
@@ -347,7 +347,7 @@ def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_
     assert far.initial_cost == pytest.approx(near.initial_cost, rel=1e-3)  # 1e-12 would add 9,000
 
 
-def test_lines_are_left_out_by_their_word_or_because_it_is_unknown_and_counted(tmp_path):
+def test_lines_are_left_out_by_word_and_counted(tmp_path):
     path = tmp_path / "g.pyfg"
     path.write_text(HAND + "FIX 1\nFIX 2\n")
     whole = load_pyfg(path, skip_unknown=True)
@@ -368,7 +368,7 @@ def test_a_byte_order_mark_blank_lines_and_comments_are_passed_over(tmp_path):
     assert_same(read_pyfg(tmp_path / "g.pyfg")[0], read_pyfg(tmp_path / "plain.pyfg")[0])
 
 
-def test_pyfactorgraph_itself_reads_what_we_write_and_we_what_it_writes(tmp_path):
+def test_pyfactorgraph_and_we_read_files_of_each_other(tmp_path):
     theirs = pytest.importorskip(
         "py_factor_graph.io.pyfg_text", reason="PyFactorGraph is not installed (it is not on PyPI)"
     )

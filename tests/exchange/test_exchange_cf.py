@@ -175,7 +175,7 @@ def test_an_imos_file_days_since_1950_and_quality_control(tmp_path):
     )  # a double of days is half a microsecond
 
 
-def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_path):
+def test_an_argo_trajectory_has_surface_fixes_and_pressures_between(tmp_path):
     """
     Argo's Rtraj files: characters for names and flags, 999999 and 99999 where nothing is known.
     """
@@ -213,7 +213,7 @@ def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_p
     assert n - own.time.size == 2
 
 
-def test_attitudes_have_their_standard_names_and_gaps_are_turned_through_on_the_short_way(tmp_path):
+def test_attitudes_have_standard_names_and_gaps_turn_the_short_way(tmp_path):
     data = contiguous()
     heading = np.array([350.0, np.nan, 10.0, 20.0, 30.0, 90.0, 80.0, 70.0])
     data["HEADING"] = "obs", heading, {"standard_name": "platform_orientation", "units": "degree"}
@@ -240,7 +240,7 @@ def test_a_gap_over_the_antimeridian_is_filled_on_the_short_way(tmp_path):
     np.testing.assert_allclose(own.place[:, 1] % 360.0, [179.9, 180.0, 180.1])
 
 
-def test_a_drifter_without_depth_is_at_the_surface_and_altitudes_point_up(tmp_path):
+def test_a_drifter_without_depth_is_at_the_surface(tmp_path):
     drifter = contiguous().drop_vars("depth")
     drifter.to_netcdf(tmp_path / "drifter.nc")
     tracks = read_trajectories(tmp_path / "drifter.nc")

@@ -136,7 +136,7 @@ def test_times_in_other_units_are_refused(tmp_path, factor, unit):
     assert read_trajectories(tmp_path / "a.tum").duration == 2.0
 
 
-def test_two_trajectories_of_one_vehicle_are_noted_and_one_is_selected(tmp_path):
+def test_one_of_two_trajectories_of_a_vehicle_is_selected_with_a_note(tmp_path):
     east = np.arange(0.0, 100.0, 10.0)
     text = "time,vehicle,north,east,depth\n"
     for name, north, first in (("odom", 0.0, 0.0), ("amcl", 3.0, 0.0), ("other", 50.0, 5.0)):

@@ -282,7 +282,7 @@ def test_unreadable_rows_of_a_track_are_listed_and_left_out(name, row, tmp_path)
     assert tracks.notes[0].startswith(f"{tmp_path / name}: 1 line left out, not readable: line 4: ")
 
 
-def test_a_single_vehicle_may_have_several_rows_within_the_resolution_of_its_times(tmp_path):
+def test_a_vehicle_may_have_several_rows_per_resolution_of_time(tmp_path):
     file = text("time,north,east,depth\n0,0,0,5\n0,0.5,0,5\n1,1,0,5\n1,1.5,0,5\n")(tmp_path)
     tracks = read_trajectories(file)
     assert any("2 poses at repeated times dropped" in note for note in tracks.notes)

@@ -33,7 +33,7 @@ def angle_between(one, other):
     return 4.0 * np.arcsin(apart / 2.0)
 
 
-def test_at_its_own_times_a_vehicle_has_the_poses_of_the_file_to_the_last_digit():
+def test_a_vehicle_has_the_exact_poses_of_the_file_at_its_times():
     q = random_attitudes(TIME.size)
     times = np.sort(np.concatenate([TIME, np.linspace(0.0, 60.0, 23)]))
     truth = Tracks.of([poses(quaternion=q)]).at(times, FRAME)
@@ -43,7 +43,7 @@ def test_at_its_own_times_a_vehicle_has_the_poses_of_the_file_to_the_last_digit(
     assert truth.role.tolist() == ["track"]
 
 
-def test_between_its_times_places_are_linear_and_attitudes_turn_at_a_constant_rate():
+def test_between_times_positions_are_linear_and_rotations_uniform():
     q = random_attitudes(TIME.size)
     share = np.array([0.1, 0.25, 0.7])
     for k in range(TIME.size - 1):
@@ -103,7 +103,7 @@ def test_headings_by_true_north_are_those_of_the_motion_in_the_frame(centre):
     np.testing.assert_allclose(angle_between(by_file, by_motion), 0.0, atol=5e-3)
 
 
-def test_a_track_over_the_antimeridian_has_no_jump_and_its_middle_is_there():
+def test_a_track_over_the_antimeridian_has_no_jump():
     lon = np.array([179.98, 179.99, -180.0, -179.99, -179.98])
     tracks = Tracks.of(
         [poses(place=np.column_stack([np.full(5, 60.0), lon, np.zeros(5)]), geodetic=True)]

@@ -104,9 +104,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("message", BAD)
-def test_currents_and_floors_that_do_not_enclose_the_mission_are_refused(
-    run, make_float, make_ocean, message
-):
+def test_currents_that_do_not_cover_the_mission_are_refused(run, make_float, make_ocean, message):
     water = over_time([0.0, 1000.0, 5000.0], [make_ocean(uniform=(0.1 * k, 0.0)) for k in range(3)])
     refused(FleetError, message, run, make_float(), water=BAD[message](water))
 

@@ -70,7 +70,7 @@ def test_names_units_and_separators_of_many_programs(tmp_path, header):
     np.testing.assert_array_equal(cast.depth, Z)
 
 
-def test_pressure_kelvin_potential_and_absolute_are_converted_by_teos_10(tmp_path):
+def test_temperatures_and_salinities_are_converted_by_teos_10(tmp_path):
     p = gsw.p_from_z(-Z, 74.0)
     SA = gsw.SA_from_SP(S, p, -140.0, 74.0)
     place = {
@@ -467,7 +467,7 @@ def test_levels_rise_from_the_surface_to_the_bottom(bottom):
     assert np.diff(z).max() <= max(150.0, bottom if bottom < 5.0 else 0.0)
 
 
-def test_every_real_cast_is_read_whole_and_makes_an_ocean_that_rays_can_be_traced_in(shared_data):
+def test_every_real_cast_makes_an_ocean_for_rays(shared_data):
     files = sorted((shared_data / "casts").glob("*.csv")) + sorted(
         (shared_data / "hycom").glob("*.csv")
     )

@@ -104,7 +104,7 @@ WRONG = {  # how, and the finding or how it begins
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_is_found_and_the_first_of_it_is_the_schema_s_refusal(healthy, name):
+def test_the_first_finding_is_the_error_of_the_schema(healthy, name):
     change, finding = WRONG[name]
     ocean = change(healthy)
     findings = check_ocean(ocean)
@@ -127,7 +127,7 @@ def test_everything_is_listed_not_only_the_first(healthy):
     ]
 
 
-def test_files_that_do_not_open_are_told_in_full_and_in_the_reader_s_units(healthy, tmp_path):
+def test_unreadable_files_are_reported_in_full_in_their_units(healthy, tmp_path):
     """
     Temperature in K and currents in cm/s are no fault; a salt spike and a gale in the water are.
     """

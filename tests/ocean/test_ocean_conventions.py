@@ -55,7 +55,7 @@ def test_zeros_of_all_variables_are_land():
     np.testing.assert_array_equal(np.isnan(ocean["salinity"].values), LAND)
 
 
-def test_zeros_of_temperature_and_salinity_are_land_whatever_the_currents():
+def test_zeros_of_temperature_and_salinity_are_land():
     ocean = open_ocean(model(0.0, zero=("t", "s")))
     np.testing.assert_array_equal(np.isnan(ocean["salinity"].values), LAND)
     fresh = model(0.0)

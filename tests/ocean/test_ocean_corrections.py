@@ -205,7 +205,7 @@ def real_casts(shared_data):
     ]
 
 
-def test_the_casts_sharpen_the_warm_layer_of_the_synthetic_beaufort_sea(real_casts, beaufort_sea):
+def test_the_casts_sharpen_the_warm_layer_of_the_beaufort_sea(real_casts, beaufort_sea):
     corrected = correct_with_casts(
         beaufort_sea, real_casts, horizontal_scale=30e3, noise_ratio=0.01
     )

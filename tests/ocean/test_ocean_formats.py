@@ -179,7 +179,7 @@ def test_a_profile_of_an_ice_tethered_profiler_is_a_cast(tmp_path, newer, rising
     np.testing.assert_allclose(profile.sound_speed, speed, atol=1e-3)
 
 
-def test_incomplete_profiles_of_an_ice_tethered_profiler_are_noted_or_refused(tmp_path):
+def test_incomplete_profiles_of_a_profiler_are_noted_or_refused(tmp_path):
     path = tmp_path / "itp99grd0000.dat"
     path.write_text(itp(levels=371, end=""))
     assert (
@@ -350,7 +350,7 @@ def test_profiles_of_copernicus_are_casts(tmp_path, depths):
     assert only.lat == 70.0
 
 
-def test_profiles_of_copernicus_use_adjusted_values_where_there_are_any(tmp_path):
+def test_profiles_of_copernicus_use_adjusted_values(tmp_path):
     copernicus(adjusted=True).to_netcdf(tmp_path / "GL_PR_PF_1.nc")
     one, three = read_casts(tmp_path / "GL_PR_PF_1.nc")
     np.testing.assert_allclose(one.temperature, TEMPERATURE + 0.01)

@@ -303,7 +303,7 @@ def depth_of(pressure):
     (("depFF: Depth [fresh water, ft], lat ="
      " 45"), depth_of(np.array([10.0, 100.0, 1000.0]) * 0.3048 / 1.019716)),
 ])  # fmt: skip
-def test_every_vertical_column_of_sea_bird_gives_the_depth_in_sea_water(tmp_path, name, depth):
+def test_every_vertical_column_of_sea_bird_gives_the_depth(tmp_path, name, depth):
     cast = read_cast(columns(tmp_path, name, "t090C: Temperature", "sal00: Salinity"))
     np.testing.assert_allclose(cast.depth, depth, rtol=1e-6)
 

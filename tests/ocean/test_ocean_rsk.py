@@ -134,9 +134,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("says", REFUSED)
-def test_a_file_that_would_need_any_time_or_memory_is_refused_before_it_is_opened(
-    tmp_path, monkeypatch, says
-):
+def test_a_file_of_unlimited_time_or_memory_is_refused_unopened(tmp_path, monkeypatch, says):
     """The check does not need pyrsktools."""
     monkeypatch.setattr("pymantaray.ocean.rsk._MAX_VALUES", 100 if "limit" in says else 12_000_000)
     refused(OceanError, says, read_casts, write_rsk(tmp_path / "a.rsk", extra=REFUSED[says]))

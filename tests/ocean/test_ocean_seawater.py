@@ -70,7 +70,7 @@ def del_grosso_1974(t, s, p):
     )
 
 
-def test_unesco_gives_the_published_table_within_its_rounding_and_the_change_of_scale():
+def test_unesco_gives_the_published_table_within_rounding():
     p, t = np.arange(0.0, 10_001.0, 1_000.0)[:, None], np.arange(0.0, 41.0, 10.0)
     for s, text in TABLE.items():
         published = np.array(text.split(), dtype=float).reshape(11, 5)
@@ -98,7 +98,7 @@ def test_check_values(equation, water, published, within):
     (del_grosso, lambda t, s, p: del_grosso_1974(t, s, p / 9.80665), 30.0, 30.0, 9_806.0, 0.017),
     (unesco, lambda t, s, p: chen_millero_1977(t, s, p / 10.0), 40.0, 0.0, 10_000.0, 0.024),
 ])  # fmt: skip
-def test_forms_for_its_90_are_the_originals_within_wong_and_zhus_bounds(
+def test_forms_for_its_90_equal_the_originals_within_their_bounds(
     new, old, warmest, freshest, deepest, within
 ):
     t, s, p = (

@@ -17,7 +17,7 @@ def small(header="Test Sea"):
     return figure
 
 
-def test_figures_are_valid_not_blank_and_the_same_whatever_the_user_has_set():
+def test_figures_do_not_depend_on_the_settings_of_the_user():
     first = rendered(small(), ("png", "pdf"))
     with mpl.rc_context({"axes.facecolor": "red", "font.size": 30.0}):
         before = dict(mpl.rcParams)

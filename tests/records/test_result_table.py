@@ -61,12 +61,12 @@ def test_equal_decimals_hold_for_numbers_of_all_sizes():
         assert (np.abs(read - numbers) <= 1.001 * allowed).all(), (numbers, texts)
 
 
-def test_a_row_of_one_quantity_has_equal_decimals_and_a_single_number_four_digits():
+def test_a_row_of_one_quantity_has_equal_decimals():
     assert show_row(["sd", 3.25, 4.0]) == ["sd", "3.250", "4.000"]
     assert show_row(["sigma", 0.1, "m"]) == ["sigma", "0.1", "m"]
 
 
-def test_a_column_or_a_row_is_one_quantity_and_a_head_may_be_the_table_s_own():
+def test_a_column_or_a_row_is_one_quantity_with_its_own_head():
     frame = pd.DataFrame(
         {"quantity": ["n", "sd_m"], "a": [4000.0, 3.25], "b": [3000.0, 4.0], "percent": [1.0, 2.5]}
     )

@@ -117,7 +117,7 @@ def test_exchanges_of_selected_receptions_and_all_combinations():
     assert set(zip(every.answer[9:], every.ping[9:], strict=True)) == pairs
 
 
-def test_the_time_of_an_exchange_follows_the_motion_of_its_initiator_and_responder():
+def test_the_time_of_an_exchange_follows_the_motion_of_both_ends():
     """
     Fermat: moving an end by v dt changes the travel time by its slowness; one end moves at a time,
     on either side.

@@ -31,7 +31,7 @@ def test_every_ordered_pair_once_an_epoch_and_every_landmark_heard(n_vehicles, n
     assert list(zip(*table, strict=True)) == expected
 
 
-def test_interval_that_does_not_divide_the_mission_stops_before_its_end():
+def test_an_interval_that_does_not_divide_the_mission_stops_early():
     np.testing.assert_array_equal(PingSchedule(400.0).samples(np.arange(6) * 200.0), [2, 4])
 
 

@@ -198,7 +198,7 @@ def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new,
     assert said in done.err
 
 
-def test_a_failed_solve_writes_nothing_and_an_unconverged_one_ends_with_1(
+def test_a_failed_solve_writes_nothing_and_an_unconverged_one_exits_1(
     mantaray, file, tmp_path, monkeypatch
 ):
     whole = file.read_text()
@@ -219,7 +219,7 @@ def test_a_failed_solve_writes_nothing_and_an_unconverged_one_ends_with_1(
     assert not (out / "estimate.nc").exists()
 
 
-def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(
+def test_convert_says_where_names_are_and_refuses_an_existing_table(
     mantaray, graph, file, tmp_path
 ):
     (tmp_path / "g.names.csv").write_text("symbol,name\nA,north-wind\nB,b_2\nL2,buoy\n")
@@ -240,9 +240,7 @@ def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(
     (1e-3, "OVER_CHI_SQUARE", "larger standard deviations"),
     (1e6, "UNDER_CHI_SQUARE", "smaller standard deviations"),
 ])  # fmt: skip
-def test_costs_on_either_side_of_their_bounds_come_with_their_own_advice(
-    graph, told, file, scale, status, said
-):
+def test_costs_outside_their_bounds_have_advice(graph, told, file, scale, status, said):
     """
     Many edges, all 1 m too long or short by turns, at variances that are far too small or too
     large.

@@ -90,15 +90,13 @@ def test_squares_of_the_budget_add_up_to_the_variances(located):
         )
 
 
-def test_leverages_add_up_to_the_number_of_parameters_that_the_data_determine(located):
+def test_leverages_add_up_to_the_number_of_determined_parameters(located):
     leverage = located.pings["leverage"]
     assert leverage.sum() == pytest.approx(located.solution.posterior.effective, rel=1e-6)
     assert leverage.dropna().between(0.0, 1.0).all()
 
 
-def test_the_bootstrap_agrees_with_the_posterior_and_does_not_depend_on_threads(
-    located, campaign, medium
-):
+def test_the_bootstrap_agrees_with_the_posterior_for_any_threads(located, campaign, medium):
     spread = located.bootstrap.std(axis=0, ddof=1)
     stated = np.sqrt(np.diag(located.covariance)).reshape(-1, 3)
     assert (spread < 1.5 * stated).all()
@@ -516,7 +514,7 @@ def test_a_profile_that_ends_above_a_node_is_refused(campaign):
 
 
 @pytest.mark.slow
-def test_ellipses_cover_the_truth_and_normalized_errors_are_as_large_as_they_should_be(medium):
+def test_ellipses_cover_the_truth_and_normalized_errors_are_right(medium):
     """
     200 surveys with all effects: 95 % ellipses cover 92 to 98 %, mean normalized squared errors
     within their bounds.
@@ -670,7 +668,7 @@ def flat(depth=300.0, *, lift=0.0, bottom=400.0, draft=0.0, prior=290.0):
 KNOWN = LocateOptions(speed_model="known", correlation="none")
 
 
-def test_a_transducer_far_above_the_surface_is_refused_and_waves_are_noted():
+def test_a_transducer_far_above_the_surface_is_refused():
     survey, medium = flat(lift=18.0)
     refused(
         LocateError,

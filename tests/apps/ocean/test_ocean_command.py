@@ -341,9 +341,7 @@ ASVP = (
 )
 
 
-def test_casts_are_converted_for_other_programs_and_refused_in_one_line(
-    mantaray, tmp_path, monkeypatch
-):
+def test_casts_are_converted_or_refused_in_one_line(mantaray, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("sound.asvp").write_text(ASVP)
     table = "depth,temperature,salinity,lat,lon\n" + "".join(

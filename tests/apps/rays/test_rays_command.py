@@ -224,7 +224,7 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     assert medium_of("out.csv")["smoothed"]["length_m"] == 10.0
 
 
-def test_a_profile_by_pressure_that_starts_below_the_surface_holds_up_to_it_and_says_so(rays):
+def test_a_profile_by_pressure_is_extended_to_the_surface_with_a_note(rays):
     Path("deep.csv").write_text("pressure,sound_speed\n10,1434\n20,1437.9\n3000,1499\n")
     Path("links.csv").write_text(f"{','.join(ENDS)}\n0,0,0,100,0,0\n")
     place = ("--position", 74.5, -140)

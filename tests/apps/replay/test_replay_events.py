@@ -156,7 +156,7 @@ def test_ends_keep_the_distance_on_the_ellipsoid():
     assert east == pytest.approx(np.sin(np.radians(31.7)), abs=0.02)
 
 
-def test_in_uniform_water_the_residual_is_the_clock_and_the_straight_time():
+def test_in_uniform_water_the_residual_is_the_clock_error():
     events = events_at([0.0, 60.0])
     distance = np.hypot(pyproj.Geod(ellps="WGS84").inv(-145.0, 72.0, -144.9, 72.05)[2], 120.0)
     replay = replay_events(events, Water(WATER), "first")
@@ -168,7 +168,7 @@ def test_in_uniform_water_the_residual_is_the_clock_and_the_straight_time():
     assert np.isnan(row["level_db"])
 
 
-def test_an_event_in_shadow_is_predicted_by_what_leaks_where_that_is_asked_for():
+def test_leakage_predicts_an_event_in_shadow_on_request():
     """Over the crest half-way: 2 x hypot(2000, 100) m."""
     modem = Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0, noise=60.0)
     events = Events(

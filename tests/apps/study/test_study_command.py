@@ -193,9 +193,7 @@ def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch
     assert Path("study.toml").read_text() == "# mine"
 
 
-def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
-    mantaray, small, monkeypatch
-):
+def test_an_interrupted_report_is_written_by_a_later_command(mantaray, small, monkeypatch):
     stages = {}
 
     def interrupt(*_arguments, **_options):
@@ -246,7 +244,7 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
     assert rmse == error_table(run.truth, run.estimates)["rmse_m"].tolist()
 
 
-def test_causes_of_lost_ranges_are_in_the_page_s_words_the_commonest_first(capsys):
+def test_causes_of_lost_ranges_have_the_words_of_the_page(capsys):
     counts = {"category": ALL_LINKS} | {status.name.lower(): 0 for status in RayStatus}
     counts |= {
         "attempts": 90,

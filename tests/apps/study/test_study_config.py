@@ -333,9 +333,7 @@ REFUSED += [
 
 
 @pytest.mark.parametrize(("path", "value", "expected"), REFUSED)
-def test_each_bad_value_is_one_line_with_place_value_and_what_is_allowed(
-    tiny, path, value, expected
-):
+def test_each_invalid_value_is_one_line_with_place_and_allowed_values(tiny, path, value, expected):
     for key in reversed(path.split(".") if path else []):
         value = {key: value}
     with pytest.raises(StudyError) as caught:
@@ -412,7 +410,7 @@ def test_what_every_required_key_means_is_said_where_it_is_missing():
         assert re.fullmatch(rf"it: {name}: missing; add it \([^`]+\)", line), (model, line)
 
 
-def test_a_table_in_the_place_of_several_is_told_how_these_are_written(quick):
+def test_a_table_in_place_of_several_is_refused_with_the_right_syntax(quick):
     quick["landmarks"] = {"name": "L", "north": 0.0, "east": 0.0, "depth": 1.0}
     refused(
         StudyError,
@@ -435,7 +433,7 @@ def test_several_faults_are_several_lines(quick):
     assert count == "my.toml: study.realizations: found 0; allowed: 1 or more"
 
 
-def test_what_ranging_needs_is_read_of_a_study_and_of_a_file_that_has_it_alone(tmp_path):
+def test_sections_of_ranging_are_read_from_a_study_or_a_file_of_them(tmp_path):
     study = tmp_path / "study.toml"
     study.write_text(preset_text("quick"))
     assert load_sound(study) == load_study(study)
@@ -504,7 +502,7 @@ def test_files_that_are_no_configuration_are_named_in_short_lines(tmp_path, cont
     )
 
 
-def test_names_that_no_file_can_have_and_files_without_an_end_are_refused():
+def test_invalid_file_names_and_endless_files_are_refused():
     refused(StudyError, r"a\\x00\.toml: cannot be read: embedded null", load_study, "a\0.toml")
     refused(StudyError, "/dev/zero: not a regular file", load_study, "/dev/zero")
 
@@ -532,9 +530,7 @@ def test_input_files_are_relative_to_the_configuration(quick, tmp_path):
     assert (ocean.synthetic, ocean.files) == (True, (floor,))
 
 
-def test_ocean_files_of_a_parsed_tree_are_relative_to_the_working_folder(
-    quick, tmp_path, monkeypatch
-):
+def test_ocean_files_of_a_tree_are_relative_to_the_working_folder(quick, tmp_path, monkeypatch):
     """Whoever reads the configuration in the run's folder has to find them."""
     monkeypatch.chdir(tmp_path)
     quick["ocean"].update(source=["a.nc", "/abs/b.nc"], bathymetry="c.nc")
@@ -601,7 +597,7 @@ def test_the_first_ping_may_be_at_the_start(tiny):
             tiny(mission={"ping_start_h": start})
 
 
-def test_gtsam_replaces_the_batch_solver_of_conditions_with_straight_range_factors():
+def test_gtsam_replaces_the_batch_solver_for_straight_ranges():
     config = load_study("quick", solver="gtsam")
     assert (config.solver.kind, config.solver.converged) == ("gtsam", True)
     kinds = {c.name: config.solver_of(c).kind for c in config.conditions}
@@ -647,7 +643,7 @@ def names_of(tree):
     return [condition.name for condition in parse_study({**TINY, **tree}).conditions]
 
 
-def test_a_list_of_conditions_replaces_the_default_one_and_tables_change_it():
+def test_a_list_of_conditions_replaces_the_default_one():
     assert names_of({"conditions": ["odometry", {"name": "e"}]}) == ["odometry", "e"]
     tables = {
         "e": {"range_sigma": 5.0},

@@ -28,7 +28,7 @@ def geographic():
     return tree
 
 
-def test_they_are_in_the_same_places_and_in_the_resolved_file_by_north_and_east():
+def test_they_have_the_same_places_in_the_resolved_file():
     config, plain = parse_study(geographic()), parse_study(TINY)
     for one, other in zip(
         (*config.fleet.vehicles, *config.landmarks),

@@ -141,9 +141,7 @@ def test_few_steps_lead_a_study_to_its_optimum(tiny_run, ranges):
     assert usual.iterations <= 6  # eight and more without the curvature of odometry
 
 
-def test_default_folder_is_dated_and_progress_counts_up_to_the_end_of_each_stage(
-    tiny, tmp_path, monkeypatch
-):
+def test_the_default_folder_has_a_date_and_progress_reaches_its_end(tiny, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     seen = []
     run = run_study(tiny(**DEAD_RECKONING), workers=1, progress=lambda *step: seen.append(step))
@@ -199,9 +197,7 @@ def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypat
     ({"fleet": {"vehicles": {"1": {"target_depth": 9e3}}}}, ("'B': target_depth is 9000 m deep,"
                                                             " below the sea floor")),
 ], ids=range(7))  # fmt: skip
-def test_what_cannot_be_held_finished_or_dived_is_refused_at_once_in_one_line(
-    tiny, tmp_path, sections, expected
-):
+def test_impossible_missions_are_refused_at_once_in_one_line(tiny, tmp_path, sections, expected):
     with pytest.raises((StudyError, FleetError)) as caught:
         run_study(tiny(**{"study": {"realizations": 1}} | sections), tmp_path / "run", workers=1)
     assert expected in str(caught.value)

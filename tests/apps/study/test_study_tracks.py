@@ -83,7 +83,7 @@ def same_ranges(one, other):
         )
 
 
-def test_the_truth_of_a_study_as_a_fleet_gives_the_ranges_of_the_study_to_the_last_digit(study_run):
+def test_the_truth_of_a_study_as_a_fleet_gives_the_same_ranges(study_run):
     marks = [mark.model_dump() for mark in study_run.config.landmarks]
     by_file = measure(study_run.path / "truth.nc", OCEAN, 3600.0, landmarks=marks)
     same_ranges(by_file, study_run)
@@ -98,7 +98,7 @@ def test_the_truth_of_a_study_as_a_fleet_gives_the_ranges_of_the_study_to_the_la
     assert one == other
 
 
-def test_a_study_of_trajectories_estimates_as_one_of_the_same_vehicles(study_run, tmp_path):
+def test_a_study_of_trajectories_equals_one_of_the_same_vehicles(study_run, tmp_path):
     tree = {**TINY, "fleet": {"trajectories": str(study_run.path / "truth.nc")}}
     tree["mission"] = {"ping_interval_h": 1.0}
     run = run_study(parse_study(tree), tmp_path / "run", workers=1)
@@ -165,7 +165,7 @@ def test_slots_let_one_vehicle_ping_at_a_time(table):
     )
 
 
-def test_a_list_of_pings_is_that_and_both_ways_at_one_time_are_one_link(table, tmp_path):
+def test_a_list_of_pings_makes_one_link_of_both_ways_at_one_time(table, tmp_path):
     pings = PingList(
         (10.0, 10.0, 500.5, 9999.0), ("A", "B", "M", "A"), (("B",), ("A",), ("A", "L"), ())
     )
@@ -225,7 +225,7 @@ def test_estimators_run_on_the_pings_of_landmarks_alone(table, tmp_path):
     assert run.ranges(0)["transmitter"].unique().tolist() == ["L0", "L1", "L2"]
 
 
-def test_every_schedule_gives_a_pair_the_travel_time_that_it_has_at_that_time(table):
+def test_every_schedule_gives_the_travel_time_of_its_time(table):
     interval = measure(table, OCEAN, 600.0)
     slots = measure(table, OCEAN, SlotSchedule(("A", "B", "M"), slot=600.0, start=600.0))
 
@@ -496,7 +496,7 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
     )
 
 
-def test_a_run_of_local_positions_says_in_its_manifest_where_they_were_placed(table, tmp_path):
+def test_a_run_of_local_positions_has_its_centre_in_the_manifest(table, tmp_path):
     tree = {"study": {"name": "r"}, "conditions": [], "ocean": {"source": "synthetic:beaufort"}}
     tree |= {"fleet": {"trajectories": str(table)}, "mission": {"ping_interval_h": 1.0}}
     config = parse_study(tree)

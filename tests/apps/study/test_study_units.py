@@ -146,7 +146,7 @@ def units_in(schema):
     return ([schema["unit"]] if "unit" in schema else []) + units_in(list(schema.values()))
 
 
-def test_every_quantity_takes_text_in_the_unit_that_its_description_has():
+def test_every_quantity_accepts_text_in_the_unit_of_its_description():
     checked = 0
     for model in sorted(models_below(StudyConfig), key=lambda m: m.__name__):
         for name, field in model.model_json_schema()["properties"].items():

@@ -86,7 +86,7 @@ def test_the_data_sets_that_hold_the_time_are_found(fetch, is_true, thredds, tim
     ("starts", "time", "asked_first"),
     [(0, "2015-01-01T00", 2015), (0, "2015-01-01T06", 2015), (48, "2015-01-01T18", 2014)],
 )
-def test_a_year_file_that_does_not_reach_the_time_gives_way_to_its_neighbour(
+def test_a_year_file_without_the_time_gives_way_to_its_neighbour(
     fetch, is_true, thredds, tmp_path, starts, time, asked_first
 ):
     shipped = resources.files("pymantaray.ocean.fetch").joinpath("servers.toml").read_text()
@@ -127,9 +127,7 @@ def test_a_step_that_only_one_of_two_data_sets_has_is_missing(refusal, fetch, is
     is_true(ocean, "2019-03-14T09:00")
 
 
-def test_an_experiment_that_does_not_reach_the_time_gives_way_to_the_next(
-    fetch, is_true, thredds, monkeypatch
-):
+def test_an_experiment_without_the_time_gives_way_to_the_next(fetch, is_true, thredds, monkeypatch):
     model = thredds.app.models["GLBv0.08/expt_57.2"]
     monkeypatch.setattr(model, "instants", model.instants[800:])
     fetched, ocean = fetch(time="2016-06-01T00")
@@ -150,7 +148,7 @@ def test_a_time_axis_that_moves_during_the_fetch_is_noticed(refusal, thredds, mo
     assert "time axis changed during the download" in message
 
 
-def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(
+def test_real_files_from_pydap_equal_those_of_the_reader(
     fetch, thredds, gulf_stream_files, monkeypatch
 ):
     for kind, path in zip(("ts3z", "uv3z"), gulf_stream_files, strict=True):
