@@ -549,7 +549,8 @@ import numpy as np
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics._kernels.link import solve_links
 
-medium, none = Medium.from_profile([0.0, 100.0], [1450.0, 1460.0], bottom_depth=100.0), np.empty((0, 3))
+medium = Medium.from_profile([0.0, 100.0], [1450.0, 1460.0], bottom_depth=100.0)
+none = np.empty((0, 3))
 print(find_eigenrays(medium, none, none).status.size, len(solve_links.signatures))"""
     assert python(code, environment={"NUMBA_CACHE_DIR": str(tmp_path)}).stdout.split() == ["0", "0"]
 

@@ -73,11 +73,13 @@ def array(dimensions, dtype=types.float64):
 
 real, whole = types.float64, types.int64
 grid = types.NamedTuple([array(2), array(1), array(1)], BoundaryGrid)
-field = [whole, array(1), array(1), array(1), array(3), array(1), whole, array(1), whole, array(2), real, real]
+field = [whole, array(1), array(1), array(1), array(3), array(1)]
+field += [whole, array(1), whole, array(2), real, real]
 domain = types.NamedTuple([*field, grid, grid, types.boolean, types.boolean], layout.Domain)
 settings = types.NamedTuple([real, real, types.boolean, types.boolean], layout.Settings)
 work = types.NamedTuple([array(len(shape) + 1) for shape in layout.shapes(16)], layout.Work)
-results = types.NamedTuple([array(3), array(1, whole), array(1, types.int8), array(2)], layout.Results)
+columns = [array(3), array(1, whole), array(1, types.int8), array(2)]
+results = types.NamedTuple(columns, layout.Results)
 signature = (domain, types.UniTuple(whole, 2), settings, array(2), array(2), work, results)
 ptx, _ = cuda.compile_ptx(kernels._solve_wave, signature, cc=cc)
 print(ptx.count(".visible .entry"), ptx.count(chr(10)))

@@ -31,7 +31,8 @@ from pymantaray.acoustics._kernels import link
 Z, DUCT = np.array({z}), np.array({c})
 medium = Medium.from_profile(Z, DUCT, bottom_depth=3500.0)
 rng = np.random.default_rng(0)
-a, b = (np.column_stack([rng.uniform(0, 2e4, (50_000, 2)), rng.uniform(0, 800, 50_000)]) for _ in range(2))
+n = 50_000
+a, b = (np.column_stack([rng.uniform(0, 2e4, (n, 2)), rng.uniform(0, 800, n)]) for _ in range(2))
 solve, blocks = link.solve_links, []
 def counted(*arguments):
     blocks.append(None)

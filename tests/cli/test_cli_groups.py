@@ -157,8 +157,8 @@ def test_the_help_has_the_words_and_the_unit_of_the_docstring(call, monkeypatch)
         "--hydrophone-depth M Depth of the hydrophone below the surface.",
         "--levels M,... Depths of sensors. [default: 1,20]",
         (
-            "Standard deviation of the offset. Seconds, or text such as '10 min' or '13 ms'. [default:"
-            " 2 min]"
+            "Standard deviation of the offset. Seconds, or text such as '10 min' or '13 ms'."
+            " [default: 2 min]"
         ),
         "--lever M M M Vector to the antenna.",
     ):

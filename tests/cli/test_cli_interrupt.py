@@ -19,7 +19,7 @@ from pymantaray.cli.main import main
 
 COMMAND = """
 from pymantaray.jobs import checkpoint
-checkpoint._SAVE_INTERVAL = 3600.0  # what a short run keeps, however long it takes on a busy machine
+checkpoint._SAVE_INTERVAL = 3600.0  # a short run saves nothing, however busy the machine is
 from pymantaray.cli.main import main
 main()
 """

@@ -184,14 +184,14 @@ def test_ranges_accept_times_in_words_and_need_the_file_first(mantaray, monkeypa
 
 @pytest.mark.parametrize(("words", "fault"), [
     ("nope", "mantaray: No such command 'nope'"),
-    (("study quick"
-     " --quiet"), ("mantaray study: No such command 'quick'; allowed: list, .*; did you mean"
+    ("study quick --quiet",
+     ("mantaray study: No such command 'quick'; allowed: list, .*; did you mean"
                  " mantaray study run quick --quiet\\?")),
     ("ranges --itnerval 3", "mantaray ranges: No such option: --itnerval .*--interval"),
     ("export runs/latest --out o", "mantaray export: Missing option '--to'"),
     ("study run quick --workers two", "mantaray study run: Invalid value for '--workers'"),
-    (("ocean check --currents"
-     " rset"), "mantaray ocean check: Invalid value for '--currents': 'rset' .*'rest'"),
+    ("ocean check --currents rset",
+     "mantaray ocean check: Invalid value for '--currents': 'rset' .*'rest'"),
     ("ocean make", "mantaray ocean: No such command 'make'"),
 ])  # fmt: skip
 def test_an_unknown_word_is_one_line_that_names_the_command(mantaray, words, fault):

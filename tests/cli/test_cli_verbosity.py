@@ -25,10 +25,10 @@ from pymantaray.cli.printing import LOG, log_to_stderr, printer
 from pymantaray.records.result_table import ResultTable
 
 PATHS_ONLY = {
-    "atlas plot", "export", "graph convert", "ocean correct", ("ocean fetch"
-                                                              " copernicus"), ("ocean fetch"
-                                                                             " hycom"), "ocean from-cast",
-    "ocean convert-cast", "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve", "study cite", "study import", "study init", "study report", "sweep collect",
+    "atlas plot", "export", "graph convert", "ocean correct", "ocean fetch copernicus",
+    "ocean fetch hycom", "ocean from-cast",
+    "ocean convert-cast", "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve",
+    "study cite", "study import", "study init", "study report", "sweep collect",
 }  # fmt: skip
 """
 Commands that print the names of what they wrote, an address or references, and nothing that would

@@ -162,19 +162,25 @@ def edge_covariance(index, value):
         (edge_covariance((7, 2, 2), 1e-300), "^A8: odometry variance .*1e-300"),
         (edge_covariance((7, 2, 2), np.inf), "^A8: odometry variance .*inf"),
         (edge_covariance((7, 2, 3), np.nan), "^A8: odometry covariance"),
-        (edges(lambda e: e.with_columns(quaternion=2.0 * e.column("quaternion"))), r"^A1: .*quaternion .*length 1"),
-        (edges(lambda e: e.with_columns(quaternion=0.0 * e.column("quaternion"))), r"^A1: .*quaternion is .-?0, "),
+        (edges(lambda e: e.with_columns(quaternion=2.0 * e.column("quaternion"))),
+         r"^A1: .*quaternion .*length 1"),
+        (edges(lambda e: e.with_columns(quaternion=0.0 * e.column("quaternion"))),
+         r"^A1: .*quaternion is .-?0, "),
         (
-            lambda g: g.with_factors(prior=g["prior"].with_columns(quaternion=1.1 * g["prior"].column("quaternion"))),
+            lambda g: g.with_factors(
+                prior=g["prior"].with_columns(quaternion=1.1 * g["prior"].column("quaternion"))),
             "^A0: first-pose prior quaternion",
         ),
-        (edges(lambda e: replace(e, variables=e.variables[:, [0, 0]])), ("^A0: odometry is .0.*two"
-                                                                        " different poses")),
-        (edges(lambda e: e.with_columns(position=put(e.column("position"), (0, 0), 1e200))), "^A1: odometry is .*1e.09"),
+        (edges(lambda e: replace(e, variables=e.variables[:, [0, 0]])),
+         "^A0: odometry is .0.*two different poses"),
+        (edges(lambda e: e.with_columns(position=put(e.column("position"), (0, 0), 1e200))),
+         "^A1: odometry is .*1e.09"),
         (lambda g: replace(g, pose_number=np.zeros(g.n_poses)), "^A0: two variables of this name"),
         (lambda g: replace(g, pose_vehicle=g.pose_vehicle + 3), "^pose: refers to vehicle 3"),
-        (edges(lambda e: replace(e, variables=e.variables + np.int32([0, 10**6]))), "^odometry: refers to variable"),
-        (edges(lambda e: replace(e, variables=e.variables - np.int32([10**6, 0]))), "^odometry: refers to variable -"),
+        (edges(lambda e: replace(e, variables=e.variables + np.int32([0, 10**6]))),
+         "^odometry: refers to variable"),
+        (edges(lambda e: replace(e, variables=e.variables - np.int32([10**6, 0]))),
+         "^odometry: refers to variable -"),
     ],
 )  # fmt: skip
 def test_numbers_that_gtsam_would_misread_are_refused(whole, change, message):
@@ -191,10 +197,12 @@ def test_numbers_that_gtsam_would_misread_are_refused(whole, change, message):
         ({"position": np.full((90, 3), 1e300)}, "^A0: position is .1e.300"),
         ({"quaternion": np.zeros((90, 4))}, "^A0: quaternion is .0, 0, 0, 0.*length 1"),
         ({"landmark_position": np.full((1, 3), np.inf)}, "^L0: position is .inf"),
-        ({"landmark_position": np.zeros((2, 3))}, ("^values for 90 poses and 2 landmarks; the graph"
-                                                  " has 90 and 1")),
+        (
+            {"landmark_position": np.zeros((2, 3))},
+            "^values for 90 poses and 2 landmarks; the graph has 90 and 1",
+        ),
     ],
-)  # fmt: skip
+)
 def test_values_that_cannot_be_a_start_are_refused(whole, change, message):
     _, graph, values = whole
     for check in (check_values, GraphSolver().solve):
@@ -398,11 +406,12 @@ def test_a_new_kind_is_solved_by_its_columns_and_ends(make_fleet, monkeypatch):
 
 
 @pytest.mark.parametrize(("kind", "message"), [
-    (replace(KINDS["sighting"], what="baseline", ends=("landmark", "landmark")), "^baseline: no residual for position of landmark and landmark;"),
-    (replace(KINDS["range"], what="altitude", ends=("pose",)), ("^altitude: no residual for"
-                                                               " distance of pose;")),
-    (replace(KINDS["range"], what="second range"), ("^kinds that measure distances: new, range;"
-                                                   " allowed: range alone")),
+    (replace(KINDS["sighting"], what="baseline", ends=("landmark", "landmark")),
+     "^baseline: no residual for position of landmark and landmark;"),
+    (replace(KINDS["range"], what="altitude", ends=("pose",)),
+     "^altitude: no residual for distance of pose;"),
+    (replace(KINDS["range"], what="second range"),
+     "^kinds that measure distances: new, range; allowed: range alone"),
 ])  # fmt: skip
 def test_a_kind_that_no_residual_fits_is_refused(whole, monkeypatch, kind, message):
     _, graph, truth = whole

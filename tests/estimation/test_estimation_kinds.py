@@ -210,8 +210,8 @@ def test_a_data_set_with_a_kind_of_another_version_is_refused(graph, fleet, monk
                      " pose")),
     ({"axes": ()}, "kind new: lines of .* cannot hold z of pose"),
     ({"word": "EDGE_DEPTH"}, "kind new: lines of EDGE_DEPTH"),
-    ({"word": None, "plural": "depth priors"}, ("kinds depth and new have the same name depth"
-                                               " priors")),
+    ({"word": None, "plural": "depth priors"},
+     "kinds depth and new have the same name depth priors"),
     ({"word": None, "what": "depth"}, "kinds depth and new have the same name depth"),
 ])  # fmt: skip
 def test_kinds_that_a_file_cannot_tell_apart_are_refused(

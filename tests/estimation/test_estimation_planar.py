@@ -243,7 +243,7 @@ EDGE_SE3_TRACKXYZ 0 2 0 2.1 0.9 0.1 25 1 0 36 0 49
 EDGE_SE3_TRACKXYZ 1 2 0 1.2 0.8 -0.3 25 1 0 36 0 49
 EDGE_SE3_TRACKXYZ 0 3 0 1.1 -0.9 1 25 1 0 36 0 49
 EDGE_SE3_TRACKXYZ 1 3 0 0.1 -1 1 25 1 0 36 0 49
-"""
+"""  # noqa: E501  lines of a file
 
 
 def test_sightings_cost_what_they_should_wherever_poses_are(tmp_path):

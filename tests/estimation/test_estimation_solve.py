@@ -202,8 +202,13 @@ def test_very_precise_depths_hold_rolled_vehicles(fleet, sigma):
 
 
 GOOD = SolveProgress(
-    iterations=4, initial_cost=900.0, final_cost=100.0, gradient_norm=1e-3, newton_decrement=1e-9, last_step=1e-6
-)  # fmt: skip
+    iterations=4,
+    initial_cost=900.0,
+    final_cost=100.0,
+    gradient_norm=1e-3,
+    newton_decrement=1e-9,
+    last_step=1e-6,
+)
 
 
 @pytest.mark.parametrize(("change", "status"), [

@@ -70,10 +70,16 @@ def make_case(seed=0, *, n_realizations=40, believed=(1.0, 1.0), common=3.0, shi
     block = np.einsum("creaiaj->creaij", believed_joint)
     pose[..., 3:, 3:] = to_body @ block @ np.swapaxes(to_body, -1, -2)
     covariances = PoseCovariances(
-        condition=estimates.condition, realization=estimates.realization, name=truth.name, sample=SAMPLES,
-        time=truth.time[SAMPLES], position_covariance=believed_joint, pose_covariance=pose,
-        range_nis=rng.chisquare(12, size), range_dimension=np.full(size, 12),
-    )  # fmt: skip
+        condition=estimates.condition,
+        realization=estimates.realization,
+        name=truth.name,
+        sample=SAMPLES,
+        time=truth.time[SAMPLES],
+        position_covariance=believed_joint,
+        pose_covariance=pose,
+        range_nis=rng.chisquare(12, size),
+        range_dimension=np.full(size, 12),
+    )
     return truth, estimates, covariances
 
 

@@ -113,14 +113,18 @@ def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
     xr.Dataset(
         {
             "LATITUDE": (dim, np.where(np.arange(5) == 1, np.nan, lat),
-                         {"standard_name": "latitude", "units": "degrees_north", "ancillary_variables": "LATITUDE_QC"}),
+                         {"standard_name": "latitude", "units": "degrees_north",
+                          "ancillary_variables": "LATITUDE_QC"}),
             "LATITUDE_QC": (dim, np.ones(5, dtype="i1"), {"standard_name": "latitude status_flag"}),
             "LONGITUDE": (dim, lon, {"standard_name": "longitude", "units": "degrees_east"}),
-            "LATITUDE_GPS": ("N_FIXES", [0.0], {"standard_name": "latitude", "units": "degrees_north"}),
-            "LONGITUDE_GPS": ("N_FIXES", [0.0], {"standard_name": "longitude", "units": "degrees_east"}),
+            "LATITUDE_GPS": ("N_FIXES", [0.0],
+                             {"standard_name": "latitude", "units": "degrees_north"}),
+            "LONGITUDE_GPS": ("N_FIXES", [0.0],
+                              {"standard_name": "longitude", "units": "degrees_east"}),
             "TIME_GPS": ("N_FIXES", [0.0], {"standard_name": "time", "units": "seconds since"
                                                                               " 1970-01-01"}),
-            "TIME": (dim, EPOCH + (TIME * 1e9).astype("timedelta64[ns]"), {"standard_name": "time"}),
+            "TIME": (dim, EPOCH + (TIME * 1e9).astype("timedelta64[ns]"),
+                     {"standard_name": "time"}),
             "PRES": (dim, pressure, {"standard_name": "sea_water_pressure", "units": "dbar",
                                      "ancillary_variables": "PRES_QC"}),
             "PRES_QC": (dim, flags, {"standard_name": "sea_water_pressure status_flag"}),
@@ -128,7 +132,8 @@ def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
         },
         attrs={"featureType": "trajectory", "Conventions": "CF-1.10,ACDD-1.3,OG-1.0"},
     ).to_netcdf(tmp_path / "og1.nc", encoding={"TIME": {"units": "seconds since"
-                                                                 " 1970-01-01T00:00:00Z", "dtype": "f8"}})  # fmt: skip
+                                                                 " 1970-01-01T00:00:00Z",
+                                                                 "dtype": "f8"}})  # fmt: skip
     tracks = read_trajectories(tmp_path / "og1.nc")
     (own,) = tracks.poses
     assert own.name == "sea007_20210304"
@@ -156,11 +161,12 @@ def test_an_imos_file_days_since_1950_and_quality_control(tmp_path):
             "LONGITUDE": ("TIME", lon, {"standard_name": "longitude", "units": "degrees_east"}),
             "DEPTH": ("TIME", depth, {"standard_name": "depth", "units": "m", "positive": "down"}),
             "DEPTH_quality_control": flag,
-            "PRES": ("TIME", depth * 1.01, {"standard_name": "sea_water_pressure", "units": "dbar"}),
+            "PRES": ("TIME", depth * 1.01,
+                     {"standard_name": "sea_water_pressure", "units": "dbar"}),
             "PLATFORM": ((), 1, {"trans_system_id": "Irridium"}),
         },
-        coords={"TIME": ("TIME", days, {"standard_name": "time", "units": "days since"
-                                                                          " 1950-01-01T00:00:00Z"})},
+        coords={"TIME": ("TIME", days, {"standard_name": "time", 
+                                  "units": "days since 1950-01-01T00:00:00Z"})},
         attrs={"featureType": "trajectory", "Conventions": "CF-1.6,IMOS-1.4"},
     ).to_netcdf(tmp_path / "IMOS_ANFOG_SG154.nc")  # fmt: skip
     tracks = read_trajectories(tmp_path / "IMOS_ANFOG_SG154.nc")
@@ -187,15 +193,16 @@ def test_an_argo_trajectory_has_surface_fixes_and_pressures_between(tmp_path):
         {
             "PLATFORM_NUMBER": ("one", np.array([b"6901234 "]), {}, {"char_dim_name": "STRING8"}),
             "JULD": ("N_MEASUREMENT", juld, {
-                "standard_name": "time", "units": "days since 1950-01-01 00:00:00"
-                                                  " UTC", "_FillValue": 999999.0}),
+                "standard_name": "time", "units": "days since 1950-01-01 00:00:00 UTC",
+                "_FillValue": 999999.0}),
             "LATITUDE": ("N_MEASUREMENT", lat, {
                 "standard_name": "latitude", "units": "degree_north", "_FillValue": 99999.0}),
             "LONGITUDE": ("N_MEASUREMENT", np.where(lat < 90, -20.0, lat), {
                 "standard_name": "longitude", "units": "degree_east", "_FillValue": 99999.0}),
             "POSITION_QC": ("N_MEASUREMENT", np.array(list("1    1"), dtype="S1")),
             "PRES": ("N_MEASUREMENT", pres, {
-                "standard_name": "sea_water_pressure", "units": "decibar", "_FillValue": np.float32(99999.0)}),
+                "standard_name": "sea_water_pressure", "units": "decibar",
+                "_FillValue": np.float32(99999.0)}),
             "PRES_QC": ("N_MEASUREMENT", np.array(list("114111"), dtype="S1")),
         }
     ).to_netcdf(tmp_path / "6901234_Rtraj.nc")  # fmt: skip
@@ -284,8 +291,9 @@ def nowhere():
 
 
 BAD = {
-    "no variable with standard_name time; a trajectory"
-    " needs": lambda: contiguous().drop_vars("time"),
+    "no variable with standard_name time; a trajectory needs": (
+        lambda: contiguous().drop_vars("time")
+    ),
     "rowSize declares 9 rows, but obs has 8": lambda: contiguous().assign(
         rowSize=("trajectory", [5, 4], {"sample_dimension": "obs"})),
     "time, latitude and longitude have no common dimension": lambda: contiguous().assign(

@@ -209,13 +209,16 @@ def test_east_north_up_and_back_is_where_one_was():
 IMPOSSIBLE = {
     "A: 1 pose; a trajectory needs at least two": lambda: [poses(time=TIME[:1], place=PLACE[:1])],
     "two vehicles have the name A; rename one": lambda: [poses(), poses()],
-    "pose 2 has a position that is not"
-    " finite": lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))],
+    "pose 2 has a position that is not finite": (
+        lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))]
+    ),
     "latitude is 95; it must be -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
-    "depth -5.1 m is above the surface; .*change the"
-    " sign": lambda: [poses(place=PLACE - [0, 0, 8.1])],
-    "the quaternion of pose 0 has length 0; it must be"
-    " 1": lambda: [poses(quaternion=np.zeros((5, 4)))],
+    "depth -5.1 m is above the surface; .*change the sign": (
+        lambda: [poses(place=PLACE - [0, 0, 8.1])]
+    ),
+    "the quaternion of pose 0 has length 0; it must be 1": (
+        lambda: [poses(quaternion=np.zeros((5, 4)))]
+    ),
     "A has latitude and longitude, but B of mission.csv does not": lambda: [
         poses(geodetic=True), poses("B")],
     "A has dates, but B of mission.csv does not": lambda: [

@@ -223,8 +223,10 @@ def check_dark(page):
         page.emulate_media(color_scheme=scheme)
         page.wait_for_function(
             """() => {
-              const own = getComputedStyle(document.body), { paper_bgcolor, font } = document.getElementById("chart").layout;
-              const rgb = (hex) => `rgb(${[1, 3, 5].map((i) => parseInt(hex.slice(i, i + 2), 16)).join(", ")})`;
+              const own = getComputedStyle(document.body);
+              const { paper_bgcolor, font } = document.getElementById("chart").layout;
+              const part = (hex, i) => parseInt(hex.slice(i, i + 2), 16);
+              const rgb = (hex) => `rgb(${[1, 3, 5].map((i) => part(hex, i)).join(", ")})`;
               return rgb(paper_bgcolor) === own.backgroundColor && rgb(font.color) === own.color;
             }"""
         )
@@ -662,9 +664,11 @@ def test_a_click_on_a_range_error_chooses_its_link(opened):
     spot = page.evaluate(
         """() => {
           const plot = document.getElementById("by-distance"), box = plot.getBoundingClientRect();
-          const trace = plot.data.find((t) => t.x.length), { xaxis, yaxis, _size } = plot._fullLayout;
+          const trace = plot.data.find((t) => t.x.length);
+          const { xaxis, yaxis, _size } = plot._fullLayout;
           const last = trace.x.length - 1;
-          return [box.x + _size.l + xaxis.d2p(trace.x[last]), box.y + _size.t + yaxis.d2p(trace.y[last]), trace.text[last]];
+          return [box.x + _size.l + xaxis.d2p(trace.x[last]),
+              box.y + _size.t + yaxis.d2p(trace.y[last]), trace.text[last]];
         }"""
     )
     page.mouse.move(spot[0], spot[1])

@@ -48,8 +48,14 @@ def medium_of(kind):
     c = C + 5e-4 * (axis[:, None, None] - axis[:, None]) + [0.0, 4.0]
     draft = 20.0 + 8.0 * np.sin(axis[:, None] / 900.0) * np.cos(axis / 1100.0)
     return Medium.from_grid(
-        axis, axis, [0.0, 2e3], c, bathymetry=np.full((19, 19), 900.0), ice_draft=draft, interpolation=interpolation
-    )  # fmt: skip
+        axis,
+        axis,
+        [0.0, 2e3],
+        c,
+        bathymetry=np.full((19, 19), 900.0),
+        ice_draft=draft,
+        interpolation=interpolation,
+    )
 
 
 class Case(NamedTuple):

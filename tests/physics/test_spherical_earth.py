@@ -207,9 +207,11 @@ def test_replays_far_from_the_centre_of_the_frame_have_a_note():
 
 def test_study_with_a_sphere_measures_ranges_through_the_earth():
     missions = {
-        earth: simulate_mission(load_study("quick").with_(**{"acoustics.earth": earth}), Stopwatch(), lambda *_: None)
+        earth: simulate_mission(
+            load_study("quick").with_(**{"acoustics.earth": earth}), Stopwatch(), lambda *_: None
+        )
         for earth in ("flat", "sphere")
-    }  # fmt: skip
+    }
     flat, sphere = (missions[earth].ranging_truth for earth in ("flat", "sphere"))
     shorter = flat.distance - sphere.distance
     assert np.nanmax(shorter) == pytest.approx(

@@ -15,7 +15,8 @@ from pymantaray.records.result_table import ResultTable, heading
 
 @pytest.mark.parametrize(
     ("value", "shown"),
-    [(4620, "4,620"), (-4.9213, "−4.921"), (np.nan, "–"), (None, "–"), (0.0, "0"), (831875.0, "831,875"),
+    [(4620, "4,620"), (-4.9213, "−4.921"), (np.nan, "–"), (None, "–"), (0.0, "0"),
+     (831875.0, "831,875"),
      (6.0e-5, "6.000e−05"), (True, "yes"), ("A", "A"), (np.int64(-3), "−3")],
 )  # fmt: skip
 def test_a_single_number_has_four_digits(value, shown):
@@ -95,7 +96,8 @@ def test_columns_in_one_unit_have_equal_decimals_except_whole_numbers():
 
 
 def test_headings_have_units_in_brackets():
-    assert [heading(c) for c in ("mean_m", "p95_m", "start_h", "percent", "final_cost", "speed_m_s")] == [
+    assert [heading(c) for c in ("mean_m", "p95_m", "start_h", "percent", "final_cost",
+                                 "speed_m_s")] == [
         "mean [m]", "95 % [m]", "start [h]", "share [%]", "final cost", "speed [m/s]",
     ]  # fmt: skip
 

@@ -139,7 +139,8 @@ from pymantaray.errors import WriteError
 from pymantaray.records import write_netcdf
 for name in "ab":
     try:
-        write_netcdf(xr.Dataset({"noise": ("x", np.random.default_rng(0).standard_normal(100_000))}), f"{sys.argv[1]}/{name}")
+        noise = np.random.default_rng(0).standard_normal(100_000)
+        write_netcdf(xr.Dataset({"noise": ("x", noise)}), f"{sys.argv[1]}/{name}")
     except WriteError as error:
         print(error)
 """

@@ -44,8 +44,9 @@ def test_rounding_of_the_times_loses_no_epoch(period):
 IMPOSSIBLE = {
     "interval is 300 s: the ping at 300 s is not at a sample time; samples are every 200 s: ping"
     " at": lambda: ping(300.0),
-    "interval is 1e.06 s, the mission lasts 604800 s; .*: ping earlier or"
-    " lengthen": lambda: ping(1e6),
+    "interval is 1e.06 s, the mission lasts 604800 s; .*: ping earlier or lengthen": (
+        lambda: ping(1e6)
+    ),
     "interval is 0 s; it must be finite and positive": lambda: ping(0.0),
     "interval is nan s": lambda: ping(np.nan),
     "no vehicle or landmark is called 'C'; allowed: A, B, L": lambda: pings("C"),

@@ -82,7 +82,8 @@ def test_solve_writes_trajectories_and_a_summary(mantaray, told, graph, file, tm
     assert done.out.splitlines()[-1] == str(out)
     assert "RMSE" in done.out
     assert sorted(p.name for p in out.iterdir()) == [
-        "estimate-A.tum", "estimate-B.tum", "estimate.nc", "graph.nc", "start-A.tum", "start-B.tum", "start.nc",
+        "estimate-A.tum", "estimate-B.tum", "estimate.nc", "graph.nc", "start-A.tum", "start-B.tum",
+        "start.nc",
         "summary.json", "truth-A.tum", "truth-B.tum", "truth.nc",
     ]  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
@@ -187,8 +188,8 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     (("VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1"
      f" {NOISE}\n"), "", "B0: priors, odometry and ranges do not"),
     ("A0 A1 10.1 0 0 0 0 0 1 0.01", "A0 A1 10.1 0 0 0 0 0 1 0", "A1: odometry variance is"),
-    (("VERTEX_SE3:QUAT 0"
-     " B0"), "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2 in a graph in three dimensions"),
+    ("VERTEX_SE3:QUAT 0 B0",
+     "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2 in a graph in three dimensions"),
 ], ids=["no prior", "no variance", "two dimensions"])  # fmt: skip
 def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new, said):
     assert old in file.read_text()

@@ -301,7 +301,10 @@ def test_one_way_times_and_pings_between_nodes_give_clocks_and_graph(mantaray, t
             f"{time},N{k + 1},,{'from' if away else 'to'} node,{measured:.7f},{where},0.00005"
         )
     (tmp_path / "pings.csv").write_text("\n".join(rows) + "\n")
-    head = "name,north_m,east_m,depth_m,sigma_horizontal_m,sigma_depth_m,sigma_clock_offset_s,sigma_clock_drift"
+    head = (
+        "name,north_m,east_m,depth_m,sigma_horizontal_m,sigma_depth_m,sigma_clock_offset_s,"
+        "sigma_clock_drift"
+    )
     lines = [
         f"N{k + 1},{p[0] + 8:g},{p[1] - 9:g},{p[2] + 5:g},20,20,0.01,1e-7"
         for k, p in enumerate(truth)

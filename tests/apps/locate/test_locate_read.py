@@ -223,9 +223,8 @@ def test_swapped_coordinates_of_nodes_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("bad", [
-    ("6306 msec. Lat: 4"
-    " 52.9"), ("6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC):"
-             " 2018:400:06:04:30"),
+    "6306 msec. Lat: 4 52.9",
+    "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:400:06:04:30",
     "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 0000:114:06:04:30",
     "6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29.42 Time(UTC): 2018:114:26:04:30",
 ])  # fmt: skip
@@ -257,8 +256,8 @@ def test_unreadable_lines_of_woods_hole_are_left_out(tmp_path):
 
 
 @pytest.mark.parametrize("bad", [
-    "26-JUN-23 00:00:07.00 1", ("45-JUN-23 00:00:07.00 1 2"
-          " 3"), "26-SOL-23 00:00:07.00 1 2 3", "26-JUN-23 25:00:07.00 1 2 3",
+    "26-JUN-23 00:00:07.00 1", "45-JUN-23 00:00:07.00 1 2 3",
+    "26-SOL-23 00:00:07.00 1 2 3", "26-JUN-23 25:00:07.00 1 2 3",
     "2018-13-45 00:00:07.00 1 2 3",
 ])  # fmt: skip
 def test_unreadable_lines_of_gnatss_are_listed_and_left_out(campaign, tmp_path, bad):

@@ -658,8 +658,14 @@ def flat(depth=300.0, *, lift=0.0, bottom=400.0, draft=0.0, prior=290.0):
     place = np.column_stack([200.0 * np.cos(angle), 200.0 * np.sin(angle), np.full(60, 2.0)])
     time = 2.0 * np.linalg.norm(place - [0.0, 0.0, depth], axis=1) / 1500.0
     stated = place - [0.0, 0.0, lift]
-    survey = Survey(nodes=(Node("T", (0.0, 0.0, prior)),), node=np.zeros(60, int), time=10.0 * np.arange(60.0), travel_time=time,
-                    transmit_position=stated, receive_position=stated)  # fmt: skip
+    survey = Survey(
+        nodes=(Node("T", (0.0, 0.0, prior)),),
+        node=np.zeros(60, int),
+        time=10.0 * np.arange(60.0),
+        travel_time=time,
+        transmit_position=stated,
+        receive_position=stated,
+    )
     return survey, Medium.from_profile(
         [0.0, 600.0], [1500.0, 1500.0], bottom_depth=bottom, ice_draft=draft
     )
@@ -682,14 +688,15 @@ def test_a_transducer_far_above_the_surface_is_refused():
     located = locate(flat(lift=2.5)[0], medium, KNOWN)
     assert located.notes == (
         (
-            "survey: the transducer is up to 0.5 m above the surface in 60 of 60 pings; its rays end"
-            " there"
+            "survey: the transducer is up to 0.5 m above the surface in 60 of 60 pings; its rays"
+            " end there"
         ),
     )
     lever = LeverArm((0.0, 0.0, -5.0))
-    refused(LocateError, "up to 3.0 m above the surface .* lever arm the wrong"
-                         " sign", locate, survey.assign(lever=lever,
-            transmit_position=flat()[0].transmit_position, receive_position=flat()[0].receive_position), medium)  # fmt: skip
+    refused(LocateError, "up to 3.0 m above the surface .* lever arm the wrong sign",
+            locate, survey.assign(lever=lever,
+            transmit_position=flat()[0].transmit_position,
+            receive_position=flat()[0].receive_position), medium)  # fmt: skip
 
 
 def test_a_node_below_the_bed_or_above_the_surface_is_refused():
@@ -714,7 +721,7 @@ def test_a_transducer_in_a_hole_of_the_ice_is_noted():
     located = locate(survey, medium, KNOWN)
     assert located.notes == (
         (
-            "survey: the transducer is up to 1.0 m above the underside of the ice in 60 of 60 pings;"
-            " its rays end there"
+            "survey: the transducer is up to 1.0 m above the underside of the ice in 60 of 60"
+            " pings; its rays end there"
         ),
     )

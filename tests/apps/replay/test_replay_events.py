@@ -16,7 +16,10 @@ from pymantaray.geometry import LocalFrame
 from pymantaray.sensing import Detector, ReceptionOptions
 from pymantaray.water import Water
 
-HEAD = "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,receiver_depth,travel_time"
+HEAD = (
+    "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,"
+    "receiver_depth,travel_time"
+)
 ROW = "2020-03-10T12:00:00Z,A,B,72,-145,30,72.02,-145.1,150,1.6"
 WATER = Medium.from_profile(
     [0.0, 3000.0], [1450.0, 1450.0], bottom_depth=3000.0, interpolation="linear"

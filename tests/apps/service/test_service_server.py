@@ -213,22 +213,32 @@ BAD = {
     json.dumps(GOOD | {"time": float("nan")}): "time: found nan; allowed: .*finite number",
     json.dumps(GOOD).replace("900.0", "1e999"): r"receivers\[0\].north: found inf",
     json.dumps(GOOD | {"receivers": HERE}): "receivers: found .*; allowed: a list",
-    json.dumps(GOOD | {"receivers": [HERE] * 10_001}): "receivers: found .*; allowed: .*10000 or"
-                                                       " less",
-    json.dumps(GOOD | {"receivers": [{"north": 1.0, "east": 2.0}]}): r"receivers\[0\].depth:"
-                                                                     r" missing",
-    json.dumps(GOOD | {"receivers": [{"north": 1.0, "depth": 2.0}]}): r"receivers\[0\]: give"
-                                                                      r" either north and east or",
-    json.dumps(GOOD | {"receivers": [HERE | {"lat": 1.0, "lon": 1.0}]}): r"receivers\[0\]: give"
-                                                                         r" either",
-    json.dumps(GOOD | {"receivers": [{"lat": 95.0, "lon": 0.0, "depth": 5.0}]}): "lat: found 95.0; allowed: 90 or less",
-    json.dumps(GOOD | {"receivers": [{"lat": 9.0, "lon": 0.0, "depth": 5.0}]}): "some positions have north and east",
+    json.dumps(
+        GOOD | {"receivers": [HERE] * 10_001}
+    ): "receivers: found .*; allowed: .*10000 or less",
+    json.dumps(
+        GOOD | {"receivers": [{"north": 1.0, "east": 2.0}]}
+    ): r"receivers\[0\].depth: missing",
+    json.dumps(
+        GOOD | {"receivers": [{"north": 1.0, "depth": 2.0}]}
+    ): r"receivers\[0\]: give either north and east or",
+    json.dumps(
+        GOOD | {"receivers": [HERE | {"lat": 1.0, "lon": 1.0}]}
+    ): r"receivers\[0\]: give either",
+    json.dumps(
+        GOOD | {"receivers": [{"lat": 95.0, "lon": 0.0, "depth": 5.0}]}
+    ): "lat: found 95.0; allowed: 90 or less",
+    json.dumps(
+        GOOD | {"receivers": [{"lat": 9.0, "lon": 0.0, "depth": 5.0}]}
+    ): "some positions have north and east",
     json.dumps(GOOD | {"source": HERE | {"velocity": [1.0]}}): "source.velocity",
     json.dumps(GOOD | {"source": HERE | {"velocity": [1.0, 0.0, 0.0]}}): "velocity: one-way timing",
     json.dumps(GOOD | {"receiver": []}): "`receiver`: unknown key. Did you mean `receivers`?",
     json.dumps(GOOD | {"arrivals": "yes"}): "arrivals: found 'yes'; allowed: true or false",
-    json.dumps({"time": 0.0, "source": {"lat": 1.0, "lon": 1.0, "depth": 5.0}, "receivers": []}): "this water has no",
-}  # fmt: skip
+    json.dumps(
+        {"time": 0.0, "source": {"lat": 1.0, "lon": 1.0, "depth": 5.0}, "receivers": []}
+    ): "this water has no",
+}
 
 
 @pytest.mark.parametrize(("body", "line"), BAD.items(), ids=range(len(BAD)))

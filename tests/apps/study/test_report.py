@@ -32,12 +32,15 @@ from pymantaray.evaluation import comparison_table, dropout_table, error_table, 
 from pymantaray.jobs.folder import staged_parts
 
 FIGURES = {
-    "ape_pooled", "consistency", "dropouts", "error_by_vehicle", "error_over_time", "factor_graph", "fleet_layout", "range_error",
+    "ape_pooled", "consistency", "dropouts", "error_by_vehicle", "error_over_time", "factor_graph",
+    "fleet_layout", "range_error",
     "range_error_split", "ray_picture", "sound_speed", "pipeline",
 }  # fmt: skip
 TABLES = {
-    "ate_difference", "ate_per_vehicle", "ate_per_realization", "ate_pooled", "bound", "consistency", "consistency_per_vehicle",
-    "consistency_per_epoch", "costs", "coverage", "dropouts", "influence", "ping_error", "range_error", "range_error_split", "region", "solves",
+    "ate_difference", "ate_per_vehicle", "ate_per_realization", "ate_pooled", "bound",
+    "consistency", "consistency_per_vehicle",
+    "consistency_per_epoch", "costs", "coverage", "dropouts", "influence", "ping_error",
+    "range_error", "range_error_split", "region", "solves",
     "noise", "timing",
 }  # fmt: skip
 LATER = ("covariances.nc", "estimates.nc", "manifest.json")  # written when realizations are solved
@@ -421,6 +424,6 @@ def test_headings_of_keys_have_the_units_of_their_descriptions():
         "sweep.no_such_key",
     )
     assert [key_heading(key) for key in keys] == [
-        "noise.range_sigma [m]", ("mission.ping_interval_h"
-                " [h]"), "ocean.source", "fleet.vehicles.A.depth", "sweep.no_such_key",
+        "noise.range_sigma [m]", "mission.ping_interval_h [h]",
+        "ocean.source", "fleet.vehicles.A.depth", "sweep.no_such_key",
     ]  # fmt: skip

@@ -343,10 +343,10 @@ def check_refusal(done, expected, left=("small.toml",)):
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
-    ("[noise]\n", ("[noise]\nrange_sigm ="
-                  " 2.0\n"), "`noise.range_sigm`: unknown key. Did you mean `noise.range_sigma`?"),
-    (("target_depth ="
-     " 250.0"), "target_depth = 6000.0", "'G': target_depth is 6000 m deep, below the sea floor"),
+    ("[noise]\n", "[noise]\nrange_sigm = 2.0\n",
+     "`noise.range_sigm`: unknown key. Did you mean `noise.range_sigma`?"),
+    ("target_depth = 250.0",
+     "target_depth = 6000.0", "'G': target_depth is 6000 m deep, below the sea floor"),
     ("half_extent_north = 15000.0", "half_extent_north = 9e6", "does not fit into the data"),
 ])  # fmt: skip
 def test_bad_configuration_is_one_line_and_leaves_nothing(mantaray, small, old, new, said):
@@ -369,15 +369,20 @@ def test_full_output_folder_is_refused_untouched(mantaray, small):
     )
 
 
-@pytest.mark.parametrize(("words", "expected"), [
-    (("run", "quick", "--realizations", "0"), ("quick: study.realizations: found 0; allowed: 1 or"
-                                              " more")),
-    (("run", "fast"), f"no preset 'fast'; allowed: {PRESETS}"),
-    (("run", "no.toml"), "no.toml: no such file"),
-    (("show", "fast"), "no preset 'fast'"),
-    (("run", "."), ".: not a preset, and not a study file, whose name ends in .toml"),
-    (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (
+            ("run", "quick", "--realizations", "0"),
+            "quick: study.realizations: found 0; allowed: 1 or more",
+        ),
+        (("run", "fast"), f"no preset 'fast'; allowed: {PRESETS}"),
+        (("run", "no.toml"), "no.toml: no such file"),
+        (("show", "fast"), "no preset 'fast'"),
+        (("run", "."), ".: not a preset, and not a study file, whose name ends in .toml"),
+        (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
+    ],
+)
 def test_known_errors_are_one_line(mantaray, small, words, expected):
     check_refusal(mantaray("study", *words), expected)
 

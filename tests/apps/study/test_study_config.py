@@ -30,7 +30,8 @@ from pymantaray.fleet import FloatCycle
 from pymantaray.sensing import PingSchedule
 
 PAPER_TARGETS = {
-    "G": 250, "B": 500, "D": 750, "I": 1000, "K": 1250, "F": 1500, "J": 1750, "C": 2000, "E": 2250, "H": 2500,
+    "G": 250, "B": 500, "D": 750, "I": 1000, "K": 1250, "F": 1500, "J": 1750, "C": 2000, "E": 2250,
+    "H": 2500,
 }  # fmt: skip
 
 
@@ -136,14 +137,14 @@ REFUSED = [
     ("mission.duration_h", "7 days", f"mission.duration_h: found '7 days'; {DURATION}"),
     ("mission.duration_h", "-1 h", "mission.duration_h: found -1.0; allowed: greater than 0"),
     ("mission.duration_h", "0 min", "mission.duration_h: found 0.0; allowed: greater than 0"),
-    ("ranging.turn_around_s", "", ("ranging.turn_around_s: found ''; allowed: a number of seconds,"
-                                  " or text")),
+    ("ranging.turn_around_s", "",
+     "ranging.turn_around_s: found ''; allowed: a number of seconds, or text"),
     ("mission.duration_h", "9" * 400 + " d", "mission.duration_h: found inf; allowed"),
     ("study.realizations", 0, "study.realizations: found 0; allowed: 1 or more"),
     ("study.realizations", 2.5, "study.realizations: found 2.5"),
     ("noise.range_sigma", "1 s", "noise.range_sigma: found '1 s'; allowed: a number"),
-    ("conditions", ["curved", "curved"], ("names of conditions must differ; found curved more than"
-                                         " once")),
+    ("conditions", ["curved", "curved"],
+     "names of conditions must differ; found curved more than once"),
     ("conditions", "straight", "conditions: found 'straight'; allowed: a list"),
 
     ("study.name", "a/b", ("study.name: found 'a/b'; allowed: letters, digits and ._- after a"
@@ -162,53 +163,55 @@ REFUSED = [
     ("noise.range_sigma", 0.0, "noise.range_sigma: found 0.0; allowed: greater than 0"),
     ("noise.range_sigma", math.inf, "noise.range_sigma: found inf"),
     ("noise.range_sigma", "1", "noise.range_sigma: found '1'"),
-    ("ocean.source", ["a\0.nc"], (r"ocean.source[0]: found 'a\x00.nc', which is not a valid file"
-                                 r" name")),
-    ("ocean.source", ["synthetic:fram", "a.nc"], ("a synthetic ocean cannot be combined with"
-                                                 " others")),
+    ("ocean.source", ["a\0.nc"],
+     r"ocean.source[0]: found 'a\x00.nc', which is not a valid file name"),
+    ("ocean.source", ["synthetic:fram", "a.nc"],
+     "a synthetic ocean cannot be combined with others"),
     ("ocean.centre_lat", None, "centre_lat and centre_lon must be given together"),
     ("ocean.ice", -1.0, "ocean.ice: found -1.0; allowed: 0 or more or text"),
     ("acoustics.spreading_cutoff_db", -1.0, "found -1.0; allowed: greater than 0 or 'none'"),
-    ("ocean.half_extent_north", None, ("half_extent_north and half_extent_east must be given"
-                                      " together")),
+    ("ocean.half_extent_north", None,
+     "half_extent_north and half_extent_east must be given together"),
     ("ranging.turn_around_s", 2.0, "ranging: turn_around_s is 2 s, but timing is one-way"),
     ("ranging.below_strongest_db", 6.0, "ranging: below_strongest_db is 6, but mistaken is none"),
-    ("ranging.mistaken_correlation_s", 60.0, ("ranging: mistaken_correlation_s is 60 s, but"
-                                             " mistaken is none")),
+    ("ranging.mistaken_correlation_s", 60.0,
+     "ranging: mistaken_correlation_s is 60 s, but mistaken is none"),
     ("ranging", DEEP | {"mistaken": "strongest-detected"}, "but mistaken is strongest-detected"),
     ("ranging.mistaken", "first-detected", "is first-detected, but there is no rule of detection"),
-    ("", {"ranging": DEEP, "detection": DETECTION}, ("below_strongest_db and [detection] cannot be"
-                                                    " combined")),
+    ("", {"ranging": DEEP, "detection": DETECTION},
+     "below_strongest_db and [detection] cannot be combined"),
     ("", {"ranging": DEEP, "acoustics": {"arrival": "first"}}, "but acoustics.arrival is first"),
     ("detection", DETECTION | {"scatter_db": 40.0}, "scatter_db is 40, but leakage is false"),
-    ("acoustics.max_bottom_bounces", 16, ("acoustics.max_bottom_bounces: found 16; allowed: 15 or"
-                                         " less")),
+    ("acoustics.max_bottom_bounces", 16,
+     "acoustics.max_bottom_bounces: found 16; allowed: 15 or less"),
     ("detection", {"frequency_hz": 1e4, "bandwidth_hz": 1e3}, ("detection.source_level_db: missing;"
                                                               " add it (level of a ping at 1 m, in"
                                                               " the band [dB re 1 µPa])")),
-    ("mission.schedule", {"slot_s": 5.0}, ("mission.schedule.kind: missing; add it, one of 'slots',"
-                                          " 'pings'")),
+    ("mission.schedule", {"slot_s": 5.0},
+     "mission.schedule.kind: missing; add it, one of 'slots', 'pings'"),
     ("mission.schedule", "slots", "mission.schedule: found 'slots'; allowed: a table"),
     ("ocean.time", "noon", "ocean.time: found 'noon'; allowed: a time as 2014-07-15T12:00:00"),
     ("ocean", 5, "ocean: found 5; allowed: a table"),
     ("ocean.source", "", "ocean.source[0]: found ''; allowed: text of at least one letter"),
-    ("detection", DETECTION | {"bandwidth_hz": 6e4}, ("detection: bandwidth_hz is 60000, but"
-                                                     " frequency_hz")),
-    ("detection", DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0}, "cannot be combined"),
-    ("acoustics", {"surface_loss": "bubbles"}, ("is bubbles, but acoustics.max_surface_bounces is"
-                                               " 0")),
+    ("detection", DETECTION | {"bandwidth_hz": 6e4},
+     "detection: bandwidth_hz is 60000, but frequency_hz"),
+    ("detection", DETECTION | {"shipping": 0.5, "noise_spectral_level_db": 40.0},
+     "cannot be combined"),
+    ("acoustics", {"surface_loss": "bubbles"},
+     "is bubbles, but acoustics.max_surface_bounces is 0"),
     ("acoustics", {"sediment": "sand"}, "is sand, but acoustics.max_bottom_bounces is 0"),
-    ("acoustics", BOUNCE | {"surface_loss": "bubbles"}, ("is bubbles, but without [detection] every"
-                                                        " arrival is detected")),
-    ("ocean", {"internal_tide": {"amplitude": 5.0}, "time_varying": True}, ("internal_tide needs a"
-                                                                           " single snapshot")),
+    ("acoustics", BOUNCE | {"surface_loss": "bubbles"},
+     "is bubbles, but without [detection] every arrival is detected"),
+    ("ocean", {"internal_tide": {"amplitude": 5.0}, "time_varying": True},
+     "internal_tide needs a single snapshot"),
     ("ocean.internal_tide", {"amplitude": -5.0}, "ocean.internal_tide.amplitude: found -5"),
     ("", ICE_BOUNCE, "there is no ice"),
     ("", ICE | {"ocean": {"ice": 2.0}}, "max_surface_bounces is 0"),
     (
         "",
         ICE_BOUNCE
-        | {"ocean": {"ice": 2.0}, "acoustics": ICE_BOUNCE["acoustics"] | {"surface_loss": "bubbles"}},
+        | {"ocean": {"ice": 2.0},
+           "acoustics": ICE_BOUNCE["acoustics"] | {"surface_loss": "bubbles"}},
         "cannot be combined",
     ),
     *((f"{s}.surprise", 1, (f"`{s}.surprise`: unknown key. Allowed:"
@@ -287,8 +290,8 @@ REFUSED_CONDITIONS = [
     (
         {"solver": "fixed-lag"},
         (
-            "conditions[0].solver.lag_h: missing; add it (lag: time after which poses are marginalized"
-            " [h])"
+            "conditions[0].solver.lag_h: missing; add it (lag: time after which poses are"
+            " marginalized [h])"
         ),
     ),
     ({"solver": {"kind": "batch", "lag_h": 8.0}}, "`conditions[0].solver.lag_h`: unknown key"),
@@ -482,8 +485,8 @@ def test_unknown_preset_lists_those_there_are():
     (None, "no such file"),
     (b"\xff", "cannot be read: not UTF-8 text"),
     (b"[study\n", "not valid TOML: Expected"),
-    (b"a = " + b"[" * 3000 + b"]" * 3000, ("not valid TOML: a number is too long, or tables are"
-                                          " nested")),
+    (b"a = " + b"[" * 3000 + b"]" * 3000,
+     "not valid TOML: a number is too long, or tables are nested"),
     (b"a = " + b"9" * 5000, "not valid TOML: a number is too long, or tables are nested"),
     (b".".join([b"a"] * 100) + b" = 1", "`a`: unknown key"),
     (b".".join([b"a"] * 3000) + b" = 1", ""),  # Python 3.14 reads keys of at most 1000 parts

@@ -63,8 +63,11 @@ def test_a_cast_that_is_believed_is_placed_by_lat_and_lon():
 def changed(**of_first):
     tree = geographic()
     tree["fleet"]["vehicles"][0] |= of_first
-    return {**tree, "fleet": {**tree["fleet"], "vehicles": [
-        {k: v for k, v in vehicle.items() if v is not None} for vehicle in tree["fleet"]["vehicles"]]}}  # fmt: skip
+    vehicles = [
+        {key: value for key, value in vehicle.items() if value is not None}
+        for vehicle in tree["fleet"]["vehicles"]
+    ]
+    return {**tree, "fleet": {**tree["fleet"], "vehicles": vehicles}}
 
 
 def no_centre():

@@ -243,7 +243,8 @@ def test_every_schedule_gives_the_travel_time_of_its_time(table):
 def test_simulated_vehicles_may_ping_between_samples(study_run):
     tree = {**TINY, "study": {"name": "slots"}, "conditions": []}
     tree["mission"] = {**TINY["mission"], "duration_h": 1.0,
-                       "schedule": {"kind": "slots", "slots": ["A", "B"], "slot_s": 310.0}}  # fmt: skip
+                       "schedule": {"kind": "slots", "slots": ["A", "B"],
+                                    "slot_s": 310.0}}  # fmt: skip
     from pymantaray.apps.study.manifest import Stopwatch
     from pymantaray.apps.study.mission import simulate_mission
 
@@ -354,35 +355,42 @@ def far_away(table):
 
 IMPOSSIBLE = {
     "far.csv: no pose is in the ocean: poses are 10.* km north, .* the ocean reaches -15.0 to"
-    " 15.0": lambda table: (
-        measure(far_away(table), OCEAN, 600.0)),
+    " 15.0": lambda table: measure(far_away(table), OCEAN, 600.0),
     "SlotSchedule: slots of 10 s from 0 s on: no vehicle or landmark is called 'Z'; allowed: A, B,"
-    " M":
-        lambda table: measure(table, OCEAN, SlotSchedule(("A", "Z"), 10.0)),
-    "PingSchedule: interval is 7200 s, the mission lasts 3600 s; at least one ping":
-        lambda table: measure(table, OCEAN, 7200.0),
+    " M": lambda table: measure(table, OCEAN, SlotSchedule(("A", "Z"), 10.0)),
+    "PingSchedule: interval is 7200 s, the mission lasts 3600 s; at least one ping": lambda table: (
+        measure(table, OCEAN, 7200.0)
+    ),
     "PingList: .* no vehicle or landmark is called 'L'": lambda table: measure(
-        table, OCEAN, PingList((1.0,), ("L",))),
-    "PingList: .*: A listens to"
-    " itself": lambda table: measure(table, OCEAN, PingList((1.0,), ("A",), (("A",),))),
+        table, OCEAN, PingList((1.0,), ("L",))
+    ),
+    "PingList: .*: A listens to itself": lambda table: measure(
+        table, OCEAN, PingList((1.0,), ("A",), (("A",),))
+    ),
     "names of vehicles and landmarks must differ; found A": lambda table: measure(
-        table, OCEAN, 600.0, landmarks=[{"name": "A", "north": 0.0, "east": 0.0, "depth": 1.0}]),
+        table, OCEAN, 600.0, landmarks=[{"name": "A", "north": 0.0, "east": 0.0, "depth": 1.0}]
+    ),
     "ranges: `acoustics.max_bounces`: unknown key": lambda table: measure(
-        table, OCEAN, 600.0, acoustics={"max_bounces": 1}),
+        table, OCEAN, 600.0, acoustics={"max_bounces": 1}
+    ),
     "no-such.csv": lambda _: measure("no-such.csv", OCEAN, 600.0),
-    "no-such.nc": lambda _: run_study(parse_study({**TINY, "fleet": {"trajectories": "no-such.nc"}})),
+    "no-such.nc": lambda _: run_study(
+        parse_study({**TINY, "fleet": {"trajectories": "no-such.nc"}})
+    ),
     "fleet: vehicles or trajectories make a fleet; give ": lambda _: parse_study(
-        {**TINY, "fleet": {}}),
+        {**TINY, "fleet": {}}
+    ),
     "fleet: vehicles or trajectories make a fleet; both are given": lambda _: parse_study(
-        {**TINY, "fleet": {**TINY["fleet"], "trajectories": "m.csv"}}),
+        {**TINY, "fleet": {**TINY["fleet"], "trajectories": "m.csv"}}
+    ),
     "mission.schedule.kind: found 'often'; allowed: 'slots', 'pings'": lambda _: parse_study(
-        {**TINY, "mission": {"schedule": {"kind": "often"}}}),
+        {**TINY, "mission": {"schedule": {"kind": "often"}}}
+    ),
     "no ranges: B is the only vehicle and there is no landmark; add the trajectory of another"
-    " vehicle": lambda table: (
-        measure(pd.read_csv(table).query("vehicle == 'B'"), OCEAN, 600.0)),
+    " vehicle": lambda table: measure(pd.read_csv(table).query("vehicle == 'B'"), OCEAN, 600.0),
     "SlotSchedule: slot is 0 s": lambda _: SlotSchedule(("A",), 0.0),
     "PingList: 1 transmitter of 2 pings": lambda _: PingList((0.0, 1.0), ("A",)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("message", IMPOSSIBLE)
@@ -432,9 +440,15 @@ def elsewhere(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("to", "files"),
-    [("tum", "truth-*.tum"), ("cf", "truth.nc"), ("csv", "trajectories.csv"), ("parquet", "trajectories.parquet"),
-     ("bag", ""), ("mcap", "")],
-)  # fmt: skip
+    [
+        ("tum", "truth-*.tum"),
+        ("cf", "truth.nc"),
+        ("csv", "trajectories.csv"),
+        ("parquet", "trajectories.parquet"),
+        ("bag", ""),
+        ("mcap", ""),
+    ],
+)
 def test_an_exported_run_comes_back_into_the_same_water(elsewhere, tmp_path, to, files):
     if to in ("bag", "mcap"):
         pytest.importorskip("rosbags")

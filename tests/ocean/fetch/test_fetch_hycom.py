@@ -165,11 +165,11 @@ def test_real_files_from_pydap_equal_those_of_the_reader(
     ({"lat": (73.0, 73.0)}, "lat is 73,73; the window is empty"),
     ({"lat": (73.0, 95.0)}, "lat is 73,95; it must be two numbers from -90 to 90"),
     ({"lat": (float("nan"), 1.0)}, "lat is nan,1; it must be"),
-    ({"lon": (-130.0, -150.0)}, ("lon is -130,-150; it spans 340 degrees eastwards; the limit is"
-                                " 180; write west,east")),
+    ({"lon": (-130.0, -150.0)},
+     "lon is -130,-150; it spans 340 degrees eastwards; the limit is 180; write west,east"),
     ({"lat": (-85.0, -82.0)}, "the data, which cover latitude -80 to 90 and longitude"),
-    ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, ("points; the limit is 20,000,000; use a smaller"
-                                                  " window")),
+    ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)},
+     "points; the limit is 20,000,000; use a smaller window"),
     ({"lon": (-150.0, -149.99)}, "axis too short (lon): 2 points; allowed 4 or more"),
     ({"out": "nowhere/ocean.nc"}, "no such folder; create it first"),
     ({"servers": "ftp://example.org"}, "no such file"),
@@ -178,8 +178,8 @@ def test_real_files_from_pydap_equal_those_of_the_reader(
     ({"time": "1980-01-01"}, ("no experiment covers 1980-01-01T00:00; available: expt_53.X"
                              " 1994-01-01")),
     ({"experiment": "mine"}, "unknown experiment 'mine'"),
-    ({"lat": (0.0, 0.4), "lon": (-49.3, -48.9)}, ("lat 0 to 0.4, lon -49.3 to -48.9: ocean: no"
-                                                 " valid value (water_temp)")),
+    ({"lat": (0.0, 0.4), "lon": (-49.3, -48.9)},
+     "lat 0 to 0.4, lon -49.3 to -48.9: ocean: no valid value (water_temp)"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line(refusal, options, line):
     assert line in refusal(**options)
