@@ -40,10 +40,13 @@ local = to_local(ocean)
 regridded = time.perf_counter()
 medium = Medium.from_dataset(local)
 done = time.perf_counter()
-peak, child = (resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
+peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+child = resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss
 print(json.dumps({
-    "imports [s]": imported - begin, "open [s]": opened - imported, "to_local [s]": regridded - opened,
-    "Medium [s]": done - regridded, "all but imports [s]": done - imported, "its CPU time [s]": cpu() - started, "all [s]": done - begin,
+    "imports [s]": imported - begin, "open [s]": opened - imported,
+    "to_local [s]": regridded - opened,
+    "Medium [s]": done - regridded, "all but imports [s]": done - imported,
+    "its CPU time [s]": cpu() - started, "all [s]": done - begin,
     "imports [MB]": before / 1024, "peak [MB]": peak / 1024, "child's peak [MB]": child / 1024,
 }))
 """

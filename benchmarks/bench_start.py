@@ -43,12 +43,14 @@ ray_picture(medium, *ends, fan_angles=[0.1])
 took("paths and sections")
 axes = {"north": [-5e3, 5e3], "east": [-5e3, 5e3], "depth": [0.0, 500.0]}
 still = xr.Dataset(
-    {"current_north": (tuple(axes), np.zeros((2, 2, 2))), "current_east": (tuple(axes), np.zeros((2, 2, 2))),
+    {"current_north": (tuple(axes), np.zeros((2, 2, 2))),
+     "current_east": (tuple(axes), np.zeros((2, 2, 2))),
      "sea_floor_depth": (("north", "east"), np.full((2, 2), 400.0))}, coords=axes)
 moving = still.expand_dims(time=[0.0, 100.0])
 moving["sea_floor_depth"] = still.sea_floor_depth
 for water in (still, moving):
-    ways = FloatCycle(100.0, 60.0), ConstantTwist((0.0,) * 6), Waypoints(((0.0, 0.0, 10.0),), 1.0, 0.5, 10.0)
+    route = Waypoints(((0.0, 0.0, 10.0),), 1.0, 0.5, 10.0)
+    ways = FloatCycle(100.0, 60.0), ConstantTwist((0.0,) * 6), route
     fleet = [Vehicle(f"V{i}", (0.0, 0.0, 5.0), way) for i, way in enumerate(ways)]
     simulate(fleet, water, duration=100.0, physics_step=1.0, sampling_period=50.0)
 took("fleet")

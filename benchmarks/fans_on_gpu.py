@@ -27,7 +27,8 @@ Z, P, T, A, Y, Q, TOP, BED = range(COLUMNS)
 SOURCE = r"""
 struct Rate { double z, p, t, a, y, q; };
 
-__device__ Rate rates(const double* station, const double* depth, int n, int& k, double z, double p, double y,
+__device__ Rate rates(const double* station, const double* depth, int n, int& k,
+                      double z, double p, double y,
                       double q, double c_source, bool& bad) {
   while (k < n - 2 && z >= depth[k + 1]) k++;
   while (k > 0 && z < depth[k]) k--;
@@ -50,9 +51,12 @@ __device__ Rate rates(const double* station, const double* depth, int n, int& k,
 }
 
 // one thread a ray, one row of blocks a link
-extern "C" __global__ void fans(const double* stations, const long long* first_station, const double* depth, int n_depth,
-                                const double* beds, const long long* first_bed, const double* step, const int* steps,
-                                const double* z_source, const double* c_source, const double* first_angle,
+extern "C" __global__ void fans(const double* stations, const long long* first_station,
+                                const double* depth, int n_depth,
+                                const double* beds, const long long* first_bed,
+                                const double* step, const int* steps,
+                                const double* z_source, const double* c_source,
+                                const double* first_angle,
                                 const double* spacing, int n_rays, const double* q0, double* out) {
   int i = blockIdx.x * blockDim.x + threadIdx.x, link = blockIdx.y;
   if (i >= n_rays) return;
@@ -60,7 +64,8 @@ extern "C" __global__ void fans(const double* stations, const long long* first_s
   const double* bed = beds + first_bed[link];
   double* o = out + ((long long)link * n_rays + i) * 8;
   double h = step[link], c0 = c_source[link], z = z_source[link];
-  double p = sin(first_angle[link] + i * spacing[link]), t = 0, a = 0, y = 0, q = q0[(long long)link * n_rays + i];
+  double p = sin(first_angle[link] + i * spacing[link]), t = 0, a = 0, y = 0;
+  double q = q0[(long long)link * n_rays + i];
   double top = z, floor = bed[0] - z;
   long long row = (long long)(n_depth - 1) * 12;
   int k = 0;
@@ -69,9 +74,12 @@ extern "C" __global__ void fans(const double* stations, const long long* first_s
     const double* s = section + 2 * j * row;
     Rate r1 = rates(s, depth, n_depth, k, z, p, y, q, c0, bad);
     double g = 0.5 * h;
-    Rate r2 = rates(s + row, depth, n_depth, k, z + g * r1.z, p + g * r1.p, y + g * r1.y, q + g * r1.q, c0, bad);
-    Rate r3 = rates(s + row, depth, n_depth, k, z + g * r2.z, p + g * r2.p, y + g * r2.y, q + g * r2.q, c0, bad);
-    Rate r4 = rates(s + 2 * row, depth, n_depth, k, z + h * r3.z, p + h * r3.p, y + h * r3.y, q + h * r3.q, c0, bad);
+    Rate r2 = rates(s + row, depth, n_depth, k, z + g * r1.z, p + g * r1.p, y + g * r1.y,
+        q + g * r1.q, c0, bad);
+    Rate r3 = rates(s + row, depth, n_depth, k, z + g * r2.z, p + g * r2.p, y + g * r2.y,
+        q + g * r2.q, c0, bad);
+    Rate r4 = rates(s + 2 * row, depth, n_depth, k, z + h * r3.z, p + h * r3.p, y + h * r3.y,
+        q + h * r3.q, c0, bad);
     double w = h / 6.0;
     z += w * (r1.z + 2.0 * r2.z + 2.0 * r3.z + r4.z);
     p += w * (r1.p + 2.0 * r2.p + 2.0 * r3.p + r4.p);
@@ -83,7 +91,8 @@ extern "C" __global__ void fans(const double* stations, const long long* first_s
     floor = fmin(floor, bed[j + 1] - z);
     if (!(top > -50.0) || floor < -50.0) bad = true;
   }
-  o[0] = bad ? nan("") : z; o[1] = p; o[2] = t; o[3] = a; o[4] = y; o[5] = q; o[6] = top; o[7] = floor;
+  o[0] = bad ? nan("") : z; o[1] = p; o[2] = t; o[3] = a; o[4] = y; o[5] = q; o[6] = top;
+  o[7] = floor;
 }
 """
 KERNEL = cp.RawKernel(SOURCE, "fans", options=("--fmad=true",))

@@ -128,7 +128,8 @@ def parabolic(
         np.array([0.0, 0.0 + ABSORBER * wavelength]), np.zeros(1), *bed, np.array([[0.0], [1.0]]),
         np.array([[0.0, depth[-1]], [link.distance, depth[-1]]]),
         np=PADE_TERMS, dr=link.distance / steps, dz=wavelength / (finer * CELLS_A_WAVELENGTH),
-        rmax=link.distance * (1 + 1e-9), rs=link.distance, ndz=10**4, c0=float(speed.mean()), lyrw=10.0,
+        rmax=link.distance * (1 + 1e-9), rs=link.distance, ndz=10**4, c0=float(speed.mean()),
+        lyrw=10.0,
     )  # fmt: skip
     result = model.run()
     phase = 2.0 * np.pi * frequency / result["c0"] * link.distance + 0.25 * np.pi

@@ -303,11 +303,14 @@ def hostile_zarr(material):
         {"id": "pickle"},
     ]
     places = {
-        2: [lambda c: {"compressor": {"id": c}}, lambda c: {"filters": [{"id": c}]}, lambda c: {"filters": [{"id": "delta", "dtype": "f8"}, {"id": c}]}],
+        2: [lambda c: {"compressor": {"id": c}}, lambda c: {"filters": [{"id": c}]},
+            lambda c: {"filters": [{"id": "delta", "dtype": "f8"}, {"id": c}]}],
         3: [
             lambda c: {"codecs": [{"name": c}]},
             lambda c: {"codecs": [{"name": "bytes"}, {"name": c}]},
-            lambda c: {"codecs": [{"name": "sharding_indexed", "configuration": {"chunk_shape": [1], "codecs": [{"name": c}], "index_codecs": []}}]},
+            lambda c: {"codecs": [{"name": "sharding_indexed",
+                                   "configuration": {"chunk_shape": [1], "codecs": [{"name": c}],
+                                       "index_codecs": []}}]},
         ],
     }  # fmt: skip
     spellings = [
@@ -645,15 +648,16 @@ def connections(material):
             for _ in range(rng.choice([1, 3, 20])):
                 body[rng.randrange(len(body))] = rng.randrange(256)
             text = (
-                b"POST /ping HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Length: %d\r\n\r\n"
-                % len(body)
+                b"POST /ping HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n"
+                b"Content-Length: %d\r\n\r\n" % len(body)
             )
             yield Attempt(
                 f"body {k}", [], call=lambda _, t=text + bytes(body): server.fault(t), codes=(0,)
             )
         for k in range(40):
             head = bytearray(
-                b"POST /ping HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\nContent-Length: 0\r\n\r\n"
+                b"POST /ping HTTP/1.1\r\nHost: localhost\r\nConnection: close\r\n"
+                b"Content-Length: 0\r\n\r\n"
             )
             for _ in range(rng.choice([1, 3, 20])):
                 head[rng.randrange(len(head) - 4)] = rng.randrange(256)

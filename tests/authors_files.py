@@ -54,7 +54,12 @@ def simulation():
         "rng_seed": 3,
         "bellhop_memory_mib": 80,
         "timing": {"end_time_hours": 2.0, "physics_dt": 0.5, "ping_interval_min": 30.0},
-        "acoustics": {"tof_mode": "one_way", "num_beams": 100, "max_beams": 400, "beam_spread_deg": 15},
+        "acoustics": {
+            "tof_mode": "one_way",
+            "num_beams": 100,
+            "max_beams": 400,
+            "beam_spread_deg": 15,
+        },
         "sensors": {
             "gt_freq_hz": 0.01,
             "odom_freq_hz": 0.01,
@@ -64,9 +69,18 @@ def simulation():
             "gps_z_noise_stddev": 0.05,
         },
         "robots": [
-            {"type": "current_drift", "position": [500.0, -700.0, 0.01], "target_depth": 300.0,
-             "hold_seconds": 1200.0, "surface_hold_seconds": 600.0},
-            {"type": "constant_vel", "position": [2000.0, 1000.0, 100.0], "velocity": [-0.3, 0.2, 0.01]},
+            {
+                "type": "current_drift",
+                "position": [500.0, -700.0, 0.01],
+                "target_depth": 300.0,
+                "hold_seconds": 1200.0,
+                "surface_hold_seconds": 600.0,
+            },
+            {
+                "type": "constant_vel",
+                "position": [2000.0, 1000.0, 100.0],
+                "velocity": [-0.3, 0.2, 0.01],
+            },
         ],
         "landmarks": [[-1000.0, 1500.0, 400.0]],
         "pfg": {
@@ -75,7 +89,7 @@ def simulation():
             "pose_prior_cov_diag": [0.01, 0.01, 0.01, 1e-4, 1e-4, 1e-4],
             "landmark_prior_cov_diag": [0.04, 0.04, 0.04],
         },
-    }  # fmt: skip
+    }
 
 
 def write_simulation(folder: Path, tree=None):

@@ -200,7 +200,10 @@ def write_garpos(campaign, folder, *, end="\r\n", lever_sigma=(0.0, 0.0, 0.0)):
     (folder / "obsdata").mkdir(parents=True, exist_ok=True)
     (folder / "initcfg" / "SITE").mkdir(parents=True, exist_ok=True)
     profile_csv(folder / "obsdata", "SITE-svp.csv", "depth,speed")
-    columns = "SET,LN,MT,TT,ResiTT,TakeOff,gamma,flag,ST,ant_e0,ant_n0,ant_u0,head0,pitch0,roll0,RT,ant_e1,ant_n1,ant_u1,head1,pitch1,roll1"
+    columns = (
+        "SET,LN,MT,TT,ResiTT,TakeOff,gamma,flag,ST,ant_e0,ant_n0,ant_u0,head0,pitch0,roll0,"
+        "RT,ant_e1,ant_n1,ant_u1,head1,pitch1,roll1"
+    )
     rows = ["# made for a test", f",{columns}"]
     for i, time in enumerate(campaign.time):
         ends = []
@@ -208,12 +211,14 @@ def write_garpos(campaign, folder, *, end="\r\n", lever_sigma=(0.0, 0.0, 0.0)):
             north, east, down = place[i]
             angles = np.degrees(attitude[i])
             ends.append(
-                f"{east:.5f},{north:.5f},{-down:.5f},{angles[0] % 360.0:.6f},{angles[1]:.6f},{angles[2]:.6f}"
+                f"{east:.5f},{north:.5f},{-down:.5f},"
+                f"{angles[0] % 360.0:.6f},{angles[1]:.6f},{angles[2]:.6f}"
             )
         two_way = campaign.two_way[i]
         name = campaign.names[campaign.node[i]]
         rows.append(
-            f"{i},S01,L01,{name},{two_way - 0.013:.7f},0.0,0.0,0.0,False,{30000.0 + time:.6f},{ends[0]},"
+            f"{i},S01,L01,{name},{two_way - 0.013:.7f},0.0,0.0,0.0,False,"
+            f"{30000.0 + time:.6f},{ends[0]},"
             f"{30000.0 + time + two_way:.6f},{ends[1]}"
         )
         if i % 50 == 49:
@@ -243,7 +248,7 @@ def write_garpos(campaign, folder, *, end="\r\n", lever_sigma=(0.0, 0.0, 0.0)):
  Center_ENU  = 0.0 0.0 -1300.0
 
 [Model-parameter]
-# MT_Pos     :   'stapos_E'  'stapos_N'  'stapos_U'   'sigma_E'   'sigma_N'   'sigma_U'   'cov_NU'    'cov_UE'    'cov_EN'
+# MT_Pos : 'stapos_E' 'stapos_N' 'stapos_U' 'sigma_E' 'sigma_N' 'sigma_U' 'cov_NU' 'cov_UE' 'cov_EN'
 {stations}
  dCentPos    = 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0 0.0
  ATDoffset   = {f} {s} {d} {lever_sigma[0]} {lever_sigma[1]} {lever_sigma[2]} 0.0 0.0 0.0

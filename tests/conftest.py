@@ -23,12 +23,14 @@ settings.register_profile(
 settings.load_profile("tests")
 
 COMPILE = """
-import matplotlib.font_manager  # looks for all fonts where it never ran before, and says so if that takes long
+import matplotlib.font_manager  # its first import looks for all fonts, and says so if that is slow
 
 from pymantaray.acoustics import Medium, find_eigenrays
 
 for interpolation in ("smooth", "linear"):
-    medium = Medium.from_profile([0.0, 500.0], [1450.0, 1460.0], bottom_depth=500.0, interpolation=interpolation)
+    medium = Medium.from_profile(
+        [0.0, 500.0], [1450.0, 1460.0], bottom_depth=500.0, interpolation=interpolation
+    )
     find_eigenrays(medium, [[0, 0, 20]], [[900, 0, 50]])
     find_eigenrays(medium, [[0, 0, 20]], [[900, 0, 50]], max_surface_bounces=1)
 

@@ -115,8 +115,13 @@ def shell(text: str, folder: Path, place: str) -> str:
     environment = os.environ | {"PATH": path, "COLUMNS": "160", "PYTHONWARNINGS": "default"}
     done = subprocess.run(
         ["bash", "-euo", "pipefail", "-c", text],
-        cwd=folder, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, check=False,
-    )  # fmt: skip
+        cwd=folder,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        check=False,
+    )
     assert done.returncode == 0, f"{place}: exit code {done.returncode}\n{text}\n{done.stdout}"
     return done.stdout
 

@@ -24,12 +24,15 @@ from pymantaray.cli.main import app, main
 
 FILES = {  # name, and content with marked places
     "p.csv": "depth,sound_speed\n0,1500\n<10>,<1490>\n200,1500\n",
-    "cast.csv": "depth,temperature,salinity,lat,lon,time\n1,4,34,70,<0>,<2014-07-15T12:00>\n<90>,4,<34>,70,0,2014-07-15T12:00\n",
-    "links.csv": "source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth\n0,0,10,<100>,0,<20>\n",
+    "cast.csv": "depth,temperature,salinity,lat,lon,time\n1,4,34,70,<0>,<2014-07-15T12:00>\n"
+    "<90>,4,<34>,70,0,2014-07-15T12:00\n",
+    "links.csv": "source_north,source_east,source_depth,receiver_north,receiver_east,"
+    "receiver_depth\n0,0,10,<100>,0,<20>\n",
     "pings.csv": "time,node,two_way_time_s,north_m,east_m,depth_m\n"
     + "".join(f"{k},N,0.2,{50 * (k % 3)},{40 * (k % 4)},2\n" for k in range(11))
     + "<12>,<N>,<0.2>,0,<9>,2\n",
-    "tracks.csv": "time,vehicle,north,east,depth\n0,A,0,0,10\n<60>,A,<9>,0,10\n0,B,500,0,10\n60,<B>,509,0,<10>\n",
+    "tracks.csv": "time,vehicle,north,east,depth\n0,A,0,0,10\n<60>,A,<9>,0,10\n0,B,500,0,10\n"
+    "60,<B>,509,0,<10>\n",
     "a.tum": "0 0 0 10 0 0 0 1\n<60> 9 0 <10> 0 0 0 1\n",
     "g.pyfg": "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2 1 A1 1 0 0\nEDGE_SE2 1 A0 A1 <1> 0 0 <0.1> 0 0"
     " 0.1 0 0.1\n",

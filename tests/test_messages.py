@@ -30,8 +30,9 @@ HIDDEN = {
     f"s3:/ann:{SECRET}@bucket/x: is a file": "s3://bucket/x: is a file",
     f"ann:{SECRET}@host:8786: no answer": "host:8786: no answer",
     f"https://host/sea.nc?token={SECRET}: an address": "https://host/sea.nc?token=...: an address",
-    f"https://host/a?x=1&X-Amz-Signature={SECRET}&b=2 and"
-    " on": "https://host/a?x=...&X-Amz-Signature=...&b=... and on",
+    f"https://host/a?x=1&X-Amz-Signature={SECRET}&b=2 and on": (
+        "https://host/a?x=...&X-Amz-Signature=...&b=... and on"
+    ),
     f"sea.nc?sig={SECRET}": "sea.nc?sig=...",
     f"'https://host/#access_token={SECRET}'": "'https://host/#access_token=...'",
     f"http://a/b, http://ann:{SECRET}@c/d": "http://a/b, http://c/d",
@@ -64,17 +65,30 @@ ADDRESSES = [
     f"https://nowhere.invalid/x.nc?token={SECRET}",
 ]
 COMMANDS = [
-    ("ocean check"
-    " {}"), "ocean show {}", "ocean perturb {} out.nc --method mean", ("ocean fetch out.nc --servers"
-                           " {}"), "rays times links.csv out.csv --ocean {}",
-    ("ranges m.csv --out out --interval 60 --ocean"
-    " {}"), ("ranges {} --ocean synthetic:fram --interval 60 --out"
-           " out"), "replay {} --ocean synthetic:fram", "graph show {}", "graph solve {}",
-    "study run {}", "study show {}", "study check {}", ("sweep run {} --out"
-                                  " out"), "sweep status {}", "sweep collect {}", "serve {}",
-    "atlas {}", "export {} --to tum", "{}", "study {}", ("sweep run sweep.toml --out"
-                                          " {}"), "sweep run sweep.toml --out out --scheduler {}",
-]  # fmt: skip
+    "ocean check {}",
+    "ocean show {}",
+    "ocean perturb {} out.nc --method mean",
+    "ocean fetch out.nc --servers {}",
+    "rays times links.csv out.csv --ocean {}",
+    "ranges m.csv --out out --interval 60 --ocean {}",
+    "ranges {} --ocean synthetic:fram --interval 60 --out out",
+    "replay {} --ocean synthetic:fram",
+    "graph show {}",
+    "graph solve {}",
+    "study run {}",
+    "study show {}",
+    "study check {}",
+    "sweep run {} --out out",
+    "sweep status {}",
+    "sweep collect {}",
+    "serve {}",
+    "atlas {}",
+    "export {} --to tum",
+    "{}",
+    "study {}",
+    "sweep run sweep.toml --out {}",
+    "sweep run sweep.toml --out out --scheduler {}",
+]
 
 
 @pytest.mark.parametrize("address", ADDRESSES, ids=["password", "token"])

@@ -80,9 +80,7 @@ def test_archives_hold_the_package_and_nothing_else(archives):
 
 
 @pytest.mark.slow
-def test_the_wheel_runs_in_an_empty_environment_that_cannot_be_written_to(
-    archives, empty, tmp_path
-):
+def test_the_wheel_runs_in_a_read_only_empty_environment(archives, empty, tmp_path):
     """
     Outside the tree; kernels are kept in the user's cache then. The source archive installs there
     too.

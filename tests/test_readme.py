@@ -27,7 +27,7 @@ def test_every_link_is_absolute_and_leads_to_a_file():
         assert (ROOT / path.partition("#")[0]).exists(), target
 
 
-def test_files_that_repeat_the_address_of_the_repository_agree_with_the_project():
+def test_files_agree_on_the_address_of_the_repository():
     """It is defined in `[project.urls]`; no other file of the repository contains it."""
     name = HOME.rpartition("/")[2]
     address = re.compile(rf"https://(?:github|raw\.githubusercontent)\.com/[\w-]+/{name}\b")
@@ -92,7 +92,7 @@ def test_before_the_first_release_no_file_claims_one():
     assert ".venv/bin/mantaray" in README
 
 
-def test_actions_are_pinned_by_commit_and_lower_bounds_have_no_known_holes():
+def test_actions_are_pinned_and_lower_bounds_have_no_known_holes():
     for workflow in (ROOT / ".github" / "workflows").glob("*.yml"):
         used = re.findall(r"uses: (\S+)", workflow.read_text(encoding="utf-8"))
         assert used

@@ -123,10 +123,17 @@ def test_notebooks_show_what_their_cells_print(pages):
         assert article.select("div.cell_output")[0].get_text(strip=True), name
 
 
-CUT = """() => [...document.querySelectorAll(".bd-sidebar-primary a, .bd-sidebar-secondary a")].filter((link) => {
-  const margin = link.closest(".bd-sidebar-primary, .bd-sidebar-secondary").getBoundingClientRect();
-  return link.checkVisibility() && [...link.getClientRects(), ...[...link.querySelectorAll("*")].flatMap((part) => [...part.getClientRects()])].some((box) => box.right > margin.right + 1);
-}).map((link) => link.textContent.trim())"""
+CUT = """() => {
+  const links = document.querySelectorAll(".bd-sidebar-primary a, .bd-sidebar-secondary a");
+  const isCut = (link) => {
+    const sidebar = link.closest(".bd-sidebar-primary, .bd-sidebar-secondary");
+    const margin = sidebar.getBoundingClientRect();
+    const parts = [link, ...link.querySelectorAll("*")];
+    const boxes = parts.flatMap((part) => [...part.getClientRects()]);
+    return link.checkVisibility() && boxes.some((box) => box.right > margin.right + 1);
+  };
+  return [...links].filter(isCut).map((link) => link.textContent.trim());
+}"""
 
 
 @pytest.fixture(scope="module")

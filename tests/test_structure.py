@@ -1,7 +1,4 @@
-"""
-Laws of the package's structure: no circle of imports, and functions of limited length with few
-arguments.
-"""
+"""Laws of the package's structure: imports without circles, short functions, short test names."""
 
 import ast
 from collections.abc import Iterator
@@ -28,6 +25,7 @@ MAX_LINES = {
 }  # one step of a ray with all its events
 USUAL_LINES = 68  # of 100 columns
 MAX_ARGUMENTS = 8
+MAX_LETTERS = 60  # of the name of a test
 
 
 def _imports(tree: ast.Module, *, of_package: bool) -> Iterator[ast.Import | ast.ImportFrom]:
@@ -155,3 +153,14 @@ def test_the_picture_in_contributing_is_that_of_the_contracts():
     from house_picture import picture
 
     assert f"```text\n{picture()}\n```" in (HOUSE / "CONTRIBUTING.md").read_text()
+
+
+def test_names_of_tests_are_short():
+    tests = Path(__file__).parent.rglob("test_*.py")
+    names = [
+        node.name.removeprefix("test_")
+        for path in tests
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+    ]
+    assert [name for name in names if len(name) > MAX_LETTERS] == []

@@ -42,7 +42,7 @@ def times(merged, link):
     return merged.rows[starts[link] : starts[link + 1], layout.TRAVEL_TIME].tolist()
 
 
-def test_a_ray_of_both_searches_is_one_and_a_ray_of_one_search_is_added_in_order():
+def test_rays_of_both_searches_are_merged_in_order():
     found = results((OK, 0, [(2.0, 0.1, -0.1, 0)]), (OK, 1, [(5.0, 0.0, 0.0, 0)]))
     other = results((OK, 1, [(1.0, 0.2, -0.2, 0), (2.0 + 1e-9, 0.1 + 1e-8, -0.1, 0)]))
     merged = both_ends.merged(found, both_ends.unresolved_links(found), other)
@@ -95,9 +95,7 @@ def test_reflected_rays_of_the_other_search_are_not_added():
         (SHADOW, WEAK, 0, UNRESOLVED),
     ],
 )
-def test_a_link_without_an_arrival_is_unresolved_only_if_neither_search_is_complete(
-    one, other, resolved, expected
-):
+def test_a_link_is_unresolved_only_if_both_searches_are_incomplete(one, other, resolved, expected):
     found = both_ends.merged(results((one, 0, [])), np.array([0]), results((other, resolved, [])))
     assert both_ends.without_certificate(found).status.tolist() == [expected]
     assert found.info[0, layout.MARGIN] == 40.0

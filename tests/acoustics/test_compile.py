@@ -54,7 +54,8 @@ def two_files(tmp_path):
 
     def run(factor, before="", **environment):
         (tmp_path / "inner.py").write_text(INNER.format(factor=factor))
-        code = f"{before}\nfrom outer import scaled\nprint(scaled(1.0), scaled.stats.cache_path is not None)"
+        shown = "print(scaled(1.0), scaled.stats.cache_path is not None)"
+        code = f"{before}\nfrom outer import scaled\n{shown}"
         environment |= {"PYTHONDONTWRITEBYTECODE": "1"}
         done = python(code, environment=environment, cwd=tmp_path)
         return done.stdout.split(), done.stderr
@@ -196,7 +197,7 @@ def raised(x):
 """
 
 
-def test_shared_kernel_is_found_by_entries_that_are_compiled_and_by_those_cached_on_disk(tmp_path):
+def test_new_and_cached_entries_find_a_shared_kernel(tmp_path):
     (tmp_path / "both.py").write_text(SHARED)
     for first, second, lines in (
         ("plain", "plain", 1),
@@ -258,7 +259,7 @@ def sum_by_others(fields, i):
     return summed_by_others(fields, i)
 
 
-def test_arrays_in_named_tuples_reach_kernels_whole_and_functions_of_others_as_before():
+def test_kernels_accept_arrays_in_named_tuples():
     cube, square = np.arange(24.0).reshape(2, 3, 4), np.arange(9.0).reshape(3, 3)
     fields = Fields(
         cube, square.T, np.arange(5), np.array([True, False]), (square, square[:, :2].copy())
@@ -330,7 +331,7 @@ def call_twice(a, b, c):
 
 
 @pytest.mark.skipif(PLAIN, reason="plain Python has no intrinsics")
-def test_instructions_that_are_first_needed_during_a_compilation_are_found():
+def test_instructions_first_needed_in_a_compilation_are_found():
     """
     A first start failed by chance: an instruction is registered for a type when it is first needed,
     without a new module.
@@ -374,9 +375,7 @@ def test_change_in_a_called_file_is_seen_wherever_the_cache_lies(two_files, tmp_
     assert len(kept) == 1  # that of the first factor is gone
 
 
-def test_where_no_folder_can_be_written_kernels_are_compiled_in_memory_and_one_line_says_so(
-    two_files, tmp_path
-):
+def test_kernels_are_compiled_in_memory_if_no_folder_is_writable(two_files, tmp_path):
     (tmp_path / "__pycache__").touch()
     nowhere = str(tmp_path / "__pycache__" / "nowhere")
     printed, said = two_files(2.0, HOME=nowhere, XDG_CACHE_HOME=nowhere, NUMBA_CACHE_DIR="")
@@ -385,7 +384,7 @@ def test_where_no_folder_can_be_written_kernels_are_compiled_in_memory_and_one_l
     assert "cannot be cached" in said
 
 
-def test_where_a_disk_is_full_kernels_go_on_in_memory_and_one_line_says_so(two_files, tmp_path):
+def test_kernels_stay_in_memory_if_the_disk_is_full(two_files, tmp_path):
     full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))"
     printed, said = two_files(2.0, full)
     assert printed == ["2.0", "True"], said
@@ -397,7 +396,8 @@ def test_where_a_disk_is_full_kernels_go_on_in_memory_and_one_line_says_so(two_f
 
 def test_types_of_registers_come_back_from_disk_in_another_process(tmp_path):
     """Kernels that take them are kept where each is compiled by itself."""
-    way = "from numba.core import serialize\nfrom pymantaray.acoustics._kernels.lanes import LANES, MASK\n"
+    lanes = "from pymantaray.acoustics._kernels.lanes import LANES, MASK"
+    way = f"from numba.core import serialize\n{lanes}\n"
     path = f"{tmp_path}/types"
     python(f"{way}open({path!r}, 'wb').write(serialize.dumps((LANES, MASK)))")
     assert (
@@ -431,7 +431,8 @@ import numpy as np
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics._kernels.link import solve_links
 
-medium, none = Medium.from_profile([0.0, 100.0], [1450.0, 1460.0], bottom_depth=100.0), np.empty((0, 3))
+medium = Medium.from_profile([0.0, 100.0], [1450.0, 1460.0], bottom_depth=100.0)
+none = np.empty((0, 3))
 print(find_eigenrays(medium, none, none).status.size, len(solve_links.signatures))"""
     assert python(code, environment={"NUMBA_CACHE_DIR": str(tmp_path)}).stdout.split() == ["0", "0"]
 

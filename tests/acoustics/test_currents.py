@@ -67,7 +67,7 @@ def test_constant_current_agrees_with_the_closed_form_to_second_order(north, eas
         assert error / half == pytest.approx(4.0, rel=0.02)
 
 
-def test_in_stratified_water_a_constant_current_takes_its_share_of_the_horizontal_slowness():
+def test_a_constant_current_acts_by_the_horizontal_slowness():
     """
     Snell: horizontal slowness is constant along a ray, bounces and all, so the delay is ``-u . p
     t``.
@@ -97,7 +97,7 @@ def velocity(x):
     )
 
 
-def test_interpolation_is_exact_for_what_is_linear_and_the_edge_holds_beyond_the_grid():
+def test_interpolation_is_exact_if_linear_and_constant_outside():
     grid = ("north", "east", "depth")
     axes = (
         np.linspace(-6e3, 6e3, 5),

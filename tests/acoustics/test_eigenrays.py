@@ -30,7 +30,7 @@ def test_positions_outside_the_water_are_a_status(receiver, status):
     assert np.isnan(first.travel_time[0]) == (status != RayStatus.OK)
 
 
-def test_upward_refraction_makes_a_shadow_below_which_the_margin_is_reported():
+def test_upward_refraction_makes_a_shadow_with_a_margin():
     """
     Where sound speed falls with depth, rays from near the surface bend down, away from a far
     neighbour.
@@ -60,7 +60,7 @@ def test_picture_holds_the_eigenrays_from_end_to_end():
     assert (picture.sea_floor_depth == 3500.0).all()
 
 
-def test_picture_says_of_each_eigenray_what_the_search_says_of_its_arrival():
+def test_the_picture_agrees_with_the_search_about_each_eigenray():
     medium, ends = uniform(), ([0.0, 0.0, 100.0], [6e3, 0.0, 900.0])
     arrivals = find_eigenrays(medium, *ends, 1, 1)
     picture = ray_picture(
@@ -173,7 +173,7 @@ def test_repr_of_a_medium_is_one_line_without_the_field():
     )
 
 
-def test_pair_about_a_caustic_that_surfaces_just_beyond_the_receiver_is_found():
+def test_a_pair_about_a_caustic_beyond_the_receiver_is_found():
     """
     Rays on both sides of the pair leave the water just before the receiver, in one manner: those
     between do not.

@@ -38,7 +38,7 @@ def shallow(draft=0.0):
 
 
 @pytest.mark.parametrize("draft", [0.0, 3.0])
-def test_the_coherent_sum_of_direct_and_reflected_sound_is_that_of_source_and_image(draft):
+def test_coherent_direct_and_reflected_sound_is_source_plus_image(draft):
     arrivals, loss = shallow(draft)
     exact = -20.0 * np.log10(np.abs(image_source(5.0, 1500.0, DEPTHS, 2.0 * np.pi * HZ / SPEED)))
     tone = received_loss_db(arrivals, loss, HZ, 200.0, coherent=True)

@@ -51,7 +51,7 @@ def test_airy_s_level_is_that_of_the_fold_s_own_integral(width, distance):
     assert -level == pytest.approx(10.0 * np.log10(wave(distance, width) ** 2 / one), abs=0.1)
 
 
-def test_airy_s_level_stays_finite_deep_in_the_dark_and_falls_with_frequency():
+def test_the_level_by_airy_is_finite_and_falls_with_frequency():
     phase = 4.0 / 3.0 * (2.0 / 2.5) ** 1.5
     deep = [airy_spreading_db(m, phase, np.zeros(2)) for m in (10.0, 100.0, 1000.0)]
     assert np.isfinite(deep).all()
@@ -107,7 +107,7 @@ def airy_modes(speed, gradient, depth, distance, hz):
 
 
 @pytest.mark.parametrize("hz", [250.0, 500.0, 1000.0])
-def test_what_creeps_has_level_and_time_of_all_modes_and_is_the_same_from_either_end(hz):
+def test_creeping_sound_equals_the_sum_of_all_modes_from_either_end(hz):
     """
     Airy functions are exact where 1 / c^2 is linear.
 
@@ -137,7 +137,7 @@ def test_what_creeps_has_level_and_time_of_all_modes_and_is_the_same_from_either
         )
 
 
-def test_nothing_creeps_to_a_place_that_rays_reach_or_below_water_that_sends_none_up():
+def test_no_sound_creeps_to_lit_places_or_below_water_without_rays():
     water = Medium.from_profile(
         [0.0, 500.0], [1460.0, 1385.0], bottom_depth=500.0, interpolation="linear"
     )
@@ -146,7 +146,7 @@ def test_nothing_creeps_to_a_place_that_rays_reach_or_below_water_that_sends_non
     assert creep_along_surface(ridged(), source, np.array([graze + 500.0, 0.0, 20.0]), HZ) is None
 
 
-def test_what_creeps_under_ice_is_what_creeps_under_as_much_less_water():
+def test_creeping_under_ice_equals_creeping_under_less_water():
     draft, depth, down = 12.0, 20.0, np.array([0.0, 0.0, 1.0])
     levels, speed = np.array([0.0, 500.0]), [1460.0, 1385.0]
     water = Medium.from_profile(levels, speed, bottom_depth=500.0, interpolation="linear")
@@ -222,7 +222,7 @@ def test_beyond_a_caustic_width_time_and_level_are_those_of_the_fan(fold, hz):
     assert time == pytest.approx(rays.travel_time.mean() - late, abs=2e-5)
 
 
-def test_the_result_does_not_depend_on_the_threads_and_lit_links_are_left_to_rays():
+def test_leaks_do_not_depend_on_threads_and_leave_lit_links_to_rays():
     source = np.tile([0.0, 0.0, 250.0], (3, 1))
     receiver = np.array([HIDDEN.position, [4000.0, 0.0, 200.0], [4000.0, 0.0, 240.0]])
     one, four = (

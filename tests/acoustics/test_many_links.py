@@ -31,7 +31,8 @@ from pymantaray.acoustics._kernels import link
 Z, DUCT = np.array({z}), np.array({c})
 medium = Medium.from_profile(Z, DUCT, bottom_depth=3500.0)
 rng = np.random.default_rng(0)
-a, b = (np.column_stack([rng.uniform(0, 2e4, (50_000, 2)), rng.uniform(0, 800, 50_000)]) for _ in range(2))
+n = 50_000
+a, b = (np.column_stack([rng.uniform(0, 2e4, (n, 2)), rng.uniform(0, 800, n)]) for _ in range(2))
 solve, blocks = link.solve_links, []
 def counted(*arguments):
     blocks.append(None)
@@ -250,7 +251,7 @@ def test_positions_in_any_order_of_memory_are_solved_by_the_same_code():
     assert len(solve_links.signatures) == compiled
 
 
-def test_a_medium_made_in_parts_is_the_same_and_takes_little_more_memory_than_it_has(monkeypatch):
+def test_a_medium_made_in_parts_is_the_same_and_needs_little_memory(monkeypatch):
     rng = np.random.default_rng(3)
     axes = [np.cumsum(rng.uniform(1.0, 2.0, n)) - 1.0 for n in (60, 50, 40)]
     speed = 1450.0 + rng.normal(0.0, 3.0, (60, 50, 40))
@@ -267,7 +268,7 @@ def test_a_medium_made_in_parts_is_the_same_and_takes_little_more_memory_than_it
     assert peak < 1.3 * (parts.sound_speed.nbytes + parts.field.nbytes)
 
 
-def test_a_thread_keeps_its_workspace_until_the_number_of_levels_changes():
+def test_a_thread_reuses_its_workspace_for_the_same_levels():
     """New arrays cause page faults, which take as long as a few links."""
     first = solving._workspace(11)
     assert solving._workspace(11)[1] is first[1]

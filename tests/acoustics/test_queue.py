@@ -90,7 +90,7 @@ def test_a_link_by_itself_has_the_arrivals_that_it_has_among_others():
         assert_equal(alone, tuple(part[i : i + 1] for part in together))
 
 
-def test_a_long_link_leaves_room_for_fewer_links_at_a_time_and_changes_none():
+def test_a_long_link_reduces_the_number_of_links_at_a_time():
     axis, depth = np.array([0.0, 1e5, 2e5]), np.array([0.0, 500.0, 1500.0, 4000.0])
     speed = np.array([1500.0, 1480.0, 1490.0, 1530.0]) + np.array([0.0, 1.0, 0.0])[:, None, None]
     medium = Medium.from_grid(

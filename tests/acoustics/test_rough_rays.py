@@ -126,7 +126,7 @@ def test_a_draw_has_its_slope_and_its_correlation():
     refused(GeometryError, "it must be below 0.5 rad", Roughness, 0.7, 10.0)
 
 
-def test_in_water_that_varies_the_general_solver_gets_the_surface_on_a_grid():
+def test_the_general_solver_gets_the_rough_surface_on_a_grid():
     north = np.linspace(-500.0, 500.0, 5)
     speed = SPEED + 1e-3 * north[:, None, None] + np.zeros((5, 5, 3))
     ice = BoundarySurface(2.0, roughness=Roughness(np.radians(0.5), 60.0))

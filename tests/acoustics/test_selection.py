@@ -120,7 +120,7 @@ def test_rules_are_the_minima_they_say(rows):
             assert (found.status[link] == RayStatus.OK) == np.isfinite(time)
 
 
-def test_a_first_arrival_that_one_decibel_of_the_cutoff_decides_is_marked():
+def test_a_first_arrival_near_the_cutoff_is_marked():
     """
     Links whose first arrival would be lost, would get an earlier one, would come in at all, and
     would not change.

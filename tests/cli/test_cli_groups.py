@@ -102,7 +102,7 @@ def call():
     return run
 
 
-def test_options_that_are_not_used_leave_the_defaults_of_the_dataclass(call):
+def test_unused_options_leave_the_defaults_of_the_dataclass(call):
     called, done = call("--hydrophone-depth", "30")
     assert done.exit_code == 0, done.output
     assert called == (Both(buoy=Buoy(depth=30.0)), False)
@@ -157,8 +157,8 @@ def test_the_help_has_the_words_and_the_unit_of_the_docstring(call, monkeypatch)
         "--hydrophone-depth M Depth of the hydrophone below the surface.",
         "--levels M,... Depths of sensors. [default: 1,20]",
         (
-            "Standard deviation of the offset. Seconds, or text such as '10 min' or '13 ms'. [default:"
-            " 2 min]"
+            "Standard deviation of the offset. Seconds, or text such as '10 min' or '13 ms'."
+            " [default: 2 min]"
         ),
         "--lever M M M Vector to the antenna.",
     ):

@@ -19,7 +19,7 @@ from pymantaray.cli.main import main
 
 COMMAND = """
 from pymantaray.jobs import checkpoint
-checkpoint._SAVE_INTERVAL = 3600.0  # what a short run keeps, however long it takes on a busy machine
+checkpoint._SAVE_INTERVAL = 3600.0  # a short run saves nothing, however busy the machine is
 from pymantaray.cli.main import main
 main()
 """
@@ -104,7 +104,7 @@ def test_interrupted_run_leaves_nothing(tmp_path, begin, sent, code, workers):
 
 @pytest.mark.slow
 @STOPS
-def test_interrupt_among_the_rays_waits_for_few_of_them_and_leaves_nothing(
+def test_an_interrupt_waits_for_few_rays_and_leaves_nothing(
     tmp_path, begin, small_text, sent, code
 ):
     """The bar counts links; in the middle of them a block of links is waited for, no more."""
@@ -156,7 +156,7 @@ main()
 
 
 @pytest.mark.slow
-def test_ctrl_c_at_any_moment_of_the_first_seconds_ends_quietly_with_130():
+def test_ctrl_c_in_the_first_seconds_exits_quietly_with_130():
     codes = []
     for k in range(40):
         command = [sys.executable, "-c", BEGUN, "study", "show", "quick"]
@@ -196,9 +196,7 @@ def test_ctrl_c_at_the_import_of_a_module_ends_quietly_with_130(name):
 
 
 @pytest.mark.parametrize("value", ["abc", "", "1e9", "12.5"])
-def test_a_date_of_the_environment_that_libraries_cannot_read_is_refused_in_one_line(
-    value, mantaray, monkeypatch
-):
+def test_an_unreadable_date_in_the_environment_is_refused(value, mantaray, monkeypatch):
     monkeypatch.setenv("SOURCE_DATE_EPOCH", value)
     done = mantaray("study", "list")
     assert done.code == 2
@@ -308,7 +306,7 @@ print("there")
     assert (done.returncode, done.stdout) == (0, "there\n"), done.stderr
 
 
-def test_a_stop_waits_for_a_block_that_defers_it_longer_than_the_patience():
+def test_a_stop_waits_for_a_block_that_defers_it():
     """
     Compiled code that runs for longer than the patience within the block: the stop comes after it.
     """

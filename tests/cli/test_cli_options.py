@@ -161,9 +161,7 @@ def test_every_option_has_a_type_and_not_the_name_of_one():
     assert [name for name, (kind, *_) in kinds.items() if isinstance(kind, str | ForwardRef)] == []
 
 
-def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(
-    mantaray, monkeypatch, tmp_path
-):
+def test_ranges_accept_times_in_words_and_need_the_file_first(mantaray, monkeypatch, tmp_path):
     seen = []
     monkeypatch.setattr(
         "pymantaray.apps.study.command.run_and_report", lambda config, *_, **__: seen.append(config)
@@ -186,19 +184,17 @@ def test_ranges_take_times_in_words_and_want_the_file_before_the_schedule(
 
 @pytest.mark.parametrize(("words", "fault"), [
     ("nope", "mantaray: No such command 'nope'"),
-    (("study quick"
-     " --quiet"), ("mantaray study: No such command 'quick'; allowed: list, .*; did you mean"
+    ("study quick --quiet",
+     ("mantaray study: No such command 'quick'; allowed: list, .*; did you mean"
                  " mantaray study run quick --quiet\\?")),
     ("ranges --itnerval 3", "mantaray ranges: No such option: --itnerval .*--interval"),
     ("export runs/latest --out o", "mantaray export: Missing option '--to'"),
     ("study run quick --workers two", "mantaray study run: Invalid value for '--workers'"),
-    (("ocean check --currents"
-     " rset"), "mantaray ocean check: Invalid value for '--currents': 'rset' .*'rest'"),
+    ("ocean check --currents rset",
+     "mantaray ocean check: Invalid value for '--currents': 'rset' .*'rest'"),
     ("ocean make", "mantaray ocean: No such command 'make'"),
 ])  # fmt: skip
-def test_a_word_that_a_command_does_not_take_is_one_line_that_names_the_command(
-    mantaray, words, fault
-):
+def test_an_unknown_word_is_one_line_that_names_the_command(mantaray, words, fault):
     wrong = mantaray(*words.split())
     assert (wrong.code, wrong.out) == (2, "")
     command = fault.partition(":")[0]

@@ -183,7 +183,7 @@ def test_quiet_shows_no_progress(monkeypatch, terminal):
     assert screen.getvalue() == ""
 
 
-def test_a_stream_that_is_closed_meanwhile_is_no_terminal_and_ends_nothing(monkeypatch):
+def test_a_closed_stream_is_no_terminal_and_ends_nothing(monkeypatch):
     """As libraries ask for at the end of the interpreter."""
     stream = io.TextIOWrapper(io.BytesIO())
     monkeypatch.setattr(sys, "stdout", stream)
@@ -245,7 +245,7 @@ def test_names_of_rows_and_numbers_stay_in_one_line_and_headings_fold(width, cap
     ]
 
 
-def test_headings_break_between_words_and_columns_that_do_not_fit_follow_below(capsys, monkeypatch):
+def test_headings_break_between_words_and_wide_tables_continue_below(capsys, monkeypatch):
     monkeypatch.setenv("COLUMNS", "80")
     keys = ["landmarks.T.depth", "fleet.vehicles.A.depth", "noise.range_sigma"]
     values = [f"value_{k}_m" for k in range(9)]
@@ -272,7 +272,7 @@ def test_headings_break_between_words_and_columns_that_do_not_fit_follow_below(c
     assert words.count("Designs") == 1
 
 
-def test_latex_and_csv_are_the_tables_alone_with_all_that_a_quiet_command_hides(capsys, tmp_path):
+def test_latex_and_csv_are_the_complete_tables_alone(capsys, tmp_path):
     table = ResultTable("errors", pd.DataFrame({"condition": ["a_b"], "rmse_m": [1.25]}), "Errors")
 
     def printed(**how):

@@ -26,10 +26,10 @@ from pymantaray.compile import PLAIN
 from pymantaray.records.result_table import ResultTable
 
 PATHS_ONLY = {
-    "atlas plot", "export", "graph convert", "ocean correct", ("ocean fetch"
-                                                              " copernicus"), ("ocean fetch"
-                                                                             " hycom"), "ocean from-cast",
-    "ocean convert-cast", "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve", "study cite", "study import", "study init", "study report", "sweep collect",
+    "atlas plot", "export", "graph convert", "ocean correct", "ocean fetch copernicus",
+    "ocean fetch hycom", "ocean from-cast",
+    "ocean convert-cast", "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve",
+    "study cite", "study import", "study init", "study report", "sweep collect",
 }  # fmt: skip
 """
 Commands that print the names of what they wrote, an address or references, and nothing that would
@@ -95,7 +95,7 @@ def test_levels_are_those_of_the_page(capsys, options, lines):
     assert logging.getLogger("pymantaray").handlers == before
 
 
-def test_a_verbose_command_tells_its_stages_and_twice_what_led_to_an_error(mantaray):
+def test_a_verbose_command_prints_its_stages_and_causes_of_errors(mantaray):
     assert mantaray("ocean", "show", "synthetic:fram", "-v").err.endswith(" MiB\n")
     refused = mantaray("study", "show", "fast", "-vv").err
     assert refused.startswith("traceback:\nTraceback")
@@ -153,7 +153,7 @@ PAGE = Path(__file__).parents[2] / "docs" / "reference" / "exit-codes.md"
 
 
 @pytest.mark.parametrize("words", sorted(COMMANDS))
-def test_a_word_that_no_command_knows_ends_with_2_and_prints_no_result(mantaray, words):
+def test_an_unknown_command_exits_with_2_and_prints_no_result(mantaray, words):
     refused = mantaray(*words.split(), "--nosuch")
     assert (refused.code, refused.out) == (2, "")
     assert "No such option" in refused.err

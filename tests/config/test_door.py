@@ -128,7 +128,7 @@ def test_reception_has_the_absorption_of_the_water():
     )
 
 
-def test_a_study_shares_the_stages_whose_sections_are_the_same_objects():
+def test_a_study_shares_stages_of_the_same_objects():
     config = load_study("quick")
     one = build_study(config)
     noisier = config.model_copy(

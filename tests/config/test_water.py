@@ -184,7 +184,7 @@ def test_an_unknown_option_names_the_nearest():
     )
 
 
-def test_options_with_two_values_take_text_with_units_and_refuse_others():
+def test_options_with_two_values_accept_text_with_units():
     both = open_water("synthetic:fram", half_extent="10 km").at_start[0]
     sides = open_water("synthetic:fram", half_extent=("10 km", 10e3)).at_start[0]
     for medium in (both, sides):
@@ -224,7 +224,7 @@ def test_ranges_in_a_preset_last_as_long_as_their_trajectories():
     assert np.unique(run.measurements.range_sample).size == 2
 
 
-def test_an_object_that_is_no_source_is_refused_with_the_types_that_are():
+def test_an_object_that_is_no_source_is_refused_with_the_types():
     water = open_water("synthetic:fram", half_extent=HALF)
     for call in (open_water, Atlas, lambda source: measure(poses(), source, 300.0)):
         refused(

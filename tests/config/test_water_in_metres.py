@@ -239,7 +239,7 @@ def test_wrong_arrays_are_refused_in_one_line(line, tmp_path):
     refused(OceanError, line, open_water, path)
 
 
-def test_arrays_are_regular_files_that_are_as_long_as_their_headers_say(tmp_path):
+def test_arrays_are_regular_files_as_long_as_their_headers_say(tmp_path):
     path = write_environment(tmp_path)
     data = tmp_path / "data" / "ssp" / "data.npy"
     content = data.read_bytes()

@@ -60,7 +60,7 @@ def assert_same(covariance, expected, atol=1e-6):
 
 
 @pytest.mark.parametrize("n_landmarks", [0, 2])
-def test_blocks_are_those_of_the_dense_inverse_of_the_information_matrix(make_fleet, n_landmarks):
+def test_blocks_are_those_of_the_dense_inverse(make_fleet, n_landmarks):
     fleet = make_fleet(seed=11, n_landmarks=n_landmarks)
     graph, values = solved(fleet, fleet.noisy)
     poses = poses_at(fleet.noisy)
@@ -114,7 +114,7 @@ def test_replay_has_the_covariances_of_the_batch_at_its_end(make_fleet):
     np.testing.assert_allclose(replayed.range_nis, batch.range_nis, rtol=1e-2)
 
 
-def test_dead_reckoning_has_the_covariance_of_a_graph_of_odometry_alone(make_fleet):
+def test_dead_reckoning_has_the_covariance_of_an_odometry_graph(make_fleet):
     fleet = make_fleet(seed=13, turn=0.3)
     o, bare = fleet.noisy, without(build_graph(fleet.noisy), "depth")
     graph, own = (
@@ -143,7 +143,7 @@ def test_straight_track_without_turning_spreads_like_a_random_walk(make_fleet):
         np.testing.assert_allclose(variance, expected, rtol=1e-6)
 
 
-def test_range_statistic_is_the_innovation_predicted_from_everything_else(make_fleet):
+def test_the_range_statistic_is_the_innovation_by_all_other_data(make_fleet):
     """
     Normalized residuals at the optimum against a second solve that never saw the ranges of the
     epoch.
@@ -259,7 +259,7 @@ def test_record_has_nan_for_what_is_missing(make_fleet):
         collect_covariances(o, SAMPLES, [{"odometry": own}, {"x": own}])
 
 
-def test_the_standard_error_of_an_rmse_is_the_scatter_of_simulated_ones():
+def test_the_standard_error_of_an_rmse_is_the_simulated_scatter():
     """
     Correlated errors of 33 rows, 25 realizations each, over 2,000 draws: first order is good to 5
     %.

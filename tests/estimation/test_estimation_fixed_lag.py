@@ -116,7 +116,7 @@ def test_bad_requests_are_refused(make_fleet):
         GraphSolver().solve(graph, fleet.truth, method=method)
 
 
-def test_the_incremental_smoother_ends_at_the_batch_optimum_if_its_lag_covers_the_mission(
+def test_the_smoother_equals_the_batch_if_its_lag_covers_the_mission(
     make_fleet,
 ):
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
@@ -135,7 +135,7 @@ def test_the_incremental_smoother_ends_at_the_batch_optimum_if_its_lag_covers_th
     assert np.isfinite(end.update_seconds).all()
 
 
-def test_with_a_short_lag_both_smoothers_agree_to_a_fraction_of_their_standard_deviation(
+def test_both_smoothers_with_a_short_lag_agree_to_a_fraction_of_sigma(
     make_fleet,
 ):
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
@@ -156,9 +156,7 @@ def test_with_a_short_lag_both_smoothers_agree_to_a_fraction_of_their_standard_d
 
 
 @pytest.mark.parametrize("seeds", [12, pytest.param(100, marks=pytest.mark.slow)])
-def test_a_lag_of_an_hour_differs_from_the_batch_by_the_information_that_it_lacks(
-    make_fleet, seeds
-):
+def test_a_lag_of_an_hour_lacks_information_of_the_batch(make_fleet, seeds):
     """
     Of two optimal estimates, the one with fewer measurements differs by the difference of their
     covariances.
@@ -223,7 +221,7 @@ def gtsams(graph, start, lag):
 
 
 @pytest.mark.parametrize("scale", [1.0, 0.1])
-def test_the_smoother_differs_from_gtsams_by_the_curvature_of_its_errors(make_fleet, scale):
+def test_the_smoother_differs_from_gtsam_by_curvature_only(make_fleet, scale):
     """
     GTSAM linearizes measurements beside marginalized poses once, which is of second order in the
     errors.

@@ -72,7 +72,7 @@ def test_distance_from_the_batch_optimum_falls_with_the_threshold(mission):
     assert off[2] < 1e-3, off
 
 
-def test_estimate_at_each_epoch_is_the_batch_optimum_of_what_was_known_then(mission):
+def test_the_estimate_at_each_epoch_is_the_batch_optimum_until_then(mission):
     _, graph, start = mission
     on_line = solve_incrementally(
         graph, start, options=SolveOptions(incremental=IncrementalOptions(every="sample"))
@@ -141,7 +141,7 @@ def test_starting_values_of_what_odometry_reaches_do_not_matter(mission):
     np.testing.assert_array_equal(a.position, b.position)
 
 
-def test_undetermined_variables_fail_at_their_update_and_the_interpreter_lives(mission):
+def test_undetermined_variables_fail_without_ending_the_interpreter(mission):
     _, graph, start = mission
     of_landmark = np.flatnonzero((graph["range"].variables >= graph.n_poses).any(axis=1))
     # a landmark without a prior, ranged once
@@ -194,7 +194,7 @@ def test_options_of_the_solver_reach_the_replay(mission):
 
 
 @pytest.mark.parametrize("lag", [None, 1e6])
-def test_a_landmark_without_a_prior_enters_once_its_ranges_determine_it(tmp_path, lag):
+def test_a_landmark_without_a_prior_enters_when_it_is_determined(tmp_path, lag):
     """
     Its vertex is 1 km off, so that it can only come from the ranges; the optimum is that of a
     batch.

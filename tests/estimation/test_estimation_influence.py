@@ -36,7 +36,7 @@ def test_every_factor_has_a_row_in_the_order_of_the_kinds(case, influence):
     assert influence["kind"].tolist() == expected
 
 
-def test_residuals_are_those_of_the_cost_and_leverages_add_up_to_the_unknowns(case, influence):
+def test_leverages_add_up_to_the_number_of_unknowns(case, influence):
     """The trace of a projection is its rank."""
     graph, values = case
     cost = distance_problem(graph).cost(GraphState.of(values))
@@ -51,7 +51,7 @@ def test_residuals_are_those_of_the_cost_and_leverages_add_up_to_the_unknowns(ca
     assert influence["leverage"].between(-1e-9, 1.0 + 1e-9).all()
 
 
-def test_cook_distance_is_the_change_of_the_solution_without_the_factor(case, influence):
+def test_cook_distance_is_the_change_without_the_factor(case, influence):
     """
     Its square in the metric of the covariance is twice the rise of the whole cost, to first order
     in the change.

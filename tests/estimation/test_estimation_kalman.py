@@ -77,9 +77,7 @@ def with_more_sensors(o, fleet, rng):
 
 
 @pytest.mark.parametrize("more", [False, True])
-def test_the_last_pose_and_the_cost_are_those_of_the_batch_if_all_is_nearly_linear(
-    make_fleet, more
-):
+def test_nearly_linear_filters_equal_the_batch_at_the_last_pose(make_fleet, more):
     fleet = make_fleet(seed=4, gnss_every=8, n_landmarks=2, n_vehicles=2)
     o = nearly_linear(fleet)
     o = with_more_sensors(o, fleet, np.random.default_rng(8)) if more else o
@@ -166,7 +164,7 @@ def test_innovations_of_ranges_have_their_expected_size(make_fleet):
     assert nis / rows == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / rows))
 
 
-def test_a_range_model_gives_the_same_estimate_as_the_distances_that_it_stands_for(make_fleet):
+def test_a_range_model_gives_the_estimate_of_its_distances(make_fleet):
     o = make_fleet(seed=3, gnss_every=10, n_landmarks=1).noisy
     distances, times = (
         solve_conditions(o, {"e": Estimator("refracted", method=KALMAN, model=model)})["e"]
@@ -189,7 +187,7 @@ class Asked(RangeModel):
         return out if self.possible is None else out._replace(possible=self.possible(links))
 
 
-def test_links_without_an_arrival_in_the_assumed_ocean_are_left_out_and_counted(make_fleet):
+def test_links_without_an_arrival_are_left_out_and_counted(make_fleet):
     o = make_fleet(seed=3, gnss_every=10, n_landmarks=1).noisy
     gate = Asked(lambda links: links.time != 10 * factories.PERIOD)
     end = solve_conditions(o, {"e": Estimator("refracted", method=KALMAN, model=gate)})["e"]

@@ -161,7 +161,7 @@ def refusal(read, *arguments):
 
 @pytest.mark.parametrize("reader", [*READERS, *FILES])
 @pytest.mark.parametrize("kind", sorted(KINDS))
-def test_every_reader_counts_a_kind_or_refuses_it_by_its_name(graph, fleet, kind, reader, tmp_path):
+def test_every_reader_counts_a_kind_or_refuses_it_by_name(graph, fleet, kind, reader, tmp_path):
     depths = [name for name in KINDS if KINDS[name].is_depth]
     alone = factories.without(graph, *depths) if reader == "certificate" else graph
     more = one_more(alone, kind, fleet.truth)
@@ -185,7 +185,7 @@ def test_every_reader_counts_a_kind_or_refuses_it_by_its_name(graph, fleet, kind
     np.testing.assert_array_equal(written, counts(more))
 
 
-def test_a_factor_of_a_new_kind_counts_as_one_of_its_form_in_every_solver(graph, fleet, copied):
+def test_a_new_kind_of_factor_counts_by_its_form_in_every_solver(graph, fleet, copied):
     """
     As in the kind of which it is a copy; a solver that ignores it would leave the estimate where it
     is.
@@ -299,8 +299,8 @@ def test_a_data_set_with_a_kind_of_another_version_is_refused(graph, fleet, monk
                      " pose")),
     ({"axes": ()}, "kind new: lines of .* cannot hold z of pose"),
     ({"word": "EDGE_DEPTH"}, "kind new: lines of EDGE_DEPTH"),
-    ({"word": None, "plural": "depth priors"}, ("kinds depth and new have the same name depth"
-                                               " priors")),
+    ({"word": None, "plural": "depth priors"},
+     "kinds depth and new have the same name depth priors"),
     ({"word": None, "what": "depth"}, "kinds depth and new have the same name depth"),
 ])  # fmt: skip
 def test_kinds_that_a_file_cannot_tell_apart_are_refused(

@@ -150,7 +150,7 @@ def test_the_solution_is_gtsams_of_the_problem_in_the_plane(plaza):
     assert ours.expected_cost == 5.5
 
 
-def test_hand_written_file_in_the_plane_means_what_it_says_and_comes_back(plaza, tmp_path):
+def test_a_hand_written_planar_file_is_read_and_written_back(plaza, tmp_path):
     graph, values = plaza
     assert graph.planar
     turned = 2.0 * np.arctan2(values.quaternion[:, 3], values.quaternion[:, 0])
@@ -243,7 +243,7 @@ EDGE_SE3_TRACKXYZ 0 2 0 2.1 0.9 0.1 25 1 0 36 0 49
 EDGE_SE3_TRACKXYZ 1 2 0 1.2 0.8 -0.3 25 1 0 36 0 49
 EDGE_SE3_TRACKXYZ 0 3 0 1.1 -0.9 1 25 1 0 36 0 49
 EDGE_SE3_TRACKXYZ 1 3 0 0.1 -1 1 25 1 0 36 0 49
-"""
+"""  # noqa: E501  lines of a file
 
 
 def test_sightings_cost_what_they_should_wherever_poses_are(tmp_path):
@@ -354,7 +354,7 @@ def test_a_graph_of_edges_alone_starts_from_chordal_initialization(plaza, tmp_pa
     assert result.solution.final_cost == pytest.approx(other.solution.final_cost, rel=1e-4)
 
 
-def test_a_graph_that_nothing_anchors_is_anchored_one_that_something_does_is_not(plaza, tmp_path):
+def test_only_a_graph_without_anchors_is_anchored(plaza, tmp_path):
     (tmp_path / "free.pyfg").write_text(
         "".join(x for x in PLAZA.splitlines(True) if ":PRIOR" not in x)
     )
@@ -420,7 +420,7 @@ def test_gtsams_public_examples_are_read_whole():
     np.testing.assert_allclose(seen.measured, [[2.1, 1.0, 3.0]], atol=1e-15)
 
 
-def test_chordal_initialization_without_information_on_an_angle_gives_some_rotation(tmp_path):
+def test_chordal_start_without_angle_information_gives_a_rotation(tmp_path):
     """
     Of a graph that a damaged file gave: an edge with a variance of 1e16 rad^2, beside a prior
     without heading.
@@ -441,7 +441,7 @@ def test_chordal_initialization_without_information_on_an_angle_gives_some_rotat
     np.testing.assert_array_equal(start[:, 1:3], 0.0)
 
 
-def test_chordal_initialization_of_a_graph_without_edges_places_what_is_sighted(tmp_path):
+def test_chordal_start_without_edges_places_sighted_points(tmp_path):
     (tmp_path / "g.pyfg").write_text(
         "VERTEX_SE2 0 A0 1 2 0\nVERTEX_XY L0 0 0\nVERTEX_SE2:PRIOR 0 A0 1 2 1.5707963267948966 0.1"
         " 0 0 0.1 0 1e-4\n"

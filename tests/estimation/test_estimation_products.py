@@ -58,7 +58,7 @@ def test_a_compiled_product_is_numpys_and_touches_no_other_block(name):
 
 
 @pytest.mark.parametrize("name", EXPECTED_VECTORS)
-def test_a_compiled_product_with_a_vector_is_numpys_and_touches_no_other_vector(name):
+def test_a_compiled_product_equals_numpy_and_touches_nothing_else(name):
     product = getattr(products, name)
     apply = numba.njit(lambda out, i, a, p, x, k: product(out, i, a, p, x, k))
     out, a, b = blocks()

@@ -26,7 +26,7 @@ VERTEX_SE3:QUAT:PRIOR 200 A1 0 0 3.5 0 0 0 1 1e12 0 0 0 0 0 1e12 0 0 0 0 0.0001 
 VERTEX_XYZ:PRIOR 0 L0 5 6 7 0.5 0.1 0 0.6 0 0.7
 EDGE_SE3:QUAT 200 A0 A1 10 0 0 0 0 0.6 0.8 1 0 0 0 0 0.001 2 0 0 0 0 3 0 0 0 1e-6 0 0 2e-6 0 3e-6
 EDGE_RANGE 200 A1 L0 8.5 4
-"""
+"""  # noqa: E501  lines of a file
 
 
 def assert_same(a, b):
@@ -121,9 +121,8 @@ def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
 
 @pytest.mark.parametrize(("line", "old", "new", "message"), [
     (1, "VERTEX_SE3:QUAT", "VERTEX_SE2", r"line 1: VERTEX_SE2 with 10 fields; allowed: 6"),
-    (2, ("VERTEX_SE3:QUAT"
-        " "), "VERTEX_SE3:QUAT\t", (r"line 2: begins with 'VERTEX_SE3:QUAT.t200'; .*one space"
-                                  r" between")),
+    (2, "VERTEX_SE3:QUAT ", "VERTEX_SE3:QUAT\t",
+        r"line 2: begins with 'VERTEX_SE3:QUAT.t200'; .*one space between"),
     (2, "11 2 3", "11 \u0662 3", r"line 2: VERTEX_SE3:QUAT with a character that is not ASCII"),
     (1, "A0", "A2147483648", r"line 1: VERTEX_SE3:QUAT: number of A2147483648"),
     (2, "11 2 3", "11  2 3", r"line 2: VERTEX_SE3:QUAT with 11 fields; allowed: 10"),
@@ -137,21 +136,21 @@ def test_fix_in_turned_axes_is_turned_into_the_worlds(tmp_path):
     (2, "A1", "L1", r"line 2: VERTEX_SE3:QUAT with landmark L1"),
     (3, "L0", "B0", r"line 3: VERTEX_XYZ with pose B0"),
     (4, " 3e-4", "", r"line 4: VERTEX_SE3:QUAT:PRIOR with 30 fields; allowed: 31"),
-    (4, "0.01 0.001", "0.01 0.02", (r"A0: first-pose prior covariance's eigenvalues, scaled .*is"
-                                   r" .-0.4")),
+    (4, "0.01 0.001", "0.01 0.02",
+     r"A0: first-pose prior covariance's eigenvalues, scaled .*is .-0.4"),
     (5, "0.49 0", "1e12 0", r"line 5: pose prior with free axes z rx ry rz"),
     (6, "3.5 0 0 0 1", "3.5 0.6 0 0 0.8", r"line 6: pose prior with free axes .*level axes"),
     (8, "A1", "A7", r"line 8: name A7; allowed: names of the file's vertices"),
     (8, "1 0 0 0 0 0.001", "0 0 0 0 0 0.001", r"A1: odometry variance is .*0,.*positive finite"),
     (9, "A1 L0", "L0 A1", r"line 9: .*the pose first"),
     (9, "A1 L0", "A1 A1", r"line 9: .*from A1 to itself"),
-    (9, "A1 L0", "A0001 L99999999999999999999", (r"line 9: EDGE_RANGE: number of L9+; .*"
-                                                r" 2147483647")),
+    (9, "A1 L0", "A0001 L99999999999999999999",
+     r"line 9: EDGE_RANGE: number of L9+; .* 2147483647"),
     (9, "EDGE_RANGE", "EDGE_SE2_XY", r"line 9: EDGE_SE2_XY in a graph in three dimensions"),
     (9, "8.5 4", "8.5 -4", r"A1: range variance is .-4."),
     (9, "8.5 4", "-8.5 4", r"line 9: EDGE_RANGE with distance -8.5; allowed: 0 or more"),
-    (9, "8.5 4", ("8.5 4\nFIX 1\nRANGE 2\nFIX"
-                 " 3"), r"unknown lines: 2 of 'FIX' \(line 10\), 1 of 'RANGE' \(line 11\); allow"),
+    (9, "8.5 4", "8.5 4\nFIX 1\nRANGE 2\nFIX 3",
+     r"unknown lines: 2 of 'FIX' \(line 10\), 1 of 'RANGE' \(line 11\); allow"),
 ])  # fmt: skip
 def test_fault_is_one_line_that_names_the_place(tmp_path, line, old, new, message):
     lines = HAND.splitlines(keepends=True)
@@ -182,7 +181,7 @@ def named(graph, *names):
     return replace(graph, vehicle_name=np.array(names))
 
 
-def test_names_that_are_no_letters_are_kept_in_a_table_beside_the_file(tmp_path, make_fleet):
+def test_names_other_than_letters_are_in_a_table_beside_the_file(tmp_path, make_fleet):
     fleet = make_fleet(n_vehicles=3, n_times=6, n_landmarks=1)
     graph = replace(
         named(build_graph(fleet.noisy), "beacon", "float-1", "L"),
@@ -300,7 +299,7 @@ EDGE_RANGE 1.600000000 L0 L7 4.242641 0.010000
 """
 
 
-def test_file_as_pyfactorgraph_writes_it_is_read_and_its_truth_is_its_optimum(tmp_path):
+def test_the_truth_of_a_pyfactorgraph_file_is_its_optimum(tmp_path):
     path = tmp_path / "foreign.pyfg"
     path.write_text(FOREIGN)
     graph, values = read_pyfg(path)
@@ -317,7 +316,7 @@ def test_file_as_pyfactorgraph_writes_it_is_read_and_its_truth_is_its_optimum(tm
     np.testing.assert_allclose(solution.position, values.position, atol=1e-6)
 
 
-def test_landmarks_keep_their_numbers_and_trailing_blanks_do_not_matter(tmp_path):
+def test_landmarks_keep_their_numbers_despite_trailing_blanks(tmp_path):
     text = "".join(f"{line} \n" for line in FOREIGN.splitlines())
     graph, values = read_text(tmp_path, text.replace("VERTEX_XYZ L7", "VERTEX_XYZ L007"))
     write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
@@ -326,7 +325,7 @@ def test_landmarks_keep_their_numbers_and_trailing_blanks_do_not_matter(tmp_path
     assert_same(graph, again)
 
 
-def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_path, make_fleet):
+def test_free_axes_are_written_as_1e12_and_constrain_nothing(tmp_path, make_fleet):
     fleet = make_fleet(n_vehicles=1, n_times=4)
     write_pyfg(build_graph(fleet.noisy), tmp_path / "g.pyfg", initial=fleet.truth)
     lines = [x.split() for x in (tmp_path / "g.pyfg").read_text().splitlines() if ":PRIOR" in x]
@@ -347,7 +346,7 @@ def test_free_axes_are_written_as_1e12_and_constrain_nothing_when_read_back(tmp_
     assert far.initial_cost == pytest.approx(near.initial_cost, rel=1e-3)  # 1e-12 would add 9,000
 
 
-def test_lines_are_left_out_by_their_word_or_because_it_is_unknown_and_counted(tmp_path):
+def test_lines_are_left_out_by_word_and_counted(tmp_path):
     path = tmp_path / "g.pyfg"
     path.write_text(HAND + "FIX 1\nFIX 2\n")
     whole = load_pyfg(path, skip_unknown=True)
@@ -368,7 +367,7 @@ def test_a_byte_order_mark_blank_lines_and_comments_are_passed_over(tmp_path):
     assert_same(read_pyfg(tmp_path / "g.pyfg")[0], read_pyfg(tmp_path / "plain.pyfg")[0])
 
 
-def test_pyfactorgraph_itself_reads_what_we_write_and_we_what_it_writes(tmp_path):
+def test_pyfactorgraph_and_we_read_files_of_each_other(tmp_path):
     theirs = pytest.importorskip(
         "py_factor_graph.io.pyfg_text", reason="PyFactorGraph is not installed (it is not on PyPI)"
     )

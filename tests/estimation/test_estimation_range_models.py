@@ -56,7 +56,7 @@ def test_mean_slowness_is_the_chord_integral(a, b):
     )
 
 
-def test_vertical_links_are_exact_and_others_never_earlier_than_the_ray():
+def test_vertical_links_are_exact_and_others_never_too_early():
     c0, g = 1450.0, 0.017
     model = MeanSlowness([0.0, 5000.0], [c0, c0 + 5000.0 * g])
     a = np.array([[0.0, 0.0, 20.0]] * 3)

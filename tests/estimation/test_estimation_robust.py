@@ -160,7 +160,7 @@ def test_optimum_is_where_least_squares_with_its_own_weights_is(small):
         np.testing.assert_allclose(found.position, plain.position, rtol=0, atol=1e-5, err_msg=name)
 
 
-def test_one_vehicle_that_ranges_hold_alone_is_singular_once_they_are_gone(small):
+def test_a_vehicle_held_by_ranges_alone_is_singular_without_them(small):
     graph, start = small
     loose = without(graph, "fix", "range").with_factors(prior=graph["prior"][1:])
     for loss in LOSSES.values():
@@ -169,7 +169,7 @@ def test_one_vehicle_that_ranges_hold_alone_is_singular_once_they_are_gone(small
         assert np.isnan(found.position).all()
 
 
-def test_ten_percent_of_late_arrivals_ruin_least_squares_and_not_robust_losses(study):
+def test_late_arrivals_ruin_least_squares_and_not_robust_losses(study):
     dirty, late = study.dirty, study.late
     plain = GraphSolver().solve(dirty, study.reckoned, model_is_right=False)
     assert study.ate(plain) > study.clean + 10.0
@@ -182,7 +182,7 @@ def test_ten_percent_of_late_arrivals_ruin_least_squares_and_not_robust_losses(s
         assert (weight[~late] > 0.1).all(), name  # and nothing else
 
 
-def test_truth_start_hides_the_local_minimum_that_dead_reckoning_leads_to(study):
+def test_a_start_at_the_truth_hides_a_local_minimum(study):
     """
     Tukey's loss ignores most ranges of a dead-reckoned start; graduated non-convexity finds the
     minimum without the truth.
@@ -212,7 +212,7 @@ def test_convex_loss_ends_in_one_place(study):
     np.testing.assert_allclose(ends[0].position, ends[1].position, rtol=0, atol=1e-2)
 
 
-def test_travel_times_and_distances_in_uniform_water_have_one_optimum_under_a_loss(make_fleet):
+def test_times_and_distances_in_uniform_water_have_one_optimum(make_fleet):
     """
     Expanded about the estimate or as stock factors: where all water has one speed both roads are
     one.

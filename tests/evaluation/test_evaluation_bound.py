@@ -133,7 +133,7 @@ def test_a_fleet_turns_unseen_about_its_only_anchor():
     assert np.isnan(tables["none"]["rotation_deg"])
 
 
-def test_an_estimator_of_straight_ranges_reaches_the_bound_and_one_without_them_its_own():
+def test_estimators_with_and_without_ranges_reach_their_bounds():
     fleet = factories.make_fleet(seed=5, n_vehicles=4, n_times=20, turn=0.0, gnss_every=19)
     truth = factories.trajectories(
         fleet.position, time=np.arange(20) * factories.PERIOD, quaternion=fleet.quaternion
@@ -195,7 +195,7 @@ def test_errors_at_pings_by_hand():
     )
 
 
-def test_the_distance_from_straight_has_the_standard_error_of_its_spread():
+def test_the_distance_from_straight_has_a_standard_error():
     position = np.repeat([[[0, 0, 0.5]], [[900, 0, 500]], [[0, 900, 700]]], 6, axis=1)
     truth, o = measured(position, [(1, 2, 2), (2, 0, 4)])
     rng, rows = np.random.default_rng(3), []
@@ -246,7 +246,7 @@ def exact_freedom(graph, values, poses, axes=None):
 
 
 @pytest.mark.parametrize("condition", ["odometry", "no-ranges", "straight"])
-def test_degrees_of_freedom_are_those_of_the_joint_covariance_of_all_positions(condition):
+def test_degrees_of_freedom_are_those_of_the_joint_covariance(condition):
     fleet = factories.make_fleet(
         seed=2, n_vehicles=3, n_times=16, turn=0.1, gnss_every=15, n_landmarks=1
     )
@@ -275,7 +275,7 @@ def test_degrees_of_freedom_are_those_of_the_joint_covariance_of_all_positions(c
     assert DegreesOfFreedom(truth, o, condition).fleet == freedom.fleet, "the same in every run"
 
 
-def test_vehicles_that_do_not_depend_on_each_other_share_random_products(monkeypatch):
+def test_independent_vehicles_share_random_products(monkeypatch):
     """
     A study spent half a second on products of each vehicle alone, and on drawing the same signs for
     each.

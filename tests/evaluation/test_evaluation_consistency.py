@@ -70,10 +70,16 @@ def make_case(seed=0, *, n_realizations=40, believed=(1.0, 1.0), common=3.0, shi
     block = np.einsum("creaiaj->creaij", believed_joint)
     pose[..., 3:, 3:] = to_body @ block @ np.swapaxes(to_body, -1, -2)
     covariances = PoseCovariances(
-        condition=estimates.condition, realization=estimates.realization, name=truth.name, sample=SAMPLES,
-        time=truth.time[SAMPLES], position_covariance=believed_joint, pose_covariance=pose,
-        range_nis=rng.chisquare(12, size), range_dimension=np.full(size, 12),
-    )  # fmt: skip
+        condition=estimates.condition,
+        realization=estimates.realization,
+        name=truth.name,
+        sample=SAMPLES,
+        time=truth.time[SAMPLES],
+        position_covariance=believed_joint,
+        pose_covariance=pose,
+        range_nis=rng.chisquare(12, size),
+        range_dimension=np.full(size, 12),
+    )
     return truth, estimates, covariances
 
 
@@ -109,7 +115,7 @@ def test_bounds_hold_ninety_five_percent_and_shrink_with_realizations():
     assert np.isnan(mean_chi_square_bounds(0)).all()
 
 
-def test_consistent_fleet_is_inside_at_every_epoch_and_a_shifted_one_outside():
+def test_a_consistent_fleet_is_inside_and_a_shifted_one_outside():
     case = make_case(seed=21, shift=12.0)
     table = consistency_table(*case)
     straight, refracted = (table[table["condition"] == name] for name in ("straight", "refracted"))
@@ -131,7 +137,7 @@ def test_over_and_underconfidence_show_on_their_sides(believed, above):
     assert ((mine["ratio"] > mine["high"]) if above else (mine["ratio"] < mine["low"])).all()
 
 
-def test_share_of_false_alarms_is_five_percent_though_vehicles_are_correlated():
+def test_false_alarms_are_five_percent_despite_correlation():
     """The joint statistic keeps its level; pooling vehicles as if independent would not."""
     alarms, naive, n = [], [], 80
     for seed in range(n):
@@ -227,7 +233,7 @@ def test_variance_of_the_share_is_that_of_as_many_independent_draws():
     assert p * (1 - p) / share.var() == pytest.approx(row["effective_n"] / 4000, rel=0.06)
 
 
-def test_straight_ranges_and_odometry_are_consistent_and_refracted_ranges_far_from_it(tmp_path):
+def test_straight_ranges_are_consistent_and_refracted_ranges_are_not(tmp_path):
     """
     Five vehicles of the quick preset for eight hours, 24 realizations, covariances at its pings.
     """

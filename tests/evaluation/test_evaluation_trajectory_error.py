@@ -173,7 +173,7 @@ def test_difference_is_that_of_the_pooled_statistics(options, confidence):
         assert 0.0 < row["bootstrap_low_m"] < row["pooled_difference_m"] < row["bootstrap_high_m"]
 
 
-def test_interval_is_the_same_again_and_absent_for_a_single_realization():
+def test_an_interval_is_reproducible_and_absent_for_one_realization():
     truth, estimates = make_run(shift=5.0)
     assert comparison_table(truth, estimates).equals(comparison_table(truth, estimates))
     single = comparison_table(*make_run(n_realizations=1))
@@ -192,7 +192,7 @@ def test_pairing_narrows_the_interval():
     assert row["t_high_m"] - row["t_low_m"] < 0.7 * (unpaired.high - unpaired.low)
 
 
-def test_bootstrap_covers_nearly_as_often_with_as_many_realizations_as_the_paper():
+def test_the_bootstrap_covers_nearly_as_often_as_its_level():
     shift, covered, n = 4.0, 0, 150
     big_truth, big = make_run(seed=0, n_realizations=4000, n_vehicles=1, n_times=4, shift=shift)
     expected = (

@@ -113,14 +113,18 @@ def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
     xr.Dataset(
         {
             "LATITUDE": (dim, np.where(np.arange(5) == 1, np.nan, lat),
-                         {"standard_name": "latitude", "units": "degrees_north", "ancillary_variables": "LATITUDE_QC"}),
+                         {"standard_name": "latitude", "units": "degrees_north",
+                          "ancillary_variables": "LATITUDE_QC"}),
             "LATITUDE_QC": (dim, np.ones(5, dtype="i1"), {"standard_name": "latitude status_flag"}),
             "LONGITUDE": (dim, lon, {"standard_name": "longitude", "units": "degrees_east"}),
-            "LATITUDE_GPS": ("N_FIXES", [0.0], {"standard_name": "latitude", "units": "degrees_north"}),
-            "LONGITUDE_GPS": ("N_FIXES", [0.0], {"standard_name": "longitude", "units": "degrees_east"}),
+            "LATITUDE_GPS": ("N_FIXES", [0.0],
+                             {"standard_name": "latitude", "units": "degrees_north"}),
+            "LONGITUDE_GPS": ("N_FIXES", [0.0],
+                              {"standard_name": "longitude", "units": "degrees_east"}),
             "TIME_GPS": ("N_FIXES", [0.0], {"standard_name": "time", "units": "seconds since"
                                                                               " 1970-01-01"}),
-            "TIME": (dim, EPOCH + (TIME * 1e9).astype("timedelta64[ns]"), {"standard_name": "time"}),
+            "TIME": (dim, EPOCH + (TIME * 1e9).astype("timedelta64[ns]"),
+                     {"standard_name": "time"}),
             "PRES": (dim, pressure, {"standard_name": "sea_water_pressure", "units": "dbar",
                                      "ancillary_variables": "PRES_QC"}),
             "PRES_QC": (dim, flags, {"standard_name": "sea_water_pressure status_flag"}),
@@ -128,7 +132,8 @@ def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
         },
         attrs={"featureType": "trajectory", "Conventions": "CF-1.10,ACDD-1.3,OG-1.0"},
     ).to_netcdf(tmp_path / "og1.nc", encoding={"TIME": {"units": "seconds since"
-                                                                 " 1970-01-01T00:00:00Z", "dtype": "f8"}})  # fmt: skip
+                                                                 " 1970-01-01T00:00:00Z",
+                                                                 "dtype": "f8"}})  # fmt: skip
     tracks = read_trajectories(tmp_path / "og1.nc")
     (own,) = tracks.poses
     assert own.name == "sea007_20210304"
@@ -156,11 +161,12 @@ def test_an_imos_file_days_since_1950_and_quality_control(tmp_path):
             "LONGITUDE": ("TIME", lon, {"standard_name": "longitude", "units": "degrees_east"}),
             "DEPTH": ("TIME", depth, {"standard_name": "depth", "units": "m", "positive": "down"}),
             "DEPTH_quality_control": flag,
-            "PRES": ("TIME", depth * 1.01, {"standard_name": "sea_water_pressure", "units": "dbar"}),
+            "PRES": ("TIME", depth * 1.01,
+                     {"standard_name": "sea_water_pressure", "units": "dbar"}),
             "PLATFORM": ((), 1, {"trans_system_id": "Irridium"}),
         },
-        coords={"TIME": ("TIME", days, {"standard_name": "time", "units": "days since"
-                                                                          " 1950-01-01T00:00:00Z"})},
+        coords={"TIME": ("TIME", days, {"standard_name": "time", 
+                                  "units": "days since 1950-01-01T00:00:00Z"})},
         attrs={"featureType": "trajectory", "Conventions": "CF-1.6,IMOS-1.4"},
     ).to_netcdf(tmp_path / "IMOS_ANFOG_SG154.nc")  # fmt: skip
     tracks = read_trajectories(tmp_path / "IMOS_ANFOG_SG154.nc")
@@ -175,7 +181,7 @@ def test_an_imos_file_days_since_1950_and_quality_control(tmp_path):
     )  # a double of days is half a microsecond
 
 
-def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_path):
+def test_an_argo_trajectory_has_surface_fixes_and_pressures_between(tmp_path):
     """
     Argo's Rtraj files: characters for names and flags, 999999 and 99999 where nothing is known.
     """
@@ -187,15 +193,16 @@ def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_p
         {
             "PLATFORM_NUMBER": ("one", np.array([b"6901234 "]), {}, {"char_dim_name": "STRING8"}),
             "JULD": ("N_MEASUREMENT", juld, {
-                "standard_name": "time", "units": "days since 1950-01-01 00:00:00"
-                                                  " UTC", "_FillValue": 999999.0}),
+                "standard_name": "time", "units": "days since 1950-01-01 00:00:00 UTC",
+                "_FillValue": 999999.0}),
             "LATITUDE": ("N_MEASUREMENT", lat, {
                 "standard_name": "latitude", "units": "degree_north", "_FillValue": 99999.0}),
             "LONGITUDE": ("N_MEASUREMENT", np.where(lat < 90, -20.0, lat), {
                 "standard_name": "longitude", "units": "degree_east", "_FillValue": 99999.0}),
             "POSITION_QC": ("N_MEASUREMENT", np.array(list("1    1"), dtype="S1")),
             "PRES": ("N_MEASUREMENT", pres, {
-                "standard_name": "sea_water_pressure", "units": "decibar", "_FillValue": np.float32(99999.0)}),
+                "standard_name": "sea_water_pressure", "units": "decibar",
+                "_FillValue": np.float32(99999.0)}),
             "PRES_QC": ("N_MEASUREMENT", np.array(list("114111"), dtype="S1")),
         }
     ).to_netcdf(tmp_path / "6901234_Rtraj.nc")  # fmt: skip
@@ -213,7 +220,7 @@ def test_an_argo_trajectory_has_fixes_at_the_surface_and_pressures_between(tmp_p
     assert n - own.time.size == 2
 
 
-def test_attitudes_have_their_standard_names_and_gaps_are_turned_through_on_the_short_way(tmp_path):
+def test_attitudes_have_standard_names_and_gaps_turn_the_short_way(tmp_path):
     data = contiguous()
     heading = np.array([350.0, np.nan, 10.0, 20.0, 30.0, 90.0, 80.0, 70.0])
     data["HEADING"] = "obs", heading, {"standard_name": "platform_orientation", "units": "degree"}
@@ -240,7 +247,7 @@ def test_a_gap_over_the_antimeridian_is_filled_on_the_short_way(tmp_path):
     np.testing.assert_allclose(own.place[:, 1] % 360.0, [179.9, 180.0, 180.1])
 
 
-def test_a_drifter_without_depth_is_at_the_surface_and_altitudes_point_up(tmp_path):
+def test_a_drifter_without_depth_is_at_the_surface(tmp_path):
     drifter = contiguous().drop_vars("depth")
     drifter.to_netcdf(tmp_path / "drifter.nc")
     tracks = read_trajectories(tmp_path / "drifter.nc")
@@ -284,8 +291,9 @@ def nowhere():
 
 
 BAD = {
-    "no variable with standard_name time; a trajectory"
-    " needs": lambda: contiguous().drop_vars("time"),
+    "no variable with standard_name time; a trajectory needs": (
+        lambda: contiguous().drop_vars("time")
+    ),
     "rowSize declares 9 rows, but obs has 8": lambda: contiguous().assign(
         rowSize=("trajectory", [5, 4], {"sample_dimension": "obs"})),
     "time, latitude and longitude have no common dimension": lambda: contiguous().assign(

@@ -18,8 +18,7 @@ PLACE = np.array([[0.0, 0.0, 10.0], [1.5, -2.0, 11.0], [3.0, 0.5, 12.0]])
 W_FIRST, W_LAST = TURN.as_quat(scalar_first=True), TURN.as_quat()
 NANOSECONDS = 1403715529112143517 + 10**9 * np.arange(3)
 EUROC = ("#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [],"
-         " q_RS_z [],"
-         " v_RS_R_x [m s^-1]\n")  # fmt: skip
+         " q_RS_z [], v_RS_R_x [m s^-1]\n")  # fmt: skip
 
 
 def rows(*columns, separator=" "):
@@ -42,7 +41,8 @@ def kitti(folder, name="a.txt", times="a_times.txt"):
 
 
 @pytest.mark.parametrize(("name", "text"), [
-    ("a.tum", tum([0, 1, 2])), ("a.txt", tum([0, 1, 2])), ("a.csv", tum([0, 1, 2], ",")), ("a.txt", "# comment\n" + tum([5, 6, 7])),
+    ("a.tum", tum([0, 1, 2])), ("a.txt", tum([0, 1, 2])), ("a.csv", tum([0, 1, 2], ",")),
+    ("a.txt", "# comment\n" + tum([5, 6, 7])),
     ("data.csv", euroc()),
 ])  # fmt: skip
 def test_poses_are_read_by_content(tmp_path, name, text):
@@ -125,7 +125,10 @@ def test_times_in_other_units_are_refused(tmp_path, factor, unit):
     (tmp_path / "a.csv").write_text(
         "time,north,east,depth\n" + rows(times, *PLACE.T, separator=",")
     )
-    (tmp_path / "survey.csv").write_text("time,node,two_way_time_s,north_m,east_m\n" + rows(times, ["A"] * 3, [1, 1, 1], [0, 1, 2], [0, 0, 0], separator=","))  # fmt: skip
+    (tmp_path / "survey.csv").write_text(
+        "time,node,two_way_time_s,north_m,east_m\n"
+        + rows(times, ["A"] * 3, [1, 1, 1], [0, 1, 2], [0, 0, 0], separator=",")
+    )
     kitti(tmp_path, "k.txt", "k_times.txt")
     (tmp_path / "k_times.txt").write_text(rows(times))
     for name in ("a.tum", "a.csv", "k.txt"):
@@ -136,7 +139,7 @@ def test_times_in_other_units_are_refused(tmp_path, factor, unit):
     assert read_trajectories(tmp_path / "a.tum").duration == 2.0
 
 
-def test_two_trajectories_of_one_vehicle_are_noted_and_one_is_selected(tmp_path):
+def test_one_of_two_trajectories_of_a_vehicle_is_selected_with_a_note(tmp_path):
     east = np.arange(0.0, 100.0, 10.0)
     text = "time,vehicle,north,east,depth\n"
     for name, north, first in (("odom", 0.0, 0.0), ("amcl", 3.0, 0.0), ("other", 50.0, 5.0)):

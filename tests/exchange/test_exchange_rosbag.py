@@ -91,7 +91,7 @@ def test_topics_are_vehicles_and_enu_becomes_ned(name, ros, tmp_path):
         )
 
 
-def test_a_frame_called_ned_is_one_and_a_simulation_has_a_clock_without_dates(tmp_path):
+def test_a_frame_named_ned_is_ned_and_simulated_time_has_no_date(tmp_path):
     bag = write(
         tmp_path / "ned",
         ["/robot/odom", "/robot/pose"],
@@ -110,7 +110,7 @@ def test_a_frame_called_ned_is_one_and_a_simulation_has_a_clock_without_dates(tm
     )
 
 
-def test_a_body_called_frd_in_a_world_east_north_up_is_turned_by_the_world_alone(tmp_path):
+def test_an_frd_body_in_an_enu_world_is_rotated_by_the_world_alone(tmp_path):
     (own,) = read_trajectories(write(tmp_path / "frd", ["/a/odom"], child="base_link_frd")).poses
     turned = Rotation.from_quat(own.quaternion[0], scalar_first=True)
     in_enu = Rotation.from_euler("ZYX", [0.3, 0.0, 0.0])  # as the file has it
@@ -119,7 +119,7 @@ def test_a_body_called_frd_in_a_world_east_north_up_is_turned_by_the_world_alone
         np.testing.assert_allclose(turned.apply(axis), [north, east, -up], atol=1e-15)
 
 
-def test_true_poses_of_an_exported_run_are_vehicles_and_estimates_are_not(tmp_path):
+def test_true_poses_of_an_exported_run_are_vehicles_not_estimates(tmp_path):
     tracks = read_trajectories(write(tmp_path / "run", ["/truth/A/pose", "/refracted/A/pose"]))
     assert tracks.names == ["A"]
     assert tracks.notes == (f"{tmp_path / 'run'}: topics of poses other than /truth ignored: 1",)
@@ -195,7 +195,7 @@ def test_vehicles_that_are_apart_in_one_frame_are_no_robot(name, ros, tmp_path):
     assert "only if they have one origin" in read_trajectories(bag).notes[-1]
 
 
-def test_bags_without_poses_and_files_that_are_none_are_refused_in_one_line(tmp_path):
+def test_bags_without_poses_are_refused_in_one_line(tmp_path):
     store = get_typestore(Stores.ROS2_HUMBLE)
     with Writer2(tmp_path / "text", version=9) as bag:
         connection = bag.add_connection("/chatter", "std_msgs/msg/String", typestore=store)

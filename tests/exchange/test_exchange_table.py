@@ -105,9 +105,10 @@ def test_angles_and_quaternions_say_the_same(tmp_path):
 @pytest.mark.parametrize(
     ("written", "start"),
     [
-        (["2023-05-01T12:00:00+02:00", "2023-05-01T12:00:12.5+02:00", "2023-05-01T12:00:20+02:00"], "2023-05-01T10"),
-        ([("2023-05-01"
-          " 12:00:00Z"), "2023-05-01 12:00:12.500Z", "2023-05-01 12:00:20Z"], "2023-05-01T12"),
+        (["2023-05-01T12:00:00+02:00", "2023-05-01T12:00:12.5+02:00", "2023-05-01T12:00:20+02:00"],
+         "2023-05-01T10"),
+        (["2023-05-01 12:00:00Z",
+          "2023-05-01 12:00:12.500Z", "2023-05-01 12:00:20Z"], "2023-05-01T12"),
         (["2023-05-01T12:00", "2023-05-01T12:00:12.5", "2023-05-01T12:00:20"], "2023-05-01T12"),
         # clocks go back: 02:30 comes twice, and zones tell which is meant
         (["2023-10-29T02:59:50+02:00", "2023-10-29T02:00:02.5+01:00", "2023-10-29T02:00:10+01:00"],
@@ -207,10 +208,12 @@ def text(content, name="m.csv"):
 
 
 REFUSED = {
-    "m.csv: no north, east; the columns are time, depth; a trajectory"
-    " needs": text("time,depth\n0,2\n1,2"),
-    "m.csv: no lon; the columns are time, lat, depth; a trajectory"
-    " needs": text("time,lat,depth\n0,1,2\n1,1,2"),
+    "m.csv: no north, east; the columns are time, depth; a trajectory needs": (
+        text("time,depth\n0,2\n1,2")
+    ),
+    "m.csv: no lon; the columns are time, lat, depth; a trajectory needs": (
+        text("time,lat,depth\n0,1,2\n1,1,2")
+    ),
     "m.csv: no east; the columns are time, lat, north, depth; a trajectory needs": text(
         "time,lat,north,depth\n0,1,1,2\n1,1,1,2"),
     "m.csv, line 3: depth is 'x'; it must be a finite number": text(
@@ -224,14 +227,17 @@ REFUSED = {
         "time,north,east,depth,heading\n0,0,0,0,0\n1,0,0,0,359"),
     r"m.csv: column 'Heading \[gon\]' has unit 'gon'; allowed: rad, radians, deg, degrees": text(
         "time,north,east,depth,Heading [gon]\n0,0,0,0,0\n1,0,0,0,0"),
-    r"m.csv: column 'depth\(ft\)' has unit 'ft'; allowed: m,"
-    r" km": text("time,north,east,depth(ft)\n0,0,0,0\n1,0,0,0"),
+    r"m.csv: column 'depth\(ft\)' has unit 'ft'; allowed: m, km": (
+        text("time,north,east,depth(ft)\n0,0,0,0\n1,0,0,0")
+    ),
     "m.csv: only qw, qx, qy of a quaternion; give all of qw, qx, qy, qz": text(
         "time,north,east,depth,qw,qx,qy\n0,0,0,0,1,0,0\n1,0,0,0,1,0,0"),
-    "m.csv: two columns vehicle; remove"
-    " one": text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0"),
-    "m.csv, line 3: vehicle is ''; it must have a"
-    " name": text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0"),
+    "m.csv: two columns vehicle; remove one": (
+        text("time,vehicle,name,north,east,depth\n0,a,b,0,0,0\n1,a,b,0,0,0")
+    ),
+    "m.csv, line 3: vehicle is ''; it must have a name": (
+        text("time,vehicle,north,east,depth\n0,a,0,0,0\n1,,0,0,0")
+    ),
     r"m.csv, line 3: 500 m from the position of line 2 at the same time, .* to vehicle \(unused"
     r" columns: auv\)": text(
         "time,auv,north,east,depth\n0,A,0,0,0\n0,B,300,400,0\n1,A,0,0,0\n1,B,300,400,0"),
@@ -246,8 +252,9 @@ REFUSED = {
     "no file; name": lambda _: [],
     "m.parquet: not a readable Parquet file": text("PAR1", "m.parquet"),
     "m.tum, line 1: 7 numbers; a TUM file has 8": text("0 1 2 3 4 5 6\n" * 2, "m.tum"),
-    "m.tum, line 1: '0 1 2 x 0 0 0 1' has a word that is no"
-    " number": text("0 1 2 x 0 0 0 1\n", "m.tum"),
+    "m.tum, line 1: '0 1 2 x 0 0 0 1' has a word that is no number": (
+        text("0 1 2 x 0 0 0 1\n", "m.tum")
+    ),
     "m.tum: 0 rows": text("# nothing\n", "m.tum"),
     "m.tum, line 2: a number is not finite": text("0 0 0 0 0 0 0 1\nnan 0 0 0 0 0 0 1\n", "m.tum"),
 }  # fmt: skip
@@ -259,9 +266,10 @@ def test_bad_files_are_one_line_each(message, tmp_path):
 
 
 CUT = {
-    "m.csv": ("time,north,east,depth\n0,0,0,0\n1,0,0,5\n{}\n3,0,0,15\n", ["2,0", "2,0,0,x", "inf,0,0,10", "2,0,0,1,1"]),
-    "m.tum": (("0 0 0 0 0 0 0 1\n1 0 0 5 0 0 0 1\n\n{}\n3 0 0 15 0 0 0"
-              " 1\n"), ["2 0 0", "2 0 0 x 0 0 0 1", "2 0 0 nan 0 0 0 1"]),
+    "m.csv": ("time,north,east,depth\n0,0,0,0\n1,0,0,5\n{}\n3,0,0,15\n",
+              ["2,0", "2,0,0,x", "inf,0,0,10", "2,0,0,1,1"]),
+    "m.tum": ("0 0 0 0 0 0 0 1\n1 0 0 5 0 0 0 1\n\n{}\n3 0 0 15 0 0 0 1\n",
+              ["2 0 0", "2 0 0 x 0 0 0 1", "2 0 0 nan 0 0 0 1"]),
     "e.csv": (
         ("#timestamp, p_RS_R_x [m], p_RS_R_y [m], p_RS_R_z [m], q_RS_w [], q_RS_x [], q_RS_y [],"
          " q_RS_z []\n"
@@ -282,7 +290,7 @@ def test_unreadable_rows_of_a_track_are_listed_and_left_out(name, row, tmp_path)
     assert tracks.notes[0].startswith(f"{tmp_path / name}: 1 line left out, not readable: line 4: ")
 
 
-def test_a_single_vehicle_may_have_several_rows_within_the_resolution_of_its_times(tmp_path):
+def test_a_vehicle_may_have_several_rows_per_resolution_of_time(tmp_path):
     file = text("time,north,east,depth\n0,0,0,5\n0,0.5,0,5\n1,1,0,5\n1,1.5,0,5\n")(tmp_path)
     tracks = read_trajectories(file)
     assert any("2 poses at repeated times dropped" in note for note in tracks.notes)
@@ -312,8 +320,8 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
     )
     refused(ExchangeError, "a ping is at -60 s; the mission starts at 0", lambda: read_pings(
         path, np.datetime64("2023-05-01T10:01:00", "ns")))  # fmt: skip
-    refused(ExchangeError, "no transmitter; the columns are time, who; a list of pings"
-                           " needs", lambda: read_pings(
+    refused(ExchangeError, "no transmitter; the columns are time, who; a list of pings needs",
+            lambda: read_pings(
         text("time,who\n0,A\n")(tmp_path), None))  # fmt: skip
     mistyped = text("time,transmitter,receivrs\n0,A,B\n")(tmp_path)
     refused(

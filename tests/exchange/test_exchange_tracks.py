@@ -33,7 +33,7 @@ def angle_between(one, other):
     return 4.0 * np.arcsin(apart / 2.0)
 
 
-def test_at_its_own_times_a_vehicle_has_the_poses_of_the_file_to_the_last_digit():
+def test_a_vehicle_has_the_exact_poses_of_the_file_at_its_times():
     q = random_attitudes(TIME.size)
     times = np.sort(np.concatenate([TIME, np.linspace(0.0, 60.0, 23)]))
     truth = Tracks.of([poses(quaternion=q)]).at(times, FRAME)
@@ -43,7 +43,7 @@ def test_at_its_own_times_a_vehicle_has_the_poses_of_the_file_to_the_last_digit(
     assert truth.role.tolist() == ["track"]
 
 
-def test_between_its_times_places_are_linear_and_attitudes_turn_at_a_constant_rate():
+def test_between_times_positions_are_linear_and_rotations_uniform():
     q = random_attitudes(TIME.size)
     share = np.array([0.1, 0.25, 0.7])
     for k in range(TIME.size - 1):
@@ -103,7 +103,7 @@ def test_headings_by_true_north_are_those_of_the_motion_in_the_frame(centre):
     np.testing.assert_allclose(angle_between(by_file, by_motion), 0.0, atol=5e-3)
 
 
-def test_a_track_over_the_antimeridian_has_no_jump_and_its_middle_is_there():
+def test_a_track_over_the_antimeridian_has_no_jump():
     lon = np.array([179.98, 179.99, -180.0, -179.99, -179.98])
     tracks = Tracks.of(
         [poses(place=np.column_stack([np.full(5, 60.0), lon, np.zeros(5)]), geodetic=True)]
@@ -209,13 +209,16 @@ def test_east_north_up_and_back_is_where_one_was():
 IMPOSSIBLE = {
     "A: 1 pose; a trajectory needs at least two": lambda: [poses(time=TIME[:1], place=PLACE[:1])],
     "two vehicles have the name A; rename one": lambda: [poses(), poses()],
-    "pose 2 has a position that is not"
-    " finite": lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))],
+    "pose 2 has a position that is not finite": (
+        lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))]
+    ),
     "latitude is 95; it must be -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
-    "depth -5.1 m is above the surface; .*change the"
-    " sign": lambda: [poses(place=PLACE - [0, 0, 8.1])],
-    "the quaternion of pose 0 has length 0; it must be"
-    " 1": lambda: [poses(quaternion=np.zeros((5, 4)))],
+    "depth -5.1 m is above the surface; .*change the sign": (
+        lambda: [poses(place=PLACE - [0, 0, 8.1])]
+    ),
+    "the quaternion of pose 0 has length 0; it must be 1": (
+        lambda: [poses(quaternion=np.zeros((5, 4)))]
+    ),
     "A has latitude and longitude, but B of mission.csv does not": lambda: [
         poses(geodetic=True), poses("B")],
     "A has dates, but B of mission.csv does not": lambda: [

@@ -63,9 +63,7 @@ def test_a_uniform_current_adds_its_way_to_a_helix(run, make_ocean):
 
 
 @pytest.mark.parametrize("share", [0.2, 0.6, 0.9])
-def test_who_swims_towards_a_point_across_a_current_comes_on_the_curve_of_pursuit(
-    run, make_ocean, share
-):
+def test_a_swimmer_across_a_current_follows_the_curve_of_pursuit(run, make_ocean, share):
     """
     y = d/2 ((x/d)^(1-k) - (x/d)^(1+k)), k the current by the speed; there after d v / (v² - u²).
     """
@@ -92,7 +90,7 @@ def test_who_swims_towards_a_point_across_a_current_comes_on_the_curve_of_pursui
     )
 
 
-def test_points_are_reached_from_everywhere_in_a_current_slower_than_the_swimmer(run, make_ocean):
+def test_points_are_reached_in_a_current_slower_than_the_swimmer(run, make_ocean):
     rng = np.random.default_rng(4)
     water = make_ocean(uniform=(0.9, -0.6))  # 1.08 of 1.5 m/s
     for _ in range(25):
@@ -148,9 +146,7 @@ def test_a_drogue_is_carried_by_the_water_at_its_depth(run, make_ocean):
 
 
 @pytest.mark.parametrize(("slow", "fast"), [(1e-3, 1e-3), (5e-4, 2e-3)])
-def test_what_does_not_swim_follows_the_circle_of_a_rotation_to_second_order(
-    run, make_ocean, slow, fast
-):
+def test_drift_follows_a_circular_current_to_second_order(run, make_ocean, slow, fast):
     radius, duration, errors = 2000.0, 4000.0, []
     water = over_time([0.0, duration], [make_ocean(rotation=rate) for rate in (slow, fast)])
     for step in (5.0, 10.0, 25.0):

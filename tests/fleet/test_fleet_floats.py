@@ -70,9 +70,7 @@ def test_depth_never_overshoots_nor_exceeds_the_vertical_speed(run, make_float, 
     assert depth.max() > 100.0 - 1e-6
 
 
-def test_drift_in_a_uniform_current_is_the_current_times_time_without_rotation(
-    run, make_float, make_ocean
-):
+def test_drift_in_a_uniform_current_is_current_times_time(run, make_float, make_ocean):
     truth = run(make_float(heading=1.0), water=make_ocean(uniform=(0.3, -0.2)))
     np.testing.assert_allclose(truth.position[0, :, 0], 0.3 * truth.time, rtol=0, atol=1e-8)
     np.testing.assert_allclose(truth.position[0, :, 1], -0.2 * truth.time, rtol=0, atol=1e-8)

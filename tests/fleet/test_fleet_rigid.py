@@ -31,8 +31,12 @@ def test_constant_twist_is_a_helix_whatever_the_step(run, twist, physics_step):
 
 
 def test_poses_stay_on_the_group_over_a_long_run(run):
-    truth = run(Vehicle("T", (0, 0, 500.0), ConstantTwist((0.3, -0.2, 0.1, 1, 0, 0))), duration=50_000.0,
-                physics_step=0.125, sampling_period=500.0)  # fmt: skip
+    truth = run(
+        Vehicle("T", (0, 0, 500.0), ConstantTwist((0.3, -0.2, 0.1, 1, 0, 0))),
+        duration=50_000.0,
+        physics_step=0.125,
+        sampling_period=500.0,
+    )
     np.testing.assert_allclose(np.linalg.norm(truth.quaternion, axis=-1), 1.0, rtol=0, atol=1e-14)
 
 

@@ -124,26 +124,32 @@ def test_path_depends_on_nothing_but_the_vehicle_itself(run, make_float, make_oc
 
 
 TIMES = {
-    "sampling_period is 50.2 s, 100.4 times physics_step .* change one of"
-    " them": {"sampling_period": 50.2},
+    "sampling_period is 50.2 s, 100.4 times physics_step .* change one of them": (
+        {"sampling_period": 50.2}
+    ),
     "duration is 1010 s, 20.2 times sampling_period .* integer multiple": {"duration": 1010.0},
     "duration is 25 s, 0.5 times sampling_period": {"duration": 25.0},
     "physics_step is 0 s; it must be finite and positive": {"physics_step": 0.0},
     "duration is nan s; it must be finite and positive": {"duration": np.nan},
     "sampling_period is 1e.300 s, inf times": {"physics_step": 1e-300, "sampling_period": 1e300},
-    r"1 vehicles x 1e\+13 samples x 114 bytes are 1.06e\+06 GiB of memory; this machine"
-    r" has": {"duration": 5e14},
+    r"1 vehicles x 1e\+13 samples x 114 bytes are 1.06e\+06 GiB of memory; this machine has": (
+        {"duration": 5e14}
+    ),
 }  # fmt: skip
 FLEETS = {
     "fleet: no vehicles; give at least one": [],
-    "vehicle 'B': two vehicles have this name; rename"
-    " one": [floating("B"), floating("C"), floating("B")],
-    "vehicle 'B': the start position is at north 6000, .* -5000 to 5000 .*; move"
-    " it": [floating(north=6000.0)],
-    "vehicle 'B': the start position is 1200 m deep, below the sea floor at 1000 m .*;"
-    " use": [floating(depth=1200.0)],
-    "vehicle 'B': target_depth is 2500 m deep, below the sea floor at 1000 m .*;"
-    " use": [floating(target_depth=2500.0)],
+    "vehicle 'B': two vehicles have this name; rename one": (
+        [floating("B"), floating("C"), floating("B")]
+    ),
+    "vehicle 'B': the start position is at north 6000, .* -5000 to 5000 .*; move it": (
+        [floating(north=6000.0)]
+    ),
+    "vehicle 'B': the start position is 1200 m deep, below the sea floor at 1000 m .*; use": (
+        [floating(depth=1200.0)]
+    ),
+    "vehicle 'B': target_depth is 2500 m deep, below the sea floor at 1000 m .*; use": (
+        [floating(target_depth=2500.0)]
+    ),
     "vehicle 'W': waypoint 1 is at north 0, east 9000 m, outside the ocean": [
         Vehicle("W", (0, 0, 5), Waypoints([(0, 0, 9), (0, 9e3, 9)], 1, 0.1))
     ],

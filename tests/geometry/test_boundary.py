@@ -53,7 +53,7 @@ def test_a_depth_beyond_the_edge_is_that_of_the_edge(slope):
     np.testing.assert_allclose(slope.depth_at([[9e4, 0.0]]), plane(4e3, 0.0))
 
 
-def test_a_data_set_gives_a_boundary_on_its_axes_on_the_oceans_or_of_one_depth():
+def test_a_data_set_gives_a_boundary_on_any_axes_or_of_one_depth():
     axes = {"north": NORTH, "east": EAST, "floor_north": NORTH * 2, "floor_east": EAST * 2}
     own = (("floor_east", "floor_north"), plane(NORTH[:, None] * 2, EAST * 2).T)
     ocean = xr.Dataset({"sea_floor_depth": own, "sea_ice_draft": ((), 2.0)}, coords=axes)

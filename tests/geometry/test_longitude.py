@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from pymantaray.geometry.longitude import contiguous, eastward, whole_turns, wrapped
+from pymantaray.geometry.longitude import contiguous, eastward, whole_turns, wrap_longitude
 
 
 @pytest.mark.parametrize("about", [0.0, -170.0, 359.5])
 def test_a_wrapped_longitude_is_the_same_meridian_and_near(about):
     lon = np.linspace(-720.0, 720.0, 1441)
-    turned = wrapped(lon, about)
+    turned = wrap_longitude(lon, about)
     assert np.all((turned >= about - 180.0) & (turned < about + 180.0))
     np.testing.assert_allclose((turned - lon + 1.0) % 360.0, 1.0, atol=1e-9)
     np.testing.assert_allclose([x - whole_turns(x, about) for x in lon], turned, atol=1e-9)

@@ -25,7 +25,7 @@ def test_slopes_are_those_of_scipys_natural_spline(points, shape):
     np.testing.assert_array_equal(values, before)
 
 
-def test_values_have_no_curvature_at_the_ends_and_pass_through_the_points():
+def test_splines_pass_through_points_without_curvature_at_ends():
     points = np.array([0.0, 1.0, 5.0, 40.0])
     values = np.array([[1500.0, 1490.0, 1495.0, 1480.0], [0.0, 1.0, 0.0, 2.0]])
     np.testing.assert_allclose(natural_spline(points, values, points), values, rtol=1e-14)

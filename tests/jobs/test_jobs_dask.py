@@ -134,9 +134,7 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(cluster, tmp_path
 
 
 @pytest.mark.slow
-def test_a_task_that_kills_its_worker_fails_alone_although_others_are_in_its_batch(
-    cluster, tmp_path, monkeypatch, caplog
-):
+def test_a_task_that_kills_its_worker_fails_alone(cluster, tmp_path, monkeypatch, caplog):
     monkeypatch.setattr(dask_pool, "_BATCH_SECONDS", 1e9)
     deadly = Square(90, deaths=1000)
     every = [deadly if n == deadly.number else Square(n) for n in range(150)]
@@ -148,7 +146,7 @@ def test_a_task_that_kills_its_worker_fails_alone_although_others_are_in_its_bat
 
 
 @pytest.mark.slow
-def test_a_task_is_not_blamed_for_the_deaths_of_workers_that_others_kill(cluster, tmp_path):
+def test_a_task_is_not_blamed_for_workers_that_others_kill(cluster, tmp_path):
     spare = cluster.workers.pop()
     spare.kill()
     spare.wait()
@@ -161,9 +159,7 @@ def test_a_task_is_not_blamed_for_the_deaths_of_workers_that_others_kill(cluster
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_stays_away_is_one_line_and_the_job_resumes_elsewhere(
-    cluster, tmp_path, monkeypatch
-):
+def test_a_lost_scheduler_is_one_line_and_the_job_resumes_elsewhere(cluster, tmp_path, monkeypatch):
     monkeypatch.setattr(dask_pool, "_RECONNECT_TIMEOUT", 4.0)
     out = tmp_path / "out"
 

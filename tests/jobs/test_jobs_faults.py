@@ -38,7 +38,7 @@ def test_a_task_that_fails_is_a_result_and_the_others_go_on(tmp_path):
     assert len(squares_in(tmp_path / "out")) == 3
 
 
-def test_a_task_whose_worker_dies_is_tried_three_times_and_the_others_go_on(tmp_path):
+def test_a_task_whose_worker_ends_has_three_attempts(tmp_path):
     lines = run_squares([Square(1), Square(2, deaths=9), Square(3, deaths=2)], tmp_path / "out")
     assert (lines[1], lines[3]) == (None, None)
     assert "by SIGKILL, maybe out of memory; use fewer workers (3 attempts)" in lines[2]
@@ -80,7 +80,7 @@ def test_two_runners_of_one_store_lose_and_change_nothing(tmp_path):
 
 
 @pytest.mark.slow
-def test_a_full_disk_or_one_that_is_read_only_is_one_line_and_loses_nothing(tmp_path):
+def test_a_full_or_read_only_disk_is_one_line_and_loses_nothing(tmp_path):
     disk = tmp_path / "disk"
     tasks = [Square(n, size=100_000) for n in range(8)]
     with factories.small_disk(disk, "512k") as remount:

@@ -102,7 +102,7 @@ def test_what_cannot_be_written_is_refused_before_the_work(tmp_path, name, match
     assert names_in(tmp_path) == ["file"]
 
 
-def test_place_taken_meanwhile_and_folder_removed_meanwhile_are_one_line(tmp_path):
+def test_a_taken_place_or_removed_folder_is_one_line(tmp_path):
     with (
         pytest.raises(JobError, match="run: cannot be written: Directory not empty; select"),
         staged_folder(tmp_path / "run"),
@@ -118,7 +118,7 @@ def test_place_taken_meanwhile_and_folder_removed_meanwhile_are_one_line(tmp_pat
     refused(JobError, r"\.other\.mantaray-part: this folder was removed", remove)
 
 
-def test_dated_names_differ_from_the_start_and_latest_follows_the_newest(tmp_path, monkeypatch):
+def test_dated_names_differ_and_latest_is_the_newest(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     process, first = holding()
     second = write(None)
@@ -135,9 +135,7 @@ def test_dated_names_differ_from_the_start_and_latest_follows_the_newest(tmp_pat
 
 
 @pytest.mark.parametrize("there", [False, True])
-def test_what_a_killed_process_leaves_the_next_one_clears_and_a_living_ones_is_kept(
-    tmp_path, there
-):
+def test_stages_of_killed_processes_are_removed_and_others_kept(tmp_path, there):
     out = tmp_path / "run"
     out.mkdir() if there else None
     process, _ = holding(out)

@@ -122,7 +122,7 @@ class Unimportable:
         return importlib.import_module, ("no_such_module",)
 
 
-def test_what_a_worker_cannot_import_is_raised_where_it_was_asked_and_printed_nowhere(capfd):
+def test_an_import_error_of_a_worker_is_raised_by_the_caller(capfd):
     with (
         pytest.raises(ModuleNotFoundError, match="no_such_module"),
         Workers(Unimportable(), 1) as workers,
@@ -184,7 +184,7 @@ def hold(mebibytes):
     return np.ones(mebibytes * 2**17).size
 
 
-def test_memory_is_that_of_the_largest_worker_and_not_of_who_started_it():
+def test_memory_is_that_of_the_largest_worker():
     """
     One mebibyte is 2**17 numbers of 8 bytes; a fresh interpreter without work has some tens of
     them.

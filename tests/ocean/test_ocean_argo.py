@@ -91,11 +91,16 @@ def test_a_position_under_ice_is_a_good_one(tmp_path):
     assert len(read_casts(write_gdac(tmp_path / "ice.nc", modes="DD", position="8"))) == 2
 
 
-@pytest.mark.parametrize(("options", "message"), [
-    ({"adjusted_flags": "444444"}, ("none of 1 profiles has a good position and at least two"
-                                   " levels")),
-    ({"modes": "DD", "position": "9"}, "none of 2 profiles"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (
+            {"adjusted_flags": "444444"},
+            "none of 1 profiles has a good position and at least two levels",
+        ),
+        ({"modes": "DD", "position": "9"}, "none of 2 profiles"),
+    ],
+)
 def test_a_file_without_a_usable_profile_is_refused(tmp_path, options, message):
     refused(OceanError, message, read_casts, write_gdac(tmp_path / "bad.nc", **options))
 

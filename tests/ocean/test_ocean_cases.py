@@ -50,9 +50,12 @@ def test_a_logger_on_deck_and_no_fix(case):
 
 
 @pytest.mark.parametrize(("file", "field", "values"), [
-    ("t068.cnv", "temperature", [14.2211, 10.2274, 6.2270]), ("psi.cnv", "depth", -gsw.z_from_p([9.99740, 99.97398, 999.73981], 45.0)),
-    ("pr50M.cnv", "depth", -gsw.z_from_p([10.0, 100.0, 1000.0], 45.0)), ("depSF.cnv", "depth", [3.048, 30.48, 304.8]),
-    ("cond.cnv", "salinity", gsw.SP_from_C([42.9, 42.0, 36.5], [15.0, 14.0, 8.0], [10.0, 100.0, 1000.0])),
+    ("t068.cnv", "temperature", [14.2211, 10.2274, 6.2270]),
+    ("psi.cnv", "depth", -gsw.z_from_p([9.99740, 99.97398, 999.73981], 45.0)),
+    ("pr50M.cnv", "depth", -gsw.z_from_p([10.0, 100.0, 1000.0], 45.0)),
+    ("depSF.cnv", "depth", [3.048, 30.48, 304.8]),
+    ("cond.cnv", "salinity",
+     gsw.SP_from_C([42.9, 42.0, 36.5], [15.0, 14.0, 8.0], [10.0, 100.0, 1000.0])),
 ])  # fmt: skip
 def test_names_of_sea_bird(case, file, field, values):
     cast = read_cast(case("cnv-unknown-names") / file)

@@ -239,29 +239,32 @@ GRID_RELATIVE = attrs(
     uo={"standard_name": "sea_water_x_velocity"}, vo={"standard_name": "sea_water_y_velocity"}
 )
 REFUSED = {
-    "terrain": (attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1"}), "its levels follow the sea bed (deptht); this is not supported"),
+    "terrain": (attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1"}),
+                "its levels follow the sea bed (deptht); this is not supported"),
     "sigma": (attrs(deptht={"formula_terms": "sigma: s eta: zeta"}), "levels follow the sea bed"),
-    "layers of density": (attrs(deptht={"standard_name": "sea_water_potential_density", "units": "kg m-3"}), "is not a depth"),
+    "layers of density": (attrs(deptht={"standard_name": "sea_water_potential_density",
+                                        "units": "kg m-3"}), "is not a depth"),
     "curvilinear": (curvilinear, ("its grid is curvilinear (nav_lat has two dimensions); this is"
                                  " not supported; first regrid")),
     "curvilinear in s-levels": (lambda d: terrain(curvilinear(d)), BOTH),
     "curvilinear in s-levels, without names": (lambda d: nameless(terrain(curvilinear(d))), BOTH),
-    "without names": (nameless, ("it contains thetao (time_counter, deptht, latitude, longitude),"
-                                " so (")),
+    "without names": (nameless,
+                      "it contains thetao (time_counter, deptht, latitude, longitude), so ("),
     "salinity without a name": (
         attrs(so={"standard_name": "salt"}),
         ("no salinity; an ocean needs water_temp, salinity, water_u and water_v, or their CF"
-         " standard names (for HYCOM the ts3z and"
-        " uv3z files together); it contains thetao ("),
+         " standard names (for HYCOM the ts3z and uv3z files together); it contains thetao ("),
     ),
     "rotated pole": (
         lambda d: d.assign(pole=((), 0, {"grid_mapping_name": "rotated_latitude_longitude"})),
         "rotated pole (pole); regrid",
     ),
     "grid longitude": (attrs(longitude={"standard_name": "grid_longitude"}), "rotated pole"),
-    "projected": (attrs(longitude={"standard_name": "projection_x_coordinate", "units": "m"}), "projected"),
-    "grid-relative": (GRID_RELATIVE, ("velocities along the axes of the model's grid, not east and"
-                                     " north; rotate them")),
+    "projected": (attrs(longitude={"standard_name": "projection_x_coordinate", "units": "m"}),
+                  "projected"),
+    "grid-relative": (GRID_RELATIVE,
+                      ("velocities along the axes of the model's grid, not east and north; rotate"
+                       " them")),
     "staggered": (staggered, "interpolate both to the same points"),
     "two of a kind": (lambda d: d.assign(again=d["so"]), "keep only one in the file"),
     "no units": (attrs(thetao={"units": ""}), "has no units"),
@@ -272,27 +275,28 @@ REFUSED = {
         ),
         "suggests kg/kg",
     ),
-    "wrong way up": (axis("deptht", -DEPTH), ("has negative values although its attribute positive"
-                                             " is 'down'")),
+    "wrong way up": (axis("deptht", -DEPTH),
+                     "has negative values although its attribute positive is 'down'"),
     "above the surface": (axis("deptht", DEPTH - 5.0), "a level 5 above the surface"),
     "deep": (axis("deptht", DEPTH + 50.0), "the first level is at 50 m"),
-    "too many months": (axis("time_counter", [1e9], units="months since"
-                                                          " 1955-01-01"), "correct the axis"),
+    "too many months": (axis("time_counter", [1e9], units="months since 1955-01-01"),
+                        "correct the axis"),
     "equal times": (lambda d: d.isel(time_counter=[0, 0]), "the instant 2020-01-01T06:00 2 times"),
-    "deep levels": (axis("deptht", [0.0, 10.0, 100.0, 500.0, 1e308], units="m"), "a level at 1e+308; allowed: at most 12000 m"),
+    "deep levels": (axis("deptht", [0.0, 10.0, 100.0, 500.0, 1e308], units="m"),
+                    "a level at 1e+308; allowed: at most 12000 m"),
     "unit of latitude": (attrs(latitude={"units": "m"}), "is not a unit of latitude"),
     "360 days": (attrs(time_counter={"calendar": "360_day"}), "calendar '360_day'"),
     "no leap": (attrs(time_counter={"calendar": "noleap"}), "convert_calendar"),
     "members": (lambda d: d.expand_dims(member=2), "'member' besides"),
     "latitude jumps": (lambda d: d.isel(latitude=[0, 2, 1, 3, 4]), "is not monotonic"),
-    "masks": (lambda d: d.assign(so=d["so"].where(d["latitude"] > 40.3)), ("land masks of"
-                                                                          " temperature")),
+    "masks": (lambda d: d.assign(so=d["so"].where(d["latitude"] > 40.3)),
+              "land masks of temperature"),
     "latitude missing": (
         axis("latitude", [40, 40.1, np.nan, 40.5, 41]),
         "latitude is empty or has missing values",
     ),
-    "no currents": (lambda d: d[["thetao", "so"]], ("add them, or set the currents to zero with"
-                                                   " `currents='rest'`")),
+    "no currents": (lambda d: d[["thetao", "so"]],
+                    "add them, or set the currents to zero with `currents='rest'`"),
 }  # fmt: skip
 
 

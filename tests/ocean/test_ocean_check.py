@@ -62,30 +62,29 @@ def kelvin(ocean):
 
 SOUTHWARD = slice(None, None, -1)
 WRONG = {  # how, and the finding or how it begins
-    "no salinity": (lambda o: o.drop_vars("salinity"), ("variable missing (salinity): no such"
-                                                       " variable")),
+    "no salinity": (lambda o: o.drop_vars("salinity"),
+                    "variable missing (salinity): no such variable"),
     "no latitude": (lambda o: o.drop_vars("lat"), "axis missing (lat): no such coordinate"),
     "no time": (lambda o: o.drop_vars("time"), "axis missing (time): no such coordinate"),
     "time axis": (lambda o: o.expand_dims("time"), "axis (time): 1 of datetime64"),
     "time a number": (lambda o: o.assign_coords(time=3.0), "axis (time): 1 of float64"),
     "depth from 5 m": (lambda o: axis(o, "depth", o["depth"] + 5.0), "axis (depth): starts at 5 m"),
-    "depth upward": (lambda o: axis(o, "depth", -o["depth"]), ("axis not monotone (depth): 39 of"
-                                                              " 39")),
-    "depth in cm": (lambda o: axis(o, "depth", 100 * o["depth"], units="cm"), ("units (depth): cm;"
-                                                                              " allowed m;")),
+    "depth upward": (lambda o: axis(o, "depth", -o["depth"]),
+                     "axis not monotone (depth): 39 of 39"),
+    "depth in cm": (lambda o: axis(o, "depth", 100 * o["depth"], units="cm"),
+                    "units (depth): cm; allowed m;"),
     "latitude falls": (lambda o: o.isel(lat=SOUTHWARD), "axis not monotone (lat): 29 of 29"),
-    "beyond the"
-    " pole": (lambda o: axis(o, "lat", o["lat"] + 12.0), ("axis (lat): 89.32 to 90.48; allowed -90"
-                                                         " to 90")),
-    "round the Earth": (lambda o: axis(o, "lon", np.linspace(-180, 180, 60)), ("axis (lon): spans"
-                                                                              " 360 degrees")),
+    "beyond the pole": (lambda o: axis(o, "lat", o["lat"] + 12.0),
+              "axis (lat): 89.32 to 90.48; allowed -90 to 90"),
+    "round the Earth": (lambda o: axis(o, "lon", np.linspace(-180, 180, 60)),
+                        "axis (lon): spans 360 degrees"),
     "too narrow": (lambda o: o.isel(lon=slice(0, 3)), "axis too short (lon): 3 points"),
     "transposed": (lambda o: o.transpose("lat", "lon", "depth"), "dimensions (water_v): ('lat',"),
     "text": (lambda o: o.assign(water_u=o["water_u"].astype(str)), "type (water_u): <U"),
     "kelvin": (kelvin, "units (water_temp): K; allowed degC;"),
     "too much salt": (lambda o: spoil(o, POINT, salinity=400.0), "values (salinity): 1 of "),
-    "infinite": (lambda o: spoil(o, POINT, water_u=np.inf), ("not finite (water_u): 1 infinite"
-                                                            " values")),
+    "infinite": (lambda o: spoil(o, POINT, water_u=np.inf),
+                 "not finite (water_u): 1 infinite values"),
     "all land": (lambda o: mask(o, ...), "no valid value (water_v): all missing"),
     "hole": (
         lambda o: spoil(o, POINT, salinity=np.nan),
@@ -96,15 +95,14 @@ WRONG = {  # how, and the finding or how it begins
         lambda o: mask(o, POINT),
         "NaN islands (water_temp 77.76 N, 0.4 W, 12 m): 32 wet points are below a dry one",
     ),
-    "no title": (lambda o: o.drop_attrs(deep=False).assign_attrs(synthetic=1), ("attributes"
-                                                                               " missing: title,"
-                                                                               " source")),
+    "no title": (lambda o: o.drop_attrs(deep=False).assign_attrs(synthetic=1),
+                 "attributes missing: title, source"),
     "perhaps": (lambda o: o.assign_attrs(synthetic="perhaps"), "attribute (synthetic): 'perhaps'"),
 }  # fmt: skip
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_what_is_wrong_is_found_and_the_first_of_it_is_the_schema_s_refusal(healthy, name):
+def test_the_first_finding_is_the_error_of_the_schema(healthy, name):
     change, finding = WRONG[name]
     ocean = change(healthy)
     findings = check_ocean(ocean)
@@ -127,7 +125,7 @@ def test_everything_is_listed_not_only_the_first(healthy):
     ]
 
 
-def test_files_that_do_not_open_are_told_in_full_and_in_the_reader_s_units(healthy, tmp_path):
+def test_unreadable_files_are_reported_in_full_in_their_units(healthy, tmp_path):
     """
     Temperature in K and currents in cm/s are no fault; a salt spike and a gale in the water are.
     """

@@ -55,7 +55,7 @@ def test_zeros_of_all_variables_are_land():
     np.testing.assert_array_equal(np.isnan(ocean["salinity"].values), LAND)
 
 
-def test_zeros_of_temperature_and_salinity_are_land_whatever_the_currents():
+def test_zeros_of_temperature_and_salinity_are_land():
     ocean = open_ocean(model(0.0, zero=("t", "s")))
     np.testing.assert_array_equal(np.isnan(ocean["salinity"].values), LAND)
     fresh = model(0.0)
@@ -89,7 +89,8 @@ def test_zeros_of_one_variable_are_water():
 
 
 @pytest.mark.parametrize("attrs", [
-    {"valid_min": -10.0, "valid_max": 60.0}, {"valid_max": 60}, {"valid_range": [-10.0, 60.0]}, {"valid_range": np.array([-10, 60])},
+    {"valid_min": -10.0, "valid_max": 60.0}, {"valid_max": 60}, {"valid_range": [-10.0, 60.0]},
+    {"valid_range": np.array([-10, 60])},
     {"valid_max": np.float32(60.0)},
 ])  # fmt: skip
 def test_values_outside_the_valid_range_are_missing(tmp_path, attrs):
@@ -103,9 +104,12 @@ def test_values_outside_the_valid_range_are_missing(tmp_path, attrs):
 
 @pytest.mark.parametrize(("packing", "limits", "missing"), [
     # integers are 0 to 9, values 20 to 65; limits of integers are packed, of real numbers unpacked
-    ({"scale_factor": 5.0, "add_offset": 20.0}, {"valid_min": np.int16(2), "valid_max": np.int16(7)}, [0, 1, 8, 9]),
-    ({"scale_factor": 5.0, "add_offset": 20.0}, {"valid_range": np.array([2, 7], dtype="i2")}, [0, 1, 8, 9]),
-    ({"scale_factor": 5.0, "add_offset": 20.0}, {"valid_min": 30.0, "valid_max": 55.0}, [0, 1, 8, 9]),
+    ({"scale_factor": 5.0, "add_offset": 20.0},
+     {"valid_min": np.int16(2), "valid_max": np.int16(7)}, [0, 1, 8, 9]),
+    ({"scale_factor": 5.0, "add_offset": 20.0}, {"valid_range": np.array([2, 7], dtype="i2")},
+     [0, 1, 8, 9]),
+    ({"scale_factor": 5.0, "add_offset": 20.0}, {"valid_min": 30.0, "valid_max": 55.0},
+     [0, 1, 8, 9]),
     ({"scale_factor": -5.0, "add_offset": 20.0}, {"valid_min": np.int16(2)}, [0, 1]),
     ({"scale_factor": 5.0, "add_offset": 20.0}, {}, []),
 ])  # fmt: skip
@@ -170,10 +174,16 @@ def atlas(kind, months=(396.5,)):
             {"standard_name": words, "units": unit, "long_name": methods},
         )
     data["crs"] = (), 0, {"grid_mapping_name": "latitude_longitude"}
-    data["time"] = "time", np.array(months), {
-        "standard_name": "time", "units": "months since 1955-01-01"
-                                          " 00:00:00", "climatology": "climatology_bounds", "axis": "T",
-    }  # fmt: skip
+    data["time"] = (
+        "time",
+        np.array(months),
+        {
+            "standard_name": "time",
+            "units": "months since 1955-01-01 00:00:00",
+            "climatology": "climatology_bounds",
+            "axis": "T",
+        },
+    )
     data["climatology_bounds"] = ("time", "nbounds"), np.array([[0.0, 805.0]] * len(months))
     return data.set_coords("time")
 

@@ -158,13 +158,14 @@ GOOD = {"casts": [cast_at(74.6, -140.0, 0.5)], "horizontal_scale": 1e4}
 
 @pytest.mark.parametrize(("change", "message"), [
     ({"casts": [cast_at(80.0, -140.0, 0.5)]}, "cast c: 80 N, 140 W is outside the ocean"),
-    ({"casts": [cast_at(74.5, -140.0, 0.5)], "land": True}, ("is on land in the ocean; remove the"
-                                                            " cast")),
+    ({"casts": [cast_at(74.5, -140.0, 0.5)], "land": True},
+     "is on land in the ocean; remove the cast"),
     ({"casts": []}, "no cast; give"),
     ({"horizontal_scale": 0.0}, "horizontal_scale is 0; it must be positive"),
     ({"noise_ratio": -1.0}, "noise_ratio is -1; it must be positive"),
     ({"vertical_scale": 0.0}, "vertical_scale is 0; it must be positive"),
-    ({"casts": [replace(GOOD["casts"][0], time=np.datetime64("NaT", "us"))], "time_scale": DAY}, "its time is unknown"),
+    ({"casts": [replace(GOOD["casts"][0], time=np.datetime64("NaT", "us"))], "time_scale": DAY},
+     "its time is unknown"),
 ])  # fmt: skip
 def test_casts_that_cannot_be_used_are_refused(background, change, message):
     options = GOOD | change
@@ -205,7 +206,7 @@ def real_casts(shared_data):
     ]
 
 
-def test_the_casts_sharpen_the_warm_layer_of_the_synthetic_beaufort_sea(real_casts, beaufort_sea):
+def test_the_casts_sharpen_the_warm_layer_of_the_beaufort_sea(real_casts, beaufort_sea):
     corrected = correct_with_casts(
         beaufort_sea, real_casts, horizontal_scale=30e3, noise_ratio=0.01
     )

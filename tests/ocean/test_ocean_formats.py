@@ -31,8 +31,8 @@ def whp(*, unit="ITS-90", flag="2", letter="W", end="END_DATA\n", time="TIME = 0
              for p, t, s in zip(PRESSURE, TEMPERATURE, SALINITY, strict=True)]  # fmt: skip
     return ("CTD,20240805EXAMPLE\n# a comment = 3\nNUMBER_HEADERS = 10\nEXPOCODE = 00XX\nSTNNBR ="
             f" 25\nCASTNO = 1\nDATE = 20240805\n{time}"
-            f"LATITUDE =   {LAT}\nLONGITUDE =  {LON}\nDEPTH = "
-            " 1200\n" + ",".join(names) + f",\nDBAR,,{unit},,PSS-78,,UMOL/KG,,\n"
+            f"LATITUDE =   {LAT}\nLONGITUDE =  {LON}\nDEPTH =  1200\n"
+            + ",".join(names) + f",\nDBAR,,{unit},,PSS-78,,UMOL/KG,,\n"
             + "\n".join(lines) + f"\n{end}")  # fmt: skip
 
 
@@ -54,7 +54,8 @@ def test_a_ctd_file_of_whp_exchange_is_a_cast(tmp_path):
 
 
 @pytest.mark.parametrize(("letter", "flag", "kept"), [
-    ("W", "2", 4), ("W", "1", 4), ("W", "3", 3), ("W", "4", 3), ("W", "5", 3), ("W", "6", 4), ("W", "9", 3),
+    ("W", "2", 4), ("W", "1", 4), ("W", "3", 3), ("W", "4", 3), ("W", "5", 3), ("W", "6", 4),
+    ("W", "9", 3),
     ("I", "1", 4), ("I", "5", 4), ("I", "3", 3), ("I", "4", 3), ("I", "9", 3),
 ])  # fmt: skip
 def test_bad_flags_of_whp_exchange_drop_the_level(tmp_path, letter, flag, kept):
@@ -179,7 +180,7 @@ def test_a_profile_of_an_ice_tethered_profiler_is_a_cast(tmp_path, newer, rising
     np.testing.assert_allclose(profile.sound_speed, speed, atol=1e-3)
 
 
-def test_incomplete_profiles_of_an_ice_tethered_profiler_are_noted_or_refused(tmp_path):
+def test_incomplete_profiles_of_a_profiler_are_noted_or_refused(tmp_path):
     path = tmp_path / "itp99grd0000.dat"
     path.write_text(itp(levels=371, end=""))
     assert (
@@ -253,12 +254,14 @@ def test_an_archive_may_have_equal_names_and_links_lead_nowhere(tmp_path):
     assert not any("dropped, the first" in note for cast in casts for note in cast.notes)
 
 
-@pytest.mark.parametrize(("limit", "value", "message"), [
-    ("_MAX_FILES", 2, ("3 files|more than"
-                      " 2")), ("_MAX_UNPACKED", 1000, ("the limits are .* and 1e-06 GB; unpack a"
-                                                     " part")),
-    ("MAX_BYTES", 300, "itp2.dat has more than 300 bytes|itp0.dat has more than 300 bytes"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("limit", "value", "message"),
+    [
+        ("_MAX_FILES", 2, ("3 files|more than 2")),
+        ("_MAX_UNPACKED", 1000, "the limits are .* and 1e-06 GB; unpack a part"),
+        ("MAX_BYTES", 300, "itp2.dat has more than 300 bytes|itp0.dat has more than 300 bytes"),
+    ],
+)
 def test_folders_and_archives_have_limits(tmp_path, monkeypatch, limit, value, message):
     folder = tmp_path / "casts"
     folder.mkdir()
@@ -350,7 +353,7 @@ def test_profiles_of_copernicus_are_casts(tmp_path, depths):
     assert only.lat == 70.0
 
 
-def test_profiles_of_copernicus_use_adjusted_values_where_there_are_any(tmp_path):
+def test_profiles_of_copernicus_use_adjusted_values(tmp_path):
     copernicus(adjusted=True).to_netcdf(tmp_path / "GL_PR_PF_1.nc")
     one, three = read_casts(tmp_path / "GL_PR_PF_1.nc")
     np.testing.assert_allclose(one.temperature, TEMPERATURE + 0.01)

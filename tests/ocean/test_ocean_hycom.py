@@ -69,7 +69,7 @@ def test_the_gulf_stream_opens_and_has_the_sound_speed_of_gsw(gulf_stream_files)
     np.testing.assert_allclose(found[k, i, j], expected, rtol=0, atol=1e-9)
 
 
-def test_the_local_frame_s_origin_on_a_grid_point_has_that_point_s_values(gulf_stream_files):
+def test_an_origin_on_a_grid_point_has_the_values_of_that_point(gulf_stream_files):
     point = open_ocean(gulf_stream_files).isel(lat=10, lon=12)
     centre = float(point["lat"]), float(point["lon"])
     local = to_local(open_ocean(gulf_stream_files), centre, (24e3, 24e3)).sel(north=0.0, east=0.0)
@@ -174,7 +174,7 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path, small, apart, m
     assert "no water_u and no water_v; an ocean needs" in message_of(apart[0], time="2020-01-09")
 
 
-def test_real_currents_of_several_days_open_with_tracers_of_another_file(
+def test_currents_of_several_days_open_with_tracers_of_another_file(
     shared_data, tmp_path, message_of
 ):
     path = shared_data / "hycom" / "hycom_glby_930_202212_uv_ncss_netcdf4.nc"

@@ -84,7 +84,7 @@ def test_a_name_without_its_variable_lists_what_there_is(fram):
     )
 
 
-def test_a_misspelt_standard_name_and_a_missing_unit_have_their_remedy(fram):
+def test_a_misspelt_name_and_a_missing_unit_have_a_remedy(fram):
     plain = bare(fram)
     near = {"temp": "sea_water_temprature"}
     refused(

@@ -28,22 +28,22 @@ LEVELS = list(zip(PRESSURE, DEPTH, TEMPERATURE, SALINITY, SPEED, strict=True))
 
 
 def sea_bird(*, rows=LEVELS, flags=None, extra=(), touching=False):
-    names = [("prDM: Pressure, Digiquartz"
-             " [db]"), "t090C: Temperature [ITS-90, deg C]", "t190C: Temperature, 2 [ITS-90, deg C]",
-             ("sal00: Salinity, Practical"
-             " [PSU]"), "svCM: Sound Velocity [Chen-Millero, m/s]", "flag:  0.000e+00"]  # fmt: skip
+    names = ["prDM: Pressure, Digiquartz [db]", "t090C: Temperature [ITS-90, deg C]",
+             "t190C: Temperature, 2 [ITS-90, deg C]",
+             "sal00: Salinity, Practical [PSU]",
+             "svCM: Sound Velocity [Chen-Millero, m/s]", "flag:  0.000e+00"]  # fmt: skip
     flags = ["0.0000e+00"] * len(rows) if flags is None else flags
     lines = [f"{p:11.3f}{t:11.4f}{t + 1:11.4f}{s:11.4f}{c:11.2f}{flag:>11}"
              for (p, _, t, s, c), flag in zip(rows, flags, strict=True)]  # fmt: skip
     return "\n".join([
-        ("* Sea-Bird SBE 9 Data"
-        " File:"), "* FileName = C:\\cast.hex", "* System UpLoad Time = Jul 25 2014 00:00:01",
-        ("* NMEA Latitude = 74 30.00"
-        " N"), "* NMEA Longitude = 140 15.00 W", "* NMEA UTC (Time) = Jul 24 2014  19:20:00",
-        "# nquan = 6", ("# nvalues ="
-                       f" {len(rows)}"), *(f"# name {k} = {name}" for k, name in enumerate(names)),
-        ("# start_time = Jul 24 2014 19:21:07 [Instrument's time"
-        " stamp]"), "# bad_flag = -9.990e-29", "# file_type = ascii",
+        "* Sea-Bird SBE 9 Data File:",
+        "* FileName = C:\\cast.hex", "* System UpLoad Time = Jul 25 2014 00:00:01",
+        "* NMEA Latitude = 74 30.00 N",
+        "* NMEA Longitude = 140 15.00 W", "* NMEA UTC (Time) = Jul 24 2014  19:20:00",
+        "# nquan = 6", f"# nvalues = {len(rows)}",
+        *(f"# name {k} = {name}" for k, name in enumerate(names)),
+        "# start_time = Jul 24 2014 19:21:07 [Instrument's time stamp]",
+        "# bad_flag = -9.990e-29", "# file_type = ascii",
         *extra, "*END*", *lines, "",
     ])  # fmt: skip
 
@@ -51,9 +51,8 @@ def sea_bird(*, rows=LEVELS, flags=None, extra=(), touching=False):
 def sippican(kind="XBT"):
     columns = {
         "XBT": ("Depth (m)", "Temperature (°C)", "Sound Velocity (m/s)"),
-        "XCTD": ("Depth (m)", ("Temperature"
-                              " (°C)"), "Conductivity (mS/cm)", "Salinity (ppt)", ("Sound Velocity"
-                                                                     " (m/s)"), "Density (kg/m^3)"),
+        "XCTD": ("Depth (m)", "Temperature (°C)", "Conductivity (mS/cm)", "Salinity (ppt)",
+                 "Sound Velocity (m/s)", "Density (kg/m^3)"),
     }[kind]  # fmt: skip
     rows = {
         "XBT": [(z, t, c) for _, z, t, _, c in LEVELS],
@@ -63,10 +62,10 @@ def sippican(kind="XBT"):
         ["// Sound velocity derived with assumed salinity: 34.00 ppt"] if kind == "XBT" else []
     )
     return "\n".join([
-        ("// MK21 EXPORT DATA"
-        " FILE"), "Date of Launch:  07/24/2014", "Time of Launch:  19:20:00", "Sequence #    :  7",
-        "Latitude      :  74 30.00000N", ("Longitude     :  140"
-                      " 15.00000W"), "Serial #      :  00000000", "Probe Type    :  T-5",
+        "// MK21 EXPORT DATA FILE",
+        "Date of Launch:  07/24/2014", "Time of Launch:  19:20:00", "Sequence #    :  7",
+        "Latitude      :  74 30.00000N", "Longitude     :  140 15.00000W",
+        "Serial #      :  00000000", "Probe Type    :  T-5",
         *(f"Field{k}  :  {name}" for k, name in enumerate(columns, 1)), *assumed, "// Data", *(
             "\t".join(f"{v:.4f}" for v in row) for row in rows), "",
     ])  # fmt: skip
@@ -75,12 +74,12 @@ def sippican(kind="XBT"):
 def sippican_mk12():
     """As the manual of the Simrad ME70 has it."""
     return "\n".join([
-        "// This is a MK12 EXPORT DATA FILE (EDF)", "//", ("Date of Launch :"
-                        " 07/24/2014"), "Time of Launch : 19:20:00", "Sequence # : 1",
-        "Latitude : 74 30.000N", ("Longitude : 140"
-                    " 15.000W"), "Serial # : 0", "//", "Probe Type : T-7", "Terminal Depth : 760 m",
-        ("Depth Coeff. 1 :"
-        " 6.691"), "//", "Display Units : Metric", "//", "// Sound velocity derived with assumed",
+        "// This is a MK12 EXPORT DATA FILE (EDF)", "//", "Date of Launch : 07/24/2014",
+        "Time of Launch : 19:20:00", "Sequence # : 1",
+        "Latitude : 74 30.000N", "Longitude : 140 15.000W",
+        "Serial # : 0", "//", "Probe Type : T-7", "Terminal Depth : 760 m",
+        "Depth Coeff. 1 : 6.691",
+        "//", "Display Units : Metric", "//", "// Sound velocity derived with assumed",
         "// salinity: 30.00 ppt", "//", "Depth (m) - Temperature (°C) - Sound Velocity (m/s)",
         *(f"{z:.4f} {t:.4f} {c:.4f}" for _, z, t, _, c in LEVELS), "",
     ])  # fmt: skip
@@ -109,9 +108,8 @@ def kongsberg():
 
 
 def castaway():
-    head = ["% Device,CC1234", "% File name,CC1234_1", ("% Cast time (UTC),2014-07-24"
-                                                       " 19:20:00"), ("% Cast time"
-                                                                    " (local),2014-07-24 12:20:00"),
+    head = ["% Device,CC1234", "% File name,CC1234_1", "% Cast time (UTC),2014-07-24 19:20:00",
+            "% Cast time (local),2014-07-24 12:20:00",
             f"% Start latitude,{LAT}", f"% Start longitude,{LON}", "%"]  # fmt: skip
     titles = ("Pressure (Decibar),Depth (Meter),Temperature (Celsius),Conductivity (MicroSiemens"
               " per Centimeter),Specific conductance (MicroSiemens per Centimeter),Salinity"
@@ -124,8 +122,8 @@ def castaway():
 
 def valeport():
     return "\n".join([
-        "[HEADER]", ("Instrument=SWiFT"
-                    " CTD"), "Serial_Number=12345", f"Latitude={LAT}", f"Longitude={LON}",
+        "[HEADER]", "Instrument=SWiFT CTD",
+        "Serial_Number=12345", f"Latitude={LAT}", f"Longitude={LON}",
         "Time_Stamp=2014/07/24 19:20:00.000", "[DATA]",
         "Time\tDepth\tPressure\tSound Velocity\tTemperature\tSalinity", "\tm\tdBar\tm/s\tC\tPSU",
         *(f"2014/07/24 19:20:00\t{z}\t{p}\t{c}\t{t}\t{s}" for p, z, t, s, c in LEVELS), "",
@@ -134,8 +132,8 @@ def valeport():
 
 def midas():
     return "\n".join([
-        ("Previous File Location"
-        " :\tC:\\x"), "Model Name :\tMIDAS SVX2", "Time Stamp :\t24/07/2014 19:20:00",
+        "Previous File Location :\tC:\\x",
+        "Model Name :\tMIDAS SVX2", "Time Stamp :\t24/07/2014 19:20:00",
         f"Latitude :\t{LAT}", f"Longitude :\t{LON}",
         ("Date / Time\tSOUND"
         " VELOCITY;M/SEC\tPRESSURE;DBAR\tTEMPERATURE;C\tCONDUCTIVITY;MS/CM\tCalc. SALINITY;PSU"),
@@ -145,23 +143,27 @@ def midas():
 
 def mini_svp():
     return "\n".join([
-        "Now: 24/07/2014 19:20:00", ("MiniSVP: S/N"
-                     " 12345"), "Latitude: 74.5", "Site info: north", "Pressure units: dBar",
+        "Now: 24/07/2014 19:20:00", "MiniSVP: S/N 12345",
+        "Latitude: 74.5", "Site info: north", "Pressure units: dBar",
         *(f"{p}\t{t}\t{c}" for p, _, t, _, c in LEVELS), "",
     ])  # fmt: skip
 
 
 def aml():
     return "\n".join([
-        "[Header]", "SerialNumber=12345", "Date=2014-07-24", "Time=19:20:00.00", f"GPSLatitude={LAT}", f"GPSLongitude={LON}",
-        "[MeasurementMetadata]", "Columns=Date,Time,Cond,TempCT,Pressure,Depth,SV,Salinity", "Units=,,mS/cm,C,dBar,m,m/s,PSU",
-        "[MeasurementData]", *(f"2014-07-24,19:20:00.00,25,{t},{p},{z},{c},{s}" for p, z, t, s, c in LEVELS), "",
+        "[Header]", "SerialNumber=12345", "Date=2014-07-24", "Time=19:20:00.00",
+        f"GPSLatitude={LAT}", f"GPSLongitude={LON}",
+        "[MeasurementMetadata]", "Columns=Date,Time,Cond,TempCT,Pressure,Depth,SV,Salinity",
+        "Units=,,mS/cm,C,dBar,m,m/s,PSU",
+        "[MeasurementData]",
+        *(f"2014-07-24,19:20:00.00,25,{t},{p},{z},{c},{s}" for p, z, t, s, c in LEVELS), "",
     ])  # fmt: skip
 
 
 def aml_csv():
     return "\n".join([
-        "[cast header]", "SN=12345", "Date=07/24/14", "Time=19:20:00", f"Latitude={LAT}", f"Longitude={LON}", "[data]",
+        "[cast header]", "SN=12345", "Date=07/24/14", "Time=19:20:00", f"Latitude={LAT}",
+        f"Longitude={LON}", "[data]",
         "Date,Time,Depth (m),Temperature (C),SV (m/s),Salinity (PSU),Calc. SV (m/s)",
         *(f"07/24/14,19:20:00,{z},{t},{c},{s},{c + 9}" for p, z, t, s, c in LEVELS), "",
     ])  # fmt: skip
@@ -296,23 +298,23 @@ def depth_of(pressure):
     ("prE: Pressure [psi]", depth_of(np.array([10.0, 100.0, 1000.0]) * 0.6894757)),
     ("depSF: Depth [salt water, ft]", np.array([3.048, 30.48, 304.8])),
     ("depSM: Depth [salt water, m], lat = 45", np.array([10.0, 100.0, 1000.0])),
-    (("depSM: Depth [salt water, m], lat ="
-     " 0.00"), depth_of(gsw.p_from_z([-10.0, -100.0, -1000.0], 0.0))),
-    (("depFM: Depth [fresh water, m], lat ="
-     " 45"), depth_of(np.array([10.0, 100.0, 1000.0]) / 1.019716)),
-    (("depFF: Depth [fresh water, ft], lat ="
-     " 45"), depth_of(np.array([10.0, 100.0, 1000.0]) * 0.3048 / 1.019716)),
+    ("depSM: Depth [salt water, m], lat = 0.00",
+     depth_of(gsw.p_from_z([-10.0, -100.0, -1000.0], 0.0))),
+    ("depFM: Depth [fresh water, m], lat = 45",
+     depth_of(np.array([10.0, 100.0, 1000.0]) / 1.019716)),
+    ("depFF: Depth [fresh water, ft], lat = 45",
+     depth_of(np.array([10.0, 100.0, 1000.0]) * 0.3048 / 1.019716)),
 ])  # fmt: skip
-def test_every_vertical_column_of_sea_bird_gives_the_depth_in_sea_water(tmp_path, name, depth):
+def test_every_vertical_column_of_sea_bird_gives_the_depth(tmp_path, name, depth):
     cast = read_cast(columns(tmp_path, name, "t090C: Temperature", "sal00: Salinity"))
     np.testing.assert_allclose(cast.depth, depth, rtol=1e-6)
 
 
 @pytest.mark.parametrize(("name", "celsius"), [
-    (("t068: temperature, IPTS-68 [deg"
-     " C]"), lambda t: t / 1.00024), ("tv290C: Temperature", lambda t: t),
-    (("t190F: Temperature,"
-     " 2"), lambda t: (t - 32.0) / 1.8), ("t068F: T", lambda t: (t - 32.0) / 1.8 / 1.00024),
+    ("t068: temperature, IPTS-68 [deg C]",
+     lambda t: t / 1.00024), ("tv290C: Temperature", lambda t: t),
+    ("t190F: Temperature, 2",
+     lambda t: (t - 32.0) / 1.8), ("t068F: T", lambda t: (t - 32.0) / 1.8 / 1.00024),
     ("tnc90C: T", lambda t: t), ("t3890C: T", lambda t: t),
 ])  # fmt: skip
 def test_every_temperature_of_sea_bird_becomes_celsius_of_its_90(tmp_path, name, celsius):
@@ -383,9 +385,10 @@ def test_english_units_of_sippican_become_metric(tmp_path):
 
 @pytest.mark.parametrize(("date", "time", "note"), [
     ("28/04/2020", "2020-04-28T19:20:00", ""), ("04/28/2020", "2020-04-28T19:20:00", ""),
-    ("09/04/2020", "2020-09-04T19:20:00", ("the month is assumed to be"
-                                          " first")), ("04/04/2020", "2020-04-04T19:20:00", ""),
-    ("31/31/2020", "NaT", "not read"), ("30/02/2020", "NaT", "not read"), ("soon", "NaT", "not read"),
+    ("09/04/2020", "2020-09-04T19:20:00", "the month is assumed to be first"),
+    ("04/04/2020", "2020-04-04T19:20:00", ""),
+    ("31/31/2020", "NaT", "not read"), ("30/02/2020", "NaT", "not read"),
+    ("soon", "NaT", "not read"),
 ])  # fmt: skip
 def test_dates_of_sippican_are_read_or_noted(tmp_path, date, time, note):
     (tmp_path / "a.edf").write_text(
@@ -400,7 +403,8 @@ def test_rows_on_deck_do_not_hide_a_cast(tmp_path):
     deck = [(-0.03, -0.03, 20.0, 0.0, 0.0)] * 60
     down = [row for row in LEVELS if row[1] > 0]
     text = aml().split("[MeasurementData]")[0] + "[MeasurementData]\n" + "".join(
-        f"2014-07-24,19:20:00.00,25,{t},{p},{z},{c},{s}\n" for p, z, t, s, c in [*deck, *down])  # fmt: skip
+        f"2014-07-24,19:20:00.00,25,{t},{p},{z},{c},{s}\n" for p, z, t, s, c in [*deck,
+            *down])  # fmt: skip
     (tmp_path / "cast.aml").write_text(text)
     for one in (read_profile(tmp_path / "cast.aml"), read_cast(tmp_path / "cast.aml")):
         np.testing.assert_allclose(one.depth, [z for _, z, *_ in down], atol=2e-3)
@@ -474,8 +478,8 @@ def test_asvp_is_written_and_read_back(tmp_path):
     np.testing.assert_allclose(back.sound_speed[1:-1], profile.sound_speed, atol=5.1e-3)
     assert (back.place, back.time) == ((LAT, LON), TIME)
     for wrong, words in ((profile._replace(place=None), "position of a is unknown"),
-                         (profile._replace(time=np.datetime64("NaT", "ns")), ("time of a is"
-                                                                             " unknown"))):  # fmt: skip
+                         (profile._replace(time=np.datetime64("NaT", "ns")),
+                          "time of a is unknown")):  # fmt: skip
         refused(MantaRayError, words, write_asvp, tmp_path / "c.asvp", wrong)
     fine = np.arange(0.0, 200.0, 0.1)
     many = profile._replace(depth=fine, sound_speed=1440.0 + 0.1 * fine)
@@ -565,8 +569,12 @@ def test_a_damaged_file_gives_a_profile_or_one_line(tmp_path, name, data):
     text = FILES[name][0]
     start = data.draw(st.integers(0, len(text)))
     end = data.draw(st.integers(start, len(text)))
-    (tmp_path / name).write_text(text[:start] + data.draw(st.sampled_from(["", "\n", "x", "-", "(", "[data]\n"])) + text[end:],
-                                 encoding="latin-1")  # fmt: skip
+    (tmp_path / name).write_text(
+        text[:start]
+        + data.draw(st.sampled_from(["", "\n", "x", "-", "(", "[data]\n"]))
+        + text[end:],
+        encoding="latin-1",
+    )
     lines = ["one"]
     try:
         levels = read_profile(tmp_path / name, (LAT, LON)).depth.size
@@ -576,10 +584,11 @@ def test_a_damaged_file_gives_a_profile_or_one_line(tmp_path, name, data):
 
 
 @pytest.mark.parametrize(("words", "date", "notes"), [
-    ("12/25/2020", "2020-12-25", 0), ("25/12/2020", "2020-12-25", 0), ("12/11/2020", "2020-12-11", 1),
+    ("12/25/2020", "2020-12-25", 0), ("25/12/2020", "2020-12-25", 0),
+    ("12/11/2020", "2020-12-11", 1),
     ("12/12/2020", "2020-12-12", 0), ("13/01/20", "2020-01-13", 0), ("soon", "", 1), ("", "", 0),
-    ("2020/4/28", "2020-04-28", 0), (("2020-04-28"
-                                     " 21:06"), "2020-04-28", 0), ("2020.13.01", "2020-13-01", 0), ("20200428", "", 1),
+    ("2020/4/28", "2020-04-28", 0), ("2020-04-28 21:06", "2020-04-28", 0),
+    ("2020.13.01", "2020-13-01", 0), ("20200428", "", 1),
 ])  # fmt: skip
 def test_the_month_is_first_unless_it_cannot_be_one(words, date, notes):
     read, made = month_first_date(words)

@@ -105,7 +105,7 @@ def test_a_change_of_sound_speed_is_met(ocean, equation):
 
 
 @pytest.mark.parametrize("equation", EQUATIONS)
-def test_where_no_temperature_can_slow_sound_so_far_salinity_makes_the_rest(ocean, equation):
+def test_salinity_adds_what_temperature_cannot(ocean, equation):
     colder = ocean.assign(water_temp=ocean["water_temp"].where(ocean["water_temp"].isnull(), -6.5))
     change = np.zeros(ocean["water_temp"].shape)
     change[:2, 1, 1] = (speed(colder, equation) - speed(ocean, equation))[:2, 1, 1]

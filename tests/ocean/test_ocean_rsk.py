@@ -24,20 +24,28 @@ CHANNELS = {
 }
 SCHEMA = """
 CREATE TABLE dbInfo (version VARCHAR(50), type VARCHAR(50));
-CREATE TABLE instruments (instrumentID INTEGER PRIMARY KEY, serialID INTEGER, model TEXT, firmwareVersion TEXT, firmwareType INTEGER);
-CREATE TABLE deployments (deploymentID INTEGER PRIMARY KEY, instrumentID INTEGER, comment TEXT, loggerStatus TEXT,
+CREATE TABLE instruments (instrumentID INTEGER PRIMARY KEY, serialID INTEGER, model TEXT,
+    firmwareVersion TEXT, firmwareType INTEGER);
+CREATE TABLE deployments (deploymentID INTEGER PRIMARY KEY, instrumentID INTEGER, comment TEXT,
+    loggerStatus TEXT,
     loggerTimeDrift long, timeOfDownload long, name TEXT, sampleSize INTEGER);
-CREATE TABLE channels (channelID INTEGER PRIMARY KEY, shortName TEXT, longName TEXT, units TEXT, longNamePlainText TEXT,
+CREATE TABLE channels (channelID INTEGER PRIMARY KEY, shortName TEXT, longName TEXT, units TEXT,
+    longNamePlainText TEXT,
     unitsPlainText TEXT, isMeasured BOOLEAN, isDerived BOOLEAN);
-CREATE TABLE instrumentChannels (instrumentID INTEGER, channelID INTEGER, channelOrder INTEGER, channelStatus INTEGER);
+CREATE TABLE instrumentChannels (instrumentID INTEGER, channelID INTEGER, channelOrder INTEGER,
+    channelStatus INTEGER);
 CREATE TABLE epochs (deploymentID INTEGER PRIMARY KEY, startTime long, endTime long);
-CREATE TABLE schedules (scheduleID INTEGER PRIMARY KEY, instrumentID INTEGER, mode TEXT, gate VARCHAR(512));
+CREATE TABLE schedules (scheduleID INTEGER PRIMARY KEY, instrumentID INTEGER, mode TEXT,
+    gate VARCHAR(512));
 CREATE TABLE continuous (continuousID INTEGER PRIMARY KEY, scheduleID INTEGER, samplingPeriod long);
-CREATE TABLE region (datasetID INTEGER, regionID INTEGER PRIMARY KEY, type VARCHAR(50), tstamp1 LONG, tstamp2 LONG,
+CREATE TABLE region (datasetID INTEGER, regionID INTEGER PRIMARY KEY, type VARCHAR(50),
+    tstamp1 LONG, tstamp2 LONG,
     label VARCHAR(512), description TEXT, collapsed BOOLEAN);
 CREATE TABLE regionCast (regionID INTEGER, regionProfileID INTEGER, type STRING);
-CREATE TABLE geodata (tstamp LONG, latitude DOUBLE, longitude DOUBLE, accuracy DOUBLE, accuracyType TEXT);
-CREATE TABLE data (tstamp long PRIMARY KEY, channel01 DOUBLE, channel02 DOUBLE, channel03 DOUBLE, channel04 DOUBLE);
+CREATE TABLE geodata (tstamp LONG, latitude DOUBLE, longitude DOUBLE, accuracy DOUBLE,
+    accuracyType TEXT);
+CREATE TABLE data (tstamp long PRIMARY KEY, channel01 DOUBLE, channel02 DOUBLE, channel03 DOUBLE,
+    channel04 DOUBLE);
 INSERT INTO dbInfo VALUES ('2.13.0', 'full');
 INSERT INTO instruments VALUES (1, 60001, 'RBRconcerto', '1.1', 103);
 INSERT INTO deployments VALUES (1, 1, '', 'stopped', 0, 0, 'a.rsk', 600);
@@ -134,9 +142,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("says", REFUSED)
-def test_a_file_that_would_need_any_time_or_memory_is_refused_before_it_is_opened(
-    tmp_path, monkeypatch, says
-):
+def test_a_file_of_unlimited_time_or_memory_is_refused_unopened(tmp_path, monkeypatch, says):
     """The check does not need pyrsktools."""
     monkeypatch.setattr("pymantaray.ocean.rsk._MAX_VALUES", 100 if "limit" in says else 12_000_000)
     refused(OceanError, says, read_casts, write_rsk(tmp_path / "a.rsk", extra=REFUSED[says]))

@@ -156,11 +156,13 @@ NAMED = ("latitude", "longitude")
 @pytest.mark.parametrize(("name", "sign", "attrs", "options"), [
     ("elevation", "i2", GEBCO, {"lon": LON_180, "extra": GEBCO_FURTHER}),
     ("elevation", "i2", GEBCO, {"lat": LAT[::-1], "extra": GEBCO_FURTHER}),
-    ("z", "f4", {"units": "meters", "grid_mapping": "crs", "positive": "up"}, {"lon": LON_BOTH_ENDS}),
+    ("z", "f4", {"units": "meters", "grid_mapping": "crs", "positive": "up"},
+     {"lon": LON_BOTH_ENDS}),
     ("z", "i4", {}, {"lon": LON_BOTH_ENDS, "dims": ("y", "x"), "engine": "scipy"}),
     ("h", "down", {"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"}, {}),
     ("h", "down", {"standard_name": "sea_floor_depth_below_geoid"}, {"dims": NAMED}),
-    ("topo", "f8", {"standard_name": "surface_altitude", "units": "meters", "positive": "up"}, {"dims": NAMED}),
+    ("topo", "f8", {"standard_name": "surface_altitude", "units": "meters", "positive": "up"},
+     {"dims": NAMED}),
     ("bathymetry", "down", {"positive": "down", "units": "m"}, {"dims": NAMED}),
     ("Band1", "f8", {"positive": "up"}, {"dims": NAMED}),
 ])  # fmt: skip
@@ -284,8 +286,9 @@ REFUSED = {
         {n: (("lat", "lon"), Z, {"standard_name": "surface_altitude"}) for n in "ab"},
         coords={"lat": LAT, "lon": LON_360},
     ).to_netcdf(path),
-    "is in 'feet'; it must be in"
-    " metres": lambda path: save(path, "elevation", Z, {"units": "feet"}),
+    "is in 'feet'; it must be in metres": lambda path: save(
+        path, "elevation", Z, {"units": "feet"}
+    ),
     "check fill value and units": lambda path: save(path, "elevation", 100.0 * Z),
     "no value at 1 of": lambda path: save(path, "elevation", HOLED),
     "set its attribute positive": lambda path: save(path, "bathymetry", Z + 2_000.0),
@@ -293,10 +296,11 @@ REFUSED = {
     "grdconvert": lambda path: xr.Dataset(
         {"z": ("xysize", Z[:4].ravel()), "spacing": ("side", [0.05, 0.05])}
     ).to_netcdf(path),
-    "incomplete: it"
-    " declares": lambda path: path.write_bytes(save(path, "elevation", Z, engine="scipy").read_bytes()[: Z.nbytes // 2]),
+    "incomplete: it declares": lambda path: path.write_bytes(
+        save(path, "elevation", Z, engine="scipy").read_bytes()[: Z.nbytes // 2]
+    ),
     "neither NetCDF-3 nor NetCDF-4": lambda path: path.write_bytes(b"<html>not found</html>"),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("says", REFUSED)

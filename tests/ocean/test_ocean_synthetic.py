@@ -239,7 +239,7 @@ def swirl(ocean, frame, where, eddy):
 
 
 @pytest.mark.parametrize("days", [9.0, 365.0])
-def test_eddies_move_with_their_drift_and_return_on_the_other_side_of_the_box(days):
+def test_eddies_drift_and_return_on_the_other_side_of_the_box(days):
     for eddy in beaufort.EDDIES:
         place = np.array(eddy.centre(days * DAY, beaufort.HALF_BOX))
         moved = np.array(

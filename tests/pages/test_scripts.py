@@ -26,8 +26,12 @@ from pymantaray.pages.page import Page
 
 TEMPLATES = files("pymantaray.pages") / "templates"
 SCRIPTS = {
-    "run": "run.js", "comparison": "table.js", "sweep": "table.js", "replay": "table.js", "atlas": "atlas.js",
-}  # fmt: skip
+    "run": "run.js",
+    "comparison": "table.js",
+    "sweep": "table.js",
+    "replay": "table.js",
+    "atlas": "atlas.js",
+}
 
 
 class Parts(HTMLParser):

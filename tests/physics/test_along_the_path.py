@@ -38,7 +38,7 @@ def duct(request):
     return medium, source, receiver, arrivals, paths, field_of(medium)
 
 
-def test_a_ray_that_turns_back_on_a_slope_has_the_path_of_its_reflections():
+def test_a_ray_that_turns_back_on_a_slope_has_its_reflections():
     """
     Over a bed of 20 degrees rays launched at all angles leave a reflection backwards: they are
     followed in depth.
@@ -111,7 +111,7 @@ def bumps(rng, n, chord):
     return shape * rng.uniform(1.0, 30.0) / np.abs(shape).max()
 
 
-def test_fermat_every_eigenray_is_stationary_and_the_earliest_a_minimum(duct):
+def test_every_eigenray_is_stationary_and_the_earliest_a_minimum(duct):
     """
     Beyond a caustic a ray is a saddle: only the change of first order vanishes. The earliest of all
     is a minimum.

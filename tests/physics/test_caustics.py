@@ -65,7 +65,7 @@ def crossings(medium, source, receiver, launch_angle):
 
 @pytest.mark.parametrize("duct", DUCTS)
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-def test_direct_rays_have_as_many_caustics_as_turning_points_or_one_less(duct, interpolation):
+def test_direct_rays_have_one_caustic_per_turning_point_or_one_less(duct, interpolation):
     medium = Medium.from_profile(
         DEPTH, DUCTS[duct][0], bottom_depth=4000.0, interpolation=interpolation
     )
@@ -87,7 +87,7 @@ def test_caustics_are_where_rays_launched_beside_each_other_cross(duct):
     assert set(found) >= {0, 1, 2}
 
 
-def test_straight_rays_have_no_caustic_after_any_number_of_flat_reflections():
+def test_straight_rays_have_no_caustic_after_flat_reflections():
     medium = Medium.from_profile(
         [0.0, 200.0], [1500.0, 1500.0], bottom_depth=200.0, interpolation="smooth"
     )

@@ -213,7 +213,7 @@ def munk_loop(ray_parameter):
 
 @pytest.mark.parametrize("launch", [0.03, 0.18, -0.1])
 @pytest.mark.parametrize("loops", [1, 2])
-def test_loops_in_munks_channel_have_the_length_and_time_of_the_quadrature(launch, loops):
+def test_loops_in_the_munk_channel_equal_the_quadrature(launch, loops):
     """
     A ray that leaves the axis is back on it, at its launch angle, after whole loops; t = a R + J.
     """
@@ -242,7 +242,7 @@ def test_loops_in_munks_channel_have_the_length_and_time_of_the_quadrature(launc
 
 
 @pytest.mark.parametrize("ends", [(0.0, 60.0), (60.0, 0.0), (10.0, 55.0), (50.0, 20.0)])
-def test_vertical_links_through_thin_layers_are_the_integral_of_slowness(ends):
+def test_vertical_links_are_the_integral_of_slowness(ends):
     """
     Short and steep: the first step may not pass over a layer, whose curvature it would not see.
     """

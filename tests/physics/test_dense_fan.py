@@ -139,7 +139,7 @@ def places(n, seed, longest=12e3, shallow=False):
     return np.column_stack([distance, depth])
 
 
-def test_the_fan_itself_finds_the_circular_arcs_of_a_constant_gradient():
+def test_the_fan_finds_the_arcs_of_a_constant_gradient():
     depth = np.linspace(0.0, BOTTOM, 31)
     ends = places(12, 1, longest=5e3)
     fan = uniform(depth, 1450.0 + 0.05 * depth).fan.eigenrays(130.0, ends, 1e-3, 0.6)

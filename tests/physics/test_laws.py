@@ -48,8 +48,14 @@ def medium_of(kind):
     c = C + 5e-4 * (axis[:, None, None] - axis[:, None]) + [0.0, 4.0]
     draft = 20.0 + 8.0 * np.sin(axis[:, None] / 900.0) * np.cos(axis / 1100.0)
     return Medium.from_grid(
-        axis, axis, [0.0, 2e3], c, bathymetry=np.full((19, 19), 900.0), ice_draft=draft, interpolation=interpolation
-    )  # fmt: skip
+        axis,
+        axis,
+        [0.0, 2e3],
+        c,
+        bathymetry=np.full((19, 19), 900.0),
+        ice_draft=draft,
+        interpolation=interpolation,
+    )
 
 
 class Case(NamedTuple):
@@ -113,7 +119,7 @@ def clear_of_edges(case, least):
 
 
 @KINDS
-def test_slowness_has_the_length_of_the_slowness_of_sound_and_its_integral_is_the_travel_time(kind):
+def test_slowness_has_its_length_and_its_integral_is_the_travel_time(kind):
     medium, _, _, _, arrivals, paths = case_of(kind)
     field = field_of(medium)
     assert len(arrivals.link) > 34
@@ -132,7 +138,7 @@ def test_slowness_has_the_length_of_the_slowness_of_sound_and_its_integral_is_th
 
 
 @pytest.mark.parametrize("kind", DIRECT[:2])
-def test_horizontal_slowness_is_snells_invariant_where_the_ocean_is_uniform(kind):
+def test_horizontal_slowness_is_constant_in_uniform_oceans(kind):
     _, _, _, _, arrivals, paths = case_of(kind)
     at_source = arrivals.source_slowness[:, :2]
     np.testing.assert_allclose(paths.slowness[:, :2], at_source[paths.arrival], rtol=0, atol=1e-10)
@@ -141,7 +147,7 @@ def test_horizontal_slowness_is_snells_invariant_where_the_ocean_is_uniform(kind
 
 
 @KINDS
-def test_paths_run_from_source_to_receiver_in_the_travel_time_and_stay_in_the_water(kind):
+def test_paths_lead_from_source_to_receiver_within_the_water(kind):
     medium, source, receiver, _, arrivals, paths = case_of(kind)
     first = np.flatnonzero(np.diff(paths.arrival, prepend=-1))
     last = np.append(first[1:], len(paths.arrival)) - 1
@@ -188,7 +194,7 @@ def test_reflection_turns_the_slowness_about_the_local_normal(kind):
         assert np.array_equal(met, counts)
 
 
-def test_fermat_travel_time_is_stationary_in_every_place_of_reflection():
+def test_travel_time_is_stationary_at_every_reflection():
     """Uniform water: along the boundary the length of the polygon changes to second order only."""
     case = case_of("facets uniform")
     medium, source, receiver, _, arrivals, paths = case
@@ -377,7 +383,7 @@ def test_a_node_of_the_fan_on_a_root_is_no_gap_between_its_intervals():
     check_reciprocity("facets smooth", source, receiver, least=8)
 
 
-def test_a_ray_whose_miss_jumps_by_its_own_errors_is_found_from_both_ends():
+def test_a_ray_with_jumps_of_its_miss_is_found_from_both_ends():
     """
     Weak, from near a crest: neighbours part so fast that a step more or less moves them by
     millimetres.
@@ -414,7 +420,7 @@ def check_reciprocity(kind, source, receiver, least):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("noise", "share"), [(20.0, 0.99), (60.0, 0.8)])
-def test_over_cells_drawn_at_random_most_rays_are_found_from_both_ends(noise, share):
+def test_over_random_cells_most_rays_are_found_from_both_ends(noise, share):
     """
     Known limit: 500 m cells whose slopes of 0.06 and 0.17 (rms) have nothing to do with each other.
     """

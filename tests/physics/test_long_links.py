@@ -149,7 +149,7 @@ def test_rays_that_fans_find_from_either_end_are_found(link):
         assert missing(rays, found_rays(arrivals), TIME, UNEVEN) == []
 
 
-def test_rays_that_turn_in_another_layer_than_their_neighbours_are_found_from_either_end():
+def test_rays_that_turn_in_another_layer_are_found_from_either_end():
     """
     Neighbours of equal slopes pass the receiver 700 m below it and turn 45 m deeper; from this end
     all five rays were lost.
@@ -175,7 +175,7 @@ def test_a_far_link_with_arrivals_has_the_rays_of_both_ends():
     assert missing(one, found) == missing(other, found) == []
 
 
-def test_a_search_whose_rays_fold_is_not_complete_and_the_other_end_finds_the_ray():
+def test_the_other_end_finds_the_ray_of_a_folded_search():
     source = np.array([15527.339087846281, -6716.33675777106, 129.5028867243823])
     receiver = np.array([3159.9861333226945, 12143.671831188141, 107.65844948445161])
     medium = several_extrema(6)
@@ -186,7 +186,7 @@ def test_a_search_whose_rays_fold_is_not_complete_and_the_other_end_finds_the_ra
     )
 
 
-def test_horizontal_refraction_changes_the_width_of_a_tube_in_both_directions():
+def test_horizontal_refraction_changes_the_width_of_a_ray_tube():
     """
     The level is 15.06 dB; without the change of the cross-track slowness with the launch angle it
     would be 15.7 dB.
@@ -221,7 +221,7 @@ def test_levels_from_both_ends_are_equal(name):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["gulf", *range(10)])
-def test_neither_end_of_random_links_to_30_km_finds_a_ray_that_is_lost_by_default(name):
+def test_neither_end_of_random_links_to_30_km_finds_a_lost_ray(name):
     medium = medium_of(name)
     source, receiver = random_links(medium, 200, [4, 99 if name == "gulf" else name])
     arrivals, back = (
@@ -234,7 +234,7 @@ def test_neither_end_of_random_links_to_30_km_finds_a_ray_that_is_lost_by_defaul
         assert lost_rays(found_rays(find_eigenrays(medium, *ends, canonical=False)), found) == []
 
 
-def test_a_link_without_an_arrival_is_unresolved_exactly_if_its_search_is_not_complete():
+def test_a_link_is_unresolved_exactly_if_its_search_is_incomplete():
     """Some links of each kind beyond 20 km, solved from one end only."""
     medium = several_extrema(6)
     links = random_links(medium, 60, 4, shortest=20e3)

@@ -140,7 +140,7 @@ def test_reflected_travel_times_agree(plane, n, seed, most, least):
     assert_small(errors(make_slope(plane=plane), *shallow_links(n, seed), most), least)
 
 
-def test_steep_links_whose_rays_are_far_from_snells_prediction_keep_their_arrival():
+def test_steep_links_far_from_the_prediction_keep_their_arrival():
     """
     Speeds of 1,400 to 1,600 m/s within 20 m: the start of Newton's method from the mean speed
     fails, and rays about the chord follow.

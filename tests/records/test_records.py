@@ -102,7 +102,7 @@ EMPTY = [
 
 
 @pytest.mark.parametrize(("kind", "empty"), [*((kind, ()) for kind in KINDS), *EMPTY])
-def test_a_file_keeps_every_bit_and_says_what_it_holds_and_in_which_units(kind, empty, tmp_path):
+def test_a_file_keeps_every_bit_and_names_its_content_and_units(kind, empty, tmp_path):
     record = filled(kind, empty)
     for _ in range(2):  # saving again replaces
         record.save(tmp_path / "record.nc")
@@ -178,7 +178,7 @@ def test_a_file_without_a_column_that_has_a_default_has_it_everywhere():
     assert RangingTruth.from_dataset(marked.to_dataset()).near_cutoff.tolist() == [1]
 
 
-def test_arrivals_of_older_run_folders_have_an_unknown_number_of_caustics(tmp_path):
+def test_arrivals_of_older_runs_have_unknown_caustics(tmp_path):
     """
     Run folders of formats 2 and 3 have no caustics; rays can be drawn, and pressures are refused.
     """

@@ -15,7 +15,8 @@ from pymantaray.records.result_table import ResultTable, heading
 
 @pytest.mark.parametrize(
     ("value", "shown"),
-    [(4620, "4,620"), (-4.9213, "−4.921"), (np.nan, "–"), (None, "–"), (0.0, "0"), (831875.0, "831,875"),
+    [(4620, "4,620"), (-4.9213, "−4.921"), (np.nan, "–"), (None, "–"), (0.0, "0"),
+     (831875.0, "831,875"),
      (6.0e-5, "6.000e−05"), (True, "yes"), ("A", "A"), (np.int64(-3), "−3")],
 )  # fmt: skip
 def test_a_single_number_has_four_digits(value, shown):
@@ -61,12 +62,12 @@ def test_equal_decimals_hold_for_numbers_of_all_sizes():
         assert (np.abs(read - numbers) <= 1.001 * allowed).all(), (numbers, texts)
 
 
-def test_a_row_of_one_quantity_has_equal_decimals_and_a_single_number_four_digits():
+def test_a_row_of_one_quantity_has_equal_decimals():
     assert show_row(["sd", 3.25, 4.0]) == ["sd", "3.250", "4.000"]
     assert show_row(["sigma", 0.1, "m"]) == ["sigma", "0.1", "m"]
 
 
-def test_a_column_or_a_row_is_one_quantity_and_a_head_may_be_the_table_s_own():
+def test_a_column_or_a_row_is_one_quantity_with_its_own_head():
     frame = pd.DataFrame(
         {"quantity": ["n", "sd_m"], "a": [4000.0, 3.25], "b": [3000.0, 4.0], "percent": [1.0, 2.5]}
     )
@@ -95,7 +96,8 @@ def test_columns_in_one_unit_have_equal_decimals_except_whole_numbers():
 
 
 def test_headings_have_units_in_brackets():
-    assert [heading(c) for c in ("mean_m", "p95_m", "start_h", "percent", "final_cost", "speed_m_s")] == [
+    assert [heading(c) for c in ("mean_m", "p95_m", "start_h", "percent", "final_cost",
+                                 "speed_m_s")] == [
         "mean [m]", "95 % [m]", "start [h]", "share [%]", "final cost", "speed [m/s]",
     ]  # fmt: skip
 

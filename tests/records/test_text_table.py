@@ -34,8 +34,9 @@ REFUSED = {  # a file's content, its size or a name
     "has one line, 'depth'; a table needs a header with names of columns, and rows": "depth\n",
     "is empty; a table needs a header": "",
     "a.csv, line 3: 4 cells, but the header has 3; check the separators": "x,y,z\n1,2,3\n1,2,3,4\n",
-    "a.csv: 3,000 columns; at most 2,000 are"
-    " read": f"{','.join(f'c{k}' for k in range(3000))}\n{'1,' * 3000}\n",
+    "a.csv: 3,000 columns; at most 2,000 are read": (
+        f"{','.join(f'c{k}' for k in range(3000))}\n{'1,' * 3000}\n"
+    ),
     "2 lines give 1 rows; close all quotes|not a readable table": 'x,y\n"1,2\n3,4\n',
     "a.csv: a binary file, not a text table": b"\x80\x04\x95\0pickle",
     "more than 200,000,000 bytes; use a smaller": 200_000_001,

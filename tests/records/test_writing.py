@@ -36,7 +36,7 @@ def write_text(path, text="new", **options):
         temporary.write_text(text)
 
 
-def test_file_appears_when_all_is_written_with_the_permissions_of_any_new_file(tmp_path):
+def test_a_file_appears_when_it_is_complete_with_usual_permissions(tmp_path):
     path = tmp_path / "a.txt"
     with whole_file(path) as temporary:
         temporary.write_text("new")
@@ -139,7 +139,8 @@ from pymantaray.errors import WriteError
 from pymantaray.records import write_netcdf
 for name in "ab":
     try:
-        write_netcdf(xr.Dataset({"noise": ("x", np.random.default_rng(0).standard_normal(100_000))}), f"{sys.argv[1]}/{name}")
+        noise = np.random.default_rng(0).standard_normal(100_000)
+        write_netcdf(xr.Dataset({"noise": ("x", noise)}), f"{sys.argv[1]}/{name}")
     except WriteError as error:
         print(error)
 """
@@ -232,7 +233,7 @@ for work in ("write", "read"):
 """
 
 
-def test_a_stop_request_while_a_library_takes_its_lock_leaves_no_lock_and_no_file(tmp_path):
+def test_a_stop_request_leaves_no_lock_and_no_file(tmp_path):
     done = python(STOPPED_WITHIN_A_LOCK, cwd=tmp_path, timeout=120)
     assert done.stdout.splitlines() == ["write stopped with 143", "read stopped with 143"], (
         done.stderr

@@ -85,7 +85,7 @@ def test_without_levels_there_is_no_sensor_and_no_draw_moves(measured):
     }
 
 
-def test_noise_is_about_the_horizontal_and_the_vertical_and_a_bias_is_a_vehicles_own(measured):
+def test_noise_is_about_world_axes_and_each_vehicle_has_a_bias(measured):
     clean = measured(replace(AHRS, attitude_heading_bias_sigma=0.5))
     n = 60
     turns = np.stack(

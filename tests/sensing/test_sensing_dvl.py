@@ -53,7 +53,7 @@ def test_velocities_turned_to_the_world_add_up_to_the_true_way(fleet):
         np.testing.assert_allclose(way, fleet.position[k, 1:], rtol=0, atol=1e-9)
 
 
-def test_without_a_level_there_is_no_sensor_and_beyond_reach_no_velocity(fleet):
+def test_there_is_no_sensor_without_a_level_and_no_velocity_far_away(fleet):
     m = measured(fleet)
     assert measured(fleet, dvl_reach=30.0, altitude=31.0).dvl_vehicle.size == 0
     altitude = np.full(fleet.status.shape, 10.0)
@@ -77,7 +77,7 @@ def test_noise_and_bias_are_draws_of_their_own_streams(fleet):
     np.testing.assert_array_equal(noisy.dvl_sigma, m.dvl_sigma)
 
 
-def test_lost_beams_take_velocities_and_precision_as_often_as_their_probability_says(make_truth):
+def test_lost_beams_remove_velocities_and_precision_at_random(make_truth):
     """
     Of four beams at least three are left with the binomial probability; of three, one axis is
     weaker by geometry.
@@ -116,7 +116,7 @@ def test_three_beams_by_simulated_least_squares():
     np.testing.assert_allclose(three_beam_factor(), spread[0] / spread[1], rtol=0.02)
 
 
-def test_a_graph_weighs_velocities_against_odometry_by_their_variances(fleet):
+def test_a_graph_weights_velocities_and_odometry_by_variance(fleet):
     """
     With rotations known, each axis of each stride is the mean of both, weighted by precision; so is
     its variance.

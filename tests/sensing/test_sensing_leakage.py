@@ -113,7 +113,7 @@ def test_two_ways_both_leak(truth, leaky):
     np.testing.assert_allclose(both.probability[leaked], leaky.probability[leaked] ** 2)
 
 
-def test_beyond_reach_nothing_leaks_and_without_a_frequency_nobody_knows(truth, plain):
+def test_no_sound_leaks_beyond_reach_or_without_a_frequency(truth, plain):
     near = ranged(truth, Leakage(reach=1.0))
     np.testing.assert_array_equal(near.status, plain.status)
     np.testing.assert_array_equal(near.truth.travel_time, plain.truth.travel_time)

@@ -178,7 +178,7 @@ def test_where_mistakes_have_probability_zero_all_is_as_without_them(truth, timi
 
 
 @pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.5)])
-def test_without_other_arrivals_the_outcome_is_that_of_detection_alone(truth, timing):
+def test_without_other_arrivals_the_outcome_is_that_of_detection(truth, timing):
     water = Medium.from_profile([0.0, 4000.0], [C, C], bottom_depth=3000.0, interpolation="linear")
     modem = sonar(170.0)
     ranging = range_fleet(truth, [HIDDEN], water, timing=timing, detector=Detector(modem))
@@ -236,7 +236,7 @@ def test_candidates_are_the_arrivals_of_the_link_in_both_directions(truth):
 
 
 @pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.0)])
-def test_the_direct_candidate_comes_first_even_if_it_is_not_the_earliest(truth, timing):
+def test_the_direct_candidate_comes_first_even_if_it_is_later(truth, timing):
     """
     A surface duct can do that; here each link's direct arrival and the next one exchange their
     travel times.
@@ -333,7 +333,7 @@ def test_a_pick_stays_as_long_as_its_correlation_time_says(many_pings):
     )
 
 
-def test_a_pick_that_stays_is_one_that_was_drawn_and_gaps_and_pairs_are_kept_apart(many_pings):
+def test_a_persistent_pick_was_drawn_for_its_pair(many_pings):
     o, _ = many_pings
     fresh = chances(o, root_seed=4, realization=1)
     held = chances(o, root_seed=4, realization=1, correlation_time=1e3)

@@ -127,7 +127,7 @@ def test_a_ping_that_no_ray_carries_has_no_angles(few):
         np.testing.assert_array_equal(np.isnan(angle), lost)
 
 
-def test_links_are_the_unordered_pairs_row_by_row_those_of_the_arrivals(truth, landmarks, ranging):
+def test_links_are_the_unordered_pairs_in_order_of_the_arrivals(truth, landmarks, ranging):
     links, first = ranging.links, ranging.arrivals.first()
     assert links.sample.size == first.status.size == 3 * (6 + 4 * 2)
     assert (links.first < links.second).all()
@@ -155,7 +155,7 @@ def test_a_stopped_vehicle_is_silent_and_the_others_are_not(truth, landmarks, ra
     assert links.sample.size == stopped.arrivals.status.size == 3 * 14 - 2 * 5
 
 
-def test_a_whole_fleet_at_rest_is_silent_and_one_vehicle_alone_ranges_nobody(truth, make_truth):
+def test_a_fleet_at_rest_is_silent_and_a_single_vehicle_has_no_range(truth, make_truth):
     stopped = range_fleet(stopping(truth, slice(None)), [], REFRACTING)
     assert (stopped.status == RayStatus.STOPPED).all()
     assert stopped.links.sample.size == stopped.arrivals.status.size == 0
@@ -165,7 +165,7 @@ def test_a_whole_fleet_at_rest_is_silent_and_one_vehicle_alone_ranges_nobody(tru
         assert alone.status.size == alone.links.sample.size == 0
 
 
-def test_a_link_behind_a_ridge_is_a_dropout_with_its_chord_and_sound_speed(truth):
+def test_a_link_behind_a_ridge_is_a_dropout_with_its_chord(truth):
     wall = ridged(20.0, gradient=GRADIENT, bottom=BOTTOM)
     found = range_fleet(truth, [Landmark("L", (5000.0, 0.0, 300.0))], wall)
     hidden, true = found.attempts.receiver == 4, found.truth
@@ -262,7 +262,7 @@ def test_probability_follows_the_sonar_equation_by_hand(few, landmarks):
     np.testing.assert_allclose(two.probability, one.probability**2, rtol=1e-12)
 
 
-def test_by_direct_the_bounces_allowed_change_neither_times_nor_statuses(few):
+def test_allowed_bounces_do_not_change_ranges_of_the_direct_rule(few):
     bare = range_fleet(few, [HIDDEN], RIDGED)
     more = range_fleet(few, [HIDDEN], RIDGED, max_surface_bounces=1, max_bottom_bounces=1)
     assert more.arrivals.link.size > bare.arrivals.link.size
@@ -270,7 +270,7 @@ def test_by_direct_the_bounces_allowed_change_neither_times_nor_statuses(few):
     assert_same([more.status, more.truth], [bare.status, bare.truth])
 
 
-def test_a_direct_ray_that_is_not_among_the_arrivals_kept_is_ranged_on(few, monkeypatch):
+def test_a_direct_ray_beyond_the_kept_arrivals_is_ranged_on(few, monkeypatch):
     """
     The solver keeps 64 arrivals a link; that they leave out the direct one takes hundreds of
     kilometres.
@@ -301,7 +301,7 @@ def test_by_first_a_hidden_link_is_ranged_over_the_surface(few):
 
 
 @pytest.mark.parametrize("detector", [None, Detector(SONAR)])
-def test_direct_or_first_adds_reflections_to_links_without_a_direct_arrival(few, detector):
+def test_direct_or_first_adds_reflections_to_links_without_direct_ray(few, detector):
     """
     A link with a direct arrival has the same time as by ``direct``; a hidden one has the time by
     ``first``.
@@ -352,9 +352,7 @@ OPTIONS = [
 
 
 @pytest.mark.parametrize("options", OPTIONS, ids=str)
-def test_neither_water_that_is_always_the_same_nor_threads_nor_blocks_of_links_change_a_digit(
-    truth, landmarks, options, monkeypatch
-):
+def test_constant_water_threads_and_blocks_change_no_digit(truth, landmarks, options, monkeypatch):
     stopped = stopping(truth, 1, 6)
     still = range_fleet(stopped, landmarks, REFRACTING, threads=2, **options)
     monkeypatch.setattr("pymantaray.sensing.transmission._BLOCK", 4)

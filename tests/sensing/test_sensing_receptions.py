@@ -17,7 +17,7 @@ from pymantaray.sensing.exchanges import (
 from pymantaray.sensing.receptions import (
     AlongRays,
     Direction,
-    joined,
+    join_receptions,
     receptions_of,
     select_receptions,
     with_detection,
@@ -90,7 +90,7 @@ def test_the_selected_reception_has_the_probability_of_its_detection():
 def test_tables_of_one_direction_join_to_the_table_of_both():
     whole = table()
     parts = [whole.at({"reception": whole.link == k}) for k in (2, 0)]
-    assert_same(joined(parts), whole)
+    assert_same(join_receptions(parts), whole)
 
 
 def test_exchanges_of_selected_receptions_and_all_combinations():
@@ -117,7 +117,7 @@ def test_exchanges_of_selected_receptions_and_all_combinations():
     assert set(zip(every.answer[9:], every.ping[9:], strict=True)) == pairs
 
 
-def test_the_time_of_an_exchange_follows_the_motion_of_its_initiator_and_responder():
+def test_the_time_of_an_exchange_follows_the_motion_of_both_ends():
     """
     Fermat: moving an end by v dt changes the travel time by its slowness; one end moves at a time,
     on either side.

@@ -31,7 +31,7 @@ def test_every_ordered_pair_once_an_epoch_and_every_landmark_heard(n_vehicles, n
     assert list(zip(*table, strict=True)) == expected
 
 
-def test_interval_that_does_not_divide_the_mission_stops_before_its_end():
+def test_an_interval_that_does_not_divide_the_mission_stops_early():
     np.testing.assert_array_equal(PingSchedule(400.0).samples(np.arange(6) * 200.0), [2, 4])
 
 
@@ -44,8 +44,9 @@ def test_rounding_of_the_times_loses_no_epoch(period):
 IMPOSSIBLE = {
     "interval is 300 s: the ping at 300 s is not at a sample time; samples are every 200 s: ping"
     " at": lambda: ping(300.0),
-    "interval is 1e.06 s, the mission lasts 604800 s; .*: ping earlier or"
-    " lengthen": lambda: ping(1e6),
+    "interval is 1e.06 s, the mission lasts 604800 s; .*: ping earlier or lengthen": (
+        lambda: ping(1e6)
+    ),
     "interval is 0 s; it must be finite and positive": lambda: ping(0.0),
     "interval is nan s": lambda: ping(np.nan),
     "no vehicle or landmark is called 'C'; allowed: A, B, L": lambda: pings("C"),

@@ -106,7 +106,7 @@ def assert_draws(drawn, expected):
 
 @pytest.mark.parametrize("names", ["ABC", "DCBA"])
 @pytest.mark.parametrize(("seed", "realization"), [(5, 2), (0, 0)])
-def test_every_draw_is_a_standard_normal_of_its_own_stream_times_its_sigma(
+def test_every_draw_is_a_normal_of_its_stream_times_its_sigma(
     make_measurements, names, seed, realization
 ):
     """

@@ -69,9 +69,7 @@ LANDMARK = Landmark("L1", (900.0, -2900.0, 300.0))
 
 
 @pytest.mark.parametrize(("turn_around", "pace"), [(0.0, 1.0), (2.0, 1.0), (5.0, 0.0)])
-def test_measured_exchanges_are_those_of_moving_vehicles_in_refracting_water(
-    water, turn_around, pace
-):
+def test_exchanges_are_those_of_moving_vehicles_in_refracting_water(water, turn_around, pace):
     """
     Against exact exchanges along circular arcs; motion is worth decimetres, what is neglected
     millimetres.
@@ -94,7 +92,7 @@ def test_measured_exchanges_are_those_of_moving_vehicles_in_refracting_water(
     np.testing.assert_array_equal(moving.truth.distance, still.truth.distance)
 
 
-def test_vehicles_at_one_place_and_links_without_an_arrival_keep_their_status(water):
+def test_vehicles_at_one_place_and_lost_links_keep_their_status(water):
     """
     Equal positions have no direction; a receiver in the sea bed has no arrival; a stopped vehicle
     is silent.
@@ -111,7 +109,7 @@ def test_vehicles_at_one_place_and_links_without_an_arrival_keep_their_status(wa
     assert np.isnan(r.truth.travel_time[~together]).all()
 
 
-def test_velocity_is_that_after_the_ping_and_before_the_end_of_the_mission(make_truth):
+def test_velocity_is_that_after_the_ping_or_before_the_end(make_truth):
     truth = make_truth("AB", 5)
     found = velocities(truth, np.array([1, 4]))
     np.testing.assert_allclose(found[:, 0] * 200.0, truth.position[:, 2] - truth.position[:, 1])
@@ -150,7 +148,7 @@ def test_one_way_a_range_is_off_by_the_difference_of_the_clocks(
     np.testing.assert_allclose(late, true.sound_speed * expected, rtol=0, atol=1e-9)
 
 
-def test_two_way_the_offset_cancels_and_the_skew_scales_the_round_trip(
+def test_two_way_the_offset_cancels_and_the_skew_scales_the_time(
     make_measurements, make_ranging_truth
 ):
     m, true, two_way = make_measurements(), make_ranging_truth(), {"timing": TwoWay(2.0)}

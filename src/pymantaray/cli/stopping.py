@@ -82,5 +82,9 @@ def _watch(pipe: int) -> None:
     """
     with open(pipe, "rb", buffering=0) as numbers:
         while number := numbers.read(1):
-            if number[0] in _STOPS and not stops.handled.wait(_PATIENCE) and not stops.deferred():
+            if (
+                number[0] in _STOPS
+                and not stops.handled.wait(_PATIENCE)
+                and not stops.are_deferred()
+            ):
                 os._exit(128 + number[0])

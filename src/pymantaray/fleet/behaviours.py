@@ -1,6 +1,4 @@
-"""
-Behaviours of vehicles as frozen, checked parameter sets, and checks of start positions and steps.
-"""
+"""Behaviours of vehicles as frozen, checked parameter sets, and checks of start positions."""
 
 import math
 from collections.abc import Sequence
@@ -247,25 +245,23 @@ def unique_names(vehicles: Sequence[Vehicle]) -> list[str]:
     names = [vehicle.name for vehicle in vehicles]
     if not names:
         raise FleetError("fleet: no vehicles; give at least one")
-    double = sorted({name for name in names if names.count(name) > 1})
-    if double:
-        raise FleetError(f"vehicle {double[0]!r}: two vehicles have this name; rename one")
+    duplicates = sorted({name for name in names if names.count(name) > 1})
+    if duplicates:
+        raise FleetError(f"vehicle {duplicates[0]!r}: two vehicles have this name; rename one")
     return names
 
 
 def check_placement(vehicle: Vehicle, water: OceanArrays) -> None:
-    """
-    Raise an error if the start, the target depth there, or a waypoint is outside the ocean or below
-    the sea floor.
-    """
+    """Raise an error if start, target or waypoint is outside the ocean or below the sea floor."""
     owner = f"vehicle {vehicle.name!r}"
     behaviour = vehicle.behaviour
+    north, east, _ = vehicle.position
     _check_point(owner, "the start position", vehicle.position, water)
     if isinstance(behaviour, FloatCycle):
-        target = np.array([*vehicle.position[:2], behaviour.target_depth])
+        target = np.array([north, east, behaviour.target_depth])
         _check_point(owner, "target_depth", target, water)
     elif isinstance(behaviour, Drifting):
-        drogue = np.array([*vehicle.position[:2], behaviour.drogue_depth])
+        drogue = np.array([north, east, behaviour.drogue_depth])
         _check_point(owner, "drogue_depth", drogue, water)
     elif isinstance(behaviour, Waypoints):
         for index, point in enumerate(behaviour.points):
@@ -276,15 +272,10 @@ def _check_point(owner: str, what: str, point: Array, water: OceanArrays) -> Non
     north, east, depth = (float(value) for value in point)
     state = place(water, north, east, depth)
     if state == LEFT_DOMAIN:
-        (x, south, top), (y, west, right) = (
-            distinct_digits(*axis)
-            for axis in (
-                (north, water.north[0], water.north[-1]),
-                (east, water.east[0], water.east[-1]),
-            )
-        )
+        y, south, top = distinct_digits(north, water.north[0], water.north[-1])
+        x, west, right = distinct_digits(east, water.east[0], water.east[-1])
         raise FleetError(
-            f"{owner}: {what} is at north {x}, east {y} m, outside the ocean; allowed: north"
+            f"{owner}: {what} is at north {y}, east {x} m, outside the ocean; allowed: north"
             f" {south} to {top} m, east {west} to {right} m; move it, or use a larger ocean"
         )
     if state == GROUNDED:

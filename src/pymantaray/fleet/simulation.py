@@ -102,8 +102,9 @@ def simulate(
     quaternion = np.empty((len(vehicles), periods + 1, 4))
     status = np.zeros((len(vehicles), periods + 1), dtype=np.int8)
     for row, vehicle in enumerate(vehicles):
-        top = kernel.surface_depth(water, *map(float, vehicle.position[:2]))
-        position[row] = [*vehicle.position[:2], max(vehicle.position[2], top)]
+        north, east, depth = vehicle.position
+        top = kernel.surface_depth(water, float(north), float(east))
+        position[row] = [north, east, max(depth, top)]
         half = 0.5 * math.remainder(vehicle.heading, 2.0 * math.pi)
         quaternion[row] = math.cos(half), 0.0, 0.0, math.sin(half)
 
@@ -136,10 +137,7 @@ def simulate(
 def fleet_refusals(
     vehicles: Sequence[Vehicle], ocean: xr.Dataset, physics_step: float
 ) -> list[FleetError]:
-    """
-    Errors that `simulate` would raise for vehicles in an ocean: start, waypoints or step; the first
-    of each vehicle.
-    """
+    """Errors that `simulate` would raise for vehicles in an ocean, the first of each vehicle."""
     return list(_refusals(vehicles, _water(ocean), physics_step))
 
 
@@ -155,10 +153,7 @@ def _refusals(
 
 
 def _centre(ocean: xr.Dataset) -> tuple[float, float] | None:
-    """
-    Latitude and longitude of the centre of the ocean's frame; None without a geographic position.
-    [degrees]
-    """
+    """Latitude and longitude of the centre of the ocean's frame, or None. [degrees]"""
     if "centre_latitude_deg" not in ocean.attrs:
         return None
     return float(ocean.attrs["centre_latitude_deg"]), float(ocean.attrs["centre_longitude_deg"])
@@ -166,13 +161,13 @@ def _centre(ocean: xr.Dataset) -> tuple[float, float] | None:
 
 def _counts(duration: float, physics_step: float, sampling_period: float) -> tuple[int, int]:
     """Exact numbers of steps per sampling period and sampling periods per mission."""
-    named = {"duration": duration, "physics_step": physics_step, "sampling_period": sampling_period}
-    for name, value in named.items():
+    times = {"duration": duration, "physics_step": physics_step, "sampling_period": sampling_period}
+    for name, value in times.items():
         check_number(FleetError, f"simulate: {name}", value, "s", positive=True)
     counts = []
     for name, unit_name in (("sampling_period", "physics_step"), ("duration", "sampling_period")):
-        value = named[name]
-        unit = named[unit_name]
+        value = times[name]
+        unit = times[unit_name]
         count = value / unit
         if (
             not math.isfinite(count)
@@ -188,12 +183,12 @@ def _counts(duration: float, physics_step: float, sampling_period: float) -> tup
 
 
 def _check_memory(n_vehicles: int, n_samples: int) -> None:
-    installed = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if n_vehicles * n_samples * _POSE_BYTES > installed:
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    if n_vehicles * n_samples * _POSE_BYTES > memory:
         raise FleetError(
             f"simulate: {n_vehicles} vehicles x {n_samples:g} samples x {_POSE_BYTES} bytes are"
             f" {n_vehicles * n_samples * _POSE_BYTES / 2**30:.3g} GiB of memory; this machine has"
-            f" {installed / 2**30:.3g} GiB; increase sampling_period"
+            f" {memory / 2**30:.3g} GiB; increase sampling_period"
         )
 
 
@@ -241,8 +236,9 @@ def _run(
 
 def _drift_cycle(behaviour: Drifting) -> kernel.Cycle:
     """
-    Cycle of a float that holds its first depth forever, and returns to it immediately from under
-    ice.
+    Cycle of a float that holds its first depth forever.
+
+    It returns to it immediately from under ice.
     """
     return kernel.Cycle(
         target=float(behaviour.depth),
@@ -259,12 +255,12 @@ def _drift_cycle(behaviour: Drifting) -> kernel.Cycle:
 
 def _water(ocean: xr.Dataset) -> kernel.OceanArrays:
     """Checked arrays of a local ocean for the integrators."""
-    needed = [*_DIMS, "current_north", "current_east", "sea_floor_depth"]
-    absent = [name for name in needed if name not in ocean.variables]
-    if absent:
+    names = [*_DIMS, "current_north", "current_east", "sea_floor_depth"]
+    missing = [name for name in names if name not in ocean.variables]
+    if missing:
         raise FleetError(
-            f"ocean: the data set has no {', '.join(absent)}; a local data set must have"
-            f" {', '.join(needed)}"
+            f"ocean: the data set has no {', '.join(missing)}; a local data set must have"
+            f" {', '.join(names)}"
         )
     north, east, depth = (_axis(ocean, name) for name in _DIMS)
     time = _times(ocean)

@@ -1,7 +1,4 @@
-"""
-A boundary of the water: the sea bed, or the sea surface with the underside of ice, and how it
-reflects sound.
-"""
+"""Boundary of the water, the sea bed or the sea surface with ice, and its reflection of sound."""
 
 from __future__ import annotations
 
@@ -96,14 +93,15 @@ class BoundarySurface:
         reflection: Reflection | None = None,
         roughness: Roughness | None = None,
     ) -> None:
-        n, e = (
-            checked_array(GeometryError, f"boundary: {name}", axis, (None,), rising=True)
-            for name, axis in (("north", north), ("east", east))
-        )
+        fields: dict[str, object] = {"reflection": reflection, "roughness": roughness}
+        shape = []
+        for name, axis in (("north", north), ("east", east)):
+            points = checked_array(GeometryError, f"boundary: {name}", axis, (None,), rising=True)
+            fields[name] = points
+            shape.append(points.size)
         values = np.full((1, 1), depth) if np.ndim(depth) == 0 else depth
-        z = checked_array(GeometryError, "boundary: depth", values, (n.size, e.size))
-        both = ("reflection", reflection), ("roughness", roughness)
-        for name, value in (("depth", z), ("north", n), ("east", e), *both):
+        fields["depth"] = checked_array(GeometryError, "boundary: depth", values, tuple(shape))
+        for name, value in fields.items():
             object.__setattr__(self, name, value)
 
     def __repr__(self) -> str:
@@ -183,13 +181,13 @@ class BoundarySurface:
         exception : type of exception
             Class of the error.
         """
-        for along, own, water in (("north", self.north, north), ("east", self.east, east)):
+        for direction, axis, water in (("north", self.north, north), ("east", self.east, east)):
             slack = _SLACK * max(np.ptp(water), 1.0)
-            if own.size > 1 and (own[0] > water[0] + slack or own[-1] < water[-1] - slack):
-                first, last, low, high = distinct_digits(own[0], own[-1], water[0], water[-1])
+            if axis.size > 1 and (axis[0] > water[0] + slack or axis[-1] < water[-1] - slack):
+                first, last, low, high = distinct_digits(axis[0], axis[-1], water[0], water[-1])
                 raise exception(
-                    f"{name}: {along} {first} to {last} m; it must extend over the water, {low} to"
-                    f" {high} m"
+                    f"{name}: {direction} {first} to {last} m; it must extend over the water,"
+                    f" {low} to {high} m"
                 )
 
     @cached_property
@@ -229,8 +227,7 @@ def as_boundary(
     depth: BoundarySurface | ArrayLike, north: Array, east: Array, *, name: str, error: Error
 ) -> BoundarySurface:
     """
-    Boundary of water with these axes [m]: one on axes of its own, one depth, or depths at the
-    water's grid points [m].
+    Boundary over axes of water [m], from a boundary, one depth, or depths at the grid points. [m]
 
     Name and error are for refusals.
     """

@@ -1,7 +1,4 @@
-"""
-Compiled bilinear interpolation on a grid of the local frame, for boundaries of the water and for
-its sound speed.
-"""
+"""Compiled bilinear interpolation on a grid of the local frame."""
 
 from collections import namedtuple
 
@@ -28,10 +25,7 @@ def interval_of(axis, x):
 
 @kernel
 def bilinear_weights(grid, n, e, n_mid, e_mid):
-    """
-    Cell of the point (n_mid, e_mid), the local coordinates of (n, e) in it, and the cell's sides.
-    [1, m]
-    """
+    """Cell of the point (n_mid, e_mid), local coordinates of (n, e) in it, and its sides. [1, m]"""
     north, east = grid.north, grid.east
     i = interval_of(north, n_mid)
     j = interval_of(east, e_mid)

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.longitude import wrap_longitude
 
 ELLIPSOID = pyproj.Geod(ellps="WGS84")
 
@@ -48,7 +48,7 @@ class LocalFrame:
                 " finite, and latitude must be in -90 to 90"
             )
         self.latitude_deg = float(latitude_deg)
-        self.longitude_deg = float(wrapped(longitude_deg))
+        self.longitude_deg = float(wrap_longitude(longitude_deg))
 
     @property
     def proj_string(self) -> str:
@@ -98,7 +98,7 @@ class LocalFrame:
         """
         n, e = np.broadcast_arrays(np.asarray(north, dtype=float), np.asarray(east, dtype=float))
         longitude, latitude = self._proj(e, n, inverse=True)
-        offset = wrapped(np.asarray(longitude, dtype=float) - self.longitude_deg)
+        offset = wrap_longitude(np.asarray(longitude, dtype=float) - self.longitude_deg)
         return np.asarray(latitude, dtype=float), self.longitude_deg + offset
 
     def convergence(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> Array:

@@ -14,8 +14,7 @@ def natural_spline(points: Array, values: Array, at: Array, *, axis: int = -1) -
 
 def natural_slopes(points: Array, values: Array) -> Array:
     """
-    Slopes at the points of the natural cubic splines through values (..., n), one spline for each
-    row.
+    Slopes at the points of the natural cubic spline through each row of values (..., n).
 
     They are those of `natural_spline`, which also computes the other coefficients and takes three
     times as long. LAPACK solves all rows in place.
@@ -25,11 +24,11 @@ def natural_slopes(points: Array, values: Array) -> Array:
     step = np.diff(points)
     n = points.size
     rise = np.diff(values)
-    out = np.empty(values.shape)
-    out[..., 0] = 3.0 * rise[..., 0]
-    out[..., -1] = 3.0 * rise[..., -1]
+    right_side = np.empty(values.shape)
+    right_side[..., 0] = 3.0 * rise[..., 0]
+    right_side[..., -1] = 3.0 * rise[..., -1]
     rise /= step
-    inner = out[..., 1:-1]
+    inner = right_side[..., 1:-1]
     np.multiply(step[1:], rise[..., :-1], out=inner)
     rise[..., 1:] *= step[:-1]
     inner += rise[..., 1:]
@@ -37,6 +36,6 @@ def natural_slopes(points: Array, values: Array) -> Array:
     diagonal = 2.0 * np.concatenate([step[:1], step[:-1] + step[1:], step[-1:]])
     above = np.append(step[0], step[:-1])
     below = np.append(step[1:], step[-1])
-    rows = out.reshape(-1, n).T
-    *_, solved, _ = dgtsv(below, diagonal, above, rows, overwrite_b=True)
-    return np.asarray(solved.T).reshape(values.shape)
+    rows = right_side.reshape(-1, n).T
+    *_, slopes, _ = dgtsv(below, diagonal, above, rows, overwrite_b=True)
+    return np.asarray(slopes.T).reshape(values.shape)

@@ -1,7 +1,4 @@
-"""
-Roughness of a boundary: random Gaussian surfaces with a slope and a correlation length, from named
-random streams.
-"""
+"""Roughness of a boundary: random Gaussian surfaces with a slope and a correlation length."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -84,9 +81,8 @@ class Roughness:
         from scipy.ndimage import spline_filter
 
         rng = stream(self.seed, self.draw, "surface", "roughness")
-        k = (
-            2.0 * np.pi * np.fft.fftfreq(_POINTS, 1.0 / _POINTS_PER_LENGTH)
-        )  # radians per correlation length
+        # wavenumber, in radians per correlation length
+        k = 2.0 * np.pi * np.fft.fftfreq(_POINTS, 1.0 / _POINTS_PER_LENGTH)
         along = np.exp(-(k**2) / 8.0)
         gain = along[:, None] * along[None, : _POINTS // 2 + 1]
         white = np.fft.rfft2(rng.standard_normal((_POINTS, _POINTS)))
@@ -110,11 +106,11 @@ class Roughness:
         """
         from scipy.ndimage import map_coordinates
 
-        places = np.stack(
+        positions = np.stack(
             np.broadcast_arrays(np.asarray(north, dtype=float), np.asarray(east, dtype=float))
         )
-        shape = places.shape[1:]
-        index = places.reshape(2, -1) * (_POINTS_PER_LENGTH / self.length)
+        shape = positions.shape[1:]
+        index = positions.reshape(2, -1) * (_POINTS_PER_LENGTH / self.length)
         unit = map_coordinates(
             self._coefficients, index, order=3, mode="grid-wrap", prefilter=False
         )

@@ -14,8 +14,9 @@ _SMALL_ANGLE = 1e-4  # rad; below it Taylor series replace the closed forms
 
 def lengths(vectors: Array) -> Array:
     """
-    Lengths of vectors of at least two components, (..., k), with the digits of `numpy.linalg.norm`
-    in half of its time.
+    Lengths of vectors (..., k), k >= 2.
+
+    The digits are those of `numpy.linalg.norm`, in half of its time.
     """
     squares = vectors * vectors
     total = squares[..., 0] + squares[..., 1]
@@ -41,15 +42,19 @@ def _coefficients(theta: Array) -> tuple[Array, Array, Array]:
     """Return sin(t)/t, (1 - cos t)/t^2 and (t - sin t)/t^3, by series near zero."""
     t2 = theta * theta
     small = theta < _SMALL_ANGLE
-    near = 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1.0 / 6.0 - t2 / 120.0
+    series = 1.0 - t2 / 6.0, 0.5 - t2 / 24.0, 1.0 / 6.0 - t2 / 120.0
     if small.all():  # as in most steps of a filter
-        return near
+        return series
     safe = np.where(small, 1.0, theta)
     sine = np.sin(safe)
     a = sine / safe
     b = 2.0 * np.sin(safe / 2.0) ** 2 / safe**2
     c = (safe - sine) / safe**3
-    return np.where(small, near[0], a), np.where(small, near[1], b), np.where(small, near[2], c)
+    return (
+        np.where(small, series[0], a),
+        np.where(small, series[1], b),
+        np.where(small, series[2], c),
+    )
 
 
 def so3_exp(omega: ArrayLike) -> Array:
@@ -80,10 +85,10 @@ def quaternion_from_matrix(rotation: ArrayLike) -> Array:
     yz = m[1, 2] + m[2, 1]
     by_x = xx > ww
     by_z = zz > yy
-    late = np.where(by_z, zz, yy) > np.where(by_x, xx, ww)
+    yz_largest = np.where(by_z, zz, yy) > np.where(by_x, xx, ww)
 
     def largest(w: Array, x: Array, y: Array, z: Array) -> Array:
-        return np.where(late, np.where(by_z, z, y), np.where(by_x, x, w))
+        return np.where(yz_largest, np.where(by_z, z, y), np.where(by_x, x, w))
 
     q = (
         largest(ww, wx, wy, wz),
@@ -151,9 +156,7 @@ def se3_exp(twist: ArrayLike) -> tuple[Array, Array]:
 
 
 def se3_log(rotation: ArrayLike, translation: ArrayLike) -> Array:
-    """
-    Twist that reaches a rotation (..., 3, 3) and translation in unit time; inverse of `se3_exp`.
-    """
+    """Twist that reaches a rotation (..., 3, 3) and translation in unit time."""
     omega = so3_log(rotation)
     theta = lengths(omega)
     a, b, _ = _coefficients(theta)
@@ -167,11 +170,9 @@ def se3_log(rotation: ArrayLike, translation: ArrayLike) -> Array:
     return np.concatenate([omega, v], axis=-1)
 
 
-def moved_by(
-    quaternion: ArrayLike, translation: ArrayLike, twist: ArrayLike
-) -> tuple[Array, Array]:
+def retract(quaternion: ArrayLike, translation: ArrayLike, twist: ArrayLike) -> tuple[Array, Array]:
     """Quaternion and translation of a pose followed by a twist in its body frame, ``T Exp(xi)``."""
     rotation = matrix_from_quaternion(quaternion)
-    turn, move = se3_exp(twist)
-    shift = np.einsum("...ij,...j->...i", rotation, move)
-    return quaternion_from_matrix(rotation @ turn), np.asarray(translation + shift)
+    step_rotation, step_translation = se3_exp(twist)
+    displacement = np.einsum("...ij,...j->...i", rotation, step_translation)
+    return quaternion_from_matrix(rotation @ step_rotation), np.asarray(translation + displacement)

@@ -1,7 +1,4 @@
-"""
-The Earth as a sphere in the local frame: flattened depths, distances along the surface and straight
-distances.
-"""
+"""The Earth as a sphere in the local frame: flattened depths and distances."""
 
 from __future__ import annotations
 
@@ -48,14 +45,14 @@ def flat_earth_note(longest: float, farthest: float = 0.0) -> str | None:
     error = _FLAT_ERROR * longest**3
     amount = f"up to about {error:,.1f}" if error >= 0.1 else "less than 0.1"
     links = f"links are up to {1e-3 * longest:.1f} km long"
-    begin = links.capitalize()
+    subject = links.capitalize()
     if farthest > _FLAT_LIMIT:
-        begin = (
+        subject = (
             f"Trajectories extend to {1e-3 * farthest:.1f} km from the centre of the frame, and"
             f" {links}"
         )
     return (
-        f"{begin}: on a flat Earth, their ranges are too long by {amount} m; use `earth='sphere'`"
+        f"{subject}: on a flat Earth, their ranges are too long by {amount} m; use `earth='sphere'`"
         " (in a study: acoustics.earth)."
     )
 
@@ -63,8 +60,7 @@ def flat_earth_note(longest: float, farthest: float = 0.0) -> str | None:
 @dataclass(frozen=True)
 class EarthSphere:
     r"""
-    Sphere that touches the ellipsoid at the centre of a local frame, and the plane to which its
-    ocean is flattened.
+    Sphere that touches the ellipsoid at the centre of a local frame, and its flattened ocean.
 
     In a vertical plane, a point at the distance :math:`r` from the Earth's centre and the angle
     :math:`\theta` has
@@ -191,8 +187,8 @@ class EarthSphere:
         """
         step = np.hypot(receiver[:, 0] - source[:, 0], receiver[:, 1] - source[:, 1])
         scale = [
-            1.0 + np.sum(x[:, :2] ** 2, axis=-1) / (4.0 * self.radius**2)
-            for x in (source, receiver)
+            1.0 + np.sum(end[:, :2] ** 2, axis=-1) / (4.0 * self.radius**2)
+            for end in (source, receiver)
         ]
         half = step / (2.0 * self.radius * np.sqrt(scale[0] * scale[1]))
         return np.asarray(2.0 * self.radius * np.arcsin(half))
@@ -230,9 +226,14 @@ class EarthSphere:
             Distance. [m]
         """
         angle = self.surface_distance(source, receiver) / self.radius
-        a = self.radius - source[:, 2]
-        b = self.radius - receiver[:, 2]
-        return np.asarray(np.hypot(b - a, 2.0 * np.sqrt(a * b) * np.sin(0.5 * angle)))
+        source_radius = self.radius - source[:, 2]
+        receiver_radius = self.radius - receiver[:, 2]
+        return np.asarray(
+            np.hypot(
+                receiver_radius - source_radius,
+                2.0 * np.sqrt(source_radius * receiver_radius) * np.sin(0.5 * angle),
+            )
+        )
 
     def flattened_ends(self, source: Array, receiver: Array) -> tuple[Array, Array]:
         """
@@ -252,11 +253,11 @@ class EarthSphere:
             North, east, flattened depth. [m]
         """
         step = receiver[:, :2] - source[:, :2]
-        apart = np.hypot(step[:, 0], step[:, 1])
+        distance = np.hypot(step[:, 0], step[:, 1])
         surface = self.surface_distance(source, receiver)
-        share = np.divide(surface, apart, out=np.ones_like(apart), where=apart > 0.0)
-        moved = (0.5 * (1.0 - share))[:, None] * step
+        ratio = np.divide(surface, distance, out=np.ones_like(distance), where=distance > 0.0)
+        displacement = (0.5 * (1.0 - ratio))[:, None] * step
         return tuple(  # type: ignore[return-value]
-            np.column_stack([x[:, :2] + sign * moved, self.flattened_depth(x[:, 2])])
-            for x, sign in ((source, 1.0), (receiver, -1.0))
+            np.column_stack([end[:, :2] + sign * displacement, self.flattened_depth(end[:, 2])])
+            for end, sign in ((source, 1.0), (receiver, -1.0))
         )

@@ -20,8 +20,8 @@ class AxisSpline:
     References
     ----------
     [1] C. de Boor, R. DeVore, "A geometric proof of total positivity for spline interpolation,"
-    Technical Summary Report 2677,
-        Mathematics Research Center, University of Wisconsin-Madison, 1984
+        Technical Summary Report 2677, Mathematics Research Center, University of
+        Wisconsin-Madison, 1984
     """
 
     def __init__(self, points: Array, degree: int = 3) -> None:
@@ -37,7 +37,7 @@ class AxisSpline:
 
             degree = min(degree, points.size - 1)
             self.knots = np.ascontiguousarray(make_interp_spline(points, points, k=degree).t)
-            self._steps, self._diagonal = _eliminated(
+            self._steps, self._diagonal = _elimination(
                 BSpline.design_matrix(points, self.knots, degree).toarray()
             )
         self.knots.setflags(write=False)  # media share them
@@ -52,41 +52,36 @@ class AxisSpline:
 
 
 def axis_spline(points: Array, degree: int = 3) -> AxisSpline:
-    """
-    `AxisSpline` of points; those of the last axes are kept, because columns of an atlas and members
-    of an ensemble share axes.
-    """
-    return _kept_spline(np.ascontiguousarray(points, dtype=float).tobytes(), degree)
+    """`AxisSpline` of points, from a cache: columns of an atlas and ensemble members share axes."""
+    return _cached_spline(np.ascontiguousarray(points, dtype=float).tobytes(), degree)
 
 
 @lru_cache(maxsize=64)
-def _kept_spline(points: bytes, degree: int) -> AxisSpline:
+def _cached_spline(points: bytes, degree: int) -> AxisSpline:
     return AxisSpline(np.frombuffer(points), degree)
 
 
 def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
-    """
-    Coefficients and knots of the cubic B-spline through values along one axis, as in `AxisSpline`.
-    """
+    """Coefficients and knots of the cubic B-spline through values along one axis."""
     spline = axis_spline(points)
     return spline.coefficients(values, axis=axis), spline.knots
 
 
-def _eliminated(matrix: Array) -> tuple[list[tuple[int, int, float]], Array]:
+def _elimination(matrix: Array) -> tuple[list[tuple[int, int, float]], Array]:
     """Steps that make a matrix diagonal without exchange of rows, and the diagonal."""
-    left = matrix.copy()
+    remainder = matrix.copy()
     n = len(matrix)
     steps: list[tuple[int, int, float]] = []
 
     def clear(rows: NDArray[np.intp], k: int) -> None:
         for i in rows:
-            factor = float(left[i, k] / left[k, k])
-            left[i] -= factor * left[k]
-            left[i, k] = 0.0
+            factor = float(remainder[i, k] / remainder[k, k])
+            remainder[i] -= factor * remainder[k]
+            remainder[i, k] = 0.0
             steps.append((int(i), k, factor))
 
     for k in range(n):
-        clear(k + 1 + np.flatnonzero(left[k + 1 :, k]), k)
+        clear(k + 1 + np.flatnonzero(remainder[k + 1 :, k]), k)
     for k in reversed(range(n)):
-        clear(np.flatnonzero(left[:k, k]), k)
-    return steps, np.diagonal(left).copy()
+        clear(np.flatnonzero(remainder[:k, k]), k)
+    return steps, np.diagonal(remainder).copy()

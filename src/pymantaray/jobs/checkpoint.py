@@ -41,8 +41,11 @@ class Checkpoint:
 
     def __init__(self, folder: Path | None, noun: str) -> None:
         self._folder = None if folder is None else folder.with_name(f"{folder.name}.unfinished")
-        self._noun, self._key, self._latest = noun, "", time.monotonic()
-        self._kept: set[int] = set()
+        self._noun = noun
+        self._key = ""
+        self._latest = time.monotonic()
+        self._saved: set[int] = set()
+        """Numbers of the tasks whose results are saved."""
 
     @property
     def exists(self) -> bool:
@@ -55,30 +58,32 @@ class Checkpoint:
 
     def restore(self, stage: Path) -> bool:
         """
-        Copy the files of the first stage into a folder; False if there are none or they are
-        damaged, then they are removed.
+        Copy the files of the first stage into a folder; False if there are none.
+
+        Damaged files are removed, and the result is False.
         """
-        if not self.exists or not (self._own / _STAGE).is_dir():
+        if not self.exists or not (self._job_folder / _STAGE).is_dir():
             return False
         if not self._stage_is_complete():
-            line = "damaged: wrong checksums; removed and computed again"
-            _LOG.warning("%s: %s", self._own, line)
-            shutil.rmtree(self._own, ignore_errors=True)
+            _LOG.warning(
+                "%s: damaged: wrong checksums; removed and computed again", self._job_folder
+            )
+            shutil.rmtree(self._job_folder, ignore_errors=True)
             return False
-        _link(self._own / _STAGE, stage)
+        _link(self._job_folder / _STAGE, stage)
         return True
 
     def results(self, count: int, parse: Callable[[bytes], ResultT]) -> dict[int, ResultT]:
         """Results of the tasks 0 to count - 1 that an earlier call finished."""
         if self._folder is None:
             return {}
-        store = Store(str(self._own))
+        store = Store(str(self._job_folder))
         results = {}
         for number in range(count):
             result = read_valid(store, f"{number}.nc", parse)
             if result is not None:
                 results[number] = result
-        self._kept = set(results)
+        self._saved = set(results)
         if results:
             _LOG.warning(
                 "resuming with %d %s of an interrupted run, %s",
@@ -93,32 +98,31 @@ class Checkpoint:
         self, stage: Path, results: Mapping[int, Any], content: Callable[[Any], bytes]
     ) -> Iterator[Callable[[], None]]:
         """
-        Save the files in a stage and the results if the block raises, and on calls of the yielded
-        function.
+        Save the stage and the results if the block raises, or if the yielded function is called.
 
         The function saves at most once per interval.
         """
         names = sorted(path.name for path in stage.iterdir() if path.is_file())
 
-        def look() -> None:
+        def save_if_due() -> None:
             if self._folder is not None and time.monotonic() - self._latest >= _SAVE_INTERVAL:
                 self._save(stage, names, results, content)
                 self._latest = time.monotonic()
 
-        begun = self._latest
+        start_time = self._latest
         try:
-            look()
-            yield look
+            save_if_due()
+            yield save_if_due
         except BaseException:
-            if self._folder is not None and time.monotonic() - begun >= _SAVE_INTERVAL:
+            if self._folder is not None and time.monotonic() - start_time >= _SAVE_INTERVAL:
                 try:
                     self._save(stage, names, results, content)
                 except WriteError as error:
                     _LOG.warning("not all results could be saved: %s", error)
-                if self._kept:
+                if self._saved:
                     _LOG.warning(
                         "%d %s are saved in %s; the same call resumes",
-                        len(self._kept),
+                        len(self._saved),
                         self._noun,
                         self._folder,
                     )
@@ -135,7 +139,7 @@ class Checkpoint:
             self._folder.rmdir()
 
     @property
-    def _own(self) -> Path:
+    def _job_folder(self) -> Path:
         assert self._folder is not None  # callers check this
         return self._folder / self._key
 
@@ -146,26 +150,29 @@ class Checkpoint:
         results: Mapping[int, Any],
         content: Callable[[Any], bytes],
     ) -> None:
-        if not (self._own / _STAGE).is_dir():
+        if not (self._job_folder / _STAGE).is_dir():
             self.clear()  # checkpoint of another key
-            part = self._own / f"{_STAGE}.part"
+            part = self._job_folder / f"{_STAGE}.part"
             try:
                 part.mkdir(parents=True)
                 _link(stage, part, names)
-                with whole_file(self._own / _CHECKSUMS) as temporary:
+                with whole_file(self._job_folder / _CHECKSUMS) as temporary:
                     temporary.write_text(json.dumps(_checksums(part)), encoding="utf-8")
-                part.rename(self._own / _STAGE)
+                part.rename(self._job_folder / _STAGE)
             except OSError as error:
-                raise WriteError(f"{self._own}: cannot be written: {error.strerror}") from None
-        store = Store(str(self._own))
-        for number in sorted(results.keys() - self._kept):
+                raise WriteError(
+                    f"{self._job_folder}: cannot be written: {error.strerror}"
+                ) from None
+        store = Store(str(self._job_folder))
+        for number in sorted(results.keys() - self._saved):
             store.write(f"{number}.nc", content(results[number]))
-            self._kept.add(number)
+            self._saved.add(number)
 
     def _stage_is_complete(self) -> bool:
         try:
             return bool(
-                json.loads((self._own / _CHECKSUMS).read_bytes()) == _checksums(self._own / _STAGE)
+                json.loads((self._job_folder / _CHECKSUMS).read_bytes())
+                == _checksums(self._job_folder / _STAGE)
             )
         except (OSError, ValueError, RecursionError):
             return False

@@ -45,12 +45,10 @@ _BATCHES_PER_THREAD = 2  # at least, so that all threads of the workers are busy
 
 
 class _BlamedError(Exception):
-    """
-    Workers ended with this task and maybe with others; the task is issued again and runs alone.
-    """
+    """Workers ended with this task and maybe with others; it is issued again and runs alone."""
 
 
-class _Issued(NamedTuple):
+class _Submission(NamedTuple):
     """Task and the future of its result."""
 
     task: StoreTask
@@ -58,9 +56,7 @@ class _Issued(NamedTuple):
 
 
 def run_batch(work: TaskFunction, tasks: Sequence[StoreTask]) -> tuple[float, list[Any]]:
-    """
-    Run tasks one after another in a worker; return the mean time of a task [s] and the results.
-    """
+    """Run tasks in a worker; return the mean time of a task [s] and the results."""
     begin = time.perf_counter()
     results = [work(task) for task in tasks]
     return (time.perf_counter() - begin) / len(tasks), results
@@ -85,9 +81,9 @@ class DaskPool(Pool):
         self._client: Any = None
         self._threads = 0
         self._has_workers = True
-        self._waiting: dict[str, list[_Issued]] = {}
+        self._unsent: dict[str, list[_Submission]] = {}
         """Tasks by kind that are not sent yet."""
-        self._sent: dict[Any, list[_Issued]] = {}
+        self._batches: dict[Any, list[_Submission]] = {}
         """Tasks of each future of Dask."""
         self._number_sent: Counter[str] = Counter()
         """Tasks of each kind with the scheduler."""
@@ -96,11 +92,11 @@ class DaskPool(Pool):
         )
         """Mean times of a task in the latest batches of each kind."""
         self._first_tasks = _FIRST_TASKS
-        self._blamed: set[str] = set()
+        self._blamed_keys: set[str] = set()
         """Keys of tasks with which workers ended."""
-        self._suspects: deque[_Issued] = deque()
+        self._suspects: deque[_Submission] = deque()
         """Blamed tasks that are not sent yet."""
-        self._alone: _Issued | None = None
+        self._lone_task: _Submission | None = None
         """Blamed task with the scheduler; no other task is."""
         self._lock = threading.Lock()  # results arrive in a thread of Dask
 
@@ -108,9 +104,9 @@ class DaskPool(Pool):
         """Connect to the scheduler."""
         if isinstance(self._scheduler, str):  # replaces Dask's log of many lines by one line
             logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
-        self._client = (
-            self._connect(_CONNECT_TIMEOUT) if isinstance(self._scheduler, str) else self._scheduler
-        )
+            self._client = self._connect(_CONNECT_TIMEOUT)
+        else:
+            self._client = self._scheduler
         self._address = self._client.scheduler.address
         with suppress(OSError):  # `check` asks again
             self._threads = sum(self._client.nthreads().values())
@@ -124,50 +120,47 @@ class DaskPool(Pool):
 
     def submit(self, task: StoreTask) -> Any:
         """Issue a task, which `flush` sends; return its future."""
-        issued = _Issued(task, Future())
+        submission = _Submission(task, Future())
         with self._lock:
-            blamed = task.key in self._blamed
-            (self._suspects if blamed else self._waiting.setdefault(task.kind, [])).append(issued)
-        return issued.future
+            if task.key in self._blamed_keys:
+                self._suspects.append(submission)
+            else:
+                self._unsent.setdefault(task.kind, []).append(submission)
+        return submission.future
 
     def flush(self) -> None:
         """Send issued tasks, short ones in batches, and blamed ones if no other is left."""
-        if self._alone is not None:
+        if self._lone_task is not None:
             return
-        for kind in list(self._waiting):
+        for kind in list(self._unsent):
             while batch := self._next_batch(kind):
                 self._send(kind, batch)
         with self._lock:
-            if self._sent or not self._suspects:
+            if self._batches or not self._suspects:
                 return
-            self._alone = self._suspects.popleft()
-            self._number_sent[self._alone.task.kind] += 1
-        self._send(f"{self._alone.task.kind}-alone", [self._alone])
+            self._lone_task = self._suspects.popleft()
+            self._number_sent[self._lone_task.task.kind] += 1
+        self._send(f"{self._lone_task.task.kind}-alone", [self._lone_task])
 
-    def _next_batch(self, kind: str) -> list[_Issued]:
-        """
-        Tasks to send together; none if no more tasks of this kind should be with the scheduler now.
-        """
+    def _next_batch(self, kind: str) -> list[_Submission]:
+        """Tasks to send together; none if the scheduler has enough tasks of this kind."""
         with self._lock:
-            waiting = self._waiting[kind]
-            sent = self._number_sent[kind]
-            if not self._is_measured(kind):
-                size = 1 if sent < self._first_tasks else 0
+            unsent = self._unsent[kind]
+            n_sent = self._number_sent[kind]
+            if len(self._seconds[kind]) < _MEASURED:  # the time of a task is not known yet
+                size = 1 if n_sent < self._first_tasks else 0
             else:
                 typical = statistics.median(self._seconds[kind])
-                share = (sent + len(waiting)) // (_BATCHES_PER_THREAD * max(self._threads, 1))
+                share = (n_sent + len(unsent)) // (_BATCHES_PER_THREAD * max(self._threads, 1))
                 size = max(min(int(_BATCH_SECONDS / max(typical, 1e-6)), _MAX_BATCH, share), 1)
-            batch = waiting[:size]
-            self._waiting[kind] = waiting[size:]
+            batch = unsent[:size]
+            self._unsent[kind] = unsent[size:]
             self._number_sent[kind] += len(batch)
         return batch
 
-    def _is_measured(self, kind: str) -> bool:
-        return len(self._seconds[kind]) >= _MEASURED
-
-    def _send(self, prefix: str, batch: list[_Issued]) -> None:
+    def _send(self, prefix: str, batch: list[_Submission]) -> None:
         """Send tasks to the scheduler, with a prefix of the name that Dask shows."""
-        tasks = [issued.task for issued in batch]
+        tasks = [submission.task for submission in batch]
         name = tasks[0].key
         if len(tasks) > 1:
             name = hashlib.sha256("".join(task.key for task in tasks).encode()).hexdigest()
@@ -177,13 +170,13 @@ class DaskPool(Pool):
             self.check()
             raise SchedulerLostError(str(error)) from None
         with self._lock:
-            self._sent[future] = batch
+            self._batches[future] = batch
         future.add_done_callback(self._receive)
 
     def _receive(self, future: Any) -> None:
         """Pass the results of a batch to the futures of its tasks."""
         with self._lock:
-            batch = self._sent.pop(future, None)
+            batch = self._batches.pop(future, None)
         if batch is None:  # of a lost scheduler, or after the end
             return
         error: BaseException | None = None
@@ -193,15 +186,15 @@ class DaskPool(Pool):
         except BaseException as cause:  # noqa: BLE001  raised again in the main thread
             error = cause
         kind = batch[0].task.kind
-        alone = batch[0] is self._alone
+        is_alone = batch[0] is self._lone_task
         with self._lock:
             self._number_sent[kind] -= len(batch)
-            if alone:
-                self._alone = None
+            if is_alone:
+                self._lone_task = None
             if error is None:
                 self._seconds[kind].append(seconds)
-            elif isinstance(error, self._dask.KilledWorker) and not alone:
-                self._blamed.update(issued.task.key for issued in batch)
+            elif isinstance(error, self._dask.KilledWorker) and not is_alone:
+                self._blamed_keys.update(submission.task.key for submission in batch)
                 _LOG.warning(
                     "workers ended %d times during the same tasks (%d, %s); these run again alone,"
                     " after all others",
@@ -211,15 +204,17 @@ class DaskPool(Pool):
                 )
                 error = _BlamedError()
         if error is not None:
-            for issued in batch:
-                issued.future.set_exception(error)
+            for submission in batch:
+                submission.future.set_exception(error)
             return
-        for issued, result in zip(batch, results, strict=True):
-            issued.future.set_result(result)
+        for submission, result in zip(batch, results, strict=True):
+            submission.future.set_result(result)
 
     def worker_failure(self, key: str, error: BaseException) -> str | None:
         """
-        Failure of a task whose worker ended; empty for another attempt; None for any other error.
+        Failure of a task whose worker ended.
+
+        Empty for another attempt; None for any other error.
         """
         if isinstance(error, _BlamedError):
             return ""
@@ -234,8 +229,9 @@ class DaskPool(Pool):
 
     def check(self) -> None:
         """
-        Raise `SchedulerLostError` if the scheduler is lost; called if no task ends for some
-        seconds.
+        Raise `SchedulerLostError` if the scheduler is lost.
+
+        The loop calls it if no task ends for some seconds.
         """
         if self._client.status != "running":
             raise SchedulerLostError(f"scheduler {self._address}: {self._client.status}")
@@ -244,9 +240,8 @@ class DaskPool(Pool):
             _LOG.warning("scheduler %s has no workers; waiting for workers", self._address)
         self._threads = threads
         self._has_workers = threads > 0
-        self._first_tasks = min(
-            4 * self._first_tasks, _WINDOW
-        )  # tasks are long, and workers may be many
+        # tasks are long, and workers may be many
+        self._first_tasks = min(4 * self._first_tasks, _WINDOW)
 
     def reconnect(self) -> None:
         """Wait for the scheduler; raise `JobError` if it does not come back."""
@@ -268,10 +263,10 @@ class DaskPool(Pool):
     def _forget(self) -> None:
         """Drop all issued tasks; Dask cancels tasks whose futures are gone."""
         with self._lock:
-            self._sent.clear()
-            self._waiting.clear()
+            self._batches.clear()
+            self._unsent.clear()
             self._suspects.clear()
-            self._alone = None
+            self._lone_task = None
             self._number_sent.clear()
 
     def _connect(self, timeout: float) -> Any:
@@ -297,8 +292,7 @@ def check_scheduler(client: "Client | str | None") -> None:
 
 def open_pool(work: TaskFunction, client: "Client | str | None", workers: int | None) -> Pool:
     """
-    Pool of a Dask client or scheduler address, or of processes of this machine, by default one per
-    core.
+    Pool of a Dask client or address, or of processes of this machine, by default one per core.
     """
     if client is None:
         return ProcessPool(partial(_start, work), workers or os.cpu_count() or 1)

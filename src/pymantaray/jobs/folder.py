@@ -68,10 +68,10 @@ def staged_folder(
         yield stage, folder
         _publish(stage, folder)
     except BaseException as error:
-        removed = not stage.is_dir()
+        is_missing = not stage.is_dir()
         shutil.rmtree(stage, ignore_errors=True)
         _remove_empty(missing)
-        if removed and isinstance(error, Exception):
+        if is_missing and isinstance(error, Exception):
             raise JobError(
                 f"{stage}: this folder was removed during the job; run the job again"
             ) from None
@@ -86,8 +86,9 @@ def staged_folder(
 @contextmanager
 def staged_parts(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     """
-    Create a temporary folder for parts of a finished run, which replace the existing parts if the
-    block succeeds.
+    Create a temporary folder for parts of a finished run.
+
+    The parts replace the existing ones if the block succeeds.
 
     On any exception, including Ctrl-C, all existing parts are unchanged. Parts are moved in the
     order of ``names``; the last marks the run as complete.
@@ -99,7 +100,7 @@ def staged_parts(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     """
     stage = folder / f".{secrets.token_hex(8)}{_PART}"
     try:
-        with _alone(folder):
+        with _exclusive(folder):
             stage.mkdir()
             lock = _lock(stage)
     except OSError as error:
@@ -139,21 +140,22 @@ def _reserve(
 ) -> tuple[Path, Path, int | None]:
     """Create a stage for a final folder and lock it; two processes never get the same."""
     for folder in _names(name) if out is None else [Path(os.path.realpath(out))]:
-        if any("\ud800" <= c <= "\udfff" for c in str(folder)):
+        if any("\ud800" <= letter <= "\udfff" for letter in str(folder)):
             raise JobError(f"{str(out)!r}: not a name in UTF-8; {_REMEDY}")
-        where = folder if folder.is_dir() else folder.parent
-        missing[:] = [parent for parent in (where, *where.parents) if not parent.exists()]
-        where.mkdir(parents=True, exist_ok=True)
-        with _alone(where):
+        # a stage lies in an existing folder, which may be a mount point, else beside the new one
+        parent = folder if folder.is_dir() else folder.parent
+        missing[:] = [path for path in (parent, *parent.parents) if not path.exists()]
+        parent.mkdir(parents=True, exist_ok=True)
+        with _exclusive(parent):
             if folder.is_dir() and any(
-                entry.name[-len(_PART) :] != _PART for entry in folder.iterdir()
+                not entry.name.endswith(_PART) for entry in folder.iterdir()
             ):
                 if out is None:
                     continue
                 raise JobError(f"{folder}: folder is not empty; give a new or empty folder")
             if folder.exists() and not folder.is_dir():
                 raise JobError(f"{folder}: is a file; give a new or empty folder")
-            stage = where / f".{folder.name}{_PART}"
+            stage = parent / f".{folder.name}{_PART}"
             if not stage.exists():
                 stage.mkdir()
                 return folder, stage, _lock(stage)
@@ -171,9 +173,7 @@ def _names(name: str) -> Iterator[Path]:
 
 
 def _lock(folder: Path, *, wait: bool = False) -> int | None:
-    """
-    Lock a folder until the descriptor is closed or the process ends; None if that is impossible.
-    """
+    """Lock a folder until the descriptor is closed; None if that is impossible."""
     handle = os.open(folder, os.O_RDONLY)
     try:
         fcntl.flock(handle, fcntl.LOCK_EX if wait else fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -184,40 +184,42 @@ def _lock(folder: Path, *, wait: bool = False) -> int | None:
 
 
 @contextmanager
-def _alone(where: Path) -> Iterator[None]:
+def _exclusive(folder: Path) -> Iterator[None]:
     """
-    Exclude other processes from creating a stage in a folder, and remove stages of killed
-    processes.
+    Exclude other processes from creating a stage in a folder.
+
+    Stages of killed processes are removed.
     """
-    alone = _lock(where, wait=True)
+    lock = _lock(folder, wait=True)
     try:
-        for stage in where.glob(f".*{_PART}"):
+        for stage in folder.glob(f".*{_PART}"):
             with suppress(OSError):  # its process has just moved it
-                lock = _lock(stage)
-                if lock is not None:
+                stage_lock = _lock(stage)
+                if stage_lock is not None:
                     shutil.rmtree(stage, ignore_errors=True)
-                    os.close(lock)
+                    os.close(stage_lock)
         yield
     finally:
-        if alone is not None:
-            os.close(alone)
+        if lock is not None:
+            os.close(lock)
 
 
 def _publish(stage: Path, folder: Path) -> None:
     """
-    Move a stage to its final place; in an existing folder, the manifest is moved last and completes
-    the run.
+    Move a stage to its final place.
+
+    In an existing folder, the manifest is moved last and completes the run.
     """
-    moved: list[Path] = []
+    targets: list[Path] = []
     try:
         if stage.parent != folder:
             stage.replace(folder)
             return
         for entry in sorted(stage.iterdir(), key=lambda entry: entry.name == MANIFEST):
-            moved.append(entry.rename(folder / entry.name))
+            targets.append(entry.rename(folder / entry.name))
         stage.rmdir()
     except BaseException as error:
-        for entry in moved:
+        for entry in targets:
             entry.rename(stage / entry.name)
         if isinstance(error, OSError) and stage.is_dir():
             raise JobError(f"{folder}: cannot be written: {error.strerror}; {_REMEDY}") from None
@@ -244,5 +246,6 @@ def write_json(content: dict[str, Any], path: Path) -> None:
     """Write a dictionary as indented JSON, with numpy scalars as numbers."""
     with whole_file(path) as temporary:
         temporary.write_text(
-            json.dumps(content, indent=2, default=lambda x: x.item()) + "\n", encoding="utf-8"
+            json.dumps(content, indent=2, default=lambda scalar: scalar.item()) + "\n",
+            encoding="utf-8",
         )

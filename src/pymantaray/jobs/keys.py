@@ -51,8 +51,9 @@ def digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
 
 def sha256(path: Path) -> str:
     """
-    Checksum of a file; for a folder (a zarr store), the checksum of the sorted output of
-    ``sha256sum`` for its files.
+    Checksum of a file or of a folder (a zarr store).
+
+    That of a folder is the checksum of the sorted output of ``sha256sum`` for its files.
     """
     if path.is_dir():
         names = sorted(

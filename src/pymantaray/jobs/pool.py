@@ -1,7 +1,4 @@
-"""
-Pools of workers (processes of this machine or this process), the queue of tasks, and the loop that
-runs it.
-"""
+"""Pools of workers, the queue of tasks, and the loop that runs it."""
 
 import json
 import logging
@@ -23,9 +20,8 @@ if TYPE_CHECKING:
 
 _LOG = logging.getLogger("pymantaray.jobs")
 _ATTEMPTS = 3  # per task if its worker ends
-_EXECUTION_LOCK = (
-    threading.Lock()
-)  # one task at a time per worker: numerical libraries are not thread-safe
+# one task at a time per worker: numerical libraries are not thread-safe
+_EXECUTION_LOCK = threading.Lock()
 _CHECK_INTERVAL = 5.0  # between checks of the scheduler [s]
 
 
@@ -53,8 +49,9 @@ TaskFunction = Callable[[Any], Any]
 @contextmanager
 def one_task(version: str) -> Iterator[None]:
     """
-    Context of a task in a worker, one at a time; raise `JobError` if another version of the code
-    issued it.
+    Context of a task in a worker, one at a time.
+
+    Raise `JobError` if another version of the code issued the task.
     """
     with _EXECUTION_LOCK:
         if version != code_version():
@@ -68,9 +65,7 @@ def one_task(version: str) -> Iterator[None]:
 def run_in_store(
     url: str, task: TaskT, compute: Callable[[Store, TaskT], None], failed_name: str | None
 ) -> str | None:
-    """
-    Run a task that writes its result into a store; if it fails, write and return the error line.
-    """
+    """Run a task that writes into a store; if it fails, write and return the error line."""
     with one_task(task.version):
         store = open_store(url)
         try:
@@ -153,7 +148,9 @@ class Pool:
 
     def worker_failure(self, key: str, error: BaseException) -> str | None:  # noqa: ARG002
         """
-        Failure of a task whose worker ended; empty for another attempt; None for any other error.
+        Failure of a task whose worker ended.
+
+        Empty for another attempt; None for any other error.
         """
         return None
 
@@ -191,7 +188,9 @@ class ProcessPool(Pool):
 
     def worker_failure(self, key: str, error: BaseException) -> str | None:
         """
-        Failure of a task whose worker ended; empty for another attempt; None for any other error.
+        Failure of a task whose worker ended.
+
+        Empty for another attempt; None for any other error.
         """
         if not isinstance(error, WorkerEndedError):
             return None
@@ -215,9 +214,9 @@ def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Callable[[], None] | None 
             if meanwhile is not None:
                 meanwhile()
                 meanwhile = None
-            for future in _finished(outcomes, pool):
+            for future in _finished_futures(outcomes, pool):
                 if future in running:  # others belong to a lost scheduler
-                    _take(queue, pool, running[future], future)
+                    _record(queue, pool, running[future], future)
                     del running[future]
         except SchedulerLostError:
             for key in running.values():
@@ -226,19 +225,17 @@ def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Callable[[], None] | None 
             pool.reconnect()
 
 
-def _finished(outcomes: "SimpleQueue[Any]", pool: Pool) -> list[Any]:
-    """
-    All finished futures, after waiting for the first one; none if the pool was checked meanwhile.
-    """
-    out = []
+def _finished_futures(outcomes: "SimpleQueue[Any]", pool: Pool) -> list[Any]:
+    """Finished futures, after waiting for the first; none if the pool was checked meanwhile."""
+    futures = []
     try:
-        out.append(outcomes.get(timeout=_CHECK_INTERVAL))
+        futures.append(outcomes.get(timeout=_CHECK_INTERVAL))
     except Empty:
         pool.check()
     with suppress(Empty):
         while True:
-            out.append(outcomes.get_nowait())
-    return out
+            futures.append(outcomes.get_nowait())
+    return futures
 
 
 def _submit(queue: Queue, pool: Pool, key: str, outcomes: "SimpleQueue[Any]") -> Any:
@@ -251,7 +248,7 @@ def _submit(queue: Queue, pool: Pool, key: str, outcomes: "SimpleQueue[Any]") ->
     return future
 
 
-def _take(queue: Queue, pool: Pool, key: str, future: Any) -> None:
+def _record(queue: Queue, pool: Pool, key: str, future: Any) -> None:
     """Record the result of a task, or requeue it if its worker ended."""
     try:
         result = future.result()

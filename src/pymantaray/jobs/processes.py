@@ -51,8 +51,7 @@ class WorkerEndedError(JobError):
 
 class Workers:
     """
-    Processes that run submitted messages through the function that ``start`` returns in each
-    process.
+    Processes that run messages through the function that ``start`` returns in each of them.
 
     They start and end with the block, and import the module of ``start`` at once. A process that
     ends early is replaced.
@@ -74,7 +73,9 @@ class Workers:
         self._count = count
         self._processes: list[subprocess.Popen[bytes]] = []
         self._idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
-        self._pool, self._lock, self._over = ThreadPoolExecutor(count), threading.Lock(), False
+        self._pool = ThreadPoolExecutor(count)
+        self._lock = threading.Lock()
+        self._has_ended = False
         self.peak_memory_mib = 0.0
         """Peak resident memory of any of these processes. [MiB]"""
 
@@ -98,8 +99,9 @@ class Workers:
 
     def call(self, message: object) -> Any:
         """
-        Result of a message from the next idle process; it saves the change of threads if the caller
-        only waits.
+        Result of a message from the next idle process.
+
+        It saves the change of threads if the caller only waits.
         """
         return self._ask(message)
 
@@ -121,7 +123,7 @@ class Workers:
             return result
         finally:
             with self._lock:
-                if process.poll() is not None and not self._over:
+                if process.poll() is not None and not self._has_ended:
                     self._processes.remove(process)
                     process.communicate()
                     process = self._begin()
@@ -142,7 +144,7 @@ class Workers:
 
     def _end(self) -> None:
         with self._lock:
-            self._over = True
+            self._has_ended = True
             for process in self._processes:
                 process.kill()  # an idle process has no state
         self._pool.shutdown(cancel_futures=True)
@@ -152,8 +154,9 @@ class Workers:
 
 def _environment() -> dict[str, str]:
     """
-    Environment of a process; threadpoolctl sets the first variable when it is imported, in this
-    process or in that.
+    Environment of a process.
+
+    threadpoolctl sets the first variable when it is imported, in either process.
     """
     return {"KMP_DUPLICATE_LIB_OK": "True"} | os.environ | dict.fromkeys(_ONE_THREAD, "1")
 
@@ -168,21 +171,16 @@ def _send(process: subprocess.Popen[bytes], message: object) -> None:
 
 
 def _answer(process: subprocess.Popen[bytes], message: object) -> tuple[object, float]:
-    """
-    Result of a message, or the error that the process raised, and the peak memory of the process.
-    [MiB]
-    """
+    """Result of a message or error that the process raised, and the process's peak memory. [MiB]"""
     assert process.stdout is not None  # for the type checker
     _send(process, message)
     try:
         answer: tuple[object, float] = pickle.load(process.stdout)
     except (EOFError, pickle.UnpicklingError):
         code = process.wait()
-        how = (
-            f"by {signal.Signals(-code).name}, maybe out of memory"
-            if code < 0
-            else f"with code {code}"
-        )
+        how = f"with code {code}"
+        if code < 0:
+            how = f"by {signal.Signals(-code).name}, maybe out of memory"
         raise WorkerEndedError(f"a worker process ended early, {how}; use fewer workers") from None
     return answer
 
@@ -191,9 +189,8 @@ def serve(requests: BinaryIO) -> NoReturn:
     """Main loop of a process of `Workers`, with its standard input."""
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # printed text must not mix with the results
-    logging.getLogger("pymantaray").setLevel(
-        logging.ERROR
-    )  # the parent has logged warnings already
+    # the parent has logged warnings already
+    logging.getLogger("pymantaray").setLevel(logging.ERROR)
     messages = SimpleQueue[object]()
     content: bytes = pickle.load(requests)
     start: Callable[[], Callable[[object], object]]

@@ -1,6 +1,4 @@
-"""
-Storage of results as small, atomically written files in a folder or in an object store of fsspec.
-"""
+"""Storage of results as small, atomically written files in a folder or an object store."""
 
 import json
 import logging
@@ -19,29 +17,17 @@ from pymantaray.records import whole_file
 
 T = TypeVar("T")
 _LOG = logging.getLogger("pymantaray.jobs")
-_TEMPORARY = re.compile(
-    r"\.(?P<name>[^/]+)\.[0-9a-f]{16}\.part"
-)  # of an unfinished file of `whole_file`
+# name of an unfinished file of `whole_file`
+_TEMPORARY = re.compile(r"\.(?P<name>[^/]+)\.[0-9a-f]{16}\.part")
 _KEY = re.compile(r"[0-9a-f]{50}")  # a hash truncated by `whole_file`
-_ATOMIC = (
-    "s3",
-    "s3a",
-    "gs",
-    "gcs",
-    "az",
-    "abfs",
-    "abfss",
-    "memory",
-)  # protocols that write objects atomically
+# protocols that write objects atomically
+_ATOMIC = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
 _BATCH = 1000  # objects per read
 _STALE_AGE = 3600.0  # an older file with a temporary name is from a killed process [s]
 
 
 def failure_content(error: BaseException) -> bytes:
-    """
-    Content of the file of a failed task: one line, and the location in the code for unexpected
-    errors.
-    """
+    """Content of the file of a failed task: one line, and a traceback for unexpected errors."""
     line = str(error).partition("\n")[0]
     content = {
         "error": line if isinstance(error, MantaRayError) else f"{type(error).__name__}: {line}"
@@ -54,9 +40,9 @@ def failure_content(error: BaseException) -> bytes:
 class Store:
     """Named files in a folder of this machine, or in one that machines share."""
 
-    def __init__(self, place: str) -> None:
-        self.url = place
-        self.folder: Path | None = None if "://" in place else Path(os.path.realpath(place))
+    def __init__(self, location: str) -> None:
+        self.url = location
+        self.folder: Path | None = None if "://" in location else Path(os.path.realpath(location))
 
     @property
     def _path(self) -> Path:
@@ -109,8 +95,9 @@ class Store:
 
     def claim(self, kind: str, marker: str, own_names: set[str]) -> None:
         """
-        Raise an error if the store has other content, and remove incomplete files of killed
-        processes.
+        Raise an error if the store has other content.
+
+        Incomplete files of killed processes are removed.
         """
         if self._path.is_symlink():  # the path is resolved, so this link has no target
             raise JobError(f"{self.url}: symbolic links form a circle; give another folder")
@@ -129,10 +116,10 @@ class Store:
                 raise JobError(
                     f"{self._path / name}: is a symbolic link; remove it or give another folder"
                 )
-        for path in (
-            *self._path.glob("*"),
-            *(p for name in own_names for p in (self._path / name).rglob("*")),
-        ):
+        paths = list(self._path.glob("*"))
+        for name in own_names:
+            paths += (self._path / name).rglob("*")
+        for path in paths:
             if _is_unfinished(path.name, own_names):
                 with suppress(OSError):
                     if time.time() - path.stat().st_mtime > _STALE_AGE:
@@ -140,9 +127,7 @@ class Store:
 
 
 def _is_unfinished(name: str, own_names: set[str]) -> bool:
-    """
-    True if a file has the temporary name of a task's file, or of one of the store's own files.
-    """
+    """True for the temporary name of a task's file, or of one of the store's own files."""
     match = _TEMPORARY.fullmatch(name)
     return match is not None and (
         match["name"] in own_names or _KEY.fullmatch(match["name"]) is not None
@@ -152,25 +137,25 @@ def _is_unfinished(name: str, own_names: set[str]) -> bool:
 class _Objects(Store):
     """Store in an object service of fsspec; incomplete objects do not exist there."""
 
-    def __init__(self, place: str) -> None:
-        super().__init__(place)
+    def __init__(self, location: str) -> None:
+        super().__init__(location)
         try:
             import fsspec
         except ImportError:
             raise JobError(
-                f"{place}: fsspec is not installed; pip install 'pymantaray[dask]'"
+                f"{location}: fsspec is not installed; pip install 'pymantaray[dask]'"
             ) from None
-        protocol = place.partition("://")[0]
+        protocol = location.partition("://")[0]
         if protocol not in _ATOMIC:
             raise JobError(
-                f"{place}: {protocol} does not write files atomically; give a folder, or one of"
+                f"{location}: {protocol} does not write files atomically; give a folder, or one of"
                 f" {', '.join(_ATOMIC)}"
             )
         try:
-            self._files, root = fsspec.url_to_fs(place)
+            self._files, root = fsspec.url_to_fs(location)
         except (ImportError, ValueError) as error:
             raise JobError(
-                f"{place}: cannot be opened: {str(error).partition(chr(10))[0]}"
+                f"{location}: cannot be opened: {str(error).partition(chr(10))[0]}"
             ) from None
         self._root = PurePosixPath(root)
 
@@ -187,14 +172,14 @@ class _Objects(Store):
             raise JobError(f"{self.url}/{name}: cannot be read: {error}") from None
 
     def contents(self, names: Iterable[str]) -> Iterator[tuple[str, bytes]]:
-        rest = iter(names)
-        while some := list(islice(rest, _BATCH)):
-            paths = {self._files._strip_protocol(str(self._root / name)): name for name in some}
+        remaining_names = iter(names)
+        while batch := list(islice(remaining_names, _BATCH)):
+            paths = {self._files._strip_protocol(str(self._root / name)): name for name in batch}
             try:
-                found = self._files.cat(list(paths), on_error="omit")
+                contents = self._files.cat(list(paths), on_error="omit")
             except OSError as error:
                 raise JobError(f"{self.url}: cannot be read: {error}") from None
-            yield from ((paths[path], content) for path, content in found.items())
+            yield from ((paths[path], content) for path, content in contents.items())
 
     def write(self, name: str, content: bytes) -> None:
         try:
@@ -216,8 +201,9 @@ class _Objects(Store):
 
 def read_valid(store: Store, name: str, parse: Callable[[bytes], T]) -> T | None:
     """
-    Parse the content of a file; None if it is missing or damaged. A damaged file is removed with a
-    warning.
+    Parse the content of a file; None if it is missing or damaged.
+
+    A damaged file is removed with a warning.
     """
     content = store.read(name)
     if content is None:
@@ -230,9 +216,9 @@ def read_valid(store: Store, name: str, parse: Callable[[bytes], T]) -> T | None
         return None
 
 
-def open_store(place: str | Path) -> Store:
+def open_store(location: str | Path) -> Store:
     """Open the store in a folder or at a URL."""
-    text = str(place)
+    text = str(location)
     if "://" in text:
         return _Objects(text.rstrip("/"))
     return Store(os.path.realpath(text))  # `realpath` does not resolve a circle of symbolic links

@@ -8,7 +8,7 @@ import xarray as xr
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.grid import linear_interpolator
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.ocean.convert import is_our_unit
 from pymantaray.ocean.files import file_name, open_file, text
@@ -54,7 +54,7 @@ def with_ice(local: xr.Dataset, ice: float | str | Path) -> xr.Dataset:
         return local.assign(sea_ice_draft=((), float(ice), {**attrs, "source": "one value"}))
     frame = LocalFrame(local.attrs["centre_latitude_deg"], local.attrs["centre_longitude_deg"])
     lat, lon = frame.to_geodetic(local["north"].values[:, None], local["east"].values[None, :])
-    lon = wrapped(lon, about=frame.longitude_deg)
+    lon = wrap_longitude(lon, about=frame.longitude_deg)
     window = (float(lat.min()), float(lat.max()), float(lon.min()), float(lon.max()))
     with open_file(ice) as data:
         field, share = _ice_of(data)
@@ -66,7 +66,7 @@ def with_ice(local: xr.Dataset, ice: float | str | Path) -> xr.Dataset:
             f"{source}: drafts are {draft.min():g} to {draft.max():g} m; allowed: 0 to"
             f" {_MAX_DRAFT:g} m; check the units"
         )
-    at_lon = wrapped(at_lon, about=frame.longitude_deg)
+    at_lon = wrap_longitude(at_lon, about=frame.longitude_deg)
     places = np.stack([lat.ravel(), lon.ravel()], axis=-1)
     on_nodes = linear_interpolator((at_lat, at_lon), draft)(places).reshape(lat.shape)
     return local.assign(sea_ice_draft=(("north", "east"), on_nodes, {**attrs, "source": source}))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.ocean.convert import DEEPEST, is_our_unit, our_unit
 
 DIMS = ("depth", "lat", "lon")
@@ -392,5 +392,5 @@ def latitude(value: float) -> str:
 
 def longitude(value: float) -> str:
     """Longitude in any 360 degree window as text, such as ``140 W``."""
-    turned = wrapped(value)
+    turned = wrap_longitude(value)
     return f"{abs(round(turned, 3)):g} {'W' if turned < 0.0 else 'E'}"

@@ -13,7 +13,7 @@ from scipy import optimize
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.longitude import contiguous, whole_turns, wrapped
+from pymantaray.geometry.longitude import contiguous, whole_turns, wrap_longitude
 from pymantaray.ocean.schema import place_text
 
 GeographicWindow = tuple[float, float, float, float]
@@ -242,7 +242,7 @@ def counted_place(ocean: xr.Dataset, place: tuple[float, float], name: str) -> t
     """
     south, north, west, east = window_of(ocean)
     lat = place[0]
-    lon = wrapped(place[1], about=0.5 * (west + east))
+    lon = wrap_longitude(place[1], about=0.5 * (west + east))
     if not (south <= lat <= north and west <= lon <= east):
         raise OceanError(
             f"{name}: {place_text(*place)} is outside the ocean; allowed: latitude {south:g} to"
@@ -297,7 +297,7 @@ class Window:
         middle. [degrees]
         """
         lat, lon = self.frame.to_geodetic(north, east)
-        return lat, wrapped(lon, about=0.5 * (self.lon[0] + self.lon[-1]))
+        return lat, wrap_longitude(lon, about=0.5 * (self.lon[0] + self.lon[-1]))
 
     def holds(self, half_north: float, half_east: float, *, coarsely: bool = False) -> bool:
         """

@@ -1,6 +1,4 @@
-"""
-Checks of numbers and arrays from outside: each folder raises its own error, with the same text.
-"""
+"""Checks of numbers and arrays from outside, with the same text for the errors of all folders."""
 
 import math
 
@@ -23,13 +21,12 @@ def check_number(
 
 
 def distinct_digits(*values: float) -> list[str]:
-    """
-    Format numbers that a message compares with six digits, or with as many as different numbers
-    need to look different.
-    """
+    """Format numbers with at least six digits, and as many as distinguish different numbers."""
     different = len(set(values))
-    digits = next((n for n in range(6, 17) if len({f"{v:.{n}g}" for v in values}) == different), 17)
-    return [f"{v:.{digits}g}" for v in values]
+    digits = 6
+    while digits < 17 and len({f"{value:.{digits}g}" for value in values}) < different:
+        digits += 1
+    return [f"{value:.{digits}g}" for value in values]
 
 
 def check_fields(
@@ -57,13 +54,13 @@ def checked_array(
     """
     array = np.array(values, dtype=float, order="C")
     fits = len(shape) == array.ndim and all(
-        have == want or (want is None and have > 0)
-        for want, have in zip(shape, array.shape, strict=True)
+        length == allowed or (allowed is None and length > 0)
+        for allowed, length in zip(shape, array.shape, strict=True)
     )
     if not fits:
-        needed = ", ".join("n" if size is None else str(size) for size in shape)
+        sizes = ", ".join("n" if size is None else str(size) for size in shape)
         raise error(
-            f"{name}: shape is {array.shape}; it must be ({needed}{',' * (len(shape) == 1)})"
+            f"{name}: shape is {array.shape}; it must be ({sizes}{',' * (len(shape) == 1)})"
         )
     if missing := np.count_nonzero(~np.isfinite(array)):
         raise error(f"{name}: {missing} of {array.size} values are not finite; fill or remove them")

@@ -1,7 +1,4 @@
-"""
-Conversion of text with a unit, such as ``10 min``, ``2 km`` or ``25 kHz``, to a number in a unit of
-the same quantity.
-"""
+"""Conversion of text with a unit, such as ``10 min`` or ``25 kHz``, to a number."""
 
 import math
 import re
@@ -66,9 +63,7 @@ def has_units(unit: str) -> bool:
 
 
 def is_like_quantity(text: str) -> bool:
-    """
-    True for a number and a word, such as ``10 m`` and ``3 kg``, which is not meant as a file name.
-    """
+    """True for a number and a word, such as ``10 m`` and ``3 kg``, which is no file name."""
     return re.fullmatch(r"\s*[+-]?[\d.]+\s*[^\W\d_/.]+(/[^\W\d_/.]+)?\s*", text) is not None
 
 
@@ -92,8 +87,7 @@ def quantity_of(text: str, unit: str) -> float:
     if not match or len(text) > 1000:
         raise ValueError(
             f"found {text[:100]!r}; allowed: a number of {_WORDS[unit]}, or text such as"
-            f' "{example}" (units'
-            f" {', '.join(units)})"
+            f' "{example}" (units {", ".join(units)})'
         )
     total = sum(Fraction(number) * units[name] for number, name in re.findall(part, match[2]))
     try:

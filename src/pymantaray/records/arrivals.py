@@ -41,8 +41,9 @@ class FirstArrivals(Record):
 @dataclass(frozen=True, eq=False, kw_only=True)
 class Arrivals(Record):
     """
-    All admitted arrivals, one row per eigenray, sorted by link and travel time, and outcomes per
-    link.
+    All admitted arrivals, one row per eigenray, and outcomes per link.
+
+    Rows are sorted by link and travel time.
 
     Launch and arrival angles are from the horizontal, positive down, along the direction of travel.
     """
@@ -92,9 +93,7 @@ class Arrivals(Record):
     )
 
     def first(self) -> FirstArrivals:
-        """
-        Earliest arrival of each link; travel time and slowness are NaN if the status is not OK.
-        """
+        """Earliest arrival of each link; NaN if the status is not OK."""
         links, rows = np.unique(self.link, return_index=True)
         first = self.of_links(links, rows, self.travel_time[rows])
         if np.any(np.isnan(first.travel_time) != (self.status != RayStatus.OK)):
@@ -130,7 +129,7 @@ class Arrivals(Record):
         -------
         Self
         """
-        names = [f.name for f in self._columns() if f.metadata["dims"][0] == "arrival"]
+        names = [item.name for item in self._columns() if item.metadata["dims"][0] == "arrival"]
         rows = {name: np.concatenate([getattr(self, name), more[name]]) for name in names}
         order = np.lexsort((rows["travel_time"], rows["link"]))
         return replace(self, **{name: values[order] for name, values in rows.items()})

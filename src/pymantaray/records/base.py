@@ -61,8 +61,7 @@ def column(
     default: float | None = None,
 ) -> Any:
     """
-    Declare an array field of a record, with dimensions separated by spaces and units in CF
-    notation.
+    Declare an array field of a record. Spaces separate dimensions; units are in CF notation.
 
     An optional column without a default is empty if it is not given, or absent in a file of an
     older version; one with a default then has this value everywhere. A column that labels its
@@ -75,15 +74,17 @@ def column(
         return field(default=None, metadata=metadata)
     if not may_lack:
         return field(metadata=metadata)
-    widths = [len(LABELS[name]) for name in metadata["dims"][1:]]
+    _, *other_dims = metadata["dims"]
+    widths = [len(LABELS[name]) for name in other_dims]
     return field(default_factory=lambda: np.empty((0, *widths)), metadata=metadata)
 
 
 @dataclass(frozen=True, eq=False)
 class Record:
     """
-    Base of all records. Every field from `column` is an array with declared type and dimensions of
-    consistent lengths.
+    Base of all records.
+
+    Every field from `column` is an array with declared type and dimensions of consistent lengths.
     """
 
     kind: ClassVar[str] = "record"
@@ -94,50 +95,42 @@ class Record:
         cls.__repr__ = Record.__repr__  # type: ignore[method-assign]
 
     def __repr__(self) -> str:
-        """
-        Kind and sizes, such as ``<Estimates: 3 conditions, 2 realizations, 433 epochs, 11
-        vehicles>``.
-        """
+        """Kind and sizes, such as ``<Estimates: 3 conditions, 433 epochs, 11 vehicles>``."""
         sizes = dict[str, int]()
-        for f in self._columns():
-            sizes |= zip(f.metadata["dims"], getattr(self, f.name).shape, strict=True)
-        shown = (
-            _counted_rows(name, n)
+        for item in self._columns():
+            sizes |= zip(item.metadata["dims"], getattr(self, item.name).shape, strict=True)
+        texts = (
+            _size_in_words(name, n)
             for name, n in sizes.items()
             if name.removesuffix(_COLUMN) == name not in LABELS
         )
-        return f"<{type(self).__name__}: {', '.join(shown)}>"
+        return f"<{type(self).__name__}: {', '.join(texts)}>"
 
     @np.errstate(invalid="ignore")  # conversion of NaN to integers, which is checked
     def __post_init__(self) -> None:
         """Convert, check and freeze every field."""
         sizes = {name: len(labels) for name, labels in LABELS.items()}
         shapes = dict[tuple[str, ...], tuple[int, ...]]()
-        for f in self._columns():
-            name = f.name
-            dtype = f.metadata["dtype"]
-            dims = f.metadata["dims"]
+        for item in self._columns():
+            name = item.name
+            dtype = item.metadata["dtype"]
+            dims = item.metadata["dims"]
             array = getattr(self, name)
-            if array is None and (default := f.metadata["default"]) is not None:
-                array = np.full(
-                    [sizes[dim] for dim in dims], default
-                )  # earlier columns define its length
+            if array is None and (default := item.metadata["default"]) is not None:
+                # earlier columns define its length
+                array = np.full([sizes[dim] for dim in dims], default)
             if not (type(array) is np.ndarray and array.dtype == dtype and _is_constant(array)):
-                array = self._frozen(name, array, dtype)
+                array = self._read_only(name, array, dtype)
                 object.__setattr__(self, name, array)
-            if array.shape != shapes.get(
-                dims
-            ):  # most columns have dimensions and shape of an earlier one
+            # most columns have dimensions and shape of an earlier one
+            if array.shape != shapes.get(dims):
                 self._check_shape(name, dims, array.shape, sizes)
                 shapes[dims] = array.shape
 
     def _check_shape(
         self, name: str, dims: tuple[str, ...], shape: tuple[int, ...], sizes: dict[str, int]
     ) -> None:
-        """
-        Refuse a column whose shape does not fit those of earlier columns, and add its sizes to
-        theirs.
-        """
+        """Refuse a column whose shape does not fit earlier columns, and add its sizes to theirs."""
         if len(shape) != len(dims):
             raise RecordError(
                 f"{self.kind}: {name} has shape {shape}; it must have dimensions {dims}"
@@ -148,8 +141,8 @@ class Record:
                     f"{self.kind}: {name} has length {size} along {dim!r}; it must be {common}"
                 )
 
-    def _frozen(self, name: str, content: object, dtype: np.dtype[Any]) -> NDArray[Any]:
-        """Copy of the content of a column, which nobody can write."""
+    def _read_only(self, name: str, content: object, dtype: np.dtype[Any]) -> NDArray[Any]:
+        """Read-only copy of the content of a column."""
         try:
             values = np.asarray(content)
             array = np.array(values, dtype)
@@ -167,7 +160,7 @@ class Record:
     @classmethod
     @cache
     def _columns(cls) -> list[Field[Any]]:
-        return [f for f in fields(cls) if "dims" in f.metadata]
+        return [item for item in fields(cls) if "dims" in item.metadata]
 
     def _repr_html_(self) -> str:
         """HTML for a notebook: size, unit, values and meaning of each column."""
@@ -175,18 +168,18 @@ class Record:
 
         rows = [
             {
-                "": f.name,
+                "": item.name,
                 "size": " x ".join(
                     f"{name} {size}"
                     for name, size in zip(
-                        f.metadata["dims"], getattr(self, f.name).shape, strict=True
+                        item.metadata["dims"], getattr(self, item.name).shape, strict=True
                     )
                 ),
-                "unit": f.metadata["units"],
-                "values": _values(getattr(self, f.name), f.metadata["flags"]),
-                "meaning": f.metadata["long_name"],
+                "unit": item.metadata["units"],
+                "values": _summary(getattr(self, item.name), item.metadata["flags"]),
+                "meaning": item.metadata["long_name"],
             }
-            for f in self._columns()
+            for item in self._columns()
         ]
         return notebook_html(
             self.kind.replace("_", " ").capitalize(),
@@ -199,15 +192,15 @@ class Record:
         import xarray as xr
 
         data = {}
-        for f in self._columns():
-            attrs: dict[str, Any] = {"long_name": f.metadata["long_name"]}
-            if f.metadata["units"]:
-                attrs["units"] = f.metadata["units"]
-            values = getattr(self, f.name)
-            if (flags := f.metadata["flags"]) is not None:
+        for item in self._columns():
+            attrs: dict[str, Any] = {"long_name": item.metadata["long_name"]}
+            if item.metadata["units"]:
+                attrs["units"] = item.metadata["units"]
+            values = getattr(self, item.name)
+            if (flags := item.metadata["flags"]) is not None:
                 attrs["flag_values"] = np.array(list(flags), dtype=values.dtype)
                 attrs["flag_meanings"] = " ".join(member.name for member in flags)
-            data[_variable(f)] = xr.Variable(f.metadata["dims"], values, attrs)
+            data[_variable_name(item)] = xr.Variable(item.metadata["dims"], values, attrs)
         title = self.kind.replace("_", " ").capitalize()
         return _label(xr.Dataset(data, attrs={"title": title, "mantaray_record": self.kind}))
 
@@ -234,12 +227,12 @@ class Record:
         kind = dataset.attrs.get("mantaray_record")
         if kind != cls.kind:
             raise RecordError(f"data set contains {kind!r}; it must be {cls.kind!r}")
-        names = {f.name: _variable(f) for f in cls._columns()}
+        names = {item.name: _variable_name(item) for item in cls._columns()}
         names = {
-            f.name: names[f.name]
-            for f in cls._columns()
-            if (f.metadata["default"] is None and f.default_factory is MISSING)
-            or names[f.name] in dataset.variables
+            item.name: names[item.name]
+            for item in cls._columns()
+            if (item.metadata["default"] is None and item.default_factory is MISSING)
+            or names[item.name] in dataset.variables
         }
         missing = [name for name, variable in names.items() if variable not in dataset.variables]
         if missing:
@@ -260,13 +253,17 @@ class Record:
         -------
         Self
         """
-        columns = [f for f in self._columns() if f.metadata["dims"][0] in rows]
+        columns = [item for item in self._columns() if item.metadata["dims"][0] in rows]
         return replace(
-            self, **{f.name: getattr(self, f.name)[rows[f.metadata["dims"][0]]] for f in columns}
+            self,
+            **{
+                item.name: getattr(self, item.name)[rows[item.metadata["dims"][0]]]
+                for item in columns
+            },
         )
 
     @classmethod
-    def stacked(cls, records: Sequence[Self]) -> Self:
+    def stack(cls, records: Sequence[Self]) -> Self:
         """
         Join the rows of records.
 
@@ -280,8 +277,8 @@ class Record:
         """
         return cls(
             **{
-                f.name: np.concatenate([getattr(r, f.name) for r in records])
-                for f in cls._columns()
+                item.name: np.concatenate([getattr(record, item.name) for record in records])
+                for item in cls._columns()
             }
         )
 
@@ -327,9 +324,7 @@ class Record:
 
 @dataclass(frozen=True, eq=False)
 class DatedRecord(Record):
-    """
-    A record with times of a mission and the date (UTC) of the mission's start, NaT if unknown.
-    """
+    """A record with times of a mission and the date (UTC) of its start, NaT if unknown."""
 
     start: np.datetime64 = field(default=np.datetime64("NaT", "us"), kw_only=True)
 
@@ -340,8 +335,9 @@ class DatedRecord(Record):
 
     def to_dataset(self) -> "xr.Dataset":
         """
-        Convert the record to an xarray data set; times are seconds since the start, which
-        `xarray.decode_cf` decodes.
+        Convert the record to an xarray data set.
+
+        Times are seconds since the start, which `xarray.decode_cf` decodes.
         """
         dataset = super().to_dataset()
         if not np.isnat(self.start):
@@ -352,8 +348,9 @@ class DatedRecord(Record):
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
         """
-        Build the record from a data set of `to_dataset`, with decoded or raw times; parameters as
-        in `Record.from_dataset`.
+        Build the record from a data set of `to_dataset`, with decoded or raw times.
+
+        Parameters are those of `Record.from_dataset`.
         """
         name = cls._time()
         start = np.datetime64("NaT", "us")
@@ -374,7 +371,7 @@ class DatedRecord(Record):
     @classmethod
     def _time(cls) -> str:
         """Variable with the times in a data set."""
-        return next(_variable(f) for f in cls._columns() if f.name == "time")
+        return next(_variable_name(item) for item in cls._columns() if item.name == "time")
 
 
 def _is_constant(values: NDArray[Any]) -> bool:
@@ -392,7 +389,7 @@ def _freeze(values: Any) -> None:
         values = values.base
 
 
-def _values(values: NDArray[Any], flags: type[IntEnum] | None) -> str:
+def _summary(values: NDArray[Any], flags: type[IntEnum] | None) -> str:
     """Summary of values as text: counts of flags, names, or minimum, maximum and number of NaN."""
     if flags is not None:
         counts = {flag.name: int(np.count_nonzero(values == flag)) for flag in flags}
@@ -401,32 +398,30 @@ def _values(values: NDArray[Any], flags: type[IntEnum] | None) -> str:
         names = ", ".join(values.ravel()[:5].tolist())
         return f"{names}, ..." if values.size > 5 else names
     numbers = values[np.isfinite(values)] if values.dtype.kind == "f" else values
-    lacking = f", {values.size - numbers.size} NaN" if numbers.size < values.size else ""
-    return (
-        f"{numbers.min():.6g} to {numbers.max():.6g}{lacking}"
-        if numbers.size
-        else lacking.removeprefix(", ")
-    )
+    parts = []
+    if numbers.size:
+        parts.append(f"{numbers.min():.6g} to {numbers.max():.6g}")
+    if numbers.size < values.size:
+        parts.append(f"{values.size - numbers.size} NaN")
+    return ", ".join(parts)
 
 
-def _variable(f: Field[Any]) -> str:
+def _variable_name(item: Field[Any]) -> str:
     """Name of a column in a data set: its dimension if the column labels it."""
-    return str(f.metadata["dims"][0] if f.metadata["labels"] else f.name)
+    return str(item.metadata["dims"][0] if item.metadata["labels"] else item.name)
 
 
-def _counted_rows(dimension: str, size: int) -> str:
+def _size_in_words(dimension: str, size: int) -> str:
     """Size of a dimension in words, such as ``2 links``."""
-    noun = (
-        dimension.removeprefix("n_").removesuffix("s") if dimension.startswith("n_") else dimension
-    )
+    noun = dimension
+    if dimension.startswith("n_"):
+        noun = dimension.removeprefix("n_").removesuffix("s")
     noun = _NOUNS.get(noun, noun.replace("_", " "))
     return f"{size:,} fixes" if noun == "fix" and size != 1 else counted(size, noun)
 
 
 def _label(dataset: "xr.Dataset") -> "xr.Dataset":
-    """
-    Add the labels of dimensions; text is encoded as characters, as CF requires for coordinates.
-    """
+    """Add the labels of dimensions; text is encoded as characters (CF rule for coordinates)."""
     for name in dataset.dims:
         root = str(name).removesuffix(_COLUMN)
         if root in LABELS:

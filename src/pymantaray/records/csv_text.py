@@ -1,7 +1,4 @@
-"""
-CSV tables that a spreadsheet does not execute: text that looks like a formula has an apostrophe
-before it.
-"""
+"""CSV tables with an apostrophe before text that a spreadsheet would execute as a formula."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,19 +10,16 @@ _FORMULA = tuple("=+-@\t\n")
 
 
 def csv_text(table: "pd.DataFrame", *, float_format: str | None = None) -> str:
-    """
-    Convert a table with its header to CSV, with an apostrophe before text that begins like a
-    formula.
-    """
-    shown = table.copy(deep=False)
+    """Convert a table to CSV, with an apostrophe before text that begins like a formula."""
+    output = table.copy(deep=False)
     for k, dtype in enumerate(table.dtypes):
         cells = table.iloc[:, k]
         if dtype.kind not in "biufcmM" and any(
-            guarded(cell) is not cell for cell in cells.unique()
+            guard_formula(cell) is not cell for cell in cells.unique()
         ):
-            shown.isetitem(k, cells.map(guarded).tolist())
-    shown.columns = [guarded(title) for title in table.columns]
-    return shown.to_csv(index=False, lineterminator="\n", float_format=float_format)
+            output.isetitem(k, cells.map(guard_formula).tolist())
+    output.columns = [guard_formula(title) for title in table.columns]
+    return output.to_csv(index=False, lineterminator="\n", float_format=float_format)
 
 
 def read_csv(path: Path) -> "pd.DataFrame":
@@ -35,14 +29,15 @@ def read_csv(path: Path) -> "pd.DataFrame":
     table = pd.read_csv(path)
     for k, dtype in enumerate(table.dtypes):
         if dtype.kind not in "biufcmM":
-            table.isetitem(k, table.iloc[:, k].map(unguarded).tolist())
-    return table.rename(columns=unguarded)
+            table.isetitem(k, table.iloc[:, k].map(unguard_formula).tolist())
+    return table.rename(columns=unguard_formula)
 
 
-def guarded(cell: Any) -> Any:
+def guard_formula(cell: Any) -> Any:
     """
-    Add an apostrophe to a cell or title that a spreadsheet would interpret as a formula; numbers as
-    text are unchanged.
+    Add an apostrophe to text that a spreadsheet would interpret as a formula.
+
+    Numbers as text are unchanged.
     """
     if not isinstance(cell, str) or len(cell) < 2 or is_number(cell):
         return cell
@@ -51,13 +46,13 @@ def guarded(cell: Any) -> Any:
     return f"'{cell}" if cell.lstrip(" '").startswith(_FORMULA) else cell
 
 
-def unguarded(cell: Any) -> Any:
-    """Remove the apostrophe of `guarded`."""
-    return (
-        cell[1:]
-        if isinstance(cell, str) and cell[:1] == "'" and guarded(cell[1:]) == cell
-        else cell
-    )
+def unguard_formula(cell: Any) -> Any:
+    """Remove the apostrophe of `guard_formula`."""
+    if isinstance(cell, str) and cell.startswith("'"):
+        text = cell.removeprefix("'")
+        if guard_formula(text) == cell:
+            return text
+    return cell
 
 
 def is_number(cell: str) -> bool:

@@ -1,6 +1,4 @@
-"""
-Numbers as readers see them: the same digits in the terminal, in notebooks, on pages and in LaTeX.
-"""
+"""Numbers as readers see them: the same digits in the terminal, in notebooks and on pages."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -19,8 +17,9 @@ _EXPONENT = ".3e"
 
 def show(value: Any) -> str:
     """
-    Text of one value: four digits of a measured number, all digits of a count, a dash for a missing
-    value.
+    Text of one value.
+
+    A measured number has four digits, a count has all digits, and a missing value is a dash.
     """
     if value is None:
         return MISSING
@@ -35,15 +34,18 @@ def show(value: Any) -> str:
         return MISSING
     if size == 0.0 or 1e-3 <= size < 1e4:
         text = f"{value:.4g}"
+    elif 1e4 <= size < _HUGE:
+        text = f"{value:,.0f}"
     else:
-        text = f"{value:,.0f}" if 1e4 <= size < _HUGE else f"{value:{_EXPONENT}}"
+        text = f"{value:{_EXPONENT}}"
     return text.replace("-", _MINUS)
 
 
 def show_alike(values: Sequence[Any], form: str | None = None) -> list[str]:
     """
-    Text of each value of one quantity: measured numbers have one format, by default that of
-    `number_format`.
+    Text of each value of one quantity.
+
+    Measured numbers have one format, by default that of `number_format`.
     """
     form = number_format(measured_numbers(values)) if form is None else form
     return [
@@ -56,17 +58,20 @@ def show_alike(values: Sequence[Any], form: str | None = None) -> list[str]:
 
 def show_row(values: Sequence[Any]) -> list[str]:
     """Text of each value of a row with one quantity; a single number has four digits."""
-    return (
-        show_alike(values)
-        if measured_numbers(values).size > 1
-        else [show(value) for value in values]
-    )
+    if measured_numbers(values).size > 1:
+        return show_alike(values)
+    return [show(value) for value in values]
 
 
 def measured_numbers(values: Sequence[Any]) -> NDArray[np.float64]:
     """Finite floating-point numbers among some values."""
     return np.array(
-        [v for v in values if isinstance(v, float | np.floating) and np.isfinite(v)], dtype=float
+        [
+            value
+            for value in values
+            if isinstance(value, float | np.floating) and np.isfinite(value)
+        ],
+        dtype=float,
     )
 
 
@@ -87,8 +92,9 @@ def number_format(numbers: NDArray[np.float64]) -> str:
 
 def compact_format(numbers: NDArray[np.float64]) -> str | None:
     """
-    Format in which the largest number has four digits, and at least two decimals; None if a number
-    would then show no digit.
+    Format in which the largest number has four digits, and at least two decimals.
+
+    None if a number would then show no digit.
     """
     sizes = np.abs(numbers[numbers != 0.0])
     if not sizes.size:

@@ -1,7 +1,4 @@
-"""
-Results of estimators: trajectories, covariances, fit of ranges, and shared unknowns such as modes
-and clocks.
-"""
+"""Results of estimators: trajectories, covariances, fit of ranges, and shared unknowns."""
 
 from dataclasses import dataclass
 from typing import ClassVar, Self
@@ -67,28 +64,27 @@ class Estimates(DatedRecord):
         -------
         Estimates
         """
-        m = measurements
-        named = {
+        columns = {
             "realization": np.zeros(1),
-            "name": m.name,
-            "time": m.time,
-            "landmark_name": m.landmark_name,
+            "name": measurements.name,
+            "time": measurements.time,
+            "landmark_name": measurements.landmark_name,
         }
         sizes = {
             "condition": 0,
             "realization": 1,
-            "vehicle": m.name.size,
-            "time": m.time.size,
+            "vehicle": measurements.name.size,
+            "time": measurements.time.size,
             "axis": 3,
             "quat": 4,
         }
-        sizes["landmark"] = m.landmark_name.size
+        sizes["landmark"] = measurements.landmark_name.size
         empty = {
-            f.name: np.zeros([sizes[dim] for dim in f.metadata["dims"]])
-            for f in cls._columns()
-            if f.name not in named
+            item.name: np.zeros([sizes[dim] for dim in item.metadata["dims"]])
+            for item in cls._columns()
+            if item.name not in columns
         }
-        return cls(**empty, **named, start=m.start)
+        return cls(**empty, **columns, start=measurements.start)
 
 
 @dataclass(frozen=True, eq=False)

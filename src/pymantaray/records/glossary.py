@@ -31,7 +31,7 @@ def meaning(column: str) -> str:
     return GLOSSARY.get(_COLUMNS.get(column, column), "")
 
 
-def explained(words: Iterable[str]) -> list[str]:
+def glossary_lines(words: Iterable[str]) -> list[str]:
     """Lines of the glossary for some words, in the order of the glossary."""
-    chosen = set(words)
-    return [f"{word}: {text}" for word, text in GLOSSARY.items() if word in chosen]
+    selection = set(words)
+    return [f"{word}: {text}" for word, text in GLOSSARY.items() if word in selection]

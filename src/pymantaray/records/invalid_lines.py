@@ -1,6 +1,7 @@
 """
-Lines of measured data that a reader cannot parse: listed in a note, or refused if they are most
-lines of the file.
+Lines of measured data that a reader cannot parse.
+
+They are listed in a note, or refused if they are most lines of the file.
 """
 
 from pathlib import Path
@@ -27,7 +28,7 @@ class InvalidLines:
 
     def add(self, path: Path, line: int, reason: str) -> None:
         """
-        Add a line (from 1) with the reason, such as ``depth is 'x'; it must be a finite number``.
+        Add a line (from 1) with a reason such as ``depth is 'x'; it must be a finite number``.
         """
         self._reasons.setdefault(path, {}).setdefault(line, one_line(reason, _MAX_LENGTH))
 
@@ -40,11 +41,9 @@ class InvalidLines:
         if self._reasons and len(self) >= max(valid, 1):
             path, lines = next(iter(self._reasons.items()))
             number, reason = min(lines.items())
-            count = (
-                f" ({len(self):,} of {len(self) + valid:,} lines cannot be read)"
-                if len(self) > 1
-                else ""
-            )
+            count = ""
+            if len(self) > 1:
+                count = f" ({len(self):,} of {len(self) + valid:,} lines cannot be read)"
             raise refusal(f"{path}, line {number}: {reason}{count}")
 
     @property
@@ -52,10 +51,10 @@ class InvalidLines:
         """One note for each file, with the number of its lines and the first of them."""
         notes = []
         for path, lines in self._reasons.items():
-            shown = [
+            examples = [
                 f"line {number}: {reason}" for number, reason in sorted(lines.items())[:_MAX_SHOWN]
             ]
             more = ", ..." if len(lines) > _MAX_SHOWN else ""
             left_out = f"{counted(len(lines), 'line')} left out, not readable"
-            notes.append(f"{path}: {left_out}: {', '.join(shown)}{more}")
+            notes.append(f"{path}: {left_out}: {', '.join(examples)}{more}")
         return tuple(notes)

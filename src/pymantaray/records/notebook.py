@@ -7,10 +7,7 @@ from pymantaray.records.result_table import ResultTable
 
 
 def notebook_html(title: str, facts: Mapping[str, object], tables: Sequence[ResultTable]) -> str:
-    """
-    Title, facts by name and tables as HTML; long tables show their first rows and their number of
-    rows.
-    """
+    """Title, facts by name and tables as HTML; long tables show their first rows."""
     words = " · ".join(f"{escape(name)}: {escape(str(value))}" for name, value in facts.items())
-    shown = "".join(table._repr_html_() for table in tables)
-    return f"<div><strong>{escape(title)}</strong><br>{words}{shown}</div>"
+    bodies = "".join(table._repr_html_() for table in tables)
+    return f"<div><strong>{escape(title)}</strong><br>{words}{bodies}</div>"

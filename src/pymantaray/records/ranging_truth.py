@@ -12,8 +12,7 @@ from pymantaray.records.base import Column, Record, column
 @dataclass(frozen=True, eq=False)
 class RangingTruth(Record):
     """
-    True distance and travel times of all range attempts, row by row those of a `Measurements`
-    record.
+    True distance and travel times of range attempts, row by row those of `Measurements`.
 
     A missing value is NaN: the travel time and the angles without an admitted arrival; the travel
     time along the chord and the sound speed if an end lies outside the water. Two-way,

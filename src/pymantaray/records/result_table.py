@@ -1,7 +1,4 @@
-"""
-A table of results: all digits for programs, and one look for readers in the terminal, notebooks,
-pages and LaTeX.
-"""
+"""A table of results: all digits for programs, and one look for all readers."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -66,7 +63,7 @@ _MEANING = "meaning"
 _QUANTITY = "quantity"  # a column with names of columns of other tables
 _NOTEBOOK_ROWS = 24  # more than a record has columns
 _HEAD_LETTERS = 12  # of a line of a head in LaTeX
-_WRAPPED = 30  # letters; a column with longer texts wraps in LaTeX
+_MAX_LINE = 30  # letters; a column with longer texts wraps in LaTeX
 _POWER_OF_TEN = re.compile(r"(?<=\d)e(\$-\$|-|\+)0*(\d+)\b")
 _LATEX_SIGNS = {
     "−": "$-$",
@@ -81,8 +78,10 @@ _LATEX_SIGNS = {
 
 class Head(NamedTuple):
     """
-    Head of a column: text with the unit in brackets, True for a column of numbers, and the meaning,
-    which may be empty.
+    Head of a column.
+
+    Text with the unit in brackets, True for a column of numbers, and the meaning, which may be
+    empty.
     """
 
     text: str
@@ -141,7 +140,7 @@ class ResultTable:
     file: str = ""
 
     @property
-    def shown(self) -> "pd.DataFrame":
+    def visible(self) -> "pd.DataFrame":
         """Columns that people see, with all digits."""
         return self.frame[list(self.columns)] if self.columns else self.frame
 
@@ -150,23 +149,24 @@ class ResultTable:
         """Heads of the columns that people see."""
         return [
             Head(self.words.get(name, heading(name)), dtype.kind in "iuf", meaning(name))
-            for name, dtype in zip(map(str, self.shown.columns), self.shown.dtypes, strict=True)
+            for name, dtype in zip(map(str, self.visible.columns), self.visible.dtypes, strict=True)
         ]
 
     @cached_property
     def rows(self) -> list[list[str]]:
         """
-        Cells that people see, with equal decimals in each column, or in each row if a row is one
-        quantity.
+        Cells that people see.
+
+        They have equal decimals in each column, or in each row if a row is one quantity.
         """
-        frame = self.shown.astype(object)
+        frame = self.visible.astype(object)
         if _QUANTITY in frame:
             frame[_QUANTITY] = frame[_QUANTITY].map(heading)
         cells = frame.to_numpy()
         if self.by_row:
             settings = _MEANING in frame  # exact numbers
             return [[*map(show, row)] if settings else show_row(row) for row in cells.tolist()]
-        forms = _formats(self.shown)
+        forms = _formats(self.visible)
         columns = [
             show_alike(column, form) for column, form in zip(cells.T.tolist(), forms, strict=True)
         ]
@@ -222,9 +222,9 @@ class ResultTable:
         """
         import pandas as pd
 
-        printed = self._printed()
-        if printed != [str(name) for name in self.shown.columns]:
-            return replace(self, columns=printed).to_latex()
+        names = self._latex_names()
+        if names != [str(name) for name in self.visible.columns]:
+            return replace(self, columns=names).to_latex()
         texts = pd.DataFrame(self.rows, columns=range(len(self.heads)), dtype=object).map(_latex)
         texts.columns = pd.Index([_latex_head(head) for head in self.heads])
         content = texts.to_latex(
@@ -237,28 +237,34 @@ class ResultTable:
         )
         return str(content)
 
-    def _printed(self) -> list[str]:
+    def _latex_names(self) -> list[str]:
         """Columns in LaTeX, where room is small: settings have their meaning first and no key."""
-        names = [str(name) for name in self.brief or self.shown.columns]
+        names = [str(name) for name in self.brief or self.visible.columns]
         if {_KEY, _MEANING} <= set(names):
             names = [_MEANING, *(name for name in names if name not in (_KEY, _MEANING))]
         return names
 
     def _latex_columns(self) -> list[str]:
         """
-        Types of the columns in LaTeX: numbers to the right; columns of sentences share half of the
-        line and wrap.
+        Types of the columns in LaTeX.
+
+        Numbers are aligned right. Columns of sentences share half of the line and wrap.
         """
         columns = zip(*self.rows, strict=True) if self.rows else repeat((), len(self.heads))
         longest = [max(map(len, column), default=0) for column in columns]
         sentences = [
-            not head.numbers and n > _WRAPPED for head, n in zip(self.heads, longest, strict=True)
+            not head.numbers and n > _MAX_LINE for head, n in zip(self.heads, longest, strict=True)
         ]
-        wrapped = f"p{{{0.5 / max(sum(sentences), 1):.2g}\\linewidth}}"
-        return [
-            "r" if head.numbers else wrapped if wraps else "l"
-            for head, wraps in zip(self.heads, sentences, strict=True)
-        ]
+        paragraph = f"p{{{0.5 / max(sum(sentences), 1):.2g}\\linewidth}}"
+        types = []
+        for head, is_sentence in zip(self.heads, sentences, strict=True):
+            if head.numbers:
+                types.append("r")
+            elif is_sentence:
+                types.append(paragraph)
+            else:
+                types.append("l")
+        return types
 
     def __str__(self) -> str:
         """Heads and cells in columns, as a terminal shows them."""
@@ -278,9 +284,7 @@ class ResultTable:
         return f"<ResultTable {self.name}: {rows} row{'' if rows == 1 else 's'}, {columns} columns>"
 
     def _repr_html_(self) -> str:
-        """
-        HTML for a notebook: caption and cells; a long table has its first rows and their number.
-        """
+        """HTML for a notebook: caption and cells, of a long table the first rows."""
         table = self.short().first(_NOTEBOOK_ROWS)
         cells = "".join(f"<th>{escape(head.text)}</th>" for head in table.heads)
         body = "".join(
@@ -292,9 +296,7 @@ class ResultTable:
 
 
 def heading(column: str) -> str:
-    """
-    Head of a column, its unit in brackets; a key of a configuration stays as it is written there.
-    """
+    """Head of a column, its unit in brackets; a key of a configuration is unchanged."""
     if column in _HEADS:
         return _HEADS[column]
     if "." in column:
@@ -325,37 +327,37 @@ def _formats(table: "pd.DataFrame") -> list[str]:
         for k, column in enumerate(columns)
     ]
     units = [
-        column if (own == np.round(own)).all() else unit
-        for column, unit, own in zip(columns, units, numbers, strict=True)
+        column if (values == np.round(values)).all() else unit
+        for column, unit, values in zip(columns, units, numbers, strict=True)
     ]
-    shared = {
-        unit: compact_format(
-            np.concatenate([n for n, own in zip(numbers, units, strict=True) if own == unit])
-        )
-        for unit in set(units)
-    }
+    by_unit: dict[str, list[NDArray[np.float64]]] = {}
+    for unit, values in zip(units, numbers, strict=True):
+        by_unit.setdefault(unit, []).append(values)
+    formats = {unit: compact_format(np.concatenate(parts)) for unit, parts in by_unit.items()}
     return [
-        _FORMATS.get(column) or shared[unit] or number_format(own)
-        for column, unit, own in zip(columns, units, numbers, strict=True)
+        _FORMATS.get(column) or formats[unit] or number_format(values)
+        for column, unit, values in zip(columns, units, numbers, strict=True)
     ]
 
 
 def _significant(numbers: NDArray[np.float64], column: str) -> NDArray[np.float64]:
     """
-    Numbers that determine a format: lengths below a micrometre are zeros, unless the column has no
-    others.
+    Numbers that determine a format.
+
+    Lengths below a micrometre are left out, unless the column has no others.
     """
     sizes = np.abs(numbers)
     if not column.endswith("_m") or not (sizes >= _SMALLEST_LENGTH).any():
         return numbers
-    shown: NDArray[np.float64] = numbers[(sizes >= _SMALLEST_LENGTH) | (sizes == 0.0)]
-    return shown
+    significant: NDArray[np.float64] = numbers[(sizes >= _SMALLEST_LENGTH) | (sizes == 0.0)]
+    return significant
 
 
 def _latex_head(head: Head) -> str:
     """
-    Head of a column in LaTeX; a long head of numbers has several lines, none of which begins with
-    the bracket of an option.
+    Head of a column in LaTeX; a long head of numbers has several lines.
+
+    No line begins with the bracket of an option.
     """
     lines = wrap(head.text, _HEAD_LETTERS, break_long_words=False, break_on_hyphens=False)
     if len(lines) < 2 or not head.numbers:
@@ -366,12 +368,10 @@ def _latex_head(head: Head) -> str:
 def _latex(text: str) -> str:
     """Text with escaped special characters of LaTeX."""
     special = {"\\": r"\textbackslash{}", "~": r"\textasciitilde{}", "^": r"\textasciicircum{}"}
-    special |= (
-        {sign: f"\\{sign}" for sign in "&%$#_{}"}
-        | {"<": "$<$", ">": "$>$", "\n": " "}
-        | _LATEX_SIGNS
-    )
-    escaped = "".join(special.get(letter, letter) for letter in text)
+    special |= {sign: f"\\{sign}" for sign in "&%$#_{}"}
+    special |= {"<": "$<$", ">": "$>$", "\n": " "}
+    special |= _LATEX_SIGNS
+    latex = "".join(special.get(letter, letter) for letter in text)
     return _POWER_OF_TEN.sub(
-        lambda found: rf"$\times 10^{{{'-' if found[1] != '+' else ''}{found[2]}}}$", escaped
+        lambda match: rf"$\times 10^{{{'-' if match[1] != '+' else ''}{match[2]}}}$", latex
     )

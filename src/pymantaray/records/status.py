@@ -16,9 +16,7 @@ class RayStatus(IntEnum):
     UNHEARD = 6  # an existing arrival was not detected, by chance (detection by the sonar equation)
     UNRESOLVED = 7  # no arrival was found, but the search is not complete from either end
     LEAKED = 8  # no ray arrives, but sound leaks past the nearest ray (a model, off by default)
-    # no ray arrives, but scattered sound, which is louder than leaked sound (a model, off by
-    # default)
-    SCATTERED = 9
+    SCATTERED = 9  # no ray arrives, but scattered sound, louder than leaked (off by default)
 
 
 ARRIVES = (RayStatus.OK, RayStatus.LEAKED, RayStatus.SCATTERED)
@@ -92,12 +90,8 @@ class SolveStatus(IntEnum):
     COST_ROSE = 3  # the final cost is above the initial one
     OVER_CHI_SQUARE = 4  # converged, but the cost is above the chi-square bounds of a correct model
     FAILED = 5  # the linear system could not be solved
-    SECOND_MINIMUM = (
-        6  # converged, but another start ends in another minimum; this is the lower one
-    )
-    UNDER_CHI_SQUARE = (
-        7  # converged, but the cost is below the chi-square bounds of a correct model
-    )
+    SECOND_MINIMUM = 6  # converged, but another start ends in another minimum; this is the lower
+    UNDER_CHI_SQUARE = 7  # converged, but the cost is below the bounds of a correct model
 
     @property
     def usable(self) -> bool:

@@ -11,7 +11,7 @@ handled = threading.Event()
 _DEFERRED: list[int] = []
 
 
-def deferred() -> bool:
+def are_deferred() -> bool:
     """True within a block that defers stop requests."""
     return bool(_DEFERRED)
 
@@ -29,9 +29,8 @@ def deferred_stops() -> Iterator[None]:
         yield
         return
     stops = ((number, signal.getsignal(number)) for number in (signal.SIGINT, signal.SIGTERM))
-    handlers = {
-        number: handler for number, handler in stops if callable(handler)
-    }  # others do not raise
+    # handlers that are not callable do not raise
+    handlers = {number: handler for number, handler in stops if callable(handler)}
     waiting: list[int] = []
 
     def wait(number: int, frame: FrameType | None) -> None:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from pymantaray.errors import MantaRayError, RecordError
 from pymantaray.messages import one_line
-from pymantaray.records.csv_text import unguarded
+from pymantaray.records.csv_text import unguard_formula
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.user_files import read_bytes
 
@@ -42,8 +42,9 @@ _RAGGED = re.compile(r"Expected (\d+) fields in line (\d+), saw (\d+)")
 @dataclass(frozen=True, eq=False)
 class TextTable:
     """
-    Cells of a table as text, "" if empty, by the line of the file from 1; comments are lines that
-    begin with ``#``.
+    Cells of a table as text, by the line of the file from 1; an empty cell is "".
+
+    Comments are lines that begin with ``#``.
     """
 
     path: Path
@@ -63,9 +64,7 @@ class TextTable:
             raise RecordError(f"{self.path}: two columns {twice[0]}; remove one")
 
     def numbers(self, columns: list[str]) -> "NDArray[np.float64]":
-        """
-        Columns as finite numbers (n_rows, n_columns); any other cell raises an error with its line.
-        """
+        """Columns as finite numbers (n_rows, n_columns); any other cell raises an error."""
         import numpy as np
 
         self.require(columns)
@@ -89,8 +88,10 @@ class TextTable:
         choices: Mapping[str, Collection[str]] | None = None,
     ) -> "TextTable":
         """
-        Table of the rows whose cells have readable times, finite numbers, numbers or nothing, text,
-        or one of several words.
+        Table of the rows whose cells have the right content.
+
+        That is a readable time, a finite number, a number or nothing, text, or one of several
+        words.
 
         Other rows are added to the invalid lines. Columns of ``optional`` and ``choices`` may be
         absent.
@@ -98,33 +99,32 @@ class TextTable:
         import numpy as np
 
         self.require([*times, *numbers, *words])
-        there = set(self.frame.columns)
+        columns = set(self.frame.columns)
         faults: list[tuple[NDArray[np.bool_], str, str]] = []
         for name in words:
             empty = np.array([word == "" for word in self.words(name)], dtype=bool)
             faults.append((empty | self.frame[name].isna().to_numpy(), name, "it must have a name"))
         for name in numbers:
             faults.append((~np.isfinite(numbers_of(self.frame[name])), name, _FINITE))
-        for name in set(optional) & there:
+        for name in set(optional) & columns:
             faults.append((self._not_optional(name), name, _OPTIONAL))
-        for name, allowed in (choices or {}).items():
-            wrong = np.array([word.lower() not in allowed for word in self.words(name)], dtype=bool)
-            faults.append((wrong, name, f"allowed: {', '.join(filter(None, allowed))}"))
+        for name, choice in (choices or {}).items():
+            wrong = np.array([word.lower() not in choice for word in self.words(name)], dtype=bool)
+            faults.append((wrong, name, f"allowed: {', '.join(filter(None, choice))}"))
         for name in times:
             faults.append((self._not_times(name), name, _TIMES))
         keep = np.ones(len(self.frame), dtype=bool)
-        for wrong, name, allowed_cells in faults:
+        for wrong, name, requirement in faults:
             for row in np.flatnonzero(wrong & keep).tolist():
-                invalid.add(
-                    self.path, int(self.frame.index[row]), self._fault(name, row, allowed_cells)
-                )
+                line = int(self.frame.index[row])
+                invalid.add(self.path, line, self._fault(name, row, requirement))
             keep &= ~wrong
         return self if keep.all() else replace(self, frame=self.frame[keep])
 
-    def _fault(self, column: str, row: int, allowed: str) -> str:
+    def _fault(self, column: str, row: int, requirement: str) -> str:
         cell = self.frame[column].iloc[row]
-        shown = repr(cell[:40]) if isinstance(cell, str) else cell
-        return f"{column} is {shown}; {allowed}"
+        content = repr(cell[:40]) if isinstance(cell, str) else cell
+        return f"{column} is {content}; {requirement}"
 
     def where(self, row: int) -> str:
         """Name of the file and line of a row, for messages."""
@@ -204,10 +204,10 @@ class TextTable:
         cells = self.frame[column]
         if pd.api.types.is_datetime64_any_dtype(cells):
             return np.asarray(cells.isna())
-        number = np.isfinite(numbers_of(cells))
-        if 2 * np.count_nonzero(number) > number.size:
-            return np.asarray(~number)
-        return np.asarray(number | _dates(cells).isna())
+        is_number = np.isfinite(numbers_of(cells))
+        if 2 * np.count_nonzero(is_number) > is_number.size:
+            return np.asarray(~is_number)
+        return np.asarray(is_number | _dates(cells).isna())
 
 
 def _dates(cells: "pd.Series[Any]") -> "pd.Series[Any]":
@@ -219,10 +219,7 @@ def _dates(cells: "pd.Series[Any]") -> "pd.Series[Any]":
 
 
 def check_seconds(times: "NDArray[np.float64]", where: str, error: type[MantaRayError]) -> None:
-    """
-    Raise an error for time stamps that are too large for seconds since 1970, or since any other
-    epoch in use.
-    """
+    """Raise an error for time stamps that are too large for seconds since any epoch in use."""
     latest = max(map(abs, times.tolist()), default=0.0)
     if latest > _LATEST:
         unit = next(name for name, limit in _SINCE_1970.items() if latest < limit)
@@ -239,19 +236,16 @@ def check_speed(
     where: str,
     error: type[MantaRayError],
 ) -> None:
-    """
-    Raise an error if positions (n, k) [m] at times in order [s] move so fast that the times must be
-    days or hours.
-    """
+    """Raise an error if positions (n, k) [m] are so fast that times [s] must be days or hours."""
     import numpy as np
 
     step = np.diff(time)
-    moved = step > 0.0
-    if np.count_nonzero(moved) < 1:
+    moves = step > 0.0
+    if np.count_nonzero(moves) < 1:
         return
     with np.errstate(over="ignore"):
         speed = float(
-            np.median(np.linalg.norm(np.diff(position, axis=0)[moved], axis=1) / step[moved])
+            np.median(np.linalg.norm(np.diff(position, axis=0)[moves], axis=1) / step[moves])
         )
     if speed > _FASTEST:
         raise error(
@@ -262,8 +256,9 @@ def check_speed(
 
 def numbers_of(cells: "pd.Series[Any]") -> "NDArray[np.float64]":
     """
-    Convert cells to numbers with all digits, which pandas before 3.1 does not for text; NaN for
-    other cells.
+    Convert cells to numbers; NaN for other cells.
+
+    pandas before 3.1 does not keep all digits of text.
     """
     import numpy as np
     import pandas as pd
@@ -292,13 +287,14 @@ def read_text_table(
     lines = {i: line for i, line in enumerate(content.splitlines(), 1) if line.strip(" \t,;")}
     comments = {i: line for i, line in lines.items() if line.lstrip().startswith("#")}
     rows = {i: line.rstrip(" \t,;") for i, line in lines.items() if i not in comments}
+    header = next(iter(rows.values()), "")
     if len(rows) < 2:
-        content = "is empty" if not rows else f"has one line, {next(iter(rows.values()))[:40]!r}"
+        problem = f"has one line, {header[:40]!r}" if rows else "is empty"
         raise RecordError(
-            f"{path}: {content}; a table needs a header with names of columns, and rows"
+            f"{path}: {problem}; a table needs a header with names of columns, and rows"
         )
-    separator = next((s for s in ",;\t" if s in next(iter(rows.values()))), r"\s+")
-    n_titles = _count_cells(next(iter(rows.values())), separator)
+    separator = next((sign for sign in ",;\t" if sign in header), r"\s+")
+    n_titles = _count_cells(header, separator)
     if n_titles > _MAX_COLUMNS:
         raise RecordError(
             f"{path}: {n_titles:,} columns; at most {_MAX_COLUMNS:,} are read; check the separators"
@@ -315,8 +311,8 @@ def read_text_table(
             skipinitialspace=True,
         )
     except ValueError as error:
-        if ragged := _RAGGED.search(str(error)):
-            titles, row, n = map(int, ragged.groups())
+        if match := _RAGGED.search(str(error)):
+            titles, row, n = map(int, match.groups())
             raise RecordError(
                 f"{path}, line {list(rows)[row - 1]}: {n} cells, but the header has {titles};"
                 " check the separators"
@@ -326,7 +322,7 @@ def read_text_table(
         ) from None
     if len(cells) != len(rows):
         raise RecordError(f"{path}: {len(rows)} lines give {len(cells)} rows; close all quotes")
-    cells = cells.fillna("").map(str.strip).map(unguarded).set_axis(list(rows))
+    cells = cells.fillna("").map(str.strip).map(unguard_formula).set_axis(list(rows))
     return TextTable(
         path, cells.iloc[1:].set_axis(cells.iloc[0].tolist(), axis=1), list(comments.values())
     )
@@ -340,7 +336,7 @@ def _whole_rows(
     titles = _count_cells(rows[header], separator)
     width = {i: min(_count_cells(lines[i], separator), titles) for i in numbers}
     usual, _ = Counter(width.values()).most_common(1)[0]
-    kept = {header: rows[header]}
+    whole = {header: rows[header]}
     for i in numbers:
         count = _count_cells(rows[i], separator)
         if not count:
@@ -354,8 +350,8 @@ def _whole_rows(
                 path, i, f"{one_line(lines[i], 60)!r} has {width[i]} cells, other rows {usual}"
             )
         else:
-            kept[i] = rows[i]
-    return kept
+            whole[i] = rows[i]
+    return whole
 
 
 def _count_cells(line: str, separator: str) -> int:

@@ -45,8 +45,9 @@ class Trajectories(DatedRecord):
 
     def to_dataset(self) -> "xr.Dataset":
         """
-        Convert the record to an xarray data set, with latitudes and longitudes if the frame's
-        centre is known.
+        Convert the record to an xarray data set.
+
+        It has latitudes and longitudes if the frame's centre is known.
         """
         dataset = super().to_dataset()
         frame = self.frame
@@ -67,8 +68,9 @@ class Trajectories(DatedRecord):
     @classmethod
     def from_dataset(cls, dataset: "xr.Dataset") -> Self:
         """
-        Build the record from a data set of `to_dataset`, with decoded or raw times; parameters as
-        in `Record.from_dataset`.
+        Build the record from a data set of `to_dataset`, with decoded or raw times.
+
+        Parameters are those of `Record.from_dataset`.
         """
         record = super().from_dataset(dataset)
         if "centre_latitude_deg" not in dataset.attrs:
@@ -82,7 +84,7 @@ class Trajectories(DatedRecord):
     @property
     def stops(self) -> dict[str, tuple[VehicleStatus, float]]:
         """
-        Final status, and its first time [s], of vehicles that are not active at the end, by name.
+        Final status and its first time [s] of vehicles that are not active at the end, by name.
         """
         out = {}
         for name, row in zip(self.name.tolist(), self.status, strict=True):

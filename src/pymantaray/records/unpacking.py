@@ -1,7 +1,4 @@
-"""
-Limit for unpacking: a small compressed file can contain more data than the machine's memory or
-disk.
-"""
+"""Limit for unpacking: a small compressed file can contain more data than the memory."""
 
 MAX_UNPACKED_BYTES = 2_000_000_000
 """

@@ -90,8 +90,9 @@ def _check_target(path: Path, *, replace: bool) -> None:
 
 def _cause(error: OSError, temporary: Path) -> str:
     """
-    Cause of a failed write. netCDF4 reports every cause as "HDF error", so this function writes
-    again to get the cause.
+    Cause of a failed write.
+
+    netCDF4 reports every cause as "HDF error", so this function writes again to get the cause.
     """
     if error.errno is None or error.errno < 0:
         try:
@@ -148,10 +149,7 @@ def netcdf_content(groups: Mapping[str, "xr.Dataset"]) -> bytes:
 
 
 def netcdf_groups(content: bytes) -> "dict[str, xr.Dataset]":
-    """
-    Read the groups from `netcdf_content` without decoding times; a wrong checksum raises
-    `RecordError`.
-    """
+    """Read the groups from `netcdf_content` without decoding times; check the checksum."""
     import xarray as xr
 
     size = hashlib.sha256().digest_size
@@ -170,8 +168,9 @@ def netcdf_groups(content: bytes) -> "dict[str, xr.Dataset]":
 
 def check_room(temporary: Path, size: int) -> None:
     """
-    Raise the system's error for a full disk before HDF5 does, which keeps a file open after a
-    failed write.
+    Raise the system's error for a full disk before HDF5 does.
+
+    HDF5 keeps a file open after a failed write.
     """
     if not hasattr(os, "posix_fallocate"):
         return

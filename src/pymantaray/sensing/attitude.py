@@ -1,9 +1,10 @@
 """
-Attitude and heading reference (AHRS): the rotation of every vehicle at every sample; absent without
-noise levels.
+Attitude and heading reference (AHRS): the rotation of every vehicle at every sample.
+
+There is no such sensor without noise levels.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -40,7 +41,9 @@ class AttitudeNoise:
 
     def __post_init__(self) -> None:
         """Raise an error for an incomplete sensor."""
-        tilt, heading, bias = (getattr(self, f.name) for f in fields(AttitudeNoise))
+        tilt = self.attitude_tilt_sigma
+        heading = self.attitude_heading_sigma
+        bias = self.attitude_heading_bias_sigma
         if not (tilt and heading) and (tilt or heading or bias):
             raise SensingError(
                 f"attitude: tilt sigma is {tilt:g}, heading sigma {heading:g} and heading bias"
@@ -65,14 +68,14 @@ def measure(scene: Scene, noise: AttitudeNoise) -> Columns:
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Add rotations about the axes of the world, ``Exp(xi) R``."""
-    m = measurements
-    if not m.attitude_vehicle.size:
+    if not measurements.attitude_vehicle.size:
         return {}
-    who = m.attitude_vehicle
-    when = m.attitude_sample
-    turn = np.stack([normal((m.time.size, 3), name, "attitude") for name in m.name])[who, when]
-    bias = np.concatenate([normal((1,), name, "attitude bias") for name in m.name])[who]
-    turn = turn * m.attitude_sigma
-    turn[:, 2] += bias * m.attitude_bias_sigma
-    rotation = so3_exp(turn) @ matrix_from_quaternion(m.attitude_quaternion)
+    vehicle = measurements.attitude_vehicle
+    sample = measurements.attitude_sample
+    shape = (measurements.time.size, 3)
+    noise = np.stack([normal(shape, name, "attitude") for name in measurements.name])
+    bias = np.concatenate([normal((1,), name, "attitude bias") for name in measurements.name])
+    error = noise[vehicle, sample] * measurements.attitude_sigma
+    error[:, 2] += bias[vehicle] * measurements.attitude_bias_sigma
+    rotation = so3_exp(error) @ matrix_from_quaternion(measurements.attitude_quaternion)
     return {"attitude_quaternion": quaternion_from_matrix(rotation)}

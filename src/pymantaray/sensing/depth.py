@@ -23,6 +23,6 @@ def measure(scene: Scene, noise: DepthNoise) -> Columns:
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Independent noise at every sample."""
-    m = measurements
-    noise = np.stack([normal((m.time.size,), name, "depth") for name in m.name])
-    return {"depth": m.depth + noise * m.depth_sigma[:, None]}
+    shape = (measurements.time.size,)
+    noise = np.stack([normal(shape, name, "depth") for name in measurements.name])
+    return {"depth": measurements.depth + noise * measurements.depth_sigma[:, None]}

@@ -168,32 +168,30 @@ def draw_unheard(
     changes nothing else. Detected sound without a ray has status OK, because the receiver cannot
     tell the difference.
     """
-    m = measurements
-    p = np.asarray(probability, dtype=float)
-    ok = np.isin(m.range_status, ARRIVES)
-    if p.shape != ok.shape:
+    probabilities = np.asarray(probability, dtype=float)
+    ok = np.isin(measurements.range_status, ARRIVES)
+    if probabilities.shape != ok.shape:
         raise SensingError(
-            f"probability: shape {p.shape}; {ok.size} range attempts need one value each"
+            f"probability: shape {probabilities.shape}; {ok.size} range attempts need one value"
+            " each"
         )
-    wrong = ok & ~((p >= 0.0) & (p <= 1.0))
+    wrong = ok & ~((probabilities >= 0.0) & (probabilities <= 1.0))
     if wrong.any():
         raise SensingError(
             f"probability: {np.count_nonzero(wrong)} attempts with an arrival have one outside 0 to"
-            f" 1, the first is {p[wrong][0]:g}"
+            f" 1, the first is {probabilities[wrong][0]:g}"
         )
-    return mark_unheard(m, ok & ~(chances(m, root_seed=root_seed, realization=realization) < p))
+    draws = chances(measurements, root_seed=root_seed, realization=realization)
+    return mark_unheard(measurements, ok & ~(draws < probabilities))
 
 
-def mark_unheard(m: Measurements, lost: NDArray[np.bool_]) -> Measurements:
-    """
-    Measurements in which some arrivals are lost: status UNHEARD and a refracted range of NaN; all
-    others have status OK.
-    """
-    ok = np.isin(m.range_status, ARRIVES)
+def mark_unheard(measurements: Measurements, lost: NDArray[np.bool_]) -> Measurements:
+    """Give lost arrivals status UNHEARD and a refracted range of NaN, and all others status OK."""
+    status = measurements.range_status.copy()
+    status[np.isin(status, ARRIVES)] = RayStatus.OK
+    status[lost] = RayStatus.UNHEARD
     return replace(
-        m,
-        range_status=np.where(
-            lost, np.int8(RayStatus.UNHEARD), np.where(ok, np.int8(RayStatus.OK), m.range_status)
-        ),
-        refracted_range=np.where(lost, np.nan, m.refracted_range),
+        measurements,
+        range_status=status,
+        refracted_range=np.where(lost, np.nan, measurements.refracted_range),
     )

@@ -1,6 +1,4 @@
-"""
-Ranges without noise that differ between realizations, because each has its own draw of rough ice.
-"""
+"""Ranges without noise that differ between realizations: each has its own rough ice."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -13,14 +11,15 @@ from pymantaray.records import Measurements, RangingTruth, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.ranging import Ranging
 
-_OF_TRUTH = ("travel_time", "near_cutoff", "departure_angle", "arrival_angle")
+_TRUTH_COLUMNS = ("travel_time", "near_cutoff", "departure_angle", "arrival_angle")
 
 
 @dataclass(frozen=True, eq=False)
 class RangingDraws(Record):
     """
-    Columns of all range attempts that depend on the ice, by realization; attempts are row by row
-    those of a `Measurements` record.
+    Columns of all range attempts that depend on the ice, by realization.
+
+    Attempts are row by row those of a `Measurements` record.
     """
 
     kind: ClassVar[str] = "ranging_draws"
@@ -62,11 +61,15 @@ class RangingDraws(Record):
         RangingDraws
         """
         chances = [
-            np.ones(r.status.size) if r.probability is None else r.probability for r in rangings
+            np.ones(ranging.status.size) if ranging.probability is None else ranging.probability
+            for ranging in rangings
         ]
-        columns = {name: np.stack([getattr(r.truth, name) for r in rangings]) for name in _OF_TRUTH}
+        truths = [ranging.truth for ranging in rangings]
+        columns = {
+            name: np.stack([getattr(truth, name) for truth in truths]) for name in _TRUTH_COLUMNS
+        }
         return cls(
-            range_status=np.stack([r.status for r in rangings]),
+            range_status=np.stack([ranging.status for ranging in rangings]),
             probability=np.stack(chances),
             **columns,
         )
@@ -86,7 +89,7 @@ class RangingDraws(Record):
         -------
         RangingTruth
         """
-        return replace(truth, **{name: getattr(self, name)[realization] for name in _OF_TRUTH})
+        return replace(truth, **{name: getattr(self, name)[realization] for name in _TRUTH_COLUMNS})
 
     def measurements(
         self, measurements: Measurements, truth: RangingTruth, realization: int
@@ -107,6 +110,6 @@ class RangingDraws(Record):
         -------
         Measurements
         """
-        own = self.ranging_truth(truth, realization)
         status: NDArray[np.int8] = self.range_status[realization]
-        return replace(measurements, range_status=status, refracted_range=own.refracted_range)
+        refracted_range = self.ranging_truth(truth, realization).refracted_range
+        return replace(measurements, range_status=status, refracted_range=refracted_range)

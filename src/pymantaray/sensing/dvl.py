@@ -1,12 +1,13 @@
 """
-Doppler velocity log (DVL): the mean velocity over ground between samples, in the body frame; absent
-without a noise level.
+Doppler velocity log (DVL): mean velocity over ground between samples, in the body frame.
+
+There is no such sensor without a noise level.
 
 Four beams point down at 30 degrees from the vertical. Each can be lost between two samples; three
 determine a velocity.
 """
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +24,9 @@ _TILT = np.radians(30.0)  # rad; angle of a beam from the vertical
 @dataclass(frozen=True)
 class DvlNoise:
     """
-    Errors of a velocity over ground, in the body frame; without a standard deviation there is no
-    such sensor.
+    Errors of a velocity over ground, in the body frame.
+
+    Without a standard deviation there is no such sensor.
 
     Each axis has an independent error at each sample, and a bias that is constant for each vehicle
     and realization and that estimators do not know. With three beams the noise of each axis is
@@ -55,8 +57,9 @@ class DvlNoise:
             raise SensingError(
                 f"dvl_beam_loss is {self.dvl_beam_loss:g}; it is a probability: allowed are 0 to 1"
             )
-        sigma, bias, loss, _ = (getattr(self, f.name) for f in fields(DvlNoise))
-        if not sigma and (bias or loss):
+        bias = self.dvl_bias_sigma
+        loss = self.dvl_beam_loss
+        if not self.dvl_sigma and (bias or loss):
             raise SensingError(
                 f"DVL: bias sigma is {bias:g} m/s and beam loss {loss:g} without a sensor; set"
                 " dvl_sigma above zero"
@@ -67,8 +70,8 @@ def measure(scene: Scene, noise: DvlNoise) -> Columns:
     """True velocities between two samples within reach of the sea floor."""
     truth = scene.truth
     sigma = noise.dvl_sigma
-    near = np.broadcast_to(np.asarray(scene.altitude) <= noise.dvl_reach, truth.status.shape)
-    vehicle, sample = np.nonzero(near[:, :-1] & near[:, 1:] & (sigma > 0.0))
+    in_reach = np.broadcast_to(np.asarray(scene.altitude) <= noise.dvl_reach, truth.status.shape)
+    vehicle, sample = np.nonzero(in_reach[:, :-1] & in_reach[:, 1:] & (sigma > 0.0))
     step = truth.position[vehicle, sample + 1] - truth.position[vehicle, sample]
     velocity = step / (truth.time[sample + 1] - truth.time[sample])[:, None]
     rotation = matrix_from_quaternion(truth.quaternion[vehicle, sample])
@@ -86,24 +89,30 @@ def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Add noise and bias; remove velocities of fewer than three beams."""
     from scipy.special import ndtr
 
-    m = measurements
-    if not m.dvl_vehicle.size:
+    if not measurements.dvl_vehicle.size:
         return {}
-    who = m.dvl_vehicle
-    when = m.dvl_sample
-    edges = m.time.size - 1
-    noise = np.stack([normal((edges, 3), name, "dvl") for name in m.name])[who, when]
-    bias = np.stack([normal((3,), name, "dvl bias") for name in m.name])[who]
-    beams = np.stack([normal((edges, _BEAMS), name, "dvl beams") for name in m.name])[who, when]
-    left = np.count_nonzero(ndtr(beams) >= m.dvl_beam_loss[:, None], axis=1)
-    sigma = np.where((left == _BEAMS)[:, None], 1.0, three_beam_factor()) * m.dvl_sigma
-    velocity = m.dvl_velocity + noise * sigma + bias * m.dvl_bias_sigma[:, None]
-    kept = left >= _BEAMS - 1
-    columns = {"dvl_velocity": velocity, "dvl_sigma": sigma}
-    names = ("dvl_vehicle", "dvl_sample", "dvl_bias_sigma", "dvl_beam_loss")
-    return {name: values[kept] for name, values in columns.items()} | {
-        name: getattr(m, name)[kept] for name in names
+    vehicle = measurements.dvl_vehicle
+    sample = measurements.dvl_sample
+    edges = measurements.time.size - 1
+    names = measurements.name
+    noise = np.stack([normal((edges, 3), name, "dvl") for name in names])[vehicle, sample]
+    bias = np.stack([normal((3,), name, "dvl bias") for name in names])[vehicle]
+    beams = np.stack([normal((edges, _BEAMS), name, "dvl beams") for name in names])
+    chances = ndtr(beams[vehicle, sample])
+    n_beams = np.count_nonzero(chances >= measurements.dvl_beam_loss[:, None], axis=1)
+    has_all_beams = (n_beams == _BEAMS)[:, None]
+    sigma = np.where(has_all_beams, 1.0, three_beam_factor()) * measurements.dvl_sigma
+    error = noise * sigma + bias * measurements.dvl_bias_sigma[:, None]
+    is_valid = n_beams >= _BEAMS - 1  # three beams determine a velocity
+    columns = {
+        "dvl_velocity": measurements.dvl_velocity + error,
+        "dvl_sigma": sigma,
+        "dvl_vehicle": vehicle,
+        "dvl_sample": sample,
+        "dvl_bias_sigma": measurements.dvl_bias_sigma,
+        "dvl_beam_loss": measurements.dvl_beam_loss,
     }
+    return {name: values[is_valid] for name, values in columns.items()}
 
 
 def three_beam_factor() -> NDArray[np.float64]:
@@ -112,5 +121,8 @@ def three_beam_factor() -> NDArray[np.float64]:
     across = np.sin(_TILT)
     down = np.full(_BEAMS, np.cos(_TILT))
     beams = np.stack([across * np.cos(azimuth), across * np.sin(azimuth), down], axis=1)
-    three, four = (np.sqrt(np.diag(np.linalg.inv(b.T @ b))) for b in (beams[1:], beams))
+    three, four = (
+        np.sqrt(np.diag(np.linalg.inv(directions.T @ directions)))
+        for directions in (beams[1:], beams)
+    )
     return np.asarray(three / four)

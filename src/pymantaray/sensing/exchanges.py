@@ -15,10 +15,7 @@ Velocities = tuple[Array, Array]
 
 
 class Exchanges(NamedTuple):
-    """
-    Rows of the receptions of ping and answer of exchanges, -1 without one; one-way, only the ping
-    counts.
-    """
+    """Rows of the receptions of ping and answer, -1 without one; one-way, only the ping counts."""
 
     ping: Indices
     answer: Indices
@@ -42,9 +39,8 @@ def selected_exchanges(
     ``link`` is the link of each attempt, -1 without one; ``direction`` is the direction of its
     ping.
     """
-    rows = np.full(
-        (2, links + 1), -1, dtype=np.intp
-    )  # the last column is that of attempts without a link
+    # the last column is that of attempts without a link
+    rows = np.full((2, links + 1), -1, dtype=np.intp)
     rows[:, :-1] = receptions.selected_rows(links)
     return Exchanges(rows[direction, link], rows[1 - direction, link], direction)
 
@@ -53,36 +49,39 @@ def all_exchanges(
     receptions: Receptions, link: Indices, direction: Indices, timing: Timing
 ) -> Combinations:
     """
-    Return all exchanges of each attempt, independent of the selection; two-way: all combinations of
-    receptions of ping and answer.
+    Return all exchanges of each attempt, independent of the selection.
+
+    Two-way, these are all combinations of receptions of ping and answer.
     """
     attempt = np.flatnonzero(link >= 0)
     row, ping = rows_between(*receptions.rows_of(link[attempt], direction[attempt]))
     attempt = attempt[row]
     if isinstance(timing, OneWay):
         return Combinations(attempt, Exchanges(ping, np.full(ping.size, -1), direction[attempt]))
-    one, answer = rows_between(*receptions.rows_of(link[attempt], 1 - direction[attempt]))
-    return Combinations(attempt[one], Exchanges(ping[one], answer, direction[attempt[one]]))
+    pair, answer = rows_between(*receptions.rows_of(link[attempt], 1 - direction[attempt]))
+    return Combinations(attempt[pair], Exchanges(ping[pair], answer, direction[attempt[pair]]))
 
 
 def exchange_times(
     receptions: Receptions, exchanges: Exchanges, timing: Timing, velocity: Velocities
 ) -> Array:
     """
-    Travel time of each exchange; two-way, half of the round trip without the turn-around time; NaN
-    without a reception. [s]
+    Travel time of each exchange; NaN without a reception. [s]
+
+    Two-way, it is half of the round trip without the turn-around time.
     """
     ping, answer, direction = exchanges
     if isinstance(timing, OneWay):
         return values_at(receptions.travel_time, ping)
-    one, other = (_leg(receptions, rows, direction) for rows in (ping, answer))
-    return half_round_trip(timing, one, other, *velocity)
+    ping_leg, answer_leg = (_leg(receptions, rows, direction) for rows in (ping, answer))
+    return half_round_trip(timing, ping_leg, answer_leg, *velocity)
 
 
 def _leg(receptions: Receptions, rows: Indices, direction: Indices) -> Leg:
     """
-    Leg of exchanges; the initiator is at the source of the link for a ping in direction 0,
-    otherwise at the receiver.
+    Leg of exchanges.
+
+    The initiator is at the source of the link for a ping in direction 0, otherwise at the receiver.
     """
     at_source = -values_at(receptions.source_slowness, rows)
     at_receiver = values_at(receptions.receiver_slowness, rows)
@@ -95,23 +94,22 @@ def _leg(receptions: Receptions, rows: Indices, direction: Indices) -> Leg:
 
 
 def exchange_values(values: Array, exchanges: Exchanges, timing: Timing) -> tuple[Array, ...]:
-    """
-    Values of the receptions of ping and, two-way, answer of each exchange; NaN without a reception.
-    """
-    used = (exchanges.ping,) if isinstance(timing, OneWay) else (exchanges.ping, exchanges.answer)
-    return tuple(values_at(values, rows) for rows in used)
+    """Values of the receptions of ping and, two-way, answer; NaN without a reception."""
+    legs = (exchanges.ping,) if isinstance(timing, OneWay) else (exchanges.ping, exchanges.answer)
+    return tuple(values_at(values, rows) for rows in legs)
 
 
 def velocities_of(truth: Trajectories, attempts: Attempts, timing: Timing) -> Velocities:
     """
-    Velocities of initiator and responder of each attempt; zero for one-way ranges and for
-    landmarks. [m/s]
+    Velocities of initiator and responder of each attempt. [m/s]
+
+    They are zero for one-way ranges and for landmarks.
     """
     n = 1 + max(
         attempts.transmitter.max(initial=0), attempts.receiver.max(initial=0), truth.name.size - 1
     )
-    samples, at = np.unique(attempts.sample, return_inverse=True)
+    samples, epoch = np.unique(attempts.sample, return_inverse=True)
     velocity = np.zeros((n, samples.size, 3))
     if not isinstance(timing, OneWay):
         velocity[: truth.name.size] = velocities(truth, samples)
-    return velocity[attempts.transmitter, at], velocity[attempts.receiver, at]
+    return velocity[attempts.transmitter, epoch], velocity[attempts.receiver, epoch]

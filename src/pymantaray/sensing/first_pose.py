@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from pymantaray.geometry.se3 import moved_by
+from pymantaray.geometry.se3 import retract
 from pymantaray.records import Measurements
 from pymantaray.sensing.sensor import Columns, Normal, Scene, level
 
@@ -36,7 +36,7 @@ def measure(scene: Scene, noise: FirstPoseNoise) -> Columns:
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Noise ``T Exp(xi)`` on the manifold."""
-    m = measurements
-    xi = np.stack([normal((6,), name, "first pose") for name in m.name]) * m.first_sigma
-    quaternion, position = moved_by(m.first_quaternion, m.first_position, xi)
+    noise = np.stack([normal((6,), name, "first pose") for name in measurements.name])
+    xi = noise * measurements.first_sigma
+    quaternion, position = retract(measurements.first_quaternion, measurements.first_position, xi)
     return {"first_position": position, "first_quaternion": quaternion}

@@ -32,12 +32,12 @@ def measure(scene: Scene, noise: GnssNoise) -> Columns:
 
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
-    """
-    Add noise; the draws are for every sample, so an additional fix does not change other fixes.
-    """
-    m = measurements
-    noise = np.stack([normal((m.time.size, 3), name, "gnss") for name in m.name])
+    """Add noise, drawn for every sample: an additional fix does not change other fixes."""
+    noise = np.stack(
+        [normal((measurements.time.size, 3), name, "gnss") for name in measurements.name]
+    )
     return {
-        "gnss_position": m.gnss_position
-        + noise[m.gnss_vehicle, m.gnss_sample] * m.gnss_sigma[:, None]
+        "gnss_position": measurements.gnss_position
+        + noise[measurements.gnss_vehicle, measurements.gnss_sample]
+        * measurements.gnss_sigma[:, None]
     }

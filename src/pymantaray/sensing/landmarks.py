@@ -75,9 +75,9 @@ def measure(scene: Scene, noise: SurveyNoise) -> Columns:
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Noise of one survey before the mission."""
-    m = measurements
-    noise = np.array([normal((3,), name, "survey") for name in m.landmark_name]).reshape(-1, 3)
-    return {"landmark_position": m.landmark_position + noise * m.landmark_sigma[:, None]}
+    draws = [normal((3,), name, "survey") for name in measurements.landmark_name]
+    error = np.reshape(draws, (-1, 3)) * measurements.landmark_sigma[:, None]
+    return {"landmark_position": measurements.landmark_position + error}
 
 
 def landmark_positions(landmarks: Sequence[Landmark]) -> Array:
@@ -86,14 +86,12 @@ def landmark_positions(landmarks: Sequence[Landmark]) -> Array:
 
 
 def check_names(vehicle_names: Sequence[str], landmarks: Sequence[Landmark]) -> None:
-    """
-    Raise an error for two participants with the same name, which identifies their random streams.
-    """
-    seen = set(vehicle_names)
+    """Raise an error for two participants with one name, which identifies random streams."""
+    names = set(vehicle_names)
     for landmark in landmarks:
-        if landmark.name in seen:
+        if landmark.name in names:
             raise SensingError(
                 f"landmark {landmark.name!r}: the name is taken by another landmark or vehicle;"
                 " names must be unique: rename one"
             )
-        seen.add(landmark.name)
+        names.add(landmark.name)

@@ -132,34 +132,34 @@ def perturb(
     def normal(shape: tuple[int, ...], *names: str) -> NDArray[np.float64]:
         return stream(root_seed, realization, "sensing", *map(str, names)).standard_normal(shape)
 
-    m = measurements
-    true = ranging_truth
+    truth = ranging_truth
     draw = {"root_seed": root_seed, "realization": realization}
     if isinstance(detection, Candidates):
-        picks = draw_picks(m, detection, **draw, correlation_time=correlation_time)
-        m = range_on_picks(m, detection, picks)
-        if true is not None:
+        picks = draw_picks(measurements, detection, **draw, correlation_time=correlation_time)
+        measurements = range_on_picks(measurements, detection, picks)
+        if truth is not None:
             wrong = detection.mistaken(picks)
-            time = true.travel_time.copy()
+            time = truth.travel_time.copy()
             time[wrong] = detection.travel_time[picks[wrong]]
-            true = replace(true, travel_time=time)
-    noise = (
-        by_pair(m, lambda transmitter, receiver, n: normal((n,), transmitter, "range", receiver))
-        * m.range_sigma
-    )
+            truth = replace(truth, travel_time=time)
+
+    def range_normal(transmitter: str, receiver: str, count: int) -> NDArray[np.float64]:
+        return normal((count,), transmitter, "range", receiver)
+
+    noise = by_pair(measurements, range_normal) * measurements.range_sigma
     if isinstance(clocks, ClockModel):
-        clocks = clocks.draw(m.name.tolist(), **draw)
+        clocks = clocks.draw(measurements.name.tolist(), **draw)
     if clocks is not None:
-        if true is None:
+        if truth is None:
             raise SensingError("perturb: clocks need true travel times; add ranging_truth")
-        noise += clock_error(m, true, clocks, timing)
+        noise += clock_error(measurements, truth, clocks, timing)
     columns: dict[str, Any] = {
-        "straight_range": m.straight_range + noise,
-        "refracted_range": m.refracted_range + noise,
+        "straight_range": measurements.straight_range + noise,
+        "refracted_range": measurements.refracted_range + noise,
     }
     for sensor in SENSORS:
-        columns |= sensor.perturb(m, normal)
-    noisy = replace(m, **columns)
+        columns |= sensor.perturb(measurements, normal)
+    noisy = replace(measurements, **columns)
     if detection is None or isinstance(detection, Candidates):
         return noisy
     return draw_unheard(noisy, detection, **draw)

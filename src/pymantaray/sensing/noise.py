@@ -49,8 +49,9 @@ class NoiseModel(
     RangeNoise,
 ):
     """
-    Noise levels of all measurements, described in the modules of the sensors; the defaults are the
-    paper's table, except the survey.
+    Noise levels of all measurements, described in the modules of the sensors.
+
+    The defaults are the paper's table, except the survey.
 
     Lengths are in metres, angles in radians, drifts per second; fractions are of the
     component of an edge's motion.

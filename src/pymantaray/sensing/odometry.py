@@ -7,8 +7,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.geometry.se3 import (
     matrix_from_quaternion,
-    moved_by,
     quaternion_from_matrix,
+    retract,
     so3_log,
 )
 from pymantaray.records import Measurements
@@ -41,8 +41,7 @@ class OdometryNoise:
         self, rotation: ArrayLike, translation: ArrayLike, time: ArrayLike
     ) -> NDArray[np.float64]:
         r"""
-        Composite standard deviation of odometry edges, in the tangent of their noise-free relative
-        poses.
+        Composite standard deviation of odometry edges, in the tangent of their relative poses.
 
         The paper's :math:`\sigma_i = \sqrt{(f_i \lvert m_i \rvert)^2 + (d_i \Delta t)^2}`, where
         :math:`m_i` is component i of the edge's rotation vector or translation, in the axes of its
@@ -71,8 +70,8 @@ class OdometryNoise:
             [3, 2, 1],
         )
         drift = np.repeat([self.odometry_rotation_drift, self.odometry_translation_drift], 3)
-        elapsed = np.diff(np.asarray(time, dtype=float))[:, None]
-        return np.asarray(np.hypot(fraction * motion, drift * elapsed))
+        interval = np.diff(np.asarray(time, dtype=float))[:, None]
+        return np.asarray(np.hypot(fraction * motion, drift * interval))
 
 
 def measure(scene: Scene, noise: OdometryNoise) -> Columns:
@@ -91,9 +90,15 @@ def measure(scene: Scene, noise: OdometryNoise) -> Columns:
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Noise ``T Exp(xi)`` on the manifold."""
-    m = measurements
-    xi = np.stack([normal(m.odometry_sigma.shape[1:], name, "odometry") for name in m.name])
-    rotation, translation = moved_by(
-        m.odometry_rotation, m.odometry_translation, xi * m.odometry_sigma
+    xi = np.stack(
+        [
+            normal(measurements.odometry_sigma.shape[1:], name, "odometry")
+            for name in measurements.name
+        ]
+    )
+    rotation, translation = retract(
+        measurements.odometry_rotation,
+        measurements.odometry_translation,
+        xi * measurements.odometry_sigma,
     )
     return {"odometry_rotation": rotation, "odometry_translation": translation}

@@ -1,7 +1,4 @@
-"""
-Mistaken arrivals: candidates of a receiver for the direct arrival, their probabilities and random
-choice.
-"""
+"""Mistaken arrivals: candidates of a receiver, their probabilities and random choice."""
 
 from __future__ import annotations
 
@@ -80,8 +77,8 @@ class Picker:
             raise SensingError(
                 f"Picker: rule {self.rule!r}; allowed are {', '.join(get_args(PickRule))}"
             )
-        needed = self.rule == "first-detected" and self.sonar is None
-        if needed != (self.below_strongest_db is not None):
+        needs_level = self.rule == "first-detected" and self.sonar is None
+        if needs_level != (self.below_strongest_db is not None):
             raise SensingError(
                 f"Picker: below_strongest_db is {self.below_strongest_db}; first-detected without a"
                 " sonar needs it, nothing else does"
@@ -112,9 +109,8 @@ class Picker:
             np.asarray(loss_db, dtype=float), nan=_FAR_DB, posinf=_FAR_DB, neginf=-_FAR_DB
         )[order]
         ranks = by_rank(links[order])
-        competes = np.unique(links, return_inverse=True)[1][
-            order
-        ]  # links without gaps between them
+        _, link_without_gaps = np.unique(links, return_inverse=True)
+        competes = link_without_gaps[order]
         least = np.full(competes.max(initial=-1) + 1, np.inf)
         np.minimum.at(least, competes, loss)
         if self.sonar is not None:
@@ -125,54 +121,58 @@ class Picker:
             excess = (self.below_strongest_db or 0.0) + least[competes] - loss
         strongest = _earliest(ranks, competes, loss == least[competes])
         if self.rule == "first-detected":
-            picked, missed = detected_first(ranks, competes, probability_of_excess(excess, spread))
+            detection = probability_of_excess(excess, spread)
+            probability, p_none = detected_first(ranks, competes, detection)
             if self.sonar is None:
-                picked[strongest] += missed[competes[strongest]]
+                probability[strongest] += p_none[competes[strongest]]
         elif spread == 0.0:
-            picked = np.where((excess >= 0.0) & np.isin(np.arange(loss.size), strongest), 1.0, 0.0)
+            is_strongest = np.isin(np.arange(loss.size), strongest)
+            probability = np.where((excess >= 0.0) & is_strongest, 1.0, 0.0)
         else:
             lowest = None if self.sonar is None else -excess / spread
-            picked = _loudest(ranks, competes, excess / spread, lowest)
+            probability = _loudest(ranks, competes, excess / spread, lowest)
         result = np.empty(loss.size)
-        result[order] = picked
+        result[order] = probability
         return result
 
 
 def by_rank(group: NDArray[np.int64]) -> list[Indices]:
     """
-    First rows of all groups, then second rows of groups with two or more, and so on; rows of a
-    group are consecutive.
+    First rows of all groups, then second rows of groups with two or more, and so on.
+
+    Rows of a group are consecutive.
     """
     _, start, count = np.unique(group, return_index=True, return_counts=True)
     return [start[count > rank] + rank for rank in range(int(count.max(initial=0)))]
 
 
-def _earliest(ranks: list[Indices], link: Indices, marked: NDArray[np.bool_]) -> Indices:
+def _earliest(ranks: list[Indices], link: Indices, mask: NDArray[np.bool_]) -> Indices:
     """First marked row of each link."""
     row = np.full(link.max(initial=-1) + 1, -1)
     for rows in ranks:
-        new = rows[marked[rows] & (row[link[rows]] < 0)]
+        new = rows[mask[rows] & (row[link[rows]] < 0)]
         row[link[new]] = new
     return row
 
 
-def detected_first(ranks: list[Indices], link: Indices, detected: Array) -> tuple[Array, Array]:
+def detected_first(ranks: list[Indices], link: Indices, p_detection: Array) -> tuple[Array, Array]:
     """
     Probability that each row is detected first, and probability that no row of a link is detected;
     ``ranks`` as from `by_rank`.
     """
-    first = np.empty(detected.size)
-    missed = np.ones(link.max(initial=-1) + 1)
+    first = np.empty(p_detection.size)
+    p_none = np.ones(link.max(initial=-1) + 1)
     for rows in ranks:
-        first[rows] = detected[rows] * missed[link[rows]]
-        missed[link[rows]] *= 1.0 - detected[rows]
-    return first, missed
+        first[rows] = p_detection[rows] * p_none[link[rows]]
+        p_none[link[rows]] *= 1.0 - p_detection[rows]
+    return first, p_none
 
 
 def _loudest(ranks: list[Indices], link: Indices, level: Array, lowest: Array | None) -> Array:
     """
-    Probability that each row is the loudest and above the lowest level; levels have a standard
-    deviation of 1.
+    Probability that each row is the loudest and above the lowest level.
+
+    Levels have a standard deviation of 1.
     """
     from scipy.special import ndtr
 
@@ -180,20 +180,21 @@ def _loudest(ranks: list[Indices], link: Indices, level: Array, lowest: Array | 
     half = 0.5 * (_TAIL - low)
     z = low[:, None] + half[:, None] * (_NODES + 1.0)
     integrand = np.exp(-0.5 * z**2) / np.sqrt(2.0 * np.pi)
-    for rows in ranks:
+    for ranked in ranks:
         other = np.full(link.max(initial=-1) + 1, -1)
-        other[link[rows]] = rows
+        other[link[ranked]] = ranked
         rival = other[link]
-        beaten = np.flatnonzero((rival >= 0) & (rival != np.arange(level.size)))
-        integrand[beaten] *= ndtr(z[beaten] + (level[beaten] - level[rival[beaten]])[:, None])
+        rows = np.flatnonzero((rival >= 0) & (rival != np.arange(level.size)))
+        integrand[rows] *= ndtr(z[rows] + (level[rows] - level[rival[rows]])[:, None])
     return np.asarray(half * (integrand @ _WEIGHTS))
 
 
 @dataclass(frozen=True, eq=False)
 class Candidates(Record):
     """
-    Arrivals that each range attempt can mistake for its direct one; rows of an attempt are
-    consecutive, the direct one first.
+    Arrivals that each range attempt can mistake for its direct one.
+
+    Rows of an attempt are consecutive, the direct one first.
 
     Two-way, a candidate is an arrival of the ping with one of the answer.
     """
@@ -214,15 +215,14 @@ class Candidates(Record):
 
     @property
     def expected_mistaken(self) -> float:
-        """
-        Mean number of attempts in a realization that mistake another arrival for the direct one.
-        """
+        """Mean number of attempts in a realization that mistake another arrival for the direct."""
         return float(np.sum(self.probability[self.direct == 0]))
 
     def picks(self, chance: ArrayLike) -> Indices:
         """
-        Candidate of each attempt from a uniform random number: the first with a greater cumulative
-        probability.
+        Candidate of each attempt from a uniform random number.
+
+        It is the first with a greater cumulative probability.
 
         Parameters
         ----------
@@ -234,19 +234,19 @@ class Candidates(Record):
         ndarray of int, shape (n_ranges,)
             Row of the candidate; -1 for none.
         """
-        u = np.asarray(chance, dtype=float)
-        if self.attempt.size and self.attempt.max() >= u.size:
+        chances = np.asarray(chance, dtype=float)
+        if self.attempt.size and self.attempt.max() >= chances.size:
             raise SensingError(
-                f"candidates of attempt {self.attempt.max()}; the measurements have {u.size} range"
-                " attempts"
+                f"candidates of attempt {self.attempt.max()}; the measurements have"
+                f" {chances.size} range attempts"
             )
-        picks = np.full(u.size, -1)
-        total = np.zeros(u.size)
+        picks = np.full(chances.size, -1)
+        total = np.zeros(chances.size)
         for rows in by_rank(self.attempt):
-            of = self.attempt[rows]
-            total[of] += self.probability[rows]
-            now = (picks[of] < 0) & (u[of] < total[of])
-            picks[of[now]] = rows[now]
+            attempt = self.attempt[rows]
+            total[attempt] += self.probability[rows]
+            hit = (picks[attempt] < 0) & (chances[attempt] < total[attempt])
+            picks[attempt[hit]] = rows[hit]
         return picks
 
     def mistaken(self, picks: Indices) -> NDArray[np.bool_]:
@@ -309,15 +309,22 @@ def find_candidates(
             receptions.surface_bounces + receptions.bottom_bounces,
         )
     )
-    columns = time, np.prod(probability, axis=0), np.prod(direct, axis=0), np.sum(bounces, axis=0)
-    order = np.lexsort((time, -columns[2], attempt))
-    return Candidates(attempt[order], *(values[order] for values in columns))
+    columns = {
+        "attempt": attempt,
+        "travel_time": time,
+        "probability": np.prod(probability, axis=0),
+        "direct": np.prod(direct, axis=0),
+        "bounces": np.sum(bounces, axis=0),
+    }
+    order = np.lexsort((time, -columns["direct"], attempt))
+    return Candidates(**{name: values[order] for name, values in columns.items()})
 
 
 def pick_receptions(receptions: Receptions, picker: Picker) -> Receptions:
     """
-    Receptions with the probability of being picked; receptions of the same link and direction
-    compete.
+    Receptions with the probability of being picked.
+
+    Receptions of the same link and direction compete.
     """
     lossless = bool(np.isnan(receptions.loss_db).all())
     if picker.sonar is not None and lossless and receptions.link.size:
@@ -390,13 +397,15 @@ def range_on_picks(
     sound without a ray, because the receiver cannot tell the difference. An existing arrival that
     was not detected has status UNHEARD and a refracted range of NaN.
     """
-    m = measurements
-    wrong = candidates.mistaken(picks)
-    lost = (picks < 0) & np.isin(m.range_status, ARRIVES)
-    status = m.range_status.copy()
-    refracted = m.refracted_range.copy()
+    is_mistaken = candidates.mistaken(picks)
+    missed = (picks < 0) & np.isin(measurements.range_status, ARRIVES)
+    status = measurements.range_status.copy()
+    refracted_range = measurements.refracted_range.copy()
     status[picks >= 0] = RayStatus.OK
-    status[lost] = RayStatus.UNHEARD
-    refracted[lost] = np.nan
-    refracted[wrong] = m.transmitter_sound_speed[wrong] * candidates.travel_time[picks[wrong]]
-    return replace(m, range_status=status, refracted_range=refracted)
+    status[missed] = RayStatus.UNHEARD
+    refracted_range[missed] = np.nan
+    refracted_range[is_mistaken] = (
+        measurements.transmitter_sound_speed[is_mistaken]
+        * candidates.travel_time[picks[is_mistaken]]
+    )
+    return replace(measurements, range_status=status, refracted_range=refracted_range)

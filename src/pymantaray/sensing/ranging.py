@@ -1,7 +1,4 @@
-"""
-Ranges without noise: the pairs of every ping, their receptions, and the status and travel time of
-every attempt.
-"""
+"""Ranges without noise: pairs of every ping, their receptions, and outcomes of attempts."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -25,7 +22,7 @@ from pymantaray.sensing.exchanges import (
     velocities_of,
 )
 from pymantaray.sensing.landmarks import Landmark, check_names, landmark_positions
-from pymantaray.sensing.receptions import Receptions, joined, values_at
+from pymantaray.sensing.receptions import Receptions, join_receptions, values_at
 from pymantaray.sensing.schedule import Attempts, Schedule
 from pymantaray.sensing.timing import ONE_WAY, Timing
 from pymantaray.sensing.transmission import DIRECT, ReceptionOptions, Transmission, find_receptions
@@ -70,18 +67,17 @@ def link_positions(
     ndarray, shape (n_links, 3)
         Positions. [m]
     """
-    who = getattr(links, end)
+    participant = getattr(links, end)
     n_vehicles = truth.name.size
-    positions = truth.position[np.minimum(who, n_vehicles - 1), links.sample]
-    fixed = who >= n_vehicles
-    positions[fixed] = landmark_position[who[fixed] - n_vehicles]
+    positions = truth.position[np.minimum(participant, n_vehicles - 1), links.sample]
+    is_landmark = participant >= n_vehicles
+    positions[is_landmark] = landmark_position[participant[is_landmark] - n_vehicles]
     return np.asarray(positions)
 
 
 class Ranging(NamedTuple):
     """
-    All range attempts without noise, one row per attempt, and the arrivals and receptions behind
-    them.
+    All range attempts without noise, one row each, and the arrivals and receptions behind them.
     """
 
     attempts: Attempts
@@ -171,10 +167,10 @@ def measure_ranges(
         flow = currents(now) if callable(currents) else currents
         parts.append(_transmit(reception, pairs, slice(start, stop), water, flow, progress))
         del water, flow  # one medium is in memory at a time
-    sound = joined_transmissions([sound for sound, _ in parts])
+    sound = join_transmissions([sound for sound, _ in parts])
     chords = [chords for _, chords in parts]
-    both = _Chords(*(np.concatenate(values) for values in zip(*chords, strict=True)))
-    ranging = _ranging(attempts, pairs, sound, both, truth, timing)
+    all_chords = _Chords(*(np.concatenate(values) for values in zip(*chords, strict=True)))
+    ranging = _ranging(attempts, pairs, sound, all_chords, truth, timing)
     return ranging if reception.detector is not None else ranging._replace(probability=None)
 
 
@@ -195,23 +191,32 @@ class _Pairs(NamedTuple):
 
 
 def _pairs(attempts: Attempts, truth: Trajectories, landmarks: Sequence[Landmark]) -> _Pairs:
-    ends = np.stack(
-        [attempts.sample, np.minimum(*attempts[1:]), np.maximum(*attempts[1:])], axis=-1
-    )
-    pairs, of_attempt = np.unique(ends, axis=0, return_inverse=True)
+    low = np.minimum(attempts.transmitter, attempts.receiver)
+    high = np.maximum(attempts.transmitter, attempts.receiver)
+    rows = np.stack([attempts.sample, low, high], axis=-1)
+    pairs, of_attempt = np.unique(rows, axis=0, return_inverse=True)
     sample, first, second = pairs.T
-    fixed = landmark_positions(landmarks)
+    landmark_position = landmark_positions(landmarks)
     n_vehicles = truth.name.size
 
-    def position(who: Indices) -> tuple[Array, NDArray[np.bool_]]:
-        moves = who < n_vehicles
-        vehicle = np.minimum(who, n_vehicles - 1)
-        positions = truth.position[vehicle, sample]
-        positions[~moves] = fixed[who[~moves] - n_vehicles]
-        return positions, moves & (truth.status[vehicle, sample] != VehicleStatus.ACTIVE)
+    def end_of(participant: Indices) -> tuple[Array, NDArray[np.bool_]]:
+        is_vehicle = participant < n_vehicles
+        vehicle = np.minimum(participant, n_vehicles - 1)
+        position = truth.position[vehicle, sample]
+        position[~is_vehicle] = landmark_position[participant[~is_vehicle] - n_vehicles]
+        return position, is_vehicle & (truth.status[vehicle, sample] != VehicleStatus.ACTIVE)
 
-    (source, one), (receiver, other) = position(first), position(second)
-    return _Pairs(of_attempt.reshape(-1), sample, first, second, source, receiver, one | other)
+    source, source_is_silent = end_of(first)
+    receiver, receiver_is_silent = end_of(second)
+    return _Pairs(
+        of_attempt=of_attempt.reshape(-1),
+        sample=sample,
+        first=first,
+        second=second,
+        source=source,
+        receiver=receiver,
+        silent=source_is_silent | receiver_is_silent,
+    )
 
 
 class _Chords(NamedTuple):
@@ -228,17 +233,17 @@ class _Chords(NamedTuple):
 def _transmit(
     reception: ReceptionOptions,
     pairs: _Pairs,
-    some: slice,
+    rows: slice,
     medium: Medium,
     currents: Currents | None,
     progress: CountProgress | None,
 ) -> tuple[Transmission, _Chords]:
     """Sound between consecutive pairs; the links are the pairs that are not silent."""
-    source = pairs.source[some]
-    receiver = pairs.receiver[some]
-    silent = pairs.silent[some]
-    loud = np.flatnonzero(~silent)
-    quiet = np.flatnonzero(silent)
+    source = pairs.source[rows]
+    receiver = pairs.receiver[rows]
+    is_silent = pairs.silent[rows]
+    active = np.flatnonzero(~is_silent)
+    silent = np.flatnonzero(is_silent)
 
     def progress_from(before: int, count: int) -> CountProgress | None:
         if progress is None:
@@ -248,47 +253,51 @@ def _transmit(
         )
 
     sound = find_receptions(
-        source[loud],
-        receiver[loud],
+        source[active],
+        receiver[active],
         medium,
         reception,
         currents=currents,
-        progress=progress_from(some.start, loud.size),
+        progress=progress_from(rows.start, active.size),
     )
     distance = medium.straight_distance(source, receiver)
-    chords = _Chords(np.full(silent.size, np.nan), np.full((silent.size, 2), np.nan), distance)
-    solved = [(loud, sound.arrivals)]
-    if quiet.size:
-        count = progress_from(some.start + loud.size, quiet.size)
-        bare = find_eigenrays(
-            medium, source[quiet], receiver[quiet], threads=reception.threads, progress=count
+    chords = _Chords(
+        np.full(is_silent.size, np.nan), np.full((is_silent.size, 2), np.nan), distance
+    )
+    results = [(active, sound.arrivals)]
+    if silent.size:
+        count = progress_from(rows.start + active.size, silent.size)
+        eigenrays = find_eigenrays(
+            medium, source[silent], receiver[silent], threads=reception.threads, progress=count
         )
-        solved.append((quiet, bare))
-    for rows, arrivals in solved:
-        chords.travel_time[rows] = arrivals.chord_travel_time
-        chords.sound_speed[rows] = np.stack(
+        results.append((silent, eigenrays))
+    for members, arrivals in results:
+        chords.travel_time[members] = arrivals.chord_travel_time
+        chords.sound_speed[members] = np.stack(
             [arrivals.source_sound_speed, arrivals.receiver_sound_speed], axis=-1
         )
     return sound, chords
 
 
-def joined_transmissions(parts: Sequence[Transmission]) -> Transmission:
+def join_transmissions(parts: Sequence[Transmission]) -> Transmission:
     """Join the sound of several media, with links and arrivals in order."""
     if len(parts) == 1:
         return parts[0]
-    before = np.cumsum([[0, 0], *([p.status.size, p.arrivals.link.size] for p in parts)], axis=0)
+    offsets = np.cumsum(
+        [[0, 0], *([part.status.size, part.arrivals.link.size] for part in parts)], axis=0
+    )
     arrivals = []
     receptions = []
-    for (link, row), part in zip(before[:-1], parts, strict=True):
+    for (link, row), part in zip(offsets[:-1], parts, strict=True):
         arrivals.append(replace(part.arrivals, link=part.arrivals.link + link))
         rows = part.receptions
         number = np.where(rows.arrival < 0, -1, rows.arrival + row)
         receptions.append(replace(rows, link=rows.link + link, arrival=number))
     return Transmission(
-        Arrivals.stacked(arrivals),
+        Arrivals.stack(arrivals),
         np.concatenate([part.status for part in parts]),
         np.concatenate([part.near_cutoff for part in parts]),
-        joined(receptions),
+        join_receptions(receptions),
     )
 
 
@@ -301,30 +310,31 @@ def _ranging(
     timing: Timing,
 ) -> Ranging:
     """Convert the results of links to those of range attempts."""
-    loud = ~pairs.silent
+    active = ~pairs.silent
     n = sound.status.size
     pair = pairs.of_attempt
-    link = np.where(loud, np.cumsum(loud) - 1, -1)[pairs.of_attempt]
-    forth = (attempts.transmitter > attempts.receiver).astype(np.int64)  # direction of the ping
-    exchanges = selected_exchanges(sound.receptions, n, link, forth)
+    link = np.where(active, np.cumsum(active) - 1, -1)[pairs.of_attempt]
+    direction = (attempts.transmitter > attempts.receiver).astype(np.int64)  # direction of the ping
+    exchanges = selected_exchanges(sound.receptions, n, link, direction)
     velocity = velocities_of(truth, attempts, timing)
     chances = exchange_values(sound.receptions.probability, exchanges, timing)
     values = {
         "distance": chords.distance[pair],
-        "sound_speed": chords.sound_speed[pair, forth],
+        "sound_speed": chords.sound_speed[pair, direction],
         "travel_time": exchange_times(sound.receptions, exchanges, timing, velocity),
         "chord_travel_time": chords.travel_time[pair],
         "near_cutoff": np.append(sound.near_cutoff, False)[link],
     }
     status = np.append(sound.status, np.int8(RayStatus.STOPPED))[link]
-    status[(status == RayStatus.OK) & np.isnan(values["travel_time"])] = (
-        RayStatus.SHADOW
-    )  # outside a cone
+    is_outside_cone = (status == RayStatus.OK) & np.isnan(values["travel_time"])
+    status[is_outside_cone] = RayStatus.SHADOW
     return Ranging(
         attempts=attempts,
         status=status,
-        truth=RangingTruth(**values | _of_pings(sound.receptions, exchanges)),
-        links=Links(sample=pairs.sample[loud], first=pairs.first[loud], second=pairs.second[loud]),
+        truth=RangingTruth(**values | _ping_columns(sound.receptions, exchanges)),
+        links=Links(
+            sample=pairs.sample[active], first=pairs.first[active], second=pairs.second[active]
+        ),
         arrivals=sound.arrivals,
         receptions=sound.receptions,
         link=link,
@@ -332,12 +342,9 @@ def _ranging(
     )
 
 
-def _of_pings(receptions: Receptions, exchanges: Exchanges) -> dict[str, Array]:
-    """
-    Other columns of the ranging truth: columns of the same name of the selected reception of each
-    ping; NaN without one.
-    """
-    names = {f.name for f in fields(RangingTruth)} - {"travel_time"}
+def _ping_columns(receptions: Receptions, exchanges: Exchanges) -> dict[str, Array]:
+    """Columns of the ranging truth that are those of the selected reception of each ping."""
+    names = {item.name for item in fields(RangingTruth)} - {"travel_time"}
     return {
         name: values_at(getattr(receptions, name), exchanges.ping)
         for name in names

@@ -1,7 +1,4 @@
-"""
-Receptions: all sound that reaches the receivers of a set of links, with one row per reception and
-direction.
-"""
+"""Receptions: all sound that reaches the receivers of links, by reception and direction."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -81,9 +78,7 @@ class Receptions(Record):
 
     @property
     def group(self) -> Indices:
-        """
-        Number of the link and direction of each row, in ascending order; rows of one group compete.
-        """
+        """Number of the link and direction of each row, ascending; rows of one group compete."""
         return np.asarray(self.direction.astype(np.int64) * _LINKS + self.link)
 
     @property
@@ -119,8 +114,8 @@ class Receptions(Record):
             First row, and the row after the last.
         """
         group = self.group
-        wanted = direction * _LINKS + link
-        start, stop = (np.searchsorted(group, wanted, side=side) for side in ("left", "right"))
+        target = direction * _LINKS + link
+        start, stop = (np.searchsorted(group, target, side=side) for side in ("left", "right"))
         return start, stop
 
     def selected_rows(self, links: int) -> Indices:
@@ -138,8 +133,8 @@ class Receptions(Record):
             Row by direction and link; -1 without one.
         """
         rows = np.full((2, links), -1)
-        at = np.flatnonzero(self.selected)
-        rows[self.direction[at], self.link[at]] = at
+        selected = np.flatnonzero(self.selected)
+        rows[self.direction[selected], self.link[selected]] = selected
         return rows
 
 
@@ -154,6 +149,11 @@ def _elevation(along: Array) -> Array:
     return np.arctan2(along[:, 2], np.hypot(along[:, 0], along[:, 1]))
 
 
+def _both(values: NDArray[Any]) -> NDArray[Any]:
+    """Values of arrivals, for receptions in both directions."""
+    return np.concatenate([values, values])
+
+
 class AlongRays(NamedTuple):
     """Quantities along the path of each arrival."""
 
@@ -165,25 +165,26 @@ class AlongRays(NamedTuple):
 
 def receptions_of(arrivals: Arrivals, along: AlongRays) -> Receptions:
     """
-    Receptions from arrivals in both directions, before detection and selection; the effect of a
-    current has opposite signs.
+    Receptions from arrivals in both directions, before detection and selection.
+
+    The effect of a current has opposite signs.
     """
     n = arrivals.link.size
-    bounced = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
+    is_reflected = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
     delay = np.zeros(n) if along.delay is None else along.delay
     loss = np.full(n, np.nan) if along.loss_db is None else along.loss_db
-    rows: dict[str, Any] = {
-        "path": bounced * np.int8(SoundPath.REFLECTED),  # otherwise DIRECT, which is 0
+    one_way: dict[str, Any] = {
+        "path": is_reflected * np.int8(SoundPath.REFLECTED),  # otherwise DIRECT, which is 0
         "arrival": np.arange(n),
         "loss_db": loss,
         "detection": np.ones(n),
         "selected": np.zeros(n, dtype=np.int8),
         "probability": np.zeros(n),
     }
-    rows |= {name: getattr(arrivals, name) for name in _FROM_ARRIVALS}
+    one_way |= {name: getattr(arrivals, name) for name in _FROM_ARRIVALS}
     time = np.concatenate([arrivals.travel_time + delay, arrivals.travel_time - delay])
-    both = {name: np.concatenate([values, values]) for name, values in rows.items()}
-    return Receptions(**both | {"direction": np.repeat(_BOTH, n), "travel_time": time})
+    columns = {name: _both(values) for name, values in one_way.items()}
+    return Receptions(**columns | {"direction": np.repeat(_BOTH, n), "travel_time": time})
 
 
 def with_detection(receptions: Receptions, sonar: Sonar) -> Receptions:
@@ -208,42 +209,40 @@ def with_leaks(
     sign = np.where(backwards, -1.0, 1.0)
     delay = 0.0 if along.delay is None else sign * along.delay
     time = rays.travel_time + leaks.shift
-    turned = backwards[:, None]
+    reverse = backwards[:, None]
     rows = receptions_of(replace(rays, link=link), along)
-    two = np.concatenate
-    source = np.where(turned, -rays.receiver_slowness, rays.source_slowness)
-    receiver = np.where(turned, -rays.source_slowness, rays.receiver_slowness)
+    source = np.where(reverse, -rays.receiver_slowness, rays.source_slowness)
+    receiver = np.where(reverse, -rays.source_slowness, rays.receiver_slowness)
     path = np.where(leaks.scattered, SoundPath.SCATTERED, SoundPath.LEAKED)
-    return joined(
+    return join_receptions(
         [
             receptions,
             replace(
                 rows,
                 arrival=np.full(rows.link.size, -1),
-                path=two([path, path]),
-                travel_time=two([time + delay, time - delay]),
-                source_slowness=two([source, source]),
-                receiver_slowness=two([receiver, receiver]),
+                path=_both(path),
+                travel_time=np.concatenate([time + delay, time - delay]),
+                source_slowness=_both(source),
+                receiver_slowness=_both(receiver),
             ),
         ]
     )
 
 
 def within_cone(receptions: Receptions, source: Array, receiver: Array, cone: float) -> Receptions:
-    """
-    Receptions whose sound leaves within an angle [rad] of the chord of its link, and those without
-    a ray.
-    """
+    """Receptions whose sound leaves within an angle [rad] of the chord, and those without a ray."""
     step = (receiver - source)[receptions.link]
     forth = receptions.direction == Direction.FORTH
-    slope = _elevation(np.where(forth[:, None], step, -step))
-    off = np.abs(receptions.departure_angle - slope)
-    return receptions.at({"reception": ~(off > cone) | (receptions.arrival < 0)})
+    chord_angle = _elevation(np.where(forth[:, None], step, -step))
+    deviation = np.abs(receptions.departure_angle - chord_angle)
+    return receptions.at({"reception": ~(deviation > cone) | (receptions.arrival < 0)})
 
 
-def admitted(receptions: Receptions, rule: ArrivalRule) -> NDArray[np.bool_]:
+def is_admissible(receptions: Receptions, rule: ArrivalRule) -> NDArray[np.bool_]:
     """
-    Rows that a rule may select; sound without a ray exists only on links without such an eigenray.
+    True for rows that a rule may select.
+
+    Sound without a ray exists only on links without such an eigenray.
     """
     if rule != "direct":
         return np.ones(receptions.link.size, dtype=bool)
@@ -252,8 +251,9 @@ def admitted(receptions: Receptions, rule: ArrivalRule) -> NDArray[np.bool_]:
 
 def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
     """
-    Receptions with at most one selected per link and direction; its probability is that of its
-    detection, others have 0.
+    Receptions with at most one selected per link and direction.
+
+    Its probability is that of its detection, others have 0.
     """
     lossless = np.isnan(receptions.loss_db).all()
     strength = receptions.spreading_db if lossless else receptions.loss_db
@@ -263,27 +263,27 @@ def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
     if rule == "direct-or-first":
         keys.insert(0, (receptions.path == SoundPath.REFLECTED).astype(float))
     selected = np.zeros(receptions.link.size, dtype=np.int8)
-    selected[first_rows(receptions.group, keys, admitted(receptions, rule)).row] = 1
+    selected[first_rows(receptions.group, keys, is_admissible(receptions, rule)).row] = 1
     probability = np.where(selected == 1, receptions.detection, 0.0)
     return replace(receptions, selected=selected, probability=probability)
 
 
-def joined(tables: Sequence[Receptions]) -> Receptions:
+def join_receptions(tables: Sequence[Receptions]) -> Receptions:
     """Join tables with the same links and arrivals, in the order of a table."""
-    together = Receptions.stacked(tables)
-    return together.at({"reception": np.argsort(together.group, kind="stable")})
+    receptions = Receptions.stack(tables)
+    return receptions.at({"reception": np.argsort(receptions.group, kind="stable")})
 
 
 def rows_between(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
     """Index of the pair for every row from its start up to its stop, and these rows."""
     count = stop - start
-    of = np.repeat(np.arange(count.size), count)
-    return of, np.arange(of.size) - np.repeat(np.cumsum(count) - count, count) + start[of]
+    pair = np.repeat(np.arange(count.size), count)
+    return pair, np.arange(pair.size) - np.repeat(np.cumsum(count) - count, count) + start[pair]
 
 
 def values_at(values: NDArray[Any], rows: Indices) -> Array:
     """Values at rows, NaN at rows of -1."""
     result = np.full(rows.shape + values.shape[1:], np.nan)
-    known = rows >= 0
-    result[known] = values[rows[known]]
+    exists = rows >= 0
+    result[exists] = values[rows[exists]]
     return result

@@ -18,8 +18,9 @@ from pymantaray.records import Measurements
 
 class Attempts(NamedTuple):
     """
-    Range attempts by epoch, transmitter and receiver; the numbers of landmarks follow those of
-    vehicles.
+    Range attempts by epoch, transmitter and receiver.
+
+    The numbers of landmarks follow those of vehicles.
     """
 
     sample: Indices
@@ -105,9 +106,9 @@ class Schedule(ABC):
             )
         right = np.clip(np.searchsorted(time, epochs), 1, time.size - 1)
         nearest = np.where(epochs - time[right - 1] < time[right] - epochs, right - 1, right)
-        off = np.abs(time[nearest] - epochs)
-        if (off > 1e-6).any():
-            epoch = epochs[np.argmax(off > 1e-6)]
+        deviation = np.abs(time[nearest] - epochs)
+        if (deviation > 1e-6).any():
+            epoch = epochs[np.argmax(deviation > 1e-6)]
             raise SensingError(
                 f"{self}: the ping at {epoch:g} s is not at a sample time; samples are every"
                 f" {time[1] - time[0]:g} s: ping at multiples of the sampling period, or add"
@@ -165,8 +166,9 @@ class PingSchedule(Schedule):
 
     def times(self, duration: float) -> Array:
         """
-        Times of the start and of whole intervals after it, or of whole intervals after 0;
-        parameters as in `Schedule.times`.
+        Times of the start and of whole intervals after it, or of whole intervals after 0.
+
+        Parameters are those of `Schedule.times`.
         """
         first, start = (1, 0.0) if self.start is None else (0, self.start)
         count = math.floor((duration - start) / self.interval * (1.0 + 1e-12))
@@ -174,8 +176,9 @@ class PingSchedule(Schedule):
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
         """
-        Range attempts between all vehicles in both directions, and from all vehicles to all
-        landmarks; parameters as in `Schedule.at`.
+        Range attempts between all vehicles in both directions, and from these to all landmarks.
+
+        Parameters are those of `Schedule.at`.
         """
         return attempts(len(vehicles), len(landmarks), pings)
 
@@ -223,12 +226,13 @@ class SlotSchedule(Schedule):
 
     def at(self, pings: Indices, vehicles: Sequence[str], landmarks: Sequence[str]) -> Attempts:
         """
-        Range attempts from the owner of each slot to all other participants; parameters as in
-        `Schedule.at`.
+        Range attempts from the owner of each slot to all other participants.
+
+        Parameters are those of `Schedule.at`.
         """
-        turns = np.array([_number(str(self), name, [*vehicles, *landmarks]) for name in self.slots])
+        owner = np.array([_number(str(self), name, [*vehicles, *landmarks]) for name in self.slots])
         return _to_all(
-            pings, turns[np.arange(pings.size) % turns.size], len(vehicles), len(landmarks)
+            pings, owner[np.arange(pings.size) % owner.size], len(vehicles), len(landmarks)
         )
 
 
@@ -287,23 +291,23 @@ class PingList(Schedule):
         inside = np.flatnonzero(row < pings.size)
         names = [*vehicles, *landmarks]
         n = len(vehicles)
-        who = np.array(
+        transmitters = np.array(
             [_number(str(self), self.transmitter[i], names) for i in inside], dtype=np.int64
         )
         if not self.receivers:
-            return _to_all(pings[row[inside]], who, n, len(landmarks))
+            return _to_all(pings[row[inside]], transmitters, n, len(landmarks))
         rows: list[tuple[int, int, int]] = []
-        for i, transmitter in zip(inside, who.tolist(), strict=True):
+        for i, transmitter in zip(inside, transmitters.tolist(), strict=True):
             listeners = [_number(str(self), name, names) for name in self.receivers[i]]
             if transmitter in listeners:
                 raise SensingError(
                     f"{self}: {names[transmitter]} listens to itself; remove it from its receivers"
                 )
-            fixed = [k for k in listeners if min(k, transmitter) >= n]
-            if fixed:
+            landmarks_only = [k for k in listeners if min(k, transmitter) >= n]
+            if landmarks_only:
                 raise SensingError(
-                    f"{self}: {names[fixed[0]]} listens to {names[transmitter]}, both landmarks;"
-                    " one has to be a vehicle"
+                    f"{self}: {names[landmarks_only[0]]} listens to {names[transmitter]}, both"
+                    " landmarks; one has to be a vehicle"
                 )
             everybody = range(len(names) if transmitter < n else n)
             rows += [
@@ -314,8 +318,9 @@ class PingList(Schedule):
 
 def attempts(n_vehicles: int, n_landmarks: int, epochs: Indices) -> Attempts:
     """
-    Attempts of every vehicle to all others and to every landmark at every epoch; by epoch,
-    transmitter, receiver.
+    Attempts of every vehicle to all others and to every landmark at every epoch.
+
+    They are sorted by epoch, transmitter and receiver.
     """
     epochs = np.asarray(epochs, dtype=np.int64)
     senders = np.tile(np.arange(n_vehicles), epochs.size)
@@ -342,27 +347,30 @@ def _number(schedule: str, name: str, names: Sequence[str]) -> int:
 
 def by_pair(measurements: Measurements, draw: Callable[[str, str, int], Array]) -> Array:
     """
-    One number per range attempt; ``draw`` gets each transmitter and receiver and the number of
-    their attempts.
+    One number per range attempt.
+
+    ``draw`` gets each transmitter and receiver and the number of their attempts.
     """
-    m = measurements
-    names = [str(name) for name in (*m.name, *m.landmark_name)]
-    pair = m.range_transmitter.astype(np.int64) * len(names) + m.range_receiver
+    names = [str(name) for name in (*measurements.name, *measurements.landmark_name)]
+    pair = (
+        measurements.range_transmitter.astype(np.int64) * len(names) + measurements.range_receiver
+    )
     order = np.argsort(pair, kind="stable")
     keys, first = np.unique(pair[order], return_index=True)
-    drawn = np.empty(pair.size)
+    values = np.empty(pair.size)
     for key, rows in zip(keys, np.split(order, first[1:]), strict=False):
         transmitter, receiver = divmod(int(key), len(names))
-        drawn[rows] = draw(names[transmitter], names[receiver], rows.size)
-    return drawn
+        values[rows] = draw(names[transmitter], names[receiver], rows.size)
+    return values
 
 
 def chances(
     measurements: Measurements, *, root_seed: int, realization: int, correlation_time: float = 0.0
 ) -> Array:
     r"""
-    Uniform draws that determine the outcome of each attempt, with an arrival or not; each ordered
-    pair has its own stream.
+    Uniform draws that determine the outcome of each attempt, with an arrival or not.
+
+    Each ordered pair has its own stream.
 
     With a correlation time :math:`\tau` [s], an attempt has the number of the previous attempt of
     the same ordered pair, a time
@@ -372,26 +380,25 @@ def chances(
     check_number(SensingError, "correlation_time", correlation_time, "s")
 
     def uniform(use: str) -> Array:
-        return by_pair(
-            measurements,
-            lambda transmitter, receiver, n: stream(
-                root_seed, realization, "sensing", transmitter, use, receiver
-            ).random(n),
-        )
+        def draw(transmitter: str, receiver: str, count: int) -> Array:
+            names = ("sensing", transmitter, use, receiver)
+            return stream(root_seed, realization, *names).random(count)
 
-    fresh = uniform("heard")
+        return by_pair(measurements, draw)
+
+    new_values = uniform("heard")
     if correlation_time == 0.0:
-        return fresh
-    m = measurements
-    time = m.time[m.range_sample]
-    order = np.lexsort((time, m.range_receiver, m.range_transmitter))
-    pair = np.stack([m.range_transmitter, m.range_receiver])[:, order]
-    again = np.all(pair[:, 1:] == pair[:, :-1], axis=0)
-    stays = uniform("stays")[order][1:] < np.exp(
-        -np.diff(time[order]) / correlation_time, where=again, out=np.zeros(again.size)
+        return new_values
+    time = measurements.time[measurements.range_sample]
+    order = np.lexsort((time, measurements.range_receiver, measurements.range_transmitter))
+    pair = np.stack([measurements.range_transmitter, measurements.range_receiver])[:, order]
+    same_pair = np.all(pair[:, 1:] == pair[:, :-1], axis=0)
+    keeps = uniform("stays")[order][1:] < np.exp(
+        -np.diff(time[order]) / correlation_time, where=same_pair, out=np.zeros(same_pair.size)
     )
+    # row of the last new number before each attempt
     origin = np.arange(order.size)
-    origin[1:][again & stays] = 0
-    drawn = np.empty(order.size)
-    drawn[order] = fresh[order][np.maximum.accumulate(origin)]
-    return drawn
+    origin[1:][same_pair & keeps] = 0
+    values = np.empty(order.size)
+    values[order] = new_values[order][np.maximum.accumulate(origin)]
+    return values

@@ -1,6 +1,4 @@
-"""
-Interface of a sensor's module: noise levels, measurements of the truth, and random perturbation.
-"""
+"""Interface of a sensor's module: noise levels, measurements and random perturbation."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import field

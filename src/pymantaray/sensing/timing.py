@@ -19,8 +19,9 @@ _NOMINAL_SPEED = 1500.0  # m/s; for ends outside the water, where the sound spee
 @dataclass(frozen=True)
 class OneWay:
     """
-    The receiver records the arrival on its own clock; the fleet is at rest during a ping, as in the
-    paper.
+    The receiver records the arrival on its own clock.
+
+    The fleet is at rest during a ping, as in the paper.
 
     Errors of the clocks are part of the noise (`ClockModel`).
     """
@@ -29,8 +30,9 @@ class OneWay:
 @dataclass(frozen=True)
 class TwoWay:
     """
-    The responder answers each ping after a known time; the initiator measures the round trip on its
-    own clock.
+    The responder answers each ping after a known time.
+
+    The initiator measures the round trip on its own clock.
 
     Parameters
     ----------
@@ -86,23 +88,25 @@ def half_round_trip(
     :math:`T`; and accelerations.
     """
     g1r, g2r, g2i = (
-        np.nan_to_num(g) for g in (ping.at_responder, answer.at_responder, answer.at_initiator)
+        np.nan_to_num(gradient)
+        for gradient in (ping.at_responder, answer.at_responder, answer.at_initiator)
     )
     t1 = ping.travel_time
     t2 = answer.travel_time
     wait = timing.turn_around
-    moved = (
+    displacement = (
         t1 * _dot(g1r, responder_velocity)
         + (t1 + wait) * _dot(g2r, responder_velocity)
         + (t1 + wait + t2) * _dot(g2i, initiator_velocity)
     )
-    return np.asarray(0.5 * (t1 + t2 + moved))
+    return np.asarray(0.5 * (t1 + t2 + displacement))
 
 
 def velocities(truth: Trajectories, samples: NDArray[np.int64]) -> Array:
     """
-    Mean velocity (n_vehicles, n_epochs, 3) from each sample to the next; for the last sample, from
-    the previous one. [m/s]
+    Mean velocity (n_vehicles, n_epochs, 3) from each sample to the next. [m/s]
+
+    For the last sample it is that from the previous one.
     """
     start = np.minimum(samples, truth.time.size - 2)
     step = truth.position[:, start + 1] - truth.position[:, start]
@@ -213,20 +217,25 @@ def clock_error(
     of the initiator cancels, and the skews :math:`k` of initiator and responder cause
     :math:`\frac12 [k_i (2 t + \tau) - k_r \tau]`, to first order in the skews.
     """
-    m = measurements
-    if clocks.offset.size != m.name.size:
+    if clocks.offset.size != measurements.name.size:
         raise SensingError(
-            f"clocks of {clocks.offset.size} vehicles; the measurements have {m.name.size}"
+            f"clocks of {clocks.offset.size} vehicles; the measurements have"
+            f" {measurements.name.size}"
         )
-    speed = np.where(np.isnan(m.transmitter_sound_speed), _NOMINAL_SPEED, m.transmitter_sound_speed)
+    speed = np.where(
+        np.isnan(measurements.transmitter_sound_speed),
+        _NOMINAL_SPEED,
+        measurements.transmitter_sound_speed,
+    )
     time = np.where(np.isnan(truth.travel_time), truth.chord_travel_time, truth.travel_time)
     time = np.where(np.isnan(time), truth.distance / speed, time)
     (offset, skew), (other_offset, other_skew) = (
-        clocks.of(p) for p in (m.range_transmitter, m.range_receiver)
+        clocks.of(participant)
+        for participant in (measurements.range_transmitter, measurements.range_receiver)
     )
     if isinstance(timing, TwoWay):
         wait = timing.turn_around
         return np.asarray(speed * 0.5 * (skew * (2.0 * time + wait) - other_skew * wait))
-    sent = m.time[m.range_sample]
-    received = other_offset + other_skew * (sent + time)
-    return np.asarray(speed * (received - (offset + skew * sent)))
+    transmit_time = measurements.time[measurements.range_sample]
+    receive_offset = other_offset + other_skew * (transmit_time + time)
+    return np.asarray(speed * (receive_offset - (offset + skew * transmit_time)))

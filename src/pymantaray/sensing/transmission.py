@@ -1,7 +1,4 @@
-"""
-Sound between pairs of ends: receptions in both directions from a medium, with losses, leaks and the
-selection rule.
-"""
+"""Sound between pairs of ends: receptions in both directions, losses, leaks and selection."""
 
 from dataclasses import replace
 from typing import NamedTuple, Protocol
@@ -87,9 +84,7 @@ DIRECT = ReceptionOptions()
 
 
 class Transmission(NamedTuple):
-    """
-    Sound between pairs of ends: arrivals, receptions in both directions, and outcomes of links.
-    """
+    """Sound between pairs of ends: arrivals, receptions, and outcomes of links."""
 
     arrivals: Arrivals
     """Eigenrays of all links; their travel times are those in water at rest."""
@@ -180,26 +175,30 @@ def find_receptions(
         )
     ends = (source, receiver)
     n = len(source)
-    follows = currents is not None or reception.detector is not None
-    bounced = reception.max_surface_bounces > 0 or reception.max_bottom_bounces > 0
-    looks_again = reception.arrival in ("direct", "direct-or-first") and bounced
-    total = n * (1 + looks_again + follows)
+    needs_paths = currents is not None or reception.detector is not None
+    reflections_allowed = reception.max_surface_bounces > 0 or reception.max_bottom_bounces > 0
+    needs_direct_search = reception.arrival in ("direct", "direct-or-first") and reflections_allowed
+    total = n * (1 + needs_direct_search + needs_paths)
 
     def progress_from(before: int) -> CountProgress | None:
         return None if progress is None else lambda done, _: progress(before + done, total)
 
-    most = reception.max_surface_bounces, reception.max_bottom_bounces
-    arrivals, near = _rays(reception, medium, ends, most, progress_from(0))
+    max_bounces = reception.max_surface_bounces, reception.max_bottom_bounces
+    arrivals, near_cutoff = _rays(reception, medium, ends, max_bounces, progress_from(0))
     status = _status(arrivals, reception.arrival)
-    if looks_again:
-        lost = np.flatnonzero(_status(arrivals, "direct") != RayStatus.OK)
-        some = source[lost], receiver[lost]
-        bare, near_bare = _rays(reception, medium, some, (0, 0), progress_from(2 * n - lost.size))
-        near[lost] |= near_bare
-        reflected = (status[lost] == RayStatus.OK) & (reception.arrival != "direct")
-        status[lost] = np.where(reflected, np.int8(RayStatus.OK), bare.status)
-        arrivals = arrivals.with_more(vars(bare) | {"link": lost[bare.link]})
-    last = progress_from(n * (1 + looks_again))
+    # the outcome of links without a direct arrival must not depend on the allowed bounces (Notes)
+    if needs_direct_search:
+        missing = np.flatnonzero(_status(arrivals, "direct") != RayStatus.OK)
+        missing_ends = source[missing], receiver[missing]
+        direct, near_direct = _rays(
+            reception, medium, missing_ends, (0, 0), progress_from(2 * n - missing.size)
+        )
+        near_cutoff[missing] |= near_direct
+        # direct-or-first: a link with a reflected arrival has a range
+        has_reflection = (status[missing] == RayStatus.OK) & (reception.arrival != "direct")
+        status[missing] = np.where(has_reflection, np.int8(RayStatus.OK), direct.status)
+        arrivals = arrivals.with_more(vars(direct) | {"link": missing[direct.link]})
+    last = progress_from(n * (1 + needs_direct_search))
     along = _along_rays(reception, medium, currents, ends, arrivals, last)
     receptions = receptions_of(arrivals, along)
     if reception.detector is not None:
@@ -209,31 +208,28 @@ def find_receptions(
     if reception.cone is not None:
         receptions = within_cone(receptions, source, receiver, reception.cone)
     receptions = select_receptions(receptions, reception.arrival)
+    # a link has a status of its own: it is lost if the cone loses its rays in both directions
     if reception.cone is not None:
-        silent = (receptions.selected_rows(n) < 0).all(axis=0)
-        status[silent & (status == RayStatus.OK)] = RayStatus.SHADOW
+        is_lost = (receptions.selected_rows(n) < 0).all(axis=0)
+        status[is_lost & (status == RayStatus.OK)] = RayStatus.SHADOW
+    # a link without a ray has the status of the sound that reaches its receiver
     if reception.leakage is not None:
-        status = _with_no_ray(status, receptions)
-    return Transmission(arrivals, status, near, receptions)
+        for path, code in NO_RAY.items():
+            status[receptions.link[receptions.path == path]] = code
+    return Transmission(arrivals, status, near_cutoff, receptions)
 
 
 def _status(arrivals: Arrivals, rule: ArrivalRule) -> NDArray[np.int8]:
     """
-    Status of links by a rule; SHADOW for links with reflected arrivals only, if the rule is
-    ``direct``.
+    Status of links by a rule.
+
+    It is SHADOW for links with reflected arrivals only, if the rule is ``direct``.
     """
     status: NDArray[np.int8] = arrivals.status.copy()
     if rule == "direct":
-        bounced = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
-        has = np.bincount(arrivals.link[~bounced], minlength=status.size) > 0
-        status[(status == RayStatus.OK) & ~has] = RayStatus.SHADOW
-    return status
-
-
-def _with_no_ray(status: NDArray[np.int8], receptions: Receptions) -> NDArray[np.int8]:
-    """Status of links, including sound that arrives without a ray."""
-    for path, code in NO_RAY.items():
-        status[receptions.link[receptions.path == path]] = code
+        is_reflected = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
+        has_direct = np.bincount(arrivals.link[~is_reflected], minlength=status.size) > 0
+        status[(status == RayStatus.OK) & ~has_direct] = RayStatus.SHADOW
     return status
 
 
@@ -277,7 +273,7 @@ def _with_leaks(
         )
     dark = np.flatnonzero(np.isin(status, _WITHOUT_RAY))
     source, receiver = (end[dark] for end in ends)
-    # as for rays, so that both ends give the same result
+    # trace in the direction of the rays, so that both ends give the same result
     backwards = solved_backwards(source, receiver)[:, None]
     start = np.where(backwards, receiver, source)
     end = np.where(backwards, source, receiver)
@@ -292,10 +288,14 @@ def _with_leaks(
         spreading_cutoff_db=reception.spreading_cutoff_db,
         threads=reception.threads,
     )
-    places = start[leaks.link], leaks.place
-    along = _along_rays(reception, medium, currents, places, leaks.arrivals, None, tailed=False)
-    more = with_leaks(receptions, dark[leaks.link], leaks, along, backwards[leaks.link, 0])
-    return with_detection(more, detector.sonar)
+    leak_ends = start[leaks.link], leaks.place
+    along = _along_rays(
+        reception, medium, currents, leak_ends, leaks.arrivals, None, with_tails=False
+    )
+    with_leaks_added = with_leaks(
+        receptions, dark[leaks.link], leaks, along, backwards[leaks.link, 0]
+    )
+    return with_detection(with_leaks_added, detector.sonar)
 
 
 def _along_rays(
@@ -306,11 +306,12 @@ def _along_rays(
     arrivals: Arrivals,
     progress: CountProgress | None,
     *,
-    tailed: bool = True,
+    with_tails: bool = True,
 ) -> AlongRays:
     """
-    Delay by the current and transmission loss of each arrival, as far as they are needed;
-    ``tailed`` with sound behind caustics.
+    Delay by the current and loss of each arrival; None if not needed.
+
+    The loss includes sound behind caustics if `with_tails`.
     """
     if currents is None and reception.detector is None:
         return AlongRays(None, None)
@@ -326,17 +327,18 @@ def _along_rays(
     for start in range(0, arrivals.status.size, _BLOCK):
         stop = min(start + _BLOCK, arrivals.status.size)
         rows = slice(*np.searchsorted(arrivals.link, [start, stop]))
-        part = _part(arrivals, slice(start, stop), rows)
+        part = arrivals.at({"arrival": rows, "n_links": slice(start, stop)})
+        part = replace(part, link=part.link - start)
         source, receiver = (end[start:stop] for end in ends)
         paths = trace_paths(medium, source, receiver, part, threads=reception.threads)
         if currents is not None:
             delay[rows] = current_delays(quadrature(paths), currents, part.link.size)
         if reception.detector is not None:
             tails = None
-            if tailed and reception.leakage is not None:
-                most = reception.max_surface_bounces, reception.max_bottom_bounces
+            if with_tails and reception.leakage is not None:
+                max_bounces = reception.max_surface_bounces, reception.max_bottom_bounces
                 tails = reception.detector.tails(
-                    medium, source, receiver, part, most, reception.threads
+                    medium, source, receiver, part, max_bounces, reception.threads
                 )
             loss[rows] = reception.detector.loss_db(medium, source, receiver, part, paths, tails)
         if progress is not None:
@@ -344,9 +346,3 @@ def _along_rays(
     return AlongRays(
         None if currents is None else delay, None if reception.detector is None else loss
     )
-
-
-def _part(arrivals: Arrivals, links: slice, rows: slice) -> Arrivals:
-    """Arrivals of consecutive links."""
-    part = arrivals.at({"arrival": rows, "n_links": links})
-    return replace(part, link=part.link - links.start)

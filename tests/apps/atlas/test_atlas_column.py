@@ -139,7 +139,7 @@ def test_parts_add_up_and_the_chord_has_no_reference_speed_error(ocean, links):
     np.testing.assert_array_equal(own.worst_range_error, np.abs(own.range_error).max(axis=-1))
 
 
-def test_links_that_have_no_direct_path_or_lie_in_the_sea_bed_are_counted_apart():
+def test_links_without_a_direct_path_are_counted_separately():
     # a duct above 100 m under a gradient that bends all else down: nothing direct comes back up far
     # away
     medium = Medium.from_profile([0.0, 100.0, 500.0], [1500.0, 1480.0, 1400.0], bottom_depth=500.0)
@@ -168,7 +168,7 @@ def test_safe_distance_ends_where_a_range_errs_by_more():
     assert (own.safe_distance[0] == 4_000.0).all()
 
 
-def test_arrivals_are_counted_with_their_reflections_and_ranged_on_without(links):
+def test_arrivals_are_counted_with_reflections_and_ranged_without(links):
     medium = Medium.from_profile([0.0, 1000.0], [1500.0, 1500.0], bottom_depth=1000.0)
     most = replace(links, max_surface_bounces=1, max_bottom_bounces=1)
     alone, all_of_them = column_errors(medium, links), column_errors(medium, most)

@@ -75,8 +75,8 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, monke
         (
             ("--pair", "20"),
             (
-                "mantaray atlas run: Invalid value for '--pair': '20'; it must be 2 numbers separated"
-                " by commas"
+                "mantaray atlas run: Invalid value for '--pair': '20'; it must be 2 numbers"
+                " separated by commas"
             ),
         ),
         (

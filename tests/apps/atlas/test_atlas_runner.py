@@ -297,9 +297,7 @@ def test_a_sea_floor_of_its_own_is_taken(here, ocean, file, links, content, tmp_
     assert np.isnan(own["no_direct_path"].isel(pair=1)).all()
 
 
-def test_a_window_across_the_seam_of_a_global_grid_is_that_of_any_other(
-    here, ocean, links, content, tmp_path
-):
+def test_a_window_across_the_seam_equals_any_other(here, ocean, links, content, tmp_path):
     """
     The same water on a grid that goes around the Earth, counted from 0 to 360, its seam amid the
     columns.

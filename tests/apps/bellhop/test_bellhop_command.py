@@ -48,7 +48,8 @@ def test_comparison_of_a_profile(mantaray, told, files, monkeypatch):
 def test_writing_the_links_of_a_table(mantaray, files):
     shown = mantaray(
         "rays", "write-bellhop", "links.csv", "--profile", "profile.csv", "--bathymetry", 1234,
-        "--out", "run", "--write", "rays", "--beams", 7, "--sea-bed", "matching", "--step", 0, "--ice", 4,
+        "--out", "run", "--write", "rays", "--beams", 7, "--sea-bed", "matching", "--step", 0,
+        "--ice", 4,
     )  # fmt: skip
     paths = [Path(line) for line in shown.out.split()]
     assert paths == [Path("run/link_0.env"), Path("run/link_1.env")]

@@ -127,17 +127,17 @@ def test_rays_are_straight_and_mirrored_at_the_boundaries(name, n_rays):
 @pytest.mark.parametrize(
     ("name", "old", "new", "message"),
     [
-        ("plane.arr", b"'2D'", b"10000.0", (r"starts with '10000\.0'; it must start with '2D' or"
-                                           r" '3D'")),
+        ("plane.arr", b"'2D'", b"10000.0",
+         r"starts with '10000\.0'; it must start with '2D' or '3D'"),
         ("plane.arr", b"0.669983149", b"none", "could not convert string to float: 'none'"),
-        ("plane.arr", b"  4\n           2", b"  1\n           2", ("2 arrivals, but the header"
-                                                                  " announces at most 1")),
-        ("plane.arr", b" 1   500.000000", b" 1.5   500.000000", (r"found 1\.5; a count must be"
-                                                                r" here")),
+        ("plane.arr", b"  4\n           2", b"  1\n           2",
+         "2 arrivals, but the header announces at most 1"),
+        ("plane.arr", b" 1   500.000000", b" 1.5   500.000000",
+         r"found 1\.5; a count must be here"),
         ("plane.arr", b"\n", b" 1 2 3\n", "3 numbers follow the last arrival"),
         ("plane.ray", b"'rz'", b"'xy'", "neither 'xyz' nor 'rz'"),
-        *((name, None, b"", ("the file ends"
-                            " early")) for name in ("plane.arr", "fan_binary.arr", "fan.ray")),
+        *((name, None, b"", "the file ends early")
+          for name in ("plane.arr", "fan_binary.arr", "fan.ray")),
     ],
 )  # fmt: skip
 def test_damaged_files_are_refused_in_one_line(tmp_path, name, old, new, message):

@@ -64,7 +64,7 @@ def test_a_medium_is_written_to_the_last_bit(tmp_path_factory, n_north, n_east, 
 
 
 @pytest.mark.parametrize(("north", "east"), [(-400.1, 500.7), (400.1, 0.0), (0.0, -500.7)])
-def test_positions_fan_and_box_of_a_link_with_x_north_and_bearings_clockwise(tmp_path, north, east):
+def test_positions_fan_and_box_use_x_north_and_clockwise_bearings(tmp_path, north, east):
     medium = grid_medium()
     source = np.array([medium.north[1] + 0.123, medium.east[1] + 1 / 3, 12.3])
     receiver = source + np.array([north, east, 101.9])

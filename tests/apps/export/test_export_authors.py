@@ -117,9 +117,12 @@ def program_depths(robot, step, samples, steps_per_sample):
     "keys",
     [
         {"target_depth": 50.0, "hold_seconds": 60.0, "surface_hold_seconds": 60.0},
-        {"target_depth": 77.7, "hold_seconds": 500.0, "surface_hold_seconds": 0.0, "start_offset_seconds": 1800.0},
-        {"target_depth": 300.3, "hold_seconds": 1800.0, "surface_hold_seconds": 3600.0, "surface_depth": 0.3},
-        {"target_depth": 120.0, "hold_seconds": 90.0, "surface_hold_seconds": 33.3, "vertical_speed": 0.13},
+        {"target_depth": 77.7, "hold_seconds": 500.0, "surface_hold_seconds": 0.0,
+         "start_offset_seconds": 1800.0},
+        {"target_depth": 300.3, "hold_seconds": 1800.0, "surface_hold_seconds": 3600.0,
+         "surface_depth": 0.3},
+        {"target_depth": 120.0, "hold_seconds": 90.0, "surface_hold_seconds": 33.3,
+         "vertical_speed": 0.13},
     ],
 )  # fmt: skip
 def test_floats_keep_the_depths_of_the_program_over_many_cycles(step, keys, tmp_path):
@@ -252,15 +255,13 @@ def test_whole_numbers_may_have_a_point(tmp_path):
 
 
 REFUSED = {
-    "`acoustics.beam_spred_deg`: unknown key. Did you mean"
-    " `acoustics.beam_spread_deg`": lambda t: t["acoustics"].update(
-        beam_spred_deg=15
+    "`acoustics.beam_spred_deg`: unknown key. Did you mean `acoustics.beam_spread_deg`": (
+        lambda t: t["acoustics"].update(beam_spred_deg=15)
     ),
     "`robot`: unknown key. Did you mean `robots`": lambda t: t.update(robot=[]),
     r"robots\[0\]: `depth`: unknown key": lambda t: t["robots"][0].update(depth=3.0),
-    r"robots\[1\].type: found 'constant_speed'; allowed: 'constant_vel' or"
-    r" 'current_drift'": lambda t: t["robots"][1].update(
-        type="constant_speed"
+    r"robots\[1\].type: found 'constant_speed'; allowed: 'constant_vel' or 'current_drift'": (
+        lambda t: t["robots"][1].update(type="constant_speed")
     ),
     r"robots\[1\]: velocity: missing": lambda t: t["robots"][1].pop("velocity"),
     "env_config_file: missing": lambda t: t.pop("env_config_file"),
@@ -268,28 +269,32 @@ REFUSED = {
     "acoustics.tof_mode: found 'oneway'": lambda t: t["acoustics"].update(tof_mode="oneway"),
     "max_beams is 50, less than num_beams, 100": lambda t: t["acoustics"].update(max_beams=50),
     "dry_run is true": lambda t: t["acoustics"].update(dry_run=True),
-    "sensors.odom_freq_hz is 3 Hz, 1.5 times the frequency of"
-    " steps": lambda t: t["sensors"].update(odom_freq_hz=3.0),
+    "sensors.odom_freq_hz is 3 Hz, 1.5 times the frequency of steps": (
+        lambda t: t["sensors"].update(odom_freq_hz=3.0)
+    ),
     "sensors.gt_freq_hz is 0.03 Hz": lambda t: t["sensors"].update(gt_freq_hz=0.03),
-    r"vertical_speed: found -0.5; allowed: greater than"
-    r" 0": lambda t: t["robots"][0].update(vertical_speed=-0.5),
-    "target_depth is 0.005 m; it must be greater than"
-    " surface_depth": lambda t: t["robots"][0].update(target_depth=0.005),
-    r"landmarks\[0\]: position 20000, 0, 50 is outside the grid, x -9000 to 9000"
-    r" m": lambda t: t.update(
-        landmarks=[[2e4, 0.0, 50.0]]
+    r"vertical_speed: found -0.5; allowed: greater than 0": (
+        lambda t: t["robots"][0].update(vertical_speed=-0.5)
+    ),
+    "target_depth is 0.005 m; it must be greater than surface_depth": (
+        lambda t: t["robots"][0].update(target_depth=0.005)
+    ),
+    r"landmarks\[0\]: position 20000, 0, 50 is outside the grid, x -9000 to 9000 m": (
+        lambda t: t.update(landmarks=[[2e4, 0.0, 50.0]])
     ),
     r"landmarks\[0\]: position 0, 0, 1950 is outside the water, z 0 to 1900 m": lambda t: t.update(
         landmarks=[[0.0, 0.0, 1950.0]]
     ),
-    r"robots\[1\]: position .* outside the"
-    r" grid": lambda t: t["robots"][1].update(position=[0.0, -9e3, 5.0]),
+    r"robots\[1\]: position .* outside the grid": (
+        lambda t: t["robots"][1].update(position=[0.0, -9e3, 5.0])
+    ),
     "would give odometry to wrong poses": lambda t: (
         t["sensors"].update(odom_freq_hz=0.02),
         t["pfg"].update(use_ground_truth_odometry=False),
     ),
-    "timing.ping_interval_min is 150 min, longer than end_time_hours, 2"
-    " h": lambda t: t["timing"].update(ping_interval_min=150),
+    "timing.ping_interval_min is 150 min, longer than end_time_hours, 2 h": (
+        lambda t: t["timing"].update(ping_interval_min=150)
+    ),
     "range_variance: found 0": lambda t: t["pfg"].update(range_variance=0),
 }  # fmt: skip
 
@@ -428,7 +433,8 @@ def test_a_preset_becomes_files_of_the_program(tmp_path):
 
 UNKNOWN = {
     "the program has no robot that moves like it": {
-        "fleet": {"vehicles": [{"name": "A", "kind": "waypoints", "north": 0.0, "east": 0.0, "depth": 5.0,
+        "fleet": {"vehicles": [{"name": "A", "kind": "waypoints", "north": 0.0, "east": 0.0,
+                                "depth": 5.0,
                                 "points": [[100.0, 0.0, 5.0]], "speed": 1.0}]}
     },
     "mission.schedule: the program pings at one interval": {

@@ -82,7 +82,8 @@ def test_solve_writes_trajectories_and_a_summary(mantaray, told, graph, file, tm
     assert done.out.splitlines()[-1] == str(out)
     assert "RMSE" in done.out
     assert sorted(p.name for p in out.iterdir()) == [
-        "estimate-A.tum", "estimate-B.tum", "estimate.nc", "graph.nc", "start-A.tum", "start-B.tum", "start.nc",
+        "estimate-A.tum", "estimate-B.tum", "estimate.nc", "graph.nc", "start-A.tum", "start-B.tum",
+        "start.nc",
         "summary.json", "truth-A.tum", "truth-B.tum", "truth.nc",
     ]  # fmt: skip
     summary = json.loads((out / "summary.json").read_text())
@@ -187,8 +188,8 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     (("VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1"
      f" {NOISE}\n"), "", "B0: priors, odometry and ranges do not"),
     ("A0 A1 10.1 0 0 0 0 0 1 0.01", "A0 A1 10.1 0 0 0 0 0 1 0", "A1: odometry variance is"),
-    (("VERTEX_SE3:QUAT 0"
-     " B0"), "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2 in a graph in three dimensions"),
+    ("VERTEX_SE3:QUAT 0 B0",
+     "VERTEX_SE2 0 B0", "line 4: VERTEX_SE2 in a graph in three dimensions"),
 ], ids=["no prior", "no variance", "two dimensions"])  # fmt: skip
 def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new, said):
     assert old in file.read_text()
@@ -198,7 +199,7 @@ def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new,
     assert said in done.err
 
 
-def test_a_failed_solve_writes_nothing_and_an_unconverged_one_ends_with_1(
+def test_a_failed_solve_writes_nothing_and_an_unconverged_one_exits_1(
     mantaray, file, tmp_path, monkeypatch
 ):
     whole = file.read_text()
@@ -219,7 +220,7 @@ def test_a_failed_solve_writes_nothing_and_an_unconverged_one_ends_with_1(
     assert not (out / "estimate.nc").exists()
 
 
-def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(
+def test_convert_says_where_names_are_and_refuses_an_existing_table(
     mantaray, graph, file, tmp_path
 ):
     (tmp_path / "g.names.csv").write_text("symbol,name\nA,north-wind\nB,b_2\nL2,buoy\n")
@@ -240,9 +241,7 @@ def test_convert_says_where_names_are_kept_and_refuses_a_table_that_is_there(
     (1e-3, "OVER_CHI_SQUARE", "larger standard deviations"),
     (1e6, "UNDER_CHI_SQUARE", "smaller standard deviations"),
 ])  # fmt: skip
-def test_costs_on_either_side_of_their_bounds_come_with_their_own_advice(
-    graph, told, file, scale, status, said
-):
+def test_costs_outside_their_bounds_have_advice(graph, told, file, scale, status, said):
     """
     Many edges, all 1 m too long or short by turns, at variances that are far too small or too
     large.

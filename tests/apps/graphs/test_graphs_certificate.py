@@ -133,9 +133,7 @@ def test_matrix_form_has_the_cost_of_the_factors(opened, text):
 
 
 @pytest.mark.parametrize("text", [spatial(), planar_ranges()])
-def test_cost_anywhere_is_that_of_the_critical_point_and_a_form_of_the_certificate_matrix(
-    opened, text
-):
+def test_the_cost_is_a_quadratic_form_of_the_certificate_matrix(opened, text):
     file = opened(text)
     problem = ChordalProblem(file.graph)
     point, _ = descend(problem, problem.matrix(solve_graph(file).values))

@@ -38,7 +38,7 @@ def foreign(tmp_path, make_fleet):
     return path, fleet, truth
 
 
-def test_both_starts_end_at_the_optimum_of_the_measurements_far_better_than_dead_reckoning(foreign):
+def test_both_starts_end_at_the_optimum_far_below_dead_reckoning(foreign):
     path, fleet, truth = foreign
     from_file, reckoned = (
         solve_graph(open_graph(path), start=s) for s in ("file", "dead-reckoning")
@@ -139,7 +139,7 @@ def test_graphs_that_cannot_be_solved_say_why_in_one_line(foreign):
     assert list(result.trajectories) == ["start", "last", "truth"]
 
 
-def test_fewer_measurements_than_unknowns_is_said_before_the_solver_is_asked(foreign):
+def test_too_few_measurements_are_refused_before_the_solve(foreign):
     graph, values = open_graph(foreign[0])[:2]
     unit = np.tile(np.eye(3), (graph.n_poses, 1, 1))
     fixes = graph["fix"].kind.table(np.arange(graph.n_poses), [values.position], unit)
@@ -166,7 +166,7 @@ def bare_graph(place, landmarks=(), **factors):
     return graph, GraphValues(place, level, np.reshape(landmarks, (-1, 3)))
 
 
-def test_a_long_chain_is_determined_though_its_weakest_direction_is_weak():
+def test_a_long_chain_is_determined_despite_a_weak_direction():
     """
     The least eigenvalue of a chain falls with the fourth power of its length: here below rounding
     of the largest.
@@ -197,7 +197,7 @@ def test_a_long_chain_is_determined_though_its_weakest_direction_is_weak():
 
 
 @pytest.mark.parametrize("height", [0.0, 5.0])
-def test_a_start_at_which_ranges_are_aligned_is_told_from_a_graph_that_determines_nothing(height):
+def test_an_aligned_start_differs_from_an_undetermined_graph(height):
     """
     Of a landmark in one plane with all poses nothing says on which side it is; above the plane it
     is determined.
@@ -229,7 +229,7 @@ def test_a_start_at_which_ranges_are_aligned_is_told_from_a_graph_that_determine
 
 
 @pytest.mark.parametrize("start", ["dead-reckoning", "chordal"])
-def test_landmarks_that_only_ranges_see_start_at_the_file_and_are_counted(foreign, start):
+def test_landmarks_with_ranges_only_start_at_the_file_and_are_counted(foreign, start):
     """
     The file's values are the truth here: such a start knows where the landmarks are, and says so.
     """

@@ -45,7 +45,7 @@ QUICK = ("mirrored.pyfg", "cooperative-2.pyfg", "ring-twisted.g2o", "ring-two-mi
         for n in FILES
     ],
 )
-def test_all_starts_reach_the_lowest_cost_of_a_file_and_the_status_is_true(opened, name):
+def test_all_starts_reach_the_lowest_cost_of_a_file(opened, name):
     file = opened(FILES[name](), name)
     result, other = (
         solve_graph(file, start="best", random_starts=24, seed=seed, truth=False) for seed in (0, 1)
@@ -83,7 +83,7 @@ def test_best_finds_the_ring_without_the_twist_of_the_file(opened):
     assert solve_graph(file, start="file", truth=False).solution.final_cost == cost["file"]
 
 
-def test_best_keeps_the_file_where_chordal_initialization_ends_higher_and_warns_of_both(opened):
+def test_best_keeps_the_start_of_the_file_if_chordal_ends_higher(opened):
     result = solve_graph(opened(ring(6, 1, 9, 0.9, 20.0)), start="best", truth=False)
     cost = costs(result)
     assert result.start == "file"
@@ -95,9 +95,7 @@ def test_best_keeps_the_file_where_chordal_initialization_ends_higher_and_warns_
     assert "two minima fit the measurements" in result.warning
 
 
-def test_a_mirrored_landmark_is_found_by_trilateration_and_both_sides_are_reported(
-    opened, tmp_path
-):
+def test_trilateration_finds_a_mirrored_landmark_and_reports_both(opened, tmp_path):
     text, landmark = drone(wave=0.3)
     file = opened(text, "g.pyfg")
     mirrored = solve_graph(file, start="file").values.landmark_position[0]
@@ -124,7 +122,7 @@ def test_a_mirrored_landmark_is_found_by_trilateration_and_both_sides_are_report
     assert [row["cost"] for row in summary["starts"]] == list(costs(result).values())
 
 
-def test_the_relaxation_reaches_a_minimum_below_that_of_chordal_initialization(opened):
+def test_the_relaxation_reaches_a_lower_minimum_than_chordal(opened):
     name = "sphere-big-noise-4.g2o"
     result = solve_graph(opened(FILES[name]()), start="best", truth=False)
     cost = costs(result)
@@ -232,7 +230,7 @@ def beacons(seed, *, noise, n=80):
 
 @pytest.mark.parametrize("noise", [1.0, 3.0, 6.0])
 @pytest.mark.parametrize("seed", range(3))
-def test_the_lowest_start_is_returned_converged_also_with_large_residuals(opened, seed, noise):
+def test_the_lowest_start_converges_also_with_large_residuals(opened, seed, noise):
     """GTSAM's Levenberg-Marquardt from every start, and from the solution, finds no lower cost."""
     import gtsam
 

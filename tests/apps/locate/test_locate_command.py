@@ -67,9 +67,7 @@ def test_a_survey_of_garpos_is_located_by_its_ini_file_alone(told, campaign, tmp
 
 
 @pytest.mark.parametrize("turn_around", ["13 ms", "0.013"])
-def test_survey_text_of_obsrange_is_located_by_a_profile_and_a_turn_around_time(
-    told, tmp_path, turn_around
-):
+def test_survey_text_of_obsrange_is_located_with_a_turn_around_time(told, tmp_path, turn_around):
     path, truth = write_obsrange(tmp_path)
     done = told(
         "locate",
@@ -150,7 +148,7 @@ def test_a_node_may_have_the_name_of_the_platform(mantaray, campaign, tmp_path):
     assert "A,platform" in (tmp_path / "out" / "survey.names.csv").read_text()
 
 
-def test_a_survey_that_does_not_converge_prints_its_status_and_ends_with_1(
+def test_an_unconverged_survey_prints_its_status_and_exits_with_1(
     mantaray, campaign, tmp_path, monkeypatch
 ):
     pings, nodes = write_table(campaign, tmp_path)
@@ -204,9 +202,7 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
         np.testing.assert_allclose([node["north"], node["east"], node["depth"]], truth, atol=0.02)
 
 
-def test_results_are_a_folder_of_page_tables_and_files_for_other_programs(
-    mantaray, told, campaign, tmp_path
-):
+def test_results_are_a_folder_with_page_tables_and_files(mantaray, told, campaign, tmp_path):
     ini = write_garpos(campaign, tmp_path)
     done = mantaray(
         "locate",
@@ -284,9 +280,7 @@ def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
     np.testing.assert_allclose(sigma, expected, rtol=0.35)  # 60 pings give their own noise to 10 %
 
 
-def test_one_way_times_both_ways_and_between_nodes_give_clocks_and_a_graph(
-    mantaray, told, tmp_path
-):
+def test_one_way_times_and_pings_between_nodes_give_clocks_and_graph(mantaray, told, tmp_path):
     rng = np.random.default_rng(1)
     truth = np.array([[400.0, 10.0, 1300.0], [-300.0, 350.0, 1310.0], [-200.0, -400.0, 1290.0]])
     offset = np.array([2e-3, -1e-3, 4e-3])
@@ -307,7 +301,10 @@ def test_one_way_times_both_ways_and_between_nodes_give_clocks_and_a_graph(
             f"{time},N{k + 1},,{'from' if away else 'to'} node,{measured:.7f},{where},0.00005"
         )
     (tmp_path / "pings.csv").write_text("\n".join(rows) + "\n")
-    head = "name,north_m,east_m,depth_m,sigma_horizontal_m,sigma_depth_m,sigma_clock_offset_s,sigma_clock_drift"
+    head = (
+        "name,north_m,east_m,depth_m,sigma_horizontal_m,sigma_depth_m,sigma_clock_offset_s,"
+        "sigma_clock_drift"
+    )
     lines = [
         f"N{k + 1},{p[0] + 8:g},{p[1] - 9:g},{p[2] + 5:g},20,20,0.01,1e-7"
         for k, p in enumerate(truth)

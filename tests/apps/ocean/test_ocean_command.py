@@ -274,29 +274,33 @@ BY_MODES = (
 )
 MADE = {  # what is told, the command and what it calls
     "450 m; cast cast: 4 samples averaged onto": (
-        ("from-cast cast.csv new.nc --below constant --half-extent 20km"
-        " 30km"), lambda: of_cast(below="constant")
+        ("from-cast cast.csv new.nc --below constant --half-extent 20km 30km"),
+        lambda: of_cast(below="constant"),
     ),
     "300 m; cast cast": (
-        ("from-cast cast.csv new.nc --bathymetry 300 --half-extent 20km 30km"
-        " --force"), lambda: of_cast(bathymetry=300.0)
+        ("from-cast cast.csv new.nc --bathymetry 300 --half-extent 20km 30km --force"),
+        lambda: of_cast(bathymetry=300.0),
     ),
     "corrected with 2 casts (warmer, cast)": (
         "correct ocean.nc warmer.csv cast.csv new.nc --scale 3 --noise-ratio 0.01",
         lambda: correct_with_casts(
-            open_ocean("ocean.nc"), read_casts(["warmer.csv", "cast.csv"]), horizontal_scale=3e3, noise_ratio=0.01
+            open_ocean("ocean.nc"),
+            read_casts(["warmer.csv", "cast.csv"]),
+            horizontal_scale=3e3,
+            noise_ratio=0.01,
         ),
     ),
     "sound speed perturbed by 1 vertical modes": (BY_MODES, lambda: member(0)),
     "perturbed by 1 vertical": (f"{BY_MODES} --seed 1", lambda: member(1)),
     "replaced by the horizontal mean": (
-        "perturb ocean.nc new.nc --method mean", lambda: mean_ocean(open_ocean("ocean.nc"))
+        "perturb ocean.nc new.nc --method mean",
+        lambda: mean_ocean(open_ocean("ocean.nc")),
     ),
     "replaced by the column at 74 N, 140 W": (
         "perturb ocean.nc new.nc --method column --place 74 -140",
         lambda: column_ocean(open_ocean("ocean.nc"), (74.0, -140.0)),
     ),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("says", MADE)
@@ -315,8 +319,8 @@ def test_oceans_are_made_by_commands_as_by_functions(make, says):
     ("from-cast cast.csv new.nc", "above the bottom at 450 m"),
     ("from-cast cast.csv ocean.nc", "already exists; give another name or --force"),
     ("from-cast none.csv new.nc --bathymetry 300", "none.csv: no such file"),
-    (("from-cast cast.csv new.nc --below constant --below-cast"
-     " warmer.csv"), "--below and --below-cast cannot be combined"),
+    ("from-cast cast.csv new.nc --below constant --below-cast warmer.csv",
+     "--below and --below-cast cannot be combined"),
     ("perturb ocean.nc ocean.nc --method mean --force", "is the input"),
     ("perturb ocean.nc new.nc", "--method eof needs --rms and --scale"),
     ("perturb ocean.nc new.nc --method mean --rms 1", "--method mean does not use --rms"),
@@ -341,9 +345,7 @@ ASVP = (
 )
 
 
-def test_casts_are_converted_for_other_programs_and_refused_in_one_line(
-    mantaray, tmp_path, monkeypatch
-):
+def test_casts_are_converted_or_refused_in_one_line(mantaray, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     Path("sound.asvp").write_text(ASVP)
     table = "depth,temperature,salinity,lat,lon\n" + "".join(

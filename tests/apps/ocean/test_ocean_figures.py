@@ -65,7 +65,7 @@ def test_the_map_shows_the_level_s_sound_speed_and_currents(look, ocean):
     assert (x1 - x0) / (y1 - y0) == pytest.approx(as_long_northward, rel=1e-3)
 
 
-def test_a_file_s_sea_floor_is_drawn_where_the_ocean_counts_its_longitudes(look, ocean, floor):
+def test_a_sea_floor_file_is_drawn_at_the_longitudes_of_the_ocean(look, ocean, floor):
     axes = look.draw(sea_floor_map(ocean, HEADER, floor)).axes[0]
     mesh = next(c for c in axes.collections if isinstance(c, QuadMesh))
     corners = mesh.get_coordinates()[..., 0]

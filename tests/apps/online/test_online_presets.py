@@ -82,7 +82,7 @@ def test_the_last_positions_are_those_of_the_batch_solution(preset):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["quick", "survey"])
-def test_the_last_positions_are_those_of_the_batch_solution_with_eigenrays(preset):
+def test_the_last_positions_equal_the_batch_solution_with_eigenrays(preset):
     mission, medium, noisy = simulated(preset)
     rays = Estimator(ranges="refracted", links="refracted", model=EigenrayModel(medium))
     distance, difference = compare(noisy, mission.truth, "refracted_range", rays)

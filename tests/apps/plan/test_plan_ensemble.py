@@ -139,7 +139,7 @@ def test_members_differ_from_the_ocean_and_from_each_other_and_repeat(window):
     np.testing.assert_array_equal(again, other)
 
 
-def test_an_exact_belief_knows_the_perturbed_water_and_a_file_does_not(window):
+def test_only_an_exact_belief_knows_the_perturbed_water(window):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 1}
     beliefs = {
         "exact": {"kind": "exact"},
@@ -245,7 +245,7 @@ def test_the_best_value_at_a_limit_is_reported():
     )
 
 
-def test_a_cast_of_a_perturbed_water_is_the_column_of_that_water_at_its_place(window):
+def test_a_cast_of_perturbed_water_is_its_column(window):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 1}
     run, ocean = Missions(plan_of(window, free={"landmarks.T.depth": [5.0]}, perturbed=errors)).run(
         {}, 0, 0

@@ -25,7 +25,7 @@ def tiny():
     return parse_study({**TINY, "landmarks": [MARK]}, "tiny")
 
 
-def test_the_quantile_of_an_isotropic_error_is_that_of_the_chi_distribution():
+def test_the_quantile_of_an_isotropic_error_is_a_chi_quantile():
     covariance = np.tile(4.0 * np.eye(3), (500, 1, 1))
     found = error_quantile(np.zeros((500, 3)), covariance)
     assert found == pytest.approx(2.0 * chi(3).ppf(0.95), rel=5e-3)
@@ -147,7 +147,7 @@ def test_designs_have_the_order_of_full_studies(tmp_path):
 
 
 @pytest.mark.slow
-def test_designs_on_the_front_keep_their_order_and_their_errors_in_full_studies(tmp_path):
+def test_designs_on_the_front_keep_their_order_in_full_studies(tmp_path):
     """
     Bounds and biases of ranges with the mean slowness of a mean profile, without a receiver and
     with one.

@@ -26,7 +26,10 @@ name,source_north,source_east,source_depth,receiver_north,receiver_east,receiver
 C,-100,30.5,20,9000,2000,30,3
 D,5,5,40,5,5,40,4
 """
-PROFILE = "depth,sound_speed\n0,1434\n50,1436\n100,1442\n200,1443\n400,1455\n800,1462\n1500,1473\n3000,1499\n"
+PROFILE = (
+    "depth,sound_speed\n0,1434\n50,1436\n100,1442\n200,1443\n"
+    "400,1455\n800,1462\n1500,1473\n3000,1499\n"
+)
 ENDS = [f"{end}_{axis}" for end in ("source", "receiver") for axis in ("north", "east", "depth")]
 WATER = ("--profile", "profile.csv", "--bathymetry", 3000)
 ISO = ("--profile", "iso.csv", "--bathymetry", 1000)
@@ -224,7 +227,7 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     assert medium_of("out.csv")["smoothed"]["length_m"] == 10.0
 
 
-def test_a_profile_by_pressure_that_starts_below_the_surface_holds_up_to_it_and_says_so(rays):
+def test_a_profile_by_pressure_is_extended_to_the_surface_with_a_note(rays):
     Path("deep.csv").write_text("pressure,sound_speed\n10,1434\n20,1437.9\n3000,1499\n")
     Path("links.csv").write_text(f"{','.join(ENDS)}\n0,0,0,100,0,0\n")
     place = ("--position", 74.5, -140)
@@ -324,45 +327,59 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times links.csv iso.csv W": "iso.csv: already exists; give another name or --force",
     "times links.csv old.csv W": "old.csv.json: already exists; give another name or --force",
     "times links.csv links.csv W --force": "links.csv: is the input",
-    "times lacks.csv out.csv"
-    " W": "lacks.csv: no source_depth; the columns are name, source_north, source_east,"
-    " Source_depth",
+    "times lacks.csv out.csv W": (
+        "lacks.csv: no source_depth; the columns are name, source_north, source_east, Source_depth"
+    ),
     "times twice.csv out.csv W": "twice.csv: two columns source_east; remove one",
-    "times word.csv out.csv"
-    " W": "word.csv, line 5: receiver_east is 'x'; it must be a finite number",
-    "times lat.csv out.csv"
-    " W": "lat.csv: latitudes and longitudes need a place of the profile; give --centre",
-    "times far.csv out.csv --ocean"
-    " synthetic:fram": "far.csv: a latitude is not in -90 to 90 degrees",
+    "times word.csv out.csv W": (
+        "word.csv, line 5: receiver_east is 'x'; it must be a finite number"
+    ),
+    "times lat.csv out.csv W": (
+        "lat.csv: latitudes and longitudes need a place of the profile; give --centre"
+    ),
+    "times far.csv out.csv --ocean synthetic:fram": (
+        "far.csv: a latitude is not in -90 to 90 degrees"
+    ),
     "times inf.csv out.csv W": "inf.csv, line 2: source_north is 'inf'",
     "times binary.csv out.csv W": "binary.csv: a binary file, not a text table",
     "times nothing.csv out.csv W": "nothing.csv: no such file",
     "times links.csv out.csv": "no ocean given; exactly one of --ocean, --profile and --run",
     "times links.csv out.csv W --ocean synthetic:fram": "--ocean and --profile given; exactly one",
-    "times links.csv out.csv --profile"
-    " iso.csv": "iso.csv: a profile has no sea bed; give its depth in metres",
-    "times links.csv out.csv --profile iso.csv --bathymetry"
-    " -5": "ocean.bathymetry: found -5.0; allowed: greater than 0",
-    "times links.csv out.csv --ocean synthetic:fram --thin"
-    " 1": "ocean.thin .--thin. applies to a profile, not to an ocean",
-    "times links.csv out.csv W --half-extent 0"
-    " 1": "ocean.half_extent_north: found 0.0; allowed: greater than 0",
+    "times links.csv out.csv --profile iso.csv": (
+        "iso.csv: a profile has no sea bed; give its depth in metres"
+    ),
+    "times links.csv out.csv --profile iso.csv --bathymetry -5": (
+        "ocean.bathymetry: found -5.0; allowed: greater than 0"
+    ),
+    "times links.csv out.csv --ocean synthetic:fram --thin 1": (
+        "ocean.thin .--thin. applies to a profile, not to an ocean"
+    ),
+    "times links.csv out.csv W --half-extent 0 1": (
+        "ocean.half_extent_north: found 0.0; allowed: greater than 0"
+    ),
     "times links.csv out.csv W --thin 0.1 --smooth 9": "thin and smooth cannot be combined",
-    "times links.csv out.csv W --cutoff-db"
-    " x": "--cutoff-db is x; it must be a positive number of decibels, or none",
-    "times links.csv out.csv W --cutoff-db"
-    " nan": "--cutoff-db is nan; it must be a positive number of decibels, or none",
+    "times links.csv out.csv W --cutoff-db x": (
+        "--cutoff-db is x; it must be a positive number of decibels, or none"
+    ),
+    "times links.csv out.csv W --cutoff-db nan": (
+        "--cutoff-db is nan; it must be a positive number of decibels, or none"
+    ),
     "times links.csv out.csv W --tolerance 0": "--tolerance is 0 m; it must be finite and positive",
-    "times links.csv out.csv --profile falls.csv --bathymetry"
-    " 9": "falls.csv, line 4: depth is 5 after 10",
-    "times links.csv out.csv --profile holes.csv --bathymetry"
-    " 9": "holes.csv, line 3: sound_speed is ''; it must be a number",
-    "times links.csv out.csv --profile km.csv --bathymetry"
-    " 9": "km.csv: sound_speed: 1.5 to 1.6 m/s; it must be 1000 to 2500",
-    "times links.csv out.csv --profile salty.csv --bathymetry"
-    " 9": "no column sound_speed; the columns are depth, salinity",
-    "times links.csv out.csv --profile placeless.csv --bathymetry"
-    " 9": "needs a position; give --position LAT LON",
+    "times links.csv out.csv --profile falls.csv --bathymetry 9": (
+        "falls.csv, line 4: depth is 5 after 10"
+    ),
+    "times links.csv out.csv --profile holes.csv --bathymetry 9": (
+        "holes.csv, line 3: sound_speed is ''; it must be a number"
+    ),
+    "times links.csv out.csv --profile km.csv --bathymetry 9": (
+        "km.csv: sound_speed: 1.5 to 1.6 m/s; it must be 1000 to 2500"
+    ),
+    "times links.csv out.csv --profile salty.csv --bathymetry 9": (
+        "no column sound_speed; the columns are depth, salinity"
+    ),
+    "times links.csv out.csv --profile placeless.csv --bathymetry 9": (
+        "needs a position; give --position LAT LON"
+    ),
     "times links.csv out.csv --ocean synthetic:mars": "mars",
     "times links.csv out.csv W --ice ice.nc": "ocean.ice is a map, which needs --centre",
     "times links.csv out.csv W --ice 3500": "ice: the draft is 3500 m; it must be 0 to 100 m",
@@ -370,20 +387,24 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
     "times links.csv out.csv --run .": "not a run folder",
     "trace links.csv out.csv W --azimuth 3": "--azimuth and --distance need --fan FROM TO COUNT",
     "trace links.csv out.csv W --fan 5 -5 3": "--fan is 5 -5 3; it must be FROM TO COUNT",
-    "trace links.csv out.csv W --fan -5 5"
-    " 1000000000": "it must be FROM TO COUNT with FROM < TO and COUNT 1 to 100000",
+    "trace links.csv out.csv W --fan -5 5 1000000000": (
+        "it must be FROM TO COUNT with FROM < TO and COUNT 1 to 100000"
+    ),
     "trace links.csv out.csv W --fan -5 5 3 --cutoff-db 3": "--cutoff-db does not apply to --fan",
     "trace links.csv out.csv W --fan -5 5 3": "links.csv, line 7: distance: 0.0; a positive length",
-    "trace links.csv out.csv W --fan -95 5"
-    " 3": r"links.csv, line 4: launch_angles: up to 1\.65806 rad",
+    "trace links.csv out.csv W --fan -95 5 3": (
+        r"links.csv, line 4: launch_angles: up to 1\.65806 rad"
+    ),
     "compare-bellhop links.csv --out profile.csv W --force": "profile.csv: is the input",
     "compare-bellhop links.csv --out out.csv W --program nothing": "no nothing on PATH; install it",
-    "write-bellhop links.csv --out"
-    " run": "no ocean given; exactly one of --ocean, --profile and --run is needed",
+    "write-bellhop links.csv --out run": (
+        "no ocean given; exactly one of --ocean, --profile and --run is needed"
+    ),
     "write-bellhop links.csv --out run W --link 1": "give LINKS.csv, or --run with --link ROW",
     "write-bellhop --out run W --link 0": "--link needs a run",
-    "write-bellhop links.csv --out ."
-    " W": "link_0.env: already exists; give another folder or --force",
+    "write-bellhop links.csv --out . W": (
+        "link_0.env: already exists; give another folder or --force"
+    ),
 }
 
 

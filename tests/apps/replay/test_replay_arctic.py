@@ -20,7 +20,7 @@ def sizes(replay):
 
 
 @pytest.mark.filterwarnings("ignore:.* have more eigenrays than are")
-def test_draws_and_persistence_predict_a_campaign_under_ice_of_its_own(tmp_path):
+def test_draws_and_persistence_predict_a_campaign_under_ice(tmp_path):
     write_campaign(tmp_path, events=500, epochs=1)
     events = read_events(tmp_path / "events.csv")
     water = {"bathymetry": 2680.0, "thin": 0.1, "max_surface_bounces": 7, "ice": 1.5}

@@ -151,9 +151,7 @@ REFUSED = {
 
 
 @pytest.mark.parametrize("message", REFUSED)
-def test_what_cannot_be_replayed_is_refused_in_one_line_and_leaves_nothing(
-    mantaray, files, message
-):
+def test_impossible_replays_are_refused_in_one_line_and_leave_nothing(mantaray, files, message):
     (files / "salty.toml").write_text(DETECTION.replace("thorp", "francois-garrison"))
     (files / "empty.toml").write_text("[ocean]\n")
     done = mantaray("replay", "events.csv", *REFUSED[message], "--out", "out")
@@ -182,7 +180,7 @@ def test_rays_take_one_cast(mantaray, files):
     assert "contains 4 casts (first, second, first, second); only one is allowed" in twice.err
 
 
-def test_positions_are_smoothed_and_drifts_and_gross_errors_are_reported(mantaray, files):
+def test_smoothed_positions_drifts_and_gross_errors_are_reported(mantaray, files):
     wrong = EVENTS.assign(travel_time=EVENTS["travel_time"].where(EVENTS.index != 3, 4.19))
     wrong.to_csv("wrong.csv", index=False)
     options = ("--smooth-positions", "3 m", "--clock-drift", "--reference", "A")

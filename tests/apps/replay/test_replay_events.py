@@ -16,7 +16,10 @@ from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.sensing import Detector, ReceptionOptions
 
-HEAD = "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,receiver_depth,travel_time"
+HEAD = (
+    "time,source,receiver,source_lat,source_lon,source_depth,receiver_lat,receiver_lon,"
+    "receiver_depth,travel_time"
+)
 ROW = "2020-03-10T12:00:00Z,A,B,72,-145,30,72.02,-145.1,150,1.6"
 WATER = Medium.from_profile(
     [0.0, 3000.0], [1450.0, 1450.0], bottom_depth=3000.0, interpolation="linear"
@@ -156,7 +159,7 @@ def test_ends_keep_the_distance_on_the_ellipsoid():
     assert east == pytest.approx(np.sin(np.radians(31.7)), abs=0.02)
 
 
-def test_in_uniform_water_the_residual_is_the_clock_and_the_straight_time():
+def test_in_uniform_water_the_residual_is_the_clock_error():
     events = events_at([0.0, 60.0])
     distance = np.hypot(pyproj.Geod(ellps="WGS84").inv(-145.0, 72.0, -144.9, 72.05)[2], 120.0)
     replay = replay_events(events, Water(WATER), "first")
@@ -168,7 +171,7 @@ def test_in_uniform_water_the_residual_is_the_clock_and_the_straight_time():
     assert np.isnan(row["level_db"])
 
 
-def test_an_event_in_shadow_is_predicted_by_what_leaks_where_that_is_asked_for():
+def test_leakage_predicts_an_event_in_shadow_on_request():
     """Over the crest half-way: 2 x hypot(2000, 100) m."""
     modem = Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0, noise=60.0)
     events = Events(

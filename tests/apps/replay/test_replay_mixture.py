@@ -39,7 +39,7 @@ def test_arrivals_of_draws_merge_by_bounces_and_time_in_any_order():
     pd.testing.assert_frame_equal(merge_draws(drawn(rows[::-1]), 4), table)
 
 
-def test_the_first_detected_candidate_has_the_probability_of_its_level_and_share():
+def test_the_first_candidate_has_the_probability_of_its_level():
     table = pd.DataFrame(
         {"event": [0, 0, 1], "loss_db": [66.0, 60.0, 80.0], "share": [1.0, 1.0, 0.3]}
     )
@@ -78,7 +78,7 @@ def two_arrivals(measured, gap=60.0):
     return events, pd.DataFrame(rows)
 
 
-def test_a_prediction_follows_the_arrival_of_the_reception_before_and_never_its_own():
+def test_a_prediction_follows_the_previous_reception_never_its_own():
     events, candidates = two_arrivals([1.01, 1.01, 1.0, 1.0, 5.0, 1.0])
     options = PredictionOptions()
     mixture = predict_mixture(events, candidates, options, persistence=600.0)
@@ -131,7 +131,7 @@ def test_sigma_and_intervals_come_back_from_drawn_errors():
     assert np.sqrt(own.sigma[0] ** 2 - own.unexplained**2) == pytest.approx(known, rel=1e-6)
 
 
-def test_coverage_has_an_interval_over_pairs_and_parts_of_the_residuals():
+def test_coverage_has_an_interval_over_pairs_and_parts_of_residuals():
     """
     Twenty pairs with constant errors of 3 m and others of 1 m; in five pairs all events are
     outside.
@@ -185,7 +185,7 @@ def test_words_of_the_rule_and_options_that_are_none_are_refused():
     refused(ReplayError, "position_sigma is -1 m", PredictionOptions, 1, -1.0)
 
 
-def test_a_receiver_stays_with_its_arrival_rather_than_with_one_of_other_bounces():
+def test_a_receiver_stays_with_an_arrival_of_the_same_bounces():
     """
     Two candidates at the delay of the one before: a match of other bounces has a tenth of the
     weight.

@@ -195,7 +195,7 @@ def test_times_that_are_no_sound_are_gross_and_do_not_move_clocks():
 
 
 @pytest.mark.parametrize("wrong", ["A", "C", "F"])
-def test_a_node_with_a_wrong_position_is_found_and_its_neighbours_are_not(wrong):
+def test_only_the_node_with_a_wrong_position_is_suspect(wrong):
     offset = np.array([5.0, -6.0])  # true minus stated [m]
 
     def late(a, b, _):
@@ -429,7 +429,7 @@ def test_page_of_a_replay_has_the_baselines(campaign):
     assert not result.events["gross"].any()
 
 
-def test_events_that_are_all_outside_the_water_have_no_clocks_and_no_warning(tmp_path):
+def test_events_outside_the_water_have_no_clocks_and_no_warning(tmp_path):
     below = np.array([[0.0, 0.0, 2000.0]] * 4)
     names = np.array(["A", "B"] * 2)
     events = Events(60.0 * np.arange(4), names, names[::-1], below, below + 1.0, np.ones(4), False)

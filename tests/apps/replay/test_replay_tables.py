@@ -68,7 +68,7 @@ def test_standard_errors_are_those_of_a_complete_network():
     assert np.mean([t["standard_error_pairs_s"] for t in tables]) == pytest.approx(closed, rel=0.3)
 
 
-def test_errors_that_a_pair_shares_are_seen_by_the_standard_error_over_pairs_only():
+def test_shared_errors_of_a_pair_affect_only_the_error_over_pairs():
     nodes = {chr(65 + i): 0.0 for i in range(10)}
     ways = list(itertools.combinations(nodes, 2))
     tables = [
@@ -89,7 +89,7 @@ def test_weights_are_those_of_the_sigmas():
     assert offset["B"] - offset["A"] == pytest.approx(0.8e-3)
 
 
-def test_nodes_that_are_not_connected_have_a_mean_each_and_unheard_ones_none():
+def test_unconnected_nodes_have_a_mean_each_and_unheard_nodes_none():
     e = events_of([("A", "B"), ("C", "D")], 3)
     e.loc[len(e)] = {**e.iloc[0], "source": "E", "receiver": "A", "residual_s": np.nan}
     clocks = clock_table(e, e["residual_s"]).set_index("node")

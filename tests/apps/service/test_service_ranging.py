@@ -193,7 +193,7 @@ def test_nothing_is_compiled_after_construction(medium, links):
     assert [list(entry.signatures) for entry in (solve_links, trace_arrivals)] == compiled
 
 
-def test_positions_by_latitude_and_longitude_are_those_in_the_local_frame(fly):
+def test_geographic_positions_equal_local_ones(fly):
     config, truth, *_ = fly(ranging={"timing": "two-way", "turn_around_s": 10.0})
     service, frame = RangingService(config), LocalFrame(74.5, -140.0)
     place, speed = truth.position[:, 5], velocities(truth, np.array([5]))[:, 0]

@@ -178,7 +178,7 @@ def test_a_source_outside_the_ocean_is_refused_once(serve, in_varying):
     assert (status, answer["receivers"][0]["status"]) == (200, "outside")
 
 
-def test_the_root_tells_sound_speeds_of_the_water_and_not_of_what_lies_below_the_bed(serve):
+def test_the_root_gives_sound_speeds_of_the_water_above_the_bed_only(serve):
     """
     Sound speed grows by 0.02 /s of depth, over a slope from 100 to 400 m; levels go down to 2000 m.
     """
@@ -213,22 +213,32 @@ BAD = {
     json.dumps(GOOD | {"time": float("nan")}): "time: found nan; allowed: .*finite number",
     json.dumps(GOOD).replace("900.0", "1e999"): r"receivers\[0\].north: found inf",
     json.dumps(GOOD | {"receivers": HERE}): "receivers: found .*; allowed: a list",
-    json.dumps(GOOD | {"receivers": [HERE] * 10_001}): "receivers: found .*; allowed: .*10000 or"
-                                                       " less",
-    json.dumps(GOOD | {"receivers": [{"north": 1.0, "east": 2.0}]}): r"receivers\[0\].depth:"
-                                                                     r" missing",
-    json.dumps(GOOD | {"receivers": [{"north": 1.0, "depth": 2.0}]}): r"receivers\[0\]: give"
-                                                                      r" either north and east or",
-    json.dumps(GOOD | {"receivers": [HERE | {"lat": 1.0, "lon": 1.0}]}): r"receivers\[0\]: give"
-                                                                         r" either",
-    json.dumps(GOOD | {"receivers": [{"lat": 95.0, "lon": 0.0, "depth": 5.0}]}): "lat: found 95.0; allowed: 90 or less",
-    json.dumps(GOOD | {"receivers": [{"lat": 9.0, "lon": 0.0, "depth": 5.0}]}): "some positions have north and east",
+    json.dumps(
+        GOOD | {"receivers": [HERE] * 10_001}
+    ): "receivers: found .*; allowed: .*10000 or less",
+    json.dumps(
+        GOOD | {"receivers": [{"north": 1.0, "east": 2.0}]}
+    ): r"receivers\[0\].depth: missing",
+    json.dumps(
+        GOOD | {"receivers": [{"north": 1.0, "depth": 2.0}]}
+    ): r"receivers\[0\]: give either north and east or",
+    json.dumps(
+        GOOD | {"receivers": [HERE | {"lat": 1.0, "lon": 1.0}]}
+    ): r"receivers\[0\]: give either",
+    json.dumps(
+        GOOD | {"receivers": [{"lat": 95.0, "lon": 0.0, "depth": 5.0}]}
+    ): "lat: found 95.0; allowed: 90 or less",
+    json.dumps(
+        GOOD | {"receivers": [{"lat": 9.0, "lon": 0.0, "depth": 5.0}]}
+    ): "some positions have north and east",
     json.dumps(GOOD | {"source": HERE | {"velocity": [1.0]}}): "source.velocity",
     json.dumps(GOOD | {"source": HERE | {"velocity": [1.0, 0.0, 0.0]}}): "velocity: one-way timing",
     json.dumps(GOOD | {"receiver": []}): "`receiver`: unknown key. Did you mean `receivers`?",
     json.dumps(GOOD | {"arrivals": "yes"}): "arrivals: found 'yes'; allowed: true or false",
-    json.dumps({"time": 0.0, "source": {"lat": 1.0, "lon": 1.0, "depth": 5.0}, "receivers": []}): "this water has no",
-}  # fmt: skip
+    json.dumps(
+        {"time": 0.0, "source": {"lat": 1.0, "lon": 1.0, "depth": 5.0}, "receivers": []}
+    ): "this water has no",
+}
 
 
 @pytest.mark.parametrize(("body", "line"), BAD.items(), ids=range(len(BAD)))
@@ -282,7 +292,7 @@ def test_what_is_no_request_at_all_is_refused_in_the_same_form(port, text, statu
     assert list(json.loads(body)) == ["error"]
 
 
-def test_a_body_in_chunks_is_taken_and_one_that_breaks_off_harms_nobody(port):
+def test_chunked_bodies_are_read_and_broken_ones_do_no_harm(port):
     body = json.dumps(GOOD).encode()
     status, answer = ask(port, iter([body[:20], body[20:]]))
     assert (status, answer["receivers"][0]["status"]) == (200, "ok")
@@ -330,9 +340,7 @@ def test_clients_that_keep_connections_open_do_not_shut_others_out(serve, servic
         assert ask(port, json.dumps(GOOD))[0] == 200
 
 
-def test_the_connection_that_is_closed_for_another_is_the_one_idle_for_longest(
-    serve, service, monkeypatch
-):
+def test_the_connection_closed_for_another_is_the_longest_idle_one(serve, service, monkeypatch):
     monkeypatch.setattr(server, "_MAX_CONNECTIONS", 8)
     port = serve(service)
 
@@ -452,7 +460,7 @@ def test_what_a_request_says_is_repeated_in_a_short_printable_line(port, body):
     assert len(answer["error"]) <= 480
 
 
-def test_a_worker_that_is_killed_costs_no_answer_and_other_faults_have_a_status(
+def test_a_killed_worker_costs_no_answer_and_faults_have_a_status(
     serve, medium, monkeypatch, caplog
 ):
     """

@@ -136,7 +136,7 @@ def test_the_keys_that_differ_come_first_and_no_others(run, other_folder, run_fo
     assert again["configuration"].frame.empty
 
 
-def test_physics_that_differs_comes_before_the_study_and_its_words_are_left_out():
+def test_differences_in_physics_come_before_the_study():
     one, runs = load_study("quick"), {}
     study = one.study.model_copy(update={"name": "b", "description": "b", "seed": 7})
     noise = one.noise.model_copy(update={"range_sigma": 2.0})

@@ -72,7 +72,7 @@ def every_figure(run, made_run, tables, tmp_path_factory):
     ]
 
 
-def test_every_figure_has_units_its_header_and_all_its_text_within_its_frame(look, every_figure):
+def test_every_figure_has_units_a_header_and_text_within_its_frame(look, every_figure):
     for figure in every_figure:
         renderer, frame = look.draw(figure).canvas.get_renderer(), figure.bbox.padded(1.0)
         assert figure.get_figwidth() in (style.COLUMN, style.DOUBLE)
@@ -104,7 +104,7 @@ def test_every_figure_has_units_its_header_and_all_its_text_within_its_frame(loo
             assert not any(box.overlaps(other) for _, other in apart[:i] if box.width), artist
 
 
-def test_a_figure_that_registers_itself_is_in_the_report_where_it_says(run, monkeypatch):
+def test_a_registered_figure_is_in_the_report_at_its_place(run, monkeypatch):
     monkeypatch.setattr(figures, "_REGISTER", dict(figures._REGISTER))
     before = [spec.name for spec in run_figure_specs(RunResults(run))]
     draw = {"draw": lambda r: style.new_figure(style.COLUMN, 2.0, r.header)}
@@ -116,7 +116,7 @@ def test_a_figure_that_registers_itself_is_in_the_report_where_it_says(run, monk
     assert specs[0].draw().get_suptitle() == "Test Sea, synthetic ocean, 2014-07-15 12:00 UTC"
 
 
-def test_profiles_are_drawn_where_there_is_water_and_depth_grows_downward(look, water):
+def test_profiles_are_drawn_in_water_with_depth_downward(look, water):
     profile = water.profile
     figure = look.draw(sound_speed_profiles([("One", profile), ("Other", profile)], HEADER))
     whole, upper = figure.axes
@@ -136,9 +136,7 @@ def test_profiles_are_drawn_where_there_is_water_and_depth_grows_downward(look, 
 @pytest.mark.parametrize(
     ("arriving", "legend"), [(0, None), (1, "direct eigenray"), (2, "2 direct eigenrays")]
 )
-def test_ray_picture_draws_eigenrays_over_fan_and_states_its_exaggeration(
-    look, water, arriving, legend
-):
+def test_the_ray_picture_draws_eigenrays_and_states_its_exaggeration(look, water, arriving, legend):
     rays = water.rays(arriving)
     figure = look.draw(ray_picture(rays, HEADER))
     axes = figure.axes[0]
@@ -158,7 +156,7 @@ def test_ray_picture_draws_eigenrays_over_fan_and_states_its_exaggeration(
     np.testing.assert_allclose(chord.get_xydata(), [[0.0, 100.0], [6.0, 800.0]])
 
 
-def test_rays_of_links_are_told_apart_by_what_reflects_them_over_one_scale(look, water):
+def test_rays_of_links_have_colours_by_their_reflections(look, water):
     kinds = {"direct": (0, 0), "surface": (1, 0), "bottom": (0, 2), "surface and bottom": (1, 1)}
     surface, bottom = np.array([*kinds.values(), *[(0, 0)] * 3]).T
     seen = water.rays(4).assign(
@@ -235,7 +233,7 @@ def test_fleet_is_drawn_east_to_the_right(records):
     )
 
 
-def test_each_vehicle_has_a_colour_of_its_own_and_no_name_covers_another(look, made_run):
+def test_each_vehicle_has_its_colour_and_no_name_covers_another(look, made_run):
     truth, measurements, _, _ = made_run(names=tuple("ABCDEFGHIJK"), landmarks=2).records()
     crowd = replace(truth, position=truth.position[:1] + 30.0 * np.arange(11)[:, None, None])
     for figure in (

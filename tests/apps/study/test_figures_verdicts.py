@@ -118,7 +118,7 @@ def test_numbers_of_wide_axes_are_powers_of_ten_that_do_not_touch(look, tables):
         assert not any(a.overlaps(b) for a, b in pairwise(boxes))
 
 
-def test_unknowns_are_by_their_prior_and_names_that_would_touch_stand_upright(look, tables):
+def test_unknowns_are_scaled_by_their_prior_and_names_do_not_touch(look, tables):
     few, lots = look.draw(unknowns_before_and_after(tables.unknowns, HEADER)).axes
     for axes, sigma, error in (
         (few, [0.1, 1.0], [0.05, 0.5]),

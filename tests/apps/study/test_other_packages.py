@@ -1,4 +1,4 @@
-"""Figures of other packages: an installed one is in the report, a broken one is named in one line."""
+"""Figures of other packages: one is in the report, a broken one is named in one line."""
 
 import os
 import re

@@ -53,7 +53,7 @@ def test_the_histogram_has_all_errors_and_their_mean(run):
     assert axes.get_yscale() == "log"
 
 
-def test_the_figure_by_vehicle_shows_its_table_and_is_that_of_the_report(run):
+def test_the_figure_by_vehicle_equals_the_figure_of_the_report(run):
     table = run.tables["ate_per_vehicle"].frame
     figure = next(
         p for p in run_figure_specs(RunResults(run)) if p.name == "error_by_vehicle"
@@ -80,7 +80,7 @@ def test_a_medium_shows_its_profile_and_its_bed():
     assert axes.get_ylim()[0] > axes.get_ylim()[1] == 0.0
 
 
-def test_rays_lie_at_their_distances_and_depths_in_the_looks_of_their_reflections():
+def test_rays_have_their_distances_depths_and_styles_by_reflection():
     down = np.array([10.0, 400.0, 10.0])
     position = np.column_stack([[0.0, 300.0, 600.0], [0.0, 400.0, 800.0], down])
     both = {"position": np.concatenate([position, position]), "slowness": np.full((6, 3), 1e-4)}
@@ -98,7 +98,7 @@ def test_rays_lie_at_their_distances_and_depths_in_the_looks_of_their_reflection
     assert axes.yaxis.get_inverted()
 
 
-def test_arrivals_are_a_data_frame_with_units_in_names_and_a_short_representation():
+def test_arrivals_are_a_data_frame_with_units_in_names():
     arrivals = make_arrivals(
         [0, 0, 2], status=(0, 1, 0), travel_time=[1.0, 1.5, 2.0], launch_angle=[0.1, 0.2, -0.1]
     )

@@ -230,9 +230,7 @@ def test_names_are_escaped_everywhere(made_run, tmp_path, monkeypatch):
     assert "ynthetic" not in text
 
 
-def test_zero_ranges_all_dropouts_one_vehicle_and_failed_solves_still_report(
-    run, made_run, tmp_path, monkeypatch
-):
+def test_a_report_works_without_ranges_and_with_failed_solves(run, made_run, tmp_path, monkeypatch):
     lone = made_run(names=("A",), pings=0, realizations=1, conditions=("odometry",), rays=False)
     deaf = made_run(lost=1.0, failed=((1, 0), (1, 1), (1, 2)), rays=False)
     without_drawing(monkeypatch)
@@ -267,9 +265,7 @@ def test_a_new_report_replaces_the_old_one_or_leaves_it_as_it_was(made_run, tmp_
     assert set(before) - set(folder.rglob("*")) == {folder / "tables" / "old.csv"}
 
 
-def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_same(
-    reported, tiny_run_folder, tmp_path
-):
+def test_a_report_begun_before_the_estimates_is_the_same(reported, tiny_run_folder, tmp_path):
     """Without PDF, to which the page then does not refer."""
     stage, folder = tmp_path / "stage", tmp_path / "run"
     shutil.copytree(tiny_run_folder, stage)
@@ -298,7 +294,7 @@ def test_a_report_begun_in_another_process_before_there_are_estimates_is_the_sam
     )
 
 
-def test_figures_of_the_mission_are_those_that_estimates_do_not_change(run):
+def test_figures_of_the_mission_do_not_depend_on_estimates(run):
     """
     Drawn while realizations are solved: all that are not of them must be, or they are seconds later
     on the page.
@@ -310,9 +306,7 @@ def test_figures_of_the_mission_are_those_that_estimates_do_not_change(run):
 
 
 @pytest.mark.parametrize("before", [False, True])
-def test_an_interrupt_while_a_report_is_put_in_place_leaves_all_of_one(
-    tmp_path, monkeypatch, before
-):
+def test_an_interrupted_report_is_complete_or_absent(tmp_path, monkeypatch, before):
     parts = ("tables", "figures", "index.html")
     (tmp_path / "manifest.json").touch()
 
@@ -434,6 +428,6 @@ def test_headings_of_keys_have_the_units_of_their_descriptions():
         "sweep.no_such_key",
     )
     assert [key_heading(key) for key in keys] == [
-        "noise.range_sigma [m]", ("mission.ping_interval_h"
-                " [h]"), "ocean.source", "fleet.vehicles.A.depth", "sweep.no_such_key",
+        "noise.range_sigma [m]", "mission.ping_interval_h [h]",
+        "ocean.source", "fleet.vehicles.A.depth", "sweep.no_such_key",
     ]  # fmt: skip

@@ -83,9 +83,7 @@ def test_threads_of_the_linear_algebra_change_no_digit(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::DeprecationWarning")
-def test_a_study_with_workers_runs_in_a_notebook_and_shows_its_results(
-    tmp_path, tiny_run_folder, monkeypatch
-):
+def test_a_study_with_workers_runs_in_a_notebook(tmp_path, tiny_run_folder, monkeypatch):
     import nbformat
     from nbclient import NotebookClient
 

@@ -193,9 +193,7 @@ def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch
     assert Path("study.toml").read_text() == "# mine"
 
 
-def test_run_makes_the_folder_and_a_report_that_is_interrupted_is_written_later(
-    mantaray, small, monkeypatch
-):
+def test_an_interrupted_report_is_written_by_a_later_command(mantaray, small, monkeypatch):
     stages = {}
 
     def interrupt(*_arguments, **_options):
@@ -246,7 +244,7 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
     assert rmse == error_table(run.truth, run.estimates)["rmse_m"].tolist()
 
 
-def test_causes_of_lost_ranges_are_in_the_page_s_words_the_commonest_first(capsys):
+def test_causes_of_lost_ranges_have_the_words_of_the_page(capsys):
     counts = {"category": ALL_LINKS} | {status.name.lower(): 0 for status in RayStatus}
     counts |= {
         "attempts": 90,
@@ -345,10 +343,10 @@ def check_refusal(done, expected, left=("small.toml",)):
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
-    ("[noise]\n", ("[noise]\nrange_sigm ="
-                  " 2.0\n"), "`noise.range_sigm`: unknown key. Did you mean `noise.range_sigma`?"),
-    (("target_depth ="
-     " 250.0"), "target_depth = 6000.0", "'G': target_depth is 6000 m deep, below the sea floor"),
+    ("[noise]\n", "[noise]\nrange_sigm = 2.0\n",
+     "`noise.range_sigm`: unknown key. Did you mean `noise.range_sigma`?"),
+    ("target_depth = 250.0",
+     "target_depth = 6000.0", "'G': target_depth is 6000 m deep, below the sea floor"),
     ("half_extent_north = 15000.0", "half_extent_north = 9e6", "does not fit into the data"),
 ])  # fmt: skip
 def test_bad_configuration_is_one_line_and_leaves_nothing(mantaray, small, old, new, said):
@@ -371,15 +369,20 @@ def test_full_output_folder_is_refused_untouched(mantaray, small):
     )
 
 
-@pytest.mark.parametrize(("words", "expected"), [
-    (("run", "quick", "--realizations", "0"), ("quick: study.realizations: found 0; allowed: 1 or"
-                                              " more")),
-    (("run", "fast"), f"no preset 'fast'; allowed: {PRESETS}"),
-    (("run", "no.toml"), "no.toml: no such file"),
-    (("show", "fast"), "no preset 'fast'"),
-    (("run", "."), ".: not a preset, and not a study file, whose name ends in .toml"),
-    (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
-])  # fmt: skip
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (
+            ("run", "quick", "--realizations", "0"),
+            "quick: study.realizations: found 0; allowed: 1 or more",
+        ),
+        (("run", "fast"), f"no preset 'fast'; allowed: {PRESETS}"),
+        (("run", "no.toml"), "no.toml: no such file"),
+        (("show", "fast"), "no preset 'fast'"),
+        (("run", "."), ".: not a preset, and not a study file, whose name ends in .toml"),
+        (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
+    ],
+)
 def test_known_errors_are_one_line(mantaray, small, words, expected):
     check_refusal(mantaray("study", *words), expected)
 

@@ -131,9 +131,7 @@ def test_water_can_be_what_a_preset_believes_in_every_realization(preset):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("variance", ["fixed", "correlated"])
-def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reckoning(
-    day, variance
-):
+def test_outer_iterations_and_vector_factors_agree_from_any_start(day, variance):
     o, truth = day.noisy_measurements(0), day.truth
     if variance != "fixed":
         variance = {"kind": variance, "rms": 1.0, "horizontal_scale": 20e3}
@@ -155,7 +153,7 @@ def test_outer_iterations_and_vector_factors_agree_from_truth_and_from_dead_reck
         assert other.final_cost == pytest.approx(found[0].final_cost, rel=1e-4)
 
 
-def test_exact_eigenrays_do_as_well_as_straight_ranges_and_transmitter_as_refracted(day):
+def test_exact_eigenrays_estimate_as_well_as_straight_ranges(day):
     run = with_estimators(
         day,
         {"range_model": eigenray(EXACT)},
@@ -216,7 +214,7 @@ def profile(belief):
     return belief.local["sound_speed"].mean(("north", "east")).values
 
 
-def test_errors_that_depend_on_depth_and_those_of_an_instrument_are_what_is_asked_for(beliefs):
+def test_errors_of_depth_and_of_instruments_are_as_requested(beliefs):
     exact = beliefs.believed(ExactBelief(kind="exact"), 0)
     depth = exact.local["depth"].values
     bias = OffsetBelief(kind="offset", sound_speed=(0.5,))
@@ -274,7 +272,7 @@ def test_an_assumed_tide_is_in_the_water_of_the_run(beliefs, monkeypatch):
     )
 
 
-def test_an_internal_tide_moves_the_truth_and_is_undone_where_it_is_believed(tmp_path):
+def test_an_estimator_with_the_internal_tide_removes_its_effect(tmp_path):
     tree = tomllib.loads(preset_text("quick"))
     tree["study"] |= {"realizations": 1}
     tree["ocean"] |= {"half_extent_north": 15000.0, "half_extent_east": 15000.0}
@@ -317,7 +315,7 @@ def test_conditions_are_the_same_bytes_with_and_without_estimators(day):
 
 
 @pytest.mark.slow
-def test_perturbed_oceans_are_members_by_realization_in_proportion_to_rms(day, beliefs):
+def test_perturbed_oceans_are_members_in_proportion_to_their_rms(day, beliefs):
     one, two = (
         PerturbedBelief(kind="perturbed", rms=rms, horizontal_scale=20e3, down_to=300.0)
         for rms in (0.5, 1.0)
@@ -334,7 +332,7 @@ def test_perturbed_oceans_are_members_by_realization_in_proportion_to_rms(day, b
     assert 0.1 < np.sqrt(np.mean(half[..., day.ocean["depth"].values <= 300.0] ** 2)) < 1.5
 
 
-def test_mean_and_cast_are_the_same_everywhere_and_the_cast_the_column_of_the_beacon(day, beliefs):
+def test_mean_and_cast_are_uniform_and_the_cast_is_a_column(day, beliefs):
     mean, cast = (
         beliefs.believed(s, 0) for s in (MeanBelief(kind="mean"), CastBelief(kind="cast"))
     )
@@ -468,9 +466,7 @@ def test_files_of_the_built_in_beliefs_are_these_beliefs(day, beliefs, tmp_path)
 
 
 @pytest.mark.parametrize("realization", [0, 1])
-def test_a_perturbed_belief_is_the_member_that_perturb_ocean_makes_of_temperatures(
-    day, beliefs, tmp_path, realization
-):
+def test_a_perturbed_belief_is_a_member_of_perturb_ocean(day, beliefs, tmp_path, realization):
     """
     A member's sound speed is exact within 1e-6 m/s; below the sea bed, its temperature is extended,
     not its error.
@@ -500,7 +496,7 @@ depth [m],temperature,salinity
 """
 
 
-def test_a_cast_is_the_same_water_everywhere_over_the_studys_sea_floor(day, beliefs, tmp_path):
+def test_a_cast_is_uniform_water_over_the_sea_floor_of_the_study(day, beliefs, tmp_path):
     (tmp_path / "cast.csv").write_text(CAST)
     belief = beliefs.believed(file_belief(tmp_path / "cast.csv"), 0)
     cast = read_cast(tmp_path / "cast.csv")
@@ -584,7 +580,7 @@ def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp
         refused(OceanError, message, beliefs.believed, file_belief(tmp_path / name, **options), 0)
 
 
-def test_the_file_of_a_belief_is_relative_to_the_study_and_an_input_of_it(tmp_path):
+def test_the_file_of_a_belief_is_an_input_relative_to_the_study(tmp_path):
     tree = tomllib.loads(preset_text("quick"))
     belief = {"kind": "file", "source": "casts/one.csv"}
     tree["conditions"] = [*tree["conditions"], {"name": "own", "range_model": eigenray(belief)}]
@@ -609,9 +605,7 @@ ODOMETRY_NOISE = {
 
 @pytest.mark.slow
 @pytest.mark.parametrize("factor", [1.0, 10.0, 100.0])
-def test_from_dead_reckoning_a_study_ends_at_the_minimum_of_the_truth_or_says_that_it_does_not(
-    run_tiny, factor
-):
+def test_a_study_from_dead_reckoning_ends_at_the_minimum_or_says_so(run_tiny, factor):
     starts = {"straight": "dead-reckoning", "from-truth": "truth"}
     run = run_tiny(
         noise={key: factor * value for key, value in ODOMETRY_NOISE.items()},

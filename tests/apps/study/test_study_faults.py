@@ -98,9 +98,7 @@ def window_file(tmp_path):
     return tmp_path
 
 
-def test_files_named_relative_to_the_working_folder_are_found_by_beliefs(
-    tiny, window_file, monkeypatch
-):
+def test_beliefs_find_files_relative_to_the_working_folder(tiny, window_file, monkeypatch):
     """
     The configuration is read again in the run's folder, and the ocean for the cast from its source.
     """

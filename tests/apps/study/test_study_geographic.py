@@ -28,7 +28,7 @@ def geographic():
     return tree
 
 
-def test_they_are_in_the_same_places_and_in_the_resolved_file_by_north_and_east():
+def test_they_have_the_same_places_in_the_resolved_file():
     config, plain = parse_study(geographic()), parse_study(TINY)
     for one, other in zip(
         (*config.fleet.vehicles, *config.landmarks),
@@ -63,8 +63,11 @@ def test_a_cast_that_is_believed_is_placed_by_lat_and_lon():
 def changed(**of_first):
     tree = geographic()
     tree["fleet"]["vehicles"][0] |= of_first
-    return {**tree, "fleet": {**tree["fleet"], "vehicles": [
-        {k: v for k, v in vehicle.items() if v is not None} for vehicle in tree["fleet"]["vehicles"]]}}  # fmt: skip
+    vehicles = [
+        {key: value for key, value in vehicle.items() if value is not None}
+        for vehicle in tree["fleet"]["vehicles"]
+    ]
+    return {**tree, "fleet": {**tree["fleet"], "vehicles": vehicles}}
 
 
 def no_centre():

@@ -40,7 +40,7 @@ def rays(medium, timing=None, **options):
     return CandidateRays(medium, BOUNCED, timing or OneWay(), MixtureOptions(), **options)
 
 
-def test_candidates_are_the_eigenrays_of_each_link_in_either_direction(medium, links):
+def test_candidates_are_the_eigenrays_of_each_link_by_direction(medium, links):
     found = rays(medium).candidates(links)
     back = rays(medium).candidates(
         links._replace(transmitter=links.receiver, receiver=links.transmitter)
@@ -154,7 +154,7 @@ def test_mixture_with_a_loss_or_a_fitted_sigma_is_refused(tiny, extra):
 
 
 @pytest.mark.slow
-def test_study_with_mistaken_arrivals_keeps_metres_where_the_direct_arrival_alone_loses_kilometres(
+def test_a_mixture_keeps_metres_where_direct_arrivals_lose_kilometres(
     run_tiny,
 ):
     start = {"start": "dead-reckoning"}
@@ -177,7 +177,7 @@ def test_study_with_mistaken_arrivals_keeps_metres_where_the_direct_arrival_alon
 
 
 @pytest.mark.slow
-def test_near_the_surface_the_mixture_loses_no_more_than_the_picks_that_fit_equally_well(run_tiny):
+def test_near_the_surface_a_mixture_is_as_good_as_equal_picks(run_tiny):
     """
     The direct arrival and its surface reflection are metres apart, so some wrong picks fit as well
     as the right ones.

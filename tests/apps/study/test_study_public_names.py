@@ -29,7 +29,9 @@ LIGHT = {  # what is done, and what is not imported for it
     "import pymantaray": "numpy xarray numba gtsam",
     "import pymantaray.estimation": "gtsam",
     "import pymantaray.ocean.fetch": "requests pydap copernicusmarine",
-    "from pymantaray.acoustics.levels import absorption, loss, sonar": "xarray scipy pandas numba netCDF4",
+    "from pymantaray.acoustics.levels import absorption, loss, sonar": (
+        "xarray scipy pandas numba netCDF4"
+    ),
     "from pymantaray.acoustics import currents, selection": "xarray scipy pandas numba netCDF4",
     "from pymantaray.acoustics import Medium; Medium.from_profile([0, 9], [1500, 1490],"
     " bottom_depth=5)": "xarray pandas",

@@ -74,7 +74,7 @@ def links(ends):
     return between(*ends)
 
 
-def test_travel_times_are_the_solvers_and_their_gradients_finite_differences(medium, ends):
+def test_travel_times_equal_the_solver_and_gradients_are_right(medium, ends):
     model = EigenrayModel(medium)
     a, b = ends
     found = model.predict(between(a, b))
@@ -139,7 +139,7 @@ def test_what_the_ocean_does_not_allow_is_not_possible():
     assert np.isnan(found.travel_time[[0, 2, 3]]).all()
 
 
-def test_an_end_that_is_estimated_above_the_surface_counts_as_at_the_surface(medium):
+def test_an_estimate_above_the_surface_counts_as_at_the_surface(medium):
     a, b = np.array([[0.0, 0.0, -0.03]]), np.array([[900.0, 300.0, 700.0]])
     at_surface = find_eigenrays(medium, [[0.0, 0.0, 0.0]], b).first().travel_time
     model = EigenrayModel(medium)
@@ -209,9 +209,7 @@ def test_link_without_a_ray_has_no_variance_and_no_sensitivity(medium):
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-def test_sensitivities_are_finite_differences_of_travel_times_in_adjusted_water(
-    links, interpolation
-):
+def test_sensitivities_are_finite_differences_of_travel_times(links, interpolation):
     model = adjustable(interpolation)
     assert isinstance(model, RangeModel)
     about = np.array([0.7, -0.4])
@@ -226,7 +224,7 @@ def test_sensitivities_are_finite_differences_of_travel_times_in_adjusted_water(
     assert np.abs(found).max() > 1e-4
 
 
-def test_adjusted_water_is_the_sum_and_amplitudes_count_from_the_belief(links):
+def test_adjusted_water_is_the_belief_plus_its_modes(links):
     model = adjustable()
     there = model.adjusted(np.array([1.0, 2.0]))
     by_hand = water(FRONT + SHAPES[0] + 2.0 * SHAPES[1])
@@ -238,7 +236,7 @@ def test_adjusted_water_is_the_sum_and_amplitudes_count_from_the_belief(links):
     np.testing.assert_array_equal(back.predict(links).travel_time, model.predict(links).travel_time)
 
 
-def test_true_amplitudes_are_those_of_the_difference_where_the_fleet_is():
+def test_true_amplitudes_are_those_of_the_water_near_the_fleet():
     def local(amplitudes):
         speed = 1450.0 + np.zeros((9, 9, 25)) + amplitudes @ SHAPES
         speed[5:] += 3.0  # elsewhere

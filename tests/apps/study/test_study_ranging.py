@@ -108,9 +108,7 @@ def test_noise_is_that_of_sensing_with_what_the_sections_say(request, name, opti
     assert run.noisy_measurements(0).to_dataset().identical(expected.to_dataset())
 
 
-def test_two_way_ranges_move_with_the_vehicles_and_a_current_turns_its_sign_with_the_direction(
-    two_way, one_way, tiny_run
-):
+def test_two_way_ranges_move_with_the_vehicles_and_the_current(two_way, one_way, tiny_run):
     o = tiny_run.measurements
     still, moved, drifted = (run.ranging_truth.travel_time for run in (tiny_run, two_way, one_way))
     ok = o.range_status == RayStatus.OK
@@ -144,7 +142,7 @@ def test_detection_drops_pings_by_chance_and_says_how_many(two_way):
     assert np.isfinite(two_way.estimates.position[0]).all()
 
 
-def test_loss_at_the_ice_is_heard_and_no_vehicle_is_in_it_or_has_a_fix(fly_tiny, tiny_run):
+def test_loss_at_the_ice_counts_and_vehicles_have_no_fix_there(fly_tiny, tiny_run):
     bounces = {"max_surface_bounces": 1, "arrival": "strongest"}
     alone = {
         "source_level_db": 185.0,
@@ -166,7 +164,7 @@ def test_loss_at_the_ice_is_heard_and_no_vehicle_is_in_it_or_has_a_fix(fly_tiny,
     np.testing.assert_array_equal(loud.picture["sea_ice_draft"], 0.8)
 
 
-def test_mistakes_are_counted_and_become_ranges_whatever_the_number_of_workers(erring, tiny_run):
+def test_mistakes_are_counted_for_any_number_of_workers(erring, tiny_run):
     drawn = [erring.mistaken(r) for r in range(4)]
     expected = erring.manifest["outcome"]["expected_mistaken"]
     assert 3.0 < expected < drawn[0].size
@@ -197,9 +195,7 @@ def test_without_mistakes_there_is_no_file_and_none_is_mistaken(tiny_run):
         tiny_run.mistaken(2)
 
 
-def test_a_velocity_log_works_within_reach_of_the_sea_floor_and_sharpens_the_estimate(
-    tiny_run, run_tiny
-):
+def test_a_velocity_log_works_near_the_floor_and_sharpens_estimates(tiny_run, run_tiny):
     """
     Altitudes are those above the medium's own bottom; the reach lies between those of the fleet.
     """

@@ -31,10 +31,14 @@ def eigenray(belief, **options):
 
 PARTS = [
     ({"acoustics": {"currents": True}}, "munk1995"),
-    ({"ocean": {"source": "synthetic:fram", "centre_lat": 78.0, "centre_lon": 0.0}},
-     "rudels2005 rudels2000 beszczynska2012 richter2018 hofmann2021 wekerle2020"),
-    ({"ocean": {"source": "synthetic:beaufort", "equation": "del-grosso"}}, ("delgrosso1974"
-                                                                            " wong1995")),
+    (
+        {"ocean": {"source": "synthetic:fram", "centre_lat": 78.0, "centre_lon": 0.0}},
+        "rudels2005 rudels2000 beszczynska2012 richter2018 hofmann2021 wekerle2020",
+    ),
+    (
+        {"ocean": {"source": "synthetic:beaufort", "equation": "del-grosso"}},
+        "delgrosso1974 wong1995",
+    ),
     ({"ocean": {"source": "synthetic:beaufort", "equation": "unesco"}}, "chen1977 wong1995"),
     ({"detection": NOISE}, ""),
     ({"detection": SONAR}, "francois1982a francois1982b wenz1962"),
@@ -43,7 +47,10 @@ PARTS = [
     (up(surface_loss="bubbles"), "apl-uw1994"),
     (up(surface_loss="coherent"), "pierson1964"),
     ({"acoustics": {"max_bottom_bounces": 1, "sediment": "silt"}, "detection": NOISE}, "jensen"),
-    ({"acoustics": {"max_bottom_bounces": 1, "sediment": "fine-silt"}, "detection": NOISE}, "apl-uw1994"),
+    (
+        {"acoustics": {"max_bottom_bounces": 1, "sediment": "fine-silt"}, "detection": NOISE},
+        "apl-uw1994",
+    ),
     ({"detection": {**NOISE, "leakage": True}}, "itu-p526"),
     (estimator(loss="huber"), ""),
     (estimator(loss="gnc"), "yang2020"),
@@ -51,8 +58,11 @@ PARTS = [
     (estimator(solver={"kind": "fixed-lag", "lag_h": 8.0}), "dellaert2012"),
     (estimator(solver="kalman-filter"), "sola2017"),
     (estimator(range_model=eigenray("mean", modes={"count": 2})), "munk1995"),
-    (estimator(range_model=eigenray({"kind": "numerics", "equation": "unesco"})), "chen1977 wong1995"),
-]  # fmt: skip
+    (
+        estimator(range_model=eigenray({"kind": "numerics", "equation": "unesco"})),
+        "chen1977 wong1995",
+    ),
+]
 
 
 def keys_of(references: Citations) -> set[str]:

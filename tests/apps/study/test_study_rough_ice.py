@@ -143,7 +143,7 @@ def test_each_realization_has_the_ice_of_its_number(fly_under):
 
 
 @pytest.mark.slow
-def test_estimates_under_the_ice_of_each_realization_do_not_depend_on_workers(run_tiny, sea):
+def test_estimates_under_the_ice_of_realizations_ignore_workers(run_tiny, sea):
     sections = {"mission": {"duration_h": 1.0}, "acoustics": BOUNCES | {"arrival": "first"}}
     ocean = sea[0] | ROUGH
     one, two, frozen = (

@@ -47,8 +47,10 @@ def test_the_standard_conditions_are_those_of_the_estimation(tiny_run):
 
 def test_run_folder_holds_every_file_and_nothing_else(tiny_run):
     assert names_in(tiny_run.path) == [
-        "arrivals.nc", "config.toml", "covariances.nc", "estimates.nc", "links.nc", "manifest.json", "measurements.nc",
-        "ocean.nc", "profile.nc", "pyfg", "ranging_truth.nc", "ray_picture.nc", "region.csv", "truth.nc",
+        "arrivals.nc", "config.toml", "covariances.nc", "estimates.nc", "links.nc", "manifest.json",
+        "measurements.nc",
+        "ocean.nc", "profile.nc", "pyfg", "ranging_truth.nc", "ray_picture.nc", "region.csv",
+        "truth.nc",
     ]  # fmt: skip
     assert names_in(tiny_run.path / "pyfg") == [
         f"realization-0-{name}.pyfg" for name in ("refracted", "straight-all", "straight")
@@ -141,9 +143,7 @@ def test_few_steps_lead_a_study_to_its_optimum(tiny_run, ranges):
     assert usual.iterations <= 6  # eight and more without the curvature of odometry
 
 
-def test_default_folder_is_dated_and_progress_counts_up_to_the_end_of_each_stage(
-    tiny, tmp_path, monkeypatch
-):
+def test_the_default_folder_has_a_date_and_progress_reaches_its_end(tiny, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     seen = []
     run = run_study(tiny(**DEAD_RECKONING), workers=1, progress=lambda *step: seen.append(step))
@@ -190,18 +190,16 @@ def test_full_folder_is_refused_before_any_work(tiny_config, tmp_path, monkeypat
 @pytest.mark.parametrize(("sections", "expected"), [
     ({"mission": {"duration_h": 1e9}}, "4 vehicles x 1.8e+10 samples x 5 solves x 160 bytes"),
     ({"mission": {"duration_h": 1e308}}, "duration_h is inf s; it must be a whole multiple"),
-    ({"mission": {"sampling_period_s": 1e-6, "physics_step_s": 1e-6}}, ("4 vehicles x 1.44e+10"
-                                                                       " samples")),
-    ({"mission": {"physics_step_s": 1e-300}}, ("4 vehicles x 1.44e+304 physics steps are more than"
-                                              " 1e+13")),
+    ({"mission": {"sampling_period_s": 1e-6, "physics_step_s": 1e-6}},
+     "4 vehicles x 1.44e+10 samples"),
+    ({"mission": {"physics_step_s": 1e-300}},
+     "4 vehicles x 1.44e+304 physics steps are more than 1e+13"),
     ({"study": {"realizations": 10**9}}, "4 vehicles x 72 samples x 5e+09 solves x 160 bytes"),
     ({"study": {"realizations": int("9" * 4000)}}, "study.realizations: found 99999"),
-    ({"fleet": {"vehicles": {"1": {"target_depth": 9e3}}}}, ("'B': target_depth is 9000 m deep,"
-                                                            " below the sea floor")),
+    ({"fleet": {"vehicles": {"1": {"target_depth": 9e3}}}},
+     "'B': target_depth is 9000 m deep, below the sea floor"),
 ], ids=range(7))  # fmt: skip
-def test_what_cannot_be_held_finished_or_dived_is_refused_at_once_in_one_line(
-    tiny, tmp_path, sections, expected
-):
+def test_impossible_missions_are_refused_at_once_in_one_line(tiny, tmp_path, sections, expected):
     with pytest.raises((StudyError, FleetError)) as caught:
         run_study(tiny(**{"study": {"realizations": 1}} | sections), tmp_path / "run", workers=1)
     assert expected in str(caught.value)

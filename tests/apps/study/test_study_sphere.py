@@ -58,7 +58,7 @@ def chord(earth_radius, a, b):
     return np.linalg.norm(ends[1] - ends[0], axis=1)
 
 
-def test_estimators_with_straight_lines_predict_the_chord_through_the_earth(round_earth):
+def test_straight_lines_are_chords_through_the_earth(round_earth):
     run, links = round_earth[1], links_at_truth(round_earth)
     radius = (
         6378137.0 * np.sqrt(1.0 - 0.00669438) / (1.0 - 0.00669438 * np.sin(np.radians(74.5)) ** 2)

@@ -157,7 +157,7 @@ def test_every_estimator_solves_the_survey(tmp_path):
     assert 1.2 * rms["straight"] < rms["mean-slowness"] < rms["refracted"] < rms["constant"]
 
 
-def test_the_current_carries_vehicles_and_buoys_of_a_study_that_says_so(survey_run):
+def test_the_current_carries_vehicles_and_buoys_on_request(survey_run):
     """
     Over ground they move as they do through the water and with the current, which here hardly
     varies.

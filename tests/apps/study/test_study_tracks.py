@@ -84,7 +84,7 @@ def same_ranges(one, other):
         )
 
 
-def test_the_truth_of_a_study_as_a_fleet_gives_the_ranges_of_the_study_to_the_last_digit(study_run):
+def test_the_truth_of_a_study_as_a_fleet_gives_the_same_ranges(study_run):
     marks = [mark.model_dump() for mark in study_run.config.landmarks]
     by_file = measure(study_run.path / "truth.nc", OCEAN, 3600.0, landmarks=marks)
     same_ranges(by_file, study_run)
@@ -99,7 +99,7 @@ def test_the_truth_of_a_study_as_a_fleet_gives_the_ranges_of_the_study_to_the_la
     assert one == other
 
 
-def test_a_study_of_trajectories_estimates_as_one_of_the_same_vehicles(study_run, tmp_path):
+def test_a_study_of_trajectories_equals_one_of_the_same_vehicles(study_run, tmp_path):
     tree = {**TINY, "fleet": {"trajectories": str(study_run.path / "truth.nc")}}
     tree["mission"] = {"ping_interval_h": 1.0}
     run = run_study(parse_study(tree), tmp_path / "run", workers=1)
@@ -166,7 +166,7 @@ def test_slots_let_one_vehicle_ping_at_a_time(table):
     )
 
 
-def test_a_list_of_pings_is_that_and_both_ways_at_one_time_are_one_link(table, tmp_path):
+def test_a_list_of_pings_makes_one_link_of_both_ways_at_one_time(table, tmp_path):
     pings = PingList(
         (10.0, 10.0, 500.5, 9999.0), ("A", "B", "M", "A"), (("B",), ("A",), ("A", "L"), ())
     )
@@ -226,7 +226,7 @@ def test_estimators_run_on_the_pings_of_landmarks_alone(table, tmp_path):
     assert run.ranges(0)["transmitter"].unique().tolist() == ["L0", "L1", "L2"]
 
 
-def test_every_schedule_gives_a_pair_the_travel_time_that_it_has_at_that_time(table):
+def test_every_schedule_gives_the_travel_time_of_its_time(table):
     interval = measure(table, OCEAN, 600.0)
     slots = measure(table, OCEAN, SlotSchedule(("A", "B", "M"), slot=600.0, start=600.0))
 
@@ -244,7 +244,8 @@ def test_every_schedule_gives_a_pair_the_travel_time_that_it_has_at_that_time(ta
 def test_simulated_vehicles_may_ping_between_samples(study_run):
     tree = {**TINY, "study": {"name": "slots"}, "conditions": []}
     tree["mission"] = {**TINY["mission"], "duration_h": 1.0,
-                       "schedule": {"kind": "slots", "slots": ["A", "B"], "slot_s": 310.0}}  # fmt: skip
+                       "schedule": {"kind": "slots", "slots": ["A", "B"],
+                                    "slot_s": 310.0}}  # fmt: skip
     from pymantaray.apps.study.manifest import Stopwatch
     from pymantaray.apps.study.mission import simulate_mission
 
@@ -355,35 +356,42 @@ def far_away(table):
 
 IMPOSSIBLE = {
     "far.csv: no pose is in the ocean: poses are 10.* km north, .* the ocean reaches -15.0 to"
-    " 15.0": lambda table: (
-        measure(far_away(table), OCEAN, 600.0)),
+    " 15.0": lambda table: measure(far_away(table), OCEAN, 600.0),
     "SlotSchedule: slots of 10 s from 0 s on: no vehicle or landmark is called 'Z'; allowed: A, B,"
-    " M":
-        lambda table: measure(table, OCEAN, SlotSchedule(("A", "Z"), 10.0)),
-    "PingSchedule: interval is 7200 s, the mission lasts 3600 s; at least one ping":
-        lambda table: measure(table, OCEAN, 7200.0),
+    " M": lambda table: measure(table, OCEAN, SlotSchedule(("A", "Z"), 10.0)),
+    "PingSchedule: interval is 7200 s, the mission lasts 3600 s; at least one ping": lambda table: (
+        measure(table, OCEAN, 7200.0)
+    ),
     "PingList: .* no vehicle or landmark is called 'L'": lambda table: measure(
-        table, OCEAN, PingList((1.0,), ("L",))),
-    "PingList: .*: A listens to"
-    " itself": lambda table: measure(table, OCEAN, PingList((1.0,), ("A",), (("A",),))),
+        table, OCEAN, PingList((1.0,), ("L",))
+    ),
+    "PingList: .*: A listens to itself": lambda table: measure(
+        table, OCEAN, PingList((1.0,), ("A",), (("A",),))
+    ),
     "names of vehicles and landmarks must differ; found A": lambda table: measure(
-        table, OCEAN, 600.0, landmarks=[{"name": "A", "north": 0.0, "east": 0.0, "depth": 1.0}]),
+        table, OCEAN, 600.0, landmarks=[{"name": "A", "north": 0.0, "east": 0.0, "depth": 1.0}]
+    ),
     "ranges: `acoustics.max_bounces`: unknown key": lambda table: measure(
-        table, OCEAN, 600.0, acoustics={"max_bounces": 1}),
+        table, OCEAN, 600.0, acoustics={"max_bounces": 1}
+    ),
     "no-such.csv": lambda _: measure("no-such.csv", OCEAN, 600.0),
-    "no-such.nc": lambda _: run_study(parse_study({**TINY, "fleet": {"trajectories": "no-such.nc"}})),
+    "no-such.nc": lambda _: run_study(
+        parse_study({**TINY, "fleet": {"trajectories": "no-such.nc"}})
+    ),
     "fleet: vehicles or trajectories make a fleet; give ": lambda _: parse_study(
-        {**TINY, "fleet": {}}),
+        {**TINY, "fleet": {}}
+    ),
     "fleet: vehicles or trajectories make a fleet; both are given": lambda _: parse_study(
-        {**TINY, "fleet": {**TINY["fleet"], "trajectories": "m.csv"}}),
+        {**TINY, "fleet": {**TINY["fleet"], "trajectories": "m.csv"}}
+    ),
     "mission.schedule.kind: found 'often'; allowed: 'slots', 'pings'": lambda _: parse_study(
-        {**TINY, "mission": {"schedule": {"kind": "often"}}}),
+        {**TINY, "mission": {"schedule": {"kind": "often"}}}
+    ),
     "no ranges: B is the only vehicle and there is no landmark; add the trajectory of another"
-    " vehicle": lambda table: (
-        measure(pd.read_csv(table).query("vehicle == 'B'"), OCEAN, 600.0)),
+    " vehicle": lambda table: measure(pd.read_csv(table).query("vehicle == 'B'"), OCEAN, 600.0),
     "SlotSchedule: slot is 0 s": lambda _: SlotSchedule(("A",), 0.0),
     "PingList: 1 transmitter of 2 pings": lambda _: PingList((0.0, 1.0), ("A",)),
-}  # fmt: skip
+}
 
 
 @pytest.mark.parametrize("message", IMPOSSIBLE)
@@ -433,9 +441,15 @@ def elsewhere(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("to", "files"),
-    [("tum", "truth-*.tum"), ("cf", "truth.nc"), ("csv", "trajectories.csv"), ("parquet", "trajectories.parquet"),
-     ("bag", ""), ("mcap", "")],
-)  # fmt: skip
+    [
+        ("tum", "truth-*.tum"),
+        ("cf", "truth.nc"),
+        ("csv", "trajectories.csv"),
+        ("parquet", "trajectories.parquet"),
+        ("bag", ""),
+        ("mcap", ""),
+    ],
+)
 def test_an_exported_run_comes_back_into_the_same_water(elsewhere, tmp_path, to, files):
     if to in ("bag", "mcap"):
         pytest.importorskip("rosbags")
@@ -497,7 +511,7 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
     )
 
 
-def test_a_run_of_local_positions_says_in_its_manifest_where_they_were_placed(table, tmp_path):
+def test_a_run_of_local_positions_has_its_centre_in_the_manifest(table, tmp_path):
     tree = {"study": {"name": "r"}, "conditions": [], "ocean": {"source": "synthetic:beaufort"}}
     tree |= {"fleet": {"trajectories": str(table)}, "mission": {"ping_interval_h": 1.0}}
     config = parse_study(tree)

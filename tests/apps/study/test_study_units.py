@@ -15,15 +15,20 @@ from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.quantities.units import quantity_of
 
-IN_WORDS = {"m": "m", "s": "s", "h": "h", "days": "d", "m/s": "m/s", "degrees": "deg", "degrees/s": "deg/s",
+IN_WORDS = {"m": "m", "s": "s", "h": "h", "days": "d", "m/s": "m/s", "degrees": "deg",
+            "degrees/s": "deg/s",
             "rad": "rad", "rad/s": "rad/s", "Hz": "Hz"}  # fmt: skip
 
 
 @pytest.mark.parametrize(("text", "unit", "number"), [
-    ("10 m", "m", 10.0), ("2 km", "m", 2000.0), ("-1.5km", "m", -1500.0), ("1 nmi", "m", 1852.0), ("5 cm", "m", 0.05),
-    ("500 ms", "s", 0.5), ("20 us", "s", 2e-5), ("20 µs", "s", 2e-5), ("1 d 12 h", "h", 36.0), ("36 h", "d", 1.5),
-    ("3 kn", "m/s", 3 * 1852 / 3600), ("3.6 km/h", "m/s", 1.0), ("25 kHz", "Hz", 25e3), ("1e-3 MHz", "Hz", 1e3),
-    ("10 deg", "deg", 10.0), ("180 deg", "rad", math.pi), ("0.1 rad", "rad", 0.1), ("1 mrad", "rad", 1e-3),
+    ("10 m", "m", 10.0), ("2 km", "m", 2000.0), ("-1.5km", "m", -1500.0), ("1 nmi", "m", 1852.0),
+    ("5 cm", "m", 0.05),
+    ("500 ms", "s", 0.5), ("20 us", "s", 2e-5), ("20 µs", "s", 2e-5), ("1 d 12 h", "h", 36.0),
+    ("36 h", "d", 1.5),
+    ("3 kn", "m/s", 3 * 1852 / 3600), ("3.6 km/h", "m/s", 1.0), ("25 kHz", "Hz", 25e3),
+    ("1e-3 MHz", "Hz", 1e3),
+    ("10 deg", "deg", 10.0), ("180 deg", "rad", math.pi), ("0.1 rad", "rad", 0.1),
+    ("1 mrad", "rad", 1e-3),
     ("60 deg/min", "deg/s", 1.0), ("+.5 m", "m", 0.5), ("1e3 m", "m", 1e3), ("2000 m", "km", 2.0),
 ])  # fmt: skip
 def test_text_with_a_unit_is_the_number_in_another(text, unit, number):
@@ -98,7 +103,8 @@ def test_lists_and_detection_take_text_with_a_unit():
         "bandwidth_hz": "5 kHz",
         "wind_speed": "10 kn",
     }
-    route = {"name": "W", "kind": "waypoints", "north": 0.0, "east": "1 km", "depth": "10 m", "speed": "3 kn",
+    route = {"name": "W", "kind": "waypoints", "north": 0.0, "east": "1 km", "depth": "10 m",
+             "speed": "3 kn",
              "turn_rate_deg": "0.1 rad/s", "points": [["1 km", 0.0, "20 m"]]}  # fmt: skip
     config = load_study("quick", detection=loud, **{"fleet.vehicles": [route]})
     assert (config.detection.frequency_hz, config.detection.bandwidth_hz) == (25e3, 5e3)
@@ -117,8 +123,8 @@ def test_ice_is_a_draft_or_a_file(tmp_path, monkeypatch):
     ("noise.range_sigma", "0 m", "noise.range_sigma: found 0.0; allowed: greater than 0"),
     ("ocean.centre_lat", "2 rad", "ocean.centre_lat: found '2 rad'; allowed: 90 or less"),
     ("fleet.vehicles.B.target_depth", "-5 m", "target_depth: found -5.0; allowed: 0 or more"),
-    ("ranging.turn_around_s", "1 m", ("ranging.turn_around_s: found '1 m'; allowed: a number of"
-                                     " seconds")),
+    ("ranging.turn_around_s", "1 m",
+     "ranging.turn_around_s: found '1 m'; allowed: a number of seconds"),
 ])  # fmt: skip
 def test_other_text_is_refused_in_one_line(key, value, line):
     refused(StudyError, re.escape(line), load_study, "quick", **{key: value})
@@ -146,7 +152,7 @@ def units_in(schema):
     return ([schema["unit"]] if "unit" in schema else []) + units_in(list(schema.values()))
 
 
-def test_every_quantity_takes_text_in_the_unit_that_its_description_has():
+def test_every_quantity_accepts_text_in_the_unit_of_its_description():
     checked = 0
     for model in sorted(models_below(StudyConfig), key=lambda m: m.__name__):
         for name, field in model.model_json_schema()["properties"].items():

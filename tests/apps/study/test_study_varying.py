@@ -63,7 +63,7 @@ def local(speed, current=0.0, depth=(0.0, 50.0, 400.0)):
 
 
 @pytest.mark.parametrize("zone", [None, 2, -7])
-def test_a_mission_starts_at_its_time_in_utc_whatever_zone_it_is_written_in(tiny, zone):
+def test_a_mission_starts_at_its_time_in_utc_for_any_time_zone(tiny, zone):
     time = dt.datetime(2014, 7, 15, 12, tzinfo=dt.UTC)
     time = (
         time.replace(tzinfo=None)
@@ -73,7 +73,7 @@ def test_a_mission_starts_at_its_time_in_utc_whatever_zone_it_is_written_in(tiny
     assert mission_start(tiny(ocean={"time": time}).ocean) == np.datetime64("2014-07-15T12:00:00")
 
 
-def test_between_snapshots_the_ocean_is_linear_in_time_and_on_them_exact():
+def test_the_ocean_is_linear_in_time_between_snapshots():
     snapshots = [local(1450.0, 0.1), local(1460.1, 0.3), local(1440.7, -0.7)]
     series = series_of(iter(snapshots), np.array([-600.0, 3000.0, 9000.0]))
     for time, snapshot in zip((-600.0, 3000.0, 9000.0), snapshots, strict=True):
@@ -229,7 +229,7 @@ def test_each_ping_of_a_study_is_ranged_in_the_water_of_its_time(moving_config, 
     assert moving.picture["ray_arrives"].sum() > 0
 
 
-def test_a_fleet_in_moving_water_goes_elsewhere_than_in_its_first_snapshot(moving_config, moving):
+def test_a_fleet_in_varying_water_ends_at_other_positions(moving_config, moving):
     m = moving_config.mission
     still = simulate(
         moving_config.fleet.build(),
@@ -245,7 +245,7 @@ def test_a_fleet_in_moving_water_goes_elsewhere_than_in_its_first_snapshot(movin
 
 
 @pytest.mark.slow
-def test_belief_that_varies_predicts_each_ping_in_the_water_of_its_time(run_tiny):
+def test_a_varying_belief_predicts_each_ping_at_its_time(run_tiny):
     """
     Without noise it leads to the truth; frozen at the start it does not; the same day taken again
     is the same.
@@ -309,7 +309,7 @@ def test_rays_on_the_page_run_through_the_water_of_their_ping(run_tiny, tmp_path
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-def test_a_medium_around_positions_has_their_columns_and_the_travel_times_of_the_whole(
+def test_a_medium_around_positions_has_the_same_travel_times(
     interpolation,
 ):
     axes = {

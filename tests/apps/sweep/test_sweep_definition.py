@@ -42,7 +42,7 @@ def sweep(tmp_path):
     return load_sweep(tmp_path / "sweep.toml")
 
 
-def test_every_value_meets_every_other_and_the_last_axis_is_the_fastest(sweep):
+def test_every_value_meets_every_other_and_the_last_axis_is_fastest(sweep):
     assert sweep.shape == (3, 2, 2, 2)
     assert len(sweep) == 24
     configs = [sweep.point(number) for number in range(24)]
@@ -76,7 +76,7 @@ PLACED = {"name": "L", "lat": 73.55, "lon": -144.5, "depth": 100.0}
         {"fleet.vehicles.B.target_depth": [100.0, 200.0], "study.seed": [1, 2]},
     ],
 )
-def test_a_point_is_the_study_of_its_own_tables_although_sections_of_the_base_are_checked_once(
+def test_a_point_is_the_study_of_its_own_tables(
     cross,
 ):
     base = load_study("quick")
@@ -327,7 +327,7 @@ trajectories = "short.csv"
 @pytest.mark.parametrize(
     "name", ["rmse_m", "rays_seconds", "condition", "a/b", "", "3rd", " a", "a ", "a\nb", 7]
 )
-def test_a_name_that_no_table_can_have_is_refused_before_anything_runs(name):
+def test_invalid_table_names_are_refused_before_anything_runs(name):
     zipped = [{"name": name, "noise.range_sigma": [1.0, 2.0]}]
     with pytest.raises(SweepError, match=r"^sweep: .*name") as caught:
         Sweep("quick", zipped=zipped)

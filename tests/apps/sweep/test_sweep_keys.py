@@ -118,7 +118,7 @@ def config(small):
     return small
 
 
-def test_a_key_changes_with_each_field_that_its_stage_reads_and_with_no_other(config):
+def test_a_key_changes_exactly_with_the_fields_that_its_stage_reads(config):
     tree = config.model_dump(mode="json")
     before, compared = task_keys(build_study(config), {}), 0
     for field in leaves(tree):
@@ -194,7 +194,7 @@ def test_all_that_a_stage_does_not_read_changes_no_digit_of_it(config):
             np.testing.assert_array_equal(getattr(one, f.name), getattr(two, f.name))
 
 
-def test_the_duration_counts_for_an_ocean_that_varies_and_for_no_other(config):
+def test_the_duration_changes_only_the_key_of_a_varying_ocean(config):
     def key(**changes):
         return task_keys(build_study(config.with_(**changes)), {})[OCEAN]
 
@@ -224,7 +224,7 @@ def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
     )
 
 
-def test_the_version_of_the_code_changes_with_any_source_that_a_result_can_depend_on(tmp_path):
+def test_the_version_of_the_code_changes_with_any_relevant_source(tmp_path):
     package = tmp_path / "pymantaray"
     shutil.copytree(
         Path(pymantaray.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")
@@ -257,7 +257,7 @@ def test_the_version_of_the_code_changes_with_any_source_that_a_result_can_depen
         {"ocean": {"ice": 2.0}, "acoustics": {"max_surface_bounces": 1}},
     ],
 )
-def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(config, sections):
+def test_the_store_returns_all_digits(config, sections):
     tree = config.model_dump(exclude_none=True)
     for name, values in sections.items():
         tree[name] |= values
@@ -298,7 +298,7 @@ def test_what_is_read_from_the_store_is_what_was_written_to_the_last_digit(confi
     np.testing.assert_array_equal(np.stack(rays.attempts), np.stack(again[RAYS].attempts))
 
 
-def test_the_turn_around_time_changes_the_rays_of_replies_and_their_key(config):
+def test_the_turn_around_time_changes_the_key_of_replies(config):
     """A vehicle moves while a reply waits, so its range differs; a shared stage would be stale."""
     tree = config.model_dump(exclude_none=True)
     configs = [

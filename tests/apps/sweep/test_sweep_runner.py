@@ -272,9 +272,7 @@ def losing_pool(number):
     return lambda work, *_: Losing(lambda: work)
 
 
-def test_a_point_whose_worker_is_lost_is_a_result_and_the_others_go_on(
-    noises, tmp_path, monkeypatch
-):
+def test_a_point_with_a_lost_worker_is_a_result_and_others_continue(noises, tmp_path, monkeypatch):
     monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", losing_pool(5))
     results = run_sweep(noises(3), tmp_path / "out")
     assert [c["status"] for c in results.contents] == ["done", "failed", "done"]

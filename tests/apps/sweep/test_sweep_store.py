@@ -83,7 +83,7 @@ def test_a_folder_of_something_else_is_left_alone(noises, tmp_path):
         open_sweep(tmp_path)
 
 
-def test_what_a_killed_process_left_half_written_is_removed_when_it_is_old_and_the_users_files_stay(
+def test_old_partial_files_are_removed_and_user_files_stay(
     tmp_path,
 ):
     store = open_store(tmp_path)
@@ -226,7 +226,7 @@ def test_a_link_in_the_place_of_a_folder_is_not_written_through(here, noises, tm
     assert not any(away.iterdir())
 
 
-def test_a_circle_of_links_in_the_place_of_a_folder_is_told_in_one_line(noises, tmp_path):
+def test_a_circle_of_links_is_refused_in_one_line(noises, tmp_path):
     (tmp_path / "out").symlink_to(tmp_path / "out")
     with pytest.raises(
         JobError, match=r"out: symbolic links form a circle; give another folder$"

@@ -62,7 +62,7 @@ def test_a_bearing_selects_the_water_of_its_sector(sectored: TravelTimeTable) ->
     )
 
 
-def test_sectors_that_are_too_large_together_are_refused_with_the_limit_of_the_table() -> None:
+def test_sectors_that_are_too_large_together_are_refused() -> None:
     water = _water(1.0)
     one = build_table(water, *LIMITS, tolerance=0.2, node=NODE)
     limit = int(1.5 * one.tree.nbytes)

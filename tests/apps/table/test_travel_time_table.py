@@ -101,7 +101,7 @@ def _two_arrivals(places: np.ndarray) -> Samples:
     )
 
 
-def test_a_small_region_with_an_earlier_arrival_between_the_tested_points_is_found() -> None:
+def test_a_small_region_with_an_earlier_arrival_is_found() -> None:
     box = Box((0.0, 0.0, 1000.0), (100.0, 200.0, 2000.0), (5.0, 5.0, 20.0))
     table = TravelTimeTable(box.lower, box.upper, 0.05, build_tree(box, [_two_arrivals], 0.05))
     places = POCKET + POCKET_SIZE * np.random.default_rng(2).uniform(-5.0, 5.0, (40_000, 3))

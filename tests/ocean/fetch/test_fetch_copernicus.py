@@ -168,7 +168,11 @@ def test_several_data_sets_of_a_product_are_one_ocean(service, tmp_path):
 name = "apart"
 title = "apart"
 first = 2010-01-01T00:00:00
-datasets = [{ id = "t", variables = ["thetao"] }, { id = "s", variables = ["so"] }, { id = "c", variables = ["uo", "vo"] }]
+datasets = [
+    { id = "t", variables = ["thetao"] },
+    { id = "s", variables = ["so"] },
+    { id = "c", variables = ["uo", "vo"] },
+]
 """
     )
     fetched = fetch_copernicus(

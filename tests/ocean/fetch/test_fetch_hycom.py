@@ -86,7 +86,7 @@ def test_the_data_sets_that_hold_the_time_are_found(fetch, is_true, thredds, tim
     ("starts", "time", "asked_first"),
     [(0, "2015-01-01T00", 2015), (0, "2015-01-01T06", 2015), (48, "2015-01-01T18", 2014)],
 )
-def test_a_year_file_that_does_not_reach_the_time_gives_way_to_its_neighbour(
+def test_a_year_file_without_the_time_gives_way_to_its_neighbour(
     fetch, is_true, thredds, tmp_path, starts, time, asked_first
 ):
     shipped = resources.files("pymantaray.ocean.fetch").joinpath("servers.toml").read_text()
@@ -127,9 +127,7 @@ def test_a_step_that_only_one_of_two_data_sets_has_is_missing(refusal, fetch, is
     is_true(ocean, "2019-03-14T09:00")
 
 
-def test_an_experiment_that_does_not_reach_the_time_gives_way_to_the_next(
-    fetch, is_true, thredds, monkeypatch
-):
+def test_an_experiment_without_the_time_gives_way_to_the_next(fetch, is_true, thredds, monkeypatch):
     model = thredds.app.models["GLBv0.08/expt_57.2"]
     monkeypatch.setattr(model, "instants", model.instants[800:])
     fetched, ocean = fetch(time="2016-06-01T00")
@@ -150,7 +148,7 @@ def test_a_time_axis_that_moves_during_the_fetch_is_noticed(refusal, thredds, mo
     assert "time axis changed during the download" in message
 
 
-def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(
+def test_real_files_from_pydap_equal_those_of_the_reader(
     fetch, thredds, gulf_stream_files, monkeypatch
 ):
     for kind, path in zip(("ts3z", "uv3z"), gulf_stream_files, strict=True):
@@ -167,11 +165,11 @@ def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(
     ({"lat": (73.0, 73.0)}, "lat is 73,73; the window is empty"),
     ({"lat": (73.0, 95.0)}, "lat is 73,95; it must be two numbers from -90 to 90"),
     ({"lat": (float("nan"), 1.0)}, "lat is nan,1; it must be"),
-    ({"lon": (-130.0, -150.0)}, ("lon is -130,-150; it spans 340 degrees eastwards; the limit is"
-                                " 180; write west,east")),
+    ({"lon": (-130.0, -150.0)},
+     "lon is -130,-150; it spans 340 degrees eastwards; the limit is 180; write west,east"),
     ({"lat": (-85.0, -82.0)}, "the data, which cover latitude -80 to 90 and longitude"),
-    ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)}, ("points; the limit is 20,000,000; use a smaller"
-                                                  " window")),
+    ({"lat": (-60.0, 60.0), "lon": (0.0, 150.0)},
+     "points; the limit is 20,000,000; use a smaller window"),
     ({"lon": (-150.0, -149.99)}, "axis too short (lon): 2 points; allowed 4 or more"),
     ({"out": "nowhere/ocean.nc"}, "no such folder; create it first"),
     ({"servers": "ftp://example.org"}, "no such file"),
@@ -180,8 +178,8 @@ def test_real_files_served_by_pydap_come_back_as_the_reader_opens_them(
     ({"time": "1980-01-01"}, ("no experiment covers 1980-01-01T00:00; available: expt_53.X"
                              " 1994-01-01")),
     ({"experiment": "mine"}, "unknown experiment 'mine'"),
-    ({"lat": (0.0, 0.4), "lon": (-49.3, -48.9)}, ("lat 0 to 0.4, lon -49.3 to -48.9: ocean: no"
-                                                 " valid value (water_temp)")),
+    ({"lat": (0.0, 0.4), "lon": (-49.3, -48.9)},
+     "lat 0 to 0.4, lon -49.3 to -48.9: ocean: no valid value (water_temp)"),
 ])  # fmt: skip
 def test_what_cannot_be_is_refused_in_one_line(refusal, options, line):
     assert line in refusal(**options)

@@ -27,7 +27,7 @@ from pymantaray.apps.ocean.figures import (
 )
 from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages import style
 
@@ -250,7 +250,7 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
     at = (0.5 * float(lat[0] + lat[-1]), middle) if place is None else place
     i, j = (
         int(np.argmin(np.abs(axis - x)))
-        for axis, x in ((lat, at[0]), (lon, wrapped(at[1], about=middle)))
+        for axis, x in ((lat, at[0]), (lon, wrap_longitude(at[1], about=middle)))
     )
     figure = style.new_figure(style.DOUBLE, 3.2, _header(atlas))
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.8, 1.0))

@@ -23,7 +23,7 @@ from pymantaray.config.build.sound import SoundOptions, build_sound
 from pymantaray.config.build.water import Source, configuration_of
 from pymantaray.errors import AtlasError
 from pymantaray.geometry import LocalFrame
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.installation import code_version
 from pymantaray.jobs.keys import digest, sha256
 from pymantaray.ocean import stored_ocean
@@ -233,8 +233,8 @@ class Atlas:
             for y, x in product(lat[[0, -1]].tolist(), lon[[0, -1]].tolist())
         ]
         south, north = (float(f([f(y) for y, _ in corners])) for f in (np.min, np.max))
-        west = lon[0] + min(float(np.min(wrapped(x - lon[0]))) for _, x in corners[::2])
-        east = lon[-1] + max(float(np.max(wrapped(x - lon[-1]))) for _, x in corners[1::2])
+        west = lon[0] + min(float(np.min(wrap_longitude(x - lon[0]))) for _, x in corners[::2])
+        east = lon[-1] + max(float(np.max(wrap_longitude(x - lon[-1]))) for _, x in corners[1::2])
         rows = self._index.lat
         columns = self._index.lon
         first, last = np.searchsorted(rows, [south, north])

@@ -1,6 +1,4 @@
-"""
-Estimation of node positions and their covariance from a survey of two-way and one-way travel times.
-"""
+"""Estimation of node positions and their covariance from a survey of travel times."""
 
 from typing import TYPE_CHECKING
 

@@ -1,6 +1,4 @@
-"""
-Bootstrap of positions: resample independent residuals with replacement and solve the linear system.
-"""
+"""Bootstrap of positions: resample residuals with replacement and solve the linear system."""
 
 import os
 from collections.abc import Callable
@@ -34,34 +32,33 @@ def bootstrap_positions(
     """
     if not 1 < draws <= _MAX_DRAWS:
         raise LocateError(f"bootstrap is {draws}; it must be 2 to {_MAX_DRAWS:,} draws")
-    s = solution
-    rows = np.concatenate(list(s.whitened()))
-    sd = s.unknowns.scaled_sd(
-        dict.fromkeys(s.unknowns.groups, 1.0) | dict(s.posterior.hyperparameters)
+    rows = np.concatenate(list(solution.whitened_rows()))
+    sd = solution.unknowns.scaled_sd(
+        dict.fromkeys(solution.unknowns.groups, 1.0) | dict(solution.posterior.hyperparameters)
     )
     active = np.flatnonzero(sd > 0.0)
-    design = rows[:, active] * (sd[active] / s.posterior.sigma)
-    residual = rows[:, -1] / s.posterior.sigma
+    design = rows[:, active] * (sd[active] / solution.posterior.sigma)
+    residual = rows[:, -1] / solution.posterior.sigma
     size = len(rows)
-    offset = ((s.unknowns.prior_mean - s.values)[active]) / sd[active]
+    offset = ((solution.unknowns.prior_mean - solution.values)[active]) / sd[active]
 
     def draw(number: int) -> Array:
         rng = stream(seed, number, "locate", "bootstrap")
         count = np.bincount(rng.integers(0, size, size), minlength=size).astype(float)
         normal = (design * count[:, None]).T @ design + np.eye(active.size)
-        change = np.zeros(s.unknowns.size)
+        change = np.zeros(solution.unknowns.size)
         change[active] = sd[active] * np.linalg.solve(
             normal, design.T @ (count * residual) + offset
         )
-        return s.unknowns.positions(s.values + change)
+        return solution.unknowns.positions(solution.values + change)
 
-    out = []
+    positions = []
     with (
         threadpool_limits(limits=1, user_api="blas"),
         ThreadPoolExecutor(threads or os.cpu_count()) as pool,
     ):
-        for i, place in enumerate(pool.map(draw, range(draws)), 1):
-            out.append(place)
+        for i, position in enumerate(pool.map(draw, range(draws)), 1):
+            positions.append(position)
             if progress is not None:
                 progress(i, draws)
-    return np.array(out)
+    return np.array(positions)

@@ -31,48 +31,57 @@ def error_budget(solution: SurveySolution) -> pd.DataFrame:
     """
     unknowns = solution.unknowns
     fit = solution.posterior
-    at = solution.unknowns.slices
+    columns = solution.unknowns.slices
     by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)
     spread = by_position @ fit.covariance
     sd = unknowns.scaled_sd(dict.fromkeys(unknowns.groups, 1.0) | dict(fit.hyperparameters))
-    held = np.diag(fit.covariance) <= 0.0
-    inverse = np.where(held | (sd <= 0.0), 0.0, 1.0 / np.maximum(sd, 1e-300))
+    is_known = np.diag(fit.covariance) <= 0.0
+    inverse = np.where(is_known | (sd <= 0.0), 0.0, 1.0 / np.maximum(sd, 1e-300))
     parts = {
-        name: sum(np.sum((spread[:, at[kind]] * inverse[at[kind]]) ** 2, axis=1) for kind in kinds)
+        name: sum(
+            np.sum((spread[:, columns[kind]] * inverse[columns[kind]]) ** 2, axis=1)
+            for kind in kinds
+        )
         for name, kinds in _PRIORS.items()
     }
     total = np.sum(spread * by_position, axis=1)
     noise = np.maximum(total - sum(parts.values()), 0.0)
-    alone = np.minimum(_noise_alone(solution, by_position, inverse), noise)
-    platform = np.minimum(_platform(solution, by_position, total), noise - alone)
-    rows = {
-        "noise": alone,
-        "geometry": noise - alone - platform,
+    from_noise = np.minimum(_noise_alone(solution, by_position, inverse), noise)
+    platform = np.minimum(_platform(solution, by_position, total), noise - from_noise)
+    variances = {
+        "noise": from_noise,
+        "geometry": noise - from_noise - platform,
         "platform positions": platform,
-    } | parts
+    }
+    variances |= parts
+    variances["total"] = total
+    sigmas = {
+        source: np.sqrt(np.maximum(np.asarray(variance), 0.0)).reshape(-1, 3)
+        for source, variance in variances.items()
+    }
     table = []
     for k, name in enumerate(unknowns.survey.names):
-        for what, variance in (rows | {"total": total}).items():
-            north, east, depth = np.sqrt(np.maximum(np.asarray(variance)[3 * k : 3 * k + 3], 0.0))
+        for source, sigma in sigmas.items():
+            north, east, depth = sigma[k]
             table.append(
-                {"node": name, "source": what, "north_m": north, "east_m": east, "depth_m": depth}
+                {"node": name, "source": source, "north_m": north, "east_m": east, "depth_m": depth}
             )
     return pd.DataFrame(table)
 
 
 def _noise_alone(solution: SurveySolution, by_position: Array, inverse: Array) -> Array:
     """Variances if only positions were unknown."""
-    at = solution.unknowns.slices
+    slices = solution.unknowns.slices
     columns = np.concatenate(
-        [np.arange(at[kind].start, at[kind].stop) for kind in ("position", "array")]
+        [np.arange(slices[kind].start, slices[kind].stop) for kind in ("position", "array")]
     )
     columns = columns[inverse[columns] > 0.0]
     if not columns.size:
         return np.zeros(len(by_position))
     information = solution.products.normal[np.ix_(columns, columns)] / solution.posterior.sigma**2
     scale = 1.0 / inverse[columns]
-    scaled = information * np.outer(scale, scale) + np.eye(columns.size)
-    covariance = np.linalg.inv(scaled) * np.outer(scale, scale)
+    scaled_information = information * np.outer(scale, scale) + np.eye(columns.size)
+    covariance = np.linalg.inv(scaled_information) * np.outer(scale, scale)
     spread = by_position[:, columns] @ covariance
     return np.asarray(np.einsum("ij,jk,ik->i", spread, information, spread))
 

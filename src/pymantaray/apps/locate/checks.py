@@ -1,6 +1,7 @@
 """Checks for impossible input before and after a solve."""
 
 import math
+from itertools import product
 
 import numpy as np
 
@@ -12,7 +13,7 @@ from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import transducers
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.records.text_table import check_speed
 
 _MAX_DISTANCE = 100_000.0  # m; no node answers from a greater distance
@@ -23,22 +24,17 @@ _MIN_RESULTANT = 0.8
 _LEVER_GAIN = 0.6  # ratio of the rms of residuals with the better sign
 _LEVER_CHI_SQUARE = 200.0
 _MAX_EXTRAPOLATION = 10.0  # m of a node below a profile's last level, or 1 % of its depth
-_MAX_HEIGHT = (
-    2.0  # m of a transducer above the surface: waves; more is another reference of heights
-)
+_MAX_HEIGHT = 2.0  # m of a transducer above the surface (waves); more is another vertical datum
 _RARE = 0.05  # fraction of pings that may exceed it, as errors of single heights do
 _MAX_BELOW_BED = 1.0  # m of a node
 _ON_BOUNDARY = 2e-3  # m
 _AXES = ("forward", "starboard", "down")
 
 
-def check_places(
+def check_positions(
     where: str, platform: tuple[Array, Array], node: tuple[float, float], name: str
 ) -> None:
-    """
-    Raise an error if the distance of platform and node implies a wrong sign or order of
-    coordinates. [degrees]
-    """
+    """Raise an error if a distance implies a wrong sign or order of coordinates. [degrees]"""
     lat = float(np.median(platform[0]))
     lon = float(np.median(platform[1]))
     if _distance(lat, lon, *node) < _MAX_DISTANCE:
@@ -52,30 +48,34 @@ def check_places(
     ):
         if _distance(lat_2, lon_2, *node) < _MAX_DISTANCE:
             advice = what
-    away = _distance(lat, lon, *node) / 1000.0
+    distance_km = _distance(lat, lon, *node) / 1000.0
     raise LocateError(
         f"{where}: the platform is at {lat:.4f}, {lon:.4f} and node {name} at {node[0]:.4f},"
-        f" {node[1]:.4f}, {away:,.0f} km apart; {advice}"
+        f" {node[1]:.4f}, {distance_km:,.0f} km apart; {advice}"
     )
 
 
 def _distance(lat: float, lon: float, lat_2: float, lon_2: float) -> float:
     """Distance on a sphere. [m]"""
-    a = math.radians(lat)
-    b = math.radians(lat_2)
-    turn = math.radians(float(wrapped(np.asarray(lon_2 - lon))))
-    inner = math.sin((b - a) / 2.0) ** 2 + math.cos(a) * math.cos(b) * math.sin(turn / 2.0) ** 2
-    return 2.0 * 6371e3 * math.asin(min(1.0, math.sqrt(max(inner, 0.0))))
+    phi = math.radians(lat)
+    phi_2 = math.radians(lat_2)
+    half = 0.5 * math.radians(float(wrap_longitude(np.asarray(lon_2 - lon))))
+    haversine = math.sin((phi_2 - phi) / 2.0) ** 2
+    haversine += math.cos(phi) * math.cos(phi_2) * math.sin(half) ** 2
+    return 2.0 * 6371e3 * math.asin(min(1.0, math.sqrt(max(haversine, 0.0))))
 
 
 def check_survey(survey: Survey, medium: Medium) -> None:
     """Raise an error for impossible units and signs before the solve."""
     _check_times(survey)
-    own = ~survey.between_nodes
+    from_platform = ~survey.between_nodes
     check_speed(
-        survey.time[own], survey.transmit_position[own], f"{survey.source}: time", LocateError
+        survey.time[from_platform],
+        survey.transmit_position[from_platform],
+        f"{survey.source}: time",
+        LocateError,
     )
-    moved_to_water(survey, medium, np.array(survey.lever.offset))
+    notes_outside_water(survey, medium, np.array(survey.lever.offset))
     for node in survey.nodes:
         if node.position[2] < 0.0:
             raise LocateError(
@@ -94,23 +94,21 @@ def check_survey(survey: Survey, medium: Medium) -> None:
 
 
 def check_solution(solution: SurveySolution, medium: Medium) -> None:
-    """
-    Raise an error for a profile that ends above a node, or a lever arm with a wrong sign, after the
-    solve.
-    """
-    for name, place in zip(solution.unknowns.survey.names, solution.positions, strict=True):
-        if place[2] > _deepest(medium, place[2]):
+    """Raise an error for a profile that ends above a node, or a wrong sign of the lever arm."""
+    for name, position in zip(solution.unknowns.survey.names, solution.positions, strict=True):
+        if position[2] > _deepest(medium, position[2]):
             raise LocateError(
-                f"profile: it ends at {medium.depth[-1]:g} m, above node {name} at {place[2]:.0f}"
-                " m; extend it down to the node"
+                f"profile: it ends at {medium.depth[-1]:g} m, above node {name} at"
+                f" {position[2]:.0f} m; extend it down to the node"
             )
     _check_lever(solution)
 
 
-def moved_to_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, ...]:
+def notes_outside_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, ...]:
     """
-    Notes about transducers outside the water, whose rays end at its boundary; too many too far
-    outside raise an error.
+    Notes about transducers outside the water, whose rays end at its boundary.
+
+    Too many too far outside raise an error.
     """
     ends = [end[~survey.between_nodes] for end in transducers(survey, lever)]
     count = len(ends[0])
@@ -144,19 +142,21 @@ def moved_to_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, .
     return tuple(notes)
 
 
-def below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
+def notes_below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
     """
-    Notes about nodes below the sea bed, whose rays end at the bed; more than a metre raises an
-    error.
+    Notes about nodes below the sea bed, whose rays end at the bed.
+
+    More than a metre raises an error.
     """
-    place = solution.positions
-    depth = place[:, 2] - medium.bottom_depth(place)
+    position = solution.positions
+    depth = position[:, 2] - medium.bottom_depth(position)
     notes = []
     for k in np.flatnonzero(depth > _ON_BOUNDARY):
         name = solution.unknowns.survey.names[k]
-        bed = place[k, 2] - depth[k]
+        bed_depth = position[k, 2] - depth[k]
         line = (
-            f"node {name} at {place[k, 2]:.1f} m is below the sea bed of the water at {bed:.1f} m"
+            f"node {name} at {position[k, 2]:.1f} m is below the sea bed of the water at"
+            f" {bed_depth:.1f} m"
         )
         if depth[k] > _MAX_BELOW_BED:
             raise LocateError(f"{line}; give a deeper sea bed (bathymetry), or check its pings")
@@ -195,13 +195,13 @@ def _check_attitude(survey: Survey) -> None:
     as_radians = np.degrees(heading)  # numbers of the file, interpreted as radians
     if np.ptp(as_radians) < 0.5:
         return
-    moved = np.diff(survey.transmit_position[:, :2], axis=0)
-    gone = np.linalg.norm(moved, axis=1) > 0.5
-    if gone.sum() < _MIN_STEPS:
+    step = np.diff(survey.transmit_position[:, :2], axis=0)
+    has_moved = np.linalg.norm(step, axis=1) > 0.5
+    if has_moved.sum() < _MIN_STEPS:
         return
-    course = np.arctan2(moved[:, 1], moved[:, 0])[gone]
+    course = np.arctan2(step[:, 1], step[:, 0])[has_moved]
     fits = {
-        kind: float(np.abs(np.mean(np.exp(1j * (course - angle[:-1][gone])))))
+        kind: float(np.abs(np.mean(np.exp(1j * (course - angle[:-1][has_moved])))))
         for kind, angle in (("degrees", heading), ("radians", as_radians))
     }
     if fits["radians"] > max(_MIN_RESULTANT, fits["degrees"] + 0.2):
@@ -212,19 +212,17 @@ def _check_attitude(survey: Survey) -> None:
 
 
 def _check_units(survey: Survey, medium: Medium) -> None:
-    """
-    Raise an error if times are in milliseconds: a thousand times too long for the prior positions.
-    """
-    near, _ = transducers(survey, np.array(survey.lever.offset))
+    """Raise an error for times in milliseconds, a thousand times those of the prior positions."""
+    transmit_position, _ = transducers(survey, np.array(survey.lever.offset))
     nodes = np.array([node.position for node in survey.nodes])
-    alone = ~survey.between_nodes
-    if not alone.any():
+    from_platform = ~survey.between_nodes
+    if not from_platform.any():
         return
-    distance = np.linalg.norm(near - nodes[survey.node], axis=1)[alone]
+    distance = np.linalg.norm(transmit_position - nodes[survey.node], axis=1)[from_platform]
     speed = mean_speed(medium, 0.0, float(nodes[:, 2].max()))
-    two_way = survey.direction[alone] == TravelDirection.TWO_WAY
-    expected = distance / speed * np.where(two_way, 2.0, 1.0)
-    ratio = float(np.median(survey.travel_time[alone] / np.maximum(expected, 1e-6)))
+    two_way = survey.direction[from_platform] == TravelDirection.TWO_WAY
+    expected_time = distance / speed * np.where(two_way, 2.0, 1.0)
+    ratio = float(np.median(survey.travel_time[from_platform] / np.maximum(expected_time, 1e-6)))
     low, high = _MILLISECONDS
     if low < 1.0 / max(ratio, 1e-9) < high:
         raise LocateError(
@@ -244,21 +242,25 @@ def _check_lever(solution: SurveySolution) -> None:
     """Raise an error if another sign of a known lever arm explains the residuals much better."""
     unknowns = solution.unknowns
     fit = solution.posterior
-    at = solution.unknowns.slices["lever"]
-    lever = solution.values[at]
+    columns = solution.unknowns.slices["lever"]
+    lever = solution.values[columns]
     if not np.any(np.abs(lever) > 0.1) or any(unknowns.survey.lever.sigma):
         return
     products = solution.products
-    best = (1.0, lever)
-    now = fit.squares * fit.sigma**2
-    for axes in range(1, 8):
-        turned = np.array([-value if axes >> k & 1 else value for k, value in enumerate(lever)])
-        if np.array_equal(np.abs(turned - lever) > 0.1, np.zeros(3, dtype=bool)):
+    best_ratio = 1.0
+    best_lever = lever
+    squares_now = fit.squares * fit.sigma**2
+    for signs in product((1.0, -1.0), repeat=3):
+        candidate = lever * signs
+        if not np.any(np.abs(candidate - lever) > 0.1):
             continue
-        move = np.zeros(unknowns.size)
-        move[at] = turned - lever
-        right = products.right - products.normal @ move
-        squares = products.squares - 2.0 * products.right @ move + move @ products.normal @ move
+        # squares of the residuals after the change of the lever arm and a new fit of the others
+        change = np.zeros(unknowns.size)
+        change[columns] = candidate - lever
+        right = products.right - products.normal @ change
+        squares = (
+            products.squares - 2.0 * products.right @ change + change @ products.normal @ change
+        )
         other = posterior(
             products._replace(right=right, squares=float(squares)),
             unknowns,
@@ -267,14 +269,18 @@ def _check_lever(solution: SurveySolution) -> None:
             sigma=fit.sigma,
             steps=1,
         )
-        gain = other.squares * fit.sigma**2 / max(now, 1e-300)
-        if gain < best[0] - 1e-6:
-            best = gain, turned
-    saved = (1.0 - best[0]) * fit.squares
-    if np.sqrt(best[0]) < _LEVER_GAIN and saved > _LEVER_CHI_SQUARE:
-        wrong = [name for name, a, b in zip(_AXES, lever, best[1], strict=True) if a != b]
+        ratio = other.squares * fit.sigma**2 / max(squares_now, 1e-300)
+        if ratio < best_ratio - 1e-6:
+            best_ratio = ratio
+            best_lever = candidate
+    chi_square_gain = (1.0 - best_ratio) * fit.squares
+    if np.sqrt(best_ratio) < _LEVER_GAIN and chi_square_gain > _LEVER_CHI_SQUARE:
+        wrong = [
+            name for name, is_wrong in zip(_AXES, best_lever != lever, strict=True) if is_wrong
+        ]
         raise LocateError(
-            f"{unknowns.survey.source}: lever arm {', '.join(f'{x:g}' for x in lever)} m (forward,"
-            f" starboard, down): residuals decrease to {100.0 * np.sqrt(best[0]):.0f} % with the"
-            f" other sign of {' and '.join(wrong)}; change the sign"
+            f"{unknowns.survey.source}: lever arm {', '.join(f'{value:g}' for value in lever)} m"
+            " (forward, starboard, down): residuals decrease to"
+            f" {100.0 * np.sqrt(best_ratio):.0f} % with the other sign of {' and '.join(wrong)};"
+            " change the sign"
         )

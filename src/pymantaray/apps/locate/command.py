@@ -1,10 +1,9 @@
-"""
-Commands of `mantaray locate`: positions of nodes from a survey of pings, and plans of surveys.
-"""
+"""Commands of `mantaray locate`: positions of nodes from a survey, and plans of surveys."""
 
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
 from typer.core import TyperGroup
@@ -68,23 +67,9 @@ class SurveyOptions:
     reading: Annotated[
         ReadOptions,
         Fields(
-            *(
-                "nodes",
-                "track",
-                "platform",
-                "position_at",
-                "transducer_depth",
-                "depth",
-                "depth_sigma",
-            ),
-            *(
-                "horizontal_sigma",
-                "turn_around",
-                "turn_around_sigma",
-                "sigma",
-                "lever",
-                "lever_sigma",
-            ),
+            *("nodes", "track", "platform", "position_at", "transducer_depth", "depth"),
+            *("depth_sigma", "horizontal_sigma", "turn_around", "turn_around_sigma", "sigma"),
+            *("lever", "lever_sigma"),
             offset_sigma="--clock-offset-sigma",
             drift_sigma="--clock-drift-sigma",
         ),
@@ -174,35 +159,34 @@ def survey(
     from pymantaray.cli.output import progress_bars
     from pymantaray.version import __version__
 
-    measured = read_survey(file, values.read_options())
+    pings = read_survey(file, values.read_options())
     if folder.out is not None:
-        check_names_to_write(measured)
-    measured, water, record, notes = _water(source, options, measured)
+        check_names_to_write(pings)
+    water = _water(source, options, pings)
     with progress_bars(quiet=printing.quiet or not bootstrap) as report:
-        located = locate(
-            measured,
-            water,
+        progress = None if report is None else partial(report, "bootstrap")
+        location = locate(
+            water.survey,
+            water.medium,
             values.locate_options(repair_freezing=options.repair_freezing),
             bootstrap=bootstrap,
             seed=seed,
-            progress=None
-            if report is None
-            else lambda done, total: report("bootstrap", done, total),
+            progress=progress,
         )
-    notes += located.notes
+    notes = [*water.notes, *location.notes]
     page = None
     if folder.out is not None:
         from pymantaray.apps.locate import write_location_page
 
-        made_by = {"mantaray": __version__, "survey": str(file), "water": record}
+        made_by = {"mantaray": __version__, "survey": str(file), "water": water.record}
         page = write_location_page(
-            located, folder.out, made_by=made_by, notes=notes, formats=format_names(folder.formats)
+            location, folder.out, made_by=made_by, notes=notes, formats=format_names(folder.formats)
         )
-    with printing.printer() as printed:
-        _print_result(printed, located, notes)
+    with printing.printer() as printer:
+        _print_result(printer, location, notes)
         if page is not None:
-            printed.paths(page=page)
-        if not located.solution.settled:
+            printer.paths(page=page)
+        if not location.solution.settled:
             LOG.error("%s: not converged; %s", file, _NOT_CONVERGED)
             raise typer.Exit(EXIT_UNUSABLE)
 
@@ -300,33 +284,26 @@ def plan(
         )
     radii = planned.radius_values
     survey = planned.plan_options()
-    water = _over_a_bed(source, options, survey.depth).at_start[0]
+    water = _water_over_bed(source, options, survey.depth).at_start[0]
     shapes: Any = tuple(planned.pattern) if planned.pattern else SHAPES
     result = plan_survey(water, survey, radii, shapes=shapes, pings=planned.pings)
     if out is not None:
         from pymantaray.apps.locate import write_plan_figure
 
         write_plan_figure(result, out)
-    with printing.printer() as printed:
+    with printing.printer() as printer:
         from pymantaray.records.result_table import ResultTable
 
         caption = (
             f"Best radius of each pattern, {planned.pings} pings of {1e3 * survey.sigma:g} ms,"
             f" node at {survey.depth:g} m"
         )
-        brief = [
-            "pattern",
-            "radius_m",
-            "sigma_north_m",
-            "sigma_east_m",
-            "sigma_depth_m",
-            "lost",
-            "length_m",
-        ]
-        printed.table(ResultTable("best", result.best, caption, brief=brief))
-        printed.add(plan=result.table, best_horizontal=result.best_horizontal)
+        sigmas = [f"sigma_{axis}_m" for axis in ("north", "east", "depth")]
+        brief = ["pattern", "radius_m", *sigmas, "lost", "length_m"]
+        printer.table(ResultTable("best", result.best, caption, brief=brief))
+        printer.add(plan=result.table, best_horizontal=result.best_horizontal)
         if out is not None:
-            printed.paths(out, out.with_suffix(".csv"))
+            printer.paths(out, out.with_suffix(".csv"))
 
 
 def _modes(paths: list[Path] | None, *, repair_freezing: bool) -> "VerticalModes | None":
@@ -339,13 +316,18 @@ def _modes(paths: list[Path] | None, *, repair_freezing: bool) -> "VerticalModes
     return vertical_modes(casts)
 
 
-def _water(
-    source: AnySourceOptions, options: WaterOptions, survey: "Survey"
-) -> "tuple[Survey, Medium, dict[str, Any], list[str]]":
-    """
-    Medium from the options or the survey's own files, the survey in its frame, a description of the
-    water, and notes.
-    """
+class _SurveyWater(NamedTuple):
+    """A survey in the frame of its water."""
+
+    survey: "Survey"
+    medium: "Medium"
+    record: dict[str, Any]
+    """Description of the water."""
+    notes: list[str]
+
+
+def _water(source: AnySourceOptions, options: WaterOptions, survey: "Survey") -> _SurveyWater:
+    """Water from the options or the survey's own files."""
     from pymantaray.acoustics import Medium
     from pymantaray.cli.water import water_notes
 
@@ -356,10 +338,8 @@ def _water(
         if survey.profile is None:
             raise LocateError("no water; give --profile, --ocean or --run")
         depth, speed = survey.profile
-        given = options.keys
-        bottom = given.get("bathymetry", max(float(depth[-1]), _BED_FACTOR * deepest))
-        interpolation = given.get("interpolation", "linear")
-        if "ice_slope_deg" in given:
+        keys = options.keys
+        if "ice_slope_deg" in keys:
             raise LocateError(
                 "--ice-slope: rough ice needs --profile or --ocean; add one, or leave out"
                 " --ice-slope"
@@ -367,18 +347,21 @@ def _water(
         medium = Medium.from_profile(
             depth,
             speed,
-            bottom_depth=bottom,
-            interpolation=interpolation,
-            ice_draft=given.get("ice", 0.0),
+            bottom_depth=keys.get("bathymetry", max(float(depth[-1]), _BED_FACTOR * deepest)),
+            interpolation=keys.get("interpolation", "linear"),
+            ice_draft=keys.get("ice", 0.0),
             earth=_sphere(frame) if options.earth == "sphere" else None,
         )
-        return survey, medium, {"profile": "of the survey", "last_level_m": float(depth[-1])}, notes
+        record = {"profile": "of the survey", "last_level_m": float(depth[-1])}
+        return _SurveyWater(survey, medium, record, notes)
     if source.ocean and options.centre is None and frame is not None:
         options = replace(options, centre=(frame.latitude_deg, frame.longitude_deg))
-    water = _over_a_bed(source, options, deepest)
+    water = _water_over_bed(source, options, deepest)
     if water.frame is not None and frame is not None and not water.uniform:
         survey = survey.in_frame(water.frame)
-    return survey, water.at_start[0], water.record, [*notes, *water_notes(water)]
+    return _SurveyWater(
+        survey, water.at_start[0], dict(water.record), [*notes, *water_notes(water)]
+    )
 
 
 def _sphere(frame: "LocalFrame | None") -> "EarthSphere":
@@ -392,10 +375,8 @@ def _sphere(frame: "LocalFrame | None") -> "EarthSphere":
     return EarthSphere.at_latitude(frame.latitude_deg)
 
 
-def _over_a_bed(source: AnySourceOptions, options: WaterOptions, deepest: float) -> "Water":
-    """
-    Water of the source; the default sea bed of a profile is below the profile and the deepest node.
-    """
+def _water_over_bed(source: AnySourceOptions, options: WaterOptions, deepest: float) -> "Water":
+    """Water of the source, by default with a sea bed below the profile and the deepest node."""
     from pymantaray.acoustics import read_profiles
     from pymantaray.cli.water import load_water
     from pymantaray.ocean import holds_casts
@@ -415,23 +396,23 @@ def _over_a_bed(source: AnySourceOptions, options: WaterOptions, deepest: float)
     return load_water(source, options, default="linear")
 
 
-def _print_result(out: Printer, located: "Location", notes: list[str]) -> None:
+def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
     """Print the results."""
     from pymantaray.apps.locate.write import summary
 
     for note in notes:
         out.line(note)
-    values = summary(located)
-    left = values["rejected"]
+    values = summary(location)
+    unused = values["rejected"]
     out.line(
         f"{values['n_used']} of {values['n_all']} pings used, residuals {1e6 * values['rms_s']:.1f}"
         f" us rms; sound speed: {values['hyperparameters']['sound_speed']}"
     )
-    for row in left[:_MAX_LISTED]:
+    for row in unused[:_MAX_LISTED]:
         out.line(f"  not used: line {row['line']}, {row['node']}: {row['reason']}")
-    if len(left) > _MAX_LISTED:
-        out.line(f"  and {len(left) - _MAX_LISTED} more")
-    tables = located.tables
+    if len(unused) > _MAX_LISTED:
+        out.line(f"  and {len(unused) - _MAX_LISTED} more")
+    tables = location.tables
     out.table(tables["nodes"])
     for row in values["nodes"].to_dict("records"):
         if row["status"] != "ok":
@@ -442,14 +423,14 @@ def _print_result(out: Printer, located: "Location", notes: list[str]) -> None:
         out.table(tables["budget"])
     if "candidates" in tables:
         out.table(tables["candidates"].first(_MAX_CANDIDATES))
-    for mirror in located.mirrors:
+    for mirror in location.mirrors:
         verdict = "the pings do not exclude it" if mirror.undecided else "the pings exclude it"
         out.line(
             f"{mirror.node}: the pings are along a line; mirror solution at north"
             f" {mirror.north:.1f}, east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a"
             f" chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}"
         )
-    for test in located.tests:
+    for test in location.tests:
         verdict = "passed" if test.passed else "FAILED"
         out.line(f"{test.name}: chi-square {test.chi_square:.1f} of {test.degrees:.0f}, {verdict}")
     out.add(**values)

@@ -1,6 +1,5 @@
 r"""
-Posterior and marginal likelihood of a linear system with normal priors, and hyperparameters of
-maximum likelihood.
+Posterior and marginal likelihood of a linear system with normal priors.
 
 For residuals :math:`y = J\delta + e`, :math:`e \sim N(0, \sigma^2 C)`, :math:`\delta \sim N(m, P)`.
 The variance of the noise and of each group of coefficients follow MacKay's fixed-point rule: a sum
@@ -68,57 +67,63 @@ def posterior(
     if without is not None:
         prior_sd[without] = 0.0
     groups = {
-        name: c[prior_sd[c] > 0.0]
-        for name, c in unknowns.groups.items()
-        if (prior_sd[c] > 0.0).any()
+        name: columns[prior_sd[columns] > 0.0]
+        for name, columns in unknowns.groups.items()
+        if (prior_sd[columns] > 0.0).any()
     }
     active = np.flatnonzero(prior_sd > 0.0)
     hyper = dict.fromkeys(unknowns.groups, 1.0) | {
         name: float(start.get(name, 1e-4)) for name in groups
     }
     mean = (unknowns.prior_mean - values)[active]
-    place = {column: i for i, column in enumerate(active.tolist())}
+    row_of = {column: i for i, column in enumerate(active.tolist())}
     members = {
-        name: np.array([place[c] for c in columns.tolist()]) for name, columns in groups.items()
+        name: np.array([row_of[column] for column in columns.tolist()])
+        for name, columns in groups.items()
     }
     plain = active.size - sum(rows.size for rows in members.values())
     normal = products.normal[np.ix_(active, active)]
     right = products.right[active]
     for step in range(steps):
         sd = unknowns.scaled_sd(hyper)[active]
-        solved = _solve(normal, right, products, mean, sd, sigma)
+        solution = _solve(normal, right, products, mean, sd, sigma)
         if step == steps - 1:
             break
-        moved = 0.0
+        # MacKay: the variance of a group is its sum of squares over the number of its coefficients
+        # that the data determine
+        largest_change = 0.0
         for name, rows in members.items():
-            free = float(np.sum(1.0 - np.diag(solved.covariance)[rows] / sd[rows] ** 2))
-            squares = float(np.sum(((solved.change - mean)[rows] / (sd[rows] / hyper[name])) ** 2))
+            free = float(np.sum(1.0 - np.diag(solution.covariance)[rows] / sd[rows] ** 2))
+            squares = float(
+                np.sum(((solution.change - mean)[rows] / (sd[rows] / hyper[name])) ** 2)
+            )
             new = float(np.clip(np.sqrt(squares / max(free, 1e-9)), _MIN_HYPER, _MAX_HYPER))
-            moved = max(moved, abs(np.log(new / hyper[name])))
+            largest_change = max(largest_change, abs(np.log(new / hyper[name])))
             hyper[name] = new
+        # the same for the noise, unless there are too few pings to estimate it
         if products.n_rows >= plain + MIN_REDUNDANCY:
-            left = max(products.n_rows - solved.effective, 1.0)
-            level = max(sigma * float(np.sqrt(solved.squares / left)), MIN_SIGMA)
-            moved = max(moved, abs(np.log(level / sigma)))
+            degrees = max(products.n_rows - solution.effective, 1.0)
+            level = max(sigma * float(np.sqrt(solution.squares / degrees)), MIN_SIGMA)
+            largest_change = max(largest_change, abs(np.log(level / sigma)))
             sigma = level
-        if moved < _CONVERGED:
+        if largest_change < _CONVERGED:
             sd = unknowns.scaled_sd(hyper)[active]
-            solved = _solve(normal, right, products, mean, sd, sigma)
+            solution = _solve(normal, right, products, mean, sd, sigma)
             break
     change = np.zeros(unknowns.size)
     covariance = np.zeros((unknowns.size, unknowns.size))
-    change[active] = solved.change
-    covariance[np.ix_(active, active)] = solved.covariance
-    kept = {name: hyper[name] for name in groups}
-    return replace(solved, change=change, covariance=covariance, hyperparameters=kept)
+    change[active] = solution.change
+    covariance[np.ix_(active, active)] = solution.covariance
+    selected = {name: hyper[name] for name in groups}
+    return replace(solution, change=change, covariance=covariance, hyperparameters=selected)
 
 
 def _solve(
     normal: Array, right: Array, products: Products, mean: Array, sd: Array, sigma: float
 ) -> Posterior:
     """Posterior for fixed variances, scaled by the priors for good conditioning."""
-    scaled = normal * (sd[:, None] * sd[None, :] / sigma**2)
-    factor = cho_factor(scaled + np.eye(sd.size), lower=True, check_finite=False)
+    scaled_normal = normal * (sd[:, None] * sd[None, :] / sigma**2)
+    factor = cho_factor(scaled_normal + np.eye(sd.size), lower=True, check_finite=False)
     inverse = cho_solve(factor, np.eye(sd.size), check_finite=False)
     offset = mean / sd
     z = inverse @ (right * sd / sigma**2 + offset)

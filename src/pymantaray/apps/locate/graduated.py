@@ -1,7 +1,4 @@
-"""
-Initial values of a solve by graduated non-convexity, which gradually reduces the weight of gross
-errors.
-"""
+"""Initial values of a solve by graduated non-convexity, robust to gross errors."""
 
 import numpy as np
 
@@ -22,8 +19,7 @@ def robust_sigma(residual: Array) -> float:
 
 def graduated_change(linear: Linearization, possible: Mask) -> Array:
     """
-    Minimize a Geman-McClure loss of the linear system's residuals, with priors; return the change
-    of all columns.
+    Minimize a Geman-McClure loss of the residuals, with priors; return the change of columns.
 
     The scale of the loss decreases from the largest residual to 3.8 robust standard deviations. The
     first steps therefore use all pings, and a consistent group of pings does not count as gross
@@ -36,18 +32,18 @@ def graduated_change(linear: Linearization, possible: Mask) -> Array:
     design = linear.columns(possible, active) * sd[active]
     residual = linear.residual[possible] / linear.weight[possible]
     efficient = LOSSES["geman-mcclure"].scale
-    left: Array = np.asarray(residual)
+    current: Array = np.asarray(residual)
     z: Array = np.zeros(active.size)
-    scale = max(float(np.abs(left).max()), MIN_SIGMA)
+    scale = max(float(np.abs(current).max()), MIN_SIGMA)
     for _ in range(_MAX_STEPS):
-        sigma = robust_sigma(left)
-        weight = Loss("geman-mcclure", scale).weight(left) / sigma**2
+        sigma = robust_sigma(current)
+        weight = Loss("geman-mcclure", scale).weight(current) / sigma**2
         normal = design.T @ (design * weight[:, None]) + np.eye(active.size)
         z = np.asarray(
             np.linalg.solve(normal, design.T @ (weight * residual) + offset), dtype=float
         )
-        left = np.asarray(residual - design @ z, dtype=float)
-        goal = efficient * robust_sigma(left)
+        current = np.asarray(residual - design @ z, dtype=float)
+        goal = efficient * robust_sigma(current)
         if scale <= goal:
             break
         scale = max(scale / _SCALE_STEP, goal)

@@ -32,31 +32,31 @@ def reasons(solution: SurveySolution, medium: Medium) -> NDArray[np.str_]:
         out[ping] = f"gross error of {1e3 * residual[ping]:+.3g} ms"
     if gross.size:
         examined = gross[:_MAX_EXAMINED]
-        near = max(_MAX_DEVIATION * robust_sigma(residual[solution.used]), _MIN_TOLERANCE)
-        for row, why in _explained(solution, medium, examined, near).items():
+        tolerance = max(_MAX_DEVIATION * robust_sigma(residual[solution.used]), _MIN_TOLERANCE)
+        for row, why in _explanations(solution, medium, examined, tolerance).items():
             out[row] = f"{why} ({1e3 * residual[row]:+.3g} ms)"
     return out.astype(str)
 
 
-def _explained(
-    solution: SurveySolution, medium: Medium, rows: NDArray[np.int64], near: float
+def _explanations(
+    solution: SurveySolution, medium: Medium, rows: NDArray[np.int64], tolerance: float
 ) -> dict[int, str]:
     """Explanations by another node or a reflected path, by row."""
     survey = solution.unknowns.survey.rows(rows)
-    out = _echoes(solution, medium, survey, rows, near)
-    alone = ~survey.between_nodes
+    out = _echoes(solution, medium, survey, rows, tolerance)
+    from_platform = ~survey.between_nodes
     for k, node in enumerate(solution.unknowns.survey.nodes):
-        others = np.flatnonzero(alone & (survey.node != k))
+        others = np.flatnonzero(from_platform & (survey.node != k))
         if not others.size:
             continue
-        swapped = survey.rows(others).changed(node=np.full(others.size, k))
+        renamed = survey.rows(others).assign(node=np.full(others.size, k))
         legs = predict(
-            swapped, medium, solution.positions, solution.unknowns.lever(solution.values)
+            renamed, medium, solution.positions, solution.unknowns.lever(solution.values)
         )
-        expected = legs.travel_time * _slowing(solution, rows[others]) + np.where(
-            swapped.direction == TravelDirection.TWO_WAY, node.turn_around, 0.0
+        predicted_time = legs.travel_time * _slowing(solution, rows[others]) + np.where(
+            renamed.direction == TravelDirection.TWO_WAY, node.turn_around, 0.0
         )
-        for i in np.flatnonzero(np.abs(swapped.travel_time - expected) < near):
+        for i in np.flatnonzero(np.abs(renamed.travel_time - predicted_time) < tolerance):
             out[int(rows[others[i]])] = f"answer of {node.name}"
     return out
 
@@ -66,40 +66,46 @@ def _slowing(solution: SurveySolution, rows: NDArray[np.int64]) -> Array:
 
 
 def _echoes(
-    solution: SurveySolution, medium: Medium, survey: Survey, rows: NDArray[np.int64], near: float
+    solution: SurveySolution,
+    medium: Medium,
+    survey: Survey,
+    rows: NDArray[np.int64],
+    tolerance: float,
 ) -> dict[int, str]:
     """Explanations by reflections at the surface or the sea bed on one or both legs, by row."""
     out: dict[int, str] = {}
-    late = np.flatnonzero(~survey.between_nodes & (survey.direction == TravelDirection.TWO_WAY))
-    late = late[solution.linear.residual[rows[late]] > 0.0]
-    if not late.size:
+    candidates = np.flatnonzero(
+        ~survey.between_nodes & (survey.direction == TravelDirection.TWO_WAY)
+    )
+    candidates = candidates[solution.linear.residual[rows[candidates]] > 0.0]
+    if not candidates.size:
         return out
-    examined = survey.rows(late)
+    pings = survey.rows(candidates)
     lever = solution.unknowns.lever(solution.values)
-    legs: Legs = predict(examined, medium, solution.positions, lever)
-    start, _ = transducers(examined, lever)
+    legs: Legs = predict(pings, medium, solution.positions, lever)
+    start, _ = transducers(pings, lever)
     start[:, 2] = np.maximum(start[:, 2], 1e-3)
     arrivals = find_eigenrays(
         medium,
         start,
-        solution.positions[examined.node],
+        solution.positions[pings.node],
         max_surface_bounces=1,
         max_bottom_bounces=1,
     )
-    slowing = _slowing(solution, rows[late])
-    residual = solution.linear.residual[rows[late]]
-    bounced = (arrivals.surface_bounces + arrivals.bottom_bounces) > 0
+    slowing = _slowing(solution, rows[candidates])
+    residual = solution.linear.residual[rows[candidates]]
+    is_reflected = (arrivals.surface_bounces + arrivals.bottom_bounces) > 0
     for link, time, surface, bottom in zip(
-        arrivals.link[bounced],
-        arrivals.travel_time[bounced],
-        arrivals.surface_bounces[bounced],
-        arrivals.bottom_bounces[bounced],
+        arrivals.link[is_reflected],
+        arrivals.travel_time[is_reflected],
+        arrivals.surface_bounces[is_reflected],
+        arrivals.bottom_bounces[is_reflected],
         strict=True,
     ):
         delay = (time - 0.5 * legs.travel_time[link]) * slowing[link]
         for times, where in ((1.0, "on one leg"), (2.0, "on both legs")):
-            if abs(residual[link] - times * delay) < near:
-                out[int(rows[late[link]])] = (
+            if abs(residual[link] - times * delay) < tolerance:
+                out[int(rows[candidates[link]])] = (
                     f"later echo, {surface} surface and {bottom} bottom reflections {where}"
                 )
     return out

@@ -1,7 +1,4 @@
-"""
-Linear system of a survey at one set of values: residuals, derivatives, and their products under a
-noise model.
-"""
+"""Linear system of a survey at one set of values: residuals, derivatives and their products."""
 
 from collections.abc import Iterator
 from typing import NamedTuple
@@ -19,10 +16,7 @@ _CHUNK = 2048  # pings whose rows are in memory at a time
 
 
 class Products(NamedTuple):
-    """
-    Products of whitened rows: normal matrix, right-hand side, sum of squares, and terms of the
-    evidence.
-    """
+    """Products of whitened rows, and terms of the evidence."""
 
     normal: Array  # (size, size)
     right: Array  # (size,)
@@ -45,7 +39,7 @@ class Linearization:
         self.legs = legs
         self.weight = weight
         self._slowing = unknowns.slowing(values)
-        self.residual = unknowns.survey.travel_time - unknowns.predicted(values, legs)
+        self.residual = unknowns.survey.travel_time - unknowns.predict_times(values, legs)
         self._by_position = unknowns.position_map(values)
         self._lever = lever_gradients(unknowns.survey, legs) if unknowns.survey.lever.used else None
 
@@ -53,31 +47,35 @@ class Linearization:
         """Derivatives (m, size) of the predicted times of some pings."""
         unknowns = self.unknowns
         legs = self.legs
-        s = self.unknowns.survey
-        at = unknowns.slices
+        survey = self.unknowns.survey
+        columns = unknowns.slices
         slowing = self._slowing[part]
-        node = s.node[part]
-        partner = s.partner[part]
+        node = survey.node[part]
+        partner = survey.partner[part]
         lines = np.arange(node.size)
-        out = np.einsum(
+        derivative = np.einsum(
             "ia,iaj->ij", legs.node_gradient[part] * slowing[:, None], self._by_position[node]
         )
         other = partner >= 0
         if other.any():
             gradient = legs.partner_gradient[part][other] * slowing[other, None]
-            out[other] += np.einsum("ia,iaj->ij", gradient, self._by_position[partner[other]])
-        out[lines, at["turn_around"].start + node] += s.direction[part] == TravelDirection.TWO_WAY
-        elapsed = (s.time - s.time[0])[part]
+            derivative[other] += np.einsum(
+                "ia,iaj->ij", gradient, self._by_position[partner[other]]
+            )
+        derivative[lines, columns["turn_around"].start + node] += (
+            survey.direction[part] == TravelDirection.TWO_WAY
+        )
+        time_since_start = (survey.time - survey.time[0])[part]
         for sign, which in unknowns.clock_signs():
-            out[lines, at["offset"].start + which[part]] += sign[part]
-            out[lines, at["drift"].start + which[part]] += sign[part] * elapsed
+            derivative[lines, columns["offset"].start + which[part]] += sign[part]
+            derivative[lines, columns["drift"].start + which[part]] += sign[part] * time_since_start
         if self._lever is not None:
-            out[:, at["lever"]] = self._lever[part] * slowing[:, None]
+            derivative[:, columns["lever"]] = self._lever[part] * slowing[:, None]
         water = np.nan_to_num(legs.travel_time[part]) * slowing
-        speed = slice(at["speed"].start, at["speed"].stop - legs.modes.shape[1])
-        out[:, speed] = -water[:, None] * unknowns.speed.rows(part)
-        out[:, speed.stop : at["speed"].stop] = legs.modes[part]
-        return np.asarray(out)
+        speed = slice(columns["speed"].start, columns["speed"].stop - legs.modes.shape[1])
+        derivative[:, speed] = -water[:, None] * unknowns.speed.rows(part)
+        derivative[:, speed.stop : columns["speed"].stop] = legs.modes[part]
+        return np.asarray(derivative)
 
     def columns(self, used: Mask, which: NDArray[np.int64]) -> Array:
         """Columns of the used pings divided by the standard deviations of their noise."""
@@ -85,18 +83,19 @@ class Linearization:
         out = np.empty((rows.size, which.size))
         for start in range(0, rows.size, _CHUNK):
             some = rows[start : start + _CHUNK]
-            whole = self.rows(slice(int(some[0]), int(some[-1]) + 1))
+            block = self.rows(slice(int(some[0]), int(some[-1]) + 1))
             out[start : start + some.size] = (
-                whole[some - some[0]][:, which] / self.weight[some, None]
+                block[some - some[0]][:, which] / self.weight[some, None]
             )
         return out
 
-    def whitened(
+    def whitened_rows(
         self, used: Mask, correlation: Correlation, platform: PlatformError, sigma: float
     ) -> Iterator[tuple[Array, float]]:
         """
-        Yield chunks of whitened rows of the used pings, with residuals in the last column, and a
-        log determinant.
+        Yield chunks of whitened rows of the used pings, each with a log determinant.
+
+        Residuals are in the last column.
 
         Rows have the variance ``sigma``² [s²] of the survey's white noise. The log determinant is
         that of the covariance of all rows up to this chunk, in units of this variance.
@@ -110,8 +109,8 @@ class Linearization:
         logarithm = 2.0 * np.cumsum(np.log(weight))
         for start in range(0, rows.size, _CHUNK):
             some = rows[start : start + _CHUNK]
-            whole = slice(int(some[0]), int(some[-1]) + 1)
-            derivative = self.rows(whole)[some - some[0]]
+            part = slice(int(some[0]), int(some[-1]) + 1)
+            derivative = self.rows(part)[some - some[0]]
             block = np.concatenate([derivative, self.residual[some, None]], axis=1)
             block /= weight[start : start + some.size, None]
             block = whitener(block, start)
@@ -125,7 +124,7 @@ class Linearization:
         total = np.zeros((size + 1, size + 1))
         logarithm = 0.0
         count = 0
-        for block, log_determinant in self.whitened(used, correlation, platform, sigma):
+        for block, log_determinant in self.whitened_rows(used, correlation, platform, sigma):
             total += block.T @ block
             logarithm = log_determinant
             count = count + len(block)

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Medium
 from pymantaray.apps.locate.bootstrap import bootstrap_positions
 from pymantaray.apps.locate.budget import error_budget
-from pymantaray.apps.locate.checks import below_bed, check_solution, check_survey, moved_to_water
+from pymantaray.apps.locate.checks import (
+    check_solution,
+    check_survey,
+    notes_below_bed,
+    notes_outside_water,
+)
 from pymantaray.apps.locate.gross import reasons
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
 from pymantaray.apps.locate.options import LocateOptions
@@ -25,6 +30,7 @@ from pymantaray.records.result_table import ResultTable
 
 _ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a normal distribution in two dimensions
 _INTERVAL = 1.959964
+_NOMINAL_SPEED = 1500.0  # m/s; of a survey without pings of the platform
 _MIN_PINGS = 3  # per node
 _MIN_DEPTH = 0.05  # m; a shallower node counts as above the surface
 _CAPTIONS = {
@@ -91,8 +97,9 @@ class Location:
     @cached_property
     def covariance(self) -> Array:
         """
-        Joint posterior covariance of all positions (3 n_nodes, 3 n_nodes): north, east, depth of
-        each node. [m²]
+        Joint posterior covariance of all positions (3 n_nodes, 3 n_nodes). [m²]
+
+        The order is north, east, depth of each node.
         """
         by_position = self.solution.unknowns.position_map(self.solution.values)
         flat = by_position.reshape(-1, self.solution.unknowns.size)
@@ -136,48 +143,47 @@ class Location:
 
     @cached_property
     def nodes(self) -> pd.DataFrame:
-        """
-        One row per node: position, standard deviations, 95 % ellipse and depth interval, pings,
-        residuals, status.
-        """
+        """One row per node: position, its uncertainty, pings, residuals, status."""
         survey = self.survey
         used = self.solution.used
-        place = self.positions
-        lat, lon = self._geodetic(place)
+        position = self.positions
+        lat, lon = self._geodetic(position)
         relative = self._relative()
+        count = len(survey.nodes)
+        joint = self.covariance.reshape(count, 3, count, 3)
         rows = []
         for k, node in enumerate(survey.nodes):
-            own = self.covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
-            north, east, depth = np.sqrt(np.maximum(np.diag(own), 0.0))
-            major, minor, azimuth = ellipse(own[:2, :2])
-            mine = (survey.node == k) | (survey.partner == k)
-            residual = self.residual[mine & used]
+            covariance = joint[k, :, k]
+            north, east, depth = np.sqrt(np.maximum(np.diag(covariance), 0.0))
+            major, minor, azimuth = ellipse(covariance[:2, :2])
+            of_node = (survey.node == k) | (survey.partner == k)
+            residual = self.residual[of_node & used]
             rows.append(
                 {
                     "name": node.name,
                     "lat": lat[k],
                     "lon": lon[k],
-                    "north": place[k, 0],
-                    "east": place[k, 1],
-                    "depth": place[k, 2],
+                    "north": position[k, 0],
+                    "east": position[k, 1],
+                    "depth": position[k, 2],
                     "sigma_north_m": north,
                     "sigma_east_m": east,
                     "sigma_depth_m": depth,
                     "ellipse_major_m": major,
                     "ellipse_minor_m": minor,
                     "ellipse_azimuth_deg": azimuth,
-                    "depth_low_m": place[k, 2] - _INTERVAL * depth,
-                    "depth_high_m": place[k, 2] + _INTERVAL * depth,
+                    "depth_low_m": position[k, 2] - _INTERVAL * depth,
+                    "depth_high_m": position[k, 2] + _INTERVAL * depth,
                     "relative_sigma_north_m": relative[k, 0],
                     "relative_sigma_east_m": relative[k, 1],
                     "relative_sigma_depth_m": relative[k, 2],
                     "prior_north": node.position[0],
                     "prior_east": node.position[1],
                     "prior_depth": node.position[2],
-                    "n_used": int((mine & used).sum()),
-                    "n_all": int(mine.sum()),
+                    "n_used": int((of_node & used).sum()),
+                    "n_all": int(of_node.sum()),
                     "rms_s": float(np.sqrt(np.mean(residual**2))) if residual.size else np.nan,
-                    "status": self._status(k, int((mine & used).sum())),
+                    "status": self._status(k, int((of_node & used).sum())),
                 }
             )
         return pd.DataFrame(rows)
@@ -185,37 +191,35 @@ class Location:
     def _status(self, k: int, n_used: int) -> str:
         """Status of a node as text; ``ok`` if its position is determined."""
         survey = self.survey
-        place = self.positions[k]
-        mine = survey.node == k
-        top = np.nanmedian(survey.transmit_position[mine, 2]) if mine.any() else -np.inf
+        position = self.positions[k]
+        of_node = survey.node == k
+        top = np.nanmedian(survey.transmit_position[of_node, 2]) if of_node.any() else -np.inf
         if not self.solution.settled:
             return "not converged"
         if n_used < _MIN_PINGS:
-            no_ray = mine & ~self.solution.legs.possible
-            return "no ray" if no_ray.any() and no_ray.sum() > 0.5 * mine.sum() else "too few pings"
-        if place[2] <= _MIN_DEPTH:
+            no_ray = of_node & ~self.solution.legs.possible
+            is_most = no_ray.any() and no_ray.sum() > 0.5 * of_node.sum()
+            return "no ray" if is_most else "too few pings"
+        if position[2] <= _MIN_DEPTH:
             return "above the surface"
-        if any(m.undecided for m in self.mirrors if m.node == survey.names[k]):
+        if any(mirror.undecided for mirror in self.mirrors if mirror.node == survey.names[k]):
             return "two solutions"
-        return "above the platform" if np.isfinite(top) and place[2] < top else "ok"
+        return "above the platform" if np.isfinite(top) and position[2] < top else "ok"
 
     @cached_property
     def centre(self) -> dict[str, float]:
         """Mean position of all nodes, with its standard deviations."""
-        place = self.positions.mean(axis=0)
+        position = self.positions.mean(axis=0)
         count = len(self.survey.nodes)
         mean = np.tile(np.eye(3) / count, count)
         sigma = np.sqrt(np.maximum(np.diag(mean @ self.covariance @ mean.T), 0.0))
-        lat, lon = self._geodetic(place[None])
+        lat, lon = self._geodetic(position[None])
         names = ("north", "east", "depth", "sigma_north_m", "sigma_east_m", "sigma_depth_m")
-        values = dict(zip(names, map(float, [*place, *sigma]), strict=True))
+        values = dict(zip(names, map(float, [*position, *sigma]), strict=True))
         return {"lat": float(lat[0]), "lon": float(lon[0])} | values
 
     def _relative(self) -> Array:
-        """
-        Standard deviations (n_nodes, 3) of the positions relative to their mean; NaN for one node.
-        [m]
-        """
+        """Standard deviations (n_nodes, 3) relative to the mean position; NaN for one node. [m]"""
         count = len(self.survey.nodes)
         if count < 2:
             return np.full((count, 3), np.nan)
@@ -223,25 +227,26 @@ class Location:
         variance = np.diag(mean @ self.covariance @ mean.T)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(count, 3))
 
-    def _geodetic(self, place: Array) -> tuple[Array, Array]:
+    def _geodetic(self, position: Array) -> tuple[Array, Array]:
         """Latitudes and longitudes, NaN without a frame. [degrees]"""
         if self.survey.frame is None:
-            return np.full(len(place), np.nan), np.full(len(place), np.nan)
-        return self.survey.frame.to_geodetic(place[:, 0], place[:, 1])
+            return np.full(len(position), np.nan), np.full(len(position), np.nan)
+        return self.survey.frame.to_geodetic(position[:, 0], position[:, 1])
 
     @cached_property
     def pings(self) -> pd.DataFrame:
         """
-        One row per ping: node, times, residual, leverage, range, azimuth, use, and reason if
-        unused.
+        One row per ping: node, times, residual, leverage, geometry, use, and reason if unused.
         """
         survey = self.survey
         solution = self.solution
-        near, _ = solution.transducers()
-        near = np.where(
-            survey.between_nodes[:, None], self.positions[np.maximum(survey.partner, 0)], near
+        transmit_position, _ = solution.transducers()
+        transmit_position = np.where(
+            survey.between_nodes[:, None],
+            self.positions[np.maximum(survey.partner, 0)],
+            transmit_position,
         )
-        step = near - self.positions[survey.node]
+        step = transmit_position - self.positions[survey.node]
         leverage = np.full(len(survey), np.nan)
         leverage[solution.used] = self._leverage()
         table = pd.DataFrame(
@@ -254,8 +259,8 @@ class Location:
                 "leverage": leverage,
                 "range_m": np.hypot(step[:, 0], step[:, 1]),
                 "azimuth_deg": np.degrees(np.arctan2(step[:, 1], step[:, 0])) % 360.0,
-                "north": near[:, 0],
-                "east": near[:, 1],
+                "north": transmit_position[:, 0],
+                "east": transmit_position[:, 1],
                 "used": solution.used,
                 "reason": self.reason,
             }
@@ -268,38 +273,34 @@ class Location:
     def _leverage(self) -> Array:
         """Leverage of each used ping: derivative of its prediction by its measurement. [-]"""
         fit = self.solution.posterior
-        blocks = self.solution.whitened()
+        blocks = self.solution.whitened_rows()
         covariance = fit.covariance / fit.sigma**2
         return np.concatenate(
-            [np.einsum("ij,ij->i", b[:, :-1] @ covariance, b[:, :-1]) for b in blocks]
+            [np.einsum("ij,ij->i", block[:, :-1] @ covariance, block[:, :-1]) for block in blocks]
         )
 
     @cached_property
     def budget(self) -> pd.DataFrame:
-        """
-        Contributions to each node's standard deviations, see
-        `pymantaray.apps.locate.budget.error_budget`.
-        """
+        """Contributions to each node's standard deviations, see `error_budget`."""
         return error_budget(self.solution)
 
     @cached_property
     def sound_speed(self) -> pd.DataFrame:
-        """
-        Mean sound speed minus that of the profile over time, with its standard deviation; empty if
-        it is known.
-        """
+        """Mean sound speed minus that of the profile over time; empty if it is known."""
         speed = self.solution.unknowns.speed
-        s = self.solution
+        solution = self.solution
         if not speed.terms:
             return pd.DataFrame(columns=["time_s", "change_m_s", "sigma_m_s"])
         first = speed.terms[0]
-        at = s.unknowns.slices["speed"].start
-        own = slice(at, at + first.sd.size)
+        start = solution.unknowns.slices["speed"].start
+        columns = slice(start, start + first.sd.size)
         time = np.linspace(self.survey.time[0], self.survey.time[-1], 200)
         rows = np.ones((time.size, 1)) if first.spline is None else first.spline.at(time)
         scale = self.mean_speed
-        variance = np.einsum("ij,jk,ik->i", rows, s.posterior.covariance[own, own], rows)
-        change = scale * (rows @ s.values[own])
+        variance = np.einsum(
+            "ij,jk,ik->i", rows, solution.posterior.covariance[columns, columns], rows
+        )
+        change = scale * (rows @ solution.values[columns])
         return pd.DataFrame(
             {
                 "time_s": time,
@@ -311,27 +312,28 @@ class Location:
     @cached_property
     def mean_speed(self) -> float:
         """Median of straight distance over travel time of the used pings. [m/s]"""
-        s = self.solution
+        solution = self.solution
         survey = self.survey
-        near, away = s.transducers()
+        transmit_position, receive_position = solution.transducers()
         node = self.positions[survey.node]
-        out = survey.direction != TravelDirection.FROM_NODE
-        back = survey.direction != TravelDirection.TO_NODE
+        has_out = survey.direction != TravelDirection.FROM_NODE
+        has_back = survey.direction != TravelDirection.TO_NODE
         length = (
-            np.linalg.norm(near - node, axis=1) * out + np.linalg.norm(away - node, axis=1) * back
+            np.linalg.norm(transmit_position - node, axis=1) * has_out
+            + np.linalg.norm(receive_position - node, axis=1) * has_back
         )
-        rows = s.used & ~survey.between_nodes
-        return float(np.median(length[rows] / s.legs.travel_time[rows])) if rows.any() else 1500.0
+        rows = solution.used & ~survey.between_nodes
+        if not rows.any():
+            return _NOMINAL_SPEED
+        return float(np.median(length[rows] / solution.legs.travel_time[rows]))
 
     @cached_property
     def other_unknowns(self) -> pd.DataFrame:
-        """
-        Estimated turn-around times, clocks, lever arm and array shift, with standard deviations.
-        """
-        u = self.solution.unknowns
+        """Estimated turn-around times, clocks, lever arm and array shift, with their errors."""
+        unknowns = self.solution.unknowns
         values = self.solution.values
         sd = np.sqrt(np.maximum(np.diag(self.solution.posterior.covariance), 0.0))
-        at = u.slices
+        slices = unknowns.slices
         names = self.survey.names
         labels = {
             "array": ["array north [m]", "array east [m]", "array depth [m]", "array turn [rad]"],
@@ -345,11 +347,13 @@ class Location:
                 "unknown": label,
                 "value": values[column],
                 "sigma": sd[column],
-                "prior": u.prior_mean[column],
+                "prior": unknowns.prior_mean[column],
             }
-            for kind, own in labels.items()
-            for label, column in zip(own, range(at[kind].start, at[kind].stop), strict=True)
-            if u.prior_sd[column] > 0.0
+            for kind, kind_labels in labels.items()
+            for label, column in zip(
+                kind_labels, range(slices[kind].start, slices[kind].stop), strict=True
+            )
+            if unknowns.prior_sd[column] > 0.0
         ]
         return pd.DataFrame(rows, columns=["unknown", "value", "sigma", "prior"])
 
@@ -364,14 +368,14 @@ class Location:
             "tests": test_table(self.tests),
             "candidates": self.candidates,
             "unknowns": self.other_unknowns,
-            "mirrors": pd.DataFrame([vars(m) for m in self.mirrors]),
+            "mirrors": pd.DataFrame([vars(mirror) for mirror in self.mirrors]),
             "sound_speed": self.sound_speed,
             "pings": self.pings,
         }
         if self.bootstrap is not None:
             frames["bootstrap"] = self._bootstrap_table(self.bootstrap)
-        place = ("north", "east") if self.survey.frame is None else ("lat", "lon")
-        brief = _BRIEF | {"nodes": ("name", *place, "depth", *_BRIEF["nodes"])}
+        coordinates = ("north", "east") if self.survey.frame is None else ("lat", "lon")
+        brief = _BRIEF | {"nodes": ("name", *coordinates, "depth", *_BRIEF["nodes"])}
         return {
             name: ResultTable(
                 name,
@@ -405,8 +409,7 @@ class Location:
 
 def ellipse(covariance: Array) -> tuple[float, float, float]:
     """
-    Semi-axes of the 95 % ellipse [m] of a covariance of north and east, and the azimuth of the
-    major axis [degrees].
+    Semi-axes of the 95 % ellipse of north and east [m], and the major axis's azimuth. [degrees]
     """
     values, vectors = np.linalg.eigh(covariance)
     minor, major = np.sqrt(np.maximum(values, 0.0)) * _ELLIPSE
@@ -456,13 +459,13 @@ def locate(
         If units or signs are impossible, the profile ends above a node, or the model explains no
         ping.
     """
-    chosen = options or LocateOptions()
+    selected = options or LocateOptions()
     check_survey(survey, medium)
-    solution, candidates, solver = solve(survey, medium, chosen)
+    solution, candidates, solver = solve(survey, medium, selected)
     solution, mirrors = with_mirrors(solver, solution)
-    notes = below_bed(solution, medium)
+    notes = notes_below_bed(solution, medium)
     check_solution(solution, medium)
-    notes += moved_to_water(survey, medium, solution.unknowns.lever(solution.values))
+    notes += notes_outside_water(survey, medium, solution.unknowns.lever(solution.values))
     draws = None
     if bootstrap:
         draws = bootstrap_positions(

@@ -1,7 +1,4 @@
-"""
-Second solution of a survey along one line: the mirror image of the node in the vertical plane
-through the line.
-"""
+"""Second solution of a survey along one line: the mirror image of the node."""
 
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -20,8 +17,9 @@ _MIN_DIFFERENCE = 25.0  # chi-square; with a smaller difference, the data do not
 @dataclass(frozen=True)
 class Mirror:
     """
-    Mirrored position of a node, and the excess of its chi-square; `undecided` if the data do not
-    exclude it.
+    Mirrored position of a node, and the excess of its chi-square.
+
+    It is `undecided` if the data do not exclude it.
     """
 
     node: str
@@ -47,56 +45,55 @@ class _Candidate(NamedTuple):
 
 def with_mirrors(solver: Solver, solution: SurveySolution) -> tuple[SurveySolution, list[Mirror]]:
     """
-    Solution of the lowest chi-square, and the mirror solutions of its nodes whose pings are along
-    one line.
+    Solution of the lowest chi-square, and mirror solutions of nodes with pings along one line.
     """
+    # a mirror of lower cost becomes the solution; its other nodes may have better mirrors
     for _ in solver.survey.names:
-        mirrored = _mirrored(solver, solution)
-        best = lowest([_Candidate(_cost(solution, solution), solution), *mirrored])
+        mirrors = _mirror_solutions(solver, solution)
+        best = lowest([_Candidate(_cost(solution, solution), solution), *mirrors])
         if best.solution is solution:
             break
         solution = best.solution
-        mirrored = []
-    mirrored = mirrored or _mirrored(solver, solution)
-    return solution, [candidate.mirror for candidate in mirrored if candidate.mirror is not None]
+        mirrors = []
+    mirrors = mirrors or _mirror_solutions(solver, solution)
+    return solution, [candidate.mirror for candidate in mirrors if candidate.mirror is not None]
 
 
-def _mirrored(solver: Solver, solution: SurveySolution) -> list[_Candidate]:
+def _mirror_solutions(solver: Solver, solution: SurveySolution) -> list[_Candidate]:
     """Solutions from the mirror image of one node after the other."""
     survey = solver.survey
-    near, away = solution.transducers()
+    transmit_position, receive_position = solution.transducers()
     result = []
     for k, name in enumerate(survey.names):
         rows = solution.used & (survey.node == k) & (survey.partner < 0)
-        if (
-            rows.sum() < 3
-            or solution.unknowns.arrangement != "free"
-            or not any(survey.nodes[k].sigma[:2])
-        ):
+        sigma_north, sigma_east, _ = survey.nodes[k].sigma
+        is_free = solution.unknowns.arrangement == "free" and (sigma_north or sigma_east)
+        if rows.sum() < 3 or not is_free:
             continue
-        points = 0.5 * (near + away)[rows, :2]
+        points = 0.5 * (transmit_position + receive_position)[rows, :2]
         centre = points.mean(axis=0)
         _, extent, axes = np.linalg.svd(points - centre, full_matrices=False)
         if extent[1] > _MAX_WIDTH * extent[0]:
             continue
         across = axes[1]
         offset = float((solution.positions[k, :2] - centre) @ across)
-        values = solution.values.copy()
-        values[3 * k : 3 * k + 2] -= 2.0 * offset * across
         if abs(offset) < 2.0 * extent[1] / np.sqrt(rows.sum()):
             continue  # the node is on the line
-        mirrored = _descend(solver, solution, values)
-        if mirrored is None:
+        values = solution.values.copy()
+        columns = solution.unknowns.slices["position"]
+        values[columns].reshape(-1, 3)[k, :2] -= 2.0 * offset * across
+        mirror_solution = _descend(solver, solution, values)
+        if mirror_solution is None:
             continue
-        place = mirrored.positions[k]
-        cost = _cost(mirrored, solution)
+        position = mirror_solution.positions[k]
+        cost = _cost(mirror_solution, solution)
         difference = cost - _cost(solution, solution)
-        apart = float(np.linalg.norm(place[:2] - solution.positions[k, :2]))
-        if apart < abs(offset):  # it converged to the first solution
+        distance = float(np.linalg.norm(position[:2] - solution.positions[k, :2]))
+        if distance < abs(offset):  # it converged to the first solution
             continue
-        north, east, depth = map(float, place)
+        north, east, depth = map(float, position)
         mirror = Mirror(name, north, east, depth, difference, bool(difference < _MIN_DIFFERENCE))
-        result.append(_Candidate(cost, mirrored, mirror))
+        result.append(_Candidate(cost, mirror_solution, mirror))
     return result
 
 
@@ -111,17 +108,18 @@ def _descend(solver: Solver, solution: SurveySolution, values: Array) -> SurveyS
 
 def _cost(solution: SurveySolution, main: SurveySolution) -> float:
     """
-    Chi-square of residuals and prior positions with the main solution's noise; gross errors count
-    with the limit.
+    Chi-square of residuals and prior positions with the main solution's noise.
+
+    Gross errors count with the limit.
     """
     survey = solution.unknowns.survey
     fit = main.posterior
     level = fit.sigma * np.sqrt(main.correlation.variance) * solution.linear.weight
     size = np.where(solution.legs.possible, np.abs(solution.linear.residual) / level, np.inf)
     limit = float((np.abs(main.linear.residual) / level)[main.used].max())
-    at = solution.unknowns.slices["position"]
-    sd = solution.unknowns.prior_sd[at]
-    mean = solution.unknowns.prior_mean[at]
-    known = sd <= 0.0
-    prior = np.where(known, 0.0, (solution.values[at] - mean) / np.where(known, 1.0, sd))
+    columns = solution.unknowns.slices["position"]
+    sd = solution.unknowns.prior_sd[columns]
+    mean = solution.unknowns.prior_mean[columns]
+    is_known = sd <= 0.0
+    prior = np.where(is_known, 0.0, (solution.values[columns] - mean) / np.where(is_known, 1.0, sd))
     return float(np.sum(np.minimum(size, limit)[~survey.flagged] ** 2) + np.sum(prior**2))

@@ -1,6 +1,5 @@
 r"""
-Noise of pings: white noise, noise that is correlated in time, and errors of the platform's
-positions.
+Noise of pings: white noise, correlated noise, and errors of the platform's positions.
 
 With :math:`\Delta` the time between two pings, their covariance is
 :math:`\sigma^2(\delta + r\,e^{-|\Delta|/\mu}(m + (1-m)\,[\text{same node}]))`.
@@ -69,17 +68,15 @@ class Whitener:
                 columns.append((survey.node[:, None] == np.arange(k)).astype(float))
                 memory += [correlation.memory] * k
                 variance += [correlation.ratio * (1.0 - correlation.shared)] * k
-        axes = [
-            (axis, s)
-            for axis, s in enumerate((platform.horizontal,) * 2 + (platform.vertical,))
-            if s > 0.0
-        ]
-        for axis, sigma in axes:
-            columns.append(sensitivity[:, axis : axis + 1])
-            memory.append(platform.correlation)
-            variance.append(sigma**2)
+        sigmas = (platform.horizontal, platform.horizontal, platform.vertical)
+        for axis, sigma in enumerate(sigmas):
+            if sigma > 0.0:
+                columns.append(sensitivity[:, axis : axis + 1])
+                memory.append(platform.correlation)
+                variance.append(sigma**2)
         self._parts = np.ascontiguousarray(np.concatenate([np.empty((n, 0)), *columns], axis=1))
-        self._memory, self._variance = np.array(memory), np.array(variance)
+        self._memory = np.array(memory)
+        self._variance = np.array(variance)
         self._step = np.maximum(np.diff(survey.time, prepend=survey.time[0]), 0.0)
         self.log_determinant = 0.0
         """Log determinant of the covariance of all rows up to now, in units of the white noise."""

@@ -1,6 +1,7 @@
 """
-Options of the solver and of plans. The module imports little, because the command line generates
-its options from it.
+Options of the solver and of plans.
+
+The module imports little, because the command line generates its options from it.
 """
 
 from dataclasses import dataclass, field
@@ -94,12 +95,14 @@ class LocateOptions:
     @property
     def kinds(self) -> tuple[Kind, ...]:
         """
-        Candidate models, simplest first, without ``known``: its evidence is high if the data cannot
-        test it.
+        Candidate models, simplest first.
+
+        ``known`` is not among them: its evidence is high if the data cannot test it.
         """
         if self.speed_model != "auto":
             return (self.speed_model,)
-        return KINDS[1:] if self.modes is not None else KINDS[1:-1]
+        unused = {"known"} if self.modes is not None else {"known", "modes"}
+        return tuple(kind for kind in KINDS if kind not in unused)
 
 
 @dataclass(frozen=True)

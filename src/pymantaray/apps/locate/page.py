@@ -1,7 +1,4 @@
-"""
-Page, tables and figures of located nodes: survey map, residuals, sound speed over time; and the
-figure of a plan.
-"""
+"""Page, tables and figures of located nodes, and the figure of a plan."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -117,16 +114,14 @@ def warnings_of(location: Location) -> list[str]:
 
 
 def _fact(location: Location) -> str:
-    used = int(location.solution.used.sum())
+    n_used = int(location.solution.used.sum())
     count = len(location.survey)
     epoch = location.survey.epoch
-    day = (
-        ""
-        if np.isnat(epoch)
-        else f", {np.datetime_as_string(epoch, unit='m').replace('T', ' ')} UTC"
-    )
+    day = ""
+    if not np.isnat(epoch):
+        day = f", {np.datetime_as_string(epoch, unit='m').replace('T', ' ')} UTC"
     return (
-        f"{location.survey.source}: {used:,} of {count:,} pings used,"
+        f"{location.survey.source}: {n_used:,} of {count:,} pings used,"
         f" {counted(len(location.survey.nodes), 'node')}{day}"
     )
 
@@ -135,26 +130,21 @@ def _cards(location: Location) -> list[Card]:
     """Cards of the nodes, the residuals, the model and the tests."""
     cards = []
     for row in location.nodes.head(_MAX_NODES).to_dict("records"):
-        place = (
-            f"{row['lat']:.6f}, {row['lon']:.6f}"
-            if np.isfinite(row["lat"])
-            else f"{row['north']:.2f} N, {row['east']:.2f} E m"
-        )
-        sigma = (
-            "σ "
-            + ", ".join(f"{row[f'sigma_{axis}_m']:.2g}" for axis in ("north", "east", "depth"))
-            + " m"
-        )
-        cards.append(
-            Card(str(row["name"]), place, f"depth {row['depth']:.2f} m; {sigma} north, east, depth")
-        )
+        coordinates = f"{row['north']:.2f} N, {row['east']:.2f} E m"
+        if np.isfinite(row["lat"]):
+            coordinates = f"{row['lat']:.6f}, {row['lon']:.6f}"
+        sigma = ", ".join(f"{row[f'sigma_{axis}_m']:.2g}" for axis in ("north", "east", "depth"))
+        details = f"depth {row['depth']:.2f} m; σ {sigma} m north, east, depth"
+        cards.append(Card(str(row["name"]), coordinates, details))
     cards.append(
         Card("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the used pings")
     )
     model = location.hyperparameters
-    compared = location.candidates["sound_speed"].nunique() > 1
-    chosen = "model with the largest marginal likelihood" if compared else "model as requested"
-    cards.append(Card("Sound speed", str(model["sound_speed"]), chosen))
+    is_compared = location.candidates["sound_speed"].nunique() > 1
+    selection = (
+        "model with the largest marginal likelihood" if is_compared else "model as requested"
+    )
+    cards.append(Card("Sound speed", str(model["sound_speed"]), selection))
     verdict = "passed" if location.passed else "failed"
     cards.append(Card("Tests of the noise", verdict, f"{len(location.tests)} chi-square tests"))
     return cards
@@ -204,11 +194,11 @@ def _figure_specs(location: Location) -> list[FigureSpec]:
 def survey_map(location: Location, header: str) -> Figure:
     """Pings, nodes, ellipses and prior positions."""
     figure = style.new_figure(style.DOUBLE, 3.6, header)
-    whole, near = figure.subplots(1, 2)
+    overview, detail = figure.subplots(1, 2)
     pings = location.pings[location.solution.used & ~location.survey.between_nodes]
     size = _MICRO * pings["residual_s"]
     limit = float(np.percentile(size.abs(), 95.0)) if len(size) else 1.0
-    points = whole.scatter(
+    points = overview.scatter(
         pings["east"],
         pings["north"],
         c=size,
@@ -219,47 +209,46 @@ def survey_map(location: Location, header: str) -> Figure:
         linewidths=0.2,
         edgecolors=style.GREY,
     )
-    figure.colorbar(points, ax=whole, label="Residual [µs]", location="bottom", shrink=0.8)
+    figure.colorbar(points, ax=overview, label="Residual [µs]", location="bottom", shrink=0.8)
     nodes = location.nodes
-    whole.plot(
+    overview.plot(
         nodes["prior_east"], nodes["prior_north"], "x", color=style.ORANGE, label="prior position"
     )
-    whole.plot(nodes["east"], nodes["north"], "o", color=style.INK, markersize=3.0, label="node")
+    overview.plot(nodes["east"], nodes["north"], "o", color=style.INK, markersize=3.0, label="node")
     for row in nodes.to_dict("records"):
-        whole.annotate(
+        overview.annotate(
             style.plain(str(row["name"])),
             (row["east"], row["north"]),
             xytext=(3, 3),
             textcoords="offset points",
             fontsize=6.5,
         )
-    whole.set_aspect("equal", adjustable="datalim")
-    whole.set_xlabel("East [m]")
-    whole.set_ylabel("North [m]")
-    style.panel_title(whole, "a", "survey")
+    overview.set_aspect("equal", adjustable="datalim")
+    overview.set_xlabel("East [m]")
+    overview.set_ylabel("North [m]")
+    style.panel_title(overview, "a", "survey")
     colours = style.vehicle_colours(len(nodes))
     largest = max(float(nodes["ellipse_major_m"].max()), 1e-3)
     for colour, row in zip(colours, nodes.to_dict("records"), strict=True):
-        turn = np.radians(row["ellipse_azimuth_deg"])
+        azimuth = np.radians(row["ellipse_azimuth_deg"])
         along = row["ellipse_major_m"] * np.cos(_ANGLES)
         across = row["ellipse_minor_m"] * np.sin(_ANGLES)
-        north = along * np.cos(turn) - across * np.sin(turn)
-        east = along * np.sin(turn) + across * np.cos(turn)
-        near.plot(east, north, color=colour, label=style.plain(style.short(str(row["name"]), 12)))
-        near.plot(
+        north = along * np.cos(azimuth) - across * np.sin(azimuth)
+        east = along * np.sin(azimuth) + across * np.cos(azimuth)
+        detail.plot(east, north, color=colour, label=style.plain(style.short(str(row["name"]), 12)))
+        detail.plot(
             row["prior_east"] - row["east"], row["prior_north"] - row["north"], "x", color=colour
         )
-    near.plot(0.0, 0.0, "+", color=style.INK)
-    near.set_xlim(-1.5 * largest, 1.5 * largest)
-    near.set_ylim(-1.5 * largest, 1.5 * largest)
-    near.set_aspect("equal", adjustable="box")
-    near.set_xlabel("East of the estimate [m]")
-    near.set_ylabel("North of the estimate [m]")
-    style.panel_title(near, "b", "95 % ellipses")
-    style.common_legend(
-        figure,
-        [*whole.get_legend_handles_labels()[0], *near.get_legend_handles_labels()[0][:_MAX_NODES]],
-    )
+    detail.plot(0.0, 0.0, "+", color=style.INK)
+    detail.set_xlim(-1.5 * largest, 1.5 * largest)
+    detail.set_ylim(-1.5 * largest, 1.5 * largest)
+    detail.set_aspect("equal", adjustable="box")
+    detail.set_xlabel("East of the estimate [m]")
+    detail.set_ylabel("North of the estimate [m]")
+    style.panel_title(detail, "b", "95 % ellipses")
+    handles = [*overview.get_legend_handles_labels()[0]]
+    handles += detail.get_legend_handles_labels()[0][:_MAX_NODES]
+    style.common_legend(figure, handles)
     return figure
 
 
@@ -343,12 +332,12 @@ def write_plan_figure(plan: SurveyPlan, out: Path) -> None:
 @style.styled
 def plan_figure(plan: SurveyPlan) -> Figure:
     """Expected standard deviations over the radius, and the best radius of each pattern."""
-    o = plan.options
-    figure = style.new_figure(
-        style.DOUBLE,
-        2.8,
-        f"Node at {o.depth:g} m, pings of {1e3 * o.sigma:g} ms, sound speed: {o.speed_model}",
+    options = plan.options
+    header = (
+        f"Node at {options.depth:g} m, pings of {1e3 * options.sigma:g} ms,"
+        f" sound speed: {options.speed_model}"
     )
+    figure = style.new_figure(style.DOUBLE, 2.8, header)
     panels = figure.subplots(1, 2, sharex=True)
     shapes = list(dict.fromkeys(plan.table["pattern"]))
     best = plan.best.set_index("pattern")

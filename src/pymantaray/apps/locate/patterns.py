@@ -1,7 +1,4 @@
-"""
-Chi-square tests of a fit: residuals against the stated noise, and against patterns over time,
-azimuth, range and attitude.
-"""
+"""Chi-square tests of a fit: residuals against the stated noise, and against patterns."""
 
 from dataclasses import dataclass
 
@@ -22,10 +19,7 @@ _MIN_ATTITUDE_SPREAD = 0.02  # rad; with a smaller spread, patterns over attitud
 
 @dataclass(frozen=True)
 class NoiseTest:
-    """
-    Result of one test: name, chi-square, degrees of freedom, probability of a larger value, and
-    verdict.
-    """
+    """Result of one test; `probability` is that of a larger value."""
 
     name: str
     chi_square: float
@@ -51,10 +45,10 @@ def noise_tests(solution: SurveySolution) -> list[NoiseTest]:
     used = solution.used
     white = whitened_residuals(solution)
     tests = []
-    stated = survey.sigma[used]
-    if np.isfinite(stated).all():
+    stated_sigma = survey.sigma[used]
+    if np.isfinite(stated_sigma).all():
         # weights of the solution are the stated sigmas over their median
-        reference = float(np.median(stated / solution.linear.weight[used]))
+        reference = float(np.median(stated_sigma / solution.linear.weight[used]))
         total = float(np.sum(white**2)) * solution.correlation.variance / reference**2
         degrees = max(white.size - solution.posterior.effective, 1.0)
         upper = float(chdtrc(degrees, total))
@@ -69,29 +63,29 @@ def noise_tests(solution: SurveySolution) -> list[NoiseTest]:
 
 
 def whitened_residuals(solution: SurveySolution) -> Array:
-    """
-    Independent residuals of the used pings, with the standard deviation of the white noise. [s]
-    """
+    """Independent residuals of the used pings, with the sigma of the white noise. [s]"""
     change = solution.posterior.change
-    return np.concatenate([block[:, -1] - block[:, :-1] @ change for block in solution.whitened()])
+    return np.concatenate(
+        [block[:, -1] - block[:, :-1] @ change for block in solution.whitened_rows()]
+    )
 
 
 def _coordinates(solution: SurveySolution) -> dict[str, tuple[Array, NDArray[np.int64]]]:
     """Coordinates for tests of patterns, and the node of each used ping for patterns by node."""
     survey = solution.unknowns.survey
     used = solution.used
-    near, _ = solution.transducers()
-    step = (near - solution.positions[survey.node])[used]
+    transmit_position, _ = solution.transducers()
+    step = (transmit_position - solution.positions[survey.node])[used]
     node = survey.node[used]
-    alone = np.zeros(int(used.sum()), dtype=np.int64)
-    out = {"time": (survey.time[used], alone)}
+    one_group = np.zeros(int(used.sum()), dtype=np.int64)
+    out = {"time": (survey.time[used], one_group)}
     if not survey.between_nodes[used].any():
         out["azimuth"] = (np.arctan2(step[:, 1], step[:, 0]), node)
         out["range"] = (np.hypot(step[:, 0], step[:, 1]), node)
         heading = survey.transmit_attitude[used, 0]
         if np.ptp(heading) > _MIN_ATTITUDE_SPREAD:
             bearing = np.arctan2(-step[:, 1], -step[:, 0]) - heading
-            out["bearing from the bow"] = (np.mod(bearing, 2.0 * np.pi), alone)
+            out["bearing from the bow"] = (np.mod(bearing, 2.0 * np.pi), one_group)
     return out
 
 
@@ -101,11 +95,11 @@ def _pattern(
     """Chi-square of the means of bins with equal numbers of pings."""
     total = 0.0
     bins = 0
-    for one in np.unique(group):
-        mine = group == one
-        order = np.argsort(coordinate[mine], kind="stable")
+    for label in np.unique(group):
+        members = group == label
+        order = np.argsort(coordinate[members], kind="stable")
         parts = min(_MAX_BINS, max(order.size // _MIN_PINGS, 1))
-        for part in np.array_split(residual[mine][order], parts):
+        for part in np.array_split(residual[members][order], parts):
             total += float(part.sum() ** 2 / part.size)
             bins += 1
     probability = float(chdtrc(bins, total))

@@ -1,7 +1,4 @@
-"""
-Plans of surveys: expected standard deviations for patterns of pings, from the Jacobians of the
-solver.
-"""
+"""Plans of surveys: expected standard deviations for patterns of pings."""
 
 from dataclasses import dataclass, replace
 from typing import Literal, get_args
@@ -60,34 +57,32 @@ class Pattern:
 
     def points(self) -> Array:
         """North and east of the pings (n, 2) in order of time. [m]"""
-        s = (np.arange(self.pings) + 0.5) / self.pings
+        fraction = (np.arange(self.pings) + 0.5) / self.pings
         if self.shape == "circle":
-            angle = 2.0 * np.pi * s
+            angle = 2.0 * np.pi * fraction
             unit = np.column_stack([np.cos(angle), np.sin(angle)])
         elif self.shape == "rose":
-            angle = 2.0 * np.pi * s
+            angle = 2.0 * np.pi * fraction
             size = np.cos(0.5 * _PETALS * angle)
             unit = size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
         elif self.shape == "line":
-            unit = np.column_stack([2.0 * s - 1.0, 0.0 * s])
+            unit = np.column_stack([2.0 * fraction - 1.0, 0.0 * fraction])
+        elif self.shape == "cross":
+            unit = _along_lines(fraction, 2, is_cross=True)
         else:
-            unit = _along_lines(
-                s, 2 if self.shape == "cross" else _LINES, crossed=self.shape == "cross"
-            )
+            unit = _along_lines(fraction, _LINES, is_cross=False)
         return np.asarray(self.radius * unit)
 
 
-def _along_lines(s: Array, count: int, *, crossed: bool) -> Array:
+def _along_lines(fraction: Array, count: int, *, is_cross: bool) -> Array:
     """Points on two crossing lines or on parallel lines, sailed once in alternating directions."""
-    which = np.minimum((s * count).astype(int), count - 1)
-    along = 2.0 * (s * count - which) - 1.0
+    which = np.minimum((fraction * count).astype(int), count - 1)
+    along = 2.0 * (fraction * count - which) - 1.0
     along = np.where(which % 2 == 0, along, -along)
-    if crossed:
-        return np.where(
-            (which == 0)[:, None],
-            np.column_stack([along, 0.0 * s]),
-            np.column_stack([0.0 * s, along]),
-        )
+    if is_cross:
+        first = np.column_stack([along, 0.0 * fraction])
+        second = np.column_stack([0.0 * fraction, along])
+        return np.where((which == 0)[:, None], first, second)
     return np.column_stack([along, 2.0 * which / (count - 1) - 1.0])
 
 
@@ -106,9 +101,7 @@ class SurveyPlan:
 
     @property
     def best(self) -> pd.DataFrame:
-        """
-        Row with the smallest three-dimensional standard deviation of each pattern, best first.
-        """
+        """Row with the smallest 3D standard deviation of each pattern, best first."""
         return self._smallest(
             self.table["sigma_horizontal_m"] ** 2 + self.table["sigma_depth_m"] ** 2
         )
@@ -127,7 +120,7 @@ def expected_survey(pattern: Pattern, options: PlanOptions) -> Survey:
     """Survey of a pattern around a node, without measured times."""
     points = pattern.points()
     n = len(points)
-    place = np.column_stack([points, np.full(n, options.transducer_depth)])
+    position = np.column_stack([points, np.full(n, options.transducer_depth)])
     step = np.gradient(points, axis=0)
     attitude = np.column_stack([np.arctan2(step[:, 1], step[:, 0]), np.zeros(n), np.zeros(n)])
     node = Node(
@@ -141,8 +134,8 @@ def expected_survey(pattern: Pattern, options: PlanOptions) -> Survey:
         node=np.zeros(n, dtype=np.int64),
         time=options.ping_interval * np.arange(float(n)),
         travel_time=np.full(n, 1.0),
-        transmit_position=place,
-        receive_position=place,
+        transmit_position=position,
+        receive_position=position,
         transmit_attitude=attitude,
         receive_attitude=attitude,
         lever=replace(options.lever, offset=(0.0, 0.0, 0.0)),
@@ -158,7 +151,7 @@ def expected_sigmas(pattern: Pattern, medium: Medium, options: PlanOptions) -> t
     legs = predict(survey, medium, position, np.zeros(3))
     if not legs.possible.any():
         return np.full(3, np.inf), len(survey)
-    survey = survey.changed(travel_time=np.where(legs.possible, legs.travel_time, 1.0))
+    survey = survey.assign(travel_time=np.where(legs.possible, legs.travel_time, 1.0))
     speed = sound_speed_terms(survey, position, options.speed_model, options.speed_prior)
     unknowns = SurveyUnknowns(survey, speed)
     values = unknowns.prior_mean
@@ -166,7 +159,8 @@ def expected_sigmas(pattern: Pattern, medium: Medium, options: PlanOptions) -> t
     products = linear.products(legs.possible, Correlation(), survey.platform_error, options.sigma)
     smooth = dict.fromkeys(unknowns.groups, options.speed_prior.scale / 10.0)
     fit = posterior(products, unknowns, values, smooth, sigma=options.sigma, steps=1)
-    return np.sqrt(np.diag(fit.covariance)[:3]), int((~legs.possible).sum())
+    variance = np.diag(fit.covariance)[unknowns.slices["position"]]
+    return np.sqrt(variance), int((~legs.possible).sum())
 
 
 def plan_survey(
@@ -212,7 +206,7 @@ def plan_survey(
         for shape in shapes:
             for radius in np.asarray(radii, dtype=float):
                 pattern = Pattern(shape, float(radius), pings)
-                (north, east, depth), lost = expected_sigmas(pattern, medium, options)
+                (north, east, depth), n_lost = expected_sigmas(pattern, medium, options)
                 points = pattern.points()
                 rows.append(
                     {
@@ -222,7 +216,7 @@ def plan_survey(
                         "sigma_east_m": east,
                         "sigma_horizontal_m": float(np.hypot(north, east)),
                         "sigma_depth_m": depth,
-                        "lost": lost,
+                        "lost": n_lost,
                         "length_m": float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()),
                     }
                 )

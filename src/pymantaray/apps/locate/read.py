@@ -35,16 +35,16 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
         If a file is missing or a line is invalid.
     """
     path = Path(path)
-    chosen = options or ReadOptions()
+    selected = options or ReadOptions()
     check_regular(path, LocateError, what="the survey's file, for GARPOS its ini file")
     try:
         if path.suffix.lower() in (".yaml", ".yml"):
-            return read_gnatss(path, chosen)
+            return read_gnatss(path, selected)
         if path.suffix.lower() == ".ini" or _has_sections(path):
-            return read_garpos(path, chosen)
+            return read_garpos(path, selected)
         if is_obsrange(path):
-            return read_obsrange(path, chosen)
-        return read_table(path, chosen)
+            return read_obsrange(path, selected)
+        return read_table(path, selected)
     except RecordError as error:
         raise LocateError(str(error)) from None
 

@@ -1,6 +1,5 @@
 """
-Reader of GARPOS surveys from their ini file: site, stations with priors, antenna to transducer,
-pings and profile.
+Reader of GARPOS surveys from their ini file.
 
 Columns, signs and units follow the documentation of https://github.com/s-watanabe-jhod/garpos:
 east, north and up from the site's origin; ``ATDoffset`` forward, rightward and downward; attitudes
@@ -10,6 +9,7 @@ delay. Depths are below the origin's ``Height0``.
 
 import configparser
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,6 +34,13 @@ _NUMBERS = [
 _TRUE = ("true", "t", "1", "1.0", "yes")
 
 
+class _Vector(NamedTuple):
+    """Three components in the order of the file, and their standard deviations."""
+
+    value: tuple[float, float, float]
+    sigma: tuple[float, float, float]
+
+
 class _Settings:
     """Entries of an ini file by case-insensitive section and key."""
 
@@ -44,10 +51,8 @@ class _Settings:
             parser.read_string(
                 read_text(path, LocateError, what="an ini file", errors="replace"), str(path)
             )
-        except (
-            configparser.Error,
-            AttributeError,
-        ) as error:  # AttributeError: a line continues a key without value
+        # AttributeError: a line continues a key without value
+        except (configparser.Error, AttributeError) as error:
             raise LocateError(
                 f"{path}: not a readable ini file: {' '.join(str(error).split())[:100]}"
             ) from None
@@ -78,6 +83,12 @@ class _Settings:
             )
         return values
 
+    def vector(self, section: str, key: str, default: str | None = None) -> _Vector:
+        """Vector of an entry, with standard deviations of 0 if it has none."""
+        x, y, z, *rest = self.numbers(section, key, 3, default)
+        sigma_x, sigma_y, sigma_z, *_ = [*rest, 0.0, 0.0, 0.0]
+        return _Vector((x, y, z), (sigma_x, sigma_y, sigma_z))
+
 
 def read_garpos(path: Path, options: ReadOptions) -> Survey:
     """Read the survey of an array."""
@@ -94,19 +105,18 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
     pings = _find(settings, settings.text("Data-file", "datacsv"))
     invalid = InvalidLines()
     table = read_text_table(pings, invalid=invalid)
-    there = set(table.frame.columns)
+    columns = set(table.frame.columns)
     table = table.readable(
-        invalid, words=["MT"], numbers=[*_REQUIRED, *(n for n in _NUMBERS if n in there)]
+        invalid, words=["MT"], numbers=[*_REQUIRED, *(n for n in _NUMBERS if n in columns)]
     )
     invalid.refuse_most(len(table.frame), LocateError)
     survey = _survey(settings, table, nodes, names)
     profile = settings.text("Obs-parameter", "SoundSpeed", "")
-    lever = settings.numbers("Model-parameter", "ATDoffset", 3, "0 0 0")
-    sigma = (lever + [0.0] * 3)[3:6]
+    lever = settings.vector("Model-parameter", "ATDoffset", "0 0 0")
     height = settings.numbers("Site-parameter", "Height0", 1, "0")[0]
-    return options.applied(
-        survey.changed(
-            lever=LeverArm((lever[0], lever[1], lever[2]), (sigma[0], sigma[1], sigma[2])),
+    return options.apply(
+        survey.assign(
+            lever=LeverArm(lever.value, lever.sigma),
             rigid=rigid,
             profile=None if not profile else _profile(_find(settings, profile)),
             frame=LocalFrame(latitude, longitude),
@@ -124,24 +134,24 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
 def _nodes(
     settings: _Settings, names: list[str]
 ) -> tuple[tuple[Node, ...], tuple[float, float, float, float] | None]:
-    """
-    Nodes with priors, and priors of a rigid array if the stations are fixed and the centre is not.
-    """
-    centre = settings.numbers("Model-parameter", "dCentPos", 3, "0 0 0")
-    centre_sigma = (centre + [0.0] * 3)[3:6]
+    """Nodes, and priors of a rigid array if the stations are fixed and the centre is not."""
+    centre = settings.vector("Model-parameter", "dCentPos", "0 0 0")
+    centre_east, centre_north, centre_up = centre.value
     nodes = []
     for name in names:
-        east, north, up, *rest = settings.numbers("Model-parameter", f"{name}_dPos", 3)
-        sigma = (rest + [0.0] * 3)[:3]
-        position = (north + centre[1], east + centre[0], -(up + centre[2]))
-        nodes.append(Node(name, position, (sigma[1], sigma[0], sigma[2])))
+        station = settings.vector("Model-parameter", f"{name}_dPos")
+        east, north, up = station.value
+        sigma_east, sigma_north, sigma_up = station.sigma
+        position = (north + centre_north, east + centre_east, -(up + centre_up))
+        nodes.append(Node(name, position, (sigma_north, sigma_east, sigma_up)))
     if not any(any(node.sigma) for node in nodes):
-        if not any(centre_sigma):
+        if not any(centre.sigma):
             raise LocateError(
                 f"{settings.path}: all sigmas of stations and of dCentPos are 0; at least one must"
                 " be positive"
             )
-        return tuple(nodes), (centre_sigma[1], centre_sigma[0], centre_sigma[2], 0.0)
+        sigma_east, sigma_north, sigma_up = centre.sigma
+        return tuple(nodes), (sigma_north, sigma_east, sigma_up, 0.0)
     return tuple(nodes), None
 
 
@@ -149,41 +159,39 @@ def _survey(
     settings: _Settings, table: TextTable, nodes: tuple[Node, ...], names: list[str]
 ) -> Survey:
     columns = set(table.frame.columns)
-    time, sent, e0, n0, u0 = table.numbers(_REQUIRED).T
-    check_seconds(sent, f"{table.path}: ST", LocateError)
-    near = np.column_stack([n0, e0, -u0])
-    received = table.numbers(["RT"])[:, 0] if "RT" in columns else sent + time
-    if (received <= sent).any():
-        row = int(np.argmax(received <= sent))
+    travel_time, transmit_time, e0, n0, u0 = table.numbers(_REQUIRED).T
+    check_seconds(transmit_time, f"{table.path}: ST", LocateError)
+    transmit_position = np.column_stack([n0, e0, -u0])
+    receive_time = table.numbers(["RT"])[:, 0] if "RT" in columns else transmit_time + travel_time
+    if (receive_time <= transmit_time).any():
+        row = int(np.argmax(receive_time <= transmit_time))
         raise LocateError(
-            f"{table.where(row)}: RT {received[row]:.6f} is not after ST {sent[row]:.6f}; both must"
-            " be in seconds"
+            f"{table.where(row)}: RT {receive_time[row]:.6f} is not after ST"
+            f" {transmit_time[row]:.6f}; both must be in seconds"
         )
-    away = near
+    receive_position = transmit_position
     if {"ant_e1", "ant_n1", "ant_u1"} <= columns:
         e1, n1, u1 = table.numbers(["ant_e1", "ant_n1", "ant_u1"]).T
-        away = np.column_stack([n1, e1, -u1])
-    unknown = [mt for mt in table.frame["MT"] if mt not in names]
-    if unknown:
-        raise LocateError(
-            f"{table.where(table.frame['MT'].tolist().index(unknown[0]))}: transponder"
-            f" {unknown[0]!r} is not a station of the site; allowed: {', '.join(names)}"
-        )
-    number = {name: k for k, name in enumerate(names)}
-    flags = (
-        table.frame["flag"].str.lower().isin(_TRUE).to_numpy()
-        if "flag" in columns
-        else np.zeros(time.size, bool)
-    )
-    order = np.argsort(sent, kind="stable")
-    epoch, shift = _epoch(settings, float(sent.min()))
+        receive_position = np.column_stack([n1, e1, -u1])
+    transponders = table.frame["MT"].tolist()
+    for row, transponder in enumerate(transponders):
+        if transponder not in names:
+            raise LocateError(
+                f"{table.where(row)}: transponder {transponder!r} is not a station of the site;"
+                f" allowed: {', '.join(names)}"
+            )
+    flags = np.zeros(travel_time.size, bool)
+    if "flag" in columns:
+        flags = table.frame["flag"].str.lower().isin(_TRUE).to_numpy()
+    order = np.argsort(transmit_time, kind="stable")
+    epoch, origin = _epoch(settings, float(transmit_time.min()))
     return Survey(
         nodes=nodes,
-        node=np.array([number[mt] for mt in table.frame["MT"]])[order],
-        time=(sent - shift)[order],
-        travel_time=time[order],
-        transmit_position=near[order],
-        receive_position=away[order],
+        node=np.array([names.index(transponder) for transponder in transponders])[order],
+        time=(transmit_time - origin)[order],
+        travel_time=travel_time[order],
+        transmit_position=transmit_position[order],
+        receive_position=receive_position[order],
         transmit_attitude=_attitude(table, "0")[order],
         receive_attitude=_attitude(table, "1" if "head1" in columns else "0")[order],
         flagged=flags[order],
@@ -203,23 +211,21 @@ def _attitude(table: TextTable, end: str) -> Array:
 
 
 def _epoch(settings: _Settings, first: float) -> tuple[np.datetime64, float]:
-    """
-    UTC of time 0, and an offset to subtract from the file's times to preserve their digits. [s]
-    """
-    shift = float(np.floor(first / 86400.0) * 86400.0) if first > _MAX_TIME_OF_DAY else 0.0
-    since_1970 = shift - _MJD_1970 if first > _MJD_1970 else shift
+    """UTC of time 0, and an origin to subtract from the file's times to keep their digits. [s]"""
+    origin = float(np.floor(first / 86400.0) * 86400.0) if first > _MAX_TIME_OF_DAY else 0.0
+    since_1970 = origin - _MJD_1970 if first > _MJD_1970 else origin
     if since_1970 > _LATEST:
         raise LocateError(
             f"{settings.path}: ST is {first:.17g} s, which is no time of day and no date; correct"
             " it"
         )
     if first > _MAX_TIME_OF_DAY:
-        return np.datetime64(round(since_1970), "s").astype("datetime64[ns]"), shift
+        return np.datetime64(round(since_1970), "s").astype("datetime64[ns]"), origin
     date = settings.text("Obs-parameter", "Date(UTC)", "")
     if not date:
-        return np.datetime64("NaT", "ns"), shift
+        return np.datetime64("NaT", "ns"), origin
     try:
-        return parse_instant(date), shift
+        return parse_instant(date), origin
     except OceanError:
         raise LocateError(
             f"{settings.path}: [Obs-parameter] Date(UTC) is {date[:40]!r}; it must be a date such"
@@ -240,14 +246,11 @@ def _profile(path: Path) -> tuple[Array, Array]:
 
 
 def _find(settings: _Settings, name: str) -> Path:
-    """
-    File named in an ini file, relative to the working folder, to the ini file, or to a folder above
-    it.
-    """
-    wanted = Path(name.replace("\\", "/"))
+    """File named in an ini file, relative to the working folder, the ini file or a parent."""
+    relative_path = Path(name.replace("\\", "/"))
     here = settings.path.resolve().parent
     folders = [Path(), here, *here.parents]
-    for candidate in [*(folder / wanted for folder in folders), here / wanted.name]:
+    for candidate in [*(folder / relative_path for folder in folders), here / relative_path.name]:
         if exists(candidate) and not candidate.is_dir():
             return candidate
     raise LocateError(

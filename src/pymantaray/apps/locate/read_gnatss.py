@@ -1,6 +1,5 @@
 """
-Reader of GNATSS surveys from their ``config.yaml``: two-way times, positions of the transducer at
-each instant, and profile.
+Reader of GNATSS surveys from their ``config.yaml``.
 
 Columns follow its documentation, https://gnatss.readthedocs.io: ``pxp_tt`` has a time stamp and
 two-way times in microseconds, one column per transponder; ``POS_FREED_TRANS_TWTT`` has seconds
@@ -9,7 +8,7 @@ since 2000-01-01 12:00, geocentric positions and their covariance.
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pyproj
@@ -29,6 +28,7 @@ _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 _TIME_TOLERANCE = 2e-3  # s; between an instant and its position
 _RADIUS = (6.3e6, 6.5e6)  # m; limits of the distance of a platform from the centre of the Earth
 _SIGMA = (100.0, 100.0, 100.0)  # m; standard deviations of prior positions
+_POSITION_COLUMNS = 13  # time, X, Y, Z and the covariance matrix by rows
 
 
 def read_gnatss(path: Path, options: ReadOptions) -> Survey:
@@ -48,14 +48,15 @@ def read_gnatss(path: Path, options: ReadOptions) -> Survey:
             f"{path}: not a configuration of GNATSS; correct {error} in solver.transponders,"
             " solver.array_center or input_files"
         ) from None
-    (times, counts, line), of_times = _times(_files(path, files, "travel_times"), len(nodes))
-    positions, of_positions = _positions(_files(path, files, "gps_solution"), frame, geoid)
-    survey = _survey(path, nodes, (times + delay, counts, line), positions)
-    return options.applied(
-        survey.changed(
+    answers = _answers(_files(path, files, "travel_times"), len(nodes))
+    answers = answers._replace(time=answers.time + delay)
+    positions = _positions(_files(path, files, "gps_solution"), frame, geoid)
+    survey = _survey(path, nodes, answers, positions)
+    return options.apply(
+        survey.assign(
             frame=frame,
             profile=_profile(_files(path, files, "sound_speed")[0]),
-            notes=(*survey.notes, *of_times, *of_positions),
+            notes=(*survey.notes, *answers.notes, *positions.notes),
         )
     )
 
@@ -92,69 +93,78 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
     raise LocateError(f"{path}: {key}: no file matches {pattern}")
 
 
-def _times(
-    paths: list[Path], count: int
-) -> tuple[tuple[Array, Array, NDArray[np.int64]], tuple[str, ...]]:
-    """
-    Time stamps since J2000 [s], two-way times (n, n_nodes) [s], NaN without an answer, and line
-    numbers; and notes.
-    """
+class _Answers(NamedTuple):
+    """Pings and their answers."""
+
+    time: Array
+    """Time stamps since J2000, (n,). [s]"""
+    two_way_time: Array
+    """Two-way times (n, n_nodes); NaN without an answer. [s]"""
+    line: NDArray[np.int64]
+    notes: tuple[str, ...]
+
+
+class _Positions(NamedTuple):
+    """Positions of the transducer."""
+
+    time: Array
+    """Times since J2000, (n,). [s]"""
+    position: Array
+    """Positions in the frame, (n, 3). [m]"""
+    variance: Array
+    """Variances of X, Y, Z, (n, 3). [m²]"""
+    notes: tuple[str, ...]
+
+
+def _answers(paths: list[Path], count: int) -> _Answers:
+    """Pings of files with one column per transponder."""
     stamps = []
     times = []
     lines = []
     invalid = InvalidLines()
-    allowed = f"a time such as 26-JUN-23 00:00:07.00 and {count} two-way times in microseconds"
+    content = f"a time such as 26-JUN-23 00:00:07.00 and {count} two-way times in microseconds"
     for path, number, text, words in _lines(paths):
         try:
-            row = _row_of_times(words, count)
+            stamp = _stamp(words)
+            row = [float(words[2 + k]) for k in range(count)]
         except (ValueError, KeyError, IndexError):
-            invalid.add(path, number, f"{one_line(text, 60)!r} is not {allowed}")
+            invalid.add(path, number, f"{one_line(text, 60)!r} is not {content}")
             continue
-        stamps.append(row[0])
-        times.append(row[1:])
+        stamps.append(stamp)
+        times.append(row)
         lines.append(number)
     invalid.refuse_most(len(times), LocateError)
     values = np.array(times, dtype=float).reshape(-1, count) * 1e-6
     values[values <= 0.0] = np.nan
     order = np.argsort(stamps, kind="stable")
-    measured = np.array(stamps)[order], values[order], np.array(lines, dtype=np.int64)[order]
-    return measured, invalid.notes
+    return _Answers(
+        time=np.array(stamps)[order],
+        two_way_time=values[order],
+        line=np.array(lines, dtype=np.int64)[order],
+        notes=invalid.notes,
+    )
 
 
-def _row_of_times(words: list[str], count: int) -> list[float]:
-    """
-    Time stamp since J2000 [s] and two-way times [us] of a row; an error for a row that is
-    incomplete or has no such date.
-    """
+def _stamp(words: list[str]) -> float:
+    """Time stamp of a row since J2000; an error if there is no such date. [s]"""
     day, month, year = words[0].split("-")
     date = np.datetime64(
         f"20{int(year) % 100:02d}-{MONTHS[month.lower()]:02d}-{int(day):02d}", "ns"
     )
     hour, minute, second = words[1].split(":")
-    if (
-        int(hour) > 23
-        or int(minute) > 59
-        or not 0.0 <= float(second) < 61.0
-        or len(words) < 2 + count
-    ):
+    if int(hour) > 23 or int(minute) > 59 or not 0.0 <= float(second) < 61.0:
         raise ValueError(words[1])
     clock = 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
-    since = float((date - _J2000) / np.timedelta64(1, "s"))
-    return [since + clock, *(float(word) for word in words[2 : 2 + count])]
+    return float((date - _J2000) / np.timedelta64(1, "s")) + clock
 
 
-def _positions(
-    paths: list[Path], frame: LocalFrame, geoid: float
-) -> tuple[tuple[Array, Array, Array], tuple[str, ...]]:
-    """
-    Times since J2000 [s], positions (n, 3) in the frame [m], and variances (n, 3) of X, Y, Z [m²];
-    and notes.
-    """
+def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> _Positions:
+    """Positions of files with times, geocentric positions and their covariances."""
     rows: list[list[float]] = []
     invalid = InvalidLines()
     for path, number, text, words in _lines(paths):
         try:
-            values = [float(word.replace("D", "E")) for word in words[:13]]
+            values = [float(word.replace("D", "E")) for word in words[:_POSITION_COLUMNS]]
         except ValueError:
             values = []
         if not _is_position(values):
@@ -164,27 +174,33 @@ def _positions(
             )
             invalid.add(path, number, reason)
             continue
-        values += [0.0] * (13 - len(values))
-        rows.append([*values[:4], values[4], values[8], values[12]])
+        values += [0.0] * (_POSITION_COLUMNS - len(values))
+        time, x, y, z, xx, _, _, _, yy, _, _, _, zz = values
+        rows.append([time, x, y, z, xx, yy, zz])
     invalid.refuse_most(len(rows), LocateError)
     table = np.array(rows)
     if not table.size:
         raise LocateError(f"{paths[0]}: no position in this file")
     check_seconds(table[:, 0], f"{paths[0]}: time", LocateError)
-    table = table[np.argsort(table[:, 0], kind="stable")]
+    times, xs, ys, zs, *variances = table[np.argsort(table[:, 0], kind="stable")].T
     geodetic = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True)
-    lon, lat, height = geodetic.transform(table[:, 1], table[:, 2], table[:, 3])
+    lon, lat, height = geodetic.transform(xs, ys, zs)
     north, east = frame.to_local(lat, lon)
-    place = np.column_stack([north, east, geoid - height])
-    return (table[:, 0], place, table[:, 4:7]), invalid.notes
+    return _Positions(
+        time=times,
+        position=np.column_stack([north, east, geoid - height]),
+        variance=np.column_stack(variances),
+        notes=invalid.notes,
+    )
 
 
 def _is_position(values: list[float]) -> bool:
     """True for a time and a geocentric position, with all or none of its covariances."""
-    if len(values) not in (4, 13) or not np.isfinite(values).all():
+    if len(values) not in (4, _POSITION_COLUMNS) or not np.isfinite(values).all():
         return False
+    _, x, y, z, *_ = values
     low, high = _RADIUS
-    return low < float(np.linalg.norm(values[1:4])) < high
+    return low < float(np.linalg.norm([x, y, z])) < high
 
 
 def _lines(paths: list[Path]) -> Iterator[tuple[Path, int, str, list[str]]]:
@@ -199,40 +215,39 @@ def _lines(paths: list[Path]) -> Iterator[tuple[Path, int, str, list[str]]]:
 def _survey(
     path: Path,
     nodes: tuple[Node, ...],
-    measured: tuple[Array, Array, NDArray[np.int64]],
-    positions: tuple[Array, Array, Array],
+    answers: _Answers,
+    positions: _Positions,
 ) -> Survey:
-    stamps, times, lines = measured
-    row, node = np.nonzero(np.isfinite(times))
-    two_way = times[row, node]
-    near = _nearest(positions[0], stamps[row])
-    away = _nearest(positions[0], stamps[row] + two_way)
-    there = (near >= 0) & (away >= 0)
-    if not there.any():
+    has_answer = np.isfinite(answers.two_way_time)
+    row, node = np.nonzero(has_answer)
+    two_way = answers.two_way_time[row, node]
+    transmit_row = _nearest(positions.time, answers.time[row])
+    receive_row = _nearest(positions.time, answers.time[row] + two_way)
+    has_position = (transmit_row >= 0) & (receive_row >= 0)
+    if not has_position.any():
         raise LocateError(
             f"{path}: no position within {_TIME_TOLERANCE * 1e3:g} ms of a ping and its reply;"
             " check transducer_delay_time"
         )
-    row = row[there]
-    node = node[there]
-    near = near[there]
-    away = away[there]
-    two_way = two_way[there]
-    start = stamps.min()
-    sigma = float(np.sqrt(np.median(positions[2].mean(axis=1))))
-    notes = skipped_note(path, int(times.size - np.isfinite(times).sum()))
-    if (~there).any():
-        notes += (
-            f"{path}: {int((~there).sum())} times without a position of the platform dropped",
-        )
+    row = row[has_position]
+    node = node[has_position]
+    transmit_row = transmit_row[has_position]
+    receive_row = receive_row[has_position]
+    two_way = two_way[has_position]
+    start = answers.time.min()
+    sigma = float(np.sqrt(np.median(positions.variance.mean(axis=1))))
+    notes = skipped_note(path, int(np.count_nonzero(~has_answer)))
+    if not has_position.all():
+        count = np.count_nonzero(~has_position)
+        notes += (f"{path}: {count} times without a position of the platform dropped",)
     return Survey(
         nodes=nodes,
         node=node.astype(np.int64),
-        time=stamps[row] - start,
+        time=answers.time[row] - start,
         travel_time=two_way,
-        transmit_position=positions[1][near],
-        receive_position=positions[1][away],
-        line=lines[row],
+        transmit_position=positions.position[transmit_row],
+        receive_position=positions.position[receive_row],
+        line=answers.line[row],
         platform_error=PlatformError(sigma, sigma),
         epoch=_J2000 + np.timedelta64(round(1e9 * float(start)), "ns"),
         source=str(path),
@@ -240,16 +255,16 @@ def _survey(
     )
 
 
-def _nearest(time: Array, wanted: Array) -> NDArray[np.int64]:
+def _nearest(time: Array, instant: Array) -> NDArray[np.int64]:
     """Index of the nearest time to each wanted time; -1 if none is within the tolerance."""
-    i = np.clip(np.searchsorted(time, wanted), 1, max(time.size - 1, 1))
+    i = np.clip(np.searchsorted(time, instant), 1, max(time.size - 1, 1))
     last = time.size - 1
     best = np.where(
-        np.abs(time[np.minimum(i, last)] - wanted) < np.abs(time[i - 1] - wanted),
+        np.abs(time[np.minimum(i, last)] - instant) < np.abs(time[i - 1] - instant),
         np.minimum(i, last),
         i - 1,
     )
-    return np.where(np.abs(time[best] - wanted) <= _TIME_TOLERANCE, best, -1)
+    return np.where(np.abs(time[best] - instant) <= _TIME_TOLERANCE, best, -1)
 
 
 def _profile(path: Path) -> tuple[Array, Array]:

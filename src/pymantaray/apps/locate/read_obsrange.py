@@ -1,6 +1,7 @@
 """
-Reader of survey text for OBSrange: the Scripps format, one event per line, and the Woods Hole
-format, a table below ``#`` lines.
+Reader of survey text for OBSrange.
+
+The Scripps format has one event per line; the Woods Hole format has a table below ``#`` lines.
 
 The grammar follows the sample files of https://github.com/jbrussell/OBSrange. Both formats have the
 drop point and its depth in the header and one position of the ship per ping. Altitudes are the
@@ -9,10 +10,11 @@ antenna's height and are not used.
 
 import re
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
-from pymantaray.apps.locate.checks import check_places
+from pymantaray.apps.locate.checks import check_positions
 from pymantaray.apps.locate.read_options import ReadOptions, skipped_note
 from pymantaray.apps.locate.survey import Node, Survey
 from pymantaray.errors import LocateError
@@ -25,14 +27,14 @@ _FIRST_DAY = np.datetime64("1970-01-01", "s")
 _LAST_DAY = np.datetime64("2200-01-01", "s")
 _DAYS = 366
 _SIGMA = (2000.0, 2000.0, 200.0)  # m; standard deviations of a drop point and a charted depth
-_ANGLE = r"(\d+)\s+(\d+(?:\.\d*)?)\s*([{}])"
+_ANGLE = r"\d+\s+\d+(?:\.\d*)?\s*"  # followed by the letter of a side
+_LAT = rf"(?P<lat>{_ANGLE}[NSns])"
+_LON = rf"(?P<lon>{_ANGLE}[EWew])"
+_SECONDS = r"\d{1,2}(?:\.\d*)?"
 _PING = re.compile(
-    r"^\s*(?P<ms>\d+(?:\.\d*)?)\s*msec\.?\s+Lat:\s*"
-    + _ANGLE.format("NSns")
-    + r"\s+Lon:\s*"
-    + _ANGLE.format("EWew")
-    + r"(?:\s+Alt:\s*\S+)?\s+Time\s*\(UTC\):\s*"
-    + r"(\d{4}):(\d{1,3}):(\d{1,2}):(\d{1,2}):(\d{1,2}(?:\.\d*)?)\s*$"
+    rf"^\s*(?P<ms>\d+(?:\.\d*)?)\s*msec\.?\s+Lat:\s*{_LAT}\s+Lon:\s*{_LON}"
+    r"(?:\s+Alt:\s*\S+)?\s+Time\s*\(UTC\):\s*"
+    rf"(?P<year>\d{{4}}):(?P<day>\d{{1,3}}):(?P<clock>\d{{1,2}}:\d{{1,2}}:{_SECONDS})\s*$"
 )
 _ALLOWED = (
     "a ping; write it as 6306 msec. Lat: 4 52.9270 S  Lon: 132 41.4272 W  Alt: 29 Time(UTC):"
@@ -40,11 +42,9 @@ _ALLOWED = (
 )
 _LOOKS_LIKE_PING = re.compile(r"^\s*-?[\d.]+\s*msec", re.IGNORECASE)
 _ROW = re.compile(
-    r"^\s*(?P<date>\d{4}-\d{2}-\d{2})\s+(?P<clock>\d{1,2}:\d{2}:\d{2}(?:\.\d*)?)\s*,\s*(?P<m>\d*)\s*,\s*(?P<ms>[\d.]*)\s*,\s*"
-    + _ANGLE.format("NSns")
-    + r"\s*,\s*"
-    + _ANGLE.format("EWew")
-    + r"\s*,\s*(?P<gps>\d{1,2}:\d{2}:\d{2}(?:\.\d*)?)"
+    r"^\s*(?P<date>\d{4}-\d{2}-\d{2})\s+(?P<clock>\d{1,2}:\d{2}:\d{2}(?:\.\d*)?)"
+    rf"\s*,\s*\d*\s*,\s*(?P<ms>[\d.]*)\s*,\s*{_LAT}\s*,\s*{_LON}"
+    r"\s*,\s*(?P<gps>\d{1,2}:\d{2}:\d{2}(?:\.\d*)?)"
 )
 _HEAD = re.compile(r"^\s*#?\s*(?P<key>[A-Za-z][A-Za-z ()\-/]*?)\s*:\s*(?P<value>.*?)\s*$")
 
@@ -61,15 +61,17 @@ def _text(path: Path) -> str:
 def read_obsrange(path: Path, options: ReadOptions) -> Survey:
     """Read the survey of one node."""
     head: dict[str, str] = {}
-    pings: list[tuple[int, float, float, float, float]] = []  # line, time, ms, lat, lon
-    skipped = 0
+    pings: list[_Ping] = []
+    lines: list[int] = []
+    n_skipped = 0
     invalid = InvalidLines()
     for number, line in enumerate(_text(path).splitlines(), 1):
         ping = _ping(line) if not line.lstrip().startswith("#") else None
         if ping is not None:
-            pings.append((number, *ping))
+            pings.append(ping)
+            lines.append(number)
         elif (row := _ROW.match(line)) and not row["ms"]:
-            skipped += 1
+            n_skipped += 1
         elif (
             row is not None
             or _LOOKS_LIKE_PING.match(line)
@@ -83,39 +85,44 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
             and not set(line.strip()) <= set("=-#")
             and not line.lstrip().startswith("#")
         ):
-            skipped += 1
+            n_skipped += 1
     invalid.refuse_most(len(pings), LocateError)
     if not pings:
         raise LocateError(
-            f"{path}: none of {skipped} events has an answer; the survey needs answers"
+            f"{path}: none of {n_skipped} events has an answer; the survey needs answers"
         )
-    survey = _survey(path, head, pings, skipped, options)
-    return options.applied(survey.changed(notes=(*survey.notes, *invalid.notes)))
+    notes = (*skipped_note(path, n_skipped), *invalid.notes)
+    survey = _survey(path, head, pings, options)
+    return options.apply(survey.assign(line=np.array(lines, dtype=np.int64), notes=notes))
 
 
-def _ping(line: str) -> tuple[float, float, float, float] | None:
-    """
-    Time since 1970 [s], two-way time [ms], latitude and longitude [degrees] of a line; None if it
-    is not a ping.
-    """
+class _Ping(NamedTuple):
+    """Ping of a line."""
+
+    time: float
+    """Time since 1970. [s]"""
+    two_way_ms: float
+    lat: float
+    lon: float
+
+
+def _ping(line: str) -> _Ping | None:
+    """Ping of a line; None if it is not a ping."""
     try:
         if match := _PING.match(line):
-            parts = match.groups()
-            year, day, *clock = parts[-5:]
-            time = _instant(f"{year}-01-01", ":".join(clock)) + 86400.0 * (int(day) - 1)
-            if not 1 <= int(day) <= _DAYS:
+            day = int(match["day"])
+            time = _instant(f"{match['year']}-01-01", match["clock"]) + 86400.0 * (day - 1)
+            if not 1 <= day <= _DAYS:
                 return None
-            return time, float(parts[0]), _angle(*parts[1:4]), _angle(*parts[4:7])
-        if (match := _ROW.match(line)) and match["ms"]:
-            logged = _instant(match["date"], match["clock"])
+        elif (match := _ROW.match(line)) and match["ms"]:
+            line_time = _instant(match["date"], match["clock"])
             time = _instant(match["date"], match["gps"])
-            time += 86400.0 * round((logged - time) / 86400.0)  # use the date of the line
-            groups = [g for g in match.groups() if g is not None]
-            place = groups[4:10]
-            return time, float(match["ms"]), _angle(*place[:3]), _angle(*place[3:])
+            time += 86400.0 * round((line_time - time) / 86400.0)  # use the date of the line
+        else:
+            return None
+        return _Ping(time, float(match["ms"]), _angle(match["lat"]), _angle(match["lon"]))
     except (ValueError, OverflowError):  # no such date, or no number
         return None
-    return None
 
 
 def _instant(date: str, clock: str) -> float:
@@ -132,8 +139,10 @@ def _instant(date: str, clock: str) -> float:
     return float(day.astype(np.int64)) + 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
 
 
-def _angle(degrees: str, minutes: str, side: str) -> float:
-    """Degrees; a ValueError for an angle that does not exist."""
+def _angle(text: str) -> float:
+    """Degrees of text such as ``4 52.9270 S``; a ValueError for an angle that does not exist."""
+    side = text.strip()[-1]
+    degrees, minutes = text.strip().removesuffix(side).split()
     value = int(degrees) + float(minutes) / 60.0
     if not (float(minutes) < 60.0 and value <= (90.0 if side in "NSns" else 360.0)):
         raise ValueError(degrees)
@@ -143,54 +152,50 @@ def _angle(degrees: str, minutes: str, side: str) -> float:
 def _survey(
     path: Path,
     head: dict[str, str],
-    pings: list[tuple[int, float, float, float, float]],
-    skipped: int,
+    pings: list[_Ping],
     options: ReadOptions,
 ) -> Survey:
-    line, time, ms, lat, lon = (np.array(column) for column in zip(*pings, strict=True))
+    time, ms, lat, lon = (np.array(column) for column in zip(*pings, strict=True))
     drop = _coordinate(path, head, "latitude"), _coordinate(path, head, "longitude")
     name = next(
         (head[key] for key in ("site", "instrument", "station") if head.get(key)), path.stem
     )
     if head.get("instrument") and "drop-point latitude" in head:
         name = head["instrument"]
-    check_places(str(path), (lat, lon), drop, name)
+    check_positions(str(path), (lat, lon), drop, name)
     depth = options.depth if options.depth is not None else _depth(path, head)
     frame = LocalFrame(*drop)
     north, east = frame.to_local(lat, lon)
-    place = np.column_stack([north, east, np.full(len(pings), options.transducer_depth)])
-    sent, near, away = options.both_ends(time - time[0], ms / 1000.0, place)
+    position = np.column_stack([north, east, np.full(len(pings), options.transducer_depth)])
+    transmit_time, transmit_position, receive_position = options.both_ends(
+        time - time[0], ms / 1000.0, position
+    )
     return Survey(
         nodes=(Node(name, (0.0, 0.0, depth), _SIGMA, turn_around=_turn_around(head)),),
         node=np.zeros(len(pings), dtype=np.int64),
-        time=sent,
+        time=transmit_time,
         travel_time=ms / 1000.0,
-        transmit_position=near,
-        receive_position=away,
-        line=line.astype(np.int64),
+        transmit_position=transmit_position,
+        receive_position=receive_position,
         frame=frame,
         epoch=np.datetime64(round(1e9 * float(time[0])), "ns"),
         source=str(path),
-        notes=skipped_note(path, skipped),
     )
 
 
 def _coordinate(path: Path, head: dict[str, str], which: str) -> float:
-    """
-    Latitude or longitude of the drop point, from degrees or from degrees and minutes with a letter.
-    """
+    """Latitude or longitude of the drop point, in degrees, or degrees and minutes with a letter."""
     text = next((value for key, value in head.items() if "drop" in key and which in key), "")
     try:
         value = float(text)
     except ValueError:
-        match = re.fullmatch(_ANGLE.format("NSEWnsew"), text.strip())
-        if match is None:
+        if re.fullmatch(f"{_ANGLE}[NSEWnsew]", text.strip()) is None:
             raise LocateError(
                 f"{path}: drop point {which} is {text!r}; it must be degrees, or degrees and"
                 " minutes such as 01 35.6114 N"
             ) from None
         try:
-            value = _angle(*match.groups())
+            value = _angle(text)
         except ValueError:
             value = np.inf
     limit = 90.0 if which == "latitude" else 360.0

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -99,7 +99,7 @@ class ReadOptions:
         )
         return replace(node, sigma=sigma, **changes)
 
-    def applied(self, survey: Survey) -> Survey:
+    def apply(self, survey: Survey) -> Survey:
         """
         Apply the options to a survey.
 
@@ -112,20 +112,23 @@ class ReadOptions:
         -------
         Survey
         """
-        changed = survey.changed(nodes=tuple(self.node(node) for node in survey.nodes))
+        values: dict[str, Any] = {
+            "nodes": tuple(self.node(node) for node in survey.nodes),
+            "lever": LeverArm(
+                self.lever or survey.lever.offset, self.lever_sigma or survey.lever.sigma
+            ),
+        }
         if self.sigma is not None:
             if not self.sigma > 0.0:
                 raise LocateError(f"sigma is {self.sigma:g} s; it must be positive")
-            changed = changed.changed(
-                sigma=np.where(np.isfinite(survey.sigma), survey.sigma, self.sigma)
-            )
-        lever = LeverArm(self.lever or survey.lever.offset, self.lever_sigma or survey.lever.sigma)
-        changed = changed.changed(lever=lever)
+            values["sigma"] = np.where(np.isfinite(survey.sigma), survey.sigma, self.sigma)
         if self.platform_error is not None:
-            changed = changed.changed(platform_error=self.platform_error)
-        return changed
+            values["platform_error"] = self.platform_error
+        return survey.assign(**values)
 
-    def both_ends(self, time: Array, duration: Array, place: Array) -> tuple[Array, Array, Array]:
+    def both_ends(
+        self, time: Array, duration: Array, position: Array
+    ) -> tuple[Array, Array, Array]:
         """
         Compute times of transmission and positions at both instants from one position per ping.
 
@@ -146,31 +149,30 @@ class ReadOptions:
             [m]
         """
         if self.position_at == "both":
-            return time, place, place
+            return time, position, position
         rising, first = np.unique(time, return_index=True)
         if rising.size < 2:
             raise LocateError(
                 "position_at: interpolation needs at least two pings; use `position_at='both'`"
             )
-        sent = time if self.position_at == "transmission" else time - duration
-        wanted = sent + duration if self.position_at == "transmission" else sent
+        transmit_time = time if self.position_at == "transmission" else time - duration
+        other_time = (
+            transmit_time + duration if self.position_at == "transmission" else transmit_time
+        )
         other = np.column_stack(
-            [_extended(wanted, rising, place[first, axis]) for axis in range(3)]
+            [_extrapolate(other_time, rising, position[first, axis]) for axis in range(3)]
         )
         if self.position_at == "transmission":
-            return sent, place, other
-        return (
-            time - float(np.median(duration)),
-            other,
-            place,
-        )  # in order, even if a duration is wrong
+            return transmit_time, position, other
+        # times in order, even if a duration is wrong
+        return time - float(np.median(duration)), other, position
 
 
-def _extended(wanted: Array, time: Array, values: Array) -> Array:
+def _extrapolate(instant: Array, time: Array, values: Array) -> Array:
     """Linear interpolation with linear extrapolation."""
-    i = np.clip(np.searchsorted(time, wanted) - 1, 0, time.size - 2)
+    i = np.clip(np.searchsorted(time, instant) - 1, 0, time.size - 2)
     slope = (values[i + 1] - values[i]) / (time[i + 1] - time[i])
-    return np.asarray(values[i] + slope * (wanted - time[i]))
+    return np.asarray(values[i] + slope * (instant - time[i]))
 
 
 def skipped_note(path: Path, count: int) -> tuple[str, ...]:

@@ -1,7 +1,4 @@
-"""
-Reader of tables of pings, one per row, with units in column names; optional tables of nodes and
-tracks.
-"""
+"""Reader of tables of pings, one per row; optional tables of nodes and tracks."""
 
 from collections.abc import Collection
 from dataclasses import replace
@@ -11,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pymantaray.apps.locate.checks import check_places
+from pymantaray.apps.locate.checks import check_positions
 from pymantaray.apps.locate.read_options import ReadOptions
 from pymantaray.apps.locate.survey import LeverArm, Node, Survey, TravelDirection, check_names
 from pymantaray.arrays import Array
@@ -34,6 +31,7 @@ _HORIZONTAL = [
 ]
 _ANGLES = [f"{name}{end}_deg" for end in ("", "_rx") for name in ("heading", "pitch", "roll")]
 _LIMITS = {"lat": 90.0, "lon": 360.0}  # degrees
+_MAX_NAMES = 6  # in a message
 _FALSE = ("0", "false", "no", "n", "f")
 _TRUE = ("1", "true", "yes", "y", "t", "")
 
@@ -49,7 +47,7 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
     travel_time = table.numbers([kind])[:, 0] * _TIMES[kind][1]
     partners = table.words("partner")
     between = np.array([word != "" for word in partners])
-    raw = _Places(table, options, time, epoch, travel_time, between)
+    raw = _PlatformPositions(table, options, time, epoch, travel_time, between)
     frame = raw.frame or _frame_of_nodes(options)
     raw.to_frame(frame)
     nodes = _nodes(table, options, frame, raw, sorted(set(names) | set(filter(None, partners))))
@@ -57,16 +55,16 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
     survey = Survey(
         nodes=nodes,
         node=np.array([number[name] for name in names]),
-        time=raw.sent,
+        time=raw.transmit_time,
         travel_time=travel_time,
-        transmit_position=raw.near,
-        receive_position=raw.away,
+        transmit_position=raw.transmit_position,
+        receive_position=raw.receive_position,
         transmit_attitude=raw.attitude[0],
         receive_attitude=raw.attitude[1],
         direction=_directions(table, kind),
         partner=np.array([number.get(name, -1) for name in partners]),
         sigma=table.optional("sigma_s"),
-        flagged=_flags(table),
+        flagged=np.array([word.lower() in _FALSE for word in table.words("use")]),
         line=table.frame.index.to_numpy(dtype=np.int64),
         lever=LeverArm(),
         frame=frame,
@@ -74,16 +72,13 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
         source=str(path),
         notes=invalid.notes,
     )
-    return options.applied(survey)
+    return options.apply(survey)
 
 
 def _readable(
     table: TextTable, kind: str, options: ReadOptions, invalid: InvalidLines
 ) -> TextTable:
-    """
-    Rows with a time, a node and a travel time, and positions of the platform or the name of a
-    partner.
-    """
+    """Rows with a time, a node, a travel time, and a position of the platform or a partner."""
     choices: dict[str, Collection[str]] = {"use": _TRUE + _FALSE}
     if _TIMES[kind][0] != TravelDirection.TWO_WAY:
         choices["direction"] = (*_DIRECTIONS, "")
@@ -91,13 +86,15 @@ def _readable(
     table = table.readable(
         invalid, times=["time"], numbers=[kind], words=["node"], optional=optional, choices=choices
     )
-    by_track = bool(options.track)
     keep = np.ones(len(table.frame), dtype=bool)
-    for name in [] if by_track else [name for name in _HORIZONTAL if name in table.frame.columns]:
-        values = table.optional(name)
-        limit = _LIMITS.get(name[:3], np.inf)
-        alone = np.array([word == "" for word in table.words("partner")], dtype=bool)
-        for row in np.flatnonzero(alone & keep & ~(np.abs(values) <= limit)).tolist():
+    from_platform = np.array([word == "" for word in table.words("partner")], dtype=bool)
+    for name in _HORIZONTAL:
+        if options.track or name not in table.frame.columns:
+            continue
+        axis, _, _ = name.partition("_")
+        limit = _LIMITS.get(axis, np.inf)
+        is_wrong = ~(np.abs(table.optional(name)) <= limit)
+        for row in np.flatnonzero(from_platform & keep & is_wrong).tolist():
             invalid.add(
                 table.path, int(table.frame.index[row]), _position_fault(table, row, name, limit)
             )
@@ -110,31 +107,26 @@ def _position_fault(table: TextTable, row: int, name: str, limit: float) -> str:
     cell = table.frame[name].iloc[row]
     if not np.isfinite(limit) or cell.lower() in ("", "nan"):
         return f"the position of the platform is incomplete: {name} is {cell!r}"
-    lat, lon = (table.frame[name.replace(name[:3], axis)].iloc[row] for axis in ("lat", "lon"))
-    exchanged = (
-        "; they may be exchanged"
-        if name.startswith("lat") and abs(float(lon or "nan")) <= 90.0
-        else ""
-    )
+    suffix = name.removeprefix("lat").removeprefix("lon")
+    lat, lon = (table.frame[f"{axis}{suffix}"].iloc[row] for axis in ("lat", "lon"))
+    hint = ""
+    if name.startswith("lat") and abs(float(lon or "nan")) <= 90.0:
+        hint = "; they may be exchanged"
     return (
         f"position is {lat}, {lon}; latitude must be -90 to 90 and longitude -360 to 360"
-        f" degrees{exchanged}"
+        f" degrees{hint}"
     )
 
 
 def _time_column(table: TextTable) -> str:
-    there = [name for name in _TIMES if name in table.frame.columns]
-    if len(there) != 1:
-        columns = ", ".join(there) or ", ".join(map(str, table.frame.columns))
+    present = [name for name in _TIMES if name in table.frame.columns]
+    if len(present) != 1:
+        columns = ", ".join(present) or ", ".join(map(str, table.frame.columns))
         raise LocateError(
             f"{table.path}: the columns are {columns}; exactly one of {', '.join(_TIMES)} is"
             " required"
         )
-    return there[0]
-
-
-def _flags(table: TextTable) -> NDArray[np.bool_]:
-    return np.array([word.lower() in _FALSE for word in table.words("use")])
+    return present[0]
 
 
 def _directions(table: TextTable, kind: str) -> NDArray[np.int64]:
@@ -147,7 +139,7 @@ def _directions(table: TextTable, kind: str) -> NDArray[np.int64]:
     return out
 
 
-class _Places:
+class _PlatformPositions:
     """Positions and attitudes of the platform at both instants, from the table or from a track."""
 
     def __init__(
@@ -163,7 +155,8 @@ class _Places:
         self._options = options
         self._duration = duration
         self._between = between
-        self.sent, columns = time, set(table.frame.columns)
+        self.transmit_time = time
+        columns = set(table.frame.columns)
         self._geodetic = {"lat", "lon"} <= columns
         self._epoch = epoch
         self._track = bool(options.track)
@@ -176,15 +169,15 @@ class _Places:
         if self._track:
             from pymantaray.exchange import read_trajectories
 
-            self._tracks = read_trajectories([str(p) for p in options.track])
+            self._tracks = read_trajectories([str(path) for path in options.track])
             self.frame = (
                 LocalFrame(*self._tracks.centre) if self._tracks.centre is not None else None
             )
         elif self._geodetic and not between.all():
             lat, lon = (table.optional(name)[~between] for name in ("lat", "lon"))
             self.frame = LocalFrame(float(np.median(lat)), float(np.median(lon)))
-        self.platform = (
-            None if not self._geodetic else tuple(table.optional(n) for n in ("lat", "lon"))
+        self.lat_lon = (
+            None if not self._geodetic else tuple(table.optional(name) for name in ("lat", "lon"))
         )
         self.attitude = self._attitudes()
 
@@ -193,28 +186,29 @@ class _Places:
         if self._track:
             self._from_track(frame)
             return
-        near = self._end("", frame)
+        transmit_position = self._end("", frame)
         columns = set(self._table.frame.columns)
         second = {"lat_rx", "lon_rx"} if self._geodetic else {"north_rx_m", "east_rx_m"}
         if second <= columns:
-            self.near, self.away = near, self._end("_rx", frame)
+            self.transmit_position = transmit_position
+            self.receive_position = self._end("_rx", frame)
         elif self._between.all():
-            self.near = self.away = near
+            self.transmit_position = transmit_position
+            self.receive_position = transmit_position
         else:
-            self.sent, self.near, self.away = self._options.both_ends(
-                self.sent, self._duration, near
-            )
+            ends = self._options.both_ends(self.transmit_time, self._duration, transmit_position)
+            self.transmit_time, self.transmit_position, self.receive_position = ends
 
     def _end(self, suffix: str, frame: LocalFrame | None) -> Array:
         if self._between.all():
-            return np.full((self.sent.size, 3), np.nan)
+            return np.full((self.transmit_time.size, 3), np.nan)
         if self._geodetic:
             lat, lon = (self._table.optional(f"{name}{suffix}") for name in ("lat", "lon"))
             if frame is None:
                 raise LocateError(f"{self._table.path}: latitudes and longitudes without a frame")
             north, east = (
-                np.where(self._between, np.nan, x)
-                for x in frame.to_local(
+                np.where(self._between, np.nan, values)
+                for values in frame.to_local(
                     np.where(self._between, frame.latitude_deg, lat),
                     np.where(self._between, 0.0, lon),
                 )
@@ -228,9 +222,9 @@ class _Places:
         out = list[Array]()
         for suffix in ("", "_rx"):
             columns = [f"{name}{suffix}_deg" for name in ("heading", "pitch", "roll")]
-            there = any(c in self._table.frame.columns for c in columns)
-            angles = [np.radians(self._table.optional(c, 0.0)) for c in columns]
-            out.append(np.column_stack(angles) if there or not out else out[0])
+            exists = any(column in self._table.frame.columns for column in columns)
+            angles = [np.radians(self._table.optional(column, 0.0)) for column in columns]
+            out.append(np.column_stack(angles) if exists or not out else out[0])
         return out
 
     def _from_track(self, frame: LocalFrame | None) -> None:
@@ -239,37 +233,42 @@ class _Places:
         names = tracks.names
         if options.platform is None and len(names) > 1:
             raise LocateError(
-                f"track: it contains {', '.join(names[:6])}; name the platform with --platform (in"
-                " Python: platform)"
+                f"track: it contains {', '.join(names[:_MAX_NAMES])}; name the platform with"
+                " --platform (in Python: platform)"
             )
         name = options.platform or names[0]
         if name not in names:
-            raise LocateError(f"track: no platform {name}; available: {', '.join(names[:6])}")
-        shift = 0.0
+            available = ", ".join(names[:_MAX_NAMES])
+            raise LocateError(f"track: no platform {name}; available: {available}")
+        offset = 0.0
         if tracks.start is not None and not np.isnat(self._epoch):
-            shift = float((self._epoch - tracks.start) / np.timedelta64(1, "s"))
+            offset = float((self._epoch - tracks.start) / np.timedelta64(1, "s"))
         elif (tracks.start is None) != np.isnat(self._epoch):
             raise LocateError(
                 "track: only one of track and survey has dates; both must have dates, or both"
                 " times in seconds"
             )
-        own = next(p for p in tracks.in_frame(frame or LocalFrame(0.0, 0.0)) if p.name == name)
-        both = self.sent + shift, self.sent + shift + self._duration
-        first = own.time[0]
-        last = own.time[-1]
-        for k, wanted in enumerate(both):
-            outside = ((wanted < first - 1e-6) | (wanted > last + 1e-6)) & ~self._between
+        track = next(
+            track for track in tracks.in_frame(frame or LocalFrame(0.0, 0.0)) if track.name == name
+        )
+        instants = {"transmission": self.transmit_time + offset}
+        instants["reception"] = instants["transmission"] + self._duration
+        first = track.time[0]
+        last = track.time[-1]
+        for noun, instant in instants.items():
+            outside = ((instant < first - 1e-6) | (instant > last + 1e-6)) & ~self._between
             if outside.any():
                 raise LocateError(
-                    f"{self._table.where(int(np.argmax(outside)))}: the"
-                    f" {'reception' if k else 'transmission'} is {wanted[outside][0]:.1f} s after"
-                    f" the start of the track, which lasts {last - first:.1f} s"
+                    f"{self._table.where(int(np.argmax(outside)))}: the {noun} is"
+                    f" {instant[outside][0]:.1f} s after the start of the track, which lasts"
+                    f" {last - first:.1f} s"
                 )
-        record = tracks.at(np.unique(np.concatenate(both)), frame or LocalFrame(0.0, 0.0))
+        times = np.unique(np.concatenate(list(instants.values())))
+        record = tracks.at(times, frame or LocalFrame(0.0, 0.0))
         k = names.index(name)
-        rows = [np.searchsorted(record.time, wanted) for wanted in both]
-        self.near, self.away = (record.position[k, row] for row in rows)
-        has_attitude = own.quaternion is not None
+        rows = [np.searchsorted(record.time, instant) for instant in instants.values()]
+        self.transmit_position, self.receive_position = (record.position[k, row] for row in rows)
+        has_attitude = track.quaternion is not None
         self.attitude = [
             Rotation.from_quat(record.quaternion[k, row], scalar_first=True).as_euler("ZYX")
             if has_attitude
@@ -293,16 +292,16 @@ def _nodes(
     table: TextTable,
     options: ReadOptions,
     frame: LocalFrame | None,
-    places: _Places,
+    platform: _PlatformPositions,
     names: list[str],
 ) -> tuple[Node, ...]:
     """Nodes by name, from the table of nodes or from the positions of the platform."""
-    known = {} if options.nodes is None else _node_table(options, frame, places)
-    missing = [name for name in names if name not in known]
+    nodes = {} if options.nodes is None else _node_table(options, frame, platform)
+    missing = [name for name in names if name not in nodes]
     if missing and options.nodes is not None:
         raise LocateError(
             f"{options.nodes}: no node {missing[0]}, which the survey has; available:"
-            f" {', '.join(known)}"
+            f" {', '.join(nodes)}"
         )
     for name in missing:
         if options.depth is None:
@@ -310,31 +309,33 @@ def _nodes(
                 f"{table.path}: the depth of node {name} is unknown; give --depth or --nodes (in"
                 " Python: depth or nodes)"
             )
-        mine = (table.frame["node"].str.strip() == name).to_numpy() & np.isfinite(places.near).all(
-            axis=1
-        )
-        if not mine.any():
+        has_position = np.isfinite(platform.transmit_position).all(axis=1)
+        rows = (table.frame["node"].str.strip() == name).to_numpy() & has_position
+        if not rows.any():
             raise LocateError(
                 f"{table.path}: node {name} has no ping of the platform; give --nodes (in Python:"
                 " nodes)"
             )
-        middle = places.near[mine].mean(axis=0)
-        known[name] = Node(name, (float(middle[0]), float(middle[1]), options.depth), _SIGMA)
-    return tuple(known[name] for name in known if name in names)
+        middle = platform.transmit_position[rows].mean(axis=0)
+        nodes[name] = Node(name, (float(middle[0]), float(middle[1]), options.depth), _SIGMA)
+    return tuple(nodes[name] for name in nodes if name in names)
 
 
-def _node_table(options: ReadOptions, frame: LocalFrame | None, places: _Places) -> dict[str, Node]:
+def _node_table(
+    options: ReadOptions, frame: LocalFrame | None, platform: _PlatformPositions
+) -> dict[str, Node]:
     path = Path(str(options.nodes))
     table = read_text_table(path)
     table.require(["name"])
     columns = set(table.frame.columns)
     if {"lat", "lon"} <= columns and frame is not None:
         lat, lon = table.numbers(["lat", "lon"]).T
-        if places.platform is not None:
-            there = np.isfinite(places.platform[0]) & np.isfinite(places.platform[1])
-            platform = places.platform[0][there], places.platform[1][there]
+        if platform.lat_lon is not None:
+            platform_lat, platform_lon = platform.lat_lon
+            is_finite = np.isfinite(platform_lat) & np.isfinite(platform_lon)
+            positions = platform_lat[is_finite], platform_lon[is_finite]
             for k, name in enumerate(table.frame["name"]):
-                check_places(str(path), platform, (float(lat[k]), float(lon[k])), str(name))
+                check_positions(str(path), positions, (float(lat[k]), float(lon[k])), str(name))
         north, east = frame.to_local(lat, lon)
     else:
         north, east = table.numbers(["north_m", "east_m"]).T
@@ -355,7 +356,7 @@ def _node_table(options: ReadOptions, frame: LocalFrame | None, places: _Places)
         )
     ]
     delay = table.optional("turn_around_s", 0.0) + 1e-3 * table.optional("turn_around_ms", 0.0)
-    rest = {
+    other_values = {
         name: table.optional(column, 0.0)
         for name, column in (
             ("turn_around_sigma", "sigma_turn_around_s"),
@@ -371,7 +372,7 @@ def _node_table(options: ReadOptions, frame: LocalFrame | None, places: _Places)
             (float(north[k]), float(east[k]), float(depth[k])),
             (float(sigma[0][k]), float(sigma[1][k]), float(sigma[2][k])),
             turn_around=float(delay[k]),
-            **{key: float(values[k]) for key, values in rest.items()},
+            **{key: float(values[k]) for key, values in other_values.items()},
         )
         for k, name in enumerate(names)
     }

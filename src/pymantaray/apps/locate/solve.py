@@ -1,6 +1,4 @@
-"""
-Solver for node positions: outer steps with exact rays, and selection of the model by its evidence.
-"""
+"""Solver for node positions: outer steps with exact rays, and selection of the model."""
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -20,7 +18,7 @@ from pymantaray.apps.locate.options import KINDS, Arrangement, Kind, LocateOptio
 from pymantaray.apps.locate.sound_speed import sound_speed_terms
 from pymantaray.apps.locate.starts import start_positions
 from pymantaray.apps.locate.survey import Survey
-from pymantaray.apps.locate.travel_times import Legs, moved, predict, transducers
+from pymantaray.apps.locate.travel_times import Legs, extrapolate, predict, transducers
 from pymantaray.apps.locate.unknowns import SurveyUnknowns
 from pymantaray.arrays import Array, Mask
 from pymantaray.errors import LocateError
@@ -55,19 +53,17 @@ class SurveySolution:
     used: Mask
     settled: bool
 
-    def whitened(self) -> Iterator[Array]:
+    def whitened_rows(self) -> Iterator[Array]:
         """Blocks of whitened rows of the used pings, with the residual in the last column."""
         platform = self.unknowns.survey.platform_error
         sigma = self.posterior.sigma
         return (
-            block for block, _ in self.linear.whitened(self.used, self.correlation, platform, sigma)
+            block
+            for block, _ in self.linear.whitened_rows(self.used, self.correlation, platform, sigma)
         )
 
     def transducers(self) -> tuple[Array, Array]:
-        """
-        Positions of the platform's transducer at transmission and reception with the estimated
-        lever arm. [m]
-        """
+        """Positions of the transducer at transmission and reception, with its lever arm. [m]"""
         return transducers(self.unknowns.survey, self.unknowns.lever(self.values))
 
     @property
@@ -84,40 +80,42 @@ class Solver:
         self.medium = medium
         self.options = options
         self._traced: tuple[Array, Array, Legs] | None = None
-        stated = survey.sigma[np.isfinite(survey.sigma)]
+        stated_sigma = survey.sigma[np.isfinite(survey.sigma)]
         self.weight = np.ones(len(survey))
-        if stated.size:
-            self.weight = np.where(np.isfinite(survey.sigma), survey.sigma, np.median(stated))
+        if stated_sigma.size:
+            self.weight = np.where(np.isfinite(survey.sigma), survey.sigma, np.median(stated_sigma))
             self.weight = self.weight / np.median(self.weight)
 
     def unknowns(self, kind: Kind, position: Array) -> SurveyUnknowns:
         """
-        Columns for a model of the sound speed; gradients are relative to the middle of the
-        positions.
+        Columns for a model of the sound speed.
+
+        Gradients are relative to the middle of the positions.
         """
-        o = self.options
-        speed = sound_speed_terms(self.survey, position, kind, o.speed_prior, o.modes)
-        stated: Arrangement = "free" if self.survey.rigid is None else "rigid"
-        return SurveyUnknowns(self.survey, speed, o.arrangement or stated)
+        options = self.options
+        speed = sound_speed_terms(self.survey, position, kind, options.speed_prior, options.modes)
+        default: Arrangement = "free" if self.survey.rigid is None else "rigid"
+        return SurveyUnknowns(self.survey, speed, options.arrangement or default)
 
     def first_values(
         self, unknowns: SurveyUnknowns, position: Array, before: SurveySolution | None = None
     ) -> Array:
         """Initial values: these positions, and other values from a solution with another model."""
         values = unknowns.prior_mean
-        at = unknowns.slices
+        slices = unknowns.slices
         if before is not None:
-            n = at["speed"].start
+            n = slices["speed"].start
             values[:n] = before.values[:n]
             fraction = before.unknowns.speed.fraction(
                 before.unknowns.speed_values(before.values)[0], len(self.survey)
             )
-            values[at["speed"]] = _constant(unknowns, float(fraction[before.used].mean()))
+            values[slices["speed"]] = _constant(unknowns, float(fraction[before.used].mean()))
         elif unknowns.arrangement == "free":
-            values[at["position"]] = position.ravel()
+            values[slices["position"]] = position.ravel()
         else:
-            shift = (position - unknowns.positions(values)).mean(axis=0)
-            values[at["array"]][:3] = np.clip(shift, -1.0, 1.0)
+            translation = (position - unknowns.positions(values)).mean(axis=0)
+            *_, rotation = values[slices["array"]]
+            values[slices["array"]] = [*np.clip(translation, -1.0, 1.0), rotation]
         return values
 
     def step(
@@ -128,9 +126,7 @@ class Solver:
         hyper: Mapping[str, float],
         sigma: float,
     ) -> SurveySolution:
-        """
-        Solve the linear system at some values; the solution contains the values before the step.
-        """
+        """Solve the linear system at some values, which the solution contains."""
         legs = self.legs(unknowns.positions(values), unknowns.lever(values), unknowns.speed.modes)
         linear = Linearization(unknowns, values, legs, self.weight)
         if not unknowns.prior_sd.any():
@@ -154,27 +150,25 @@ class Solver:
     def legs(self, position: Array, lever: Array, modes: VerticalModes | None) -> Legs:
         """Travel times at positions; rays are traced only if the positions changed enough."""
         if self._traced is not None:
-            at, arm, legs = self._traced
-            near = (
-                max(float(np.abs(position - at).max()), float(np.abs(lever - arm).max()))
-                < _RETRACE_DISTANCE
-            )
-            if near and legs.modes.shape[1] == (0 if modes is None else len(modes.modes)):
-                return moved(self.survey, legs, position - at, lever - arm)
-        traced = predict(self.survey, self.medium, position, lever, modes)
-        self._traced = position, lever, traced
-        return traced
+            traced_position, traced_lever, legs = self._traced
+            change = position - traced_position
+            lever_change = lever - traced_lever
+            distance = max(float(np.abs(change).max()), float(np.abs(lever_change).max()))
+            has_modes = legs.modes.shape[1] == (0 if modes is None else len(modes.modes))
+            if distance < _RETRACE_DISTANCE and has_modes:
+                return extrapolate(self.survey, legs, change, lever_change)
+        new_legs = predict(self.survey, self.medium, position, lever, modes)
+        self._traced = position, lever, new_legs
+        return new_legs
 
     def _first_sigma(self, linear: Linearization, used: Mask) -> float:
-        """
-        Initial noise level from the residuals, or the stated level if there are too few pings.
-        """
+        """Initial noise level from the residuals, or the stated level for few pings."""
         unknowns = linear.unknowns
-        scaled = sum(columns.size for columns in unknowns.groups.values())
-        if used.sum() >= np.count_nonzero(unknowns.prior_sd) - scaled + MIN_REDUNDANCY:
+        n_scaled = sum(columns.size for columns in unknowns.groups.values())
+        if used.sum() >= np.count_nonzero(unknowns.prior_sd) - n_scaled + MIN_REDUNDANCY:
             return robust_sigma(linear.residual[used] / self.weight[used])
-        stated = self.survey.sigma[np.isfinite(self.survey.sigma)]
-        return float(np.median(stated)) if stated.size else _DEFAULT_SIGMA
+        stated_sigma = self.survey.sigma[np.isfinite(self.survey.sigma)]
+        return float(np.median(stated_sigma)) if stated_sigma.size else _DEFAULT_SIGMA
 
     def plausible(self, linear: Linearization) -> Mask:
         """Pings with a ray whose residuals are not gross errors."""
@@ -206,22 +200,24 @@ class Solver:
         before: Posterior | None = None,
     ) -> SurveySolution:
         """
-        Iterate outer steps until the positions converge; full steps may oscillate, so later ones
-        are damped.
+        Iterate outer steps until the positions converge.
+
+        Full steps may oscillate, so later ones are damped.
         """
         hyper: Mapping[str, float] = {} if before is None else before.hyperparameters
         sigma = 0.0 if before is None else before.sigma
         used: Mask | None = None
         for count in range(_MAX_STEPS + _MAX_DAMPED):
             solution = self.step(unknowns, values, correlation, hyper, sigma)
-            new = values + (1.0 if count < _MAX_STEPS else 0.5) * solution.posterior.change
-            moved = float(np.abs(unknowns.positions(new) - unknowns.positions(values)).max())
+            damping = 1.0 if count < _MAX_STEPS else 0.5
+            new = values + damping * solution.posterior.change
+            change = float(np.abs(unknowns.positions(new) - unknowns.positions(values)).max())
             values = new
             hyper = solution.posterior.hyperparameters
             same = used is not None and np.array_equal(used, solution.used)
             used = solution.used
             sigma = solution.posterior.sigma
-            if moved < _CONVERGED and same:
+            if change < _CONVERGED and same:
                 return replace(solution, values=values, settled=True)
         return replace(solution, values=values)
 
@@ -278,31 +274,36 @@ class Candidate(Mapping[str, Any]):
 
 
 def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candidate]]:
-    """
-    Allowed candidate with the lowest ABIC, and all compared candidates, at a solution's values.
-    """
+    """Allowed candidate with the lowest ABIC, and all compared candidates."""
     allowed = solver.options.kinds
     table = _Evidence(solver, base, "gradient")
-    candidates = [table.candidate(kind, Correlation()) for kind in KINDS[:-1]]
+    plain_kinds = [kind for kind in KINDS if kind != "modes"]
+    candidates = [table.candidate(kind, Correlation()) for kind in plain_kinds]
     if "modes" in allowed:
         table_of_modes = _Evidence(solver, base, "modes")
         candidates.append(table_of_modes.candidate("modes", Correlation()))
 
     def best_of(some: Iterable[Candidate]) -> Candidate:
-        return min((c for c in some if c.kind in allowed), key=lambda c: c.abic)
+        choice = [candidate for candidate in some if candidate.kind in allowed]
+        return min(choice, key=lambda candidate: candidate.abic)
+
+    def of_kind(kind: Kind) -> list[Candidate]:
+        return [candidate for candidate in candidates if candidate.kind == kind]
 
     best = best_of(candidates)
+    # search the correlation of the best kind, one parameter after the other
     if solver.options.correlation == "auto" and int(base.used.sum()) >= _MIN_FOR_CORRELATION:
         table = table_of_modes if best.kind == "modes" else table
         for search in (_times, _ratios, _shares, _times):
             for correlation in search(best.correlation):
-                if all(correlation != c.correlation for c in candidates if c.kind == best.kind):
+                if correlation not in [other.correlation for other in of_kind(best.kind)]:
                     candidates.append(table.candidate(best.kind, correlation))
-            best = best_of(c for c in candidates if c.kind == best.kind)
-            if best.correlation.ratio == 0.0:
+            best = best_of(of_kind(best.kind))
+            if best.correlation.ratio == 0.0:  # white noise has the highest evidence
                 break
-        if best.correlation.ratio > 0.0:
-            others = [kind for kind in KINDS[:-1] if kind != best.kind and best.kind != "modes"]
+        # correlated noise may make another kind the best
+        if best.correlation.ratio > 0.0 and best.kind != "modes":
+            others = [kind for kind in plain_kinds if kind != best.kind]
             candidates += [table.candidate(kind, best.correlation) for kind in others]
     return best_of(candidates), candidates
 
@@ -321,8 +322,9 @@ def _shares(now: Correlation) -> list[Correlation]:
 
 class _Evidence:
     """
-    Evidence of models at one linearization; simpler models use a part of the columns of the richest
-    model.
+    Evidence of models at one linearization.
+
+    Simpler models use a part of the columns of the richest model.
     """
 
     def __init__(self, solver: Solver, base: SurveySolution, rich: Kind) -> None:
@@ -341,11 +343,12 @@ class _Evidence:
         """Evidence of one model."""
         sigma = self._base.posterior.sigma
         if correlation not in self._products:
-            self._products = {
-                correlation: self._linear.products(
-                    self._base.used, correlation, self._solver.survey.platform_error, sigma
-                )
-            } | {c: p for c, p in self._products.items() if c.ratio == 0.0}
+            # keep the products of white noise, which several kinds need, and the latest others
+            white = {key: value for key, value in self._products.items() if key.ratio == 0.0}
+            products = self._linear.products(
+                self._base.used, correlation, self._solver.survey.platform_error, sigma
+            )
+            self._products = {correlation: products} | white
         products = self._products[correlation]
         fit = posterior(
             products,
@@ -353,28 +356,31 @@ class _Evidence:
             self._values,
             {},
             sigma=sigma / np.sqrt(correlation.variance),
-            without=self._held(kind),
+            without=self._fixed_columns(kind),
         )
         return Candidate(kind, correlation, fit)
 
-    def _held(self, kind: Kind) -> NDArray[np.int64]:
+    def _fixed_columns(self, kind: Kind) -> NDArray[np.int64]:
         """Columns of the sound speed that a simpler model does not use."""
-        at = self._unknowns.slices["speed"]
+        speed_columns = self._unknowns.slices["speed"]
         speed = self._unknowns.speed
-        columns = np.arange(at.start, at.stop)
         if kind in (speed.kind, "modes"):
-            return columns[:0]
-        size = speed.terms[0].sd.size if speed.terms else 0
-        return columns[{"known": 0, "scale": 1, "time": size, "gradient": columns.size}[kind] :]
+            return np.empty(0, dtype=np.int64)
+        n_columns = {
+            "known": 0,
+            "scale": 1,
+            "time": speed.terms[0].sd.size if speed.terms else 0,
+            "gradient": speed.size,
+        }
+        return np.arange(speed_columns.start + n_columns[kind], speed_columns.stop)
 
 
 def solve(
     survey: Survey, medium: Medium, options: LocateOptions
 ) -> tuple[SurveySolution, list[Candidate], Solver]:
     """Solve a survey sorted by time; return the solution, the candidate models and the solver."""
-    with threadpool_limits(
-        limits=1, user_api="blas"
-    ):  # matrices are small: threads would wait for each other
+    # matrices are small: threads would wait for each other
+    with threadpool_limits(limits=1, user_api="blas"):
         return _solve(survey, medium, options)
 
 
@@ -387,37 +393,37 @@ def _solve(
     unknowns = solver.unknowns(simple, start)
     values = solver.start(unknowns, solver.first_values(unknowns, start))
     base = solver.settle(unknowns, values, Correlation())
-    chosen, candidates = choose(solver, base)
+    selected, candidates = choose(solver, base)
     for _ in range(2):
-        unknowns = solver.unknowns(chosen.kind, base.positions)
+        unknowns = solver.unknowns(selected.kind, base.positions)
         values = solver.first_values(unknowns, base.positions, base)
-        solution = solver.settle(unknowns, values, chosen.correlation, chosen.fit)
+        solution = solver.settle(unknowns, values, selected.correlation, selected.fit)
         if np.array_equal(solution.used, base.used):
             break
-        # the evidence uses the used pings only
+        # the evidence is that of the used pings: compare the models again if these change
         base = solution
-        before = (chosen.kind, chosen.correlation)
-        chosen, candidates = choose(solver, base)
-        if (chosen.kind, chosen.correlation) == before:
+        before = (selected.kind, selected.correlation)
+        selected, candidates = choose(solver, base)
+        if (selected.kind, selected.correlation) == before:
             break
     return solution, candidates, solver
 
 
-def candidate_table(candidates: list[Candidate], chosen: SurveySolution) -> pd.DataFrame:
+def candidate_table(candidates: list[Candidate], solution: SurveySolution) -> pd.DataFrame:
     """Table of candidates in order of ABIC, with the difference from the best."""
-    table = pd.DataFrame([dict(c) for c in candidates]).sort_values(
+    table = pd.DataFrame([dict(candidate) for candidate in candidates]).sort_values(
         "abic", ignore_index=True, kind="stable"
     )
     table.insert(
         0,
         "chosen",
         [
-            row["sound_speed"] == chosen.unknowns.speed.kind
-            and row["correlation_ratio"] == chosen.correlation.ratio
+            row["sound_speed"] == solution.unknowns.speed.kind
+            and row["correlation_ratio"] == solution.correlation.ratio
             and (
-                chosen.correlation.ratio == 0.0
+                solution.correlation.ratio == 0.0
                 or (row["correlation_time_s"], row["correlation_shared"])
-                == (chosen.correlation.memory, chosen.correlation.shared)
+                == (solution.correlation.memory, solution.correlation.shared)
             )
             for row in table.to_dict("records")
         ],

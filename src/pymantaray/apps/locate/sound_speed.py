@@ -20,6 +20,7 @@ from pymantaray.ocean.modes import VerticalModes
 
 KM = 1000.0
 _DEGREE = 3
+_UNPENALIZED = 2  # columns of a spline without a penalty: a constant and a straight line
 _MIN_KNOTS = 4
 _MAX_KNOTS = 80
 _MAX_GRADIENT_KNOTS = 40
@@ -43,18 +44,21 @@ class Term:
         self.spline = spline
         self.factor = factor
         if spline is None:
-            self.sd, self.scaled = np.array([prior]), np.array([False])
+            self.sd = np.array([prior])
+            self.scaled = np.array([False])
         else:
-            self.sd = np.concatenate([prior * spline.unit[:2], spline.unit[2:]])
-            self.scaled = np.arange(self.sd.size) >= 2
+            self.scaled = np.arange(spline.unit.size) >= _UNPENALIZED
+            self.sd = np.where(self.scaled, spline.unit, prior * spline.unit)
 
     def rows(self, part: slice) -> Array:
         """Columns of a slice of pings: derivative of the fraction gamma by the coefficients."""
         factor = self.factor[part]
         if self.spline is None:
             return np.asarray(factor.mean(axis=1)[:, None])
-        both = [self.spline.rows(part, k) * factor[:, k, None] for k in (0, 1)]
-        return np.asarray(0.5 * (both[0] + both[1]))
+        at_transmission, at_reception = (
+            self.spline.rows(part, end) * factor[:, end, None] for end in (0, 1)
+        )
+        return np.asarray(0.5 * (at_transmission + at_reception))
 
 
 class Spline:
@@ -82,10 +86,11 @@ class Spline:
         vectors[:, 0] = 1.0 / np.sqrt(size)
         vectors[:, 1] = line / np.linalg.norm(line)
         self._basis = vectors
-        unit = np.concatenate([[np.sqrt(size), np.linalg.norm(line)], 1.0 / np.sqrt(values[2:])])
-        sample = self.at(np.linspace(first, last, 4 * count))[:, 2:] * unit[2:]
-        unit[2:] /= np.sqrt(np.mean(np.sum(sample**2, axis=1)))
-        self.unit = unit
+        lengths = [np.sqrt(size), np.linalg.norm(line)]
+        unit = 1.0 / np.sqrt(values[_UNPENALIZED:])
+        sample = self.at(np.linspace(first, last, 4 * count))[:, _UNPENALIZED:] * unit
+        unit /= np.sqrt(np.mean(np.sum(sample**2, axis=1)))
+        self.unit = np.concatenate([lengths, unit])
 
     def rows(self, part: slice, end: int) -> Array:
         """Values of the columns at the times of one end of a slice of pings."""
@@ -100,8 +105,9 @@ class Spline:
 @dataclass(frozen=True, eq=False)
 class SoundSpeed:
     """
-    Terms of a kind of model for a survey; ``terms`` of a richer kind begin with those of a simpler
-    kind.
+    Terms of a kind of model for a survey.
+
+    ``terms`` of a richer kind begin with those of a simpler kind.
     """
 
     kind: Kind
@@ -111,25 +117,24 @@ class SoundSpeed:
     @property
     def size(self) -> int:
         """Number of coefficients, including amplitudes of modes."""
-        return sum(t.sd.size for t in self.terms) + (
-            0 if self.modes is None else len(self.modes.modes)
-        )
+        n_modes = 0 if self.modes is None else len(self.modes.modes)
+        return sum(term.sd.size for term in self.terms) + n_modes
 
     def rows(self, part: slice) -> Array:
         """Derivative of the fraction gamma by the coefficients, without modes."""
         n = len(range(*part.indices(1 << 62)))
-        return np.concatenate([np.empty((n, 0)), *(t.rows(part) for t in self.terms)], axis=1)
+        return np.concatenate([np.empty((n, 0)), *(term.rows(part) for term in self.terms)], axis=1)
 
     def fraction(self, coefficients: Array, count: int) -> Array:
         """Fraction gamma of all pings (n,)."""
         out = np.zeros(count)
-        at = 0
+        first = 0
         for term in self.terms:
-            own = coefficients[at : at + term.sd.size]
-            at += term.sd.size
+            term_coefficients = coefficients[first : first + term.sd.size]
+            first += term.sd.size
             for start in range(0, count, 8192):
                 part = slice(start, min(start + 8192, count))
-                out[part] += term.rows(part) @ own
+                out[part] += term.rows(part) @ term_coefficients
         return out
 
 
@@ -141,11 +146,12 @@ def sound_speed_terms(
     modes: VerticalModes | None = None,
 ) -> SoundSpeed:
     """
-    Terms of a kind of model; gradients are relative to the middle of the node positions (n_nodes,
-    3) [m].
+    Terms of a kind of model.
+
+    Gradients are relative to the middle of the node positions (n_nodes, 3) [m].
     """
     n = len(survey)
-    both = np.stack([survey.time, survey.time + np.maximum(survey.travel_time, 0.0)], axis=1)
+    times = np.stack([survey.time, survey.time + np.maximum(survey.travel_time, 0.0)], axis=1)
     one = np.ones((n, 2))
     if kind == "modes":
         if modes is None:
@@ -158,9 +164,9 @@ def sound_speed_terms(
         return SoundSpeed(kind, ())
     if kind == "scale":
         return SoundSpeed(kind, (Term("scale", "", None, one, prior.scale),))
-    terms = [Term("time", "time", Spline(both, prior.knot_interval, _MAX_KNOTS), one, prior.scale)]
+    terms = [Term("time", "time", Spline(times, prior.knot_interval, _MAX_KNOTS), one, prior.scale)]
     if kind == "gradient":
-        spline = Spline(both, prior.knot_interval, _MAX_GRADIENT_KNOTS)
+        spline = Spline(times, prior.knot_interval, _MAX_GRADIENT_KNOTS)
         centre = position.mean(axis=0)
         ends = np.stack([survey.transmit_position, survey.receive_position], axis=1) - centre
         ends = np.where(survey.between_nodes[:, None, None], 0.0, ends) / KM

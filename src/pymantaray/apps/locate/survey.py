@@ -212,7 +212,7 @@ class Survey:
         """Set defaults and check all values."""
         n = np.size(self.travel_time)
         object.__setattr__(self, "nodes", tuple(self.nodes))
-        for name, width, default, kind in (
+        for name, n_columns, default, kind in (
             ("time", 0, 0.0, float),
             ("travel_time", 0, 0.0, float),
             ("transmit_position", 3, 0.0, float),
@@ -226,11 +226,12 @@ class Survey:
             ("flagged", 0, False, bool),
             ("line", 0, 0, np.int64),
         ):
-            given = np.asarray(getattr(self, name))
-            shape = (n, width) if width else (n,)
-            array = (
-                np.array(given, dtype=kind) if given.size else np.full(shape, default, dtype=kind)
-            )
+            values = np.asarray(getattr(self, name))
+            shape = (n, n_columns) if n_columns else (n,)
+            if values.size:
+                array = np.array(values, dtype=kind)
+            else:
+                array = np.full(shape, default, dtype=kind)
             if array.shape != shape:
                 raise LocateError(
                     f"{self.source}: {name} has shape {array.shape}; it must be {shape}"
@@ -298,9 +299,9 @@ class Survey:
         str
             File with line, or with the index of the ping.
         """
-        return f"{self.source}, " + (
-            f"line {self.line[row]}" if self.line[row] else f"ping {row + 1}"
-        )
+        if self.line[row]:
+            return f"{self.source}, line {self.line[row]}"
+        return f"{self.source}, ping {row + 1}"
 
     def __len__(self) -> int:
         """Number of pings."""
@@ -316,7 +317,7 @@ class Survey:
         """True for pings between two nodes, (n,)."""
         return self.partner >= 0
 
-    def changed(self, **changes: Any) -> Self:
+    def assign(self, **changes: Any) -> Self:
         """
         Copy of the survey with other values of fields.
 
@@ -348,7 +349,7 @@ class Survey:
             "node time travel_time transmit_position receive_position transmit_attitude"
             " receive_attitude direction partner sigma flagged line"
         )
-        return self.changed(**{name: getattr(self, name)[which] for name in names.split()})
+        return self.assign(**{name: getattr(self, name)[which] for name in names.split()})
 
     def in_frame(self, frame: LocalFrame) -> Self:
         """
@@ -363,36 +364,38 @@ class Survey:
         -------
         Survey
         """
-        own = self.frame
-        if own is None:
+        old_frame = self.frame
+        if old_frame is None:
             raise LocateError(
                 f"{self.source}: its positions are not geographic, which an ocean requires; use a"
                 " profile instead"
             )
-        if (own.latitude_deg, own.longitude_deg) == (frame.latitude_deg, frame.longitude_deg):
+        old_centre = old_frame.latitude_deg, old_frame.longitude_deg
+        if old_centre == (frame.latitude_deg, frame.longitude_deg):
             return self
 
-        def moved(place: Array) -> Array:
-            lat, lon = own.to_geodetic(place[..., 0], place[..., 1])
+        def convert(position: Array) -> Array:
+            lat, lon = old_frame.to_geodetic(position[..., 0], position[..., 1])
             north, east = frame.to_local(lat, lon)
-            return np.stack([north, east, place[..., 2]], axis=-1)
+            return np.stack([north, east, position[..., 2]], axis=-1)
 
-        middle = own.to_geodetic(0.0, 0.0)
-        turn = np.array([float(frame.convergence(*middle)), 0.0, 0.0])
+        middle = old_frame.to_geodetic(0.0, 0.0)
+        rotation = np.array([float(frame.convergence(*middle)), 0.0, 0.0])
         nodes = tuple(
-            replace(node, position=_three(moved(np.array(node.position)))) for node in self.nodes
+            replace(node, position=_coordinates(convert(np.array(node.position))))
+            for node in self.nodes
         )
-        return self.changed(
+        return self.assign(
             frame=frame,
             nodes=nodes,
-            transmit_position=moved(self.transmit_position),
-            receive_position=moved(self.receive_position),
-            transmit_attitude=self.transmit_attitude + turn,
-            receive_attitude=self.receive_attitude + turn,
+            transmit_position=convert(self.transmit_position),
+            receive_position=convert(self.receive_position),
+            transmit_attitude=self.transmit_attitude + rotation,
+            receive_attitude=self.receive_attitude + rotation,
         )
 
 
-def _three(values: Array) -> tuple[float, float, float]:
+def _coordinates(values: Array) -> tuple[float, float, float]:
     north, east, depth = map(float, values)
     return north, east, depth
 

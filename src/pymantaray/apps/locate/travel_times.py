@@ -52,44 +52,45 @@ class Legs:
 
 def transducers(survey: Survey, lever: Array) -> tuple[Array, Array]:
     """
-    Positions (n, 3) of the transducer at transmission and reception for a lever arm forward,
-    starboard, down. [m]
+    Positions (n, 3) of the transducer at transmission and reception. [m]
+
+    The lever arm is forward, starboard, down.
     """
-    turns = _rotations(survey)
+    at_transmission, at_reception = _rotations(survey)
     return (
-        survey.transmit_position + turns[0].apply(lever),
-        survey.receive_position + turns[1].apply(lever),
+        survey.transmit_position + at_transmission.apply(lever),
+        survey.receive_position + at_reception.apply(lever),
     )
 
 
 def lever_gradients(survey: Survey, legs: Legs) -> Array:
     """Derivative of the travel times by the lever arm (n, 3). [s/m]"""
-    turns = _rotations(survey)
+    at_transmission, at_reception = _rotations(survey)
     return np.asarray(
-        turns[0].apply(legs.transmit_gradient, inverse=True)
-        + turns[1].apply(legs.receive_gradient, inverse=True)
+        at_transmission.apply(legs.transmit_gradient, inverse=True)
+        + at_reception.apply(legs.receive_gradient, inverse=True)
     )
 
 
 def _rotations(survey: Survey) -> tuple[Rotation, Rotation]:
     """Rotations from body (forward, starboard, down) to north, east, down at both instants."""
-    return Rotation.from_euler("ZYX", survey.transmit_attitude), Rotation.from_euler(
-        "ZYX", survey.receive_attitude
+    return (
+        Rotation.from_euler("ZYX", survey.transmit_attitude),
+        Rotation.from_euler("ZYX", survey.receive_attitude),
     )
 
 
-def moved(survey: Survey, legs: Legs, nodes: Array, lever: Array) -> Legs:
+def extrapolate(survey: Survey, legs: Legs, nodes: Array, lever: Array) -> Legs:
     """
-    Travel times after small changes of the nodes (n_nodes, 3) and the lever arm [m], to first
-    order.
+    Travel times after small changes of nodes (n_nodes, 3) and lever arm [m], to first order.
 
     For a change d at range r, the error is about d² / 2r divided by the sound speed: 0.2 us for 0.3
     m at 200 m.
     """
-    own = np.sum(legs.node_gradient * nodes[survey.node], axis=1)
-    other = np.sum(legs.partner_gradient * nodes[np.maximum(survey.partner, 0)], axis=1)
-    arm = lever_gradients(survey, legs) @ lever if np.any(lever) else 0.0
-    return replace(legs, travel_time=legs.travel_time + own + other + arm)
+    by_node = np.sum(legs.node_gradient * nodes[survey.node], axis=1)
+    by_partner = np.sum(legs.partner_gradient * nodes[np.maximum(survey.partner, 0)], axis=1)
+    by_lever = lever_gradients(survey, legs) @ lever if np.any(lever) else 0.0
+    return replace(legs, travel_time=legs.travel_time + by_node + by_partner + by_lever)
 
 
 def predict(
@@ -100,19 +101,22 @@ def predict(
     modes: VerticalModes | None = None,
 ) -> Legs:
     """
-    Travel times for nodes at positions (n_nodes, 3) [m] and a lever arm [m], with one call of the
-    eigenray solver.
+    Travel times for nodes at positions (n_nodes, 3) [m] and a lever arm [m].
+
+    One call of the eigenray solver finds all rays.
     """
     n = len(survey)
-    near, away = transducers(survey, lever)
-    between = survey.between_nodes
+    transmit_position, receive_position = transducers(survey, lever)
+    between_nodes = survey.between_nodes
     partner = position[np.maximum(survey.partner, 0)]
-    start = np.where(between[:, None], partner, near)
-    end = np.where(between[:, None], partner, away)
+    start = np.where(between_nodes[:, None], partner, transmit_position)
+    end = np.where(between_nodes[:, None], partner, receive_position)
+    # a leg out starts at the platform at transmission, a leg back at the platform at reception;
+    # both end at the node, because travel times are reciprocal
     two_way = survey.direction == TravelDirection.TWO_WAY
     direction = survey.direction
     has_out = direction != TravelDirection.FROM_NODE
-    has_back = (direction != TravelDirection.TO_NODE) & ~(between & two_way)
+    has_back = (direction != TravelDirection.TO_NODE) & ~(between_nodes & two_way)
     out = np.flatnonzero(has_out)
     back = np.flatnonzero(has_back)
     node = position[survey.node]
@@ -121,40 +125,47 @@ def predict(
     arrivals = find_eigenrays(medium, *ends)
     first = arrivals.first()
     rows = np.concatenate([out, back])
-    weight = np.where(
-        (between & two_way)[rows], 2.0, 1.0
-    )  # both legs between two nodes at rest are one ray
+    # both legs between two nodes at rest are one ray
+    weight = np.where((between_nodes & two_way)[rows], 2.0, 1.0)
     time = np.zeros(n)
     np.add.at(time, rows, weight * first.travel_time)
-    gradients = np.zeros((4, n, 3))  # node, transmit, receive, partner
+    gradients = np.zeros((4, n, 3))
+    node_gradient, transmit_gradient, receive_gradient, partner_gradient = gradients
     at_node = weight[:, None] * first.receiver_slowness
     at_other = -weight[:, None] * first.source_slowness
-    np.add.at(gradients[0], rows, at_node)
-    gradients[1][out] = np.where(between[out, None], 0.0, at_other[: out.size])
-    gradients[2][back] = np.where(between[back, None], 0.0, at_other[out.size :])
-    np.add.at(gradients[3], rows, np.where(between[rows, None], at_other, 0.0))
+    at_transmission, at_reception = np.split(at_other, [out.size])
+    np.add.at(node_gradient, rows, at_node)
+    transmit_gradient[out] = np.where(between_nodes[out, None], 0.0, at_transmission)
+    receive_gradient[back] = np.where(between_nodes[back, None], 0.0, at_reception)
+    np.add.at(partner_gradient, rows, np.where(between_nodes[rows, None], at_other, 0.0))
     status = np.zeros(n, dtype=np.int64)
     np.maximum.at(status, rows, first.status.astype(np.int64))
     impossible = status != RayStatus.OK
     time[impossible] = np.nan
     gradients[:, impossible] = 0.0
-    shapes = np.zeros((n, 0 if modes is None else len(modes.modes)))
+    by_modes = np.zeros((n, 0 if modes is None else len(modes.modes)))
     if modes is not None:
-        np.add.at(shapes, rows, weight[:, None] * _sensitivity(medium, ends, arrivals, modes))
-    return Legs(time, gradients[0], gradients[1], gradients[2], gradients[3], status, shapes)
+        np.add.at(by_modes, rows, weight[:, None] * _sensitivity(medium, ends, arrivals, modes))
+    return Legs(
+        travel_time=time,
+        node_gradient=node_gradient,
+        transmit_gradient=transmit_gradient,
+        receive_gradient=receive_gradient,
+        partner_gradient=partner_gradient,
+        status=status,
+        modes=by_modes,
+    )
 
 
 def _sensitivity(
     medium: Medium, ends: tuple[Array, Array], arrivals: Arrivals, modes: VerticalModes
 ) -> Array:
-    """
-    Derivative of each link's first travel time by the modes' amplitudes; 0 without an arrival.
-    """
+    """Derivative of each link's first travel time by the modes' amplitudes; 0 without one."""
     links, rows = np.unique(arrivals.link, return_index=True)
     out = np.zeros((len(ends[0]), len(modes.modes)))
     if links.size:
         paths = trace_paths(medium, *ends, arrivals)
-        all_rows = travel_time_sensitivity(paths, lambda place: modes.at(place[:, 2]).T)
+        all_rows = travel_time_sensitivity(paths, lambda position: modes.at(position[:, 2]).T)
         out[links] = all_rows[rows]
     return out
 

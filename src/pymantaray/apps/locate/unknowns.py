@@ -43,10 +43,10 @@ class SurveyUnknowns:
             "speed": self.speed.size,
         }
         out = {}
-        at = 0
+        start = 0
         for name, size in sizes.items():
-            out[name] = slice(at, at + size)
-            at += size
+            out[name] = slice(start, start + size)
+            start += size
         return out
 
     @property
@@ -67,8 +67,9 @@ class SurveyUnknowns:
     @property
     def prior_sd(self) -> Array:
         """
-        Prior standard deviations of all columns; those of smooth sound-speed terms are for
-        hyperparameters of 1.
+        Prior standard deviations of all columns.
+
+        Those of smooth sound-speed terms are for hyperparameters of 1.
         """
         nodes = self.survey.nodes
         sd = np.zeros(self.size)
@@ -78,33 +79,29 @@ class SurveyUnknowns:
             sd[self.slices["array"]] = self.survey.rigid or _ARRAY_SIGMA
         one_way = self.survey.direction != TravelDirection.TWO_WAY
         for k, node in enumerate(nodes):
-            mine = one_way & ((self.survey.node == k) | (self.survey.partner == k))
+            has_clock = one_way & ((self.survey.node == k) | (self.survey.partner == k))
             sd[self.slices["turn_around"].start + k] = node.turn_around_sigma
-            if mine.any():
+            if has_clock.any():
                 sd[self.slices["offset"].start + k] = node.offset_sigma
                 sd[self.slices["drift"].start + k] = node.drift_sigma
         sd[self.slices["lever"]] = self.survey.lever.sigma
-        sd[self.slices["speed"]] = self._speed_sd()
+        speed = [term.sd for term in self.speed.terms]
+        if self.speed.modes is not None:
+            speed.append(np.sqrt(self.speed.modes.variance))
+        sd[self.slices["speed"]] = np.concatenate([np.empty(0), *speed])
         return sd
-
-    def _speed_sd(self) -> Array:
-        modes = self.speed.modes
-        amplitudes = [] if modes is None else [np.sqrt(modes.variance)]
-        return np.concatenate([np.empty(0), *(term.sd for term in self.speed.terms), *amplitudes])
 
     @property
     def groups(self) -> dict[str, NDArray[np.int64]]:
-        """
-        Columns whose prior standard deviations a hyperparameter multiplies, by hyperparameter.
-        """
+        """Columns whose prior standard deviations a hyperparameter multiplies."""
         out: dict[str, list[int]] = {}
-        at = self.slices["speed"].start
+        start = self.slices["speed"].start
         for term in self.speed.terms:
-            scaled = (at + np.flatnonzero(term.scaled)).tolist()
-            if scaled:
-                out.setdefault(term.group, []).extend(scaled)
-            at += term.sd.size
-        return {name: np.array(columns) for name, columns in out.items()}
+            columns = (start + np.flatnonzero(term.scaled)).tolist()
+            if columns:
+                out.setdefault(term.group, []).extend(columns)
+            start += term.sd.size
+        return {name: np.array(members) for name, members in out.items()}
 
     def scaled_sd(self, hyperparameters: Mapping[str, float]) -> Array:
         """Prior standard deviations for hyperparameters."""
@@ -115,13 +112,13 @@ class SurveyUnknowns:
 
     def positions(self, values: Array) -> Array:
         """Positions of the nodes (n_nodes, 3). [m]"""
-        own = values[self.slices["position"]].reshape(-1, 3)
-        north, east, depth, turn = values[self.slices["array"]]
-        centre = own.mean(axis=0)
-        offset = own - centre
-        cos = np.cos(turn)
-        sin = np.sin(turn)
-        turned = np.stack(
+        nodes = values[self.slices["position"]].reshape(-1, 3)
+        north, east, depth, angle = values[self.slices["array"]]
+        centre = nodes.mean(axis=0)
+        offset = nodes - centre
+        cos = np.cos(angle)
+        sin = np.sin(angle)
+        rotated = np.stack(
             [
                 cos * offset[:, 0] - sin * offset[:, 1],
                 sin * offset[:, 0] + cos * offset[:, 1],
@@ -129,7 +126,7 @@ class SurveyUnknowns:
             ],
             axis=1,
         )
-        return np.asarray(centre + turned + [north, east, depth])
+        return np.asarray(centre + rotated + [north, east, depth])
 
     def position_map(self, values: Array) -> Array:
         """Derivative of the positions by all columns (n_nodes, 3, size)."""
@@ -152,9 +149,10 @@ class SurveyUnknowns:
 
     def speed_values(self, values: Array) -> tuple[Array, Array]:
         """Coefficients of the fraction gamma, and amplitudes of modes [m/s]."""
-        own = values[self.slices["speed"]]
+        coefficients = values[self.slices["speed"]]
         n_modes = 0 if self.speed.modes is None else len(self.speed.modes.modes)
-        return own[: own.size - n_modes], own[own.size - n_modes :]
+        fraction, amplitudes = np.split(coefficients, [coefficients.size - n_modes])
+        return fraction, amplitudes
 
     def slowing(self, values: Array) -> Array:
         """Factor ``exp(-gamma)`` of every ping's travel time in the water."""
@@ -162,30 +160,26 @@ class SurveyUnknowns:
             np.exp(-self.speed.fraction(self.speed_values(values)[0], len(self.survey)))
         )
 
-    def predicted(self, values: Array, legs: Legs) -> Array:
+    def predict_times(self, values: Array, legs: Legs) -> Array:
         """Predicted times; NaN without a ray. [s]"""
-        s = self.survey
+        survey = self.survey
         k = self.survey.node
-        two_way = s.direction == TravelDirection.TWO_WAY
+        two_way = survey.direction == TravelDirection.TWO_WAY
         clock = self.clock_signs()
-        elapsed = s.time - s.time[0]
+        time_since_start = survey.time - survey.time[0]
         time = legs.travel_time * self.slowing(values) + legs.modes @ self.speed_values(values)[1]
         time = time + np.where(two_way, values[self.slices["turn_around"]][k], 0.0)
         offset = values[self.slices["offset"]]
         drift = values[self.slices["drift"]]
         for sign, node in clock:
-            time = time + sign * (offset[node] + drift[node] * elapsed)
+            time = time + sign * (offset[node] + drift[node] * time_since_start)
         return np.asarray(time)
 
     def clock_signs(self) -> list[tuple[Array, NDArray[np.int64]]]:
-        """
-        Signs of the clocks of both ends in a one-way time (received minus transmitted), and their
-        nodes.
-        """
-        s = self.survey
-        own = np.where(
-            s.direction == TravelDirection.TO_NODE,
-            1.0,
-            np.where(s.direction == TravelDirection.FROM_NODE, -1.0, 0.0),
-        )
-        return [(own, s.node), (np.where(s.between_nodes, -own, 0.0), np.maximum(s.partner, 0))]
+        """Sign of the clock of each end in a one-way time (received minus sent), and its node."""
+        survey = self.survey
+        node_sign = np.zeros(len(survey))
+        node_sign[survey.direction == TravelDirection.TO_NODE] = 1.0
+        node_sign[survey.direction == TravelDirection.FROM_NODE] = -1.0
+        partner_sign = np.where(survey.between_nodes, -node_sign, 0.0)
+        return [(node_sign, survey.node), (partner_sign, np.maximum(survey.partner, 0))]

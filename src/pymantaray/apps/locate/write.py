@@ -1,7 +1,4 @@
-"""
-Export of located nodes: landmarks of a study, GeoJSON, PyFactorGraph text, NetCDF, and the object
-of ``--json``.
-"""
+"""Export of located nodes: landmarks of a study, GeoJSON, PyFactorGraph text and NetCDF."""
 
 import json
 import re
@@ -23,17 +20,12 @@ from pymantaray.records.writing import write_netcdf
 _CORNERS = 72  # per ellipse
 _MIN_SIGMA = 1e-3  # m; for known positions in a graph
 _NAME = re.compile("[A-Za-z0-9_-]{1,64}")
-_PLATFORMS = (
-    "A",
-    "platform",
-    *(f"platform-{k}" for k in range(1000)),
-)  # names of the platform in a graph
+# names of the platform in a graph, the first that no node has
+_PLATFORMS = ("A", "platform", *(f"platform-{k}" for k in range(1000)))
 
 
 def summary(location: Location) -> dict[str, Any]:
-    """
-    Results as one object: nodes, residuals, used pings, model, tests, centre, mirror solutions.
-    """
+    """Results as the object of ``--json``."""
     return {
         "nodes": location.nodes,
         "rms_s": location.rms,
@@ -46,7 +38,7 @@ def summary(location: Location) -> dict[str, Any]:
         "tests_passed": location.passed,
         "budget": location.budget,
         "unknowns": location.other_unknowns,
-        "mirrors": [vars(m) for m in location.mirrors],
+        "mirrors": [vars(mirror) for mirror in location.mirrors],
         "rejected": _rejected(location),
         "settled": location.solution.settled,
     }
@@ -63,26 +55,22 @@ def landmarks_toml(location: Location) -> str:
     blocks = []
     for row in location.nodes.to_dict("records"):
         name = re.sub(r"[^A-Za-z0-9_-]+", "_", str(row["name"])).strip("_")[:64] or "node"
-        place = (
-            f"lat = {row['lat']:.9f}\nlon = {row['lon']:.9f}"
-            if np.isfinite(row["lat"])
-            else f"north = {row['north']:.4f}\neast = {row['east']:.4f}"
-        )
+        coordinates = f"north = {row['north']:.4f}\neast = {row['east']:.4f}"
+        if np.isfinite(row["lat"]):
+            coordinates = f"lat = {row['lat']:.9f}\nlon = {row['lon']:.9f}"
         axes = np.array([row["sigma_north_m"], row["sigma_east_m"], row["sigma_depth_m"]])
-        sigma = ", ".join(f"{x:.3f}" for x in axes)
+        sigma = ", ".join(f"{sigma_axis:.3f}" for sigma_axis in axes)
         size = max(float(np.sqrt(np.mean(axes**2))), _MIN_SIGMA)
         blocks.append(
             f"[[landmarks]]  # {row['status']}; standard deviations {sigma} m north, east, depth\n"
-            f'name = "{name}"\n{place}\ndepth = {max(row["depth"], 0.0):.4f}\nsigma = {size:.4f}\n'
+            f'name = "{name}"\n{coordinates}\n'
+            f"depth = {max(row['depth'], 0.0):.4f}\nsigma = {size:.4f}\n"
         )
     return "\n".join(blocks)
 
 
 def geojson(location: Location) -> str:
-    """
-    Nodes and their 95 % ellipses as a GeoJSON feature collection; empty without latitudes and
-    longitudes.
-    """
+    """Nodes and 95 % ellipses as GeoJSON features; empty without latitudes and longitudes."""
     features = []
     frame = location.survey.frame
     for row in location.nodes.to_dict("records"):
@@ -93,12 +81,12 @@ def geojson(location: Location) -> str:
             for key, value in row.items()
         }
         features.append(_feature("Point", [row["lon"], row["lat"], -row["depth"]], properties))
-        turn = np.radians(row["ellipse_azimuth_deg"])
+        azimuth = np.radians(row["ellipse_azimuth_deg"])
         angle = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
         along = row["ellipse_major_m"] * np.cos(angle)
         across = row["ellipse_minor_m"] * np.sin(angle)
-        north = row["north"] + along * np.cos(turn) - across * np.sin(turn)
-        east = row["east"] + along * np.sin(turn) + across * np.cos(turn)
+        north = row["north"] + along * np.cos(azimuth) - across * np.sin(azimuth)
+        east = row["east"] + along * np.sin(azimuth) + across * np.cos(azimuth)
         lat, lon = frame.to_geodetic(north, east)
         ring = np.column_stack([lon, lat]).tolist()
         ring[-1] = ring[0]
@@ -169,8 +157,9 @@ def check_names_to_write(survey: Survey) -> None:
 
 def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     """
-    Factor graph of the used pings: known poses of the platform, nodes with priors, and ranges,
-    including ranges between nodes.
+    Factor graph of the used pings: poses of the platform, nodes with priors, and ranges.
+
+    Ranges between nodes are included.
 
     A range is the straight distance at the solution plus the residual in metres. The solution of
     the graph is therefore that of the survey with the estimated sound speed and clocks.
@@ -178,35 +167,34 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     survey = location.survey
     solution = location.solution
     rows = np.flatnonzero(solution.used & ~survey.between_nodes)
-    near, away = solution.transducers()
+    transmit_position, receive_position = solution.transducers()
     direction = survey.direction[:, None]
-    place = np.where(
-        direction == TravelDirection.TO_NODE,
-        near,
-        np.where(direction == TravelDirection.FROM_NODE, away, 0.5 * (near + away)),
-    )
-    place = place[rows]
+    # a two-way range is that at the middle of the exchange
+    platform = 0.5 * (transmit_position + receive_position)
+    platform = np.where(direction == TravelDirection.TO_NODE, transmit_position, platform)
+    platform = np.where(direction == TravelDirection.FROM_NODE, receive_position, platform)
+    platform = platform[rows]
     n = rows.size
     pairs = np.flatnonzero(solution.used & survey.between_nodes)
-    both = np.concatenate([rows, pairs])
-    ends = np.concatenate([place, location.positions[survey.partner[pairs]]])
+    pings = np.concatenate([rows, pairs])
+    ends = np.concatenate([platform, location.positions[survey.partner[pairs]]])
     half = location.mean_speed * np.where(
-        survey.direction[both] == TravelDirection.TWO_WAY, 0.5, 1.0
+        survey.direction[pings] == TravelDirection.TWO_WAY, 0.5, 1.0
     )
     distance = (
-        np.linalg.norm(ends - location.positions[survey.node[both]], axis=1)
-        + half * location.residual[both]
+        np.linalg.norm(ends - location.positions[survey.node[pings]], axis=1)
+        + half * location.residual[pings]
     )
     noise = (
         solution.posterior.sigma
         * np.sqrt(solution.correlation.variance)
-        * solution.linear.weight[both]
+        * solution.linear.weight[pings]
     )
     first = np.concatenate([np.arange(n), n + survey.partner[pairs]])
     unit = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
-    has_prior = [i for i, one in enumerate(survey.nodes) if min(one.sigma) > 0.0]
+    has_prior = [i for i, node in enumerate(survey.nodes) if min(node.sigma) > 0.0]
     prior = np.array([np.diag(np.square(survey.nodes[i].sigma)) for i in has_prior])
-    known = np.tile(np.diag([_MIN_SIGMA**2] * 6), (n, 1, 1))
+    known_covariance = np.tile(np.diag([_MIN_SIGMA**2] * 6), (n, 1, 1))
     graph = FactorGraph(
         vehicle_name=np.array([next(name for name in _PLATFORMS if name not in survey.names)]),
         landmark_name=np.array(survey.names),
@@ -214,33 +202,36 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
         pose_number=np.arange(n, dtype=np.int32),
         pose_time=survey.time[rows] - survey.time[0],
         factors={
-            "prior": KINDS["prior"].table(np.arange(n), [place, unit], known),
+            "prior": KINDS["prior"].table(np.arange(n), [platform, unit], known_covariance),
             "survey": KINDS["survey"].table(
                 n + np.array(has_prior, dtype=int),
                 [[survey.nodes[i].position for i in has_prior]],
                 prior,
             ),
             "range": KINDS["range"].table(
-                np.column_stack([first, n + survey.node[both]]), [distance], (half * noise) ** 2
+                np.column_stack([first, n + survey.node[pings]]), [distance], (half * noise) ** 2
             ),
         },
     )
-    return graph, GraphValues(position=place, quaternion=unit, landmark_position=location.positions)
+    return graph, GraphValues(
+        position=platform, quaternion=unit, landmark_position=location.positions
+    )
 
 
 def write_location(location: Location, folder: Path) -> list[Path]:
     """
-    Write landmarks, GeoJSON, graph and NetCDF into a folder; return the paths. The graph needs a
-    ping of the platform.
+    Write landmarks, GeoJSON, graph and NetCDF into a folder; return the paths.
+
+    The graph needs a ping of the platform.
     """
-    paths = [
-        folder / name for name in ("landmarks.toml", "nodes.geojson", "survey.pyfg", "location.nc")
-    ]
-    paths[0].write_text(landmarks_toml(location), encoding="utf-8")
-    paths[1].write_text(geojson(location), encoding="utf-8")
-    write_netcdf(dataset(location), paths[3])
+    landmarks = folder / "landmarks.toml"
+    landmarks.write_text(landmarks_toml(location), encoding="utf-8")
+    nodes = folder / "nodes.geojson"
+    nodes.write_text(geojson(location), encoding="utf-8")
+    results = folder / "location.nc"
+    write_netcdf(dataset(location), results)
     if not (location.solution.used & ~location.survey.between_nodes).any():
-        return [paths[0], paths[1], paths[3]]
-    values = graph(location)
-    write_pyfg(values[0], paths[2], initial=values[1])
-    return paths
+        return [landmarks, nodes, results]
+    factor_graph, values = graph(location)
+    write_pyfg(factor_graph, folder / "survey.pyfg", initial=values)
+    return [landmarks, nodes, folder / "survey.pyfg", results]

@@ -18,7 +18,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 
 from pymantaray.arrays import Array
 from pymantaray.errors import ReportError
-from pymantaray.geometry.longitude import whole_turns, wrapped
+from pymantaray.geometry.longitude import whole_turns, wrap_longitude
 from pymantaray.jobs.progress import Progress
 from pymantaray.ocean import sound_speed_profile_spread
 from pymantaray.ocean.sea_floor import fill_below_sea_bed, sea_floor_depth
@@ -78,7 +78,7 @@ def write_ocean_plots(
     lat, lon = (np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon"))
     middle = (0.5 * float(lat[0] + lat[-1]), 0.5 * float(lon[0] + lon[-1]))
     where = middle if place is None else place
-    turned = wrapped(where[1], about=middle[1])
+    turned = wrap_longitude(where[1], about=middle[1])
     if not (lat[0] <= where[0] <= lat[-1] and lon[0] <= turned <= lon[-1]):
         raise ReportError(
             f"place {where[0]:g}, {where[1]:g} is outside the ocean: latitude {lat[0]:g} to"
@@ -304,7 +304,7 @@ def _cuts(ocean: xr.Dataset, place: tuple[float, float], floor: xr.DataArray) ->
         np.asarray(ocean[name].values, dtype=float) for name in ("lat", "lon", "depth")
     )
     row = _nearest(lat, place[0])
-    column = _nearest(lon, wrapped(place[1], about=0.5 * (lon[0] + lon[-1])))
+    column = _nearest(lon, wrap_longitude(place[1], about=0.5 * (lon[0] + lon[-1])))
     temperature, salinity = (
         fill_below_sea_bed(ocean[v].values, lat) for v in ("water_temp", "salinity")
     )
@@ -437,7 +437,7 @@ def longitude_label(
     value: float, _position: int | None = None, *, digits: int = 4, unit: str = ""
 ) -> str:
     """Label such as ``140W``, from degrees of any window."""
-    turned = round(wrapped(value), digits)
+    turned = round(wrap_longitude(value), digits)
     side = "" if turned in (0.0, -180.0, 180.0) else "W" if turned < 0.0 else "E"
     return f"{abs(turned):g}{unit}{side}".rstrip()
 

@@ -10,7 +10,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.acoustics.currents import Currents
 from pymantaray.arrays import Array, Indices
 from pymantaray.jobs.progress import CountProgress
-from pymantaray.sensing.ranging import joined_transmissions
+from pymantaray.sensing.ranging import join_transmissions
 from pymantaray.sensing.receptions import Direction, Receptions, rows_between
 from pymantaray.sensing.transmission import ReceptionOptions, Transmission, find_receptions
 
@@ -91,7 +91,7 @@ class _Water:
 
     def add(self, keys: list[bytes], links: Transmission) -> None:
         self.row |= {key: len(self.row) + k for k, key in enumerate(keys)}
-        self.links = links if self.links is None else joined_transmissions([self.links, links])
+        self.links = links if self.links is None else join_transmissions([self.links, links])
 
 
 def links_of(sound: Transmission, links: Indices) -> Transmission:
@@ -105,7 +105,7 @@ def links_of(sound: Transmission, links: Indices) -> Transmission:
         _receptions(sound.receptions, links, direction, first - start) for direction in Direction
     ]
     return Transmission(
-        some, sound.status[links], sound.near_cutoff[links], Receptions.stacked(parts)
+        some, sound.status[links], sound.near_cutoff[links], Receptions.stack(parts)
     )
 
 

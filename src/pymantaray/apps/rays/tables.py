@@ -201,7 +201,7 @@ def paths_dataset(rays: TracedRays) -> xr.Dataset:
 
 def joined(fans: list[RayPaths], rays: int) -> RayPaths:
     """Concatenate paths of fans with equal numbers of rays."""
-    return RayPaths.stacked(
+    return RayPaths.stack(
         [replace(fan, arrival=fan.arrival + i * rays) for i, fan in enumerate(fans)]
     )
 

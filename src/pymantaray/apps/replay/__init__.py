@@ -1,7 +1,4 @@
-"""
-Comparison of measured with predicted travel times: residuals, coverage, clocks and switching of
-events.
-"""
+"""Comparison of measured with predicted travel times: residuals, coverage and clocks."""
 
 from typing import TYPE_CHECKING
 

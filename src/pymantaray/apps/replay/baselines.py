@@ -1,7 +1,4 @@
-"""
-Baselines of a replay: a constant sound speed, and one speed per pair of depths, both learned from
-the other pairs.
-"""
+"""Baselines of a replay: speeds learned from the other pairs, without an ocean."""
 
 import numpy as np
 import pandas as pd
@@ -40,28 +37,24 @@ def baseline_table(events: pd.DataFrame) -> pd.DataFrame:
     speed = events["distance_m"] / events["measured_s"]
     errors = {"rays": events["residual_m"].to_numpy()}
     for name, group in ((CONSTANT, np.zeros(len(events))), (BY_DEPTHS, _pairs_of_depths(events))):
-        errors[name] = (
-            events["measured_s"] - events["distance_m"] / _learned(events, speed, group)
-        ).to_numpy()
-        errors[name] = errors[name] * np.nanmedian(speed)
+        prediction = events["distance_m"] / _median_speeds(events, speed, group)
+        errors[name] = (events["measured_s"] - prediction).to_numpy() * np.nanmedian(speed)
     rows = []
     for name, error in errors.items():
         size = np.abs(error)
-        known = ~np.isnan(size)
-        every = np.where(known, size, np.inf)
-        median = float(np.median(size[known])) if known.any() else np.nan
-        quantiles = [quantile_of(every, q) for q in (0.5, 0.9)]
-        rows.append((name, len(events), known.sum(), 100.0 * known.mean(), median, *quantiles))
-    columns = [
-        "prediction",
-        "events",
-        "predicted",
-        "percent",
-        "median_size_m",
-        "median_all_m",
-        "p90_all_m",
-    ]
-    return pd.DataFrame(rows, columns=columns)
+        has_error = ~np.isnan(size)
+        every = np.where(has_error, size, np.inf)
+        row = {
+            "prediction": name,
+            "events": len(events),
+            "predicted": has_error.sum(),
+            "percent": 100.0 * has_error.mean(),
+            "median_size_m": float(np.median(size[has_error])) if has_error.any() else np.nan,
+            "median_all_m": quantile_of(every, 0.5),
+            "p90_all_m": quantile_of(every, 0.9),
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def _pairs_of_depths(events: pd.DataFrame) -> NDArray[np.int64]:
@@ -71,20 +64,18 @@ def _pairs_of_depths(events: pd.DataFrame) -> NDArray[np.int64]:
     return np.asarray(number.reshape(-1), dtype=np.int64)
 
 
-def _learned(
+def _median_speeds(
     events: pd.DataFrame, speed: "pd.Series[float]", group: Array | NDArray[np.int64]
 ) -> Array:
-    """
-    Median speed of the events of a group in other pairs, for each event; NaN without any. [m/s]
-    """
-    learned = np.full(len(events), np.nan)
+    """Median speed of a group's events in other pairs, for each event; NaN without any. [m/s]"""
+    speeds = np.full(len(events), np.nan)
     pair = events["pair"].to_numpy(dtype=str)
     good = ~gross_of(events).to_numpy(dtype=bool)
     values = speed.to_numpy()
     for number in np.unique(group):
-        own = group == number
-        for name in np.unique(pair[own]):
-            others = values[own & good & (pair != name)]
+        members = group == number
+        for name in np.unique(pair[members]):
+            others = values[members & good & (pair != name)]
             if others.size:
-                learned[own & (pair == name)] = np.median(others)
-    return learned
+                speeds[members & (pair == name)] = np.median(others)
+    return speeds

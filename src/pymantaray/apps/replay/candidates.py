@@ -48,9 +48,17 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
     arrivals in a draw contribute; its time is the mean weighted by power. The result does not
     depend on the order of the arrivals.
     """
-    a = arrivals
-    order = np.lexsort((a.loss_db, a.draw, a.time, a.bottom_bounces, a.surface_bounces, a.event))
-    event, draw, time, loss, surface, bottom = (x[order] for x in a)
+    order = np.lexsort(
+        (
+            arrivals.loss_db,
+            arrivals.draw,
+            arrivals.time,
+            arrivals.bottom_bounces,
+            arrivals.surface_bounces,
+            arrivals.event,
+        )
+    )
+    event, draw, time, loss, surface, bottom = (column[order] for column in arrivals)
     first = np.zeros(time.size, dtype=bool)
     start = -np.inf
     before = (-1, -1, -1)
@@ -65,8 +73,8 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
     total = np.bincount(group, power, minlength=n)
     in_draws = np.bincount(np.unique(group * draws + draw) // draws, minlength=n)
     mean = np.bincount(group, power * time, minlength=n) / total
-    plain = np.bincount(group, time, minlength=n) / np.bincount(group, minlength=n)
-    variance = np.bincount(group, (time - plain[group]) ** 2, minlength=n) / np.bincount(
+    unweighted_mean = np.bincount(group, time, minlength=n) / np.bincount(group, minlength=n)
+    variance = np.bincount(group, (time - unweighted_mean[group]) ** 2, minlength=n) / np.bincount(
         group, minlength=n
     )
     columns = {

@@ -1,7 +1,4 @@
-"""
-Clocks from residuals: offset and drift of each node, gross errors, and differences between both
-directions.
-"""
+"""Clocks from residuals: offsets and drifts, gross errors, and differences by direction."""
 
 import numpy as np
 import pandas as pd
@@ -13,6 +10,11 @@ from pymantaray.arrays import Array
 _GROSS_TIME = 0.05
 _GROSS_SHARE = 0.05
 _DRIFT_COLUMNS = ["drift", "standard_error_drift"]
+_MAX_NAMES = 8  # in a sentence
+_RECIPROCITY = [
+    *("pair", "forth", "back", "matched", "mean_s", "sd_s", "clocks_s", "left_s"),
+    "standard_error_s",
+]
 
 
 def clock_table(
@@ -64,13 +66,14 @@ def clock_table(
     n = len(used)
     k = len(names)
     mean_time = float(used["time_s"].mean()) if n else 0.0
-    late = used["time_s"].to_numpy() - mean_time
+    elapsed = used["time_s"].to_numpy() - mean_time
     design = np.zeros((n, 2 * k if drift else k))
-    for at, sign in ((receiver, 1.0), (source, -1.0)):
-        design[np.arange(n), at] = sign
+    for node, sign in ((receiver, 1.0), (source, -1.0)):
+        design[np.arange(n), node] = sign
         if drift:
-            design[np.arange(n), k + at] = sign * late
-    scale = np.repeat([1.0, max(float(np.abs(late).max(initial=0.0)), 1.0)], k)[: design.shape[1]]
+            design[np.arange(n), k + node] = sign * elapsed
+    longest = max(float(np.abs(elapsed).max(initial=0.0)), 1.0)
+    scale = np.repeat([1.0, longest], k)[: design.shape[1]]
     sigma = used["sigma_s"].to_numpy()
     weight = 1.0 / sigma**2 if np.isfinite(sigma).all() else np.ones(n)
     unit = design / scale
@@ -79,19 +82,21 @@ def clock_table(
     clock = inverse @ (design.T @ (weight * times))
     group = _groups(k, source, receiver)
     count = np.bincount(np.concatenate([source, receiver]), minlength=k)
+    # the solution of least norm has mean zero over each group; with a reference, subtract its clock
     if reference is not None:
         member = group == group[names.index(reference)]
         right = np.arange(k) == names.index(reference)
         gauge = np.kron(np.eye(2 if drift else 1), np.eye(k) - np.outer(member, right))
         clock = gauge @ clock
         inverse = gauge @ inverse @ gauge.T
-    left = times - design @ clock
-    seen = int(np.count_nonzero(count)) - np.unique(group[count > 0]).size
-    seen = 2 * seen if drift else seen
-    scatter = float(np.sum(weight * left**2)) / (n - seen) if n > seen else np.nan
+    remaining = times - design @ clock
+    # one clock of each connected group cannot be observed
+    n_clocks = int(np.count_nonzero(count)) - np.unique(group[count > 0]).size
+    n_clocks = 2 * n_clocks if drift else n_clocks
+    scatter = float(np.sum(weight * remaining**2)) / (n - n_clocks) if n > n_clocks else np.nan
     error = np.sqrt(np.diag(inverse) * scatter)
     over_pairs = _over_pairs(
-        design * (weight * left)[:, None], used["pair"].to_numpy(dtype=str), inverse, seen
+        design * (weight * remaining)[:, None], used["pair"].to_numpy(dtype=str), inverse, n_clocks
     )
     columns = {
         "node": names,
@@ -102,24 +107,21 @@ def clock_table(
     if drift:
         columns |= dict(zip(_DRIFT_COLUMNS, (clock[k:], error[k:]), strict=True))
     table = pd.DataFrame(columns)
-    table.loc[count == 0, table.columns[1:]] = np.nan
+    table.loc[count == 0, table.columns.drop("node")] = np.nan
     table["events"] = count
     table["group"] = group
     return table.assign(mean_time_s=mean_time) if drift else table
 
 
 def clock_errors(events: pd.DataFrame, clocks: pd.DataFrame) -> Array:
-    """
-    Part of each measured travel time that is due to the clocks: receiver minus source, at the time
-    of the event. [s]
-    """
+    """Part of each measured travel time that is due to the clocks, receiver minus source. [s]"""
     table = clocks.set_index("node")
     total = np.zeros(len(events))
     for end, sign in (("receiver", 1.0), ("source", -1.0)):
         total += sign * events[end].map(table["offset_s"]).to_numpy()
         if "drift" in table:
-            late = events["time_s"].to_numpy() - float(table["mean_time_s"].iloc[0])
-            total += sign * late * events[end].map(table["drift"]).to_numpy()
+            elapsed = events["time_s"].to_numpy() - float(table["mean_time_s"].iloc[0])
+            total += sign * elapsed * events[end].map(table["drift"]).to_numpy()
     return total
 
 
@@ -148,14 +150,15 @@ def find_gross_errors(events: pd.DataFrame, candidates: pd.DataFrame) -> "pd.Ser
         True for a gross error.
     """
     chord = events["chord_s"]
-    measured = events["measured_s"]
-    far = (measured - chord).abs() > np.maximum(_GROSS_TIME, _GROSS_SHARE * chord)
+    measured_time = events["measured_s"]
+    is_far = (measured_time - chord).abs() > np.maximum(_GROSS_TIME, _GROSS_SHARE * chord)
     event = candidates["event"].to_numpy(dtype=np.int64)
-    near = (
-        np.abs(measured.to_numpy()[event] - candidates["travel_time_s"].to_numpy()) <= _GROSS_TIME
+    is_near = (
+        np.abs(measured_time.to_numpy()[event] - candidates["travel_time_s"].to_numpy())
+        <= _GROSS_TIME
     )
-    explained = np.bincount(event[near], minlength=len(events)) > 0
-    return (far & ~explained).rename("gross")
+    has_candidate = np.bincount(event[is_near], minlength=len(events)) > 0
+    return (is_far & ~has_candidate).rename("gross")
 
 
 def gross_note(events: pd.DataFrame) -> str | None:
@@ -163,11 +166,12 @@ def gross_note(events: pd.DataFrame) -> str | None:
     wrong = events[gross_of(events)]
     if wrong.empty:
         return None
-    one = wrong.iloc[(wrong["measured_s"] - wrong["chord_s"]).abs().argmax()]
+    largest = wrong.iloc[(wrong["measured_s"] - wrong["chord_s"]).abs().argmax()]
     return (
         f"{len(wrong)} of {len(events)} measured times are no travel times of sound, such as"
-        f" {one['measured_s']:.3g} s instead of {one['chord_s']:.3g} s from {one['source']} to"
-        f" {one['receiver']}: check clocks and events. Clocks and baselines ignore them."
+        f" {largest['measured_s']:.3g} s instead of {largest['chord_s']:.3g} s from"
+        f" {largest['source']} to {largest['receiver']}: check clocks and events. Clocks and"
+        " baselines ignore them."
     )
 
 
@@ -198,11 +202,11 @@ def known_clocks(
     """
     used = events[events["residual_s"].notna() & ~gross_of(events)]
     ways = used.groupby("pair")["source"].nunique()
-    both = used[used["pair"].isin(ways.index[ways > 1])]
+    two_way = used[used["pair"].isin(ways.index[ways > 1])]
     names = clocks["node"].to_list()
-    source, receiver = (np.searchsorted(names, both[end]) for end in ("source", "receiver"))
+    source, receiver = (np.searchsorted(names, two_way[end]) for end in ("source", "receiver"))
     group = _groups(len(names), source, receiver)
-    first = both.drop_duplicates("pair")
+    first = two_way.drop_duplicates("pair")
     count = pd.concat([first["source"], first["receiver"]]).value_counts()
     table = clocks.assign(group=group, both_ways=[int(count.get(name, 0)) for name in names])
     values = [name for name in ("offset_s", "predicted_offset_s", "drift") if name in table]
@@ -210,25 +214,24 @@ def known_clocks(
         table[values] -= table.groupby("group")[values].transform("mean")
     else:
         for number in np.unique(group):
-            own = table["group"] == number
+            members = table["group"] == number
             right = table["node"] == reference
-            zero = table.loc[right if (own & right).any() else own, values].mean()
-            table.loc[own, values] -= zero
+            zero = table.loc[right if (members & right).any() else members, values].mean()
+            table.loc[members, values] -= zero
     errors = [name for name in table if str(name).startswith("standard_error")]
     table.loc[table["both_ways"] == 0, [*values, *errors]] = np.nan
     return table
 
 
 def unknown_clocks_note(clocks: pd.DataFrame) -> str | None:
-    """
-    Sentence about the clocks that cannot be known, None if all are known relative to each other.
-    """
-    heard = clocks[clocks["events"] > 0]
-    alone = heard.loc[heard["both_ways"] == 0, "node"].to_list()
-    groups = heard.loc[heard["both_ways"] > 0, "group"].nunique()
+    """Sentence about the clocks that cannot be known, None if all are known."""
+    active = clocks[clocks["events"] > 0]
+    isolated = active.loc[active["both_ways"] == 0, "node"].to_list()
+    groups = active.loc[active["both_ways"] > 0, "group"].nunique()
     lines = []
-    if alone:
-        names = ", ".join(alone[:8]) + (", ..." if len(alone) > 8 else "")
+    if isolated:
+        names = ", ".join(isolated[:_MAX_NAMES])
+        names += ", ..." if len(isolated) > _MAX_NAMES else ""
         lines.append(
             f"The clock offsets of {names} cannot be known: none of their pairs was measured in"
             " both directions, so that an error of the sound speed or of a position has the same"
@@ -252,11 +255,11 @@ def _groups(k: int, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDAr
 
 def _over_pairs(score: Array, pair: NDArray[np.str_], inverse: Array, clocks: int) -> Array:
     """Standard errors of clocks from the sums of scores over each pair."""
-    names, of = np.unique(pair, return_inverse=True)
+    names, pair_of = np.unique(pair, return_inverse=True)
     if names.size <= clocks:
         return np.full(len(inverse), np.nan)
     sums = np.zeros((names.size, len(inverse)))
-    np.add.at(sums, of, score)
+    np.add.at(sums, pair_of, score)
     covariance = inverse @ (sums.T @ sums) @ inverse * names.size / (names.size - clocks)
     return np.sqrt(np.maximum(np.diag(covariance), 0.0))
 
@@ -286,64 +289,56 @@ def reciprocity_table(
         ``standard_error_s``. The rest is zero in water at rest; a current v over a distance d
         causes about -2 d v / c^2.
     """
-    corrected = events.assign(clocks=clock_errors(events, clocks))
+    table = events.assign(clocks=clock_errors(events, clocks))
     rows = []
-    for pair, part in corrected.assign(time=times)[times.notna()].groupby("pair", sort=True):
+    for pair, part in table.assign(time=times)[times.notna()].groupby("pair", sort=True):
         first = min(part["source"].iloc[0], part["receiver"].iloc[0])
         second = max(part["source"].iloc[0], part["receiver"].iloc[0])
         forth = part[part["source"] == first]
         back = part[part["source"] == second]
-        one, other = _matched(forth["time_s"].to_numpy(), back["time_s"].to_numpy(), window)
-        difference = forth["time"].to_numpy()[one] - back["time"].to_numpy()[other]
+        forth_rows, back_rows = _match(
+            forth["time_s"].to_numpy(), back["time_s"].to_numpy(), window
+        )
+        difference = forth["time"].to_numpy()[forth_rows] - back["time"].to_numpy()[back_rows]
         n = difference.size
         mean = float(difference.mean()) if n else np.nan
         sd = float(difference.std(ddof=1)) if n > 1 else np.nan
-        due = forth["clocks"].to_numpy()[one] - back["clocks"].to_numpy()[other]
-        expected = float(due.mean()) if n else np.nan
-        rows.append(
-            (
-                pair,
-                len(forth),
-                len(back),
-                n,
-                mean,
-                sd,
-                expected,
-                mean - expected,
-                sd / np.sqrt(max(n, 1)),
-            )
+        clock_difference = (
+            forth["clocks"].to_numpy()[forth_rows] - back["clocks"].to_numpy()[back_rows]
         )
-    names = [
-        "pair",
-        "forth",
-        "back",
-        "matched",
-        "mean_s",
-        "sd_s",
-        "clocks_s",
-        "left_s",
-        "standard_error_s",
-    ]
-    return pd.DataFrame(rows, columns=names)
+        by_clocks = float(clock_difference.mean()) if n else np.nan
+        rows.append(
+            {
+                "pair": pair,
+                "forth": len(forth),
+                "back": len(back),
+                "matched": n,
+                "mean_s": mean,
+                "sd_s": sd,
+                "clocks_s": by_clocks,
+                "left_s": mean - by_clocks,
+                "standard_error_s": sd / np.sqrt(max(n, 1)),
+            }
+        )
+    return pd.DataFrame(rows, columns=_RECIPROCITY)
 
 
-def _matched(
-    time: Array, other: Array, window: float
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+def _match(time: Array, other: Array, window: float) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """
-    Rows of events and of their nearest partners in time; a partner of several events goes to the
-    nearest of them.
+    Rows of events and of their nearest partners in time.
+
+    A partner of several events goes to the nearest of them.
     """
     if not time.size or not other.size:
         return np.empty(0, dtype=np.int64), np.empty(0, dtype=np.int64)
     order = np.argsort(other, kind="stable")
     after = np.clip(np.searchsorted(other[order], time), 1, max(other.size - 1, 1))
-    beside = order[np.stack([after - 1, np.minimum(after, other.size - 1)])]
-    apart = np.abs(other[beside] - time)
-    partner = beside[np.argmin(apart, axis=0), np.arange(time.size)]
-    apart = apart.min(axis=0)
-    nearest = np.lexsort((apart, partner))
+    neighbours = order[np.stack([after - 1, np.minimum(after, other.size - 1)])]
+    gap = np.abs(other[neighbours] - time)
+    partner = neighbours[np.argmin(gap, axis=0), np.arange(time.size)]
+    gap = gap.min(axis=0)
+    nearest = np.lexsort((gap, partner))
     _, first = np.unique(partner[nearest], return_index=True)
     rows = nearest[first]
-    rows = np.sort(rows[apart[rows] <= window])
+    rows = np.sort(rows[gap[rows] <= window])
     return rows, partner[rows]

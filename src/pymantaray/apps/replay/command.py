@@ -1,6 +1,7 @@
 """Command `mantaray replay`: compare measured with predicted travel times."""
 
 from dataclasses import asdict, dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -108,9 +109,7 @@ def replay(
     *,
     changes: Set = None,
 ) -> None:
-    """
-    Compare measured with predicted one-way travel times: residuals, coverage, clocks, switching.
-    """
+    """Compare measured with predicted one-way travel times."""
     from pymantaray.apps.replay import DetectionRule, read_events, replay_events, write_replay
     from pymantaray.apps.replay import smooth_positions as smooth
     from pymantaray.cli.output import progress_bars
@@ -119,30 +118,36 @@ def replay(
     from pymantaray.version import __version__
 
     window_s = parse_duration("--window", comparing.window, positive=False)
-    measured = read_events(events, comparing.nodes)
+    event_data = read_events(events, comparing.nodes)
     kind = DetectionRule.parse(comparing.rule)
-    smoothed = None
+    positions = None
     if comparing.smooth_positions is not None:
-        measured, smoothed = smooth(measured, comparing.smooth_positions)
+        event_data, positions = smooth(event_data, comparing.smooth_positions)
     sections = {} if comparing.detection is None else sound_sections(comparing.detection)
     waters = load_waters(source, water, search, sections=sections, changes=changes_of(changes))
-    sources = [one.record | ({"cast": one.name} if one.uniform else {}) for one in waters]
-    notes = [*measured.notes, *dict.fromkeys(note for one in waters for note in water_notes(one))]
+    sources = [
+        water_of.record | ({"cast": water_of.name} if water_of.uniform else {})
+        for water_of in waters
+    ]
+    notes = [
+        *event_data.notes,
+        *dict.fromkeys(note for water_of in waters for note in water_notes(water_of)),
+    ]
     with progress_bars(quiet=printing.quiet) as report:
         result = replay_events(
-            measured,
+            event_data,
             waters,
             kind,
             options=prediction,
             window=window_s,
             reference=comparing.reference,
-            progress=None if report is None else lambda done, total: report("events", done, total),
+            progress=None if report is None else partial(report, "events"),
         )
         result = replace(
             result,
             notes=(*notes, *result.notes),
             clock_drift=comparing.clock_drift,
-            positions=smoothed,
+            positions=positions,
         )
         record: dict[str, Any] = {"mantaray": __version__, "events": str(events), "water": sources}
         record |= {
@@ -159,9 +164,9 @@ def replay(
             formats=format_names(folder.formats),
             progress=report,
         )
-    with printing.printer() as printed:
-        _print_result(printed, result)
-        printed.paths(page=page)
+    with printing.printer() as printer:
+        _print_result(printer, result)
+        printer.paths(page=page)
 
 
 def _print_result(out: Printer, result: "Replay") -> None:
@@ -180,8 +185,8 @@ def _print_result(out: Printer, result: "Replay") -> None:
     out.table(result.brief_summary)
     if "coverage" in result.more:
         out.table(result.tables["coverage"])
-    known = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
-    values = known[["node", "offset_s", "standard_error_s"]].to_numpy(dtype=object)
+    clocks = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
+    values = clocks[["node", "offset_s", "standard_error_s"]].to_numpy(dtype=object)
     offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]
     if 0 < len(offsets) <= _MAX_NODES:
         out.line(f"clocks [ms]: {', '.join(offsets)}")

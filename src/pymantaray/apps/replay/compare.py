@@ -18,7 +18,7 @@ from pymantaray.apps.replay.clocks import (
     reciprocity_table,
     unknown_clocks_note,
 )
-from pymantaray.apps.replay.consistency import fit_clocks_and_nodes, node_note
+from pymantaray.apps.replay.consistency import ClockFit, fit_clocks_and_nodes, node_note
 from pymantaray.apps.replay.draws import (
     bounce_hint,
     choice_of,
@@ -43,6 +43,7 @@ from pymantaray.records.result_table import ResultTable
 from pymantaray.sensing import Detector, find_receptions
 from pymantaray.sensing.water import Water
 
+_MAX_NAMES = 12  # in a message
 SEED = 20140715
 """Default seed, that of studies."""
 CAPTIONS = {
@@ -139,41 +140,29 @@ class Replay:
 
     @cached_property
     def summary(self) -> pd.DataFrame:
-        """
-        Coverage and residuals of all events and by pair, depths and range, with intervals over
-        pairs.
-        """
+        """Coverage and residuals of all events and by pair, depths and range."""
         return summary_table(self.events, seed=self.seed)
 
     @cached_property
-    def _fit(self) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    def _fit(self) -> ClockFit:
         return fit_clocks_and_nodes(
             self.events, self.candidates, reference=self.reference, drift=self.clock_drift
         )
 
     @property
     def clocks(self) -> pd.DataFrame:
-        """
-        Offset of each node's clock by least squares, with two standard errors; NaN if it cannot be
-        known.
-        """
-        return known_clocks(self.events, self._fit[0], reference=self.reference)
+        """Offset of each node's clock with two standard errors; NaN if it cannot be known."""
+        return known_clocks(self.events, self._fit.clocks, reference=self.reference)
 
     @property
     def taken(self) -> pd.DataFrame:
-        """
-        Candidate nearest to each event after the clock correction; one row per event, NaN without a
-        candidate.
-        """
-        return self._fit[1]
+        """Candidate nearest to each event after the clock correction; NaN without a candidate."""
+        return self._fit.taken
 
     @property
     def nodes(self) -> pd.DataFrame:
-        """
-        Horizontal offset of each node that the ranges of its pairs suggest; that of suspect nodes
-        does not shift the clocks.
-        """
-        return self._fit[2]
+        """Horizontal offset of each node that the ranges of its pairs suggest."""
+        return self._fit.nodes
 
     @cached_property
     def baselines(self) -> pd.DataFrame:
@@ -183,14 +172,14 @@ class Replay:
     @property
     def findings(self) -> tuple[str, ...]:
         """Sentences about gross errors, unknown clocks and inconsistent positions."""
-        found = gross_note(self.events), unknown_clocks_note(self.clocks), node_note(self.nodes)
-        return tuple(text for text in found if text)
+        sentences = gross_note(self.events), unknown_clocks_note(self.clocks), node_note(self.nodes)
+        return tuple(text for text in sentences if text)
 
     @cached_property
     def reciprocity(self) -> pd.DataFrame:
         """Difference of residuals between paired events in opposite directions, for each pair."""
         return reciprocity_table(
-            self.events, self.taken["taken_time_s"], self._fit[0], window=self.window
+            self.events, self.taken["taken_time_s"], self._fit.clocks, window=self.window
         )
 
     @cached_property
@@ -291,43 +280,46 @@ def replay_events(
     nodes = set(events.source) | set(events.receiver)
     if reference is not None and reference not in nodes:
         raise ReplayError(
-            f"reference {reference!r}: no such node; allowed are {', '.join(sorted(nodes)[:12])}"
+            f"reference {reference!r}: no such node; allowed are"
+            f" {', '.join(sorted(nodes)[:_MAX_NAMES])}"
         )
-    predicted = []
+    frames = []
     candidates = []
     done = 0
-    merged = options.draws > 1 or rule.kind == "persist"
+    has_mixture = options.draws > 1 or rule.kind == "persist"
     for water, time, rows in _parts(events, waters, options.water_interval):
 
         def tell(part: int, parts: int, done: int = done, here: int = rows.size) -> None:
             if progress is not None:
                 progress(done + part * here // max(parts, 1), events.time.size)
 
-        if merged:
+        if has_mixture:
             frame, others = predict_draws(
                 events, rows, water.at(time), water, rule, options.draws, tell
             )
         else:
             frame, others = _predict(events, rows, water, time, rule, tell)
-        predicted.append(frame)
+        frames.append(frame)
         candidates.append(others)
         done += rows.size
-    table = pd.concat([_measured(events), pd.concat(predicted).sort_index()], axis=1)
-    every = pd.concat(candidates, ignore_index=True).sort_values(
+    table = pd.concat([_event_columns(events), pd.concat(frames).sort_index()], axis=1)
+    all_candidates = pd.concat(candidates, ignore_index=True).sort_values(
         ["event", "travel_time_s"], ignore_index=True
     )
     more = {}
-    if merged:
-        table, every = _with_mixture(table, every, rule, options, waters[0].reception.detector)
+    if has_mixture:
+        table, all_candidates = _with_mixture(
+            table, all_candidates, rule, options, waters[0].reception.detector
+        )
     table["residual_s"] = table["measured_s"] - table["predicted_s"]
     table["residual_m"] = table["residual_s"] * table.pop("sound_speed_m_s")
-    if merged:
+    if has_mixture:
         more["coverage"] = coverage_table(table, seed=seed)
-    table["gross"] = find_gross_errors(table, every)
+    table["gross"] = find_gross_errors(table, all_candidates)
     hint = bounce_hint(events, waters, table["predicted_s"].notna().to_numpy())
     earth = _earth_note(events, waters, table["distance_m"].to_numpy())
-    notes = (*hint, *(() if earth is None else (earth,)))
-    return Replay(table, rule, window, seed, every, reference, notes, more=more)
+    notes = hint if earth is None else (*hint, earth)
+    return Replay(table, rule, window, seed, all_candidates, reference, notes, more=more)
 
 
 def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str | None:
@@ -335,9 +327,9 @@ def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str
     flat = [water for water in waters if water.at_start[0].earth is None]
     if not flat or not events.geographic:
         return None
-    every = np.arange(events.time.size)
-    framed = [w for w in flat if w.frame is not None and not w.uniform]
-    nodes = [end[:, :2] for water in framed for end in ends_of(events, every, water)]
+    all_rows = np.arange(events.time.size)
+    with_frame = [water for water in flat if water.frame is not None and not water.uniform]
+    nodes = [end[:, :2] for water in with_frame for end in ends_of(events, all_rows, water)]
     farthest = max((float(np.hypot(*node.T).max()) for node in nodes), default=0.0)
     return flat_earth_note(float(distance.max()), farthest)
 
@@ -350,38 +342,35 @@ def _with_mixture(
     detector: Detector | None,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """
-    Events with the error of each prediction, and candidates with their probabilities; ``persist``
-    takes the median candidate.
+    Events with the error of each prediction, and candidates with their probabilities.
+
+    The rule ``persist`` takes the median candidate.
     """
     merit = None if detector is None else detector.sonar.figure_of_merit_db
     mixture = predict_mixture(
         table, candidates, options, persistence=60.0 * rule.persist_min, merit_db=merit
     )
-    every = candidates.assign(sigma_s=mixture.sigma, probability=mixture.probability)
+    all_candidates = candidates.assign(sigma_s=mixture.sigma, probability=mixture.probability)
     if rule.kind == "persist":
-        table = with_median_candidate(table, every, mixture.events["mixture_s"].to_numpy())
-    off = table["predicted_s"].to_numpy() - mixture.events["mixture_s"].to_numpy()
-    sigma = np.hypot(mixture.events["sigma_s"].to_numpy(), off)
-    return (
-        table.assign(
-            prediction_sigma_s=sigma,
-            **{name: mixture.events[name] for name in ("low_s", "high_s", "log_likelihood")},
-            unexplained_s=mixture.unexplained,
-        ),
-        every,
+        table = with_median_candidate(table, all_candidates, mixture.events["mixture_s"].to_numpy())
+    bias = table["predicted_s"].to_numpy() - mixture.events["mixture_s"].to_numpy()
+    sigma = np.hypot(mixture.events["sigma_s"].to_numpy(), bias)
+    table = table.assign(
+        prediction_sigma_s=sigma,
+        **{name: mixture.events[name] for name in ("low_s", "high_s", "log_likelihood")},
+        unexplained_s=mixture.unexplained,
     )
+    return table, all_candidates
 
 
 def _waters(waters: Water | Source | Sequence[Water]) -> list[Water]:
     """Waters as a list; a source is opened."""
     if isinstance(waters, Water):
         return [waters]
-    if (
-        isinstance(waters, Sequence)
-        and not isinstance(waters, str)
-        and all(isinstance(w, Water) for w in waters)
-    ):
-        return [w for w in waters if isinstance(w, Water)]
+    if isinstance(waters, Sequence) and not isinstance(waters, str):
+        opened = [water for water in waters if isinstance(water, Water)]
+        if len(opened) == len(waters):
+            return opened
     return open_waters(cast("Source", waters))
 
 
@@ -397,11 +386,11 @@ def _parts(
             yield waters[index], float(time), rows[times == time]
 
 
-def _measured(events: Events) -> pd.DataFrame:
-    known = not np.isnat(events.epoch)
+def _event_columns(events: Events) -> pd.DataFrame:
+    has_dates = not np.isnat(events.epoch)
     return pd.DataFrame(
         {
-            "time": events.instant if known else events.time,
+            "time": events.instant if has_dates else events.time,
             "time_s": events.time,
             "source": events.source,
             "receiver": events.receiver,
@@ -422,11 +411,11 @@ def _predict(
     rule: DetectionRule,
     progress: CountProgress,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """
-    Prediction of some events in one water at a time, and all candidates of each; indexed by event.
-    """
-    reception, (medium, currents) = water.reception, water.at(time)
+    """Prediction of some events in one water at a time, and all candidates of each."""
+    reception = water.reception
+    medium, currents = water.at(time)
     source, receiver = ends_of(events, rows, water, medium.earth)
+    step = receiver - source
     cutoff = reception.spreading_cutoff_db
     wide = reception._replace(
         arrival="first", spreading_cutoff_db=None if cutoff is None else cutoff + NEAR_DB
@@ -434,21 +423,21 @@ def _predict(
     sound = find_receptions(source, receiver, medium, wide, currents=currents, progress=progress)
     distance = medium.straight_distance(source, receiver)
     choice = choice_of(sound, distance, np.inf if cutoff is None else cutoff, reception.detector)
-    r = choice.receptions
+    receptions = choice.receptions
     candidates = choice.candidates(rule)
     picks = choice.pick(rule, candidates)
     after = choice.next(rule, candidates, picks)
-    rays = np.where((picks >= 0) & (np.append(r.arrival, -1)[picks] >= 0), picks, -1)
-    within = np.bincount(r.link[choice.within_cutoff()], minlength=rows.size)
-    lost = np.where(within > 0, RayStatus.UNHEARD, RayStatus.WEAK)
-    status = np.where((sound.status == RayStatus.OK) & (picks < 0), lost, sound.status)
+    rays = np.where((picks >= 0) & (np.append(receptions.arrival, -1)[picks] >= 0), picks, -1)
+    n_arrivals = np.bincount(receptions.link[choice.within_cutoff()], minlength=rows.size)
+    missing = np.where(n_arrivals > 0, RayStatus.UNHEARD, RayStatus.WEAK)
+    status = np.where((sound.status == RayStatus.OK) & (picks < 0), missing, sound.status)
     table = pd.DataFrame(
         {
-            "event": rows[r.link],
-            "travel_time_s": r.travel_time,
+            "event": rows[receptions.link],
+            "travel_time_s": receptions.travel_time,
             "loss_db": choice.loss_db,
-            "surface_bounces": r.surface_bounces,
-            "bottom_bounces": r.bottom_bounces,
+            "surface_bounces": receptions.surface_bounces,
+            "bottom_bounces": receptions.bottom_bounces,
             "share": 1.0,
             "spread_s": 0.0,
         }
@@ -457,10 +446,10 @@ def _predict(
         {
             "cast": water.name,
             "distance_m": distance,
-            "bearing_deg": np.degrees(np.arctan2(*(receiver - source)[:, 1::-1].T)),
+            "bearing_deg": np.degrees(np.arctan2(step[:, 1], step[:, 0])),
             "chord_s": sound.arrivals.chord_travel_time,
             "status": [RayStatus(int(code)).name.lower() for code in status],
-            "n_arrivals": within,
+            "n_arrivals": n_arrivals,
             **predicted_columns(table, picks, after, choice.sonar, rays=rays),
             "near_limit": choice.near_limit(rule, picks),
             "sound_speed_m_s": sound.arrivals.source_sound_speed,

@@ -1,7 +1,4 @@
-"""
-Consistency of each node's position with the ranges of all its pairs, and clocks without the effect
-of wrong positions.
-"""
+"""Consistency of each node's position with the ranges of its pairs, and clocks without it."""
 
 from typing import NamedTuple
 
@@ -18,9 +15,8 @@ _SUSPECT_OFFSET = 2.0  # m, of a suspect node
 _SUSPECT_SHARE = 0.5  # of the squared residuals of its pairs, which its offset must explain
 _SUSPECT_LEVEL = 0.03  # probability that one of the right nodes of a campaign is suspect
 _CONFIRMED = 0.5  # of the significance limit, which must be exceeded without any one pair too
-_WATER_SHARE = (
-    0.5  # of the variance of a pair's residual, due to the assumed water; it grows with distance
-)
+# of the variance of a pair's residual, due to the assumed water; it grows with distance
+_WATER_SHARE = 0.5
 _SHARED_WATER = 2.0 / 3.0  # of that part, the same for all pairs of a node
 _WEAK = 0.05  # singular value of directions that are almost parallel
 _POSITION_SHARE = 0.5  # of the variance, due to the usual errors of the positions of both nodes
@@ -53,16 +49,26 @@ class _Offset(NamedTuple):
 _UNKNOWN = _Offset(np.full(2, np.nan), np.nan, np.nan, -1.0)
 
 
+class ClockFit(NamedTuple):
+    """Clocks, candidates and offsets of nodes."""
+
+    clocks: pd.DataFrame
+    """As from `fit_clocks`."""
+    taken: pd.DataFrame
+    """As from `fit_clocks`; the residuals contain the effect of the positions."""
+    nodes: pd.DataFrame
+    """As from `node_table`."""
+
+
 def fit_clocks_and_nodes(
     events: pd.DataFrame,
     candidates: pd.DataFrame,
     *,
     reference: str | None = None,
     drift: bool = False,
-) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+) -> ClockFit:
     """
-    Fit clocks with candidates and offsets of nodes in turn, until the offsets of suspect nodes do
-    not change.
+    Fit clocks with candidates and offsets of nodes in turn.
 
     A wrong position changes the candidates that appear to be nearest, differently in both
     directions, and shifts the clocks by milliseconds. The clocks are therefore fitted to residuals
@@ -77,30 +83,28 @@ def fit_clocks_and_nodes(
 
     Returns
     -------
-    clocks, taken : pandas.DataFrame
-        As from `fit_clocks`; the residuals of ``taken`` contain the effect of the positions.
-    nodes : pandas.DataFrame
-        As from `node_table`.
+    ClockFit
+        Fit whose offsets of suspect nodes do not change any more.
     """
-    late = np.zeros(len(events))
+    by_position = np.zeros(len(events))
     for _ in range(_MAX_ITERATIONS):
         right = events.assign(
-            measured_s=events["measured_s"] - late, residual_s=events["residual_s"] - late
+            measured_s=events["measured_s"] - by_position,
+            residual_s=events["residual_s"] - by_position,
         )
         clocks, taken = fit_clocks(right, candidates, reference=reference, drift=drift)
         taken = taken.assign(
-            taken_residual_s=taken["taken_residual_s"] + late,
-            taken_time_s=taken["taken_time_s"] + late,
+            taken_residual_s=taken["taken_residual_s"] + by_position,
+            taken_time_s=taken["taken_time_s"] + by_position,
         )
         nodes = node_table(events, taken)
-        before = late
-        late = position_errors(events, nodes)
-        moved = np.asarray(
-            np.abs(late - before) * _speed(events)
-        )  # NaN for an event without a prediction
-        if moved[np.isfinite(moved)].max(initial=0.0) < _SETTLED:
+        before = by_position
+        by_position = position_errors(events, nodes)
+        change = np.asarray(np.abs(by_position - before) * _speed(events))
+        # NaN for an event without a prediction
+        if change[np.isfinite(change)].max(initial=0.0) < _SETTLED:
             break
-    return clocks, taken, nodes
+    return ClockFit(clocks, taken, nodes)
 
 
 def position_errors(events: pd.DataFrame, nodes: pd.DataFrame) -> Array:
@@ -158,35 +162,37 @@ def node_table(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
     names = sorted(set(events["source"]) | set(events["receiver"]))
     residual = pairs["residual_m"].to_numpy(dtype=float).copy()
     free = len(pairs) - 2 - _clocks_from_one_way(events, pairs)
-    found: dict[str, _Offset] = {}
+    suspects: dict[str, _Offset] = {}
     while True:
-        fits = {name: _offset(pairs, residual, name, free) for name in names if name not in found}
+        fits = {
+            name: _offset(pairs, residual, name, free) for name in names if name not in suspects
+        }
         wrong = [name for name in fits if fits[name].suspect]
         if not wrong:
             break
         worst = max(wrong, key=lambda name: fits[name].significance)
-        found[worst] = fits[worst]
+        suspects[worst] = fits[worst]
         residual = residual - _directions(pairs, worst) @ fits[worst].offset
     scatter = _scatter(events, taken, names)
     count = pd.concat([events["source"], events["receiver"]]).value_counts()
     rows = []
     for k, name in enumerate(names):
-        offset, error, explained, _ = found.get(name) or fits[name]
-        of = (pairs["first"] == name) | (pairs["second"] == name)
-        rows.append(
-            (name, of.sum(), count[name], *offset, error, explained, scatter[k], name in found)
-        )
-    columns = [
-        "node",
-        "pairs",
-        "events",
-        "north_m",
-        "east_m",
-        "standard_error_m",
-        "explained",
-        "scatter_m",
-    ]
-    return pd.DataFrame(rows, columns=[*columns, "suspect"])
+        fit = suspects.get(name) or fits[name]
+        north, east = fit.offset
+        has_node = (pairs["first"] == name) | (pairs["second"] == name)
+        row = {
+            "node": name,
+            "pairs": has_node.sum(),
+            "events": count[name],
+            "north_m": north,
+            "east_m": east,
+            "standard_error_m": fit.error,
+            "explained": fit.explained,
+            "scatter_m": scatter[k],
+            "suspect": name in suspects,
+        }
+        rows.append(row)
+    return pd.DataFrame(rows)
 
 
 def node_note(nodes: pd.DataFrame) -> str | None:
@@ -206,10 +212,7 @@ def node_note(nodes: pd.DataFrame) -> str | None:
 
 
 def _residuals_m(events: pd.DataFrame, taken: pd.DataFrame) -> "pd.Series[float]":
-    """
-    Residuals of the candidates that events took, after the clock correction, as lengths; NaN if
-    unknown or gross. [m]
-    """
+    """Residuals after the clock correction as lengths; NaN if unknown or gross. [m]"""
     return (taken["taken_residual_s"] * _speed(events)).where(~gross_of(events))
 
 
@@ -219,13 +222,10 @@ def _speed(events: pd.DataFrame) -> "pd.Series[float]":
 
 
 def _pair_residuals(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
-    """
-    Median residual of each pair [m], its nodes, and the direction from the first to the second.
-    [rad]
-    """
+    """Median residual of each pair [m], its nodes, and the direction between them."""
     ends = np.sort(events[["source", "receiver"]].to_numpy(dtype=str), axis=1)
-    turned = ends[:, 0] != events["source"].to_numpy(dtype=str)
-    bearing = np.radians(events["bearing_deg"].to_numpy()) + np.pi * turned
+    is_reversed = ends[:, 0] != events["source"].to_numpy(dtype=str)
+    bearing = np.radians(events["bearing_deg"].to_numpy()) + np.pi * is_reversed
     table = events[["pair"]].assign(
         first=ends[:, 0],
         second=ends[:, 1],
@@ -249,21 +249,20 @@ def _pair_residuals(events: pd.DataFrame, taken: pd.DataFrame) -> pd.DataFrame:
 
 def _clocks_from_one_way(events: pd.DataFrame, pairs: pd.DataFrame) -> int:
     """
-    Number of clock offsets that were fitted to pairs with events in one direction only, which
-    therefore have smaller residuals.
+    Number of clock offsets that were fitted to pairs with events in one direction only.
+
+    These pairs have smaller residuals.
     """
     used = events[events["pair"].isin(pairs.index)]
-    both = used.groupby("pair")["source"].nunique() > 1
+    is_two_way = used.groupby("pair")["source"].nunique() > 1
 
-    def fitted(table: pd.DataFrame) -> int:
+    def rank(table: pd.DataFrame) -> int:
         names = sorted({*table["first"], *table["second"]})
-        return (
-            int(np.linalg.matrix_rank(np.array([_membership(table, name) for name in names])))
-            if names
-            else 0
-        )
+        if not names:
+            return 0
+        return int(np.linalg.matrix_rank(np.array([_membership(table, name) for name in names])))
 
-    return fitted(pairs) - fitted(pairs[both.reindex(pairs.index)])
+    return rank(pairs) - rank(pairs[is_two_way.reindex(pairs.index)])
 
 
 def _membership(pairs: pd.DataFrame, name: str) -> Array:
@@ -280,57 +279,58 @@ def _directions(pairs: pd.DataFrame, name: str) -> Array:
 
 def _offset(pairs: pd.DataFrame, residual: Array, name: str, free: int) -> _Offset:
     """
-    Offset of a node from the residuals of all pairs [m], of which a number is free after the fit.
+    Offset of a node from the residuals of all pairs [m], of which some are free after the fit.
     """
     from scipy.stats import f as f_distribution
 
     design = _directions(pairs, name)
     distance = pairs["distance_m"].to_numpy()
-    own = np.flatnonzero(design.any(axis=1))
-    if own.size < _MIN_PAIRS or free < 1 or np.linalg.matrix_rank(design[own], tol=1e-6) < 2:
+    rows = np.flatnonzero(design.any(axis=1))
+    if rows.size < _MIN_PAIRS or free < 1 or np.linalg.matrix_rank(design[rows], tol=1e-6) < 2:
         return _UNKNOWN
     relative = distance / np.sqrt(np.mean(distance**2))
-    offset, covariance = _weighted(design[own], relative[own], residual[own])
-    left = residual - design @ offset
-    before = float(np.sum(residual[own] ** 2))
-    scale = float(np.sum(left**2)) / free
+    offset, covariance = _least_squares(design[rows], relative[rows], residual[rows])
+    remaining = residual - design @ offset
+    before = float(np.sum(residual[rows] ** 2))
+    scale = float(np.sum(remaining**2)) / free
     if before == 0.0:
         return _UNKNOWN
     nodes = len({*pairs["first"], *pairs["second"]})
     limit = float(f_distribution.isf(_SUSPECT_LEVEL / nodes, 2, free))
     significance = _f_statistic(offset, covariance, scale) / limit
-    for pair in own if significance > 1.0 else ():
-        others = own[own != pair]
+    # one wrong arrival is not enough: the offset must be significant without any one pair too
+    for pair in rows if significance > 1.0 else ():
+        others = rows[rows != pair]
         if np.linalg.matrix_rank(design[others], tol=_WEAK) < 2:
             significance = 0.0
             break
-        fit = _weighted(design[others], relative[others], residual[others])
+        fit = _least_squares(design[others], relative[others], residual[others])
         significance = min(significance, _f_statistic(*fit, scale) / (_CONFIRMED * limit))
     largest = float(np.linalg.eigvalsh(covariance)[-1]) / (1.0 - 0.5 * _POSITION_SHARE)
     error = float(np.sqrt(scale * largest * free / max(free - 2, 1)))
-    return _Offset(offset, error, 1.0 - float(np.sum(left[own] ** 2)) / before, significance)
+    return _Offset(offset, error, 1.0 - float(np.sum(remaining[rows] ** 2)) / before, significance)
 
 
-def _weighted(design: Array, distance: Array, residual: Array) -> tuple[Array, Array]:
+def _least_squares(design: Array, distance: Array, residual: Array) -> tuple[Array, Array]:
     """
-    Offset by generalized least squares, and its covariance for residuals of variance 1; distances
-    are relative.
+    Offset by generalized least squares, and its covariance for residuals of variance 1.
+
+    Distances are relative.
     """
-    water = (1.0 - _SHARED_WATER) * np.diag(distance**2) + _SHARED_WATER * np.outer(
-        distance, distance
-    )
-    noise = (1.0 - _WATER_SHARE - 0.5 * _POSITION_SHARE) * np.eye(
-        distance.size
-    ) + _WATER_SHARE * water
-    weighted = np.linalg.solve(noise, design)
-    covariance = np.linalg.inv(design.T @ weighted)
-    return np.asarray(covariance @ (weighted.T @ residual)), np.asarray(covariance)
+    water = (1.0 - _SHARED_WATER) * np.diag(distance**2)
+    water = water + _SHARED_WATER * np.outer(distance, distance)
+    independent = (1.0 - _WATER_SHARE - 0.5 * _POSITION_SHARE) * np.eye(distance.size)
+    noise = independent + _WATER_SHARE * water
+    whitened = np.linalg.solve(noise, design)
+    covariance = np.linalg.inv(design.T @ whitened)
+    return np.asarray(covariance @ (whitened.T @ residual)), np.asarray(covariance)
 
 
 def _f_statistic(offset: Array, covariance: Array, scale: float) -> float:
     """
-    Squared offset over its variance if the node has the usual error of its position, per axis;
-    infinite without noise.
+    Squared offset over its variance with the usual error of a position, per axis.
+
+    It is infinite without noise.
     """
     usual = covariance + 0.5 * _POSITION_SHARE * np.eye(2)
     size = float(offset @ np.linalg.solve(usual, offset)) / 2.0
@@ -339,15 +339,16 @@ def _f_statistic(offset: Array, covariance: Array, scale: float) -> float:
 
 def _scatter(events: pd.DataFrame, taken: pd.DataFrame, names: list[str]) -> Array:
     """
-    Standard deviation of range errors that each node contributes: the squared scatter of a pair is
-    the sum of two. [m]
+    Standard deviation of range errors that each node contributes. [m]
+
+    The squared scatter of a pair is the sum of two.
     """
     from scipy.optimize import nnls
 
     residual = _residuals_m(events, taken)
     pair = events["pair"]
-    apart = residual - residual.groupby(pair).transform("median")
-    size = apart.abs().groupby(pair).median().dropna() * MAD_TO_SIGMA
+    deviation = residual - residual.groupby(pair).transform("median")
+    size = deviation.abs().groupby(pair).median().dropna() * MAD_TO_SIGMA
     if len(size) <= len(names):
         return np.full(len(names), np.nan)
     ends = events.drop_duplicates("pair").set_index("pair").loc[size.index, ["source", "receiver"]]

@@ -32,8 +32,8 @@ def correct_events(events: Events, replay: Replay) -> Events:
     ends = {"source": events.source, "receiver": events.receiver, "time_s": events.time}
     clocks = replay.clocks
     values = [name for name in ("offset_s", "drift") if name in clocks]
-    known = clocks.assign(**{name: clocks[name].fillna(0.0) for name in values})
-    wrong = clock_errors(pd.DataFrame(ends), known)
+    clocks = clocks.assign(**{name: clocks[name].fillna(0.0) for name in values})
+    wrong = clock_errors(pd.DataFrame(ends), clocks)
     changes: dict[str, Any] = {"travel_time": events.travel_time - np.nan_to_num(wrong)}
     suspect = replay.nodes[replay.nodes["suspect"]]
     offsets = suspect[["node", "north_m", "east_m"]].to_numpy(dtype=object)
@@ -41,13 +41,13 @@ def correct_events(events: Events, replay: Replay) -> Events:
         name = getattr(events, end)
         position = getattr(events, f"{end}_position").copy()
         for node, north, east in offsets.tolist():
-            own = name == node
-            position[own] = _moved(position[own], north, east, events.geographic)
+            rows = name == node
+            position[rows] = _translate(position[rows], north, east, events.geographic)
         changes[f"{end}_position"] = position
     return replace(events, **changes)
 
 
-def _moved(position: Array, north: float, east: float, geographic: bool) -> Array:
+def _translate(position: Array, north: float, east: float, geographic: bool) -> Array:
     """Positions that are moved horizontally. [m]"""
     if not geographic:
         return np.asarray(position + np.array([north, east, 0.0]))

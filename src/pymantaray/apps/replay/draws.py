@@ -32,9 +32,7 @@ _SUGGESTED_BOUNCES = 7  # reflections
 def choice_of(
     sound: Transmission, distance: Array, cutoff_db: float, detector: Detector | None
 ) -> Choice:
-    """
-    Receptions from source to receiver; without a detector their loss is spreading alone, re 1 m.
-    """
+    """Receptions from source to receiver; without a detector their loss is spreading, re 1 m."""
     forth = sound.receptions.at({"reception": sound.receptions.direction == Direction.FORTH})
     loss = forth.loss_db
     if detector is None:
@@ -53,11 +51,9 @@ def predict_draws(
     draws: int,
     progress: CountProgress,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """
-    Prediction of some events by the merged arrivals of several draws of rough ice, and all
-    candidates; indexed by event.
-    """
-    (medium, currents), reception = sea, water.reception
+    """Prediction of some events by the merged arrivals of several draws, and all candidates."""
+    medium, currents = sea
+    reception = water.reception
     rough = medium.surface.roughness
     if draws > 1 and rough is None:
         raise ReplayError(
@@ -67,75 +63,77 @@ def predict_draws(
     source, receiver = ends_of(events, rows, water, medium.earth)
     if rough is not None and events.geographic and (water.frame is None or water.uniform):
         source, receiver = _on_ice(events, rows, source, receiver, rough.length)
-    # nodes at rest repeat theirs
-    links, of = np.unique(np.hstack([source, receiver]), axis=0, return_inverse=True)
-    source = links[:, :3]
-    receiver = links[:, 3:]
+    # nodes at rest have the same link at every event
+    links, link_index = np.unique(np.hstack([source, receiver]), axis=0, return_inverse=True)
+    source, receiver = np.split(links, 2, axis=1)
     distance = medium.straight_distance(source, receiver)
     cutoff = np.inf if reception.spreading_cutoff_db is None else reception.spreading_cutoff_db
     wide = reception._replace(arrival="first")
     parts = []
     status = np.full(len(links), RayStatus.SHADOW, dtype=np.int8)
     for draw in range(draws):
-        one = medium
+        drawn_medium = medium
         if rough is not None:
-            one = replace(
+            drawn_medium = replace(
                 medium, surface=medium.surface.with_roughness(rough.with_draw(rough.draw + draw))
             )
-        sound = find_receptions(source, receiver, one, wide, currents=currents)
+        sound = find_receptions(source, receiver, drawn_medium, wide, currents=currents)
         choice = choice_of(sound, distance, cutoff, reception.detector)
-        r = choice.receptions
-        kept = choice.within_cutoff() | (r.arrival < 0)
-        columns = (
-            r.link,
-            np.full(r.link.size, draw),
-            r.travel_time,
-            choice.loss_db,
-            r.surface_bounces,
-            r.bottom_bounces,
+        receptions = choice.receptions
+        is_candidate = choice.within_cutoff() | (receptions.arrival < 0)
+        arrivals = DrawnArrivals(
+            event=receptions.link,
+            draw=np.full(receptions.link.size, draw),
+            time=receptions.travel_time,
+            loss_db=choice.loss_db,
+            surface_bounces=receptions.surface_bounces.astype(np.int64),
+            bottom_bounces=receptions.bottom_bounces.astype(np.int64),
         )
-        parts.append([np.asarray(x)[kept] for x in columns])
+        parts.append([column[is_candidate] for column in arrivals])
         status = np.where((draw == 0) | (sound.status == RayStatus.OK), sound.status, status)
         progress(draw + 1, draws)
-    link, draw_of, time, loss, surface, bottom = (
-        np.concatenate(x) for x in zip(*parts, strict=True)
+    arrivals = DrawnArrivals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    candidates_of_links = merge_draws(arrivals, draws)
+    frame = _frame(
+        candidates_of_links, status, distance, sound.arrivals.source_sound_speed, rule, choice
     )
-    merged = merge_draws(
-        DrawnArrivals(link, draw_of, time, loss, surface.astype(np.int64), bottom.astype(np.int64)),
-        draws,
-    )
-    frame = _frame(merged, status, distance, sound.arrivals.source_sound_speed, rule, choice)
-    at = merged["event"].to_numpy()
-    start = np.searchsorted(at, of)
-    stop = np.searchsorted(at, of, side="right")
-    candidates = merged.iloc[
+    link_of = candidates_of_links["event"].to_numpy()
+    start = np.searchsorted(link_of, link_index)
+    stop = np.searchsorted(link_of, link_index, side="right")
+    candidates = candidates_of_links.iloc[
         np.concatenate([np.arange(i, j) for i, j in zip(start, stop, strict=True)])
     ]
     candidates = candidates.assign(event=np.repeat(rows, stop - start))
-    bearing = np.degrees(np.arctan2(*(receiver - source)[:, 1::-1].T))
-    known = {"bearing_deg": bearing[of], "chord_s": sound.arrivals.chord_travel_time[of]}
-    return frame.iloc[of].assign(cast=water.name, **known).set_index(rows), candidates
+    step = receiver - source
+    bearing = np.degrees(np.arctan2(step[:, 1], step[:, 0]))
+    frame = frame.iloc[link_index].assign(
+        cast=water.name,
+        bearing_deg=bearing[link_index],
+        chord_s=sound.arrivals.chord_travel_time[link_index],
+    )
+    return frame.set_index(rows), candidates
 
 
 def _on_ice(
     events: Events, rows: Rows, source: Array, receiver: Array, length: float
 ) -> tuple[Array, Array]:
     """
-    Ends of events under ice that drifts with the nodes: each pair has its own ice, the same in both
-    directions.
+    Ends of events under ice that drifts with the nodes.
+
+    Each pair has its own ice, the same in both directions.
 
     The first node of a pair, by name, keeps its place.
     """
     _, pair = np.unique(events.pair, return_inverse=True)
     back = events.source[rows] > events.receiver[rows]
     origin = np.where(back[:, None], receiver, source) * [1.0, 1.0, 0.0]
-    shift = -origin
-    shift[:, 0] += _PAIR_SPACING * length * pair[rows]
-    return source + shift, receiver + shift
+    translation = -origin
+    translation[:, 0] += _PAIR_SPACING * length * pair[rows]
+    return source + translation, receiver + translation
 
 
 def _frame(
-    merged: pd.DataFrame,
+    candidates: pd.DataFrame,
     status: NDArray[np.int8],
     distance: Array,
     speed: Array,
@@ -145,35 +143,32 @@ def _frame(
     """Columns of the events by a rule on merged candidates."""
     n = distance.size
     sonar = choice.sonar
-    link = merged["event"].to_numpy()
-    loss = merged["loss_db"].to_numpy()
-    time = merged["travel_time_s"].to_numpy()
-    share = merged["share"].to_numpy()
-    usual = np.zeros(n, dtype=bool)
-    usual[link[share >= _MIN_DRAW_SHARE]] = True
-    allowed = (share >= _MIN_DRAW_SHARE) | ~usual[link]
+    link = candidates["event"].to_numpy()
+    loss = candidates["loss_db"].to_numpy()
+    time = candidates["travel_time_s"].to_numpy()
+    share = candidates["share"].to_numpy()
+    has_usual = np.zeros(n, dtype=bool)
+    has_usual[link[share >= _MIN_DRAW_SHARE]] = True
+    is_allowed = (share >= _MIN_DRAW_SHARE) | ~has_usual[link]
     least = np.full(n, np.inf)
-    np.minimum.at(least, link[allowed], loss[allowed])
+    np.minimum.at(least, link[is_allowed], loss[is_allowed])
     if rule.kind in ("within", "persist"):
-        allowed &= loss <= least[link] + (6.0 if rule.within_db is None else rule.within_db)
+        is_allowed &= loss <= least[link] + (6.0 if rule.within_db is None else rule.within_db)
     if rule.kind == "threshold" and sonar is not None:
-        allowed &= loss <= sonar.figure_of_merit_db
+        is_allowed &= loss <= sonar.figure_of_merit_db
     keys = [loss, time] if rule.kind == "strongest" else [time]
-    first = first_picks(link, keys, allowed, n)
-    allowed[first[first >= 0]] = False
-    after = first_picks(link, keys, allowed, n)
-    state = np.where(
-        first >= 0,
-        np.int8(RayStatus.OK),
-        np.where(status == RayStatus.OK, RayStatus.UNHEARD, status),
-    )
+    first = first_picks(link, keys, is_allowed, n)
+    is_allowed[first[first >= 0]] = False
+    after = first_picks(link, keys, is_allowed, n)
+    outcome = np.where(status == RayStatus.OK, RayStatus.UNHEARD, status)
+    outcome[first >= 0] = RayStatus.OK
     return pd.DataFrame(
         {
             "cast": "",
             "distance_m": distance,
-            "status": [RayStatus(int(code)).name.lower() for code in state],
+            "status": [RayStatus(int(code)).name.lower() for code in outcome],
             "n_arrivals": np.bincount(link, minlength=n),
-            **predicted_columns(merged, first, after, sonar),
+            **predicted_columns(candidates, first, after, sonar),
             "near_limit": False,
             "sound_speed_m_s": speed,
         }
@@ -183,12 +178,10 @@ def _frame(
 def with_median_candidate(
     table: pd.DataFrame, candidates: pd.DataFrame, median: Array
 ) -> pd.DataFrame:
-    """
-    Events whose predicted arrival is the candidate nearest to the median of their mixture. [s]
-    """
-    at = candidates["event"].to_numpy(dtype=np.int64)
-    far = np.abs(candidates["travel_time_s"].to_numpy() - median[at])
-    events, rows = first_rows(at, [far], np.ones(at.size, dtype=bool))
+    """Events whose arrival is the candidate nearest to the median of their mixture. [s]"""
+    event = candidates["event"].to_numpy(dtype=np.int64)
+    distance = np.abs(candidates["travel_time_s"].to_numpy() - median[event])
+    events, rows = first_rows(event, [distance], np.ones(event.size, dtype=bool))
     out = table.copy()
     level = table["level_db"] + table["loss_db"]
     for name, source in (
@@ -206,37 +199,40 @@ def bounce_hint(
     events: Events, waters: Sequence[Water], predicted: NDArray[np.bool_]
 ) -> tuple[str, ...]:
     """
-    Suggest reflections, if none are allowed, few events are predicted and reflections would predict
-    more of them.
+    Suggest reflections if none are allowed and they would predict more events.
 
     The number is from at most 60 events without a prediction, evenly spaced in the table.
     """
-    some = any(w.reception.max_surface_bounces + w.reception.max_bottom_bounces for w in waters)
+    some = any(
+        water.reception.max_surface_bounces + water.reception.max_bottom_bounces for water in waters
+    )
     if some or not predicted.size or predicted.mean() >= _MIN_PREDICTED_SHARE:
         return ()
-    lost = np.flatnonzero(~predicted)
-    sample = lost[
-        np.unique(np.linspace(0, lost.size - 1, min(lost.size, _SUGGESTION_EVENTS)).astype(int))
+    missing = np.flatnonzero(~predicted)
+    sample = missing[
+        np.unique(
+            np.linspace(0, missing.size - 1, min(missing.size, _SUGGESTION_EVENTS)).astype(int)
+        )
     ]
     which = choose_water(events, waters)[sample]
-    gained = 0
+    n_gained = 0
     for index in np.unique(which).tolist():
         water = waters[index]
         rows = sample[which == index]
         time = float(instants_in(events, rows, water, 600.0)[0])
         medium, _ = water.at(time)
         smooth = replace(medium, surface=medium.surface.with_roughness(None))
-        allowed = water.reception._replace(
+        reception = water.reception._replace(
             arrival="first", max_surface_bounces=_SUGGESTED_BOUNCES, detector=None, leakage=None
         )
-        sound = find_receptions(*ends_of(events, rows, water, medium.earth), smooth, allowed)
-        gained += int(np.count_nonzero(sound.status == RayStatus.OK))
-    if not gained:
+        sound = find_receptions(*ends_of(events, rows, water, medium.earth), smooth, reception)
+        n_gained += int(np.count_nonzero(sound.status == RayStatus.OK))
+    if not n_gained:
         return ()
     share = 100.0 * predicted.mean()
     hint = (
         f"{share:.0f} % of the events are predicted, and no reflections are allowed; with"
-        f" `max_surface_bounces={_SUGGESTED_BOUNCES}`, {gained} of {sample.size} of the other"
+        f" `max_surface_bounces={_SUGGESTED_BOUNCES}`, {n_gained} of {sample.size} of the other"
         " events have an arrival"
     )
     return (hint,)

@@ -14,7 +14,8 @@ from pymantaray.records.text_table import TextTable, read_text_table
 
 Names = NDArray[np.str_]
 ENDS = ("source", "receiver")
-_PLACES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}
+_AXES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}
+"""Axes of positions by `Events.geographic`."""
 _MILLISECONDS = (300.0, 3000.0)  # ratio of times with a wrong unit
 _SOUND_SPEED = 1500.0  # m/s
 _M_PER_DEGREE = 111_100.0
@@ -94,11 +95,13 @@ class Events:
                 wrong = (np.abs(lat) > 90.0) | (np.abs(lon) > 360.0)
                 self._refuse(name, wrong, "latitude in -90 to 90, longitude in -360 to 360 degrees")
 
-    def _refuse(self, name: str, wrong: NDArray[np.bool_], allowed: str) -> None:
+    def _refuse(self, name: str, wrong: NDArray[np.bool_], requirement: str) -> None:
         if wrong.any():
             row = int(np.argmax(wrong))
             values = " and ".join(str(getattr(self, part)[row]) for part in name.split(" and "))
-            raise ReplayError(f"events: {name} of event {row + 1} is {values}; allowed: {allowed}")
+            raise ReplayError(
+                f"events: {name} of event {row + 1} is {values}; allowed: {requirement}"
+            )
 
     @property
     def pair(self) -> Names:
@@ -141,7 +144,9 @@ def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
     invalid = InvalidLines()
     try:
         table = read_text_table(path, invalid=invalid)
-        return _events(table if nodes is None else _placed(table, read_text_table(nodes)), invalid)
+        return _events(
+            table if nodes is None else _with_positions(table, read_text_table(nodes)), invalid
+        )
     except RecordError as error:
         raise ReplayError(str(error)) from None
 
@@ -154,65 +159,62 @@ def _events(table: TextTable, invalid: InvalidLines) -> Events:
         raise ReplayError(
             f"{path}: has positions in lat, lon and in north, east; keep one of the two"
         )
-    places = [f"{end}_{axis}" for end in ENDS for axis in _PLACES[geographic]]
-    table.require(["time", *ENDS, *places, "travel_time", *sorted({"sigma", "cast"} & columns)])
-    measured = [*places, "travel_time"]
-    table = table.readable(
-        invalid, times=["time"], numbers=measured, words=ENDS, optional=["sigma"]
+    source_columns, receiver_columns = (
+        [f"{end}_{axis}" for axis in _AXES[geographic]] for end in ENDS
     )
+    numbers = [*source_columns, *receiver_columns, "travel_time"]
+    table.require(["time", *ENDS, *numbers, *sorted({"sigma", "cast"} & columns)])
+    table = table.readable(invalid, times=["time"], numbers=numbers, words=ENDS, optional=["sigma"])
     invalid.refuse_most(len(table.frame), ReplayError)
-    numbers = table.numbers(measured)
     names = {end: table.words(end) for end in ENDS}
     time, epoch = table.seconds("time")
     events = Events(
         time=time,
         source=np.array(names["source"], dtype=str),
         receiver=np.array(names["receiver"], dtype=str),
-        source_position=numbers[:, :3],
-        receiver_position=numbers[:, 3:6],
-        travel_time=numbers[:, 6],
+        source_position=table.numbers(source_columns),
+        receiver_position=table.numbers(receiver_columns),
+        travel_time=table.numbers(["travel_time"])[:, 0],
         geographic=geographic,
         sigma=table.optional("sigma"),
         cast=np.array(table.words("cast"), dtype=str),
         epoch=epoch,
         notes=invalid.notes,
     )
-    _check_unit(table, numbers, geographic=geographic)
+    _check_unit(path, events)
     return events
 
 
-def _check_unit(table: TextTable, numbers: Array, *, geographic: bool) -> None:
-    """
-    Raise an error if travel times, the last column behind both positions, are thousands of times
-    too long or too short.
-    """
-    step = numbers[:, 3:6] - numbers[:, :3]
-    if geographic:
+def _check_unit(path: Path, events: Events) -> None:
+    """Raise an error if travel times are thousands of times too long or too short."""
+    step = events.receiver_position - events.source_position
+    if events.geographic:
         step[:, :2] *= _M_PER_DEGREE
-        step[:, 1] *= np.cos(np.radians(numbers[:, 0]))
-    expected = np.linalg.norm(step, axis=1) / _SOUND_SPEED
-    ratio = float(np.median(numbers[:, 6] / np.maximum(expected, 1e-6)))
+        step[:, 1] *= np.cos(np.radians(events.source_position[:, 0]))
+    straight_time = np.linalg.norm(step, axis=1) / _SOUND_SPEED
+    ratio = float(np.median(events.travel_time / np.maximum(straight_time, 1e-6)))
     low, high = _MILLISECONDS
     if low < ratio < high or low < 1.0 / max(ratio, 1e-9) < high:
         raise ReplayError(
-            f"{table.path}: travel_time is {ratio:.3g} times the distance over {_SOUND_SPEED:g} m/s"
-            f" (median {np.median(numbers[:, 6]):g} s); it must be in seconds"
+            f"{path}: travel_time is {ratio:.3g} times the distance over {_SOUND_SPEED:g} m/s"
+            f" (median {np.median(events.travel_time):g} s); it must be in seconds"
         )
 
 
-def _placed(table: TextTable, nodes: TextTable) -> TextTable:
+def _with_positions(table: TextTable, nodes: TextTable) -> TextTable:
     """Table with the positions of nodes from another table, in its coordinates."""
     geographic = "source_lat" in table.frame.columns or "receiver_lat" in table.frame.columns
-    axes = _PLACES[geographic]
+    axes = _AXES[geographic]
     nodes.require(["name", *axes])
-    place = dict(zip(nodes.words("name"), nodes.frame[list(axes)].to_numpy().tolist(), strict=True))
+    names = nodes.words("name")
     table.require(list(ENDS))
     frame = table.frame.copy()
     for end in ENDS:
-        known = frame[end].str.strip().isin(list(place)).to_numpy()
-        for k, axis in enumerate(axes):
+        node = frame[end].str.strip()
+        has_position = node.isin(names).to_numpy()
+        for axis in axes:
+            coordinates = dict(zip(names, nodes.frame[axis].tolist(), strict=True))
             column = f"{end}_{axis}"
             cells = frame[column] if column in frame.columns else frame[end].map(lambda _: "")
-            located = frame[end].str.strip().map(lambda name, k=k: place.get(name, [""] * 3)[k])
-            frame[column] = cells.where(~known, located)
+            frame[column] = cells.where(~has_position, node.map(coordinates).fillna(""))
     return replace(table, frame=frame)

@@ -1,6 +1,4 @@
-"""
-Page, tables and figures of a replay: residuals over range and time, coverage, clocks and switching.
-"""
+"""Page, tables and figures of a replay: residuals, coverage, clocks and switching."""
 
 from collections.abc import Sequence
 from functools import partial
@@ -100,9 +98,8 @@ def _page(replay: Replay, pictures: Sequence[Picture], record: dict[str, Any]) -
 def _explorer(events: pd.DataFrame) -> Explorer | None:
     """Residuals of events over time and distance."""
     count = events["surface_bounces"] + events["bottom_bounces"]
-    words = count.astype("string") + count.eq(1).map({True: " bounce", False: " bounces"}).fillna(
-        ""
-    )
+    noun = count.eq(1).map({True: " bounce", False: " bounces"}).fillna("")
+    words = count.astype("string") + noun
     table = events.assign(time_h=events["time_s"] / 3600.0, bounces=words.fillna("none predicted"))
     return table_explorer(
         table,
@@ -115,39 +112,40 @@ def _explorer(events: pd.DataFrame) -> Explorer | None:
 
 def _cards(replay: Replay) -> list[Card]:
     """Cards of coverage, residuals and switching."""
-    every = replay.summary.iloc[0]
-    lost = [
-        f"{every[name]} {label}"
+    total = replay.summary.iloc[0]
+    reasons = [
+        f"{total[name]} {label}"
         for name, (_, label) in _STATUS_STYLES.items()
-        if name in every.index
+        if name in total.index
     ]
     size = (
-        f"{metres(every['median_size_low_m'])} to {metres(every['median_size_high_m'])} over pairs"
+        f"{metres(total['median_size_low_m'])} to {metres(total['median_size_high_m'])} over pairs"
     )
-    near = int(replay.events["near_limit"].sum())
+    n_near = int(replay.events["near_limit"].sum())
     switching = replay.switching.iloc[0]
+    rate = "unobservable"
+    independent = "residuals cannot separate candidates"
+    if switching["steps"]:
+        rate = f"{show(100.0 * switching['rate'])} %"
+        independent = (
+            f"{show(100.0 * switching['independent_rate'])} % if independent;"
+            f" {switching['steps']:,} steps"
+        )
     return [
         Card(
             "Predicted",
-            f"{every['predicted']:,} of {every['events']:,}",
-            ", ".join(lost) or "all events",
+            f"{total['predicted']:,} of {total['events']:,}",
+            ", ".join(reasons) or "all events",
         ),
-        Card("Median size of the residual", metres(every["median_size_m"]), size),
+        Card("Median size of the residual", metres(total["median_size_m"]), size),
         Card(
             "Median residual",
-            signed_metres(every["median_m"]),
+            signed_metres(total["median_m"]),
             "measured minus predicted, without correction of clocks",
         ),
+        Card("Changes of candidate", rate, independent),
         Card(
-            "Changes of candidate",
-            f"{show(100.0 * switching['rate'])} %" if switching["steps"] else "unobservable",
-            f"{show(100.0 * switching['independent_rate'])} % if independent;"
-            f" {switching['steps']:,} steps"
-            if switching["steps"]
-            else "residuals cannot separate candidates",
-        ),
-        Card(
-            "Near a limit", f"{near:,} events", "a limit 1 dB higher or lower changes the arrival"
+            "Near a limit", f"{n_near:,} events", "a limit 1 dB higher or lower changes the arrival"
         ),
     ]
 
@@ -189,19 +187,19 @@ def _figure_specs(replay: Replay) -> list[FigureSpec]:
 def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: str) -> Figure:
     """Residuals against distance by bounces: all residuals, and their middle part."""
     figure = style.new_figure(style.DOUBLE, 3.0, header)
-    whole, middle = figure.subplots(1, 2, sharex=True)
-    known = events[events["residual_m"].notna()]
-    if known.empty:
-        style.note(whole, "no event has a predicted arrival")
+    overview, middle = figure.subplots(1, 2, sharex=True)
+    rows = events[events["residual_m"].notna()]
+    if rows.empty:
+        style.note(overview, "no event has a predicted arrival")
         style.note(middle, "no event has a predicted arrival")
         return figure
-    bounces = (known["surface_bounces"] + known["bottom_bounces"]).fillna(0).astype(int)
-    reach = float(np.percentile(known["residual_m"].abs(), 90.0)) * 1.3
+    bounces = (rows["surface_bounces"] + rows["bottom_bounces"]).fillna(0).astype(int)
+    limit = float(np.percentile(rows["residual_m"].abs(), 90.0)) * 1.3
     colours = (style.BLUE, style.ORANGE, style.GREEN, style.PINK)
-    for axes in (whole, middle):
+    for axes in (overview, middle):
         for number, colour in enumerate(colours):
             last = number == len(colours) - 1
-            part = known[bounces >= number] if last else known[bounces == number]
+            part = rows[bounces >= number] if last else rows[bounces == number]
             word = f"{number}{' or more' if last else ''} bounce{'' if number == 1 else 's'}"
             axes.plot(
                 part["distance_m"] / 1e3,
@@ -216,12 +214,12 @@ def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: st
         axes.axhline(0.0, color=style.INK, linewidth=0.7, linestyle="--")
         axes.set_xlabel("Straight distance [km]")
     groups = summary[(summary["by"] == "range") & (summary["predicted"] > 0)]
-    x = [_middle(name) for name in groups["group"]]
+    middles = [_middle(name) for name in groups["group"]]
     spread = np.abs(
         groups[["median_low_m", "median_high_m"]].sub(groups["median_m"], axis=0).to_numpy().T
     )
     middle.errorbar(
-        x,
+        middles,
         groups["median_m"],
         np.nan_to_num(spread),
         fmt="_",
@@ -229,11 +227,11 @@ def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: st
         capsize=2.0,
         linewidth=1.0,
     )
-    middle.set_ylim(-reach, reach)
-    whole.set_ylabel("Residual [m]")
-    style.panel_title(whole, "a", "all events")
+    middle.set_ylim(-limit, limit)
+    overview.set_ylabel("Residual [m]")
+    style.panel_title(overview, "a", "all events")
     style.panel_title(middle, "b", "middle nine tenths")
-    style.common_legend(figure, whole.get_legend_handles_labels()[0], markerscale=3)
+    style.common_legend(figure, overview.get_legend_handles_labels()[0], markerscale=3)
     return figure
 
 
@@ -246,23 +244,25 @@ def _middle(name: str) -> float:
 @style.styled
 def residuals_over_time(events: pd.DataFrame, header: str) -> Figure:
     """Residuals of each pair against time."""
-    known = events[events["residual_s"].notna()]
-    pairs = known["pair"].value_counts(sort=True).index[:_MAX_PAIRS].sort_values()
+    rows = events[events["residual_s"].notna()]
+    pairs = rows["pair"].value_counts(sort=True).index[:_MAX_PAIRS].sort_values()
     lines = max(-(-len(pairs) // 3), 1)
     figure = style.new_figure(style.DOUBLE, 0.5 + 1.35 * lines, header)
     panels = figure.subplots(lines, 3, sharex=True, squeeze=False)
     for axes in panels.flat[len(pairs) :]:
         axes.set_visible(False)
-    hours = known["time_s"] / 3600.0
+    hours = rows["time_s"] / 3600.0
     for axes, pair in zip(panels.flat, pairs, strict=False):
-        part = known[known["pair"] == pair]
+        part = rows[rows["pair"] == pair]
         first = min(part["source"].iloc[0], part["receiver"].iloc[0])
         for colour, way in (
             (style.BLUE, part["source"] == first),
             (style.ORANGE, part["source"] != first),
         ):
-            rows = part.index[way]
-            axes.plot(hours[rows], 1e3 * part["residual_s"][way], ".", color=colour, markersize=2.0)
+            index = part.index[way]
+            axes.plot(
+                hours[index], 1e3 * part["residual_s"][way], ".", color=colour, markersize=2.0
+            )
         axes.axhline(0.0, color=style.INK, linewidth=0.5, linestyle="--")
         axes.set_title(style.plain(style.short(str(pair))), loc="left")
     for axes in panels[:, 0]:
@@ -270,10 +270,10 @@ def residuals_over_time(events: pd.DataFrame, header: str) -> Figure:
     for axes in panels[-1]:
         axes.set_xlabel("Time [h]")
     for column in range(3):
-        shown = [axes for axes in panels[:, column] if axes.get_visible()]
-        if shown:
-            shown[-1].set_xlabel("Time [h]")
-            shown[-1].tick_params(labelbottom=True)
+        visible = [axes for axes in panels[:, column] if axes.get_visible()]
+        if visible:
+            visible[-1].set_xlabel("Time [h]")
+            visible[-1].tick_params(labelbottom=True)
     handles = [
         style.entry("from the first name", color=style.BLUE, marker=".", linestyle=""),
         style.entry("to the first name", color=style.ORANGE, marker=".", linestyle=""),
@@ -322,18 +322,20 @@ def coverage_bars(summary: pd.DataFrame, header: str) -> Figure:
     sizes = [min(int((summary["by"] == kind).sum()), 24) for kind in kinds]
     figure = style.new_figure(style.DOUBLE, 0.9 + 0.16 * max(sizes), header)
     panels = figure.subplots(1, 3)
-    present = ["ok", *(name for name in _STATUS_STYLES if name in summary.columns)]
+    others = [name for name in _STATUS_STYLES if name in summary.columns]
     for axes, kind, letter in zip(panels, kinds, "abc", strict=True):
         part = summary[summary["by"] == kind].nlargest(24, "events").sort_index()
-        left = np.zeros(len(part))
-        y = np.arange(len(part))
-        for name in present:
+        start = np.zeros(len(part))
+        positions = np.arange(len(part))
+        for name in ("ok", *others):
             colour, label = _STATUS_STYLES[name]
-            count = part[name] if name in part else part["events"] - part[present[1:]].sum(axis=1)
+            count = part[name] if name in part else part["events"] - part[others].sum(axis=1)
             share = 100.0 * (count / part["events"]).to_numpy(dtype=float)
-            axes.barh(y, share, left=left, height=0.75, color=colour, label=label)
-            left += share
-        axes.set_yticks(y, [style.plain(style.short(str(name), 18)) for name in part["group"]])
+            axes.barh(positions, share, left=start, height=0.75, color=colour, label=label)
+            start += share
+        axes.set_yticks(
+            positions, [style.plain(style.short(str(name), 18)) for name in part["group"]]
+        )
         axes.invert_yaxis()
         axes.set_xlim(0.0, 100.0)
         axes.set_xlabel("Share of events [%]")

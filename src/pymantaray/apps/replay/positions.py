@@ -1,7 +1,4 @@
-"""
-Smoothed positions of nodes: a random walk with drift, measured with the noise of satellite
-positions.
-"""
+"""Smoothed positions of nodes: a random walk with drift, measured with noise."""
 
 import math
 from dataclasses import replace
@@ -16,9 +13,8 @@ from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.quantities.checks import check_number
 
-_WALKS = np.geomspace(
-    1e-4, 10.0, 21
-)  # m per square root of a second, among which the likelihood chooses
+# m per square root of a second, among which the likelihood chooses
+_WALKS = np.geomspace(1e-4, 10.0, 21)
 _REFINEMENTS = 3  # of the choice, each ten times finer
 _DRIFT = 2.0  # m/s; prior standard deviation of the drift, above that of ice
 _VAGUE = 1e4  # m; prior standard deviation of the first position
@@ -35,7 +31,7 @@ class SmoothedPositions(NamedTuple):
     """
 
 
-class _Smoothed(NamedTuple):
+class _SmoothCoordinate(NamedTuple):
     position: Array
     drift: float
     innovations: Array
@@ -76,63 +72,60 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
     """
     check_number(ReplayError, "smooth positions: sigma", sigma, "m", positive=True)
     frame = None
-    places = np.stack([events.source_position, events.receiver_position])[..., :2].copy()
+    coordinates = np.stack([events.source_position, events.receiver_position])[..., :2].copy()
     if events.geographic:
-        flat = places.reshape(-1, 2)
+        flat = coordinates.reshape(-1, 2)
         frame = LocalFrame(float(flat[:, 0].mean()), float(flat[:, 1].mean()))
-        places = np.stack(frame.to_local(places[..., 0], places[..., 1]), axis=-1)
+        coordinates = np.stack(frame.to_local(coordinates[..., 0], coordinates[..., 1]), axis=-1)
     names = np.stack([events.source, events.receiver])
     times = np.broadcast_to(events.time, names.shape)
     rows = []
     for name in np.unique(names):
-        own = names == name
-        instants, at = np.unique(times[own], return_inverse=True)
-        readings = (
-            np.stack([np.bincount(at, x) for x in places[own].T], axis=-1)
-            / np.bincount(at)[:, None]
-        )
-        walk, axes = _most_likely(instants - instants[0], readings, sigma)
-        smooth = np.stack([axis.position for axis in axes], axis=-1)
+        of_node = names == name
+        instants, reading_of = np.unique(times[of_node], return_inverse=True)
+        sums = [np.bincount(reading_of, coordinate) for coordinate in coordinates[of_node].T]
+        readings = np.stack(sums, axis=-1) / np.bincount(reading_of)[:, None]
+        walk, axes = _fit_walk(instants - instants[0], readings, sigma)
+        north, east = axes
+        smooth = np.stack([north.position, east.position], axis=-1)
         change = np.linalg.norm(smooth - readings, axis=-1)
         innovations = np.concatenate([axis.innovations for axis in axes])
         ratio = float(np.sqrt(np.mean(innovations**2))) if innovations.size else np.nan
-        row = (
-            instants.size,
-            sigma,
-            walk,
-            axes[0].drift,
-            axes[1].drift,
-            np.sqrt(np.mean(change**2)),
-        )
-        rows.append((name, *row, change.max(), ratio))
-        places[own] = smooth[at]
-    columns = [
-        "node",
-        "readings",
-        "sigma_m",
-        "walk_m_per_sqrt_s",
-        "north_m_s",
-        "east_m_s",
-        "rms_change_m",
-    ]
-    table = pd.DataFrame(rows, columns=[*columns, "max_change_m", "innovation_ratio"])
+        row = {
+            "node": name,
+            "readings": instants.size,
+            "sigma_m": sigma,
+            "walk_m_per_sqrt_s": walk,
+            "north_m_s": north.drift,
+            "east_m_s": east.drift,
+            "rms_change_m": np.sqrt(np.mean(change**2)),
+            "max_change_m": change.max(),
+            "innovation_ratio": ratio,
+        }
+        rows.append(row)
+        coordinates[of_node] = smooth[reading_of]
+    table = pd.DataFrame(rows)
     if frame is not None:
-        places = np.stack(frame.to_geodetic(places[..., 0], places[..., 1]), axis=-1)
+        coordinates = np.stack(frame.to_geodetic(coordinates[..., 0], coordinates[..., 1]), axis=-1)
     positions: dict[str, Any] = {
-        f"{end}_position": np.column_stack([places[k], getattr(events, f"{end}_position")[:, 2]])
+        f"{end}_position": np.column_stack(
+            [coordinates[k], getattr(events, f"{end}_position")[:, 2]]
+        )
         for k, end in enumerate(ENDS)
     }
     return SmoothedPositions(replace(events, **positions), table)
 
 
-def _most_likely(time: Array, readings: Array, sigma: float) -> tuple[float, list[_Smoothed]]:
+def _fit_walk(time: Array, readings: Array, sigma: float) -> tuple[float, list[_SmoothCoordinate]]:
     """Strength of the random walk with the largest likelihood, and both smoothed coordinates."""
 
     def likelihood(walk: float) -> float:
-        return sum(_filter(time, x, sigma, walk).log_likelihood for x in readings.T)
+        return sum(
+            _filter(time, coordinate, sigma, walk).log_likelihood for coordinate in readings.T
+        )
 
     if time.size < 3:
-        return 0.0, [_smooth(time, x, sigma, 0.0) for x in readings.T]
+        return 0.0, [_smooth(time, coordinate, sigma, 0.0) for coordinate in readings.T]
     grid = _WALKS
     for _ in range(_REFINEMENTS):
         best = int(np.argmax([likelihood(walk) for walk in grid]))
@@ -140,14 +133,14 @@ def _most_likely(time: Array, readings: Array, sigma: float) -> tuple[float, lis
         high = grid[min(best + 1, grid.size - 1)]
         walk = float(grid[best])
         grid = np.geomspace(low, high, 7)
-    return walk, [_smooth(time, x, sigma, walk) for x in readings.T]
+    return walk, [_smooth(time, coordinate, sigma, walk) for coordinate in readings.T]
 
 
 _State = tuple[float, float, float, float, float]
 """Position, drift and their covariance (xx, xv, vv)."""
 
 
-class _Filtered(NamedTuple):
+class _FilterResult(NamedTuple):
     states: list[_State]
     """State after each reading."""
     predicted: list[_State]
@@ -156,7 +149,7 @@ class _Filtered(NamedTuple):
     innovations: list[float]
 
 
-def _filter(time: Array, reading: Array, sigma: float, walk: float) -> _Filtered:
+def _filter(time: Array, reading: Array, sigma: float, walk: float) -> _FilterResult:
     """Kalman filter of one coordinate relative to its first reading."""
     x = 0.0
     v = 0.0
@@ -167,7 +160,7 @@ def _filter(time: Array, reading: Array, sigma: float, walk: float) -> _Filtered
     before = float(time[0])
     total = 0.0
     states: list[_State] = []
-    predicted: list[_State] = []
+    predictions: list[_State] = []
     innovations: list[float] = []
     for now, value in zip(time.tolist(), reading.tolist(), strict=True):
         step = now - before
@@ -175,32 +168,35 @@ def _filter(time: Array, reading: Array, sigma: float, walk: float) -> _Filtered
         x = x + step * v
         xx = xx + step * (2.0 * xv + step * vv) + walk**2 * step
         xv = xv + step * vv
-        predicted.append((x, v, xx, xv, vv))
+        predictions.append((x, v, xx, xv, vv))
         variance = xx + sigma**2
-        miss = value - first - x
-        x = x + xx / variance * miss
-        v = v + xv / variance * miss
+        innovation = value - first - x
+        x = x + xx / variance * innovation
+        v = v + xv / variance * innovation
         xx, xv, vv = xx * sigma**2 / variance, xv * sigma**2 / variance, vv - xv**2 / variance
         states.append((x, v, xx, xv, vv))
-        innovations.append(miss / math.sqrt(variance))
+        innovations.append(innovation / math.sqrt(variance))
         total -= 0.5 * (innovations[-1] ** 2 + math.log(variance))
-    return _Filtered(states, predicted, total, innovations)
+    return _FilterResult(states, predictions, total, innovations)
 
 
-def _smooth(time: Array, reading: Array, sigma: float, walk: float) -> _Smoothed:
+def _smooth(time: Array, reading: Array, sigma: float, walk: float) -> _SmoothCoordinate:
     """
-    Kalman filter and Rauch-Tung-Striebel smoother of one coordinate; the state is position and
-    drift.
+    Kalman filter and Rauch-Tung-Striebel smoother of one coordinate.
+
+    The state is position and drift.
     """
     forward = _filter(time, reading, sigma, walk)
     states = np.array(forward.states)
-    ahead = np.array(forward.predicted)
-    spread, spread_ahead = (x[:, [[2, 3], [3, 4]]] for x in (states, ahead))
+    predictions = np.array(forward.predicted)
+    covariance, predicted_covariance = (
+        values[:, [[2, 3], [3, 4]]] for values in (states, predictions)
+    )
     smooth = states[:, :2].copy()
     for k in range(time.size - 2, -1, -1):
-        move = np.array([[1.0, float(time[k + 1] - time[k])], [0.0, 1.0]])
-        back = spread[k] @ move.T @ np.linalg.pinv(spread_ahead[k + 1])
-        smooth[k] += back @ (smooth[k + 1] - ahead[k + 1, :2])
+        transition = np.array([[1.0, float(time[k + 1] - time[k])], [0.0, 1.0]])
+        gain = covariance[k] @ transition.T @ np.linalg.pinv(predicted_covariance[k + 1])
+        smooth[k] += gain @ (smooth[k + 1] - predictions[k + 1, :2])
     position = float(reading[0]) + smooth[:, 0]
     innovations = np.array(forward.innovations[2:])  # the first two determine position and drift
-    return _Smoothed(position, float(smooth[-1, 1]), innovations)
+    return _SmoothCoordinate(position, float(smooth[-1, 1]), innovations)

@@ -1,5 +1,7 @@
 """
-Rules that predict the arrival that a receiver detected; fix the rule before you look at residuals.
+Rules that predict the arrival that a receiver detected.
+
+Fix the rule before you look at residuals.
 """
 
 from collections.abc import Sequence
@@ -93,8 +95,9 @@ class DetectionRule:
 
 class Choice(NamedTuple):
     """
-    Receptions among which receivers choose; sound without a ray passes every limit, because it has
-    no competitor.
+    Receptions among which receivers choose.
+
+    Sound without a ray passes every limit, because it has no competitor.
     """
 
     receptions: Receptions
@@ -107,17 +110,15 @@ class Choice(NamedTuple):
     """Beyond spherical spreading; infinite for none."""
     sonar: Sonar | None
 
-    def within_cutoff(self, shift: float = 0.0) -> NDArray[np.bool_]:
-        """Eigenrays within the cut-off, which is higher by a shift. [dB]"""
+    def within_cutoff(self, margin: float = 0.0) -> NDArray[np.bool_]:
+        """Eigenrays within the cut-off, which is higher by a margin. [dB]"""
         rows = self.receptions
-        return np.asarray((rows.arrival >= 0) & ~(rows.spreading_db > self.cutoff_db + shift))
+        return np.asarray((rows.arrival >= 0) & ~(rows.spreading_db > self.cutoff_db + margin))
 
     def candidates(
         self, rule: DetectionRule, *, cutoff: float = 0.0, limit: float = 0.0
     ) -> NDArray[np.bool_]:
-        """
-        Receptions that pass the cut-off and the rule's own limit, each higher by a shift. [dB]
-        """
+        """Receptions that pass the cut-off and the rule's limit, each higher by a margin. [dB]"""
         passes = self.within_cutoff(cutoff)
         link = self.receptions.link
         if rule.kind == "within" and rule.within_db is not None:
@@ -135,30 +136,27 @@ class Choice(NamedTuple):
         return first_picks(self.receptions.link, keys, candidates, self.events)
 
     def next(self, rule: DetectionRule, candidates: NDArray[np.bool_], picks: Rows) -> Rows:
-        """
-        Row of the candidate that each event would take without the one that it takes, -1 for none.
-        """
+        """Row of the candidate that each event would take without its pick, -1 for none."""
         others = candidates.copy()
         others[picks[picks >= 0]] = False
         return self.pick(rule, others)
 
     def near_limit(self, rule: DetectionRule, picks: Rows) -> NDArray[np.bool_]:
-        """
-        True for events whose pick changes if the cut-off or the rule's limit is `NEAR_DB` higher or
-        lower.
-        """
-        changed = np.zeros(picks.size, dtype=bool)
-        for shift in (-NEAR_DB, NEAR_DB):
+        """True for events whose pick changes if a limit is `NEAR_DB` higher or lower."""
+        is_near = np.zeros(picks.size, dtype=bool)
+        for margin in (-NEAR_DB, NEAR_DB):
             for which in ("cutoff", "limit"):
-                changed |= self.pick(rule, self.candidates(rule, **{which: shift})) != picks
-        return changed
+                is_near |= self.pick(rule, self.candidates(rule, **{which: margin})) != picks
+        return is_near
 
 
-def first_picks(link: Rows, keys: Sequence[Array], allowed: NDArray[np.bool_], links: int) -> Rows:
+def first_picks(
+    link: Rows, keys: Sequence[Array], is_allowed: NDArray[np.bool_], links: int
+) -> Rows:
     """First allowed row of each link in the order of the keys, -1 for a link without one."""
     picks = np.full(links, -1)
-    chosen = first_rows(link, keys, allowed)
-    picks[chosen.link] = chosen.row
+    first = first_rows(link, keys, is_allowed)
+    picks[first.link] = first.row
     return picks
 
 

@@ -1,6 +1,7 @@
 """Coverage and residuals of groups of events, with bootstrap intervals over pairs."""
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -39,16 +40,16 @@ def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
         pair share their errors; a single pair has no interval. Depths and ranges are rounded to the
         finest step of 1, 2 and 5 that makes at most 12 and 8 groups.
     """
-    others = [s.name.lower() for s in RayStatus if s != RayStatus.OK]
+    others = [status.name.lower() for status in RayStatus if status != RayStatus.OK]
     present = [name for name in others if (events["status"] == name).any()]
     rows = []
-    for by, of, names in _groupings(events):
+    for by, group_of, names in _groupings(events):
         for number, group in enumerate(names):
-            part = events[of == number]
+            part = events[group_of == number]
             ok = part["residual_m"].notna()
             residual = part["residual_m"][ok].to_numpy()
             pair = part["pair"][ok].to_numpy(dtype=str)
-            medians = _bootstrap(residual, pair, seed, (by, group))
+            intervals = _bootstrap(residual, pair, seed, (by, group))
             row = {
                 "by": by,
                 "group": group,
@@ -58,11 +59,11 @@ def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
                 "percent": 100.0 * float(ok.mean()),
                 **{name: int((part["status"] == name).sum()) for name in present},
                 "median_m": _of(np.median, residual),
-                "median_low_m": medians[0][0],
-                "median_high_m": medians[0][1],
+                "median_low_m": intervals.median[0],
+                "median_high_m": intervals.median[1],
                 "median_size_m": _of(np.median, np.abs(residual)),
-                "median_size_low_m": medians[1][0],
-                "median_size_high_m": medians[1][1],
+                "median_size_low_m": intervals.size[0],
+                "median_size_high_m": intervals.size[1],
                 "mean_m": _of(np.mean, residual),
                 "rms_m": np.sqrt(_of(np.mean, residual**2)),
             }
@@ -79,8 +80,9 @@ def percentiles(values: Array) -> tuple[float, float]:
 
 def ratio_interval(sums: Array, rng: np.random.Generator) -> tuple[float, float]:
     """
-    Confidence interval of the ratio of two sums (n_pairs, 2) over resampled pairs; NaN for a single
-    pair.
+    Confidence interval of the ratio of two sums (n_pairs, 2) over resampled pairs.
+
+    It is NaN for a single pair.
     """
     if len(sums) < 2:
         return np.nan, np.nan
@@ -96,21 +98,23 @@ def quantile_of(size: Array, level: float) -> float:
 def _groupings(events: pd.DataFrame) -> Iterator[tuple[str, NDArray[np.int64], list[str]]]:
     """Name of each way to group the events, the group of each event, and the groups' names."""
     yield "all", np.zeros(len(events), dtype=np.int64), ["all"]
-    pairs, of = np.unique(events["pair"].to_numpy(dtype=str), return_inverse=True)
-    yield "pair", of, pairs.tolist()
+    pairs, group_of = np.unique(events["pair"].to_numpy(dtype=str), return_inverse=True)
+    yield "pair", group_of, pairs.tolist()
     depths = np.sort(events[["source_depth_m", "receiver_depth_m"]].to_numpy(), axis=1)
     for step in _DEPTH_STEPS:
-        values, of = np.unique(step * np.round(depths / step), axis=0, return_inverse=True)
+        values, group_of = np.unique(step * np.round(depths / step), axis=0, return_inverse=True)
         if len(values) <= _MAX_DEPTH_GROUPS:
             break
-    yield "depths", of, [f"{a:g} and {b:g} m" for a, b in values]
+    yield "depths", group_of, [f"{depth:g} and {other_depth:g} m" for depth, other_depth in values]
     for step in _RANGE_STEPS:
-        cells, of = np.unique(np.floor(events["distance_m"].to_numpy() / step), return_inverse=True)
+        cells, group_of = np.unique(
+            np.floor(events["distance_m"].to_numpy() / step), return_inverse=True
+        )
         if cells.size <= _MAX_RANGE_GROUPS:
             break
     yield (
         "range",
-        of,
+        group_of,
         [f"{1e-3 * step * cell:g} to {1e-3 * step * (cell + 1.0):g} km" for cell in cells],
     )
 
@@ -119,19 +123,29 @@ def _of(statistic: object, values: Array) -> float:
     return float(statistic(values)) if values.size else float("nan")  # type: ignore[operator]
 
 
+class _Intervals(NamedTuple):
+    """Lower and upper ends of bootstrap intervals over pairs."""
+
+    median: tuple[float, float] = (np.nan, np.nan)
+    size: tuple[float, float] = (np.nan, np.nan)
+    """Of the median absolute value."""
+
+
 def _bootstrap(
     residual: Array, pair: NDArray[np.str_], seed: int, names: tuple[str, str]
-) -> list[tuple[float, float]]:
-    """Bootstrap intervals of the median and of the median absolute value, over pairs."""
+) -> _Intervals:
+    """Intervals over resampled pairs; NaN for a single pair."""
     pairs = np.unique(pair)
     if pairs.size < 2:
-        return [(np.nan, np.nan)] * 2
+        return _Intervals()
     parts = [residual[pair == name] for name in pairs]
     draws = stream(seed, 0, "replay", "bootstrap", *names).integers(
         0, pairs.size, (RESAMPLES, pairs.size)
     )
-    again = np.empty((2, RESAMPLES))
+    medians = np.empty(RESAMPLES)
+    sizes = np.empty(RESAMPLES)
     for i, draw in enumerate(draws):
         values = np.concatenate([parts[k] for k in draw])
-        again[:, i] = np.median(values), np.median(np.abs(values))
-    return [percentiles(row) for row in again]
+        medians[i] = np.median(values)
+        sizes[i] = np.median(np.abs(values))
+    return _Intervals(percentiles(medians), percentiles(sizes))

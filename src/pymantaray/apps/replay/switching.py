@@ -73,31 +73,36 @@ def taken_candidates(
         and before it ``taken_time_s``, and ``apart_s``, the shortest time between two candidates.
     """
     clock = clock_errors(events, clocks)
-    at = candidates["event"].to_numpy(dtype=np.int64)
+    event = candidates["event"].to_numpy(dtype=np.int64)
     time = candidates["travel_time_s"].to_numpy()
-    late = (events["measured_s"].to_numpy() - clock)[at] - time
+    difference = (events["measured_s"].to_numpy() - clock)[event] - time
     n = len(events)
-    count = np.bincount(at, minlength=n)
+    count = np.bincount(event, minlength=n)
     start = np.cumsum(count) - count
     has = np.flatnonzero(count)
-    place = np.arange(at.size) - start[at]
+    position = np.arange(event.size) - start[event]
 
     def best(distance: Array) -> NDArray[np.int64]:
         """Row of the candidate of least distance of each event that has one."""
-        order = np.lexsort((distance, at))
+        order = np.lexsort((distance, event))
         return np.asarray(order[start[has]])
 
-    nearest = best(np.abs(late))
-    predicted = best(np.abs(time - events["predicted_s"].to_numpy()[at]))
-    taken, left, apart = (np.full(n, np.nan) for _ in range(3))
-    taken[has] = place[nearest] - place[predicted]
-    left[has] = late[nearest]
-    gap = np.diff(time)
-    same = at[1:] == at[:-1]
-    apart[at[1:][same]] = np.inf
-    np.minimum.at(apart, at[1:][same], gap[same])
-    columns = {"n_candidates": count, "taken": taken, "taken_residual_s": left, "apart_s": apart}
-    return pd.DataFrame(columns | {"taken_time_s": left + clock}).astype({"taken": "Int64"})
+    nearest = best(np.abs(difference))
+    predicted = best(np.abs(time - events["predicted_s"].to_numpy()[event]))
+    taken, residual, shortest = (np.full(n, np.nan) for _ in range(3))
+    taken[has] = position[nearest] - position[predicted]
+    residual[has] = difference[nearest]
+    # candidates are sorted by event and time: successive ones of an event are nearest in time
+    is_later = np.flatnonzero(np.diff(event) == 0) + 1
+    shortest[event[is_later]] = np.inf
+    np.minimum.at(shortest, event[is_later], time[is_later] - time[is_later - 1])
+    columns = {
+        "n_candidates": count,
+        "taken": taken,
+        "taken_residual_s": residual,
+        "apart_s": shortest,
+    }
+    return pd.DataFrame(columns | {"taken_time_s": residual + clock}).astype({"taken": "Int64"})
 
 
 def switching_table(
@@ -129,63 +134,66 @@ def switching_table(
     Only events with separable candidates are used: at least two, all further apart than four
     standard deviations of the corrected residuals (by their median absolute deviation).
     """
-    left = taken["taken_residual_s"].abs()
-    clear = taken["apart_s"] > _MIN_SEPARATION * MAD_TO_SIGMA * left.dropna().median()
-    told = pd.concat([events[["pair", "source", "receiver", "time_s"]], taken["taken"]], axis=1)[
-        clear
-    ]
+    size = taken["taken_residual_s"].abs()
+    clear = taken["apart_s"] > _MIN_SEPARATION * MAD_TO_SIGMA * size.dropna().median()
+    clear_events = pd.concat(
+        [events[["pair", "source", "receiver", "time_s"]], taken["taken"]], axis=1
+    )[clear]
     parts = []
-    for (pair, *_), way in told.groupby(["pair", "source", "receiver"], sort=True):
+    for (pair, *_), way in clear_events.groupby(["pair", "source", "receiver"], sort=True):
         way = way.sort_values("time_s", kind="stable")
         step = np.diff(way["time_s"])
-        changed = np.diff(way["taken"].to_numpy(dtype=np.int64)) != 0
-        near = step <= window
-        m = len(way)
+        changes = np.diff(way["taken"].to_numpy(dtype=np.int64)) != 0
+        is_near = step <= window
+        n = len(way)
         shares = way["taken"].value_counts().to_numpy()
-        alike = float(np.sum(shares * (shares - 1)) / (m * (m - 1))) if m > 1 else np.nan
+        alike = float(np.sum(shares * (shares - 1)) / (n * (n - 1))) if n > 1 else np.nan
         parts.append(
-            (
-                pair,
-                near.sum(),
-                changed[near].sum(),
-                near.sum() * (1.0 - alike) if m > 1 else 0.0,
-                step[near].sum(),
-            )
+            {
+                "pair": pair,
+                "steps": is_near.sum(),
+                "changes": changes[is_near].sum(),
+                "independent": is_near.sum() * (1.0 - alike) if n > 1 else 0.0,
+                "seconds": step[is_near].sum(),
+            }
         )
-    ways = pd.DataFrame(parts, columns=["pair", "steps", "changes", "independent", "seconds"])
-    pairs = ways.groupby("pair", sort=True).sum()
+    columns = ["pair", "steps", "changes", "independent", "seconds"]
+    pairs = pd.DataFrame(parts, columns=columns).groupby("pair", sort=True).sum()
     pairs = pairs[pairs["steps"] > 0]
     rng = stream(seed, 0, "replay", "bootstrap", "switching")
-    rows = [
-        _row(
-            "all",
-            pairs.sum(),
-            ratio_interval(pairs[["changes", "steps"]].to_numpy(dtype=float), rng),
-        )
-    ]
-    rows += [_row(str(pair), one, (np.nan, np.nan)) for pair, one in pairs.iterrows()]
-    names = [
-        "pair",
-        "steps",
-        "rate",
-        "rate_low",
-        "rate_high",
-        "independent_rate",
-        "step_s",
-        "correlation_s",
-    ]
-    return pd.DataFrame(rows, columns=names)
+    interval = ratio_interval(pairs[["changes", "steps"]].to_numpy(dtype=float), rng)
+    rows = [_row("all", pairs.sum(), interval)]
+    rows += [_row(str(pair), sums, (np.nan, np.nan)) for pair, sums in pairs.iterrows()]
+    return pd.DataFrame(rows)
 
 
-def _row(pair: str, sums: "pd.Series[float]", interval: tuple[float, float]) -> tuple[object, ...]:
+def _row(pair: str, sums: "pd.Series[float]", interval: tuple[float, float]) -> dict[str, object]:
+    """Rates of a pair from its sums over steps; NaN without any."""
     steps = float(sums["steps"])
-    if not steps:
-        return (pair, 0, *[np.nan] * 6)
     rate, independent, step = (
-        float(sums[name]) / steps for name in ("changes", "independent", "seconds")
+        float(sums[name]) / steps if steps else np.nan
+        for name in ("changes", "independent", "seconds")
     )
-    correlation = np.nan
-    if independent > 0.0:
-        stays = 1.0 - rate / independent
-        correlation = 0.0 if stays <= 0.0 else np.inf if stays == 1.0 else -step / np.log(stays)
-    return (pair, int(steps), rate, *interval, independent, step, correlation)
+    low, high = interval if steps else (np.nan, np.nan)
+    return {
+        "pair": pair,
+        "steps": int(steps),
+        "rate": rate,
+        "rate_low": low,
+        "rate_high": high,
+        "independent_rate": independent,
+        "step_s": step,
+        "correlation_s": _correlation_time(rate, independent, step),
+    }
+
+
+def _correlation_time(rate: float, independent: float, step: float) -> float:
+    """Correlation time of a Markov chain with both rates of change over a step [s]."""
+    if not independent > 0.0:
+        return np.nan
+    stays = 1.0 - rate / independent
+    if stays <= 0.0:
+        return 0.0
+    if stays == 1.0:
+        return np.inf
+    return float(-step / np.log(stays))

@@ -12,30 +12,30 @@ from pymantaray.geometry import EarthSphere, LocalFrame
 from pymantaray.geometry.frames import ELLIPSOID
 from pymantaray.sensing.water import Water
 
+_MAX_NAMES = 8  # in a message
+
 
 def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
-    """
-    Index of the water of each event: the only one, the one with its name, or the nearest in time.
-    """
+    """Index of the water of each event: the only one, the one it names, or the nearest in time."""
     names = [water.name for water in waters]
     if not names:
         raise ReplayError("replay: there is no water; add a cast or an ocean")
-    named = events.cast != ""
-    unknown = sorted(set(events.cast[named]) - set(names))
+    has_name = events.cast != ""
+    unknown = sorted(set(events.cast[has_name]) - set(names))
     if unknown:
         raise ReplayError(
-            f"events: cast {unknown[0]} is unknown; allowed are {', '.join(names[:8])}"
-            + (", ..." if len(names) > 8 else "")
+            f"events: cast {unknown[0]} is unknown; allowed are {', '.join(names[:_MAX_NAMES])}"
+            + (", ..." if len(names) > _MAX_NAMES else "")
         )
     if len(set(names)) < len(names):
         twice = next(name for name in names if names.count(name) > 1)
         raise ReplayError(f"two casts are called {twice}; rename one")
     if len(waters) == 1:
         return np.zeros(events.time.size, dtype=np.int64)
-    chosen = np.full(events.time.size, -1)
-    chosen[named] = [names.index(name) for name in events.cast[named]]
-    if not named.all():
-        nameless = next((w.name for w in waters if np.isnat(w.time)), None)
+    index = np.full(events.time.size, -1)
+    index[has_name] = [names.index(name) for name in events.cast[has_name]]
+    if not has_name.all():
+        nameless = next((water.name for water in waters if np.isnat(water.time)), None)
         if nameless is not None or np.isnat(events.epoch):
             lacks = (
                 "the events' times are seconds"
@@ -47,15 +47,14 @@ def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
                 " with the name of each event's cast"
             )
         times = np.array([water.time for water in waters], dtype="datetime64[ns]")
-        apart = np.abs(events.instant[~named][:, None] - times[None, :])
-        chosen[~named] = np.argmin(apart, axis=1)
-    return chosen
+        gap = np.abs(events.instant[~has_name][:, None] - times[None, :])
+        index[~has_name] = np.argmin(gap, axis=1)
+    return index
 
 
 def instants_in(events: Events, rows: NDArray[np.int64], water: Water, interval: float) -> Array:
     """
-    Time of the water of each of some events [s]: the nearest multiple of an interval within the
-    water's span.
+    Time of the water of each event: the nearest multiple of an interval in its span. [s]
 
     Zero if the water does not vary.
     """
@@ -76,8 +75,9 @@ def ends_of(
     events: Events, rows: NDArray[np.int64], water: Water, earth: EarthSphere | None = None
 ) -> tuple[Array, Array]:
     """
-    Sources and receivers (n, 3) of some events in the frame of their water, on a sphere or, for
-    None, a flat Earth. [m]
+    Sources and receivers (n, 3) of some events in the frame of their water. [m]
+
+    The Earth is a sphere or, for None, flat.
     """
     source = events.source_position[rows]
     receiver = events.receiver_position[rows]

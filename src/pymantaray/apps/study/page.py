@@ -19,7 +19,7 @@ from pymantaray.pages.page import Card, Explorer, Page, origin_table
 from pymantaray.pages.style import clock, condition_label
 from pymantaray.records import SolveStatus
 from pymantaray.records.digits import metres, signed_metres
-from pymantaray.records.glossary import GLOSSARY, explained
+from pymantaray.records.glossary import GLOSSARY, glossary_lines
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 
@@ -88,7 +88,7 @@ def _words(results: RunResults) -> list[str]:
     used = [str(name) for name in causes.index if name in GLOSSARY and causes[name] > 0]
     used += ["reference speed", "bending"]
     if not results.run.study.solves:
-        return explained(used)
+        return glossary_lines(used)
     lines = [
         f"{condition_label(name)}: {_CONDITIONS[name]}."
         for name in results.errors
@@ -100,7 +100,7 @@ def _words(results: RunResults) -> list[str]:
         if tables["ping_error"].frame["bound_rmse_m"].notna().any()
         else []
     )
-    return [*lines, *explained(used)]
+    return [*lines, *glossary_lines(used)]
 
 
 def _citation(results: RunResults) -> tuple[str, str]:

@@ -8,7 +8,7 @@ import numpy as np
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
-from pymantaray.geometry.longitude import wrapped
+from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.ocean.window import GeographicWindow, Selection, select
 
 MAX_VALUES = 20_000_000
@@ -41,12 +41,12 @@ class Region:
                 f"{where} it spans {width or 360.0:g} degrees eastwards; the limit is"
                 f" {_MAX_WIDTH:g}; write west,east"
             )
-        return cls(min(lat), max(lat), wrapped(lon[0]), width)
+        return cls(min(lat), max(lat), wrap_longitude(lon[0]), width)
 
     @property
     def text(self) -> str:
         """South to north and west to east for messages."""
-        east = wrapped(self.west + self.width)
+        east = wrap_longitude(self.west + self.width)
         return f"lat {self.south:g} to {self.north:g}, lon {self.west:g} to {east:g}"
 
     @property
@@ -57,7 +57,7 @@ class Region:
     def of_grid(self, lat: Array, lon: Array, where: str) -> Selection:
         """Select the points of a server's grid that enclose the region."""
         grid = select(lat, lon, self.window, where, enclose=True)
-        west = wrapped(
+        west = wrap_longitude(
             self.west - grid.lon[0]
         )  # distance of the region's side from the grid's side
         sides = (

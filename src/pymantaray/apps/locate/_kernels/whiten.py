@@ -1,6 +1,7 @@
 """
-Whitening of rows with white noise plus exponentially correlated processes: a Kalman filter over
-many columns at once.
+Whitening of rows with white noise and exponentially correlated processes.
+
+It is a Kalman filter over many columns at once.
 
 The states are one process common to all rows, one per node, and three of the platform's position
 (north, east, down). A row observes ``parts`` of them. Process k decays by ``exp(-step /
@@ -15,8 +16,9 @@ from pymantaray.compile import entry
 @entry
 def whiten(rows, step, parts, memory, variance, mean, covariance, gain):  # type: ignore[no-untyped-def]
     """
-    Convert rows (n, q) in place to innovations of unit variance; return the sum of the logarithms
-    of their variances.
+    Convert rows (n, q) in place to innovations of unit variance.
+
+    Return the sum of the logarithms of their variances.
 
     ``step`` (n,) is the time since the previous row, ``parts`` (n, S) the observation of each row.
     ``mean`` (S, q) and ``covariance`` (S, S) are those of the states after the previous row; the
