@@ -8,7 +8,7 @@ import os
 import shutil
 import subprocess
 import sys
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, is_dataclass
 from fnmatch import fnmatch
 from pathlib import Path
 
@@ -28,7 +28,7 @@ from pymantaray.apps.sweep.keys import (
     stage_parts,
     task_keys,
 )
-from pymantaray.apps.sweep.stages import _PACK, _RECORDS, _UNPACK
+from pymantaray.apps.sweep.stages import _PACK, _UNPACK
 from pymantaray.config import parse_study
 from pymantaray.config.build.fleet import MissionFleet
 from pymantaray.config.build.ocean import MissionOcean
@@ -286,7 +286,8 @@ def test_the_store_returns_all_digits(config, sections):
         }
     assert again[OCEAN].region.to_csv() == ocean.region.to_csv()
     pairs = [(fleet, again[FLEET])]
-    pairs += [(getattr(rays, name), getattr(again[RAYS], name)) for name in _RECORDS]
+    records = [name for name in rays._fields if is_dataclass(getattr(rays, name))]
+    pairs += [(getattr(rays, name), getattr(again[RAYS], name)) for name in records]
     for one, two in pairs:
         for f in fields(one):
             np.testing.assert_array_equal(getattr(one, f.name), getattr(two, f.name))

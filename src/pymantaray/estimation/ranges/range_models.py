@@ -64,7 +64,18 @@ class Prediction(NamedTuple):
     bounces: Rows | None = None  # reflections of each path, (n,); None if all paths are direct
 
     def scaled(self, factor: float | Array) -> Prediction:
-        """Travel times and gradients multiplied by a factor, one or one for each link."""
+        """
+        Multiply travel times and gradients by a factor.
+
+        Parameters
+        ----------
+        factor : float or ndarray, shape (n,)
+            One factor, or one for each link.
+
+        Returns
+        -------
+        Prediction
+        """
         each = np.asarray(factor)[..., None]
         return self._replace(
             travel_time=factor * self.travel_time,
