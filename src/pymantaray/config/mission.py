@@ -86,6 +86,11 @@ class MissionSection(Section):
     """Schedule of pings, instead of ``ping_interval_h``."""
     gnss_depth: Metres[PositiveFloat] = 0.1
     """Depth above which vehicles have GNSS fixes. Not in the paper, record 0001. [m]"""
+    sensors: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """
+    Sensors of other packages, by the names of their entry points ``pymantaray.sensors``. Not in the
+    paper.
+    """
 
     def pings(self, start: np.datetime64 | None = None) -> "Schedule":
         """Schedule of the pings; lists of pings with dates need the start of the mission."""

@@ -14,7 +14,7 @@ from pymantaray.geometry import stream
 from pymantaray.records import Measurements, RangingTruth, Trajectories
 from pymantaray.sensing.detection import draw_unheard
 from pymantaray.sensing.landmarks import Landmark, check_names
-from pymantaray.sensing.noise import SENSORS, NoiseModel
+from pymantaray.sensing.noise import NoiseModel, sensors_with
 from pymantaray.sensing.picking import Candidates, draw_picks, range_on_picks
 from pymantaray.sensing.ranging import Ranging
 from pymantaray.sensing.schedule import by_pair
@@ -30,6 +30,7 @@ def assemble(
     *,
     gnss_depth: float | NDArray[np.float64] = 0.1,
     altitude: float | NDArray[np.float64] = 0.0,
+    sensors: Sequence[str] = (),
 ) -> Measurements:
     """
     Return the measurements of a mission without noise, from its ranges.
@@ -48,6 +49,8 @@ def assemble(
         Depth above which a vehicle has a GNSS fix; 0 for no fixes, for example under ice. [m]
     altitude : float or ndarray, shape (n_vehicles, n_samples)
         Height above the sea floor; by default all vehicles are within reach of it. [m]
+    sensors : sequence of str
+        Sensors of other packages, see `perturb`.
 
     Returns
     -------
@@ -56,7 +59,7 @@ def assemble(
     check_names(truth.name.tolist(), landmarks)
     scene = Scene(truth, landmarks, gnss_depth, altitude)
     columns: Columns = {}
-    for sensor in SENSORS:
+    for sensor in sensors_with(sensors):
         columns |= sensor.measure(scene, noise)
     return Measurements(
         name=truth.name,
@@ -84,6 +87,7 @@ def perturb(
     ranging_truth: RangingTruth | None = None,
     detection: ArrayLike | Candidates | None = None,
     correlation_time: float = 0.0,
+    sensors: Sequence[str] = (),
 ) -> Measurements:
     """
     Add one realization's noise to noise-free measurements.
@@ -109,6 +113,9 @@ def perturb(
         every arrival is detected and no receiver errs.
     correlation_time : float
         Correlation time of the choice among candidates, see `draw_picks`. [s]
+    sensors : sequence of str
+        Sensors of other packages, by the names of their entry points ``pymantaray.sensors``. Their
+        columns replace those of the same names.
 
     Returns
     -------
@@ -157,7 +164,7 @@ def perturb(
         "straight_range": measurements.straight_range + noise,
         "refracted_range": measurements.refracted_range + noise,
     }
-    for sensor in SENSORS:
+    for sensor in sensors_with(sensors):
         columns |= sensor.perturb(measurements, normal)
     noisy = replace(measurements, **columns)
     if detection is None or isinstance(detection, Candidates):

@@ -16,6 +16,7 @@ from pymantaray.apps.study.references import Citations
 from pymantaray.apps.study.tracks import centre_note
 from pymantaray.config.build.fleet import TrackFiles
 from pymantaray.config.build.study import Study
+from pymantaray.entry_points import extensions, package_of
 from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.jobs.keys import sha256
 from pymantaray.jobs.run_folder import FORMAT
@@ -83,6 +84,7 @@ def describe_run(
             "pymantaray": __version__,
             "git_commit": git_commit(),
             **versions(),
+            **dict(package_of(extensions("sensors")[name]) for name in study.sensors),
         },
         "machine": {
             "platform": platform.platform(),

@@ -285,6 +285,7 @@ def assemble_mission(
             study.noise,
             gnss_depth=gnss_depth(study.gnss_depth, ocean, truth),
             altitude=altitude(ocean, truth),
+            sensors=study.sensors,
         ),
         ranging_truth=ranging.truth,
         hearing=None if ranging.probability is None else Hearing(probability=ranging.probability),

@@ -317,6 +317,7 @@ class Run:
             ranging_truth=self.ranging_truth_in(realization),
             detection=probability if candidates is None else candidates,
             correlation_time=study.pick_correlation_time,
+            sensors=study.sensors,
         )
 
     def ranging_truth_in(self, realization: int | None) -> RangingTruth:

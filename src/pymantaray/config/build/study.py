@@ -26,6 +26,7 @@ from pymantaray.sensing import (
     Picker,
     Schedule,
 )
+from pymantaray.sensing.noise import sensors_with
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,6 +57,8 @@ class Study:
     ranging: MissionRanging
     gnss_depth: float
     """Depth above which vehicles have GNSS fixes. [m]"""
+    sensors: tuple[str, ...]
+    """Sensors of other packages."""
     noise: NoiseModel
     clocks: ClockModel | None
     """Clocks of vehicles; None if they are synchronous."""
@@ -115,6 +118,12 @@ class Study:
         return self.config.model_dump(mode="json")
 
 
+def _installed(sensors: tuple[str, ...]) -> tuple[str, ...]:
+    """Names of sensors of other packages, all of which can be imported."""
+    sensors_with(sensors)
+    return sensors
+
+
 def build_study(config: StudyConfig, like: Study | None = None) -> Study:
     """
     Study of a configuration that is complete, see `with_tracks`.
@@ -130,6 +139,7 @@ def build_study(config: StudyConfig, like: Study | None = None) -> Study:
         realizations=config.study.realizations,
         **_stages(config, like),
         gnss_depth=config.mission.gnss_depth,
+        sensors=_installed(config.mission.sensors),
         noise=config.noise.model,
         clocks=config.noise.clocks,
         picker=picker,

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from pymantaray.apps.study import figures
 from pymantaray.arrays import Array
-from pymantaray.entry_points import load_entry_points
+from pymantaray.entry_points import extensions, load_extension
 from pymantaray.evaluation import RangeErrors, range_errors, trajectory_errors
 from pymantaray.pages.drawing import FigureSpec, with_source
 from pymantaray.pages.style import ocean_header, ocean_name
@@ -154,7 +154,8 @@ def find_figures() -> None:
     """
     for module in iter_modules(figures.__path__):
         import_module(f"{figures.__name__}.{module.name}")
-    load_entry_points("figures")
+    for name in extensions("figures"):
+        load_extension("figures", name)
 
 
 def range_ends(truth: Trajectories, measurements: Measurements) -> tuple[Array, Array]:

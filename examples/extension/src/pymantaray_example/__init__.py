@@ -1,0 +1,1 @@
+"""A figure and a sensor for MantaRay from another package."""
