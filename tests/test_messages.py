@@ -184,14 +184,9 @@ def library_texts():
                 yield f"{path.relative_to(LIBRARY)}:{line}", text
 
 
-OTHERS = {  # messages that still have options
-    "apps/locate/read_obsrange.py", "apps/locate/read_table.py", "config/build/uniform.py",
-}  # fmt: skip
-
-
 def test_messages_of_the_library_have_no_options():
     found = {place.partition(":")[0] for place, text in library_texts() if FLAG.search(text)}
-    assert found <= OTHERS
+    assert found == set()
 
 
 def test_arguments_in_messages_are_options_of_a_command():

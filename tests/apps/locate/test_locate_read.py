@@ -203,7 +203,7 @@ def test_wrong_tables_are_refused_in_one_line(campaign, tmp_path, change, messag
 
 def test_without_nodes_a_depth_is_needed(campaign, tmp_path):
     pings, _ = write_table(campaign, tmp_path)
-    refused(LocateError, "the depth of node N1 is unknown; give --depth", read_survey, pings)
+    refused(LocateError, "the depth of node N1 is unknown; give `depth`", read_survey, pings)
     survey = read_survey(pings, ReadOptions(depth=1300.0))
     assert {node.position[2] for node in survey.nodes} == {1300.0}
 

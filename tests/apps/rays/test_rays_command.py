@@ -208,8 +208,8 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     words = ("times", "links.csv", "out.csv", "--profile", cast, "--bathymetry", 3000)
     assert mantaray("rays", *words).err == (
         f"error: {cast.name}: 1001 levels with a spacing below 2 m are a raw cast; thin it with"
-        " --thin 0.1 (in Python: thin, m/s),"
-        " smooth it with --smooth 10 (smooth, m), or use --interpolation linear (interpolation)\n"
+        " --thin 0.1 (m/s),"
+        " smooth it with --smooth 10 (m), or use --interpolation linear\n"
     )
     assert not Path("out.csv").exists()
     lines = rays(*words, "--thin", 0.1).splitlines()

@@ -213,10 +213,7 @@ def _depth(path: Path, head: dict[str, str]) -> float:
     except ValueError:
         value = 0.0
     if not value > 0.0:
-        raise LocateError(
-            f"{path}: the drop point's depth is {text!r}; give it in metres with --depth (in"
-            " Python: depth)"
-        )
+        raise LocateError(f"{path}: the drop point's depth is {text!r}; give `depth` in metres")
     return value
 
 

@@ -163,7 +163,7 @@ class _PlatformPositions:
         if not (self._track or self._geodetic or {"north_m", "east_m"} <= columns or between.all()):
             raise LocateError(
                 f"{table.path}: no positions of the platform; add columns lat and lon, or north_m"
-                " and east_m, or give --track (in Python: track)"
+                " and east_m, or give `track`"
             )
         self.frame: LocalFrame | None = None
         if self._track:
@@ -234,7 +234,7 @@ class _PlatformPositions:
         if options.platform is None and len(names) > 1:
             raise LocateError(
                 f"track: it contains {', '.join(names[:_MAX_NAMES])}; name the platform with"
-                " --platform (in Python: platform)"
+                " `platform`"
             )
         name = options.platform or names[0]
         if name not in names:
@@ -306,15 +306,13 @@ def _nodes(
     for name in missing:
         if options.depth is None:
             raise LocateError(
-                f"{table.path}: the depth of node {name} is unknown; give --depth or --nodes (in"
-                " Python: depth or nodes)"
+                f"{table.path}: the depth of node {name} is unknown; give `depth` or `nodes`"
             )
         has_position = np.isfinite(platform.transmit_position).all(axis=1)
         rows = (table.frame["node"].str.strip() == name).to_numpy() & has_position
         if not rows.any():
             raise LocateError(
-                f"{table.path}: node {name} has no ping of the platform; give --nodes (in Python:"
-                " nodes)"
+                f"{table.path}: node {name} has no ping of the platform; give `nodes`"
             )
         middle = platform.transmit_position[rows].mean(axis=0)
         nodes[name] = Node(name, (float(middle[0]), float(middle[1]), options.depth), _SIGMA)
@@ -345,7 +343,7 @@ def _node_table(
         else np.full(len(table.frame), options.depth or np.nan)
     )
     if not np.isfinite(depth).all():
-        raise LocateError(f"{path}: no column depth_m; add it, or give --depth (in Python: depth)")
+        raise LocateError(f"{path}: no column depth_m; add it, or give `depth`")
     horizontal = table.optional("sigma_horizontal_m", _SIGMA[0])
     sigma = [
         table.optional(f"sigma_{axis}_m") if f"sigma_{axis}_m" in columns else default

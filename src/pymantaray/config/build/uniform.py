@@ -98,8 +98,8 @@ def uniform_water(
     maps = [name for name in ("bathymetry", "ice") if isinstance(getattr(section, name), str)]
     if maps and (place is None or section.half_extent is None):
         raise OceanError(
-            f"{where}: ocean.{maps[0]} is a map, which needs --centre and --half-extent for a"
-            " profile (in Python: centre and half_extent); or give a value in metres"
+            f"{where}: ocean.{maps[0]} is a map, which needs `centre` and `half_extent` for a"
+            " profile; or give a value in metres"
         )
     n = _NODES if isinstance(section.ice, str) else 2
     north, east = (np.linspace(-h, h, n) for h in half)
@@ -161,7 +161,7 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
         lacks = (
             "temperature and salinity, which this task needs; use a cast with both, or an ocean"
             if profile.water is None
-            else "position, which this task needs; give --centre LAT LON (in Python: centre)"
+            else "position, which this task needs; give `centre=LAT LON`"
             if place is None
             else "sea bed of one depth, which this task needs; give it in metres as bathymetry"
         )
@@ -198,8 +198,8 @@ def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolati
         if interpolation == "smooth" and is_raw_cast(depth):
             raise AcousticsError(
                 f"{label(section, profile)}: {depth.size} levels with a spacing below 2 m are a raw"
-                " cast; thin it with --thin 0.1 (in Python: thin, m/s), smooth it with --smooth 10"
-                " (smooth, m), or use --interpolation linear (interpolation)"
+                " cast; thin it with `thin=0.1` (m/s), smooth it with `smooth=10` (m), or use"
+                " `interpolation=linear`"
             )
         return _Levels(depth, speed, record)
     record[reduced.method] = size | {
