@@ -158,7 +158,7 @@ def test_a_hand_written_planar_file_is_read_and_written_back(plaza, tmp_path):
     np.testing.assert_array_equal(graph["prior"].covariance[0][np.ix_([3, 4, 2], [3, 4, 2])], [
         [0.01, 0.002, 0.001], [0.002, 0.02, 0.0], [0.001, 0.0, 0.003],
     ])  # fmt: skip
-    assert [len(graph[name]) for name in KINDS] == [1, 1, 0, 1, 4, 0, 0, 2, 6]
+    assert [len(graph[name]) for name in KINDS] == [1, 1, 0, 1, 4, 0, 0, 0, 2, 6]
     np.testing.assert_array_equal(graph["sighting"].measured[0], [3.5, 2.3, 0.0])
     write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
     for ours, theirs in zip(

@@ -151,7 +151,7 @@ def test_bases_that_are_none_are_one_line(write, files, line):
     ({"nois.range_sigma": 2.0}, "`nois`: unknown key. Did you mean `noise`\\?"),
     ({"realisations": 2}, "`realisations`: unknown key. Did you mean `study.realizations`\\?"),
     ({"range_sigma": 2.0}, "`range_sigma`: unknown key. Did you mean `noise.range_sigma`\\?"),
-    ({"noise.qqq": 2.0}, "`noise.qqq`: unknown key. Allowed: attitude_heading_bias_sigma, "),
+    ({"noise.qqq": 2.0}, "`noise.qqq`: unknown key. Allowed: altimeter_bias_sigma, "),
     ({"noise.range_sigma": -2.0}, "noise.range_sigma: found -2.0; allowed: greater than 0"),
     ({"noise.range_sigma.x": 1},
      "`noise.range_sigma.x`: `noise.range_sigma` is 1.0, which has no keys"),
