@@ -11,6 +11,7 @@ from pymantaray import citation, load_study, run_study
 from pymantaray.apps.study.references import Citations
 from pymantaray.config import list_presets
 from pymantaray.errors import OceanError
+from pymantaray.ocean.equations import EQUATIONS
 
 CAST = "depth,sound_speed\n0,1440\n500,1450\n1000,1460\n"
 SONAR = {"source_level_db": 185.0, "frequency_hz": 12e3, "bandwidth_hz": 4e3}
@@ -87,6 +88,8 @@ def test_every_reference_is_that_of_some_study(tiny, tmp_path):
     cited = keys_of(citation(tiny(ocean={"source": names}))) | keys_of(citation(tiny()))
     for sections, _ in PARTS:
         cited |= keys_of(citation(tiny(**sections)))
+    for name in EQUATIONS:
+        cited |= keys_of(citation(tiny(ocean={"source": "synthetic:beaufort", "equation": name})))
     text = (files("pymantaray.apps.study") / "references.toml").read_text(encoding="utf-8")
     assert cited == {*tomllib.loads(text), "mantaray"}
 
