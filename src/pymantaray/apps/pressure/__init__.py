@@ -1,0 +1,1 @@
+"""Sea pressure at a depth."""
