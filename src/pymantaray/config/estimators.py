@@ -542,8 +542,6 @@ class ConditionSection(Section):
     Assumed standard deviation of ranges. Default: that of the study. ``"fitted"``: the value at
     which the cost equals its expectation. [m]
     """
-    checks_cost: bool = True
-    """Compare the cost with its chi-square bounds, if the model is right."""
     directions: Literal["each", "mean"] = "each"
     """Use each range of a pair, or the mean of both directions."""
     scale_sigma: PositiveFloat | None = None

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 
-Equation = Literal["teos-10", "del-grosso", "unesco", "mackenzie"]
+Equation = Literal["teos-10", "del-grosso", "unesco"]
 """Names of the equations."""
 _DBAR_PER_KGF_CM2 = 9.80665
 
@@ -133,24 +133,6 @@ def teos_10(
     )
 
 
-def mackenzie(
-    temperature: ArrayLike, salinity: ArrayLike, pressure: ArrayLike, lat: ArrayLike, *_: ArrayLike
-) -> Array:
-    """
-    Sound speed [m/s] by Mackenzie (1981) from the arguments of `del_grosso`.
-
-    The fit is for 2 to 30 degC, salinity 25 to 40 and 0 to 8000 m.
-    """
-    import gsw
-
-    T, S = (np.asarray(x, dtype=float) for x in (temperature, salinity))
-    depth = -gsw.z_from_p(pressure, lat)
-    warm = 1448.96 + T * (4.591 + T * (-5.304e-2 + T * 2.374e-4))
-    salt = (1.340 - 1.025e-2 * T) * (S - 35.0)
-    deep = depth * (1.630e-2 + depth * (1.675e-7 - 7.139e-13 * T * depth))
-    return np.asarray(warm + salt + deep)
-
-
 class SoundSpeedEquation(NamedTuple):
     """
     Sound speed [m/s] from in-situ temperature [degC], practical salinity, sea pressure [dbar],
@@ -166,6 +148,5 @@ EQUATIONS: dict[Equation, SoundSpeedEquation] = {
     "teos-10": SoundSpeedEquation(teos_10, ("mcdougall2011",)),
     "del-grosso": SoundSpeedEquation(del_grosso, ("delgrosso1974", "wong1995")),
     "unesco": SoundSpeedEquation(unesco, ("chen1977", "wong1995")),
-    "mackenzie": SoundSpeedEquation(mackenzie, ("mackenzie1981",)),
 }
 """Equations by name, Del Grosso's and the UNESCO equation in Wong and Zhu's forms for ITS-90."""

@@ -96,8 +96,7 @@ class EstimatorFactory:
             correlated=section.variance.kind == "correlated",
             method=self._method(section),
             initial=(truth.position, truth.quaternion) if start == "truth" else None,
-            model_is_right=section.checks_cost
-            and section.variance.kind == "fixed"
+            model_is_right=section.variance.kind == "fixed"
             and section.range_sigma is None
             and (section.ranges != "refracted" or exact),
             clocks=self._clocks(section),

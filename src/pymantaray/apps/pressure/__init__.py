@@ -1,1 +1,0 @@
-"""Sea pressure at a depth."""
