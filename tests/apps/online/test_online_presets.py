@@ -99,7 +99,8 @@ def test_delayed_measurements_of_a_preset_do_not_change_a_digit(preset):
     lag = 10.0 * period
     arrival = [arguments[0] + 9.0 * period * rng.random() for _, arguments, _ in calls]
     in_order, late = (
-        fleet_estimator(noisy, TransmitterSpeed(), lag=lag, gate=math.inf) for _ in range(2)
+        fleet_estimator(noisy, TransmitterSpeed(), lag=lag, gate=math.inf, longest_step=lag)
+        for _ in range(2)
     )
     feed(in_order, calls)
     outcomes = feed(late, [calls[k] for k in np.argsort(arrival)])

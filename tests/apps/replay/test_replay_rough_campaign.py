@@ -28,8 +28,15 @@ def fitted(tmp_path_factory):
     waters = open_waters(folder / "cast.csv", bathymetry=3000.0, **ice)
     events = read_events(folder / "events.csv")
     even = np.floor(events.time / 3600.0) % 2 == 0
-    columns = (f.name for f in fields(events) if np.ndim(getattr(events, f.name)))
-    known = replace(events, **{name: getattr(events, name)[even] for name in columns})
+    columns = {f.name: getattr(events, f.name) for f in fields(events)}
+    known = replace(
+        events,
+        **{
+            name: column[even]
+            for name, column in columns.items()
+            if isinstance(column, np.ndarray) and column.size
+        },
+    )
     result = replay_events(known, waters, "persist", options=OPTIONS)
     return (
         events,
