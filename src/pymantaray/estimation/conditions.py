@@ -319,16 +319,16 @@ class _Fleet:
         return replace(solution, covariances=covariances)
 
     def _values(self, position: Array, quaternion: Array) -> GraphValues:
-        place, turn = (np.asarray(table) for table in (position, quaternion))
+        place, rotation = (np.asarray(table) for table in (position, quaternion))
         return GraphValues(
-            place.reshape(-1, 3), turn.reshape(-1, 4), self._measurements.landmark_position
+            place.reshape(-1, 3), rotation.reshape(-1, 4), self._measurements.landmark_position
         )
 
     def _by_vehicle(self, solution: GraphSolution) -> GraphSolution:
         shape = self._measurements.depth.shape
-        place = solution.position.reshape(*shape, 3)
-        turn = solution.quaternion.reshape(*shape, 4)
-        return replace(solution, position=place, quaternion=turn)
+        position = solution.position.reshape(*shape, 3)
+        rotation = solution.quaternion.reshape(*shape, 4)
+        return replace(solution, position=position, quaternion=rotation)
 
 
 def collect_estimates(
@@ -528,9 +528,9 @@ def _with_model(
     if speed is not None and plain:
         return _with_longer_ranges(graph, speed / timed.sound_speed), None
     if isinstance(estimator.model, OnSphere) and plain and estimator.method.uses_distances:
-        place = np.concatenate([start.position, start.landmark_position])
-        place[: graph.n_poses, 2] = measurements.depth.ravel()  # dead reckoning has worse depths
-        links = timed.links(place[timed.transmitter], place[timed.receiver])
+        position = np.concatenate([start.position, start.landmark_position])
+        position[: graph.n_poses, 2] = measurements.depth.ravel()  # dead reckoning has worse depths
+        links = timed.links(position[timed.transmitter], position[timed.receiver])
         return _with_longer_ranges(graph, estimator.model.frame_scale(links)), None
     unknowns = None
     if unknown or estimator.model.amplitude_sigma.size:

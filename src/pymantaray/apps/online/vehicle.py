@@ -170,13 +170,13 @@ class OnlineEstimator:
             _sized(f"sigma of beacon {name}", [beacon.sigma], (1,))
         unknown = [name for name, beacon in beacons.items() if beacon.sigma > 0.0]
         fixed = [name for name in beacons if name not in unknown]
-        places = [_sized(f"beacon {name}", beacons[name].position, (3,)) for name in fixed]
+        positions = [_sized(f"beacon {name}", beacons[name].position, (3,)) for name in fixed]
         model, uncertainty = range_model_of(ranges)
         self._vehicles = list(fleet)
         self._beacons = unknown + fixed
         self._timeline = Timeline(
             _start_state(fleet, {name: beacons[name] for name in unknown}, float(start)),
-            RangePrediction(model, uncertainty, np.array(places).reshape(-1, 3)),
+            RangePrediction(model, uncertainty, np.array(positions).reshape(-1, 3)),
             lag=float(lag),
             gate=float(gate),
             horizon=float(start),

@@ -100,8 +100,8 @@ def _depths(factors: Factors, noise: list[Any]) -> Iterator[Any]:
     """
     level = np.zeros((len(factors), 3))
     level[:, 2] = factors.column("depth")
-    for key, place, model in zip(factors.subject.tolist(), level, noise, strict=True):
-        yield gtsam.GPSFactor(key, place, model)
+    for key, position, model in zip(factors.subject.tolist(), level, noise, strict=True):
+        yield gtsam.GPSFactor(key, position, model)
 
 
 def _attitudes(factors: Factors, noise: list[Any]) -> Iterator[Any]:
@@ -122,10 +122,10 @@ def _sightings(factors: Factors, noise: list[Any]) -> Iterator[Any]:
     a pose.
     """
     error = _stride_error if factors.kind.ends == ("pose", "pose") else _sighting_error
-    for ends, place, model in zip(
+    for ends, position, model in zip(
         factors.variables.tolist(), factors.column("position"), noise, strict=True
     ):
-        yield gtsam.CustomFactor(model, ends, partial(error, place))
+        yield gtsam.CustomFactor(model, ends, partial(error, position))
 
 
 def _sighting_error(
@@ -133,11 +133,11 @@ def _sighting_error(
 ) -> Array:
     pose, landmark = factor.keys()
     at = values.atPose3(pose)
-    turn = at.rotation().matrix().T
-    seen = turn @ (values.atPoint3(landmark) - at.translation())
+    rotation = at.rotation().matrix().T
+    seen = rotation @ (values.atPoint3(landmark) - at.translation())
     if jacobians is not None:
         jacobians[0] = np.hstack([gtsam.Rot3.Hat(seen), -np.eye(3)])
-        jacobians[1] = turn
+        jacobians[1] = rotation
     return np.asarray(seen - measured)
 
 
@@ -149,11 +149,11 @@ def _stride_error(
     body frame.
     """
     at, to = (values.atPose3(key) for key in factor.keys())  # noqa: SIM118  a method of GTSAM
-    turn = at.rotation().matrix().T
-    seen = turn @ (to.translation() - at.translation())
+    rotation = at.rotation().matrix().T
+    seen = rotation @ (to.translation() - at.translation())
     if jacobians is not None:
         jacobians[0] = np.hstack([gtsam.Rot3.Hat(seen), -np.eye(3)])
-        jacobians[1] = np.hstack([np.zeros((3, 3)), turn @ to.rotation().matrix()])
+        jacobians[1] = np.hstack([np.zeros((3, 3)), rotation @ to.rotation().matrix()])
     return np.asarray(seen - measured)
 
 

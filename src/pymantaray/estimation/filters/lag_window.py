@@ -134,11 +134,11 @@ class LagWindow:
         state = self._window.last.state
         group = np.searchsorted(self._window.variables, poses)
         (joint,) = self._window.last.factor.inverse([group])
-        turn = np.zeros((group.size, SIZE, group.size, SIZE))
+        rotation = np.zeros((group.size, SIZE, group.size, SIZE))
         own = np.arange(group.size)
-        turn[own, :3, own, :3] = np.eye(3)
-        turn[own, 3:, own, 3:] = state.rotation[group]
-        to_world = turn.reshape(joint.shape)
+        rotation[own, :3, own, :3] = np.eye(3)
+        rotation[own, 3:, own, 3:] = state.rotation[group]
+        to_world = rotation.reshape(joint.shape)
         return np.asarray(to_world.T @ joint @ to_world)
 
     def _state(self, variables: Indices) -> GraphState:

@@ -618,12 +618,14 @@ def check_values(graph: FactorGraph, values: GraphValues) -> None:
             f" {needed[1]}"
         )
     variables = np.arange(sum(needed), dtype=np.int32)
-    place = np.concatenate([values.position, values.landmark_position])
-    fine = np.abs(place) <= LARGEST  # NaN does not pass
-    _refuse(graph, "position", variables, place, fine, f"finite values of at most {LARGEST:g}")
+    position = np.concatenate([values.position, values.landmark_position])
+    fine = np.abs(position) <= LARGEST  # NaN does not pass
+    _refuse(graph, "position", variables, position, fine, f"finite values of at most {LARGEST:g}")
     _check_length(graph, "quaternion", variables[: needed[0]], values.quaternion)
     if graph.planar:
-        _refuse(graph, "depth", variables, place[:, 2:], place[:, 2] == 0.0, "0 in two dimensions")
+        _refuse(
+            graph, "depth", variables, position[:, 2:], position[:, 2] == 0.0, "0 in two dimensions"
+        )
         _check_upright(graph, "quaternion", variables[: needed[0]], values.quaternion)
 
 

@@ -61,7 +61,7 @@ def _isotropic(factors: Factors, *, planar: bool) -> Factors:
     for unit in ("rad", "m"):
         if rows := kind.rows_in(unit, planar=planar):
             diagonal[:, rows] = diagonal[:, rows].mean(axis=1, keepdims=True)
-    measured = [factors.measured[:, place] for place in kind.columns_at.values()]
+    measured = [factors.measured[:, position] for position in kind.columns_at.values()]
     return kind.table(factors.variables, measured, diagonal[:, :, None] * np.eye(kind.rows))
 
 

@@ -101,9 +101,9 @@ def _at(mixture: EpochMixture, root: Array, shift: Array) -> tuple[Array, Array]
     """
     moved = root @ shift
     m = 3 * len(mixture.position)
-    place = mixture.position + moved[:m].reshape(-1, 3)
+    position = mixture.position + moved[:m].reshape(-1, 3)
     residual, by_transmitter, by_receiver = mixture.expansion(
-        place[mixture.transmitter], place[mixture.receiver], mixture.unknowns + moved[m:]
+        position[mixture.transmitter], position[mixture.receiver], mixture.unknowns + moved[m:]
     )
     rows = root[:m].reshape(-1, 3, root.shape[1])
     by_shift = np.einsum("ni,nij->nj", by_transmitter, rows[mixture.transmitter])

@@ -123,14 +123,14 @@ class RangeWeights:
     def at(self, links: RangeEndpoints) -> None:
         """Update the covariances for the positions of some links."""
         uncertainty = self._model_ranges.uncertainty
-        place = np.concatenate([links.transmitter, links.receiver])
+        position = np.concatenate([links.transmitter, links.receiver])
         stale = (
             self._place is None
-            or float(np.abs(place - self._place).max(initial=0.0)) > _REWEIGHT_DISTANCE
+            or float(np.abs(position - self._place).max(initial=0.0)) > _REWEIGHT_DISTANCE
         )
         if uncertainty is None or not stale:
             return
-        self._place = place
+        self._place = position
         c = links.sound_speed
         for e, extra in enumerate(uncertainty.covariances(links, self._model_ranges.ranges.epoch)):
             rows = self._rows[e]

@@ -92,10 +92,10 @@ def dead_reckoning_covariances(
         [measurements.first_sigma[:, None], measurements.odometry_sigma], axis=1
     )[:, :, None]
     about_start = np.cumsum(adjoint @ np.swapaxes(adjoint, 2, 3), axis=1)[:, samples]
-    shift, turn = np.zeros((2, vehicles.size, n_epochs, 6, 6))
-    shift[..., range(6), range(6)] = 1.0
-    shift[..., 3:, :3] = -hat(position[:, samples] - position[:, :1])
-    world = np.moveaxis(shift @ about_start @ np.swapaxes(shift, 2, 3), 0, 1)
+    translation, turn = np.zeros((2, vehicles.size, n_epochs, 6, 6))
+    translation[..., range(6), range(6)] = 1.0
+    translation[..., 3:, :3] = -hat(position[:, samples] - position[:, :1])
+    world = np.moveaxis(translation @ about_start @ np.swapaxes(translation, 2, 3), 0, 1)
     turn[..., :3, :3] = turn[..., 3:, 3:] = rotation[:, samples]
     turn = np.moveaxis(turn, 0, 1)
     pose = np.swapaxes(turn, 2, 3) @ world @ turn

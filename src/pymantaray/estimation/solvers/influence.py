@@ -247,8 +247,8 @@ def _pose(factors: Factors, ends: list[_Ends]) -> Array:
         stride = np.einsum("nij,nj->ni", to_body, stride - ends[0].position)
     if "position" not in factors.kind.columns_at:
         return so3_log(to_measured @ rotation)
-    shift = np.einsum("nij,nj->ni", to_measured, stride - factors.column("position"))
-    return se3_log(to_measured @ rotation, shift)
+    translation = np.einsum("nij,nj->ni", to_measured, stride - factors.column("position"))
+    return se3_log(to_measured @ rotation, translation)
 
 
 def _sighting(factors: Factors, ends: list[_Ends]) -> Array:

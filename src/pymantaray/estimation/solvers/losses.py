@@ -150,7 +150,7 @@ Losses by name, each with the scale that is 95 % as efficient as least squares w
 
 def whitened_ranges(graph: FactorGraph, values: GraphValues) -> Array:
     """Residuals of the ranges in their standard deviations, shape (n_ranges,)."""
-    place = np.concatenate([values.position, values.landmark_position])
+    position = np.concatenate([values.position, values.landmark_position])
     ranges = graph["range"]
-    distance, _ = chord(*place[ranges.variables.T])
+    distance, _ = chord(*position[ranges.variables.T])
     return np.asarray((distance - ranges.column("distance")) / np.sqrt(ranges.variance))

@@ -149,8 +149,8 @@ def group_marginals(
     joint = joint.reshape(n_epochs, members, SIZE, members, SIZE)
     vehicles = np.arange(members)
     own = np.moveaxis(joint[:, vehicles, :, vehicles, :], 0, 1)
-    turn = np.tile(np.eye(SIZE), (n_epochs, members, 1, 1))
-    turn[..., 3:, 3:] = last.state.rotation[poses]  # from the world's axes to the body's
+    rotation = np.tile(np.eye(SIZE), (n_epochs, members, 1, 1))
+    rotation[..., 3:, 3:] = last.state.rotation[poses]  # from the world's axes to the body's
     fits = [(np.nan, 0)] * n_epochs
     if innovations and problem.loss is None:
         among = problem.ranges.linear_among(last.state, np.unique(np.concatenate(groups)))
@@ -159,7 +159,7 @@ def group_marginals(
         fits = [_innovation(*each, step) for each in zip(terms, inverse, groups, strict=True)]
     return EpochCovariances(
         position=joint[:, :, 3:, :, 3:],
-        pose=np.swapaxes(turn, -1, -2) @ own @ turn,
+        pose=np.swapaxes(rotation, -1, -2) @ own @ rotation,
         range_nis=np.array([nis for nis, _ in fits]),
         range_dimension=np.array([dimension for _, dimension in fits], dtype=np.intp),
     )
@@ -182,14 +182,14 @@ def _innovation(
     """Squared innovation of the ranges of a group and its dimension."""
     if not terms:
         return np.nan, 0
-    place = {variable: SIZE * i for i, variable in enumerate(group.tolist())}
+    position = {variable: SIZE * i for i, variable in enumerate(group.tolist())}
     residual = np.concatenate([term.residual for term in terms])
     jacobian = np.zeros((residual.size, covariance.shape[0]))
     top = 0
     for term in terms:
         below = top + term.residual.size
         for i, variable in enumerate(term.variables.tolist()):
-            left = place[variable]
+            left = position[variable]
             jacobian[top:below, left : left + SIZE] = term.jacobian[:, SIZE * i : SIZE * (i + 1)]
         top = below
     values, vectors = np.linalg.eigh(np.eye(residual.size) - jacobian @ covariance @ jacobian.T)

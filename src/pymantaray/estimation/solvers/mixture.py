@@ -178,10 +178,12 @@ class MixtureIterations(OuterIterations):
         ends, at = np.unique(
             np.concatenate([timed.transmitter[rows], timed.receiver[rows]]), return_inverse=True
         )
-        place = state.position[ends]
+        position = state.position[ends]
         one = at[: rows.size]
         other = at[rows.size :]
-        links = RangeEndpoints(timed.time[rows], place[one], place[other], timed.sound_speed[rows])
+        links = RangeEndpoints(
+            timed.time[rows], position[one], position[other], timed.sound_speed[rows]
+        )
         found = self._candidates(links, rows, state.shared)
         row = found.table.row
         before = self._priors(
@@ -191,7 +193,7 @@ class MixtureIterations(OuterIterations):
             expansion=found.expansion,
             transmitter=one[row],
             receiver=other[row],
-            position=place,
+            position=position,
             unknowns=state.shared,
             covariance=self._covariance(last, ends, state.shared.size),
             row=row,

@@ -102,13 +102,13 @@ class OuterIterations:
         count = 0
         settled = False
         while True:
-            place = self._ends(end.state)
-            if self._expansion is not None and count > 1 and self._expansion.is_good_at(*place):
+            position = self._ends(end.state)
+            if self._expansion is not None and count > 1 and self._expansion.is_good_at(*position):
                 settled = True
                 break
             if count == _MAX_EXPANSIONS:
                 break
-            expansion = self._ask(place, count)
+            expansion = self._ask(position, count)
             if expansion is None:
                 settled = True
                 break
@@ -128,7 +128,7 @@ class OuterIterations:
                 break
         assert problem is not None  # the model was evaluated at least once
         assert ranges is not None
-        cost = self._initial_cost(start, ranges, place)
+        cost = self._initial_cost(start, ranges, position)
         progress = replace(end.progress, iterations=iterations, initial_cost=cost)
         if not settled:
             progress = replace(progress, last_step=np.nan)

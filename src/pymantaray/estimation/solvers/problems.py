@@ -40,8 +40,8 @@ class GraphState(NamedTuple):
         rotation = np.empty((n + len(values.landmark_position), 3, 3))
         _by_pieces(matrix_from_quaternion, values.quaternion, rotation[:n])
         rotation[n:] = np.eye(3)
-        place = np.concatenate([values.position, values.landmark_position])
-        return cls(rotation, np.ascontiguousarray(place), np.zeros(n_shared))
+        position = np.concatenate([values.position, values.landmark_position])
+        return cls(rotation, np.ascontiguousarray(position), np.zeros(n_shared))
 
     def values(self, graph: FactorGraph) -> GraphValues:
         """Convert to values of a graph's variables."""
@@ -61,14 +61,14 @@ class GraphState(NamedTuple):
         State after a step in the order of rows, (n, 6), along straight lines or arcs; it can
         overwrite another one.
         """
-        rotation, place = (
+        rotation, position = (
             (np.empty_like(self.rotation), np.empty_like(self.position))
             if into is None
             else into[:2]
         )
-        residuals.move(self.rotation, self.position, structure.row, step, arc, rotation, place)
-        shared = step[structure.row[len(place) :]].ravel()[: self.shared.size]
-        return GraphState(rotation, place, self.shared + shared)
+        residuals.move(self.rotation, self.position, structure.row, step, arc, rotation, position)
+        shared = step[structure.row[len(position) :]].ravel()[: self.shared.size]
+        return GraphState(rotation, position, self.shared + shared)
 
 
 class FactorBlocks(NamedTuple):
@@ -166,7 +166,7 @@ class FactorsExceptRanges:
             row[:m], row[m:], *(column[inner] for column in self._relative[2:])
         )
         pairs = Blocks(row[:m], np.zeros(m, dtype=np.bool_))
-        place = np.concatenate([state.position[one], state.position[other]])
+        position = np.concatenate([state.position[one], state.position[other]])
         rotation = np.concatenate([state.rotation[one], state.rotation[other]])
 
         factors = assembly.ChainFactors(
@@ -186,7 +186,7 @@ class FactorsExceptRanges:
             upper = cholesky.Upper(
                 start, row, by_itself.diagonal, by_itself.above, *np.empty((2, 0, SIZE))
             )
-            poses = residuals.PoseArrays(turned, place)
+            poses = residuals.PoseArrays(turned, position)
             costs = assembly.Costs(np.empty(m), np.empty(0))
             assembly.assemble(
                 factors, batches, poses, by_itself, upper, (1, False), costs, _scratch()
@@ -212,8 +212,8 @@ class FactorsExceptRanges:
         whole = np.zeros((m, 2, SIZE, 2, SIZE))
         whole[:, :, :3] = lacking
         whole[:, :, 3:, :, :3] = np.moveaxis(lacking[..., 3:], (1, 2), (3, 4))
-        turns = whole[:, :, :3, :, :3]  # symmetric except for the rotation of the body's axes
-        whole[:, :, :3, :, :3] = 0.5 * (turns + np.moveaxis(turns, (1, 2), (3, 4)))
+        rotations = whole[:, :, :3, :, :3]  # symmetric except for the rotation of the body's axes
+        whole[:, :, :3, :, :3] = 0.5 * (rotations + np.moveaxis(rotations, (1, 2), (3, 4)))
         rows = out.structure.row
         np.add.at(out.diagonal, rows[one], whole[:, 0, :, 0])
         np.add.at(out.diagonal, rows[other], whole[:, 1, :, 1])
@@ -345,8 +345,8 @@ def _relative(table: Factors) -> tuple[Any, ...]:
     kind = table.kind
     first = table.variables[:, 0] if len(kind.ends) == 2 else np.full(n, -1)
     step = table.column("position") if "position" in kind.columns_at else np.zeros((n, 3))
-    turn = matrix_from_quaternion(table.column("quaternion"))
-    return first.astype(np.intp), table.variables[:, -1].astype(np.intp), turn, step
+    rotation = matrix_from_quaternion(table.column("quaternion"))
+    return first.astype(np.intp), table.variables[:, -1].astype(np.intp), rotation, step
 
 
 def _pose_roots(tables: list[Factors]) -> Array:
@@ -391,11 +391,11 @@ def _position(table: Factors) -> tuple[Any, ...]:
             table.column("position"),
             np.swapaxes(root, 1, 2) @ root,
         )
-    place = np.zeros((n, 3))
+    position = np.zeros((n, 3))
     information = np.zeros((n, 3, 3))
-    place[:, 2] = table.column("depth")
+    position[:, 2] = table.column("depth")
     information[:, 2, 2] = 1.0 / table.variance
-    return table.subject.astype(np.intp), place, information
+    return table.subject.astype(np.intp), position, information
 
 
 def _information_root(covariance: Array) -> Array:
@@ -689,10 +689,10 @@ def _add_arcs(state: GraphState, out: NormalEquations, rows: Indices) -> None:
     """Add the curvature due to motion along arcs: half of ``g . (R w) x d``, symmetrically."""
     pull = np.cross(out.gradient[rows][:, None, 3:], np.eye(3)[None])  # [g], transposed
     mixed = 0.5 * np.swapaxes(state.rotation[: rows.size], 1, 2) @ pull
-    turn = np.arange(3)
-    shift = np.arange(3, 6)
-    out.diagonal[rows[:, None, None], turn[:, None], shift] += mixed
-    out.diagonal[rows[:, None, None], shift[:, None], turn] += np.swapaxes(mixed, 1, 2)
+    rotation = np.arange(3)
+    translation = np.arange(3, 6)
+    out.diagonal[rows[:, None, None], rotation[:, None], translation] += mixed
+    out.diagonal[rows[:, None, None], translation[:, None], rotation] += np.swapaxes(mixed, 1, 2)
 
 
 def _hold_in_plane(out: NormalEquations, rows: Indices) -> None:

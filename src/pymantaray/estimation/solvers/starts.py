@@ -172,7 +172,7 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     unary = graph.of_ends(("pose",), ("landmark",))
     placed = [table for table in unary if "position" in table.kind.columns_at]
     at = np.concatenate([table.subject for table in placed])
-    place = np.concatenate([table.column("position") for table in placed])
+    position = np.concatenate([table.column("position") for table in placed])
     of_place = np.concatenate([1.0 / table.variance[:, -3:].mean(axis=1) for table in placed])
     loose = _first_of_parts(graph.n_variables, ends, at)
     every = np.concatenate([values.position, values.landmark_position])
@@ -182,7 +182,7 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
         np.ones((len(ends), 1, 1)),
         weight,
         np.concatenate([at, loose]),
-        np.concatenate([place, every[loose]])[:, None],
+        np.concatenate([position, every[loose]])[:, None],
         np.append(of_place, np.ones(loose.size)),
         graph.n_variables,
         moved[:, None],

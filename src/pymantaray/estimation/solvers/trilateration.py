@@ -40,7 +40,7 @@ def trilaterate(
     a line have a circle of solutions. Every solution is a local minimum of the weighted squared
     range residuals.
     """
-    place = np.concatenate([values.position, values.landmark_position])
+    position = np.concatenate([values.position, values.landmark_position])
     unknown = range_only_landmarks(graph)
     ranges = graph["range"]
     out: dict[int, list[Array]] = {}
@@ -52,7 +52,7 @@ def trilaterate(
         mine = ((second == landmark) & ~np.isin(first, unknown)).nonzero()[0]
         rows = mine[:: -(-mine.size // _MAX_RANGES)] if mine.size else mine
         if rows.size:
-            found = _solutions(place[first[rows], :axes], distance[rows], sigma[rows])
+            found = _solutions(position[first[rows], :axes], distance[rows], sigma[rows])
             out[landmark] = [np.pad(x, (0, 3 - axes)) for x in found]
     return out
 
