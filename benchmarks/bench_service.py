@@ -9,8 +9,8 @@ which other work on the machine disturbs less, the median and the 99th percentil
 and pings a second by the wall. Over HTTP there is one client with one connection, or several at a
 time.
 
-``--requests N`` sends so many instead, good, malformed and oversized ones in turn by chance, from 4
-clients, and prints the server's memory as they go (100,000 in the figures of the docs).
+``--requests N`` sends N requests instead: good, malformed and oversized ones in random order, from
+4 clients, and prints the server's memory as they go (100,000 in the figures of the docs).
 """
 
 import argparse

@@ -154,7 +154,7 @@ def image_times(
     source: Array, receiver: Array, speed: float, depth: float, n_s: int, n_b: int
 ) -> list[float]:
     """
-    Travel times in an isovelocity wave guide with so many reflections: 1 or 2, by the image method.
+    Travel times in an isovelocity wave guide after 1 or 2 reflections, by the image method.
     """
     across = np.hypot(*(receiver - source)[:2])
     zs, zr = source[2], receiver[2]

@@ -30,12 +30,12 @@ def marked(script: Path):
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda script: script.stem)
-def test_a_script_has_a_title_and_less_than_forty_lines(script):
+def test_a_script_has_a_title_and_less_than_thirty_lines(script):
     text = script.read_text(encoding="utf-8")
     words = ast.get_docstring(ast.parse(text))
     assert re.fullmatch(r"[^\n]+\n=+\n\n.+", words, re.DOTALL)
     code = text.split('"""', 2)[2]
-    assert len([line for line in code.splitlines() if line.strip()]) < 40
+    assert len([line for line in code.splitlines() if line.strip()]) < 30
 
 
 @pytest.mark.parametrize("script", [marked(script) for script in SCRIPTS])

@@ -32,12 +32,8 @@ with tempfile.TemporaryDirectory() as folder:
 
 figure, axes = plt.subplots(figsize=(8, 3.6), layout="constrained")
 for link, part in ranges.groupby(["transmitter", "receiver"]):
-    axes.plot(
-        part["time"] / 60.0,
-        part["refracted_range"] - part["straight_range"],
-        ".-",
-        label=" to ".join(link),
-    )
+    error = part["refracted_range"] - part["straight_range"]
+    axes.plot(part["time"] / 60.0, error, ".-", label=" to ".join(link))
 axes.set(xlabel="Time [min]", ylabel="Range error [m]")
 axes.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
 axes.set_title("Travel time times sound speed at the transmitter, minus distance", loc="left")

@@ -15,9 +15,8 @@ from matplotlib import pyplot as plt
 from pymantaray import open_graph, solve_graph
 
 rng, lines = np.random.default_rng(1), list[str]()
-square = np.array(
-    [[0, 0], [50, 0], [100, 0], [100, 50], [100, 100], [50, 100], [0, 100], [0, 50]], dtype=float
-)
+corners = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]
+square = 50.0 * np.array(corners)
 for name, path in (("A", square), ("B", np.roll(square, 4, axis=0))):
     lines += [f"VERTEX_SE2 {k} {name}{k} {x} {y} 0" for k, (x, y) in enumerate(path)]
     lines += [f"VERTEX_SE2:PRIOR 0 {name}0 {path[0, 0]} {path[0, 1]} 0 1e-4 0 0 1e-4 0 1e-4"]

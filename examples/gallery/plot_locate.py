@@ -20,15 +20,11 @@ from pymantaray.acoustics import Medium, read_profile
 
 with tempfile.TemporaryDirectory() as folder:
     runpy.run_path("../locate_survey.py")["main"](folder)  # this script runs in its own folder
-    data = Path(folder)
-    survey = read_survey(
-        data / "pings.csv", ReadOptions(nodes=data / "nodes.csv", lever=(6.0, -2.5, 20.0))
-    )
-    cast = read_profile(data / "cast.csv")
-    truth = json.loads((data / "truth.json").read_text())["nodes"]
-water = Medium.from_profile(
-    cast.depth, cast.sound_speed, bottom_depth=1500.0, interpolation="linear"
-)
+    at = Path(folder)
+    survey = read_survey(at / "pings.csv", ReadOptions(nodes=at / "nodes.csv", lever=(6, -2.5, 20)))
+    cast = read_profile(at / "cast.csv")
+    truth = json.loads((at / "truth.json").read_text())["nodes"]
+water = Medium.from_profile(cast.depth, cast.sound_speed, bottom_depth=1500, interpolation="linear")
 nodes = locate(survey, water, LocateOptions(speed_model="time")).nodes.set_index("name")
 
 
@@ -39,9 +35,7 @@ for k, (name, node) in enumerate(nodes.iterrows()):
     north, east = survey.frame.to_local(truth[name]["lat"], truth[name]["lon"])
     error = 100.0 * (node["east"] - east), 100.0 * (node["north"] - north)  # cm
     size = 200.0 * node["ellipse_major_m"], 200.0 * node["ellipse_minor_m"]
-    right.add_patch(
-        Ellipse(error, *size, angle=90.0 - node["ellipse_azimuth_deg"], color=f"C{k}", alpha=0.2)
-    )
+    right.add_patch(Ellipse(error, *size, angle=90.0 - node["ellipse_azimuth_deg"], alpha=0.2))
     right.plot(*error, "o", color=f"C{k}")
 right.plot(0.0, 0.0, "k+", ms=14)
 left.set(title="Survey", xlabel="East [m]", ylabel="North [m]", aspect="equal")

@@ -127,7 +127,7 @@ def test_kernel_compiles_for_a_device_without_one():
     assert done.returncode == 0, done.stderr[-2000:]
     entries, lines = (int(word) for word in done.stdout.split())
     assert entries == 1
-    assert lines < 150_000  # 137,453 in November 2026
+    assert lines < 100_000  # with the tracer inlined at every call it had 158,000
 
 
 @pytest.mark.parametrize("dirt", [np.nan, 1e300])

@@ -65,7 +65,7 @@ def test_spreading_agrees_with_finite_difference_ray_tubes():
 
 def compare_with_the_multipath_table(name, bounces, links):
     """
-    Rows that are missed or invented among those with so many reflections at most, and the errors of
+    Rows that are missed or invented, up to a number of reflections, and the errors of
     time.
     """
     rows, arrivals = solve(name, bounces, bounces, links=links)

@@ -77,7 +77,7 @@ SURFACE = Bed(0.0)
 
 def images(source, receiver, bed, most, inside=unbounded, top=SURFACE):
     """
-    Every ray with at most so many reflections; inside gives the distance of a place from the edge
+    All rays up to a number of reflections; inside gives the distance of a position from the edge
     of the grid.
     """
     planes = {

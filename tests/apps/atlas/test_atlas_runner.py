@@ -432,7 +432,7 @@ print(int(own.split()[1]) // 1024, resource.getrusage(resource.RUSAGE_CHILDREN).
 
 def packed(path, ocean, rows, columns):
     """
-    A file of so many grid points, packed in 16 bits as HYCOM's are, the same profile everywhere.
+    File with a number of grid points, packed in 16 bits as in HYCOM, with one profile everywhere.
     """
     profile = ocean.isel(lat=25, lon=20)
     data = xr.Dataset(

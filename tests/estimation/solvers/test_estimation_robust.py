@@ -200,10 +200,12 @@ def test_a_start_at_the_truth_hides_a_local_minimum(study):
 @pytest.mark.slow
 def test_without_outliers_robust_losses_cost_next_to_nothing(study):
     for name, loss in LOSSES.items():
-        # from the truth: redescending losses have other minima near a dead-reckoned start
         found = solve_robust(study.graph, study.truth, loss)
         assert found.status == SolveStatus.OK
         assert abs(study.ate(found) - study.clean) < 0.01 * study.clean, name
+        if name != "tukey":  # ends in another minimum
+            found = solve_robust(study.graph, study.reckoned, loss)
+            assert abs(study.ate(found) - study.clean) < 0.1 * study.clean, name
 
 
 @pytest.mark.slow

@@ -374,8 +374,8 @@ def put_fan(n_nodes, tol, gap, work):
 @kernel
 def fill_fan(length, progress, work):
     """
-    Let the other rays of a fan wait, except between rays that show that there is neither a root nor
-    a ray that turns.
+    Keep the other rays of a fan for later, unless the rays on both sides exclude a root and a
+    turning ray.
     """
     fan, a = work.rays[first_row(work) :], 0
     for b in range(1, int(progress.right) + 2):

@@ -402,8 +402,8 @@ def add_pairs(pairs, blocks, residual, slope, bend, information, matrix):  # typ
     Blocks and gradient of whitened residuals (n,) of pairs (n, 2), with slopes by the positions of
     both ends, (n, 6).
 
-    Of a distance with curvature a share ``bend`` of its own residual over it: so much less along
-    it, and as much across.
+    ``bend`` is the curvature of a distance: its information across the line, as a share of that
+    along the line.
     """
     block, turned = blocks.block, blocks.turned
     row, diagonal, above, gradient = matrix.row, matrix.diagonal, matrix.above, matrix.gradient
