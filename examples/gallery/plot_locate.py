@@ -30,12 +30,12 @@ nodes = locate(survey, water, LocateOptions(speed_model="time")).nodes.set_index
 
 figure, (left, right) = plt.subplots(1, 2, figsize=(8, 3.8), layout="constrained")
 left.plot(*survey.transmit_position[:, 1::-1].T, ".", ms=2, color="grey", label="ship")
-for k, (name, node) in enumerate(nodes.iterrows()):
-    left.plot(node["east"], node["north"], "^", ms=9, color=f"C{k}", label=name)
+for k, (name, row) in enumerate(nodes.iterrows()):
+    left.plot(row["east"], row["north"], "^", ms=9, color=f"C{k}", label=name)
     north, east = survey.frame.to_local(truth[name]["lat"], truth[name]["lon"])
-    error = 100.0 * (node["east"] - east), 100.0 * (node["north"] - north)  # cm
-    size = 200.0 * node["ellipse_major_m"], 200.0 * node["ellipse_minor_m"]
-    right.add_patch(Ellipse(error, *size, angle=90.0 - node["ellipse_azimuth_deg"], alpha=0.2))
+    error = 100.0 * (row["east"] - east), 100.0 * (row["north"] - north)  # cm
+    size = 200.0 * row["ellipse_minor_m"], 200.0 * row["ellipse_major_m"]
+    right.add_patch(Ellipse(error, *size, angle=-row["ellipse_azimuth_deg"], fc=f"C{k}", alpha=0.2))
     right.plot(*error, "o", color=f"C{k}")
 right.plot(0.0, 0.0, "k+", ms=14)
 left.set(title="Survey", xlabel="East [m]", ylabel="North [m]", aspect="equal")
