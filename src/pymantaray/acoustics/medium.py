@@ -335,6 +335,32 @@ class Medium:
             earth=_sphere_at(grid.window.frame.latitude_deg, earth),
         )
 
+    def with_earth(self, earth: EarthSphere | None) -> Self:
+        """
+        Return the same water on another Earth.
+
+        Parameters
+        ----------
+        earth : EarthSphere or None
+            Sphere below the local frame; None for a flat Earth.
+
+        Returns
+        -------
+        Medium
+        """
+        if earth == self.earth:
+            return self
+        return self.from_grid(
+            self.north,
+            self.east,
+            self.depth,
+            self.sound_speed,
+            bathymetry=self.bed,
+            interpolation=self.interpolation,
+            ice_draft=self.surface,
+            earth=earth,
+        )
+
     def plus(self, profiles: ArrayLike, fields: ArrayLike) -> Self:
         """
         Add products of profiles and horizontal fields to the sound speed.

@@ -6,6 +6,7 @@ from itertools import product
 import numpy as np
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.locate.earth import in_water
 from pymantaray.apps.locate.evidence import posterior
 from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.apps.locate.starts import mean_speed
@@ -110,7 +111,9 @@ def notes_outside_water(survey: Survey, medium: Medium, lever: Array) -> tuple[s
 
     Too many too far outside raise an error.
     """
-    ends = [end[~survey.between_nodes] for end in transducers(survey, lever)]
+    ends = [
+        in_water(survey, medium, end[~survey.between_nodes]) for end in transducers(survey, lever)
+    ]
     count = len(ends[0])
     if not count:
         return ()
@@ -148,7 +151,7 @@ def notes_below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]
 
     More than a metre raises an error.
     """
-    position = solution.positions
+    position = in_water(solution.unknowns.survey, medium, solution.positions)
     depth = position[:, 2] - medium.bottom_depth(position)
     notes = []
     for k in np.flatnonzero(depth > _ON_BOUNDARY):

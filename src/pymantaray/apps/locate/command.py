@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
     from pymantaray.acoustics import Medium
     from pymantaray.apps.locate import Location, Survey
-    from pymantaray.geometry import EarthSphere, LocalFrame
     from pymantaray.ocean.modes import VerticalModes
     from pymantaray.sensing.water import Water
 
@@ -162,13 +161,16 @@ def survey(
     pings = read_survey(file, values.read_options())
     if folder.out is not None:
         check_names_to_write(pings)
-    water = _water(source, options, pings)
+    water = _water(source, replace(options, earth=None), pings)
     with progress_bars(quiet=printing.quiet or not bootstrap) as report:
         progress = None if report is None else partial(report, "bootstrap")
         location = locate(
             water.survey,
             water.medium,
-            values.locate_options(repair_freezing=options.repair_freezing),
+            replace(
+                values.locate_options(repair_freezing=options.repair_freezing),
+                earth=options.earth or "auto",
+            ),
             bootstrap=bootstrap,
             seed=seed,
             progress=progress,
@@ -350,7 +352,6 @@ def _water(source: AnySourceOptions, options: WaterOptions, survey: "Survey") ->
             bottom_depth=keys.get("bathymetry", max(float(depth[-1]), _BED_FACTOR * deepest)),
             interpolation=keys.get("interpolation", "linear"),
             ice_draft=keys.get("ice", 0.0),
-            earth=_sphere(frame) if options.earth == "sphere" else None,
         )
         record = {"profile": "of the survey", "last_level_m": float(depth[-1])}
         return _SurveyWater(survey, medium, record, notes)
@@ -362,17 +363,6 @@ def _water(source: AnySourceOptions, options: WaterOptions, survey: "Survey") ->
     return _SurveyWater(
         survey, water.at_start[0], dict(water.record), [*notes, *water_notes(water)]
     )
-
-
-def _sphere(frame: "LocalFrame | None") -> "EarthSphere":
-    """Sphere below the frame of a survey."""
-    from pymantaray.geometry import EarthSphere
-
-    if frame is None:
-        raise LocateError(
-            "--earth sphere: the survey has no latitude and longitude; remove the option"
-        )
-    return EarthSphere.at_latitude(frame.latitude_deg)
 
 
 def _water_over_bed(source: AnySourceOptions, options: WaterOptions, deepest: float) -> "Water":
@@ -400,7 +390,7 @@ def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
     """Print the results."""
     from pymantaray.apps.locate.write import summary
 
-    for note in notes:
+    for note in [*notes, location.earth]:
         out.line(note)
     values = summary(location)
     unused = values["rejected"]

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.apps.locate.earth import in_water
 from pymantaray.apps.locate.graduated import robust_sigma
 from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.apps.locate.survey import Survey, TravelDirection
@@ -83,12 +84,12 @@ def _echoes(
     pings = survey.rows(candidates)
     lever = solution.unknowns.lever(solution.values)
     legs: Legs = predict(pings, medium, solution.positions, lever)
-    start, _ = transducers(pings, lever)
+    start = in_water(pings, medium, transducers(pings, lever)[0])
     start[:, 2] = np.maximum(start[:, 2], 1e-3)
     arrivals = find_eigenrays(
         medium,
         start,
-        solution.positions[pings.node],
+        in_water(pings, medium, solution.positions)[pings.node],
         max_surface_bounces=1,
         max_bottom_bounces=1,
     )

@@ -19,6 +19,7 @@ from pymantaray.apps.locate.checks import (
     notes_below_bed,
     notes_outside_water,
 )
+from pymantaray.apps.locate.earth import medium_on_earth
 from pymantaray.apps.locate.gross import reasons
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
 from pymantaray.apps.locate.options import LocateOptions
@@ -26,6 +27,7 @@ from pymantaray.apps.locate.patterns import NoiseTest, noise_tests, test_table
 from pymantaray.apps.locate.solve import CORRELATED, SurveySolution, candidate_table, solve
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.arrays import Array
+from pymantaray.geometry.tangent_plane import TangentPlane
 from pymantaray.records.result_table import ResultTable
 
 _ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a normal distribution in two dimensions
@@ -83,6 +85,8 @@ class Location:
         Positions of resampled surveys. [m]
     notes : tuple of str
         Transducers and nodes outside the water, whose rays end at its boundary.
+    earth : str
+        Shape of the Earth, and the reason.
     """
 
     survey: Survey
@@ -93,6 +97,7 @@ class Location:
     reason: NDArray[np.str_]
     bootstrap: Array | None = None
     notes: tuple[str, ...] = ()
+    earth: str = ""
 
     @cached_property
     def covariance(self) -> Array:
@@ -231,6 +236,9 @@ class Location:
         """Latitudes and longitudes, NaN without a frame. [degrees]"""
         if self.survey.frame is None:
             return np.full(len(position), np.nan), np.full(len(position), np.nan)
+        if self.survey.depth_reference == "plane":
+            lat, lon, _ = TangentPlane(self.survey.frame).to_geodetic(position)
+            return lat, lon
         return self.survey.frame.to_geodetic(position[:, 0], position[:, 1])
 
     @cached_property
@@ -435,7 +443,8 @@ def locate(
     survey : Survey
         Survey from `read_survey` or from arrays.
     medium : Medium
-        Sound speed, in the survey's frame unless it is horizontally uniform.
+        Sound speed, in the survey's frame unless it is horizontally uniform. `LocateOptions.earth`
+        defines the shape of the Earth, a sphere by default if the survey has a geographic frame.
     options : LocateOptions, optional
         Options of the solver.
     bootstrap : int
@@ -460,6 +469,7 @@ def locate(
         ping.
     """
     selected = options or LocateOptions()
+    medium, earth = medium_on_earth(survey, medium, selected.earth)
     check_survey(survey, medium)
     solution, candidates, solver = solve(survey, medium, selected)
     solution, mirrors = with_mirrors(solver, solution)
@@ -480,4 +490,5 @@ def locate(
         reasons(solution, medium),
         draws,
         notes,
+        earth,
     )

@@ -17,6 +17,7 @@ Kind = Literal["known", "scale", "time", "gradient", "modes"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 PlanKind = Literal["known", "scale", "time", "gradient"]
 Arrangement = Literal["free", "rigid"]
+EarthOption = Literal["auto", "flat", "sphere"]
 
 
 @dataclass(frozen=True)
@@ -70,6 +71,9 @@ class LocateOptions:
         Prior of the sound speed.
     modes : VerticalModes, optional
         Vertical modes for the model ``modes``.
+    earth : {"auto", "flat", "sphere"}
+        Shape of the Earth: ``auto`` is the sphere if the survey has a geographic frame, else that
+        of the water.
     """
 
     speed_model: Literal["auto", "known", "scale", "time", "gradient", "modes"] = "auto"
@@ -78,6 +82,7 @@ class LocateOptions:
     arrangement: Arrangement | None = None
     speed_prior: SpeedPrior = field(default_factory=SpeedPrior)
     modes: "VerticalModes | None" = None
+    earth: EarthOption = "auto"
 
     def __post_init__(self) -> None:
         """Check all values."""
@@ -87,6 +92,8 @@ class LocateOptions:
             )
         if self.correlation not in ("auto", "none"):
             raise LocateError(f"correlation is {self.correlation!r}; allowed: auto, none")
+        if self.earth not in get_args(EarthOption):
+            raise LocateError(f"earth is {self.earth!r}; allowed: auto, flat, sphere")
         if not self.gross > 2.0:
             raise LocateError(
                 f"gross is {self.gross:g}; it must be greater than 2 standard deviations"

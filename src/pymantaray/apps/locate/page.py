@@ -64,7 +64,10 @@ def write_location_page(
     JobError
         If the folder is not empty or cannot be written.
     """
-    record = (made_by or {}) | {"model": location.hyperparameters}
+    record = (made_by or {}) | {
+        "earth": location.earth,
+        "model": location.hyperparameters,
+    }
     page_of = partial(_page, location, notes or [])
     others = partial(write_location, location)
     return write_page(
@@ -79,7 +82,7 @@ def _page(
     return Page(
         title="Located nodes",
         facts=[_fact(location)],
-        notes=[*notes, *warnings_of(location)],
+        notes=[location.earth, *notes, *warnings_of(location)],
         cards=_cards(location),
         pictures=pictures,
         tables=[table for table in tables.values() if table.caption],

@@ -120,6 +120,7 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
             rigid=rigid,
             profile=None if not profile else _profile(_find(settings, profile)),
             frame=LocalFrame(latitude, longitude),
+            depth_reference="plane",
             notes=(
                 (
                     f"{path}: depths are relative to the site's origin, {height:g} m above the"

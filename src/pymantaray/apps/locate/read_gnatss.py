@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import pyproj
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.apps.locate.read_options import ReadOptions, skipped_note
 from pymantaray.apps.locate.survey import Node, PlatformError, Survey
@@ -27,6 +27,7 @@ from pymantaray.user_files import matching_files, read_text
 _J2000 = np.datetime64("2000-01-01T12:00:00", "ns")
 _TIME_TOLERANCE = 2e-3  # s; between an instant and its position
 _RADIUS = (6.3e6, 6.5e6)  # m; limits of the distance of a platform from the centre of the Earth
+_MEAN_RADIUS = 6371e3  # m
 _SIGMA = (100.0, 100.0, 100.0)  # m; standard deviations of prior positions
 _POSITION_COLUMNS = 13  # time, X, Y, Z and the covariance matrix by rows
 
@@ -74,11 +75,20 @@ def _config(path: Path) -> dict[str, Any]:
 
 
 def _node(number: int, entry: dict[str, Any], frame: LocalFrame, geoid: float) -> Node:
-    north, east = frame.to_local(float(entry["lat"]), float(entry["lon"]))
+    north, east = _to_local(frame, float(entry["lat"]), float(entry["lon"]), geoid)
     depth = geoid - float(entry["height"])
     name = str(entry.get("pxp_id") or f"P{number + 1}")
     turn_around = float(entry.get("internal_delay", 0.0))
     return Node(name, (float(north), float(east), depth), _SIGMA, turn_around=turn_around)
+
+
+def _to_local(
+    frame: LocalFrame, lat: ArrayLike, lon: ArrayLike, geoid: float
+) -> tuple[Array, Array]:
+    """Local coordinates at the sea surface, whose radius differs by the geoid's height. [m]"""
+    north, east = frame.to_local(lat, lon)
+    scale = 1.0 + geoid / _MEAN_RADIUS
+    return scale * north, scale * east
 
 
 def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
@@ -185,7 +195,7 @@ def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> _Positions
     times, xs, ys, zs, *variances = table[np.argsort(table[:, 0], kind="stable")].T
     geodetic = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True)
     lon, lat, height = geodetic.transform(xs, ys, zs)
-    north, east = frame.to_local(lat, lon)
+    north, east = _to_local(frame, lat, lon, geoid)
     return _Positions(
         time=times,
         position=np.column_stack([north, east, geoid - height]),

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, field, replace
 from enum import IntEnum
-from typing import Any, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
+from pymantaray.geometry.tangent_plane import TangentPlane
 
+DepthReference = Literal["surface", "plane"]
 _MAX_TRAVEL_TIME = 120.0  # s; two-way time of 90 km, beyond the reach of any transponder
 
 
@@ -173,6 +175,9 @@ class Survey:
         Errors of the platform's positions.
     frame : LocalFrame, optional
         Frame of the positions; None if latitude and longitude are unknown.
+    depth_reference : {"surface", "plane"}
+        Origin of depths: the sea surface, which is curved, or the tangent plane at the frame's
+        centre, in which north and east are then straight axes.
     epoch : numpy.datetime64
         UTC of time 0; NaT if it is unknown.
     rigid : tuple of float, optional
@@ -202,6 +207,7 @@ class Survey:
     lever: LeverArm = LeverArm()
     platform_error: PlatformError = PlatformError()
     frame: LocalFrame | None = None
+    depth_reference: DepthReference = "surface"
     epoch: np.datetime64 = field(default_factory=lambda: np.datetime64("NaT", "ns"))
     rigid: tuple[float, float, float, float] | None = None
     profile: tuple[Array, Array] | None = None
@@ -353,7 +359,7 @@ class Survey:
 
     def in_frame(self, frame: LocalFrame) -> Self:
         """
-        Convert all positions and headings to another frame.
+        Convert all positions and headings to another frame, with depths below the sea surface.
 
         Parameters
         ----------
@@ -371,10 +377,14 @@ class Survey:
                 " profile instead"
             )
         old_centre = old_frame.latitude_deg, old_frame.longitude_deg
-        if old_centre == (frame.latitude_deg, frame.longitude_deg):
+        is_plane = self.depth_reference == "plane"
+        if old_centre == (frame.latitude_deg, frame.longitude_deg) and not is_plane:
             return self
 
         def convert(position: Array) -> Array:
+            if is_plane:
+                plane = TangentPlane(old_frame)
+                return plane.to_frame(position.reshape(-1, 3), frame).reshape(position.shape)
             lat, lon = old_frame.to_geodetic(position[..., 0], position[..., 1])
             north, east = frame.to_local(lat, lon)
             return np.stack([north, east, position[..., 2]], axis=-1)
@@ -387,6 +397,7 @@ class Survey:
         )
         return self.assign(
             frame=frame,
+            depth_reference="surface",
             nodes=nodes,
             transmit_position=convert(self.transmit_position),
             receive_position=convert(self.receive_position),

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from pymantaray.acoustics import Medium, find_eigenrays, trace_paths, travel_time_sensitivity
+from pymantaray.apps.locate.earth import in_plane, water_ends
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.arrays import Array
 from pymantaray.ocean.modes import VerticalModes
@@ -121,8 +122,8 @@ def predict(
     back = np.flatnonzero(has_back)
     node = position[survey.node]
     ends = np.concatenate([start[out], end[back]]), np.concatenate([node[out], node[back]])
-    ends = _in_water(ends[0], medium), _in_water(ends[1], medium)
-    arrivals = find_eigenrays(medium, *ends)
+    first_end, second_end = (_clip(end, medium) for end in water_ends(survey, medium, *ends))
+    arrivals = find_eigenrays(medium, first_end, second_end)
     first = arrivals.first()
     rows = np.concatenate([out, back])
     # both legs between two nodes at rest are one ray
@@ -131,13 +132,17 @@ def predict(
     np.add.at(time, rows, weight * first.travel_time)
     gradients = np.zeros((4, n, 3))
     node_gradient, transmit_gradient, receive_gradient, partner_gradient = gradients
-    at_node = weight[:, None] * first.receiver_slowness
-    at_other = -weight[:, None] * first.source_slowness
-    at_transmission, at_reception = np.split(at_other, [out.size])
-    np.add.at(node_gradient, rows, at_node)
+    by_other, by_node = (
+        weight[:, None] * in_plane(survey, medium, end, slowness)
+        for end, slowness in zip(
+            ends, (-first.source_slowness, first.receiver_slowness), strict=True
+        )
+    )
+    at_transmission, at_reception = np.split(by_other, [out.size])
+    np.add.at(node_gradient, rows, by_node)
     transmit_gradient[out] = np.where(between_nodes[out, None], 0.0, at_transmission)
     receive_gradient[back] = np.where(between_nodes[back, None], 0.0, at_reception)
-    np.add.at(partner_gradient, rows, np.where(between_nodes[rows, None], at_other, 0.0))
+    np.add.at(partner_gradient, rows, np.where(between_nodes[rows, None], by_other, 0.0))
     status = np.zeros(n, dtype=np.int64)
     np.maximum.at(status, rows, first.status.astype(np.int64))
     impossible = status != RayStatus.OK
@@ -145,7 +150,8 @@ def predict(
     gradients[:, impossible] = 0.0
     by_modes = np.zeros((n, 0 if modes is None else len(modes.modes)))
     if modes is not None:
-        np.add.at(by_modes, rows, weight[:, None] * _sensitivity(medium, ends, arrivals, modes))
+        by_amplitude = _sensitivity(medium, (first_end, second_end), arrivals, modes)
+        np.add.at(by_modes, rows, weight[:, None] * by_amplitude)
     return Legs(
         travel_time=time,
         node_gradient=node_gradient,
@@ -170,7 +176,7 @@ def _sensitivity(
     return out
 
 
-def _in_water(position: Array, medium: Medium) -> Array:
+def _clip(position: Array, medium: Medium) -> Array:
     """Clip the depths of positions to the water, as the solver requires."""
     out = np.array(position)
     top = medium.surface_depth(out)

@@ -40,6 +40,7 @@ def summary(location: Location) -> dict[str, Any]:
         "unknowns": location.other_unknowns,
         "mirrors": [vars(mirror) for mirror in location.mirrors],
         "rejected": _rejected(location),
+        "earth": location.earth,
         "settled": location.solution.settled,
     }
 
@@ -87,7 +88,10 @@ def geojson(location: Location) -> str:
         across = row["ellipse_minor_m"] * np.sin(angle)
         north = row["north"] + along * np.cos(azimuth) - across * np.sin(azimuth)
         east = row["east"] + along * np.sin(azimuth) + across * np.cos(azimuth)
+        centre_lat, centre_lon = frame.to_geodetic(row["north"], row["east"])
         lat, lon = frame.to_geodetic(north, east)
+        # a tangent plane has other coordinates, but the same ellipse
+        lat, lon = lat + row["lat"] - centre_lat, lon + row["lon"] - centre_lon
         ring = np.column_stack([lon, lat]).tolist()
         ring[-1] = ring[0]
         features.append(_feature("Polygon", [ring], {"name": row["name"], "what": "95 % ellipse"}))
@@ -129,6 +133,7 @@ def dataset(location: Location) -> xr.Dataset:
     out.attrs = {
         "title": "Located nodes",
         "source": location.survey.source,
+        "earth": location.earth,
         "rms_s": location.rms,
     } | model
     return out

@@ -1,0 +1,123 @@
+"""Shape of the Earth below a survey, and its tangent plane in water with a curved surface."""
+
+import numpy as np
+
+from pymantaray.acoustics import Medium
+from pymantaray.apps.locate.options import EarthOption
+from pymantaray.apps.locate.survey import Survey
+from pymantaray.arrays import Array
+from pymantaray.errors import LocateError
+from pymantaray.geometry import EarthSphere
+from pymantaray.geometry.tangent_plane import TangentPlane
+
+_MEAN_RADIUS = 6371e3  # m; the radius of curvature of WGS 84 differs by up to 0.6 %
+_FLAT_LIMIT = 0.02  # m of depth
+_LEAST_DISTANCE = 1.0  # m; horizontal distance with a direction
+
+
+def medium_on_earth(survey: Survey, medium: Medium, earth: EarthOption) -> tuple[Medium, str]:
+    """Medium on the Earth of a survey, and a sentence about it."""
+    farthest = _farthest(survey)
+    drop = farthest**2 / (2.0 * _MEAN_RADIUS)
+    distance = f"{drop:.2g} m at the farthest ping ({1e-3 * farthest:.1f} km)"
+    if earth == "flat":
+        reason = f"as requested; a curved sea surface is lower by {distance}"
+        return medium.with_earth(None), f"Earth: flat, {reason}"
+    frame = survey.frame
+    if frame is None:
+        if survey.depth_reference == "plane":
+            raise LocateError(
+                f"{survey.source}: depths below a tangent plane need the latitude and longitude of"
+                " its origin; give `frame`"
+            )
+        if earth == "sphere":
+            curved = medium.with_earth(medium.earth or EarthSphere(_MEAN_RADIUS))
+            return curved, f"Earth: {_name(curved)}, as requested"
+        if medium.earth is not None:
+            return medium, f"Earth: {_name(medium)}, that of the water"
+        advice = ""
+        if drop > _FLAT_LIMIT:
+            advice = f"; `earth='sphere'` is for depths below the sea surface, lower by {distance}"
+        reason = f"because positions are north and east, without latitude and longitude{advice}"
+        return medium, f"Earth: flat, {reason}"
+    curved = medium.with_earth(medium.earth or EarthSphere.at_latitude(frame.latitude_deg))
+    if survey.depth_reference == "plane":
+        reason = (
+            "with positions and depths in the tangent plane of the origin, below which the sea"
+            f" surface is lower by {distance}"
+        )
+    else:
+        reason = (
+            "because positions are geographic and depths are below the sea surface, which is lower"
+            f" by {distance}"
+        )
+    return curved, f"Earth: {_name(curved)}, {reason}"
+
+
+def _name(medium: Medium) -> str:
+    radius = 0.0 if medium.earth is None else medium.earth.radius
+    return f"sphere of {1e-3 * radius:,.0f} km"
+
+
+def _farthest(survey: Survey) -> float:
+    """Greatest horizontal distance of a ping from its node's prior position. [m]"""
+    node = np.array([node.position for node in survey.nodes])
+    partner = node[np.maximum(survey.partner, 0)]
+    start = np.where(survey.between_nodes[:, None], partner, survey.transmit_position)
+    step = start - node[survey.node]
+    return float(np.hypot(step[:, 0], step[:, 1]).max())
+
+
+def _is_tilted(survey: Survey, medium: Medium) -> bool:
+    return survey.depth_reference == "plane" and medium.earth is not None
+
+
+def in_water(survey: Survey, medium: Medium, position: Array) -> Array:
+    """Positions (n, 3) of a survey in the frame of the water: north, east, depth. [m]"""
+    if survey.frame is None or not _is_tilted(survey, medium):
+        return position
+    return TangentPlane(survey.frame).to_frame(position)
+
+
+def water_ends(survey: Survey, medium: Medium, first: Array, second: Array) -> tuple[Array, Array]:
+    """
+    Ends (n, 3) of links in the frame of the water. [m]
+
+    The first end moves by millimetres, so that the straight distance on the sphere is that on the
+    ellipsoid, whose curvature depends on the direction.
+    """
+    if survey.frame is None or medium.earth is None:
+        return first, second
+    plane = TangentPlane(survey.frame)
+    if survey.depth_reference == "plane":
+        straight = np.linalg.norm(first - second, axis=1)
+        first, second = plane.to_frame(first), plane.to_frame(second)
+    else:
+        straight = np.linalg.norm(plane.from_frame(first) - plane.from_frame(second), axis=1)
+    step = first[:, :2] - second[:, :2]
+    squared_distance = np.maximum(np.sum(step**2, axis=1), _LEAST_DISTANCE**2)
+    excess = straight - medium.earth.straight_distance(first, second)
+    moved = first.copy()
+    moved[:, :2] += (excess * straight / squared_distance)[:, None] * step
+    return moved, second
+
+
+def in_plane(survey: Survey, medium: Medium, position: Array, gradient: Array) -> Array:
+    """
+    Derivatives (n, 3) by the survey's coordinates from those by the coordinates of the water.
+
+    ``position`` is that of the survey. The error is of second order in distance over the radius.
+    """
+    if medium.earth is None or not _is_tilted(survey, medium):
+        return gradient
+    north, east, down = (position / medium.earth.radius).T
+    by_north, by_east, by_depth = gradient.T
+    by_north = by_north * (1.0 + down)
+    by_east = by_east * (1.0 + down)
+    return np.column_stack(
+        [
+            by_north - north * by_depth,
+            by_east - east * by_depth,
+            by_depth + north * by_north + east * by_east,
+        ]
+    )
