@@ -1,7 +1,8 @@
 """Water with everything that ranging needs: medium, currents, reception and position."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import partial
 from threading import Lock
 from typing import Any
 
@@ -11,7 +12,7 @@ import xarray as xr
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.arrays import Array
 from pymantaray.errors import WaterError
-from pymantaray.geometry import LocalFrame
+from pymantaray.geometry import EarthSphere, LocalFrame
 from pymantaray.sensing.timing import OneWay, Timing
 from pymantaray.sensing.transmission import ReceptionOptions
 
@@ -98,6 +99,25 @@ class Water:
         along = [v_north * cos - v_east * sin, v_north * sin + v_east * cos, v_down]
         return np.stack([north, east, places[:, 2]], axis=-1), np.stack(along, axis=-1)
 
+    def on_sphere(self, latitude_deg: float) -> "Water":
+        """
+        Return the same water on a sphere, or this water if it is on a sphere already.
+
+        Parameters
+        ----------
+        latitude_deg : float
+            Latitude of its radius if the water has no frame. [degrees]
+
+        Returns
+        -------
+        Water
+        """
+        if self.at_start[0].earth is not None:
+            return self
+        latitude = latitude_deg if self.frame is None else self.frame.latitude_deg
+        on_earth = partial(_on_earth, self.medium, EarthSphere.at_latitude(latitude))
+        return replace(self, medium=on_earth if callable(self.medium) else on_earth(0.0))
+
     def require(self, time: float) -> None:
         """
         Raise an error if there is no water at a time.
@@ -145,3 +165,10 @@ class Water:
         title = "medium" if self.local is None else self.local.attrs.get("title", "local ocean")
         medium, _ = self.at_start
         return f"<Water {title}{', varying' if self.varies else ''}: {medium!r}>"
+
+
+def _on_earth(
+    medium: Medium | Callable[[float], Medium], earth: EarthSphere, time: float
+) -> Medium:
+    """Medium at a time [s] on a sphere; a module's function, because processes receive it."""
+    return (medium(time) if callable(medium) else medium).with_earth(earth)

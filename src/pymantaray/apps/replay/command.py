@@ -110,6 +110,8 @@ def replay(
     changes: Set = None,
 ) -> None:
     """Compare measured with predicted one-way travel times."""
+    import numpy as np
+
     from pymantaray.apps.replay import DetectionRule, read_events, replay_events, write_replay
     from pymantaray.apps.replay import smooth_positions as smooth
     from pymantaray.cli.output import progress_bars
@@ -124,7 +126,14 @@ def replay(
     if comparing.smooth_positions is not None:
         event_data, positions = smooth(event_data, comparing.smooth_positions)
     sections = {} if comparing.detection is None else sound_sections(comparing.detection)
-    waters = load_waters(source, water, search, sections=sections, changes=changes_of(changes))
+    is_curved = event_data.geographic and water.earth != "flat"
+    flat_options = replace(water, earth=None) if is_curved else water
+    waters = load_waters(
+        source, flat_options, search, sections=sections, changes=changes_of(changes)
+    )
+    if is_curved:  # depths are below the sea surface
+        latitude = float(np.median(event_data.source_position[:, 0]))
+        waters = [water_of.on_sphere(latitude) for water_of in waters]
     sources = [
         water_of.record | ({"cast": water_of.name} if water_of.uniform else {})
         for water_of in waters
@@ -133,6 +142,8 @@ def replay(
         *event_data.notes,
         *dict.fromkeys(note for water_of in waters for note in water_notes(water_of)),
     ]
+    if is_curved:
+        notes.append("Earth: sphere, because positions are geographic")
     with progress_bars(quiet=printing.quiet) as report:
         result = replay_events(
             event_data,
