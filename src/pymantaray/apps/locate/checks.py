@@ -172,6 +172,13 @@ def _deepest(medium: Medium, depth: float) -> float:
 
 
 def _check_times(survey: Survey) -> None:
+    has_clock = np.array([node.offset_sigma > 0.0 for node in survey.nodes])
+    is_known = ~has_clock[survey.node] & ~has_clock[np.maximum(survey.partner, 0)]
+    survey.refuse(
+        "travel_time",
+        (survey.travel_time <= 0.0) & is_known,
+        "positive seconds, or a clock offset with `offset_sigma`",
+    )
     falls = np.flatnonzero(np.diff(survey.time) < 0.0)
     if falls.size:
         row = int(falls[0]) + 1

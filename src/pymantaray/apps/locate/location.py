@@ -22,6 +22,7 @@ from pymantaray.apps.locate.checks import (
 from pymantaray.apps.locate.earth import medium_on_earth
 from pymantaray.apps.locate.gross import reasons
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
+from pymantaray.apps.locate.one_way import direct_arrivals
 from pymantaray.apps.locate.options import LocateOptions
 from pymantaray.apps.locate.patterns import NoiseTest, noise_tests, test_table
 from pymantaray.apps.locate.solve import CORRELATED, SurveySolution, candidate_table, solve
@@ -471,7 +472,9 @@ def locate(
     selected = options or LocateOptions()
     medium, earth = medium_on_earth(survey, medium, selected.earth)
     check_survey(survey, medium)
-    solution, candidates, solver = solve(survey, medium, selected)
+    direct = direct_arrivals(survey, medium)
+    survey = survey.assign(flagged=survey.flagged | (direct.reason != ""))
+    solution, candidates, solver = solve(survey, medium, selected, direct.position)
     solution, mirrors = with_mirrors(solver, solution)
     notes = notes_below_bed(solution, medium)
     check_solution(solution, medium)
@@ -487,7 +490,7 @@ def locate(
         candidate_table(candidates, solution),
         noise_tests(solution),
         mirrors,
-        reasons(solution, medium),
+        np.where(direct.reason != "", direct.reason, reasons(solution, medium)),
         draws,
         notes,
         earth,

@@ -376,19 +376,28 @@ class _Evidence:
 
 
 def solve(
-    survey: Survey, medium: Medium, options: LocateOptions
+    survey: Survey,
+    medium: Medium,
+    options: LocateOptions,
+    start: Mapping[int, Array] | None = None,
 ) -> tuple[SurveySolution, list[Candidate], Solver]:
-    """Solve a survey sorted by time; return the solution, the candidate models and the solver."""
+    """
+    Solve a survey sorted by time; return the solution, the candidate models and the solver.
+
+    ``start`` has positions by node that replace those from straight ranges.
+    """
     # matrices are small: threads would wait for each other
     with threadpool_limits(limits=1, user_api="blas"):
-        return _solve(survey, medium, options)
+        return _solve(survey, medium, options, start or {})
 
 
 def _solve(
-    survey: Survey, medium: Medium, options: LocateOptions
+    survey: Survey, medium: Medium, options: LocateOptions, starts: Mapping[int, Array]
 ) -> tuple[SurveySolution, list[Candidate], Solver]:
     solver = Solver(survey, medium, options)
     start = start_positions(survey, medium)
+    for node, position in starts.items():
+        start[node] = position
     simple: Kind = "known" if options.speed_model == "known" else "scale"
     unknowns = solver.unknowns(simple, start)
     values = solver.start(unknowns, solver.first_values(unknowns, start))

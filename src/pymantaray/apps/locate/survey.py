@@ -257,7 +257,9 @@ class Survey:
                 f" {len(names) - 1}"
             )
         self.refuse("travel_time", ~np.isfinite(self.travel_time), "a number of seconds")
-        self.refuse("travel_time", self.travel_time <= 0.0, "positive seconds")
+        # the unknown clock of a one-way time may make it negative
+        two_way = self.direction == TravelDirection.TWO_WAY
+        self.refuse("travel_time", (self.travel_time <= 0.0) & two_way, "positive seconds")
         middle = float(np.median(self.travel_time))
         if middle > _MAX_TRAVEL_TIME:
             raise LocateError(
