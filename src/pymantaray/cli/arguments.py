@@ -8,8 +8,10 @@ from typer.models import OptionInfo
 
 _ARGUMENT = re.compile(r"`([a-z]\w*)(?:=([^`]*))?`")
 _PARAMETERS = {
+    "drift_sigma": "clock_drift_sigma",
     "ice_slope_deg": "ice_slope",
     "names": "name",
+    "offset_sigma": "clock_offset_sigma",
     "overwrite": "force",
     "place": "position",
     "thin_profile": "thin",

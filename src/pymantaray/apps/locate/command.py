@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 from pymantaray.apps.locate.options import LocateOptions, PlanOptions
 from pymantaray.apps.locate.read_options import ReadOptions
 from pymantaray.apps.locate.survey import PlatformError
+from pymantaray.cli.arguments import in_options
 from pymantaray.cli.groups import Fields, quantity, with_options
 from pymantaray.cli.options import (
     AnySourceOptions,
@@ -37,8 +38,10 @@ if TYPE_CHECKING:
 _BED_FACTOR = 1.2  # default depth of the sea bed over the depth of the deepest prior position
 _MAX_LISTED = 10  # unused pings
 _MAX_CANDIDATES = 8
-_NOT_CONVERGED = (
-    "check the initial positions, the profile and the pings, or give --sound-speed known"
+_ADVICE = "check the initial positions, the profile and the pings, or give --sound-speed known"
+_ONE_WAY_ADVICE = (
+    ", a smaller --depth-sigma, pings on a second line, or a clock (--clock-offset-sigma,"
+    " --clock-drift-sigma) as uncertain as it is"
 )
 
 
@@ -189,7 +192,7 @@ def survey(
         if page is not None:
             printer.paths(page=page)
         if not location.solution.settled:
-            LOG.error("%s: not converged; %s", file, _NOT_CONVERGED)
+            LOG.error("%s: not converged; %s", file, _advice(location.survey))
             raise typer.Exit(EXIT_UNUSABLE)
 
 
@@ -386,12 +389,20 @@ def _water_over_bed(source: AnySourceOptions, options: WaterOptions, deepest: fl
     return load_water(source, options, default="linear")
 
 
+def _advice(survey: "Survey") -> str:
+    """Advice for a survey that did not converge."""
+    from pymantaray.apps.locate import TravelDirection
+
+    is_one_way = (survey.direction != TravelDirection.TWO_WAY).any()
+    return _ADVICE + (_ONE_WAY_ADVICE if is_one_way else "")
+
+
 def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
     """Print the results."""
     from pymantaray.apps.locate.write import summary
 
     for note in [*notes, location.earth]:
-        out.line(note)
+        out.line(in_options(note))
     values = summary(location)
     unused = values["rejected"]
     out.line(

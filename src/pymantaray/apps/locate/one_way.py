@@ -7,6 +7,7 @@ of positions starts a fit to these; the fit then grows towards farther shots as 
 explain their times within the noise of the picks.
 """
 
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -18,6 +19,7 @@ from pymantaray.apps.locate.graduated import robust_sigma
 from pymantaray.apps.locate.survey import Node, Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import transducers
 from pymantaray.arrays import Array, Mask
+from pymantaray.errors import LocateError
 
 _MIN_PINGS = 15
 _GROWTH = 1.25  # of the number of shots
@@ -37,6 +39,9 @@ _LONGEST = 80e3  # m
 _LEAST_LEAD = 0.03  # s; smaller deviations are errors of the water or of positions
 _MOST = 0.8  # fraction of the shots beyond the last direct arrivals
 _NOMINAL_SPEED = 1500.0  # m/s
+_ANY_OFFSET = 1e3  # s
+_LEAST_OFFSET = 0.1  # s
+_CLOCK_GAIN = 4.0  # ratio of mean squares without and with a clock offset
 _TOP = 1.0  # m; least depth of a node
 
 
@@ -50,12 +55,16 @@ class DirectArrivals(NamedTuple):
 
 
 def direct_arrivals(survey: Survey, medium: Medium) -> DirectArrivals:
-    """Find the direct arrivals of nodes with an unknown clock and one-way times."""
+    """
+    Find the direct arrivals of nodes with an unknown clock and one-way times.
+
+    Raise an error if the clock of a node counts as known, but is not.
+    """
     reason = np.full(len(survey), "", dtype=object)
     position = {}
     ends = [in_water(survey, medium, end) for end in transducers(survey, np.zeros(3))]
     for k, node in enumerate(survey.nodes):
-        if node.offset_sigma == 0.0 or min(node.sigma[:2]) == 0.0:
+        if min(node.sigma[:2]) == 0.0:
             continue
         of_node = (survey.node == k) & (survey.partner < 0) & ~survey.flagged
         for direction, end in zip(
@@ -65,9 +74,38 @@ def direct_arrivals(survey: Survey, medium: Medium) -> DirectArrivals:
             if rows.size < max(_MIN_PINGS, 0.5 * of_node.sum()):
                 continue
             sign = 1.0 if direction == TravelDirection.TO_NODE else -1.0
+            if node.offset_sigma == 0.0:
+                _check_clock(survey, rows, end[rows], node, medium, sign)
+                continue
             fit = _Shots(survey, rows, end[rows], node, medium, sign)
-            position[k], reason[rows] = fit.solve()
+            values, reason[rows] = fit.solve()
+            position[k] = values[:3]
     return DirectArrivals(position, reason.astype(str))
+
+
+def _check_clock(
+    survey: Survey,
+    rows: NDArray[np.int64],
+    points: Array,
+    node: Node,
+    medium: Medium,
+    sign: float,
+) -> None:
+    """Raise an error if an offset of the clock explains the times much better than none."""
+    free = _Shots(survey, rows, points, replace(node, offset_sigma=_ANY_OFFSET), medium, sign)
+    values, reason = free.solve()
+    if abs(values[3]) < _LEAST_OFFSET:
+        return
+    direct = np.flatnonzero([not word for word in reason])
+    fixed = _Shots(survey, rows, points, node, medium, sign)
+    ends = [fixed.descend(start, direct)[0] for start in fixed.grid(direct)]
+    misfit = min(fixed.misfit(end, direct) for end in ends)
+    if misfit > _CLOCK_GAIN * max(free.misfit(values, direct), 1.0):
+        raise LocateError(
+            f"{survey.source}: the one-way times of node {node.name} imply a clock offset of about"
+            f" {values[3]:.2f} s, but its clock is known; give `offset_sigma`, and for a drift"
+            " `drift_sigma`"
+        )
 
 
 class _Times:
@@ -148,22 +186,22 @@ class _Shots:
         self._sigma = max(_noise(self._since, self._time), _MIN_SIGMA)
 
     def solve(self) -> tuple[Array, list[str]]:
-        """Position, and a reason for each shot that is no direct arrival."""
+        """Values of the unknowns, and a reason for each shot that is no direct arrival."""
         order = np.argsort(self._time, kind="stable")
         n = order.size
         first = min(max(_MIN_PINGS, round(_FIRST_FRACTION * n)), n)
         sizes = [first]
         while sizes[-1] < n:
             sizes.append(min(max(sizes[-1] + 1, round(_GROWTH * sizes[-1])), n))
-        starts = self._grid(order[:first])
+        starts = self.grid(order[:first])
         fits = []
         for size in sizes:
-            ends = [self._descend(start, order[:size]) for start in starts]
+            ends = [self.descend(start, order[:size]) for start in starts]
             ends.sort(key=lambda end: end[1])
             fits.append(ends[0])
             starts = [values for values, _ in ends]
         pairs = zip(fits, sizes, strict=True)
-        misfits = np.array([self._misfit(values, order[:size]) for (values, _), size in pairs])
+        misfits = np.array([self.misfit(values, order[:size]) for (values, _), size in pairs])
         allowed = _MISFIT * max(float(misfits.min()), 1.0)
         best = int(np.flatnonzero(misfits <= allowed).max())
         values, _ = fits[best]
@@ -179,10 +217,10 @@ class _Shots:
             if is_kept.sum() < _MIN_PINGS or np.array_equal(np.flatnonzero(is_kept), rows):
                 break
             rows = np.flatnonzero(is_kept)
-            values, _ = self._descend(values, rows)
+            values, _ = self.descend(values, rows)
         if is_kept.sum() < _MIN_PINGS:
-            return values[:3], [""] * n
-        return values[:3], self._reasons(values, is_kept)
+            return values, [""] * n
+        return values, self._reasons(values, is_kept)
 
     def _edge(self, distance: Array, is_direct: Mask) -> float:
         """
@@ -197,7 +235,7 @@ class _Shots:
         margin = 2.0 * _CLIP * self._sigma * _NOMINAL_SPEED
         return float(distance[order[few[-1]]] - margin)
 
-    def _grid(self, rows: NDArray[np.int64]) -> list[Array]:
+    def grid(self, rows: NDArray[np.int64]) -> list[Array]:
         """Best positions of a grid for a part of the shots."""
         points = self._points[rows]
         centre = points[np.argmin(self._time[rows])]
@@ -243,7 +281,7 @@ class _Shots:
     def _normal(self, columns: Array, weight: Array) -> Array:
         return np.asarray(columns.T @ (weight[:, None] * columns) + np.diag(self._sd**-2.0))
 
-    def _descend(self, start: Array, rows: NDArray[np.int64]) -> tuple[Array, float]:
+    def descend(self, start: Array, rows: NDArray[np.int64]) -> tuple[Array, float]:
         """Values of the lowest Cauchy cost with priors, and this cost."""
         values = start.copy()
         damping = 1e-3
@@ -277,7 +315,8 @@ class _Shots:
         robust = (scale / self._sigma) ** 2 * np.log1p((residual / scale) ** 2)
         return float(np.sum(robust) + np.sum(((values - self._prior) / self._sd) ** 2))
 
-    def _misfit(self, values: Array, rows: NDArray[np.int64]) -> float:
+    def misfit(self, values: Array, rows: NDArray[np.int64]) -> float:
+        """Mean square of scaled and clipped residuals. [-]"""
         residual, _ = self._model(values, rows)
         return float(np.mean(np.minimum((residual / self._sigma) ** 2, _CLIP**2)))
 
@@ -312,6 +351,8 @@ class _Shots:
                 out.append("")
             elif beyond:
                 out.append(f"no direct ray at {far:.1f} km: head wave or reflection")
+            elif abs(late) < _LEAST_LEAD:
+                out.append(f"at {far:.1f} km, first arrivals change from direct to head waves")
             elif late < 0.0:
                 out.append(f"head wave at {far:.1f} km, {-late:.2f} s before the direct ray")
             else:

@@ -24,8 +24,10 @@ from pymantaray.arrays import Array, Mask
 from pymantaray.errors import LocateError
 from pymantaray.ocean.modes import VerticalModes
 
-_MAX_STEPS = 25  # outer steps of one stage
-_MAX_DAMPED = 50  # further steps of half the length, if these do not converge
+_MAX_STEPS = 15  # full outer steps of one stage
+_MAX_DAMPED = 60  # further steps, shorter after each reversal, if these do not converge
+_MIN_DAMPING = 0.02
+_RELATIVE = 1e-3  # change of a position, relative to its standard deviation
 _RETRACE_DISTANCE = 0.3  # m; rays are not traced again for smaller changes
 _CONVERGED = 1e-3  # m; the largest change of a node's position in an outer step
 _ROUNDS = 2  # of the graduated start
@@ -61,6 +63,12 @@ class SurveySolution:
             block
             for block, _ in self.linear.whitened_rows(self.used, self.correlation, platform, sigma)
         )
+
+    def position_sd(self, values: Array) -> Array:
+        """Standard deviations of the positions (n_nodes, 3) at some values. [m]"""
+        by_columns = self.unknowns.position_map(values)
+        variance = np.einsum("kai,ij,kaj->ka", by_columns, self.posterior.covariance, by_columns)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
 
     def transducers(self) -> tuple[Array, Array]:
         """Positions of the transducer at transmission and reception, with its lever arm. [m]"""
@@ -202,22 +210,30 @@ class Solver:
         """
         Iterate outer steps until the positions converge.
 
-        Full steps may oscillate, so later ones are damped.
+        Full steps may oscillate, so later ones are shorter after each reversal. Positions converge
+        when a full step changes none by 1 mm, or by a thousandth of its standard deviation.
         """
         hyper: Mapping[str, float] = {} if before is None else before.hyperparameters
         sigma = 0.0 if before is None else before.sigma
         used: Mask | None = None
+        damping = 1.0
+        last = np.zeros((len(self.survey.nodes), 3))
         for count in range(_MAX_STEPS + _MAX_DAMPED):
             solution = self.step(unknowns, values, correlation, hyper, sigma)
-            damping = 1.0 if count < _MAX_STEPS else 0.5
-            new = values + damping * solution.posterior.change
-            change = float(np.abs(unknowns.positions(new) - unknowns.positions(values)).max())
-            values = new
+            step = solution.posterior.change
+            move = unknowns.positions(values + step) - unknowns.positions(values)
+            if count >= _MAX_STEPS:
+                factor = 0.5 if np.sum(move * last) < 0.0 else 1.5
+                damping = float(np.clip(factor * damping, _MIN_DAMPING, 1.0))
+            last = move
+            deviation = solution.position_sd(values)
+            tolerance = np.maximum(_CONVERGED, _RELATIVE * deviation)
+            values = values + damping * step
             hyper = solution.posterior.hyperparameters
             same = used is not None and np.array_equal(used, solution.used)
             used = solution.used
             sigma = solution.posterior.sigma
-            if change < _CONVERGED and same:
+            if (np.abs(move) < tolerance).all() and same:
                 return replace(solution, values=values, settled=True)
         return replace(solution, values=values)
 
