@@ -64,7 +64,7 @@ class Linearization:
             )
         derivative[lines, columns["turn_around"].start + node] += (
             survey.direction[part] == TravelDirection.TWO_WAY
-        )
+        ) & (partner != node)
         time_since_start = (survey.time - survey.time[0])[part]
         for sign, which in unknowns.clock_signs():
             derivative[lines, columns["offset"].start + which[part]] += sign[part]

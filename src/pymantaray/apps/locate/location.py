@@ -199,7 +199,8 @@ class Location:
         survey = self.survey
         position = self.positions[k]
         of_node = survey.node == k
-        top = np.nanmedian(survey.transmit_position[of_node, 2]) if of_node.any() else -np.inf
+        above = survey.transmit_position[of_node & ~survey.between_nodes, 2]
+        top = float(np.median(above)) if above.size else -np.inf
         if not self.solution.settled:
             return "not converged"
         if n_used < _MIN_PINGS:

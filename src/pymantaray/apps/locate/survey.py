@@ -162,7 +162,8 @@ class Survey:
     direction : array_like of int, shape (n,), optional
         `TravelDirection` of each time; two-way by default.
     partner : array_like of int, shape (n,), optional
-        Index of the other node of a ping between two nodes; -1 (default) for the platform.
+        Index of the other node of a ping between two nodes, or of the same node for an echo of the
+        sea surface (inverted echo sounder); -1 (default) for the platform.
     sigma : array_like, shape (n,), optional
         Stated standard deviation of each time; NaN if unknown. [s]
     flagged : array_like of bool, shape (n,), optional
@@ -260,6 +261,7 @@ class Survey:
         # the unknown clock of a one-way time may make it negative
         two_way = self.direction == TravelDirection.TWO_WAY
         self.refuse("travel_time", (self.travel_time <= 0.0) & two_way, "positive seconds")
+        self.refuse("direction", self.echoes & ~two_way, "two-way for an echo of the surface")
         middle = float(np.median(self.travel_time))
         if middle > _MAX_TRAVEL_TIME:
             raise LocateError(
@@ -324,6 +326,11 @@ class Survey:
     def between_nodes(self) -> NDArray[np.bool_]:
         """True for pings between two nodes, (n,)."""
         return self.partner >= 0
+
+    @property
+    def echoes(self) -> NDArray[np.bool_]:
+        """True for times of a node to the sea surface and back, (n,)."""
+        return np.asarray(self.partner == self.node)
 
     def assign(self, **changes: Any) -> Self:
         """

@@ -123,6 +123,10 @@ def predict(
     node = position[survey.node]
     ends = np.concatenate([start[out], end[back]]), np.concatenate([node[out], node[back]])
     first_end, second_end = (_clip(end, medium) for end in water_ends(survey, medium, *ends))
+    echoes = survey.echoes[np.concatenate([out, back])]
+    first_end[echoes] = second_end[echoes]
+    first_end[echoes, 2] = 0.0
+    first_end = _clip(first_end, medium)  # the surface, or the underside of ice
     arrivals = find_eigenrays(medium, first_end, second_end)
     first = arrivals.first()
     rows = np.concatenate([out, back])
@@ -142,7 +146,8 @@ def predict(
     np.add.at(node_gradient, rows, by_node)
     transmit_gradient[out] = np.where(between_nodes[out, None], 0.0, at_transmission)
     receive_gradient[back] = np.where(between_nodes[back, None], 0.0, at_reception)
-    np.add.at(partner_gradient, rows, np.where(between_nodes[rows, None], by_other, 0.0))
+    is_pair = between_nodes & ~survey.echoes  # an echo's point of reflection is above the node
+    np.add.at(partner_gradient, rows, np.where(is_pair[rows, None], by_other, 0.0))
     status = np.zeros(n, dtype=np.int64)
     np.maximum.at(status, rows, first.status.astype(np.int64))
     impossible = status != RayStatus.OK

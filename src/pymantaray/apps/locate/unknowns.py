@@ -164,11 +164,11 @@ class SurveyUnknowns:
         """Predicted times; NaN without a ray. [s]"""
         survey = self.survey
         k = self.survey.node
-        two_way = survey.direction == TravelDirection.TWO_WAY
+        answered = (survey.direction == TravelDirection.TWO_WAY) & ~survey.echoes
         clock = self.clock_signs()
         time_since_start = survey.time - survey.time[0]
         time = legs.travel_time * self.slowing(values) + legs.modes @ self.speed_values(values)[1]
-        time = time + np.where(two_way, values[self.slices["turn_around"]][k], 0.0)
+        time = time + np.where(answered, values[self.slices["turn_around"]][k], 0.0)
         offset = values[self.slices["offset"]]
         drift = values[self.slices["drift"]]
         for sign, node in clock:

@@ -164,7 +164,7 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     """
     Factor graph of the used pings: poses of the platform, nodes with priors, and ranges.
 
-    Ranges between nodes are included.
+    Ranges between nodes are included, echoes of the surface are not.
 
     A range is the straight distance at the solution plus the residual in metres. The solution of
     the graph is therefore that of the survey with the estimated sound speed and clocks.
@@ -180,7 +180,7 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
     platform = np.where(direction == TravelDirection.FROM_NODE, receive_position, platform)
     platform = platform[rows]
     n = rows.size
-    pairs = np.flatnonzero(solution.used & survey.between_nodes)
+    pairs = np.flatnonzero(solution.used & survey.between_nodes & ~survey.echoes)
     pings = np.concatenate([rows, pairs])
     ends = np.concatenate([platform, location.positions[survey.partner[pairs]]])
     half = location.mean_speed * np.where(
