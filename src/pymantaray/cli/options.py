@@ -439,7 +439,10 @@ class WaterOptions(GridOptions):
     ] = None
     earth: Annotated[
         Literal["flat", "sphere"] | None,
-        typer.Option(help="Shape of the Earth for rays and straight distances. Default: flat."),
+        typer.Option(
+            help="Shape of the Earth for rays and straight distances. Default: flat; for locate and"
+            " replay the sphere if positions have latitude and longitude."
+        ),
     ] = None
     thin: Annotated[
         float | None,

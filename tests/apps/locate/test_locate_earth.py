@@ -240,4 +240,4 @@ def test_a_tangent_plane_without_its_origin_is_refused():
         depth_reference="plane",
     )
     medium = Medium.from_profile([0.0, 200.0], [1500.0, 1500.0], bottom_depth=200.0)
-    refused(LocateError, "give `frame`", locate, survey, medium)
+    refused(LocateError, "state its frame", locate, survey, medium)

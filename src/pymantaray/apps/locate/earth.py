@@ -28,7 +28,7 @@ def medium_on_earth(survey: Survey, medium: Medium, earth: EarthOption) -> tuple
         if survey.depth_reference == "plane":
             raise LocateError(
                 f"{survey.source}: depths below a tangent plane need the latitude and longitude of"
-                " its origin; give `frame`"
+                " its origin; state its frame"
             )
         if earth == "sphere":
             curved = medium.with_earth(medium.earth or EarthSphere(_MEAN_RADIUS))

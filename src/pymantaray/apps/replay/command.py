@@ -25,6 +25,8 @@ from pymantaray.cli.printing import Printer
 
 if TYPE_CHECKING:
     from pymantaray.apps.replay import Replay
+    from pymantaray.apps.replay.events import Events
+    from pymantaray.sensing.water import Water
 
 _MAX_NODES = 12
 
@@ -110,12 +112,10 @@ def replay(
     changes: Set = None,
 ) -> None:
     """Compare measured with predicted one-way travel times."""
-    import numpy as np
-
     from pymantaray.apps.replay import DetectionRule, read_events, replay_events, write_replay
     from pymantaray.apps.replay import smooth_positions as smooth
     from pymantaray.cli.output import progress_bars
-    from pymantaray.cli.water import load_waters, search_record, water_notes
+    from pymantaray.cli.water import search_record, water_notes
     from pymantaray.config.load import sound_sections
     from pymantaray.version import __version__
 
@@ -126,14 +126,9 @@ def replay(
     if comparing.smooth_positions is not None:
         event_data, positions = smooth(event_data, comparing.smooth_positions)
     sections = {} if comparing.detection is None else sound_sections(comparing.detection)
-    is_curved = event_data.geographic and water.earth != "flat"
-    flat_options = replace(water, earth=None) if is_curved else water
-    waters = load_waters(
-        source, flat_options, search, sections=sections, changes=changes_of(changes)
+    waters, earth = _waters_on_earth(
+        event_data, source, water, search, sections=sections, changes=changes_of(changes)
     )
-    if is_curved:  # depths are below the sea surface
-        latitude = float(np.median(event_data.source_position[:, 0]))
-        waters = [water_of.on_sphere(latitude) for water_of in waters]
     sources = [
         water_of.record | ({"cast": water_of.name} if water_of.uniform else {})
         for water_of in waters
@@ -141,9 +136,8 @@ def replay(
     notes = [
         *event_data.notes,
         *dict.fromkeys(note for water_of in waters for note in water_notes(water_of)),
+        *earth,
     ]
-    if is_curved:
-        notes.append("Earth: sphere, because positions are geographic")
     with progress_bars(quiet=printing.quiet) as report:
         result = replay_events(
             event_data,
@@ -178,6 +172,30 @@ def replay(
     with printing.printer() as printer:
         _print_result(printer, result)
         printer.paths(page=page)
+
+
+def _waters_on_earth(
+    events: "Events",
+    source: SourceOptions,
+    options: WaterOptions,
+    search: ArrivalOptions,
+    **keys: Any,
+) -> "tuple[list[Water], list[str]]":
+    """
+    Waters of the options, by default on a sphere if positions are geographic, and a note.
+
+    Their depths are below the sea surface.
+    """
+    import numpy as np
+
+    from pymantaray.cli.water import load_waters
+
+    if not events.geographic or options.earth == "flat":
+        return load_waters(source, options, search, **keys), []
+    latitude = float(np.median(events.source_position[:, 0]))
+    waters = load_waters(source, replace(options, earth=None), search, **keys)
+    on_sphere = [water.on_sphere(latitude) for water in waters]
+    return on_sphere, ["Earth: sphere, because positions are geographic"]
 
 
 def _print_result(out: Printer, result: "Replay") -> None:
