@@ -21,6 +21,7 @@ from campaigns import (
     write_obsrange,
     write_table,
 )
+from oracles import cf_errors
 
 from pymantaray.acoustics import Medium
 from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Survey, locate
@@ -229,7 +230,10 @@ def test_results_are_a_folder_with_page_tables_and_files(mantaray, told, campaig
     assert [landmark["name"] for landmark in landmarks] == campaign.names
     features = json.loads((tmp_path / "out" / "nodes.geojson").read_text())["features"]
     assert [feature["geometry"]["type"] for feature in features] == ["Point", "Polygon"] * 3
+    assert not cf_errors([tmp_path / "out" / "location.nc"])
     with xr.open_dataset(tmp_path / "out" / "location.nc") as data:
+        assert data["lat"].units == "degrees_north"
+        assert data["sigma_depth_m"].units == "m"
         assert data["position_covariance"].shape == (3, 3, 3, 3)
     solved = told("graph", "solve", tmp_path / "out" / "survey.pyfg")
     assert solved["status"] == "OK" or "status" in solved
