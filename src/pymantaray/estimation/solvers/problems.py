@@ -82,6 +82,19 @@ class FactorBlocks(NamedTuple):
     batches: assembly.Batches
 
 
+def _symmetric_blocks(lacking: Array) -> Array:
+    """
+    Second derivatives by both poses of each pair, (n, 2, 6, 2, 6), from those by a rotation and a
+    pose, (n, 2, 3, 2, 6). Those by two positions are 0.
+    """
+    whole = np.zeros((len(lacking), 2, SIZE, 2, SIZE))
+    whole[:, :, :3] = lacking
+    whole[:, :, 3:, :, :3] = np.moveaxis(lacking[..., 3:], (1, 2), (3, 4))
+    rotations = whole[:, :, :3, :, :3]  # symmetric except for the rotation of the body's axes
+    whole[:, :, :3, :, :3] = 0.5 * (rotations + np.moveaxis(rotations, (1, 2), (3, 4)))
+    return whole
+
+
 class FactorsExceptRanges:
     """
     All factors of a graph except its ranges: relative poses, sightings of landmarks, and measured
@@ -194,9 +207,8 @@ class FactorsExceptRanges:
             return by_itself
 
         at = each(rotation)
-        lacking = np.empty(
-            (m, 2, 3, 2, SIZE)
-        )  # rotated end and axis, end and component of the gradient
+        # rotated end and axis, end and component of the gradient
+        lacking = np.empty((m, 2, 3, 2, SIZE))
         for end, axis in np.ndindex(2, 3):
             some = slice(end * m, (end + 1) * m)
             gradients = []
@@ -209,11 +221,7 @@ class FactorsExceptRanges:
             if end == 1:
                 ends = (at.above[:, :, axis], at.diagonal[m:, axis])
             lacking[:, end, axis] = change - np.stack(ends, axis=1)
-        whole = np.zeros((m, 2, SIZE, 2, SIZE))
-        whole[:, :, :3] = lacking
-        whole[:, :, 3:, :, :3] = np.moveaxis(lacking[..., 3:], (1, 2), (3, 4))
-        rotations = whole[:, :, :3, :, :3]  # symmetric except for the rotation of the body's axes
-        whole[:, :, :3, :, :3] = 0.5 * (rotations + np.moveaxis(rotations, (1, 2), (3, 4)))
+        whole = _symmetric_blocks(lacking)
         rows = out.structure.row
         np.add.at(out.diagonal, rows[one], whole[:, 0, :, 0])
         np.add.at(out.diagonal, rows[other], whole[:, 1, :, 1])
