@@ -226,12 +226,9 @@ def trace_arcs(s, walls, course, angle, ray):
     if rule.kind == at.FORWARD:
         top, bottom = walls.surface.depth[0, 0], walls.bed.depth[0, 0]
     way = at.Snell(cosine / c_ref, -sine / c_ref, sine * sine, c_ref)
-    here, rates, r, tau = (
-        at.ArcPoint(z, c_ref, sine, cosine),
-        at.ArcRates(cosine, -sine, 0.0),
-        0.0,
-        0.0,
-    )
+    here = at.ArcPoint(z, c_ref, sine, cosine)
+    rates = at.ArcRates(cosine, -sine, 0.0)
+    r, tau = 0.0, 0.0
     k, count, turns, reflections = find_level(s, z), 0, 0, at.Reflections(0, 0, 0)
     xi, caustics = 0.0, 0  # in a layer, XI passes through zero at most once
     y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND], y[at.GROWN] = 0.0, math.nan, math.nan, 0.0

@@ -274,10 +274,8 @@ def trace_ladder(s, walls, course, angle, work):
                     max(way.sine_squared + a * a * ladder[_DROP, first + n], _MIN_SINE * _MIN_SINE)
                 )
                 g = abs(ladder[_GRADIENT, first + n])
-                to_end, rate_to_end = (
-                    total + steep / (a * g),
-                    total_rate - 1.0 / (a * a * g * steep),
-                )
+                to_end = total + steep / (a * g)
+                rate_to_end = total_rate - 1.0 / (a * a * g * steep)
         if left <= total:  # on the way out
             i, before, rate_before = _layer_of(ladder, first, n, left)
             place = r + before, rate + rate_before, sign

@@ -197,18 +197,15 @@ def _derivative(s, data, rows, at_stage, state, across):
     store(rows, slopes + 1, nnw * ih)
     if across is None:
         store(rows, slopes + 2, (ih + p * p * ih3) * eta - p * nnw * ih3 * xi)
-        store(
-            rows,
-            slopes + 3,
-            ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * xi + nnw * p * ih3 * eta,
-        )
+        along = (nw * nw + n * nww) * ih - nnw * nnw * ih3
+        store(rows, slopes + 3, along * xi + nnw * p * ih3 * eta)
     else:
-        squared, by = n * n, cy * ic
-        mixed, second = (
-            squared * (3.0 * cz * ic * by - cyz * ic),
-            squared * (3.0 * by * by - cyy * ic),
-        )
-        gradient, bends = (nnw, -1.0 * squared * by), (nw * nw + n * nww, mixed, second)
+        squared = n * n
+        by = cy * ic
+        mixed = squared * (3.0 * cz * ic * by - cyz * ic)
+        second = squared * (3.0 * by * by - cyy * ic)
+        gradient = (nnw, -1.0 * squared * by)
+        bends = (nw * nw + n * nww, mixed, second)
         _vary_coupled(rows, stage, (p, q, xi, eta), gradient, bends, (ih, ih3))
     return room
 

@@ -404,13 +404,11 @@ def _is_even(a, b, length):
         return False
     if a[at.LEFT] + b[at.LEFT] > 0.0 and not _leave_water_alike(a, b, length):
         return False
-    h, rise, turn = (
-        b[at.ANGLE] - a[at.ANGLE],
-        b[at.MISS] - a[at.MISS],
-        b[at.SLOWNESS] - a[at.SLOWNESS],
-    )
+    h = b[at.ANGLE] - a[at.ANGLE]
+    rise = b[at.MISS] - a[at.MISS]
+    change = b[at.SLOWNESS] - a[at.SLOWNESS]
     bend = max(abs(h * a[at.SLOPE] - rise), abs(h * b[at.SLOPE] - rise))
-    defect = max(abs(h * a[at.SLOWNESS_SLOPE] - turn), abs(h * b[at.SLOWNESS_SLOPE] - turn))
+    defect = max(abs(h * a[at.SLOWNESS_SLOPE] - change), abs(h * b[at.SLOWNESS_SLOPE] - change))
     return (
         bend < _EVEN_MISS * rise
         and bend < min(abs(a[at.MISS]), abs(b[at.MISS]))
@@ -502,14 +500,10 @@ def advance(varies, course, search, progress, work):
     work.brackets receives the rays at both ends of each bracket. varies is False if the section is
     the same at all ranges.
     """
-    asked, top, left, right = (
-        int(progress.asked),
-        int(progress.top),
-        int(progress.left),
-        int(progress.right),
-    )
+    asked, top = int(progress.asked), int(progress.top)
+    left, right = int(progress.left), int(progress.right)
     tally = tally_of(progress)
-    if tally[2] == 0:
+    if tally[2] == 0:  # no ray counted yet: the first fan was traced just now
         right = _close_gaps(right + 2, work) - 2
         tally = 0, _read_fan(right + 2, work), right + 2, True, True
     asked, top, tally = _put_back(course, asked, top, tally, search.fine, work)
@@ -589,22 +583,15 @@ def _gather(varies, course, search, asked, pending, tally, work):
             and same
             and h < _WEAK_WIDTH
             and min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak
-        ):
+        ):  # a root between two weak rays is weak too
             verdict = _BRACKET if crosses and room else _DROP
         if verdict == _BRACKET:
             complete = complete and room
             if room:
                 n_brackets = _add_bracket(a, b, n_brackets, k, work)
-        elif verdict == _EDGE and search.overhang > 0.0:
-            for end in (0, 1):
-                ray, beyond = st[top, end], search.overhang if end == 0 else -search.overhang
-                if (
-                    room
-                    and n_brackets < work.brackets.shape[0]
-                    and _points_across(ray, course.rule, beyond)
-                ):
-                    n_brackets = _add_bracket(ray, ray, n_brackets, k, work)
-        elif verdict == _GONE and a[at.MISS] * b[at.MISS] <= 0.0:
+        elif verdict == _EDGE and search.overhang > 0.0 and room:
+            n_brackets = _add_edges(st[top], course.rule, search.overhang, n_brackets, k, work)
+        elif verdict == _GONE and a[at.MISS] * b[at.MISS] <= 0.0:  # a root out of the water
             margin = 0.0
         elif verdict == _DROP and course.cross and same:
             for end in (0, 1):
@@ -617,10 +604,9 @@ def _gather(varies, course, search, asked, pending, tally, work):
             resolved = resolved and not (h < _WINDOW_WIDTH and _window(a, b, course.length))
         if verdict != _SPLIT:
             continue
-        # the fan's tolerance matters
-        doubtful = (crosses and h < _WEAK_WIDTH) or min(
-            abs(a[at.MISS]), abs(b[at.MISS])
-        ) < 4.0 * tol_here
+        # the error of a ray may hide on which side of the receiver it passes
+        nearest = min(abs(a[at.MISS]), abs(b[at.MISS]))
+        doubtful = (crosses and h < _WEAK_WIDTH) or nearest < 4.0 * tol_here
         if same and tol_here > fine and doubtful:
             traced = _ask_finer(a, b, fine, asked, work)
         else:
@@ -665,11 +651,9 @@ def _ask_middle(a, b, tol, i, work):
     copy_ray(b, work.halves[i, 1])
     growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
     miss = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
-    middle[at.ANGLE], middle[at.TOL], middle[at.GOOD] = (
-        0.5 * (a[at.ANGLE] + b[at.ANGLE]),
-        tol,
-        WAITING,
-    )
+    middle[at.ANGLE] = 0.5 * (a[at.ANGLE] + b[at.ANGLE])
+    middle[at.TOL] = tol
+    middle[at.GOOD] = WAITING
     middle[at.CROSS] = 0.5 * (a[at.CROSS] + b[at.CROSS])
     middle[at.GROWTH] = growth if abs(miss) <= ERRING * tol * growth else 0.0
     work.rays[2 * i + 1, at.GOOD] = 0.0
@@ -693,11 +677,11 @@ def _put_back(course, asked, top, tally, fine, work):
             top = _put_halves(course.rule, a, ray, b, top, work)
             continue
         if kind == _FINER:
-            moved = _end_to_move(a, b, ray, work.rays[2 * i + 1])
+            end = _end_to_move(a, b, ray, work.rays[2 * i + 1])
             copy_ray(ray, a)
             copy_ray(work.rays[2 * i + 1], b)
-            if moved >= 0:
-                _ask_moved(a, b, moved, fine, still, work)
+            if end >= 0:
+                _ask_beyond_root(a, b, end, fine, still, work)
                 work.nodes[int(b[at.INTERVAL])] += 1.0
                 rays += 1
                 still += 1
@@ -727,13 +711,15 @@ def _end_to_move(a, b, finer_a, finer_b):
 
 
 @kernel
-def _ask_moved(a, b, moved, fine, i, work):
-    """Ask for one end of an interval again, moved over the root."""
-    end, ray = a if moved == 0 else b, work.rays[2 * i]
-    copy_ray(end, ray)
-    ray[at.ANGLE] -= 2.0 * end[at.MISS] / end[at.SLOPE]
-    ray[at.TOL], ray[at.GOOD], work.rays[2 * i + 1, at.GOOD] = fine, WAITING, 0.0
-    work.kinds[i] = _MOVE_FIRST if moved == 0 else _MOVE_SECOND
+def _ask_beyond_root(a, b, end, fine, i, work):
+    """Ask for one end of an interval, 0 or 1, again at an angle beyond the root."""
+    ray = work.rays[2 * i]
+    copy_ray(a if end == 0 else b, ray)
+    ray[at.ANGLE] -= 2.0 * ray[at.MISS] / ray[at.SLOPE]
+    ray[at.TOL] = fine
+    ray[at.GOOD] = WAITING
+    work.rays[2 * i + 1, at.GOOD] = 0.0
+    work.kinds[i] = _MOVE_FIRST if end == 0 else _MOVE_SECOND
     copy_ray(a, work.halves[i, 0])
     copy_ray(b, work.halves[i, 1])
 
@@ -768,6 +754,20 @@ def _add_bracket(a, b, n, interval, work):
     copy_ray(b, work.brackets[n, 1])
     work.nodes[interval] += _RAYS_PER_BRACKET
     return n + 1
+
+
+@kernel
+def _add_edges(ends, rule, overhang, n, interval, work):
+    """
+    Append rays at a change of code that would meet the receiver beyond it, as brackets without
+    width; return the number of brackets.
+    """
+    for end in range(2):
+        ray = ends[end]
+        beyond = overhang if end == 0 else -overhang
+        if n < work.brackets.shape[0] and _points_across(ray, rule, beyond):
+            n = _add_bracket(ray, ray, n, interval, work)
+    return n
 
 
 @kernel

@@ -91,8 +91,8 @@ def add_reflected(s, walls, hunt, count, work):
         result = _add_forward(s, walls, hunt, steepest, result, work)
     # on a slope, each reflection makes a ray steeper by twice the angle of the slope, so it may
     # turn back
-    turned = hunt.bounces[1] * math.atan(reach.slope) + hunt.bounces[0] * math.atan(reach.ice_slope)
-    shallowest = max(_SHALLOWEST_LEGS - 2.0 * turned, hunt.limit + 0.05)
+    tilt = hunt.bounces[1] * math.atan(reach.slope) + hunt.bounces[0] * math.atan(reach.ice_slope)
+    shallowest = max(_SHALLOWEST_LEGS - 2.0 * tilt, hunt.limit + 0.05)
     if steepest > shallowest:
         result = _add_in_legs(s, walls, hunt, shallowest, result, work)
     return result
@@ -167,8 +167,9 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
     search = Search(
         accuracy.coarse, accuracy.fine, width, trust, steep, hunt.weak_slope, overhang, math.inf
     )
-    found = find_brackets(s, walls, fan_course, n_nodes, 0.0, search, work)
-    n_brackets, _, more_rays, all_there, _ = found
+    n_brackets, _, more_rays, all_there, _ = find_brackets(
+        s, walls, fan_course, n_nodes, 0.0, search, work
+    )
     n, done, i = 0, 0, 0
     while i < n_brackets or done < n:
         bracket = work.brackets[min(i, n_brackets - 1)]
