@@ -21,5 +21,5 @@ def fleet():
 def damped(monkeypatch):
     """Calls for damped equations, which the solver falls back on."""
     calls, real = [], NormalEquations.with_damping
-    monkeypatch.setattr(NormalEquations, "damped", lambda *a: calls.append(a) or real(*a))
+    monkeypatch.setattr(NormalEquations, "with_damping", lambda *a: calls.append(a) or real(*a))
     return calls

@@ -72,7 +72,8 @@ def _descend(
     mixture: EpochMixture, root: Array, offset: Array, control: float, allowed: Mask
 ) -> tuple[float, Array]:
     """
-    Cost and residuals of the candidates at the end of a graduated descent from an offset of the ends.
+    Cost and residuals of the candidates at the end of a graduated descent from an offset of the
+    ends.
     """
     residual, by_offset = _at(mixture, root, offset)
     while True:
