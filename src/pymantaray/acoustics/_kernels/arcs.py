@@ -105,10 +105,10 @@ def _end(here, rates, g, a, da, left):
 
 
 @kernel
-def _fill(path, count, here, place, g, a, dr, c_ref):
+def _fill(path, count, here, point, g, a, dr, c_ref):
     """Record intermediate points of an arc; return the number of rows in use minus one."""
     z, c, _, _ = here
-    r, tau = place
+    r, tau = point
     n = min(2 * int(dr / _NODE), path.shape[0] - 2 - count)
     for i in range(1, n + 1):
         step = dr * i / (n + 1)
@@ -175,12 +175,12 @@ def _rates(face, here, rates, way, g):
 
 
 @kernel
-def arrive(course, here, rates, way, g, place, ray):
+def arrive(course, here, rates, way, g, point, ray):
     """
     Write the state of a ray at the end of the course; return the number of rows of its path minus
     one.
     """
-    r, tau, count = place
+    r, tau, count = point
     a, da, _, c_ref = way
     y, path = ray.y, ray.path
     left = course.length - r

@@ -369,16 +369,16 @@ def _launch(s, walls, course, angle, q0, ray):
 
 
 @kernel
-def _reflected(s, walls, rule, axis, cell, place, reflections, ray):
+def _reflected(s, walls, rule, axis, cell, point, reflections, ray):
     """
     Reflect a ray; return True if this is allowed and the ray continues forward, the code of its
     reflections, and the axis of its next leg.
 
-    place contains its point and the boundary; reflections contains the numbers at both boundaries,
+    point contains its range and the boundary; reflections contains the numbers at both boundaries,
     including this one, and their code.
     """
     y = ray.y
-    pos, hit = place
+    pos, hit = point
     surface, bottom, code = reflections
     too_many = surface > rule.max_surface or bottom > rule.max_bottom
     if too_many and ray.K.shape[1] == at.N_FAN and rule.kind == at.FORWARD and y[at.GONE] == 0.0:
