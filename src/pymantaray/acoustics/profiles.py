@@ -198,7 +198,6 @@ def _profile(
     import gsw
 
     from pymantaray.ocean.casts import cast_place, cast_position, cast_time
-    from pymantaray.ocean.convert import DEEPEST
     from pymantaray.ocean.seawater import freezing_notes, repair_salinity, sound_speed
 
     if table.instrument:
@@ -215,22 +214,7 @@ def _profile(
         )
     used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
     level, *values = (table.values(name, complete=True) for name in used)
-    falls = np.flatnonzero(np.diff(level) <= 0.0)
-    if falls.size:
-        i = falls[0] + 1
-        raise AcousticsError(
-            f"{table.path}, line {table.lines[i]}: {table.name(vertical)} is {level[i]:g} after"
-            f" {level[i - 1]:g}; it must increase"
-        )
-    if level[0] < 0.0:
-        raise AcousticsError(
-            f"{table.path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down"
-        )
-    if level[-1] > DEEPEST:
-        raise AcousticsError(
-            f"{table.path}: {table.name(vertical)} is up to {level[-1]:g}; allowed: at most"
-            f" {DEEPEST:g}"
-        )
+    _check_levels(table, vertical, level)
     computed = not has_speed or vertical == "pressure"
     lat, lon = (
         _cast_position(table, position)
@@ -256,6 +240,28 @@ def _profile(
         *notes,
     )
     return Profile(depth, speed, (lat, lon) if computed else None, name, time, water, notes, place)
+
+
+def _check_levels(table: CastTable, vertical: str, level: Array) -> None:
+    """Depths [m] or pressures [dbar] increase from at least 0 to at most the deepest sea."""
+    from pymantaray.ocean.convert import DEEPEST
+
+    falls = np.flatnonzero(np.diff(level) <= 0.0)
+    if falls.size:
+        i = falls[0] + 1
+        raise AcousticsError(
+            f"{table.path}, line {table.lines[i]}: {table.name(vertical)} is {level[i]:g} after"
+            f" {level[i - 1]:g}; it must increase"
+        )
+    if level[0] < 0.0:
+        raise AcousticsError(
+            f"{table.path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down"
+        )
+    if level[-1] > DEEPEST:
+        raise AcousticsError(
+            f"{table.path}: {table.name(vertical)} is up to {level[-1]:g}; allowed: at most"
+            f" {DEEPEST:g}"
+        )
 
 
 def _of_cast(cast: Cast) -> Profile:
