@@ -152,13 +152,23 @@ def survey(
         typer.Option(metavar="N", min=0, help="Number of resampled surveys; 0 for no bootstrap."),
     ] = 0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
+    earlier: Annotated[
+        Path | None,
+        typer.Option(
+            "--with",
+            metavar="EARLIER",
+            help="location.json of an earlier campaign, or its folder: estimate the displacement"
+            " of the nodes since then.",
+        ),
+    ] = None,
 ) -> None:
     """Estimate node positions and their uncertainty from measured travel times."""
-    from pymantaray.apps.locate import locate, read_survey
+    from pymantaray.apps.locate import locate, read_campaign, read_survey
     from pymantaray.apps.locate.write import check_names_to_write
     from pymantaray.cli.output import progress_bars
     from pymantaray.version import __version__
 
+    campaign = None if earlier is None else read_campaign(earlier)
     pings = read_survey(file, values.read_options())
     if folder.out is not None:
         check_names_to_write(pings)
@@ -173,6 +183,8 @@ def survey(
             seed=seed,
             progress=progress,
         )
+    if campaign is not None:
+        location = location.since(campaign)
     notes = [*water.notes, *location.notes]
     page = None
     if folder.out is not None:
@@ -406,7 +418,8 @@ def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
     unused = values["rejected"]
     out.line(
         f"{values['n_used']} of {values['n_all']} pings used, residuals {1e6 * values['rms_s']:.1f}"
-        f" us rms; sound speed: {values['hyperparameters']['sound_speed']}"
+        f" us rms; sound speed: {values['hyperparameters']['sound_speed']},"
+        f" {values['selection']}"
     )
     for row in unused[:_MAX_LISTED]:
         out.line(f"  not used: line {row['line']}, {row['node']}: {row['reason']}")
@@ -431,8 +444,13 @@ def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
             f" chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}"
         )
     for test in location.tests:
-        verdict = "passed" if test.passed else "FAILED"
-        out.line(f"{test.name}: chi-square {test.chi_square:.1f} of {test.degrees:.0f}, {verdict}")
+        out.line(test.text)
+    if location.widening > 1.0:
+        out.line(f"failed tests: all standard deviations are multiplied by {location.widening:.2g}")
+    if location.displacement is not None:
+        out.table(tables["displacement"])
+        for note in location.displacement.notes:
+            out.line(note)
     out.add(**values)
 
 

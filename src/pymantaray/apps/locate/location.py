@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.locate.averaging import spread_of_models
 from pymantaray.apps.locate.bootstrap import bootstrap_positions
 from pymantaray.apps.locate.budget import error_budget
 from pymantaray.apps.locate.checks import (
@@ -19,11 +20,18 @@ from pymantaray.apps.locate.checks import (
     notes_below_bed,
     notes_outside_water,
 )
+from pymantaray.apps.locate.displacement import (
+    Campaign,
+    Displacement,
+    campaign_of,
+    displacement_between,
+)
 from pymantaray.apps.locate.gross import reasons
+from pymantaray.apps.locate.halves import part_tests, widening
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
 from pymantaray.apps.locate.options import LocateOptions
 from pymantaray.apps.locate.patterns import NoiseTest, noise_tests, test_table
-from pymantaray.apps.locate.solve import CORRELATED, SurveySolution, candidate_table, solve
+from pymantaray.apps.locate.solve import SurveySolution, candidate_table, solve
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.arrays import Array
 from pymantaray.records.result_table import ResultTable
@@ -36,10 +44,13 @@ _MIN_DEPTH = 0.05  # m; a shallower node counts as above the surface
 _CAPTIONS = {
     "nodes": "Positions, standard deviations, 95 % ellipse and depth interval; relative: about the"
     " mean of all nodes",
+    "displacement": "Displacement of the nodes since the earlier campaign as one rigid body, with"
+    " its 95 % interval",
     "budget": "Contributions to the standard deviations; their squares add up to that of the total",
-    "tests": "Chi-square tests: residuals against the stated noise, and means of bins against zero",
-    "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion,"
-    " best first",
+    "tests": "Chi-square tests: residuals against the stated noise, means of bins against zero, and"
+    " the mean position from one part of the pings against that from the other",
+    "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion, best"
+    " first; the chosen one is the best of those allowed, known is allowed only on request",
     "unknowns": "Other estimated parameters",
     "mirrors": "Second solutions of nodes whose pings lie along one line",
     "bootstrap": "Positions of resampled surveys",
@@ -48,7 +59,10 @@ _BRIEF = {
     "nodes": ("sigma_north_m", "sigma_east_m", "sigma_depth_m"),
     "budget": ("node", "source", "north_m", "east_m", "depth_m"),
     "candidates": (
+        "chosen",
+        "allowed",
         "sound_speed",
+        "sound_speed_memory_s",
         "correlation_ratio",
         "correlation_time_s",
         "abic_difference",
@@ -74,7 +88,9 @@ class Location:
     candidates : pandas.DataFrame
         Compared models of sound speed and noise, best first.
     tests : list of NoiseTest
-        Tests of the residuals.
+        Tests of the residuals, and of positions from parts of the pings.
+    spread : ndarray, shape (3 n_nodes, 3 n_nodes)
+        Covariance of the positions due to the choice of the model. [m²]
     mirrors : list of Mirror
         Second solutions of nodes whose pings are along one line.
     reason : ndarray of str, shape (n,)
@@ -83,27 +99,38 @@ class Location:
         Positions of resampled surveys. [m]
     notes : tuple of str
         Transducers and nodes outside the water, whose rays end at its boundary.
+    displacement : Displacement, optional
+        Displacement since an earlier campaign.
     """
 
     survey: Survey
     solution: SurveySolution
     candidates: pd.DataFrame
     tests: list[NoiseTest]
+    spread: Array
     mirrors: list[Mirror]
     reason: NDArray[np.str_]
     bootstrap: Array | None = None
     notes: tuple[str, ...] = ()
+    displacement: Displacement | None = None
 
     @cached_property
     def covariance(self) -> Array:
         """
         Joint posterior covariance of all positions (3 n_nodes, 3 n_nodes). [m²]
 
-        The order is north, east, depth of each node.
+        It includes the choice of the model and the factor for failed tests. The order is north,
+        east, depth of each node.
         """
         by_position = self.solution.unknowns.position_map(self.solution.values)
         flat = by_position.reshape(-1, self.solution.unknowns.size)
-        return np.asarray(flat @ self.solution.posterior.covariance @ flat.T)
+        plain = flat @ self.solution.posterior.covariance @ flat.T
+        return np.asarray(self.widening**2 * (plain + self.spread))
+
+    @property
+    def widening(self) -> float:
+        """Factor of all standard deviations due to failed tests, at least 1."""
+        return widening(self.tests)
 
     @property
     def positions(self) -> Array:
@@ -129,17 +156,49 @@ class Location:
     def hyperparameters(self) -> dict[str, Any]:
         """Selected model: sound speed, noise level, smoothness, correlation between pings."""
         fit = self.solution.posterior
-        correlation = self.solution.correlation
+        model = self.solution.model
+        correlation = model.correlation
         white = correlation.ratio == 0.0
         return {
             "sound_speed": self.solution.unknowns.speed.kind,
+            "sound_speed_memory_s": model.memory if np.isfinite(model.memory) else None,
             "sigma_s": fit.sigma,
             "smoothness": dict(fit.hyperparameters),
             "correlation_ratio": correlation.ratio,
             "correlation_time_s": None if white else correlation.memory,
             "correlation_shared": None if white else correlation.shared,
-            "abic": fit.abic + (0.0 if white else 2.0 * CORRELATED),
+            "abic": fit.abic + 2.0 * model.hyperparameters,
         }
+
+    @property
+    def selection(self) -> str:
+        """How the model of the sound speed was selected."""
+        table = self.candidates
+        if table.loc[table["allowed"], "sound_speed"].nunique() == 1:
+            return "as requested"
+        best = table.iloc[0]
+        if best["allowed"]:
+            return "the model with the largest marginal likelihood (lowest ABIC)"
+        difference = table.loc[table["chosen"], "abic_difference"].iloc[0]
+        return (
+            f"the best allowed model; the ABIC of {best['sound_speed']} is lower by"
+            f" {difference:.1f}, but it is never selected automatically"
+        )
+
+    def since(self, earlier: Campaign) -> Self:
+        """
+        Location with the displacement of its nodes since an earlier campaign.
+
+        Parameters
+        ----------
+        earlier : Campaign
+            Earlier campaign, from `read_campaign`; its errors are independent of this one's.
+
+        Returns
+        -------
+        Location
+        """
+        return replace(self, displacement=displacement_between(campaign_of(self), earlier))
 
     @cached_property
     def nodes(self) -> pd.DataFrame:
@@ -282,7 +341,7 @@ class Location:
     @cached_property
     def budget(self) -> pd.DataFrame:
         """Contributions to each node's standard deviations, see `error_budget`."""
-        return error_budget(self.solution)
+        return error_budget(self.solution, self.spread, self.widening)
 
     @cached_property
     def sound_speed(self) -> pd.DataFrame:
@@ -305,7 +364,7 @@ class Location:
             {
                 "time_s": time,
                 "change_m_s": change,
-                "sigma_m_s": scale * np.sqrt(np.maximum(variance, 0.0)),
+                "sigma_m_s": self.widening * scale * np.sqrt(np.maximum(variance, 0.0)),
             }
         )
 
@@ -332,7 +391,8 @@ class Location:
         """Estimated turn-around times, clocks, lever arm and array shift, with their errors."""
         unknowns = self.solution.unknowns
         values = self.solution.values
-        sd = np.sqrt(np.maximum(np.diag(self.solution.posterior.covariance), 0.0))
+        variance = np.maximum(np.diag(self.solution.posterior.covariance), 0.0)
+        sd = self.widening * np.sqrt(variance)
         slices = unknowns.slices
         names = self.survey.names
         labels = {
@@ -360,8 +420,10 @@ class Location:
     @property
     def tables(self) -> dict[str, ResultTable]:
         """All tables by name, in the order of the page; empty ones are left out."""
+        moved = pd.DataFrame() if self.displacement is None else self.displacement.table
         frames = {
             "nodes": self.nodes,
+            "displacement": moved.dropna(axis="columns"),
             "budget": self.budget[
                 (self.budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)
             ],
@@ -463,6 +525,7 @@ def locate(
     check_survey(survey, medium)
     solution, candidates, solver = solve(survey, medium, selected)
     solution, mirrors = with_mirrors(solver, solution)
+    spread = spread_of_models(candidates, selected.kinds, solution)
     notes = notes_below_bed(solution, medium)
     check_solution(solution, medium)
     notes += notes_outside_water(survey, medium, solution.unknowns.lever(solution.values))
@@ -474,8 +537,9 @@ def locate(
     return Location(
         survey,
         solution,
-        candidate_table(candidates, solution),
-        noise_tests(solution),
+        candidate_table(candidates, selected.kinds, solution),
+        [*noise_tests(solution), *part_tests(solution, spread)],
+        spread,
         mirrors,
         reasons(solution, medium),
         draws,
