@@ -6,8 +6,9 @@ Ornstein-Uhlenbeck process, a trend, errors of the satellite positions and noise
 from dataclasses import dataclass
 
 import numpy as np
-from campaigns import direct_time
+from campaigns import GRADIENT, SURFACE_SPEED, direct_time
 
+from pymantaray.acoustics import Medium
 from pymantaray.apps.locate import Node, Survey
 
 M2_PERIOD = 44_714.0  # s
@@ -64,6 +65,19 @@ def water_series(rng, time, rms):
     return rms * (np.sqrt(shares) @ np.array(parts) + trend) + rng.normal(0.0, 3e-4)
 
 
+def constant_water(rng, time, _):
+    """Fraction by which the water is faster than the profile, constant."""
+    return np.full(time.size, rng.normal(0.0, 3e-4))
+
+
+def deep_water():
+    """Profile of the surveys as a medium."""
+    depth = np.array([0.0, 7000.0])
+    return Medium.from_profile(
+        depth, SURFACE_SPEED + GRADIENT * depth, bottom_depth=7000.0, interpolation="linear"
+    )
+
+
 def pattern(time, radius, speed):
     """Circle, two diameters and a slow drift near the centre, one after the other, repeated."""
     laps = np.array([2.0 * np.pi * radius, 2.0 * radius, np.sqrt(2.0) * radius, 2.0 * radius])
@@ -83,10 +97,16 @@ def pattern(time, radius, speed):
 
 
 def drifting_survey(
-    seed, *, drift=True, nodes=None, truth=None, displacement=(0.0, 0.0, 0.0), **fixed
+    seed,
+    *,
+    water=water_series,
+    nodes=None,
+    truth=None,
+    displacement=(0.0, 0.0, 0.0),
+    **fixed,
 ):
     """
-    Draw a survey of one node or of an array; ``drift=False`` keeps the water constant.
+    Draw a survey of one node or of an array; ``water`` draws the fraction of the sound speed.
 
     Keywords fix what is drawn otherwise: ``depth`` [m], ``hours``, ``pings``, ``sigma`` [s],
     ``rms`` (fraction of the sound speed), ``gnss`` [m], ``red`` (share of noise with a memory).
@@ -118,9 +138,7 @@ def drifting_survey(
     node = np.arange(n) % count
     time = np.sort(rng.uniform(0.0, span, n))
     series_time = np.arange(0.0, span + 60.0, STEP)
-    series = np.full(series_time.size, rng.normal(0.0, 3e-4))
-    if drift:
-        series = water_series(rng, series_time, drawn["rms"])
+    series = water(rng, series_time, drawn["rms"])
     radius = depth * rng.uniform(0.7, 1.1)
     speed = max(2.0, 14.0 * radius / span)
 

@@ -8,12 +8,11 @@ import json
 import numpy as np
 import pyproj
 import pytest
-from campaigns import GRADIENT, SURFACE_SPEED, make_campaign, profile_csv, write_garpos, write_table
-from drifting import drifting_survey
+from campaigns import make_campaign, profile_csv, write_garpos, write_table
+from drifting import deep_water, drifting_survey
 from refusals import refused
 from scipy.stats import chi2
 
-from pymantaray.acoustics import Medium
 from pymantaray.apps.locate import Campaign, displacement_between, locate, read_campaign
 from pymantaray.errors import LocateError
 
@@ -31,7 +30,7 @@ def made_campaign(rng, names, positions, origin=None, source="made up"):
 
 
 def arrangement(rng, count):
-    return [*rng.uniform(-800.0, 800.0, (count, 3)), 0.0, 0.0, 3000.0]
+    return rng.uniform([-800.0, -800.0, 2900.0], [800.0, 800.0, 3100.0], (count, 3))
 
 
 def test_the_displacement_is_that_of_joint_least_squares():
@@ -185,13 +184,6 @@ def test_the_command_prints_and_writes_the_displacement(mantaray, told, tmp_path
     assert done.err.count("\n") == 1
 
 
-def deep_water():
-    depth = np.array([0.0, 7000.0])
-    return Medium.from_profile(
-        depth, SURFACE_SPEED + GRADIENT * depth, bottom_depth=7000.0, interpolation="linear"
-    )
-
-
 def normalized_error(seed):
     """Squared error of the displacement between two surveys in drifting water, normalized."""
     medium = deep_water()
@@ -206,14 +198,11 @@ def normalized_error(seed):
         displacement=MOVED,
     )
     earlier, later = (locate(survey.survey, medium) for survey in (first, second))
-    read = later.since(campaign_in_memory(earlier))
-    error = read.displacement.value - MOVED
-    return error @ np.linalg.solve(read.displacement.covariance, error)
-
-
-def campaign_in_memory(location):
-    names = location.survey.names
-    return Campaign(names, location.positions, location.covariance, None, NONE, "earlier")
+    names = earlier.survey.names
+    campaign = Campaign(names, earlier.positions, earlier.covariance, None, NONE, "earlier")
+    found = later.since(campaign).displacement
+    error = found.value - MOVED
+    return error @ np.linalg.solve(found.covariance, error)
 
 
 def test_the_displacement_between_two_surveys_is_true_within_its_covariance():
