@@ -205,7 +205,7 @@ def normalized_error(seed):
     return error @ np.linalg.solve(found.covariance, error)
 
 
-def test_the_displacement_between_two_surveys_is_true_within_its_covariance():
+def test_the_displacement_is_true_within_its_covariance():
     assert normalized_error(1) < chi2.ppf(0.999, 3)
 
 

@@ -192,7 +192,7 @@ def test_200_surveys_in_drifting_water_have_honest_covariances(medium):
 
 
 @pytest.mark.slow
-def test_constant_water_costs_less_than_a_tenth_of_the_standard_deviation(medium):
+def test_constant_water_costs_less_than_a_tenth_of_sigma(medium):
     """Against the model that made the data: one factor and white noise."""
     ratios = []
     options = LocateOptions(speed_model="scale", correlation="none")

@@ -62,7 +62,7 @@ app = Commands(
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyOptions:
-    """Data that a survey lacks, and unknowns of the solver in addition to positions."""
+    """Data that a survey lacks, unknowns in addition to positions, and an earlier campaign."""
 
     reading: Annotated[
         ReadOptions,
@@ -103,6 +103,15 @@ class SurveyOptions:
     modes: Annotated[
         list[Path] | None,
         typer.Option(metavar="CASTS", help="Casts for the vertical modes of --sound-speed modes."),
+    ] = None
+    earlier: Annotated[
+        Path | None,
+        typer.Option(
+            "--with",
+            metavar="EARLIER",
+            help="location.json of an earlier campaign, or its folder: estimate the displacement"
+            " of the nodes since then.",
+        ),
     ] = None
 
     def read_options(self) -> ReadOptions:
@@ -152,15 +161,6 @@ def survey(
         typer.Option(metavar="N", min=0, help="Number of resampled surveys; 0 for no bootstrap."),
     ] = 0,
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
-    earlier: Annotated[
-        Path | None,
-        typer.Option(
-            "--with",
-            metavar="EARLIER",
-            help="location.json of an earlier campaign, or its folder: estimate the displacement"
-            " of the nodes since then.",
-        ),
-    ] = None,
 ) -> None:
     """Estimate node positions and their uncertainty from measured travel times."""
     from pymantaray.apps.locate import locate, read_campaign, read_survey
@@ -168,7 +168,7 @@ def survey(
     from pymantaray.cli.output import progress_bars
     from pymantaray.version import __version__
 
-    campaign = None if earlier is None else read_campaign(earlier)
+    campaign = None if values.earlier is None else read_campaign(values.earlier)
     pings = read_survey(file, values.read_options())
     if folder.out is not None:
         check_names_to_write(pings)

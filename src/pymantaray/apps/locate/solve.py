@@ -42,6 +42,8 @@ _MEMORIES = (
     0.015625,
 )  # of the sound speed, relative to the survey's duration
 _SHARES = (0.0, 1.0)
+_AMPLITUDES = (0.5, 0.71, 1.41, 2.0, 2.83)  # of the sound speed, relative to the most likely
+_MAX_DIFFERENCE = 8.0  # of the ABIC, for candidates with other amplitudes
 _CORRELATED = 3  # hyperparameters of correlated noise
 _MIN_FOR_CORRELATION = 200  # pings; fewer cannot separate correlation from errors of the model
 
@@ -267,11 +269,16 @@ def _constant(unknowns: SurveyUnknowns, fraction: float) -> Array:
 
 
 class Candidate(Mapping[str, Any]):
-    """Model of sound speed and noise with its evidence, as a row of a table."""
+    """
+    Model of sound speed and noise with its evidence, as a row of a table.
 
-    def __init__(self, model: Model, fit: Posterior) -> None:
+    ``others`` are posteriors with other amplitudes of the sound speed than that of `fit`.
+    """
+
+    def __init__(self, model: Model, fit: Posterior, others: tuple[Posterior, ...] = ()) -> None:
         self.model = model
         self.fit = fit
+        self.others = others
         correlation = model.correlation
         white = correlation.ratio == 0.0
         self._row: dict[str, Any] = {
@@ -333,6 +340,7 @@ def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candid
             comparison.add(best._replace(kind=kind, memory=memory))
         for model in comparison.memories(comparison.best.model):
             comparison.add(model)
+    comparison.vary_amplitudes()
     return comparison.best, comparison.candidates
 
 
@@ -386,16 +394,27 @@ class _Comparison:
         span = max(float(time[-1] - time[0]), 1.0)
         return [now._replace(memory=fraction * span) for fraction in _MEMORIES]
 
+    def vary_amplitudes(self) -> None:
+        """Add posteriors with other amplitudes of the sound speed to probable candidates."""
+        limit = self.best.abic + _MAX_DIFFERENCE
+        for model, candidate in self._candidates.items():
+            if model.splined and candidate.abic <= limit:
+                table = self._table(model)
+                others = tuple(table.fit(model, candidate.fit, factor) for factor in _AMPLITUDES)
+                self._candidates[model] = Candidate(model, candidate.fit, others)
+
     def add(self, model: Model) -> None:
         """Compare a model."""
-        if model in self._candidates:
-            return
+        if model not in self._candidates:
+            self._candidates[model] = Candidate(model, self._table(model).fit(model))
+
+    def _table(self, model: Model) -> "_Evidence":
         # simpler models use a part of the columns of a richer one
         rich: Kind = model.kind if model.kind in ("gradient", "modes") else "time"
         key = (rich, model.memory)
         if key not in self._tables:
             self._tables[key] = _Evidence(self._solver, self._base, *key)
-        self._candidates[model] = self._tables[key].candidate(model)
+        return self._tables[key]
 
 
 class _Evidence:
@@ -417,8 +436,10 @@ class _Evidence:
         self._linear = Linearization(self._unknowns, self._values, legs, solver.weight)
         self._products: dict[Correlation, Products] = {}
 
-    def candidate(self, model: Model) -> Candidate:
-        """Evidence of one model."""
+    def fit(
+        self, model: Model, selected: Posterior | None = None, factor: float = 1.0
+    ) -> Posterior:
+        """Posterior and evidence of a model, or with a factor of the selected smoothness."""
         correlation = model.correlation
         sigma = self._base.posterior.sigma
         if correlation not in self._products:
@@ -429,15 +450,22 @@ class _Evidence:
             )
             self._products = {correlation: products} | white
         products = self._products[correlation]
-        fit = posterior(
+        without = self._fixed_columns(model.kind)
+        if selected is None:
+            first = sigma / np.sqrt(correlation.variance)
+            return posterior(
+                products, self._unknowns, self._values, {}, sigma=first, without=without
+            )
+        hyper = {name: factor * value for name, value in selected.hyperparameters.items()}
+        return posterior(
             products,
             self._unknowns,
             self._values,
-            {},
-            sigma=sigma / np.sqrt(correlation.variance),
-            without=self._fixed_columns(model.kind),
+            hyper,
+            sigma=selected.sigma,
+            without=without,
+            steps=1,
         )
-        return Candidate(model, fit)
 
     def _fixed_columns(self, kind: Kind) -> NDArray[np.int64]:
         """Columns of the sound speed that a simpler model does not use."""
