@@ -58,6 +58,14 @@ _CAPTIONS = {
 _BRIEF = {
     "nodes": ("sigma_north_m", "sigma_east_m", "sigma_depth_m"),
     "budget": ("node", "source", "north_m", "east_m", "depth_m"),
+    "displacement": (
+        "axis",
+        "displacement_m",
+        "sigma_m",
+        "correlation_north",
+        "correlation_east",
+        "correlation_depth",
+    ),
     "candidates": (
         "chosen",
         "allowed",
@@ -172,7 +180,7 @@ class Location:
 
     @property
     def selection(self) -> str:
-        """How the model of the sound speed was selected."""
+        """Statement of the selection of the sound-speed model."""
         table = self.candidates
         if table.loc[table["allowed"], "sound_speed"].nunique() == 1:
             return "as requested"
