@@ -45,7 +45,7 @@ _SHARES = (0.0, 1.0)
 _AMPLITUDES = (0.5, 0.71, 1.41, 2.0, 2.83)  # of the sound speed, relative to the most likely
 _MAX_DIFFERENCE = 8.0  # of the ABIC, for candidates with other amplitudes
 _CORRELATED = 3  # hyperparameters of correlated noise
-_MIN_FOR_CORRELATION = 200  # pings; fewer cannot separate correlation from errors of the model
+_MIN_FOR_CORRELATION = 100  # pings; fewer cannot separate correlation from errors of the model
 
 
 class Model(NamedTuple):
