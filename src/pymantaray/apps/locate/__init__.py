@@ -5,6 +5,10 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
+    from pymantaray.apps.locate.displacement import Campaign as Campaign
+    from pymantaray.apps.locate.displacement import Displacement as Displacement
+    from pymantaray.apps.locate.displacement import displacement_between as displacement_between
+    from pymantaray.apps.locate.displacement import read_campaign as read_campaign
     from pymantaray.apps.locate.location import Location as Location
     from pymantaray.apps.locate.location import locate as locate
     from pymantaray.apps.locate.options import LocateOptions as LocateOptions

@@ -17,7 +17,7 @@ _PRIORS = {
 }
 
 
-def error_budget(solution: SurveySolution) -> pd.DataFrame:
+def error_budget(solution: SurveySolution, of_models: Array, widening: float) -> pd.DataFrame:
     r"""
     Contributions to the standard deviations of each node's position.
 
@@ -27,7 +27,9 @@ def error_budget(solution: SurveySolution) -> pd.DataFrame:
     the pings. It consists of ``noise``, the value if only positions were unknown; ``platform
     positions``, the contribution of their errors; and ``geometry``, the remainder, due to the
     correlation of positions with other unknowns in this pattern. The second part is a sum over
-    unknowns. The squares of all contributions add up to the square of ``total``.
+    unknowns. ``choice of the model`` is the covariance ``of_models`` [m²], and ``failed tests`` the
+    effect of multiplying all by the factor ``widening``. The squares of all contributions add up to
+    the square of ``total``.
     """
     unknowns = solution.unknowns
     fit = solution.posterior
@@ -54,7 +56,10 @@ def error_budget(solution: SurveySolution) -> pd.DataFrame:
         "platform positions": platform,
     }
     variances |= parts
-    variances["total"] = total
+    variances["choice of the model"] = np.diag(of_models)
+    total = total + np.diag(of_models)
+    variances["failed tests"] = (widening**2 - 1.0) * total
+    variances["total"] = widening**2 * total
     sigmas = {
         source: np.sqrt(np.maximum(np.asarray(variance), 0.0)).reshape(-1, 3)
         for source, variance in variances.items()

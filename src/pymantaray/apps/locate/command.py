@@ -64,7 +64,7 @@ app = Commands(
 
 @dataclass(frozen=True, kw_only=True)
 class SurveyOptions:
-    """Data that a survey lacks, and unknowns of the solver in addition to positions."""
+    """Data that a survey lacks, unknowns in addition to positions, and an earlier campaign."""
 
     reading: Annotated[
         ReadOptions,
@@ -105,6 +105,15 @@ class SurveyOptions:
     modes: Annotated[
         list[Path] | None,
         typer.Option(metavar="CASTS", help="Casts for the vertical modes of --sound-speed modes."),
+    ] = None
+    earlier: Annotated[
+        Path | None,
+        typer.Option(
+            "--with",
+            metavar="EARLIER",
+            help="location.json of an earlier campaign, or its folder: estimate the displacement"
+            " of the nodes since then.",
+        ),
     ] = None
 
     def read_options(self) -> ReadOptions:
@@ -156,11 +165,12 @@ def survey(
     seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
 ) -> None:
     """Estimate node positions and their uncertainty from measured travel times."""
-    from pymantaray.apps.locate import locate, read_survey
+    from pymantaray.apps.locate import locate, read_campaign, read_survey
     from pymantaray.apps.locate.write import check_names_to_write
     from pymantaray.cli.output import progress_bars
     from pymantaray.version import __version__
 
+    campaign = None if values.earlier is None else read_campaign(values.earlier)
     pings = read_survey(file, values.read_options())
     if folder.out is not None:
         check_names_to_write(pings)
@@ -178,6 +188,8 @@ def survey(
             seed=seed,
             progress=progress,
         )
+    if campaign is not None:
+        location = location.since(campaign)
     notes = [*water.notes, *location.notes]
     page = None
     if folder.out is not None:
@@ -438,7 +450,8 @@ def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
     unused = values["rejected"]
     out.line(
         f"{values['n_used']} of {values['n_all']} pings used, residuals {1e6 * values['rms_s']:.1f}"
-        f" us rms; sound speed: {values['hyperparameters']['sound_speed']}"
+        f" us rms; sound speed: {values['hyperparameters']['sound_speed']},"
+        f" {values['selection']}"
     )
     for row in unused[:_MAX_LISTED]:
         out.line(f"  not used: line {row['line']}, {row['node']}: {row['reason']}")
@@ -463,8 +476,13 @@ def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
             f" chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}"
         )
     for test in location.tests:
-        verdict = "passed" if test.passed else "FAILED"
-        out.line(f"{test.name}: chi-square {test.chi_square:.1f} of {test.degrees:.0f}, {verdict}")
+        out.line(test.text)
+    if location.widening > 1.0:
+        out.line(f"failed tests: all standard deviations are multiplied by {location.widening:.2g}")
+    if location.displacement is not None:
+        out.table(tables["displacement"])
+        for note in location.displacement.notes:
+            out.line(note)
     out.add(**values)
 
 

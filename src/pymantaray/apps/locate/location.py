@@ -2,15 +2,16 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.locate.averaging import spread_of_models
 from pymantaray.apps.locate.bootstrap import bootstrap_positions
 from pymantaray.apps.locate.budget import error_budget
 from pymantaray.apps.locate.checks import (
@@ -19,13 +20,20 @@ from pymantaray.apps.locate.checks import (
     notes_below_bed,
     notes_outside_water,
 )
+from pymantaray.apps.locate.displacement import (
+    Campaign,
+    Displacement,
+    campaign_of,
+    displacement_between,
+)
 from pymantaray.apps.locate.earth import medium_on_earth
 from pymantaray.apps.locate.gross import reasons
+from pymantaray.apps.locate.halves import part_tests, widening
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
 from pymantaray.apps.locate.one_way import direct_arrivals
 from pymantaray.apps.locate.options import LocateOptions
 from pymantaray.apps.locate.patterns import NoiseTest, noise_tests, test_table
-from pymantaray.apps.locate.solve import CORRELATED, SurveySolution, candidate_table, solve
+from pymantaray.apps.locate.solve import SurveySolution, candidate_table, solve
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.arrays import Array
 from pymantaray.geometry.tangent_plane import TangentPlane
@@ -39,10 +47,13 @@ _MIN_DEPTH = 0.05  # m; a shallower node counts as above the surface
 _CAPTIONS = {
     "nodes": "Positions, standard deviations, 95 % ellipse and depth interval; relative: about the"
     " mean of all nodes",
+    "displacement": "Displacement of the nodes since the earlier campaign as one rigid body, with"
+    " its 95 % interval",
     "budget": "Contributions to the standard deviations; their squares add up to that of the total",
-    "tests": "Chi-square tests: residuals against the stated noise, and means of bins against zero",
-    "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion,"
-    " best first",
+    "tests": "Chi-square tests: residuals against the stated noise, means of bins against zero, and"
+    " the mean position from one part of the pings against that from the other",
+    "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion, best"
+    " first; the chosen one is the best of those allowed, known is allowed only on request",
     "unknowns": "Other estimated parameters",
     "mirrors": "Second solutions of nodes whose pings lie along one line",
     "bootstrap": "Positions of resampled surveys",
@@ -50,8 +61,19 @@ _CAPTIONS = {
 _BRIEF = {
     "nodes": ("sigma_north_m", "sigma_east_m", "sigma_depth_m"),
     "budget": ("node", "source", "north_m", "east_m", "depth_m"),
+    "displacement": (
+        "axis",
+        "displacement_m",
+        "sigma_m",
+        "correlation_north",
+        "correlation_east",
+        "correlation_depth",
+    ),
     "candidates": (
+        "chosen",
+        "allowed",
         "sound_speed",
+        "sound_speed_memory_s",
         "correlation_ratio",
         "correlation_time_s",
         "abic_difference",
@@ -77,7 +99,9 @@ class Location:
     candidates : pandas.DataFrame
         Compared models of sound speed and noise, best first.
     tests : list of NoiseTest
-        Tests of the residuals.
+        Tests of the residuals, and of positions from parts of the pings.
+    spread : ndarray, shape (3 n_nodes, 3 n_nodes)
+        Covariance of the positions due to the choice of the model. [m²]
     mirrors : list of Mirror
         Second solutions of nodes whose pings are along one line.
     reason : ndarray of str, shape (n,)
@@ -88,28 +112,39 @@ class Location:
         Transducers and nodes outside the water, whose rays end at its boundary.
     earth : str
         Shape of the Earth, and the reason.
+    displacement : Displacement, optional
+        Displacement since an earlier campaign.
     """
 
     survey: Survey
     solution: SurveySolution
     candidates: pd.DataFrame
     tests: list[NoiseTest]
+    spread: Array
     mirrors: list[Mirror]
     reason: NDArray[np.str_]
     bootstrap: Array | None = None
     notes: tuple[str, ...] = ()
     earth: str = ""
+    displacement: Displacement | None = None
 
     @cached_property
     def covariance(self) -> Array:
         """
         Joint posterior covariance of all positions (3 n_nodes, 3 n_nodes). [m²]
 
-        The order is north, east, depth of each node.
+        It includes the choice of the model and the factor for failed tests. The order is north,
+        east, depth of each node.
         """
         by_position = self.solution.unknowns.position_map(self.solution.values)
         flat = by_position.reshape(-1, self.solution.unknowns.size)
-        return np.asarray(flat @ self.solution.posterior.covariance @ flat.T)
+        plain = flat @ self.solution.posterior.covariance @ flat.T
+        return np.asarray(self.widening**2 * (plain + self.spread))
+
+    @property
+    def widening(self) -> float:
+        """Factor of all standard deviations due to failed tests, at least 1."""
+        return widening(self.tests)
 
     @property
     def positions(self) -> Array:
@@ -135,17 +170,49 @@ class Location:
     def hyperparameters(self) -> dict[str, Any]:
         """Selected model: sound speed, noise level, smoothness, correlation between pings."""
         fit = self.solution.posterior
-        correlation = self.solution.correlation
+        model = self.solution.model
+        correlation = model.correlation
         white = correlation.ratio == 0.0
         return {
             "sound_speed": self.solution.unknowns.speed.kind,
+            "sound_speed_memory_s": model.memory if np.isfinite(model.memory) else None,
             "sigma_s": fit.sigma,
             "smoothness": dict(fit.hyperparameters),
             "correlation_ratio": correlation.ratio,
             "correlation_time_s": None if white else correlation.memory,
             "correlation_shared": None if white else correlation.shared,
-            "abic": fit.abic + (0.0 if white else 2.0 * CORRELATED),
+            "abic": fit.abic + 2.0 * model.hyperparameters,
         }
+
+    @property
+    def selection(self) -> str:
+        """Statement of the selection of the sound-speed model."""
+        table = self.candidates
+        if table.loc[table["allowed"], "sound_speed"].nunique() == 1:
+            return "as requested"
+        best = table.iloc[0]
+        if best["allowed"]:
+            return "the model with the largest marginal likelihood (lowest ABIC)"
+        difference = table.loc[table["chosen"], "abic_difference"].iloc[0]
+        return (
+            f"the best allowed model; the ABIC of {best['sound_speed']} is lower by"
+            f" {difference:.1f}, but it is never selected automatically"
+        )
+
+    def since(self, earlier: Campaign) -> Self:
+        """
+        Location with the displacement of its nodes since an earlier campaign.
+
+        Parameters
+        ----------
+        earlier : Campaign
+            Earlier campaign, from `read_campaign`; its errors are independent of this one's.
+
+        Returns
+        -------
+        Location
+        """
+        return replace(self, displacement=displacement_between(campaign_of(self), earlier))
 
     @cached_property
     def nodes(self) -> pd.DataFrame:
@@ -292,7 +359,7 @@ class Location:
     @cached_property
     def budget(self) -> pd.DataFrame:
         """Contributions to each node's standard deviations, see `error_budget`."""
-        return error_budget(self.solution)
+        return error_budget(self.solution, self.spread, self.widening)
 
     @cached_property
     def sound_speed(self) -> pd.DataFrame:
@@ -315,7 +382,7 @@ class Location:
             {
                 "time_s": time,
                 "change_m_s": change,
-                "sigma_m_s": scale * np.sqrt(np.maximum(variance, 0.0)),
+                "sigma_m_s": self.widening * scale * np.sqrt(np.maximum(variance, 0.0)),
             }
         )
 
@@ -342,7 +409,8 @@ class Location:
         """Estimated turn-around times, clocks, lever arm and array shift, with their errors."""
         unknowns = self.solution.unknowns
         values = self.solution.values
-        sd = np.sqrt(np.maximum(np.diag(self.solution.posterior.covariance), 0.0))
+        variance = np.maximum(np.diag(self.solution.posterior.covariance), 0.0)
+        sd = self.widening * np.sqrt(variance)
         slices = unknowns.slices
         names = self.survey.names
         labels = {
@@ -370,8 +438,10 @@ class Location:
     @property
     def tables(self) -> dict[str, ResultTable]:
         """All tables by name, in the order of the page; empty ones are left out."""
+        moved = pd.DataFrame() if self.displacement is None else self.displacement.table
         frames = {
             "nodes": self.nodes,
+            "displacement": moved.dropna(axis="columns"),
             "budget": self.budget[
                 (self.budget[["north_m", "east_m", "depth_m"]] > 0.0).any(axis=1)
             ],
@@ -477,6 +547,7 @@ def locate(
     survey = survey.assign(flagged=survey.flagged | (direct.reason != ""))
     solution, candidates, solver = solve(survey, medium, selected, direct.position)
     solution, mirrors = with_mirrors(solver, solution)
+    spread = spread_of_models(candidates, selected.kinds, solution)
     notes = notes_below_bed(solution, medium)
     check_solution(solution, medium)
     notes += notes_outside_water(survey, medium, solution.unknowns.lever(solution.values))
@@ -488,11 +559,12 @@ def locate(
     return Location(
         survey,
         solution,
-        candidate_table(candidates, solution),
-        noise_tests(solution),
+        candidate_table(candidates, selected.kinds, solution),
+        [*noise_tests(solution), *part_tests(solution, spread)],
+        spread,
         mirrors,
         np.where(direct.reason != "", direct.reason, reasons(solution, medium)),
         draws,
         notes,
-        earth,
+        earth=earth,
     )

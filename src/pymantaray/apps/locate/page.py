@@ -9,6 +9,8 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymantaray.apps.locate import Location, SurveyPlan
+from pymantaray.apps.locate.displacement import CAMPAIGN_FILE, Displacement
+from pymantaray.apps.locate.halves import HALVES
 from pymantaray.apps.locate.options import CRITERIA
 from pymantaray.apps.locate.write import write_location
 from pymantaray.jobs.progress import Progress
@@ -59,7 +61,8 @@ def write_location_page(
     -------
     pathlib.Path
         The page, ``index.html``. The same folder contains ``tables`` (CSV), ``figures``,
-        ``landmarks.toml``, ``nodes.geojson``, ``survey.pyfg``, ``location.nc`` and ``locate.json``.
+        ``landmarks.toml``, ``nodes.geojson``, ``survey.pyfg``, ``location.nc``, ``location.json``
+        and ``locate.json``.
 
     Raises
     ------
@@ -96,6 +99,7 @@ def _page(
             "GeoJSON": "nodes.geojson",
             "factor graph": "survey.pyfg",
             "NetCDF": "location.nc",
+            "positions with covariance": CAMPAIGN_FILE,
         },
         origin=[origin_table(record, "Options", "locate.json")],
     )
@@ -103,12 +107,10 @@ def _page(
 
 def warnings_of(location: Location) -> list[str]:
     """Lines that a reader must know before trusting the positions."""
-    lines = [
-        f"Test failed: {test.name}, chi-square {show(test.chi_square)} of {test.degrees:.0f}"
-        " degrees of freedom; the standard deviations are too small."
-        for test in location.tests
-        if not test.passed
-    ]
+    lines = [f"Test failed: {test.text}." for test in location.tests if not test.passed]
+    lines += _consequence(location)
+    if location.displacement is not None:
+        lines += location.displacement.notes
     nodes = location.nodes
     lines += [
         f"{row['name']}: {row['status']}."
@@ -116,6 +118,16 @@ def warnings_of(location: Location) -> list[str]:
         if row["status"] != "ok"
     ][:_MAX_WARNED]
     return lines
+
+
+def _consequence(location: Location) -> list[str]:
+    """Effect of failed tests on the stated standard deviations, as at most one line."""
+    if location.widening > 1.0:
+        factor = show(location.widening)
+        return [f"All standard deviations are multiplied by {factor} because of failed tests."]
+    if not location.passed:
+        return ["The standard deviations follow the estimated noise, not the stated noise."]
+    return []
 
 
 def _fact(location: Location) -> str:
@@ -141,18 +153,26 @@ def _cards(location: Location) -> list[Card]:
         sigma = ", ".join(f"{row[f'sigma_{axis}_m']:.2g}" for axis in ("north", "east", "depth"))
         details = f"depth {row['depth']:.2f} m; σ {sigma} m north, east, depth"
         cards.append(Card(str(row["name"]), coordinates, details))
+    if location.displacement is not None:
+        cards.append(_displacement_card(location.displacement))
     cards.append(
         Card("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the used pings")
     )
     model = location.hyperparameters
-    is_compared = location.candidates["sound_speed"].nunique() > 1
-    selection = (
-        "model with the largest marginal likelihood" if is_compared else "model as requested"
-    )
-    cards.append(Card("Sound speed", str(model["sound_speed"]), selection))
+    cards.append(Card("Sound speed", str(model["sound_speed"]), location.selection))
     verdict = "passed" if location.passed else "failed"
-    cards.append(Card("Tests of the noise", verdict, f"{len(location.tests)} chi-square tests"))
+    halves = [test for test in location.tests if test.name == HALVES]
+    details = f"{len(location.tests)} chi-square tests"
+    cards.append(Card("Tests", verdict, "; ".join([details, *(test.text for test in halves)])))
     return cards
+
+
+def _displacement_card(displacement: Displacement) -> Card:
+    """Displacement since the earlier campaign."""
+    value = ", ".join(f"{1e3 * metres:+.0f}" for metres in displacement.value)
+    sigma = ", ".join(f"{1e3 * metres:.2g}" for metres in displacement.sigma)
+    details = f"north, east, depth; σ {sigma} mm; {counted(len(displacement.nodes), 'node')}"
+    return Card("Displacement", f"{value} mm", details)
 
 
 def _left_out(location: Location) -> ResultTable:

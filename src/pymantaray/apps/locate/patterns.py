@@ -11,7 +11,10 @@ from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.arrays import Array
 
 LEVEL = 1e-3
-"""Probability that a correct model fails any of the tests."""
+"""Probability that a correct model fails any of the tests of patterns, or one of the others."""
+STATED_NOISE = "stated noise"
+_BEARING = "bearing from the bow"
+_GEOMETRY = ("azimuth", "range", _BEARING)
 _MAX_BINS = 24  # number of bins, and pings per bin
 _MIN_PINGS = 8
 _MIN_ATTITUDE_SPREAD = 0.02  # rad; with a smaller spread, patterns over attitude are not tested
@@ -26,6 +29,22 @@ class NoiseTest:
     degrees: float
     probability: float
     passed: bool
+    details: str = ""
+
+    @property
+    def systematic(self) -> bool:
+        """True for a pattern over the geometry of the pings."""
+        return self.name in (f"pattern over {name}" for name in _GEOMETRY)
+
+    @property
+    def text(self) -> str:
+        """Result in one line."""
+        verdict = "passed" if self.passed else "FAILED"
+        details = f": {self.details}" if self.details else ""
+        return (
+            f"{self.name}{details}; chi-square {self.chi_square:.1f} of {self.degrees:.0f},"
+            f" probability {self.probability:.2g}, {verdict}"
+        )
 
 
 def test_table(tests: list[NoiseTest]) -> pd.DataFrame:
@@ -53,7 +72,7 @@ def noise_tests(solution: SurveySolution) -> list[NoiseTest]:
         degrees = max(white.size - solution.posterior.effective, 1.0)
         upper = float(chdtrc(degrees, total))
         probability = 2.0 * min(upper, 1.0 - upper)
-        tests.append(NoiseTest("stated noise", total, degrees, probability, probability > LEVEL))
+        tests.append(NoiseTest(STATED_NOISE, total, degrees, probability, probability > LEVEL))
     patterns = _coordinates(solution)
     for name, (coordinate, group) in patterns.items():
         tests.append(
@@ -85,7 +104,7 @@ def _coordinates(solution: SurveySolution) -> dict[str, tuple[Array, NDArray[np.
         heading = survey.transmit_attitude[used, 0]
         if np.ptp(heading) > _MIN_ATTITUDE_SPREAD:
             bearing = np.arctan2(-step[:, 1], -step[:, 0]) - heading
-            out["bearing from the bow"] = (np.mod(bearing, 2.0 * np.pi), one_group)
+            out[_BEARING] = (np.mod(bearing, 2.0 * np.pi), one_group)
     return out
 
 

@@ -1,8 +1,8 @@
 """Solver for node positions: outer steps with exact rays, and selection of the model."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -31,14 +31,42 @@ _RELATIVE = 1e-3  # change of a position, relative to its standard deviation
 _RETRACE_DISTANCE = 0.3  # m; rays are not traced again for smaller changes
 _CONVERGED = 1e-3  # m; the largest change of a node's position in an outer step
 _ROUNDS = 2  # of the graduated start
+_CHOICES = 2  # comparisons of models for other sets of used pings
 _DEFAULT_SIGMA = 1e-3  # s; noise level if there are too few pings to estimate it
 _MIN_GROSS = 1e-6  # s; smaller residuals are never gross errors
-_CORRELATION_TIMES = (20.0, 60.0, 180.0, 600.0)  # s
-_RATIOS = (0.3, 3.0, 10.0)
+_CORRELATION_TIMES = (20.0, 60.0, 180.0, 600.0, 1800.0)  # s
+_RATIOS = (0.3, 1.0, 3.0, 10.0)
+_MEMORIES = (
+    np.inf,
+    1.0,
+    0.25,
+    0.0625,
+    0.015625,
+)  # of the sound speed, relative to the survey's duration
 _SHARES = (0.0, 1.0)
-CORRELATED = 3
-"""Hyperparameters of correlated noise."""
-_MIN_FOR_CORRELATION = 200  # pings; fewer cannot separate correlation from errors of the model
+_AMPLITUDES = (0.5, 0.71, 1.41, 2.0, 2.83)  # of the sound speed, relative to the most likely
+_MAX_DIFFERENCE = 8.0  # of the ABIC, for candidates with other amplitudes
+_CORRELATED = 3  # hyperparameters of correlated noise
+_MIN_FOR_CORRELATION = 100  # pings; fewer cannot separate correlation from errors of the model
+
+
+class Model(NamedTuple):
+    """Model of sound speed and noise."""
+
+    kind: Kind
+    memory: float = np.inf
+    """Memory of the sound speed's prior; infinite for an integrated random walk. [s]"""
+    correlation: Correlation = Correlation()
+
+    @property
+    def splined(self) -> bool:
+        """True if the sound speed varies over time."""
+        return self.kind in ("time", "gradient")
+
+    @property
+    def hyperparameters(self) -> int:
+        """Number of hyperparameters that were searched on a grid."""
+        return int(np.isfinite(self.memory)) + _CORRELATED * (self.correlation.ratio > 0.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,6 +82,12 @@ class SurveySolution:
     products: Products
     used: Mask
     settled: bool
+
+    @property
+    def model(self) -> Model:
+        """Model of sound speed and noise."""
+        speed = self.unknowns.speed
+        return Model(speed.kind, speed.memory, self.correlation)
 
     def whitened_rows(self) -> Iterator[Array]:
         """Blocks of whitened rows of the used pings, with the residual in the last column."""
@@ -94,14 +128,16 @@ class Solver:
             self.weight = np.where(np.isfinite(survey.sigma), survey.sigma, np.median(stated_sigma))
             self.weight = self.weight / np.median(self.weight)
 
-    def unknowns(self, kind: Kind, position: Array) -> SurveyUnknowns:
+    def unknowns(self, kind: Kind, position: Array, memory: float = np.inf) -> SurveyUnknowns:
         """
         Columns for a model of the sound speed.
 
         Gradients are relative to the middle of the positions.
         """
         options = self.options
-        speed = sound_speed_terms(self.survey, position, kind, options.speed_prior, options.modes)
+        speed = sound_speed_terms(
+            self.survey, position, kind, options.speed_prior, options.modes, memory
+        )
         default: Arrangement = "free" if self.survey.rigid is None else "rigid"
         return SurveyUnknowns(self.survey, speed, options.arrangement or default)
 
@@ -249,19 +285,25 @@ def _constant(unknowns: SurveyUnknowns, fraction: float) -> Array:
 
 
 class Candidate(Mapping[str, Any]):
-    """Model of sound speed and noise with its evidence, as a row of a table."""
+    """
+    Model of sound speed and noise with its evidence, as a row of a table.
 
-    def __init__(self, kind: Kind, correlation: Correlation, fit: Posterior) -> None:
-        self.kind = kind
-        self.correlation = correlation
+    ``others`` are posteriors with other amplitudes of the sound speed than that of `fit`.
+    """
+
+    def __init__(self, model: Model, fit: Posterior, others: tuple[Posterior, ...] = ()) -> None:
+        self.model = model
         self.fit = fit
+        self.others = others
+        correlation = model.correlation
         white = correlation.ratio == 0.0
         self._row: dict[str, Any] = {
-            "sound_speed": kind,
+            "sound_speed": model.kind,
+            "sound_speed_memory_s": model.memory if model.splined else np.nan,
             "correlation_ratio": correlation.ratio,
             "correlation_time_s": np.nan if white else correlation.memory,
             "correlation_shared": np.nan if white else correlation.shared,
-            "abic": fit.abic + (0.0 if white else 2.0 * CORRELATED),
+            "abic": fit.abic + 2.0 * model.hyperparameters,
             "log_evidence": fit.log_evidence,
             "sigma_s": fit.sigma,
             "effective_parameters": fit.effective,
@@ -285,55 +327,110 @@ class Candidate(Mapping[str, Any]):
 
     @property
     def abic(self) -> float:
-        """ABIC including the hyperparameters of the noise."""
+        """ABIC including the hyperparameters that were searched on a grid."""
         return float(self._row["abic"])
 
 
 def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candidate]]:
     """Allowed candidate with the lowest ABIC, and all compared candidates."""
     allowed = solver.options.kinds
-    table = _Evidence(solver, base, "gradient")
+    comparison = _Comparison(solver, base)
     plain_kinds = [kind for kind in KINDS if kind != "modes"]
-    candidates = [table.candidate(kind, Correlation()) for kind in plain_kinds]
-    if "modes" in allowed:
-        table_of_modes = _Evidence(solver, base, "modes")
-        candidates.append(table_of_modes.candidate("modes", Correlation()))
+    for kind in KINDS if "modes" in allowed else plain_kinds:
+        comparison.add(Model(kind))
+    if "time" in allowed:
+        for model in comparison.memories(Model("time")):
+            comparison.add(model)
+    # search the grid about the best, one parameter after the other
+    searches = [comparison.memories]
+    if solver.options.correlation == "auto" and int(base.used.sum()) >= _MIN_FOR_CORRELATION:
+        searches = [_times, _ratios, comparison.memories, _shares, _times, _ratios]
+    for search in searches:
+        for model in search(comparison.best.model):
+            comparison.add(model)
+    # correlated noise or a memory may make another kind the best
+    best = comparison.best.model
+    if best.kind != "modes" and best != Model(best.kind):
+        for kind in plain_kinds:
+            memory = best.memory if kind in ("time", "gradient") else np.inf
+            comparison.add(best._replace(kind=kind, memory=memory))
+        for model in comparison.memories(comparison.best.model):
+            comparison.add(model)
+    comparison.vary_amplitudes()
+    return comparison.best, comparison.candidates
 
-    def best_of(some: Iterable[Candidate]) -> Candidate:
-        choice = [candidate for candidate in some if candidate.kind in allowed]
+
+def _times(now: Model) -> list[Model]:
+    ratio = now.correlation.ratio or 1.0
+    return _correlated(now, [{"ratio": ratio, "memory": time} for time in _CORRELATION_TIMES])
+
+
+def _ratios(now: Model) -> list[Model]:
+    if now.correlation.ratio == 0.0:  # white noise has the highest evidence
+        return []
+    return _correlated(now, [{"ratio": ratio} for ratio in _RATIOS])
+
+
+def _shares(now: Model) -> list[Model]:
+    if now.correlation.ratio == 0.0:
+        return []
+    return _correlated(now, [{"shared": share} for share in _SHARES])
+
+
+def _correlated(now: Model, changes: list[dict[str, float]]) -> list[Model]:
+    return [now._replace(correlation=replace(now.correlation, **change)) for change in changes]
+
+
+class _Comparison:
+    """Candidates and their evidence at one linearization."""
+
+    def __init__(self, solver: Solver, base: SurveySolution) -> None:
+        self._solver = solver
+        self._base = base
+        self._tables: dict[tuple[Kind, float], _Evidence] = {}
+        self._candidates: dict[Model, Candidate] = {}
+
+    @property
+    def candidates(self) -> list[Candidate]:
+        """All candidates, in the order of their comparison."""
+        return list(self._candidates.values())
+
+    @property
+    def best(self) -> Candidate:
+        """Allowed candidate with the lowest ABIC."""
+        allowed = self._solver.options.kinds
+        choice = [candidate for candidate in self.candidates if candidate.model.kind in allowed]
         return min(choice, key=lambda candidate: candidate.abic)
 
-    def of_kind(kind: Kind) -> list[Candidate]:
-        return [candidate for candidate in candidates if candidate.kind == kind]
+    def memories(self, now: Model) -> list[Model]:
+        """Models with other memories of the sound speed."""
+        if not now.splined:
+            return []
+        time = self._solver.survey.time
+        span = max(float(time[-1] - time[0]), 1.0)
+        return [now._replace(memory=fraction * span) for fraction in _MEMORIES]
 
-    best = best_of(candidates)
-    # search the correlation of the best kind, one parameter after the other
-    if solver.options.correlation == "auto" and int(base.used.sum()) >= _MIN_FOR_CORRELATION:
-        table = table_of_modes if best.kind == "modes" else table
-        for search in (_times, _ratios, _shares, _times):
-            for correlation in search(best.correlation):
-                if correlation not in [other.correlation for other in of_kind(best.kind)]:
-                    candidates.append(table.candidate(best.kind, correlation))
-            best = best_of(of_kind(best.kind))
-            if best.correlation.ratio == 0.0:  # white noise has the highest evidence
-                break
-        # correlated noise may make another kind the best
-        if best.correlation.ratio > 0.0 and best.kind != "modes":
-            others = [kind for kind in plain_kinds if kind != best.kind]
-            candidates += [table.candidate(kind, best.correlation) for kind in others]
-    return best_of(candidates), candidates
+    def vary_amplitudes(self) -> None:
+        """Add posteriors with other amplitudes of the sound speed to probable candidates."""
+        limit = self.best.abic + _MAX_DIFFERENCE
+        for model, candidate in self._candidates.items():
+            if model.splined and candidate.abic <= limit:
+                table = self._table(model)
+                others = tuple(table.fit(model, candidate.fit, factor) for factor in _AMPLITUDES)
+                self._candidates[model] = Candidate(model, candidate.fit, others)
 
+    def add(self, model: Model) -> None:
+        """Compare a model."""
+        if model not in self._candidates:
+            self._candidates[model] = Candidate(model, self._table(model).fit(model))
 
-def _times(now: Correlation) -> list[Correlation]:
-    return [Correlation(now.ratio or 1.0, time, now.shared) for time in _CORRELATION_TIMES]
-
-
-def _ratios(now: Correlation) -> list[Correlation]:
-    return [replace(now, ratio=ratio) for ratio in _RATIOS]
-
-
-def _shares(now: Correlation) -> list[Correlation]:
-    return [replace(now, shared=share) for share in _SHARES]
+    def _table(self, model: Model) -> "_Evidence":
+        # simpler models use a part of the columns of a richer one
+        rich: Kind = model.kind if model.kind in ("gradient", "modes") else "time"
+        key = (rich, model.memory)
+        if key not in self._tables:
+            self._tables[key] = _Evidence(self._solver, self._base, *key)
+        return self._tables[key]
 
 
 class _Evidence:
@@ -343,10 +440,10 @@ class _Evidence:
     Simpler models use a part of the columns of the richest model.
     """
 
-    def __init__(self, solver: Solver, base: SurveySolution, rich: Kind) -> None:
+    def __init__(self, solver: Solver, base: SurveySolution, rich: Kind, memory: float) -> None:
         self._solver = solver
         self._base = base
-        self._unknowns = solver.unknowns(rich, base.positions)
+        self._unknowns = solver.unknowns(rich, base.positions, memory)
         self._values = solver.first_values(self._unknowns, base.positions, base)
         legs = base.legs
         if self._unknowns.speed.modes is not None:
@@ -355,8 +452,11 @@ class _Evidence:
         self._linear = Linearization(self._unknowns, self._values, legs, solver.weight)
         self._products: dict[Correlation, Products] = {}
 
-    def candidate(self, kind: Kind, correlation: Correlation) -> Candidate:
-        """Evidence of one model."""
+    def fit(
+        self, model: Model, selected: Posterior | None = None, factor: float = 1.0
+    ) -> Posterior:
+        """Posterior and evidence of a model, or with a factor of the selected smoothness."""
+        correlation = model.correlation
         sigma = self._base.posterior.sigma
         if correlation not in self._products:
             # keep the products of white noise, which several kinds need, and the latest others
@@ -366,15 +466,22 @@ class _Evidence:
             )
             self._products = {correlation: products} | white
         products = self._products[correlation]
-        fit = posterior(
+        without = self._fixed_columns(model.kind)
+        if selected is None:
+            first = sigma / np.sqrt(correlation.variance)
+            return posterior(
+                products, self._unknowns, self._values, {}, sigma=first, without=without
+            )
+        hyper = {name: factor * value for name, value in selected.hyperparameters.items()}
+        return posterior(
             products,
             self._unknowns,
             self._values,
-            {},
-            sigma=sigma / np.sqrt(correlation.variance),
-            without=self._fixed_columns(kind),
+            hyper,
+            sigma=selected.sigma,
+            without=without,
+            steps=1,
         )
-        return Candidate(kind, correlation, fit)
 
     def _fixed_columns(self, kind: Kind) -> NDArray[np.int64]:
         """Columns of the sound speed that a simpler model does not use."""
@@ -382,12 +489,7 @@ class _Evidence:
         speed = self._unknowns.speed
         if kind in (speed.kind, "modes"):
             return np.empty(0, dtype=np.int64)
-        n_columns = {
-            "known": 0,
-            "scale": 1,
-            "time": speed.terms[0].sd.size if speed.terms else 0,
-            "gradient": speed.size,
-        }
+        n_columns = {"known": 0, "scale": 1}
         return np.arange(speed_columns.start + n_columns[kind], speed_columns.stop)
 
 
@@ -419,39 +521,35 @@ def _solve(
     values = solver.start(unknowns, solver.first_values(unknowns, start))
     base = solver.settle(unknowns, values, Correlation())
     selected, candidates = choose(solver, base)
-    for _ in range(2):
-        unknowns = solver.unknowns(selected.kind, base.positions)
-        values = solver.first_values(unknowns, base.positions, base)
-        solution = solver.settle(unknowns, values, selected.correlation, selected.fit)
+    for _ in range(_CHOICES):
+        solution = _settle(solver, base, selected)
         if np.array_equal(solution.used, base.used):
             break
         # the evidence is that of the used pings: compare the models again if these change
         base = solution
-        before = (selected.kind, selected.correlation)
         selected, candidates = choose(solver, base)
-        if (selected.kind, selected.correlation) == before:
+        if selected.model == solution.model:
             break
+    else:
+        solution = _settle(solver, base, selected)
     return solution, candidates, solver
 
 
-def candidate_table(candidates: list[Candidate], solution: SurveySolution) -> pd.DataFrame:
-    """Table of candidates in order of ABIC, with the difference from the best."""
-    table = pd.DataFrame([dict(candidate) for candidate in candidates]).sort_values(
-        "abic", ignore_index=True, kind="stable"
-    )
-    table.insert(
-        0,
-        "chosen",
-        [
-            row["sound_speed"] == solution.unknowns.speed.kind
-            and row["correlation_ratio"] == solution.correlation.ratio
-            and (
-                solution.correlation.ratio == 0.0
-                or (row["correlation_time_s"], row["correlation_shared"])
-                == (solution.correlation.memory, solution.correlation.shared)
-            )
-            for row in table.to_dict("records")
-        ],
-    )
-    table.insert(5, "abic_difference", table["abic"] - table["abic"].min())
+def _settle(solver: Solver, base: SurveySolution, selected: Candidate) -> SurveySolution:
+    """Solution with the model of a candidate, from that with another model."""
+    model = selected.model
+    unknowns = solver.unknowns(model.kind, base.positions, model.memory)
+    values = solver.first_values(unknowns, base.positions, base)
+    return solver.settle(unknowns, values, model.correlation, selected.fit)
+
+
+def candidate_table(
+    candidates: list[Candidate], kinds: tuple[Kind, ...], solution: SurveySolution
+) -> pd.DataFrame:
+    """Table of candidates in order of ABIC, with use and the difference from the best."""
+    ordered = sorted(candidates, key=lambda candidate: candidate.abic)
+    table = pd.DataFrame([dict(candidate) for candidate in ordered])
+    table.insert(0, "chosen", [candidate.model == solution.model for candidate in ordered])
+    table.insert(1, "allowed", [candidate.model.kind in kinds for candidate in ordered])
+    table.insert(7, "abic_difference", table["abic"] - table["abic"].min())
     return table

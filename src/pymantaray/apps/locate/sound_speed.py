@@ -22,7 +22,7 @@ KM = 1000.0
 _DEGREE = 3
 _UNPENALIZED = 2  # columns of a spline without a penalty: a constant and a straight line
 _MIN_KNOTS = 4
-_MAX_KNOTS = 80
+_MAX_KNOTS = 120
 _MAX_GRADIENT_KNOTS = 40
 _MIN_KNOT_INTERVAL = 300.0  # s
 _MIN_NODE_SPREAD = 50.0  # m; distance of nodes from their centre that is required for a gradient
@@ -65,12 +65,14 @@ class Spline:
     """
     Cubic B-spline over a survey's time in coordinates with independent priors.
 
-    The prior penalizes second differences of the coefficients. It is diagonal in the eigenvectors
-    of this penalty. The first two, a constant and a straight line, have no penalty. ``unit``
-    normalizes the mean variance of the others to 1.
+    Without a `memory`, the prior penalizes second differences of the coefficients: an integrated
+    random walk. With one [s], it is an Ornstein-Uhlenbeck process whose correlation falls to 1/e in
+    this time, a random walk if that is the survey's duration. The coordinates are eigenvectors of
+    the prior. The first two, a constant and a straight line, have no penalty. ``unit`` normalizes
+    the mean variance of the others to 1.
     """
 
-    def __init__(self, times: Array, interval: float, most: int) -> None:
+    def __init__(self, times: Array, interval: float, most: int, memory: float = np.inf) -> None:
         first = float(times.min())
         last = float(times.max())
         span = max(last - first, 1.0)
@@ -80,14 +82,19 @@ class Spline:
         self.knots = first + step * np.arange(-_DEGREE, count + _DEGREE + 1)
         self._times = times
         size = count + _DEGREE
-        differences = np.diff(np.eye(size), n=2, axis=0)
-        values, vectors = np.linalg.eigh(differences.T @ differences)
         line = np.linspace(-1.0, 1.0, size)
-        vectors[:, 0] = 1.0 / np.sqrt(size)
-        vectors[:, 1] = line / np.linalg.norm(line)
-        self._basis = vectors
-        lengths = [np.sqrt(size), np.linalg.norm(line)]
-        unit = 1.0 / np.sqrt(values[_UNPENALIZED:])
+        lengths = np.array([np.sqrt(size), np.linalg.norm(line)])
+        plain = np.column_stack([np.ones(size), line]) / lengths
+        if np.isinf(memory):
+            differences = np.diff(np.eye(size), n=2, axis=0)
+            values, vectors = np.linalg.eigh(differences.T @ differences)
+            unit = 1.0 / np.sqrt(values[_UNPENALIZED:])
+        else:
+            apart = step * np.abs(np.subtract.outer(np.arange(size), np.arange(size)))
+            without = np.eye(size) - plain @ plain.T
+            values, vectors = np.linalg.eigh(without @ np.exp(-apart / memory) @ without)
+            unit = np.sqrt(values[_UNPENALIZED:])
+        self._basis = np.column_stack([plain, vectors[:, _UNPENALIZED:]])
         sample = self.at(np.linspace(first, last, 4 * count))[:, _UNPENALIZED:] * unit
         unit /= np.sqrt(np.mean(np.sum(sample**2, axis=1)))
         self.unit = np.concatenate([lengths, unit])
@@ -113,6 +120,8 @@ class SoundSpeed:
     kind: Kind
     terms: tuple[Term, ...]
     modes: VerticalModes | None = None
+    memory: float = np.inf
+    """Memory of the splines' prior. [s]"""
 
     @property
     def size(self) -> int:
@@ -144,6 +153,7 @@ def sound_speed_terms(
     kind: Kind,
     prior: SpeedPrior,
     modes: VerticalModes | None = None,
+    memory: float = np.inf,
 ) -> SoundSpeed:
     """
     Terms of a kind of model.
@@ -164,9 +174,10 @@ def sound_speed_terms(
         return SoundSpeed(kind, ())
     if kind == "scale":
         return SoundSpeed(kind, (Term("scale", "", None, one, prior.scale),))
-    terms = [Term("time", "time", Spline(times, prior.knot_interval, _MAX_KNOTS), one, prior.scale)]
+    spline = Spline(times, prior.knot_interval, _MAX_KNOTS, memory)
+    terms = [Term("time", "time", spline, one, prior.scale)]
     if kind == "gradient":
-        spline = Spline(times, prior.knot_interval, _MAX_GRADIENT_KNOTS)
+        spline = Spline(times, prior.knot_interval, _MAX_GRADIENT_KNOTS, memory)
         centre = position.mean(axis=0)
         ends = np.stack([survey.transmit_position, survey.receive_position], axis=1) - centre
         ends = np.where(survey.between_nodes[:, None, None], 0.0, ends) / KM
@@ -193,4 +204,4 @@ def sound_speed_terms(
                         prior.gradient,
                     )
                 )
-    return SoundSpeed(kind, tuple(terms))
+    return SoundSpeed(kind, tuple(terms), memory=memory)

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
+from pymantaray.apps.locate.displacement import CAMPAIGN_FILE, campaign_values
 from pymantaray.apps.locate.location import Location
 from pymantaray.apps.locate.patterns import test_table
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.errors import LocateError
 from pymantaray.estimation.graph.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.graph.pyfg import write_pyfg
+from pymantaray.jobs.folder import write_json
 from pymantaray.messages import one_line
 from pymantaray.records.column_attributes import with_column_attributes
 from pymantaray.records.writing import write_netcdf
@@ -27,23 +29,35 @@ _PLATFORMS = ("A", "platform", *(f"platform-{k}" for k in range(1000)))
 
 def summary(location: Location) -> dict[str, Any]:
     """Results as the object of ``--json``."""
+    moved = location.displacement
     return {
         "nodes": location.nodes,
         "rms_s": location.rms,
         "n_used": int(location.solution.used.sum()),
         "n_all": len(location.survey),
         "hyperparameters": location.hyperparameters,
+        "selection": location.selection,
         "centre": location.centre,
         "candidates": location.candidates,
         "tests": test_table(location.tests),
         "tests_passed": location.passed,
+        "widening": location.widening,
         "budget": location.budget,
         "unknowns": location.other_unknowns,
         "mirrors": [vars(mirror) for mirror in location.mirrors],
         "rejected": _rejected(location),
         "earth": location.earth,
         "settled": location.solution.settled,
+        "campaign": campaign_values(location),
+        "displacement": moved.as_dict() if moved is not None else None,
     }
+
+
+def _campaign_record(location: Location) -> dict[str, Any]:
+    """Content of ``location.json``."""
+    values = summary(location)
+    keys = ("campaign", "displacement", "tests_passed", "widening", "selection", "settled")
+    return {key: values[key] for key in keys} | {"tests": values["tests"].to_dict("records")}
 
 
 def _rejected(location: Location) -> list[dict[Any, Any]]:
@@ -215,7 +229,10 @@ def graph(location: Location) -> tuple[FactorGraph, GraphValues]:
 
 def write_location(location: Location, folder: Path) -> list[Path]:
     """
-    Write landmarks, GeoJSON, graph and NetCDF into a folder; return the paths.
+    Write landmarks, GeoJSON, graph, NetCDF and JSON into a folder; return the paths.
+
+    ``location.json`` has the positions with their joint covariance, for `read_campaign`, the tests
+    and the displacement since an earlier campaign.
 
     The graph needs a ping of the platform.
     """
@@ -225,8 +242,10 @@ def write_location(location: Location, folder: Path) -> list[Path]:
     nodes.write_text(geojson(location), encoding="utf-8")
     results = folder / "location.nc"
     write_netcdf(dataset(location), results)
+    campaign = folder / CAMPAIGN_FILE
+    write_json(_campaign_record(location), campaign)
     if not (location.solution.used & ~location.survey.between_nodes).any():
-        return [landmarks, nodes, results]
+        return [landmarks, nodes, results, campaign]
     factor_graph, values = graph(location)
     write_pyfg(factor_graph, folder / "survey.pyfg", initial=values)
-    return [landmarks, nodes, folder / "survey.pyfg", results]
+    return [landmarks, nodes, folder / "survey.pyfg", results, campaign]

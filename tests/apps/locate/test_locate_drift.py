@@ -1,0 +1,204 @@
+"""
+Surveys in water that drifts, made without the solver's model: the selected model and what is said
+of it, tests of parts, standard deviations after failed tests, coverage.
+"""
+
+import numpy as np
+import pytest
+from drifting import constant_water, deep_water, drifting_survey, ornstein_uhlenbeck
+from scipy.stats import chi2, kstest
+
+from pymantaray.apps.locate import LocateOptions, locate
+from pymantaray.apps.locate.halves import HALVES, part_tests, widening
+from pymantaray.apps.locate.patterns import NoiseTest
+
+EXACT = {"gnss": 0.0, "red": 0.0}
+
+
+@pytest.fixture(scope="module")
+def medium():
+    return deep_water()
+
+
+@pytest.fixture(scope="module")
+def drifting():
+    return drifting_survey(8, nodes=1, pings=600, hours=12.0, sigma=1e-4, rms=1e-4)
+
+
+@pytest.fixture(scope="module")
+def located(drifting, medium):
+    return locate(drifting.survey, medium)
+
+
+def centre(location):
+    """Mean position of all nodes and its covariance."""
+    count = len(location.positions)
+    mean = np.tile(np.eye(3) / count, count)
+    return location.positions.mean(axis=0), mean @ location.covariance @ mean.T
+
+
+def halves_chi_square(survey, medium):
+    """Chi-square of the difference between two surveys that are the halves of one."""
+    (one, first), (two, second) = (centre(locate(survey.half(k), medium)) for k in (0, 1))
+    return (two - one) @ np.linalg.solve(first + second, two - one)
+
+
+@pytest.mark.parametrize(
+    ("water", "has_memory"),
+    [
+        pytest.param(
+            lambda rng, time, rms: rms * ornstein_uhlenbeck(rng, time.size, time[-1] / 16.0),
+            True,
+            id="rough",
+        ),
+        pytest.param(
+            lambda _, time, rms: rms * np.sin(2.0 * np.pi * time / 20_000.0), False, id="smooth"
+        ),
+    ],
+)
+def test_the_roughness_of_the_water_is_selected(medium, water, has_memory):
+    made = drifting_survey(
+        5, water=water, nodes=1, hours=12.0, pings=900, sigma=5e-5, rms=2e-4, **EXACT
+    )
+    model = locate(made.survey, medium).hyperparameters
+    assert model["sound_speed"] == "time"
+    assert (model["sound_speed_memory_s"] is not None) == has_memory
+
+
+def test_the_covariance_is_that_of_the_mixture_of_allowed_models(located, drifting, medium):
+    """One allowed model adds nothing; several add a covariance that is positive semidefinite."""
+    alone = locate(drifting.survey, medium, LocateOptions(speed_model="scale", correlation="none"))
+    np.testing.assert_allclose(alone.spread, 0.0, atol=1e-15)
+    assert np.linalg.eigvalsh(located.spread).min() > -1e-12
+    plain = located.solution.posterior.covariance[:3, :3] + located.spread
+    np.testing.assert_allclose(located.covariance, located.widening**2 * plain)
+    budget = located.budget.set_index("source").loc["choice of the model", "depth_m"]
+    assert budget == pytest.approx(np.sqrt(located.spread[2, 2]))
+
+
+def test_the_difference_of_parts_has_the_covariance_of_two_estimates(located):
+    """Written out with the rows of the system and a draw-free propagation of priors and noise."""
+    solution = located.solution
+    unknowns = solution.unknowns
+    sd = unknowns.scaled_sd(dict(solution.posterior.hyperparameters))
+    active = sd > 0.0
+    late = unknowns.survey.time > np.median(unknowns.survey.time[solution.used])
+    gains, covers = [], []
+    for part in (~late, late):
+        rows = solution.linear.whitened_rows(
+            solution.used & part,
+            solution.correlation,
+            unknowns.survey.platform_error,
+            solution.posterior.sigma,
+        )
+        design = np.concatenate([block for block, _ in rows])[:, :-1][:, active]
+        design /= solution.posterior.sigma
+        whole = np.linalg.inv(design.T @ design + np.diag(sd[active] ** -2.0))
+        gains.append(whole @ design.T)
+        covers.append(whole @ design.T @ design)
+    # the error of each part is (gain design - 1) times the unknowns plus the gain times the noise
+    prior = covers[1] - covers[0]
+    covariance = prior @ np.diag(sd[active] ** 2) @ prior.T + sum(g @ g.T for g in gains)
+    sigma = np.sqrt(np.diag(covariance)[:3] + 4.0 * np.diag(located.spread))
+    (test,) = (test for test in located.tests if test.name == HALVES)
+    for axis, expected in zip(("north", "east", "depth"), sigma, strict=True):
+        shift, _, ratio = test.details.split(axis + " ")[1].split(" ")[:3]
+        assert float(shift) / float(ratio.strip("(")) == pytest.approx(
+            expected, rel=0.06 / abs(float(ratio.strip("("))) + 0.02
+        )
+
+
+def test_a_node_that_moves_fails_the_test_of_halves(medium):
+    made = drifting_survey(
+        8, water=constant_water, nodes=1, pings=600, hours=12.0, sigma=1e-4, **EXACT
+    )
+    survey = made.survey
+    late = survey.time > np.median(survey.time)
+    moved = np.where(late[:, None], [0.3, 0.0, 0.0], 0.0)
+    found = locate(
+        survey.assign(
+            transmit_position=survey.transmit_position + moved,
+            receive_position=survey.receive_position + moved,
+        ),
+        medium,
+        LocateOptions(speed_model="scale", correlation="none"),
+    )
+    (test,) = (test for test in found.tests if test.name == HALVES)
+    assert not test.passed
+    assert "FAILED" in test.text
+    assert found.widening**2 >= test.chi_square / test.degrees - 1e-9
+    assert found.nodes["sigma_north_m"][0] == pytest.approx(np.sqrt(found.covariance[0, 0]))
+
+
+@pytest.mark.parametrize(
+    ("tests", "factor"),
+    [
+        ([], 1.0),
+        ([NoiseTest("stated noise", 900.0, 100.0, 0.0, passed=False)], 1.0),
+        ([NoiseTest(HALVES, 27.0, 3.0, 1e-5, passed=False)], 3.0),
+        ([NoiseTest(HALVES, 6.0, 3.0, 0.1, passed=True)], 1.0),
+        ([NoiseTest("pattern over bearing from the bow", 87.0, 24.0, 0.0, passed=False)], 8.0),
+        ([NoiseTest("pattern over time", 96.0, 24.0, 0.0, passed=False)], 2.0),
+    ],
+)
+def test_failed_tests_widen_the_standard_deviations(tests, factor):
+    assert widening(tests) == pytest.approx(factor)
+
+
+def test_few_pings_have_no_test_of_parts(drifting, medium):
+    few = drifting.survey.rows(np.arange(0, 600, 40))
+    found = locate(few, medium, LocateOptions(speed_model="scale"))
+    assert part_tests(found.solution, found.spread) == []
+
+
+def test_a_model_that_is_not_allowed_is_never_called_the_best(medium):
+    def exact(_, time, __):
+        return np.zeros(time.size)
+
+    made = drifting_survey(3, water=exact, nodes=1, pings=500, hours=4.0, sigma=1e-4, **EXACT)
+    found = locate(made.survey, medium)
+    table = found.candidates
+    assert table["sound_speed"][0] == "known"
+    assert not table["allowed"][0]
+    assert not table["chosen"][0]
+    assert table.loc[table["chosen"], "allowed"].tolist() == [True]
+    assert "known is lower" in found.selection
+    requested = locate(made.survey, medium, LocateOptions(speed_model="scale"))
+    assert requested.selection == "as requested"
+
+
+def test_the_solution_is_that_of_the_chosen_candidate(located):
+    chosen = located.candidates[located.candidates["chosen"]]
+    assert chosen["sound_speed"].tolist() == [located.hyperparameters["sound_speed"]]
+    assert located.candidates["allowed"][0]
+    assert "largest marginal likelihood" in located.selection
+
+
+@pytest.mark.slow
+def test_200_surveys_in_drifting_water_have_honest_covariances(medium):
+    """95 % regions cover 92 to 98 %; chi-squares of halves, apart and in the test, are uniform."""
+    squares, halves, in_test = [], [], []
+    for seed in range(200):
+        made = drifting_survey(seed)
+        found = locate(made.survey, medium)
+        position, covariance = centre(found)
+        error = position - made.truth.mean(axis=0)
+        squares.append(error @ np.linalg.solve(covariance, error))
+        halves.append(halves_chi_square(made, medium))
+        in_test += [test.probability for test in found.tests if test.name == HALVES]
+    assert 0.92 <= np.mean(np.array(squares) < chi2.ppf(0.95, 3)) <= 0.98
+    assert kstest(chi2.sf(halves, 3), "uniform").pvalue > 0.01
+    assert kstest(in_test, "uniform").pvalue > 0.01
+
+
+@pytest.mark.slow
+def test_constant_water_costs_less_than_a_tenth_of_sigma(medium):
+    """Against the model that made the data: one factor and white noise."""
+    ratios = []
+    options = LocateOptions(speed_model="scale", correlation="none")
+    for seed in range(40):
+        survey = drifting_survey(seed, water=constant_water, **EXACT).survey
+        auto, right = (centre(locate(survey, medium, o))[1] for o in (None, options))
+        ratios.append(np.sqrt(np.diag(auto) / np.diag(right)))
+    assert np.median(ratios) < 1.02
+    assert np.mean(ratios) < 1.1
