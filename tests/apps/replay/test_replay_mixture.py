@@ -16,7 +16,8 @@ from pymantaray.errors import ReplayError
 
 def drawn(rows):
     event, draw, time, loss, surface = (np.array(x) for x in zip(*rows, strict=True))
-    return DrawnArrivals(event, draw, time, loss, surface, np.zeros_like(surface))
+    gradient = np.tile([7e-4, 0.0, 0.0], (event.size, 1))
+    return DrawnArrivals(event, draw, time, loss, surface, np.zeros_like(surface), gradient)
 
 
 def test_arrivals_of_draws_merge_by_bounces_and_time_in_any_order():
