@@ -1,7 +1,7 @@
 """Measured and predicted travel times of events, and tables of their differences."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import cast
 
@@ -26,7 +26,7 @@ from pymantaray.apps.replay.draws import (
     with_median_candidate,
 )
 from pymantaray.apps.replay.events import Events
-from pymantaray.apps.replay.mixture import coverage_table, predict_mixture
+from pymantaray.apps.replay.mixture import coverage_table, learn_mixture, predict_mixture
 from pymantaray.apps.replay.options import DEFAULT_OPTIONS, PredictionOptions
 from pymantaray.apps.replay.rules import DEFAULT_RULE, DetectionRule, predicted_columns
 from pymantaray.apps.replay.summary import summary_table
@@ -286,6 +286,7 @@ def replay_events(
     frames = []
     candidates = []
     done = 0
+    rule = _rule_of_learning(rule) if options.learn else rule
     has_mixture = options.draws > 1 or rule.kind == "persist"
     for water, time, rows in _parts(events, waters, options.water_interval):
 
@@ -308,9 +309,10 @@ def replay_events(
     )
     more = {}
     if has_mixture:
-        table, all_candidates = _with_mixture(
+        table, all_candidates, learned = _with_mixture(
             table, all_candidates, rule, options, waters[0].reception.detector
         )
+        more |= learned
     table["residual_s"] = table["measured_s"] - table["predicted_s"]
     table["residual_m"] = table["residual_s"] * table.pop("sound_speed_m_s")
     if has_mixture:
@@ -340,16 +342,31 @@ def _with_mixture(
     rule: DetectionRule,
     options: PredictionOptions,
     detector: Detector | None,
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, pd.DataFrame]]:
     """
-    Events with the error of each prediction, and candidates with their probabilities.
+    Events with the error of each prediction, candidates with their probabilities, and tables of
+    what was learned.
 
     The rule ``persist`` takes the median candidate.
     """
     merit = None if detector is None else detector.sonar.figure_of_merit_db
-    mixture = predict_mixture(
-        table, candidates, options, persistence=60.0 * rule.persist_min, merit_db=merit
-    )
+    persistence = 60.0 * rule.persist_min
+    more = {}
+    if options.learn:
+        mixture, learned = learn_mixture(
+            table, candidates, options, persistence=persistence, merit_db=merit
+        )
+        parts = mixture.events.filter(regex="^learned_")
+        at = candidates["event"].to_numpy(dtype=np.int64)
+        correction = parts.sum(axis=1).to_numpy()[at]
+        candidates = candidates.assign(travel_time_s=candidates["travel_time_s"] + correction)
+        table = table.assign(**{str(name): column for name, column in parts.items()})
+        sizes = pd.DataFrame({"size": asdict(learned.sizes)}).rename_axis("name").reset_index()
+        more = {"learned": learned.states, "learned_water": learned.history, "error_sizes": sizes}
+    else:
+        mixture = predict_mixture(
+            table, candidates, options, persistence=persistence, merit_db=merit
+        )
     all_candidates = candidates.assign(sigma_s=mixture.sigma, probability=mixture.probability)
     if rule.kind == "persist":
         table = with_median_candidate(table, all_candidates, mixture.events["mixture_s"].to_numpy())
@@ -360,7 +377,16 @@ def _with_mixture(
         **{name: mixture.events[name] for name in ("low_s", "high_s", "log_likelihood")},
         unexplained_s=mixture.unexplained,
     )
-    return table, all_candidates
+    return table, all_candidates, more
+
+
+def _rule_of_learning(rule: DetectionRule) -> DetectionRule:
+    """Rule with which errors are learned: ``persist``, also for the default rule."""
+    if rule.kind == "persist":
+        return rule
+    if str(rule) != DEFAULT_RULE:
+        raise ReplayError(f"rule {rule}: learning needs the rule persist, or persist:MINUTES")
+    return DetectionRule.parse("persist")
 
 
 def _waters(waters: Water | Source | Sequence[Water]) -> list[Water]:
