@@ -199,4 +199,4 @@ def test_a_receiver_stays_with_an_arrival_of_the_same_bounces():
     weight = passed([before], event, prior)[0]
     expected = (np.array([1.0, 0.1, 0.0]) + 1e-3 * prior) / (1.1 + 1e-3)
     np.testing.assert_allclose(weight, expected, rtol=1e-9)
-    assert passed.sum() == pytest.approx(1.0)
+    assert weight.sum() == pytest.approx(1.0)

@@ -40,7 +40,10 @@ def baseline_table(events: pd.DataFrame) -> pd.DataFrame:
         prediction = events["distance_m"] / _median_speeds(events, speed, group)
         errors[name] = (events["measured_s"] - prediction).to_numpy() * np.nanmedian(speed)
     rows = []
+    is_echo = (events["source"] == events["receiver"]).to_numpy(dtype=bool)
     for name, error in errors.items():
+        if name != "rays":
+            error = np.where(is_echo, np.nan, error)
         size = np.abs(error)
         has_error = ~np.isnan(size)
         every = np.where(has_error, size, np.inf)
@@ -72,7 +75,7 @@ def _median_speeds(
     """Median speed of a group's events in other pairs, for each event; NaN without any. [m/s]"""
     speeds = np.full(len(events), np.nan)
     pair = events["pair"].to_numpy(dtype=str)
-    good = ~gross_of(events).to_numpy(dtype=bool)
+    good = (~gross_of(events) & (events["source"] != events["receiver"])).to_numpy(dtype=bool)
     values = speed.to_numpy()
     for number in np.unique(group):
         members = group == number

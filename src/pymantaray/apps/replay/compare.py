@@ -22,6 +22,7 @@ from pymantaray.apps.replay.consistency import ClockFit, fit_clocks_and_nodes, n
 from pymantaray.apps.replay.draws import (
     bounce_hint,
     choice_of,
+    draw_groups,
     predict_draws,
     with_median_candidate,
 )
@@ -29,9 +30,9 @@ from pymantaray.apps.replay.events import Events
 from pymantaray.apps.replay.mixture import coverage_table, learn_mixture, predict_mixture
 from pymantaray.apps.replay.options import DEFAULT_OPTIONS, PredictionOptions
 from pymantaray.apps.replay.rules import DEFAULT_RULE, DetectionRule, predicted_columns
-from pymantaray.apps.replay.summary import summary_table
+from pymantaray.apps.replay.summary import quantile_of, summary_table
 from pymantaray.apps.replay.switching import switching_table
-from pymantaray.apps.replay.water import choose_water, ends_of, instants_in
+from pymantaray.apps.replay.water import choose_water, ends_of, instants_in, water_of_echoes
 from pymantaray.arrays import Array
 from pymantaray.config.build.water import Source, open_waters
 from pymantaray.errors import ReplayError
@@ -64,6 +65,13 @@ CAPTIONS = {
     "coverage": "Residuals and coverage of the predictions. Even hours determine the error that"
     " nothing else explains; odd hours test it. Sizes count events without a prediction as"
     " infinite",
+    "draws": "Residuals of all events by groups of draws, without learning: their spread is that of"
+    " the score over draws",
+    "learned": "Errors of water, positions, pairs and clocks after the last event. Sound speeds have"
+    " relative errors; those of a pair of depths are sums, see learned_water",
+    "learned_water": "Relative error of the sound speed for each pair of depths at the end of each"
+    " hour",
+    "error_sizes": "Standard deviations and time scales of the errors with the largest likelihood",
     "candidates": "Arrivals that a receiver could have taken; events are numbered from 1",
     "switching": "How often a receiver changes its candidate from one event to the next, and how"
     " often independent picks would",
@@ -145,8 +153,18 @@ class Replay:
 
     @cached_property
     def _fit(self) -> ClockFit:
+        events = self.events
+        candidates = self.candidates
+        if "learned_clock_s" in events:  # the fit estimates the clocks itself
+            clock = events["learned_clock_s"]
+            at = candidates["event"].to_numpy(dtype=np.int64)
+            events = events.assign(
+                predicted_s=events["predicted_s"] - clock, residual_s=events["residual_s"] + clock
+            )
+            time = candidates["travel_time_s"] - clock.to_numpy()[at]
+            candidates = candidates.assign(travel_time_s=time)
         return fit_clocks_and_nodes(
-            self.events, self.candidates, reference=self.reference, drift=self.clock_drift
+            events, candidates, reference=self.reference, drift=self.clock_drift
         )
 
     @property
@@ -261,7 +279,9 @@ def replay_events(
         ``residual_s`` (measured minus predicted) and ``residual_m`` (times the sound speed at the
         source). An event without a predicted arrival keeps its row, with a status that gives the
         reason. With draws or the rule ``persist``, it also has ``prediction_sigma_s``, ``low_s``
-        and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`.
+        and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`. With
+        learning, the predicted time contains ``learned_water_s``, ``learned_position_s``, ``learned_pair_s`` and
+        ``learned_clock_s``, as from `learn_mixture`. An echo has a distance of 0.
 
     Raises
     ------
@@ -283,11 +303,10 @@ def replay_events(
             f"reference {reference!r}: no such node; allowed are"
             f" {', '.join(sorted(nodes)[:_MAX_NAMES])}"
         )
-    frames = []
-    candidates = []
-    done = 0
     rule = _rule_of_learning(rule) if options.learn else rule
     has_mixture = options.draws > 1 or rule.kind == "persist"
+    parts = []
+    done = 0
     for water, time, rows in _parts(events, waters, options.water_interval):
 
         def tell(part: int, parts: int, done: int = done, here: int = rows.size) -> None:
@@ -295,33 +314,65 @@ def replay_events(
                 progress(done + part * here // max(parts, 1), events.time.size)
 
         if has_mixture:
-            frame, others = predict_draws(
-                events, rows, water.at(time), water, rule, options.draws, tell
+            parts.append(
+                predict_draws(events, rows, water.at(time), water, rule, options.draws, tell)
             )
         else:
-            frame, others = _predict(events, rows, water, time, rule, tell)
-        frames.append(frame)
-        candidates.append(others)
+            parts.append([_predict(events, rows, water, time, rule, tell)])
         done += rows.size
-    table = pd.concat([_event_columns(events), pd.concat(frames).sort_index()], axis=1)
-    all_candidates = pd.concat(candidates, ignore_index=True).sort_values(
-        ["event", "travel_time_s"], ignore_index=True
+    (table, all_candidates), *of_groups = (
+        _joined(events, predictions) for predictions in zip(*parts, strict=True)
     )
     more = {}
     if has_mixture:
-        table, all_candidates, learned = _with_mixture(
-            table, all_candidates, rule, options, waters[0].reception.detector
-        )
-        more |= learned
-    table["residual_s"] = table["measured_s"] - table["predicted_s"]
-    table["residual_m"] = table["residual_s"] * table.pop("sound_speed_m_s")
+        detector = waters[0].reception.detector
+        table, all_candidates, more = _with_mixture(table, all_candidates, rule, options, detector)
+        scored = [
+            _with_mixture(*group, rule, replace(options, learn=None), detector)[0]
+            for group in of_groups
+        ]
+        if scored:
+            more["draws"] = _draws_table(scored, options.draws)
+    table = _with_residuals(table)
     if has_mixture:
-        more["coverage"] = coverage_table(table, seed=seed)
+        more = {"coverage": coverage_table(table, seed=seed), **more}
     table["gross"] = find_gross_errors(table, all_candidates)
     hint = bounce_hint(events, waters, table["predicted_s"].notna().to_numpy())
     earth = _earth_note(events, waters, table["distance_m"].to_numpy())
     notes = hint if earth is None else (*hint, earth)
     return Replay(table, rule, window, seed, all_candidates, reference, notes, more=more)
+
+
+def _joined(
+    events: Events, predictions: Sequence[tuple[pd.DataFrame, pd.DataFrame]]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Events with their predictions in all waters, and all candidates by event and time."""
+    frames, candidates = zip(*predictions, strict=True)
+    table = pd.concat([_event_columns(events), pd.concat(frames).sort_index()], axis=1)
+    table.loc[events.is_echo, ["distance_m", "chord_s"]] = 0.0
+    all_candidates = pd.concat(candidates, ignore_index=True)
+    return table, all_candidates.sort_values(["event", "travel_time_s"], ignore_index=True)
+
+
+def _with_residuals(table: pd.DataFrame) -> pd.DataFrame:
+    """Events with their residuals in seconds and in metres."""
+    residual = table["measured_s"] - table["predicted_s"]
+    return table.drop(columns="sound_speed_m_s").assign(
+        residual_s=residual, residual_m=residual * table["sound_speed_m_s"]
+    )
+
+
+def _draws_table(scored: Sequence[pd.DataFrame], draws: int) -> pd.DataFrame:
+    """Residuals of all events by each group of draws alone."""
+    sizes = [_with_residuals(table)["residual_m"].abs().fillna(np.inf) for table in scored]
+    return pd.DataFrame(
+        {
+            "group": np.arange(1, len(scored) + 1),
+            "draws": [members.size for members in draw_groups(draws)[1:]],
+            "median_size_m": [quantile_of(size.to_numpy(), 0.5) for size in sizes],
+            "q90_size_m": [quantile_of(size.to_numpy(), 0.9) for size in sizes],
+        }
+    )
 
 
 def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str | None:
@@ -409,7 +460,12 @@ def _parts(
         rows = np.flatnonzero(which == index)
         times = instants_in(events, rows, waters[index], interval)
         for time in np.unique(times):
-            yield waters[index], float(time), rows[times == time]
+            here = rows[times == time]
+            is_echo = events.is_echo[here]
+            if not is_echo.all():
+                yield waters[index], float(time), here[~is_echo]
+            if is_echo.any():
+                yield water_of_echoes(waters[index], float(time)), float(time), here[is_echo]
 
 
 def _event_columns(events: Events) -> pd.DataFrame:
@@ -425,6 +481,7 @@ def _event_columns(events: Events) -> pd.DataFrame:
             "receiver_depth_m": events.receiver_position[:, 2],
             "measured_s": events.travel_time,
             "sigma_s": events.sigma,
+            **({} if np.isnan(events.level_db).all() else {"measured_level_db": events.level_db}),
         }
     )
 

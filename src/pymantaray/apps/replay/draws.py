@@ -13,7 +13,7 @@ from pymantaray.apps.replay.candidates import GRADIENT, DrawnArrivals, merge_dra
 from pymantaray.apps.replay.events import Events
 from pymantaray.apps.replay.rules import Choice, DetectionRule, first_picks, predicted_columns
 from pymantaray.apps.replay.shared_links import SharedLinks, rows_of_ways
-from pymantaray.apps.replay.water import choose_water, ends_of, instants_in
+from pymantaray.apps.replay.water import ASIDE, choose_water, ends_of, instants_in
 from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.jobs.progress import CountProgress
@@ -25,6 +25,7 @@ from pymantaray.sensing.water import Water
 Rows = NDArray[np.int64]
 _MIN_DRAW_SHARE = 0.5  # of the draws, for a candidate that a rule without a mixture takes
 _MIN_PREDICTED_SHARE = 0.7  # of the events; with fewer predictions, reflections are suggested
+_GROUPS = 4  # groups of draws that are scored, for the spread
 _SUGGESTION_EVENTS = 60  # events of a suggestion
 _SUGGESTED_BOUNCES = 7  # reflections
 
@@ -37,10 +38,14 @@ def choice_of(
     direction: Direction = Direction.FORTH,
 ) -> Choice:
     """Receptions in a direction of links; without a detector their loss is spreading, re 1 m."""
-    one_way = sound.receptions.at({"reception": sound.receptions.direction == direction})
+    receptions = sound.receptions
+    # an echo is a reflection, not the sound that passes from the source to the receiver beside it
+    is_reflected = (receptions.surface_bounces > 0) | (receptions.bottom_bounces > 0)
+    is_possible = is_reflected | (distance[receptions.link] > 1.5 * ASIDE)
+    one_way = receptions.at({"reception": (receptions.direction == direction) & is_possible})
     loss = one_way.loss_db
     if detector is None:
-        loss = one_way.spreading_db + 20.0 * np.log10(np.maximum(distance[one_way.link], 1.0))
+        loss = one_way.spreading_db + 20.0 * np.log10(np.maximum(distance[one_way.link], ASIDE))
     return Choice(
         one_way, distance.size, loss, cutoff_db, None if detector is None else detector.sonar
     )
@@ -54,12 +59,18 @@ def predict_draws(
     rule: DetectionRule,
     draws: int,
     progress: CountProgress,
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Prediction of some events by the merged arrivals of several draws, and all candidates."""
+) -> list[tuple[pd.DataFrame, pd.DataFrame]]:
+    """
+    Prediction of some events by the merged arrivals of several draws, and all candidates.
+
+    The first is that of all draws. Those of up to four groups of draws follow, if there are
+    several draws.
+    """
     medium, currents = sea
     reception = water.reception
     rough = medium.surface.roughness
-    if draws > 1 and rough is None:
+    is_echo = bool(events.is_echo[rows].any())
+    if draws > 1 and rough is None and not is_echo:
         raise ReplayError(
             "draws: the ice is smooth, so all draws are equal; give `ice_slope_deg`, or leave out"
             " `draws`"
@@ -91,7 +102,6 @@ def predict_draws(
         status = np.where((draw == 0) | (sound.status == RayStatus.OK), sound.status, status)
         progress(draw + 1, draws)
     arrivals = DrawnArrivals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    candidates = _of_events(merge_draws(arrivals, draws), links)
     distance = medium.straight_distance(source, receiver)
     speeds = np.stack([sound.arrivals.source_sound_speed, sound.arrivals.receiver_sound_speed])
     speed = speeds[links.direction, links.link]
@@ -99,12 +109,31 @@ def predict_draws(
     step = receiver - source
     shared_distance = medium.straight_distance(links.source, links.receiver)[links.link]
     chord = sound.arrivals.chord_travel_time[links.link]
-    frame = _frame(candidates, status[links.link], distance, speed, rule, sonar).assign(
-        cast=water.name,
-        bearing_deg=np.degrees(np.arctan2(step[:, 1], step[:, 0])),
-        chord_s=chord * distance / np.maximum(shared_distance, 1e-9),
-    )
-    return frame.set_index(rows), candidates.assign(event=rows[candidates["event"].to_numpy()])
+    same = {
+        "cast": water.name,
+        "bearing_deg": np.degrees(np.arctan2(step[:, 1], step[:, 0])),
+        "chord_s": chord * distance / np.maximum(shared_distance, 1e-9),
+    }
+    predictions = []
+    for members in draw_groups(draws):
+        is_member = np.isin(arrivals.draw, members)
+        of_group = DrawnArrivals(*(column[is_member] for column in arrivals))
+        numbered_draws = of_group._replace(draw=np.searchsorted(members, of_group.draw))
+        merged = merge_draws(numbered_draws, members.size)
+        candidates = _of_events(merged, links)
+        frame = _frame(candidates, status[links.link], distance, speed, rule, sonar).assign(**same)
+        numbered = candidates.assign(event=rows[candidates["event"].to_numpy()])
+        predictions.append((frame.set_index(rows), numbered))
+    return predictions
+
+
+def draw_groups(draws: int) -> list[Rows]:
+    """All draws, and up to four groups of them if there are several."""
+    numbers = np.arange(draws)
+    if draws == 1:
+        return [numbers]
+    groups = min(_GROUPS, draws)
+    return [numbers, *(numbers[k::groups] for k in range(groups))]
 
 
 def _arrivals_of(

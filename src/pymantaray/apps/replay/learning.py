@@ -20,7 +20,7 @@ from pymantaray.estimation.filters.gauss_markov import (
     fuse,
 )
 
-_MEMORY = 4.0 * 3600.0  # s; of the arrivals of a pair
+_MEMORY = 24.0 * 3600.0  # s; of the arrivals of a pair
 _FIRST_FIT = 32  # events before the first estimate of the sizes; each of the next doubles them
 _MAX_FIT = 1000  # events of an estimate of the sizes, the latest
 _STEPS = (0.9, 0.45, 0.2)  # of the search, in logarithms
@@ -147,8 +147,7 @@ def learn_smoothly(data: LearningData, prior: ErrorSizes, persistence: float) ->
         spread[event] = np.sqrt(max(variance, 0.0))
         candidates = data.candidates_of(event)
         backward_expected[rows] = backward_tracks.expect(data.ways[event], candidates)
-        together = causal.expected[rows] * backward_expected[rows] / data.prior[rows]
-        expected[rows] = together / together.sum()
+        expected[rows] = 0.5 * (causal.expected[rows] + backward_expected[rows])
         alternatives = data.alternatives(event, expected, sizes.unexplained_s)
         log_likelihood[event] = _log_likelihood(alternatives, parts[event].sum(), variance)
         outcome = state.update(

@@ -34,6 +34,7 @@ _WITHIN_DB = 6.0  # below the strongest: an arrival with this level is detected 
 _UNEXPLAINED = np.geomspace(2e-4, 2e-2, 25)  # s; values tried for the error that nothing explains
 _COVERED = 0.95  # of the events of even hours, by their intervals
 _MIN_EVENTS = 40  # events; with fewer, intervals are those of the mixture
+_OUTLIER_SIGMA = 1e-2  # s
 _MAX_WIDTH_EVENTS = 500  # latest events that determine the width of a causal interval
 _MAX_QUANTILE = 0.9998
 _ONE_WAY = np.sqrt(2.0)  # both ends have an error
@@ -191,7 +192,7 @@ def learn_mixture(
         width_of = partial(_other_width, even)
     else:
         width_of = partial(_earlier_width, data.order)
-    table = _intervals(events, corrected, learned.expected, sigma, width_of)
+    table = _intervals(events, corrected, learned.expected, sigma, width_of, CLUTTER)
     parts = {f"learned_{name}_s": learned.parts[:, k] for k, name in enumerate(PARTS)}
     table = table.assign(log_likelihood=learned.log_likelihood, **parts)
     unexplained = float(learned.sizes.unexplained_s)
@@ -206,13 +207,14 @@ def _known_sigma(
     """
     at = candidates["event"].to_numpy(dtype=np.int64)
     time = candidates["travel_time_s"].to_numpy()
-    speed = events["distance_m"].to_numpy()[at] / time
+    is_echo = (events["source"] == events["receiver"]).to_numpy()[at]
+    sound_speed = events["sound_speed_m_s"].to_numpy()[at]
+    along = events["distance_m"].to_numpy()[at] / time
+    speed = np.where(is_echo, sound_speed, along)
     ocean = time * options.sound_speed_sigma / speed
     position = _ONE_WAY * options.position_sigma / speed
     own = np.nan_to_num(events["sigma_s"].to_numpy()[at])
-    waves = _wave_sigma(
-        candidates, events["sound_speed_m_s"].to_numpy()[at], speed, options.wind_speed
-    )
+    waves = _wave_sigma(candidates, sound_speed, along, options.wind_speed)
     spread = candidates["spread_s"].to_numpy()
     return np.asarray(np.sqrt(spread**2 + ocean**2 + position**2 + own**2 + waves**2))
 
@@ -225,7 +227,7 @@ def _wave_sigma(
     height h of `wave_height_rms`. [s]
 
     The grazing angle is that of a straight path with the candidate's travel time: its cosine is the
-    speed along the distance over that of sound.
+    speed along the distance over that of sound; 0 for an echo.
     """
     cosine = np.clip(speed / sound_speed, 0.0, 1.0)
     height = float(wave_height_rms(wind_speed))
@@ -263,12 +265,14 @@ def _intervals(
     probability: Array,
     sigma: Array,
     width_of: Callable[[Array], Array | float],
+    outliers: float = 0.0,
 ) -> pd.DataFrame:
     """
     Median, standard deviation and 95 % interval of the mixture of each event.
 
     The probability of the interval is a function of how far each measured time is from the median,
-    as the probability between it and the same distance on the other side; NaN without candidates.
+    as the probability between it and the same distance on the other side; NaN without candidates. A
+    share of outliers has errors of 10 ms about any candidate.
     """
     from scipy.special import ndtr
 
@@ -281,15 +285,17 @@ def _intervals(
     spread = np.bincount(at, probability * (sigma**2 + (time - mean[at]) ** 2), minlength=n)
 
     def below(place: Array) -> Array:
-        return np.asarray(
-            np.bincount(at, probability * ndtr((place[at] - time) / sigma), minlength=n)
-        )
+        off = place[at] - time
+        share = (1.0 - outliers) * ndtr(off / sigma)
+        share += outliers * ndtr(off / np.hypot(sigma, _OUTLIER_SIGMA))
+        return np.asarray(np.bincount(at, probability * share, minlength=n))
 
     def quantile(level: Array | float) -> Array:
         low = np.full(n, np.inf)
         high = np.full(n, -np.inf)
-        np.minimum.at(low, at, time - 10.0 * sigma)
-        np.maximum.at(high, at, time + 10.0 * sigma)
+        reach = 10.0 * np.hypot(sigma, _OUTLIER_SIGMA if outliers > 0.0 else 0.0)
+        np.minimum.at(low, at, time - reach)
+        np.maximum.at(high, at, time + reach)
         for _ in range(50):
             middle = 0.5 * (low + high)
             under = below(np.where(has, middle, 0.0)) < level

@@ -17,7 +17,7 @@ _OTHER_BOUNCES = 0.1  # weight of a match with other bounces
 _LOST = 1e-3  # probability that the next event does not have an arrival
 _MIN_WEIGHT = 1e-3  # of the candidates of a reception, relative to the most probable one
 _REMEMBERED = 24  # receptions of a pair, in both directions
-_OWN_WEIGHT = 2.0  # receptions of a pair that weigh as much as the probability by level
+_OWN_WEIGHT = 5.0  # receptions of a pair that weigh as much as the probability by level
 _LEVEL_OFFSET_DB = 1e3  # dB; prior standard deviation of source level and gain
 
 
