@@ -105,7 +105,7 @@ def make_campaign(seed=1, events=1252, hours=36.0, truth=None):
         source = names[rng.integers(len(names))]
         others = [n for n in names if n != source]
         for receiver in rng.choice(others, 4, replace=False):
-            epoch = int(round(at / EPOCH))
+            epoch = round(at / EPOCH)
             taken = _taken(
                 arrivals[epoch, min(source, receiver), max(source, receiver)],
                 (source, receiver),
@@ -140,7 +140,7 @@ def _arrivals(names, epochs, shift, scale, errors):
         medium = Medium.from_profile(
             DEPTH, cast(shift[k], scale), bottom_depth=BOTTOM, ice_draft=BoundarySurface(DRAFT)
         )
-        place = {n: np.array(NODES[n]) + [*errors[n][:, k], 0.0] for n in names}
+        place = {n: np.array(NODES[n]) + np.append(errors[n][:, k], 0.0) for n in names}
         a, b = (np.array([place[pair[end]] for pair in pairs]) for end in range(2))
         rays = find_eigenrays(medium, a, b, 4, 0)
         for i, pair in enumerate(pairs):

@@ -1,6 +1,6 @@
 """Candidates of each event: arrivals of all draws of rough ice, merged by bounces and time."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -28,6 +28,11 @@ class DrawnArrivals(NamedTuple):
     bottom_bounces: NDArray[np.int64]
     gradient: Array
     """(n, 3), see `GRADIENT`. [s/m]"""
+
+    def at(self, rows: NDArray[np.bool_]) -> "DrawnArrivals":
+        """Some of the arrivals."""
+        columns: list[Any] = [column[rows] for column in self]
+        return DrawnArrivals(*columns)
 
 
 def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:

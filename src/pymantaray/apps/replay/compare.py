@@ -65,17 +65,21 @@ CAPTIONS = {
     "coverage": "Residuals and coverage of the predictions. Even hours determine the error that"
     " nothing else explains; odd hours test it. Sizes count events without a prediction as"
     " infinite",
-    "draws": "Residuals of all events by groups of draws, without learning: their spread is that of"
-    " the score over draws",
-    "learned": "Errors of water, positions, pairs and clocks after the last event. Sound speeds have"
-    " relative errors; those of a pair of depths are sums, see learned_water",
+    "draws": "Residuals of all events by groups of draws, without learning; they show the spread"
+    " over draws",
+    "learned": "Errors of water, positions, pairs and clocks after the last event. The relative error"
+    " of a sound speed is a sum of several, see learned_water",
     "learned_water": "Relative error of the sound speed for each pair of depths at the end of each"
     " hour",
-    "error_sizes": "Standard deviations and time scales of the errors with the largest likelihood",
+    "error_sizes": "Standard deviations and time scales with the largest posterior density",
     "candidates": "Arrivals that a receiver could have taken; events are numbered from 1",
     "switching": "How often a receiver changes its candidate from one event to the next, and how"
     " often independent picks would",
 }
+_LEARNED_COVERAGE = (
+    "Residuals and coverage of the predictions, each without its own event: from earlier events, or"
+    " with smooth learning from all others. Sizes count events without a prediction as infinite"
+)
 _BRIEF = {
     "summary": [
         "group",
@@ -222,9 +226,10 @@ class Replay:
             "candidates": self.candidates.assign(event=self.candidates["event"] + 1),
             "events": pd.concat([self.events, self.taken], axis=1),
         }
+        captions = CAPTIONS | ({"coverage": _LEARNED_COVERAGE} if "learned" in self.more else {})
         return {
             name: ResultTable(
-                name, frame, CAPTIONS.get(name, ""), brief=_BRIEF.get(name, ()), words=_HEADS
+                name, frame, captions.get(name, ""), brief=_BRIEF.get(name, ()), words=_HEADS
             )
             for name, frame in frames.items()
         }
@@ -280,8 +285,8 @@ def replay_events(
         source). An event without a predicted arrival keeps its row, with a status that gives the
         reason. With draws or the rule ``persist``, it also has ``prediction_sigma_s``, ``low_s``
         and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`. With
-        learning, the predicted time contains ``learned_water_s``, ``learned_position_s``, ``learned_pair_s`` and
-        ``learned_clock_s``, as from `learn_mixture`. An echo has a distance of 0.
+        learning, the predicted time contains ``learned_water_s``, ``learned_position_s``,
+        ``learned_pair_s`` and ``learned_clock_s``, as from `learn_mixture`. An echo has a distance of 0.
 
     Raises
     ------
@@ -323,7 +328,7 @@ def replay_events(
     (table, all_candidates), *of_groups = (
         _joined(events, predictions) for predictions in zip(*parts, strict=True)
     )
-    more = {}
+    more: dict[str, pd.DataFrame] = {}
     if has_mixture:
         detector = waters[0].reception.detector
         table, all_candidates, more = _with_mixture(table, all_candidates, rule, options, detector)

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -109,15 +110,14 @@ def predict_draws(
     step = receiver - source
     shared_distance = medium.straight_distance(links.source, links.receiver)[links.link]
     chord = sound.arrivals.chord_travel_time[links.link]
-    same = {
+    same: dict[str, Any] = {
         "cast": water.name,
         "bearing_deg": np.degrees(np.arctan2(step[:, 1], step[:, 0])),
         "chord_s": chord * distance / np.maximum(shared_distance, 1e-9),
     }
     predictions = []
     for members in draw_groups(draws):
-        is_member = np.isin(arrivals.draw, members)
-        of_group = DrawnArrivals(*(column[is_member] for column in arrivals))
+        of_group = arrivals.at(np.isin(arrivals.draw, members))
         numbered_draws = of_group._replace(draw=np.searchsorted(members, of_group.draw))
         merged = merge_draws(numbered_draws, members.size)
         candidates = _of_events(merged, links)
@@ -159,7 +159,7 @@ def _arrivals_of(
                 receptions.link, receptions.source_slowness, receptions.receiver_slowness
             ),
         )
-        parts.append(DrawnArrivals(*(column[is_candidate] for column in arrivals)))
+        parts.append(arrivals.at(is_candidate))
     return parts
 
 

@@ -68,7 +68,7 @@ class EventData:
             delay=candidate_time - chord[at],
             bounces=bounces_of(candidates),
             loss_db=candidates["loss_db"].to_numpy(),
-            level_db=level.to_numpy(dtype=float),
+            level_db=np.asarray(level, dtype=float),
             **more,
         )
 
