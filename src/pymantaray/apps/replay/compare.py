@@ -67,8 +67,8 @@ CAPTIONS = {
     " infinite",
     "draws": "Residuals of all events by groups of draws, without learning; they show the spread"
     " over draws",
-    "learned": "Errors of water, positions, pairs and clocks after the last event. The relative error"
-    " of a sound speed is a sum of several, see learned_water",
+    "learned": "Errors of water, positions, pairs and clocks after the last event. The relative"
+    " error of a sound speed is a sum of several, see learned_water",
     "learned_water": "Relative error of the sound speed for each pair of depths at the end of each"
     " hour",
     "error_sizes": "Standard deviations and time scales with the largest posterior density",
@@ -286,7 +286,8 @@ def replay_events(
         reason. With draws or the rule ``persist``, it also has ``prediction_sigma_s``, ``low_s``
         and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`. With
         learning, the predicted time contains ``learned_water_s``, ``learned_position_s``,
-        ``learned_pair_s`` and ``learned_clock_s``, as from `learn_mixture`. An echo has a distance of 0.
+        ``learned_pair_s`` and ``learned_clock_s``, as from `learn_mixture`. An
+        echo has a distance of 0.
 
     Raises
     ------
