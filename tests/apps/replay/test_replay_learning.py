@@ -259,6 +259,7 @@ def median_of(replay):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.* have more eigenrays than are")
 def test_a_campaign_by_rays_with_drifting_errors_returns_them(tmp_path):
     truth, (plain, learned) = replayed(tmp_path, None, "causal")
     assert median_of(learned) < min(1.0, 0.4 * median_of(plain))
@@ -271,6 +272,7 @@ def test_a_campaign_by_rays_with_drifting_errors_returns_them(tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.filterwarnings("ignore:.* have more eigenrays than are")
 def test_a_campaign_by_rays_with_constant_water_is_not_worse(tmp_path):
     _, (plain, learned) = replayed(tmp_path, CONSTANT, "causal")
     assert median_of(learned) < 1.05 * median_of(plain)

@@ -74,10 +74,7 @@ class GaussMarkovFilter:
             return
         keep = np.exp(-elapsed / self.processes.time_scale)
         self.mean *= keep
-        self.covariance *= keep
-        self.covariance *= keep[:, None]
-        size = keep.size
-        self.covariance.ravel()[:: size + 1] += (1.0 - keep**2) * self._stationary
+        relax(self.covariance, keep, self._stationary)
 
     @property
     def estimate(self) -> Estimate:
@@ -133,6 +130,23 @@ class GaussMarkovFilter:
         self.mean += shift * along
         self.covariance -= max(reduction, 0.0) * np.outer(along, along)
         return Association(weight, float(np.log(total)))
+
+
+def relax(covariance: Array, keep: Array, stationary: Array) -> None:
+    """
+    Let the covariance of processes relax towards their stationary variances, in place.
+
+    Parameters
+    ----------
+    covariance : ndarray, shape (n, n)
+        Contiguous.
+    keep : ndarray, shape (n,)
+        Share of each process that remains.
+    stationary : ndarray, shape (n,)
+    """
+    covariance *= keep
+    covariance *= keep[:, None]
+    covariance.reshape(-1)[:: keep.size + 1] += (1.0 - keep**2) * stationary
 
 
 class Estimate(NamedTuple):
