@@ -54,7 +54,8 @@ class SharedLinks(NamedTuple):
             Correlation length of rough ice. [m]
         drifts : bool
             True if only the position of one end relative to the other counts: water without
-            horizontal gradients, and ice that drifts with the nodes. Each pair has its own ice.
+            horizontal gradients, and ice that drifts with the nodes. For positions by latitude and
+            longitude, each pair has its own ice.
 
         Returns
         -------
@@ -67,7 +68,12 @@ class SharedLinks(NamedTuple):
         second = np.where(back[:, None], source, receiver)
         if drifts:
             origin = first * [1.0, 1.0, 0.0]
-            origin[:, 0] -= _PAIR_SPACING * (ice_length or 0.0) * pair[rows]
+            if events.geographic:
+                origin[:, 0] -= _PAIR_SPACING * (ice_length or 0.0) * pair[rows]
+            else:  # a node at rest stays where it is under the ice of the frame
+                count = np.maximum(np.bincount(pair[rows]), 1)
+                middle = np.stack([np.bincount(pair[rows], x) / count for x in origin.T], axis=1)
+                origin -= middle[pair[rows]]
             first, second = first - origin, second - origin
         both = np.concatenate([first, second - first], axis=1)
         cells = np.round(both / np.tile(_CELL, 2)).astype(np.int64)
