@@ -392,3 +392,26 @@ def test_the_table_of_commands_and_waters_is_that_of_the_code():
     table = PAGES["water_table"]()
     assert table in (DOCS / "how-to" / "water.md").read_text("utf-8"), table
     assert all(cell.strip() for line in table.splitlines() for cell in line.strip("|").split("|"))
+
+
+CHOICES = {  # heading on the page of choices: place and key in the configuration
+    "Sound-speed equations": ("[ocean]", "equation"),
+    "Behaviours of vehicles": ("[[fleet.vehicles]]", "kind"),
+    "Range models": ("[[conditions]]", "range_model"),
+    "Robust losses": ("[[conditions]]", "loss"),
+}
+
+
+@pytest.mark.parametrize(("heading", "place", "key"), [(h, *k) for h, k in CHOICES.items()])
+def test_configuration_and_tables_offer_the_same_choices(heading, place, key, tables):
+    (page,) = PAGES["choices"]().values()
+    section = page.partition(f"## {heading}\n")[2].partition("\n## ")[0]
+    listed = set(re.findall(r"^\| `([^`]+)`", section, re.MULTILINE))
+    assert listed
+    cells = [
+        (head + rows[key][-1])
+        for head, rows in tables.items()
+        if head.startswith(place) and key in rows
+    ]
+    offered = set(re.findall(r'"([\w-]+)"', " ".join(cells))) - {"none"}
+    assert listed == offered

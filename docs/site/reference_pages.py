@@ -1,6 +1,6 @@
 """
-Reference pages in Markdown from the code itself: configuration keys, commands, and the names that
-folders export.
+Reference pages in Markdown from the code itself: configuration keys, choices, commands, and the
+names that folders export.
 """
 
 import re
@@ -235,6 +235,116 @@ def toml(value: Any) -> str:
     if isinstance(value, list):
         return f"[{', '.join(map(toml, value))}]"
     return f'"{value}"' if isinstance(value, str) else f"{value}"
+
+
+def choices() -> dict[str, str]:
+    """Page of the names among which a study, a replay or a graph's solver chooses."""
+    parts = [
+        "# Choices",
+        (
+            "This page is generated from the tables that the program itself reads, one of each kind"
+            " of choice. The [configuration keys](configuration.md) and [options](commands.md) that"
+            " take such a name accept all of its table."
+        ),
+        *choices_of_the_world(),
+        *choices_of_an_estimator(),
+    ]
+    return {"reference/choices.md": "\n\n".join(parts) + "\n"}
+
+
+def choices_of_the_world() -> Iterator[str]:
+    """Tables of equations, behaviours, sensors and rules of detection."""
+    from pymantaray.apps.replay.rules import RULES
+    from pymantaray.fleet.behaviours import BEHAVIOURS
+    from pymantaray.ocean.equations import EQUATIONS
+    from pymantaray.sensing.noise import SENSORS
+
+    yield "## Sound-speed equations"
+    yield "The key `ocean.equation` and the option `--equation`."
+    yield table(
+        ("name", "meaning", "publications"),
+        [
+            (f"`{name}`", summary(equation.sound_speed), ", ".join(equation.references))
+            for name, equation in EQUATIONS.items()
+        ],
+    )
+    yield "## Behaviours of vehicles"
+    yield "The key `kind` of `[[fleet.vehicles]]`."
+    yield table(
+        ("name", "meaning"), [(f"`{role}`", summary(kind)) for role, kind in BEHAVIOURS.items()]
+    )
+    yield "## Sensors"
+    yield "All sensors but ranges. The key `mission.sensors` adds sensors of other packages."
+    yield table(
+        ("name", "meaning"),
+        [(f"`{getattr(s, '__name__', '').rpartition('.')[2]}`", summary(s)) for s in SENSORS],
+    )
+    yield "## Rules of detection"
+    yield "The option `--rule` of `mantaray replay`."
+    yield table(("text", "meaning"), [(f"`{form}`", text(words)) for form, words in RULES.values()])
+
+
+def choices_of_an_estimator() -> Iterator[str]:
+    """Tables of conditions, range models, losses, solvers and kinds of factors."""
+    from pymantaray.config.build.range_models import BUILDERS
+    from pymantaray.config.estimators import STANDARD, ConditionSection
+    from pymantaray.estimation.graph.graph import KINDS
+    from pymantaray.estimation.solve import METHODS
+    from pymantaray.estimation.solvers.losses import LOSSES
+
+    yield "## Conditions"
+    yield "The `name` of a condition in `[[conditions]]`; these names need no other keys."
+    keys = ("ranges", "links", "solver")
+    rows = []
+    for name in STANDARD:
+        condition = ConditionSection.model_validate({"name": name})
+        rows.append((f"`{name}`", condition.ranges, condition.links, condition.solver.kind))
+    yield table(("name", *keys), rows)
+    yield "## Range models"
+    yield "The key `range_model` of a condition, by its `kind`."
+    models = ConditionSection.model_json_schema()["$defs"].values()
+    by_kind = {model["properties"].get("kind", {}).get("const"): model for model in models}
+    yield table(
+        ("name", "meaning"),
+        [(f"`{kind}`", text(by_kind[kind]["description"])) for kind in BUILDERS],
+    )
+    yield "## Robust losses"
+    yield (
+        "The key `loss` of a condition. Costs are those of"
+        " [`Loss`](api/generated/pymantaray.estimation.Loss.rst); each scale is 95 % as efficient"
+        " as least squares without outliers."
+    )
+    yield table(
+        ("name", "cost", "scale", "graduated"),
+        [
+            (f"`{name}`", f"`{loss.kind}`", f"{loss.scale:.6g}", "yes" if loss.graduated else "")
+            for name, loss in LOSSES.items()
+        ],
+    )
+    yield "## Methods"
+    yield "The option `--method` of `mantaray graph solve`: " + ", ".join(
+        f"`{name}`" for name in METHODS
+    )
+    yield "## Kinds of factors"
+    yield "Every solver, bound, certificate and file handles each kind or refuses it by its name."
+    yield table(
+        ("name", "meaning", "variables", "measured", "PyFactorGraph"),
+        [
+            (
+                f"`{name}`",
+                kind.what,
+                ", ".join(kind.ends),
+                ", ".join(f"`{column}` ({unit or '-'})" for column, _, unit in kind.columns),
+                f"`{kind.word}`" if kind.word else "",
+            )
+            for name, kind in KINDS.items()
+        ],
+    )
+
+
+def summary(described: Any) -> str:
+    """First paragraph of an object's docstring."""
+    return text((described.__doc__ or "").strip().partition("\n\n")[0])
 
 
 def commands() -> dict[str, str]:

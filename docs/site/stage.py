@@ -23,7 +23,7 @@ TITLES = {
     "reference": "Reference",
     "design": "Decision records",
 }
-GENERATED = {"reference": ["api/index", "configuration", "commands", "glossary"]}
+GENERATED = {"reference": ["api/index", "configuration", "choices", "commands", "glossary"]}
 EXAMPLES = ROOT / "examples"
 
 
@@ -36,7 +36,9 @@ def stage(target: Path) -> None:
     pages |= (
         reference_pages.configuration() | reference_pages.commands() | reference_pages.interface()
     )
-    pages |= reference_pages.glossary() | {"notebooks/index.md": notebooks()}
+    pages |= (
+        reference_pages.choices() | reference_pages.glossary() | {"notebooks/index.md": notebooks()}
+    )
     ordered = re.findall(r"\]\(([\w./-]+\.md)", contents)
     for folder, title in TITLES.items():
         pages[f"{folder}/index.md"] = index_page(folder, title, ordered, pages)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import CubicSpline
 
 from pymantaray.acoustics import Medium, find_eigenrays, read_profile, smooth_profile, thin_profile
-from pymantaray.acoustics.profiles import is_raw_cast
+from pymantaray.acoustics.profiles import is_raw_cast, reduce_profile
 from pymantaray.ocean.seawater import sound_speed
 
 CASTS = Path(__file__).parents[3] / "shared" / "data" / "casts"
@@ -148,6 +148,19 @@ def test_smoothing_keeps_a_constant_gradient_and_takes_noise_off():
     expected = 0.1 / np.sqrt(2.0 * np.sqrt(np.pi) * sigma)
     assert smooth.sound_speed[5:-5].std() == pytest.approx(expected, rel=0.05)
     assert np.diff(smooth.depth).max() <= 10.0
+
+
+@pytest.mark.parametrize("name", RAW)
+def test_a_raw_cast_is_thinned_to_a_microsecond_of_vertical_time(name):
+    z, c = cast(name)
+    thin = reduce_profile(z, c, interpolation="linear")
+    # between levels both profiles are straight: many points integrate the slowness
+    at = np.linspace(z[0], z[-1], 200001)
+    change = 1.0 / np.interp(at, thin.depth, thin.sound_speed) - 1.0 / np.interp(at, z, c)
+    vertical = np.abs(np.cumsum(change) * (at[1] - at[0])).max()
+    assert vertical < 1.5e-6
+    assert thin.vertical_change == pytest.approx(vertical, rel=0.1)
+    assert reduce_profile(z[::10], c[::10]) is None
 
 
 @pytest.mark.parametrize("name", RAW)

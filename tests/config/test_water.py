@@ -98,13 +98,9 @@ def test_a_raw_cast_is_thinned_as_by_hand(tmp_path):
     path.write_text(
         "depth,sound_speed\n" + "\n".join(f"{a:.17g},{b:.17g}" for a, b in zip(z, c, strict=True))
     )
-    refused(
-        MantaRayError,
-        "raw.csv: 301 levels with a spacing below 2 m are a raw cast",
-        open_water,
-        path,
-        bathymetry=400.0,
-    )
+    by_default = open_water(path, bathymetry=400.0)
+    np.testing.assert_array_equal(by_default.medium.depth, thin_profile(z, c, tolerance=0.02).depth)
+    np.testing.assert_array_equal(open_water(path, bathymetry=400.0, thin=0.0).medium.depth, z)
     water = open_water(path, bathymetry=400.0, thin=0.01, interpolation="linear")
     kept = thin_profile(z, c, tolerance=0.01, interpolation="linear")
     np.testing.assert_array_equal(water.medium.depth, kept.depth)

@@ -20,6 +20,6 @@ def fleet():
 @pytest.fixture
 def damped(monkeypatch):
     """Calls for damped equations, which the solver falls back on."""
-    calls, real = [], NormalEquations.damped
-    monkeypatch.setattr(NormalEquations, "damped", lambda *a: calls.append(a) or real(*a))
+    calls, real = [], NormalEquations.with_damping
+    monkeypatch.setattr(NormalEquations, "with_damping", lambda *a: calls.append(a) or real(*a))
     return calls

@@ -68,7 +68,7 @@ def test_a_start_far_away_is_damped_to_the_same_optimum(fleet, damped):
 
 def test_optimizer_that_gives_up_at_once_is_caught(fleet, monkeypatch):
     unsolvable = SimpleNamespace(step=lambda: None)
-    monkeypatch.setattr(NormalEquations, "damped", lambda *_: unsolvable)
+    monkeypatch.setattr(NormalEquations, "with_damping", lambda *_: unsolvable)
     start = values_at(fleet.noisy, *far_from(fleet, 9))
     solution = GraphSolver().solve(build_graph(fleet.noisy, "straight"), start)
     assert solution.status in {SolveStatus.NO_ITERATION, SolveStatus.NOT_CONVERGED}

@@ -156,7 +156,7 @@ def test_graph_files_keep_velocities_beside_odometry(fleet, tmp_path):
     again, _ = read_pyfg(tmp_path / "graph.pyfg")
     assert 0 < len(graph["dvl"]) <= len(graph["edge"])
     for name in ("dvl", "edge"):
-        for part in ("variables", "measured", "covariance"):
+        for part in ("variables", "measurement", "covariance"):
             np.testing.assert_array_equal(getattr(again[name], part), getattr(graph[name], part))
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -82,20 +82,7 @@ def trace_paths(
             " roughness (`ice_slope_deg`)"
         )
     domain = medium.domain()
-    apart, near = separated(medium, a, b)
-    backwards = solved_backwards(a, apart)[arrivals.link, None]
-    flat = (a, apart) if medium.earth is None else medium.earth.flattened_ends(a, apart)
-    ends = np.stack(flat, axis=1)[arrivals.link]
-    without_length = (
-        near[arrivals.link] & (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
-    )
-    ends[without_length, 1] = ends[without_length, 0]
-    slowness = np.where(backwards, -arrivals.receiver_slowness, arrivals.source_slowness)
-    if medium.earth is not None:
-        start = np.where(backwards[:, 0], b[arrivals.link, 2], a[arrivals.link, 2])
-        slowness[:, 2] /= medium.earth.stretch(start)
-    slowness[without_length] = np.nan
-    launch = np.concatenate([slowness, backwards], axis=1)
+    ends, launch = _ends_and_launches(medium, a, b, arrivals)
     manner = np.stack(
         [arrivals.ray_axis, arrivals.surface_bounces, arrivals.bottom_bounces],
         axis=-1,
@@ -128,6 +115,28 @@ def trace_paths(
             " launch angles end early; compute the arrivals with canonical=True in the same medium"
         )
     return _as_paths(table, counts, medium)
+
+
+def _ends_and_launches(
+    medium: Medium, source: Array, receiver: Array, arrivals: Arrivals
+) -> tuple[Array, Array]:
+    """
+    Ends of the ray of each arrival (n, 2, 3) [m], and its slowness at the end where its search
+    began [s/m] with 1 if that is the receiver, else 0 (n, 4).
+    """
+    link = arrivals.link
+    apart, near = separated(medium, source, receiver)
+    backwards = solved_backwards(source, apart)[link, None]
+    flat = (source, apart) if medium.earth is None else medium.earth.flattened_ends(source, apart)
+    ends = np.stack(flat, axis=1)[link]
+    without_length = near[link] & (arrivals.surface_bounces == 0) & (arrivals.bottom_bounces == 0)
+    ends[without_length, 1] = ends[without_length, 0]
+    slowness = np.where(backwards, -arrivals.receiver_slowness, arrivals.source_slowness)
+    if medium.earth is not None:
+        start = np.where(backwards[:, 0], receiver[link, 2], source[link, 2])
+        slowness[:, 2] /= medium.earth.stretch(start)
+    slowness[without_length] = np.nan
+    return ends, np.concatenate([slowness, backwards], axis=1)
 
 
 def trace_fan(
@@ -442,32 +451,9 @@ def ray_picture(
             max_bottom_bounces=max_bottom_bounces,
         )
         rays.append(others)
-    paths = np.concatenate([resample(some, n_points) for some in rays])
-    last = np.concatenate([_per_ray(some.travel_time, some, np.maximum) for some in rays])
-    surface, bottom = (
-        np.concatenate([_per_ray(some.boundary == where, some, np.add) for some in rays])
-        // 2  # nodes a bounce
-        for where in (1, 2)
-    )
-    arrives = np.arange(len(paths)) < arrivals.link.size
-    spreading = np.full(len(paths), np.nan)
-    last[arrives] = arrivals.travel_time
-    spreading[arrives] = arrivals.spreading_db
-
     variables = {
         **_section(medium, a, unit, horizontal, n_range, n_depth),
-        "ray_range": (
-            ("ray", "point"),
-            (paths[..., :2] - a[:2]) @ unit,
-            "m",
-            "range along the ray",
-        ),
-        "ray_depth": (("ray", "point"), paths[..., 2], "m", "depth along the ray"),
-        "ray_arrives": ("ray", arrives.astype(np.int8), "1", "whether the ray is an eigenray"),
-        "ray_travel_time": ("ray", last, "s", "travel time to the ray's end"),
-        "ray_surface_bounces": ("ray", surface.astype(np.int16), "1", "reflections at the surface"),
-        "ray_bottom_bounces": ("ray", bottom.astype(np.int16), "1", "reflections at the sea bed"),
-        "ray_spreading": ("ray", spreading, "1", "geometric spreading beyond spherical, in dB"),
+        **_ray_variables(rays, arrivals, a, unit, n_points),
         "chord_travel_time": (
             (),
             arrivals.chord_travel_time[0],
@@ -514,6 +500,33 @@ def _section(
         "sea_ice_draft": ("range", ice, "m", "depth of the ice's underside"),
         "range": ("range", ranges, "m", "horizontal range from the source"),
         "depth": ("depth", depths, "m", "depth, positive down"),
+    }
+
+
+def _ray_variables(
+    rays: Sequence[RayPaths], arrivals: Arrivals, start: Array, unit: Array, n_points: int
+) -> dict[str, tuple[str | tuple[str, ...], Array, str, str]]:
+    """Rays in a vertical section, eigenrays first, in the form of `_section`."""
+    paths = np.concatenate([resample(some, n_points) for some in rays])
+    last = np.concatenate([_per_ray(some.travel_time, some, np.maximum) for some in rays])
+    surface, bottom = (
+        np.concatenate([_per_ray(some.boundary == where, some, np.add) for some in rays])
+        // 2  # nodes a bounce
+        for where in (1, 2)
+    )
+    arrives = np.arange(len(paths)) < arrivals.link.size
+    spreading = np.full(len(paths), np.nan)
+    last[arrives] = arrivals.travel_time
+    spreading[arrives] = arrivals.spreading_db
+    ranges = (paths[..., :2] - start[:2]) @ unit
+    return {
+        "ray_range": (("ray", "point"), ranges, "m", "range along the ray"),
+        "ray_depth": (("ray", "point"), paths[..., 2], "m", "depth along the ray"),
+        "ray_arrives": ("ray", arrives.astype(np.int8), "1", "whether the ray is an eigenray"),
+        "ray_travel_time": ("ray", last, "s", "travel time to the ray's end"),
+        "ray_surface_bounces": ("ray", surface.astype(np.int16), "1", "reflections at the surface"),
+        "ray_bottom_bounces": ("ray", bottom.astype(np.int16), "1", "reflections at the sea bed"),
+        "ray_spreading": ("ray", spreading, "1", "geometric spreading beyond spherical, in dB"),
     }
 
 

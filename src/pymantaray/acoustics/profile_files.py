@@ -98,7 +98,6 @@ def write_profiles(path: str | Path, profiles: Sequence[Profile]) -> None:
         {"profile": ("profile", [p.name for p in profiles], {"cf_role": "profile_id"})},
         attrs={"featureType": "profile", "title": f"{len(profiles)} profiles"},
     )
-    data["profile"].encoding["dtype"] = "S1"
     for name, (values, standard, unit) in columns.items():
         padded = np.full((len(profiles), levels), np.nan)
         for k, column in enumerate(values):

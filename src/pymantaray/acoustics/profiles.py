@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from pymantaray.ocean.cast import Cast, CastTable
 
 _RAW_SPACING = 2.0  # m
+DEFAULT_TOLERANCE = 0.02
+"""Tolerance to which a raw cast is thinned unless its user chooses. [m/s]"""
 _POSSIBLE_SPEEDS = (1300.0, 1800.0)  # m/s; limits for all seas
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations
 _CUT_OFF = 4.0  # standard deviations beyond which Gaussian weights are zero
@@ -78,6 +80,8 @@ class ReducedProfile:
     raw_levels: int
     rms_change: float  # m/s
     greatest_change: float  # m/s
+    vertical_change: float
+    """Greatest change of a vertical travel time from the first level to any other. [s]"""
 
     def __repr__(self) -> str:
         return f"<ReducedProfile {self}>"
@@ -90,7 +94,8 @@ class ReducedProfile:
         )
         return (
             f"{self.raw_levels} levels {self.method} {how} to {self.depth.size}, sound speed"
-            f" changed by {self.rms_change:.2g} m/s rms, {self.greatest_change:.2g} m/s at most"
+            f" changed by {self.rms_change:.2g} m/s rms, {self.greatest_change:.2g} m/s at most,"
+            f" vertical travel times by {1e6 * self.vertical_change:.2g} us at most"
         )
 
 
@@ -193,7 +198,6 @@ def _profile(
     import gsw
 
     from pymantaray.ocean.casts import cast_place, cast_position, cast_time
-    from pymantaray.ocean.convert import DEEPEST
     from pymantaray.ocean.seawater import freezing_notes, repair_salinity, sound_speed
 
     if table.instrument:
@@ -210,22 +214,7 @@ def _profile(
         )
     used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
     level, *values = (table.values(name, complete=True) for name in used)
-    falls = np.flatnonzero(np.diff(level) <= 0.0)
-    if falls.size:
-        i = falls[0] + 1
-        raise AcousticsError(
-            f"{table.path}, line {table.lines[i]}: {table.name(vertical)} is {level[i]:g} after"
-            f" {level[i - 1]:g}; it must increase"
-        )
-    if level[0] < 0.0:
-        raise AcousticsError(
-            f"{table.path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down"
-        )
-    if level[-1] > DEEPEST:
-        raise AcousticsError(
-            f"{table.path}: {table.name(vertical)} is up to {level[-1]:g}; allowed: at most"
-            f" {DEEPEST:g}"
-        )
+    _check_levels(table, vertical, level)
     computed = not has_speed or vertical == "pressure"
     lat, lon = (
         _cast_position(table, position)
@@ -251,6 +240,28 @@ def _profile(
         *notes,
     )
     return Profile(depth, speed, (lat, lon) if computed else None, name, time, water, notes, place)
+
+
+def _check_levels(table: CastTable, vertical: str, level: Array) -> None:
+    """Depths [m] or pressures [dbar] increase from at least 0 to at most the deepest sea."""
+    from pymantaray.ocean.convert import DEEPEST
+
+    falls = np.flatnonzero(np.diff(level) <= 0.0)
+    if falls.size:
+        i = falls[0] + 1
+        raise AcousticsError(
+            f"{table.path}, line {table.lines[i]}: {table.name(vertical)} is {level[i]:g} after"
+            f" {level[i - 1]:g}; it must increase"
+        )
+    if level[0] < 0.0:
+        raise AcousticsError(
+            f"{table.path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down"
+        )
+    if level[-1] > DEEPEST:
+        raise AcousticsError(
+            f"{table.path}: {table.name(vertical)} is up to {level[-1]:g}; allowed: at most"
+            f" {DEEPEST:g}"
+        )
 
 
 def _of_cast(cast: Cast) -> Profile:
@@ -300,6 +311,43 @@ def is_raw_cast(depth: ArrayLike) -> bool:
     """
     spacing = np.diff(np.asarray(depth, dtype=float))
     return bool(spacing.size and np.median(spacing) < _RAW_SPACING)
+
+
+def reduce_profile(
+    depth: ArrayLike,
+    sound_speed: ArrayLike,
+    *,
+    thin: float | None = None,
+    smooth: float | None = None,
+    interpolation: Interpolation = "smooth",
+) -> ReducedProfile | None:
+    """
+    Thin or smooth a profile; by default thin a raw cast and keep any other profile.
+
+    Parameters
+    ----------
+    depth, sound_speed : array_like, shape (n_levels,)
+        Levels, strictly increasing, and their sound speed. [m, m/s]
+    thin : float, optional
+        Tolerance of `thin_profile`; 0 keeps all levels. Default: `DEFAULT_TOLERANCE` for a raw
+        cast, 0 otherwise. [m/s]
+    smooth : float, optional
+        Length of `smooth_profile`, instead of thinning. [m]
+    interpolation : {"smooth", "linear"}
+        Interpolation of the `Medium` that will use the profile.
+
+    Returns
+    -------
+    ReducedProfile or None
+        None if all levels are kept.
+    """
+    if smooth is not None:
+        return smooth_profile(depth, sound_speed, length=smooth, interpolation=interpolation)
+    if thin is None:
+        thin = DEFAULT_TOLERANCE if is_raw_cast(depth) else 0.0
+    if thin == 0.0:
+        return None
+    return thin_profile(depth, sound_speed, tolerance=thin, interpolation=interpolation)
 
 
 def thin_profile(
@@ -459,7 +507,11 @@ def _record(
     parameter: float,
     interpolation: Interpolation,
 ) -> ReducedProfile:
-    change = _interpolated(levels, values, z, interpolation) - c
+    reduced = _interpolated(levels, values, z, interpolation)
+    change = reduced - c
+    slowness_change = 1.0 / reduced - 1.0 / c
+    interval_mean = 0.5 * (slowness_change[1:] + slowness_change[:-1])
+    vertical = np.cumsum(interval_mean * np.diff(z))
     for array in (levels, values):
         array.setflags(write=False)
     return ReducedProfile(
@@ -471,6 +523,7 @@ def _record(
         raw_levels=z.size,
         rms_change=float(np.sqrt(np.mean(change**2))),
         greatest_change=float(np.abs(change).max()),
+        vertical_change=float(np.abs(vertical).max()),
     )
 
 

@@ -467,7 +467,7 @@ class WaterOptions(GridOptions):
         typer.Option(
             metavar="M/S",
             help="Remove levels of a profile if interpolation stays within this error of sound"
-            " speed.",
+            " speed; 0 keeps all. Default: 0.02 for a raw cast.",
         ),
     ] = None
     smooth: Annotated[

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
@@ -17,6 +17,10 @@ from pymantaray.config.common import NonNegativeFloat, PositiveFloat, Section
 from pymantaray.config.keys import Tree
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.user_files import exists, shown
+
+if TYPE_CHECKING:
+    from pymantaray.arrays import Array
+    from pymantaray.geometry.boundary import BoundarySurface
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 """Letters of the program's robots."""
@@ -397,15 +401,31 @@ def _float_notes(
                 )
 
 
-def _water_notes(
-    simulation: Simulation,
-    robots: list[ConstantVelocity | CurrentDrift],
-    environment: Path,
-    label: str,
-) -> Iterator[str]:
-    """Check positions in the grid; yield what the program cannot do in it."""
+class _WaterVolume(NamedTuple):
+    """Horizontal limits of the program's water [m], and its sea floor."""
+
+    x: tuple[float, float]
+    y: tuple[float, float]
+    bed: "BoundarySurface"
+
+    def fault(self, position: tuple[float, float, float]) -> str | None:
+        """Limit that a position x, y, z exceeds, for messages; None if it is in the water."""
+        x, y, z = position
+        if not (self.x[0] <= x <= self.x[1] and self.y[0] <= y <= self.y[1]):
+            return (
+                f"outside the grid, x {self.x[0]:g} to {self.x[1]:g} m and y {self.y[0]:g} to"
+                f" {self.y[1]:g} m"
+            )
+        floor = float(self.bed.depth_at([y, x])[0])
+        if not 0.0 <= z <= floor:
+            return f"outside the water, z 0 to {floor:g} m there"
+        return None
+
+
+def _water_volume(environment: Path) -> _WaterVolume:
+    """Volume of the water of an ``environment.json``."""
     from pymantaray.geometry.boundary import BoundarySurface
-    from pymantaray.ocean.environment import read_arrays, read_environment
+    from pymantaray.ocean.environment import read_environment
     from pymantaray.ocean.metres import ocean_in_metres
 
     arrays = read_environment(environment)
@@ -413,59 +433,69 @@ def _water_notes(
     bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
     north = arrays["north"].values
     east = arrays["east"].values
+    return _WaterVolume((east[0], east[-1]), (north[0], north[-1]), bed)
 
-    def fault(position: tuple[float, float, float]) -> str | None:
-        x, y, z = position
-        if not (east[0] <= x <= east[-1] and north[0] <= y <= north[-1]):
-            return (
-                f"outside the grid, x {east[0]:g} to {east[-1]:g} m and y {north[0]:g} to"
-                f" {north[-1]:g} m"
-            )
-        floor = float(bed.depth_at([y, x])[0])
-        if not 0.0 <= z <= floor:
-            return f"outside the water, z 0 to {floor:g} m there"
-        return None
 
+def _water_notes(
+    simulation: Simulation,
+    robots: list[ConstantVelocity | CurrentDrift],
+    environment: Path,
+    label: str,
+) -> Iterator[str]:
+    """Check positions in the grid; yield what the program cannot do in it."""
+    from pymantaray.ocean.environment import read_arrays
+
+    water = _water_volume(environment)
     for name, positions in (
         ("landmarks", simulation.landmarks),
         ("robots", [r.position for r in robots]),
     ):
         for i, position in enumerate(positions):
-            if (where := fault(position)) is not None:
+            if (where := water.fault(position)) is not None:
                 raise StudyError(
                     f"{label}: {name}[{i}]: position {position[0]:g}, {position[1]:g},"
                     f" {position[2]:g} is {where}; move it"
                 )
-    if bed.depth.min() <= 0.0:
+    if water.bed.depth.min() <= 0.0:
         yield f"{environment.name}: the water has land, at which the program stops"
     seconds = 3600.0 * simulation.timing.end_time_hours
     current = read_arrays(environment).get("current")
     for i, robot in enumerate(robots):
-        if isinstance(robot, ConstantVelocity):
-            x, y, z = (p + seconds * v for p, v in zip(robot.position, robot.velocity, strict=True))
-            if (where := fault((x, y, z))) is not None:
-                yield (
-                    f"robots[{i}]: its last position is {where}; the program stops there, here"
-                    " only the robot does"
-                )
+        if isinstance(robot, CurrentDrift):
+            for note in _drift_notes(robot, water, current):
+                yield f"robots[{i}]: {note}"
             continue
-        x, y, z = robot.position
-        if (where := fault((x, y, robot.target_depth))) is not None:
+        x, y, z = (p + seconds * v for p, v in zip(robot.position, robot.velocity, strict=True))
+        if (where := water.fault((x, y, z))) is not None:
             yield (
-                f"robots[{i}]: target_depth {robot.target_depth:g} m is {where}; here the robot"
-                " stops at the sea floor"
+                f"robots[{i}]: its last position is {where}; the program stops there, here only"
+                " the robot does"
             )
-        if current is None:
-            yield f"robots[{i}]: the water has no current; here the robot is at rest horizontally"
-        elif outside := [
-            f"{key} {current[key][0]:g} to {current[key][-1]:g} m"
-            for key, low, high in (("x", x, x), ("y", y, y), ("z", z, robot.target_depth))
-            if not current[key][0] <= low <= high <= current[key][-1]
-        ]:
-            yield (
-                f"robots[{i}]: it leaves the grid of the current, {', '.join(outside)}, where the"
-                " program writes nothing; here the current at the edge is used"
-            )
+
+
+def _drift_notes(
+    robot: CurrentDrift, water: _WaterVolume, current: "dict[str, Array] | None"
+) -> Iterator[str]:
+    """Positions of a drifting robot outside the water or outside the grid of its current."""
+    x, y, z = robot.position
+    if (where := water.fault((x, y, robot.target_depth))) is not None:
+        yield (
+            f"target_depth {robot.target_depth:g} m is {where}; here the robot stops at the sea"
+            " floor"
+        )
+    if current is None:
+        yield "the water has no current; here the robot is at rest horizontally"
+        return
+    outside = [
+        f"{key} {current[key][0]:g} to {current[key][-1]:g} m"
+        for key, low, high in (("x", x, x), ("y", y, y), ("z", z, robot.target_depth))
+        if not current[key][0] <= low <= high <= current[key][-1]
+    ]
+    if outside:
+        yield (
+            f"it leaves the grid of the current, {', '.join(outside)}, where the program writes"
+            " nothing; here the current at the edge is used"
+        )
 
 
 def _study(
@@ -478,14 +508,48 @@ def _study(
     """Nested dictionaries of a study."""
     timing = simulation.timing
     acoustics = simulation.acoustics
-    sensors = simulation.sensors
-    pfg = simulation.pfg
-    # edges between poses of the study have a part of the variance of an edge of the program
-    per_edge = math.sqrt(period * sensors.gt_freq_hz) / period
     reflections = {"arrival": REFLECTED[1]} | dict.fromkeys(
         ("max_surface_bounces", "max_bottom_bounces"), _MULTIPATH_BOUNCES
     )
-    noise = {
+    return {
+        "study": {
+            "name": _name(simulation.run_name),
+            "description": f"Imported from {path.name} of the paper's authors' program",
+            "seed": simulation.rng_seed,
+        },
+        "ocean": {"source": [str(environment)]},
+        "mission": {
+            "duration_h": timing.end_time_hours,
+            "physics_step_s": timing.physics_dt,
+            "sampling_period_s": period,
+            "ping_interval_h": timing.ping_interval_min / 60.0,
+            "gnss_depth": simulation.sensors.gps_surface_range_meters,
+        },
+        "acoustics": {
+            "interpolation": "linear",
+            "spreading_cutoff_db": "none",
+            "cone_deg": acoustics.beam_spread_deg,
+            **(reflections if acoustics.allow_multipath else {}),
+        },
+        "ranging": {"timing": acoustics.tof_mode.replace("_", "-")},
+        "noise": _noise(simulation.sensors, simulation.pfg, period),
+        "fleet": {
+            "vehicles": [
+                _vehicle(robot, name, timing) for robot, name in zip(robots, LETTERS, strict=False)
+            ]
+        },
+        "landmarks": [
+            {"name": f"L{i}", "north": north, "east": east, "depth": depth}
+            for i, (east, north, depth) in enumerate(simulation.landmarks)
+        ],
+    }
+
+
+def _noise(sensors: Sensors, pfg: Pfg, period: float) -> Tree:
+    """Standard deviations of a study from the program's sensors and variances."""
+    # edges between poses of the study have a part of the variance of an edge of the program
+    per_edge = math.sqrt(period * sensors.gt_freq_hz) / period
+    noise: Tree = {
         "range_sigma": math.sqrt(pfg.range_variance),
         "gnss_sigma": sensors.gps_xy_noise_stddev,
         "odometry_rotation_fraction": 0.0,
@@ -501,42 +565,10 @@ def _study(
     priors["first_rotation_sigma"] = (
         None if pfg.pose_prior_cov_diag is None else pfg.pose_prior_cov_diag[3:]
     )
-    noise |= {
+    return noise | {
         key: math.sqrt(sum(variances[:3]) / 3.0)
         for key, variances in priors.items()
         if variances is not None
-    }
-    return {
-        "study": {
-            "name": _name(simulation.run_name),
-            "description": f"Imported from {path.name} of the paper's authors' program",
-            "seed": simulation.rng_seed,
-        },
-        "ocean": {"source": [str(environment)]},
-        "mission": {
-            "duration_h": timing.end_time_hours,
-            "physics_step_s": timing.physics_dt,
-            "sampling_period_s": period,
-            "ping_interval_h": timing.ping_interval_min / 60.0,
-            "gnss_depth": sensors.gps_surface_range_meters,
-        },
-        "acoustics": {
-            "interpolation": "linear",
-            "spreading_cutoff_db": "none",
-            "cone_deg": acoustics.beam_spread_deg,
-            **(reflections if acoustics.allow_multipath else {}),
-        },
-        "ranging": {"timing": acoustics.tof_mode.replace("_", "-")},
-        "noise": noise,
-        "fleet": {
-            "vehicles": [
-                _vehicle(robot, name, timing) for robot, name in zip(robots, LETTERS, strict=False)
-            ]
-        },
-        "landmarks": [
-            {"name": f"L{i}", "north": north, "east": east, "depth": depth}
-            for i, (east, north, depth) in enumerate(simulation.landmarks)
-        ],
     }
 
 

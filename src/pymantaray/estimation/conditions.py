@@ -250,7 +250,7 @@ class _Fleet:
             ends.append(self._solved(estimator, measurements, self._without_ranges.values, solver))
         best = choose(
             ends,
-            lambda end: end.continued(self._solved(estimator, measurements, end.values, solver)),
+            lambda end: end.append(self._solved(estimator, measurements, end.values, solver)),
         )
         minima = [end.cost for end in ends if end.usable]
         if len(minima) == 2 and not same_cost(*minima) and best.status == SolveStatus.OK:
@@ -319,9 +319,9 @@ class _Fleet:
         return replace(solution, covariances=covariances)
 
     def _values(self, position: Array, quaternion: Array) -> GraphValues:
-        place, rotation = (np.asarray(table) for table in (position, quaternion))
+        positions, rotations = (np.asarray(table) for table in (position, quaternion))
         return GraphValues(
-            place.reshape(-1, 3), rotation.reshape(-1, 4), self._measurements.landmark_position
+            positions.reshape(-1, 3), rotations.reshape(-1, 4), self._measurements.landmark_position
         )
 
     def _by_vehicle(self, solution: GraphSolution) -> GraphSolution:

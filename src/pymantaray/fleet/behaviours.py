@@ -1,9 +1,10 @@
 """Behaviours of vehicles as frozen, checked parameter sets, and checks of start positions."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from types import MappingProxyType
+from typing import ClassVar, get_args
 
 import numpy as np
 
@@ -193,6 +194,10 @@ class Waypoints:
 
 Behaviour = FloatCycle | StationKeeping | Drifting | ConstantTwist | Waypoints
 """Any behaviour of a vehicle."""
+BEHAVIOURS: Mapping[str, type[Behaviour]] = MappingProxyType(
+    {kind.role: kind for kind in get_args(Behaviour)}
+)
+"""Behaviours by the role of their vehicles."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -431,6 +431,27 @@ def _enclosing(water, north, east, depth, k):
     return (i, j, k), corner, (per_north, per_east), water.depth[k + 1] - upper, (x, y, z - upper)
 
 
+@kernel
+def _instants_around(time, now, before, after):
+    """
+    Consecutive instants before and after a time, from those before and after an earlier one (equal
+    if there was none), and True if they are the same.
+    """
+    same = True
+    while after == before or (now >= time[after] and after < time.size - 1):
+        before, after = after, after + 1
+        same = False
+    return before, after, same
+
+
+@kernel
+def _in_cell(corner, per_metre, north, east, depth):
+    """Position in a cell: north and east in parts of its sides, depth below its top [m]."""
+    x = (north - corner[0]) * per_metre[0]
+    y = (east - corner[1]) * per_metre[1]
+    return x, y, depth - corner[2]
+
+
 def _float_kernel(varying):
     """
     Return an integrator of floats; two variants exist so that constant currents need no
@@ -441,8 +462,9 @@ def _float_kernel(varying):
     def run_float(water, cycle, dt, steps, position, status):
         north, east, depth = position[0]
         k = 0
-        cell_north, cell_east, cell_depth, shallowest = 0.0, 0.0, 0.0, 0.0
-        per_north, per_east = 0.0, 0.0
+        corner = (0.0, 0.0, 0.0)
+        per_metre = (0.0, 0.0)
+        shallowest = 0.0
         thickness = -1.0  # no cell yet: no depth is inside
         form_u = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
         form_v, rate_u, rate_v = form_u, form_u, form_u
@@ -450,10 +472,10 @@ def _float_kernel(varying):
         before, after, since = 0, 0, 0.0
         # the first evaluation is at the start because no current predicts the middle yet
         u, v, half = 0.0, 0.0, 0.0
-        state, step = ACTIVE, 0
-        gain = min(
-            cycle.gain, 1.0 / dt
-        )  # a step ends at the goal at the latest, so no gain is unstable
+        state = ACTIVE
+        step = 0
+        # a step ends at the goal at the latest, so no gain is unstable
+        gain = min(cycle.gain, 1.0 / dt)
         phase = (False, True, cycle.delay, cycle.start)
         for sample in range(1, position.shape[0]):
             for _ in range(steps if state == ACTIVE else 0):
@@ -464,25 +486,17 @@ def _float_kernel(varying):
                 for _ in range(2 if step == 0 else 1):
                     if varying:
                         now = step * dt + half
-                        while after == before or (
-                            now >= water.time[after] and after < water.time.size - 1
-                        ):
-                            before, after = after, after + 1
-                            thickness = -1.0  # the coefficients are from other instants
+                        before, after, same = _instants_around(water.time, now, before, after)
+                        thickness = thickness if same else -1.0  # no depth is in an old cell
                         since = now - water.time[before]
-                    x = (north + half * u - cell_north) * per_north
-                    y = (east + half * v - cell_east) * per_east
-                    z = depth + cycle.drogue + half * w - cell_depth
+                    at_north = north + half * u
+                    at_east = east + half * v
+                    at_depth = depth + cycle.drogue + half * w
+                    x, y, z = _in_cell(corner, per_metre, at_north, at_east, at_depth)
                     if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and 0.0 <= z <= thickness):
                         (i, j, k), corner, per_metre, thickness, (x, y, z) = _enclosing(
-                            water,
-                            north + half * u,
-                            east + half * v,
-                            depth + cycle.drogue + half * w,
-                            k,
+                            water, at_north, at_east, at_depth, k
                         )
-                        cell_north, cell_east, cell_depth = corner
-                        per_north, per_east = per_metre
                         form_u, form_v = _forms(water, before, i, j, k)
                         if varying:
                             rate_u, rate_v = _rates(water, before, after, i, j, k)
@@ -494,8 +508,7 @@ def _float_kernel(varying):
                     half = 0.5 * dt
                 new_north, new_east = north + u * dt, east + v * dt
                 new_depth = max(depth + w * dt, surface_depth(water, new_north, new_east))
-                x = (new_north - cell_north) * per_north
-                y = (new_east - cell_east) * per_east
+                x, y, _ = _in_cell(corner, per_metre, new_north, new_east, new_depth)
                 if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0 and new_depth <= shallowest):
                     state = place(water, new_north, new_east, new_depth)
                     if state != ACTIVE:

@@ -1,7 +1,7 @@
 """Ocean at one instant from the fields of files: reading, conversion and assembly."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import gsw
 import numpy as np
@@ -84,22 +84,11 @@ def ocean_of(
     depth, values = up_to_surface(depth, values, file_name(part.data))
     if first != 0.0:
         steps.append(f"level at 0 m added with the values at {first:.4g} m")
-    data = collection.parts[0].data
-    hycom = all(_is_hycom(p) for p in collection.parts)
-    model = "HYCOM" if hycom else collection.names
     ocean = assemble_ocean(
         {"depth": depth, "lat": lat, "lon": lon},
         instant,
         values,
-        title=one_line(text(data, "title"), _MAX_TEXT)
-        or f"{'HYCOM ' if hycom else ''}{collection.names}",
-        source=next(
-            filter(None, (one_line(text(data, k), _MAX_TEXT) for k in ("source", "institution"))),
-            model,
-        ),
-        synthetic=any(
-            np.array_equal(p.data.attrs.get("synthetic", 0), 1) for p in collection.parts
-        ),
+        **_provenance(collection),
         validate=False,
     )
     if own and not steps:
@@ -107,6 +96,22 @@ def ocean_of(
     history = str(part.data.attrs.get("history", "")).splitlines()[:50]
     lines = [line for line in (*(one_line(line, _MAX_TEXT) for line in history), *steps) if line]
     return ocean.assign_attrs(history="\n".join(lines)) if lines else ocean
+
+
+def _provenance(collection: "Collection") -> dict[str, Any]:
+    """Title, source and True if synthetic, by argument of `assemble_ocean`."""
+    data = collection.parts[0].data
+    hycom = all(_is_hycom(part) for part in collection.parts)
+    model = "HYCOM" if hycom else collection.names
+    sources = (one_line(text(data, key), _MAX_TEXT) for key in ("source", "institution"))
+    return {
+        "title": one_line(text(data, "title"), _MAX_TEXT)
+        or f"{'HYCOM ' if hycom else ''}{collection.names}",
+        "source": next(filter(None, sources), model),
+        "synthetic": any(
+            np.array_equal(part.data.attrs.get("synthetic", 0), 1) for part in collection.parts
+        ),
+    }
 
 
 def _zeros(temperature: Array, salinity: Array) -> tuple[NDArray[np.bool_], list[str]]:

@@ -6,7 +6,7 @@ It reads single profiles, orthogonal and incomplete multidimensional arrays, and
 indexed ragged arrays.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -109,20 +109,7 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
             " sea_water_pressure, and sea_water_temperature or speed_of_sound_in_sea_water; it"
             f" contains {', '.join(map(str, data.variables))}"
         )
-    dims = tuple(map(str, data.variables[main].dims))
-    of_row = instance_of_rows(data, dims[-1], path) if len(dims) == 1 else None
-    count = (
-        data.sizes[dims[0]]
-        if len(dims) == 2
-        else 1
-        if of_row is None
-        else int(of_row.max(initial=0)) + 1
-    )
-    if len(dims) > 2:
-        raise OceanError(
-            f"{path}: {main} has dimensions {', '.join(dims)}; it must have one, or two with the"
-            " index of the profile"
-        )
+    count, rows_of = _rows_by_profile(data, main, path)
     values = {}
     notes = []
     for quantity, name in named.items():
@@ -142,9 +129,7 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
     )
     tables = {}
     for k in range(count):
-        rows = (
-            (k, slice(None)) if len(dims) == 2 else slice(None) if of_row is None else of_row == k
-        )
+        rows = rows_of(k)
         frame = pd.DataFrame({i: column[rows] for i, column in enumerate(values.values())})
         place = float(places[0][k]), float(places[1][k])
         located = () if is_position(*place) or np.isnan(sum(place)) else (unused_position(*place),)
@@ -164,6 +149,22 @@ def _tables(data: xr.Dataset, path: Path) -> dict[str, CastTable]:
             notes=(*notes, *located),
         )
     return tables
+
+
+def _rows_by_profile(data: xr.Dataset, main: str, path: Path) -> tuple[int, Callable[[int], Any]]:
+    """Number of profiles, and a function that gives the index of one profile's values."""
+    dims = tuple(map(str, data.variables[main].dims))
+    if len(dims) > 2:
+        raise OceanError(
+            f"{path}: {main} has dimensions {', '.join(dims)}; it must have one, or two with the"
+            " index of the profile"
+        )
+    if len(dims) == 2:
+        return data.sizes[dims[0]], lambda k: (k, slice(None))
+    of_row = instance_of_rows(data, dims[0], path)
+    if of_row is None:
+        return 1, lambda _: slice(None)
+    return int(of_row.max(initial=0)) + 1, lambda k: of_row == k
 
 
 def _adjusted(data: xr.Dataset, name: str) -> tuple[Array, int]:

@@ -430,5 +430,4 @@ def _label(dataset: "xr.Dataset") -> "xr.Dataset":
             dataset = dataset.assign_coords({name: dataset[root].values})
         if name in dataset.coords and dataset[name].dtype.kind == "U":
             dataset[name].attrs.setdefault("long_name", f"names of {str(name).replace('_', ' ')}")
-            dataset[name].encoding["dtype"] = "S1"
     return dataset

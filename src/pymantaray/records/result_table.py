@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pymantaray.records.column_attributes import UNIT_ENDINGS
 from pymantaray.records.csv_text import csv_text
 from pymantaray.records.digits import (
     compact_format,
@@ -27,16 +28,6 @@ from pymantaray.records.glossary import meaning
 if TYPE_CHECKING:
     import pandas as pd
 
-_UNITS = {
-    "_m_s": " [m/s]",
-    "_m": " [m]",
-    "_km": " [km]",
-    "_s": " [s]",
-    "_us": " [µs]",
-    "_h": " [h]",
-    "_deg": " [deg]",
-    "_percent": " [%]",
-}
 _HEADS = {
     "n": "N",
     "sd_m": "sd [m]",
@@ -301,9 +292,9 @@ def heading(column: str) -> str:
         return _HEADS[column]
     if "." in column:
         return column
-    for ending, unit in _UNITS.items():
+    for ending, (unit, _) in UNIT_ENDINGS.items():
         if column.endswith(ending):
-            return column.removesuffix(ending).replace("_", " ") + unit
+            return f"{column.removesuffix(ending).replace('_', ' ')} [{unit}]"
     return column.replace("_", " ")
 
 
@@ -316,7 +307,8 @@ def _formats(table: "pd.DataFrame") -> list[str]:
     """
     columns = [str(column) for column in table.columns]
     units = [
-        next((ending for ending in _UNITS if column.endswith(ending)), column) for column in columns
+        next((ending for ending in UNIT_ENDINGS if column.endswith(ending)), column)
+        for column in columns
     ]
     units = [
         f"sigma {unit}" if column.startswith("sigma_") else unit

@@ -106,6 +106,10 @@ def _cause(error: OSError, temporary: Path) -> str:
     return error.strerror or str(error).partition("\n")[0]
 
 
+CF_VERSION = "CF-1.11"
+"""The version of the CF conventions that files claim."""
+
+
 def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = True) -> None:
     """
     Write a data set atomically as NetCDF-4 with CF attributes.
@@ -122,9 +126,11 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
     dataset = dataset.copy()
     path = Path(path)
     about = {"title": path.stem.replace("_", " "), "history": f"pymantaray {version('pymantaray')}"}
-    dataset.attrs = {"Conventions": "CF-1.11", **about, **dataset.attrs}
+    dataset.attrs = {"Conventions": CF_VERSION, **about, **dataset.attrs}
     for name in dataset.indexes:
         dataset[name].encoding["_FillValue"] = None
+        if dataset[name].dtype.kind == "U":  # CF's checks of coordinates need characters
+            dataset[name].encoding["dtype"] = "S1"
     with whole_file(path, replace=replace) as temporary, deferred_stops(), NETCDF_LOCK:
         check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
         try:

@@ -337,7 +337,7 @@ def test_the_file_is_cf(here, ocean, file, links, content, tmp_path):
     path = run_atlas(Atlas(file, links, every=20), tmp_path / "atlas.nc")
     assert not cf_errors([path])
     own = content(path)
-    assert own.attrs["Conventions"] == "CF-1.8"
+    assert own.attrs["Conventions"] == "CF-1.11"
     assert own["convention"].values.tolist() == [
         "transmitter",
         "receiver",

@@ -69,7 +69,7 @@ def test_results_on_disk_are_those_in_memory(foreign, tmp_path):
     estimate = GraphValues.load(out / "estimate.nc")
     np.testing.assert_array_equal(estimate.position, result.values.position)
     graph = FactorGraph.load(out / "graph.nc")
-    np.testing.assert_array_equal(graph["range"].measured, result.graph["range"].measured)
+    np.testing.assert_array_equal(graph["range"].measurement, result.graph["range"].measurement)
     summary = json.loads((out / "summary.json").read_text())
     assert summary["status"] == "OK"
     assert summary["final_cost"] == result.solution.final_cost
@@ -122,7 +122,7 @@ def test_graphs_that_cannot_be_solved_say_why_in_one_line(foreign):
     loose = without(graph, "range").with_factors(edge=edge[1:])
     refused(EstimationError, r"^A1: no first-pose prior", solve_graph, GraphFile(loose, values, {}))
     stiff = graph.with_factors(
-        edge=edge[:1].joined(replace(edge[1:], covariance=edge.covariance[1:] * 1e-20))
+        edge=edge[:1].append(replace(edge[1:], covariance=edge.covariance[1:] * 1e-20))
     )
     line = r"^[AB]\d+: odometry variance .* of the median, .*: badly conditioned"
     refused(EstimationError, line, solve_graph, GraphFile(stiff, values, {}))

@@ -48,7 +48,7 @@ def test_poses_and_edges_come_back(tmp_path, pose_graph, symbols, half_angles):
     assert again.vehicle_name.tolist() == (["A", "B"] if symbols else ["A"])
     np.testing.assert_array_equal(where.position, values.position)
     np.testing.assert_array_equal(where.quaternion, values.quaternion)
-    for name in ("variables", "measured"):
+    for name in ("variables", "measurement"):
         np.testing.assert_array_equal(getattr(again["edge"], name), getattr(graph["edge"], name))
     sigma = np.sqrt(graph["edge"].variance)
     difference = (

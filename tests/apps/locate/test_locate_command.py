@@ -21,9 +21,12 @@ from campaigns import (
     write_obsrange,
     write_table,
 )
+from oracles import cf_errors
 
+from pymantaray.acoustics import Medium
 from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Survey, locate
-from pymantaray.apps.locate.plan import expected_sigmas
+from pymantaray.apps.locate.options import CRITERIA
+from pymantaray.apps.locate.plan import expected_covariance, plan_survey
 
 KEYS = {
     "name",
@@ -227,7 +230,10 @@ def test_results_are_a_folder_with_page_tables_and_files(mantaray, told, campaig
     assert [landmark["name"] for landmark in landmarks] == campaign.names
     features = json.loads((tmp_path / "out" / "nodes.geojson").read_text())["features"]
     assert [feature["geometry"]["type"] for feature in features] == ["Point", "Polygon"] * 3
+    assert not cf_errors([tmp_path / "out" / "location.nc"])
     with xr.open_dataset(tmp_path / "out" / "location.nc") as data:
+        assert data["lat"].units == "degrees_north"
+        assert data["sigma_depth_m"].units == "m"
         assert data["position_covariance"].shape == (3, 3, 3, 3)
     solved = told("graph", "solve", tmp_path / "out" / "survey.pyfg")
     assert solved["status"] == "OK" or "status" in solved
@@ -261,13 +267,63 @@ def test_a_plan_gives_the_best_radius_of_each_pattern(told, tmp_path):
     assert north == sorted(north, reverse=True)
 
 
+def test_a_plan_searches_until_the_best_radius_is_not_at_an_edge():
+    plan = plan_survey(
+        water(), PlanOptions(300.0, 2e-4, criterion="depth"), shapes=("cross",), pings=20
+    )
+    (best,) = plan.best.to_dict("records")
+    assert best["at_edge"] == ""
+    assert plan.table["radius_m"].is_monotonic_increasing
+    assert best["radius_m"] > 3.0 * 300.0  # beyond the first search
+    given = plan_survey(
+        water(), PlanOptions(300.0, 2e-4), np.array([60.0, 90.0]), shapes=("cross",), pings=20
+    )
+    assert given.best["at_edge"].tolist() == ["greatest"]
+
+
+def test_a_plan_has_hours_and_best_radii_by_its_criterion():
+    options = PlanOptions(1800.0, 2e-4, ship_speed=3.0, turn_time=600.0, criterion="hours")
+    plan = plan_survey(water(), options, np.linspace(200.0, 4000.0, 12), pings=30)
+    rows = {row["pattern"]: row for row in plan.best.to_dict("records")}
+    circle, cross = rows["circle"], rows["cross"]
+    track = 2.0 * 30 * circle["radius_m"] * np.sin(np.pi / 30) * 29 / 30  # 29 chords of 30
+    assert circle["hours"] == pytest.approx(track / 3.0 / 3600.0)
+    assert cross["hours"] == pytest.approx((cross["length_m"] / 3.0 + 600.0) / 3600.0)
+    for criterion, (column, _) in CRITERIA.items():
+        best = plan.best_by(criterion).set_index("pattern")[column]
+        least = plan.table.groupby("pattern")[column].min()
+        np.testing.assert_array_equal(best.sort_index(), least.sort_index())
+
+
+def test_a_plan_is_equal_in_a_grid_and_in_its_profile():
+    """Rays of equal ranges are traced once in a profile; a grid traces each."""
+    z = np.arange(0.0, 3001.0, 100.0)
+    speed = 1490.0 + 0.017 * z - 20.0 * np.exp(-((z - 300.0) ** 2) / 2e5)
+    axis = np.array([-6000.0, 6000.0])
+    field = np.broadcast_to(speed, (2, 2, z.size)).copy()
+    field[1, 1] += 1e-9  # no longer uniform
+    media = (
+        Medium.from_profile(z, speed, bottom_depth=3000.0, interpolation="linear"),
+        Medium.from_grid(axis, axis, z, field, bathymetry=3000.0, interpolation="linear"),
+    )
+    options = PlanOptions(2000.0)
+    for shape in ("circle", "rose", "lines"):
+        pattern = Pattern(shape, 1500.0, 30)
+        (one, lost), (other, also_lost) = (
+            expected_covariance(pattern, medium, options) for medium in media
+        )
+        assert (lost, also_lost) == (0, 0)
+        np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-8)
+
+
 def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
     """
     The standard deviations of a plan are those of a solve of noise-free times with the same priors.
     """
     medium = water()
     pattern, truth = Pattern("cross", 1500.0, 60), np.array([0.0, 0.0, 1800.0])
-    expected, lost = expected_sigmas(pattern, medium, PlanOptions(1800.0, 2e-4))
+    covariance, lost = expected_covariance(pattern, medium, PlanOptions(1800.0, 2e-4))
+    expected = np.sqrt(np.diag(covariance))
     place = np.column_stack([pattern.points(), np.full(60, 5.0)])
     times = 2.0 * direct_time(place, truth) + np.random.default_rng(1).normal(0.0, 2e-4, 60)
     node = Node("A", tuple(truth), (500.0, 500.0, 100.0))

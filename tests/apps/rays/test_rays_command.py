@@ -203,16 +203,12 @@ def test_an_output_can_be_overwritten_by_force_and_be_an_input(rays):
 
 
 @pytest.mark.skipif(not CASTS.is_dir(), reason=f"{CASTS} is absent")
-def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
+def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays):
     cast = CASTS / "beaufort_axctd_20140724_74N140W.csv"
     words = ("times", "links.csv", "out.csv", "--profile", cast, "--bathymetry", 3000)
-    assert mantaray("rays", *words).err == (
-        f"error: {cast.name}: 1001 levels with a spacing below 2 m are a raw cast; thin it with"
-        " --thin 0.1 (m/s),"
-        " smooth it with --smooth 10 (m), or use --interpolation linear\n"
-    )
-    assert not Path("out.csv").exists()
-    lines = rays(*words, "--thin", 0.1).splitlines()
+    assert "1001 levels thinned within 0.02 m/s to " in rays(*words)
+    assert medium_of("out.csv")["thinned"]["vertical_change_s"] < 1e-6
+    lines = rays(*words, "--thin", 0.1, "--force").splitlines()
     table = pd.read_csv(cast, comment="#")
     z = table["depth_m"].to_numpy()
     c = sound_speed(table["temperature_degC"], table["practical_salinity"], z, 73.9883, -139.95)
@@ -225,6 +221,10 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, mantaray):
     assert record["thinned"]["rms_change_m_s"] == pytest.approx(thin.rms_change)
     assert "1001 levels smoothed over 10 m to 202" in rays(*words, "--smooth", 10, "--force")
     assert medium_of("out.csv")["smoothed"]["length_m"] == 10.0
+    rays(*words, "--thin", 0, "--force")
+    record = medium_of("out.csv")
+    assert record["levels"] == record["raw_levels"] == 1001
+    assert "thinned" not in record
 
 
 def test_a_profile_by_pressure_is_extended_to_the_surface_with_a_note(rays):

@@ -199,7 +199,7 @@ def test_leakage_predicts_an_event_in_shadow_on_request():
 def test_rules_that_are_none_are_refused(word):
     refused(
         ReplayError,
-        "allowed are first, strongest, threshold and within:DB",
+        "allowed are first, strongest, within:DB, threshold, persist:MINUTES",
         DetectionRule.parse,
         word,
     )

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 import xarray as xr
 from factories import pool_here
+from oracles import cf_errors
 
 from pymantaray.apps.sweep import open_sweep
 
@@ -60,7 +61,10 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     assert collected.out == f"{out / 'table.csv'}\n{out / 'table.nc'}\n{out / 'index.html'}\n"
     table = pd.read_csv(out / "table.csv")
     assert set(table["condition"]) == {"odometry", "straight"}
+    assert not cf_errors([out / "table.nc"])
     with xr.open_dataset(out / "table.nc") as dataset:
+        assert dataset["rmse_m"].units == "m"
+        assert dataset["mission.ping_interval_h"].units == "h"
         assert dict(dataset.sizes) == {
             "noise.range_sigma": 2,
             "mission.ping_interval_h": 2,

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from oracles import cf_errors
 from refusals import refused
 
 from pymantaray import Water
@@ -262,6 +263,7 @@ def test_a_netcdf_table_of_other_values_is_refused(table: TravelTimeTable, tmp_p
     import xarray as xr
 
     save_table(table, tmp_path / "table.nc")
+    assert not cf_errors([tmp_path / "table.nc"])
     with xr.open_dataset(tmp_path / "table.nc") as data:
         data.load()
     value = data["value"].copy()

@@ -243,7 +243,7 @@ def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
         EstimationError,
         "A7: odometry does not start at the previous pose",
         solve,
-        graph.with_factors(edge=edge.joined(closure)),
+        graph.with_factors(edge=edge.append(closure)),
     )
     refused(
         EstimationError,
@@ -256,5 +256,5 @@ def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
         EstimationError,
         "ranges between poses of the same time",
         solve,
-        graph.with_factors(range=graph["range"].joined(pose)),
+        graph.with_factors(range=graph["range"].append(pose)),
     )

@@ -76,7 +76,7 @@ def test_a_graph_goes_to_disk_and_back(whole, tmp_path):
     again = FactorGraph.load(tmp_path / "graph.nc")
     assert again.vehicle_name.tolist() == graph.vehicle_name.tolist()
     for kind in graph.factors:
-        for part in ("variables", "measured", "covariance"):
+        for part in ("variables", "measurement", "covariance"):
             np.testing.assert_array_equal(getattr(again[kind], part), getattr(graph[kind], part))
 
 
@@ -360,7 +360,7 @@ def one_more(graph, name, truth):
     columns = [[measured[column]] for column, _, _ in kind.columns]
     variance = [1e-4 if row.startswith("r") else 1e-2 for row in kind.row_names]
     table = kind.table([ends], columns, [np.diag(variance)])
-    return graph.with_factors(**{name: graph[name].joined(table)})
+    return graph.with_factors(**{name: graph[name].append(table)})
 
 
 @pytest.mark.parametrize("name", sorted(KINDS))

@@ -80,7 +80,7 @@ def one_more(graph, name, truth, like=None):
     columns = [[measured[column]] for column, _, _ in kind.columns]
     table = kind.table([ends], columns, [1e-6 * np.eye(kind.rows)])
     new = graph[name].kind
-    return graph.with_factors(**{name: graph[name].joined(replace(table, kind=new))})
+    return graph.with_factors(**{name: graph[name].append(replace(table, kind=new))})
 
 
 def solved(graph, truth, method):
@@ -265,7 +265,7 @@ def test_files_hold_a_new_kind_or_say_that_they_cannot(graph, fleet, copied, tmp
     refused(EstimationError, line, write_pyfg, new, tmp_path / "a.pyfg", initial=fleet.truth)
     refused(EstimationError, "1 new ones", write_g2o, new, tmp_path / "a.g2o", initial=fleet.truth)
     back = FactorGraph.from_dataset(new.to_dataset())
-    np.testing.assert_array_equal(back["new"].measured, new["new"].measured)
+    np.testing.assert_array_equal(back["new"].measurement, new["new"].measurement)
 
 
 @pytest.mark.parametrize("name", sorted(name for name, kind in KINDS.items() if kind.word))

@@ -159,7 +159,7 @@ def test_a_hand_written_planar_file_is_read_and_written_back(plaza, tmp_path):
         [0.01, 0.002, 0.001], [0.002, 0.02, 0.0], [0.001, 0.0, 0.003],
     ])  # fmt: skip
     assert [len(graph[name]) for name in KINDS] == [1, 1, 0, 1, 4, 0, 0, 0, 2, 6]
-    np.testing.assert_array_equal(graph["sighting"].measured[0], [3.5, 2.3, 0.0])
+    np.testing.assert_array_equal(graph["sighting"].measurement[0], [3.5, 2.3, 0.0])
     write_pyfg(graph, tmp_path / "again.pyfg", initial=values)
     for ours, theirs in zip(
         (tmp_path / "again.pyfg").read_text().splitlines(),
@@ -201,7 +201,7 @@ def test_every_estimator_solves_in_the_plane(plaza, estimator):
         [0.0, 5.0, 0.0],
         [4.0, 4.0, 0.0],
     ]  # on-line a landmark has to be known before its first range
-    survey = graph["survey"].joined(KINDS["survey"].table([[5], [6]], [at], [np.eye(3)] * 2))
+    survey = graph["survey"].append(KINDS["survey"].table([[5], [6]], [at], [np.eye(3)] * 2))
     graph = graph.with_factors(survey=survey)
     result = solve_graph(GraphFile(graph, values, {}), estimator=estimator)
     assert result.solution.usable
@@ -265,7 +265,7 @@ def test_sightings_cost_what_they_should_wherever_poses_are(tmp_path):
         ]
         expected = 0.0
         for (pose, seen), place in zip(
-            graph["sighting"].variables, graph["sighting"].measured, strict=True
+            graph["sighting"].variables, graph["sighting"].measurement, strict=True
         ):
             off = poses[pose].transformTo(values.landmark_position[seen - 2]) - place
             expected += 0.5 * off @ information @ off
@@ -291,7 +291,7 @@ def test_offsets_of_sensors_are_taken_into_what_they_sight(tmp_path):
     sighting = load_g2o(tmp_path / "g.g2o").graph["sighting"]
     offset = gtsam.Pose3(gtsam.Rot3.Quaternion(0.8, 0, 0, 0.6), np.array([0.1, -0.2, 0.3]))
     np.testing.assert_allclose(
-        sighting.measured[3], offset.transformFrom(np.array([0.1, -1.0, 1.0])), atol=1e-15
+        sighting.measurement[3], offset.transformFrom(np.array([0.1, -1.0, 1.0])), atol=1e-15
     )
     turn = offset.rotation().matrix()
     np.testing.assert_allclose(
@@ -318,7 +318,9 @@ def test_g2o_there_and_back(tmp_path, text, symbols):
     np.testing.assert_allclose(where.quaternion, values.quaternion, rtol=0, atol=1e-15)
     np.testing.assert_array_equal(where.position, values.position)
     for kind in ("edge", "sighting"):
-        np.testing.assert_allclose(again[kind].measured, graph[kind].measured, rtol=0, atol=1e-15)
+        np.testing.assert_allclose(
+            again[kind].measurement, graph[kind].measurement, rtol=0, atol=1e-15
+        )
         inside = np.ix_(
             range(len(graph[kind])), *[KINDS[kind].rows_in("rad m", planar=graph.planar)] * 2
         )
@@ -417,7 +419,7 @@ def test_gtsams_public_examples_are_read_whole():
     # landmarks where the name of the file says they are, once the first pose is
     np.testing.assert_allclose(result.values.landmark_position[0], [4.0, 1.0, 2.0], atol=0.2)
     seen = open_graph(folder / "edge_se3_trackxyz_nonidentity_offset.g2o").graph["sighting"]
-    np.testing.assert_allclose(seen.measured, [[2.1, 1.0, 3.0]], atol=1e-15)
+    np.testing.assert_allclose(seen.measurement, [[2.1, 1.0, 3.0]], atol=1e-15)
 
 
 def test_chordal_start_without_angle_information_gives_a_rotation(tmp_path):

@@ -33,7 +33,7 @@ def assert_same(a, b):
     for name in ("vehicle_name", "landmark_name", "pose_vehicle", "pose_number", "pose_time"):
         np.testing.assert_array_equal(getattr(a, name), getattr(b, name), err_msg=name)
     for kind in KINDS:
-        for part in ("variables", "measured", "covariance"):
+        for part in ("variables", "measurement", "covariance"):
             same = getattr(a[kind], part), getattr(b[kind], part)
             np.testing.assert_array_equal(*same, err_msg=f"{kind} {part}")
 
@@ -86,13 +86,13 @@ def test_hand_written_file_means_what_it_says(tmp_path):
         edge.covariance[0, 2, 3] == edge.covariance[0, 3, 2] == 0.001
     )  # rotation with translation
     np.testing.assert_array_equal(fix.variance[0], [0.25, 0.36, 0.49])
-    assert (depth.subject.tolist(), depth.measured.tolist(), depth.variance.tolist()) == (
+    assert (depth.subject.tolist(), depth.measurement.tolist(), depth.variance.tolist()) == (
         [1],
         [[3.5]],
         [1e-4],
     )
     assert graph["survey"].covariance[0, 0, 1] == 0.1
-    assert (ranges.variables.tolist(), ranges.measured.tolist(), ranges.variance.tolist()) == (
+    assert (ranges.variables.tolist(), ranges.measurement.tolist(), ranges.variance.tolist()) == (
         [[1, 2]],
         [[8.5]],
         [4.0],
@@ -381,4 +381,4 @@ def test_pyfactorgraph_and_we_read_files_of_each_other(tmp_path):
     theirs.save_to_pyfg_text(read, str(tmp_path / "theirs.pyfg"))
     again, _ = read_pyfg(tmp_path / "theirs.pyfg")
     for kind in ("edge", "range"):
-        np.testing.assert_allclose(again[kind].measured, graph[kind].measured, atol=1e-6)
+        np.testing.assert_allclose(again[kind].measurement, graph[kind].measurement, atol=1e-6)

@@ -432,7 +432,7 @@ def cost_of_picks(mixture, root, distance, sigma, picks):
     images.
     """
     table = mixture.expansion
-    at, image = mixture.position[0], table._b[picks]
+    at, image = mixture.position[0], table._receiver[picks]
     moved = np.zeros((len(picks), 3))
     for _ in range(6):
         step = at + moved[:, None] - image

@@ -201,7 +201,7 @@ def test_cost_and_step_are_gtsams_however_far_poses_turned(turn, loss):
     wide = graph["edge"].covariance + 1e-3 * np.ones((6, 6))  # rows that are not independent
     graph = graph.with_factors(
         edge=type(graph["edge"])(
-            graph["edge"].kind, graph["edge"].variables, graph["edge"].measured, wide
+            graph["edge"].kind, graph["edge"].variables, graph["edge"].measurement, wide
         )
     )
     start = state.values(graph)
@@ -225,7 +225,7 @@ def test_cost_and_step_are_gtsams_however_far_poses_turned(turn, loss):
     small = 1e-3 * step / np.abs(step).max()
     by_row = np.empty_like(small)
     by_row[problem.structure.row] = small
-    ours = state.moved(problem.structure, by_row).values(graph)
+    ours = state.after_step(problem.structure, by_row).values(graph)
     np.testing.assert_allclose(
         ours.position, state.position[:n] + small[:n, 3:], rtol=0, atol=1e-12
     )
@@ -243,11 +243,11 @@ def test_curvature_halves_the_error_near_conflicting_ranges(
     optimum = GraphState.of(GraphSolver().solve(graph, fleet.truth, model_is_right=False).values)
     problem, rng = distance_problem(graph), np.random.default_rng(1)
     offset = rng.normal(size=(len(optimum.position), SIZE)) * np.repeat([1e-5, 1e-2], 3)  # rad, m
-    start = optimum.moved(problem.structure, offset)
+    start = optimum.after_step(problem.structure, offset)
     left = []
     for order in (1, 3):
         equations = problem.linearize(start, order=order)
-        end = start.moved(problem.structure, equations.factorize().solve(-equations.gradient))
+        end = start.after_step(problem.structure, equations.factorize().solve(-equations.gradient))
         left.append(np.abs(end.position - optimum.position).max())
     assert left[1] < 0.5 * left[0]
 
@@ -307,7 +307,8 @@ def test_the_full_matrix_is_the_second_derivative_along_arcs():
         by_row[problem.structure.row] = direction.reshape(-1, SIZE)
         h = 1e-4
         ahead, behind = (
-            problem.cost(state.moved(problem.structure, s * h * by_row, arc=True)) for s in (1, -1)
+            problem.cost(state.after_step(problem.structure, s * h * by_row, arc=True))
+            for s in (1, -1)
         )
         assert (ahead - behind) / (2 * h) == pytest.approx(gradient @ direction, rel=1e-5)
         second = (ahead - 2.0 * equations.cost + behind) / h**2
@@ -324,13 +325,13 @@ def test_along_arcs_what_turns_as_a_whole_keeps_its_shape():
     )
     by_row = np.empty_like(step)
     by_row[problem.structure.row] = step
-    moved = state.moved(problem.structure, by_row, arc=True)
+    moved = state.after_step(problem.structure, by_row, arc=True)
     whole = so3_exp(turn)
     np.testing.assert_allclose(moved.rotation, whole @ state.rotation, rtol=0, atol=1e-12)
     np.testing.assert_allclose(
         moved.position, centre + (state.position - centre) @ whole.T, rtol=0, atol=1e-11
     )
-    small = state.moved(problem.structure, 1e-4 * by_row, arc=True)  # by series
+    small = state.after_step(problem.structure, 1e-4 * by_row, arc=True)  # by series
     by_hand = centre + (state.position - centre) @ so3_exp(1e-4 * turn).T
     np.testing.assert_allclose(small.position, by_hand, rtol=0, atol=1e-13)
 
@@ -367,7 +368,9 @@ def test_long_chains_with_loops_take_few_steps_from_a_bad_start():
     for _ in range(20):
         equations = problem.linearize(state)
         plain.append(equations.cost)
-        state = state.moved(problem.structure, equations.factorize().solve(-equations.gradient))
+        state = state.after_step(
+            problem.structure, equations.factorize().solve(-equations.gradient)
+        )
     assert solution.final_cost == pytest.approx(plain[-1], rel=1e-9)
     largest = np.abs(solution.values.position - state.position).max()
     assert largest < 1e-4  # m
@@ -394,5 +397,5 @@ def test_chordal_initialization_is_as_good_as_that_of_gtsam():
     problem = distance_problem(graph)
     start = GraphState.of(chordal(graph, values).values)
     equations = problem.linearize(start)
-    stepped = start.moved(problem.structure, equations.factorize().solve(-equations.gradient))
+    stepped = start.after_step(problem.structure, equations.factorize().solve(-equations.gradient))
     assert problem.cost(stepped) < 1.2 * factors.error(theirs)

@@ -105,10 +105,10 @@ def _end(here, rates, g, a, da, left):
 
 
 @kernel
-def _fill(path, count, here, place, g, a, dr, c_ref):
+def _fill(path, count, here, point, g, a, dr, c_ref):
     """Record intermediate points of an arc; return the number of rows in use minus one."""
     z, c, _, _ = here
-    r, tau = place
+    r, tau = point
     n = min(2 * int(dr / _NODE), path.shape[0] - 2 - count)
     for i in range(1, n + 1):
         step = dr * i / (n + 1)
@@ -175,12 +175,12 @@ def _rates(face, here, rates, way, g):
 
 
 @kernel
-def arrive(course, here, rates, way, g, place, ray):
+def arrive(course, here, rates, way, g, point, ray):
     """
     Write the state of a ray at the end of the course; return the number of rows of its path minus
     one.
     """
-    r, tau, count = place
+    r, tau, count = point
     a, da, _, c_ref = way
     y, path = ray.y, ray.path
     left = course.length - r
@@ -226,12 +226,9 @@ def trace_arcs(s, walls, course, angle, ray):
     if rule.kind == at.FORWARD:
         top, bottom = walls.surface.depth[0, 0], walls.bed.depth[0, 0]
     way = at.Snell(cosine / c_ref, -sine / c_ref, sine * sine, c_ref)
-    here, rates, r, tau = (
-        at.ArcPoint(z, c_ref, sine, cosine),
-        at.ArcRates(cosine, -sine, 0.0),
-        0.0,
-        0.0,
-    )
+    here = at.ArcPoint(z, c_ref, sine, cosine)
+    rates = at.ArcRates(cosine, -sine, 0.0)
+    r, tau = 0.0, 0.0
     k, count, turns, reflections = find_level(s, z), 0, 0, at.Reflections(0, 0, 0)
     xi, caustics = 0.0, 0  # in a layer, XI passes through zero at most once
     y[at.GONE], y[at.GONE_RATE], y[at.GONE_BEND], y[at.GROWN] = 0.0, math.nan, math.nan, 0.0

@@ -151,15 +151,15 @@ def add_neighbours(walls, n, launch, counts, generation, work):
 
 
 @kernel
-def solve_candidate(s, walls, course, place, bracket, accuracy, work):
+def solve_candidate(s, walls, course, numbers, bracket, accuracy, work):
     """
     Solve for the ray of a candidate by Newton's method over its cells, then over the actual sea
     bed.
 
-    place contains the number of the candidate and the number of all candidates. Returns the new
+    numbers contains the number of the candidate and the number of all candidates. Returns the new
     number of candidates, and the ray.
     """
-    candidates, (i, n) = work.candidates, place
+    candidates, (i, n) = work.candidates, numbers
     counts, generation = candidate(candidates, i)
     n_b = counts % 32
     for j in range(walls.cells.shape[1]):

@@ -44,7 +44,7 @@ def share_store(domain, source, receiver, work, flights):
 
 @kernel
 def own_work(work, flights, k, columns):
-    """Workspaces of the link in place k of the queue."""
+    """Workspaces of the link in slot k of the queue."""
     return Work(
         work.y,
         work.K,
@@ -74,13 +74,13 @@ def own_work(work, flights, k, columns):
 
 
 @kernel
-def put_flight(section, place, progress, cross, work, flights):
+def put_flight(section, slot, progress, cross, work, flights):
     """
-    Put link i into place k of the queue; the rays of its fan wait. With cross, they leave the
+    Put link i into slot k of the queue; the rays of its fan wait. With cross, they leave the
     plane.
     """
     s, walls, link = section
-    i, k = place
+    i, k = slot
     row = flights.links[k]
     row[at.FLIGHT_LINK], row[at.FLIGHT_COLUMNS], row[at.FLIGHT_STEP] = i, s.n_range, s.r_step
     row[at.FLIGHT_STORE], row[at.FLIGHT_BREAKS] = k * work.store.size, walls.n_breaks
@@ -100,7 +100,7 @@ def put_flight(section, place, progress, cross, work, flights):
 @kernel
 def put_progress(k, first, last, progress, work, flights):
     """
-    Put the progress of the search in place k into its row, and the range of rows with rays that
+    Put the progress of the search in slot k into its row, and the range of rows with rays that
     wait; choose the next rays ahead.
     """
     row, pending = flights.links[k], 0.0
@@ -129,7 +129,7 @@ def put_progress(k, first, last, progress, work, flights):
 @kernel
 def _take_ahead(row, k, i, flights):
     """
-    Complete ray i of the link in place k if it was traced ahead, or let it take over the lane.
+    Complete ray i of the link in slot k if it was traced ahead, or let it take over the lane.
     """
     rays, ray = flights.rays[k], flights.rays[k, i]
     for j in range(int(row[at.AHEAD_FIRST]), int(row[at.AHEAD_LAST])):
@@ -174,14 +174,15 @@ def _put_middle(i, depth, j, ray, work):
     with the expected divergence also as DEFECT.
     """
     a, b, tol = work.halves[i, 0], work.halves[i, 1], work.rays[2 * i, at.TOL]
-    lo, hi, place = a[at.ANGLE], b[at.ANGLE], (j + 0.5) / (1 << depth)
-    miss = cubic(place, hi - lo, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
+    lo, hi = a[at.ANGLE], b[at.ANGLE]
+    fraction = (j + 0.5) / (1 << depth)
+    miss = cubic(fraction, hi - lo, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
     growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
     growth = growth if abs(miss) <= ERRING * tol * growth else 0.0
     for _ in range(depth):  # as the search halves it, for the same digits
         middle = 0.5 * (lo + hi)
-        lo, hi, place = (
-            (lo, middle, 2.0 * place) if place < 0.5 else (middle, hi, 2.0 * place - 1.0)
+        lo, hi, fraction = (
+            (lo, middle, 2.0 * fraction) if fraction < 0.5 else (middle, hi, 2.0 * fraction - 1.0)
         )
     ray[at.ANGLE], ray[at.TOL], ray[at.GOOD] = 0.5 * (lo + hi), tol, WAITING
     ray[at.GROWTH], ray[at.DEFECT], ray[at.CROSS] = (

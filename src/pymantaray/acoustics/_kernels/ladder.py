@@ -225,13 +225,13 @@ def _layer_of(ladder, first, n, target):
 
 
 @kernel
-def _arrive_from(course, ladder, way, place, level, layer, ray):
+def _arrive_from(course, ladder, way, point, level, layer, ray):
     """
     Write the state of a ray at the end of the course, from the last level before it.
 
-    place contains range and its derivative by a there, and the sign of the sine.
+    point contains range and its derivative by a there, and the sign of the sine.
     """
-    r, rate, sign = place
+    r, rate, sign = point
     z, c = ladder[_DEPTH, level], ladder[_SPEED, level]
     sine = sign * math.sqrt(
         max(way.sine_squared + way.a * way.a * ladder[_DROP, level], _MIN_SINE**2)
@@ -274,18 +274,16 @@ def trace_ladder(s, walls, course, angle, work):
                     max(way.sine_squared + a * a * ladder[_DROP, first + n], _MIN_SINE * _MIN_SINE)
                 )
                 g = abs(ladder[_GRADIENT, first + n])
-                to_end, rate_to_end = (
-                    total + steep / (a * g),
-                    total_rate - 1.0 / (a * a * g * steep),
-                )
+                to_end = total + steep / (a * g)
+                rate_to_end = total_rate - 1.0 / (a * a * g * steep)
         if left <= total:  # on the way out
             i, before, rate_before = _layer_of(ladder, first, n, left)
-            place = r + before, rate + rate_before, sign
-            _arrive_from(course, ladder, way, place, first + i, first + i, ray)
+            point = r + before, rate + rate_before, sign
+            _arrive_from(course, ladder, way, point, first + i, first + i, ray)
             return True, reflections.code
         if turns and left <= 2.0 * to_end - total:  # on the arc about the turning point
-            place = r + total, rate + total_rate, sign
-            _arrive_from(course, ladder, way, place, first + n, first + n, ray)
+            point = r + total, rate + total_rate, sign
+            _arrive_from(course, ladder, way, point, first + n, first + n, ray)
             return True, reflections.code
         if not turns:
             if course.rule.kind == at.OPEN:
@@ -298,8 +296,8 @@ def trace_ladder(s, walls, course, angle, work):
             i, before, rate_before = _layer_of(ladder, first, n, 2.0 * to_end - left)
             before += ladder[_RANGE, first + i]
             rate_before += ladder[_RATE, first + i]
-            place = r + 2.0 * to_end - before, rate + 2.0 * rate_to_end - rate_before, -sign
-            _arrive_from(course, ladder, way, place, first + i + 1, first + i, ray)
+            point = r + 2.0 * to_end - before, rate + 2.0 * rate_to_end - rate_before, -sign
+            _arrive_from(course, ladder, way, point, first + i + 1, first + i, ray)
             return True, reflections.code
         r += 2.0 * to_end
         rate += 2.0 * rate_to_end

@@ -133,8 +133,8 @@ def load(_context, rows, _i):
 
     def generate(context, builder, signature, args):
         at = builder.mul(args[1], args[1].type(WIDTH))
-        place = _pointer(context, builder, signature.args[0], args[0], at)
-        return builder.load(builder.bitcast(place, _VECTOR.as_pointer()), align=8)
+        pointer = _pointer(context, builder, signature.args[0], args[0], at)
+        return builder.load(builder.bitcast(pointer, _VECTOR.as_pointer()), align=8)
 
     return LANES(rows, types.int64), generate
 
@@ -145,9 +145,9 @@ def store(_context, rows, _i, value):
 
     def generate(context, builder, signature, args):
         at = builder.mul(args[1], args[1].type(WIDTH))
-        place = _pointer(context, builder, signature.args[0], args[0], at)
+        pointer = _pointer(context, builder, signature.args[0], args[0], at)
         builder.store(
-            _splat(builder, args[2]), builder.bitcast(place, _VECTOR.as_pointer()), align=8
+            _splat(builder, args[2]), builder.bitcast(pointer, _VECTOR.as_pointer()), align=8
         )
         return context.get_dummy_value()
 
@@ -209,12 +209,12 @@ def take(_context, array, index):
 
 def _some(vector, context, builder, kind, array, index):
     """Load as many successive elements of an array as a vector has."""
-    place = _pointer(context, builder, kind, array, index)
-    return builder.load(builder.bitcast(place, vector.as_pointer()), align=8)
+    pointer = _pointer(context, builder, kind, array, index)
+    return builder.load(builder.bitcast(pointer, vector.as_pointer()), align=8)
 
 
 @intrinsic
-def gather(_context, data, place):
+def gather(_context, data, position):
     """Load four successive numbers from each of sixteen positions in data."""
 
     def generate(context, builder, signature, args):
@@ -228,11 +228,11 @@ def gather(_context, data, place):
         ]
         return _transposed(context, builder, pairs)
 
-    return types.UniTuple(LANES, 4)(data, place), generate
+    return types.UniTuple(LANES, 4)(data, position), generate
 
 
 @intrinsic
-def mix(_context, data, place, _stride, weights):
+def mix(_context, data, position, _stride, weights):
     """
     As `gather`, but eight numbers: the sum, with two weights, of those at a position and of those
     one stride further.
@@ -258,11 +258,11 @@ def mix(_context, data, place, _stride, weights):
             columns += [builder.extract_value(tuples, k) for k in range(4)]
         return context.make_tuple(builder, types.UniTuple(LANES, 8), columns)
 
-    return types.UniTuple(LANES, 8)(data, place, types.int64, weights), generate
+    return types.UniTuple(LANES, 8)(data, position, types.int64, weights), generate
 
 
 @intrinsic
-def blend(_context, data, place, _stride, weights):
+def blend(_context, data, position, _stride, weights):
     """
     As `gather`, but weighted sums of these four numbers, the next four, and both of these one
     stride further.
@@ -291,4 +291,4 @@ def blend(_context, data, place, _stride, weights):
             pairs.append(builder.fadd(*halves))
         return _transposed(context, builder, pairs)
 
-    return types.UniTuple(LANES, 4)(data, place, types.int64, weights), generate
+    return types.UniTuple(LANES, 4)(data, position, types.int64, weights), generate

@@ -337,24 +337,23 @@ def _begin(domain, section, i, work, results):
 
 
 @kernel
-def _start(domain, bounces, settings, ends, place, work, flights, results):
+def _start(domain, bounces, settings, ends, slot, work, flights, results):
     """
-    Start to solve link i of place (i, k, across); return True if its rays now wait in place k of
+    Start to solve link i of slot (i, k, across); return True if its rays now wait in slot k of
     the queue, False if it is solved.
 
     Rays along a chord, those of a LINEAR medium, and all rays if flights is None are traced one by
     one. Links whose rays leave the plane are put off until across is True: the lanes of the queue
     must not depend on each other.
     """
-    i, _, across = place
+    i, _, across = slot
     for j in range(at.N_INFO):
         results.info[i, j] = np.nan
-    results.info[i, at.RAYS], results.info[i, at.COMPLETE], results.info[i, at.RESOLVED] = (
-        0.0,
-        1.0,
-        1.0,
-    )
-    results.counts[i], results.status[i] = 0, OUTSIDE
+    results.info[i, at.RAYS] = 0.0
+    results.info[i, at.COMPLETE] = 1.0
+    results.info[i, at.RESOLVED] = 1.0
+    results.counts[i] = 0
+    results.status[i] = OUTSIDE
     if _outside(domain, ends[0]) or _outside(domain, ends[1]):
         return False
     section = prepare(domain, ends[0], ends[1], work)
@@ -369,21 +368,21 @@ def _start(domain, bounces, settings, ends, place, work, flights, results):
     search = _direct_search(s, link, cross, settings)
     course = direct_course(link, n_nodes == 0, cross)
     if n_nodes == 0:
-        found = _predicted_bracket(link, results.info[i, at.CHORD_TIME], work)
+        tally = _predicted_bracket(link, results.info[i, at.CHORD_TIME], work)
     elif flights is not None and domain.kind == at.SMOOTH:  # for None, Numba omits this branch
         fan = put_fan(n_nodes, search.coarse, _first_gap(s), work)
-        put_flight(section, place[:2], fan, cross, work, flights)
+        put_flight(section, slot[:2], fan, cross, work, flights)
         return True
     else:
-        found = find_brackets(s, walls, course, n_nodes, _first_gap(s), search, work)
-    _end(section, course, found, bounces, settings, i, work, results)
+        tally = find_brackets(s, walls, course, n_nodes, _first_gap(s), search, work)
+    _end(section, course, tally, bounces, settings, i, work, results)
     return False
 
 
 @kernel
 def _continue(domain, bounces, settings, k, work, flights, results):
     """
-    Continue to solve the link in place k of the queue after its rays were traced; return True if
+    Continue to solve the link in slot k of the queue after its rays were traced; return True if
     rays wait again, False if it is solved.
     """
     row = flights.links[k]
@@ -421,16 +420,16 @@ def _continue(domain, bounces, settings, k, work, flights, results):
 
 
 @kernel
-def _end(section, course, found, bounces, settings, i, work, results):
+def _end(section, course, tally, bounces, settings, i, work, results):
     """
     Find the eigenrays in the brackets of link i, and the reflected ones with up to bounces
     reflections at the surface and the bottom.
 
-    With bounces None, only direct ones. found is what `find_brackets` returned; the results receive
+    With bounces None, only direct ones. tally is what `find_brackets` returned; the results receive
     the arrivals and the status.
     """
     s, walls, link = section
-    n, margin, rays, complete, resolved = found
+    n, margin, rays, complete, resolved = tally
     info = results.info[i]
     accuracy, weak_slope = _tolerances(s, link, settings)
     own = (
@@ -557,22 +556,22 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
     count, through_surface, blocked, weak = 0, 0, 0, 0
     for i in range(n):
         rank[i] = _STEEP_BRACKET if is_weak(brackets[i], cutoff[1], RESOLUTION) else _LIKELY
-    for turn in range(_STEEP_BRACKET + 1):
+    for round_rank in range(_STEEP_BRACKET + 1):
         for i in range(n):
-            if rank[i] != turn:
+            if rank[i] != round_rank:
                 continue
-            if turn == _STEEP_BRACKET:
-                place = _course_of_weak(s, walls, course, brackets[i], accuracy, work)
+            if round_rank == _STEEP_BRACKET:
+                verdict = _course_of_weak(s, walls, course, brackets[i], accuracy, work)
             else:
-                own = brackets[i], course, turn == _LIKELY
-                place = _keep_bracket(s, walls, link, own, cutoff, accuracy, (count, work))
-            if place == _JUMP:
+                own = brackets[i], course, round_rank == _LIKELY
+                verdict = _keep_bracket(s, walls, link, own, cutoff, accuracy, (count, work))
+            if verdict == _JUMP:
                 rank[i] = _UNLIKELY
-            through_surface += 1 if place == _THROUGH else 0
-            blocked += 1 if place == _BLOCKED else 0
-            weak += 1 if place == _WEAK else 0
-            count = _keep_row(work.rows, count) if place == _CLEAR else count
-            if turn == _STEEP_BRACKET and weak > 0:
+            through_surface += 1 if verdict == _THROUGH else 0
+            blocked += 1 if verdict == _BLOCKED else 0
+            weak += 1 if verdict == _WEAK else 0
+            count = _keep_row(work.rows, count) if verdict == _CLEAR else count
+            if round_rank == _STEEP_BRACKET and weak > 0:
                 break
         if count + weak > 0:  # the other brackets matter only without any ray
             break
@@ -608,9 +607,9 @@ def _keep_bracket(s, walls, link, own, cutoff, accuracy, room):
         launch = refine(s, walls, course, wide, accuracy, cutoff[1], work)
     if not launch.ok:
         return _NONE
-    place = _course_of(launch, course, walls, work)
-    if place != _CLEAR:
-        return place
+    verdict = _course_of(launch, course, walls, work)
+    if verdict != _CLEAR:
+        return verdict
     row, slope = work.rows[count], work.y[at.XI]
     finish(row, work.y, launch, course, link, 0.0)
     row[at.SURFACE_BOUNCES], row[at.BOTTOM_BOUNCES] = 0.0, 0.0
@@ -635,9 +634,9 @@ def _course_of_weak(s, walls, course, bracket, accuracy, work):
     ok, steps, turns, _ = trace_direct(
         s, walls, course, angle, q, accuracy.coarse, direct_ray(course, work)
     )
-    place = _course_of(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
-    if place != _CLEAR:
-        return place
+    verdict = _course_of(Launch(ok, angle, 0.0, steps, turns), course, walls, work)
+    if verdict != _CLEAR:
+        return verdict
     return _WEAK if ok else _NONE
 
 
@@ -762,12 +761,13 @@ def _solve_queue(domain, bounces, settings, ends, share, across, room, results):
                 _finish(settings, source, receiver, int(row[at.FLIGHT_LINK]), results)
                 row[at.FLIGHT_LINK] = -1.0
             while row[at.FLIGHT_LINK] < 0.0 and following < source.shape[0]:
-                i, place = following, _ends(settings, ends, following)
+                i = following
+                link_ends = _ends(settings, ends, i)
                 following += every
                 if across and results.status[i] != _LATER:
                     continue
                 waits = _start(
-                    domain, bounces, settings, place, (i, k, across), own, flights, results
+                    domain, bounces, settings, link_ends, (i, k, across), own, flights, results
                 )
                 if not waits and results.status[i] != _LATER:
                     _finish(settings, source, receiver, i, results)

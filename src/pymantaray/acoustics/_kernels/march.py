@@ -168,12 +168,12 @@ def _derivative(s, data, rows, at_stage, state, across):
         t * t * (3.0 - 2.0 * t),
         t * t * u * (-1.0 * r_step),
     )
-    place = load(rows, _STORE) + column * float(stride) + 16.0 * k
-    a0, a1, a2, a3 = blend(data, place, stride, weights)
+    index = load(rows, _STORE) + column * float(stride) + 16.0 * k
+    a0, a1, a2, a3 = blend(data, index, stride, weights)
     cy, cyz, cyy, squares = 0.0 * x, 0.0 * x, 0.0 * x, p * p
     if across is not None:
         y, q = load(rows, _NEXT_BESIDE), load(rows, _NEXT_BESIDE + 1)
-        more, cy, cyz, cyy = _field_beside(mix(data, place + 8.0, stride, (u, t)), x, y)
+        more, cy, cyz, cyy = _field_beside(mix(data, index + 8.0, stride, (u, t)), x, y)
         a0, a1, a2, a3 = a0 + more[0], a1 + more[1], a2 + more[2], a3 + more[3]
         squares = squares + q * q
     c = a0 + x * (a1 + x * (a2 + x * a3))
@@ -197,18 +197,15 @@ def _derivative(s, data, rows, at_stage, state, across):
     store(rows, slopes + 1, nnw * ih)
     if across is None:
         store(rows, slopes + 2, (ih + p * p * ih3) * eta - p * nnw * ih3 * xi)
-        store(
-            rows,
-            slopes + 3,
-            ((nw * nw + n * nww) * ih - nnw * nnw * ih3) * xi + nnw * p * ih3 * eta,
-        )
+        along = (nw * nw + n * nww) * ih - nnw * nnw * ih3
+        store(rows, slopes + 3, along * xi + nnw * p * ih3 * eta)
     else:
-        squared, by = n * n, cy * ic
-        mixed, second = (
-            squared * (3.0 * cz * ic * by - cyz * ic),
-            squared * (3.0 * by * by - cyy * ic),
-        )
-        gradient, bends = (nnw, -1.0 * squared * by), (nw * nw + n * nww, mixed, second)
+        squared = n * n
+        by = cy * ic
+        mixed = squared * (3.0 * cz * ic * by - cyz * ic)
+        second = squared * (3.0 * by * by - cyy * ic)
+        gradient = (nnw, -1.0 * squared * by)
+        bends = (nw * nw + n * nww, mixed, second)
         _vary_coupled(rows, stage, (p, q, xi, eta), gradient, bends, (ih, ih3))
     return room
 
@@ -263,7 +260,7 @@ def _vary_coupled(rows, stage, state, gradient, bends, inverses):
 
 
 @inlined
-def _vary(rows, places, variation, slowness, gradient, bends, inverses):
+def _vary(rows, first_rows, variation, slowness, gradient, bends, inverses):
     """
     Write the right-hand side of a coupled variation, as in `step`: in the plane and across it, to
     two pairs of rows.
@@ -274,10 +271,10 @@ def _vary(rows, places, variation, slowness, gradient, bends, inverses):
     mww, mwy, myy = bends
     ih, ih3 = inverses
     g = (mw * dw + my * dy - p * dp - q * dq) * ih3
-    store(rows, places[0], dp * ih - p * g)
-    store(rows, places[0] + 1, (mww * dw + mwy * dy) * ih - mw * g)
-    store(rows, places[1], dq * ih - q * g)
-    store(rows, places[1] + 1, (mwy * dw + myy * dy) * ih - my * g)
+    store(rows, first_rows[0], dp * ih - p * g)
+    store(rows, first_rows[0] + 1, (mww * dw + mwy * dy) * ih - mw * g)
+    store(rows, first_rows[1], dq * ih - q * g)
+    store(rows, first_rows[1] + 1, (mwy * dw + myy * dy) * ih - my * g)
 
 
 @inlined
@@ -353,14 +350,15 @@ def free_lanes(rows):
 @kernel
 def replace_rays(rows, k, first, last, other):
     """
-    Replace rays first to last - 1 of the link in place k in their lanes by another one (-1: none);
+    Replace rays first to last - 1 of the link in slot k in their lanes by another one (-1: none);
     return True if there are any.
     """
-    found = False
+    any_ray = False
     for lane in range(WIDTH):
         if rows[_LINK, lane] == k and first <= rows[_RAY, lane] < last:
-            rows[_RAY, lane], found = other, True
-    return found
+            rows[_RAY, lane] = other
+            any_ray = True
+    return any_ray
 
 
 @kernel
@@ -545,10 +543,11 @@ def _end_in_plane(node, rows, lane):
 
     Its derivatives become those along the rays that end in the plane, as in `beside`.
     """
-    shift, side = rows[_OFFSET, lane] / rows[_Y_Q, lane], -rows[_Y_ANGLE, lane] / rows[_Y_Q, lane]
-    node[at.CROSS] -= shift
-    rows[at.W, lane] -= shift * rows[_W_Q, lane]
-    rows[at.P, lane] -= shift * rows[_P_Q, lane]
+    change = rows[_OFFSET, lane] / rows[_Y_Q, lane]
+    side = -rows[_Y_ANGLE, lane] / rows[_Y_Q, lane]
+    node[at.CROSS] -= change
+    rows[at.W, lane] -= change * rows[_W_Q, lane]
+    rows[at.P, lane] -= change * rows[_P_Q, lane]
     rows[at.XI, lane] += side * rows[_W_Q, lane]
     rows[at.ETA, lane] += side * rows[_P_Q, lane]
     rows[_RATE, lane] += side * rows[_RATE_Q, lane]

@@ -211,18 +211,21 @@ def widened(s, walls, course, bracket, tol, work):
     y, ray = work.y, direct_ray(course, work)
     a, b, fa, fb, slope_a, slope_b = bracket[0, at.ANGLE], bracket[1, at.ANGLE], 0.0, 0.0, 0.0, 0.0
     q = 0.5 * (bracket[0, at.CROSS] + bracket[1, at.CROSS])
-    rise, step, moved, grows = bracket[1, at.MISS] - bracket[0, at.MISS], b - a, 0, True
+    rise = bracket[1, at.MISS] - bracket[0, at.MISS]
+    step = b - a
+    direction = 0  # -1 if the first end moves, 1 if the second one does
+    grows = True
     least = _MIN_MOVE * step
     for attempt in range(_MAX_MOVES):
         ok, _, _, _ = trace_direct(s, walls, course, a, q, tol, ray)
-        beyond = moved < 0 and (not ok or y[at.XI] * rise < 0.0)
+        beyond = direction < 0 and (not ok or y[at.XI] * rise < 0.0)
         if not ok and not beyond:
             return Widened(False, a, b, fa, fb, q)
         if ok:
             fa, slope_a = offset_in_plane(y) - course.target, y[at.XI]
             q += cross_change(y, 0.0)
         ok, _, _, _ = trace_direct(s, walls, course, b, q, tol, ray)
-        beyond = beyond or (moved > 0 and (not ok or y[at.XI] * rise < 0.0))
+        beyond = beyond or (direction > 0 and (not ok or y[at.XI] * rise < 0.0))
         if not ok and not beyond:
             return Widened(False, a, b, fa, fb, q)
         if ok:
@@ -235,15 +238,16 @@ def widened(s, walls, course, bracket, tol, work):
         if beyond:  # the root is before the extremum
             grows = False
             step *= 0.5
-            a, b = (a + step, b) if moved < 0 else (a, b - step)
+            a, b = (a + step, b) if direction < 0 else (a, b - step)
             continue
         # by at most the bracket's width at first: beyond a caustic's other ray there is no root
-        first, moved = moved == 0, -1 if abs(fa) < abs(fb) else 1
-        if first and (slope_a if moved < 0 else slope_b) * rise < 0.0:
+        first = direction == 0
+        direction = -1 if abs(fa) < abs(fb) else 1
+        if first and (slope_a if direction < 0 else slope_b) * rise < 0.0:
             break  # the end is already beyond the extremum
         if grows and not first:
             step *= 2.0
-        a, b = (a - step, b) if moved < 0 else (a, b + step)
+        a, b = (a - step, b) if direction < 0 else (a, b + step)
     return Widened(True, a, b, fa, fb, q)
 
 
@@ -485,9 +489,9 @@ def finish(row, y, launch, course, link, inset):
     rate = y[at.ETA] / y[at.XI] if y[at.XI] != 0.0 else 0.0
     p1, q1 = y[at.P], y[at.Q]
     row[at.TRAVEL_TIME] = (y[at.TAU] - p1 * miss - q1 * y[at.Y] + 0.5 * rate * miss * miss) / c0
-    shift = miss / y[at.XI] if y[at.XI] != 0.0 else 0.0
-    if abs(shift) < 1e-4:
-        angle -= shift
+    angle_change = miss / y[at.XI] if y[at.XI] != 0.0 else 0.0
+    if abs(angle_change) < 1e-4:
+        angle -= angle_change
         p1 -= rate * miss
     if y[at.DY_DQ] > 0.0:
         q -= y[at.Y] / y[at.DY_DQ]

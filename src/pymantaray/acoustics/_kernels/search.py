@@ -121,7 +121,8 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
     the receiver is on a boundary, a reflection there is unfolded: rays that are reflected just
     before the receiver miss it on the other side, so the miss changes sign at the receiver.
     """
-    rule, y = course.rule, work.y
+    rule = course.rule
+    y = work.y
     grown = 0.0
     while True:
         if growth > 0.0:
@@ -163,10 +164,12 @@ def _shoot_across(s, walls, course, angle, tol, node, work):
         )
         if not ok:
             break
-        y[at.W], side = offset_in_plane(y), y[at.Y] / y[at.DY_DQ]
-        y[at.P] -= y[at.P_Q] * side
-        node[at.CROSS] -= side
-        miss, grown = y[at.W] - course.target, y[at.GROWN] / course.length
+        change = y[at.Y] / y[at.DY_DQ]  # of the cross-track slowness, to end in the plane
+        y[at.W] = offset_in_plane(y)
+        y[at.P] -= y[at.P_Q] * change
+        node[at.CROSS] -= change
+        miss = y[at.W] - course.target
+        grown = y[at.GROWN] / course.length
         if not astray(y[at.Y], miss, node[at.TOL], grown, course.length):
             break
     return ok, code
@@ -275,7 +278,8 @@ def _leave_water_alike(a, b, length):
     """
     if a[at.LEFT] == 0.0 or b[at.LEFT] == 0.0:
         return False
-    h, gap = b[at.ANGLE] - a[at.ANGLE], b[at.LEFT] - a[at.LEFT]
+    h = b[at.ANGLE] - a[at.ANGLE]
+    gap = b[at.LEFT] - a[at.LEFT]
     ahead, back = h * a[at.LEFT_RATE], h * b[at.LEFT_RATE]
     return (
         max(a[at.LEFT], b[at.LEFT]) + max(ahead, -back, 0.0) < length
@@ -377,7 +381,8 @@ def fill_fan(length, progress, work):
     Keep the other rays of a fan for later, unless the rays on both sides exclude a root and a
     turning ray.
     """
-    fan, a = work.rays[first_row(work) :], 0
+    fan = work.rays[first_row(work) :]
+    a = 0
     for b in range(1, int(progress.right) + 2):
         if fan[b, at.GOOD] == LEFT_OUT:
             continue
@@ -404,13 +409,11 @@ def _is_even(a, b, length):
         return False
     if a[at.LEFT] + b[at.LEFT] > 0.0 and not _leave_water_alike(a, b, length):
         return False
-    h, rise, turn = (
-        b[at.ANGLE] - a[at.ANGLE],
-        b[at.MISS] - a[at.MISS],
-        b[at.SLOWNESS] - a[at.SLOWNESS],
-    )
+    h = b[at.ANGLE] - a[at.ANGLE]
+    rise = b[at.MISS] - a[at.MISS]
+    change = b[at.SLOWNESS] - a[at.SLOWNESS]
     bend = max(abs(h * a[at.SLOPE] - rise), abs(h * b[at.SLOPE] - rise))
-    defect = max(abs(h * a[at.SLOWNESS_SLOPE] - turn), abs(h * b[at.SLOWNESS_SLOPE] - turn))
+    defect = max(abs(h * a[at.SLOWNESS_SLOPE] - change), abs(h * b[at.SLOWNESS_SLOPE] - change))
     return (
         bend < _EVEN_MISS * rise
         and bend < min(abs(a[at.MISS]), abs(b[at.MISS]))
@@ -441,7 +444,8 @@ def _descends(ray):
 @kernel
 def _close_gaps(n_nodes, work):
     """Remove the rays that were left out from the fan; return the number of the others."""
-    fan, n = work.rays[first_row(work) :], 0
+    fan = work.rays[first_row(work) :]
+    n = 0
     for i in range(n_nodes):
         if fan[i, at.GOOD] != LEFT_OUT:
             if n < i:
@@ -496,20 +500,16 @@ def advance(varies, course, search, progress, work):
     A search of reflected rays skips direct rays. The miss is smooth between rays of one code; it
     may bend or jump across a change of code. If the miss is within a few tolerances of zero, or
     changes sign without becoming smooth, the rays are traced again with the fine tolerance. Between
-    rays that exceed the number of reflections at places far apart, rays with fewer reflections are
+    rays that exceed the number of reflections at points far apart, rays with fewer reflections are
     searched in wider intervals. Several intervals of direct rays wait at a time: the first two rows
     of work.rays belong to the first of them, and so on, and those to be traced are WAITING.
     work.brackets receives the rays at both ends of each bracket. varies is False if the section is
     the same at all ranges.
     """
-    asked, top, left, right = (
-        int(progress.asked),
-        int(progress.top),
-        int(progress.left),
-        int(progress.right),
-    )
+    asked, top = int(progress.asked), int(progress.top)
+    left, right = int(progress.left), int(progress.right)
     tally = tally_of(progress)
-    if tally[2] == 0:
+    if tally[2] == 0:  # no ray counted yet: the first fan was traced just now
         right = _close_gaps(right + 2, work) - 2
         tally = 0, _read_fan(right + 2, work), right + 2, True, True
     asked, top, tally = _put_back(course, asked, top, tally, search.fine, work)
@@ -532,7 +532,8 @@ def advance(varies, course, search, progress, work):
 @kernel
 def _read_fan(n_nodes, work):
     """Write the errors of the cubics near the rays of the first fan; return the smallest miss."""
-    fan, margin = work.rays[first_row(work) :], np.inf
+    fan = work.rays[first_row(work) :]
+    margin = np.inf
     for i in range(n_nodes):
         if fan[i, at.GOOD] > 0.0:
             margin = min(margin, abs(fan[i, at.MISS]))
@@ -550,7 +551,8 @@ def _next_interval(pending, work):
     axis may be unlimited.
     """
     _, left, right = pending
-    fan, ends = work.rays[first_row(work) :], work.stack[0]
+    fan = work.rays[first_row(work) :]
+    ends = work.stack[0]
     i = left if abs(fan[left, at.ANGLE]) >= abs(fan[right + 1, at.ANGLE]) else right
     copy_ray(fan[i], ends[0])
     copy_ray(fan[i + 1], ends[1])
@@ -589,22 +591,15 @@ def _gather(varies, course, search, asked, pending, tally, work):
             and same
             and h < _WEAK_WIDTH
             and min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak
-        ):
+        ):  # a root between two weak rays is weak too
             verdict = _BRACKET if crosses and room else _DROP
         if verdict == _BRACKET:
             complete = complete and room
             if room:
                 n_brackets = _add_bracket(a, b, n_brackets, k, work)
-        elif verdict == _EDGE and search.overhang > 0.0:
-            for end in (0, 1):
-                ray, beyond = st[top, end], search.overhang if end == 0 else -search.overhang
-                if (
-                    room
-                    and n_brackets < work.brackets.shape[0]
-                    and _points_across(ray, course.rule, beyond)
-                ):
-                    n_brackets = _add_bracket(ray, ray, n_brackets, k, work)
-        elif verdict == _GONE and a[at.MISS] * b[at.MISS] <= 0.0:
+        elif verdict == _EDGE and search.overhang > 0.0 and room:
+            n_brackets = _add_edges(st[top], course.rule, search.overhang, n_brackets, k, work)
+        elif verdict == _GONE and a[at.MISS] * b[at.MISS] <= 0.0:  # a root out of the water
             margin = 0.0
         elif verdict == _DROP and course.cross and same:
             for end in (0, 1):
@@ -617,10 +612,9 @@ def _gather(varies, course, search, asked, pending, tally, work):
             resolved = resolved and not (h < _WINDOW_WIDTH and _window(a, b, course.length))
         if verdict != _SPLIT:
             continue
-        # the fan's tolerance matters
-        doubtful = (crosses and h < _WEAK_WIDTH) or min(
-            abs(a[at.MISS]), abs(b[at.MISS])
-        ) < 4.0 * tol_here
+        # the error of a ray may hide on which side of the receiver it passes
+        nearest = min(abs(a[at.MISS]), abs(b[at.MISS]))
+        doubtful = (crosses and h < _WEAK_WIDTH) or nearest < 4.0 * tol_here
         if same and tol_here > fine and doubtful:
             traced = _ask_finer(a, b, fine, asked, work)
         else:
@@ -648,7 +642,8 @@ def _ask_finer(a, b, fine, i, work):
     copy_ray(b, second)
     for ray in (first, second):
         if ray[at.TOL] > fine:
-            ray[at.TOL], ray[at.GOOD] = fine, WAITING
+            ray[at.TOL] = fine
+            ray[at.GOOD] = WAITING
             rays += 1
     return rays
 
@@ -659,17 +654,16 @@ def _ask_middle(a, b, tol, i, work):
     Ask for the ray in the middle of an interval; fine at once if the rays diverge and their cubic
     comes near the receiver.
     """
-    middle, h = work.rays[2 * i], b[at.ANGLE] - a[at.ANGLE]
+    middle = work.rays[2 * i]
+    h = b[at.ANGLE] - a[at.ANGLE]
     work.kinds[i] = HALVE
     copy_ray(a, work.halves[i, 0])
     copy_ray(b, work.halves[i, 1])
     growth = min(a[at.GROWTH], b[at.GROWTH]) if a[at.LEFT] * b[at.LEFT] == 0.0 else 0.0
     miss = cubic(0.5, h, a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE])
-    middle[at.ANGLE], middle[at.TOL], middle[at.GOOD] = (
-        0.5 * (a[at.ANGLE] + b[at.ANGLE]),
-        tol,
-        WAITING,
-    )
+    middle[at.ANGLE] = 0.5 * (a[at.ANGLE] + b[at.ANGLE])
+    middle[at.TOL] = tol
+    middle[at.GOOD] = WAITING
     middle[at.CROSS] = 0.5 * (a[at.CROSS] + b[at.CROSS])
     middle[at.GROWTH] = growth if abs(miss) <= ERRING * tol * growth else 0.0
     work.rays[2 * i + 1, at.GOOD] = 0.0
@@ -693,11 +687,11 @@ def _put_back(course, asked, top, tally, fine, work):
             top = _put_halves(course.rule, a, ray, b, top, work)
             continue
         if kind == _FINER:
-            moved = _end_to_move(a, b, ray, work.rays[2 * i + 1])
+            end = _end_to_move(a, b, ray, work.rays[2 * i + 1])
             copy_ray(ray, a)
             copy_ray(work.rays[2 * i + 1], b)
-            if moved >= 0:
-                _ask_moved(a, b, moved, fine, still, work)
+            if end >= 0:
+                _ask_beyond_root(a, b, end, fine, still, work)
                 work.nodes[int(b[at.INTERVAL])] += 1.0
                 rays += 1
                 still += 1
@@ -718,22 +712,24 @@ def _end_to_move(a, b, finer_a, finer_b):
     If the fine tolerance moved the root just beyond one end, the adjacent interval may lack it. A
     root inside the interval remains there.
     """
-    near = 0 if abs(finer_a[at.MISS]) < abs(finer_b[at.MISS]) else 1
-    end = finer_a if near == 0 else finer_b
+    nearer = 0 if abs(finer_a[at.MISS]) < abs(finer_b[at.MISS]) else 1
+    end = finer_a if nearer == 0 else finer_b
     over = -2.0 * end[at.MISS] / end[at.SLOPE]
     lost = a[at.MISS] * b[at.MISS] < 0.0 < finer_a[at.MISS] * finer_b[at.MISS]
-    outwards = over < 0.0 if near == 0 else over > 0.0
-    return near if lost and outwards and abs(over) < b[at.ANGLE] - a[at.ANGLE] else -1
+    outwards = over < 0.0 if nearer == 0 else over > 0.0
+    return nearer if lost and outwards and abs(over) < b[at.ANGLE] - a[at.ANGLE] else -1
 
 
 @kernel
-def _ask_moved(a, b, moved, fine, i, work):
-    """Ask for one end of an interval again, moved over the root."""
-    end, ray = a if moved == 0 else b, work.rays[2 * i]
-    copy_ray(end, ray)
-    ray[at.ANGLE] -= 2.0 * end[at.MISS] / end[at.SLOPE]
-    ray[at.TOL], ray[at.GOOD], work.rays[2 * i + 1, at.GOOD] = fine, WAITING, 0.0
-    work.kinds[i] = _MOVE_FIRST if moved == 0 else _MOVE_SECOND
+def _ask_beyond_root(a, b, end, fine, i, work):
+    """Ask for one end of an interval, 0 or 1, again at an angle beyond the root."""
+    ray = work.rays[2 * i]
+    copy_ray(a if end == 0 else b, ray)
+    ray[at.ANGLE] -= 2.0 * ray[at.MISS] / ray[at.SLOPE]
+    ray[at.TOL] = fine
+    ray[at.GOOD] = WAITING
+    work.rays[2 * i + 1, at.GOOD] = 0.0
+    work.kinds[i] = _MOVE_FIRST if end == 0 else _MOVE_SECOND
     copy_ray(a, work.halves[i, 0])
     copy_ray(b, work.halves[i, 1])
 
@@ -757,7 +753,8 @@ def _put_halves(rule, a, m, b, top, work):
         ends = work.stack[top + (half if upper == 1 else 1 - half)]
         copy_ray(m if half == 1 else a, ends[0])
         copy_ray(b if half == 1 else m, ends[1])
-        ends[0, at.DEFECT], ends[1, at.INTERVAL] = e, b[at.INTERVAL]
+        ends[0, at.DEFECT] = e
+        ends[1, at.INTERVAL] = b[at.INTERVAL]
     return top + 2
 
 
@@ -768,6 +765,20 @@ def _add_bracket(a, b, n, interval, work):
     copy_ray(b, work.brackets[n, 1])
     work.nodes[interval] += _RAYS_PER_BRACKET
     return n + 1
+
+
+@kernel
+def _add_edges(ends, rule, overhang, n, interval, work):
+    """
+    Append rays at a change of code that would meet the receiver beyond it, as brackets without
+    width; return the number of brackets.
+    """
+    for end in range(2):
+        ray = ends[end]
+        beyond = overhang if end == 0 else -overhang
+        if n < work.brackets.shape[0] and _points_across(ray, rule, beyond):
+            n = _add_bracket(ray, ray, n, interval, work)
+    return n
 
 
 @kernel
@@ -824,7 +835,8 @@ def _judge(a, b, varies, course, search):
     Return the verdict on the interval between two rays, and True if the miss is smooth there;
     varies is False if the section is the same at all ranges.
     """
-    rule, h = course.rule, b[at.ANGLE] - a[at.ANGLE]
+    rule = course.rule
+    h = b[at.ANGLE] - a[at.ANGLE]
     reflecting = rule.kind != at.OPEN
     alive = a[at.GOOD] > 0.0 and b[at.GOOD] > 0.0
     same = alive and _same_code(a, b, rule.fold)
@@ -856,7 +868,9 @@ def _judge_smooth(a, b, varies, direct, length, search):
     Return the verdict on an interval between rays with the same reflections, or between direct
     rays.
     """
-    h, fa, fb, e = b[at.ANGLE] - a[at.ANGLE], a[at.MISS], b[at.MISS], a[at.DEFECT]
+    h = b[at.ANGLE] - a[at.ANGLE]
+    fa, fb = a[at.MISS], b[at.MISS]
+    e = a[at.DEFECT]
     rise = fb - fa
     ea = h * a[at.SLOPE] - rise
     eb = h * b[at.SLOPE] - rise
@@ -963,7 +977,8 @@ def speed_extremes(s, extremes):
     for i in range(s.n_range):
         for k in range(s.depth.size - 1):
             h = s.depth[k + 1] - s.depth[k]
-            c0, c1 = s.data[i, k, 0], s.data[i, k + 1, 0] if k + 1 < s.data.shape[1] else 0.0
+            c0 = s.data[i, k, 0]
+            c1 = s.data[i, k + 1, 0] if k + 1 < s.data.shape[1] else 0.0
             if s.kind == at.SMOOTH:
                 least, largest = _cubic_extremes(
                     h, c0, s.data[i, k, 1], s.data[i, k, 2], s.data[i, k, 3]
@@ -972,10 +987,8 @@ def speed_extremes(s, extremes):
                 least, largest = min(c0, c1), max(c0, c1)
             if i == 0:
                 extremes[0, k], extremes[1, k] = least, largest
-            extremes[0, k], extremes[1, k] = (
-                min(extremes[0, k], least),
-                max(extremes[1, k], largest),
-            )
+            extremes[0, k] = min(extremes[0, k], least)
+            extremes[1, k] = max(extremes[1, k], largest)
             variation = max(variation, abs(c0 - s.data[0, k, 0]))
     return variation
 

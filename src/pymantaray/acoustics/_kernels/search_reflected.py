@@ -69,11 +69,13 @@ def reach_of(walls, link):
         ice_across = max(ice_across, abs(f_y))
     bed = bed_at(walls, link.horizontal, 0.0, link.horizontal)[0]
     top = surface_at(walls, link.horizontal, 0.0, link.horizontal)[0]
-    inset, on_boundary, thickness = 0.0, 0.0, bed - top
+    inset, on_boundary = 0.0, 0.0
     if link.z1 - top < INSET:
-        inset, on_boundary = link.z1 - (top + min(INSET, 0.5 * thickness)), -1.0
+        inset = link.z1 - (top + min(INSET, 0.5 * (bed - top)))
+        on_boundary = -1.0
     elif link.z1 > bed - INSET:
-        inset, on_boundary = link.z1 - max(bed - INSET, 0.5 * (top + bed)), 1.0
+        inset = link.z1 - max(bed - INSET, 0.5 * (top + bed))
+        on_boundary = 1.0
     return Reach(top, bed, deepest, slope, across, ice_slope, ice_across, inset, on_boundary)
 
 
@@ -82,7 +84,8 @@ def add_reflected(s, walls, hunt, count, work):
     """
     Append all eigenrays with one or more allowed reflections to work.rows; return a `SearchResult`.
     """
-    horizontal, reach = hunt.link.horizontal, hunt.reach
+    horizontal = hunt.link.horizontal
+    reach = hunt.reach
     result = at.SearchResult(count, 0, 0, True)
     steepest = 0.5 * math.pi
     if horizontal > 1e-9:
@@ -91,8 +94,8 @@ def add_reflected(s, walls, hunt, count, work):
         result = _add_forward(s, walls, hunt, steepest, result, work)
     # on a slope, each reflection makes a ray steeper by twice the angle of the slope, so it may
     # turn back
-    turned = hunt.bounces[1] * math.atan(reach.slope) + hunt.bounces[0] * math.atan(reach.ice_slope)
-    shallowest = max(_SHALLOWEST_LEGS - 2.0 * turned, hunt.limit + 0.05)
+    tilt = hunt.bounces[1] * math.atan(reach.slope) + hunt.bounces[0] * math.atan(reach.ice_slope)
+    shallowest = max(_SHALLOWEST_LEGS - 2.0 * tilt, hunt.limit + 0.05)
     if steepest > shallowest:
         result = _add_in_legs(s, walls, hunt, shallowest, result, work)
     return result
@@ -101,7 +104,8 @@ def add_reflected(s, walls, hunt, count, work):
 @kernel
 def _add_forward(s, walls, hunt, steepest, result, work):
     """Append the eigenrays that are integrated along the horizontal."""
-    link, reach, nodes = hunt.link, hunt.reach, work.nodes
+    link, reach = hunt.link, hunt.reach
+    nodes = work.nodes
     hi = min(_STEEPEST_FORWARD, max(hunt.limit, steepest))
     inner = min(hunt.limit, hi)
     n = fan_nodes(s, -inner, inner, hunt.spacing, link, nodes)
@@ -113,7 +117,8 @@ def _add_forward(s, walls, hunt, steepest, result, work):
         step = (hi - inner) * (i + 1) / more
         nodes[more - 1 - i] = -inner - step
         nodes[more + n + i] = inner + step
-    fold, fold_depth = 0, link.z1 - reach.inset
+    fold = 0
+    fold_depth = link.z1 - reach.inset
     if reach.on_boundary != 0.0:
         at_bottom = reach.on_boundary > 0.0
         fold = mark_of(walls, link.horizontal, 0.0, at_bottom)
@@ -126,7 +131,8 @@ def _add_forward(s, walls, hunt, steepest, result, work):
 @kernel
 def _add_in_legs(s, walls, hunt, shallowest, result, work):
     """Append the eigenrays that are integrated in depth."""
-    link, deepest, nodes = hunt.link, hunt.reach.deepest, work.nodes
+    link, deepest = hunt.link, hunt.reach.deepest
+    nodes = work.nodes
     half = 0.5 * math.pi - shallowest
     for first in range(2):
         for legs in range(2, hunt.bounces[0] + hunt.bounces[1] + 2):
@@ -158,7 +164,8 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
     """
     count, weak, rays, complete = result
     course, fan_course = courses
-    reach, accuracy, cells = hunt.reach, hunt.accuracy, walls.cells
+    reach, accuracy = hunt.reach, hunt.accuracy
+    cells = walls.cells
     width, trust = _RESOLUTION, _TRUST
     if math.isinf(hunt.cutoff_db):  # every ray there is
         width, trust = 1e-3 * width, 1e-3 * trust
@@ -167,12 +174,16 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
     search = Search(
         accuracy.coarse, accuracy.fine, width, trust, steep, hunt.weak_slope, overhang, math.inf
     )
-    found = find_brackets(s, walls, fan_course, n_nodes, 0.0, search, work)
-    n_brackets, _, more_rays, all_there, _ = found
-    n, done, i = 0, 0, 0
+    n_brackets, _, more_rays, all_there, _ = find_brackets(
+        s, walls, fan_course, n_nodes, 0.0, search, work
+    )
+    n, done = 0, 0  # candidates, and those solved
+    i = 0
     while i < n_brackets or done < n:
         bracket = work.brackets[min(i, n_brackets - 1)]
-        launch, same, generation = Launch(False, 0.0, 0.0, 0, 0), False, 0
+        launch = Launch(False, 0.0, 0.0, 0, 0)
+        same = False
+        generation = 0
         if i < n_brackets:
             i += 1
             counts = int(bracket[fewer_bounces(bracket), at.CODE]) % 1024
@@ -205,7 +216,8 @@ def _keep(s, walls, course, launch, counts, hunt, count, work):
     Write the ray in work.y to the next row unless it exists; return the number of rows, and 1 if
     the ray is below the cut-off.
     """
-    link, reach, rows = hunt.link, hunt.reach, work.rows
+    link, reach = hunt.link, hunt.reach
+    rows = work.rows
     n_s, n_b = counts // 32, counts % 32
     if count >= rows.shape[0] or n_s > hunt.bounces[0] or n_b > hunt.bounces[1] or counts == 0:
         return count, 0

@@ -59,7 +59,7 @@ def _surface_at(link, r):
 
 @kernel
 def _arc_time(g, dr, dz, c0, c1):
-    """Time along an arc between two places with a constant gradient."""
+    """Time along an arc between two points with a constant gradient."""
     half = 0.5 * math.hypot(dr, dz) / math.sqrt(c0 * c1)
     x = abs(g) * half
     return 2.0 * half if x < 1e-8 else 2.0 * math.asinh(x) / abs(g)
@@ -259,12 +259,12 @@ def _level(water, z):
 
 
 @kernel
-def _upper_part(water, link, place, t, surfaces):
+def _upper_part(water, link, point, t, surfaces):
     """
-    Follow a ray above the deck from place (range, depth, angle); return its range, depth, angle,
+    Follow a ray above the deck from point (range, depth, angle); return its range, depth, angle,
     time, and reflections (-1 if too many).
     """
-    r, z, angle, more, hit = _above(water, link, place[0], place[1], place[2])
+    r, z, angle, more, hit = _above(water, link, point[0], point[1], point[2])
     surfaces += hit
     return r, z, angle, t + more, surfaces if hit >= 0 and surfaces <= link.most_surface else -1
 

@@ -173,9 +173,8 @@ def trace(s, walls, course, angle, q0, tol, ray):
     pos, gone, h = 0.0, 0.0, min(length, 60.0)
     if at_levels:
         h = min(h, step_to_level(s, cell.layer, axis.z_source, down))
-    lowest = (
-        walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf
-    )  # offset of the surface
+    # offset of a plane surface
+    lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf
     hit = at.IN_WATER
     near = max(ON_FACE, 1e-3 * tol)
     aims = s.kind == at.LINEAR and rule.kind == at.OPEN and axis.sb == 0.0
@@ -214,9 +213,8 @@ def trace(s, walls, course, angle, q0, tol, ray):
                     return False, count, turns, code
                 record_node(path[count], pos, y, K[0], axis, hit)
             hit = at.IN_WATER
-        if pos >= span or (
-            walls.held >= 0.0 and pos > length
-        ):  # the end, or an extended cell without a bed
+        # the end, or an extended cell without a bed
+        if pos >= span or (walls.held >= 0.0 and pos > length):
             break
         wanted, aimed = h, -1
         if aims:
@@ -239,14 +237,13 @@ def trace(s, walls, course, angle, q0, tol, ray):
         allowed = tol * h / length
         if error > allowed:
             if h > 1e-9 * length:
-                h *= max(0.2, 0.9 * math.sqrt(math.sqrt(allowed / error)))
+                h *= max(0.2, 0.9 * _fourth_root(allowed / error))
                 continue
+            # the shortest step is taken with its error, but only a few times
             stuck += 1
             if stuck > MAX_STUCK:
                 return False, count, turns, code
-        h_next = h * (
-            min(4.0, 0.75 * math.sqrt(math.sqrt(allowed / error))) if error > 0.0 else 5.0
-        )
+        h_next = h * (min(4.0, 0.75 * _fourth_root(allowed / error)) if error > 0.0 else 5.0)
         face = -1
         if aimed >= 0:
             h_next = max(h_next, wanted)
@@ -262,11 +259,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 h = h_hit
         pos = span if last else pos + h
         h = h_next
-        if full and y[at.XI] * ray.ynew[at.XI] < 0.0:
-            y[at.CAUSTICS_PASSED] += 1.0
-        for i in range(n_eq):
-            y[i] = ray.ynew[i]
-            K[0, i] = K[6, i]
+        _accept_step(ray, n_eq)
         if face >= SURFACE:
             if pos < span:  # in the receiver's plane it is the end, not a reflection
                 hit = at.AT_SURFACE if face == SURFACE else at.AT_BOTTOM
@@ -293,6 +286,23 @@ def trace(s, walls, course, angle, q0, tol, ray):
                 return False, count, turns, code
             record_node(path[count], pos, y, K[0], axis, hit)
     return pos >= span, count, turns, code
+
+
+@inlined
+def _fourth_root(ratio):
+    """Fourth root, because the error of a step per its length is of fourth order in its length."""
+    return math.sqrt(math.sqrt(ratio))
+
+
+@inlined
+def _accept_step(ray, n_eq):
+    """Replace the state of a ray and its derivative by those after a step; count its caustics."""
+    y, K = ray.y, ray.K
+    if n_eq == at.N_FULL and y[at.XI] * ray.ynew[at.XI] < 0.0:
+        y[at.CAUSTICS_PASSED] += 1.0
+    for i in range(n_eq):
+        y[i] = ray.ynew[i]
+        K[0, i] = K[6, i]
 
 
 @inlined
@@ -359,16 +369,16 @@ def _launch(s, walls, course, angle, q0, ray):
 
 
 @kernel
-def _reflected(s, walls, rule, axis, cell, place, reflections, ray):
+def _reflected(s, walls, rule, axis, cell, point, reflections, ray):
     """
     Reflect a ray; return True if this is allowed and the ray continues forward, the code of its
     reflections, and the axis of its next leg.
 
-    place contains its point and the boundary; reflections contains the numbers at both boundaries,
+    point contains its range and the boundary; reflections contains the numbers at both boundaries,
     including this one, and their code.
     """
     y = ray.y
-    pos, hit = place
+    pos, hit = point
     surface, bottom, code = reflections
     too_many = surface > rule.max_surface or bottom > rule.max_bottom
     if too_many and ray.K.shape[1] == at.N_FAN and rule.kind == at.FORWARD and y[at.GONE] == 0.0:

@@ -16,7 +16,7 @@ from pymantaray.apps.atlas.links import CONVENTIONS, AtlasLinks
 from pymantaray.apps.atlas.plan import Atlas
 from pymantaray.errors import AtlasError
 from pymantaray.records import NETCDF_LOCK, RayStatus, whole_file
-from pymantaray.records.writing import check_room
+from pymantaray.records.writing import CF_VERSION, check_room
 from pymantaray.user_files import check_regular
 from pymantaray.version import __version__
 
@@ -184,12 +184,13 @@ def attributes(atlas: Atlas, title: str, synthetic: bool) -> dict[str, Any]:
     links = atlas.links
     cutoff = "none" if links.spreading_cutoff_db is None else f"{links.spreading_cutoff_db:g} dB"
     return {
-        "Conventions": "CF-1.8",
+        "Conventions": CF_VERSION,
         "format": FORMAT,
         "atlas_key": atlas.key,
         "title": f"Bias of straight-line ranging: {title}",
         "ocean": title,
         "source": f"pymantaray {__version__}: eigenrays",
+        "history": f"pymantaray {__version__}",
         "ocean_files": ", ".join(Path(name).name for name in atlas.checksums),
         "synthetic": int(synthetic),
         "nominal_sound_speed": links.nominal_sound_speed,

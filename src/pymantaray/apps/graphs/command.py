@@ -401,29 +401,29 @@ def _print_result(
 ) -> None:
     """Print status and costs of a solve, and trajectory errors if the truth is known."""
     import numpy as np
-    import pandas as pd
 
-    from pymantaray.records.result_table import ResultTable
-
-    s = result.solution
-    expected = f", expected {s.expected_cost:g}" if np.isfinite(s.expected_cost) else ""
+    solution = result.solution
+    expected = (
+        f", expected {solution.expected_cost:g}" if np.isfinite(solution.expected_cost) else ""
+    )
     out.line(
-        f"{result.estimator}, start {result.start}: {s.status.name}, {s.iterations} iterations,"
-        f" cost {s.initial_cost:.6g} to {s.final_cost:.6g}{expected}",
+        f"{result.estimator}, start {result.start}: {solution.status.name},"
+        f" {solution.iterations} iterations, cost {solution.initial_cost:.6g} to"
+        f" {solution.final_cost:.6g}{expected}",
         estimator=result.estimator,
         start=result.start,
-        status=s.status.name,
-        iterations=s.iterations,
-        cost=s.final_cost,
-        initial_cost=s.initial_cost,
-        final_cost=s.final_cost,
-        expected_cost=s.expected_cost,
+        status=solution.status.name,
+        iterations=solution.iterations,
+        cost=solution.final_cost,
+        initial_cost=solution.initial_cost,
+        final_cost=solution.final_cost,
+        expected_cost=solution.expected_cost,
         advice=result.advice,
         left_out=result.left_out,
         repaired=dict(result.repaired),
     )
     if result.advice is not None:
-        out.line(f"{s.status.name}: {result.advice}")
+        out.line(f"{solution.status.name}: {result.advice}")
     for what, count in result.left_out.items():
         out.line(f"left out: {count} {what}")
     for what, count in result.repaired.items():
@@ -441,8 +441,16 @@ def _print_result(
     _print_starts(out, result)
     if result.certificate is not None:
         out.line(result.certificate.text, certificate=asdict(result.certificate))
-    if result.truth is None or not s.usable:
-        return
+    if result.truth is not None and solution.usable:
+        _print_errors(out, errors)
+
+
+def _print_errors(out: Printer, errors: dict[str, dict[str, dict[str, float]]]) -> None:
+    """Print trajectory errors by vehicle, at the start and after the solve."""
+    import pandas as pd
+
+    from pymantaray.records.result_table import ResultTable
+
     before = errors["trajectory_error_of_start"]
     table = pd.DataFrame(
         {"vehicle": name, "start_rmse_m": before[name]["rmse_m"], **row}

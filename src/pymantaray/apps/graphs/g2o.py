@@ -218,10 +218,10 @@ def _lines(
     sighting = graph["sighting"]
     heads = _heads(edge, ids)
     information = _information(edge, half_angles=half_angles, planar=planar)
-    yield from write_rows(_words(EDGE), heads, edge.measured, information, planar=planar)
+    yield from write_rows(_words(EDGE), heads, edge.measurement, information, planar=planar)
     heads = _heads(sighting, ids) if planar else [f"{head} 0" for head in _heads(sighting, ids)]
     information = _information(sighting, half_angles=False, planar=planar)
-    yield from write_rows(_words(SIGHTING), heads, sighting.measured, information, planar=planar)
+    yield from write_rows(_words(SIGHTING), heads, sighting.measurement, information, planar=planar)
 
 
 def _heads(factors: Factors, ids: list[int]) -> list[str]:
@@ -265,7 +265,7 @@ class _Reader:
         self._id = {word: self._checked_ids(word, table) for word, table in self._of.items()}
         self._values = {
             word: _in_g2o(
-                table, table.numbers(lines, quaternion=table.grammar.measured == 7), isam=self._isam
+                table, table.numbers(lines, quaternion=table.grammar.values == 7), isam=self._isam
             )
             for word, table in self._of.items()
             if word != FIX
@@ -327,48 +327,48 @@ class _Reader:
         return ids
 
     def _edges(self) -> Factors:
-        measured, covariance = self._columns(EDGE)
-        parts = [measured[:, :3], measured[:, 3:]]
+        measurement, covariance = self._columns(EDGE)
+        parts = [measurement[:, :3], measurement[:, 3:]]
         return KINDS["edge"].table(self._ends(EDGE, self._pose), parts, covariance)[
             self._keep[EDGE]
         ]
 
     def _sightings(self) -> Factors:
         """Sightings in the body frames, with sensor offsets applied."""
-        place, covariance = self._columns(SIGHTING)
-        place = place.copy()
+        position, covariance = self._columns(SIGHTING)
+        position = position.copy()
         covariance = covariance.copy()
         if not self._planar:
             for i, offset in enumerate(self._offsets(SIGHTING, 2)):
                 if np.any(offset != _NO_OFFSET):
-                    turn = matrix_from_quaternion(offset[3:][TO_WXYZ])
-                    place[i] = offset[:3] + turn @ place[i]
-                    covariance[i] = turn @ covariance[i] @ turn.T
+                    rotation = matrix_from_quaternion(offset[3:][TO_WXYZ])
+                    position[i] = offset[:3] + rotation @ position[i]
+                    covariance[i] = rotation @ covariance[i] @ rotation.T
                     covariance[i] = 0.5 * (covariance[i] + covariance[i].T)
         sightings = KINDS["sighting"].table(
-            self._ends(SIGHTING, self._landmark), [place], covariance
+            self._ends(SIGHTING, self._landmark), [position], covariance
         )
         return sightings[self._keep[SIGHTING]]
 
     def _priors(self, values: GraphValues) -> dict[str, Factors]:
         """Priors of poses, with sensor offsets applied, and of fixed vertices at their values."""
-        table, (measured, covariance) = self._of[PRIOR], self._columns(PRIOR)
-        measured = measured.copy()
+        table, (measurement, covariance) = self._of[PRIOR], self._columns(PRIOR)
+        measurement = measurement.copy()
         covariance = covariance.copy()
         if not self._planar:
             for i, offset in enumerate(self._offsets(PRIOR, 1)):
                 if np.any(offset != _NO_OFFSET):  # the pose times the offset is measured
-                    turn = matrix_from_quaternion(offset[3:][TO_WXYZ])
-                    whole = matrix_from_quaternion(measured[i, 3:]) @ turn.T
-                    measured[i, :3] -= whole @ offset[:3]
-                    measured[i, 3:] = quaternion_from_matrix(whole[None])[0]
+                    rotation = matrix_from_quaternion(offset[3:][TO_WXYZ])
+                    body_rotation = matrix_from_quaternion(measurement[i, 3:]) @ rotation.T
+                    measurement[i, :3] -= body_rotation @ offset[:3]
+                    measurement[i, 3:] = quaternion_from_matrix(body_rotation[None])[0]
                     adjoint = np.zeros((6, 6))
-                    adjoint[:3, :3] = adjoint[3:, 3:] = turn
-                    adjoint[3:, :3] = hat(offset[None, :3])[0] @ turn
+                    adjoint[:3, :3] = adjoint[3:, 3:] = rotation
+                    adjoint[3:, :3] = hat(offset[None, :3])[0] @ rotation
                     covariance[i] = adjoint @ covariance[i] @ adjoint.T
                     covariance[i] = 0.5 * (covariance[i] + covariance[i].T)
         poses = self._known_variables(table, self._id[PRIOR][0], self._pose)
-        parts = [measured[:, :3], measured[:, 3:]]
+        parts = [measurement[:, :3], measurement[:, 3:]]
         prior = KINDS["prior"].table(poses[:, None], parts, covariance)[self._keep[PRIOR]]
         ids = np.array(self._id[FIX][0], dtype=object)
         n = len(self._pose)
@@ -380,7 +380,7 @@ class _Reader:
         at = [values.position[poses], values.quaternion[poses]]
         place = [values.landmark_position[landmarks - n]]
         return {
-            "prior": prior.joined(KINDS["prior"].table(poses[:, None], at, unit)),
+            "prior": prior.append(KINDS["prior"].table(poses[:, None], at, unit)),
             "survey": KINDS["survey"].table(
                 landmarks[:, None],
                 place,
@@ -443,11 +443,11 @@ class _Reader:
         # in the dimensions of the file: what is lifted is out of the plane
         values = self._values[word].copy()
         size = grammar.matrix
-        information = from_triangle(values[:, grammar.measured :], size)
+        information = from_triangle(values[:, grammar.values :], size)
         if self._half_angles and size == 6:
             information *= _angle_scale(0.5)[::-1, ::-1]
         information, self._keep[word] = self._lines.treat(table.word, information)
-        values[:, grammar.measured :] = triangle(
+        values[:, grammar.values :] = triangle(
             _inverse(self._lines, table.word, information, table.line)
         )
         return to_graph(values, grammar, planar=self._planar)
@@ -487,9 +487,9 @@ def _in_g2o(table: Table, values: Array, *, isam: bool) -> Array:
     """
     if table.word in ISAM.values() or (isam and table.word == "EDGE2"):
         size = table.grammar.matrix
-        root = np.triu(from_triangle(values[:, table.grammar.measured :], size))
+        root = np.triu(from_triangle(values[:, table.grammar.values :], size))
         information = np.swapaxes(root, 1, 2) @ root
-        return np.concatenate([values[:, : table.grammar.measured], triangle(information)], axis=1)
+        return np.concatenate([values[:, : table.grammar.values], triangle(information)], axis=1)
     if table.word == "EDGE2":
         return np.concatenate([values[:, :3], values[:, 3:][:, _TORO_TRIANGLE]], axis=1)
     if table.word not in {"VERTEX3", "EDGE3"}:

@@ -95,7 +95,7 @@ def _finish(outcomes: list[StartOutcome], solve: SolveFrom) -> None:
 
     def further(outcome: StartOutcome) -> StartOutcome:
         again = solve(outcome.solution.values)
-        return replace(outcome, solution=outcome.solution.continued(again))
+        return replace(outcome, solution=outcome.solution.append(again))
 
     outcomes[outcomes.index(best)] = finish(best, further)
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pymantaray.apps.locate.options import SpeedPrior as SpeedPrior
     from pymantaray.apps.locate.page import write_location_page as write_location_page
     from pymantaray.apps.locate.page import write_plan_figure as write_plan_figure
-    from pymantaray.apps.locate.plan import Pattern as Pattern
+    from pymantaray.apps.locate.ping_pattern import Pattern as Pattern
     from pymantaray.apps.locate.plan import SurveyPlan as SurveyPlan
     from pymantaray.apps.locate.plan import plan_survey as plan_survey
     from pymantaray.apps.locate.read import read_survey as read_survey

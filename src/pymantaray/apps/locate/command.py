@@ -207,13 +207,14 @@ class PlannedOptions:
         tuple[float, float, int] | None,
         typer.Option(
             metavar="FROM TO COUNT",
-            help="Radii in metres. Default: 30 radii from 0.1 to 3 times the depth.",
+            help="Radii in metres. Default: from 0.1 to 3 times the depth, and further until the"
+            " best is not at an edge.",
         ),
     ] = None
     assumed: Annotated[
         PlanOptions,
         Fields(
-            *("depth", "sigma", "transducer_depth"),
+            *("depth", "sigma", "transducer_depth", "ship_speed", "turn_time", "criterion"),
             speed_model="--sound-speed",
             speed_prior=Fields(scale="--sound-speed-sigma"),
             lever=Fields(sigma="--lever-sigma"),
@@ -239,11 +240,13 @@ class PlannedOptions:
         )
 
     @property
-    def radius_values(self) -> "NDArray[np.float64]":
-        """Radii of the patterns. [m]"""
+    def radius_values(self) -> "NDArray[np.float64] | None":
+        """Radii of the patterns; None for a search. [m]"""
         import numpy as np
 
-        first, last, count = self.radii or (0.1 * self.assumed.depth, 3.0 * self.assumed.depth, 30)
+        if self.radii is None:
+            return None
+        first, last, count = self.radii
         if not (0.0 < first <= last and 1 <= count <= 1000):
             raise LocateError(
                 f"--radii is {first:g} {last:g} {count}; it must be FROM TO COUNT with 0 < FROM <="
@@ -271,8 +274,11 @@ def plan(
     Print the expected standard deviations of a node for patterns of pings, and the best radius of
     each.
     """
-    from pymantaray.apps.locate.plan import SHAPES, plan_survey
-    from pymantaray.cli.output import check_output
+    from pymantaray.apps.locate.options import CRITERIA
+    from pymantaray.apps.locate.ping_pattern import SHAPES
+    from pymantaray.apps.locate.plan import plan_survey
+    from pymantaray.cli.output import check_output, progress_bars
+    from pymantaray.cli.water import water_notes
 
     if out is not None:
         check_output(
@@ -284,9 +290,13 @@ def plan(
         )
     radii = planned.radius_values
     survey = planned.plan_options()
-    water = _water_over_bed(source, options, survey.depth).at_start[0]
+    water = _water_over_bed(source, options, survey.depth)
     shapes: Any = tuple(planned.pattern) if planned.pattern else SHAPES
-    result = plan_survey(water, survey, radii, shapes=shapes, pings=planned.pings)
+    with progress_bars(quiet=printing.quiet) as report:
+        progress = None if report is None else partial(report, "patterns")
+        result = plan_survey(
+            water.at_start[0], survey, radii, shapes=shapes, pings=planned.pings, progress=progress
+        )
     if out is not None:
         from pymantaray.apps.locate import write_plan_figure
 
@@ -294,14 +304,24 @@ def plan(
     with printing.printer() as printer:
         from pymantaray.records.result_table import ResultTable
 
+        for note in water_notes(water):
+            printer.line(note)
+        _, criterion = CRITERIA[survey.criterion]
         caption = (
-            f"Best radius of each pattern, {planned.pings} pings of {1e3 * survey.sigma:g} ms,"
-            f" node at {survey.depth:g} m"
+            f"Best radius of each pattern (least {criterion}), {planned.pings} pings of"
+            f" {1e3 * survey.sigma:g} ms, node at {survey.depth:g} m, ship at"
+            f" {survey.ship_speed:g} m/s with turns of {survey.turn_time:g} s"
         )
         sigmas = [f"sigma_{axis}_m" for axis in ("north", "east", "depth")]
-        brief = ["pattern", "radius_m", *sigmas, "lost", "length_m"]
-        printer.table(ResultTable("best", result.best, caption, brief=brief))
-        printer.add(plan=result.table, best_horizontal=result.best_horizontal)
+        brief = ["pattern", "radius_m", *sigmas, "lost", "length_m", "hours"]
+        best = result.best
+        printer.table(ResultTable("best", best, caption, brief=brief))
+        for row in best[best["at_edge"] != ""].to_dict("records"):
+            printer.line(
+                f"{row['pattern']}: the best radius is the {row['at_edge']} of the search; a better"
+                " one may be beyond"
+            )
+        printer.add(plan=result.table, criterion=survey.criterion)
         if out is not None:
             printer.paths(out, out.with_suffix(".csv"))
 
@@ -329,6 +349,7 @@ class _SurveyWater(NamedTuple):
 def _water(source: AnySourceOptions, options: WaterOptions, survey: "Survey") -> _SurveyWater:
     """Water from the options or the survey's own files."""
     from pymantaray.acoustics import Medium
+    from pymantaray.acoustics.profiles import reduce_profile
     from pymantaray.cli.water import water_notes
 
     deepest = max(node.position[2] + 3.0 * min(node.sigma[2], 100.0) for node in survey.nodes)
@@ -337,8 +358,18 @@ def _water(source: AnySourceOptions, options: WaterOptions, survey: "Survey") ->
     if not source.given:
         if survey.profile is None:
             raise LocateError("no water; give --profile, --ocean or --run")
-        depth, speed = survey.profile
         keys = options.keys
+        depth, speed = survey.profile
+        reduced = reduce_profile(
+            depth,
+            speed,
+            thin=options.thin,
+            smooth=options.smooth,
+            interpolation=keys.get("interpolation", "linear"),
+        )
+        if reduced is not None:
+            depth, speed = reduced.depth, reduced.sound_speed
+            notes.append(f"profile of the survey: {reduced}")
         if "ice_slope_deg" in keys:
             raise LocateError(
                 "--ice-slope: rough ice needs --profile or --ocean; add one, or leave out"

@@ -4,7 +4,9 @@ Options of the solver and of plans.
 The module imports little, because the command line generates its options from it.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Literal, get_args
 
 from pymantaray.apps.locate.survey import LeverArm, PlatformError
@@ -17,6 +19,17 @@ Kind = Literal["known", "scale", "time", "gradient", "modes"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 PlanKind = Literal["known", "scale", "time", "gradient"]
 Arrangement = Literal["free", "rigid"]
+Criterion = Literal["position", "horizontal", "depth", "volume", "hours"]
+CRITERIA: Mapping[Criterion, tuple[str, str]] = MappingProxyType(
+    {
+        "position": ("sigma_position_m", "standard deviation of the position in 3-D"),
+        "horizontal": ("sigma_horizontal_m", "horizontal standard deviation"),
+        "depth": ("sigma_depth_m", "standard deviation of depth"),
+        "volume": ("sigma_volume_m", "volume of the error ellipsoid"),
+        "hours": ("hours_to_1_m", "hours until the standard deviation in 3-D is 1 m"),
+    }
+)
+"""Column of a plan that is smallest at the best radius, and its meaning."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +143,13 @@ class PlanOptions:
         Errors of the platform's positions.
     speed_prior : SpeedPrior
         Prior of the sound speed.
-    ping_interval : float
-        Time between two pings. [s]
+    ship_speed : float
+        Speed along the track; the pings are evenly spaced in time. [m/s]
+    turn_time : float
+        Time of a turn between two lines. [s]
+    criterion : {"position", "horizontal", "depth", "volume", "hours"}
+        What is smallest at the best radius; ``hours`` are those until the standard deviation of the
+        position is 1 m.
     """
 
     depth: float
@@ -143,7 +161,9 @@ class PlanOptions:
     lever: LeverArm = field(default_factory=LeverArm)
     platform_error: PlatformError = field(default_factory=PlatformError)
     speed_prior: SpeedPrior = field(default_factory=SpeedPrior)
-    ping_interval: float = 15.0
+    ship_speed: float = 2.0
+    turn_time: float = 300.0
+    criterion: Criterion = "position"
 
     def __post_init__(self) -> None:
         """Check."""
@@ -152,10 +172,14 @@ class PlanOptions:
                 f"plan: depth of the node is {self.depth:g} m, of the transducer"
                 f" {self.transducer_depth:g} m; the node must be deeper"
             )
-        if not (self.sigma > 0.0 and self.ping_interval > 0.0):
+        if not (self.sigma > 0.0 and self.ship_speed > 0.0 and self.turn_time >= 0.0):
             raise LocateError(
-                f"plan: sigma is {self.sigma:g} s, ping_interval {self.ping_interval:g} s; both"
-                " must be positive"
+                f"plan: sigma is {self.sigma:g} s, ship_speed {self.ship_speed:g} m/s, turn_time"
+                f" {self.turn_time:g} s; sigma and speed must be positive, the time not negative"
+            )
+        if self.criterion not in CRITERIA:
+            raise LocateError(
+                f"plan: criterion is {self.criterion!r}; allowed: {', '.join(CRITERIA)}"
             )
         if self.speed_model not in get_args(PlanKind):
             raise LocateError(

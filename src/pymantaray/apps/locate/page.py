@@ -9,6 +9,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymantaray.apps.locate import Location, SurveyPlan
+from pymantaray.apps.locate.options import CRITERIA
 from pymantaray.apps.locate.write import write_location
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages import style
@@ -22,6 +23,7 @@ from pymantaray.records.result_table import ResultTable
 _MICRO = 1e6
 _MAX_NODES = 6  # whose residuals have a colour
 _MAX_WARNED = 3  # lines of notes of one kind
+_LINE_STYLES = {"circle": "-", "cross": "--", "line": ":", "rose": "-.", "lines": (0, (5, 1, 1, 1))}
 _ANGLES = np.linspace(0.0, 2.0 * np.pi, 181)
 
 
@@ -335,7 +337,7 @@ def plan_figure(plan: SurveyPlan) -> Figure:
     options = plan.options
     header = (
         f"Node at {options.depth:g} m, pings of {1e3 * options.sigma:g} ms,"
-        f" sound speed: {options.speed_model}"
+        f" sound speed: {options.speed_model}; dots: least {CRITERIA[options.criterion][1]}"
     )
     figure = style.new_figure(style.DOUBLE, 2.8, header)
     panels = figure.subplots(1, 2, sharex=True)
@@ -346,7 +348,13 @@ def plan_figure(plan: SurveyPlan) -> Figure:
     ):
         for colour, shape in zip(style.vehicle_colours(len(shapes)), shapes, strict=True):
             part = plan.table[plan.table["pattern"] == shape]
-            axes.plot(part["radius_m"] / 1e3, part[column], color=colour, label=shape)
+            axes.plot(
+                part["radius_m"] / 1e3,
+                part[column],
+                color=colour,
+                linestyle=_LINE_STYLES[shape],  # curves may coincide
+                label=shape,
+            )
             axes.plot(
                 best.loc[shape, "radius_m"] / 1e3,
                 best.loc[shape, column],
@@ -354,6 +362,7 @@ def plan_figure(plan: SurveyPlan) -> Figure:
                 color=colour,
                 markersize=4.0,
             )
+        axes.set_xscale("log")
         axes.set_yscale("log")
         axes.set_xlabel("Radius [km]")
         axes.set_ylabel(f"Standard deviation, {words} [m]")

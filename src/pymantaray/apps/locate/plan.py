@@ -1,7 +1,8 @@
-"""Plans of surveys: expected standard deviations for patterns of pings."""
+"""Plans of surveys: expected standard deviations and hours for patterns of pings."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,79 +12,20 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.locate.evidence import posterior
 from pymantaray.apps.locate.linear import Linearization
 from pymantaray.apps.locate.noise import Correlation
-from pymantaray.apps.locate.options import PlanOptions
+from pymantaray.apps.locate.options import CRITERIA, Criterion, PlanOptions
+from pymantaray.apps.locate.ping_pattern import SHAPES, Pattern, Shape
 from pymantaray.apps.locate.sound_speed import sound_speed_terms
-from pymantaray.apps.locate.survey import Node, Survey
-from pymantaray.apps.locate.travel_times import predict
+from pymantaray.apps.locate.survey import Node, Survey, TravelDirection
+from pymantaray.apps.locate.travel_times import Legs, predict
 from pymantaray.apps.locate.unknowns import SurveyUnknowns
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 
-Shape = Literal["circle", "cross", "line", "rose", "lines"]
-SHAPES: tuple[Shape, ...] = get_args(Shape)
-_PETALS = 4  # per rose
-_LINES = 5  # parallel lines
-_MAX_PINGS = 100_000
-
-
-@dataclass(frozen=True)
-class Pattern:
-    """
-    Pattern of a platform's pings around the node's drop point.
-
-    Parameters
-    ----------
-    shape : {"circle", "cross", "line", "rose", "lines"}
-        One full circle, two lines at right angles, one line, four petals through the middle, or
-        five parallel lines.
-    radius : float
-        Extent of the pattern from its middle. [m]
-    pings : int
-        Number of pings.
-    """
-
-    shape: Shape
-    radius: float
-    pings: int
-
-    def __post_init__(self) -> None:
-        """Check."""
-        if self.shape not in SHAPES:
-            raise LocateError(f"pattern is {self.shape!r}; allowed: {', '.join(SHAPES)}")
-        if not (self.radius > 0.0 and np.isfinite(self.radius)):
-            raise LocateError(f"pattern: radius is {self.radius:g} m; it must be positive")
-        if not 3 <= self.pings <= _MAX_PINGS:
-            raise LocateError(f"pattern: pings is {self.pings}; it must be 3 to {_MAX_PINGS:,}")
-
-    def points(self) -> Array:
-        """North and east of the pings (n, 2) in order of time. [m]"""
-        fraction = (np.arange(self.pings) + 0.5) / self.pings
-        if self.shape == "circle":
-            angle = 2.0 * np.pi * fraction
-            unit = np.column_stack([np.cos(angle), np.sin(angle)])
-        elif self.shape == "rose":
-            angle = 2.0 * np.pi * fraction
-            size = np.cos(0.5 * _PETALS * angle)
-            unit = size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        elif self.shape == "line":
-            unit = np.column_stack([2.0 * fraction - 1.0, 0.0 * fraction])
-        elif self.shape == "cross":
-            unit = _along_lines(fraction, 2, is_cross=True)
-        else:
-            unit = _along_lines(fraction, _LINES, is_cross=False)
-        return np.asarray(self.radius * unit)
-
-
-def _along_lines(fraction: Array, count: int, *, is_cross: bool) -> Array:
-    """Points on two crossing lines or on parallel lines, sailed once in alternating directions."""
-    which = np.minimum((fraction * count).astype(int), count - 1)
-    along = 2.0 * (fraction * count - which) - 1.0
-    along = np.where(which % 2 == 0, along, -along)
-    if is_cross:
-        first = np.column_stack([along, 0.0 * fraction])
-        second = np.column_stack([0.0 * fraction, along])
-        return np.where((which == 0)[:, None], first, second)
-    return np.column_stack([along, 2.0 * which / (count - 1) - 1.0])
+Progress = Callable[[int, int], None]
+_RADII = 0.1, 3.0, 16  # first and last over the depth, and count, of the default search
+_FACTOR = 1.25  # between radii, also beyond these
+_LIMITS = 0.02, 10.0  # of the search, over the depth
+_SAME_RANGE = 6  # decimals of a metre; rays of equal ranges are traced once
 
 
 @dataclass(frozen=True, eq=False)
@@ -92,8 +34,11 @@ class SurveyPlan:
     Expected standard deviations of a node over the radius of patterns.
 
     ``table`` has the columns ``pattern``, ``radius_m``, ``sigma_north_m``, ``sigma_east_m``,
-    ``sigma_depth_m``, ``sigma_horizontal_m`` (square root of the sum of both variances), ``lost``
-    (pings without a ray) and ``length_m`` (track).
+    ``sigma_depth_m``, ``sigma_horizontal_m`` and ``sigma_position_m`` (square roots of the sums of
+    two and three variances), ``sigma_volume_m`` (sixth root of the determinant of the covariance),
+    ``lost`` (pings without a ray), ``length_m`` (track), ``hours`` (at the ship's speed, with
+    turns), ``hours_to_1_m`` (of repetitions until ``sigma_position_m`` is 1 m), and ``at_edge``
+    (``smallest`` or ``greatest`` for the first and the last radius of a pattern).
     """
 
     table: pd.DataFrame
@@ -101,17 +46,24 @@ class SurveyPlan:
 
     @property
     def best(self) -> pd.DataFrame:
-        """Row with the smallest 3D standard deviation of each pattern, best first."""
-        return self._smallest(
-            self.table["sigma_horizontal_m"] ** 2 + self.table["sigma_depth_m"] ** 2
-        )
+        """Best row of each pattern by the criterion of the options, best first."""
+        return self.best_by(self.options.criterion)
 
-    @property
-    def best_horizontal(self) -> pd.DataFrame:
-        """Row with the smallest horizontal standard deviation of each pattern, best first."""
-        return self._smallest(self.table["sigma_horizontal_m"])
+    def best_by(self, criterion: Criterion) -> pd.DataFrame:
+        """
+        Select the best row of each pattern, best first.
 
-    def _smallest(self, size: "pd.Series[float]") -> pd.DataFrame:
+        Parameters
+        ----------
+        criterion : {"position", "horizontal", "depth", "volume", "hours"}
+            As in `PlanOptions`.
+
+        Returns
+        -------
+        pandas.DataFrame
+        """
+        column, _ = CRITERIA[criterion]
+        size = self.table[column]
         rows = self.table.loc[size.groupby(self.table["pattern"]).idxmin()]
         return rows.loc[size[rows.index].sort_values().index].reset_index(drop=True)
 
@@ -132,7 +84,7 @@ def expected_survey(pattern: Pattern, options: PlanOptions) -> Survey:
     return Survey(
         nodes=(node,),
         node=np.zeros(n, dtype=np.int64),
-        time=options.ping_interval * np.arange(float(n)),
+        time=_duration(pattern, options) / n * np.arange(float(n)),
         travel_time=np.full(n, 1.0),
         transmit_position=position,
         receive_position=position,
@@ -144,13 +96,42 @@ def expected_survey(pattern: Pattern, options: PlanOptions) -> Survey:
     )
 
 
-def expected_sigmas(pattern: Pattern, medium: Medium, options: PlanOptions) -> tuple[Array, int]:
-    """Standard deviations of north, east and depth [m], and the number of pings without a ray."""
+def _track_length(pattern: Pattern) -> float:
+    return float(np.linalg.norm(np.diff(pattern.points(), axis=0), axis=1).sum())
+
+
+def _duration(pattern: Pattern, options: PlanOptions) -> float:
+    """Duration of a pattern at the ship's speed, with its turns. [s]"""
+    return _track_length(pattern) / options.ship_speed + pattern.turns * options.turn_time
+
+
+def expected_covariance(
+    pattern: Pattern, medium: Medium, options: PlanOptions
+) -> tuple[Array, int]:
+    """
+    Compute the covariance that a pattern is expected to give.
+
+    Parameters
+    ----------
+    pattern : Pattern
+        Pings.
+    medium : Medium
+        Sound speed.
+    options : PlanOptions
+        Assumptions.
+
+    Returns
+    -------
+    covariance : ndarray, shape (3, 3)
+        Of north, east and depth; infinite on the diagonal if no ping has a ray. [m2]
+    lost : int
+        Number of pings without a ray.
+    """
     survey = expected_survey(pattern, options)
     position = np.array([node.position for node in survey.nodes])
-    legs = predict(survey, medium, position, np.zeros(3))
+    legs = _legs(survey, medium, position)
     if not legs.possible.any():
-        return np.full(3, np.inf), len(survey)
+        return np.diag(np.full(3, np.inf)), len(survey)
     survey = survey.assign(travel_time=np.where(legs.possible, legs.travel_time, 1.0))
     speed = sound_speed_terms(survey, position, options.speed_model, options.speed_prior)
     unknowns = SurveyUnknowns(survey, speed)
@@ -159,17 +140,49 @@ def expected_sigmas(pattern: Pattern, medium: Medium, options: PlanOptions) -> t
     products = linear.products(legs.possible, Correlation(), survey.platform_error, options.sigma)
     smooth = dict.fromkeys(unknowns.groups, options.speed_prior.scale / 10.0)
     fit = posterior(products, unknowns, values, smooth, sigma=options.sigma, steps=1)
-    variance = np.diag(fit.covariance)[unknowns.slices["position"]]
-    return np.sqrt(variance), int((~legs.possible).sum())
+    columns = unknowns.slices["position"]
+    return fit.covariance[columns, columns], int((~legs.possible).sum())
+
+
+def _legs(survey: Survey, medium: Medium, position: Array) -> Legs:
+    """Travel times of a plan; where only the range matters, rays of equal ranges are one."""
+    is_flat = np.ptp(medium.bed.depth) == 0.0 and np.ptp(medium.surface.depth) == 0.0
+    if not (medium.uniform and is_flat):
+        return predict(survey, medium, position, np.zeros(3))
+    north, east, _ = (survey.transmit_position - position[survey.node]).T
+    _, first, group = np.unique(
+        np.round(np.hypot(north, east), _SAME_RANGE), return_index=True, return_inverse=True
+    )
+    # the platform does not move between ping and answer, so both legs are one ray
+    one_way = survey.rows(first).assign(direction=np.full(first.size, TravelDirection.TO_NODE))
+    legs = predict(one_way, medium, position, np.zeros(3))
+    rotation = (np.arctan2(east, north) - np.arctan2(east, north)[first][group])[:, None]
+
+    def rotated(gradient: Array) -> Array:
+        by_north, by_east, by_depth = np.split(gradient[group], 3, axis=1)
+        cos = np.cos(rotation)
+        sin = np.sin(rotation)
+        return np.hstack([cos * by_north - sin * by_east, sin * by_north + cos * by_east, by_depth])
+
+    return Legs(
+        travel_time=2.0 * legs.travel_time[group],
+        node_gradient=rotated(2.0 * legs.node_gradient),
+        transmit_gradient=rotated(legs.transmit_gradient),
+        receive_gradient=rotated(legs.transmit_gradient),
+        partner_gradient=rotated(legs.partner_gradient),
+        status=legs.status[group],
+        modes=legs.modes[group],
+    )
 
 
 def plan_survey(
     medium: Medium,
     options: PlanOptions,
-    radii: Array,
+    radii: Array | None = None,
     *,
     shapes: tuple[Shape, ...] = SHAPES,
     pings: int = 100,
+    progress: Progress | None = None,
 ) -> SurveyPlan:
     """
     Compute expected standard deviations of a node for patterns with several radii.
@@ -179,13 +192,16 @@ def plan_survey(
     medium : Medium
         Sound speed.
     options : PlanOptions
-        Assumptions.
-    radii : array_like, shape (n,)
-        Radii. [m]
+        Assumptions, and the criterion of the best radius.
+    radii : array_like, shape (n,), optional
+        Radii. [m] Default: 16 radii from 0.1 to 3 times the depth of the node, and further ones
+        until the best radius is not at an edge, from 0.02 to 10 times the depth at most.
     shapes : tuple of str
         Patterns to compare.
     pings : int
         Number of pings per pattern.
+    progress : callable, optional
+        Called with the number of finished patterns and that of all.
 
     Returns
     -------
@@ -201,23 +217,60 @@ def plan_survey(
             f"profile: it ends at {medium.depth[-1]:g} m, above the node at {options.depth:g} m;"
             " extend it down to the node"
         )
-    rows = []
+    rows: list[dict[str, Any]] = []
     with threadpool_limits(limits=1, user_api="blas"):
-        for shape in shapes:
-            for radius in np.asarray(radii, dtype=float):
-                pattern = Pattern(shape, float(radius), pings)
-                (north, east, depth), n_lost = expected_sigmas(pattern, medium, options)
-                points = pattern.points()
-                rows.append(
-                    {
-                        "pattern": shape,
-                        "radius_m": float(radius),
-                        "sigma_north_m": north,
-                        "sigma_east_m": east,
-                        "sigma_horizontal_m": float(np.hypot(north, east)),
-                        "sigma_depth_m": depth,
-                        "lost": n_lost,
-                        "length_m": float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum()),
-                    }
-                )
+        for count, shape in enumerate(shapes, 1):
+
+            def row_at(radius: float, shape: Shape = shape) -> dict[str, Any]:
+                return _row(Pattern(shape, radius, pings), medium, options)
+
+            if radii is None:
+                of_shape = _search(row_at, options)
+            else:
+                of_shape = [row_at(float(radius)) for radius in np.sort(np.asarray(radii))]
+            edges = {0: "smallest", len(of_shape) - 1: "greatest"}
+            rows += [row | {"at_edge": edges.get(i, "")} for i, row in enumerate(of_shape)]
+            if progress is not None:
+                progress(count, len(shapes))
     return SurveyPlan(pd.DataFrame(rows), options)
+
+
+def _search(
+    row_at: Callable[[float], dict[str, Any]], options: PlanOptions
+) -> list[dict[str, Any]]:
+    """Rows over the radius; beyond the first and the last while these are the best."""
+    column, _ = CRITERIA[options.criterion]
+    rows = [row_at(options.depth * float(over_depth)) for over_depth in np.geomspace(*_RADII)]
+    first, last = (options.depth * limit for limit in _LIMITS)
+
+    def best() -> int:
+        return int(np.argmin([row[column] for row in rows]))
+
+    while best() == len(rows) - 1 and (radius := rows[-1]["radius_m"] * _FACTOR) <= last:
+        rows.append(row_at(radius))
+    while best() == 0 and (radius := rows[0]["radius_m"] / _FACTOR) >= first:
+        rows.insert(0, row_at(radius))
+    return rows
+
+
+def _row(pattern: Pattern, medium: Medium, options: PlanOptions) -> dict[str, Any]:
+    """Row of the table for one pattern."""
+    covariance, n_lost = expected_covariance(pattern, medium, options)
+    north, east, depth = np.sqrt(np.diag(covariance))
+    position = float(np.sqrt(np.trace(covariance)))
+    is_finite = bool(np.isfinite(position))
+    hours = _duration(pattern, options) / 3600.0
+    return {
+        "pattern": pattern.shape,
+        "radius_m": pattern.radius,
+        "sigma_north_m": north,
+        "sigma_east_m": east,
+        "sigma_horizontal_m": float(np.hypot(north, east)),
+        "sigma_depth_m": depth,
+        "sigma_position_m": position,
+        "sigma_volume_m": float(np.linalg.det(covariance) ** (1 / 6)) if is_finite else np.inf,
+        "lost": n_lost,
+        "length_m": _track_length(pattern),
+        "hours": hours,
+        "hours_to_1_m": hours * position**2,
+    }

@@ -15,6 +15,7 @@ from pymantaray.errors import LocateError
 from pymantaray.estimation.graph.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.graph.pyfg import write_pyfg
 from pymantaray.messages import one_line
+from pymantaray.records.column_attributes import with_column_attributes
 from pymantaray.records.writing import write_netcdf
 
 _CORNERS = 72  # per ellipse
@@ -108,12 +109,12 @@ def dataset(location: Location) -> xr.Dataset:
     pings = location.pings
     data: dict[str, Any] = {}
     for name in nodes.columns.drop("name"):
-        data[name] = ("node", nodes[name].to_numpy(), {"units": _unit(str(name))})
+        data[name] = "node", nodes[name].to_numpy()
     count = len(nodes)
     joint = location.covariance.reshape(count, 3, count, 3)
     data["position_covariance"] = (("node", "axis", "node_2", "axis_2"), joint, {"units": "m2"})
     for name in ("time_s", "travel_time_s", "residual_s", "leverage", "range_m", "azimuth_deg"):
-        data[f"ping_{name}"] = ("ping", pings[name].to_numpy(), {"units": _unit(name)})
+        data[f"ping_{name}"] = "ping", pings[name].to_numpy()
     data["ping_node"] = ("ping", pings["node"].to_numpy(dtype=str))
     data["ping_used"] = ("ping", pings["used"].to_numpy(dtype=np.int8))
     data["ping_reason"] = ("ping", pings["reason"].to_numpy(dtype=str))
@@ -131,18 +132,7 @@ def dataset(location: Location) -> xr.Dataset:
         "source": location.survey.source,
         "rms_s": location.rms,
     } | model
-    return out
-
-
-def _unit(name: str) -> str:
-    if name in ("lat", "lon"):
-        return "degrees"
-    if name in ("north", "east", "depth", "prior_north", "prior_east", "prior_depth"):
-        return "m"
-    for ending, unit in (("_m", "m"), ("_s", "s"), ("_deg", "degrees")):
-        if name.endswith(ending):
-            return unit
-    return "1"
+    return with_column_attributes(out)
 
 
 def check_names_to_write(survey: Survey) -> None:

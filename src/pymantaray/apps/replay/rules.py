@@ -4,9 +4,10 @@ Rules that predict the arrival that a receiver detected.
 Fix the rule before you look at residuals.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple, Self, get_args
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,22 @@ if TYPE_CHECKING:
 
 Rows = NDArray[np.int64]
 Kind = Literal["first", "strongest", "within", "threshold", "persist"]
+RULES: Mapping[Kind, tuple[str, str]] = MappingProxyType(
+    {
+        "first": ("first", "The earliest arrival."),
+        "strongest": ("strongest", "The arrival of least loss."),
+        "within": ("within:DB", "The earliest of those at most DB weaker than the strongest."),
+        "threshold": ("threshold", "The earliest above the threshold of the sonar equation."),
+        "persist": (
+            "persist:MINUTES",
+            (
+                "The arrival of the previous reception of the same source and receiver while it"
+                " remains plausible, with a time constant of MINUTES."
+            ),
+        ),
+    }
+)
+"""Text and meaning of each rule."""
 DEFAULT_RULE = "within:6"
 """The first arrival within 6 dB of the link's strongest."""
 DEFAULT_PERSISTENCE = 10.0
@@ -32,12 +49,7 @@ DEFAULT_PERSISTENCE = 10.0
 @dataclass(frozen=True)
 class DetectionRule:
     """
-    Rule that predicts the detected arrival.
-
-    ``first``: the earliest. ``strongest``: the arrival of least loss. ``within``: the earliest of
-    those at most ``within_db`` weaker than the strongest. ``threshold``: the earliest above the
-    threshold of the sonar equation. ``persist``: the arrival of the previous reception of the same
-    source and receiver while it remains plausible, with a time constant of ``persist_min`` minutes.
+    Rule that predicts the detected arrival, one of `RULES`.
 
     Examples
     --------
@@ -57,7 +69,7 @@ class DetectionRule:
         Parameters
         ----------
         text : str
-            ``first``, ``strongest``, ``within:DB``, ``threshold`` or ``persist:MINUTES``.
+            As in `RULES`, with a number for DB or MINUTES.
 
         Returns
         -------
@@ -76,13 +88,14 @@ class DetectionRule:
         if kind == "persist" and (within is None or 0.0 < within < np.inf):
             return cls(kind, None, DEFAULT_PERSISTENCE if within is None else within)  # type: ignore[arg-type]
         if (
-            kind not in get_args(Kind)
+            kind not in RULES
             or kind == "persist"
             or (kind == "within") != (within is not None and within >= 0.0)
         ):
+            forms = ", ".join(form for form, _ in RULES.values())
             raise ReplayError(
-                f"rule {text!r}; allowed are first, strongest, threshold and within:DB with DB of 0"
-                " or more, such as within:6, and persist or persist:MINUTES with MINUTES above 0"
+                f"rule {text!r}; allowed are {forms}, such as within:6, with DB of 0 or more and"
+                " MINUTES above 0"
             )
         return cls(kind, within)  # type: ignore[arg-type]
 

@@ -74,6 +74,7 @@ _ONE_QUANTITY = (
     "range_drop_category_compare",
     "range_error_split",
 )  # tables; rows of the others differ in theirs
+_NewSpec = Callable[[str, str, Callable[[], Figure]], FigureSpec]  # of name, caption and drawing
 _MAX_RUNS_BESIDE = 2  # runs whose distributions fit beside each other
 _QUANTILES = "median (bar), mean (dot), quartiles (thick), 5 to 95 % (thin)"
 _STATISTICS = {
@@ -270,12 +271,62 @@ def _joint_errors(runs: Mapping[str, RunResults], table: str) -> pd.DataFrame:
     )
 
 
+def _error_distributions(
+    runs: Mapping[str, RunResults], header: str, spec: _NewSpec
+) -> tuple[list[FigureSpec], FigureSpec]:
+    """Full distributions of position errors and of range errors, one panel for each run."""
+    which = in_words(list(runs))
+
+    def ape(name: str, scale: str, *, log: bool) -> FigureSpec:
+        caption = (
+            f"Absolute position error by ranging condition in {which}, {scale} scale; mean solid,"
+            " quartiles dashed."
+        )
+        panels = [ApePanel(run, results.errors, log=log) for run, results in runs.items()]
+        return spec(name, caption, lambda: pooled_ape(panels, header))
+
+    ranges = spec(
+        "range_error",
+        f"Signed range error, refracted minus straight, in {which}: mean (orange), zero"
+        " (dashed) and fitted normal (black).",
+        lambda: range_error_histogram(
+            [(name, results.ranges.total) for name, results in runs.items()], header
+        ),
+    )
+    position = [
+        ape("ape_pooled", "logarithmic", log=True),
+        ape("ape_pooled_linear", "linear", log=False),
+    ]
+    return position, ranges
+
+
+def _error_quantiles(
+    runs: Mapping[str, RunResults], header: str, spec: _NewSpec
+) -> tuple[list[FigureSpec], FigureSpec]:
+    """Quantiles of position errors and of range errors, one row for each run."""
+    which = in_words(list(runs))
+    position = spec(
+        "ape_pooled",
+        f"Absolute position error by ranging condition in {which}: {_QUANTILES}.",
+        lambda: quantiles_by_run(
+            _position_errors(runs), header, "Absolute position error [m]", log=True
+        ),
+    )
+    ranges = spec(
+        "range_error",
+        f"Signed range error, refracted minus straight, and its two parts in {which}:"
+        f" {_QUANTILES}.",
+        lambda: quantiles_by_run(_range_errors(runs), header, "Range error [m]", log=False),
+    )
+    return [position], ranges
+
+
 def comparison_figure_specs(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
     """Figures of several runs: full distributions of a few runs, quantiles of more."""
     runs = dict(zip(shortened(list(runs)), runs.values(), strict=True))
     header = joint_header(runs)
     which = in_words(list(runs))
-    synthetic = any(r.synthetic for r in runs.values())
+    synthetic = any(results.synthetic for results in runs.values())
     few = len(runs) <= _MAX_RUNS_BESIDE
 
     def spec(name: str, caption: str, draw: Callable[[], Figure]) -> FigureSpec:
@@ -286,44 +337,8 @@ def comparison_figure_specs(runs: Mapping[str, RunResults]) -> list[FigureSpec]:
             _FIGURES_OF_PAPER[name] if few else "",
         )
 
-    def ape(name: str, scale: str, *, log: bool) -> FigureSpec:
-        caption = (
-            f"Absolute position error by ranging condition in {which}, {scale} scale; mean solid,"
-            " quartiles dashed."
-        )
-        panels = [ApePanel(run, r.errors, log=log) for run, r in runs.items()]
-        return spec(name, caption, lambda: pooled_ape(panels, header))
-
-    position = (
-        [ape("ape_pooled", "logarithmic", log=True), ape("ape_pooled_linear", "linear", log=False)]
-        if few
-        else [
-            spec(
-                "ape_pooled",
-                f"Absolute position error by ranging condition in {which}: {_QUANTILES}.",
-                lambda: quantiles_by_run(
-                    _position_errors(runs), header, "Absolute position error [m]", log=True
-                ),
-            )
-        ]
-    )
-    ranges = (
-        spec(
-            "range_error",
-            f"Signed range error, refracted minus straight, in {which}: mean (orange), zero"
-            " (dashed) and fitted normal (black).",
-            lambda: range_error_histogram(
-                [(name, r.ranges.total) for name, r in runs.items()], header
-            ),
-        )
-        if few
-        else spec(
-            "range_error",
-            f"Signed range error, refracted minus straight, and its two parts in {which}:"
-            f" {_QUANTILES}.",
-            lambda: quantiles_by_run(_range_errors(runs), header, "Range error [m]", log=False),
-        )
-    )
+    draw_errors = _error_distributions if few else _error_quantiles
+    position, ranges = draw_errors(runs, header, spec)
     return [
         *(position if _all_solved(runs) else []),
         ranges,

@@ -17,6 +17,7 @@ from pymantaray.apps.sweep.points import DONE, FAILED, PLAN, SWEEP, read_points
 from pymantaray.config.headings import key_heading
 from pymantaray.errors import SweepError
 from pymantaray.jobs.store import Store, open_store
+from pymantaray.records.column_attributes import with_column_attributes
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
 
@@ -160,7 +161,14 @@ class SweepResults:
             for name, values in axis.coordinates().items():
                 plain = all(isinstance(v, (int, float)) and not isinstance(v, bool) for v in values)
                 coordinates[name] = axis.name, np.array(values, dtype=float if plain else str)
-        return xr.Dataset(data, coordinates, {"title": f"Sweep over {self.sweep.name}"})
+        title = {"title": f"Sweep over {self.sweep.name}"}
+        table = with_column_attributes(xr.Dataset(data, coordinates, title))
+        for name in coordinates.keys() - {"condition"}:
+            _, _, unit = key_heading(name).partition(" [")
+            is_number = table[name].dtype.kind == "f"
+            units = {"units": unit.removesuffix("]") or "1"} if is_number else {}
+            table[name].attrs = {"long_name": name, **units}
+        return table
 
     @cached_property
     def contents(self) -> list[dict[str, Any]]:

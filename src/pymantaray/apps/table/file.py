@@ -23,10 +23,10 @@ _HEADER = struct.Struct("<8s6I7d")
 _CHECKSUM = struct.Struct("<I")  # CRC-32 of all bytes before it
 _COLUMNS = {
     "root": ("sector", "<u4", "1", "first branch of each sector"),
-    "branch": ("branch", "<u4", "1", "axis and lower half, or content of a cell"),
+    "branch": ("branch_row", "<u4", "1", "axis and lower half, or content of a cell"),
     "corner": ("cell side", "<u4", "1", "rows of the corners"),
     "value": (
-        "corner term",
+        "corner_row term",
         "<f4",
         "1",
         "relative mean slowness, and its derivatives by the coordinates in 1/m",
@@ -63,7 +63,6 @@ def save_table(table: TravelTimeTable, path: Path | str, *, replace: bool = Fals
         for name, (dims, _, units, meaning) in _COLUMNS.items()
     }
     attrs = {
-        "Conventions": "CF-1.12",
         "title": "MantaRay travel-time table",
         "kind": "travel_time_table",
         "format": FORMAT,

@@ -7,9 +7,13 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymantaray.acoustics import smooth_profile, thin_profile
 from pymantaray.acoustics.medium import Interpolation
-from pymantaray.acoustics.profiles import Profile, is_raw_cast, only_one, read_profiles
+from pymantaray.acoustics.profiles import (
+    Profile,
+    only_one,
+    read_profiles,
+    reduce_profile,
+)
 from pymantaray.arrays import Array
 from pymantaray.config.sections import OceanSection
 from pymantaray.errors import AcousticsError, OceanError
@@ -77,12 +81,12 @@ def uniform_water(
     profile : Profile
         Sound speed.
     interpolation : {"smooth", "linear"}
-        Interpolation of the medium; "smooth" does not allow raw casts.
+        Interpolation of the medium.
 
     Raises
     ------
     MantaRayError
-        If there is no sea bed, a raw cast is neither thinned nor smoothed, or a map has no domain.
+        If there is no sea bed, or a map has no domain.
     """
     where = label(section, profile)
     if section.bathymetry is None:
@@ -181,30 +185,25 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
 
 def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolation) -> _Levels:
     """
-    Levels of a profile, thinned or smoothed by the options of a section, which raw casts require.
+    Levels of a profile, thinned or smoothed by the options of a section; without them, a raw cast
+    is thinned.
     """
     depth = profile.depth
     speed = profile.sound_speed
     record: dict[str, Any] = {"raw_levels": int(depth.size)}
     if profile.position is not None:
         record |= {"position_deg": list(profile.position), "computed": "TEOS-10"}
-    if section.thin is not None:
-        reduced = thin_profile(depth, speed, tolerance=section.thin, interpolation=interpolation)
-        size = {"tolerance_m_s": section.thin}
-    elif section.smooth is not None:
-        reduced = smooth_profile(depth, speed, length=section.smooth, interpolation=interpolation)
-        size = {"length_m": section.smooth}
-    else:
-        if interpolation == "smooth" and is_raw_cast(depth):
-            raise AcousticsError(
-                f"{label(section, profile)}: {depth.size} levels with a spacing below 2 m are a raw"
-                " cast; thin it with `thin=0.1` (m/s), smooth it with `smooth=10` (m), or use"
-                " `interpolation=linear`"
-            )
+    reduced = reduce_profile(
+        depth, speed, thin=section.thin, smooth=section.smooth, interpolation=interpolation
+    )
+    if reduced is None:
         return _Levels(depth, speed, record)
-    record[reduced.method] = size | {
+    size = "tolerance_m_s" if reduced.method == "thinned" else "length_m"
+    record[reduced.method] = {
+        size: reduced.parameter,
         "rms_change_m_s": reduced.rms_change,
         "greatest_change_m_s": reduced.greatest_change,
+        "vertical_change_s": reduced.vertical_change,
     }
     return _Levels(reduced.depth, reduced.sound_speed, record, (str(reduced),))
 

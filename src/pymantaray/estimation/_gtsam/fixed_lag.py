@@ -50,20 +50,20 @@ class LaggedSmoother:
         )  # landmarks are never marginalized
         time = {int(v): float(self._moment[v]) if v < n else now for v in (*variables, *there)}
         rows = np.flatnonzero(self._line.factor_update == k)
-        return self._updated(rows, self._entering.values(variables, self, k), time)
+        return self._update(rows, self._entering.values(variables, self, k), time)
 
     def finish(self, updates: int) -> bool:
         """Relinearize in a number of updates without new factors; True if all succeeded."""
         none = np.empty(0, dtype=np.intp)
-        return all(self._updated(none, gtsam.Values(), {}) for _ in range(updates))
+        return all(self._update(none, gtsam.Values(), {}) for _ in range(updates))
 
-    def _updated(self, rows: Indices, new: Any, time: dict[int, float]) -> bool:
-        added = gtsam.NonlinearFactorGraph()
+    def _update(self, rows: Indices, new: Any, time: dict[int, float]) -> bool:
+        graph = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
-            added.add(self._factors.at(i))
+            graph.add(self._factors.at(i))
         begin = process_time()
         try:
-            self._smoother.update(added, new, time)
+            self._smoother.update(graph, new, time)
             estimate = self._smoother.calculateEstimate()
             self.seconds = process_time() - begin
             self._latest.insert_or_assign(estimate)

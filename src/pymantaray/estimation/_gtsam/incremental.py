@@ -55,26 +55,30 @@ def parameters(options: Options) -> Any:
     return out
 
 
+class UpdateEffort(NamedTuple):
+    """Duration of an update [s], and number of variables that it relinearized."""
+
+    seconds: float
+    relinearized: int
+
+
 class IncrementalSmoother:
     """Current estimate; unusable after a failed update."""
 
     def __init__(self, relinearize: float, wildfire: float) -> None:
         self._smoother = gtsam.ISAM2(parameters(Options(relinearize, wildfire)))
 
-    def update(self, factors: Any, rows: Indices, new: Any) -> tuple[float, int] | None:
-        """
-        Add factors and variables and update: seconds and number of relinearized variables; None if
-        singular.
-        """
-        added = gtsam.NonlinearFactorGraph()
+    def update(self, factors: Any, rows: Indices, new: Any) -> UpdateEffort | None:
+        """Add factors and variables and update; None if singular."""
+        graph = gtsam.NonlinearFactorGraph()
         for i in rows.tolist():
-            added.add(factors.at(i))
+            graph.add(factors.at(i))
         begin = time.perf_counter()
         try:
-            result = self._smoother.update(added, new)
+            result = self._smoother.update(graph, new)
         except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
             return None
-        return time.perf_counter() - begin, int(result.getVariablesRelinearized())
+        return UpdateEffort(time.perf_counter() - begin, int(result.getVariablesRelinearized()))
 
     def pose(self, key: int) -> Any:
         """Current estimate of one pose."""
@@ -155,8 +159,8 @@ class Entering:
             position[pose] = self._current(pose, new, smoother).translation()
         level = np.tile([1.0, 0.0, 0.0, 0.0], (n, 1))
         values = GraphValues(position, level, np.zeros((graph.landmark_name.size, 3)))
-        found = trilaterate(graph.with_factors(range=ranges), values, [key])
-        return found[key][0] if key in found else self._start.atPoint3(key)
+        solutions = trilaterate(graph.with_factors(range=ranges), values, [key])
+        return solutions[key][0] if key in solutions else self._start.atPoint3(key)
 
     @staticmethod
     def _current(key: int, new: Any, smoother: Smoother) -> Any:

@@ -10,16 +10,16 @@ from collections import namedtuple
 
 from pymantaray.compile import entry, inlined
 from pymantaray.estimation._kernels.cholesky import eliminate_rows
-from pymantaray.estimation._kernels.residuals import add_place, add_relative
+from pymantaray.estimation._kernels.residuals import add_position, add_relative
 
-ChainFactors = namedtuple("ChainFactors", "relative blocks placed")
+ChainFactors = namedtuple("ChainFactors", "relative blocks positions")
 ChainFactors.__doc__ = "Relative poses, the blocks of their pairs, and measured positions."
-Batches = namedtuple("Batches", "row relative relative_start placed placed_start")
+Batches = namedtuple("Batches", "row relative relative_start positions positions_start")
 Batches.__doc__ = """Rows from ``row[b]`` to ``row[b + 1]`` of each batch, the last after them.
 
 Factor ``relative[k]`` belongs to batch b for k from ``relative_start[b]`` to
 ``relative_start[b + 1]``."""
-Costs = namedtuple("Costs", "relative placed")
+Costs = namedtuple("Costs", "relative positions")
 
 
 @entry
@@ -45,9 +45,9 @@ def assemble(factors, batches, poses, matrix, upper, task, costs, work):  # type
             costs.relative[i] = add_relative(
                 factors.relative, factors.blocks, poses, matrix, order, i, work
             )
-        for k in range(batches.placed_start[b], batches.placed_start[b + 1]):
-            i = batches.placed[k]
-            costs.placed[i] = add_place(factors.placed, poses.place, matrix, order, i)
+        for k in range(batches.positions_start[b], batches.positions_start[b + 1]):
+            i = batches.positions[k]
+            costs.positions[i] = add_position(factors.positions, poses.position, matrix, order, i)
         if eliminate and b < last and failed < 0:
             for k in range(row[b], row[b + 1]):
                 for r in range(6):

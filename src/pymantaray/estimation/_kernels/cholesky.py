@@ -55,85 +55,98 @@ def join_rows(first, neighbour, parent, mark, count, start, column):  # type: ig
 
 
 @entry
-def eliminate_chains(pairs, fixed, near, turn, left, row, joined):  # type: ignore[no-untyped-def]
+def eliminate_chains(pairs, fixed, neighbour, wait_round, waiting, row, fill_in):  # type: ignore[no-untyped-def]
     """
     Order the variables with at most two neighbours first, as minimum degree does; return how many
-    there are, and pairs that they join.
+    there are, and the number of pairs of others that they connect.
 
     ``pairs`` (m, 2) of variables share a factor. Loose ends of chains are first, one variable of
-    each per turn. Then each turn eliminates variables that are not neighbours, and connects the two
-    neighbours of each. Variables are not ordered if they are ``fixed`` or have more neighbours;
-    ``fixed`` is then true. ``joined`` becomes pairs of these that elimination connects. ``near``
-    (n, 2), with -1, ``turn``, with zeros, and ``left`` are scratch.
+    each per round. Then each round eliminates variables that are not neighbours, and connects the
+    two neighbours of each. Variables are not ordered if they are ``fixed`` or have more neighbours;
+    ``fixed`` is then true. ``fill_in`` becomes the pairs of these that elimination connects.
+    ``neighbour`` (n, 2), with -1, ``wait_round``, with zeros, and ``waiting`` are scratch.
     """
-    # Neighbours of each variable; one with a third branches, and is left to minimum degree.
-    for p in range(pairs.shape[0]):
-        for end in range(2):
-            a, b = pairs[p, end], pairs[p, 1 - end]
-            if a == b or near[a, 0] == b or near[a, 1] == b:
-                continue
-            if near[a, 0] < 0:
-                near[a, 0] = b
-            elif near[a, 1] < 0:
-                near[a, 1] = b
-            else:
-                fixed[a] = True
-    count, done, joins, now = 0, 0, 0, 0
+    _put_neighbours(pairs, fixed, neighbour)
+    count, done, fill_ins = 0, 0, 0
+    now = 0  # number of the round
     for i in range(fixed.size):
-        if not fixed[i] and min(near[i, 0], near[i, 1]) < 0:
-            left[count] = i
+        if not fixed[i] and min(neighbour[i, 0], neighbour[i, 1]) < 0:
+            waiting[count] = i
             count += 1
     # Loose ends have one neighbour: their elimination connects nothing, so they are first. The
-    # neighbour may become a loose end of the next turn.
+    # neighbour may become a loose end of the next round.
     while count > 0:
-        now, kept = now + 1, 0
+        now += 1
+        later = 0
         for k in range(count):
-            i = left[k]
-            row[i], turn[i] = done, -1
+            i = waiting[k]
+            row[i] = done
+            wait_round[i] = -1
             done += 1
-            a = max(near[i, 0], near[i, 1])
+            a = max(neighbour[i, 0], neighbour[i, 1])
             if a >= 0 and not fixed[a]:
-                if min(near[a, 0], near[a, 1]) >= 0:
-                    left[kept] = a
-                    kept += 1
-                _connect(near, a, i, -1)
-        count = kept
+                if min(neighbour[a, 0], neighbour[a, 1]) >= 0:
+                    waiting[later] = a
+                    later += 1
+                _connect(neighbour, a, i, -1)
+        count = later
     # What is left are chains between branches, and rings. Of two neighbours one waits for the next
-    # turn, so that a turn eliminates every second variable: the tree has logarithmic height.
+    # round, so that a round eliminates every second variable: the tree has logarithmic height.
     count = 0
     for i in range(fixed.size):
-        if not fixed[i] and turn[i] == 0:
-            left[count] = i
+        if not fixed[i] and wait_round[i] == 0:
+            waiting[count] = i
             count += 1
     while count > 0:
-        now, kept = now + 1, 0
+        now += 1
+        later = 0
         for k in range(count):
-            i = left[k]
-            if turn[i] == now:  # a neighbour has been eliminated in this turn
-                left[kept] = i
-                kept += 1
+            i = waiting[k]
+            if wait_round[i] == now:  # a neighbour has been eliminated in this round
+                waiting[later] = i
+                later += 1
                 continue
             row[i] = done
             done += 1
-            a, b = near[i, 0], near[i, 1]
+            a, b = neighbour[i, 0], neighbour[i, 1]
             if a >= 0 and not fixed[a]:
-                _connect(near, a, i, b)
-                turn[a] = now
+                _connect(neighbour, a, i, b)
+                wait_round[a] = now
             if b >= 0 and not fixed[b]:
-                _connect(near, b, i, a)
-                turn[b] = now
+                _connect(neighbour, b, i, a)
+                wait_round[b] = now
             if a >= 0 and b >= 0 and fixed[a] and fixed[b]:  # fill-in between two branches
-                joined[joins, 0], joined[joins, 1] = a, b
-                joins += 1
-        count = kept
-    return done, joins
+                fill_in[fill_ins, 0] = a
+                fill_in[fill_ins, 1] = b
+                fill_ins += 1
+        count = later
+    return done, fill_ins
 
 
 @inlined
-def _connect(near, a, old, new):  # type: ignore[no-untyped-def]
+def _put_neighbours(pairs, fixed, neighbour):  # type: ignore[no-untyped-def]
+    """
+    Put the neighbours of each variable into ``neighbour``; one with a third branches, and is fixed,
+    so that minimum degree orders it.
+    """
+    for p in range(pairs.shape[0]):
+        for end in range(2):
+            a, b = pairs[p, end], pairs[p, 1 - end]
+            if a == b or neighbour[a, 0] == b or neighbour[a, 1] == b:
+                continue
+            if neighbour[a, 0] < 0:
+                neighbour[a, 0] = b
+            elif neighbour[a, 1] < 0:
+                neighbour[a, 1] = b
+            else:
+                fixed[a] = True
+
+
+@inlined
+def _connect(neighbour, a, old, new):  # type: ignore[no-untyped-def]
     """Replace a neighbour of a variable by another one, -1 for none."""
-    own = 0 if near[a, 0] == old else 1
-    near[a, own] = -1 if near[a, 1 - own] == new else new
+    own = 0 if neighbour[a, 0] == old else 1
+    neighbour[a, own] = -1 if neighbour[a, 1 - own] == new else new
 
 
 Upper = namedtuple("Upper", "start column diagonal above element right")
@@ -144,15 +157,16 @@ down the transposed factor on the way, so that blocks are read once."""
 
 
 @entry
-def gather_rows(parent, row, fixed, size, root, place, end):  # type: ignore[no-untyped-def]
+def gather_rows(parent, row, fixed, size, root, new_row, end):  # type: ignore[no-untyped-def]
     """
     Number rows anew, so that blocks of neighbouring variables are near each other; return the
     number of batches.
 
     A batch holds subtrees, of at most BATCH_ROWS rows in all, in the order of their first
     variables. Its rows keep their order, in which successive rows rarely depend on each other. Rows
-    above the subtrees come last, as do variables for which ``fixed`` is true. ``place`` becomes the
-    new number of each row, and ``end[b]`` the end of each batch; ``size`` and ``root`` are scratch.
+    above the subtrees come last, as do variables for which ``fixed`` is true. ``new_row`` becomes
+    the new number of each row, and ``end[b]`` the end of each batch; ``size`` and ``root`` are
+    scratch.
     """
     n, batches, room, total = row.size, 0, 0, 0
     for k in range(n):
@@ -185,11 +199,11 @@ def gather_rows(parent, row, fixed, size, root, place, end):  # type: ignore[no-
         total += rows
     for k in range(n):
         if root[k] < 0:
-            place[k] = total
+            new_row[k] = total
             total += 1
         else:
             b = -1 - size[root[k]]
-            place[k] = end[b]
+            new_row[k] = end[b]
             end[b] += 1
     return batches
 

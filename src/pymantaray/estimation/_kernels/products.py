@@ -22,7 +22,7 @@ def _product(
     combine: str,
     *,
     turned_first: bool = False,
-    turned_second: bool = False,
+    transpose_second: bool = False,
     size: int = SIZE,
     half_empty: bool = False,
 ) -> Any:
@@ -34,13 +34,13 @@ def _product(
     the first one is transposed.
     """
     if PLAIN:
-        return _plain_product(combine, turned_first=turned_first, turned_second=turned_second)
+        return _plain_product(combine, turned_first=turned_first, transpose_second=transpose_second)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         out, a, b = (
             _elements(context, builder, signature, arguments, k, size * size) for k in (0, 2, 4)
         )
-        rows = [_row(builder, b, k, turned=turned_second, size=size) for k in range(size)]
+        rows = [_row(builder, b, k, transpose=transpose_second, size=size) for k in range(size)]
         for r in range(size):
             total = None
             for k, row in enumerate(rows):
@@ -64,7 +64,7 @@ def _product(
     return intrinsic(product)
 
 
-def _product_with_vector(*, turned: bool) -> Any:
+def _product_with_vector(*, transpose: bool) -> Any:
     """
     Function of vectors and a block ``out[i], a[p], x[k]`` of arrays (n, 6), (n, 6, 6), (n, 6) that
     subtracts ``a[p] @ x[k]`` from ``out[i]``.
@@ -73,7 +73,7 @@ def _product_with_vector(*, turned: bool) -> Any:
     ``x[k]``.
     """
     if PLAIN:
-        return _plain_product_with_vector(turned=turned)
+        return _plain_product_with_vector(transpose=transpose)
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         out, a, x = (
@@ -84,7 +84,9 @@ def _product_with_vector(*, turned: bool) -> Any:
         total = builder.load(place, align=8)
         for k in range(SIZE):
             share = _repeated(builder, builder.load(_at(builder, x, k)))
-            total = builder.fsub(total, builder.fmul(_row(builder, a, k, turned=not turned), share))
+            total = builder.fsub(
+                total, builder.fmul(_row(builder, a, k, transpose=not transpose), share)
+            )
         builder.store(total, place, align=8)
         return context.get_dummy_value()
 
@@ -107,7 +109,7 @@ def _solution() -> Any:
         one = ir.Constant(_NUMBER, 1.0)
         rows: list[Any] = []
         for r in range(SIZE):
-            total = _row(builder, out, r, turned=False)
+            total = _row(builder, out, r, transpose=False)
             for i, row in enumerate(rows):
                 share = _repeated(builder, builder.load(_at(builder, u, SIZE * i + r)))
                 total = builder.fsub(total, builder.fmul(share, row))
@@ -168,10 +170,10 @@ def _vector(size: int) -> Any:
     return ir.VectorType(_NUMBER, size)
 
 
-def _row(builder: Any, block: Any, k: int, *, turned: bool, size: int = SIZE) -> Any:
+def _row(builder: Any, block: Any, k: int, *, transpose: bool, size: int = SIZE) -> Any:
     """A row of a block, or a column."""
     vector = _vector(size)
-    if not turned:
+    if not transpose:
         return builder.load(
             builder.bitcast(_at(builder, block, size * k), vector.as_pointer()), align=8
         )
@@ -190,11 +192,13 @@ def _repeated(builder: Any, number: Any, size: int = SIZE) -> Any:
     return builder.shuffle_vector(one, none, first)
 
 
-def _plain_product(combine: str, *, turned_first: bool, turned_second: bool) -> Callable[..., None]:
+def _plain_product(
+    combine: str, *, turned_first: bool, transpose_second: bool
+) -> Callable[..., None]:
     """The same in Python."""
 
     def product(out: Any, i: int, a: Any, p: int, b: Any, q: int) -> None:
-        total = (a[p].T if turned_first else a[p]) @ (b[q].T if turned_second else b[q])
+        total = (a[p].T if turned_first else a[p]) @ (b[q].T if transpose_second else b[q])
         out[i] = (
             total if combine == "set" else out[i] + total if combine == "add" else out[i] - total
         )
@@ -202,11 +206,11 @@ def _plain_product(combine: str, *, turned_first: bool, turned_second: bool) -> 
     return product
 
 
-def _plain_product_with_vector(*, turned: bool) -> Callable[..., None]:
+def _plain_product_with_vector(*, transpose: bool) -> Callable[..., None]:
     """The same in Python."""
 
     def product(out: Any, i: int, a: Any, p: int, x: Any, k: int) -> None:
-        out[i] -= (a[p].T if turned else a[p]) @ x[k]
+        out[i] -= (a[p].T if transpose else a[p]) @ x[k]
 
     return product
 
@@ -227,8 +231,8 @@ subtract_product_of_three = _product("subtract", size=3)
 add_transposed_product = _product("add", turned_first=True)
 add_transposed_product_half_empty = _product("add", turned_first=True, half_empty=True)
 subtract_transposed_product = _product("subtract", turned_first=True)
-subtract_product_transposed = _product("subtract", turned_second=True)
-subtract_from_vector = _product_with_vector(turned=False)
-subtract_transposed_from_vector = _product_with_vector(turned=True)
+subtract_product_transposed = _product("subtract", transpose_second=True)
+subtract_from_vector = _product_with_vector(transpose=False)
+subtract_transposed_from_vector = _product_with_vector(transpose=True)
 solve_transposed = _solution()
 prefetch = _prefetch()

@@ -2,9 +2,9 @@
 Residuals of poses, and the blocks of the normal equations that they add up to.
 
 A pose moves by ``R Exp(w), p + d``: its rotation in the body's axes, its position in the world's,
-``[w, d]`` in a block. A landmark is a pose that does not turn. Row ``row[i]`` of the matrix is that
-of variable i; a pair's block is ``above[block]``, in the order of the pair or, where ``turned``,
-the other way round.
+``[w, d]`` in a block. A landmark is a pose that does not rotate. Row ``row[i]`` of the matrix is
+that of variable i; a pair's block is ``above[block]``, in the order of the pair or, where
+``reverse``, the other way round.
 """
 
 import math
@@ -26,31 +26,27 @@ _SMALL_ANGLE = 1e-2  # rad; below it series replace closed forms: what they leav
 # Scratch: blocks of six by six and matrices of three by three; the latter, by what they hold:
 TO_ERROR, ERROR, JACOBIAN, BY_ETA, BETWEEN, LEVER, CROSS = range(7)
 # derivatives of rotation and translation by the second pose's rotation, of the translation by its
-# place, and by the first's rotation
-TURN_BY_SECOND, SHIFT_BY_SECOND, SHIFT_BY_PLACE, TURN_BY_FIRST, SHIFT_BY_FIRST = (
-    JACOBIAN,
-    7,
-    8,
-    9,
-    10,
-)
+# position, and by the first's rotation
+ROTATION_BY_SECOND = JACOBIAN
+TRANSLATION_BY_SECOND, TRANSLATION_BY_POSITION = 7, 8
+ROTATION_BY_FIRST, TRANSLATION_BY_FIRST = 9, 10
 # Vectors beside them: the residual, whitened; R1^T (p2 - p1); the error's rotation vector and
 # translation; and of the logarithm.
-RESIDUAL, WHITE, STRIDE, ETA, SHIFT, BEND = range(6)
+RESIDUAL, WHITE, STRIDE, ETA, TRANSLATION, BEND = range(6)
 BLOCKS, MATRICES, VECTORS = 4, 11, 6
 
 
-RelativePoses = namedtuple("RelativePoses", "first second turn step root")
+RelativePoses = namedtuple("RelativePoses", "first second rotation translation root")
 RelativePoses.__doc__ = """Poses (n,) in the frames of others, and the root of their information.
 
 Roots are lower triangular (n, 6, 6) or, if all are diagonal, their diagonals (n, 6)."""
-Sightings = namedtuple("Sightings", "pose landmark measured root")
+Sightings = namedtuple("Sightings", "pose landmark measurement root")
 Sightings.__doc__ = """Landmarks (n,) in the body frames of poses: measured positions.
 
 The root of their information is of shape (n, 6, 6)."""
-Positions = namedtuple("Positions", "variable measured information")
+Positions = namedtuple("Positions", "variable measurement information")
 Positions.__doc__ = "Measured positions (n, 3), and their information (n, 3, 3)."
-PoseArrays = namedtuple("PoseArrays", "rotation place")
+PoseArrays = namedtuple("PoseArrays", "rotation position")
 Matrix = namedtuple("Matrix", "row diagonal above gradient")
 Matrix.__doc__ = """Normal equations: the row of each variable, blocks, and the gradient.
 
@@ -85,19 +81,19 @@ def add_relative(relative, blocks, poses, matrix, order, i, work):  # type: igno
     k = row[b]
     _by_second(m, v)
     if a >= 0:
-        _by_first(a, b, relative.turn, i, poses.rotation, m, v)
+        _by_first(a, b, relative.rotation, i, poses.rotation, m, v)
         if order == 2:
             _add_curvature(relative, blocks, poses, matrix, i, m, v)
-        _whiten_block(root, i, j, 2, m, (TURN_BY_FIRST, SHIFT_BY_FIRST, -1.0))
+        _whiten_block(root, i, j, 2, m, (ROTATION_BY_FIRST, TRANSLATION_BY_FIRST, -1.0))
         add_transposed_product_half_empty(diagonal, row[a], j, 2, j, 2)
         _add_gradient(gradient, row[a], j, 2, v)
-    _whiten_block(root, i, j, 3, m, (TURN_BY_SECOND, SHIFT_BY_SECOND, 1.0))
+    _whiten_block(root, i, j, 3, m, (ROTATION_BY_SECOND, TRANSLATION_BY_SECOND, 1.0))
     add_transposed_product_half_empty(diagonal, k, j, 3, j, 3)
     _add_gradient(gradient, k, j, 3, v)
     if a >= 0:
-        turned = blocks.turned[i]
+        reverse = blocks.reverse[i]
         add_transposed_product_half_empty(
-            above, blocks.block[i], j, 3 if turned else 2, j, 2 if turned else 3
+            above, blocks.block[i], j, 3 if reverse else 2, j, 2 if reverse else 3
         )
     return 0.5 * total
 
@@ -119,18 +115,18 @@ def _whiten(root, i, v):  # type: ignore[no-untyped-def]
 @inlined
 def _whiten_block(root, i, j, to, m, parts):  # type: ignore[no-untyped-def]
     """
-    Block of derivatives in standard deviations, from its quarters: by rotation, and by the place
+    Block of derivatives in standard deviations, from its quarters: by rotation, and by position
     with a sign.
     """
-    turn, shift, sign = parts
+    rotation, translation, sign = parts
     whole = root.ndim == 3
     at = 0 if whole else to
     for r in range(3):
-        by_turn, by_shift = (1.0, 1.0) if whole else (root[i, r], root[i, 3 + r])
+        by_rotation, by_translation = (1.0, 1.0) if whole else (root[i, r], root[i, 3 + r])
         for c in range(3):
-            j[at, r, c], j[at, r, 3 + c] = by_turn * m[turn, r, c], 0.0
-            j[at, 3 + r, c] = by_shift * m[shift, r, c]
-            j[at, 3 + r, 3 + c] = by_shift * (sign * m[SHIFT_BY_PLACE, r, c])
+            j[at, r, c], j[at, r, 3 + c] = by_rotation * m[rotation, r, c], 0.0
+            j[at, 3 + r, c] = by_translation * m[translation, r, c]
+            j[at, 3 + r, 3 + c] = by_translation * (sign * m[TRANSLATION_BY_POSITION, r, c])
     if whole:
         set_product(j, to, root, i, j, at)
 
@@ -149,26 +145,28 @@ def _pull(root, i, r, v):  # type: ignore[no-untyped-def]
 @inlined
 def _residual(relative, poses, i, m, v):  # type: ignore[no-untyped-def]
     """Logarithm of ``Z^-1 T1^-1 T2``, and what leads to it."""
-    first, second, turn, step = relative.first[i], relative.second[i], relative.turn, relative.step
-    rotation, place = poses.rotation, poses.place
+    first, second = relative.first[i], relative.second[i]
+    relative_rotation = relative.rotation
+    translation = relative.translation
+    rotation, position = poses.rotation, poses.position
     for r in range(3):
-        v[STRIDE, r] = place[second, r]
+        v[STRIDE, r] = position[second, r]
         if first >= 0:
             v[STRIDE, r] = 0.0
             for c in range(3):
-                v[STRIDE, r] += rotation[first, c, r] * (place[second, c] - place[first, c])
+                v[STRIDE, r] += rotation[first, c, r] * (position[second, c] - position[first, c])
         for c in range(3):  # Z^T R1^T
-            m[TO_ERROR, r, c] = turn[i, c, r]
+            m[TO_ERROR, r, c] = relative_rotation[i, c, r]
             if first >= 0:
                 m[TO_ERROR, r, c] = (
-                    turn[i, 0, r] * rotation[first, c, 0]
-                    + turn[i, 1, r] * rotation[first, c, 1]
-                    + turn[i, 2, r] * rotation[first, c, 2]
+                    relative_rotation[i, 0, r] * rotation[first, c, 0]
+                    + relative_rotation[i, 1, r] * rotation[first, c, 1]
+                    + relative_rotation[i, 2, r] * rotation[first, c, 2]
                 )
     for r in range(3):
-        v[SHIFT, r] = 0.0
+        v[TRANSLATION, r] = 0.0
         for c in range(3):
-            v[SHIFT, r] += turn[i, c, r] * (v[STRIDE, c] - step[i, c])
+            v[TRANSLATION, r] += relative_rotation[i, c, r] * (v[STRIDE, c] - translation[i, c])
             m[ERROR, r, c] = (
                 m[TO_ERROR, r, 0] * rotation[second, 0, c]
                 + m[TO_ERROR, r, 1] * rotation[second, 1, c]
@@ -219,13 +217,13 @@ def _logarithm(m, v):  # type: ignore[no-untyped-def]
         v[ETA, r] *= scale
     for r in range(3):  # w x t and w x (w x t) follow w and t in their rows
         p, q = (r + 1) % 3, (r + 2) % 3
-        v[ETA, 3 + r] = v[ETA, p] * v[SHIFT, q] - v[ETA, q] * v[SHIFT, p]
+        v[ETA, 3 + r] = v[ETA, p] * v[TRANSLATION, q] - v[ETA, q] * v[TRANSLATION, p]
     for r in range(3):
         p, q = (r + 1) % 3, (r + 2) % 3
-        v[SHIFT, 3 + r] = v[ETA, p] * v[ETA, 3 + q] - v[ETA, q] * v[ETA, 3 + p]
+        v[TRANSLATION, 3 + r] = v[ETA, p] * v[ETA, 3 + q] - v[ETA, q] * v[ETA, 3 + p]
         v[RESIDUAL, r] = v[ETA, r]
     for r in range(3):
-        v[RESIDUAL, 3 + r] = v[SHIFT, r] - 0.5 * v[ETA, 3 + r] + bend * v[SHIFT, 3 + r]
+        v[RESIDUAL, 3 + r] = v[TRANSLATION, r] - 0.5 * v[ETA, 3 + r] + bend * v[TRANSLATION, 3 + r]
 
 
 @inlined
@@ -250,49 +248,55 @@ def _by_second(m, v):  # type: ignore[no-untyped-def]
         for c in range(3):
             m[JACOBIAN, r, c] = m[CROSS, r, c] + bend * v[ETA, r] * v[ETA, c]
         m[JACOBIAN, r, r] += 1.0 - bend * square
-    along = v[ETA, 0] * v[SHIFT, 0] + v[ETA, 1] * v[SHIFT, 1] + v[ETA, 2] * v[SHIFT, 2]
+    along = (
+        v[ETA, 0] * v[TRANSLATION, 0]
+        + v[ETA, 1] * v[TRANSLATION, 1]
+        + v[ETA, 2] * v[TRANSLATION, 2]
+    )
     _cross(
         m,
-        0.5 * v[SHIFT, 0] - bend * v[ETA, 3],
-        0.5 * v[SHIFT, 1] - bend * v[ETA, 4],
-        0.5 * v[SHIFT, 2] - bend * v[ETA, 5],
+        0.5 * v[TRANSLATION, 0] - bend * v[ETA, 3],
+        0.5 * v[TRANSLATION, 1] - bend * v[ETA, 4],
+        0.5 * v[TRANSLATION, 2] - bend * v[ETA, 5],
     )
     for r in range(3):
         for c in range(3):  # [w] [t] = t w^T - (w . t) 1
             m[BY_ETA, r, c] = (
-                m[CROSS, r, c] + (slope * v[SHIFT, 3 + r] - bend * v[SHIFT, r]) * v[ETA, c]
+                m[CROSS, r, c]
+                + (slope * v[TRANSLATION, 3 + r] - bend * v[TRANSLATION, r]) * v[ETA, c]
             )
         m[BY_ETA, r, r] += bend * along
-    set_product_of_three(m, SHIFT_BY_SECOND, m, BY_ETA, m, JACOBIAN)
-    set_transposed_product_of_three(m, SHIFT_BY_PLACE, m, JACOBIAN, m, TO_ERROR)
+    set_product_of_three(m, TRANSLATION_BY_SECOND, m, BY_ETA, m, JACOBIAN)
+    set_transposed_product_of_three(m, TRANSLATION_BY_POSITION, m, JACOBIAN, m, TO_ERROR)
 
 
 @inlined
-def _by_first(first, second, turn, i, rotation, m, v):  # type: ignore[no-untyped-def]
+def _by_first(first, second, relative_rotation, i, rotation, m, v):  # type: ignore[no-untyped-def]
     """
-    Derivatives by the first pose: it turns the error by ``-R2^T R1``, and its stride by a lever.
+    Derivatives by the first pose: it rotates the error by ``-R2^T R1``, and its stride by a lever.
     """
     _cross(m, v[STRIDE, 0], v[STRIDE, 1], v[STRIDE, 2])
     set_transposed_product_of_three(m, BETWEEN, rotation, second, rotation, first)
-    set_transposed_product_of_three(m, LEVER, turn, i, m, CROSS)
+    set_transposed_product_of_three(m, LEVER, relative_rotation, i, m, CROSS)
     for r in range(3):
         for c in range(3):
-            m[TURN_BY_FIRST, r, c] = 0.0
-    subtract_product_of_three(m, TURN_BY_FIRST, m, JACOBIAN, m, BETWEEN)
-    set_transposed_product_of_three(m, SHIFT_BY_FIRST, m, JACOBIAN, m, LEVER)
-    subtract_product_of_three(m, SHIFT_BY_FIRST, m, SHIFT_BY_SECOND, m, BETWEEN)
+            m[ROTATION_BY_FIRST, r, c] = 0.0
+    subtract_product_of_three(m, ROTATION_BY_FIRST, m, JACOBIAN, m, BETWEEN)
+    set_transposed_product_of_three(m, TRANSLATION_BY_FIRST, m, JACOBIAN, m, LEVER)
+    subtract_product_of_three(m, TRANSLATION_BY_FIRST, m, TRANSLATION_BY_SECOND, m, BETWEEN)
 
 
 @inlined
 def _add_curvature(relative, blocks, poses, matrix, i, m, v):  # type: ignore[no-untyped-def]
     """
-    Add how the pull on the translation turns with the first pose, the largest part of the
+    Add how the pull on the translation rotates with the first pose, the largest part of the
     curvature.
 
     The residual's translation is linear in ``R1^T (p2 - p1)``: with its pull q there, ``[q] R1^T``
-    between turning the first pose and moving one against the other.
+    between rotating the first pose and moving one against the other.
     """
-    first, block, turn, root = relative.first[i], blocks.block[i], relative.turn, relative.root
+    first, block = relative.first[i], blocks.block[i]
+    relative_rotation, root = relative.rotation, relative.root
     row, diagonal, above, rotation = (
         matrix.row[first],
         matrix.diagonal,
@@ -308,7 +312,7 @@ def _add_curvature(relative, blocks, poses, matrix, i, m, v):  # type: ignore[no
     for r in range(3):
         v[BEND, 3 + r] = 0.0
         for k in range(3):
-            v[BEND, 3 + r] += turn[i, r, k] * v[RESIDUAL, 3 + k]
+            v[BEND, 3 + r] += relative_rotation[i, r, k] * v[RESIDUAL, 3 + k]
     _cross(m, v[BEND, 3], v[BEND, 4], v[BEND, 5])
     for r in range(3):
         for c in range(3):
@@ -317,7 +321,7 @@ def _add_curvature(relative, blocks, poses, matrix, i, m, v):  # type: ignore[no
                 bend += m[CROSS, r, k] * rotation[first, c, k]
             diagonal[row, r, 3 + c] -= bend
             diagonal[row, 3 + c, r] -= bend
-            if blocks.turned[i]:
+            if blocks.reverse[i]:
                 above[block, 3 + c, r] += bend
             else:
                 above[block, r, 3 + c] += bend
@@ -331,13 +335,13 @@ def _add_gradient(gradient, row, j, p, v):  # type: ignore[no-untyped-def]
 
 
 @entry
-def add_sightings(sighted, blocks, poses, matrix, order, cost, work):  # type: ignore[no-untyped-def]
+def add_sightings(sightings, blocks, poses, matrix, order, cost, work):  # type: ignore[no-untyped-def]
     """
     Costs (n,) of landmarks seen from poses, residuals ``root (R^T (l - p) - z)``, and of order 1
     and above their blocks and gradient.
     """
     root, row, diagonal, above, gradient = (
-        sighted.root,
+        sightings.root,
         matrix.row,
         matrix.diagonal,
         matrix.above,
@@ -345,16 +349,18 @@ def add_sightings(sighted, blocks, poses, matrix, order, cost, work):  # type: i
     )
     j, m, v = work
     for i in range(cost.size):
-        a, b = sighted.pose[i], sighted.landmark[i]
+        a, b = sightings.pose[i], sightings.landmark[i]
         for r in range(3):
             v[STRIDE, r] = 0.0
             for c in range(3):
-                v[STRIDE, r] += poses.rotation[a, c, r] * (poses.place[b, c] - poses.place[a, c])
+                v[STRIDE, r] += poses.rotation[a, c, r] * (
+                    poses.position[b, c] - poses.position[a, c]
+                )
             v[WHITE, r], v[WHITE, 3 + r] = 0.0, 0.0
         total = 0.0
         for r in range(3):
             for c in range(r + 1):
-                v[WHITE, r] += root[i, r, c] * (v[STRIDE, c] - sighted.measured[i, c])
+                v[WHITE, r] += root[i, r, c] * (v[STRIDE, c] - sightings.measurement[i, c])
             total += v[WHITE, r] * v[WHITE, r]
         cost[i] = 0.5 * total
         if order == 0:
@@ -364,7 +370,7 @@ def add_sightings(sighted, blocks, poses, matrix, order, cost, work):  # type: i
             for c in range(6):
                 j[0, r, c] = j[1, r, c] = 0.0
         for r in range(3):
-            for c in range(3):  # turning the body turns what it sees the other way
+            for c in range(3):  # a rotation of the body rotates what it sees the other way
                 j[0, r, c] = m[CROSS, r, c]
                 j[0, r, 3 + c], j[1, r, 3 + c] = -poses.rotation[a, c, r], poses.rotation[a, c, r]
         set_product(j, 2, root, i, j, 0)
@@ -372,25 +378,25 @@ def add_sightings(sighted, blocks, poses, matrix, order, cost, work):  # type: i
         for p, variable in ((2, a), (3, b)):
             add_transposed_product(diagonal, row[variable], j, p, j, p)
             _add_gradient(gradient, row[variable], j, p, v)
-        if blocks.turned[i]:
+        if blocks.reverse[i]:
             add_transposed_product(above, blocks.block[i], j, 3, j, 2)
         else:
             add_transposed_product(above, blocks.block[i], j, 2, j, 3)
 
 
 @inlined
-def add_place(placed, place, matrix, order, i):  # type: ignore[no-untyped-def]
+def add_position(positions, position, matrix, order, i):  # type: ignore[no-untyped-def]
     """Cost of a measured position; of order 1 and above add its block and gradient."""
-    measured, information = placed.measured, placed.information
+    measurement, information = positions.measurement, positions.information
     row, diagonal, gradient = matrix.row, matrix.diagonal, matrix.gradient
-    v, total = placed.variable[i], 0.0
+    v, total = positions.variable[i], 0.0
     for r in range(3):
         pull = 0.0
         for c in range(3):
-            pull += information[i, r, c] * (place[v, c] - measured[i, c])
+            pull += information[i, r, c] * (position[v, c] - measurement[i, c])
             if order > 0:
                 diagonal[row[v], 3 + r, 3 + c] += information[i, r, c]
-        total += pull * (place[v, r] - measured[i, r])
+        total += pull * (position[v, r] - measurement[i, r])
         if order > 0:
             gradient[row[v], 3 + r] += pull
     return 0.5 * total
@@ -405,7 +411,7 @@ def add_pairs(pairs, blocks, residual, slope, bend, information, matrix):  # typ
     ``bend`` is the curvature of a distance: its information across the line, as a share of that
     along the line.
     """
-    block, turned = blocks.block, blocks.turned
+    block, reverse = blocks.block, blocks.reverse
     row, diagonal, above, gradient = matrix.row, matrix.diagonal, matrix.above, matrix.gradient
     for i in range(residual.size):
         j, k = row[pairs[i, 0]], row[pairs[i, 1]]
@@ -420,37 +426,37 @@ def add_pairs(pairs, blocks, residual, slope, bend, information, matrix):  # typ
             for c in range(3):
                 diagonal[j, 3 + r, 3 + c] += along * a * slope[i, c]
                 diagonal[k, 3 + r, 3 + c] += along * b * slope[i, 3 + c]
-                if turned[i]:
+                if reverse[i]:
                     above[block[i], 3 + r, 3 + c] += along * b * slope[i, c]
                 else:
                     above[block[i], 3 + r, 3 + c] += along * a * slope[i, 3 + c]
 
 
 @kernel
-def _bend_way(rotation, step, a, b, square, place):  # type: ignore[no-untyped-def]
+def _bend_way(rotation, step, a, b, square, position):  # type: ignore[no-untyped-def]
     """
-    Add to a place that was moved straight on what the way along an arc has besides: ``b u x d + c u
-    x (u x d)``, u the turn in the world.
+    Add to a position after a straight step what the way along an arc has besides: ``b u x d + c u x
+    (u x d)``, u the rotation vector in the world.
     """
     c = (1.0 - a) / square if square > _SMALL_ANGLE * _SMALL_ANGLE else (1.0 - square / 20.0) / 6.0
     ux = rotation[0, 0] * step[0] + rotation[0, 1] * step[1] + rotation[0, 2] * step[2]
     uy = rotation[1, 0] * step[0] + rotation[1, 1] * step[1] + rotation[1, 2] * step[2]
     uz = rotation[2, 0] * step[0] + rotation[2, 1] * step[1] + rotation[2, 2] * step[2]
     x, y, z = uy * step[5] - uz * step[4], uz * step[3] - ux * step[5], ux * step[4] - uy * step[3]
-    place[0] += b * x + c * (uy * z - uz * y)
-    place[1] += b * y + c * (uz * x - ux * z)
-    place[2] += b * z + c * (ux * y - uy * x)
+    position[0] += b * x + c * (uy * z - uz * y)
+    position[1] += b * y + c * (uz * x - ux * z)
+    position[2] += b * z + c * (ux * y - uy * x)
 
 
 @entry
-def move(rotation, place, row, step, arc, new_rotation, new_place):  # type: ignore[no-untyped-def]
+def move(rotation, position, row, step, arc, new_rotation, new_position):  # type: ignore[no-untyped-def]
     """
     Poses after a step (n, 6) in the order of rows: ``R Exp(w), p + d``, or along an arc ``R Exp(w),
     p + R V(w) R^T d``.
 
-    Along arcs, screw motions, what turns as a whole about some place stays as it is.
+    Along arcs, screw motions, what rotates as a whole about some point keeps its shape.
     """
-    for i in range(place.shape[0]):
+    for i in range(position.shape[0]):
         k = row[i]
         x, y, z = step[k, 0], step[k, 1], step[k, 2]
         t2 = x * x + y * y + z * z
@@ -460,9 +466,9 @@ def move(rotation, place, row, step, arc, new_rotation, new_place):  # type: ign
         else:
             a, b = math.sin(t) / t, 2.0 * math.sin(0.5 * t) ** 2 / t2
         for r in range(3):
-            new_place[i, r] = place[i, r] + step[k, 3 + r]
+            new_position[i, r] = position[i, r] + step[k, 3 + r]
         if arc:
-            _bend_way(rotation[i], step[k], a, b, t2, new_place[i])
+            _bend_way(rotation[i], step[k], a, b, t2, new_position[i])
         for r in range(3):
             r0, r1, r2 = rotation[i, r, 0], rotation[i, r, 1], rotation[i, r, 2]
             u0, u1, u2 = r1 * z - r2 * y, r2 * x - r0 * z, r0 * y - r1 * x  # row of R times [w]

@@ -17,6 +17,8 @@ from pymantaray.arrays import Array, Indices
 from pymantaray.geometry.se3 import hat, so3_exp
 
 SIZE = 6  # errors of a pose: rotation in the body's axes [rad], position in the world's axes [m]
+ROTATION = slice(0, 3)
+POSITION = slice(3, SIZE)
 
 
 class State(NamedTuple):
@@ -48,7 +50,7 @@ class State(NamedTuple):
         vehicles = np.arange(n)
         landmarks = np.arange(n, size)
         joint[vehicles, :, vehicles, :] = to_world_axes(rotation, covariance)
-        joint[landmarks, 3:, landmarks, 3:] = landmark_covariance
+        joint[landmarks, POSITION, landmarks, POSITION] = landmark_covariance
         return cls(
             np.concatenate([rotation, np.tile(np.eye(3), (len(landmark_position), 1, 1))]),
             np.concatenate([position, landmark_position]),
@@ -86,7 +88,8 @@ class Update(NamedTuple):
 
 def predict(state: State, vehicles: slice, motion: Motion) -> State:
     """Move some vehicles by one step each."""
-    rotations, positions = state.rotation.copy(), state.position.copy()
+    rotations = state.rotation.copy()
+    positions = state.position.copy()
     rotations[vehicles], positions[vehicles], by_pose, by_step = propagate(
         state.rotation[vehicles], state.position[vehicles], motion.rotation, motion.translation
     )
@@ -115,17 +118,17 @@ def propagate(
     after = rotation @ step_rotation
     position_after = position + np.einsum("nij,nj->ni", rotation, step_translation)
     by_pose, by_step = np.zeros((2, len(rotation), SIZE, SIZE))
-    by_pose[:, :3, :3] = np.swapaxes(step_rotation, 1, 2)
-    by_pose[:, 3:, :3] = -rotation @ hat(step_translation)
-    by_pose[:, 3:, 3:] = by_step[:, :3, :3] = np.eye(3)
-    by_step[:, 3:, 3:] = after
+    by_pose[:, ROTATION, ROTATION] = np.swapaxes(step_rotation, 1, 2)
+    by_pose[:, POSITION, ROTATION] = -rotation @ hat(step_translation)
+    by_pose[:, POSITION, POSITION] = by_step[:, ROTATION, ROTATION] = np.eye(3)
+    by_step[:, POSITION, POSITION] = after
     return after, position_after, by_pose, by_step
 
 
 def to_world_axes(rotation: Array, covariance: Array) -> Array:
     """Covariances (n, 6, 6) of poses in the tangent of the body, with positions in world axes."""
     to_world = np.tile(np.eye(SIZE), (len(rotation), 1, 1))
-    to_world[:, 3:, 3:] = rotation
+    to_world[:, POSITION, POSITION] = rotation
     return np.asarray(to_world @ covariance @ np.swapaxes(to_world, 1, 2))
 
 
@@ -148,7 +151,7 @@ def range_innovation(
     by_errors = np.zeros((residual.size, n + n_fixed, SIZE))
     row = np.arange(residual.size)
     for end, gradient in zip(ends.T, gradients, strict=True):
-        by_errors[row, end, 3:] = gradient  # the ends of a range differ
+        by_errors[row, end, POSITION] = gradient  # the ends of a range differ
     return Innovation(
         residual, by_errors[:, :n].reshape(residual.size, SIZE * n), np.diag(variance)
     )
@@ -185,8 +188,8 @@ def update(state: State, innovation: Innovation) -> Update | None:
     error = -(gain.T @ white).reshape(-1, SIZE)
     reduced = covariance - gain.T @ gain
     after = State(
-        state.rotation @ so3_exp(error[:, :3]),
-        state.position + error[:, 3:],
+        state.rotation @ so3_exp(error[:, ROTATION]),
+        state.position + error[:, POSITION],
         0.5 * (reduced + reduced.T),
     )
     return Update(after, float(white @ white))

@@ -11,6 +11,7 @@ from pymantaray.estimation.filters.incremental import check_times, update_times
 from pymantaray.estimation.filters.lag_window import LagWindow
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solvers.covariance import EpochCovariances
+from pymantaray.estimation.solvers.normal_equations import POSITION
 from pymantaray.estimation.solvers.problems import GraphState, distance_problem
 from pymantaray.estimation.solvers.solution import (
     GraphSolution,
@@ -144,6 +145,10 @@ def _covariances(values: GraphValues, poses: Indices, joint: dict[int, Array]) -
         rotation = matrix_from_quaternion(values.quaternion[poses[epoch]])
         out.pose[epoch] = blocks[vehicles, :, vehicles, :]
         out.position[epoch] = np.einsum(
-            "aik,akbl,bjl->aibj", rotation, blocks[:, 3:, :, 3:], rotation, optimize=True
+            "aik,akbl,bjl->aibj",
+            rotation,
+            blocks[:, POSITION, :, POSITION],
+            rotation,
+            optimize=True,
         )
     return out

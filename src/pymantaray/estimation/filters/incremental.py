@@ -1,7 +1,7 @@
 """Incremental estimation by iSAM2: factors enter in the order of time, one update for each ping."""
 
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -20,6 +20,9 @@ from pymantaray.estimation.solvers.solution import (
 )
 from pymantaray.estimation.solvers.trilateration import determined_times
 from pymantaray.geometry.se3 import quaternion_from_matrix
+
+if TYPE_CHECKING:
+    from pymantaray.estimation._gtsam.incremental import UpdateEffort
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,17 +87,19 @@ def solve_incrementally(
     for k in range(update_time.size):
         variables = np.flatnonzero(line.variable_update == k)
         new = entering.values(variables, smoother, k)
-        done = smoother.update(factors, np.flatnonzero(line.factor_update == k), new)
+        effort = smoother.update(factors, np.flatnonzero(line.factor_update == k), new)
         steps += 1
-        if done is None:
+        if effort is None:
             failed = True
             break
-        log.note(k, variables[variables < graph.n_poses], new, smoother, done)
+        log.note(k, variables[variables < graph.n_poses], new, smoother, effort)
     for _ in range(0 if failed else options.incremental.final_updates):
-        done = smoother.update(factors, none, entering.values(none, smoother, update_time.size - 1))
+        effort = smoother.update(
+            factors, none, entering.values(none, smoother, update_time.size - 1)
+        )
         steps += 1
-        if done is None or done[1] == 0:
-            failed = done is None
+        if effort is None or effort.relinearized == 0:
+            failed = effort is None
             break
     problem = problem or distance_problem(graph, loss)
     cost = problem.cost(GraphState.of(initial))
@@ -120,19 +125,22 @@ class _Log:
         self._time = update_time
         self._seconds = np.full(update_time.size, np.nan)
         self._relinearized = np.zeros(update_time.size, dtype=int)
-        self._before, self._position = np.full((n, 3), np.nan), np.full((n, 3), np.nan)
+        self._before = np.full((n, 3), np.nan)
+        self._position = np.full((n, 3), np.nan)
         self._rotation = np.full((n, 3, 3), np.nan)
 
     def note(
-        self, update: int, poses: Indices, new: Any, smoother: Any, done: tuple[float, int]
+        self, update: int, poses: Indices, new: Any, smoother: Any, effort: "UpdateEffort"
     ) -> None:
-        self._seconds[update], self._relinearized[update] = done
+        self._seconds[update] = effort.seconds
+        self._relinearized[update] = effort.relinearized
         now = self._time[update]
         for key in poses.tolist():
             before = new.atPose3(key)
             pose = smoother.pose(key) if self._pose_time[key] == now else before
             self._before[key] = before.translation()
-            self._position[key], self._rotation[key] = pose.translation(), pose.rotation().matrix()
+            self._position[key] = pose.translation()
+            self._rotation[key] = pose.rotation().matrix()
 
     def result(self, solution: GraphSolution, optimum: Optimum) -> IncrementalResult:
         quaternion = np.full((self._rotation.shape[0], 4), np.nan)

@@ -13,6 +13,8 @@ import numpy as np
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.filters.error_state import (
+    POSITION,
+    ROTATION,
     SIZE,
     Innovation,
     Motion,
@@ -109,11 +111,11 @@ def filter_graph(
             innovation = innovations(state, k)
             nis = np.nan
             if innovation.residual.size:
-                updated = update(state, innovation)
-                failed = updated is None
-                if updated is None:
+                posterior = update(state, innovation)
+                failed = posterior is None
+                if posterior is None:  # its covariance is not positive definite
                     break
-                state, nis = updated
+                state, nis = posterior
                 cost += 0.5 * nis
         seconds[k] = process_time() - begin
         if failed:
@@ -216,17 +218,19 @@ def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
     Update steps by other measurements of the same steps: of their translations, or of both parts.
     """
     rotation, translation, covariance, cost = steps
-    measured = table.column("position")
+    translation_of = table.column("position")
     with_rotation = "quaternion" in table.kind.columns_at
-    turn = (
+    rotation_of = (
         matrix_from_quaternion(table.column("quaternion")) if with_rotation else np.empty((0, 3, 3))
     )
     for i, (k, a) in enumerate(zip(*rows, strict=True)):
-        innovation = measured[i] - translation[k, a]
+        innovation = translation_of[i] - translation[k, a]
         if with_rotation:  # in the tangent of the second body
             by_errors = np.eye(SIZE)
             own = np.swapaxes(rotation[k, a], 0, 1)
-            innovation = np.concatenate([so3_log((own @ turn[i])[None])[0], own @ innovation])
+            innovation = np.concatenate(
+                [so3_log((own @ rotation_of[i])[None])[0], own @ innovation]
+            )
         else:
             by_errors = np.concatenate([np.zeros((3, 3)), rotation[k, a]], axis=1)
         weight = covariance[k, a] @ by_errors.T
@@ -234,8 +238,8 @@ def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
         gain = np.linalg.solve(variance, weight.T).T
         error = gain @ innovation
         cost[k, a] += 0.5 * innovation @ np.linalg.solve(variance, innovation)
-        translation[k, a] += rotation[k, a] @ error[3:]
-        rotation[k, a] = rotation[k, a] @ so3_exp(error[:3])
+        translation[k, a] += rotation[k, a] @ error[POSITION]
+        rotation[k, a] = rotation[k, a] @ so3_exp(error[ROTATION])
         reduced = covariance[k, a] - gain @ weight.T
         covariance[k, a] = 0.5 * (reduced + reduced.T)
 
@@ -285,9 +289,11 @@ class _Updates:
 
     def __init__(self, graph: FactorGraph, timeline: _Timeline) -> None:
         tables = [
-            t for name, t in graph.tables.items() if t.kind.ends == ("pose",) and name != "prior"
+            table
+            for name, table in graph.tables.items()
+            if table.kind.ends == ("pose",) and name != "prior"
         ]
-        self._parts = [_OfPoses(graph, table) for table in tables if len(table)]
+        self._parts = [_PoseMeasurements(graph, table) for table in tables if len(table)]
         n_times = len(timeline.pose)
         self._rows = [
             _by_time(timeline.sample[part.table.subject], n_times) for part in self._parts
@@ -300,7 +306,7 @@ class _Updates:
         if not any(rows.size for _, rows in some):
             return _NOTHING
         residual = np.concatenate([part.residual(state, rows) for part, rows in some])
-        columns = self._measured([(part, part.vehicle[rows]) for part, rows in some])
+        columns = self._error_columns([(part, part.vehicle[rows]) for part, rows in some])
         if all(part.table.kind.rows == 1 for part, rows in some if rows.size):  # the usual case
             diagonal = np.concatenate([part.variance[rows] for part, rows in some if rows.size])
             return Innovation(residual, columns, np.diag(diagonal))
@@ -313,16 +319,16 @@ class _Updates:
                 start = end
         return Innovation(residual, columns, variance)
 
-    def _measured(self, of: list[tuple["_OfPoses", Indices]]) -> Indices:
+    def _error_columns(self, parts: list[tuple["_PoseMeasurements", Indices]]) -> Indices:
         """Columns of the errors that are measured; the same vehicles measure at most times."""
-        key = tuple(vehicles.tobytes() for _, vehicles in of)
+        key = tuple(vehicles.tobytes() for _, vehicles in parts)
         if key not in self._columns:
-            columns = [(SIZE * vehicles[:, None] + part.errors).ravel() for part, vehicles in of]
+            columns = [(SIZE * vehicles[:, None] + part.errors).ravel() for part, vehicles in parts]
             self._columns[key] = np.concatenate(columns)
         return self._columns[key]
 
 
-class _OfPoses:
+class _PoseMeasurements:
     """
     Factors of one kind of single poses: their vehicles, the errors of a pose that they measure, and
     covariances of these.
@@ -447,15 +453,13 @@ class _Log:
     def __init__(self, graph: FactorGraph, timeline: _Timeline, poses: Indices | None) -> None:
         self._pose = timeline.pose
         self._n = graph.n_poses
-        self._position, self._rotation = (
-            np.full((self._n, 3), np.nan),
-            np.full((self._n, 3, 3), np.nan),
-        )
+        self._position = np.full((self._n, 3), np.nan)
+        self._rotation = np.full((self._n, 3, 3), np.nan)
         self._poses = poses
         self._epoch = (
             {}
             if poses is None
-            else {int(timeline.sample[row[0]]): e for e, row in enumerate(poses)}
+            else {int(timeline.sample[row[0]]): epoch for epoch, row in enumerate(poses)}
         )
         self._vehicle = graph.pose_vehicle
         self._out = None if poses is None else EpochCovariances.unknown(*poses.shape)
@@ -470,16 +474,19 @@ class _Log:
         self._rotation[self._pose[k]] = state.rotation[:n]
         if self._out is None or self._poses is None or k not in self._epoch:
             return
-        e = self._epoch[k]
-        who = self._vehicle[self._poses[e]]
+        epoch = self._epoch[k]
+        vehicles = self._vehicle[self._poses[epoch]]
         blocks = state.covariance.reshape(len(state.position), SIZE, len(state.position), SIZE)
-        self._out.position[e] = blocks[who][:, 3:][:, :, who][..., 3:]
-        to_body = np.zeros((who.size, SIZE, SIZE))
-        to_body[:, :3, :3], to_body[:, 3:, 3:] = np.eye(3), np.swapaxes(state.rotation[who], 1, 2)
-        self._out.pose[e] = to_body @ blocks[who, :, who, :] @ np.swapaxes(to_body, 1, 2)
+        self._out.position[epoch] = blocks[vehicles][:, POSITION][:, :, vehicles][..., POSITION]
+        to_body = np.zeros((vehicles.size, SIZE, SIZE))
+        to_body[:, ROTATION, ROTATION] = np.eye(3)
+        to_body[:, POSITION, POSITION] = np.swapaxes(state.rotation[vehicles], 1, 2)
+        self._out.pose[epoch] = (
+            to_body @ blocks[vehicles, :, vehicles, :] @ np.swapaxes(to_body, 1, 2)
+        )
         if range_dimension:
-            self._out.range_nis[e] = range_nis
-            self._out.range_dimension[e] = range_dimension
+            self._out.range_nis[epoch] = range_nis
+            self._out.range_dimension[epoch] = range_dimension
 
     def values(self, state: State) -> GraphValues:
         """Estimates of all variables."""

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 
 from pymantaray.arrays import Array, Indices, Mask
-from pymantaray.estimation.filters.marginal_prior import MarginalPrior, RangesAndPrior, marginalized
+from pymantaray.estimation.filters.marginal_prior import MarginalPrior, RangesAndPrior, marginalize
 from pymantaray.estimation.graph.graph import KINDS, FactorGraph, Factors, GraphValues
-from pymantaray.estimation.solvers.normal_equations import SIZE
+from pymantaray.estimation.solvers.normal_equations import POSITION, ROTATION, SIZE
 from pymantaray.estimation.solvers.optimize import LastStep, optimize
 from pymantaray.estimation.solvers.problems import (
     FactorsExceptRanges,
@@ -71,7 +71,8 @@ class LagWindow:
         self._lag = lag
         self._options = options
         state = GraphState.of(initial)
-        self._rotation, self._position = state.rotation.copy(), state.position.copy()
+        self._rotation = state.rotation.copy()
+        self._position = state.position.copy()
         of_variable = np.searchsorted(times, moment)
         self._enters = {
             name: of_variable[graph[name].variables].max(axis=1) for name in graph.factors
@@ -136,8 +137,8 @@ class LagWindow:
         (joint,) = self._window.last.factor.inverse([group])
         rotation = np.zeros((group.size, SIZE, group.size, SIZE))
         own = np.arange(group.size)
-        rotation[own, :3, own, :3] = np.eye(3)
-        rotation[own, 3:, own, 3:] = state.rotation[group]
+        rotation[own, ROTATION, own, ROTATION] = np.eye(3)
+        rotation[own, POSITION, own, POSITION] = state.rotation[group]
         to_world = rotation.reshape(joint.shape)
         return np.asarray(to_world.T @ joint @ to_world)
 
@@ -165,7 +166,7 @@ class LagWindow:
             table = graph[name]
             ends = number[table.variables[of_name]]
             tables[name] = Factors(
-                table.kind, ends, table.measured[of_name], table.covariance[of_name]
+                table.kind, ends, table.measurement[of_name], table.covariance[of_name]
             )
         return bare.with_factors(**tables)
 
@@ -207,8 +208,8 @@ class LagWindow:
         self._position[fresh] = position[new]
         ranged = [v for v in range_only_landmarks(graph).tolist() if new[v]]
         if ranged:
-            for landmark, found in trilaterate(graph, reckoned, ranged).items():
-                self._position[variables[landmark]] = found[0]
+            for landmark, solutions in trilaterate(graph, reckoned, ranged).items():
+                self._position[variables[landmark]] = solutions[0]
 
     def _leave(self, k: int, variables: Indices, last: LastStep) -> bool:
         """
@@ -218,9 +219,9 @@ class LagWindow:
         n = self._graph.n_poses
         old = (variables < n) & (self._moment[variables] < self._times[k] - self._lag)
         # what leaves has had its last estimate at the update before
-        kept = variables[~old]
-        self._rotation[kept] = last.state.rotation[~old]
-        self._position[kept] = last.state.position[~old]
+        remaining = variables[~old]
+        self._rotation[remaining] = last.state.rotation[~old]
+        self._position[remaining] = last.state.position[~old]
         if not old.any():
             return True
         gone = np.zeros_like(self._left)
@@ -238,10 +239,10 @@ class LagWindow:
         state = GraphState(last.state.rotation[at], last.state.position[at], np.zeros(0))
         graph = self._part(involved, absorbed)
         before = None if self._prior is None else self._prior.among(involved)
-        after = marginalized(graph, before, state, np.flatnonzero(~gone[involved]))
+        after = marginalize(graph, before, state, np.flatnonzero(~gone[involved]))
         if after is None:
             return False
-        self._prior = after.named(involved)
+        self._prior = after.renumber(involved)
         self._inside &= ~gone
         self._left |= gone
         return True

@@ -9,7 +9,14 @@ import numpy as np
 from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.graph.graph import FactorGraph
 from pymantaray.estimation.solvers.losses import Loss
-from pymantaray.estimation.solvers.normal_equations import SIZE, Blocks, NormalEquations, Structure
+from pymantaray.estimation.solvers.normal_equations import (
+    POSITION,
+    ROTATION,
+    SIZE,
+    Blocks,
+    NormalEquations,
+    Structure,
+)
 from pymantaray.estimation.solvers.problems import (
     Distances,
     FactorsExceptRanges,
@@ -36,10 +43,10 @@ class MarginalPrior:
     cost: float
 
     def among(self, variables: Indices) -> "MarginalPrior":
-        """The same with variables numbered by their place among sorted ones."""
+        """The same with variables numbered by their index among sorted ones."""
         return replace(self, variables=np.searchsorted(variables, self.variables))
 
-    def named(self, variables: Indices) -> "MarginalPrior":
+    def renumber(self, variables: Indices) -> "MarginalPrior":
         """The inverse of `among`."""
         return replace(self, variables=variables[self.variables])
 
@@ -54,7 +61,8 @@ class MarginalPrior:
         n = len(d)
         by = np.zeros((n, SIZE, n, SIZE))
         own = np.arange(n)
-        by[own, :3, own, :3], by[own, 3:, own, 3:] = _by_turn(d[:, :3]), np.eye(3)
+        by[own, ROTATION, own, ROTATION] = _by_rotation(d[:, ROTATION])
+        by[own, POSITION, own, POSITION] = np.eye(3)
         jacobian = by.reshape(SIZE * n, SIZE * n)
         pull = self.gradient + self.matrix @ d.ravel()
         out.cost += self.cost_at(state)
@@ -67,7 +75,7 @@ class MarginalPrior:
         )
 
 
-def _by_turn(vector: Array) -> Array:
+def _by_rotation(vector: Array) -> Array:
     """Derivatives of rotation vectors (n, 3) by a further rotation in the body's axes."""
     angle = np.linalg.norm(vector, axis=1)
     large = np.maximum(angle, _SMALL_ANGLE)
@@ -99,11 +107,12 @@ class RangesAndPrior(Distances):
             self._prior.add(state, out)
 
 
-def marginalized(
-    graph: FactorGraph, prior: MarginalPrior | None, state: GraphState, kept: Indices
+def marginalize(
+    graph: FactorGraph, prior: MarginalPrior | None, state: GraphState, remaining: Indices
 ) -> MarginalPrior | None:
     """
-    Prior on the kept variables of a graph and a prior, after elimination of all others at a state.
+    Prior on the remaining variables of a graph and a prior, after elimination of all others at a
+    state.
 
     None if the others are not determined.
     """
@@ -113,12 +122,17 @@ def marginalized(
     if prior is not None:
         one, other = np.triu_indices(prior.variables.size, 1)
         pairs.append(np.stack([prior.variables[one], prior.variables[other]], axis=1))
-    structure = Structure(graph.n_variables, np.concatenate(pairs).astype(np.intp), last=kept)
+    structure = Structure(graph.n_variables, np.concatenate(pairs).astype(np.intp), last=remaining)
     equations = Problem(factors, ranges, structure).linearize(state)
-    left = equations.eliminate(kept)
-    if left is None:
+    rest = equations.eliminate(remaining)
+    if rest is None:
         return None
-    matrix, gradient = left
+    matrix, gradient = rest
     return MarginalPrior(
-        kept, state.rotation[kept], state.position[kept], matrix, gradient, equations.cost
+        remaining,
+        state.rotation[remaining],
+        state.position[remaining],
+        matrix,
+        gradient,
+        equations.cost,
     )

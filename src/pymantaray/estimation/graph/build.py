@@ -198,14 +198,14 @@ def _columns(
         getattr(measurements, name) for name in (source.vehicle, source.sample, source.sigma)
     )
     variables = np.stack([chain[vehicle, sample + k] for k in range(len(kind.ends))], axis=1)
-    measured = [getattr(measurements, name) for name in source.measured]
+    columns = [getattr(measurements, name) for name in source.columns]
     if sigma.ndim == 1:
         sigma = np.repeat(sigma[:, None], kind.rows, axis=1)
     if source.rate:
         duration = (measurements.time[sample + 1] - measurements.time[sample])[:, None]
-        measured = [values * duration for values in measured]
+        columns = [values * duration for values in columns]
         sigma = sigma * duration
-    return variables, measured, sigma
+    return variables, columns, sigma
 
 
 def _in_body(attitudes: Factors) -> Factors:
@@ -228,7 +228,7 @@ def _table(
     graph: FactorGraph,
     name: str,
     variables: NDArray[Any],
-    measured: list[NDArray[Any]],
+    columns: list[NDArray[Any]],
     sigma: NDArray[Any],
 ) -> Factors:
     """
@@ -238,7 +238,7 @@ def _table(
     covariance = np.zeros((len(sigma), kind.rows, kind.rows))
     row = np.arange(kind.rows)
     covariance[:, row, row] = sigma**2
-    factors = kind.owning_table(variables, measured, covariance)
+    factors = kind.owning_table(variables, columns, covariance)
     fine = (np.isfinite(sigma) & (sigma > 0.0)).all(axis=1)
     if not fine.all():
         first = int(np.argmin(fine))

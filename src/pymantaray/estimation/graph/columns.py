@@ -27,10 +27,10 @@ def columns(role: str, *, timed: bool = False, more_names: int = 0) -> Word:
     if role in _VERTICES:
         return Word(timed, 1 + more_names, _VERTICES[role], 0, False)
     kind = KINDS[role]
-    measured = sum(width for _, width, _ in kind.columns)
+    measurement = sum(width for _, width, _ in kind.columns)
     # lines of distances are the same in two and in three dimensions
     planar = None if kind.residual is Residual.DISTANCE else False
-    return Word(timed, len(kind.ends) + more_names, measured, kind.rows, planar)
+    return Word(timed, len(kind.ends) + more_names, measurement, kind.rows, planar)
 
 
 def to_graph(values: Array, grammar: Word, *, planar: bool) -> tuple[Array, Array]:
@@ -38,33 +38,35 @@ def to_graph(values: Array, grammar: Word, *, planar: bool) -> tuple[Array, Arra
     Measured columns and matrices of a graph from the numbers of lines: quaternions w x y z,
     rotation before translation.
     """
-    measured = values[:, : grammar.measured]
-    matrix = from_triangle(values[:, grammar.measured :], grammar.matrix)
+    measurement = values[:, : grammar.values]
+    matrix = from_triangle(values[:, grammar.values :], grammar.matrix)
     if planar:
-        measured = lifted(measured)
-        matrix = lifted_matrix(matrix) if grammar.matrix else matrix
-    if measured.shape[1] == 7:
-        measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_WXYZ]], axis=1)
+        measurement = lift(measurement)
+        matrix = lift_matrix(matrix) if grammar.matrix else matrix
+    if measurement.shape[1] == 7:
+        measurement = np.concatenate([measurement[:, :3], measurement[:, 3:][:, TO_WXYZ]], axis=1)
     size = matrix.shape[1]
-    return measured, matrix[:, ROTATION_FIRST][:, :, ROTATION_FIRST] if size == 6 else matrix
+    return measurement, matrix[:, ROTATION_FIRST][:, :, ROTATION_FIRST] if size == 6 else matrix
 
 
-def to_file(measured: Array, matrix: Array | None, *, planar: bool) -> tuple[Array, Array | None]:
+def to_file(
+    measurement: Array, matrix: Array | None, *, planar: bool
+) -> tuple[Array, Array | None]:
     """Numbers and matrices of lines from the columns of a graph: the inverse of `to_graph`."""
-    if measured.shape[1] == 7:
-        measured = np.concatenate([measured[:, :3], measured[:, 3:][:, TO_XYZW]], axis=1)
+    if measurement.shape[1] == 7:
+        measurement = np.concatenate([measurement[:, :3], measurement[:, 3:][:, TO_XYZW]], axis=1)
     if matrix is not None and matrix.shape[1] == 6:
         matrix = matrix[:, ROTATION_FIRST][:, :, ROTATION_FIRST]
     if planar:
-        measured = flattened(measured)
+        measurement = flatten(measurement)
         matrix = matrix if matrix is None else flat_matrix(matrix)
-    return measured, matrix
+    return measurement, matrix
 
 
 def write_rows(
     words: tuple[str, str | None],
     heads: Iterable[str],
-    measured: Array,
+    measurement: Array,
     matrix: Array | None = None,
     *,
     planar: bool,
@@ -75,8 +77,10 @@ def write_rows(
     """
     flat = planar and words[1] is not None
     word = words[1] if flat else words[0]
-    measured, matrix = to_file(measured, matrix, planar=flat)
-    table = measured if matrix is None else np.concatenate([measured, triangle(matrix)], axis=1)
+    measurement, matrix = to_file(measurement, matrix, planar=flat)
+    table = (
+        measurement if matrix is None else np.concatenate([measurement, triangle(matrix)], axis=1)
+    )
     bits = np.ascontiguousarray(table).view(np.int64)  # zeros have signs
     same = (bits == bits[:1]).all(axis=0) & bool(len(table))
     numbers = [f"{table[0, k]:.17g}" if same[k] else "%.17g" for k in range(table.shape[1])]
@@ -85,26 +89,26 @@ def write_rows(
         yield form % (head, *row)
 
 
-def flattened(measured: Array) -> Array:
+def flatten(measurement: Array) -> Array:
     """
     Planar part of x y z, (n, 3), or of x y z and a quaternion x y z w, (n, 7): x y, and the angle
     about down.
     """
-    if measured.shape[1] == 3:
-        return measured[:, :2]
-    z = measured[:, 5]
-    w = measured[:, 6]
+    if measurement.shape[1] == 3:
+        return measurement[:, :2]
+    z = measurement[:, 5]
+    w = measurement[:, 6]
     sign = np.where(w < 0.0, -1.0, 1.0)
-    return np.column_stack([measured[:, :2], 2.0 * np.arctan2(sign * z, sign * w)])
+    return np.column_stack([measurement[:, :2], 2.0 * np.arctan2(sign * z, sign * w)])
 
 
-def lifted(measured: Array) -> Array:
+def lift(measurement: Array) -> Array:
     """The inverse of `flattened`: x y, (n, 2), or x y and an angle, (n, 3)."""
-    none = np.zeros((len(measured), 3))
-    if measured.shape[1] == 2:
-        return np.column_stack([measured, none[:, 0]])
-    half = 0.5 * measured[:, 2]
-    return np.column_stack([measured[:, :2], none, np.sin(half), np.cos(half)])
+    none = np.zeros((len(measurement), 3))
+    if measurement.shape[1] == 2:
+        return np.column_stack([measurement, none[:, 0]])
+    half = 0.5 * measurement[:, 2]
+    return np.column_stack([measurement[:, :2], none, np.sin(half), np.cos(half)])
 
 
 def flat_matrix(matrices: Array) -> Array:
@@ -113,7 +117,7 @@ def flat_matrix(matrices: Array) -> Array:
     return np.asarray(matrices[:, inside][:, :, inside])
 
 
-def lifted_matrix(matrices: Array) -> Array:
+def lift_matrix(matrices: Array) -> Array:
     """The inverse of `flat_matrix`; out of the plane there is a unit."""
     size = {3: 6, 2: 3}[matrices.shape[1]]
     inside = np.array(_IN_PLANE[size])

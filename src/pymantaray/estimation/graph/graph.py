@@ -84,7 +84,7 @@ class FactorSource(NamedTuple):
 
     vehicle: str
     sample: str
-    measured: tuple[str, ...]
+    columns: tuple[str, ...]
     sigma: str
     rate: bool = False
 
@@ -117,7 +117,9 @@ class FactorKind:
         """Residual that fits the ends and columns; an error if there is none."""
         shape = self.ends, tuple(sorted(self.columns_at))
         if shape not in _RESIDUALS:
-            fitting = (f"{' and '.join(c)} of {' and '.join(e)}" for e, c in _RESIDUALS)
+            fitting = (
+                f"{' and '.join(columns)} of {' and '.join(ends)}" for ends, columns in _RESIDUALS
+            )
             raise EstimationError(
                 f"{self.what}: no residual for {' and '.join(shape[1])} of"
                 f" {' and '.join(self.ends)}; allowed: {', '.join(fitting)}"
@@ -163,22 +165,22 @@ class FactorKind:
         ]
 
     def table(
-        self, variables: ArrayLike, measured: Sequence[ArrayLike], covariance: ArrayLike
+        self, variables: ArrayLike, measurement: Sequence[ArrayLike], covariance: ArrayLike
     ) -> "Factors":
         """
         Factors of this kind, of variables (n, ends), columns (n, width) and covariances (n, rows,
         rows).
         """
-        return self.owning_table(variables, measured, np.array(covariance, dtype=float))
+        return self.owning_table(variables, measurement, np.array(covariance, dtype=float))
 
     def owning_table(
-        self, variables: ArrayLike, measured: Sequence[ArrayLike], covariance: Array
+        self, variables: ArrayLike, measurement: Sequence[ArrayLike], covariance: Array
     ) -> "Factors":
         """Factors as by `table`, with these covariances themselves, which become read-only."""
         ends = np.array(variables, dtype=np.int32).reshape(-1, len(self.ends))
         blocks = [
             np.asarray(values, dtype=float).reshape(-1, width)
-            for values, (_, width, _) in zip(measured, self.columns, strict=True)
+            for values, (_, width, _) in zip(measurement, self.columns, strict=True)
         ]
         matrices = covariance.reshape(-1, self.rows, self.rows)
         return Factors(self, ends, np.concatenate(blocks, axis=1), matrices)
@@ -289,12 +291,12 @@ class Factors:
 
     kind: FactorKind
     variables: Indices  # (n, ends)
-    measured: Array  # (n, columns); by name with `column`
+    measurement: Array  # (n, columns); by name with `column`
     covariance: Array  # (n, rows, rows) [rad2, m2]
 
     def __post_init__(self) -> None:
         """Check shapes and freeze."""
-        tables = self.variables, self.measured, self.covariance
+        tables = self.variables, self.measurement, self.covariance
         if len({len(table) for table in tables}) != 1:
             sizes = " and ".join(str(len(table)) for table in tables)
             raise EstimationError(
@@ -311,19 +313,21 @@ class Factors:
     def __getitem__(self, rows: ArrayLike | slice) -> "Factors":
         """Select factors, in the order of the rows."""
         some = rows if isinstance(rows, slice) else np.asarray(rows)
-        return Factors(self.kind, self.variables[some], self.measured[some], self.covariance[some])
+        return Factors(
+            self.kind, self.variables[some], self.measurement[some], self.covariance[some]
+        )
 
     def column(self, name: str) -> Array:
         """One measured column; shape (n,) for a number, else (n, width)."""
-        values = self.measured[:, self.kind.columns_at[name]]
+        values = self.measurement[:, self.kind.columns_at[name]]
         return values[:, 0] if values.shape[1] == 1 else values
 
     def with_columns(self, **columns: Array) -> "Factors":
         """Copy with some measured columns replaced."""
-        measured = self.measured.copy()
+        measurement = self.measurement.copy()
         for name, values in columns.items():
-            measured[:, self.kind.columns_at[name]] = values.reshape(len(self), -1)
-        return Factors(self.kind, self.variables, measured, self.covariance)
+            measurement[:, self.kind.columns_at[name]] = values.reshape(len(self), -1)
+        return Factors(self.kind, self.variables, measurement, self.covariance)
 
     @property
     def variance(self) -> Array:
@@ -336,12 +340,12 @@ class Factors:
         """Variables that messages name, shape (n,)."""
         return self.variables[:, self.kind.named_after]
 
-    def joined(self, more: "Factors") -> "Factors":
+    def append(self, more: "Factors") -> "Factors":
         """Append factors of the same kind."""
         return Factors(
             self.kind,
             np.concatenate([self.variables, more.variables]),
-            np.concatenate([self.measured, more.measured]),
+            np.concatenate([self.measurement, more.measurement]),
             np.concatenate([self.covariance, more.covariance]),
         )
 
@@ -500,7 +504,7 @@ class FactorGraph(Record):
             about = {"long_name": f"variables of {what}"}
             dataset[f"{name}_variables"] = ((name, f"{name}_end"), factors.variables, about)
             for part, _, unit in factors.kind.columns:
-                values = factors.measured[:, factors.kind.columns_at[part]]
+                values = factors.measurement[:, factors.kind.columns_at[part]]
                 about = {"long_name": f"{part} of {what}", "units": unit}
                 dataset[f"{name}_{part}"] = ((name, f"{name}_{part}_axis"), values, about)
             axes = (name, f"{name}_row", f"{name}_column")
@@ -602,7 +606,7 @@ def check_graph(graph: FactorGraph) -> None:
         factors = graph[name]
         if len(factors):
             _check_ends(graph, factors)
-            _check_measured(graph, factors)
+            _check_measurement(graph, factors)
             _check_covariance(graph, factors)
             if graph.planar:
                 _check_planar(graph, factors)
@@ -699,13 +703,13 @@ def _check_ends(graph: FactorGraph, factors: Factors) -> None:
         first, second = factors.variables.T
         two = f"two different {'poses' if kind.ends == ('pose', 'pose') else 'variables'}"
         _refuse(graph, kind.what, first, second[:, None], first != second, two)
-        turned = (first >= n) & (second < n)
-        _refuse(graph, kind.what, first, second[:, None], ~turned, "the pose named first")
+        landmark_first = (first >= n) & (second < n)
+        _refuse(graph, kind.what, first, second[:, None], ~landmark_first, "the pose named first")
 
 
-def _check_measured(graph: FactorGraph, factors: Factors) -> None:
+def _check_measurement(graph: FactorGraph, factors: Factors) -> None:
     what = factors.kind.what
-    values = factors.measured
+    values = factors.measurement
     _refuse(graph, what, factors.subject, values, np.isfinite(values), "finite values")
     small = np.abs(values) <= LARGEST
     _refuse(graph, what, factors.subject, values, small, f"values of at most {LARGEST:g}")
@@ -742,7 +746,7 @@ def _check_planar(graph: FactorGraph, factors: Factors) -> None:
 
 def _check_upright(graph: FactorGraph, what: str, variables: Indices, quaternion: Array) -> None:
     upright = (quaternion[:, 1:3] == 0.0).all(axis=1)
-    _refuse(graph, what, variables, quaternion, upright, "a turn about down in two dimensions")
+    _refuse(graph, what, variables, quaternion, upright, "a rotation about down in two dimensions")
 
 
 def _check_length(graph: FactorGraph, what: str, variables: Indices, quaternion: Array) -> None:

@@ -61,8 +61,8 @@ def _isotropic(factors: Factors, *, planar: bool) -> Factors:
     for unit in ("rad", "m"):
         if rows := kind.rows_in(unit, planar=planar):
             diagonal[:, rows] = diagonal[:, rows].mean(axis=1, keepdims=True)
-    measured = [factors.measured[:, position] for position in kind.columns_at.values()]
-    return kind.table(factors.variables, measured, diagonal[:, :, None] * np.eye(kind.rows))
+    columns = [factors.measurement[:, span] for span in kind.columns_at.values()]
+    return kind.table(factors.variables, columns, diagonal[:, :, None] * np.eye(kind.rows))
 
 
 class DepthsAsRanges(NamedTuple):
@@ -111,8 +111,8 @@ def depths_as_ranges(graph: FactorGraph, values: GraphValues) -> DepthsAsRanges:
     name = next(f"L{k}" for k in range(len(names) + 1) if f"L{k}" not in names)
     whole = replace(graph, landmark_name=np.array([*names, name])).with_factors(
         **{name: table[:0] for name, table in depths.items()},
-        range=graph["range"].joined(more),
-        survey=graph["survey"].joined(survey),
+        range=graph["range"].append(more),
+        survey=graph["survey"].append(survey),
     )
     positions = np.concatenate([values.landmark_position.reshape(-1, 3), above])
     return DepthsAsRanges(whole, replace(values, landmark_position=positions))

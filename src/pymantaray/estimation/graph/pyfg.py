@@ -146,8 +146,8 @@ def write_pyfg(
 
 def warn_of_depths(graph: FactorGraph, path: Path | str) -> None:
     """Log that PyFactorGraph loses the depth priors of a graph; nothing without any."""
-    kept = [table for table in graph.tables.values() if table.kind.is_depth and table.kind.word]
-    if count := sum(map(len, kept)):
+    depths = [table for table in graph.tables.values() if table.kind.is_depth and table.kind.word]
+    if count := sum(map(len, depths)):
         LOG.warning(
             "%s: PyFactorGraph reads its %d depth priors with a precision of 0, so without effect;"
             ' depths = "ranges" keeps them',
@@ -290,7 +290,7 @@ class _Reader:
             word: table.numbers(
                 lines,
                 position=word != RANGE,
-                quaternion=_GRAMMAR[word].measured == 7 and not self._planar,
+                quaternion=_GRAMMAR[word].values == 7 and not self._planar,
             )
             for word, table in self._tables.items()
         }
@@ -305,7 +305,8 @@ class _Reader:
 
     def graph(self, names: dict[str, str]) -> tuple[FactorGraph, GraphValues]:
         """Convert all lines; ``names`` maps symbols of vehicles and landmarks to their names."""
-        (poses,), (landmarks,) = self._names[POSE], self._names[LANDMARK]
+        (poses,) = self._names[POSE]
+        (landmarks,) = self._names[LANDMARK]
         if not poses:
             self._lines.refuse(f"no {POSE} or {FLAT[POSE]} in the file", "at least one pose", 0)
         for word, vertices in ((POSE, poses), (LANDMARK, landmarks)):
@@ -318,11 +319,11 @@ class _Reader:
                 self._variable[name] = len(self._variable)
         of_pose = [name.rstrip(string.digits) for name in poses]
         vehicles = list(dict.fromkeys(of_pose))
-        place = {vehicle: i for i, vehicle in enumerate(vehicles)}
+        index = {vehicle: i for i, vehicle in enumerate(vehicles)}
         graph = FactorGraph(
             vehicle_name=np.array([names.get(vehicle, vehicle) for vehicle in vehicles]),
             landmark_name=np.array([names.get(name, name) for name in landmarks], dtype=str),
-            pose_vehicle=np.array([place[vehicle] for vehicle in of_pose]),
+            pose_vehicle=np.array([index[vehicle] for vehicle in of_pose]),
             pose_number=np.array(
                 [int(name[len(vehicle) :]) for vehicle, name in zip(of_pose, poses, strict=True)]
             ),
@@ -346,24 +347,24 @@ class _Reader:
         flat = self._planar and word in FLAT
         grammar = _GRAMMAR[word].flat if flat else _GRAMMAR[word]
         values = self._values[word][:, grammar.timed :]
-        measured, covariance = to_graph(values, grammar, planar=flat)
+        measurement, covariance = to_graph(values, grammar, planar=flat)
         if flat and word == POSE_PRIOR:
             _free_out_of_plane(covariance)
-        return measured, covariance
+        return measurement, covariance
 
     def _table(self, kind: FactorKind, word: str) -> Factors:
         """Factors of a kind with a word of its own."""
-        measured, covariance = self._numbers(word)
+        measurement, covariance = self._numbers(word)
         variables = self._variables(word)
         if word == EDGE:  # with free rotation it measures the position alone
             free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
             mine = (free == [True] * 3 + [False] * 3).all(axis=1) == bool(kind.axes)
             variables = variables[mine]
-            measured = measured[mine]
+            measurement = measurement[mine]
             covariance = covariance[mine]
             if kind.axes:
                 covariance = covariance[:, kind.axes][:, :, kind.axes]
-        columns = [measured[:, place] for place in kind.columns_at.values()]
+        columns = [measurement[:, span] for span in kind.columns_at.values()]
         covariance, keep = self._lines.treat(self._tables[word].word, covariance)
         return kind.table(variables, columns, covariance)[keep]
 
@@ -371,9 +372,9 @@ class _Reader:
         """
         Factors of the kinds that are written as pose priors, distinguished by their free axes.
         """
-        measured, covariance = self._numbers(POSE_PRIOR)
+        measurement, covariance = self._numbers(POSE_PRIOR)
         variables = self._variables(POSE_PRIOR)
-        quaternion = measured[:, 3:]
+        quaternion = measurement[:, 3:]
         free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
         # depth is distinct from horizontal axes only if the prior's axes are the world's, up to a
         # rotation about down
@@ -388,13 +389,13 @@ class _Reader:
             fixed = np.isin(np.arange(6), axes)
             mine = (free == ~fixed).all(axis=1)
             matrix = covariance[:, axes][:, :, axes]
-            position = measured[:, :3][:, fixed[3:]]
+            position = measurement[:, :3][:, fixed[3:]]
             allowed.append(_axes(~fixed) or "none")
             columns = [position] if fixed[3:].any() else []
             if "quaternion" in kind.columns_at:
                 columns.append(quaternion)
             elif fixed[3:].all():
-                matrix = _turn(matrix, quaternion)
+                matrix = _in_world_axes(matrix, quaternion)
             else:
                 mine &= level
                 allowed[-1] += " on level axes"
@@ -417,28 +418,28 @@ class _Reader:
             columns = [[known[name] for name in names] for names in ends]
         except KeyError:
             row, name = next(
-                (r, n)
-                for r, row in enumerate(zip(*ends, strict=True))
-                for n in row
-                if n not in known
+                (row, name)
+                for row, names in enumerate(zip(*ends, strict=True))
+                for name in names
+                if name not in known
             )
             self._lines.refuse(
                 f"name {name}", "names of the file's vertices", self._tables[word].line[row]
             )
         return np.array(columns, dtype=np.int32).T
 
-    def _checked_names(self, lifted: str, table: Table) -> list[list[str]]:
+    def _checked_names(self, word: str, table: Table) -> list[list[str]]:
         """
         Names in the lines of a word, for each end, without leading zeros, so that A01 equals A1.
         """
         ends = []
-        for end in range(_GRAMMAR[lifted].names):
+        for end in range(_GRAMMAR[word].names):
             fields = table.names(end)
             for field in dict.fromkeys(fields):
                 if field not in self._known:
                     self._known[field] = self._name(table, field, fields)
             ends.append([self._known[field] for field in fields])
-        self._check_names(table, lifted, ends)
+        self._check_names(table, word, ends)
         return ends
 
     def _name(self, table: Table, field: str, fields: list[str]) -> str:
@@ -552,8 +553,8 @@ def _texts(
     time = [f"{t:.17g}" for t in graph.pose_time.tolist()] + ["0"] * len(landmarks)
     poses = [f"{t} {name}" for t, name in zip(time, names[: graph.n_poses], strict=False)]
     planar = graph.planar
-    places = np.concatenate([initial.position, initial.quaternion], axis=1)
-    yield from write_rows(_words(POSE), poses, places, planar=planar)
+    poses_values = np.concatenate([initial.position, initial.quaternion], axis=1)
+    yield from write_rows(_words(POSE), poses, poses_values, planar=planar)
     yield from write_rows(_words(LANDMARK), landmarks, initial.landmark_position, planar=planar)
     for table, factors in graph.tables.items():
         kind = factors.kind
@@ -577,11 +578,11 @@ def _texts(
             yield known[table][1]
 
 
-def _same(a: Factors, b: Factors) -> bool:
+def _same(first: Factors, second: Factors) -> bool:
     """True if two tables of factors of a kind have the same numbers."""
     return all(
-        np.array_equal(getattr(a, of), getattr(b, of))
-        for of in ("variables", "measured", "covariance")
+        np.array_equal(getattr(first, of), getattr(second, of))
+        for of in ("variables", "measurement", "covariance")
     )
 
 
@@ -597,16 +598,16 @@ def _pose_prior_columns(factors: Factors) -> tuple[Array, Array]:
     """
     kind = factors.kind
     covariance = factors.covariance
-    measured = factors.measured
+    measurement = factors.measurement
     if kind.axes:
         axes = np.array(kind.axes)
-        measured = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(factors), 1))
-        for column, place in kind.columns_at.items():
+        measurement = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(factors), 1))
+        for column, span in kind.columns_at.items():
             where = slice(3, 7) if column == "quaternion" else axes[axes >= 3] - 3
-            measured[:, where] = factors.measured[:, place]
+            measurement[:, where] = factors.measurement[:, span]
         covariance = np.tile(_FREE_VARIANCE * np.eye(6), (len(factors), 1, 1))
         covariance[:, axes[:, None], axes] = factors.covariance
-    return measured, covariance
+    return measurement, covariance
 
 
 def _axes(which: ArrayLike) -> str:
@@ -614,9 +615,9 @@ def _axes(which: ArrayLike) -> str:
     return " ".join(_AXES[ROTATION_FIRST][np.asarray(which)[ROTATION_FIRST]].tolist())
 
 
-def _turn(covariance: Array, quaternion: Array) -> Array:
+def _in_world_axes(covariance: Array, quaternion: Array) -> Array:
     """Covariances in the world's axes; untouched, to the last digit, where the axes agree."""
-    turned = np.any(quaternion != np.array([1.0, 0.0, 0.0, 0.0]), axis=1)
+    is_rotated = np.any(quaternion != np.array([1.0, 0.0, 0.0, 0.0]), axis=1)
     rotation = matrix_from_quaternion(quaternion)
     world = rotation @ covariance @ np.swapaxes(rotation, 1, 2)
-    return np.where(turned[:, None, None], world, covariance)
+    return np.where(is_rotated[:, None, None], world, covariance)

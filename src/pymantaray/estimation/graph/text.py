@@ -41,14 +41,14 @@ class Word(NamedTuple):
 
     timed: bool
     names: int
-    measured: int
+    values: int
     matrix: int = 0
     planar: bool | None = False  # true in graphs of two dimensions; None in both
 
     @property
     def numbers(self) -> int:
         """Number of measured numbers and entries of the triangle."""
-        return self.measured + self.matrix * (self.matrix + 1) // 2
+        return self.values + self.matrix * (self.matrix + 1) // 2
 
     @property
     def width(self) -> int:
@@ -58,9 +58,9 @@ class Word(NamedTuple):
     @property
     def flat(self) -> "Word":
         """Fields in two dimensions."""
-        measured = {7: 3, 3: 2, 1: 1}[self.measured]
+        values = {7: 3, 3: 2, 1: 1}[self.values]
         matrix = {6: 3, 3: 2}.get(self.matrix, self.matrix)
-        return self._replace(measured=measured, matrix=matrix, planar=True)
+        return self._replace(values=values, matrix=matrix, planar=True)
 
 
 Indefinite = Literal["refuse", "drop", "repair"]
@@ -88,8 +88,8 @@ def definite_matrices(matrices: Array, treatment: Indefinite) -> tuple[Array, Ma
         out[~fine] = eye
         return out, fine
     typical = [
-        float(np.median(d[p])) if p.any() else 1.0
-        for d, p in zip(diagonal.T, positive.T, strict=True)
+        float(np.median(variances[usable])) if usable.any() else 1.0
+        for variances, usable in zip(diagonal.T, positive.T, strict=True)
     ]
     scale = np.sqrt(np.where(positive, diagonal, _REPAIRED * np.array(typical)))[~fine]
     unit = matrices[~fine] / scale[:, :, None] / scale[:, None, :]
@@ -122,11 +122,9 @@ class TextLines:
         self.repaired: Counter[str] = Counter()
         self._path = path
         self.number = 0
-        self._words, self._leave_out, self._skip_unknown = (
-            tuple(words),
-            frozenset(leave_out),
-            skip_unknown,
-        )
+        self._words = tuple(words)
+        self._leave_out = frozenset(leave_out)
+        self._skip_unknown = skip_unknown
         self._left_out: Counter[str] = Counter()
         self._unknown: dict[str, int] = {}  # the first line of each word
 
@@ -151,7 +149,11 @@ class TextLines:
                     yield from (f"{word} {one}" for one in line.split()[1:])
                     continue
                 yield line
-        never = [w for w in self._leave_out if w not in self._words and w not in self._left_out]
+        never = [
+            word
+            for word in self._leave_out
+            if word not in self._words and word not in self._left_out
+        ]
         if never:
             self.refuse(f"no line begins with {never[0]!r}", "words of the file to leave out", 0)
         if self._unknown and not self._skip_unknown:
@@ -192,8 +194,8 @@ class TextLines:
     def refuse(self, what: str, allowed: str, number: int | None = None) -> NoReturn:
         """Raise an error about the current line, or that of a number; 0 for none."""
         line = self.number if number is None else number
-        place = f"{self._path}, line {line}" if line else f"{self._path}"
-        raise EstimationError(f"{place}: {what}; allowed: {allowed}")
+        where = f"{self._path}, line {line}" if line else f"{self._path}"
+        raise EstimationError(f"{where}: {what}; allowed: {allowed}")
 
 
 class Table:
@@ -297,10 +299,10 @@ def read_tables(
 
     ``one_space`` refuses other white space between fields.
     """
-    tables = {word: Table(word, g) for word, g in grammar.items()}
+    tables = {word: Table(word, fields) for word, fields in grammar.items()}
     takers = {
-        w: (t.grammar.planar, t.grammar.width, t.line.append, t.fields.extend)
-        for w, t in tables.items()
+        word: (table.grammar.planar, table.grammar.width, table.line.append, table.fields.extend)
+        for word, table in tables.items()
     }
     planar: bool | None = None  # not known yet
     also = ", with one space between fields" if one_space else ""

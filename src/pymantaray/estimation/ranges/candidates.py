@@ -177,11 +177,11 @@ class CandidateModel(RangeModel):
 
     def predict(self, links: RangeEndpoints) -> Prediction:
         """Predict the candidate of the largest weight; parameters as in `RangeModel.predict`."""
-        found = self.candidates(links)
+        arrivals = self.candidates(links)
         picks = np.full(links.time.size, -1)
-        order = np.lexsort((found.weight, found.row))
-        picks[found.row[order]] = order  # the last of a range is the heaviest
-        return of_picks(found.prediction, picks)
+        order = np.lexsort((arrivals.weight, arrivals.row))
+        picks[arrivals.row[order]] = order  # the last of a range is the heaviest
+        return of_picks(arrivals.prediction, picks)
 
     @abstractmethod
     def candidates(self, links: RangeEndpoints) -> CandidateArrivals:

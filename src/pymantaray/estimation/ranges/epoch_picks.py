@@ -52,8 +52,8 @@ def graduated_fits(mixture: EpochMixture, gate: float) -> Array:
     root = np.linalg.cholesky(
         mixture.covariance + 1e-12 * np.trace(mixture.covariance) * np.eye(len(mixture.covariance))
     )
-    residual, by_shift = _at(mixture, root, np.zeros(len(root)))
-    innovation = np.sum(by_shift**2, axis=1) + mixture.variance
+    residual, by_offset = _at(mixture, root, np.zeros(len(root)))
+    innovation = np.sum(by_offset**2, axis=1) + mixture.variance
     allowed = residual**2 <= gate**2 * innovation
     if not allowed.any():
         return np.full(residual.size, np.inf)
@@ -69,20 +69,21 @@ def graduated_fits(mixture: EpochMixture, gate: float) -> Array:
 
 
 def _descend(
-    mixture: EpochMixture, root: Array, shift: Array, control: float, allowed: Mask
+    mixture: EpochMixture, root: Array, offset: Array, control: float, allowed: Mask
 ) -> tuple[float, Array]:
     """
-    Cost and residuals of the candidates at the end of a graduated descent from a shift of the ends.
+    Cost and residuals of the candidates at the end of a graduated descent from an offset of the
+    ends.
     """
-    residual, by_shift = _at(mixture, root, shift)
+    residual, by_offset = _at(mixture, root, offset)
     while True:
         for _ in range(_STEPS):
             share = _shares(mixture, residual, control**2, allowed)
             information = share / (control**2 * mixture.variance)
-            target = by_shift @ shift - residual
-            matrix = np.eye(len(root)) + by_shift.T @ (information[:, None] * by_shift)
-            shift = np.asarray(np.linalg.solve(matrix, by_shift.T @ (information * target)))
-            residual, by_shift = _at(mixture, root, shift)
+            target = by_offset @ offset - residual
+            matrix = np.eye(len(root)) + by_offset.T @ (information[:, None] * by_offset)
+            offset = np.asarray(np.linalg.solve(matrix, by_offset.T @ (information * target)))
+            residual, by_offset = _at(mixture, root, offset)
         if control == 1.0:
             break
         control = max(1.0, control / _CONTROL_RATIO)
@@ -91,24 +92,26 @@ def _descend(
     best = np.array(mixture.null)
     np.maximum.at(best, mixture.row, density)
     with np.errstate(divide="ignore"):
-        return float(0.5 * shift @ shift - np.log(best).sum()), residual
+        return float(0.5 * offset @ offset - np.log(best).sum()), residual
 
 
-def _at(mixture: EpochMixture, root: Array, shift: Array) -> tuple[Array, Array]:
+def _at(mixture: EpochMixture, root: Array, offset: Array) -> tuple[Array, Array]:
     """
-    Residuals of the candidates and their derivatives by the shift of the ends, in units of their
+    Residuals of the candidates and their derivatives by the offset of the ends, in units of their
     covariance's root.
     """
-    moved = root @ shift
+    displacement = root @ offset
     m = 3 * len(mixture.position)
-    position = mixture.position + moved[:m].reshape(-1, 3)
+    position = mixture.position + displacement[:m].reshape(-1, 3)
     residual, by_transmitter, by_receiver = mixture.expansion(
-        position[mixture.transmitter], position[mixture.receiver], mixture.unknowns + moved[m:]
+        position[mixture.transmitter],
+        position[mixture.receiver],
+        mixture.unknowns + displacement[m:],
     )
     rows = root[:m].reshape(-1, 3, root.shape[1])
-    by_shift = np.einsum("ni,nij->nj", by_transmitter, rows[mixture.transmitter])
-    by_shift += np.einsum("ni,nij->nj", by_receiver, rows[mixture.receiver])
-    return residual, by_shift + mixture.expansion.by_unknowns @ root[m:]
+    by_offset = np.einsum("ni,nij->nj", by_transmitter, rows[mixture.transmitter])
+    by_offset += np.einsum("ni,nij->nj", by_receiver, rows[mixture.receiver])
+    return residual, by_offset + mixture.expansion.by_unknowns @ root[m:]
 
 
 def _shares(mixture: EpochMixture, residual: Array, control: float, allowed: Mask) -> Array:

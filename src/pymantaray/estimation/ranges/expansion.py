@@ -44,24 +44,24 @@ class Expansion:
     ) -> None:
         fine = prediction.possible
         self._unknowns = unknowns
-        self._measured = travel_time
+        self._travel_time = travel_time
         self.by_unknowns = links.sound_speed[:, None] * np.where(fine[:, None], by_unknowns, 0.0)
-        self._a = links.transmitter
-        self._b = links.receiver
+        self._transmitter = links.transmitter
+        self._receiver = links.receiver
         self._speed = links.sound_speed
         self._images: Images | None = None
         if prediction.bounces is not None:
             self._images = Images.of(prediction, links, prediction.bounces)
-            self._b = self._images.position
+            self._receiver = self._images.position
             prediction = prediction._replace(
                 receiver_gradient=self._images.mirror * prediction.receiver_gradient
             )
         self._time = np.where(fine, prediction.travel_time, 0.0)
-        self._by_a, self._by_b = (
+        self._by_transmitter, self._by_receiver = (
             np.where(fine[:, None], g, 0.0)
             for g in (prediction.transmitter_gradient, prediction.receiver_gradient)
         )
-        self._distance, self._unit = chord(self._a, self._b)
+        self._distance, self._unit = chord(self._transmitter, self._receiver)
         self._slowness = self._time / np.where(self._distance > 0.0, self._distance, 1.0)
 
     def __call__(
@@ -74,28 +74,29 @@ class Expansion:
         [m]
         """
         receiver = receiver if self._images is None else self._images.at(receiver)
-        da = transmitter - self._a
-        db = receiver - self._b
+        da = transmitter - self._transmitter
+        db = receiver - self._receiver
         distance, unit = chord(transmitter, receiver)
-        turned = self._slowness[:, None] * (unit - self._unit)
+        by_direction = self._slowness[:, None] * (unit - self._unit)
         time = (
             self._time
-            + np.sum(self._by_a * da + self._by_b * db, axis=1)
+            + np.sum(self._by_transmitter * da + self._by_receiver * db, axis=1)
             + self._slowness * self._bent(distance, da, db)
         )
         speed = self._speed[:, None]
-        by_receiver = speed * (self._by_b + turned)
+        by_receiver = speed * (self._by_receiver + by_direction)
         return (
-            self._speed * (time - self._measured) + self.by_unknowns @ (unknowns - self._unknowns),
-            speed * (self._by_a - turned),
+            self._speed * (time - self._travel_time)
+            + self.by_unknowns @ (unknowns - self._unknowns),
+            speed * (self._by_transmitter - by_direction),
             by_receiver if self._images is None else self._images.mirror * by_receiver,
         )
 
     def is_good_at(self, transmitter: Array, receiver: Array, unknowns: Array) -> bool:
         """True if ends and unknowns moved so little that a new prediction cannot differ."""
         receiver = receiver if self._images is None else self._images.at(receiver)
-        da = transmitter - self._a
-        db = receiver - self._b
+        da = transmitter - self._transmitter
+        db = receiver - self._receiver
         distance, _ = chord(transmitter, receiver)
         far = max(float(np.abs(d).max(initial=0.0)) for d in (da, db))
         if float(np.abs(unknowns - self._unknowns).max(initial=0.0)) > _SAME_UNKNOWN:
@@ -116,8 +117,10 @@ class RangeWeights:
         self._model_ranges = model_ranges
         self._variance = variance
         epoch = model_ranges.ranges.epoch
-        self._rows = [np.flatnonzero(epoch == e) for e in range(int(epoch.max(initial=-1)) + 1)]
-        self._place: Array | None = None
+        self._rows = [
+            np.flatnonzero(epoch == number) for number in range(int(epoch.max(initial=-1)) + 1)
+        ]
+        self._position: Array | None = None
         self._full = [np.diag(variance[rows]) for rows in self._rows]
 
     def at(self, links: RangeEndpoints) -> None:
@@ -125,12 +128,12 @@ class RangeWeights:
         uncertainty = self._model_ranges.uncertainty
         position = np.concatenate([links.transmitter, links.receiver])
         stale = (
-            self._place is None
-            or float(np.abs(position - self._place).max(initial=0.0)) > _REWEIGHT_DISTANCE
+            self._position is None
+            or float(np.abs(position - self._position).max(initial=0.0)) > _REWEIGHT_DISTANCE
         )
         if uncertainty is None or not stale:
             return
-        self._place = position
+        self._position = position
         c = links.sound_speed
         for e, extra in enumerate(uncertainty.covariances(links, self._model_ranges.ranges.epoch)):
             rows = self._rows[e]

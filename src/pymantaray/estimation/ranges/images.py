@@ -39,5 +39,5 @@ class Images(NamedTuple):
 
     def at(self, receiver: Array) -> Array:
         """Positions of the images of moved receivers."""
-        moved = self.position + self.mirror * (receiver - self.receiver)
-        return np.where(self.reflected[:, None], moved, receiver)
+        image = self.position + self.mirror * (receiver - self.receiver)
+        return np.where(self.reflected[:, None], image, receiver)

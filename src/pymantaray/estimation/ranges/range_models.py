@@ -366,7 +366,9 @@ class RangeUnknowns:
         scale_sigma: float | None = None,
         bias_sigma: float | None = None,
     ) -> None:
-        self._model, self._clocks, n = model, clocks, len(vehicle_name)
+        self._model = model
+        self._clocks = clocks
+        n = len(vehicle_name)
         modes = np.asarray(model.amplitude_sigma)
         names = [f"mode {k + 1}" for k in range(modes.size)]
         units = ["m/s"] * modes.size
@@ -383,7 +385,9 @@ class RangeUnknowns:
                 names += [f"clock {what} {name}" for name in vehicle_name]
                 units += [unit] * n
                 sigma += [prior] * n
-        self.name, self.unit, self._pair = tuple(names), tuple(units), np.empty(0, dtype=np.intp)
+        self.name = tuple(names)
+        self.unit = tuple(units)
+        self._pair = np.empty(0, dtype=np.intp)
         if bias_sigma is not None:
             # landmarks are numbered after the vehicles
             who = np.append(

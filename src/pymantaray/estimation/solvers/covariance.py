@@ -92,13 +92,13 @@ def dead_reckoning_covariances(
         [measurements.first_sigma[:, None], measurements.odometry_sigma], axis=1
     )[:, :, None]
     about_start = np.cumsum(adjoint @ np.swapaxes(adjoint, 2, 3), axis=1)[:, samples]
-    translation, turn = np.zeros((2, vehicles.size, n_epochs, 6, 6))
+    translation, to_world = np.zeros((2, vehicles.size, n_epochs, 6, 6))
     translation[..., range(6), range(6)] = 1.0
     translation[..., 3:, :3] = -hat(position[:, samples] - position[:, :1])
     world = np.moveaxis(translation @ about_start @ np.swapaxes(translation, 2, 3), 0, 1)
-    turn[..., :3, :3] = turn[..., 3:, 3:] = rotation[:, samples]
-    turn = np.moveaxis(turn, 0, 1)
-    pose = np.swapaxes(turn, 2, 3) @ world @ turn
+    to_world[..., :3, :3] = to_world[..., 3:, 3:] = rotation[:, samples]
+    to_world = np.moveaxis(to_world, 0, 1)
+    pose = np.swapaxes(to_world, 2, 3) @ world @ to_world
     joint = np.zeros((n_epochs, vehicles.size, 3, vehicles.size, 3))
     joint[:, vehicles, :, vehicles, :] = np.moveaxis(world[..., 3:, 3:], 1, 0)
     return EpochCovariances(
@@ -182,7 +182,7 @@ def collect_covariances(
         If there is no realization, or two of them have different conditions.
     """
     conditions = list(solutions[0]) if solutions else []
-    if not solutions or any(list(s) != conditions for s in solutions):
+    if not solutions or any(list(solution) != conditions for solution in solutions):
         raise EstimationError(
             "covariances: all realizations must have the same conditions, and there must be at"
             " least one"
@@ -191,7 +191,10 @@ def collect_covariances(
 
     def table(attribute: str) -> NDArray[Any]:
         return np.array(
-            [[getattr(s[c] or nothing, attribute) for s in solutions] for c in conditions]
+            [
+                [getattr(solution[name] or nothing, attribute) for solution in solutions]
+                for name in conditions
+            ]
         )
 
     return PoseCovariances(

@@ -214,9 +214,10 @@ def _linearized(factors: Factors, state: GraphState, *, planar: bool) -> tuple[A
     ends = [_Ends(state.rotation[v], state.position[v]) for v in factors.variables.T]
 
     def residual_at(end: int, axis: int, step: float) -> Array:
-        """Residual with one end moved."""
-        moved = [_moved(e, axis, step) if k == end else e for k, e in enumerate(ends)]
-        return residual(factors, moved)[:, rows]
+        """Residual after a step of one end."""
+        trial = list(ends)
+        trial[end] = _displace(ends[end], axis, step)
+        return residual(factors, trial)[:, rows]
 
     columns = []
     for end, axis in np.ndindex(len(ends), SIZE):
@@ -227,8 +228,8 @@ def _linearized(factors: Factors, state: GraphState, *, planar: bool) -> tuple[A
     return white, np.linalg.solve(root, np.stack(columns, axis=-1))
 
 
-def _moved(end: _Ends, axis: int, step: float) -> _Ends:
-    """Ends rotated about an axis of the body, or moved along an axis of the world."""
+def _displace(end: _Ends, axis: int, step: float) -> _Ends:
+    """Rotate ends about an axis of the body, or translate them along an axis of the world."""
     vector = step * np.eye(3)[axis % 3]
     if axis < 3:
         return end._replace(rotation=end.rotation @ so3_exp(vector))
@@ -240,21 +241,23 @@ def _pose(factors: Factors, ends: list[_Ends]) -> Array:
     to_measured = np.swapaxes(matrix_from_quaternion(factors.column("quaternion")), 1, 2)
     last = ends[-1]
     rotation = last.rotation
-    stride = last.position
+    translation = last.position
     if len(ends) == 2:
         to_body = np.swapaxes(ends[0].rotation, 1, 2)
         rotation = to_body @ rotation
-        stride = np.einsum("nij,nj->ni", to_body, stride - ends[0].position)
+        translation = np.einsum("nij,nj->ni", to_body, translation - ends[0].position)
     if "position" not in factors.kind.columns_at:
         return so3_log(to_measured @ rotation)
-    translation = np.einsum("nij,nj->ni", to_measured, stride - factors.column("position"))
-    return se3_log(to_measured @ rotation, translation)
+    error = np.einsum("nij,nj->ni", to_measured, translation - factors.column("position"))
+    return se3_log(to_measured @ rotation, error)
 
 
 def _sighting(factors: Factors, ends: list[_Ends]) -> Array:
     """Error of the position of the second end in the body frame of the first."""
-    away = ends[1].position - ends[0].position
-    return np.asarray(np.einsum("nji,nj->ni", ends[0].rotation, away) - factors.column("position"))
+    offset = ends[1].position - ends[0].position
+    return np.asarray(
+        np.einsum("nji,nj->ni", ends[0].rotation, offset) - factors.column("position")
+    )
 
 
 def _position(factors: Factors, ends: list[_Ends]) -> Array:

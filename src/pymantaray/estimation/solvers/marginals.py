@@ -9,7 +9,7 @@ from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solvers.covariance import EpochCovariances
-from pymantaray.estimation.solvers.normal_equations import SIZE
+from pymantaray.estimation.solvers.normal_equations import POSITION, ROTATION, SIZE
 from pymantaray.estimation.solvers.optimize import LastStep, check_convergence
 from pymantaray.estimation.solvers.problems import GraphState, LinearTerm, Problem, distance_problem
 
@@ -20,7 +20,11 @@ _MIN_VARIANCE = (
 
 def check_poses(graph: FactorGraph, poses: Indices) -> Indices:
     """Check that each pose occurs once and has a prior or odometry."""
-    used = [t.variables.ravel() for t in graph.tables.values() if set(t.kind.ends) == {"pose"}]
+    used = [
+        table.variables.ravel()
+        for table in graph.tables.values()
+        if set(table.kind.ends) == {"pose"}
+    ]
     if np.unique(poses).size != poses.size or not np.isin(poses, np.concatenate(used)).all():
         raise EstimationError(
             "covariances: each pose must have a prior or odometry, and must be given once"
@@ -86,7 +90,7 @@ class PoseCovariance:
 
         NaN if some direction is not determined.
         """
-        return self._product(vectors, slice(3, SIZE))
+        return self._product(vectors, POSITION)
 
     def rotations(self, vectors: Array) -> Array:
         """
@@ -95,7 +99,7 @@ class PoseCovariance:
         """
         # the solver's rotations are about the body's axes
         body = np.einsum("pji,kpj->kpi", self._rotation, vectors)
-        world: Array = np.einsum("pij,kpj->kpi", self._rotation, self._product(body, slice(0, 3)))
+        world: Array = np.einsum("pij,kpj->kpi", self._rotation, self._product(body, ROTATION))
         return world
 
     def _product(self, vectors: Array, part: slice) -> Array:
@@ -145,12 +149,14 @@ def group_marginals(
     """
     n_epochs, members = poses.shape
     inverse = last.factor.inverse(groups)
-    joint = np.stack([p[: SIZE * members, : SIZE * members] for p in inverse])
+    joint = np.stack([matrix[: SIZE * members, : SIZE * members] for matrix in inverse])
     joint = joint.reshape(n_epochs, members, SIZE, members, SIZE)
     vehicles = np.arange(members)
     own = np.moveaxis(joint[:, vehicles, :, vehicles, :], 0, 1)
     rotation = np.tile(np.eye(SIZE), (n_epochs, members, 1, 1))
-    rotation[..., 3:, 3:] = last.state.rotation[poses]  # from the world's axes to the body's
+    rotation[..., POSITION, POSITION] = last.state.rotation[
+        poses
+    ]  # from the world's axes to the body's
     fits = [(np.nan, 0)] * n_epochs
     if innovations and problem.loss is None:
         among = problem.ranges.linear_among(last.state, np.unique(np.concatenate(groups)))
@@ -158,7 +164,7 @@ def group_marginals(
         step = last.step[problem.structure.row]
         fits = [_innovation(*each, step) for each in zip(terms, inverse, groups, strict=True)]
     return EpochCovariances(
-        position=joint[:, :, 3:, :, 3:],
+        position=joint[:, :, POSITION, :, POSITION],
         pose=np.swapaxes(rotation, -1, -2) @ own @ rotation,
         range_nis=np.array([nis for nis, _ in fits]),
         range_dimension=np.array([dimension for _, dimension in fits], dtype=np.intp),

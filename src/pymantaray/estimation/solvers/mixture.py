@@ -27,7 +27,7 @@ from pymantaray.estimation.ranges.picks import (
 from pymantaray.estimation.ranges.range_models import ModelRanges, Prediction, RangeEndpoints, Rows
 from pymantaray.estimation.solvers.normal_equations import SIZE
 from pymantaray.estimation.solvers.optimize import LastStep, Optimum, optimize
-from pymantaray.estimation.solvers.outer import BatchOutcome, OuterIterations
+from pymantaray.estimation.solvers.outer import BatchOutcome, OuterIterations, RangeArguments
 from pymantaray.estimation.solvers.problems import ExpandedRanges, GraphState, Problem, ProblemCache
 from pymantaray.estimation.solvers.solution import SolveOptions
 
@@ -89,19 +89,19 @@ class MixtureIterations(OuterIterations):
 
     def solve(self, initial: GraphValues, options: SolveOptions) -> BatchOutcome:
         """Solve from the on-line estimate, which starts from these values."""
-        self._given = GraphState.of(initial, self._model_ranges.n_unknowns)
-        online = self._online(self._given, options)
+        self._initial = GraphState.of(initial, self._model_ranges.n_unknowns)
+        online = self._online(self._initial, options)
         return super().solve(online.values(self._graph), options)
 
     def _predict(self, links: RangeEndpoints, unknowns: Array) -> tuple[Prediction, Array]:
         """Predict the most probable sequence of candidates at the links."""
-        found = self._candidates(links, self._rows, unknowns)
-        each = choices(found.table, found.fit, self._variance, self._model.mixture)
+        candidates = self._candidates(links, self._rows, unknowns)
+        each = choices(candidates.table, candidates.fit, self._variance, self._model.mixture)
         picks = best_picks(each, self._chains)
-        self._picked_weights.add(found.added(picks))
-        return of_picks(found.prediction, picks), found.by(picks)
+        self._picked_weights.add(candidates.added(picks))
+        return of_picks(candidates.prediction, picks), candidates.by(picks)
 
-    def _candidates(self, links: RangeEndpoints, rows: Rows, unknowns: Array) -> "_Found":
+    def _candidates(self, links: RangeEndpoints, rows: Rows, unknowns: Array) -> "_Candidates":
         """Candidates of some ranges at their links."""
         table = self._model.candidates(links)
         row = table.row
@@ -113,19 +113,19 @@ class MixtureIterations(OuterIterations):
             prediction, by_unknowns = self._model_ranges.unknowns.applied(
                 prediction, of_candidates, rows[row], unknowns
             )
-        measured = self._model_ranges.ranges.travel_time[rows][row]
-        residual = of_candidates.sound_speed * (prediction.travel_time - measured)
+        travel_time = self._model_ranges.ranges.travel_time[rows][row]
+        residual = of_candidates.sound_speed * (prediction.travel_time - travel_time)
         smallest = self._variance[rows][row]
         variance = smallest + (of_candidates.sound_speed * table.sigma) ** 2
         fit = fits(residual, variance, smallest)
-        expansion = Expansion(prediction, of_candidates, measured, unknowns, by_unknowns)
-        return _Found(table, prediction, by_unknowns, variance, smallest, fit, expansion)
+        expansion = Expansion(prediction, of_candidates, travel_time, unknowns, by_unknowns)
+        return _Candidates(table, prediction, by_unknowns, variance, smallest, fit, expansion)
 
     def _initial_cost(
-        self, _start: GraphState, ranges: ExpandedRanges, _place: tuple[Array, Array, Array]
+        self, _start: GraphState, ranges: ExpandedRanges, _arguments: RangeArguments
     ) -> float:
         """Cost of the given start with the final picks."""
-        return self._factors.cost(self._given) + ranges.cost(self._given, None)
+        return self._factors.cost(self._initial) + ranges.cost(self._initial, None)
 
     def _online(self, state: GraphState, options: SolveOptions) -> GraphState:
         """
@@ -133,33 +133,37 @@ class MixtureIterations(OuterIterations):
         graph is singular without ranges.
         """
         n = self._model_ranges.ranges.time.size
-        picked = _Picked(n, state.shared.size)
+        earlier_picks = _Picks(n, state.shared.size)
         known: list[tuple[RangeChoice, Array] | None] = [None] * n
         limits = replace(options, step_tolerance=max(_FORWARD_TOLERANCE, options.step_tolerance))
-        end = self._solve_picked(picked, state, limits)
+        end = self._solve_picks(earlier_picks, state, limits)
         epochs = self._picked_weights.rows
         for number, rows in enumerate([*epochs, *epochs]):
             if number >= len(epochs):  # again, from what all other pings predict
-                picked.used[rows] = False
-                end = self._solve_picked(picked, end.state, limits)
+                earlier_picks.used[rows] = False
+                end = self._solve_picks(earlier_picks, end.state, limits)
             if end.last is None or not rows.size:
                 return state
-            self._pick_epoch(rows, end.state, end.last, picked, known)
-            end = self._solve_picked(picked, end.state, limits)
+            self._pick_epoch(rows, end.state, end.last, earlier_picks, known)
+            end = self._solve_picks(earlier_picks, end.state, limits)
         return (
             end.state
             if np.isfinite(end.progress.final_cost) and not end.progress.singular
             else state
         )
 
-    def _solve_picked(self, picked: "_Picked", state: GraphState, options: SolveOptions) -> Optimum:
+    def _solve_picks(
+        self, earlier_picks: "_Picks", state: GraphState, options: SolveOptions
+    ) -> Optimum:
         """Optimum of the graph with the picks of the pings so far."""
         timed = self._model_ranges.ranges
-        expansion = picked.expansion(
-            timed.links(picked.transmitter, picked.receiver), timed.travel_time
+        expansion = earlier_picks.expansion(
+            timed.links(earlier_picks.transmitter, earlier_picks.receiver), timed.travel_time
         )
-        self._picked_weights.add(picked.added)
-        ranges = ExpandedRanges(timed, self._weights.blocks(picked.used), expansion, self._shared)
+        self._picked_weights.add(earlier_picks.added)
+        ranges = ExpandedRanges(
+            timed, self._weights.blocks(earlier_picks.used), expansion, self._shared
+        )
         return optimize(Problem(self._factors, ranges, self._structure), state, options)
 
     def _pick_epoch(
@@ -167,7 +171,7 @@ class MixtureIterations(OuterIterations):
         rows: Rows,
         state: GraphState,
         last: LastStep,
-        picked: "_Picked",
+        earlier_picks: "_Picks",
         known: list[tuple[RangeChoice, Array] | None],
     ) -> None:
         """
@@ -184,23 +188,23 @@ class MixtureIterations(OuterIterations):
         links = RangeEndpoints(
             timed.time[rows], position[one], position[other], timed.sound_speed[rows]
         )
-        found = self._candidates(links, rows, state.shared)
-        row = found.table.row
+        candidates = self._candidates(links, rows, state.shared)
+        row = candidates.table.row
         before = self._priors(
-            choices(found.table, found.fit, self._variance[rows], mixture), rows, known
+            choices(candidates.table, candidates.fit, self._variance[rows], mixture), rows, known
         )
         epoch = EpochMixture(
-            expansion=found.expansion,
+            expansion=candidates.expansion,
             transmitter=one[row],
             receiver=other[row],
             position=position,
             unknowns=state.shared,
             covariance=self._covariance(last, ends, state.shared.size),
             row=row,
-            variance=found.variance,
-            smallest=found.smallest,
-            weight=np.concatenate([np.empty(0), *(c.prior[:-1] for c in before)]),
-            null=np.array([c.prior[-1] * np.exp(-c.fit[-1]) for c in before]),
+            variance=candidates.variance,
+            smallest=candidates.smallest,
+            weight=np.concatenate([np.empty(0), *(choice.prior[:-1] for choice in before)]),
+            null=np.array([choice.prior[-1] * np.exp(-choice.fit[-1]) for choice in before]),
         )
         fit = graduated_fits(epoch, mixture.gate)
         picks = np.full(rows.size, NONE)
@@ -209,7 +213,7 @@ class MixtureIterations(OuterIterations):
             share = probabilities(own)
             known[int(rows[i])] = own, share
             picks[i] = own.candidate[share.argmax()]
-        picked.add(rows, links, found, picks, state.shared)
+        earlier_picks.add(rows, links, candidates, picks, state.shared)
 
     def _covariance(self, last: LastStep, ends: Indices, n_unknowns: int) -> Array:
         """
@@ -239,7 +243,7 @@ class MixtureIterations(OuterIterations):
         return out
 
 
-class _Found(NamedTuple):
+class _Candidates(NamedTuple):
     """Candidates of some ranges, with their residuals at the estimate."""
 
     table: CandidateArrivals
@@ -259,25 +263,35 @@ class _Found(NamedTuple):
         return np.concatenate([self.by_unknowns, np.zeros((1, self.by_unknowns.shape[1]))])[picks]
 
 
-class _Picked:
+class _Picks:
     """
     Picks of the pings so far, expanded where they were made; their travel times are those for
     unknowns of zero.
     """
 
     def __init__(self, n: int, n_unknowns: int) -> None:
-        self.used, self.added = np.zeros(n, dtype=bool), np.zeros(n)
-        self.transmitter, self.receiver = np.zeros((n, 3)), np.zeros((n, 3))
-        self._time, self._by_ends = np.full(n, np.nan), np.full((2, n, 3), np.nan)
-        self._by_unknowns, self._bounces = np.zeros((n, n_unknowns)), np.zeros(n, dtype=np.intp)
+        self.used = np.zeros(n, dtype=bool)
+        self.added = np.zeros(n)
+        self.transmitter = np.zeros((n, 3))
+        self.receiver = np.zeros((n, 3))
+        self._time = np.full(n, np.nan)
+        self._by_ends = np.full((2, n, 3), np.nan)
+        self._by_unknowns = np.zeros((n, n_unknowns))
+        self._bounces = np.zeros(n, dtype=np.intp)
 
     def add(
-        self, rows: Rows, links: RangeEndpoints, found: _Found, picks: Rows, unknowns: Array
+        self,
+        rows: Rows,
+        links: RangeEndpoints,
+        candidates: _Candidates,
+        picks: Rows,
+        unknowns: Array,
     ) -> None:
         """Add the picks of one epoch."""
-        prediction = of_picks(found.prediction, picks)
-        by = found.by(picks)
-        self.used[rows], self.added[rows] = prediction.possible, found.added(picks)
+        prediction = of_picks(candidates.prediction, picks)
+        by = candidates.by(picks)
+        self.used[rows] = prediction.possible
+        self.added[rows] = candidates.added(picks)
         self.transmitter[rows] = links.transmitter
         self.receiver[rows] = links.receiver
         self._time[rows] = prediction.travel_time - by @ unknowns

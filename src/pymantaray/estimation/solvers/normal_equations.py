@@ -11,7 +11,9 @@ from pymantaray.estimation._kernels import cholesky
 from pymantaray.estimation._kernels.residuals import Matrix
 from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
 
-SIZE = 6
+SIZE = 6  # of a block: rotation in the body's axes, position in the world's axes
+ROTATION = slice(0, 3)
+POSITION = slice(3, SIZE)
 _NO_VECTOR = np.empty((0, SIZE))
 _NO_BLOCKS = np.empty((0, SIZE, SIZE))
 _LARGEST_SPARE = 1 << 26  # bytes
@@ -19,12 +21,11 @@ _LARGEST_SPARE = 1 << 26  # bytes
 
 class Blocks(NamedTuple):
     """
-    Indices of the blocks of pairs of variables, and whether the block has the pair in reverse
-    order.
+    Indices of the blocks of pairs of variables, and true if a block has its pair in reverse order.
     """
 
     block: Indices
-    turned: Mask
+    reverse: Mask
 
 
 class Structure:
@@ -96,11 +97,11 @@ class Structure:
         size = self.row.size
         fixed = np.zeros(size, dtype=np.bool_)
         fixed[unbatched] = True
-        scratch, root, place, end = np.empty((4, size), dtype=np.intp)
+        scratch, root, new_row, end = np.empty((4, size), dtype=np.intp)
         (_, _, parent), _ = self._tree(pairs)
-        batches = cholesky.gather_rows(parent, self.row, fixed, scratch, root, place, end)
+        batches = cholesky.gather_rows(parent, self.row, fixed, scratch, root, new_row, end)
         self.batch = np.concatenate([[0], end[:batches], [size]])
-        self.row = place[self.row]
+        self.row = new_row[self.row]
 
     @cached_property
     def _keys(self) -> Indices:
@@ -131,14 +132,16 @@ def _order(size: int, pairs: Indices, fixed: Mask) -> Indices:
     first part of the order.
     """
     row = np.empty(size, dtype=np.intp)
-    joined = np.empty((size, 2), dtype=np.intp)
-    near = np.full((size, 2), -1)
-    turn = np.zeros(size, dtype=np.intp)
-    left = np.empty(size, dtype=np.intp)
-    count, joins = cholesky.eliminate_chains(pairs, fixed, near, turn, left, row, joined)
+    fill_in = np.empty((size, 2), dtype=np.intp)
+    neighbour = np.full((size, 2), -1)
+    wait_round = np.zeros(size, dtype=np.intp)
+    waiting = np.empty(size, dtype=np.intp)
+    count, fill_ins = cholesky.eliminate_chains(
+        pairs, fixed, neighbour, wait_round, waiting, row, fill_in
+    )
     if count < size:
         number = np.cumsum(fixed) - 1
-        rest = np.concatenate([pairs[fixed[pairs].all(axis=1)], joined[:joins]])
+        rest = np.concatenate([pairs[fixed[pairs].all(axis=1)], fill_in[:fill_ins]])
         row[fixed] = count + _minimum_degree(size - count, number[rest])
     return row
 
@@ -211,9 +214,9 @@ class Factor:
         """
         structure = self._structure
         diagonal, above = self._inverse_blocks(np.ones(structure.row.size, dtype=np.bool_))
-        block, turned = structure.blocks(pairs)
+        block, reverse = structure.blocks(pairs)
         between = above[block]
-        between[turned] = np.swapaxes(between[turned], 1, 2)
+        between[reverse] = np.swapaxes(between[reverse], 1, 2)
         return diagonal[structure.row], between
 
     def _inverse_blocks(self, rows: Mask) -> tuple[Array, Array]:
@@ -240,10 +243,11 @@ class Factor:
         out = np.empty((n, n, SIZE, SIZE))
         i = np.arange(n)
         out[i, i] = diagonal[structure.row[group]]
-        a, b, (block, turned) = structure.between(group)
+        a, b, (block, reverse) = structure.between(group)
         between = above[block]
-        between[turned] = np.swapaxes(between[turned], 1, 2)
-        out[a, b], out[b, a] = between, np.swapaxes(between, 1, 2)
+        between[reverse] = np.swapaxes(between[reverse], 1, 2)
+        out[a, b] = between
+        out[b, a] = np.swapaxes(between, 1, 2)
         return np.moveaxis(out, 2, 1).reshape(n * SIZE, n * SIZE)
 
 
@@ -263,13 +267,15 @@ class NormalEquations:
         self.order = order
         n = structure.row.size
         self.diagonal, self.above = structure.take_blocks()
-        self.gradient, self.cost, self._element = np.empty((n, SIZE)), 0.0, np.empty((n, SIZE))
+        self.gradient = np.empty((n, SIZE))
+        self.cost = 0.0
+        self._element = np.empty((n, SIZE))
         self._right = _NO_VECTOR
         self.scale: Array | None = None
         self.begun = False
         self.failed = False
 
-    def cleared(self, order: int) -> "NormalEquations":
+    def clear(self, order: int) -> "NormalEquations":
         """
         These equations without a cost and with an order; the matrix has to be set anew, and a
         factor in its arrays is lost.
@@ -306,7 +312,7 @@ class NormalEquations:
         determined.
         """
         self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
-        return self._eliminated(0, _NO_VECTOR)
+        return self._factor_from(0, _NO_VECTOR)
 
     def step(self) -> tuple[Factor, Array] | None:
         """
@@ -324,10 +330,10 @@ class NormalEquations:
             first = int(self.structure.batch[-2])
             step[first:] -= self.gradient[first:]
             self._element[first:] += np.diagonal(self.diagonal[first:], axis1=1, axis2=2)
-        factor = None if self.failed else self._eliminated(first, step)
+        factor = None if self.failed else self._factor_from(first, step)
         return None if factor is None else (factor, factor.finish(step))
 
-    def _eliminated(self, first: int, right: Array) -> Factor | None:
+    def _factor_from(self, first: int, right: Array) -> Factor | None:
         """Factor after elimination of all rows from the first one."""
         structure = self.structure
         if cholesky.factorize(self.upper(right), first, structure.row.size) >= 0:
@@ -348,20 +354,20 @@ class NormalEquations:
         self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
         if cholesky.factorize(self.upper(), 0, first) >= 0:
             return None
-        left = np.zeros((n, n, SIZE, SIZE))
+        remaining = np.zeros((n, n, SIZE, SIZE))
         own = np.arange(n)
         row = np.repeat(np.arange(n), np.diff(structure.start[first:]))
-        left[own, own] = self.diagonal[first:]
-        left[row, structure.column[end:] - first] = self.above[end:]
-        left[structure.column[end:] - first, row] = np.swapaxes(self.above[end:], 1, 2)
+        remaining[own, own] = self.diagonal[first:]
+        remaining[row, structure.column[end:] - first] = self.above[end:]
+        remaining[structure.column[end:] - first, row] = np.swapaxes(self.above[end:], 1, 2)
         self.diagonal[first:] = np.eye(SIZE)
         self.above[end:] = 0.0
         rest = Factor(structure, self.diagonal, self.above).solve(self.gradient)[first:]
         at = structure.row[last] - first
-        matrix = np.moveaxis(left[at[:, None], at], 2, 1).reshape(n * SIZE, n * SIZE)
+        matrix = np.moveaxis(remaining[at[:, None], at], 2, 1).reshape(n * SIZE, n * SIZE)
         return matrix, rest[at].ravel()
 
-    def damped(self, factor: float) -> "NormalEquations":
+    def with_damping(self, factor: float) -> "NormalEquations":
         """
         Copy with a multiple of the diagonal added (of the diagonal without curvature, if stored).
         """
@@ -385,9 +391,9 @@ class NormalEquations:
         i = np.arange(n)
         self.gradient[rows] += gradient.reshape(n, SIZE)
         self.diagonal[rows] += blocks[i, i]
-        a, b, (block, turned) = structure.between(variables)
+        a, b, (block, reverse) = structure.between(variables)
         between = blocks[a, b]
-        between[turned] = np.swapaxes(between[turned], 1, 2)
+        between[reverse] = np.swapaxes(between[reverse], 1, 2)
         self.above[block] += between
 
     def information(self) -> csc_array:

@@ -60,6 +60,7 @@ def optimize(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
     stalled = progress.iterations >= _MAX_STALLED
     if not (progress.singular or np.isnan(progress.last_step)):
         return first
+    # with ranges, the lowest state may be in the basin of another minimum: damp from the start
     begin = initial
     taken = 0
     if (problem.without_ranges or stalled) and not progress.singular:
@@ -71,9 +72,8 @@ def optimize(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
     if iterations == 0 and begin is initial:
         return Optimum(initial, replace(progress, iterations=0, final_cost=progress.initial_cost))
     end, _ = _gauss_newton(problem, damped, options, taken + iterations)
-    if not (
-        end.progress.singular or end.progress.last_step <= options.step_tolerance
-    ):  # repelled, or about to be
+    # undamped steps left the minimum of large residuals, or are about to: keep the damped result
+    if not (end.progress.singular or end.progress.last_step <= options.step_tolerance):
         end = check_convergence(problem, damped)
     taken += iterations + end.progress.iterations
     return end._replace(
@@ -121,7 +121,8 @@ def _gauss_newton(
     progress = SolveProgress(iterations=0, initial_cost=lowest, final_cost=lowest)
     for iteration in range(1, options.max_iterations + 1):
         solved = equations.step()
-        # without the highest curvature until the matrix is positive definite
+        # Curvature of large residuals makes the matrix indefinite; its Newton step would not
+        # descend. Omit the highest order until the matrix is positive definite.
         while solved is None and equations.order > 1:
             indefinite[equations.order] += 1
             if indefinite[equations.order] == _MAX_INDEFINITE:
@@ -132,7 +133,7 @@ def _gauss_newton(
             return Optimum(state, replace(progress, singular=True, last_step=np.nan)), best
         last = LastStep(state, *solved)
         largest = _largest(last.step)
-        trial = state.moved(problem.structure, last.step, into=spare)
+        trial = state.after_step(problem.structure, last.step, into=spare)
         slow = slow + 1 if largest > _SLOW * longest else 0
         longest = largest
         # only a step without curvature measures convergence
@@ -148,10 +149,11 @@ def _gauss_newton(
         # a full step from far away may overshoot the rotations; the next ones have to compensate
         above = 0 if cost <= lowest + _COST_ROUNDING * (1.0 + lowest) else above + 1
         stalled = most == 1 and slow >= _MAX_STALLED
+        # further full steps would not come back, so damped steps take over
         if above > _MAX_RISES or stalled or not np.isfinite(cost):
             return Optimum(state, replace(progress, last_step=np.nan)), best
         best = trial if cost < lowest else best
-        spare = None if state is initial or state is best else state
+        spare = None if state is initial or state is best else state  # both may be returned
         state = trial
         lowest = min(lowest, cost)
         progress = replace(progress, iterations=iteration, final_cost=cost)
@@ -160,6 +162,7 @@ def _gauss_newton(
         # a short step at a higher cost than before is no minimum
         if (ended and above == 0) or iteration == options.max_iterations:
             break
+        # a short step at a higher cost goes on without curvature
         equations = ahead or problem.linearize(trial, 1, equations, begin=True)
     return _with_convergence(state, progress, equations, last), best
 
@@ -238,14 +241,14 @@ def _damped_step(
     """
     while damping <= _MAX_DAMPING:
         for equations in list(matrices):
-            solved = equations.damped(damping).step()
+            solved = equations.with_damping(damping).step()
             if solved is None and len(matrices) > 1:
                 matrices.remove(equations)
             elif solved is not None:
                 _, step = solved
                 if damping <= _FIRST_DAMPING and _largest(step) <= tolerance:
                     return None
-                trial = state.moved(problem.structure, step, arc=problem.without_ranges)
+                trial = state.after_step(problem.structure, step, arc=problem.without_ranges)
                 cost = problem.cost(trial)
                 if cost < equations.cost:
                     return _DampedStep(trial, cost, damping)

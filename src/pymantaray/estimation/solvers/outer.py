@@ -3,6 +3,7 @@ Outer iterations: expand the travel times of a range model about the estimate, s
 """
 
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -39,6 +40,14 @@ class BatchOutcome:
     expansions: int = 0
 
 
+class RangeArguments(NamedTuple):
+    """Arguments of an `Expansion`: positions of the ends of all ranges, and shared unknowns."""
+
+    transmitter: Array
+    receiver: Array
+    unknowns: Array
+
+
 class OuterIterations:
     """
     Minimize the cost of a graph with the ranges of a model.
@@ -73,18 +82,17 @@ class OuterIterations:
         self.groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, self._shared)
         ends = np.stack([ranges.transmitter, ranges.receiver], axis=1)
         epochs = [
-            np.unique(ends[ranges.epoch == e]) for e in range(int(ranges.epoch.max(initial=-1)) + 1)
+            np.unique(ends[ranges.epoch == number])
+            for number in range(int(ranges.epoch.max(initial=-1)) + 1)
         ]
-        cliques = [*self.groups, *(np.concatenate([e, self._shared]) for e in epochs)]
+        cliques = [*self.groups, *(np.concatenate([epoch, self._shared]) for epoch in epochs)]
         self._structure = cache.structure(
             self._factors, n + self._shared.size, np.empty((0, 2), dtype=np.intp), cliques
         )
         self._weights = RangeWeights(model_ranges, graph["range"].variance)
         self._rows = np.arange(ranges.time.size)
-        self._used, self._gated = (
-            np.ones(ranges.time.size, dtype=bool),
-            np.zeros(ranges.time.size, dtype=int),
-        )
+        self._used = np.ones(ranges.time.size, dtype=bool)
+        self._gated = np.zeros(ranges.time.size, dtype=int)
         self._expansion: Expansion | None = None
         self._first: tuple[Prediction, Array] | None = None
 
@@ -102,13 +110,14 @@ class OuterIterations:
         count = 0
         settled = False
         while True:
-            position = self._ends(end.state)
-            if self._expansion is not None and count > 1 and self._expansion.is_good_at(*position):
+            arguments = self._arguments(end.state)
+            # a new prediction would change nothing
+            if self._expansion is not None and count > 1 and self._expansion.is_good_at(*arguments):
                 settled = True
                 break
             if count == _MAX_EXPANSIONS:
                 break
-            expansion = self._ask(position, count)
+            expansion = self._predict_again(arguments, count)
             if expansion is None:
                 settled = True
                 break
@@ -128,7 +137,7 @@ class OuterIterations:
                 break
         assert problem is not None  # the model was evaluated at least once
         assert ranges is not None
-        cost = self._initial_cost(start, ranges, position)
+        cost = self._initial_cost(start, ranges, arguments)
         progress = replace(end.progress, iterations=iterations, initial_cost=cost)
         if not settled:
             progress = replace(progress, last_step=np.nan)
@@ -136,16 +145,18 @@ class OuterIterations:
             end._replace(progress=progress), problem, self.groups, self._used, count
         )
 
-    def _ends(self, state: GraphState) -> tuple[Array, Array, Array]:
+    def _arguments(self, state: GraphState) -> RangeArguments:
         ranges = self._model_ranges.ranges
-        return state.position[ranges.transmitter], state.position[ranges.receiver], state.shared
+        return RangeArguments(
+            state.position[ranges.transmitter], state.position[ranges.receiver], state.shared
+        )
 
-    def _ask(self, place: tuple[Array, Array, Array], count: int) -> Expansion | None:
+    def _predict_again(self, arguments: RangeArguments, count: int) -> Expansion | None:
         """Evaluate the model and gate links; None if nothing has changed."""
         ranges = self._model_ranges.ranges
-        a, b, u = place
-        links = ranges.links(a, b)
-        prediction, by_unknowns = self._predict(links, u)
+        unknowns = arguments.unknowns
+        links = ranges.links(arguments.transmitter, arguments.receiver)
+        prediction, by_unknowns = self._predict(links, unknowns)
         self._gated += self._used & ~prediction.possible
         before = self._used
         self._used = prediction.possible & (self._gated < _MAX_GATINGS)
@@ -156,23 +167,25 @@ class OuterIterations:
             self._first = prediction, residual
         if self._expansion is not None:
             both = self._used & before
-            off = np.where(both, np.abs(residual - self._expansion(a, b, u)[0]), 0.0)
+            off = np.where(both, np.abs(residual - self._expansion(*arguments)[0]), 0.0)
             largest = float(off.max(initial=0.0))
             if count > 1 and np.array_equal(self._used, before) and largest <= _SETTLED:
                 return None
+            # the first arrivals of a few links alternate, so their corrections never settle
             if count >= _EXPANSIONS_BEFORE_GATING and largest > _SETTLED:
                 unsettled = off >= _GATED_FROM * largest
                 if np.count_nonzero(unsettled) <= _MAX_GATED_SHARE * np.count_nonzero(self._used):
-                    self._gated[unsettled], self._used = _MAX_GATINGS, self._used & ~unsettled
+                    self._gated[unsettled] = _MAX_GATINGS
+                    self._used = self._used & ~unsettled
         self._weights.at(links)
-        return Expansion(prediction, links, ranges.travel_time, u, by_unknowns)
+        return Expansion(prediction, links, ranges.travel_time, unknowns, by_unknowns)
 
     def _predict(self, links: RangeEndpoints, unknowns: Array) -> tuple[Prediction, Array]:
         """Predict the travel times of all ranges and their derivatives by the unknowns."""
         return self._model_ranges.predict(links, self._rows, unknowns)
 
     def _initial_cost(
-        self, start: GraphState, ranges: ExpandedRanges, place: tuple[Array, Array, Array]
+        self, start: GraphState, ranges: ExpandedRanges, arguments: RangeArguments
     ) -> float:
         """
         Initial cost of the links used at the end; links without an arrival at the start have their
@@ -181,7 +194,7 @@ class OuterIterations:
         assert self._first is not None  # the model was evaluated at least once
         assert self._expansion is not None
         prediction, residual = self._first
-        comparable = np.where(prediction.possible, residual, self._expansion(*place)[0])
+        comparable = np.where(prediction.possible, residual, self._expansion(*arguments)[0])
         return self._factors.cost(start) + ranges.cost_of(comparable, self._loss)
 
 

@@ -15,7 +15,14 @@ from pymantaray.estimation.graph.graph import FactorGraph, Factors, GraphValues,
 from pymantaray.estimation.ranges.expansion import EpochBlock, Expansion, whiten
 from pymantaray.estimation.ranges.range_models import Rows, TimedRanges, chord
 from pymantaray.estimation.solvers.losses import Loss
-from pymantaray.estimation.solvers.normal_equations import SIZE, Blocks, NormalEquations, Structure
+from pymantaray.estimation.solvers.normal_equations import (
+    POSITION,
+    ROTATION,
+    SIZE,
+    Blocks,
+    NormalEquations,
+    Structure,
+)
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
 _OUT_OF_PLANE = np.array([0, 1, 5])  # rx, ry and z of a block
@@ -49,7 +56,7 @@ class GraphState(NamedTuple):
         quaternion = _by_pieces(quaternion_from_matrix, self.rotation[:n], np.empty((n, 4)))
         return GraphValues(self.position[:n], quaternion, self.position[n:])
 
-    def moved(
+    def after_step(
         self,
         structure: Structure,
         step: Array,
@@ -78,8 +85,22 @@ class FactorBlocks(NamedTuple):
     """
 
     relative: Blocks
-    sighted: Blocks
+    sightings: Blocks
     batches: assembly.Batches
+
+
+def _symmetric_blocks(lacking: Array) -> Array:
+    """
+    Second derivatives by both poses of each pair, (n, 2, 6, 2, 6), from those by a rotation and a
+    pose, (n, 2, 3, 2, 6). Those by two positions are 0.
+    """
+    whole = np.zeros((len(lacking), 2, SIZE, 2, SIZE))
+    whole[:, :, ROTATION] = lacking
+    whole[:, :, POSITION, :, ROTATION] = np.moveaxis(lacking[..., POSITION], (1, 2), (3, 4))
+    # symmetric except for the rotation of the body's axes
+    rotations = whole[:, :, ROTATION, :, ROTATION]
+    whole[:, :, ROTATION, :, ROTATION] = 0.5 * (rotations + np.moveaxis(rotations, (1, 2), (3, 4)))
+    return whole
 
 
 class FactorsExceptRanges:
@@ -97,13 +118,13 @@ class FactorsExceptRanges:
             graph.of_residual(r) for r in (Residual.POSE, Residual.SIGHTING, Residual.POSITION)
         ]
         poses = self._groups[0]
-        self._relative = residuals.RelativePoses(*[*_stacked(_relative, poses), _pose_roots(poses)])
-        self._sighted = residuals.Sightings(*_stacked(_sighted, self._groups[1]))
-        self._positions = residuals.Positions(*_stacked(_position, self._groups[2]))
+        self._relative = residuals.RelativePoses(*[*_stack(_relative, poses), _pose_roots(poses)])
+        self._sightings = residuals.Sightings(*_stack(_sightings, self._groups[1]))
+        self._positions = residuals.Positions(*_stack(_position, self._groups[2]))
         self._inner = self._relative.first >= 0  # relative to another pose, not to the world
         self._relative_pairs = np.stack(self._relative[:2], axis=1)[self._inner]
-        self._sighted_pairs = np.stack(self._sighted[:2], axis=1)
-        self.pairs = np.concatenate([self._relative_pairs, self._sighted_pairs])
+        self._sighting_pairs = np.stack(self._sightings[:2], axis=1)
+        self.pairs = np.concatenate([self._relative_pairs, self._sighting_pairs])
 
     def unbatched(self, size: int, others: Sequence[Indices]) -> Indices:
         """
@@ -112,7 +133,7 @@ class FactorsExceptRanges:
         """
         alone = np.ones(size, dtype=np.bool_)
         alone[self._relative_pairs] = False
-        for variables in (self._sighted_pairs, *others):
+        for variables in (self._sighting_pairs, *others):
             alone[variables] = True
         return np.flatnonzero(alone)
 
@@ -129,13 +150,13 @@ class FactorsExceptRanges:
         n = self._inner.size
         inner = self._inner
         out = Blocks(np.zeros(n, dtype=np.intp), np.zeros(n, dtype=np.bool_))
-        out.block[inner], out.turned[inner] = structure.blocks(self._relative_pairs)
+        out.block[inner], out.reverse[inner] = structure.blocks(self._relative_pairs)
         row = structure.row
         relative = self._relative
         second = row[relative.second]
         eliminated = np.where(inner, np.minimum(row[relative.first], second), second)
         batches = _batches(structure.batch, eliminated, row[self._positions.variable])
-        return FactorBlocks(out, structure.blocks(self._sighted_pairs), batches)
+        return FactorBlocks(out, structure.blocks(self._sighting_pairs), batches)
 
     def add(
         self, state: GraphState, blocks: FactorBlocks, out: NormalEquations, *, begin: bool
@@ -175,7 +196,7 @@ class FactorsExceptRanges:
         batches = _batches(np.array([0, 2 * m]), row[:m], row[:0])
         start = np.minimum(np.arange(2 * m + 1), m)
 
-        def each(turned: Array) -> residuals.Matrix:
+        def each(rotation: Array) -> residuals.Matrix:
             """Blocks and gradient of each residual separately."""
             by_itself = residuals.Matrix(
                 row,
@@ -186,7 +207,7 @@ class FactorsExceptRanges:
             upper = cholesky.Upper(
                 start, row, by_itself.diagonal, by_itself.above, *np.empty((2, 0, SIZE))
             )
-            poses = residuals.PoseArrays(turned, position)
+            poses = residuals.PoseArrays(rotation, position)
             costs = assembly.Costs(np.empty(m), np.empty(0))
             assembly.assemble(
                 factors, batches, poses, by_itself, upper, (1, False), costs, _scratch()
@@ -194,31 +215,26 @@ class FactorsExceptRanges:
             return by_itself
 
         at = each(rotation)
-        lacking = np.empty(
-            (m, 2, 3, 2, SIZE)
-        )  # rotated end and axis, end and component of the gradient
+        # rotated end and axis, end and component of the gradient
+        lacking = np.empty((m, 2, 3, 2, SIZE))
         for end, axis in np.ndindex(2, 3):
             some = slice(end * m, (end + 1) * m)
             gradients = []
             for angle in (_DIFFERENCE_ANGLE, -_DIFFERENCE_ANGLE):
-                turned = rotation.copy()
-                turned[some] = rotation[some] @ so3_exp(angle * np.eye(3)[axis])
-                gradients.append(each(turned).gradient.reshape(2, m, SIZE))
+                rotation_after = rotation.copy()
+                rotation_after[some] = rotation[some] @ so3_exp(angle * np.eye(3)[axis])
+                gradients.append(each(rotation_after).gradient.reshape(2, m, SIZE))
             change = np.moveaxis(gradients[0] - gradients[1], 0, 1) / (2.0 * _DIFFERENCE_ANGLE)
             ends = (at.diagonal[:m, axis], at.above[:, axis])
             if end == 1:
                 ends = (at.above[:, :, axis], at.diagonal[m:, axis])
             lacking[:, end, axis] = change - np.stack(ends, axis=1)
-        whole = np.zeros((m, 2, SIZE, 2, SIZE))
-        whole[:, :, :3] = lacking
-        whole[:, :, 3:, :, :3] = np.moveaxis(lacking[..., 3:], (1, 2), (3, 4))
-        rotations = whole[:, :, :3, :, :3]  # symmetric except for the rotation of the body's axes
-        whole[:, :, :3, :, :3] = 0.5 * (rotations + np.moveaxis(rotations, (1, 2), (3, 4)))
+        whole = _symmetric_blocks(lacking)
         rows = out.structure.row
         np.add.at(out.diagonal, rows[one], whole[:, 0, :, 0])
         np.add.at(out.diagonal, rows[other], whole[:, 1, :, 1])
         between = whole[:, 0, :, 1]
-        back = blocks.relative.turned[inner]
+        back = blocks.relative.reverse[inner]
         between[back] = np.swapaxes(between[back], 1, 2)
         np.add.at(out.above, blocks.relative.block[inner], between)
 
@@ -229,11 +245,14 @@ class FactorsExceptRanges:
     def worst(self, state: GraphState) -> tuple[list[int], float]:
         """Variables and cost of the factor with the largest cost."""
         costs = zip(self._costs(state), self._groups, strict=True)
-        each = [(float(c.max()), int(c.argmax()), tables) for c, tables in costs if c.size]
+        each = [
+            (float(cost.max()), int(cost.argmax()), tables) for cost, tables in costs if cost.size
+        ]
         if not each:
             return [], -1.0
         cost, row, tables = max(each)
-        return [v for t in tables for v in t.variables.tolist()][row], cost
+        variables = [ends for table in tables for ends in table.variables.tolist()]
+        return variables[row], cost
 
     def _costs(self, state: GraphState) -> tuple[Array, Array, Array]:
         """Cost of each relative pose, of each sighting, and of each measured position."""
@@ -268,20 +287,20 @@ class FactorsExceptRanges:
         matrix, see `assembly.assemble`.
         """
         poses = residuals.PoseArrays(state.rotation, state.position)
-        relative, sighted, positions = (
+        relative, sightings, positions = (
             np.empty(len(rows))
-            for rows in (self._inner, self._sighted_pairs, self._positions.variable)
+            for rows in (self._inner, self._sighting_pairs, self._positions.variable)
         )
         factors = assembly.ChainFactors(self._relative, blocks.relative, self._positions)
         costs = assembly.Costs(relative, positions)
         failed = assembly.assemble(
             factors, blocks.batches, poses, matrix, upper, task, costs, _scratch()
         )
-        if sighted.size:  # compile the kernel only if needed
+        if sightings.size:  # compile the kernel only if needed
             residuals.add_sightings(
-                self._sighted, blocks.sighted, poses, matrix, task[0], sighted, _scratch()
+                self._sightings, blocks.sightings, poses, matrix, task[0], sightings, _scratch()
             )
-        return (relative, sighted, positions), failed >= 0
+        return (relative, sightings, positions), failed >= 0
 
 
 def _batches(row: Indices, *eliminated: Indices) -> assembly.Batches:
@@ -323,7 +342,7 @@ def _by_pieces(function: Callable[[Array], Array], rows: Array, out: Array) -> A
     return out
 
 
-def _stacked(columns: Callable[[Factors], tuple[Array, ...]], tables: list[Factors]) -> list[Any]:
+def _stack(columns: Callable[[Factors], tuple[Array, ...]], tables: list[Factors]) -> list[Any]:
     """Concatenate the columns of several tables."""
     out: list[Any] = []
     total = sum(map(len, tables))
@@ -373,7 +392,7 @@ def _pose_roots(tables: list[Factors]) -> Array:
     return out
 
 
-def _sighted(table: Factors) -> tuple[Any, ...]:
+def _sightings(table: Factors) -> tuple[Any, ...]:
     """Pose, landmark, its measured position, and the root of the information."""
     root = np.zeros((len(table), SIZE, SIZE))
     root[:, :3, :3] = _information_root(table.covariance)
@@ -417,7 +436,8 @@ class Distances:
     def __init__(self, graph: FactorGraph) -> None:
         ranges = graph["range"]
         self.pairs = ranges.variables.astype(np.intp)
-        self._distance, self._sigma = np.array(ranges.column("distance")), np.sqrt(ranges.variance)
+        self._distance = np.array(ranges.column("distance"))
+        self._sigma = np.sqrt(ranges.variance)
 
     def whitened(self, state: GraphState) -> Array:
         """Residuals in their standard deviations."""
@@ -539,7 +559,7 @@ class ExpandedRanges:
         if self._separate:
             return _cost(residual[self._rows] / self._sigma, loss)
         if loss is None:
-            white = [whiten(t.root, residual[t.rows]) for t in self._terms]
+            white = [whiten(epoch.root, residual[epoch.rows]) for epoch in self._terms]
         else:
             white = self._by_epoch(residual)
         return sum(_cost(w, loss) for w in white)
@@ -587,9 +607,10 @@ class ExpandedRanges:
         if loss is not None:
             weights = (np.maximum(loss.weight(u), _MIN_WEIGHT) for u in self._by_epoch(residual))
             terms = [
-                t._replace(root=t.root / np.sqrt(w)) for t, w in zip(terms, weights, strict=True)
+                epoch._replace(root=epoch.root / np.sqrt(weight))
+                for epoch, weight in zip(terms, weights, strict=True)
             ]
-        return [self._linear(t, residual, by_transmitter, by_receiver) for t in terms]
+        return [self._linear(epoch, residual, by_transmitter, by_receiver) for epoch in terms]
 
     def _linear(
         self, terms: EpochTerms, residual: Array, by_transmitter: Array, by_receiver: Array
@@ -597,8 +618,8 @@ class ExpandedRanges:
         m = terms.rows.size
         row = np.arange(terms.rows.size)
         by = np.zeros((m, len(terms.variables), SIZE))
-        by[row, terms.transmitter, 3:] = by_transmitter[terms.rows]  # the ends of a range differ
-        by[row, terms.receiver, 3:] = by_receiver[terms.rows]
+        by[row, terms.transmitter, POSITION] = by_transmitter[terms.rows]  # the ends differ
+        by[row, terms.receiver, POSITION] = by_receiver[terms.rows]
         flat = by.reshape(m, -1)
         by_unknowns = self._expansion.by_unknowns[terms.rows]
         first = SIZE * (int(max(terms.transmitter.max(), terms.receiver.max())) + 1)
@@ -614,7 +635,7 @@ class ExpandedRanges:
         )
 
     def _by_epoch(self, residual: Array) -> list[Array]:
-        return [residual[t.rows] / np.diagonal(t.root) for t in self._terms]
+        return [residual[epoch.rows] / np.diagonal(epoch.root) for epoch in self._terms]
 
 
 class Problem:
@@ -662,14 +683,15 @@ class Problem:
         ``begin`` allows to eliminate batches of rows already; then only `NormalEquations.step` can
         be called.
         """
-        out = NormalEquations(self.structure, order) if into is None else into.cleared(order)
+        out = NormalEquations(self.structure, order) if into is None else into.clear(order)
         i = np.arange(SIZE)
         n = self.factors.n_poses
         m = self.factors.n_variables
         row = self.structure.row
         begin = begin and order <= 3 and not self.factors.planar and self.structure.batch.size > 2
         self.factors.add(state, self._blocks, out, begin=begin)
-        out.diagonal[row[n:m, None], i[:3], i[:3]] += 1.0  # a landmark has no rotation
+        # a landmark has no rotation
+        out.diagonal[row[n:m, None], i[ROTATION], i[ROTATION]] += 1.0
         out.diagonal[row[m:, None], i, i] += 1.0  # prior of shared unknowns
         self.ranges.add(state, self._range_blocks, self.loss, out)
         if order > 3:
@@ -687,7 +709,7 @@ class Problem:
 
 def _add_arcs(state: GraphState, out: NormalEquations, rows: Indices) -> None:
     """Add the curvature due to motion along arcs: half of ``g . (R w) x d``, symmetrically."""
-    pull = np.cross(out.gradient[rows][:, None, 3:], np.eye(3)[None])  # [g], transposed
+    pull = np.cross(out.gradient[rows][:, None, POSITION], np.eye(3)[None])  # [g], transposed
     mixed = 0.5 * np.swapaxes(state.rotation[: rows.size], 1, 2) @ pull
     rotation = np.arange(3)
     translation = np.arange(3, 6)

@@ -100,12 +100,12 @@ def _along(
 ) -> tuple[GraphState | None, float]:
     """State of lowest cost among power-of-two multiples of a step; None if none lowers the cost."""
     factor = 1.0
-    best = state.moved(problem.structure, step)
+    best = state.after_step(problem.structure, step)
     lowest = problem.cost(best)
     if lowest < cost:
         while factor < _MAX_STEP_FACTOR:
             factor *= 2.0
-            trial = state.moved(problem.structure, factor * step)
+            trial = state.after_step(problem.structure, factor * step)
             trial_cost = problem.cost(trial)
             if not trial_cost < lowest:
                 break
@@ -114,7 +114,7 @@ def _along(
         return best, lowest
     while factor > _MIN_STEP_FACTOR:
         factor *= 0.5
-        trial = state.moved(problem.structure, factor * step)
+        trial = state.after_step(problem.structure, factor * step)
         trial_cost = problem.cost(trial)
         if trial_cost < cost:
             return trial, trial_cost

@@ -169,10 +169,10 @@ class GraphSolution:
     @property
     def cost(self) -> float:
         """Final cost, also of a descent that did not converge; infinite if the solve failed."""
-        found = self.usable or self.last_point is not None
-        return self.final_cost if found and math.isfinite(self.final_cost) else math.inf
+        has_point = self.usable or self.last_point is not None
+        return self.final_cost if has_point and math.isfinite(self.final_cost) else math.inf
 
-    def continued(self, again: "GraphSolution") -> "GraphSolution":
+    def append(self, again: "GraphSolution") -> "GraphSolution":
         """
         Join the solution of a further descent from the end of this one.
 

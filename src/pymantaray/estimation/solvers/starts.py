@@ -66,8 +66,10 @@ def dead_reckon(measurements: Measurements) -> tuple[Array, Array]:
     rotation[0] = matrix_from_quaternion(measurements.first_quaternion)
     for k in range(n_times - 1):
         np.matmul(rotation[k], step[:, k], out=rotation[k + 1])
-    moved = np.einsum("taij,atj->ati", rotation[:-1], measurements.odometry_translation)
-    position = np.concatenate([measurements.first_position[:, None], moved], axis=1).cumsum(axis=1)
+    displacement = np.einsum("taij,atj->ati", rotation[:-1], measurements.odometry_translation)
+    position = np.concatenate([measurements.first_position[:, None], displacement], axis=1).cumsum(
+        axis=1
+    )
     return position, quaternion_from_matrix(np.swapaxes(rotation, 0, 1))
 
 
@@ -103,26 +105,26 @@ def dead_reckon_graph(
     rotation = matrix_from_quaternion(values.quaternion)
     position[prior.subject] = prior.column("position")
     rotation[prior.subject] = matrix_from_quaternion(prior.column("quaternion"))
-    turn = matrix_from_quaternion(edge.column("quaternion"))
-    step = edge.column("position")
+    rotation_step = matrix_from_quaternion(edge.column("quaternion"))
+    translation_step = edge.column("position")
     for pose in order:
         before = parent[pose]
         if before == n:
             continue
         k = tree_edge[before, pose]
         if ends[k, 0] == before:
-            position[pose] = position[before] + rotation[before] @ step[k]
-            rotation[pose] = rotation[before] @ turn[k]
+            position[pose] = position[before] + rotation[before] @ translation_step[k]
+            rotation[pose] = rotation[before] @ rotation_step[k]
         else:
-            rotation[pose] = rotation[before] @ turn[k].T
-            position[pose] = position[before] - rotation[pose] @ step[k]
+            rotation[pose] = rotation[before] @ rotation_step[k].T
+            position[pose] = position[before] - rotation[pose] @ translation_step[k]
     landmark = np.array(values.landmark_position)
     sightings = graph.of_ends(("pose", "landmark"))
     surveys = graph.of_ends(("landmark",))
     for sighting in (table[::-1] for table in reversed(sightings)):  # so that the first is kept
-        pose, seen = sighting.variables.T
-        step = np.einsum("nij,nj->ni", rotation[pose], sighting.column("position"))
-        landmark[seen - n] = position[pose] + step
+        pose, landmark_of = sighting.variables.T
+        translation_step = np.einsum("nij,nj->ni", rotation[pose], sighting.column("position"))
+        landmark[landmark_of - n] = position[pose] + translation_step
     for survey in reversed(surveys):
         landmark[survey.subject - n] = survey.column("position")
     reckoned = GraphValues(
@@ -146,14 +148,14 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     edge = graph["edge"]
     sightings = graph.of_ends(("pose", "landmark"))
     first = first_of_chains(graph)
-    turn = matrix_from_quaternion(edge.column("quaternion"))
+    rotation_step = matrix_from_quaternion(edge.column("quaternion"))
     known = np.concatenate([prior.column("quaternion"), values.quaternion[first]])
     at = np.concatenate([prior.subject, first])
     transposed = np.swapaxes(matrix_from_quaternion(known), 1, 2)
     of_edge, of_prior = (1.0 / table.variance[:, :3].mean(axis=1) for table in (edge, prior))
     matrix = _linear(
         edge.variables,
-        np.swapaxes(turn, 1, 2),
+        np.swapaxes(rotation_step, 1, 2),
         of_edge,
         at,
         transposed,
@@ -164,28 +166,28 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
     left[:, :, 2] *= np.linalg.det(left @ right)[:, None]
     rotation = left @ right
 
-    step = np.concatenate([table.column("position") for table in (edge, *sightings)])
+    translation_step = np.concatenate([table.column("position") for table in (edge, *sightings)])
     ends = np.concatenate([table.variables for table in (edge, *sightings)])
     weight = np.concatenate(
         [1.0 / table.variance[:, -3:].mean(axis=1) for table in (edge, *sightings)]
     )
     unary = graph.of_ends(("pose",), ("landmark",))
-    placed = [table for table in unary if "position" in table.kind.columns_at]
-    at = np.concatenate([table.subject for table in placed])
-    position = np.concatenate([table.column("position") for table in placed])
-    of_place = np.concatenate([1.0 / table.variance[:, -3:].mean(axis=1) for table in placed])
+    anchors = [table for table in unary if "position" in table.kind.columns_at]
+    at = np.concatenate([table.subject for table in anchors])
+    position = np.concatenate([table.column("position") for table in anchors])
+    anchor_weight = np.concatenate([1.0 / table.variance[:, -3:].mean(axis=1) for table in anchors])
     loose = _first_of_parts(graph.n_variables, ends, at)
     every = np.concatenate([values.position, values.landmark_position])
-    moved = np.einsum("nij,nj->ni", rotation[ends[:, 0]], step)
+    displacement = np.einsum("nij,nj->ni", rotation[ends[:, 0]], translation_step)
     positions = _linear(
         ends,
         np.ones((len(ends), 1, 1)),
         weight,
         np.concatenate([at, loose]),
         np.concatenate([position, every[loose]])[:, None],
-        np.append(of_place, np.ones(loose.size)),
+        np.append(anchor_weight, np.ones(loose.size)),
         graph.n_variables,
-        moved[:, None],
+        displacement[:, None],
     )[:, 0]
     quaternion = quaternion_from_matrix(rotation)
     if graph.planar:
@@ -198,40 +200,40 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
 
 def _linear(
     ends: Indices,
-    turn: Array,
+    rotation: Array,
     weight: Array,
     at: Indices,
     known: Array,
-    of_known: Array,
+    known_weight: Array,
     size: int,
     step: Array | float = 0.0,
 ) -> Array:
     """
-    Solve linear least squares of ``X_b - turn X_a - step`` over pairs (a, b) and of ``X_i - known``
-    for blocks X (size, k, 3).
+    Solve linear least squares of ``X_b - rotation X_a - step`` over pairs (a, b) and of ``X_i -
+    known`` for blocks X (size, k, 3).
 
-    ``turn`` has shape (n, k, k); ``step`` and ``known`` have shape (n, k, 3). Weights below
+    ``rotation`` has shape (n, k, k); ``step`` and ``known`` have shape (n, k, 3). Weights below
     ``_LEAST_WEIGHT`` of the largest one are raised to it: rounding of the normal equations would
     make them singular.
     """
-    k = turn.shape[1]
+    k = rotation.shape[1]
     n = len(ends)
-    least = _LEAST_WEIGHT * max(weight.max(initial=0.0), of_known.max(initial=0.0))
+    least = _LEAST_WEIGHT * max(weight.max(initial=0.0), known_weight.max(initial=0.0))
     weight = np.maximum(weight, least)
-    of_known = np.maximum(of_known, least)
+    known_weight = np.maximum(known_weight, least)
     row, column = np.indices((k, k)).reshape(2, -1)
     rows = k * np.arange(n)[:, None]
     root = np.sqrt(weight)
     unit = np.arange(k)
     entries = [
-        (rows + row, k * ends[:, :1] + column, (-root[:, None, None] * turn).reshape(n, k * k)),
+        (rows + row, k * ends[:, :1] + column, (-root[:, None, None] * rotation).reshape(n, k * k)),
         (rows + unit, k * ends[:, 1:] + unit, np.repeat(root[:, None], k, axis=1)),
     ]
     entries.append(
         (
             k * (n + np.arange(len(at)))[:, None] + unit,
             k * at[:, None] + unit,
-            np.repeat(np.sqrt(of_known)[:, None], k, axis=1),
+            np.repeat(np.sqrt(known_weight)[:, None], k, axis=1),
         )
     )
     i, j, value = (np.concatenate([entry[c].ravel() for entry in entries]) for c in range(3))
@@ -239,7 +241,7 @@ def _linear(
     right = np.concatenate(
         [
             np.broadcast_to(root[:, None, None] * step, (n, k, 3)),
-            np.sqrt(of_known)[:, None, None] * known,
+            np.sqrt(known_weight)[:, None, None] * known,
         ]
     ).reshape(-1, 3)
     return np.asarray(symmetric_factor((a.T @ a).tocsc()).solve(a.T @ right)).reshape(size, k, 3)
@@ -277,7 +279,7 @@ def anchor_loose_parts(
         [values.position[poses], values.quaternion[poses]],
         np.tile(ANCHOR_SIGMA**2 * np.eye(6), (poses.size, 1, 1)),
     )
-    return graph.with_factors(prior=graph["prior"].joined(anchors)), poses
+    return graph.with_factors(prior=graph["prior"].append(anchors)), poses
 
 
 def _shortest_tree(

@@ -52,8 +52,8 @@ def trilaterate(
         mine = ((second == landmark) & ~np.isin(first, unknown)).nonzero()[0]
         rows = mine[:: -(-mine.size // _MAX_RANGES)] if mine.size else mine
         if rows.size:
-            found = _solutions(position[first[rows], :axes], distance[rows], sigma[rows])
-            out[landmark] = [np.pad(x, (0, 3 - axes)) for x in found]
+            solutions = _solutions(position[first[rows], :axes], distance[rows], sigma[rows])
+            out[landmark] = [np.pad(x, (0, 3 - axes)) for x in solutions]
     return out
 
 
@@ -74,12 +74,14 @@ def determined_times(graph: FactorGraph, values: GraphValues) -> Array:
     solutions = trilaterate(graph, values)
     axes = 2 if graph.planar else 3
     for landmark in needed.tolist():
-        seen = graph.pose_time[sightings[sightings[:, 1] == landmark, 0]]
+        sighting_times = graph.pose_time[sightings[sightings[:, 1] == landmark, 0]]
         rows = np.flatnonzero((ranges.variables[:, 1] == landmark) & (ranges.variables[:, 0] < n))
         rows = rows[np.argsort(graph.pose_time[ranges.variables[rows, 0]], kind="stable")]
         time = graph.pose_time[ranges.variables[rows, 0]]
-        if seen.size or not rows.size:
-            out[landmark - n] = seen.min(initial=np.inf) if seen.size else -np.inf
+        if sighting_times.size or not rows.size:
+            out[landmark - n] = (
+                sighting_times.min(initial=np.inf) if sighting_times.size else -np.inf
+            )
             continue
         step = (solutions[landmark][0] - values.position[ranges.variables[rows, 0]])[:, :axes]
         unit = step / np.linalg.norm(step, axis=1)[:, None]
@@ -157,15 +159,15 @@ def _guesses(point: Array, distance: Array) -> list[Array]:
     length2 = float(np.mean(distance**2) - square.mean())
     out = [centre + along @ axis]
     for free in range(1, point.shape[1]):  # directions without use, the weakest last
-        kept = along.copy()
-        kept[-free:] = 0.0
-        height = np.sqrt(max(length2 - float(kept @ kept), 0.0))
+        part = along.copy()
+        part[-free:] = 0.0
+        height = np.sqrt(max(length2 - float(part @ part), 0.0))
         if free == 1:
             directions = np.array([[1.0], [-1.0]])
         else:
             angle = 2.0 * np.pi * np.arange(_CIRCLE_POINTS) / _CIRCLE_POINTS
             directions = np.column_stack([np.cos(angle), np.sin(angle)])
         for direction in directions:
-            kept[-free:] = height * direction
-            out.append(centre + kept @ axis)
+            part[-free:] = height * direction
+            out.append(centre + part @ axis)
     return out

@@ -93,21 +93,10 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
     return figure
 
 
-@style.styled
-def error_over_time(
-    time: Array,
-    names: Sequence[str],
-    errors: Mapping[str, Array],
-    fixes: NDArray[np.bool_],
-    header: str,
-) -> Figure:
-    """
-    Position error of every vehicle over time: median over the realizations, with shaded quartiles
-    for few conditions.
-    """
-    columns = min(3, max(len(names), 1))
-    rows = max(-(-len(names) // columns), 1)
-    lines = style.legend_lines(len(errors) + bool(fixes.any()))
+def _panel_grid(panels: int, lines: int, header: str) -> tuple[Figure, NDArray[Any]]:
+    """Figure with the axes of each panel, rows by columns, above this many lines of legend."""
+    columns = min(3, panels)
+    rows = -(-panels // columns)
     legend = 0.06 + 0.14 * lines if lines else 0.0  # room for it below the panels [in]
     width = style.DOUBLE
     height = 0.8 + legend + (1.2 if columns > 1 else 2.2) * rows
@@ -121,6 +110,37 @@ def error_over_time(
         wspace=0.15,
         hspace=0.38,
     )
+    figure.supxlabel("Time [h]", y=(0.06 + legend) / height, va="bottom")
+    figure.supylabel("Position error [m]", x=0.06 / width, ha="left")
+    return figure, grid
+
+
+def _mark_fixes(axes: Axes, hours: Array) -> None:
+    """Mark GNSS fixes at the bottom of a panel, as one line, since each costs as much as all."""
+    axes.plot(
+        np.repeat(hours, 3),
+        np.tile([0.0, 0.045, np.nan], hours.size),
+        color=style.SKY,
+        linewidth=0.6,
+        transform=axes.get_xaxis_transform(),
+        solid_capstyle="butt",
+    )
+
+
+@style.styled
+def error_over_time(
+    time: Array,
+    names: Sequence[str],
+    errors: Mapping[str, Array],
+    fixes: NDArray[np.bool_],
+    header: str,
+) -> Figure:
+    """
+    Position error of every vehicle over time: median over the realizations, with shaded quartiles
+    for few conditions.
+    """
+    lines = style.legend_lines(len(errors) + bool(fixes.any()))
+    figure, grid = _panel_grid(max(len(names), 1), lines, header)
     hours = time / 3600.0
     looks = style.condition_looks(list(errors))
     _set_shared_axes(grid[0, 0], hours)
@@ -148,17 +168,11 @@ def error_over_time(
             axes.set_visible(False)
             continue
         axes.set_title(style.plain(names[i]), loc="left", fontweight="bold")
-        marks = np.repeat(hours[fixes[i]], 3), np.tile([0.0, 0.045, np.nan], int(fixes[i].sum()))
-        look: dict[str, Any] = {"transform": axes.get_xaxis_transform(), "solid_capstyle": "butt"}
-        axes.plot(
-            *marks, color=style.SKY, linewidth=0.6, **look
-        )  # one line, since each costs as much as all
-        if i + columns >= len(names):
+        _mark_fixes(axes, hours[fixes[i]])
+        if i + grid.shape[1] >= len(names):
             axes.tick_params(labelbottom=True)
     for axes in grid.flat:
         axes.set_autoscaley_on(True)
-    figure.supxlabel("Time [h]", y=(0.06 + legend) / height, va="bottom")
-    figure.supylabel("Position error [m]", x=0.06 / width, ha="left")
     handles = [
         style.entry(
             style.plain(style.condition_label(name)),
