@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from pymantaray.apps.locate import write_plan_figure as write_plan_figure
     from pymantaray.apps.ocean import write_ocean_plots as write_ocean_plots
     from pymantaray.apps.online import Beacon as Beacon
+    from pymantaray.apps.online import DriftingWater as DriftingWater
     from pymantaray.apps.online import OnlineEstimator as OnlineEstimator
     from pymantaray.apps.online import Outcome as Outcome
     from pymantaray.apps.online import PoseEstimate as PoseEstimate

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _OCEAN = "--ocean"
+_BARE = {"--learn": ("causal", "smooth")}  # options whose first value may be left out
 Pair = tuple[float, float]
 LINKS = typer.Argument(
     metavar="LINKS.csv",
@@ -188,13 +189,33 @@ class OceanCommand(TyperCommand):
     """
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
-        """Insert ``--ocean`` before each additional file."""
+        """Insert ``--ocean`` before each additional file, and values that may be left out."""
+        args = with_bare_values(args)
         _, surplus, _ = self.make_parser(ctx).parse_args(args=list(args))
         endless = any(p.param_type_name == "argument" and p.nargs == -1 for p in self.params)
         first = bool(args) and not args[0].startswith("-")
         return super().parse_args(
             ctx, repeat_ocean(args, len(args) if endless and first else len(surplus))
         )
+
+
+def with_bare_values(words: list[str]) -> list[str]:
+    """
+    Insert the first value of an option that stands alone.
+
+    Examples
+    --------
+    >>> with_bare_values(["events.csv", "--learn", "--quiet"])
+    ['events.csv', '--learn', 'causal', '--quiet']
+    """
+    out: list[str] = []
+    for k, word in enumerate(words):
+        out.append(word)
+        values = _BARE.get(word)
+        following = words[k + 1] if k + 1 < len(words) else ""
+        if values and following not in values:
+            out.append(values[0])
+    return out
 
 
 def repeat_ocean(words: list[str], most: int) -> list[str]:

@@ -10,13 +10,15 @@ from refusals import refused
 
 from pymantaray.apps.replay import DetectionRule, PredictionOptions
 from pymantaray.apps.replay.candidates import MERGED, DrawnArrivals, merge_draws
-from pymantaray.apps.replay.mixture import _passed, coverage_table, first_detected, predict_mixture
+from pymantaray.apps.replay.mixture import coverage_table, first_detected, predict_mixture
+from pymantaray.apps.replay.tracks import EventCandidates, Reception, passed
 from pymantaray.errors import ReplayError
 
 
 def drawn(rows):
     event, draw, time, loss, surface = (np.array(x) for x in zip(*rows, strict=True))
-    return DrawnArrivals(event, draw, time, loss, surface, np.zeros_like(surface))
+    gradient = np.tile([7e-4, 0.0, 0.0], (event.size, 1))
+    return DrawnArrivals(event, draw, time, loss, surface, np.zeros_like(surface), gradient)
 
 
 def test_arrivals_of_draws_merge_by_bounces_and_time_in_any_order():
@@ -190,10 +192,11 @@ def test_a_receiver_stays_with_an_arrival_of_the_same_bounces():
     Two candidates at the delay of the one before: a match of other bounces has a tenth of the
     weight.
     """
-    before = 0.0, np.array([0.5]), np.array([64.0]), np.array([1.0])
+    before = Reception(0.0, np.array([0.5]), np.array([64.0]), np.array([1.0]))
     delay, bounces = np.array([0.5, 0.5, 0.9]), np.array([64.0, 128.0, 64.0])
     prior = np.array([0.2, 0.3, 0.5])
-    passed = _passed(before, delay, bounces, prior)
+    event = EventCandidates(60.0, delay, bounces, prior, np.zeros(3), np.nan)
+    weight = passed([before], event, prior)[0]
     expected = (np.array([1.0, 0.1, 0.0]) + 1e-3 * prior) / (1.1 + 1e-3)
-    np.testing.assert_allclose(passed, expected, rtol=1e-9)
-    assert passed.sum() == pytest.approx(1.0)
+    np.testing.assert_allclose(weight, expected, rtol=1e-9)
+    assert weight.sum() == pytest.approx(1.0)

@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pymantaray.apps.online.drifting_water import DriftingWater
 from pymantaray.arrays import Array
 from pymantaray.estimation.filters.error_state import (
     SIZE,
@@ -78,6 +79,7 @@ class FleetState(NamedTuple):
     estimate: State
     time: tuple[float, ...]  # of each vehicle [s]
     begin: tuple[float, ...]  # end of the last complete step of each vehicle [s]
+    water_time: float = 0.0  # of the errors of the water [s]
 
 
 class Step(NamedTuple):
@@ -105,21 +107,23 @@ def advance(state: FleetState, vehicle: int, step: Step, time: float) -> FleetSt
         part = (time - now) / (step.time - begin)
         rotation, translation = se3_exp(part * se3_log(motion.rotation, motion.translation))
         motion = Motion(rotation, translation, part * motion.covariance)
-    return FleetState(
-        predict(state.estimate, slice(vehicle, vehicle + 1), motion),
-        _with(state.time, vehicle, time),
-        _with(state.begin, vehicle, time) if time == step.time else state.begin,
+    return state._replace(
+        estimate=predict(state.estimate, slice(vehicle, vehicle + 1), motion),
+        time=_with(state.time, vehicle, time),
+        begin=_with(state.begin, vehicle, time) if time == step.time else state.begin,
     )
 
 
 class RangePrediction(NamedTuple):
     """
-    Range model, its uncertainty if it has one, and the beacons with exactly known positions (n, 3).
+    Range model, its uncertainty if it has one, the beacons with exactly known positions (n, 3), and
+    the errors of the water if they are estimated.
     """
 
     model: RangeModel
     uncertainty: TravelTimeUncertainty | None
     fixed: Array
+    water: DriftingWater | None = None
 
 
 def innovation_of(state: State, event: Event, ranging: RangePrediction) -> Innovation | None:
@@ -135,7 +139,8 @@ def innovation_of(state: State, event: Event, ranging: RangePrediction) -> Innov
 
 def _range(state: State, event: Event, ranging: RangePrediction) -> Innovation | None:
     travel_time, sigma, sound_speed = event.values
-    n = len(state.position)
+    water = ranging.water
+    n = len(state.position) - (0 if water is None else water.members)
     transmitter, receiver = (
         state.position[k : k + 1] if k < n else ranging.fixed[k - n : k - n + 1]
         for k in event.members
@@ -147,14 +152,22 @@ def _range(state: State, event: Event, ranging: RangePrediction) -> Innovation |
     variance = np.array([sigma * sigma])
     if ranging.uncertainty is not None:
         variance += ranging.uncertainty.covariances(links, _ONE_LINK)[0][0]
-    return range_innovation(
+    # fixed beacons are numbered after all members of the state
+    ends = np.array([[k if k < n else k + len(state.position) - n for k in event.members]])
+    innovation = range_innovation(
         state,
-        np.array([event.members]),
+        ends,
         prediction.travel_time - travel_time,
         (prediction.transmitter_gradient, prediction.receiver_gradient),
         variance,
         n_fixed=len(ranging.fixed),
     )
+    if water is None:
+        return innovation
+    number = water.number_of(float(transmitter[0, 2]), float(receiver[0, 2]))
+    error = water.errors(state)[0][number]
+    innovation.by_errors[:, water.columns_of(len(state.position))[number]] = -prediction.travel_time
+    return innovation._replace(residual=innovation.residual - prediction.travel_time * error)
 
 
 def apply(
@@ -164,6 +177,10 @@ def apply(
     Update by a measurement, unless it is a range whose innovation exceeds the gate, in standard
     deviations.
     """
+    if event.kind == Kind.RANGE and ranging.water is not None:
+        elapsed = event.time - state.water_time
+        estimate = ranging.water.relaxed(state.estimate, elapsed)
+        state = state._replace(estimate=estimate, water_time=event.time)
     innovation = innovation_of(state.estimate, event, ranging)
     if innovation is None:
         return state, Outcome.NO_ARRIVAL
@@ -172,7 +189,7 @@ def apply(
     updated = update(state.estimate, innovation)
     if updated is None:
         return state, Outcome.FAILED
-    return FleetState(updated.state, state.time, state.begin), Outcome.USED
+    return state._replace(estimate=updated.state), Outcome.USED
 
 
 def _with(values: tuple[float, ...], at: int, value: float) -> tuple[float, ...]:

@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from pymantaray.apps.online.drifting_water import saved_water
 from pymantaray.apps.online.filter import Kind, Outcome
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.filters.error_state import SIZE
@@ -17,7 +18,7 @@ from pymantaray.records.writing import whole_file
 from pymantaray.user_files import read_text
 
 KIND = "pymantaray online state"
-FORMAT = 2
+FORMAT = 3
 
 _N_VALUES = {Kind.ODOMETRY: 12, Kind.DEPTH: 2, Kind.FIX: 6, Kind.RANGE: 3}
 
@@ -63,6 +64,8 @@ def fault_of(content: Any) -> str:
     """First fault of a state that would make an estimator fail later; empty without one."""
     try:
         return _fault(content)
+    except OnlineError as error:
+        return str(error)
     except (KeyError, TypeError, ValueError, IndexError, AttributeError, OverflowError) as error:
         return one_line(f"{type(error).__name__} {error}", 80)
 
@@ -84,13 +87,15 @@ def _fault(content: dict[str, Any]) -> str:
     base = content["base"]
     fixed = np.array(content["fixed"], dtype=float).reshape(-1, 3)
     n = len(vehicles)
-    size = len(names) - len(fixed)
+    water = saved_water(content["water"])
+    size = len(names) - len(fixed) + (0 if water is None else water.members)
     shapes = {
         "rotation": (size, 3, 3),
         "position": (size, 3),
         "covariance": (SIZE * size, SIZE * size),
         "time": (n,),
         "begin": (n,),
+        "water_time": (),
     }
     for name, shape in shapes.items():
         values = np.array(base[name], dtype=float)

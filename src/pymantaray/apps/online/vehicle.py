@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Medium
+from pymantaray.apps.online.drifting_water import DriftingWater, WaterError, saved_water
 from pymantaray.apps.online.filter import Event, FleetState, Kind, Outcome, RangePrediction
 from pymantaray.apps.online.range_model import range_model_of
 from pymantaray.apps.online.saved_state import fault_of, read_state, write_state
@@ -121,6 +122,9 @@ class OnlineEstimator:
     gate : float
         A range whose innovation exceeds this number of standard deviations is not used; ``inf``
         uses all ranges.
+    water : DriftingWater, optional
+        Relative errors of the sound speed of the range model, which are estimated too. By default
+        the model has none.
 
     Raises
     ------
@@ -150,6 +154,7 @@ class OnlineEstimator:
         lag: float = 60.0,
         longest_step: float = 600.0,
         gate: float = 4.0,
+        water: DriftingWater | None = None,
     ) -> None:
         fleet = {"vehicle": vehicles} if isinstance(vehicles, StartPose) else dict(vehicles)
         if not fleet:
@@ -172,11 +177,12 @@ class OnlineEstimator:
         fixed = [name for name in beacons if name not in unknown]
         positions = [_sized(f"beacon {name}", beacons[name].position, (3,)) for name in fixed]
         model, uncertainty = range_model_of(ranges)
+        water = None if water is None else water.checked()
         self._vehicles = list(fleet)
         self._beacons = unknown + fixed
         self._timeline = Timeline(
-            _start_state(fleet, {name: beacons[name] for name in unknown}, float(start)),
-            RangePrediction(model, uncertainty, np.array(positions).reshape(-1, 3)),
+            _start_state(fleet, {name: beacons[name] for name in unknown}, float(start), water),
+            RangePrediction(model, uncertainty, np.array(positions).reshape(-1, 3), water),
             lag=float(lag),
             gate=float(gate),
             horizon=float(start),
@@ -418,6 +424,32 @@ class OnlineEstimator:
         own = slice(SIZE * who + 3, SIZE * (who + 1))
         return np.array(state.covariance[own, own])
 
+    def water_errors(self, time: float | None = None) -> list[WaterError]:
+        """
+        Return the relative errors of the sound speed.
+
+        Parameters
+        ----------
+        time : float, optional
+            As in `pose`, for the first vehicle. [s]
+
+        Returns
+        -------
+        list of WaterError
+            One for each pair of depth bands; empty if the estimator has no `DriftingWater`.
+        """
+        water = self._timeline.ranging.water
+        if water is None:
+            return []
+        _, at, state = self._state(time, self._vehicles[0])
+        elapsed = at - self._timeline.state_at(0, at).water_time
+        values = water.errors(water.relaxed(state, max(elapsed, 0.0)))
+        bands = water.bands
+        return [
+            WaterError(bands[a], bands[b], float(value), float(sigma))
+            for (a, b), value, sigma in zip(water.pairs, *values, strict=True)
+        ]
+
     def counts(self) -> dict[str, int]:
         """
         Return the number of depths, fixes and ranges with each outcome.
@@ -439,7 +471,12 @@ class OnlineEstimator:
             The range model is not saved.
         """
         line = self._timeline
-        base = line.base.estimate._asdict() | {"time": line.base.time, "begin": line.base.begin}
+        base = line.base.estimate._asdict() | {
+            "time": line.base.time,
+            "begin": line.base.begin,
+            "water_time": line.base.water_time,
+        }
+        water = line.ranging.water
         content = {
             "vehicles": self._vehicles,
             "beacons": self._beacons,
@@ -449,6 +486,7 @@ class OnlineEstimator:
             "gate": line.gate if math.isfinite(line.gate) else None,
             "horizon": line.horizon,
             "fixed": line.ranging.fixed.tolist(),
+            "water": None if water is None else [water.sigma, water.hours, list(water.depths)],
             "base": {name: np.asarray(value).tolist() for name, value in base.items()},
             "events": line.events,
             "waiting": line.waiting,
@@ -493,8 +531,15 @@ class OnlineEstimator:
         self._beacons = content["beacons"]
         self._longest_step = float(content["longest_step"])
         self._timeline = Timeline(
-            FleetState(estimate, tuple(base["time"]), tuple(base["begin"])),
-            RangePrediction(model, uncertainty, np.array(content["fixed"]).reshape(-1, 3)),
+            FleetState(
+                estimate, tuple(base["time"]), tuple(base["begin"]), float(base["water_time"])
+            ),
+            RangePrediction(
+                model,
+                uncertainty,
+                np.array(content["fixed"]).reshape(-1, 3),
+                saved_water(content["water"]),
+            ),
             lag=content["lag"],
             gate=math.inf if content["gate"] is None else content["gate"],
             horizon=content["horizon"],
@@ -554,9 +599,15 @@ class OnlineEstimator:
 
 
 def _start_state(
-    fleet: Mapping[str, StartPose], unknown: Mapping[str, Beacon], start: float
+    fleet: Mapping[str, StartPose],
+    unknown: Mapping[str, Beacon],
+    start: float,
+    water: DriftingWater | None,
 ) -> FleetState:
-    """State of the vehicles at their start poses and of the beacons with unknown positions."""
+    """
+    State of the vehicles at their start poses, of the beacons with unknown positions, and of the
+    errors of the water.
+    """
     n = len(fleet)
     rotation = np.empty((n, 3, 3))
     position = np.empty((n, 3))
@@ -571,6 +622,9 @@ def _start_state(
         covariance[k] = np.diag(_sigmas(f"sigma of {name}", pose.sigma, SIZE, zero=True) ** 2)
     beacons = [_sized(f"beacon {name}", one.position, (3,)) for name, one in unknown.items()]
     variance = np.array([one.sigma**2 for one in unknown.values()])
+    if water is not None:
+        beacons += [np.zeros(3)] * water.members
+        variance = np.append(variance, np.full(water.members, water.sigma**2))
     estimate = State.at_start(
         rotation,
         position,
@@ -578,7 +632,7 @@ def _start_state(
         np.array(beacons).reshape(-1, 3),
         variance[:, None, None] * np.eye(3),
     )
-    return FleetState(estimate, (start,) * n, (start,) * n)
+    return FleetState(estimate, (start,) * n, (start,) * n, start)
 
 
 def _events(rows: Sequence[Any]) -> list[Event]:

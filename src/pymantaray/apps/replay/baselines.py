@@ -36,11 +36,14 @@ def baseline_table(events: pd.DataFrame) -> pd.DataFrame:
     """
     speed = events["distance_m"] / events["measured_s"]
     errors = {"rays": events["residual_m"].to_numpy()}
-    for name, group in ((CONSTANT, np.zeros(len(events))), (BY_DEPTHS, _pairs_of_depths(events))):
+    for name, group in ((CONSTANT, np.zeros(len(events))), (BY_DEPTHS, pairs_of_depths(events)[1])):
         prediction = events["distance_m"] / _median_speeds(events, speed, group)
         errors[name] = (events["measured_s"] - prediction).to_numpy() * np.nanmedian(speed)
     rows = []
+    is_echo = (events["source"] == events["receiver"]).to_numpy(dtype=bool)
     for name, error in errors.items():
+        if name != "rays":
+            error = np.where(is_echo, np.nan, error)
         size = np.abs(error)
         has_error = ~np.isnan(size)
         every = np.where(has_error, size, np.inf)
@@ -57,11 +60,13 @@ def baseline_table(events: pd.DataFrame) -> pd.DataFrame:
     return pd.DataFrame(rows)
 
 
-def _pairs_of_depths(events: pd.DataFrame) -> NDArray[np.int64]:
-    """Number of the unordered pair of rounded depths of each event."""
+def pairs_of_depths(events: pd.DataFrame) -> tuple[list[str], NDArray[np.int64]]:
+    """Unordered pairs of rounded depths, such as ``30 and 90 m``, and that of each event."""
     depths = np.sort(events[["source_depth_m", "receiver_depth_m"]].to_numpy(), axis=1)
-    _, number = np.unique(np.round(depths / _DEPTH_STEP), axis=0, return_inverse=True)
-    return np.asarray(number.reshape(-1), dtype=np.int64)
+    rounded = _DEPTH_STEP * np.round(depths / _DEPTH_STEP)
+    pairs, number = np.unique(rounded, axis=0, return_inverse=True)
+    names = [f"{first:g} and {second:g} m" for first, second in pairs.tolist()]
+    return names, np.asarray(number.reshape(-1), dtype=np.int64)
 
 
 def _median_speeds(
@@ -70,7 +75,7 @@ def _median_speeds(
     """Median speed of a group's events in other pairs, for each event; NaN without any. [m/s]"""
     speeds = np.full(len(events), np.nan)
     pair = events["pair"].to_numpy(dtype=str)
-    good = ~gross_of(events).to_numpy(dtype=bool)
+    good = (~gross_of(events) & (events["source"] != events["receiver"])).to_numpy(dtype=bool)
     values = speed.to_numpy()
     for number in np.unique(group):
         members = group == number

@@ -1,6 +1,6 @@
 """Candidates of each event: arrivals of all draws of rough ice, merged by bounces and time."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -10,6 +10,11 @@ from pymantaray.arrays import Array
 
 MERGED = 1e-3
 """Arrivals of one candidate differ by less than this in time. [s]"""
+GRADIENT = ("by_range", "by_first_depth", "by_second_depth")
+"""
+Derivatives of the travel time by horizontal range and by the depths of both nodes of a pair, in
+alphabetical order. [s/m]
+"""
 
 
 class DrawnArrivals(NamedTuple):
@@ -21,6 +26,13 @@ class DrawnArrivals(NamedTuple):
     loss_db: Array
     surface_bounces: NDArray[np.int64]
     bottom_bounces: NDArray[np.int64]
+    gradient: Array
+    """(n, 3), see `GRADIENT`. [s/m]"""
+
+    def at(self, rows: NDArray[np.bool_]) -> "DrawnArrivals":
+        """Some of the arrivals."""
+        columns: list[Any] = [column[rows] for column in self]
+        return DrawnArrivals(*columns)
 
 
 def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
@@ -37,8 +49,8 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
     -------
     pandas.DataFrame
         One row per candidate, by event and time: ``event``, mean ``travel_time_s``, ``loss_db``,
-        bounces, ``share`` of the draws that contain it, and ``spread_s``, the standard deviation of
-        its times over the draws.
+        bounces, ``share`` of the draws that contain it, ``spread_s``, the standard deviation of its
+        times over the draws, and the derivatives of `GRADIENT`.
 
     Notes
     -----
@@ -58,7 +70,7 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
             arrivals.event,
         )
     )
-    event, draw, time, loss, surface, bottom = (column[order] for column in arrivals)
+    event, draw, time, loss, surface, bottom, gradient = (column[order] for column in arrivals)
     first = np.zeros(time.size, dtype=bool)
     start = -np.inf
     before = (-1, -1, -1)
@@ -86,5 +98,7 @@ def merge_draws(arrivals: DrawnArrivals, draws: int) -> pd.DataFrame:
         "share": in_draws / draws,
         "spread_s": np.sqrt(variance),
     }
+    for name, derivative in zip(GRADIENT, gradient.T, strict=True):
+        columns[name] = np.bincount(group, power * derivative, minlength=n) / total
     table = pd.DataFrame(columns)
     return table.sort_values(["event", "travel_time_s"], kind="stable", ignore_index=True)

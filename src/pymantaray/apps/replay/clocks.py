@@ -58,7 +58,8 @@ def clock_table(
     that both directions of a pair share (a wrong sound speed, a later candidate) does not affect
     offsets if there are events in both directions, and does if there is only one.
     """
-    has = residual.notna() & ~gross_of(events)
+    # an echo has one clock
+    has = residual.notna() & ~gross_of(events) & (events["source"] != events["receiver"])
     used = events[has]
     times = residual[has].to_numpy()
     names = sorted(set(events["source"]) | set(events["receiver"]))

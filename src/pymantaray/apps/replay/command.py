@@ -93,8 +93,8 @@ def replay(
         typer.Argument(
             metavar="EVENTS.csv",
             help="Columns time, source, receiver, source_lat, source_lon, source_depth (or _north,"
-            " _east in metres), the same for the receiver, travel_time in seconds; optional sigma"
-            " and cast.",
+            " _east in metres), the same for the receiver, travel_time in seconds; optional sigma,"
+            " cast and level_db.",
             show_default=False,
         ),
     ],
@@ -104,7 +104,7 @@ def replay(
     comparing: ComparisonOptions,
     prediction: Annotated[
         PredictionOptions,
-        Fields("draws", "position_sigma", "sound_speed_sigma", wind_speed="--wind"),
+        Fields("draws", "position_sigma", "sound_speed_sigma", "learn", wind_speed="--wind"),
     ],
     folder: FolderOptions,
     printing: TableOptions,
@@ -212,8 +212,17 @@ def _print_result(out: Printer, result: "Replay") -> None:
         switching=result.switching,
     )
     out.table(result.brief_summary)
-    if "coverage" in result.more:
-        out.table(result.tables["coverage"])
+    for name in ("coverage", "error_sizes"):
+        if name in result.more:
+            out.table(result.tables[name])
+    if "draws" in result.more:
+        draws = result.more["draws"]
+        low, high = draws["median_size_m"].min(), draws["median_size_m"].max()
+        out.line(
+            f"median by groups of {draws['draws'].min()} draws, without learning: {low:.2f} to"
+            f" {high:.2f} m",
+            draws=draws,
+        )
     clocks = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
     values = clocks[["node", "offset_s", "standard_error_s"]].to_numpy(dtype=object)
     offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]

@@ -1,7 +1,7 @@
 """Measured and predicted travel times of events, and tables of their differences."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import cached_property
 from typing import cast
 
@@ -22,16 +22,17 @@ from pymantaray.apps.replay.consistency import ClockFit, fit_clocks_and_nodes, n
 from pymantaray.apps.replay.draws import (
     bounce_hint,
     choice_of,
+    draw_groups,
     predict_draws,
     with_median_candidate,
 )
 from pymantaray.apps.replay.events import Events
-from pymantaray.apps.replay.mixture import coverage_table, predict_mixture
+from pymantaray.apps.replay.mixture import coverage_table, learn_mixture, predict_mixture
 from pymantaray.apps.replay.options import DEFAULT_OPTIONS, PredictionOptions
 from pymantaray.apps.replay.rules import DEFAULT_RULE, DetectionRule, predicted_columns
-from pymantaray.apps.replay.summary import summary_table
+from pymantaray.apps.replay.summary import quantile_of, summary_table
 from pymantaray.apps.replay.switching import switching_table
-from pymantaray.apps.replay.water import choose_water, ends_of, instants_in
+from pymantaray.apps.replay.water import choose_water, ends_of, instants_in, water_of_echoes
 from pymantaray.arrays import Array
 from pymantaray.config.build.water import Source, open_waters
 from pymantaray.errors import ReplayError
@@ -64,10 +65,21 @@ CAPTIONS = {
     "coverage": "Residuals and coverage of the predictions. Even hours determine the error that"
     " nothing else explains; odd hours test it. Sizes count events without a prediction as"
     " infinite",
+    "draws": "Residuals of all events by groups of draws, without learning; they show the spread"
+    " over draws",
+    "learned": "Errors of water, positions, pairs and clocks after the last event. The relative"
+    " error of a sound speed is a sum of several, see learned_water",
+    "learned_water": "Relative error of the sound speed for each pair of depths at the end of each"
+    " hour",
+    "error_sizes": "Standard deviations and time scales with the largest posterior density",
     "candidates": "Arrivals that a receiver could have taken; events are numbered from 1",
     "switching": "How often a receiver changes its candidate from one event to the next, and how"
     " often independent picks would",
 }
+_LEARNED_COVERAGE = (
+    "Residuals and coverage of the predictions, each without its own event: from earlier events, or"
+    " with smooth learning from all others. Sizes count events without a prediction as infinite"
+)
 _BRIEF = {
     "summary": [
         "group",
@@ -145,8 +157,18 @@ class Replay:
 
     @cached_property
     def _fit(self) -> ClockFit:
+        events = self.events
+        candidates = self.candidates
+        if "learned_clock_s" in events:  # the fit estimates the clocks itself
+            clock = events["learned_clock_s"]
+            at = candidates["event"].to_numpy(dtype=np.int64)
+            events = events.assign(
+                predicted_s=events["predicted_s"] - clock, residual_s=events["residual_s"] + clock
+            )
+            time = candidates["travel_time_s"] - clock.to_numpy()[at]
+            candidates = candidates.assign(travel_time_s=time)
         return fit_clocks_and_nodes(
-            self.events, self.candidates, reference=self.reference, drift=self.clock_drift
+            events, candidates, reference=self.reference, drift=self.clock_drift
         )
 
     @property
@@ -204,9 +226,10 @@ class Replay:
             "candidates": self.candidates.assign(event=self.candidates["event"] + 1),
             "events": pd.concat([self.events, self.taken], axis=1),
         }
+        captions = CAPTIONS | ({"coverage": _LEARNED_COVERAGE} if "learned" in self.more else {})
         return {
             name: ResultTable(
-                name, frame, CAPTIONS.get(name, ""), brief=_BRIEF.get(name, ()), words=_HEADS
+                name, frame, captions.get(name, ""), brief=_BRIEF.get(name, ()), words=_HEADS
             )
             for name, frame in frames.items()
         }
@@ -261,7 +284,10 @@ def replay_events(
         ``residual_s`` (measured minus predicted) and ``residual_m`` (times the sound speed at the
         source). An event without a predicted arrival keeps its row, with a status that gives the
         reason. With draws or the rule ``persist``, it also has ``prediction_sigma_s``, ``low_s``
-        and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`.
+        and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`. With
+        learning, the predicted time contains ``learned_water_s``, ``learned_position_s``,
+        ``learned_pair_s`` and ``learned_clock_s``, as from `learn_mixture`. An
+        echo has a distance of 0.
 
     Raises
     ------
@@ -283,10 +309,10 @@ def replay_events(
             f"reference {reference!r}: no such node; allowed are"
             f" {', '.join(sorted(nodes)[:_MAX_NAMES])}"
         )
-    frames = []
-    candidates = []
-    done = 0
+    rule = _rule_of_learning(rule) if options.learn else rule
     has_mixture = options.draws > 1 or rule.kind == "persist"
+    parts = []
+    done = 0
     for water, time, rows in _parts(events, waters, options.water_interval):
 
         def tell(part: int, parts: int, done: int = done, here: int = rows.size) -> None:
@@ -294,32 +320,65 @@ def replay_events(
                 progress(done + part * here // max(parts, 1), events.time.size)
 
         if has_mixture:
-            frame, others = predict_draws(
-                events, rows, water.at(time), water, rule, options.draws, tell
+            parts.append(
+                predict_draws(events, rows, water.at(time), water, rule, options.draws, tell)
             )
         else:
-            frame, others = _predict(events, rows, water, time, rule, tell)
-        frames.append(frame)
-        candidates.append(others)
+            parts.append([_predict(events, rows, water, time, rule, tell)])
         done += rows.size
-    table = pd.concat([_event_columns(events), pd.concat(frames).sort_index()], axis=1)
-    all_candidates = pd.concat(candidates, ignore_index=True).sort_values(
-        ["event", "travel_time_s"], ignore_index=True
+    (table, all_candidates), *of_groups = (
+        _joined(events, predictions) for predictions in zip(*parts, strict=True)
     )
-    more = {}
+    more: dict[str, pd.DataFrame] = {}
     if has_mixture:
-        table, all_candidates = _with_mixture(
-            table, all_candidates, rule, options, waters[0].reception.detector
-        )
-    table["residual_s"] = table["measured_s"] - table["predicted_s"]
-    table["residual_m"] = table["residual_s"] * table.pop("sound_speed_m_s")
+        detector = waters[0].reception.detector
+        table, all_candidates, more = _with_mixture(table, all_candidates, rule, options, detector)
+        scored = [
+            _with_mixture(*group, rule, replace(options, learn=None), detector)[0]
+            for group in of_groups
+        ]
+        if scored:
+            more["draws"] = _draws_table(scored, options.draws)
+    table = _with_residuals(table)
     if has_mixture:
-        more["coverage"] = coverage_table(table, seed=seed)
+        more = {"coverage": coverage_table(table, seed=seed), **more}
     table["gross"] = find_gross_errors(table, all_candidates)
     hint = bounce_hint(events, waters, table["predicted_s"].notna().to_numpy())
     earth = _earth_note(events, waters, table["distance_m"].to_numpy())
     notes = hint if earth is None else (*hint, earth)
     return Replay(table, rule, window, seed, all_candidates, reference, notes, more=more)
+
+
+def _joined(
+    events: Events, predictions: Sequence[tuple[pd.DataFrame, pd.DataFrame]]
+) -> tuple[pd.DataFrame, pd.DataFrame]:
+    """Events with their predictions in all waters, and all candidates by event and time."""
+    frames, candidates = zip(*predictions, strict=True)
+    table = pd.concat([_event_columns(events), pd.concat(frames).sort_index()], axis=1)
+    table.loc[events.is_echo, ["distance_m", "chord_s"]] = 0.0
+    all_candidates = pd.concat(candidates, ignore_index=True)
+    return table, all_candidates.sort_values(["event", "travel_time_s"], ignore_index=True)
+
+
+def _with_residuals(table: pd.DataFrame) -> pd.DataFrame:
+    """Events with their residuals in seconds and in metres."""
+    residual = table["measured_s"] - table["predicted_s"]
+    return table.drop(columns="sound_speed_m_s").assign(
+        residual_s=residual, residual_m=residual * table["sound_speed_m_s"]
+    )
+
+
+def _draws_table(scored: Sequence[pd.DataFrame], draws: int) -> pd.DataFrame:
+    """Residuals of all events by each group of draws alone."""
+    sizes = [_with_residuals(table)["residual_m"].abs().fillna(np.inf) for table in scored]
+    return pd.DataFrame(
+        {
+            "group": np.arange(1, len(scored) + 1),
+            "draws": [members.size for members in draw_groups(draws)[1:]],
+            "median_size_m": [quantile_of(size.to_numpy(), 0.5) for size in sizes],
+            "q90_size_m": [quantile_of(size.to_numpy(), 0.9) for size in sizes],
+        }
+    )
 
 
 def _earth_note(events: Events, waters: Sequence[Water], distance: Array) -> str | None:
@@ -340,16 +399,31 @@ def _with_mixture(
     rule: DetectionRule,
     options: PredictionOptions,
     detector: Detector | None,
-) -> tuple[pd.DataFrame, pd.DataFrame]:
+) -> tuple[pd.DataFrame, pd.DataFrame, dict[str, pd.DataFrame]]:
     """
-    Events with the error of each prediction, and candidates with their probabilities.
+    Events with the error of each prediction, candidates with their probabilities, and tables of
+    what was learned.
 
     The rule ``persist`` takes the median candidate.
     """
     merit = None if detector is None else detector.sonar.figure_of_merit_db
-    mixture = predict_mixture(
-        table, candidates, options, persistence=60.0 * rule.persist_min, merit_db=merit
-    )
+    persistence = 60.0 * rule.persist_min
+    more = {}
+    if options.learn:
+        mixture, learned = learn_mixture(
+            table, candidates, options, persistence=persistence, merit_db=merit
+        )
+        parts = mixture.events.filter(regex="^learned_")
+        at = candidates["event"].to_numpy(dtype=np.int64)
+        correction = parts.sum(axis=1).to_numpy()[at]
+        candidates = candidates.assign(travel_time_s=candidates["travel_time_s"] + correction)
+        table = table.assign(**{str(name): column for name, column in parts.items()})
+        sizes = pd.DataFrame({"size": asdict(learned.sizes)}).rename_axis("name").reset_index()
+        more = {"learned": learned.states, "learned_water": learned.history, "error_sizes": sizes}
+    else:
+        mixture = predict_mixture(
+            table, candidates, options, persistence=persistence, merit_db=merit
+        )
     all_candidates = candidates.assign(sigma_s=mixture.sigma, probability=mixture.probability)
     if rule.kind == "persist":
         table = with_median_candidate(table, all_candidates, mixture.events["mixture_s"].to_numpy())
@@ -360,7 +434,16 @@ def _with_mixture(
         **{name: mixture.events[name] for name in ("low_s", "high_s", "log_likelihood")},
         unexplained_s=mixture.unexplained,
     )
-    return table, all_candidates
+    return table, all_candidates, more
+
+
+def _rule_of_learning(rule: DetectionRule) -> DetectionRule:
+    """Rule with which errors are learned: ``persist``, also for the default rule."""
+    if rule.kind == "persist":
+        return rule
+    if str(rule) != DEFAULT_RULE:
+        raise ReplayError(f"rule {rule}: learning needs the rule persist, or persist:MINUTES")
+    return DetectionRule.parse("persist")
 
 
 def _waters(waters: Water | Source | Sequence[Water]) -> list[Water]:
@@ -383,7 +466,12 @@ def _parts(
         rows = np.flatnonzero(which == index)
         times = instants_in(events, rows, waters[index], interval)
         for time in np.unique(times):
-            yield waters[index], float(time), rows[times == time]
+            here = rows[times == time]
+            is_echo = events.is_echo[here]
+            if not is_echo.all():
+                yield waters[index], float(time), here[~is_echo]
+            if is_echo.any():
+                yield water_of_echoes(waters[index], float(time)), float(time), here[is_echo]
 
 
 def _event_columns(events: Events) -> pd.DataFrame:
@@ -399,6 +487,7 @@ def _event_columns(events: Events) -> pd.DataFrame:
             "receiver_depth_m": events.receiver_position[:, 2],
             "measured_s": events.travel_time,
             "sigma_s": events.sigma,
+            **({} if np.isnan(events.level_db).all() else {"measured_level_db": events.level_db}),
         }
     )
 

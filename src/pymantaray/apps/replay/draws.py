@@ -2,43 +2,53 @@
 
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import Currents, Medium
+from pymantaray.acoustics import Currents, Medium, Sonar
 from pymantaray.acoustics.selection import first_rows
-from pymantaray.apps.replay.candidates import DrawnArrivals, merge_draws
+from pymantaray.apps.replay.candidates import GRADIENT, DrawnArrivals, merge_draws
 from pymantaray.apps.replay.events import Events
 from pymantaray.apps.replay.rules import Choice, DetectionRule, first_picks, predicted_columns
-from pymantaray.apps.replay.water import choose_water, ends_of, instants_in
+from pymantaray.apps.replay.shared_links import SharedLinks, rows_of_ways
+from pymantaray.apps.replay.water import ASIDE, choose_water, ends_of, instants_in
 from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
-from pymantaray.sensing import Detector, Transmission, find_receptions
+from pymantaray.sensing import Detector, ReceptionOptions, Transmission, find_receptions
 from pymantaray.sensing.receptions import Direction
 from pymantaray.sensing.water import Water
 
 Rows = NDArray[np.int64]
 _MIN_DRAW_SHARE = 0.5  # of the draws, for a candidate that a rule without a mixture takes
-_PAIR_SPACING = 37.3  # correlation lengths between the ice of successive pairs
 _MIN_PREDICTED_SHARE = 0.7  # of the events; with fewer predictions, reflections are suggested
+_GROUPS = 4  # groups of draws that are scored, for the spread
 _SUGGESTION_EVENTS = 60  # events of a suggestion
 _SUGGESTED_BOUNCES = 7  # reflections
 
 
 def choice_of(
-    sound: Transmission, distance: Array, cutoff_db: float, detector: Detector | None
+    sound: Transmission,
+    distance: Array,
+    cutoff_db: float,
+    detector: Detector | None,
+    direction: Direction = Direction.FORTH,
 ) -> Choice:
-    """Receptions from source to receiver; without a detector their loss is spreading, re 1 m."""
-    forth = sound.receptions.at({"reception": sound.receptions.direction == Direction.FORTH})
-    loss = forth.loss_db
+    """Receptions in a direction of links; without a detector their loss is spreading, re 1 m."""
+    receptions = sound.receptions
+    # an echo is a reflection, not the sound that passes from the source to the receiver beside it
+    is_reflected = (receptions.surface_bounces > 0) | (receptions.bottom_bounces > 0)
+    is_possible = is_reflected | (distance[receptions.link] > 1.5 * ASIDE)
+    one_way = receptions.at({"reception": (receptions.direction == direction) & is_possible})
+    loss = one_way.loss_db
     if detector is None:
-        loss = forth.spreading_db + 20.0 * np.log10(np.maximum(distance[forth.link], 1.0))
+        loss = one_way.spreading_db + 20.0 * np.log10(np.maximum(distance[one_way.link], ASIDE))
     return Choice(
-        forth, distance.size, loss, cutoff_db, None if detector is None else detector.sonar
+        one_way, distance.size, loss, cutoff_db, None if detector is None else detector.sonar
     )
 
 
@@ -50,86 +60,119 @@ def predict_draws(
     rule: DetectionRule,
     draws: int,
     progress: CountProgress,
-) -> tuple[pd.DataFrame, pd.DataFrame]:
-    """Prediction of some events by the merged arrivals of several draws, and all candidates."""
+) -> list[tuple[pd.DataFrame, pd.DataFrame]]:
+    """
+    Prediction of some events by the merged arrivals of several draws, and all candidates.
+
+    The first is that of all draws. Those of up to four groups of draws follow, if there are
+    several draws.
+    """
     medium, currents = sea
     reception = water.reception
     rough = medium.surface.roughness
-    if draws > 1 and rough is None:
+    is_echo = bool(events.is_echo[rows].any())
+    if draws > 1 and rough is None and not is_echo:
         raise ReplayError(
             "draws: the ice is smooth, so all draws are equal; give `ice_slope_deg`, or leave out"
             " `draws`"
         )
     source, receiver = ends_of(events, rows, water, medium.earth)
-    if rough is not None and events.geographic and (water.frame is None or water.uniform):
-        source, receiver = _on_ice(events, rows, source, receiver, rough.length)
-    # nodes at rest have the same link at every event
-    links, link_index = np.unique(np.hstack([source, receiver]), axis=0, return_inverse=True)
-    source, receiver = np.split(links, 2, axis=1)
-    distance = medium.straight_distance(source, receiver)
-    cutoff = np.inf if reception.spreading_cutoff_db is None else reception.spreading_cutoff_db
-    wide = reception._replace(arrival="first")
+    links = SharedLinks.of(
+        events,
+        rows,
+        (source, receiver),
+        ice_length=None if rough is None else rough.length,
+        drifts=water.frame is None or water.uniform,
+    )
     parts = []
-    status = np.full(len(links), RayStatus.SHADOW, dtype=np.int8)
+    status = np.full(len(links.source), RayStatus.SHADOW, dtype=np.int8)
     for draw in range(draws):
         drawn_medium = medium
         if rough is not None:
             drawn_medium = replace(
                 medium, surface=medium.surface.with_roughness(rough.with_draw(rough.draw + draw))
             )
-        sound = find_receptions(source, receiver, drawn_medium, wide, currents=currents)
-        choice = choice_of(sound, distance, cutoff, reception.detector)
+        sound = find_receptions(
+            links.source,
+            links.receiver,
+            drawn_medium,
+            reception._replace(arrival="first"),
+            currents=currents,
+        )
+        parts += _arrivals_of(sound, links, medium, reception, draw)
+        status = np.where((draw == 0) | (sound.status == RayStatus.OK), sound.status, status)
+        progress(draw + 1, draws)
+    arrivals = DrawnArrivals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
+    distance = medium.straight_distance(source, receiver)
+    speeds = np.stack([sound.arrivals.source_sound_speed, sound.arrivals.receiver_sound_speed])
+    speed = speeds[links.direction, links.link]
+    sonar = None if reception.detector is None else reception.detector.sonar
+    step = receiver - source
+    shared_distance = medium.straight_distance(links.source, links.receiver)[links.link]
+    chord = sound.arrivals.chord_travel_time[links.link]
+    same: dict[str, Any] = {
+        "cast": water.name,
+        "bearing_deg": np.degrees(np.arctan2(step[:, 1], step[:, 0])),
+        "chord_s": chord * distance / np.maximum(shared_distance, 1e-9),
+    }
+    predictions = []
+    for members in draw_groups(draws):
+        of_group = arrivals.at(np.isin(arrivals.draw, members))
+        numbered_draws = of_group._replace(draw=np.searchsorted(members, of_group.draw))
+        merged = merge_draws(numbered_draws, members.size)
+        candidates = _of_events(merged, links)
+        frame = _frame(candidates, status[links.link], distance, speed, rule, sonar).assign(**same)
+        numbered = candidates.assign(event=rows[candidates["event"].to_numpy()])
+        predictions.append((frame.set_index(rows), numbered))
+    return predictions
+
+
+def draw_groups(draws: int) -> list[Rows]:
+    """All draws, and up to four groups of them if there are several."""
+    numbers = np.arange(draws)
+    if draws == 1:
+        return [numbers]
+    groups = min(_GROUPS, draws)
+    return [numbers, *(numbers[k::groups] for k in range(groups))]
+
+
+def _arrivals_of(
+    sound: Transmission, links: SharedLinks, medium: Medium, reception: ReceptionOptions, draw: int
+) -> list[DrawnArrivals]:
+    """Arrivals of all links in one draw, in each direction that events use."""
+    distance = medium.straight_distance(links.source, links.receiver)
+    cutoff = np.inf if reception.spreading_cutoff_db is None else reception.spreading_cutoff_db
+    parts = []
+    for direction in Direction:
+        choice = choice_of(sound, distance, cutoff, reception.detector, direction)
         receptions = choice.receptions
-        is_candidate = choice.within_cutoff() | (receptions.arrival < 0)
+        is_used = np.isin(2 * receptions.link + direction, links.way)
+        is_candidate = is_used & (choice.within_cutoff() | (receptions.arrival < 0))
         arrivals = DrawnArrivals(
-            event=receptions.link,
+            event=2 * receptions.link + direction,
             draw=np.full(receptions.link.size, draw),
             time=receptions.travel_time,
             loss_db=choice.loss_db,
             surface_bounces=receptions.surface_bounces.astype(np.int64),
             bottom_bounces=receptions.bottom_bounces.astype(np.int64),
+            gradient=links.gradient_of(
+                receptions.link, receptions.source_slowness, receptions.receiver_slowness
+            ),
         )
-        parts.append([column[is_candidate] for column in arrivals])
-        status = np.where((draw == 0) | (sound.status == RayStatus.OK), sound.status, status)
-        progress(draw + 1, draws)
-    arrivals = DrawnArrivals(*(np.concatenate(column) for column in zip(*parts, strict=True)))
-    candidates_of_links = merge_draws(arrivals, draws)
-    frame = _frame(
-        candidates_of_links, status, distance, sound.arrivals.source_sound_speed, rule, choice
+        parts.append(arrivals.at(is_candidate))
+    return parts
+
+
+def _of_events(candidates_of_ways: pd.DataFrame, links: SharedLinks) -> pd.DataFrame:
+    """Candidates of each event: those of its link, with travel times for its own geometry."""
+    which, event = rows_of_ways(candidates_of_ways["event"].to_numpy(), links.way)
+    candidates = candidates_of_ways.iloc[which]
+    gradient = candidates[list(GRADIENT)].to_numpy()
+    shift = np.einsum("ni,ni->n", gradient, links.change[event])
+    candidates = candidates.assign(
+        event=event, travel_time_s=candidates["travel_time_s"].to_numpy() + shift
     )
-    link_of = candidates_of_links["event"].to_numpy()
-    start = np.searchsorted(link_of, link_index)
-    stop = np.searchsorted(link_of, link_index, side="right")
-    candidates = candidates_of_links.iloc[
-        np.concatenate([np.arange(i, j) for i, j in zip(start, stop, strict=True)])
-    ]
-    candidates = candidates.assign(event=np.repeat(rows, stop - start))
-    step = receiver - source
-    bearing = np.degrees(np.arctan2(step[:, 1], step[:, 0]))
-    frame = frame.iloc[link_index].assign(
-        cast=water.name,
-        bearing_deg=bearing[link_index],
-        chord_s=sound.arrivals.chord_travel_time[link_index],
-    )
-    return frame.set_index(rows), candidates
-
-
-def _on_ice(
-    events: Events, rows: Rows, source: Array, receiver: Array, length: float
-) -> tuple[Array, Array]:
-    """
-    Ends of events under ice that drifts with the nodes.
-
-    Each pair has its own ice, the same in both directions.
-
-    The first node of a pair, by name, keeps its place.
-    """
-    _, pair = np.unique(events.pair, return_inverse=True)
-    back = events.source[rows] > events.receiver[rows]
-    origin = np.where(back[:, None], receiver, source) * [1.0, 1.0, 0.0]
-    translation = -origin
-    translation[:, 0] += _PAIR_SPACING * length * pair[rows]
-    return source + translation, receiver + translation
+    return candidates.sort_values(["event", "travel_time_s"], kind="stable", ignore_index=True)
 
 
 def _frame(
@@ -138,11 +181,10 @@ def _frame(
     distance: Array,
     speed: Array,
     rule: DetectionRule,
-    choice: Choice,
+    sonar: Sonar | None,
 ) -> pd.DataFrame:
     """Columns of the events by a rule on merged candidates."""
     n = distance.size
-    sonar = choice.sonar
     link = candidates["event"].to_numpy()
     loss = candidates["loss_db"].to_numpy()
     time = candidates["travel_time_s"].to_numpy()

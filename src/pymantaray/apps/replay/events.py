@@ -19,6 +19,8 @@ _AXES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}
 _MILLISECONDS = (300.0, 3000.0)  # ratio of times with a wrong unit
 _SOUND_SPEED = 1500.0  # m/s
 _M_PER_DEGREE = 111_100.0
+_ECHO_METRES = 1.0  # between the ends of an echo
+_ECHO_DEGREES = 1e-5
 _MAX_TIME = 3600.0  # s; a longer travel time is in another unit
 
 
@@ -32,7 +34,8 @@ class Events:
     time : array_like, shape (n,)
         Time of emission, since any instant. [s]
     source, receiver : array_like of str, shape (n,)
-        Names of the nodes at both ends.
+        Names of the nodes at both ends. If they are the same, the time is that of an echo at the
+        surface or the sea bed, as from an inverted echo sounder.
     source_position, receiver_position : array_like, shape (n, 3)
         Latitude, longitude [degrees] and depth [m] if ``geographic``, else north, east and depth in
         a local frame [m].
@@ -43,6 +46,8 @@ class Events:
         Standard deviation of the travel times, NaN if unknown, as by default. [s]
     cast : array_like of str, shape (n,), optional
         Name of the cast of the event, empty for the nearest in time, as by default.
+    level_db : array_like, shape (n,), optional
+        Received level in any unit of dB, NaN if unknown, as by default.
     epoch : numpy.datetime64
         UTC of time 0; NaT, the default, if only differences of time are known.
     notes : sequence of str
@@ -60,6 +65,7 @@ class Events:
     cast: Names = field(default_factory=lambda: np.empty(0, dtype=str))
     epoch: np.datetime64 = field(default_factory=lambda: np.datetime64("NaT", "ns"))
     notes: tuple[str, ...] = ()
+    level_db: Array = field(default_factory=lambda: np.empty(0))
 
     def __post_init__(self) -> None:
         """Check shapes and values."""
@@ -78,17 +84,26 @@ class Events:
             if words.shape != (n,):
                 raise ReplayError(f"events: {name} has shape {words.shape}; it needs ({n},)")
             object.__setattr__(self, name, words)
-        sigma = np.array(self.sigma, dtype=float) if np.size(self.sigma) else np.full(n, np.nan)
-        if sigma.shape != (n,):
-            raise ReplayError(f"events: sigma has shape {sigma.shape}; it needs ({n},)")
-        object.__setattr__(self, "sigma", sigma)
+        for name in ("sigma", "level_db"):
+            given = getattr(self, name)
+            values = np.array(given, dtype=float) if np.size(given) else np.full(n, np.nan)
+            if values.shape != (n,):
+                raise ReplayError(f"events: {name} has shape {values.shape}; it needs ({n},)")
+            object.__setattr__(self, name, values)
         self._refuse(
             "travel_time",
             ~((self.travel_time > 0.0) & (self.travel_time < _MAX_TIME)),
             f"seconds above 0, below {_MAX_TIME:g}",
         )
-        self._refuse("sigma", sigma <= 0.0, "seconds above 0, or empty")
-        self._refuse("source and receiver", self.source == self.receiver, "two nodes")
+        self._refuse("sigma", self.sigma <= 0.0, "seconds above 0, or empty")
+        differs = np.abs(self.source_position - self.receiver_position)
+        tolerance = _ECHO_DEGREES if self.geographic else _ECHO_METRES
+        has_moved = (differs > [tolerance, tolerance, _ECHO_METRES]).any(axis=1)
+        self._refuse(
+            "source and receiver",
+            self.is_echo & has_moved,
+            "two nodes, or one node at one position, for an echo",
+        )
         if self.geographic:
             for name in ("source_position", "receiver_position"):
                 lat, lon = getattr(self, name)[:, :2].T
@@ -110,6 +125,11 @@ class Events:
         return np.char.add(np.char.add(ends[0], " and "), ends[1])
 
     @property
+    def is_echo(self) -> NDArray[np.bool_]:
+        """True for times from an instrument to itself, by a reflection."""
+        return np.asarray(self.source == self.receiver)
+
+    @property
     def instant(self) -> NDArray[np.datetime64]:
         """UTC of each emission; NaT if only differences are known."""
         return self.epoch + np.round(1e9 * self.time).astype("timedelta64[ns]")
@@ -125,7 +145,8 @@ def read_events(path: str | Path, nodes: str | Path | None = None) -> Events:
         Columns ``time`` (UTC as ``2020-03-10T12:00:00``, or seconds), ``source`` and ``receiver``
         (names), ``source_lat``, ``source_lon``, ``source_depth`` and the same of the receiver
         [degrees, m], or ``_north`` and ``_east`` for ``_lat`` and ``_lon`` [m], and ``travel_time``
-        [s]; optionally ``sigma`` [s] and ``cast`` (a name). Other columns are ignored.
+        [s]; optionally ``sigma`` [s], ``cast`` (a name) and ``level_db`` (received
+        level). Other columns are ignored.
     nodes : str or pathlib.Path, optional
         Table of fixed nodes with ``name``, ``lat``, ``lon`` and ``depth`` (or ``north`` and
         ``east``), as `mantaray locate` writes it. Its positions replace those of the events, whose
@@ -163,8 +184,10 @@ def _events(table: TextTable, invalid: InvalidLines) -> Events:
         [f"{end}_{axis}" for axis in _AXES[geographic]] for end in ENDS
     )
     numbers = [*source_columns, *receiver_columns, "travel_time"]
-    table.require(["time", *ENDS, *numbers, *sorted({"sigma", "cast"} & columns)])
-    table = table.readable(invalid, times=["time"], numbers=numbers, words=ENDS, optional=["sigma"])
+    table.require(["time", *ENDS, *numbers, *sorted({"sigma", "cast", "level_db"} & columns)])
+    table = table.readable(
+        invalid, times=["time"], numbers=numbers, words=ENDS, optional=["sigma", "level_db"]
+    )
     invalid.refuse_most(len(table.frame), ReplayError)
     names = {end: table.words(end) for end in ENDS}
     time, epoch = table.seconds("time")
@@ -180,6 +203,7 @@ def _events(table: TextTable, invalid: InvalidLines) -> Events:
         cast=np.array(table.words("cast"), dtype=str),
         epoch=epoch,
         notes=invalid.notes,
+        level_db=table.optional("level_db"),
     )
     _check_unit(path, events)
     return events
@@ -192,7 +216,11 @@ def _check_unit(path: Path, events: Events) -> None:
         step[:, :2] *= _M_PER_DEGREE
         step[:, 1] *= np.cos(np.radians(events.source_position[:, 0]))
     straight_time = np.linalg.norm(step, axis=1) / _SOUND_SPEED
-    ratio = float(np.median(events.travel_time / np.maximum(straight_time, 1e-6)))
+    between_nodes = ~events.is_echo
+    if not between_nodes.any():
+        return
+    ratio = events.travel_time / np.maximum(straight_time, 1e-6)
+    ratio = float(np.median(ratio[between_nodes]))
     low, high = _MILLISECONDS
     if low < ratio < high or low < 1.0 / max(ratio, 1e-9) < high:
         raise ReplayError(

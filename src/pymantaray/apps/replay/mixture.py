@@ -3,6 +3,9 @@ Likelihood of measured times as a mixture over candidates, and candidates that p
 reception to the next.
 """
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -11,26 +14,30 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import probability_of_excess
 from pymantaray.acoustics.reflection import wave_height_rms
+from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, EventData
+from pymantaray.apps.replay.learned_model import PARTS, Design, ErrorSizes
+from pymantaray.apps.replay.learning import (
+    Learned,
+    LearningData,
+    learn_causally,
+    learn_smoothly,
+)
 from pymantaray.apps.replay.options import PredictionOptions
 from pymantaray.apps.replay.summary import quantile_of, ratio_interval
-from pymantaray.arrays import Array
-from pymantaray.estimation.ranges.picks import persist, stay_probability
+from pymantaray.apps.replay.tracks import ArrivalTracks
+from pymantaray.arrays import Array, Indices
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import MAD_TO_SIGMA
 from pymantaray.sensing.picking import LEVEL_SPREAD_DB, by_rank, detected_first
 
 _WITHIN_DB = 6.0  # below the strongest: an arrival with this level is detected with probability 0.5
-_CLUTTER = 0.02  # share of receptions that no candidate explains
-_CLUTTER_WIDTH = 0.1  # s
-# s; candidates of successive events are the same arrival if their delays differ by about this
-_MATCH = 1e-3
-_OTHER_BOUNCES = 0.1  # weight of a match with other bounces
 _UNEXPLAINED = np.geomspace(2e-4, 2e-2, 25)  # s; values tried for the error that nothing explains
 _COVERED = 0.95  # of the events of even hours, by their intervals
 _MIN_EVENTS = 40  # events; with fewer, intervals are those of the mixture
+_OUTLIER_SIGMA = 1e-2  # s
+_MAX_WIDTH_EVENTS = 500  # latest events that determine the width of a causal interval
 _MAX_QUANTILE = 0.9998
 _ONE_WAY = np.sqrt(2.0)  # both ends have an error
-HOUR = 3600.0
 
 
 class Mixture(NamedTuple):
@@ -49,14 +56,6 @@ class Mixture(NamedTuple):
     """Standard deviation of the time of each candidate. [s]"""
     unexplained: float
     """Standard deviation that ice, ocean and position do not explain, from even hours. [s]"""
-
-
-class _Event(NamedTuple):
-    time: float
-    measured: float
-    start: int
-    stop: int
-    chord: float
 
 
 def first_detected(candidates: pd.DataFrame, merit_db: float | None = None) -> Array:
@@ -125,20 +124,79 @@ def predict_mixture(
     """
     prior = first_detected(candidates, merit_db)
     known = _known_sigma(events, candidates, options)
-    links = _links(events, candidates)
+    data = EventData.of(events, candidates, known, prior)
     even = (np.floor(events["time_s"].to_numpy() / HOUR) % 2) == 0
     even = even if even.any() else ~even
     scores = []
     for unexplained in _UNEXPLAINED:
-        _, log_likelihood = _follow(
-            links, candidates, prior, np.hypot(known, unexplained), persistence
-        )
+        _, log_likelihood = _follow(data, np.hypot(known, unexplained), persistence)
         scores.append(np.nansum(log_likelihood[even]))
     unexplained = float(_UNEXPLAINED[int(np.argmax(scores))])
     sigma = np.hypot(known, unexplained)
-    probability, log_likelihood = _follow(links, candidates, prior, sigma, persistence)
-    table = _intervals(events, candidates, probability, sigma, even)
+    probability, log_likelihood = _follow(data, sigma, persistence)
+    table = _intervals(events, candidates, probability, sigma, partial(_even_width, even))
     return Mixture(table.assign(log_likelihood=log_likelihood), probability, sigma, unexplained)
+
+
+class LearnedMixture(NamedTuple):
+    """Mixture with learned errors of water, positions and clocks."""
+
+    mixture: Mixture
+    learned: Learned
+
+
+def learn_mixture(
+    events: pd.DataFrame,
+    candidates: pd.DataFrame,
+    options: PredictionOptions,
+    *,
+    persistence: float,
+    merit_db: float | None = None,
+) -> LearnedMixture:
+    """
+    Predict each event by a mixture whose candidates are corrected by learned errors.
+
+    Parameters
+    ----------
+    events, candidates, options, persistence, merit_db
+        As in `predict_mixture`. The errors of positions and sound speed of the options are those
+        with which learning begins.
+
+    Returns
+    -------
+    LearnedMixture
+
+    Notes
+    -----
+    The water, the positions and the clocks err by Gauss-Markov processes (`ErrorSizes`), which a
+    Kalman filter estimates from event to event. With ``causal``, a prediction uses only earlier
+    events; with ``smooth``, all but the event itself. The probability of an interval is that which
+    covered 95 % of the earlier events; with ``smooth``, of the events of even hours for odd hours
+    and vice versa.
+    """
+    without = replace(options, position_sigma=0.0, sound_speed_sigma=0.0)
+    known = _known_sigma(events, candidates, without)
+    prior = first_detected(candidates, merit_db)
+    design = Design.of(events, candidates)
+    data = LearningData.of(events, candidates, known, prior, design=design)
+    learn = learn_smoothly if options.learn == "smooth" else learn_causally
+    learned = learn(data, ErrorSizes.prior_of(options), persistence)
+    at = candidates["event"].to_numpy(dtype=np.int64)
+    sigma = np.sqrt(known**2 + (learned.unexplained**2 + learned.sigma**2)[at])
+    correction = learned.parts.sum(axis=1)
+    corrected = candidates.assign(
+        travel_time_s=candidates["travel_time_s"].to_numpy() + correction[at]
+    )
+    if options.learn == "smooth":
+        even = (np.floor(data.time / HOUR) % 2) == 0
+        width_of = partial(_other_width, even)
+    else:
+        width_of = partial(_earlier_width, data.order)
+    table = _intervals(events, corrected, learned.expected, sigma, width_of, CLUTTER)
+    parts = {f"learned_{name}_s": learned.parts[:, k] for k, name in enumerate(PARTS)}
+    table = table.assign(log_likelihood=learned.log_likelihood, **parts)
+    unexplained = float(learned.sizes.unexplained_s)
+    return LearnedMixture(Mixture(table, learned.expected, sigma, unexplained), learned)
 
 
 def _known_sigma(
@@ -149,13 +207,14 @@ def _known_sigma(
     """
     at = candidates["event"].to_numpy(dtype=np.int64)
     time = candidates["travel_time_s"].to_numpy()
-    speed = events["distance_m"].to_numpy()[at] / time
+    is_echo = (events["source"] == events["receiver"]).to_numpy()[at]
+    sound_speed = events["sound_speed_m_s"].to_numpy()[at]
+    along = events["distance_m"].to_numpy()[at] / time
+    speed = np.where(is_echo, sound_speed, along)
     ocean = time * options.sound_speed_sigma / speed
     position = _ONE_WAY * options.position_sigma / speed
     own = np.nan_to_num(events["sigma_s"].to_numpy()[at])
-    waves = _wave_sigma(
-        candidates, events["sound_speed_m_s"].to_numpy()[at], speed, options.wind_speed
-    )
+    waves = _wave_sigma(candidates, sound_speed, along, options.wind_speed)
     spread = candidates["spread_s"].to_numpy()
     return np.asarray(np.sqrt(spread**2 + ocean**2 + position**2 + own**2 + waves**2))
 
@@ -168,7 +227,7 @@ def _wave_sigma(
     height h of `wave_height_rms`. [s]
 
     The grazing angle is that of a straight path with the candidate's travel time: its cosine is the
-    speed along the distance over that of sound.
+    speed along the distance over that of sound; 0 for an echo.
     """
     cosine = np.clip(speed / sound_speed, 0.0, 1.0)
     height = float(wave_height_rms(wind_speed))
@@ -176,97 +235,28 @@ def _wave_sigma(
     return np.asarray(2.0 * bounces * height * np.sqrt(1.0 - cosine**2) / sound_speed)
 
 
-def _links(events: pd.DataFrame, candidates: pd.DataFrame) -> list[list[tuple[int, _Event]]]:
-    """Events with candidates of each source and receiver, in order of time."""
-    at = candidates["event"].to_numpy(dtype=np.int64)
-    rows = np.arange(len(events))
-    start = np.searchsorted(at, rows)
-    stop = np.searchsorted(at, rows, side="right")
-    time = events["time_s"].to_numpy()
-    measured = events["measured_s"].to_numpy()
-    chord = events["distance_m"].to_numpy() / events["sound_speed_m_s"].to_numpy()
-    links = []
-    for _, part in events.groupby(["source", "receiver"], sort=True):
-        order = part.index.to_numpy()[np.argsort(part["time_s"].to_numpy(), kind="stable")]
-        has = [int(i) for i in order if stop[i] > start[i]]
-        links.append(
-            [
-                (
-                    i,
-                    _Event(
-                        float(time[i]),
-                        float(measured[i]),
-                        int(start[i]),
-                        int(stop[i]),
-                        float(chord[i]),
-                    ),
-                )
-                for i in has
-            ]
-        )
-    return links
-
-
-def _follow(
-    links: list[list[tuple[int, _Event]]],
-    candidates: pd.DataFrame,
-    prior: Array,
-    sigma: Array,
-    persistence: float,
-) -> tuple[Array, Array]:
+def _follow(data: EventData, sigma: Array, persistence: float) -> tuple[Array, Array]:
     """
     Probability of each candidate before its event, and the log likelihood of each event's measured
     time.
     """
-    time = candidates["travel_time_s"].to_numpy()
-    bounces = (
-        candidates["surface_bounces"].to_numpy() * 64 + candidates["bottom_bounces"].to_numpy()
-    ).astype(float)
-    probability = prior.copy()
-    n = max((i for link in links for i, _ in link), default=-1) + 1
-    log_likelihood = np.full(
-        max(n, int(candidates["event"].max() + 1) if len(candidates) else 0), np.nan
-    )
-    for link in links:
-        before: tuple[float, Array, Array, Array] | None = None
-        for i, event in link:
-            rows = slice(event.start, event.stop)
-            delay = time[rows] - event.chord
-            own = prior[rows]
-            expected = own
-            if before is not None and persistence > 0.0:
-                expected = persist(
-                    _passed(before, delay, bounces[rows], own),
-                    own,
-                    stay_probability(event.time - before[0], persistence),
-                )
-            probability[rows] = expected
-            off = (event.measured - time[rows]) / sigma[rows]
-            density = np.exp(-0.5 * off**2) / (np.sqrt(2.0 * np.pi) * sigma[rows])
-            fits = (1.0 - _CLUTTER) * expected * density
-            clutter = _CLUTTER / _CLUTTER_WIDTH
-            total = float(fits.sum())
-            log_likelihood[i] = np.log(total + clutter)
-            if total > clutter:  # else nothing explains it, and the arrival before it still counts
-                before = event.time, delay, bounces[rows], fits / total
+    probability = data.prior.copy()
+    log_likelihood = np.full(data.time.size, np.nan)
+    tracks = ArrivalTracks(persistence)
+    for event in data.order.tolist():
+        rows = data.rows(event)
+        candidates = data.candidates_of(event)
+        way = data.ways[event]
+        probability[rows] = tracks.expect(way, candidates)
+        off = (data.measured[event] - data.candidate_time[rows]) / sigma[rows]
+        density = np.exp(-0.5 * off**2) / (np.sqrt(2.0 * np.pi) * sigma[rows])
+        fits = (1.0 - CLUTTER) * probability[rows] * density
+        clutter = CLUTTER / CLUTTER_WIDTH
+        total = float(fits.sum())
+        log_likelihood[event] = np.log(total + clutter)
+        if total > clutter:  # else nothing explains it, and the arrival before it still counts
+            tracks.learn(way, candidates, fits / total)
     return probability, log_likelihood
-
-
-def _passed(
-    before: tuple[float, Array, Array, Array], delay: Array, bounces: Array, prior: Array
-) -> Array:
-    """
-    Probability of candidates that the receiver stays with its arrival, from the candidates of the
-    reception before.
-    """
-    _, old, old_bounces, weight = before
-    kept = weight > 1e-3 * weight.max()
-    match = np.exp(-0.5 * ((delay[None, :] - old[kept, None]) / _MATCH) ** 2)
-    match *= np.where(bounces[None, :] == old_bounces[kept, None], 1.0, _OTHER_BOUNCES)
-    total = match.sum(axis=1, keepdims=True)
-    lost = 1e-3  # of an arrival that the next event does not have
-    passed = (match + lost * prior[None, :]) / (total + lost)
-    return np.asarray(weight[kept] @ passed / weight[kept].sum())
 
 
 def _intervals(
@@ -274,9 +264,16 @@ def _intervals(
     candidates: pd.DataFrame,
     probability: Array,
     sigma: Array,
-    even: NDArray[np.bool_],
+    width_of: Callable[[Array], Array | float],
+    outliers: float = 0.0,
 ) -> pd.DataFrame:
-    """Median, standard deviation and 95 % interval of the mixture of each event."""
+    """
+    Median, standard deviation and 95 % interval of the mixture of each event.
+
+    The probability of the interval is a function of how far each measured time is from the median,
+    as the probability between it and the same distance on the other side; NaN without candidates. A
+    share of outliers has errors of 10 ms about any candidate.
+    """
     from scipy.special import ndtr
 
     n = len(events)
@@ -288,15 +285,17 @@ def _intervals(
     spread = np.bincount(at, probability * (sigma**2 + (time - mean[at]) ** 2), minlength=n)
 
     def below(place: Array) -> Array:
-        return np.asarray(
-            np.bincount(at, probability * ndtr((place[at] - time) / sigma), minlength=n)
-        )
+        off = place[at] - time
+        share = (1.0 - outliers) * ndtr(off / sigma)
+        share += outliers * ndtr(off / np.hypot(sigma, _OUTLIER_SIGMA))
+        return np.asarray(np.bincount(at, probability * share, minlength=n))
 
-    def quantile(level: float) -> Array:
+    def quantile(level: Array | float) -> Array:
         low = np.full(n, np.inf)
         high = np.full(n, -np.inf)
-        np.minimum.at(low, at, time - 10.0 * sigma)
-        np.maximum.at(high, at, time + 10.0 * sigma)
+        reach = 10.0 * np.hypot(sigma, _OUTLIER_SIGMA if outliers > 0.0 else 0.0)
+        np.minimum.at(low, at, time - reach)
+        np.maximum.at(high, at, time + reach)
         for _ in range(50):
             middle = 0.5 * (low + high)
             under = below(np.where(has, middle, 0.0)) < level
@@ -305,12 +304,7 @@ def _intervals(
         return np.where(has, 0.5 * (low + high), np.nan)
 
     with np.errstate(invalid="ignore"):
-        far = np.abs(2.0 * below(measured) - 1.0)[has & even]
-        width = (
-            _COVERED
-            if far.size < _MIN_EVENTS
-            else min(float(np.quantile(far, _COVERED)), _MAX_QUANTILE)
-        )
+        width = width_of(np.where(has, np.abs(2.0 * below(measured) - 1.0), np.nan))
         columns = {
             "sigma_s": np.where(has, np.sqrt(spread), np.nan),
             "low_s": quantile(0.5 - 0.5 * width),
@@ -318,6 +312,32 @@ def _intervals(
             "high_s": quantile(0.5 + 0.5 * width),
         }
     return pd.DataFrame(columns)
+
+
+def _even_width(even: NDArray[np.bool_], far: Array) -> float:
+    """Probability that covers 95 % of the events of even hours."""
+    return _width(far[even])
+
+
+def _width(far: Array) -> float:
+    """Probability that covers 95 % of some events; 95 % for a few."""
+    known = far[np.isfinite(far)]
+    if known.size < _MIN_EVENTS:
+        return _COVERED
+    return min(float(np.quantile(known, _COVERED)), _MAX_QUANTILE)
+
+
+def _other_width(even: NDArray[np.bool_], far: Array) -> Array:
+    """Probability that covers 95 % of the events of odd hours, for even hours, and vice versa."""
+    return np.where(even, _width(far[~even]), _width(far[even]))
+
+
+def _earlier_width(order: Indices, far: Array) -> Array:
+    """Probability that covers 95 % of the events before each event."""
+    width = np.full(far.size, _COVERED)
+    for k in range(_MIN_EVENTS, order.size):
+        width[order[k]] = _width(far[order[max(k - _MAX_WIDTH_EVENTS, 0) : k]])
+    return width
 
 
 def coverage_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:

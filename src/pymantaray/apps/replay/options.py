@@ -1,11 +1,13 @@
 """Options of predictions; few imports, because the command line reads them."""
 
 from dataclasses import dataclass
+from typing import Literal, get_args
 
 from pymantaray.errors import ReplayError
 from pymantaray.quantities.checks import check_number
 
 _MAX_DRAWS = 1000
+Learning = Literal["causal", "smooth"]
 
 
 @dataclass(frozen=True)
@@ -29,6 +31,9 @@ class PredictionOptions:
     water_interval : float
         Water that varies in time is evaluated at the multiple of this interval that is nearest to
         an event. [s]
+    learn : {"causal", "smooth"}, optional
+        Learn slow errors of water, positions and clocks from the events: from earlier events only,
+        or from all others. By default nothing is learned.
     """
 
     draws: int = 1
@@ -36,12 +41,17 @@ class PredictionOptions:
     sound_speed_sigma: float = 0.0
     wind_speed: float = 0.0
     water_interval: float = 600.0
+    learn: Learning | None = None
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         if self.draws not in range(1, _MAX_DRAWS + 1):
             raise ReplayError(
                 f"draws is {self.draws}; allowed are whole numbers from 1 to {_MAX_DRAWS}"
+            )
+        if self.learn is not None and self.learn not in get_args(Learning):
+            raise ReplayError(
+                f"learn is {self.learn!r}; allowed are {' and '.join(get_args(Learning))}"
             )
         units = {"position_sigma": "m", "sound_speed_sigma": "m/s", "wind_speed": "m/s"}
         for name, unit in units.items():

@@ -1,6 +1,7 @@
 """Water and time of each event, and its ends in the frame of the water."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,6 +14,8 @@ from pymantaray.geometry.frames import ELLIPSOID
 from pymantaray.sensing.water import Water
 
 _MAX_NAMES = 8  # in a message
+ASIDE = 0.1
+"""Horizontal distance between the ends of an echo, whose rays then have directions. [m]"""
 
 
 def choose_water(events: Events, waters: Sequence[Water]) -> NDArray[np.int64]:
@@ -77,8 +80,16 @@ def ends_of(
     """
     Sources and receivers (n, 3) of some events in the frame of their water. [m]
 
-    The Earth is a sphere or, for None, flat.
+    The Earth is a sphere or, for None, flat. The receiver of an echo is 0.1 m north of the source.
     """
+    source, receiver = _ends_in_frame(events, rows, water, earth)
+    is_echo = events.is_echo[rows, None]
+    return source, np.where(is_echo, source + np.array([ASIDE, 0.0, 0.0]), receiver)
+
+
+def _ends_in_frame(
+    events: Events, rows: NDArray[np.int64], water: Water, earth: EarthSphere | None
+) -> tuple[Array, Array]:
     source = events.source_position[rows]
     receiver = events.receiver_position[rows]
     if not events.geographic:
@@ -96,3 +107,23 @@ def ends_of(
 
 def _in_frame(position: Array, frame: LocalFrame) -> Array:
     return np.stack([*frame.to_local(position[:, 0], position[:, 1]), position[:, 2]], axis=-1)
+
+
+def water_of_echoes(water: Water, time: float) -> Water:
+    """
+    Water for echoes of an instrument at a time [s].
+
+    The spreading of an echo is not compared with that of the straight path, and boundaries are
+    smooth where the sound is vertical.
+    """
+    reception = water.reception
+    if reception.max_surface_bounces + reception.max_bottom_bounces == 0:
+        raise ReplayError(
+            "events from a node to itself are echoes, but no reflections are allowed; set"
+            " `max_surface_bounces` or `max_bottom_bounces` to 1"
+        )
+    medium, _ = water.at(time)
+    smooth = replace(medium, surface=medium.surface.with_roughness(None))
+    return replace(
+        water, medium=smooth, reception=reception._replace(spreading_cutoff_db=None, leakage=None)
+    )

@@ -1,0 +1,121 @@
+"""Errors of the sound speed that an on-line estimator learns: one for each pair of depth bands."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from pymantaray.arrays import Array
+from pymantaray.errors import OnlineError
+from pymantaray.estimation.filters.error_state import SIZE, State
+from pymantaray.estimation.filters.gauss_markov import relax
+from pymantaray.quantities.checks import check_number
+
+_AXES = 3  # errors that one member of the state holds, in place of a position
+
+
+class WaterError(NamedTuple):
+    """Relative error of the sound speed between two depth bands (from, to) [m], and its sigma."""
+
+    band: tuple[float, float]
+    other: tuple[float, float]
+    value: float
+    sigma: float
+
+
+class DriftingWater(NamedTuple):
+    """
+    Relative errors of the sound speed, which drift.
+
+    Each pair of depth bands of transmitter and receiver has its own error, a first-order
+    Gauss-Markov process.
+
+    Attributes
+    ----------
+    sigma : float
+        Standard deviation of the relative error; 1e-3 is 1.5 m/s.
+    hours : float
+        Correlation time; infinite for an error that is constant. [h]
+    depths : tuple of float
+        Limits of the depth bands, ascending; by default there is one band. [m]
+    """
+
+    sigma: float
+    hours: float = 6.0
+    depths: tuple[float, ...] = ()
+
+    def checked(self) -> DriftingWater:
+        """
+        Return the same water as plain numbers.
+
+        Raises
+        ------
+        OnlineError
+            If a value is not allowed.
+        """
+        check_number(OnlineError, "water: sigma", self.sigma, "1", positive=True)
+        if not self.hours > 0.0:
+            raise OnlineError(f"water: hours is {self.hours:g} h; it must be positive")
+        depths = np.asarray(self.depths, dtype=float).reshape(-1)
+        if not (np.isfinite(depths).all() and (np.diff(depths) > 0.0).all()):
+            raise OnlineError(f"water: depths are {self.depths}; they must be finite and ascending")
+        return DriftingWater(float(self.sigma), float(self.hours), tuple(depths.tolist()))
+
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Pairs of depth bands, each with the shallower one first."""
+        bands = len(self.depths) + 1
+        return [(a, b) for a in range(bands) for b in range(a, bands)]
+
+    @property
+    def bands(self) -> list[tuple[float, float]]:
+        """Depth bands; the first and the last have no limit. [m]"""
+        limits = [-np.inf, *self.depths, np.inf]
+        return list(pairwise(limits))
+
+    @property
+    def members(self) -> int:
+        """Number of members of the state that hold the errors."""
+        return -(-len(self.pairs) // _AXES)
+
+    def columns_of(self, members: int) -> Array:
+        """Columns of the errors in a state with a number of members."""
+        first = members - self.members
+        number = np.arange(len(self.pairs))
+        return np.asarray(SIZE * (first + number // _AXES) + _AXES + number % _AXES)
+
+    def number_of(self, depth: float, other: float) -> int:
+        """Number of the pair of bands of two depths. [m]"""
+        low, high = sorted(int(band) for band in np.searchsorted(self.depths, (depth, other)))
+        return self.pairs.index((low, high))
+
+    def relaxed(self, state: State, elapsed: float) -> State:
+        """State after a time [s] in which the errors drift."""
+        members = len(state.position)
+        columns = self.columns_of(members)
+        share = float(np.exp(-elapsed / (3600.0 * self.hours)))
+        keep = np.ones(SIZE * members)
+        keep[columns] = share
+        stationary = np.zeros(keep.size)
+        stationary[columns] = self.sigma**2
+        position = state.position.copy()
+        position[members - self.members :] *= share
+        covariance = state.covariance.copy()
+        relax(covariance, keep, stationary)
+        return State(state.rotation, position, covariance)
+
+    def errors(self, state: State) -> tuple[Array, Array]:
+        """Relative error of each pair of bands, and its standard deviation."""
+        columns = self.columns_of(len(state.position))
+        values = state.position[-self.members :].reshape(-1)[: columns.size]
+        return values.copy(), np.sqrt(np.maximum(np.diag(state.covariance)[columns], 0.0))
+
+
+def saved_water(content: Any) -> DriftingWater | None:
+    """Water of a saved estimator; an error if it is not one."""
+    if content is None:
+        return None
+    sigma, hours, depths = content
+    return DriftingWater(float(sigma), float(hours), tuple(float(x) for x in depths)).checked()

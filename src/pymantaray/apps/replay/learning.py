@@ -1,0 +1,263 @@
+"""
+Slow errors of water, positions and clocks that are learned from the events: one-step-ahead
+predictions from earlier events, or predictions from all other events.
+"""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, EventData
+from pymantaray.apps.replay.learned_model import LOG_SIGMA, PARTS, Design, ErrorSizes
+from pymantaray.apps.replay.tracks import ArrivalTracks
+from pymantaray.arrays import Array, Indices
+from pymantaray.estimation.filters.gauss_markov import (
+    Alternatives,
+    Estimate,
+    GaussMarkovFilter,
+    fuse,
+)
+
+_MEMORY = 24.0 * 3600.0  # s; of the arrivals of a pair
+_FIRST_FIT = 32  # events before the first estimate of the sizes; each of the next doubles them
+_MAX_FIT = 1000  # events of an estimate of the sizes, the latest
+_STEPS = (0.9, 0.45, 0.2)  # of the search, in logarithms
+
+
+@dataclass(frozen=True, eq=False)
+class LearningData(EventData):
+    """Events with the slow errors that contribute to their travel times."""
+
+    design: Design
+
+    def alternatives(self, event: int, expected: Array, unexplained: float) -> Alternatives:
+        """Explanations of the measured time of an event."""
+        rows = self.rows(event)
+        return Alternatives(
+            self.measured[event] - self.candidate_time[rows],
+            self.known_sigma[rows] ** 2 + unexplained**2,
+            (1.0 - CLUTTER) * expected[rows],
+            CLUTTER / CLUTTER_WIDTH,
+        )
+
+
+class Learned(NamedTuple):
+    """Prediction of the slow errors of each event, without the event itself."""
+
+    parts: Array
+    """Part of the travel time of each event by each of `PARTS` (n_events, 4). [s]"""
+    sigma: Array
+    """Standard deviation of their sum. [s]"""
+    expected: Array
+    """Probability of each candidate before the measured time of its event is known."""
+    log_likelihood: Array
+    unexplained: Array
+    """Of each event. [s]"""
+    states: pd.DataFrame
+    """Processes after the last event."""
+    history: pd.DataFrame
+    """Varying processes of the water at the end of each hour."""
+    sizes: ErrorSizes
+
+
+def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) -> Learned:
+    """
+    Predict every event from earlier events only.
+
+    Sizes of the errors are those with the largest posterior density, given one-step-ahead
+    predictions of earlier events. They are estimated after 32 events, and again whenever the number
+    of events has doubled.
+    """
+    n = data.time.size
+    tracks = ArrivalTracks(persistence, _MEMORY)
+    parts = np.zeros((n, len(PARTS)))
+    spread = np.zeros(n)
+    unexplained = np.full(n, prior.unexplained_s)
+    log_likelihood = np.full(n, np.nan)
+    expected = data.prior.copy()
+    sizes = prior
+    history = []
+    ends_hour = data.ends_hour
+    state = GaussMarkovFilter(data.design.processes(sizes), 0.0)
+    next_fit = _FIRST_FIT
+    for k, event in enumerate(data.order.tolist()):
+        if k == next_fit:
+            earlier = data.order[max(k - _MAX_FIT, 0) : k]
+            sizes = fit_sizes(data, expected, earlier, prior, sizes)
+            state = _repeat(data, expected, data.order[:k], sizes)
+            next_fit *= 2
+        state.advance(data.time[event])
+        columns, values = data.design.columns[event], data.design.values[event]
+        terms = values * state.mean[columns]
+        parts[event] = np.bincount(data.design.part, terms, minlength=len(PARTS))
+        spread[event] = np.sqrt(state.predict(columns, values)[1])
+        unexplained[event] = sizes.unexplained_s
+        candidates = data.candidates_of(event)
+        expected[data.rows(event)] = tracks.expect(data.ways[event], candidates)
+        alternatives = data.alternatives(event, expected, sizes.unexplained_s)
+        outcome = state.update(columns, values, alternatives)
+        log_likelihood[event] = outcome.log_likelihood
+        if outcome.probability.sum() > 0.5:  # else nothing explains it, and tracks go on
+            tracks.learn(data.ways[event], candidates, outcome.probability)
+        if ends_hour[event]:
+            history.append(_water(data.design, data.time[event], state))
+    return Learned(
+        parts,
+        spread,
+        expected,
+        log_likelihood,
+        unexplained,
+        _states(data.design, state),
+        pd.concat(history, ignore_index=True) if history else pd.DataFrame(),
+        sizes,
+    )
+
+
+def learn_smoothly(data: LearningData, prior: ErrorSizes, persistence: float) -> Learned:
+    """
+    Predict every event from all other events, earlier and later ones.
+
+    A filter runs forwards and another one backwards; the estimate at an event is that of the first
+    before it and of the second after it. Sizes are estimated from one-step-ahead predictions.
+    """
+    causal = learn_causally(data, prior, persistence)
+    last = data.order[-_MAX_FIT:]
+    sizes = fit_sizes(data, causal.expected, last, prior, causal.sizes)
+    processes = data.design.processes(sizes)
+    forward = _estimates_before(data, causal.expected, data.order, sizes)
+    backward_tracks = ArrivalTracks(persistence, _MEMORY)
+    backward_expected = data.prior.copy()
+    state = GaussMarkovFilter(processes, data.time[data.order[-1]] if data.order.size else 0.0)
+    parts = np.zeros_like(causal.parts)
+    spread = np.zeros(data.time.size)
+    expected = causal.expected.copy()
+    log_likelihood = causal.log_likelihood.copy()
+    history = []
+    ends_hour = data.ends_hour
+    for event in data.order[::-1].tolist():
+        rows = data.rows(event)
+        state.advance(data.time[event])
+        columns, values = data.design.columns[event], data.design.values[event]
+        both = fuse(forward[event], state.estimate, processes)
+        terms = values * both.mean[columns]
+        parts[event] = np.bincount(data.design.part, terms, minlength=len(PARTS))
+        variance = float(values @ both.covariance[np.ix_(columns, columns)] @ values)
+        spread[event] = np.sqrt(max(variance, 0.0))
+        candidates = data.candidates_of(event)
+        backward_expected[rows] = backward_tracks.expect(data.ways[event], candidates)
+        expected[rows] = 0.5 * (causal.expected[rows] + backward_expected[rows])
+        alternatives = data.alternatives(event, expected, sizes.unexplained_s)
+        log_likelihood[event] = _log_likelihood(alternatives, parts[event].sum(), variance)
+        outcome = state.update(
+            columns, values, data.alternatives(event, backward_expected, sizes.unexplained_s)
+        )
+        if outcome.probability.sum() > 0.5:
+            backward_tracks.learn(data.ways[event], candidates, outcome.probability)
+        if ends_hour[event]:
+            history.append(_water(data.design, data.time[event], both))
+    return causal._replace(
+        parts=parts,
+        sigma=spread,
+        expected=expected,
+        log_likelihood=log_likelihood,
+        unexplained=np.full(data.time.size, sizes.unexplained_s),
+        states=_states(data.design, _repeat(data, causal.expected, data.order, sizes)),
+        history=pd.concat(history[::-1], ignore_index=True),
+        sizes=sizes,
+    )
+
+
+def fit_sizes(
+    data: LearningData, expected: Array, rows: Indices, prior: ErrorSizes, start: ErrorSizes
+) -> ErrorSizes:
+    """
+    Sizes with the largest posterior density from one-step-ahead predictions of some events.
+
+    The probabilities of candidates stay fixed. One size changes at a time, by steps that become
+    smaller.
+    """
+
+    def score(logarithms: Array) -> float:
+        sizes = ErrorSizes.from_logarithms(logarithms)
+        state = GaussMarkovFilter(data.design.processes(sizes), data.time[rows[0]])
+        total = sum(_step(data, expected, event, sizes, state) for event in rows.tolist())
+        off = (logarithms - prior.logarithms) / LOG_SIGMA
+        return total - 0.5 * float(off @ off)
+
+    best = start.logarithms
+    highest = score(best)
+    for step in _STEPS:
+        for k in range(best.size):
+            for sign in (1.0, -1.0):
+                trial = best.copy()
+                trial[k] += sign * step
+                value = score(trial)
+                if value > highest:
+                    best, highest = trial, value
+                    break
+    return ErrorSizes.from_logarithms(best)
+
+
+def _step(
+    data: LearningData, expected: Array, event: int, sizes: ErrorSizes, state: GaussMarkovFilter
+) -> float:
+    """Update a state by an event, and return the log likelihood of its measured time."""
+    state.advance(data.time[event])
+    alternatives = data.alternatives(event, expected, sizes.unexplained_s)
+    columns, values = data.design.columns[event], data.design.values[event]
+    return state.update(columns, values, alternatives).log_likelihood
+
+
+def _repeat(
+    data: LearningData, expected: Array, rows: Indices, sizes: ErrorSizes
+) -> GaussMarkovFilter:
+    """State after some events with other sizes."""
+    begin = data.time[rows[0]] if rows.size else 0.0
+    state = GaussMarkovFilter(data.design.processes(sizes), begin)
+    for event in rows.tolist():
+        _step(data, expected, event, sizes, state)
+    return state
+
+
+def _estimates_before(
+    data: LearningData, expected: Array, rows: Indices, sizes: ErrorSizes
+) -> dict[int, Estimate]:
+    """Estimate before each event from the events before it."""
+    estimates = {}
+    begin = data.time[rows[0]] if rows.size else 0.0
+    state = GaussMarkovFilter(data.design.processes(sizes), begin)
+    for event in rows.tolist():
+        state.advance(data.time[event])
+        estimates[event] = state.estimate
+        _step(data, expected, event, sizes, state)
+    return estimates
+
+
+def _log_likelihood(alternatives: Alternatives, mean: float, variance: float) -> float:
+    """Log likelihood of a measurement with a predicted mean and variance of the slow errors."""
+    total = alternatives.variance + variance
+    fits = np.exp(-0.5 * (alternatives.residual - mean) ** 2 / total)
+    density = alternatives.probability * fits / np.sqrt(2.0 * np.pi * total)
+    return float(np.log(density.sum() + alternatives.density))
+
+
+def _states(design: Design, state: GaussMarkovFilter) -> pd.DataFrame:
+    """Value and standard deviation of each process."""
+    sigma = np.sqrt(np.maximum(np.diag(state.covariance), 0.0))
+    return design.names.assign(value=state.mean, sigma=sigma, prior_sigma=state.processes.sigma)
+
+
+def _water(design: Design, time: float, state: GaussMarkovFilter | Estimate) -> pd.DataFrame:
+    """Relative error of the sound speed of each pair of depths at a time, and its sigma."""
+    names, weights = design.water
+    variance = np.einsum("ij,jk,ik->i", weights, state.covariance, weights)
+    return pd.DataFrame(
+        {
+            "time_h": time / HOUR,
+            "depths": names,
+            "relative_error": weights @ state.mean,
+            "sigma": np.sqrt(np.maximum(variance, 0.0)),
+        }
+    )
