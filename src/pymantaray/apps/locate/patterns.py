@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from scipy.special import chdtrc
+from scipy.special import chdtrc, ndtri
 
 from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.arrays import Array
@@ -35,6 +35,11 @@ class NoiseTest:
     def systematic(self) -> bool:
         """True for a pattern over the geometry of the pings."""
         return self.name in (f"pattern over {name}" for name in _GEOMETRY)
+
+    @property
+    def equivalent_sigma(self) -> float:
+        """Standard deviations of a normal variable that is beyond them with the probability."""
+        return float(-ndtri(0.5 * max(self.probability, 1e-300)))
 
     @property
     def text(self) -> str:
