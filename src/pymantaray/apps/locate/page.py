@@ -162,9 +162,9 @@ def _cards(location: Location) -> list[Card]:
     cards.append(Card("Sound speed", str(model["sound_speed"]), location.selection))
     verdict = "passed" if location.passed else "failed"
     halves = [test for test in location.tests if test.name == HALVES]
-    details = [f"{len(location.tests)} chi-square tests"]
-    details += [f"halves in time differ by {test.equivalent_sigma:.1f} sigma" for test in halves]
-    cards.append(Card("Tests", verdict, "; ".join(details)))
+    lines = [f"{len(location.tests)} chi-square tests"]
+    lines += [f"halves in time differ by {test.equivalent_sigma:.1f} sigma" for test in halves]
+    cards.append(Card("Tests", verdict, "; ".join(lines)))
     return cards
 
 
