@@ -180,7 +180,7 @@ def test_waves_spread_the_times_of_surface_reflections():
 def test_words_of_the_rule_and_options_that_are_none_are_refused():
     assert str(DetectionRule.parse("persist")) == "persist:10"
     assert DetectionRule.parse("persist:2.5").persist_min == 2.5
-    refused(ReplayError, "persist:MINUTES with MINUTES above 0", DetectionRule.parse, "persist:0")
+    refused(ReplayError, "MINUTES above 0", DetectionRule.parse, "persist:0")
     refused(
         ReplayError, "draws is 0; allowed are whole numbers from 1 to 1000", PredictionOptions, 0
     )

@@ -179,7 +179,7 @@ def apply(
     """
     if event.kind == Kind.RANGE and ranging.water is not None:
         elapsed = event.time - state.water_time
-        estimate = ranging.water.relaxed(state.estimate, elapsed)
+        estimate = ranging.water.relax(state.estimate, elapsed)
         state = state._replace(estimate=estimate, water_time=event.time)
     innovation = innovation_of(state.estimate, event, ranging)
     if innovation is None:

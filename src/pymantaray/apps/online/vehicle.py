@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.online.drifting_water import DriftingWater, WaterError, saved_water
+from pymantaray.apps.online.drifting_water import DriftingWater, SoundSpeedBias, saved_water
 from pymantaray.apps.online.filter import Event, FleetState, Kind, Outcome, RangePrediction
 from pymantaray.apps.online.range_model import range_model_of
 from pymantaray.apps.online.saved_state import fault_of, read_state, write_state
@@ -424,7 +424,7 @@ class OnlineEstimator:
         own = slice(SIZE * who + 3, SIZE * (who + 1))
         return np.array(state.covariance[own, own])
 
-    def water_errors(self, time: float | None = None) -> list[WaterError]:
+    def water_errors(self, time: float | None = None) -> list[SoundSpeedBias]:
         """
         Return the relative errors of the sound speed.
 
@@ -435,7 +435,7 @@ class OnlineEstimator:
 
         Returns
         -------
-        list of WaterError
+        list of SoundSpeedBias
             One for each pair of depth bands; empty if the estimator has no `DriftingWater`.
         """
         water = self._timeline.ranging.water
@@ -443,10 +443,10 @@ class OnlineEstimator:
             return []
         _, at, state = self._state(time, self._vehicles[0])
         elapsed = at - self._timeline.state_at(0, at).water_time
-        values = water.errors(water.relaxed(state, max(elapsed, 0.0)))
+        values = water.errors(water.relax(state, max(elapsed, 0.0)))
         bands = water.bands
         return [
-            WaterError(bands[a], bands[b], float(value), float(sigma))
+            SoundSpeedBias(bands[a], bands[b], float(value), float(sigma))
             for (a, b), value, sigma in zip(water.pairs, *values, strict=True)
         ]
 
