@@ -71,6 +71,23 @@ def test_every_link_leads_to_a_page_and_an_anchor(html, pages):
     assert not dead, "\n".join(dead)
 
 
+def test_equations_have_no_command_that_the_converter_does_not_know(pages):
+    """It writes unknown commands and separators of columns as they are."""
+    formulas = {
+        page: [formula.get_text() for formula in article.select("math")]
+        for page, (article, _) in pages.items()
+    }
+    assert formulas["theory/rays.html"]
+    assert [text for texts in formulas.values() for text in texts if set(text) & set("\\&")] == []
+
+
+def test_the_contents_do_not_list_decision_records(pages):
+    """They are for contributors; the first page has one link to their index."""
+    article, _ = pages["index.html"]
+    records = {link["href"] for link in article.select("a") if "design/" in link["href"]}
+    assert records == {"design/README.html"}
+
+
 def test_names_of_quantities_lead_to_the_nomenclature(pages):
     """In parameters, columns and keys, each to the entry's anchor; other names lead nowhere."""
     _, anchors = pages["nomenclature.html"]

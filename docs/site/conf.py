@@ -53,7 +53,7 @@ exclude_patterns = ["scripts/*.ipynb"]  # made by the gallery for download, not 
 root_doc = "index"
 default_role = "py:obj"
 myst_heading_anchors = 4
-myst_enable_extensions = ["colon_fence", "deflist"]
+myst_enable_extensions = ["colon_fence", "deflist", "dollarmath"]
 templates_path = [str(HERE / "templates")]
 autosummary_generate = True
 autodoc_member_order = "bysource"
@@ -186,6 +186,7 @@ SKIPPED = (
     nodes.literal,
     nodes.literal_block,
     nodes.math,
+    nodes.math_block,
     nodes.term,
     nodes.caption,
 )
@@ -243,7 +244,7 @@ def mathml(display):
 
     def visit(self, node):
         formula = convert(node.astext(), display="block" if display else "inline")
-        self.body.append(f"<p>{formula}</p>" if display else formula)
+        self.body.append(f'<p class="equation" tabindex="0">{formula}</p>' if display else formula)
         raise nodes.SkipNode
 
     return visit

@@ -21,7 +21,6 @@ TITLES = {
     "how-to": "How-to guides",
     "theory": "Theory",
     "reference": "Reference",
-    "design": "Decision records",
 }
 GENERATED = {"reference": ["api/index", "configuration", "choices", "commands", "glossary"]}
 EXAMPLES = ROOT / "examples"
@@ -42,6 +41,7 @@ def stage(target: Path) -> None:
     ordered = re.findall(r"\]\(([\w./-]+\.md)", contents)
     for folder, title in TITLES.items():
         pages[f"{folder}/index.md"] = index_page(folder, title, ordered, pages)
+    pages["design/README.md"] = records(pages)
     pages["changelog.md"] = (
         (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
     )
@@ -112,6 +112,13 @@ def index_page(folder: str, title: str, ordered: list[str], pages: dict[str, str
     )
 
 
+def records(pages: dict[str, str]) -> str:
+    """Index of the decision records, outside the contents and the navigation of the site."""
+    entries = [Path(page).stem for page in pages if page.startswith("design/0")]
+    index = pages["design/README.md"]
+    return f"---\norphan: true\n---\n\n{index}\n" + reference_pages.toctree(entries)
+
+
 def landing(contents: str, pages: dict[str, str]) -> str:
     """First page: how README begins, and what there is to read."""
     begin = on_the_site((ROOT / "README.md").read_text(encoding="utf-8").split("\n## ")[0])
@@ -126,12 +133,11 @@ def landing(contents: str, pages: dict[str, str]) -> str:
     )
     rest = contents.split("\n", 1)[1] + f"\nGenerated pages: {made}.\n"
     entries = [
-        *folders[:4],
+        *folders,
         "scripts/index",
         "notebooks/index",
         "figures/README",
         *top,
-        folders[4],
         "changelog",
     ]
     return f"{begin}\n\n## Contents\n{rest}\n" + reference_pages.toctree(entries)
