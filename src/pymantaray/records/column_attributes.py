@@ -1,8 +1,11 @@
 """CF attributes of a table's columns from their names, which end in units."""
 
-import xarray as xr
+from typing import TYPE_CHECKING
 
 from pymantaray.records.glossary import meaning
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 UNIT_ENDINGS = {
     "_m_s": ("m/s", "m s-1"),
@@ -52,7 +55,7 @@ def column_attributes(name: str) -> dict[str, str]:
     return attributes
 
 
-def with_column_attributes(data: xr.Dataset) -> xr.Dataset:
+def with_column_attributes(data: "xr.Dataset") -> "xr.Dataset":
     """
     Add attributes to all variables and coordinates of a data set.
 
