@@ -1,5 +1,5 @@
 """
-Print the table of `docs/how-to/estimators.md` from runs of the estimators' presets: what each row
+Print the table of `docs/theory/consistency.md` from runs of the estimators' presets: what each row
 is worth in each region.
 
 Run with ``python benchmarks/estimator_table.py RUN...``; all runs need the same rows.

@@ -48,8 +48,9 @@ def test_the_client_asks_by_the_standard_library_alone(port):
 
 @pytest.mark.network
 def test_the_client_in_cpp_compiles_and_hears(port, tmp_path):
-    page = (ROOT / "docs/how-to/in-the-loop.md").read_text()
-    source, printed = re.search(r"```cpp\n(.*?)```\n\n```\n(.*?)```", page, re.DOTALL).groups()
+    source = (ROOT / "examples/service_client.cpp").read_text()
+    shown = source.partition("// It prints\n//\n")[2].partition("\n\n")[0]
+    printed = shown.replace("//     ", "") + "\n"
     compiler = shutil.which("g++") or shutil.which("c++")
     file = tmp_path / "ping.cpp"
     file.write_text(source.replace(":8642", f":{port}"))
