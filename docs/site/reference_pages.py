@@ -115,7 +115,7 @@ def configuration() -> dict[str, str]:
         "## Servers of oceans",
         (
             "The file of `mantaray ocean fetch --servers` and of the variable"
-            " `MANTARAY_OCEAN_SERVERS` has these keys ([how-to](../how-to/fetch-hycom.md))."
+            " `MANTARAY_OCEAN_SERVERS` has these keys ([how-to](../how-to/water.md#hycom-and-glorys12-by-place-and-date))."
         ),
         *sections(Catalogue),
     ]
@@ -371,6 +371,15 @@ def commands() -> dict[str, str]:
         ]
         if rows:
             parts.append(table(("", "default", "meaning"), rows))
+    parts += [
+        "## Sources and options of water by command",
+        (
+            '"argument" means that the source is an argument of the command, `--set` that the'
+            " option is set by its key, as in `--set ocean.ice=1.5`"
+            " ([water](../how-to/water.md))."
+        ),
+        water_table(),
+    ]
     return {"reference/commands.md": "\n\n".join(part for part in parts if part) + "\n"}
 
 
