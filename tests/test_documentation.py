@@ -349,6 +349,18 @@ def test_configurations_in_pages_have_no_unknown_key(page):
             assert not unknown, f"line {block.line}: {unknown}"
 
 
+def test_four_entrances_and_contents_of_all_pages():
+    def links(page):
+        return re.findall(r"\]\(([\w./-]+\.md)[#)]", page)
+
+    entrances = re.split(r"^## ", (DOCS / "README.md").read_text("utf-8"), flags=re.MULTILINE)[1:]
+    assert [len(set(links(entrance))) for entrance in entrances] == [5, 5, 5, 5, 1]
+    pages = {path.relative_to(DOCS).as_posix() for path in DOCS.rglob("*.md")}
+    listed = set(links((DOCS / "contents.md").read_text("utf-8")))
+    others = {"README.md", "contents.md"}
+    assert {page for page in pages - others if not page.startswith(("design/", "site/"))} == listed
+
+
 RECORDS = [*sorted((DOCS / "design").glob("*.md")), *sorted((DOCS / "theory").glob("*.md"))]
 PATH = re.compile(
     r"(?:src|tests|benchmarks|examples|acoustics|apps|estimation|evaluation|geometry|ocean|records"

@@ -115,7 +115,8 @@ def configuration() -> dict[str, str]:
         "## Servers of oceans",
         (
             "The file of `mantaray ocean fetch --servers` and of the variable"
-            " `MANTARAY_OCEAN_SERVERS` has these keys ([how-to](../how-to/water.md#hycom-and-glorys12-by-place-and-date))."
+            " `MANTARAY_OCEAN_SERVERS` has these keys"
+            " ([how-to](../how-to/water.md#hycom-and-glorys12-by-place-and-date))."
         ),
         *sections(Catalogue),
     ]

@@ -31,7 +31,7 @@ def stage(target: Path) -> None:
     pages = {
         path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8") for path in own_pages()
     }
-    contents = pages.pop("README.md")
+    entrances, contents = pages.pop("README.md"), pages.pop("contents.md")
     pages |= (
         reference_pages.configuration() | reference_pages.commands() | reference_pages.interface()
     )
@@ -45,7 +45,7 @@ def stage(target: Path) -> None:
     pages["changelog.md"] = (
         (ROOT / "CHANGELOG.md").read_text(encoding="utf-8").replace("](docs/", "](")
     )
-    pages["index.md"] = landing(contents, pages)
+    pages["index.md"] = landing(entrances, pages)
     for name, words in pages.items():
         write(target / name, without_outside_links(name, words))
     for figure in (DOCS / "figures").iterdir():
@@ -97,7 +97,7 @@ def own_pages() -> list[Path]:
 
 def index_page(folder: str, title: str, ordered: list[str], pages: dict[str, str]) -> str:
     """
-    List of a folder's pages: those that docs/README.md lists in its order, others behind, by name.
+    List of a folder's pages: in the order of docs/contents.md, others behind, by name.
     """
     there = [page for page in pages if page.startswith(f"{folder}/") and page.count("/") == 1]
     there.sort(key=lambda page: (ordered.index(page) if page in ordered else len(ordered), page))
@@ -119,8 +119,8 @@ def records(pages: dict[str, str]) -> str:
     return f"---\norphan: true\n---\n\n{index}\n" + reference_pages.toctree(entries)
 
 
-def landing(contents: str, pages: dict[str, str]) -> str:
-    """First page: how README begins, and what there is to read."""
+def landing(entrances: str, pages: dict[str, str]) -> str:
+    """First page: how README begins, and where each reader starts."""
     begin = on_the_site((ROOT / "README.md").read_text(encoding="utf-8").split("\n## ")[0])
     top = [page.removesuffix(".md") for page in pages if "/" not in page and page != "changelog.md"]
     folders = [f"{folder}/index" for folder in TITLES]
@@ -131,7 +131,9 @@ def landing(contents: str, pages: dict[str, str]) -> str:
             "figures/README.md",
         )
     )
-    rest = contents.split("\n", 1)[1] + f"\nGenerated pages: {made}.\n"
+    rest = entrances.split("\n", 1)[1] + f"\nGenerated pages: {made}.\n"
+    for folder, title in TITLES.items():  # the site has an index of each folder
+        rest = rest.replace(f"contents.md#{title.lower().replace(' ', '-')}", f"{folder}/index.md")
     entries = [
         *folders,
         "scripts/index",
@@ -140,7 +142,7 @@ def landing(contents: str, pages: dict[str, str]) -> str:
         *top,
         "changelog",
     ]
-    return f"{begin}\n\n## Contents\n{rest}\n" + reference_pages.toctree(entries)
+    return f"{begin}\n{rest}\n" + reference_pages.toctree(entries)
 
 
 def on_the_site(words: str) -> str:
