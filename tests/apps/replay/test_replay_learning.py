@@ -152,6 +152,7 @@ def test_later_events_do_not_change_earlier_predictions(campaign):
     assert (more.parts[n + 1] != learned.parts[n + 1]).any()
 
 
+@pytest.mark.slow
 def test_smooth_predictions_leave_their_own_event_out_and_err_less(campaign):
     events, candidates, _, (_, causal) = campaign
     mixture, smooth = learn(events, candidates, "smooth")
