@@ -8,6 +8,7 @@ explain their times within the noise of the picks.
 """
 
 from dataclasses import replace
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -74,35 +75,27 @@ def direct_arrivals(survey: Survey, medium: Medium) -> DirectArrivals:
             if rows.size < max(_MIN_PINGS, 0.5 * of_node.sum()):
                 continue
             sign = 1.0 if direction == TravelDirection.TO_NODE else -1.0
+            shots = partial(_Shots, survey, rows, end[rows], medium=medium, sign=sign)
             if node.offset_sigma == 0.0:
-                _check_clock(survey, rows, end[rows], node, medium, sign)
+                free = shots(node=replace(node, offset_sigma=_ANY_OFFSET))
+                _check_clock(shots(node=node), free, node.name, survey.source)
                 continue
-            fit = _Shots(survey, rows, end[rows], node, medium, sign)
-            values, reason[rows] = fit.solve()
+            values, reason[rows] = shots(node=node).solve()
             position[k] = values[:3]
     return DirectArrivals(position, reason.astype(str))
 
 
-def _check_clock(
-    survey: Survey,
-    rows: NDArray[np.int64],
-    points: Array,
-    node: Node,
-    medium: Medium,
-    sign: float,
-) -> None:
-    """Raise an error if an offset of the clock explains the times much better than none."""
-    free = _Shots(survey, rows, points, replace(node, offset_sigma=_ANY_OFFSET), medium, sign)
+def _check_clock(fixed: "_Shots", free: "_Shots", name: str, source: str) -> None:
+    """Raise an error if a free clock explains the times of a node much better than a known one."""
     values, reason = free.solve()
     if abs(values[3]) < _LEAST_OFFSET:
         return
     direct = np.flatnonzero([not word for word in reason])
-    fixed = _Shots(survey, rows, points, node, medium, sign)
     ends = [fixed.descend(start, direct)[0] for start in fixed.grid(direct)]
     misfit = min(fixed.misfit(end, direct) for end in ends)
     if misfit > _CLOCK_GAIN * max(free.misfit(values, direct), 1.0):
         raise LocateError(
-            f"{survey.source}: the one-way times of node {node.name} imply a clock offset of about"
+            f"{source}: the one-way times of node {name} imply a clock offset of about"
             f" {values[3]:.2f} s, but its clock is known; give `offset_sigma`, and for a drift"
             " `drift_sigma`"
         )
