@@ -71,7 +71,8 @@ CAPTIONS = {
     " error of a sound speed is a sum of several, see learned_water",
     "learned_water": "Relative error of the sound speed for each pair of depths at the end of each"
     " hour",
-    "error_sizes": "Standard deviations and time scales with the largest posterior density",
+    "error_sizes": "Standard deviations and time scales with the largest posterior density, and the"
+    " probability that there are no slow errors (no_error)",
     "candidates": "Arrivals that a receiver could have taken; events are numbered from 1",
     "switching": "How often a receiver changes its candidate from one event to the next, and how"
     " often independent picks would",
@@ -418,8 +419,13 @@ def _with_mixture(
         correction = parts.sum(axis=1).to_numpy()[at]
         candidates = candidates.assign(travel_time_s=candidates["travel_time_s"] + correction)
         table = table.assign(**{str(name): column for name, column in parts.items()})
-        sizes = pd.DataFrame({"size": asdict(learned.sizes)}).rename_axis("name").reset_index()
-        more = {"learned": learned.states, "learned_water": learned.history, "error_sizes": sizes}
+        sizes = asdict(learned.sizes) | {"no_error": learned.no_error_after}
+        size_table = pd.DataFrame({"name": list(sizes), "value": list(sizes.values())})
+        more = {
+            "learned": learned.states,
+            "learned_water": learned.history,
+            "error_sizes": size_table,
+        }
     else:
         mixture = predict_mixture(
             table, candidates, options, persistence=persistence, merit_db=merit

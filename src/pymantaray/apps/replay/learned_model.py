@@ -64,8 +64,8 @@ class ErrorSizes:
         return cls(*np.exp(values).tolist())
 
 
-LOG_SIGMA = np.array([1.0, 1.0, 0.5, 1.0, 1.0, 0.5, 1.0, 0.5, 1.5, 1.5, 1.0])
-"""Prior standard deviations of the logarithms of `ErrorSizes`."""
+LOG_SCALE = np.array([1.0, 1.0, 0.5, 1.0, 1.0, 0.5, 1.0, 0.5, 1.5, 1.5, 1.0])
+"""Scales of the prior Cauchy distributions of the logarithms of `ErrorSizes`."""
 
 
 class Design(NamedTuple):

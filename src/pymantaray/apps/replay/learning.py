@@ -10,7 +10,7 @@ import numpy as np
 import pandas as pd
 
 from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, EventData
-from pymantaray.apps.replay.learned_model import LOG_SIGMA, PARTS, Design, ErrorSizes
+from pymantaray.apps.replay.learned_model import LOG_SCALE, PARTS, Design, ErrorSizes
 from pymantaray.apps.replay.tracks import ArrivalTracks
 from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.filters.gauss_markov import (
@@ -23,6 +23,7 @@ from pymantaray.estimation.filters.gauss_markov import (
 _MEMORY = 24.0 * 3600.0  # s; of the arrivals of a pair
 _FIRST_FIT = 32  # events before the first estimate of the sizes; each of the next doubles them
 _MAX_FIT = 1000  # events of an estimate of the sizes, the latest
+_CHANGE = 1e-3  # probability per event that errors begin or end
 _STEPS = (0.9, 0.45, 0.2)  # of the search, in logarithms
 
 
@@ -60,6 +61,8 @@ class Learned(NamedTuple):
     history: pd.DataFrame
     """Varying processes of the water at the end of each hour."""
     sizes: ErrorSizes
+    no_error_after: float
+    """Probability after the last event that water, positions and clocks are as stated."""
 
 
 def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) -> Learned:
@@ -68,7 +71,8 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
 
     Sizes of the errors are those with the largest posterior density, given one-step-ahead
     predictions of earlier events. They are estimated after 32 events, and again whenever the number
-    of events has doubled.
+    of events has doubled. Predictions are averaged with those of a model without slow errors,
+    weighted by the likelihoods of both for the earlier events (Bayesian model averaging).
     """
     n = data.time.size
     tracks = ArrivalTracks(persistence, _MEMORY)
@@ -81,6 +85,7 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
     history = []
     ends_hour = data.ends_hour
     state = GaussMarkovFilter(data.design.processes(sizes), 0.0)
+    no_error = 0.5  # probability that water, positions and clocks are as stated
     next_fit = _FIRST_FIT
     for k, event in enumerate(data.order.tolist()):
         if k == next_fit:
@@ -90,15 +95,15 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
             next_fit *= 2
         state.advance(data.time[event])
         columns, values = data.design.columns[event], data.design.values[event]
-        terms = values * state.mean[columns]
-        parts[event] = np.bincount(data.design.part, terms, minlength=len(PARTS))
-        spread[event] = np.sqrt(state.predict(columns, values)[1])
+        parts[event], spread[event] = _averaged_parts(data.design, event, state.estimate, no_error)
         unexplained[event] = sizes.unexplained_s
         candidates = data.candidates_of(event)
         expected[data.rows(event)] = tracks.expect(data.ways[event], candidates)
         alternatives = data.alternatives(event, expected, sizes.unexplained_s)
         outcome = state.update(columns, values, alternatives)
-        log_likelihood[event] = outcome.log_likelihood
+        log_likelihood[event], no_error = _average(
+            outcome.log_likelihood, _log_likelihood(alternatives, 0.0, 0.0), no_error
+        )
         if outcome.probability.sum() > 0.5:  # else nothing explains it, and tracks go on
             tracks.learn(data.ways[event], candidates, outcome.probability)
         if ends_hour[event]:
@@ -112,6 +117,7 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
         _states(data.design, state),
         pd.concat(history, ignore_index=True) if history else pd.DataFrame(),
         sizes,
+        no_error,
     )
 
 
@@ -125,6 +131,7 @@ def learn_smoothly(data: LearningData, prior: ErrorSizes, persistence: float) ->
     causal = learn_causally(data, prior, persistence)
     last = data.order[-_MAX_FIT:]
     sizes = fit_sizes(data, causal.expected, last, prior, causal.sizes)
+    no_error = causal.no_error_after
     processes = data.design.processes(sizes)
     forward = _estimates_before(data, causal.expected, data.order, sizes)
     backward_tracks = ArrivalTracks(persistence, _MEMORY)
@@ -141,15 +148,14 @@ def learn_smoothly(data: LearningData, prior: ErrorSizes, persistence: float) ->
         state.advance(data.time[event])
         columns, values = data.design.columns[event], data.design.values[event]
         both = fuse(forward[event], state.estimate, processes)
-        terms = values * both.mean[columns]
-        parts[event] = np.bincount(data.design.part, terms, minlength=len(PARTS))
-        variance = float(values @ both.covariance[np.ix_(columns, columns)] @ values)
-        spread[event] = np.sqrt(max(variance, 0.0))
+        parts[event], spread[event] = _averaged_parts(data.design, event, both, no_error)
         candidates = data.candidates_of(event)
         backward_expected[rows] = backward_tracks.expect(data.ways[event], candidates)
         expected[rows] = 0.5 * (causal.expected[rows] + backward_expected[rows])
         alternatives = data.alternatives(event, expected, sizes.unexplained_s)
-        log_likelihood[event] = _log_likelihood(alternatives, parts[event].sum(), variance)
+        log_likelihood[event] = _log_likelihood(
+            alternatives, parts[event].sum(), spread[event] ** 2
+        )
         outcome = state.update(
             columns, values, data.alternatives(event, backward_expected, sizes.unexplained_s)
         )
@@ -175,7 +181,8 @@ def fit_sizes(
     """
     Sizes with the largest posterior density from one-step-ahead predictions of some events.
 
-    The probabilities of candidates stay fixed. One size changes at a time, by steps that become
+    The probabilities of candidates stay fixed. The prior of the logarithm of a size is a Cauchy
+    distribution, because an error may be absent. One size changes at a time, by steps that become
     smaller.
     """
 
@@ -183,8 +190,8 @@ def fit_sizes(
         sizes = ErrorSizes.from_logarithms(logarithms)
         state = GaussMarkovFilter(data.design.processes(sizes), data.time[rows[0]])
         total = sum(_step(data, expected, event, sizes, state) for event in rows.tolist())
-        off = (logarithms - prior.logarithms) / LOG_SIGMA
-        return total - 0.5 * float(off @ off)
+        off = (logarithms - prior.logarithms) / LOG_SCALE
+        return total - float(np.log1p(off**2).sum())
 
     best = start.logarithms
     highest = score(best)
@@ -198,6 +205,29 @@ def fit_sizes(
                     best, highest = trial, value
                     break
     return ErrorSizes.from_logarithms(best)
+
+
+def _averaged_parts(
+    design: Design, event: int, estimate: Estimate, no_error: float
+) -> tuple[Array, float]:
+    """Parts of the travel time of an event, averaged with zero, and the sigma of their sum."""
+    columns, values = design.columns[event], design.values[event]
+    terms = np.bincount(design.part, values * estimate.mean[columns], minlength=len(PARTS))
+    variance = float(values @ estimate.covariance[np.ix_(columns, columns)] @ values)
+    total = max(variance, 0.0) + no_error * terms.sum() ** 2
+    return np.asarray((1.0 - no_error) * terms), float(np.sqrt((1.0 - no_error) * total))
+
+
+def _average(with_errors: float, without: float, no_error: float) -> tuple[float, float]:
+    """
+    Log likelihood of a measurement by two models, and the probability of the second after it.
+
+    Each event replaces a small share of the probabilities by equal ones, because errors may begin.
+    """
+    ratio = np.exp(np.clip(without - with_errors, -50.0, 50.0))
+    total = 1.0 - no_error + no_error * ratio
+    after = (1.0 - _CHANGE) * no_error * ratio / total + 0.5 * _CHANGE
+    return with_errors + np.log(total), float(after)
 
 
 def _step(

@@ -81,12 +81,6 @@ class GaussMarkovFilter:
         """Copy of mean and covariance."""
         return Estimate(self.mean.copy(), self.covariance.copy())
 
-    def predict(self, columns: Indices, values: Array) -> tuple[float, float]:
-        """Mean and variance of a linear combination: some columns and their factors."""
-        mean = float(values @ self.mean[columns])
-        variance = float(values @ self.covariance[np.ix_(columns, columns)] @ values)
-        return mean, max(variance, 0.0)
-
     def update(self, columns: Indices, values: Array, alternatives: Alternatives) -> Association:
         r"""
         Update by a measurement that one alternative, or none, explains.
