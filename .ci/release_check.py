@@ -36,6 +36,7 @@ NEED_SOURCE = (
     "test_packages.py",
     "test_readme.py",
     "test_release.py",
+    "test_community.py",
     "test_site.py",
 )
 """Tests of the source tree, not of the package."""
