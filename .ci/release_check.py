@@ -28,7 +28,7 @@ VERSIONS = {
     "conda/recipe.yaml": r'^  version: "(.+)"$',
 }
 """Files that state the version, and where."""
-COPIED = ("tests", "benchmarks", "examples", "docs")
+COPIED = ("tests", "benchmarks", "examples", "docs", "ros2")
 """Folders that tests of the installed wheel read."""
 NEED_SOURCE = (
     "test_documentation*.py",
