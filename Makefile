@@ -45,7 +45,7 @@ lint: $(VENV)/.ready-lint
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/codespell src tests docs examples benchmarks README.md CONTRIBUTING.md CHANGELOG.md Makefile
+	$(BIN)/codespell src tests docs examples benchmarks ros2 README.md CONTRIBUTING.md CHANGELOG.md Makefile
 
 # warnings are errors; ARGS="-j 2" builds in two processes
 docs: $(VENV)/.ready-docs
@@ -94,7 +94,7 @@ release-check: $(VENV)/.ready-release
 
 clean:
 	rm -rf $(VENV) build dist .pytest_cache .mypy_cache .ruff_cache .import_linter_cache .hypothesis
-	find src tests benchmarks examples -name __pycache__ -type d -prune -exec rm -rf {} +
+	find src tests benchmarks examples ros2 -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.ready-run: pyproject.toml .ci/venv
 	sh .ci/venv

@@ -28,7 +28,7 @@ VERSIONS = {
     "conda/recipe.yaml": r'^  version: "(.+)"$',
 }
 """Files that state the version, and where."""
-COPIED = ("tests", "benchmarks", "examples", "docs")
+COPIED = ("tests", "benchmarks", "examples", "docs", "ros2")
 """Folders that tests of the installed wheel read."""
 NEED_SOURCE = (
     "test_documentation*.py",
@@ -36,6 +36,7 @@ NEED_SOURCE = (
     "test_packages.py",
     "test_readme.py",
     "test_release.py",
+    "test_community.py",
     "test_site.py",
 )
 """Tests of the source tree, not of the package."""

@@ -11,6 +11,7 @@ import shutil
 import sys
 import tomllib
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import reference_pages
 
@@ -71,9 +72,18 @@ def notebook_names() -> list[str]:
 def notebooks() -> str:
     """Index of the notebooks."""
     entries = [name.removesuffix(".ipynb") for name in notebook_names()]
-    words = "The build of this site runs these notebooks. They are in `examples/notebooks`."
+    words = (
+        "The build of this site runs these notebooks. They are in `examples/notebooks`."
+        f" [Run them on Binder]({binder()})."
+    )
     listing = "\n".join(f"- [{notebook_title(entry)}]({entry}.ipynb)" for entry in entries)
     return f"# Notebooks\n\n{words}\n\n{listing}\n\n" + reference_pages.toctree(entries)
+
+
+def binder() -> str:
+    """Address at which Binder runs the notebooks in the environment of ``.binder``."""
+    name = urlsplit(repository()).path.strip("/")
+    return f"https://mybinder.org/v2/gh/{name}/main?urlpath=lab/tree/examples/notebooks"
 
 
 def notebook_title(name: str) -> str:
@@ -147,11 +157,15 @@ def landing(entrances: str, pages: dict[str, str]) -> str:
 
 def on_the_site(words: str) -> str:
     """README with links to pages and figures of the site; links to other files stay as they are."""
-    home = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"][
-        "Repository"
-    ]
+    home = repository()
     raw = home.replace("github.com", "raw.githubusercontent.com")
     return words.replace(f"]({home}/blob/main/docs/", "](").replace(f"]({raw}/main/docs/", "](")
+
+
+def repository() -> str:
+    """Address of the repository."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    return project["urls"]["Repository"]
 
 
 def heading(page: str) -> str:

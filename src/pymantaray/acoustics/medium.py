@@ -188,18 +188,45 @@ class Medium:
 
     def __repr__(self) -> str:
         """Size, extents and kind in one line."""
-        n = self.north
-        e = self.east
-        d = self.depth
-        speeds = f"{self.sound_speed.min():.1f} to {self.sound_speed.max():.1f} m/s"
-        bed = f"sea bed {self.bed.depth.min():g} to {self.bed.depth.max():g} m"
-        ice = f", ice to {self.surface.depth.max():g} m" if self.has_ice else ""
-        sphere = "" if self.earth is None else f", sphere of {1e-3 * self.earth.radius:.1f} km"
-        return (
-            f"<Medium {n.size} x {e.size} x {d.size}: north {n[0]:g} to {n[-1]:g} m, east {e[0]:g}"
-            f" to {e[-1]:g} m, depth {d[0]:g} to {d[-1]:g} m, {speeds}, {bed}{ice},"
-            f" {self.interpolation}{sphere}>"
+        facts = ", ".join(
+            value if name in ("sound speed", "interpolation") else f"{name} {value}"
+            for name, value in self.facts().items()
         )
+        return f"<{self._title}: {facts}>"
+
+    def _repr_html_(self) -> str:
+        """HTML for a notebook: the same facts."""
+        from pymantaray.records.notebook import notebook_html
+
+        return notebook_html(self._title, self.facts(), [])
+
+    @property
+    def _title(self) -> str:
+        return f"Medium {self.north.size} x {self.east.size} x {self.depth.size}"
+
+    def facts(self) -> dict[str, str]:
+        """
+        Describe extents and kind.
+
+        Returns
+        -------
+        dict of str to str
+            Values with units by name.
+        """
+        axes = {
+            name: f"{axis[0]:g} to {axis[-1]:g} m"
+            for name, axis in (("north", self.north), ("east", self.east), ("depth", self.depth))
+        }
+        ice = {"ice": f"to {self.surface.depth.max():g} m"} if self.has_ice else {}
+        radius = {} if self.earth is None else {"sphere": f"of {1e-3 * self.earth.radius:.1f} km"}
+        return {
+            **axes,
+            "sound speed": f"{self.sound_speed.min():.1f} to {self.sound_speed.max():.1f} m/s",
+            "sea bed": f"{self.bed.depth.min():g} to {self.bed.depth.max():g} m",
+            **ice,
+            "interpolation": self.interpolation,
+            **radius,
+        }
 
     @classmethod
     def from_profile(

@@ -19,6 +19,8 @@ from pymantaray.user_files import exists, read_text
 Centre = tuple[float, float]
 """Latitude and longitude. [degrees]"""
 SIDECAR = "frame.json"
+NED = "north, east, down [m]"
+ENU = "east, north, up [m]"
 _KEYS = ("centre_latitude_deg", "centre_longitude_deg")
 _COMMENT = re.compile(rf"^\s*#\s*({'|'.join(_KEYS)})\s*[=:]\s*(\S+)\s*$")
 
@@ -56,11 +58,11 @@ def centre_in_comments(lines: Iterable[str], path: Path) -> Centre | None:
     return centre_of_names({match[1]: match[2] for match in matches if match}, path)
 
 
-def write_sidecar(folder: Path, centre: Centre | None) -> None:
+def write_sidecar(folder: Path, centre: Centre | None, axes: str = NED) -> None:
     """Write ``frame.json`` into a folder of exported files; do nothing without a centre."""
     if centre is None:
         return
-    tree = {"axes": "north, east, down [m]", **centre_attributes(centre)}
+    tree = {"axes": axes, **centre_attributes(centre)}
     with whole_file(folder / SIDECAR) as file:
         file.write_text(json.dumps(tree, indent=2) + "\n", encoding="utf-8")
 

@@ -13,6 +13,7 @@ from pymantaray.acoustics import Currents, Medium
 from pymantaray.arrays import Array
 from pymantaray.errors import WaterError
 from pymantaray.geometry import EarthSphere, LocalFrame
+from pymantaray.records.notebook import notebook_html
 from pymantaray.sensing.timing import OneWay, Timing
 from pymantaray.sensing.transmission import ReceptionOptions
 
@@ -162,9 +163,17 @@ class Water:
 
     def __repr__(self) -> str:
         """Source and medium in one line."""
+        return f"<{self._title}: {self.at_start[0]!r}>"
+
+    def _repr_html_(self) -> str:
+        """HTML for a notebook: source, facts of the medium and notes."""
+        notes = {f"note {k}": note for k, note in enumerate(self.notes, start=1)}
+        return notebook_html(self._title, {**self.at_start[0].facts(), **notes}, [])
+
+    @property
+    def _title(self) -> str:
         title = "medium" if self.local is None else self.local.attrs.get("title", "local ocean")
-        medium, _ = self.at_start
-        return f"<Water {title}{', varying' if self.varies else ''}: {medium!r}>"
+        return f"Water {title}{', varying' if self.varies else ''}"
 
 
 def _on_earth(

@@ -26,7 +26,7 @@ def test_export_names_what_it_made_and_refuses_in_one_line(mantaray, tiny_run_fo
     assert refused.code == 2
     assert refused.err == (
         "error: export: unknown format 'ply'; allowed: tum, kitti, cf, csv, parquet, g2o, pyfg,"
-        " rrd, mcap, bag\n"
+        " rrd, mcap, bag, vtk, kml, geojson, mat\n"
     )
     again = mantaray("export", tiny_run_folder, "--to", "csv", "--out", tmp_path / "tables")
     assert again.code == 2

@@ -458,7 +458,7 @@ def test_a_run_without_estimates_is_refused(run, tmp_path, tiny_run_folder):
     assert names_in(tmp_path) == ["run"]
 
 
-@pytest.mark.parametrize("form", ["csv", "tum", "kitti"])
+@pytest.mark.parametrize("form", ["csv", "tum", "kitti", "vtk", "kml", "geojson", "mat"])
 def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(run, tmp_path, form):
     """A limit on the size of files, which the system reports as it does a full disk."""
     before = resource.getrlimit(resource.RLIMIT_FSIZE)

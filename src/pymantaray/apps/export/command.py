@@ -15,7 +15,12 @@ _UsageError: Any = typer.BadParameter.__base__  # typer does not export this cla
 def export(
     context: typer.Context,
     run: Annotated[
-        Path, typer.Argument(metavar="RUN", help="Folder of a run; or the word authors.")
+        Path,
+        typer.Argument(
+            metavar="RUN",
+            help="Folder of a run; for kml and geojson also an atlas, or a folder of mantaray"
+            " locate; or the word authors.",
+        ),
     ],
     study: Annotated[
         list[str] | None,
@@ -29,20 +34,25 @@ def export(
     to: Annotated[
         str | None,
         typer.Option(
-            "--to", help="Format: tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap or bag."
+            "--to",
+            help="Format: tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap, bag, vtk, kml,"
+            " geojson or mat.",
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="A new or empty folder; for rrd and mcap a new file."),
+        typer.Option(
+            "--out",
+            help="A new or empty folder; for rrd, mcap, kml, geojson and mat a new file.",
+        ),
     ] = None,
     realization: Annotated[
         int, typer.Option("--realization", help="Index of the realization, from 0.")
     ] = 0,
 ) -> None:
     """
-    Export one realization of a run to evo, pandas, g2o, PyFactorGraph, Rerun, Foxglove or ROS 2, or
-    a study to its authors' program.
+    Export one realization of a run to evo, pandas, g2o, PyFactorGraph, Rerun, Foxglove, ROS 2,
+    ParaView, MATLAB or a map, or a study to its authors' program.
     """
     words = study or []
     if str(run) == AUTHORS and words:

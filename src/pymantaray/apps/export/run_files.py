@@ -9,22 +9,28 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from pymantaray.apps.export.map_files import MAPS, run_features, source_features
+from pymantaray.apps.export.run_rays import run_rays
 from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
 from pymantaray.apps.study.graphs import noisy_graphs, write_graphs
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.errors import ExchangeError, StudyError, WriteError
 from pymantaray.estimation import CONDITIONS, GraphValues
 from pymantaray.estimation.graph.pyfg import warn_of_depths
-from pymantaray.exchange.centre import write_sidecar
+from pymantaray.exchange.centre import ENU, NED, centre_attributes, write_sidecar
 from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti
+from pymantaray.exchange.maps import geojson, kml
+from pymantaray.exchange.matlab import write_mat
 from pymantaray.exchange.recording import FleetPoses, Recording
 from pymantaray.exchange.rerun import write_rrd
 from pymantaray.exchange.rosbag import write_bag
 from pymantaray.exchange.tum import write_tum
+from pymantaray.exchange.vtk import write_fleet, write_ranges, write_rays
 from pymantaray.jobs.folder import staged_folder
 from pymantaray.records import whole_file
 from pymantaray.records.csv_text import csv_text
+from pymantaray.version import __version__
 
 _SUFFIXES = {"s": "s", "m": "m", "degrees": "deg", "m s-1": "m_per_s"}
 
@@ -34,9 +40,10 @@ class Format(NamedTuple):
 
     write: Callable[[Run, int, Path], None]
     folder: bool = True
-    sidecar: bool = False
+    axes: str = ""
     """
-    True if ``frame.json`` beside the files gives the frame's centre, because the format cannot.
+    Axes in ``frame.json`` beside the files, which gives the frame's centre, because the format
+    cannot; empty for no such file.
     """
 
 
@@ -47,10 +54,13 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
     Parameters
     ----------
     run : Run, str or pathlib.Path
+        Folder of a run. For ``kml`` and ``geojson`` also ``location.json`` or its folder, or the
+        file of an atlas.
     to : str
         Key of `FORMATS`.
     out : str or pathlib.Path
-        A new or empty folder; for ``rrd`` and ``mcap`` a file that does not exist.
+        A new or empty folder; for ``rrd``, ``mcap``, ``kml``, ``geojson`` and ``mat`` a file that
+        does not exist.
     realization : int
         Index of the realization, from 0.
 
@@ -72,6 +82,10 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
     """
     if to not in FORMATS:
         raise ExchangeError(f"export: unknown format {to!r}; allowed: {', '.join(FORMATS)}")
+    if to in MAPS and not isinstance(run, Run) and (found := source_features(Path(run))):
+        with whole_file(out, replace=False) as temporary:
+            temporary.write_text(MAPS[to](*found), encoding="utf-8")
+        return Path(out)
     run = run if isinstance(run, Run) else open_run(run)
     count = run.study.realizations
     form = FORMATS[to]
@@ -81,8 +95,8 @@ def export_run(run: Run | str | Path, to: str, out: str | Path, *, realization: 
         with staged_folder(out) as (stage, folder):
             try:
                 form.write(run, realization, stage)
-                if form.sidecar:
-                    write_sidecar(stage, run.truth.centre)
+                if form.axes:
+                    write_sidecar(stage, run.truth.centre, form.axes)
             except OSError as error:
                 raise WriteError(
                     f"{folder}: cannot be written: {error.strerror or error}"
@@ -126,14 +140,19 @@ def _kitti(run: Run, realization: int, folder: Path) -> None:
         np.savetxt(folder / f"times-{p.vehicle}.txt", run.truth.time[p.samples], fmt="%.17g")
 
 
-def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:
-    """Data frames of a realization, with units in the names of columns."""
+def _frames(run: Run, realization: int) -> dict[str, pd.DataFrame]:
+    """Data frames of a realization, with units in ``attrs``."""
     errors = run.errors()
-    frames = {
+    return {
         "trajectories": run.trajectories(realization),
         "ranges": run.ranges(realization),
         "errors": errors[errors["realization"] == realization].drop(columns="realization"),
     }
+
+
+def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:
+    """Data frames of a realization, with units in the names of columns."""
+    frames = _frames(run, realization)
     for frame in frames.values():
         units = frame.attrs.pop("units")
         suffixes = {name: _SUFFIXES[unit] for name, unit in units.items() if unit in _SUFFIXES}
@@ -210,15 +229,50 @@ def _mcap(run: Run, realization: int, file: Path) -> None:
         shutil.move(next(Path(folder).glob("*.mcap")), file)
 
 
+def _mat(run: Run, realization: int, file: Path) -> None:
+    facts = {
+        "name": run.study.name,
+        "realization": realization,
+        "axes": NED,
+        "source": f"pymantaray {__version__}",
+        **centre_attributes(run.truth.centre),
+    }
+    write_mat(_frames(run, realization), facts, file)
+
+
+def _kml(run: Run, realization: int, file: Path) -> None:
+    recording = record(run, realization)
+    file.write_text(kml(run_features(run, recording), recording.name), encoding="utf-8")
+
+
+def _geojson(run: Run, realization: int, file: Path) -> None:
+    features = run_features(run, record(run, realization))
+    file.write_text(geojson(features), encoding="utf-8")
+
+
+def _vtk(run: Run, realization: int, folder: Path) -> None:
+    """Fleet, ranges and, if the water is available and the surface not rough, eigenrays."""
+    recording = record(run, realization)
+    write_fleet(recording, folder)
+    write_ranges(recording, {c.name: c.ranges for c in run.study.conditions if c.ranges}, folder)
+    paths = run_rays(run)
+    if paths is not None:
+        write_rays(paths, run.arrivals, run.truth.time[run.links.sample], folder)
+
+
 FORMATS = {
     "tum": Format(_tum),
-    "kitti": Format(_kitti, sidecar=True),
+    "kitti": Format(_kitti, axes=NED),
     "cf": Format(_cf),
-    "csv": Format(_csv, sidecar=True),
-    "parquet": Format(_parquet, sidecar=True),
-    "g2o": Format(_g2o, sidecar=True),
-    "pyfg": Format(_pyfg, sidecar=True),
+    "csv": Format(_csv, axes=NED),
+    "parquet": Format(_parquet, axes=NED),
+    "g2o": Format(_g2o, axes=NED),
+    "pyfg": Format(_pyfg, axes=NED),
     "rrd": Format(_rrd, folder=False),
     "mcap": Format(_mcap, folder=False),
     "bag": Format(_bag),
+    "vtk": Format(_vtk, axes=ENU),
+    "kml": Format(_kml, folder=False),
+    "geojson": Format(_geojson, folder=False),
+    "mat": Format(_mat, folder=False),
 }

@@ -25,7 +25,8 @@ problem, padded with zeros, is one of the relaxation with the same cost.
 References
 ----------
 .. [1] Rosen, Carlone, Bandeira and Leonard, SE-Sync, https://github.com/david-m-rosen/SE-Sync
-.. [2] Papalia et al., "Certifiably Correct Range-Aided SLAM", https://arxiv.org/abs/2302.11614
+.. [2] Papalia, Fishberg, O'Neill, How, Rosen and Leonard, "Certifiably Correct
+   Range-Aided SLAM", https://arxiv.org/abs/2302.11614
 """
 
 from dataclasses import replace

@@ -1,6 +1,5 @@
 """Export of located nodes: landmarks of a study, GeoJSON, PyFactorGraph text and NetCDF."""
 
-import json
 import re
 from pathlib import Path
 from typing import Any
@@ -8,19 +7,25 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from pymantaray.apps.locate.displacement import CAMPAIGN_FILE, campaign_values
-from pymantaray.apps.locate.location import Location
+from pymantaray.apps.locate.displacement import CAMPAIGN_FILE, Campaign, campaign_values
+from pymantaray.apps.locate.location import Location, ellipse
 from pymantaray.apps.locate.patterns import test_table
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.errors import LocateError
 from pymantaray.estimation.graph.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.graph.pyfg import write_pyfg
+from pymantaray.exchange.maps import Feature
+from pymantaray.exchange.maps import geojson as as_geojson
+from pymantaray.geometry import LocalFrame
 from pymantaray.jobs.folder import write_json
 from pymantaray.messages import one_line
+from pymantaray.pages.style import ORANGE
 from pymantaray.records.column_attributes import with_column_attributes
 from pymantaray.records.writing import write_netcdf
 
 _CORNERS = 72  # per ellipse
+_SIGMAS = ("sigma_north_m", "sigma_east_m", "sigma_depth_m")
+_ELLIPSE = ("ellipse_major_m", "ellipse_minor_m", "ellipse_azimuth_deg")
 _MIN_SIGMA = 1e-3  # m; for known positions in a graph
 _NAME = re.compile("[A-Za-z0-9_-]{1,64}")
 # names of the platform in a graph, the first that no node has
@@ -87,38 +92,50 @@ def landmarks_toml(location: Location) -> str:
 
 def geojson(location: Location) -> str:
     """Nodes and 95 % ellipses as GeoJSON features; empty without latitudes and longitudes."""
-    features = []
-    frame = location.survey.frame
-    for row in location.nodes.to_dict("records"):
-        if frame is None:
-            break
-        properties = {
-            str(key): (value if not isinstance(value, float) or np.isfinite(value) else None)
-            for key, value in row.items()
-        }
-        features.append(_feature("Point", [row["lon"], row["lat"], -row["depth"]], properties))
-        azimuth = np.radians(row["ellipse_azimuth_deg"])
-        angle = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
-        along = row["ellipse_major_m"] * np.cos(angle)
-        across = row["ellipse_minor_m"] * np.sin(angle)
+    return as_geojson(_features(location.nodes.to_dict("records"), location.survey.frame))
+
+
+def campaign_features(campaign: Campaign) -> list[Feature]:
+    """Nodes and 95 % ellipses of ``location.json``."""
+    if campaign.origin is None:
+        raise LocateError(
+            f"{campaign.source}: positions without latitude and longitude; a map needs them"
+        )
+    frame = LocalFrame(*campaign.origin)
+    latitude, longitude = frame.to_geodetic(*campaign.positions[:, :2].T)
+    rows = []
+    for k, (name, position) in enumerate(zip(campaign.names, campaign.positions, strict=True)):
+        covariance = campaign.covariance[3 * k : 3 * k + 3, 3 * k : 3 * k + 3]
+        row = {"name": name, "lat": latitude[k], "lon": longitude[k]}
+        row |= dict(zip(("north", "east", "depth"), position.tolist(), strict=True))
+        row |= dict(zip(_SIGMAS, np.sqrt(np.diag(covariance)).tolist(), strict=True))
+        row |= dict(zip(_ELLIPSE, ellipse(covariance[:2, :2]), strict=True))
+        rows.append(row)
+    return _features(rows, frame)
+
+
+def _features(rows: list[dict[Any, Any]], frame: LocalFrame | None) -> list[Feature]:
+    """Point and ellipse of each node."""
+    features: list[Feature] = []
+    if frame is None:
+        return features
+    angle = np.linspace(0.0, 2.0 * np.pi, _CORNERS, endpoint=False)
+    for row in rows:
+        place = np.array([[row["lon"], row["lat"], -row["depth"]]])
+        features.append(Feature("Point", place, row, "nodes", ORANGE))
+        major, minor, azimuth_deg = (row[name] for name in _ELLIPSE)
+        azimuth = np.radians(azimuth_deg)
+        along = major * np.cos(angle)
+        across = minor * np.sin(angle)
         north = row["north"] + along * np.cos(azimuth) - across * np.sin(azimuth)
         east = row["east"] + along * np.sin(azimuth) + across * np.cos(azimuth)
         centre_lat, centre_lon = frame.to_geodetic(row["north"], row["east"])
         lat, lon = frame.to_geodetic(north, east)
         # a tangent plane has other coordinates, but the same ellipse
-        lat, lon = lat + row["lat"] - centre_lat, lon + row["lon"] - centre_lon
-        ring = np.column_stack([lon, lat]).tolist()
-        ring[-1] = ring[0]
-        features.append(_feature("Polygon", [ring], {"name": row["name"], "what": "95 % ellipse"}))
-    return json.dumps({"type": "FeatureCollection", "features": features}, indent=1) + "\n"
-
-
-def _feature(kind: str, coordinates: Any, properties: dict[str, Any]) -> dict[str, Any]:
-    return {
-        "type": "Feature",
-        "geometry": {"type": kind, "coordinates": coordinates},
-        "properties": properties,
-    }
+        ring = np.column_stack([lon + row["lon"] - centre_lon, lat + row["lat"] - centre_lat])
+        properties = {"name": row["name"], "what": "95 % ellipse"}
+        features.append(Feature("Polygon", ring, properties, "95 % ellipses", ORANGE))
+    return features
 
 
 def dataset(location: Location) -> xr.Dataset:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
+    from pymantaray.config.build.accessor import OceanAccessor as OceanAccessor
     from pymantaray.config.build.study import Study as Study
     from pymantaray.config.build.study import build_study as build_study
     from pymantaray.config.build.water import Source as Source

@@ -17,7 +17,8 @@ from pymantaray.config.estimators import (
     FixedLagSolver,
     GtsamSolver,
 )
-from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method, RangeModel
+from pymantaray.estimation import CONDITIONS, LOSSES, ClockPrior, Estimator, Method, RangeModel
+from pymantaray.estimation.graph.build import MeasuredRanges
 from pymantaray.estimation.ranges.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
@@ -34,6 +35,8 @@ class Condition:
     """True if the name defines the condition completely."""
     standard_equivalent: str
     """The standard condition with the same kind of measurements."""
+    ranges: MeasuredRanges
+    """Measured ranges that its estimator uses; None for no ranges."""
     needs_cast: bool
     """True if its estimator assumes the water of a cast."""
     estimates_clocks: bool
@@ -49,6 +52,7 @@ def build_condition(section: ConditionSection) -> Condition:
         name=section.name,
         standard=section.standard,
         standard_equivalent=section.standard_equivalent,
+        ranges=_measured_ranges(section),
         needs_cast=isinstance(section.belief, CastBelief),
         estimates_clocks=section.clocks is not None,
         files=section.files,
@@ -56,6 +60,12 @@ def build_condition(section: ConditionSection) -> Condition:
         if section.standard
         else section.model_dump(mode="json", exclude_defaults=True, exclude={"name"}),
     )
+
+
+def _measured_ranges(section: ConditionSection) -> MeasuredRanges:
+    if section.standard:
+        return CONDITIONS[section.name].ranges
+    return None if section.ranges == "none" else section.ranges
 
 
 class EstimatorFactory:

@@ -8,19 +8,25 @@ construction and are not independent evidence. Only abstracts and excerpts of th
 
 References
 ----------
-.. [1] Steele, M. et al. (2004), Circulation of summer Pacific halocline water in the Arctic Ocean,
-   J. Geophys. Res. 109, C02027, doi:10.1029/2003JC002009.
-.. [2] Shimada, K. et al. (2005), Halocline structure in the Canada Basin of the Arctic Ocean,
-   Geophys. Res. Lett. 32, L03605, doi:10.1029/2004GL021358. Core salinities of Pacific Summer and
-   Winter Water, 31.3 and 33.1: AGU Fall Meeting 2004, abstract 2004AGUFMOS41A0454S.
-.. [3] Timmermans, M.-L. et al. (2014), Mechanisms of Pacific Summer Water variability in the
-   Arctic's Central Canada Basin, J. Geophys. Res. Oceans 119, 7523-7548, doi:10.1002/2014JC010273.
+.. [1] Steele, M., Morison, J., Ermold, W., Rigor, I., Ortmeyer, M. and Shimada, K. (2004),
+   Circulation of summer Pacific halocline water in the Arctic Ocean, J. Geophys. Res. 109, C02027,
+   doi:10.1029/2003JC002009.
+.. [2] Shimada, K., Itoh, M., Nishino, S., McLaughlin, F., Carmack, E. and Proshutinsky, A. (2005),
+   Halocline structure in the Canada Basin of the Arctic Ocean, Geophys. Res. Lett. 32, L03605,
+   doi:10.1029/2004GL021358. Core salinities of Pacific Summer and Winter Water, 31.3 and 33.1: AGU
+   Fall Meeting 2004, abstract 2004AGUFMOS41A0454S.
+.. [3] Timmermans, M.-L., Proshutinsky, A., Golubeva, E., Jackson, J. M., Krishfield, R., McCall,
+   M., Platov, G., Toole, J., Williams, W., Kikuchi, T. and Nishino, S. (2014), Mechanisms of
+   Pacific Summer Water variability in the Arctic's Central Canada Basin, J. Geophys. Res. Oceans
+   119, 7523-7548, doi:10.1002/2014JC010273.
 .. [4] Timmermans, M.-L., Garrett, C. and Carmack, E. (2003), The thermohaline structure and
    evolution of the deep waters in the Canada Basin, Arctic Ocean, Deep-Sea Res. I 50, 1305-1321.
-.. [5] Timmermans, M.-L. et al. (2008), Eddies in the Canada Basin, Arctic Ocean, observed from
-   ice-tethered profilers, J. Phys. Oceanogr. 38, 133-145.
-.. [6] Zhao, M. et al. (2014), Characterizing the eddy field in the Arctic Ocean halocline, J.
-   Geophys. Res. Oceans 119, doi:10.1002/2014JC010488.
+.. [5] Timmermans, M.-L., Toole, J., Proshutinsky, A., Krishfield, R. and Plueddemann, A. (2008),
+   Eddies in the Canada Basin, Arctic Ocean, observed from ice-tethered profilers, J. Phys.
+   Oceanogr. 38, 133-145.
+.. [6] Zhao, M., Timmermans, M.-L., Cole, S., Krishfield, R., Proshutinsky, A. and Toole, J. (2014),
+   Characterizing the eddy field in the Arctic Ocean halocline, J. Geophys. Res. Oceans 119,
+   doi:10.1002/2014JC010488.
 .. [7] Zhao, M. and Timmermans, M.-L. (2015), Vertical scales and dynamics of eddies in the Arctic
    Ocean's Canada Basin, J. Geophys. Res. Oceans 120, 8195-8209, doi:10.1002/2015JC011251.
 """

@@ -11,16 +11,19 @@ References
 .. [1] Rudels, B. et al. (2005), The interaction between waters from the Arctic Ocean and the Nordic
    Seas north of Fram Strait and along the East Greenland Current: results from the Arctic Ocean-02
    Oden expedition, J. Mar. Syst. 55, 1-30.
-.. [2] Rudels, B. et al. (2000), Water mass distribution in Fram Strait and over the Yermak Plateau
-   in summer 1997, Ann. Geophys. 18, 687-705.
-.. [3] Beszczynska-Moeller, A. et al. (2012), Variability in Atlantic water temperature and
-   transport at the entrance to the Arctic Ocean, 1997-2010, ICES J. Mar. Sci. 69, 852-863.
+.. [2] Rudels, B., Meyer, R., Fahrbach, E., Ivanov, V. V., Østerhus, S., Quadfasel, D., Schauer, U.,
+   Tverberg, V. and Woodgate, R. A. (2000), Water mass distribution in Fram Strait and over the
+   Yermak Plateau in summer 1997, Ann. Geophys. 18, 687-705.
+.. [3] Beszczynska-Möller, A., Fahrbach, E., Schauer, U. and Hansen, E. (2012), Variability in
+   Atlantic water temperature and transport at the entrance to the Arctic Ocean, 1997-2010, ICES J.
+   Mar. Sci. 69, 852-863.
 .. [4] Richter, M. E., von Appen, W.-J. and Wekerle, C. (2018), Does the East Greenland Current
    exist in the northern Fram Strait?, Ocean Sci. 14, 1147-1165.
 .. [5] Hofmann, Z., von Appen, W.-J. and Wekerle, C. (2021), Seasonal and mesoscale variability of
    the two Atlantic Water recirculation pathways in Fram Strait, J. Geophys. Res. Oceans 126.
-.. [6] Wekerle, C. et al. (2020), Properties and dynamics of mesoscale eddies in Fram Strait from a
-   comparison between two high-resolution ocean-sea ice models, Ocean Sci. 16, 1225-1246.
+.. [6] Wekerle, C., Hattermann, T., Wang, Q., Crews, L., von Appen, W.-J. and Danilov, S. (2020),
+   Properties and dynamics of mesoscale eddies in Fram Strait from a comparison between two
+   high-resolution ocean-sea ice models, Ocean Sci. 16, 1225-1246.
 """
 
 import numpy as np

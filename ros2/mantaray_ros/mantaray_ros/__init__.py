@@ -1,0 +1,1 @@
+"""Acoustic ranges with refraction in ROS 2."""
