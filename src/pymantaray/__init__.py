@@ -7,7 +7,6 @@ The names here are the public interface; each is imported from its folder when i
 
 from typing import TYPE_CHECKING
 
-from pymantaray.lazy import after_import as _after_import
 from pymantaray.lazy import lazy_exports
 from pymantaray.version import __version__ as __version__
 
@@ -137,15 +136,3 @@ if TYPE_CHECKING:
     from pymantaray.sensing.water import Water as Water
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)
-
-
-def _register_accessor() -> None:
-    """Register ``mantaray`` for xarray data sets."""
-    import xarray as xr
-
-    from pymantaray.config.build.accessor import OceanAccessor
-
-    xr.register_dataset_accessor("mantaray")(OceanAccessor)  # type: ignore[no-untyped-call]
-
-
-_after_import("xarray", _register_accessor)

@@ -1,15 +1,12 @@
 """
-Public names of a package that are imported on first use, each listed once in its ``if
-TYPE_CHECKING`` block, and actions that wait for the import of another package.
+Public names of a package that are imported on first use, each listed once: in its ``if
+TYPE_CHECKING`` block.
 """
 
 import ast
 import sys
 from collections.abc import Callable
 from importlib import import_module
-from importlib.machinery import ModuleSpec
-from importlib.util import find_spec
-from types import ModuleType
 from typing import Any
 
 
@@ -48,45 +45,3 @@ def _homes(package: str) -> dict[str, str]:
     )
     lines = (line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom))
     return {name.name: str(line.module) for line in lines for name in line.names}
-
-
-def after_import(name: str, action: Callable[[], object]) -> None:
-    """
-    Call an action when a package has been imported: at once if it is there already.
-
-    Parameters
-    ----------
-    name : str
-        The package, which is not imported for this.
-    action : callable
-        Called once, without arguments.
-    """
-    if name in sys.modules:
-        action()
-    else:
-        sys.meta_path.insert(0, _Waiting(name, action))
-
-
-class _Waiting:
-    """Finder of one package: it adds an action to the package's loader, once."""
-
-    def __init__(self, name: str, action: Callable[[], object]) -> None:
-        self._name = name
-        self._action = action
-
-    def find_spec(self, name: str, *_: object) -> ModuleSpec | None:
-        """Specification of the package by the other finders."""
-        if name != self._name:
-            return None
-        sys.meta_path.remove(self)
-        spec = find_spec(name)
-        if spec is None or spec.loader is None:
-            return spec
-        execute = spec.loader.exec_module
-
-        def execute_and_act(module: ModuleType) -> None:
-            execute(module)
-            self._action()
-
-        spec.loader.exec_module = execute_and_act  # type: ignore[method-assign]
-        return spec

@@ -12,7 +12,7 @@ import pytest
 import xarray as xr
 from refusals import refused
 
-import pymantaray
+import pymantaray.xarray
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.config.build.water import open_water
 from pymantaray.errors import OceanError, WaterError
@@ -158,13 +158,6 @@ def test_what_is_no_ocean_is_refused_in_one_line(glorys, metres):
     refused(WaterError, "points is 1", section, (78, 1), (78, 2), points=1, **now)
     refused(WaterError, "unknown option", glorys.mantaray.medium, deepness=3)
     refused(WaterError, "north, east", metres.mantaray.section, (0, 1, 2), (0, 1))
-
-
-@pytest.mark.parametrize("order", ["pymantaray, xarray", "xarray, pymantaray"])
-def test_either_order_of_imports_registers_the_accessor(order):
-    code = f"import {order}; print(xarray.Dataset.mantaray.__name__)"
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
-    assert done.stdout == "OceanAccessor\n"
 
 
 def test_the_import_of_the_package_imports_neither_xarray_nor_numpy():

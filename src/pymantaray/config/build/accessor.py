@@ -26,7 +26,7 @@ class OceanAccessor:
     Sound in an ocean data set: ``data.mantaray``.
 
     The data set is any source of `pymantaray.ocean.open_ocean`, or water in metres. Importing
-    `pymantaray` registers the accessor.
+    `pymantaray.xarray` registers the accessor.
     """
 
     def __init__(self, data: xr.Dataset) -> None:
@@ -51,6 +51,7 @@ class OceanAccessor:
 
         Examples
         --------
+        >>> import pymantaray.xarray
         >>> from pymantaray.ocean import open_ocean
         >>> ocean = open_ocean("synthetic:fram")
         >>> print(f"{float(ocean.mantaray.sound_speed()[0, 40, 120]):.1f} m/s")

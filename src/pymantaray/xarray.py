@@ -1,0 +1,9 @@
+"""Importing this module adds the accessor ``mantaray`` to data sets of xarray."""
+
+import xarray
+
+from pymantaray.config.build.accessor import OceanAccessor
+
+__all__ = ["OceanAccessor"]
+
+xarray.register_dataset_accessor("mantaray")(OceanAccessor)  # type: ignore[no-untyped-call]
