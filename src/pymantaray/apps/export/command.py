@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from pymantaray.cli.panels import OUTPUT
+
 AUTHORS = "authors"
 _UsageError: Any = typer.BadParameter.__base__  # typer does not export this class
 
@@ -20,7 +22,7 @@ def export(
     study: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[STUDY FOLDER]",
+            metavar="STUDY FOLDER",
             help="After authors: a run, preset or study file, and a new or empty folder for"
             " sim.json, environment.json and its arrays, which the paper's authors' program reads.",
             show_default=False,
@@ -29,12 +31,19 @@ def export(
     to: Annotated[
         str | None,
         typer.Option(
-            "--to", help="Format: tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap or bag."
+            "--to",
+            metavar="FORMAT",
+            help="Format: tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap or bag.",
         ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option("--out", help="A new or empty folder; for rrd and mcap a new file."),
+        typer.Option(
+            "--out",
+            metavar="FOLDER",
+            help="A new or empty folder; for rrd and mcap a new file.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
     realization: Annotated[
         int, typer.Option("--realization", help="Index of the realization, from 0.")
