@@ -356,7 +356,7 @@ def commands() -> dict[str, str]:
             "This page is generated from the program. `mantaray COMMAND --help` prints the same. A"
             " length, time, speed or angle is a number in the unit given in its meaning, or text"
             " with its own unit, such as `'2 km'` and `'1 d 12 h'`, as in a"
-            " [configuration](configuration.md). See also the [exit codes](exit-codes.md)."
+            " [configuration](configuration.md). See also the [exit status](at-a-glance.md#exit-status)."
         ),
     ]
     for path, command in command_tree():
