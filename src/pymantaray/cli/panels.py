@@ -35,7 +35,7 @@ class Command(TyperCommand):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help."""
-        _prepare_help(self, ctx)
+        prepare_help(self, ctx)
         super().format_help(ctx, formatter)
 
 
@@ -44,11 +44,11 @@ class Group(TyperGroup):
 
     def format_help(self, ctx: Any, formatter: Any) -> None:
         """Print the help."""
-        _prepare_help(self, ctx)
+        prepare_help(self, ctx)
         super().format_help(ctx, formatter)
 
 
-def _prepare_help(command: Any, ctx: Any) -> None:
+def prepare_help(command: Any, ctx: Any) -> None:
     """Give every parameter a panel and words, in the order of the panels."""
     parameters = command.get_params(ctx)
     if isinstance(command, Command):
