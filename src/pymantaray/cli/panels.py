@@ -20,6 +20,8 @@ _WORDS = {
     "int": "N",
     "int range": "N",
     "list[Path]": "FILE",
+    "list[int]": "N",
+    "list[str]": "NAME",
     "path": "FILE",
     "str": "NAME",
 }
