@@ -10,7 +10,7 @@ north of the middle of the medium. The error is that of the range at the solver'
 no ray, or with the status SHADOW and a ray, and ``refused`` is the share of the links with a ray
 that have the status BORDER.
 
-``reader`` instead of a medium builds the table of the page docs/how-to/travel-time-table.md, and
+``reader`` instead of a medium builds the table of the page docs/how-to/on-board.md, and
 times 10,000,000 look-ups of random ranges with the C reader.
 """
 
@@ -132,7 +132,7 @@ def errors(table: TravelTimeTable, water: Water, places: np.ndarray) -> Errors:
 
 def print_c_reader(number: int = 10_000_000) -> None:
     """Print the time of look-ups of random ranges with the C reader, from the table of the page."""
-    page = (ROOT / "docs" / "how-to" / "travel-time-table.md").read_text()
+    page = (ROOT / "docs" / "how-to" / "on-board.md").read_text()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         (folder / "profile.csv").write_text(page.split("```csv\n")[1].split("```")[0])
@@ -140,7 +140,7 @@ def print_c_reader(number: int = 10_000_000) -> None:
         table = build_table(open_water(str(folder / "profile.csv"), bathymetry=1500.0), *limits)
         save_table(table, folder / "table.mtt")
         (folder / "mantaray_table.h").write_text(c_header())
-        reader = str(ROOT / "tests" / "online" / "read_table.c")
+        reader = str(ROOT / "tests" / "apps" / "table" / "read_table.c")
         subprocess.run(
             ["cc", "-std=c99", "-O2", f"-I{folder}", reader, "-o", str(folder / "reader"), "-lm"],
             check=True,

@@ -268,6 +268,7 @@ def test_every_command_is_there_with_all_its_options():
     tree = PAGES["command_tree"]()
     assert set(sections) == {" ".join(words) for words, _ in tree}
     assert {"mantaray study run", "mantaray rays times", "mantaray serve"} <= set(sections)
+    assert not re.search(r"`[^`\n]*<[a-z]", page)  # words instead of types
     for words, command in tree:
         section = sections[" ".join(words)]
         assert command.help.split()[0] in section

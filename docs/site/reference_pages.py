@@ -350,18 +350,22 @@ def summary(described: Any) -> str:
 
 def commands() -> dict[str, str]:
     """Page of all commands."""
+    from pymantaray.cli.panels import prepare_help
+
     parts = [
         "# Commands",
         (
             "This page is generated from the program. `mantaray COMMAND --help` prints the same. A"
             " length, time, speed or angle is a number in the unit given in its meaning, or text"
             " with its own unit, such as `'2 km'` and `'1 d 12 h'`, as in a"
-            " [configuration](configuration.md). See also the [exit codes](exit-codes.md)."
+            " [configuration](configuration.md). See also the [exit"
+            " status](at-a-glance.md#exit-status)."
         ),
     ]
     for path, command in command_tree():
         parts += [f"## `{' '.join(path)}`", text(command.help or "")]
         context = command.make_context(" ".join(path), [], resilient_parsing=True)
+        prepare_help(command, context)
         parts.append(
             f"```text\n{' '.join([' '.join(path), *command.collect_usage_pieces(context)])}\n```"
         )

@@ -154,12 +154,9 @@ def test_the_help_has_the_words_and_the_unit_of_the_docstring(call, monkeypatch)
     monkeypatch.setenv("COLUMNS", "300")
     text = " ".join(call("--help")[1].output.split())
     for words in (
-        "--hydrophone-depth M Depth of the hydrophone below the surface.",
-        "--levels M,... Depths of sensors. [default: 1,20]",
-        (
-            "Standard deviation of the offset. Seconds, or text such as '10 min' or '13 ms'."
-            " [default: 2 min]"
-        ),
+        "--hydrophone-depth METRES Depth of the hydrophone below the surface.",
+        "--levels METRES,... Depths of sensors. [default: 1,20]",
+        "--clock-offset DURATION Standard deviation of the offset. [default: 2 min]",
         "--lever M M M Vector to the antenna.",
     ):
         assert words in text

@@ -149,7 +149,7 @@ def test_a_shell_completes_commands_options_and_presets(words, word, completed):
     assert completed <= set(done.stdout.split()), done
 
 
-PAGE = Path(__file__).parents[2] / "docs" / "reference" / "exit-codes.md"
+PAGE = Path(__file__).parents[2] / "docs" / "reference" / "at-a-glance.md"
 
 
 @pytest.mark.parametrize("words", sorted(COMMANDS))

@@ -7,6 +7,7 @@ import functools
 import inspect
 import re
 from collections.abc import Callable, Iterator
+from copy import copy
 from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from types import UnionType
@@ -18,10 +19,8 @@ from pymantaray.quantities.units import has_units, quantity_of
 
 _ENTRY = re.compile(r"^(\w+) :.*\n((?: {4}.*\n?)+)", re.MULTILINE)  # of a numpydoc section
 _UNIT = re.compile(r" *\[([^\]]+)\]$")
-_METAVARS = {
-    "s": "DURATION",
-    "-": "NUMBER",
-}  # of an option in a unit; others are the unit in capitals
+_METAVARS = {"s": "DURATION", "m": "METRES", "deg": "DEGREES", "-": "NUMBER"}
+"""Words for units; others are the unit in capitals."""
 
 
 def number_in(value: str | float, unit: str) -> float:
@@ -158,11 +157,22 @@ def _group(hint: Any) -> _Group | None:
     for mark in marks:
         if isinstance(mark, Fields):
             return _library_group(kind, mark)
+    panel = getattr(kind, "panel", None)
     members = {
-        field.name: _group(field.type) or _Option(_parameter(field.name, field.type, field.default))
+        field.name: _group(field.type)
+        or _Option(_parameter(field.name, _in_panel(field.type, panel), field.default))
         for field in fields(kind)
     }
     return _Group(kind, members)
+
+
+def _in_panel(annotation: Any, panel: str | None) -> Any:
+    """Annotation of an option in a panel of the help, unless the option names one."""
+    kind, *marks = get_args(annotation)
+    moved = [copy(mark) for mark in marks]
+    for mark in moved:
+        mark.rich_help_panel = mark.rich_help_panel or panel
+    return Annotated[kind, *moved]
 
 
 def _parameter(name: str, annotation: Any, default: Any) -> inspect.Parameter:
@@ -199,8 +209,6 @@ def _option(hint: Any, default: Any, flag: str, text: str, unit: str) -> _Option
     """Option of a field with a type, default, description and unit."""
     name = flag.partition("/")[0].removeprefix("--").replace("-", "_")
     metavar = _METAVARS.get(unit, unit.upper())
-    if unit == "s":
-        text = f"{text} Seconds, or text such as '10 min' or '13 ms'."
     settings: dict[str, Any] = {"help": text, "metavar": metavar or None}
     kind = _kind(hint)
     convert: Callable[[Any], Any] | None = None
@@ -211,7 +219,7 @@ def _option(hint: Any, default: Any, flag: str, text: str, unit: str) -> _Option
     elif get_origin(kind) is tuple:
         inner, *others = get_args(kind)
         if others != [...]:
-            settings["metavar"] = " ".join([metavar] * (1 + len(others)))
+            settings["metavar"] = " ".join([unit.upper() or "NUMBER"] * (1 + len(others)))
         elif inner is float:
             kind = str
             default = ",".join(f"{value:g}" for value in default)

@@ -6,14 +6,14 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import typer
-from typer.core import TyperCommand, TyperGroup
 from typer.models import OptionInfo
 
 from pymantaray.cli.arguments import use_options_of
 from pymantaray.cli.groups import number_in, quantity
+from pymantaray.cli.panels import ARRIVALS, OUTPUT, WATER, Command, Group
 from pymantaray.cli.printing import Printer, log_to_stderr, printer
 from pymantaray.errors import AcousticsError, MantaRayError, StudyError, WaterError
 from pymantaray.ocean.equations import Equation
@@ -35,9 +35,19 @@ LINKS = typer.Argument(
     " per row.",
     show_default=False,
 )
-Force = Annotated[bool, typer.Option("--force", help="Overwrite the output if it exists.")]
-Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="No progress, no summary, no warnings.")]
-NoWarnings = Annotated[bool, typer.Option("--quiet", "-q", help="No warnings.")]
+Force = Annotated[
+    bool,
+    typer.Option("--force", help="Overwrite the output if it exists.", rich_help_panel=OUTPUT),
+]
+Quiet = Annotated[
+    bool,
+    typer.Option(
+        "--quiet", "-q", help="No progress, no summary, no warnings.", rich_help_panel=OUTPUT
+    ),
+]
+NoWarnings = Annotated[
+    bool, typer.Option("--quiet", "-q", help="No warnings.", rich_help_panel=OUTPUT)
+]
 Verbose = Annotated[
     int,
     typer.Option(
@@ -46,12 +56,19 @@ Verbose = Annotated[
         count=True,
         show_default=False,
         help="Log stages and times; -vv: log all messages.",
+        rich_help_panel=OUTPUT,
     ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object, for scripts.")]
+Json = Annotated[
+    bool,
+    typer.Option("--json", help="Print one JSON object, for scripts.", rich_help_panel=OUTPUT),
+]
 To = Annotated[
     Literal["text", "latex", "csv", "json"],
-    typer.Option(help="Print text, the tables alone as LaTeX (for booktabs) or CSV, or JSON."),
+    typer.Option(
+        help="Print text, the tables alone as LaTeX (for booktabs) or CSV, or JSON.",
+        rich_help_panel=OUTPUT,
+    ),
 ]
 Set = Annotated[
     list[str] | None,
@@ -130,7 +147,7 @@ class Commands(typer.Typer):
     """Group of commands, all with ``--quiet`` and ``--verbose``."""
 
     def __init__(self, **settings: Any) -> None:
-        super().__init__(no_args_is_help=True, **settings)
+        super().__init__(no_args_is_help=True, **({"cls": Group} | settings))
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[..., Any]:
         """
@@ -140,8 +157,10 @@ class Commands(typer.Typer):
         take = super().command
 
         def decorate(function: Callable[..., None]) -> Callable[..., None]:
-            kind = {"cls": OceanCommand} if _has_option(function, "ocean") else {}
-            take(name, **(kind | settings))(_with_verbosity(function))
+            text = " ".join((inspect.getdoc(function) or "").split())
+            kind = OceanCommand if _has_option(function, "ocean") else Command
+            about: dict[str, Any] = {"cls": kind, "help": text}
+            take(name, **(about | settings))(_with_verbosity(function))
             return function
 
         return decorate
@@ -178,7 +197,7 @@ def _with_verbosity(command: Callable[..., None]) -> Callable[..., None]:
     return call
 
 
-class OceanCommand(TyperCommand):
+class OceanCommand(Command):
     """
     Command whose ``--ocean`` may be repeated or followed by several files: ``--ocean a b`` means
     ``--ocean a --ocean b``.
@@ -241,7 +260,7 @@ def repeat_ocean(words: list[str], most: int) -> list[str]:
     return out
 
 
-class RunGroup(TyperGroup):
+class RunGroup(Group):
     """Group of commands whose error message for an unknown command suggests `run`."""
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:
@@ -258,6 +277,8 @@ class RunGroup(TyperGroup):
 @dataclass(frozen=True)
 class OceanOptions:
     """Source of the water: an ocean, a profile or cast, or a configuration."""
+
+    panel: ClassVar = WATER
 
     ocean: Annotated[
         list[str] | None,
@@ -330,19 +351,22 @@ class SourceOptions(AnySourceOptions):
 class GridOptions:
     """Sea floor, currents, domain, time and names of water on a grid, without options of rays."""
 
+    panel: ClassVar = WATER
+
     bathymetry: Annotated[
         str | None,
         typer.Option(
-            metavar="M|FILE",
-            help="Depth of the sea floor in metres, or a NetCDF file of it; required for a"
+            metavar="METRES|FILE",
+            help="Depth of the sea floor, or a NetCDF file of it; required for a"
             " profile. Default: the deepest levels of the ocean.",
         ),
     ] = None
     crs: Annotated[
         str | None,
         typer.Option(
+            metavar="NAME",
             help="Projection of a sea floor file that does not name it, such as EPSG:3996 for"
-            " IBCAO."
+            " IBCAO.",
         ),
     ] = None
     currents: Annotated[
@@ -368,15 +392,16 @@ class GridOptions:
         tuple[str, str] | None,
         typer.Option(
             metavar="NORTH EAST",
-            help="Half sides of the domain in m, or text such as '20 km'. Default: the largest"
+            help="Half sides of the domain, in METRES each. Default: the largest"
             " domain in the data; a profile has no sides.",
         ),
     ] = None
     time: Annotated[
         list[str] | None,
         typer.Option(
+            metavar="TIME",
             help="Time of the ocean (UTC), if its files have several. May be repeated for an"
-            " atlas. Default for an atlas: the first."
+            " atlas. Default for an atlas: the first.",
         ),
     ] = None
     repair_freezing: RepairFreezing = False
@@ -393,7 +418,7 @@ class GridOptions:
         typer.Option(
             metavar="VARIABLE=STANDARD_NAME",
             help="CF standard name of a variable that lacks one, such as"
-            " temp=sea_water_potential_temperature. May be repeated.",
+            " temp=sea_water_temperature. May be repeated.",
         ),
     ] = None
 
@@ -431,9 +456,7 @@ class WaterOptions(GridOptions):
 
     ice: Annotated[
         str | None,
-        typer.Option(
-            metavar="M|FILE", help="Draft of an ice cover: metres everywhere, or a NetCDF file."
-        ),
+        typer.Option(metavar="METRES|FILE", help="Draft of an ice cover, or a NetCDF file of it."),
     ] = None
     ice_slope: Annotated[
         float | None,
@@ -447,7 +470,7 @@ class WaterOptions(GridOptions):
         float | None,
         typer.Option(
             parser=quantity("m"),
-            metavar="M",
+            metavar="METRES",
             help="Correlation length of the rough ice. Default: 20 m.",
         ),
     ] = None
@@ -476,7 +499,7 @@ class WaterOptions(GridOptions):
     smooth: Annotated[
         float | None,
         typer.Option(
-            parser=quantity("m"), metavar="M", help="Average a profile over this many metres."
+            parser=quantity("m"), metavar="METRES", help="Average a profile over this depth."
         ),
     ] = None
 
@@ -559,6 +582,8 @@ class ArrivalOptions:
     direct rays within 15 dB.
     """
 
+    panel: ClassVar = ARRIVALS
+
     max_surface_bounces: Annotated[
         int | None,
         typer.Option(
@@ -610,7 +635,7 @@ class SearchOptions(ArrivalOptions):
     tolerance: Annotated[
         float,
         typer.Option(
-            parser=quantity("m"), metavar="M", help="Maximum error of the end of a ray, in metres."
+            parser=quantity("m"), metavar="METRES", help="Maximum error of the end of a ray."
         ),
     ] = 1e-3
 
@@ -622,6 +647,8 @@ class SearchOptions(ArrivalOptions):
 @dataclass(frozen=True)
 class PrintOptions:
     """Form of the output, text or JSON, and its amount."""
+
+    panel: ClassVar = OUTPUT
 
     as_json: Json = False
     quiet: Quiet = False
@@ -648,7 +675,7 @@ class ProcessOptions:
 
     workers: Annotated[int | None, typer.Option(min=1, help="Processes of this machine.")] = None
     scheduler: Annotated[
-        str | None, typer.Option(help="Address of a Dask scheduler, tcp://HOST:PORT.")
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler, tcp://HOST:PORT.")
     ] = None
 
 
@@ -659,6 +686,7 @@ Formats = Annotated[
         metavar="NAME,...",
         help="For a paper: figures as png (300 dpi), pdf or svg in journal widths, tables as tex;"
         " several with commas.",
+        rich_help_panel=OUTPUT,
     ),
 ]
 
@@ -666,6 +694,8 @@ Formats = Annotated[
 @dataclass(frozen=True, kw_only=True)
 class FolderOptions:
     """Folder of the results, and formats of its figures and tables."""
+
+    panel: ClassVar = OUTPUT
 
     out: Annotated[
         Path | None,

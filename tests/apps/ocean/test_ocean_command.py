@@ -334,7 +334,10 @@ def test_what_is_missing_or_in_the_way_is_one_line(make, words, says):
 
 def test_help_tells_the_units(mantaray):
     """Brackets in a help text are taken for markup and vanish."""
-    for command, units in (("from-cast", ["in m"]), ("perturb", ["in m/s", "in km"])):
+    for command, units in (
+        ("from-cast", ["--bathymetry METRES", "--lat DEGREES"]),
+        ("perturb", ["--rms M/S", "--scale KM"]),
+    ):
         shown = " ".join(mantaray("ocean", command, "--help").out.replace("│", " ").split())
         assert all(unit in shown for unit in units), shown
 

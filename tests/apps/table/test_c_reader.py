@@ -33,7 +33,7 @@ def test_c_reader_returns_the_same_bits(
 def test_the_program_of_the_page_prints_the_range_of_python(
     table: TravelTimeTable, tmp_path: Path
 ) -> None:
-    page = (DOCS / "how-to" / "travel-time-table.md").read_text(encoding="utf-8")
+    page = (DOCS / "how-to" / "on-board.md").read_text(encoding="utf-8")
     (program,) = [block.text for block in blocks_of(page) if block.language == "c"]
     (tmp_path / "look_up.c").write_text(program)
     (tmp_path / "mantaray_table.h").write_text(c_header())

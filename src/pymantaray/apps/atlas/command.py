@@ -25,6 +25,7 @@ from pymantaray.cli.options import (
     parse_duration,
 )
 from pymantaray.cli.output import check_output, counted_progress
+from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import printer
 from pymantaray.errors import AtlasError
 
@@ -54,13 +55,17 @@ class ColumnOptions:
             help="Region of the columns, in degrees. Links may use water outside.",
         ),
     ] = None
-    start: Annotated[str | None, typer.Option(help="First instant (UTC) of a series.")] = None
-    stop: Annotated[str | None, typer.Option(help="Last instant (UTC) of a series.")] = None
+    start: Annotated[
+        str | None, typer.Option(metavar="TIME", help="First instant (UTC) of a series.")
+    ] = None
+    stop: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Last instant (UTC) of a series.")
+    ] = None
     step_h: Annotated[
         str | None,
         typer.Option(
-            metavar="DURATION",
-            help="Minimum time between instants: hours, or text such as '2 d'. Default: all"
+            metavar="HOURS",
+            help="Minimum time between instants, a number or text such as '2 d'. Default: all"
             " instants; 24 h for a synthetic ocean.",
         ),
     ] = None
@@ -87,15 +92,15 @@ class LinkOptions:
         Any,
         typer.Option(
             parser=quantities("m"),
-            metavar="M,...",
-            help="Use all pairs of these depths with the transmitter above.",
+            metavar="METRES,...",
+            help="Depths separated by commas: use all pairs, with the transmitter above.",
         ),
     ] = "20,200,800"
     pair: Annotated[
         list[Any] | None,
         typer.Option(
             parser=quantities("m", 2),
-            metavar="M,M",
+            metavar="METRES,METRES",
             help="Depths of transmitter and receiver, instead of --depths. May be repeated.",
         ),
     ] = None
@@ -127,6 +132,7 @@ class OutOptions(ProcessOptions):
         typer.Option(
             metavar="ATLAS.nc",
             help="File to write. Finished blocks in ATLAS.nc.blocks are skipped.",
+            rich_help_panel=OUTPUT,
         ),
     ]
     force: Force = False
@@ -192,15 +198,25 @@ def show(file: AtlasFile, as_json: Json = False, to: To = "text") -> None:
 @app.command()
 def plot(
     file: AtlasFile,
-    out: Annotated[Path, typer.Option(help="Folder for the figures, PNG and PDF, and the page.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder for the figures, PNG and PDF, and the page.",
+            rich_help_panel=OUTPUT,
+        ),
+    ],
     convention: Annotated[
-        str, typer.Option(help="Sound speed: transmitter, receiver, mean, chord or nominal.")
+        str,
+        typer.Option(
+            metavar="WORD", help="Sound speed: transmitter, receiver, mean, chord or nominal."
+        ),
     ] = "transmitter",
     distance: Annotated[
         float | None,
         typer.Option(
             parser=quantity("m"),
-            metavar="M",
+            metavar="METRES",
             help="A distance of the atlas. Default: the middle one.",
         ),
     ] = None,
@@ -208,7 +224,7 @@ def plot(
         Any,
         typer.Option(
             parser=quantities("m", 2),
-            metavar="M,M",
+            metavar="METRES,METRES",
             help="A pair of depths of the atlas. Default: all.",
         ),
     ] = None,

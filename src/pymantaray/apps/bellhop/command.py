@@ -16,6 +16,7 @@ from pymantaray.cli.options import (
     WaterOptions,
     parse_duration,
 )
+from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import Printer
 from pymantaray.errors import AcousticsError
 
@@ -40,14 +41,15 @@ class ProgramOptions:
     program: Annotated[
         str | None,
         typer.Option(
-            help="bellhopcxx or bellhop3d, on PATH or as a path. Default: the first on PATH."
+            metavar="PROGRAM",
+            help="bellhopcxx or bellhop3d, a name or a file. Default: the first that is installed.",
         ),
     ] = None
     timeout: Annotated[
         str,
         typer.Option(
             metavar="DURATION",
-            help="Time limit of one run of Bellhop: seconds, or text such as '5 min'.",
+            help="Time limit of one run of Bellhop.",
         ),
     ] = "10 min"
 
@@ -55,7 +57,9 @@ class ProgramOptions:
 @with_options
 def compare_bellhop(
     links: Annotated[Path, LINKS],
-    out: Annotated[Path, typer.Option(help="Table to write.")],
+    out: Annotated[
+        Path, typer.Option(metavar="OUT.csv", help="Table to write.", rich_help_panel=OUTPUT)
+    ],
     source: SourceOptions,
     water: WaterOptions,
     bellhop: ProgramOptions,
@@ -92,13 +96,16 @@ def compare_bellhop(
 
 @with_options
 def write_bellhop(
-    out: Annotated[Path, typer.Option(help="Folder for the files.")],
+    out: Annotated[
+        Path, typer.Option(metavar="FOLDER", help="Folder for the files.", rich_help_panel=OUTPUT)
+    ],
     source: SourceOptions,
     water: WaterOptions,
     options: Annotated[BellhopOptions, Fields("beams", "step", run="--write", bottom="--sea-bed")],
     links: Annotated[Path | None, LINKS] = None,
     link: Annotated[
-        list[int] | None, typer.Option(help="Row of the run's links.nc. May be repeated.")
+        list[int] | None,
+        typer.Option(metavar="ROW", help="Row of the run's links.nc. May be repeated."),
     ] = None,
     refine: Refine = 4,
     force: Force = False,

@@ -8,6 +8,8 @@ from typing import Annotated, Any
 
 import typer
 
+from pymantaray.cli.panels import OUTPUT
+
 AUTHORS = "authors"
 _UsageError: Any = typer.BadParameter.__base__  # typer does not export this class
 
@@ -25,7 +27,7 @@ def export(
     study: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="[STUDY FOLDER]",
+            metavar="STUDY FOLDER",
             help="After authors: a run, preset or study file, and a new or empty folder for"
             " sim.json, environment.json and its arrays, which the paper's authors' program reads.",
             show_default=False,
@@ -35,6 +37,7 @@ def export(
         str | None,
         typer.Option(
             "--to",
+            metavar="FORMAT",
             help="Format: tum, kitti, cf, csv, parquet, g2o, pyfg, rrd, mcap, bag, vtk, kml,"
             " geojson or mat.",
         ),
@@ -43,7 +46,9 @@ def export(
         Path | None,
         typer.Option(
             "--out",
+            metavar="FOLDER",
             help="A new or empty folder; for rrd, mcap, kml, geojson and mat a new file.",
+            rich_help_panel=OUTPUT,
         ),
     ] = None,
     realization: Annotated[

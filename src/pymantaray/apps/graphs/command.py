@@ -11,6 +11,7 @@ import typer
 from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import Commands, Force, Json, TableOptions
 from pymantaray.cli.output import EXIT_UNUSABLE
+from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
@@ -105,8 +106,9 @@ class GraphSolveOptions:
     estimator: Annotated[
         str,
         typer.Option(
+            metavar="WORD",
             help="batch (least squares), gtsam (the same by GTSAM), incremental (iSAM2), or batch"
-            " with a robust loss on the ranges: huber, cauchy, geman-mcclure, tukey, welsch, gnc."
+            " with a robust loss on the ranges: huber, cauchy, geman-mcclure, tukey, welsch, gnc.",
         ),
     ] = "batch"
     anchor: Annotated[
@@ -183,7 +185,12 @@ def solve(
         ),
     ] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="Folder for the results; must be new or empty.")
+        Path | None,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder for the results; must be new or empty.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
 ) -> None:
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""

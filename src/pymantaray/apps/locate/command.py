@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import typer
-from typer.core import TyperGroup
 
 from pymantaray.apps.locate.options import LocateOptions, PlanOptions
 from pymantaray.apps.locate.read_options import ReadOptions
@@ -23,6 +22,7 @@ from pymantaray.cli.options import (
     format_names,
 )
 from pymantaray.cli.output import EXIT_UNUSABLE
+from pymantaray.cli.panels import OUTPUT, Group
 from pymantaray.cli.printing import LOG, Printer
 from pymantaray.errors import LocateError
 
@@ -45,7 +45,7 @@ _ONE_WAY_ADVICE = (
 )
 
 
-class _SurveyGroup(TyperGroup):
+class _SurveyGroup(Group):
     """Group whose command `survey` is the default."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -91,7 +91,8 @@ class SurveyOptions:
     platform_sigma: Annotated[
         tuple[float, float] | None,
         typer.Option(
-            metavar="H V", help="Standard deviations of the platform's positions, in metres."
+            metavar="H V",
+            help="Standard deviations of the platform's positions, H V in metres.",
         ),
     ] = None
     platform_correlation: Annotated[
@@ -240,12 +241,15 @@ class PlannedOptions:
     depth_sigma: Annotated[
         float,
         typer.Option(
-            parser=quantity("m"), metavar="M", help="Standard deviation of the prior depth."
+            parser=quantity("m"), metavar="METRES", help="Standard deviation of the prior depth."
         ),
     ] = 100.0
     platform_sigma: Annotated[
         tuple[float, float],
-        typer.Option(metavar="H V", help="Standard deviations of the platform's positions."),
+        typer.Option(
+            metavar="H V",
+            help="Standard deviations of the platform's positions, H V in metres.",
+        ),
     ] = (0.0, 0.0)
 
     def plan_options(self) -> PlanOptions:
@@ -282,7 +286,9 @@ def plan(
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="PNG", help="Figure over radius, .png or .pdf; its table is written beside it."
+            metavar="OUT.png",
+            help="Figure over radius, .png or .pdf; its table is written beside it.",
+            rich_help_panel=OUTPUT,
         ),
     ] = None,
     force: Force = False,

@@ -21,13 +21,12 @@ class ReadOptions:
     nodes : str or pathlib.Path, optional
         Table of prior positions: name, lat, lon (or north_m, east_m), depth_m, standard deviations.
     track : tuple of str or pathlib.Path
-        Trajectory of the platform, in any format that `pymantaray.read_trajectories` and ``mantaray
-        ranges`` read.
+        Trajectory of the platform, in any format that ``mantaray ranges`` reads.
     platform : str, optional
         Name of the platform in the track; required if the track has several.
     position_at : {"both", "transmission", "reception"}
-        Instant of a single position per ping. With ``both``, the position applies to both instants;
-        otherwise the other position is interpolated between pings.
+        Instant of a single position per ping; with one of the two, the other position is
+        interpolated.
     transducer_depth : float
         Depth of positions without depth. [m]
     depth : float, optional

@@ -27,6 +27,7 @@ from pymantaray.cli.options import (
     parse_duration,
 )
 from pymantaray.cli.output import check_output, progress_bars
+from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.ocean.equations import Equation
@@ -57,7 +58,7 @@ app = Commands(help="Fetch, make, check, show and plot oceans.")
 Files = Annotated[
     list[str],
     typer.Argument(
-        metavar="OCEAN...",
+        metavar="OCEAN",
         help="Files that belong together, a profile or cast, synthetic:beaufort or synthetic:fram,"
         " a preset, or a TOML file.",
     ),
@@ -79,7 +80,7 @@ CastFile = Annotated[
 CastFiles = Annotated[
     list[Path],
     typer.Argument(
-        metavar="CASTS...", help="Tables, instruments' files, Argo profiles or CF profiles."
+        metavar="CASTS", help="Tables, instruments' files, Argo profiles or CF profiles."
     ),
 ]
 NewOcean = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
@@ -92,20 +93,25 @@ class CastOptions:
     lat: Annotated[
         float | None,
         typer.Option(
-            parser=quantity("deg"), help="Latitude of a cast whose file has none, in degrees."
+            parser=quantity("deg"),
+            metavar="DEGREES",
+            help="Latitude of a cast whose file has none.",
         ),
     ] = None
     lon: Annotated[
         float | None,
         typer.Option(
-            parser=quantity("deg"), help="Longitude of a cast whose file has none, in degrees."
+            parser=quantity("deg"),
+            metavar="DEGREES",
+            help="Longitude of a cast whose file has none.",
         ),
     ] = None
-    time: Annotated[str | None, typer.Option(help="Instant (UTC), such as 2014-07-24T19:20.")] = (
-        None
-    )
+    time: Annotated[
+        str | None, typer.Option(metavar="TIME", help="Instant (UTC), such as 2014-07-24T19:20.")
+    ] = None
     name: Annotated[
-        str | None, typer.Option(help="Name of the cast, if the file contains several.")
+        str | None,
+        typer.Option(metavar="NAME", help="Name of the cast, if the file contains several."),
     ] = None
     repair_freezing: RepairFreezing = False
 
@@ -117,7 +123,7 @@ def check(
     files: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="OCEAN...",
+            metavar="OCEAN",
             help="As in mantaray ocean show. Default with --study: the ocean of the study.",
         ),
     ] = None,
@@ -323,12 +329,20 @@ def _show_profiles(profiles: "Sequence[Profile]", out: "Printer") -> None:
 def plot(
     files: Files,
     water: GridOptions,
-    out: Annotated[Path, typer.Option(help="Folder for the figures, PNG and PDF.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FOLDER",
+            help="Folder for the figures, PNG and PDF.",
+            rich_help_panel=OUTPUT,
+        ),
+    ],
     depth: Annotated[
         float | None,
         typer.Option(
             parser=quantity("m"),
-            help="Depth of the map in metres. Default: 100 m, or half the water depth.",
+            metavar="METRES",
+            help="Depth of the map. Default: 100 m, or half the water depth.",
         ),
     ] = None,
     at: Annotated[
@@ -361,14 +375,13 @@ class UniformOptions:
         float | None,
         typer.Option(
             parser=quantity("m"),
-            help="Depth of the sea bed, in m. Default: from the file.",
+            metavar="METRES",
+            help="Depth of the sea bed. Default: from the file.",
         ),
     ] = None
     half_extent: Annotated[
         tuple[str, str],
-        typer.Option(
-            metavar="NORTH EAST", help="Half sides of the domain in m, or text such as '60 km'."
-        ),
+        typer.Option(metavar="NORTH EAST", help="Half sides of the domain, in METRES each."),
     ] = ("60 km", "60 km")
     below: Annotated[
         Literal["refuse", "constant"],
@@ -377,7 +390,8 @@ class UniformOptions:
         ),
     ] = "refuse"
     below_cast: Annotated[
-        Path | None, typer.Option(help="A deeper cast for the water below the deepest sample.")
+        Path | None,
+        typer.Option(metavar="FILE", help="A deeper cast for the water below the deepest sample."),
     ] = None
     equation: Annotated[Equation, typer.Option(help="Equation of sound speed.")] = "teos-10"
 
@@ -479,7 +493,7 @@ class CorrectionOptions:
     scale: Annotated[
         float,
         typer.Option(
-            parser=quantity("km"), help="Horizontal scale of the background's error, in km."
+            parser=quantity("km"), metavar="KM", help="Horizontal scale of the background's error."
         ),
     ] = 50.0
     noise_ratio: Annotated[
@@ -488,14 +502,16 @@ class CorrectionOptions:
     vertical_scale: Annotated[
         float,
         typer.Option(
-            parser=quantity("m"), help="Scale of the decay below the deepest sample, in m."
+            parser=quantity("m"),
+            metavar="METRES",
+            help="Scale of the decay below the deepest sample.",
         ),
     ] = 100.0
     time_scale: Annotated[
         str | None,
         typer.Option(
-            metavar="DURATION",
-            help="Scale in time: days, or text such as '36 h'. Default: all casts have full"
+            metavar="DAYS",
+            help="Scale in time, a number or text such as '36 h'. Default: all casts have full"
             " weight.",
         ),
     ] = None
@@ -541,27 +557,33 @@ class PerturbationOptions:
     ] = "eof"
     rms: Annotated[
         float | None,
-        typer.Option(parser=quantity("m/s"), help="For eof: rms of the sound-speed error, in m/s."),
+        typer.Option(
+            parser=quantity("m/s"), metavar="M/S", help="For eof: rms of the sound-speed error."
+        ),
     ] = None
     scale: Annotated[
         float | None,
         typer.Option(
-            parser=quantity("km"), help="For eof: horizontal scale, in km; inf for a uniform error."
+            parser=quantity("km"),
+            metavar="KM",
+            help="For eof: horizontal scale; inf for a uniform error.",
         ),
     ] = None
     down_to: Annotated[
         float | None,
         typer.Option(
             parser=quantity("m"),
-            help="For eof: depth limit of the water for --rms, in m. Default: the sea bed.",
+            metavar="METRES",
+            help="For eof: depth limit of the water for --rms. Default: the sea bed.",
         ),
     ] = None
     mode_cast: Annotated[
-        list[Path] | None, typer.Option(help="For eof: casts for the vertical modes.")
+        list[Path] | None,
+        typer.Option(metavar="CASTS", help="For eof: casts for the vertical modes."),
     ] = None
     place: Annotated[
         tuple[float, float] | None,
-        typer.Option(help="For column: its latitude and longitude, in degrees."),
+        typer.Option(metavar="LAT LON", help="For column: its position, in degrees."),
     ] = None
     seed: Annotated[int, typer.Option(min=0, help="For eof: seed of the member.")] = 0
 

@@ -8,6 +8,7 @@ import typer
 
 from pymantaray.cli.groups import Fields, quantities, with_options
 from pymantaray.cli.options import Commands, Force, Quiet
+from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG
 from pymantaray.ocean.fetch.limits import FetchLimits
 
@@ -24,7 +25,9 @@ class WindowOptions:
     lat: Annotated[
         Any,
         typer.Option(
-            parser=quantities("deg", 2), metavar="SOUTH,NORTH", help="Latitudes, in degrees."
+            parser=quantities("deg", 2),
+            metavar="SOUTH,NORTH",
+            help="Two latitudes in degrees, separated by a comma.",
         ),
     ]
     lon: Annotated[
@@ -35,8 +38,11 @@ class WindowOptions:
             help="Longitudes in any convention; 170,-170 crosses the antimeridian.",
         ),
     ]
-    time: Annotated[str, typer.Option(help="Instant (UTC), such as 2014-07-15T12.")]
-    out: Annotated[Path, typer.Option(metavar="FILE", help="NetCDF file to write.")]
+    time: Annotated[str, typer.Option(metavar="TIME", help="Instant (UTC), such as 2014-07-15T12.")]
+    out: Annotated[
+        Path,
+        typer.Option(metavar="FILE", help="NetCDF file to write.", rich_help_panel=OUTPUT),
+    ]
     servers: Annotated[
         str | None,
         typer.Option(
@@ -60,7 +66,9 @@ def hycom(
     ] = False,
     experiment: Annotated[
         str | None,
-        typer.Option(help="Name of an experiment. Default: the preferred one for the time."),
+        typer.Option(
+            metavar="NAME", help="Name of an experiment. Default: the preferred one for the time."
+        ),
     ] = None,
     force: Force = False,
     quiet: Quiet = False,
@@ -86,7 +94,10 @@ def hycom(
 def copernicus(
     window: WindowOptions,
     product: Annotated[
-        str | None, typer.Option(help="Name of a product. Default: the first that covers the time.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="Name of a product. Default: the first that covers the time."
+        ),
     ] = None,
     force: Force = False,
 ) -> None:

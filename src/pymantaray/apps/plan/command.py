@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
 from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import Force, ProcessOptions, Set, TableOptions, changes_of
 from pymantaray.cli.output import check_output, counted_progress
+from pymantaray.cli.panels import OUTPUT
 from pymantaray.errors import WriteError
 
 if TYPE_CHECKING:
@@ -18,6 +19,8 @@ if TYPE_CHECKING:
 @dataclass(frozen=True)
 class PlanFiles:
     """Files to write."""
+
+    panel: ClassVar = OUTPUT
 
     out: Annotated[
         Path | None,

@@ -30,18 +30,18 @@ class MissionOptions:
         str | None,
         typer.Option(
             metavar="DURATION",
-            help="Interval of pings of all vehicles: seconds, or text such as '5 min'.",
+            help="Interval of pings of all vehicles.",
         ),
     ] = None
     slots: Annotated[
         str | None,
-        typer.Option(metavar="A,B,...", help="Vehicles that ping in turn (TDMA). Needs --slot."),
+        typer.Option(
+            metavar="NAME,...", help="Vehicles that ping in turn (TDMA), as A,B,C. Needs --slot."
+        ),
     ] = None
     slot: Annotated[
         str | None,
-        typer.Option(
-            metavar="DURATION", help="Length of a slot, as for --interval. Needs --slots."
-        ),
+        typer.Option(metavar="DURATION", help="Length of a slot. Needs --slots."),
     ] = None
     pings: Annotated[
         Path | None,
@@ -53,7 +53,7 @@ class MissionOptions:
         str,
         typer.Option(
             metavar="DURATION",
-            help="Time between poses, as for --interval, in addition to poses at pings.",
+            help="Time between poses, in addition to poses at pings.",
         ),
     ] = "200 s"
     enu: Annotated[
@@ -66,7 +66,7 @@ class MissionOptions:
     ] = False
     vehicles: Annotated[
         str | None,
-        typer.Option(metavar="A,B,...", help="Vehicles of the files to use. Default: all."),
+        typer.Option(metavar="NAME,...", help="Vehicles of the files to use. Default: all."),
     ] = None
 
     @property
@@ -93,7 +93,7 @@ def ranges(
     trajectories: Annotated[
         list[str],
         typer.Argument(
-            metavar="TRAJECTORIES...",
+            metavar="TRAJECTORIES",
             help="Tables (CSV, Parquet), TUM files, CF trajectories (NetCDF) or ROS bags; see the"
             " how-to.",
             show_default=False,

@@ -106,7 +106,7 @@ class FanOptions:
         float | None,
         typer.Option(
             parser=quantity("deg"),
-            metavar="DEG",
+            metavar="DEGREES",
             help="Direction of the fan, clockwise from north. Default: to the receiver.",
         ),
     ] = None
@@ -114,8 +114,8 @@ class FanOptions:
         float | None,
         typer.Option(
             parser=quantity("m"),
-            metavar="M",
-            help="Horizontal length of the fan in metres. Default: to the receiver.",
+            metavar="METRES",
+            help="Horizontal length of the fan. Default: to the receiver.",
         ),
     ] = None
 

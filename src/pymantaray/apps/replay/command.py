@@ -55,8 +55,7 @@ class ComparisonOptions:
         str,
         typer.Option(
             metavar="DURATION",
-            help="Maximum time between paired events (both directions, and successive ones):"
-            " seconds, or text such as '5 min'.",
+            help="Maximum time between paired events (both directions, and successive ones).",
         ),
     ] = "60 s"
     reference: Annotated[
@@ -75,9 +74,9 @@ class ComparisonOptions:
         float | None,
         typer.Option(
             parser=quantity("m"),
-            metavar="SIGMA",
-            help="Smooth the horizontal positions of all nodes as random walks with drift; SIGMA"
-            " is the error of a measured position in metres.",
+            metavar="METRES",
+            help="Smooth the horizontal positions of all nodes as random walks with drift; give the"
+            " error of a measured position.",
         ),
     ] = None
     clock_drift: Annotated[

@@ -34,7 +34,8 @@ def serve(
     host: Annotated[
         str,
         typer.Option(
-            help="Address to listen at. The default is accessible from this machine only."
+            metavar="ADDRESS",
+            help="Address to listen at. The default is accessible from this machine only.",
         ),
     ] = "127.0.0.1",
     workers: Annotated[
@@ -44,8 +45,7 @@ def serve(
         str,
         typer.Option(
             metavar="DURATION",
-            help="Update interval of a time-varying ocean: seconds, or text such as '5 min'; 0 to"
-            " update for each ping.",
+            help="Update interval of a time-varying ocean; 0 to update for each ping.",
         ),
     ] = "0",
     changes: Set = None,

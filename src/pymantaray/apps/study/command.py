@@ -26,6 +26,7 @@ from pymantaray.cli.options import (
     format_names,
 )
 from pymantaray.cli.output import duration, progress_bars
+from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG, Printer, printer
 from pymantaray.pages.folder import PAGE
 
@@ -40,8 +41,17 @@ app = Commands(cls=RunGroup, help="Run, show and compare studies.")
 _WIDE_DB = 60.0  # cut-off that includes rays far into shadows
 _MAX_NAMED_RUNS = 2  # runs whose names fit above the columns of a table
 
-Out = Annotated[Path | None, typer.Option(help="Folder for the results; must be new or empty.")]
-Open = Annotated[bool, typer.Option("--open", help="Open the page in the browser.")]
+Out = Annotated[
+    Path | None,
+    typer.Option(
+        metavar="FOLDER",
+        help="Folder for the results; must be new or empty.",
+        rich_help_panel=OUTPUT,
+    ),
+]
+Open = Annotated[
+    bool, typer.Option("--open", help="Open the page in the browser.", rich_help_panel=OUTPUT)
+]
 
 
 def _presets(incomplete: str) -> list[str]:
@@ -112,7 +122,11 @@ def import_command(
     ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="STUDY.toml", help="File to write. Default: print the text."),
+        typer.Option(
+            metavar="STUDY.toml",
+            help="File to write. Default: print the text.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
 ) -> None:
     """
@@ -170,7 +184,12 @@ class RunOptions:
         int | None, typer.Option(min=1, help="Processes that solve realizations.")
     ] = None
     no_figures: Annotated[
-        bool, typer.Option("--no-figures", help="Data only: no tables and figures.")
+        bool,
+        typer.Option(
+            "--no-figures",
+            help="Data only: no tables and figures.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = False
     formats: Formats = ""
     open_page: Open = False
@@ -294,7 +313,7 @@ def tables(
     names: Annotated[
         list[str] | None,
         typer.Argument(
-            metavar="NAME...",
+            metavar="NAME",
             help="Tables, such as ate_pooled. Default: a summary.",
             show_default=False,
         ),
@@ -318,7 +337,7 @@ def tables(
 @app.command()
 def compare(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN...", help="Folders of at least two runs.")
+        list[Path], typer.Argument(metavar="RUN", help="Folders of at least two runs.")
     ],
     out: Out = None,
     formats: Formats = "",

@@ -9,6 +9,7 @@ import typer
 from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import (
     Commands,
+    Force,
     Json,
     PrintOptions,
     ProcessOptions,
@@ -17,6 +18,7 @@ from pymantaray.cli.options import (
     changes_of,
 )
 from pymantaray.cli.output import check_output, counted_progress, duration
+from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG, Printer, printer
 
 if TYPE_CHECKING:
@@ -38,7 +40,11 @@ def show(
     file: SweepFile,
     out: Annotated[
         str | None,
-        typer.Option("--out", help="Folder or URL of results; finished points are not counted."),
+        typer.Option(
+            "--out",
+            metavar="FOLDER|URL",
+            help="Folder or URL of results; finished points are not counted.",
+        ),
     ] = None,
     measure: Annotated[
         bool, typer.Option("--measure", help="Run the first point to estimate the time.")
@@ -132,7 +138,12 @@ class PointOptions:
 def run(
     file: SweepFile,
     out: Annotated[
-        str, typer.Option(help="Folder or URL of the results. Finished points are skipped.")
+        str,
+        typer.Option(
+            metavar="FOLDER|URL",
+            help="Folder or URL of the results. Finished points are skipped.",
+            rich_help_panel=OUTPUT,
+        ),
     ],
     points: PointOptions,
     processes: ProcessOptions,
@@ -182,12 +193,13 @@ def collect(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", help="Table to write, .csv or .nc. Default: both, and a page, in FOLDER."
+            "--out",
+            metavar="FILE",
+            help="Table to write, .csv or .nc. Default: both, and a page, in FOLDER.",
+            rich_help_panel=OUTPUT,
         ),
     ] = None,
-    force: Annotated[
-        bool, typer.Option("--force", help="Overwrite the output if it exists.")
-    ] = False,
+    force: Force = False,
 ) -> None:
     """Write one table of all points as CSV and NetCDF, and an interactive page."""
     from pymantaray.apps.sweep import open_sweep

@@ -2,13 +2,14 @@
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import typer
 
 from pymantaray.cli.groups import number_in, quantities, quantity, with_options
 from pymantaray.cli.options import ArrivalOptions, Force, PrintOptions, WaterOptions
 from pymantaray.cli.output import check_output, progress_bars
+from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG
 
 
@@ -32,26 +33,31 @@ class BoxOptions:
     source_depth: Annotated[
         Any,
         typer.Option(
-            parser=_axis, metavar="M:M[:STEP]", help="Depths of the source, such as 0:200:5."
+            parser=_axis,
+            metavar="START:STOP[:STEP]",
+            help="Depths of the source, such as 0:200:5. METRES, as in the two ranges below; STEP"
+            " is the size of the smallest cells, which bound shadows. Default: 1/64 of the extent.",
         ),
     ]
     receiver_depth: Annotated[
-        Any, typer.Option(parser=_axis, metavar="M:M[:STEP]", help="Depths of the receiver.")
+        Any,
+        typer.Option(parser=_axis, metavar="START:STOP[:STEP]", help="Depths of the receiver."),
     ]
     horizontal_range: Annotated[
         Any,
         typer.Option(
             "--range",
             parser=_axis,
-            metavar="M:M[:STEP]",
-            help="Horizontal ranges. STEP is the size of the smallest cells, which bound shadows."
-            " Default: 1/64 of the extent.",
+            metavar="START:STOP[:STEP]",
+            help="Horizontal ranges.",
         ),
     ]
     error: Annotated[
         float,
         typer.Option(
-            parser=quantity("m"), metavar="M", help="Bound of the error of an interpolated range."
+            parser=quantity("m"),
+            metavar="METRES",
+            help="Bound of the error of an interpolated range.",
         ),
     ] = 0.05
 
@@ -74,7 +80,7 @@ class TableWaterOptions:
         typer.Option(
             parser=quantities("m", 2),
             metavar="NORTH,EAST",
-            help="Position of the source in metres from the centre of the water.",
+            help="Position of the source from the centre of the water.",
         ),
     ] = "0,0"
     sectors: Annotated[
@@ -101,8 +107,11 @@ class TableWaterOptions:
 class FileOptions:
     """Files to write."""
 
+    panel: ClassVar = OUTPUT
+
     out: Annotated[
-        Path, typer.Option(metavar="TABLE", help="File to write: .nc, or .mtt for the C reader.")
+        Path,
+        typer.Option(metavar="TABLE", help="File to write: .nc, or .mtt for the C reader."),
     ]
     c_reader: Annotated[
         Path | None, typer.Option(metavar="FILE.h", help="Also write the C99 reader of .mtt files.")
