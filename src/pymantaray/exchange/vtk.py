@@ -98,8 +98,10 @@ def _write(
 ) -> None:
     """
     Write consecutive positions with the same number of a line as a line; cells are segments, or
-    points if no line has two.
+    points if no line has two. Without positions there is no file, which no reader would take.
     """
+    if not len(position):
+        return
     with optional_package(ExchangeError, "vtk", "meshio", "vtk"):
         import meshio
     first = np.flatnonzero(np.diff(line) == 0)

@@ -22,7 +22,8 @@ from pymantaray.apps.study import open_run
 from pymantaray.errors import ExchangeError, LocateError, MantaRayError, StudyError, WriteError
 from pymantaray.exchange.maps import Feature, geojson, kml
 from pymantaray.exchange.matlab import write_mat
-from pymantaray.records import VehicleStatus
+from pymantaray.exchange.vtk import write_fleet, write_ranges
+from pymantaray.records import RayStatus, VehicleStatus
 
 shapely = pytest.importorskip("shapely")
 KML = "{http://www.opengis.net/kml/2.2}"
@@ -303,6 +304,23 @@ def test_paraview_gets_fleet_residuals_and_rays(run, exported):
             expected = attempt[measured.removesuffix("_range") + "_range"] - apart
             assert data[f"residual_{condition}_m"][k] == pytest.approx(expected, abs=1e-8)
     assert not any("odometry" in name for name in data)
+
+
+def test_absent_vehicles_and_lost_ranges_have_no_vtk_file(run, tmp_path):
+    meshio = pytest.importorskip("meshio")
+    recording = record(run, 0)
+    status = run.truth.status.copy()
+    status[0] = VehicleStatus.ABSENT
+    status[1, 1:] = VehicleStatus.ABSENT
+    m = recording.measurements
+    lost = replace(m, range_status=np.full_like(m.range_status, RayStatus.SHADOW))
+    truth = replace(run.truth, status=status)
+    alone = replace(recording, truth=truth, measurements=lost, estimates={})
+    write_fleet(alone, tmp_path)
+    write_ranges(alone, {}, tmp_path)
+    names = run.truth.name.tolist()
+    assert names_in(tmp_path) == sorted(f"truth-{name}.vtu" for name in names[1:])
+    assert meshio.read(tmp_path / f"truth-{names[1]}.vtu").cells_dict["vertex"].tolist() == [[0]]
 
 
 def test_rays_for_paraview_join_the_ends_of_their_links(run, exported):
