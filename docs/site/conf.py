@@ -4,6 +4,7 @@ stage.py.
 """
 
 import importlib
+import os
 import re
 import sys
 from dataclasses import fields, is_dataclass
@@ -32,6 +33,7 @@ extensions = [
     "myst_nb",  # loads myst_parser
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
+    "sphinx.ext.intersphinx",
     "sphinx.ext.viewcode",
     "numpydoc",
     "sphinx_gallery.gen_gallery",
@@ -61,7 +63,16 @@ autodoc_typehints = "none"
 autodoc_class_signature = "mixed"
 numpydoc_show_class_members = False
 numpydoc_xref_param_type = True
-DEFAULT_LINKS.clear()  # which lead into the network
+if os.environ.get("READTHEDOCS") == "True":
+    intersphinx_mapping = {
+        "python": ("https://docs.python.org/3/", None),
+        "numpy": ("https://numpy.org/doc/stable/", None),
+        "pandas": ("https://pandas.pydata.org/docs/", None),
+        "scipy": ("https://docs.scipy.org/doc/scipy/", None),
+        "xarray": ("https://docs.xarray.dev/en/stable/", None),
+    }
+else:
+    DEFAULT_LINKS.clear()  # which lead into the network, and so does intersphinx
 numpydoc_xref_aliases = {
     name: f"pymantaray.{folder}.{name}"
     for folder in FOLDERS

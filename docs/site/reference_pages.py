@@ -528,10 +528,9 @@ def interface() -> dict[str, str]:
     return {"reference/api/index.md": index, **pages}
 
 
-def toctree(entries: list[str], *options: str) -> str:
-    """Table of contents of pages."""
-    head = "".join(f":{option}:\n" for option in ("hidden", *options))
-    return f"```{{toctree}}\n{head}\n" + "\n".join(entries) + "\n```\n"
+def toctree(entries: list[str], option: str = "hidden") -> str:
+    """Table of contents of pages; with ``titlesonly`` also a list of links with their titles."""
+    return f"```{{toctree}}\n:{option}:\n\n" + "\n".join(entries) + "\n```\n"
 
 
 def table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:

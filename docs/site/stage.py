@@ -2,10 +2,9 @@
 Lay out the sources of the built documentation: the Markdown pages as they are, an index of each
 folder, the reference.
 
-Run as ``python docs/site/stage.py build/docs-source``; files that do not change are not touched.
+Run as ``python docs/site/stage.py build/docs-source``, a new folder.
 """
 
-import json
 import re
 import shutil
 import sys
@@ -28,7 +27,7 @@ EXAMPLES = ROOT / "examples"
 
 
 def stage(target: Path) -> None:
-    """Write all sources below a folder, and take away what is no source any more."""
+    """Write all sources below a folder."""
     pages = {
         path.relative_to(DOCS).as_posix(): path.read_text(encoding="utf-8") for path in own_pages()
     }
@@ -48,50 +47,29 @@ def stage(target: Path) -> None:
     )
     pages["index.md"] = landing(entrances, pages)
     for name, words in pages.items():
-        write(target / name, without_outside_links(name, words))
-    for figure in (DOCS / "figures").iterdir():
-        (target / "figures").mkdir(exist_ok=True)
-        if figure.suffix in {".png", ".csv"}:
-            shutil.copy2(figure, target / "figures")
-    for name in notebook_names():
-        write(
-            target / "notebooks" / name, (EXAMPLES / "notebooks" / name).read_text(encoding="utf-8")
-        )
-    script = "locate_survey.py"  # a notebook runs it
-    write(target / "examples" / script, (EXAMPLES / script).read_text(encoding="utf-8"))
-    for path in target.rglob("*.md"):
-        if path.relative_to(target).as_posix() not in pages:
-            path.unlink()
-
-
-def notebook_names() -> list[str]:
-    """Files of the notebooks."""
-    return sorted(path.name for path in (EXAMPLES / "notebooks").glob("*.ipynb"))
+        (target / name).parent.mkdir(parents=True, exist_ok=True)
+        (target / name).write_text(without_outside_links(name, words), encoding="utf-8")
+    without_pages = shutil.ignore_patterns("*.md")
+    shutil.copytree(DOCS / "figures", target / "figures", ignore=without_pages, dirs_exist_ok=True)
+    shutil.copytree(EXAMPLES / "notebooks", target / "notebooks", dirs_exist_ok=True)
+    (target / "examples").mkdir(exist_ok=True)
+    shutil.copy2(EXAMPLES / "locate_survey.py", target / "examples")  # a notebook runs it
 
 
 def notebooks() -> str:
     """Index of the notebooks."""
-    entries = [name.removesuffix(".ipynb") for name in notebook_names()]
+    entries = sorted(path.stem for path in (EXAMPLES / "notebooks").glob("*.ipynb"))
     words = (
         "The build of this site runs these notebooks. They are in `examples/notebooks`."
         f" [Run them on Binder]({binder()})."
     )
-    listing = "\n".join(f"- [{notebook_title(entry)}]({entry}.ipynb)" for entry in entries)
-    return f"# Notebooks\n\n{words}\n\n{listing}\n\n" + reference_pages.toctree(entries)
+    return f"# Notebooks\n\n{words}\n\n" + reference_pages.toctree(entries, "titlesonly")
 
 
 def binder() -> str:
     """Address at which Binder runs the notebooks in the environment of ``.binder``."""
     name = urlsplit(repository()).path.strip("/")
     return f"https://mybinder.org/v2/gh/{name}/main?urlpath=lab/tree/examples/notebooks"
-
-
-def notebook_title(name: str) -> str:
-    """Title of a notebook, in its first cell."""
-    cells = json.loads((EXAMPLES / "notebooks" / f"{name}.ipynb").read_text(encoding="utf-8"))[
-        "cells"
-    ]
-    return heading("".join(cells[0]["source"]))
 
 
 def without_outside_links(name: str, words: str) -> str:
@@ -112,14 +90,9 @@ def index_page(folder: str, title: str, ordered: list[str], pages: dict[str, str
     there = [page for page in pages if page.startswith(f"{folder}/") and page.count("/") == 1]
     there.sort(key=lambda page: (ordered.index(page) if page in ordered else len(ordered), page))
     entries = [page.removeprefix(f"{folder}/").removesuffix(".md") for page in there]
-    own = [entry for entry in entries if entry not in GENERATED.get(folder, ())]
-    listing = "\n".join(
-        f"- [{heading(pages[f'{folder}/{entry}.md'])}]({entry}.md)"
-        for entry in [*GENERATED.get(folder, ()), *own]
-    )
-    return f"# {title}\n\n{listing}\n\n" + reference_pages.toctree(
-        [*GENERATED.get(folder, ()), *own]
-    )
+    made = GENERATED.get(folder, [])
+    own = [entry for entry in entries if entry not in made]
+    return f"# {title}\n\n" + reference_pages.toctree([*made, *own], "titlesonly")
 
 
 def records(pages: dict[str, str]) -> str:
@@ -171,13 +144,6 @@ def repository() -> str:
 def heading(page: str) -> str:
     """Title of a page."""
     return re.search(r"^# (.*)", page, re.MULTILINE)[1]
-
-
-def write(path: Path, words: str) -> None:
-    """Write a file unless it is there as it should be."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    if not path.exists() or path.read_text(encoding="utf-8") != words:
-        path.write_text(words, encoding="utf-8")
 
 
 if __name__ == "__main__":

@@ -165,8 +165,8 @@ class OceanAccessor:
         Parameters
         ----------
         source, receiver : array_like, shape (n, 3) or (3,)
-            Latitude, longitude [degrees] and depth [m]; or north, east, down if the data set is in
-            metres. [m]
+            Latitude and longitude in degrees, and depth in metres; north, east, down in metres if
+            the data set is in metres.
         **options
             As in `medium`; also ``max_surface_bounces``, ``max_bottom_bounces`` and
             ``spreading_cutoff_db``.
