@@ -156,7 +156,15 @@ DAMAGE = {
 
 
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
-@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize(
+    "damage",
+    [
+        word
+        if word in ("half an index", "a random kernel")
+        else pytest.param(word, marks=pytest.mark.slow)
+        for word in DAMAGE
+    ],
+)
 def test_damaged_kernels_on_disk_are_compiled_again_with_a_warning(two_files, tmp_path, damage):
     ending, change = DAMAGE[damage]
     folder = tmp_path / "cache"

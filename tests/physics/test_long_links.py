@@ -125,6 +125,8 @@ LINKS = {
     ),
 }
 
+FAST = ("first-arrival-13.2-km", "pair-18.1-km", "other-layer-19.4-km", "pair-7.6-km")
+
 
 def medium_of(name):
     if name != "gulf":
@@ -134,7 +136,10 @@ def medium_of(name):
     return gulf_stream()
 
 
-@pytest.mark.parametrize("link", LINKS)
+@pytest.mark.parametrize(
+    "link",
+    [link if link in FAST else pytest.param(link, marks=pytest.mark.slow) for link in LINKS],
+)
 def test_rays_that_fans_find_from_either_end_are_found(link):
     """
     They were lost: horizontal refraction moves launch angles farther than the distance of two rays.

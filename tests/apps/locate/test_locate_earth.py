@@ -138,7 +138,9 @@ def survey(request):
 
 
 @pytest.mark.parametrize("kind", WRITERS)
-@pytest.mark.parametrize("model", ["known", "scale", "auto"])
+@pytest.mark.parametrize(
+    "model", [*(pytest.param(name, marks=pytest.mark.slow) for name in ("known", "scale")), "auto"]
+)
 def test_depths_of_every_format_are_true_on_the_ellipsoid(told, survey, tmp_path, kind, model):
     done = told("locate", *WRITERS[kind](survey, tmp_path), "--sound-speed", model)
     (node,) = done["nodes"]

@@ -283,10 +283,8 @@ def suspects(events):
     return nodes[nodes["suspect"]]
 
 
-@pytest.mark.parametrize(
-    "errors",
-    ["water", *(pytest.param(name, marks=pytest.mark.slow) for name in ERRORS if name != "water")],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("errors", ERRORS)
 def test_right_nodes_are_suspect_in_at_most_5_percent_of_campaigns(errors):
     """
     With a limit of 4 standard errors from the residuals of one node, 9 to 11 % of these campaigns
@@ -298,7 +296,9 @@ def test_right_nodes_are_suspect_in_at_most_5_percent_of_campaigns(errors):
     assert np.mean(flagged) <= 0.05
 
 
-@pytest.mark.parametrize(("wrong_by", "share"), [(5.0, 0.9), (7.8, 0.98)])
+@pytest.mark.parametrize(
+    ("wrong_by", "share"), [(5.0, 0.9), pytest.param(7.8, 0.98, marks=pytest.mark.slow)]
+)
 def test_a_wrong_node_is_found_among_positions_and_ice(wrong_by, share):
     hits, ratios = 0, []
     for seed in range(60):
