@@ -56,13 +56,31 @@ class Page:
     first_tables: Sequence[ResultTable] = ()  # above everything else
     explorer: Explorer | None = None
     pictures: Sequence[Picture] = ()
+    question: str = ""  # that the first three cards and the picture `lead` answer
+    lead: str = ""
+    long: bool = False  # the interactive part replaces figures and tables until they are unfolded
     tables: Sequence[ResultTable] = ()
     excerpts: Sequence[ResultTable] = ()  # parts of tables, which are not files of their own
     other_tables: Sequence[ResultTable] = ()  # files that the page does not show
     links: Mapping[str, str] | None = None  # other files, by their names for readers
+    made: Sequence[str] = ()  # lines above the tables of `origin`
     origin: Sequence[ResultTable] = ()  # how the results were made
     citation: tuple[str, str] | None = None  # in words and as BibTeX
+    cite: str = "Cite this run"
     references: Sequence[str] = ()
+
+    @property
+    def contents(self) -> dict[str, str]:
+        """Headings of the sections by their names in addresses."""
+        parts = {
+            "answer": (self.question, "Summary"),
+            "look": (self.explorer, "Explore"),
+            "figures": ([p for p in self.pictures if p.name != self.lead], "Figures"),
+            "tables": ([*self.tables, *self.excerpts], "Tables"),
+            "origin": (self.origin, "Provenance"),
+            "cite": (self.citation, self.cite),
+        }
+        return {name: words for name, (content, words) in parts.items() if content}
 
     def html(self) -> str:
         """
@@ -107,7 +125,7 @@ def page_template() -> Template:
     environment.filters["base64"] = lambda content: b64encode(content).decode()
     environment.filters["packed"] = packed
     environment.filters["unbroken"] = _unbroken
-    environment.filters["first"] = lambda table: table.first(_MAX_ROWS)
+    environment.filters["shown"] = lambda table: table.first(_MAX_ROWS).without_empty_columns()
     environment.globals["plotly"] = get_plotlyjs
     return environment.get_template("page.html")
 

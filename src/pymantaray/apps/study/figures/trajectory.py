@@ -34,7 +34,7 @@ class ApePanel:
     log: bool
 
 
-def _shown_over_time(results: RunResults) -> Mapping[str, Array]:
+def shown_over_time(results: RunResults) -> Mapping[str, Array]:
     """
     Errors of all conditions, or of the study's conditions if there are too many estimators for one
     panel.
@@ -46,7 +46,7 @@ def _shown_over_time(results: RunResults) -> Mapping[str, Array]:
 
 
 def _caption_over_time(results: RunResults) -> str:
-    shown = _shown_over_time(results)
+    shown = shown_over_time(results)
     shaded = ", quartiles shaded" if len(shown) <= style.HEADER_LINE else ""
     others = "; estimators are in the next figure" if len(shown) < len(results.errors) else ""
     fixes = "; GNSS fixes are marked at the bottom" if results.fixes.any() else ""
@@ -290,7 +290,7 @@ register(
     place=40,
     caption=_caption_over_time,
     draw=lambda r: error_over_time(
-        r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header
+        r.run.truth.time, r.run.truth.name.tolist(), shown_over_time(r), r.fixes, r.header
     ),
     needs=lambda r: r.run.study.solves,
 )
