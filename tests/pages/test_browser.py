@@ -268,6 +268,16 @@ def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_fil
 
 def test_a_sweep_draws_without_errors_and_by_keyboard(table_opened, table_file):
     page = check_page(table_opened, table_file)
+    # the other key is fixed, so that each line has one point at each place
+    assert {name: y for name, _, y in page.evaluate(DRAWN)} == {
+        "straight": [1, 5, 9],
+        "refracted": [2, 6, 10],
+    }
+    modes = "document.getElementById('chart').data.map((t) => t.mode)"
+    assert page.evaluate(modes) == ["lines+markers"] * 2
+    menu = page.locator("#only select")
+    assert menu.evaluate("(m) => [...m.options].map((o) => o.text)") == ["all", "near", "far"]
+    menu.select_option("all")
     assert {name: y for name, _, y in page.evaluate(DRAWN)} == {
         "straight": [1, 3, 5, 7, 9, 11],
         "refracted": [2, 4, 6, 8, 10, 12],
@@ -275,13 +285,14 @@ def test_a_sweep_draws_without_errors_and_by_keyboard(table_opened, table_file):
     page.focus("#each")
     page.keyboard.press("End")
     assert [(name, y) for name, _, y in page.evaluate(DRAWN)] == [
-        ("far", [3, 4, 7, 8, 11, 12]),
-        ("near", [1, 2, 5, 6, 9, 10]),
+        ("near", [1, 5, 9]),
+        ("far", [3, 7, 11]),
     ]
     page.focus("#only select")
     page.keyboard.press("End")
     assert page.inner_text("#told") == "6 of 12 rows"
-    assert page.evaluate(DRAWN)[1] == ["near", [0.5, 1, 2], [1, 5, 9]]
+    assert page.evaluate(DRAWN)[1] == ["far", [0.5, 1, 2], [4, 8, 12]]
+    assert page.evaluate(modes) == ["lines+markers"] * 2
 
 
 def test_a_comparison_draws_without_errors_and_by_keyboard(comparison_opened, comparison_file):

@@ -7,10 +7,12 @@ import gzip
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from os.path import relpath
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
@@ -62,7 +64,7 @@ class Page:
     tables: Sequence[ResultTable] = ()
     excerpts: Sequence[ResultTable] = ()  # parts of tables, which are not files of their own
     other_tables: Sequence[ResultTable] = ()  # files that the page does not show
-    links: Mapping[str, str] | None = None  # other files, by their names for readers
+    links: Mapping[str, str | Path] | None = None  # files by their names; `Path`: of another folder
     made: Sequence[str] = ()  # lines above the tables of `origin`
     origin: Sequence[ResultTable] = ()  # how the results were made
     citation: tuple[str, str] | None = None  # in words and as BibTeX
@@ -88,6 +90,16 @@ class Page:
         text is escaped.
         """
         return page_template().render(page=self) + "\n"
+
+    def linked_from(self, folder: Path) -> "Page":
+        """Page whose links to other folders are relative to its own folder."""
+        links = {
+            words: quote(Path(relpath(file.resolve(), folder.resolve())).as_posix())
+            if isinstance(file, Path)
+            else file
+            for words, file in (self.links or {}).items()
+        }
+        return replace(self, links=links)
 
     def files(self, formats: Sequence[str] = ()) -> dict[str, bytes]:
         """Files of a report by name: tables as CSV and optionally LaTeX, figures, and the page."""

@@ -35,7 +35,7 @@ def write_page(
     checked_formats(formats)
     with staged_folder(out, name, latest=False) as (stage, folder):
         pictures = draw(specs, formats=formats, progress=progress)
-        write_files(stage, page_of(pictures, record).files(formats))
+        write_files(stage, page_of(pictures, record).linked_from(folder).files(formats))
         others(stage)
         if record:
             write_json(record, stage / f"{name}.json")

@@ -30,7 +30,7 @@ from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.pages import writing as write
-from pymantaray.pages.page import Page as html_page
+from pymantaray.pages import page as page_module
 from pymantaray.records.result_table import ResultTable
 
 OF_THE_PAPER = {
@@ -446,11 +446,11 @@ def test_columns_without_values_are_not_on_a_page():
     frame = pd.DataFrame(
         {"name": ["a", "b"], "rmse_m": [1.0, np.nan], "bound_m": np.nan, "note": "", "n": [0, 0]}
     )
-    text = html_page("Tables", tables=[ResultTable("t", frame)]).html()
+    text = page_module.Page("Tables", tables=[ResultTable("t", frame)]).html()
     heads = re.findall(r"<th[^>]*>([^<]+)</th>", text)
     assert heads == ["name", "RMSE [m]", "N"]
     assert ResultTable("t", frame).to_csv().splitlines()[0] == "name,rmse_m,bound_m,note,n"
-    empty = html_page("Tables", tables=[ResultTable("t", frame.head(0))]).html()
+    empty = page_module.Page("Tables", tables=[ResultTable("t", frame.head(0))]).html()
     assert len(re.findall("<th", empty)) - len(re.findall("<thead", empty)) == 5
 
 

@@ -63,7 +63,7 @@ def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Pag
         links={"Configuration": "config.toml"},
         made=_provenance(results),
         origin=[origin_table(run.manifest, "Manifest", "manifest.json")],
-        citation=_citation(results),
+        citation=citation_of([results]),
         references=run.manifest.get("references", []),
     )
 
@@ -108,31 +108,43 @@ def _words(results: RunResults) -> list[str]:
     return [*lines, *glossary_lines(used)]
 
 
-def _citation(results: RunResults) -> tuple[str, str]:
+def citation_of(runs: Sequence[RunResults]) -> tuple[str, str]:
     """
-    Citation of the run, as text and as BibTeX: the program, its version, and the command that
-    repeats the run.
+    Citation of runs, as text and as BibTeX: the program, its versions, and what repeats the runs.
     """
-    run = results.run
-    manifest = results.run.manifest
-    versions = manifest["versions"]
-    version = versions.get("pymantaray", "unknown")
-    commit = versions.get("git_commit")
-    made = str((manifest.get("made") or {}).get("began", ""))[:10]
-    study = run.study.name
-    seed = run.study.seed
-    which = f"version {version}" + (f", commit {commit[:12]}" if commit else "")
-    digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
-    words = (
-        f"Study {study}, seed {seed}, configuration {digest} (SHA-256 of config.toml), made with"
-        f" MantaRay, {which}"
+    words = " ".join(
+        f"Study {study}, made with MantaRay, {how}." for study, how in map(_made, runs)
     )
-    note = f"{which}; study {study}, seed {seed}, configuration {digest}"
+    versions = dict.fromkeys(_version(r) for r in runs)
+    years = sorted({_began(r)[:4] for r in runs} - {""})
+    note = "; ".join(
+        f"{how.partition(' on ')[0]}; study {study}" for study, how in map(_made, runs)
+    )
     # a page contains no address
     fields = {name: value for name, value in MANTARAY.fields.items() if name != "url"}
-    fields |= {"version": version, "note": note}
-    fields |= {"year": made[:4]} if made else {}
-    return f"{words}{f' on {made}' if made else ''}.", replace(MANTARAY, fields=fields).bibtex
+    fields |= {"version": ", ".join(versions), "note": note}
+    fields |= {"year": years[-1]} if years else {}
+    return words, replace(MANTARAY, fields=fields).bibtex
+
+
+def _version(results: RunResults) -> str:
+    return str(results.run.manifest["versions"].get("pymantaray", "unknown"))
+
+
+def _began(results: RunResults) -> str:
+    """Day on which a run began; empty if it does not say so."""
+    return str((results.run.manifest.get("made") or {}).get("began", ""))[:10]
+
+
+def _made(results: RunResults) -> tuple[str, str]:
+    """Study with seed and configuration of a run, and version and day of its program."""
+    run = results.run
+    commit = run.manifest["versions"].get("git_commit")
+    digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
+    study = f"{run.study.name}, seed {run.study.seed}, configuration {digest}"
+    which = f"version {_version(results)}" + (f", commit {commit[:12]}" if commit else "")
+    day = _began(results)
+    return f"{study} (SHA-256 of config.toml)", f"{which}{f' on {day}' if day else ''}"
 
 
 def headlines(results: RunResults) -> list[Card]:
