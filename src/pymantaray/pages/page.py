@@ -24,6 +24,12 @@ from pymantaray.records import whole_file
 from pymantaray.records.result_table import ResultTable
 
 _MAX_ROWS = 500  # of a table on a page
+# folders of an absolute path, in quotes if they contain spaces; not of an address, which has ://
+_ROOT = r"(?:file://)?(?:~|[A-Za-z]:)?[/\\]"
+_FOLDERS = re.compile(
+    rf"(?<![\w/\\.:~])(?:(?P<quote>['\"]){_ROOT}(?:[^'\"/\\]+[/\\])*(?=[^'\"]*(?P=quote))"
+    rf"|{_ROOT}(?:[^\s'\",;/\\]+[/\\])*(?=[^\s'\",;/\\]))"
+)
 _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?:m|km|s|ms|h|dB|%)(?![\w]))|(?<=m) (?=± )|(?<=±) ")
 
 
@@ -136,6 +142,7 @@ def page_template() -> Template:
     )
     environment.filters["base64"] = lambda content: b64encode(content).decode()
     environment.filters["packed"] = packed
+    environment.filters["public"] = without_folders
     environment.filters["unbroken"] = _unbroken
     environment.filters["shown"] = lambda table: table.first(_MAX_ROWS).without_empty_columns()
     environment.globals["plotly"] = get_plotlyjs
@@ -165,7 +172,21 @@ def entries(content: Any, path: str = "") -> Iterator[tuple[str, str]]:
         for name, item in content.items():
             yield from entries(item, f"{path} / {name}" if path else str(name))
     elif isinstance(content, list):
-        texts = [str(item) for item in content]
+        texts = [_text(item) for item in content]
         yield path, ("\n" if any(", " in text for text in texts) else ", ").join(texts) or "none"
     else:
-        yield path, "none" if content in (None, {}) else str(content)
+        yield path, "none" if content in (None, {}) else _text(content)
+
+
+def _text(value: object) -> str:
+    """Text of a value, without the rounding errors of computed floating-point numbers."""
+    return str(float(f"{value:.12g}")) if isinstance(value, float) else str(value)
+
+
+def without_folders(text: str) -> str:
+    """
+    Text whose local paths are names of files, since the folders are those of another machine.
+
+    Addresses and relative paths do not change.
+    """
+    return _FOLDERS.sub(lambda match: match["quote"] or "", text)

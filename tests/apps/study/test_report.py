@@ -29,8 +29,8 @@ from pymantaray.config.headings import key_heading
 from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
-from pymantaray.pages import writing as write
 from pymantaray.pages import page as page_module
+from pymantaray.pages import writing as write
 from pymantaray.records.result_table import ResultTable
 
 OF_THE_PAPER = {
@@ -152,10 +152,20 @@ def test_tables_for_a_paper_are_those_of_the_page(reported):
         assert not [line for line in lines if re.search(r"(?<!\\)[%#]|−|²", line)], file.name
 
 
+def test_a_report_has_figures_for_one_column_if_asked(made_run, tmp_path, monkeypatch):
+    folder = made_run(realizations=1).write(tmp_path / "run")
+    without_drawing(monkeypatch)
+    text = write_report(folder, formats=["84mm"]).read_text(encoding="utf-8")
+    files = {path.name for path in (folder / "figures").glob("*.pdf")}
+    assert files == {f"{n}.84mm.pdf" for n in ("error_over_time", "factor_graph", "fleet_layout")}
+    assert all(f'href="figures/{name}"' in text for name in files)
+    assert all(f'href="figures/{name.partition(".")[0]}.png"' in text for name in files)
+
+
 def test_an_unknown_format_is_one_clear_line(tmp_path):
     refused(
         ReportError,
-        "format 'jpg': unknown; allowed: png, pdf, svg, tex",
+        "format 'jpg': unknown; allowed: png, pdf, svg, tex, 84mm",
         write_report,
         tmp_path,
         formats=("jpg",),

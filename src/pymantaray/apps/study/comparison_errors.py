@@ -29,16 +29,13 @@ def run_differences(runs: Mapping[str, RunResults], *, confidence: float = 0.95)
         other = runs[baseline]
         paired = one.run.study.seed == other.run.study.seed
         for condition in [c for c in one.errors if c in other.errors]:
-            a, b = (_of_realizations(r, condition) for r in (one, other))
-            if paired:
-                a, b = a.align(b, join="inner")
-                usable = a.notna() & b.notna()
-                a, b = a[usable], b[usable]
-            a, b = a.dropna().to_numpy(), b.dropna().to_numpy()
+            pair = pd.concat([_of_realizations(r, condition) for r in (one, other)], axis=1)
+            pair = pair.dropna() if paired else pair
+            a, b = (pair[column].dropna().to_numpy() for column in pair)
             counts = str(a.size) if paired else f"{a.size} and {b.size}"
             means = (float(values.mean()) if values.size else np.nan for values in (a, b))
-            pair = (condition, name, baseline, "yes" if paired else "no", counts)
-            rows.append((*pair, *means, *_interval(a, b, confidence, paired=paired)))
+            keys = (condition, name, baseline, "yes" if paired else "no", counts)
+            rows.append((*keys, *means, *_interval(a, b, confidence, paired=paired)))
     return pd.DataFrame(rows, columns=_COLUMNS)
 
 

@@ -13,8 +13,8 @@ import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
 
-from pymantaray.apps.study.comparison_figures import quantiles_by_run
 from pymantaray.apps.study.comparison_errors import run_differences
+from pymantaray.apps.study.comparison_figures import quantiles_by_run
 from pymantaray.apps.study.figures.ranging import range_error_histogram
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.figures.trajectory import ApePanel, pooled_ape
@@ -46,6 +46,9 @@ SUMMARY = (
     "ate_run_difference",
 )
 """Tables that `mantaray study compare` prints."""
+_FIRST = ("ate_run_difference", "configuration")
+"""Tables at the top of the page."""
+_MAX_DIFFERENCES = 20  # of configurations that are not folded
 _NO_KEY = "–"  # of a configuration that has not the key
 _CAPTIONS = {
     "configuration": "Differences of the configurations",
@@ -214,6 +217,7 @@ def _result_tables(frames: Mapping[str, pd.DataFrame]) -> dict[str, ResultTable]
             frames[name],
             caption,
             by_row=name not in _ONE_QUANTITY,
+            folded=name == "configuration" and len(frames[name]) > _MAX_DIFFERENCES,
             paper=_TABLES_OF_PAPER.get(name, ""),
         )
         for name, caption in _CAPTIONS.items()
@@ -449,7 +453,8 @@ def _page(
     runs: Mapping[str, RunResults], tables: Mapping[str, ResultTable], pictures: Sequence[Picture]
 ) -> Page:
     synthetic = [name for name, r in runs.items() if r.synthetic]
-    differences, *others = tables.values()
+    first = [tables[name] for name in _FIRST if name in tables]
+    others = [table for name, table in tables.items() if name not in _FIRST]
     return Page(
         title=in_words(list(runs)),
         facts=[
@@ -458,8 +463,8 @@ def _page(
         ],
         notes=[f"{', '.join(synthetic)}: {SYNTHETIC_NOTE}"] if synthetic else [],
         links={f"Run {name}": _page_of(r) for name, r in runs.items()},
-        first_tables=[differences],
-        explorer=_explorer(runs, differences.frame),
+        first_tables=first,
+        explorer=_explorer(runs, tables["configuration"].frame),
         pictures=pictures,
         tables=others,
         citation=citation_of(list(runs.values())),

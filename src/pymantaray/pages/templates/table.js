@@ -3,8 +3,12 @@ start((data) => {
   const rows = columns[data.up[0]].length;
   const label = (name) => labels[name] ?? name;
   const isNumber = (name) => typeof columns[name].find((value) => value !== null) === "number";
-  // numbers in their order, words as the table has them, which is the order of the configuration
-  const known = (name) => [...new Set(columns[name])].sort((a, b) => (isNumber(name) ? a - b : 0));
+  // numbers in their order; words of results in that of the table, which is the order of the configuration, words of events by letter
+  const known = (name) => {
+    const values = [...new Set(columns[name])];
+    if (isNumber(name)) return values.sort((a, b) => a - b);
+    return data.lines ? values : values.sort((a, b) => String(a).localeCompare(String(b)));
+  };
   const fill = (id, names, none) => at(id).replaceChildren(...(none ? [new Option(none, "")] : []), ...names.map((name) => new Option(label(name), name)));
   const menus = () => [...at("only").querySelectorAll("select")];
   function narrow() {

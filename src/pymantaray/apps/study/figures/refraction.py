@@ -17,7 +17,7 @@ from pymantaray.pages import style
 def refraction(ranges: Array, errors: Mapping[str, Array], header: str) -> Figure:
     """Histogram of range errors, and mean and quartiles of the position errors by condition."""
     figure = style.new_figure(style.DOUBLE, 2.2, header)
-    counts, *others = np.atleast_1d(figure.subplots(1, 2 if errors else 1))
+    counts, *others = figure.subplots(1, 2 if errors else 1, squeeze=False)[0]
     draw_range_errors(counts, ranges)
     style.panel_title(counts, "a", "range error")
     style.common_legend(figure, counts.get_legend_handles_labels()[0])
