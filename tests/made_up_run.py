@@ -39,6 +39,8 @@ class Made:
     synthetic: int = 1
     description: str = "made up"
     rays: bool = True
+    seed: int = 20140715
+    scale: float = 1.0  # of position errors
 
     def records(self, seed=5):
         """Truth, measurements without noise, their truth, estimates."""
@@ -62,7 +64,9 @@ class Made:
         status = np.where(lost, rng.choice([1, 2, 3, 4, 5], len(attempts)), int(RayStatus.OK))
         ranges = factories.ranges(truth, rng, attempts, status=status, landmarks=marks)
         shape = (len(self.conditions), self.realizations, *position.shape)
-        scale = np.resize([50.0, 3.0, 9.0, 2.0, 40.0], shape[0])[:, None, None, None, None]
+        scale = (
+            self.scale * np.resize([50.0, 3.0, 9.0, 2.0, 40.0], shape[0])[:, None, None, None, None]
+        )
         solved = factories.estimates(
             truth, position + scale * rng.standard_normal(shape), self.conditions
         )
@@ -76,6 +80,7 @@ class Made:
         folder.mkdir(parents=True, exist_ok=True)
         config = load_study("quick")
         study = {"realizations": self.realizations, "description": self.description}
+        study["seed"] = self.seed
         source = ("synthetic:beaufort",) if self.synthetic else ("somewhere.nc",)
         changes = {
             "study": config.study.model_copy(update=study),

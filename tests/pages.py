@@ -7,11 +7,11 @@ say is in `MARKS`. A block of text, or without a language, behind one that ran i
 """
 
 import contextlib
+import gzip
 import io
 import os
 import re
 import runpy
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable
@@ -198,9 +198,8 @@ def _graph(folder: Path) -> None:
     """A factor graph of the latest run."""
     if not (folder / "runs").exists():
         _run(folder)
-    shutil.copy2(
-        folder / "runs" / "latest" / "pyfg" / "realization-0-refracted.pyfg", folder / "graph.pyfg"
-    )
+    graph = folder / "runs" / "latest" / "pyfg" / "realization-0-refracted.pyfg.gz"
+    (folder / "graph.pyfg").write_bytes(gzip.decompress(graph.read_bytes()))
 
 
 def _study(folder: Path) -> None:

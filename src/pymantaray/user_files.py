@@ -3,14 +3,16 @@ Opening of the files that a user names: regular files only, with a limit of size
 for each cause.
 """
 
+import gzip
 import os
 import re
 import stat
 import tomllib
+import zlib
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from fnmatch import fnmatchcase
-from io import TextIOWrapper
+from io import BytesIO, TextIOWrapper
 from pathlib import Path
 from typing import IO, Any
 
@@ -18,6 +20,7 @@ from pymantaray.messages import printable
 
 Refusal = Callable[[str], Exception]
 """Class of errors of the caller's folder."""
+GZIP = ".gz"
 MAX_BYTES = 200_000_000
 """A 24 Hz CTD writes 600,000 rows of at most 300 bytes on a cast to 12 km and back at 1 m/s."""
 _MAX_SEARCHED = 200_000  # files and folders that one pattern may visit
@@ -90,14 +93,38 @@ def read_text(
         raise refusal(f"{shown(path)}: cannot be read: not UTF-8 text; save it as UTF-8") from None
 
 
+def is_gzip(path: str | Path) -> bool:
+    """True if the name of a file says that it is compressed by gzip."""
+    return Path(path).suffix == GZIP
+
+
+def _decompressed(file: IO[bytes], path: str | Path, refusal: Refusal, limit: int) -> IO[bytes]:
+    """Content of a gzip file, whose limit of size is that of its content too."""
+    try:
+        with gzip.GzipFile(fileobj=file) as whole:
+            content = whole.read(limit + 1)
+    except (gzip.BadGzipFile, EOFError, zlib.error) as error:
+        raise refusal(
+            f"{shown(path)}: cannot be read: not a complete gzip file ({error}); name an intact"
+            " file"
+        ) from None
+    if len(content) > limit:
+        raise _too_large(path, refusal, limit)
+    return BytesIO(content)
+
+
 @contextmanager
 def open_text(
     path: str | Path, refusal: Refusal, *, what: str = "a text file", limit: int = MAX_BYTES
 ) -> Iterator[IO[str]]:
-    """Open a regular file of UTF-8 text for reading line by line, as `open_regular`."""
+    """
+    Open a regular file of UTF-8 text for reading line by line, as `open_regular`; a file whose name
+    ends in ``.gz`` is decompressed.
+    """
     try:
         with open_regular(path, refusal, what=what, limit=limit) as file:
-            yield TextIOWrapper(file, encoding="utf-8-sig", newline=None)
+            content = _decompressed(file, path, refusal, limit) if is_gzip(path) else file
+            yield TextIOWrapper(content, encoding="utf-8-sig", newline=None)
     except UnicodeDecodeError:
         raise refusal(f"{shown(path)}: cannot be read: not UTF-8 text; save it as UTF-8") from None
 

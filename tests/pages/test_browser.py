@@ -170,6 +170,9 @@ SIDEWAYS = (
 )
 
 
+UNFOLD = "document.querySelectorAll('.part').forEach((part) => { part.open = true; })"
+
+
 def open_page(chromium, file, width, scheme):
     context = chromium.new_context(
         viewport={"width": width, "height": 900}, color_scheme=scheme, reduced_motion="reduce"
@@ -180,6 +183,7 @@ def open_page(chromium, file, width, scheme):
     page.on("request", lambda request: asked.append(request.url))
     page.goto(file.as_uri())
     page.wait_for_selector("html[data-ready=yes]", timeout=120_000)
+    page.evaluate(UNFOLD)
     yield SimpleNamespace(page=page, said=said, asked=asked)
     context.close()
 
@@ -264,6 +268,16 @@ def test_it_draws_without_errors_or_requests_and_fits_the_width(opened, page_fil
 
 def test_a_sweep_draws_without_errors_and_by_keyboard(table_opened, table_file):
     page = check_page(table_opened, table_file)
+    # the other key is fixed, so that each line has one point at each place
+    assert {name: y for name, _, y in page.evaluate(DRAWN)} == {
+        "straight": [1, 5, 9],
+        "refracted": [2, 6, 10],
+    }
+    modes = "document.getElementById('chart').data.map((t) => t.mode)"
+    assert page.evaluate(modes) == ["lines+markers"] * 2
+    menu = page.locator("#only select")
+    assert menu.evaluate("(m) => [...m.options].map((o) => o.text)") == ["all", "near", "far"]
+    menu.select_option("all")
     assert {name: y for name, _, y in page.evaluate(DRAWN)} == {
         "straight": [1, 3, 5, 7, 9, 11],
         "refracted": [2, 4, 6, 8, 10, 12],
@@ -271,13 +285,14 @@ def test_a_sweep_draws_without_errors_and_by_keyboard(table_opened, table_file):
     page.focus("#each")
     page.keyboard.press("End")
     assert [(name, y) for name, _, y in page.evaluate(DRAWN)] == [
-        ("far", [3, 4, 7, 8, 11, 12]),
-        ("near", [1, 2, 5, 6, 9, 10]),
+        ("near", [1, 5, 9]),
+        ("far", [3, 7, 11]),
     ]
     page.focus("#only select")
     page.keyboard.press("End")
     assert page.inner_text("#told") == "6 of 12 rows"
-    assert page.evaluate(DRAWN)[1] == ["near", [0.5, 1, 2], [1, 5, 9]]
+    assert page.evaluate(DRAWN)[1] == ["far", [0.5, 1, 2], [4, 8, 12]]
+    assert page.evaluate(modes) == ["lines+markers"] * 2
 
 
 def test_a_comparison_draws_without_errors_and_by_keyboard(comparison_opened, comparison_file):
@@ -703,6 +718,76 @@ def test_tables_sort_and_filter_by_keyboard(opened):
         " [r.hidden, r.textContent])"
     )
     assert all(hidden == ("refracted" not in text.lower()) for hidden, text in folded)
+
+
+SECTIONS = ("figures", "tables", "origin", "cite")
+
+
+def seen(page):
+    """Sections of a page whose content can be seen."""
+    return [name for name in SECTIONS if page.locator(f"#{name} > *").first.is_visible()]
+
+
+@pytest.mark.parametrize("width", [390, 1440])
+def test_sections_fold_and_a_link_unfolds_its_own(chromium, page_file, width):
+    page = chromium.new_page(viewport={"width": width, "height": 900})
+    page.goto(page_file.as_uri())
+    page.wait_for_selector("html[data-ready=yes]", timeout=120_000)
+    assert seen(page) == []
+    assert page.evaluate("document.documentElement.scrollHeight") < (5000 if width > 999 else 7500)
+    for name in SECTIONS[:2]:
+        page.click(f".contents a[href='#{name}']")
+        assert name in seen(page)
+        bar = page.locator(".contents").bounding_box()
+        assert abs(bar["y"]) < 2, "contents stay in sight"
+        assert bar["height"] < 50
+        assert bar["height"] <= page.locator(f"#{name}").bounding_box()["y"] + 1 < 450
+    page.emulate_media(media="print")
+    assert seen(page) == list(SECTIONS)
+    page.emulate_media(media="screen")
+    page.goto("about:blank")
+    page.goto(f"{page_file.as_uri()}#range_error")
+    page.wait_for_selector("html[data-ready=yes]", timeout=120_000)
+    assert seen(page) == ["figures"]
+    assert 0 < page.locator("#range_error").bounding_box()["y"] < 450
+    page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(
+    "kind", ["page", "table", "atlas", "comparison", "replay", "plan", "location"]
+)
+def test_without_javascript_all_that_is_static_shows(chromium, request, kind, scheme):
+    file = request.getfixturevalue(f"{kind}_file")
+    context = chromium.new_context(java_script_enabled=False, color_scheme=scheme)
+    page = context.new_page()
+    page.goto(file.as_uri())
+    assert page.locator("#look").is_visible() is False
+    assert page.locator(":is(button, select, input):visible").count() == 0
+    assert page.locator("main noscript .note").count() == (kind != "location")
+    assert all(image.is_visible() for image in page.locator("figure img").all())
+    folded = page.locator("details:not(.part) table").count()
+    assert page.locator("table:visible").count() == page.locator("table").count() - folded
+    assert page.locator("table:visible, figure img:visible").count() > 0 or kind == "atlas"
+    for link in page.locator(".contents a:visible").all():
+        assert page.locator(link.get_attribute("href")).count() == 1
+    context.close()
+
+
+@pytest.mark.parametrize("kind", ["page", "table", "comparison", "replay", "plan", "location"])
+def test_heads_of_tables_have_one_line_and_tables_the_width(chromium, request, kind):
+    page = chromium.new_page(viewport={"width": 2560, "height": 900})
+    page.goto(request.getfixturevalue(f"{kind}_file").as_uri())
+    page.evaluate("document.querySelectorAll('details').forEach((part) => { part.open = true; })")
+    heads = page.evaluate(
+        "[...document.querySelectorAll('thead tr')].map((r) => [r.offsetHeight,"
+        " 2 * parseFloat(getComputedStyle(r).lineHeight)])"
+    )
+    assert heads
+    assert all(height < two for height, two in heads)
+    assert page.evaluate("document.querySelector('main').offsetWidth") > 2200
+    assert page.evaluate(SIDEWAYS) == []
+    page.close()
 
 
 def test_in_print_the_figures_stay_and_the_controls_go(opened):

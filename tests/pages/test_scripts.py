@@ -35,16 +35,23 @@ SCRIPTS = {
 
 
 class Parts(HTMLParser):
-    """Names of a page's elements in their order, and its scripts by their names."""
+    """
+    Names of a page's elements in their order, those that are hidden, its links to them, and its
+    scripts by their names.
+    """
 
     def __init__(self, text):
         super().__init__()
         self.names, self.scripts, self.within = [], [], None
+        self.hidden, self.links, self.text = set(), [], text
         self.feed(text)
 
     def handle_starttag(self, tag, attrs):
         name = dict(attrs).get("id")
         self.names += [name] if name else []
+        self.hidden |= {name or tag} if "hidden" in dict(attrs) else set()
+        link = dict(attrs).get("href", "")
+        self.links += [link[1:]] if link.startswith("#") and "hidden" not in dict(attrs) else []
         self.within = (name, dict(attrs).get("type")) if tag == "script" else None
 
     def handle_endtag(self, tag):
@@ -142,3 +149,15 @@ def test_all_that_a_script_fills_and_reads_is_on_its_page(page):
 def test_bounces_of_a_replay_are_words():
     values = json.loads(unpacked(Parts(replay_page()).scripts[0][2]))["columns"]["bounces"]
     assert values == ["0 bounces", "1 bounce", "none predicted"]
+
+
+def test_without_a_script_nothing_is_dead(page):
+    """The interactive part and the link to it are hidden until the script shows them."""
+    _, parts = page
+    assert "look" in parts.hidden
+    assert set(parts.links) <= set(parts.names) - {"look"}
+    assert "<noscript>" in parts.text
+    own = parts.text.partition('<section id="look"')
+    rest = own[0] + own[2].partition("</section>")[2].partition("<script")[0]
+    assert not re.search("<(button|select|input|canvas)", rest)
+    assert all(" open" in part for part in re.findall('<details class="part"[^>]*>', rest))

@@ -106,7 +106,17 @@ def test_a_file_keeps_every_bit_and_names_its_content_and_units(kind, empty, tmp
     record = filled(kind, empty)
     for _ in range(2):  # saving again replaces
         record.save(tmp_path / "record.nc")
-    assert_equal(kind.load(tmp_path / "record.nc"), record)
+    loaded = kind.load(tmp_path / "record.nc")
+    for f in kind._columns():
+        step, digits = f.metadata["step"], f.metadata["digits"]
+        if step or digits:  # columns that a file holds with a stated precision
+            own, other = getattr(record, f.name), getattr(loaded, f.name)
+            scale = 0.5 * np.asarray(step) if step else 0.5 * 10.0 ** (1 - digits) * np.abs(other)
+            assert (np.isnan(own) == np.isnan(other)).all()
+            allowed = scale * (1.0 + 1e-6) + 1e-7 * (own.dtype == "f4")
+            assert ((np.abs(own - other) <= allowed) | np.isnan(own)).all(), f.name
+            loaded = replace(loaded, **{f.name: own})
+    assert_equal(loaded, record)
     assert [p.name for p in tmp_path.iterdir()] == ["record.nc"]
     data = read_netcdf(tmp_path / "record.nc", decode_times=False)
     assert data.attrs["mantaray_record"] == kind.kind
@@ -115,6 +125,38 @@ def test_a_file_keeps_every_bit_and_names_its_content_and_units(kind, empty, tmp
         assert data[name].dims == f.metadata["dims"]
         assert data[name].attrs["long_name"] == f.metadata["long_name"]
         assert f.name == "time" or data[name].attrs.get("units", "") == f.metadata["units"]
+
+
+def test_packed_columns_keep_large_values_and_unit_quaternions(tmp_path):
+    """Values beyond 32 bits of steps stay as they are; rounded quaternions have length one."""
+    own = filled(Estimates)
+    turn = np.array([0.6, 0.0, -0.48, 0.64])
+    small = replace(own, quaternion=np.broadcast_to(turn, own.quaternion.shape))
+    small.save(tmp_path / "small.nc")
+    read = Estimates.load(tmp_path / "small.nc").quaternion.astype(float)
+    np.testing.assert_allclose(np.linalg.norm(read, axis=-1), 1.0, rtol=0, atol=2e-7)
+    np.testing.assert_allclose(read, small.quaternion, rtol=0, atol=1e-5)
+    far = replace(own, position=own.position + 1e7)
+    far.save(tmp_path / "far.nc")
+    np.testing.assert_array_equal(Estimates.load(tmp_path / "far.nc").position, far.position)
+    with xr.open_dataset(tmp_path / "small.nc") as data:
+        assert data.position.encoding["scale_factor"] == 2e-4
+        assert data.position.encoding["dtype"] == np.int32
+
+
+def test_long_variables_are_compressed_and_keep_every_bit(tmp_path):
+    values = np.random.default_rng(1).normal(size=20000)
+    time = np.datetime64("2024-01-01T00:00:00.123456789") + np.arange(20000) * np.timedelta64(
+        1, "ns"
+    )
+    data = xr.Dataset({"x": ("t", np.round(values, 1)), "y": ("t", values)}, {"t": time})
+    write_netcdf(data, tmp_path / "x.nc")
+    assert (tmp_path / "x.nc").stat().st_size < 0.75 * data.nbytes
+    read = read_netcdf(tmp_path / "x.nc")
+    for name in data.variables:
+        np.testing.assert_array_equal(read[name], data[name])
+    write_netcdf(read, tmp_path / "again.nc")  # with the encoding of a file
+    np.testing.assert_array_equal(read_netcdf(tmp_path / "again.nc")["y"], values)
 
 
 def test_labels_flags_and_dates_are_what_xarray_selects_by(tmp_path):

@@ -684,8 +684,8 @@ Formats = Annotated[
     typer.Option(
         "--format",
         metavar="NAME,...",
-        help="For a paper: figures as png (300 dpi), pdf or svg in journal widths, tables as tex;"
-        " several with commas.",
+        help="For a paper: figures as png (300 dpi), pdf or svg in journal widths, tables as tex,"
+        " 84mm for layouts of one column; several with commas.",
         rich_help_panel=OUTPUT,
     ),
 ]

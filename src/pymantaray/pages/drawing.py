@@ -28,14 +28,15 @@ class Picture(NamedTuple):
 @dataclass(frozen=True)
 class FigureSpec:
     """
-    A figure of a report: file name without suffix, caption, function that draws it, and counterpart
-    in the paper.
+    A figure of a report: file name without suffix, caption, function that draws it, counterpart in
+    the paper, and function that draws it for one column of a journal, if it needs another layout.
     """
 
     name: str
     caption: str
     draw: Callable[[], Figure]
     paper: str = ""
+    column: Callable[[], Figure] | None = None
 
 
 def with_source(caption: str, *, synthetic: bool) -> str:

@@ -7,10 +7,12 @@ import gzip
 import re
 from base64 import b64encode
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from os.path import relpath
 from pathlib import Path
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 import pandas as pd
 from jinja2 import Environment, PackageLoader, StrictUndefined, Template
@@ -22,6 +24,12 @@ from pymantaray.records import whole_file
 from pymantaray.records.result_table import ResultTable
 
 _MAX_ROWS = 500  # of a table on a page
+# folders of an absolute path, in quotes if they contain spaces; not of an address, which has ://
+_ROOT = r"(?:file://)?(?:~|[A-Za-z]:)?[/\\]"
+_FOLDERS = re.compile(
+    rf"(?<![\w/\\.:~])(?:(?P<quote>['\"]){_ROOT}(?:[^'\"/\\]+[/\\])*(?=[^'\"]*(?P=quote))"
+    rf"|{_ROOT}(?:[^\s'\",;/\\]+[/\\])*(?=[^\s'\",;/\\]))"
+)
 _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?:m|km|s|ms|h|dB|%)(?![\w]))|(?<=m) (?=± )|(?<=±) ")
 
 
@@ -56,13 +64,31 @@ class Page:
     first_tables: Sequence[ResultTable] = ()  # above everything else
     explorer: Explorer | None = None
     pictures: Sequence[Picture] = ()
+    question: str = ""  # that the first three cards and the picture `lead` answer
+    lead: str = ""
+    long: bool = False  # the interactive part replaces figures and tables until they are unfolded
     tables: Sequence[ResultTable] = ()
     excerpts: Sequence[ResultTable] = ()  # parts of tables, which are not files of their own
     other_tables: Sequence[ResultTable] = ()  # files that the page does not show
-    links: Mapping[str, str] | None = None  # other files, by their names for readers
+    links: Mapping[str, str | Path] | None = None  # files by their names; `Path`: of another folder
+    made: Sequence[str] = ()  # lines above the tables of `origin`
     origin: Sequence[ResultTable] = ()  # how the results were made
     citation: tuple[str, str] | None = None  # in words and as BibTeX
+    cite: str = "Cite this run"
     references: Sequence[str] = ()
+
+    @property
+    def contents(self) -> dict[str, str]:
+        """Headings of the sections by their names in addresses."""
+        parts = {
+            "answer": (self.question, "Summary"),
+            "look": (self.explorer, "Explore"),
+            "figures": ([p for p in self.pictures if p.name != self.lead], "Figures"),
+            "tables": ([*self.tables, *self.excerpts], "Tables"),
+            "origin": (self.origin, "Provenance"),
+            "cite": (self.citation, self.cite),
+        }
+        return {name: words for name, (content, words) in parts.items() if content}
 
     def html(self) -> str:
         """
@@ -70,6 +96,16 @@ class Page:
         text is escaped.
         """
         return page_template().render(page=self) + "\n"
+
+    def linked_from(self, folder: Path) -> "Page":
+        """Page whose links to other folders are relative to its own folder."""
+        links = {
+            words: quote(Path(relpath(file.resolve(), folder.resolve())).as_posix())
+            if isinstance(file, Path)
+            else file
+            for words, file in (self.links or {}).items()
+        }
+        return replace(self, links=links)
 
     def files(self, formats: Sequence[str] = ()) -> dict[str, bytes]:
         """Files of a report by name: tables as CSV and optionally LaTeX, figures, and the page."""
@@ -106,8 +142,9 @@ def page_template() -> Template:
     )
     environment.filters["base64"] = lambda content: b64encode(content).decode()
     environment.filters["packed"] = packed
+    environment.filters["public"] = without_folders
     environment.filters["unbroken"] = _unbroken
-    environment.filters["first"] = lambda table: table.first(_MAX_ROWS)
+    environment.filters["shown"] = lambda table: table.first(_MAX_ROWS).without_empty_columns()
     environment.globals["plotly"] = get_plotlyjs
     return environment.get_template("page.html")
 
@@ -135,7 +172,21 @@ def entries(content: Any, path: str = "") -> Iterator[tuple[str, str]]:
         for name, item in content.items():
             yield from entries(item, f"{path} / {name}" if path else str(name))
     elif isinstance(content, list):
-        texts = [str(item) for item in content]
+        texts = [_text(item) for item in content]
         yield path, ("\n" if any(", " in text for text in texts) else ", ").join(texts) or "none"
     else:
-        yield path, "none" if content in (None, {}) else str(content)
+        yield path, "none" if content in (None, {}) else _text(content)
+
+
+def _text(value: object) -> str:
+    """Text of a value, without the rounding errors of computed floating-point numbers."""
+    return str(float(f"{value:.12g}")) if isinstance(value, float) else str(value)
+
+
+def without_folders(text: str) -> str:
+    """
+    Text whose local paths are names of files, since the folders are those of another machine.
+
+    Addresses and relative paths do not change.
+    """
+    return _FOLDERS.sub(lambda match: match["quote"] or "", text)

@@ -11,6 +11,7 @@ from io import BytesIO
 from itertools import cycle, islice
 from pathlib import Path
 from string import ascii_lowercase
+from textwrap import wrap
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
@@ -22,6 +23,7 @@ from matplotlib.axis import Axis
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import Colormap, LinearSegmentedColormap, to_hex
 from matplotlib.figure import Figure
+from matplotlib.legend import Legend
 from matplotlib.lines import Line2D
 from matplotlib.patheffects import AbstractPathEffect, withStroke
 from matplotlib.ticker import (
@@ -31,6 +33,7 @@ from matplotlib.ticker import (
     MaxNLocator,
     NullFormatter,
 )
+from PIL import Image
 
 from pymantaray.errors import WriteError
 from pymantaray.jobs.progress import Progress
@@ -43,6 +46,8 @@ with warnings.catch_warnings():
 
 COLUMN, DOUBLE = 84.0 / 25.4, 174.0 / 25.4
 """Widths of one column and of both in journals: 84 and 174 mm. [in]"""
+_HEADER_LINE_HEIGHT = 0.125  # [in]
+_HEADER_TOP = 0.04  # inches above a header
 HEADER_LINE = 4
 """Maximum number of legend entries on the line of the header, for figures over both columns."""
 
@@ -95,7 +100,9 @@ _SIGNS = dict(
     zip(("o", ".", *_MARKERS[1:], "x", "+"), "●●■◆▲▼◀▶⬟⬢♦×+", strict=True)
 )  # of markers in text
 _FITS = 28  # characters of a name on a figure
-_FITS_ABOVE = 16  # beside a legend of `HEADER_LINE` entries
+_LETTERS_PER_INCH = 19.0  # of a header
+_SYNTHETIC = "synthetic ocean"
+_HEADER_GAP = 6.0  # points between a header and a legend on its line
 
 with as_file(files("pymantaray.pages") / "mantaray.mplstyle") as _file:
     _STYLE: Any = ["default", mpl.rc_params_from_file(_file, use_default_template=False)]
@@ -109,9 +116,12 @@ def _stretch(colormap: Colormap, low: float, high: float) -> Colormap:
 
 
 SOUND_SPEED = _stretch(cmocean.cm.ice, 0.99, 0.55)
-"""Light blues: black, grey and orange lines stand out on all of them."""
-WATER = _stretch(cmocean.cm.thermal, 0.12, 0.98)
-"""Sound speed where its structure is the subject: slow dark, fast light."""
+"""
+Sound speed in all figures and pages: light blues, slow light, fast dark. Black, grey and orange
+lines stand out on all of them.
+"""
+LEVELS = _stretch(cmocean.cm.thermal, 0.12, 0.98)
+"""Range errors and shares on maps of an atlas."""
 FLOOR = _stretch(cmocean.cm.deep, 0.04, 0.85)
 """Depth of the sea floor in plan: shallow light, deep dark."""
 
@@ -135,26 +145,34 @@ def new_figure(
 ) -> Figure:
     """
     Empty figure with a size in inches and a small header that describes the water; pyplot does not
-    know it.
+    know it. A header of more than one line makes it higher.
 
     Without a layout engine, the caller places the axes, which is necessary for three-dimensional
     ones.
     """
+    together = plain(header).replace(_SYNTHETIC, _SYNTHETIC.replace(" ", "\u00a0"))
+    lines = wrap(together, int(_LETTERS_PER_INCH * width))
+    height += _HEADER_LINE_HEIGHT * max(len(lines) - 1, 0)
     figure = Figure(figsize=(width, height), layout=layout)  # type: ignore[arg-type]
     FigureCanvasAgg(figure)
     if header:
-        kwargs: dict[str, Any] = {} if layout else {"y": 1.0 - 0.04 / height, "va": "top"}
+        kwargs: dict[str, Any] = {} if layout else {"y": 1.0 - _HEADER_TOP / height, "va": "top"}
         figure.suptitle(
-            plain(header), x=0.06 / width, ha="left", fontsize=6.5, color=GREY, **kwargs
+            "\n".join(lines).replace("\u00a0", " "),
+            x=0.06 / width,
+            ha="left",
+            fontsize=6.5,
+            color=GREY,
+            **kwargs,
         )
     return figure
 
 
 def ocean_header(attrs: Mapping[Any, Any]) -> str:
     """One line about the water of a figure; it always marks a synthetic ocean."""
-    parts = [short(ocean_name(attrs), _FITS_ABOVE)]
+    parts = [ocean_name(attrs)]
     if is_synthetic(attrs):
-        parts.append("synthetic ocean")
+        parts.append(_SYNTHETIC)
     if attrs.get("time"):
         parts.append(f"{str(attrs['time'])[:16].replace('T', ' ')} UTC")
     return ", ".join(parts)
@@ -295,7 +313,41 @@ def common_legend(figure: Figure, handles: Sequence[Artist], **options: Any) -> 
         place: dict[str, Any] = {"loc": below, "ncols": min(len(handles), _PER_LINE)}
     else:
         place = {"loc": "upper right", "ncols": len(handles)}
-    figure.legend(handles=handles, borderaxespad=0.1, **(place | options))
+    legend = figure.legend(handles=handles, borderaxespad=0.1, **(place | options))
+    if (place | options)["loc"] == "upper right":
+        _separate(figure, legend)
+
+
+def _separate(figure: Figure, legend: Legend) -> None:
+    """Move a legend below a header that leaves it no room on its line."""
+    header = figure._suptitle  # type: ignore[attr-defined]
+    renderer = figure.canvas.get_renderer()  # type: ignore[attr-defined]
+    gap = _HEADER_GAP * figure.dpi / 72.0
+    box = legend.get_window_extent(renderer)
+    if header is None or header.get_window_extent(renderer).x1 <= box.x0 - gap:
+        return
+    below = _HEADER_TOP + header.get_window_extent(renderer).height / figure.dpi
+    room = box.height / figure.dpi  # [in]
+    engine = figure.get_layout_engine()
+    if engine is None:
+        _grow(figure, room)
+    else:
+        figure.set_figheight(figure.get_figheight() + room)
+        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - room / figure.get_figheight()))  # type: ignore[call-arg]
+    legend.set_bbox_to_anchor((1.0, 1.0 - below / figure.get_figheight()))
+
+
+def _grow(figure: Figure, room: float) -> None:
+    """Add room at the top of a figure without a layout engine, below its header. [in]"""
+    before = figure.get_figheight()
+    share = before / (before + room)
+    figure.set_figheight(before + room)
+    for axes in figure.axes:
+        place = axes.get_position(original=True)
+        axes.set_position((place.x0, share * place.y0, place.width, share * place.height))
+    for text in figure.texts:
+        text.set_y(share * text.get_position()[1])
+    figure._suptitle.set_y(1.0 - _HEADER_TOP / (before + room))  # type: ignore[attr-defined]
 
 
 def legend_entries(figure: Figure) -> list[tuple[str, str, str]]:
@@ -339,10 +391,12 @@ def freeze_layout(figure: Figure) -> None:
 
 
 @styled
-def rendered(figure: Figure, kinds: Sequence[str], *, dpi: float | None = None) -> dict[str, bytes]:
+def rendered(
+    figure: Figure, kinds: Sequence[str], *, dpi: float | None = None, few_colours: bool = False
+) -> dict[str, bytes]:
     """
     Figure as files of some of the kinds ``png``, ``pdf`` and ``svg``, always with the same bytes;
-    default dots per inch: the style's.
+    default dots per inch: the style's. A PNG of few colours has 256, and less than half the size.
     """
     metadata: dict[str, dict[str, Any]] = {
         "png": {"Software": None},
@@ -357,6 +411,10 @@ def rendered(figure: Figure, kinds: Sequence[str], *, dpi: float | None = None) 
                 file, format=kind, metadata=metadata[kind], dpi=dpi or mpl.rcParams["savefig.dpi"]
             )
             content[kind] = file.getvalue()
+    if few_colours:
+        with BytesIO() as file, Image.open(BytesIO(content["png"])) as image:
+            image.convert("RGB").quantize(256).save(file, "PNG", optimize=True)
+            content["png"] = file.getvalue()
     return content
 
 

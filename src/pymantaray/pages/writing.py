@@ -9,7 +9,7 @@ from pymantaray.errors import ReportError
 from pymantaray.jobs.folder import staged_folder, write_json
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages.drawing import FigureSpec, Picture
-from pymantaray.pages.folder import FIGURE_KINDS, FORMATS, PAGE, write_files
+from pymantaray.pages.folder import FIGURE_KINDS, FORMATS, ONE_COLUMN, PAGE, write_files
 from pymantaray.pages.page import Page
 from pymantaray.pages.style import legend_entries, rendered
 
@@ -35,7 +35,7 @@ def write_page(
     checked_formats(formats)
     with staged_folder(out, name, latest=False) as (stage, folder):
         pictures = draw(specs, formats=formats, progress=progress)
-        write_files(stage, page_of(pictures, record).files(formats))
+        write_files(stage, page_of(pictures, record).linked_from(folder).files(formats))
         others(stage)
         if record:
             write_json(record, stage / f"{name}.json")
@@ -71,7 +71,11 @@ def _picture(spec: FigureSpec, formats: Sequence[str]) -> Picture:
     figure = spec.draw()
     width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
     kinds = ("png", *(kind for kind in FIGURE_KINDS if kind in formats and kind != "png"))
-    files = rendered(figure, kinds, dpi=_PRINTED if "png" in formats else None)
+    printed = "png" in formats
+    files = {}
+    if ONE_COLUMN in formats and spec.column is not None:
+        files[f"{ONE_COLUMN}.pdf"] = rendered(spec.column(), ("pdf",))["pdf"]
+    files |= rendered(figure, kinds, dpi=_PRINTED if printed else None, few_colours=not printed)
     return Picture(
         spec.name, spec.caption, width, height, files, legend_entries(figure), spec.paper
     )

@@ -14,7 +14,7 @@ from pymantaray.errors import RecordError
 from pymantaray.records.digits import counted
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
-from pymantaray.records.writing import read_netcdf, write_netcdf
+from pymantaray.records.writing import pack, read_netcdf, write_netcdf
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -59,6 +59,8 @@ def column(
     labels: bool = False,
     flags: type[IntEnum] | None = None,
     default: float | None = None,
+    step: float | tuple[float, ...] | None = None,
+    digits: int = 0,
 ) -> Any:
     """
     Declare an array field of a record. Spaces separate dimensions; units are in CF notation.
@@ -66,10 +68,13 @@ def column(
     An optional column without a default is empty if it is not given, or absent in a file of an
     older version; one with a default then has this value everywhere. A column that labels its
     dimension is the coordinate of that name in a data set. Flags are the allowed values of an
-    integer column, with their meanings.
+    integer column, with their meanings. A file holds the nearest multiples of ``step`` (one, or one
+    for each component), which take a fraction of the room of all digits, or ``digits`` significant
+    digits.
     """
     metadata: dict[str, Any] = {"dims": tuple(dims.split()), "units": units, "long_name": long_name}
     metadata |= {"dtype": np.dtype(dtype), "labels": labels, "flags": flags, "default": default}
+    metadata |= {"step": step, "digits": digits}
     if default is not None:
         return field(default=None, metadata=metadata)
     if not may_lack:
@@ -291,7 +296,15 @@ class Record:
         path : pathlib.Path
             File; an existing one is replaced.
         """
-        write_netcdf(self.to_dataset(), path)
+        dataset = self.to_dataset()
+        for item in self._columns():
+            variable = dataset.variables[_variable_name(item)]
+            if item.metadata["digits"]:
+                variable.encoding |= {"significant_digits": item.metadata["digits"]}
+                variable.encoding |= {"quantize_mode": "GranularBitRound"}
+            if item.metadata["step"] is not None:
+                pack(variable, item.metadata["step"])
+        write_netcdf(dataset, path)
 
     @classmethod
     def load(cls, path: Path) -> Self:

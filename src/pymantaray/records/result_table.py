@@ -191,6 +191,19 @@ class ResultTable:
         caption = f"{self.caption.removesuffix('.')}: the first {rows} of {len(self.frame):,} rows"
         return replace(self, frame=self.frame.head(rows), caption=caption)
 
+    def without_empty_columns(self) -> "ResultTable":
+        """
+        Return the table without the columns that are empty in all rows.
+
+        Returns
+        -------
+        ResultTable
+            The table itself if it has no rows.
+        """
+        frame = self.visible
+        values = [str(name) for name in frame if (frame[name].notna() & (frame[name] != "")).any()]
+        return replace(self, columns=values) if values else self
+
     def to_csv(self) -> str:
         """
         Return all columns with all digits as CSV.

@@ -6,11 +6,13 @@ import os
 import secrets
 import tempfile
 import threading
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from pymantaray.errors import RecordError, WriteError
 from pymantaray.records.stops import deferred_stops
@@ -24,6 +26,7 @@ NETCDF_LOCK = threading.RLock()
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
 _PROBE_BYTES = 1 << 20
+_COMPRESSED_BYTES = 4000  # of a variable that is worth compressing
 _OVERHEAD_BYTES = 4000  # per NetCDF file and per variable
 
 
@@ -110,9 +113,37 @@ CF_VERSION = "CF-1.11"
 """The version of the CF conventions that files claim."""
 
 
+def pack(variable: "xr.Variable", step: float | Sequence[float]) -> None:
+    """
+    Let a file hold a variable as integers that count steps, NaN as the least integer; as it is if
+    an integer of 32 bits is too small for it.
+
+    Steps of several components are multiples of the least one by powers of two, whose zeros need no
+    room. A chunk has all values along the two longest dimensions, which compresses best.
+    """
+    values = variable.values
+    steps = np.atleast_1d(np.asarray(step, dtype=float))
+    least = float(steps.min())
+    if not np.nanmax(np.abs(values), initial=0.0) < least * (2**31 - 2):
+        return
+    if steps.size > 1:
+        variable.values = np.round(values / steps) * steps
+    longest = sorted(range(values.ndim), key=lambda k: values.shape[k])[-2:]
+    chunks = tuple(max(n, 1) if k in longest else 1 for k, n in enumerate(values.shape))
+    variable.encoding |= {"dtype": "i4", "scale_factor": least, "_FillValue": np.int32(-(2**31))}
+    variable.encoding |= {"chunksizes": chunks} if values.size else {}
+
+
+def _compress(variable: "xr.Variable") -> None:
+    """Let a file hold a long variable of numbers compressed, without a change of its values."""
+    if variable.dtype.kind in "fiu" and variable.nbytes > _COMPRESSED_BYTES:
+        variable.encoding.pop("contiguous", None)  # of the file from which it was read
+        variable.encoding |= {"zlib": True, "shuffle": True, "complevel": 6}
+
+
 def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = True) -> None:
     """
-    Write a data set atomically as NetCDF-4 with CF attributes.
+    Write a data set atomically as NetCDF-4 with CF attributes; long variables are compressed.
 
     Parameters
     ----------
@@ -131,6 +162,8 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
         dataset[name].encoding["_FillValue"] = None
         if dataset[name].dtype.kind == "U":  # CF's checks of coordinates need characters
             dataset[name].encoding["dtype"] = "S1"
+    for variable in dataset.variables.values():
+        _compress(variable)
     with whole_file(path, replace=replace) as temporary, deferred_stops(), NETCDF_LOCK:
         check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
         try:

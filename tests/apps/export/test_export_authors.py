@@ -373,8 +373,10 @@ def test_beliefs_about_water_in_metres(tmp_path):
     }
     np.testing.assert_array_equal(position["file"], position["exact"])
     # a cast at the middle of the grid, and its mean, lack only the gradients along x and y
+    cost = dict(zip(run.estimates.condition.tolist(), run.estimates.final_cost[:, 0], strict=True))
     for name in ("mean", "cast", "numerics"):
-        assert 0.0 < np.abs(position[name] - position["exact"]).max() < 20.0, name
+        assert cost[name] != cost["exact"], name
+        assert np.abs(position[name] - position["exact"]).max() < 20.0, name
     assert np.abs(position["offset"] - position["exact"]).max() > 0.5
 
 

@@ -58,8 +58,8 @@ def test_the_map_shows_the_level_s_sound_speed_and_currents(look, ocean):
         if not np.ma.is_masked(u):
             assert (u, v) == pytest.approx((float(here["water_u"]), float(here["water_v"])))
     assert "at 90 m depth" in axes.get_title(loc="left")
-    assert {"5W", "0", "5E"} <= {text.get_text() for text in axes.get_xticklabels()}
-    assert {"77N", "79N"} <= {text.get_text() for text in axes.get_yticklabels()}
+    assert {"5°W", "0°", "5°E"} <= {text.get_text() for text in axes.get_xticklabels()}
+    assert {"77°N", "79°N"} <= {text.get_text() for text in axes.get_yticklabels()}
     (x0, y0), (x1, y1) = axes.transData.transform([(0.0, 78.0), (1.0, 79.0)])
     as_long_northward = np.cos(np.radians(0.5 * (lat[0] + lat[-1])))
     assert (x1 - x0) / (y1 - y0) == pytest.approx(as_long_northward, rel=1e-3)

@@ -3,10 +3,12 @@
 import json
 import re
 from types import SimpleNamespace
+from urllib.parse import unquote
 
 import numpy as np
 import pandas as pd
 import pytest
+from scipy import stats
 
 from pymantaray.apps.study import comparison_page as compare
 from pymantaray.apps.study import open_run, write_comparison
@@ -53,10 +55,59 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
     assert names == sorted(joint + each)
     assert all(f'href="figures/{name}"' in text for name in names)
     assert text.partition("<script")[0].count('src="data:image/png;base64,') == len(names)
-    assert len(list((tmp_path / "both" / "tables").iterdir())) == 9
+    assert len(list((tmp_path / "both" / "tables").iterdir())) == 10
     assert "Test Sea and Other {Sea}" in text
     assert "Test Sea: The ocean of this study is synthetic" in text
     assert [p.name for p in tmp_path.iterdir()] == ["both"]
+    addresses = re.findall(r'<a href="([^"]*)">Run ', text)
+    assert [(page.parent / unquote(a)).resolve() for a in addresses] == [
+        run_folder.resolve(),
+        other_folder.resolve(),
+    ]
+    assert str(run_folder.parent) not in text
+    assert text.count("SHA-256 of config.toml") >= 2
+    assert "@software{mantaray," in text
+
+
+def test_differences_of_runs_with_one_seed_are_paired(made_run, tmp_path):
+    """By scipy's tests on means that this test forms of the errors itself."""
+    runs = {
+        name: RunResults(open_run(made_run(**keywords).write(tmp_path / name)))
+        for name, keywords in {
+            "one": {"realizations": 4, "failed": ((1, 2),)},
+            "more": {"realizations": 3, "scale": 2.0},
+            "other": {"realizations": 5, "seed": 7},
+        }.items()
+    }
+    means = {
+        (name, c): np.array([np.linalg.norm(e, axis=-1).mean() for e in errors])
+        for name, r in runs.items()
+        for c, errors in zip(
+            r.run.estimates.condition.tolist(),
+            r.run.estimates.position - r.run.truth.position,
+            strict=True,
+        )
+    }
+    table = comparison_tables(runs)["ate_run_difference"].frame
+    assert list(zip(table["run"], table["baseline"], strict=True))[::3] == [
+        ("more", "one"), ("other", "one"), ("other", "more")
+    ]  # fmt: skip
+    for row in table.to_dict("records"):
+        a, b = means[row["run"], row["condition"]], means[row["baseline"], row["condition"]]
+        if row["run"] == "more":
+            assert (row["paired"], row["realizations"]) == (
+                "yes",
+                "2" if row["condition"] == "straight" else "3",
+            )
+            usable = np.isfinite(b[:3])
+            a, b = a[usable], b[:3][usable]
+            test = stats.ttest_rel(a, b)
+        else:
+            a, b = a[np.isfinite(a)], b[np.isfinite(b)]
+            assert (row["paired"], row["realizations"]) == ("no", f"{a.size} and {b.size}")
+            test = stats.ttest_ind(a, b, equal_var=False)
+        assert row["difference_m"] == pytest.approx(a.mean() - b.mean())
+        assert (row["t_low_m"], row["t_high_m"]) == pytest.approx(test.confidence_interval(0.95))
 
 
 def test_one_page_has_all_figures_and_tables_of_the_paper(

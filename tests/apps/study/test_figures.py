@@ -7,8 +7,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from matplotlib.collections import LineCollection
+from matplotlib.collections import LineCollection, QuadMesh
 from matplotlib.colors import to_hex
+from matplotlib.contour import ContourSet
+from matplotlib.text import Text
 from refusals import refused
 
 from pymantaray.apps.ocean import figures as ocean_plots
@@ -102,6 +104,55 @@ def test_every_figure_has_units_a_header_and_text_within_its_frame(look, every_f
         ]
         for i, (artist, box) in enumerate(apart):
             assert not any(box.overlaps(other) for _, other in apart[:i] if box.width), artist
+
+
+def test_every_header_has_the_whole_name_of_the_ocean(every_figure):
+    name = NAME.strip()
+    whole = [name in f.get_suptitle().replace("\n", " ") for f in every_figure]
+    assert sum(whole) >= len(whole) - 9, "figures of a comparison shorten the names of runs"
+
+
+def test_a_colour_of_sound_speed_is_the_same_in_every_figure(every_figure):
+    maps = [
+        mesh.get_cmap()
+        for figure in every_figure
+        for axes in figure.axes
+        for mesh in axes.collections
+        if any("Sound speed" in other.get_ylabel() for other in figure.axes)
+        and isinstance(mesh, QuadMesh | ContourSet)
+        and mesh.get_array() is not None
+        and mesh.get_array().size > 300
+    ]
+    assert len(maps) >= 4
+    assert all(colours is style.SOUND_SPEED for colours in maps)
+
+
+def test_figures_for_one_column_can_be_read_at_its_width(look, run):
+    """At 84 mm, with letters of at least six points, none of them outside the figure."""
+    specs = {spec.name: spec.column for spec in run_figure_specs(RunResults(run)) if spec.column}
+    assert {"error_over_time", "factor_graph", "fleet_layout"} <= set(specs)
+    for name, draw in specs.items():
+        figure = look.draw(draw())
+        assert figure.get_figwidth() == pytest.approx(84.0 / 25.4), name
+        renderer = figure.canvas.get_renderer()
+        for text in figure.findobj(Text):
+            if text.get_visible() and text.get_text().strip():
+                assert text.get_fontsize() >= 6.0, (name, text)
+        for text in (*figure.texts, *figure.legends):
+            box = text.get_window_extent(renderer)
+            assert box.x0 >= -1.0, (name, text)
+            assert box.x1 <= figure.bbox.x1 + 1.0, (name, text)
+
+
+def test_depth_has_one_unit_within_a_figure(every_figure):
+    for figure in every_figure:
+        labels = [
+            label
+            for axes in figure.axes
+            for label in (axes.get_ylabel(), getattr(axes, "get_zlabel", str)())
+        ]
+        units = {label.partition("[")[2] for label in labels if "epth" in label}
+        assert len(units) <= 1, labels
 
 
 def test_a_registered_figure_is_in_the_report_at_its_place(run, monkeypatch):
@@ -264,7 +315,7 @@ def test_a_condition_has_one_colour_on_all_figures(tables):
 
 def test_the_page_begins_with_the_result(run):
     names = [spec.name for spec in run_figure_specs(RunResults(run))]
-    first = ["range_error", "range_error_split", "ape_pooled", "error_over_time"]
+    first = ["refraction", "range_error", "range_error_split", "ape_pooled", "error_over_time"]
     assert names[0] == first[0]
     assert [name for name in names if name in (*first, "fleet_layout", "sound_speed")] == [
         *first,

@@ -20,7 +20,7 @@ from matplotlib.figure import Figure
 from refusals import refused
 
 from pymantaray.apps.study import open_run, report, write_report
-from pymantaray.apps.study.explore import _fleet
+from pymantaray.apps.study.explore import _first_vehicle, _fleet
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.page import headlines, run_page
 from pymantaray.apps.study.report_process import ReportProcess
@@ -29,7 +29,9 @@ from pymantaray.config.headings import key_heading
 from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
+from pymantaray.pages import page as page_module
 from pymantaray.pages import writing as write
+from pymantaray.records.result_table import ResultTable
 
 OF_THE_PAPER = {
     "ape_pooled",
@@ -150,10 +152,20 @@ def test_tables_for_a_paper_are_those_of_the_page(reported):
         assert not [line for line in lines if re.search(r"(?<!\\)[%#]|−|²", line)], file.name
 
 
+def test_a_report_has_figures_for_one_column_if_asked(made_run, tmp_path, monkeypatch):
+    folder = made_run(realizations=1).write(tmp_path / "run")
+    without_drawing(monkeypatch)
+    text = write_report(folder, formats=["84mm"]).read_text(encoding="utf-8")
+    files = {path.name for path in (folder / "figures").glob("*.pdf")}
+    assert files == {f"{n}.84mm.pdf" for n in ("error_over_time", "factor_graph", "fleet_layout")}
+    assert all(f'href="figures/{name}"' in text for name in files)
+    assert all(f'href="figures/{name.partition(".")[0]}.png"' in text for name in files)
+
+
 def test_an_unknown_format_is_one_clear_line(tmp_path):
     refused(
         ReportError,
-        "format 'jpg': unknown; allowed: png, pdf, svg, tex",
+        "format 'jpg': unknown; allowed: png, pdf, svg, tex, 84mm",
         write_report,
         tmp_path,
         formats=("jpg",),
@@ -393,12 +405,63 @@ def test_many_conditions_are_a_table_and_each_word_is_explained(made_run, run, r
     few = run_page(RunResults(run), [], "[]").html()
     assert many.count('class="card"') == 3
     assert all(f"Position error, {name}" in many for name in conditions)
-    assert few.count('class="card"') == len(headlines(RunResults(run))) <= 8
+    assert few.count('class="card"') == 3
     assert "Refracted ranges: same graph" in few
     assert "NEES: Normalized estimation error squared" in reported.text
     assert "NEES: Normalized estimation error squared" not in few, "it has no covariances"
     assert "water of 2014-07-15 12:00 UTC, seed 20140715" in few
     assert "Repeat with: mantaray study run config.toml" in few
+
+
+def numbers(text):
+    return {
+        float(n.replace("−", "-").replace(",", "")) for n in re.findall(r"[+−]?[\d.,]*\d", text)
+    }
+
+
+def test_the_first_numbers_of_a_page_are_those_of_its_tables(run):
+    """Range error, lost ranges and position error, each with its unit and one line of words."""
+    results = RunResults(run)
+    tables = {name: table.frame for name, table in results.tables.items()}
+    links = tables["range_error"].set_index("category").loc["all links"]
+    drops = tables["dropouts"].set_index("category").loc["all links"]
+    mean = tables["ate_pooled"].set_index("condition")["mean_m"]
+    difference = tables["ate_difference"].iloc[0]
+    interval = {difference["bootstrap_low_m"], difference["bootstrap_high_m"], 95}
+    expected = (
+        {links["mean_m"], links["sd_m"]}, {1, 99, links["p1_m"], links["p99_m"]},
+        {drops["dropouts"], drops["attempts"]}, {drops["percent"], drops["shadow"]} - {0},
+        {difference["pooled_difference_m"]}, {mean["refracted"], mean["straight"]} | interval,
+    )  # fmt: skip
+    cards = headlines(results)[:3]
+    found = [numbers(text) - {0} for card in cards for text in card[1:]]
+    for shown, values in zip(found, expected, strict=True):
+        assert sorted(shown) == pytest.approx(sorted(values), abs=0.051)
+    assert [card.name for card in cards] == [
+        "Range error from refraction", "Ranges lost", "Position error from refraction"
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("fixes", "expected"),
+    [([9, 9, 2], 2), ([9, 3, 0], 1), ([9, 9, 8], 2), ([0, 9, 9], 0), ([9, 9, 9], 0)],
+)
+def test_menus_begin_with_a_vehicle_that_has_few_fixes(fixes, expected):
+    """Not with a beacon that has a fix at every pose."""
+    mask = np.arange(9) < np.array(fixes)[:, None]
+    assert _first_vehicle(SimpleNamespace(fixes=mask)) == expected
+
+
+def test_columns_without_values_are_not_on_a_page():
+    frame = pd.DataFrame(
+        {"name": ["a", "b"], "rmse_m": [1.0, np.nan], "bound_m": np.nan, "note": "", "n": [0, 0]}
+    )
+    text = page_module.Page("Tables", tables=[ResultTable("t", frame)]).html()
+    heads = re.findall(r"<th[^>]*>([^<]+)</th>", text)
+    assert heads == ["name", "RMSE [m]", "N"]
+    assert ResultTable("t", frame).to_csv().splitlines()[0] == "name,rmse_m,bound_m,note,n"
+    empty = page_module.Page("Tables", tables=[ResultTable("t", frame.head(0))]).html()
+    assert len(re.findall("<th", empty)) - len(re.findall("<thead", empty)) == 5
 
 
 def test_page_tells_of_a_vehicle_that_stopped(made_run, tmp_path):

@@ -309,9 +309,10 @@ def test_conditions_are_the_same_bytes_with_and_without_estimators(day):
         for field in ("position", "quaternion", "final_cost", "gradient_norm", "iterations"):
             np.testing.assert_array_equal(getattr(more[name], field), getattr(solution, field))
             stored = getattr(day.estimates, field)[list(day.estimates.condition).index(name), 1]
-            np.testing.assert_array_equal(
-                stored, np.asarray(getattr(solution, field), dtype=stored.dtype)
-            )
+            # a file holds positions in steps of 0.8 mm, and quaternions of 1e-5
+            half = {"position": 0.401e-3, "quaternion": 1e-5}.get(field, 0.0)
+            expected = np.asarray(getattr(solution, field), dtype=stored.dtype)
+            np.testing.assert_allclose(stored, expected, rtol=0, atol=half)
 
 
 @pytest.mark.slow
@@ -434,7 +435,12 @@ def true_ocean(day):
 
 def same_water(one, other):
     np.testing.assert_array_equal(one.medium.sound_speed, other.medium.sound_speed)
-    xr.testing.assert_identical(one.local.drop_attrs(), other.local.drop_attrs())
+    locals_ = [belief.local.drop_attrs() for belief in (one, other)]
+    names = ["current_north", "current_east"]  # in steps in a run, because rays do not need them
+    xr.testing.assert_identical(*(local.drop_vars(names) for local in locals_))
+    for name in names:
+        values = (local[name] for local in locals_)
+        np.testing.assert_allclose(*values, rtol=0, atol=0.501e-5)
 
 
 def test_the_truths_own_file_is_the_exact_belief_to_the_last_digit(day, beliefs, tmp_path):

@@ -3,6 +3,7 @@ Factor graphs as text: a round trip without loss, a file written by hand, and on
 fault.
 """
 
+import gzip
 from dataclasses import replace
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 from factories import without
 from refusals import refused
 
+from pymantaray.apps.graphs import open_graph
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import GraphSolver, build_graph, read_pyfg, write_pyfg
 from pymantaray.estimation.graph.graph import KINDS
@@ -68,6 +70,23 @@ def test_graphs_written_together_have_the_files_of_each_alone(tmp_path, make_fle
         texts.append((tmp_path / "alone").read_bytes())
         assert (tmp_path / f"{k}").read_bytes() == texts[k]
     assert len(set(texts)) == len(graphs)
+
+
+def test_a_compressed_graph_is_the_same_and_a_damaged_one_is_refused(tmp_path, make_fleet):
+    """gzip's own program reads what we write, and we read what it writes."""
+    fleet = make_fleet(seed=3, n_landmarks=1, gnss_every=7)
+    graph = build_graph(fleet.noisy, "straight")
+    for name in ("plain.pyfg", "packed.pyfg.gz", "again.pyfg.gz"):
+        write_pyfg(graph, tmp_path / name, initial=fleet.truth)
+    packed = (tmp_path / "packed.pyfg.gz").read_bytes()
+    assert gzip.decompress(packed) == (tmp_path / "plain.pyfg").read_bytes()
+    assert packed == (tmp_path / "again.pyfg.gz").read_bytes()
+    (tmp_path / "other.pyfg.gz").write_bytes(gzip.compress((tmp_path / "plain.pyfg").read_bytes()))
+    for name in ("packed.pyfg.gz", "other.pyfg.gz"):
+        assert_same(open_graph(tmp_path / name).graph, graph)
+    for content in (packed[: len(packed) // 2], packed[:-5] + b"12345", b"VERTEX", b""):
+        (tmp_path / "bad.pyfg.gz").write_bytes(content)
+        refused(EstimationError, r"bad\.pyfg\.gz: ", open_graph, tmp_path / "bad.pyfg.gz")
 
 
 def test_hand_written_file_means_what_it_says(tmp_path):

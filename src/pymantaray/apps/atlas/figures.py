@@ -158,7 +158,7 @@ def safety_maps(atlas: xr.Dataset, panels: Sequence[tuple[str, int, int]]) -> Fi
     bearings and instants.
     """
     safe = atlas["safe"].values
-    colours = [style.WATER(x) for x in np.linspace(0.97, 0.1, safe.size + 1)]
+    colours = [style.LEVELS(x) for x in np.linspace(0.97, 0.1, safe.size + 1)]
     figure, axes = _maps(atlas, len(panels), legend=True)
     for k, (title, convention, distance) in enumerate(panels):
         worst = worst_error(atlas, convention, distance)
@@ -191,7 +191,7 @@ def error_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
     km = f"{float(atlas['distance'][distance]) / 1e3:g} km"
     words = CONVENTION_WORDS[str(atlas["convention"].values[convention])]
     looks: tuple[dict[str, Any], dict[str, Any]] = (
-        {"cmap": style.WATER.reversed(), "norm": norm},
+        {"cmap": style.LEVELS.reversed(), "norm": norm},
         {"cmap": style.FLOOR, "vmin": 0.0, "vmax": 100.0},
     )
     labels = ("Largest range error [m]", "No direct path [%]")
@@ -227,7 +227,7 @@ def share_maps(atlas: xr.Dataset, convention: int, distance: int) -> Figure:
             direct > 0, 100.0 * (worst <= limit).sum(axis=0) / np.maximum(direct, 1), np.nan
         )
         mesh = axes[k].pcolormesh(
-            atlas["lon"], atlas["lat"], share, cmap=style.WATER, vmin=0.0, vmax=100.0, **CELLS
+            atlas["lon"], atlas["lat"], share, cmap=style.LEVELS, vmin=0.0, vmax=100.0, **CELLS
         )
         _finish(axes[k], atlas, (k, f"safe to {limit:g} m"), distance)
     finish_bar(

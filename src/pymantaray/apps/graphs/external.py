@@ -35,7 +35,7 @@ from pymantaray.estimation.graph.graph import (
     connected_parts,
 )
 from pymantaray.estimation.graph.pyfactorgraph import isotropic
-from pymantaray.estimation.graph.pyfg import GraphFile, load_pyfg
+from pymantaray.estimation.graph.pyfg import GraphFile, load_pyfg, plain_path
 from pymantaray.estimation.graph.text import MAX_GRAPH_BYTES, Indefinite
 from pymantaray.estimation.solve import METHODS, GraphSolver
 from pymantaray.estimation.solvers.descents import lowest
@@ -278,17 +278,18 @@ def is_pose_graph(path: Path) -> bool:
     True for g2o and TORO files, whose vertices are starting values; those of PyFactorGraph text are
     the ground truth.
 
-    Files named neither ``.g2o`` nor ``.pyfg`` are g2o if the second and third field of the first
-    vertex or edge are numbers: PyFactorGraph has a symbol among them.
+    Files named neither ``.g2o`` nor ``.pyfg``, with or without ``.gz``, are g2o if the second and
+    third field of the first vertex or edge are numbers: PyFactorGraph has a symbol among them.
     """
-    if path.suffix == G2O:
+    suffix = plain_path(path).suffix
+    if suffix == G2O:
         return True
     with open_text(path, EstimationError, what="a graph file", limit=MAX_GRAPH_BYTES) as file:
         lines = (line.split(None, 3) for line in file)
         first = next((line for line in lines if line and line[0].startswith(_FIRST_WORDS)), [""])
     if first[0] in _TORO_WORDS or first[0] in ISAM.values():
         return True
-    return path.suffix != PYFG and len(first) > 2 and all(is_number(field) for field in first[1:3])
+    return suffix != PYFG and len(first) > 2 and all(is_number(field) for field in first[1:3])
 
 
 def solve_graph(

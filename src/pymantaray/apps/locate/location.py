@@ -83,6 +83,11 @@ _BRIEF = {
 }
 """Columns in the terminal and in notebooks."""
 _HEADS = {"name": "node", "north": "north [m]", "east": "east [m]", "depth": "depth [m]"}
+_HEADS |= {
+    f"{before}sigma_{axis}_m": f"{before.replace('_', ' ')}σ {axis} [m]"
+    for before in ("", "relative_")
+    for axis in ("north", "east", "depth")
+}
 
 
 @dataclass(frozen=True, eq=False)

@@ -286,7 +286,7 @@ def residual_panels(location: Location, header: str) -> Figure:
     pings = location.pings[location.solution.used]
     axes_of = (
         ("time_s", 1.0 / 3600.0, "Time [h]"),
-        ("azimuth_deg", 1.0, "Azimuth from the node [deg]"),
+        ("azimuth_deg", 1.0, "Azimuth from the node [°]"),
         ("range_m", 1e-3, "Horizontal range [km]"),
     )
     names = location.survey.names
@@ -363,20 +363,23 @@ def plan_figure(plan: SurveyPlan) -> Figure:
         f"Node at {options.depth:g} m, pings of {1e3 * options.sigma:g} ms,"
         f" sound speed: {options.speed_model}; dots: least {CRITERIA[options.criterion][1]}"
     )
-    figure = style.new_figure(style.DOUBLE, 2.8, header)
-    panels = figure.subplots(1, 2, sharex=True)
+    figure = style.new_figure(style.COLUMN, 4.6, header)
+    panels = figure.subplots(2, 1, sharex=True)
     shapes = list(dict.fromkeys(plan.table["pattern"]))
     best = plan.best.set_index("pattern")
     for axes, column, words, letter in zip(
         panels, ("sigma_horizontal_m", "sigma_depth_m"), ("horizontal", "depth"), "ab", strict=True
     ):
-        for colour, shape in zip(style.vehicle_colours(len(shapes)), shapes, strict=True):
+        widths = np.linspace(3.6, 0.9, len(shapes))  # a curve does not hide another on its place
+        colours = style.vehicle_colours(len(shapes))
+        for colour, shape, width in zip(colours, shapes, widths, strict=True):
             part = plan.table[plan.table["pattern"] == shape]
             axes.plot(
                 part["radius_m"] / 1e3,
                 part[column],
                 color=colour,
-                linestyle=_LINE_STYLES[shape],  # curves may coincide
+                linestyle=_LINE_STYLES[shape],
+                linewidth=width,
                 label=shape,
             )
             axes.plot(
@@ -388,8 +391,9 @@ def plan_figure(plan: SurveyPlan) -> Figure:
             )
         axes.set_xscale("log")
         axes.set_yscale("log")
-        axes.set_xlabel("Radius [km]")
         axes.set_ylabel(f"Standard deviation, {words} [m]")
         style.panel_title(axes, letter, words)
-    style.common_legend(figure, panels[0].get_legend_handles_labels()[0])
+    panels[-1].set_xlabel("Radius [km]")
+    handles = panels[0].get_legend_handles_labels()[0]
+    style.common_legend(figure, handles, loc="outside lower center", ncols=len(handles))
     return figure

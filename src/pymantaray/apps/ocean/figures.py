@@ -117,7 +117,7 @@ def sound_speed_map(
 
     def draw(axes: Axes, arrows: int) -> Any:
         axes.set_facecolor(style.BED if level > 0.0 else LAND)
-        mesh = axes.pcolormesh(ocean["lon"], ocean["lat"], speed, cmap=style.WATER, **CELLS)
+        mesh = axes.pcolormesh(ocean["lon"], ocean["lat"], speed, cmap=style.SOUND_SPEED, **CELLS)
         _draw_floor_lines(axes, _floor_of(ocean, sea_floor))
         _draw_currents(axes, ocean.isel(depth=k), arrows)
         return mesh
@@ -347,7 +347,9 @@ def _draw_section(
     levels = (
         np.linspace(*span, 41) if span[1] > span[0] else np.array([span[0] - 0.5, span[0] + 0.5])
     )
-    mesh = axes.contourf(along, depth, np.clip(cut.filled, *span), levels=levels, cmap=style.WATER)
+    mesh = axes.contourf(
+        along, depth, np.clip(cut.filled, *span), levels=levels, cmap=style.SOUND_SPEED
+    )
     mesh.set_edgecolor("face")
     mesh.set_linewidth(0.2)
     mesh.set_rasterized(True)
@@ -355,7 +357,7 @@ def _draw_section(
     axes.set_ylim(limit, 0.0)
     shown = np.arange(depth.size) <= np.searchsorted(depth, limit)
     ticks = MaxNLocator(7, steps=[1, 2, 2.5, 5, 10]).tick_values(*span)
-    look: dict[str, Any] = {"colors": "white", "linewidths": 0.5}
+    look: dict[str, Any] = {"colors": style.INK, "linewidths": 0.4}
     lines = axes.contour(along, depth[shown], cut.speed[shown], levels=ticks, **look)
     _label_contours(axes, lines, "%g")
     axes.fill_between(
@@ -434,18 +436,18 @@ def finish_bar(bar: Colorbar, label: str) -> None:
 
 
 def longitude_label(
-    value: float, _position: int | None = None, *, digits: int = 4, unit: str = ""
+    value: float, _position: int | None = None, *, digits: int = 4, unit: str = "°"
 ) -> str:
-    """Label such as ``140W``, from degrees of any window."""
+    """Label such as ``140°W``, from degrees of any window."""
     turned = round(wrap_longitude(value), digits)
     side = "" if turned in (0.0, -180.0, 180.0) else "W" if turned < 0.0 else "E"
     return f"{abs(turned):g}{unit}{side}".rstrip()
 
 
 def latitude_label(
-    value: float, _position: int | None = None, *, digits: int = 4, unit: str = ""
+    value: float, _position: int | None = None, *, digits: int = 4, unit: str = "°"
 ) -> str:
-    """As ``74.5N``."""
+    """As ``74.5°N``."""
     rounded = round(value, digits)
     side = "" if rounded == 0.0 else "S" if rounded < 0.0 else "N"
     return f"{abs(rounded):g}{unit}{side}".rstrip()

@@ -205,11 +205,13 @@ def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
     """
     figure = style.new_figure(style.DOUBLE, 2.6, header)
     axes = figure.subplots()
-    looks = zip(_colours(list(details)), details.items(), strict=True)
-    for colour, (name, detail) in looks:
+    widths = np.linspace(2.7, 0.9, len(details))  # a curve does not hide another on its place
+    looks = zip(_colours(list(details)), widths, details.items(), strict=True)
+    for colour, width, (name, detail) in looks:
         axes.plot(
             detail.hours,
             detail.error_m,
+            linewidth=width,
             marker="o",
             markersize=2.5,
             color=colour,

@@ -13,11 +13,12 @@ import pandas as pd
 import xarray as xr
 from matplotlib.figure import Figure
 
+from pymantaray.apps.study.comparison_errors import run_differences
 from pymantaray.apps.study.comparison_figures import quantiles_by_run
 from pymantaray.apps.study.figures.ranging import range_error_histogram
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.figures.trajectory import ApePanel, pooled_ape
-from pymantaray.apps.study.page import SYNTHETIC_NOTE
+from pymantaray.apps.study.page import SYNTHETIC_NOTE, citation_of
 from pymantaray.apps.study.store import open_run
 from pymantaray.apps.study.tables import TABLES
 from pymantaray.arrays import Array
@@ -26,6 +27,7 @@ from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages.drawing import FigureSpec, Picture, with_source
+from pymantaray.pages.folder import PAGE
 from pymantaray.pages.folder import TABLES as TABLES_FOLDER
 from pymantaray.pages.page import Explorer, Page, entries
 from pymantaray.pages.style import condition_label, shortened
@@ -41,8 +43,12 @@ SUMMARY = (
     "range_error",
     "range_error_split",
     "ate_pooled",
+    "ate_run_difference",
 )
 """Tables that `mantaray study compare` prints."""
+_FIRST = ("ate_run_difference", "configuration")
+"""Tables at the top of the page."""
+_MAX_DIFFERENCES = 20  # of configurations that are not folded
 _NO_KEY = "–"  # of a configuration that has not the key
 _CAPTIONS = {
     "configuration": "Differences of the configurations",
@@ -50,6 +56,8 @@ _CAPTIONS = {
     "range_error": "Signed range error, refracted minus straight",
     "range_error_split": "Mean of the range error and of its parts, all links",
     "ate_pooled": "Position error by condition, pooled over vehicles, times and realizations",
+    "ate_run_difference": "Difference of the mean position error between runs, with 95 % intervals"
+    " over realizations. Runs with one seed are paired by realization",
     "ping_error": TABLES["ping_error"].caption,
     "region": "Regions",
     "timing": TABLES["timing"].caption,
@@ -73,6 +81,7 @@ _OF_EACH = (
 _ONE_QUANTITY = (
     "range_drop_category_compare",
     "range_error_split",
+    "ate_run_difference",
 )  # tables; rows of the others differ in theirs
 _NewSpec = Callable[[str, str, Callable[[], Figure]], FigureSpec]  # of name, caption and drawing
 _MAX_RUNS_BESIDE = 2  # runs whose distributions fit beside each other
@@ -187,7 +196,7 @@ def comparison_tables(runs: Mapping[str, RunResults]) -> dict[str, ResultTable]:
         "range_error_split": _side_by_side(
             {name: t["mean_m"] for name, t in parts.items()}, "part"
         ),
-        **({name: _joint_errors(runs, name) for name in _STATISTICS} if _all_solved(runs) else {}),
+        **(_error_tables(runs) if _all_solved(runs) else {}),
         "region": _side_by_side({name: t.iloc[:, 0] for name, t in regions.items()}, "property"),
         "timing": _settings(runs, "timing"),
         "noise": _settings(runs, "noise"),
@@ -208,6 +217,7 @@ def _result_tables(frames: Mapping[str, pd.DataFrame]) -> dict[str, ResultTable]
             frames[name],
             caption,
             by_row=name not in _ONE_QUANTITY,
+            folded=name == "configuration" and len(frames[name]) > _MAX_DIFFERENCES,
             paper=_TABLES_OF_PAPER.get(name, ""),
         )
         for name, caption in _CAPTIONS.items()
@@ -269,6 +279,12 @@ def _joint_errors(runs: Mapping[str, RunResults], table: str) -> pd.DataFrame:
             for s in _STATISTICS[table]
         ]
     )
+
+
+def _error_tables(runs: Mapping[str, RunResults]) -> dict[str, pd.DataFrame]:
+    """Tables of position errors of runs that have estimates."""
+    joint = {name: _joint_errors(runs, name) for name in _STATISTICS}
+    return joint | {"ate_run_difference": run_differences(runs)}
 
 
 def _error_distributions(
@@ -437,7 +453,8 @@ def _page(
     runs: Mapping[str, RunResults], tables: Mapping[str, ResultTable], pictures: Sequence[Picture]
 ) -> Page:
     synthetic = [name for name, r in runs.items() if r.synthetic]
-    differences, *others = tables.values()
+    first = [tables[name] for name in _FIRST if name in tables]
+    others = [table for name, table in tables.items() if name not in _FIRST]
     return Page(
         title=in_words(list(runs)),
         facts=[
@@ -445,11 +462,20 @@ def _page(
             for name, r in runs.items()
         ],
         notes=[f"{', '.join(synthetic)}: {SYNTHETIC_NOTE}"] if synthetic else [],
-        first_tables=[differences],
-        explorer=_explorer(runs, differences.frame),
+        links={f"Run {name}": _page_of(r) for name, r in runs.items()},
+        first_tables=first,
+        explorer=_explorer(runs, tables["configuration"].frame),
         pictures=pictures,
         tables=others,
+        citation=citation_of(list(runs.values())),
+        cite="Cite these runs",
     )
+
+
+def _page_of(results: RunResults) -> Path:
+    """Page of a run, or its folder if it has no page."""
+    page = results.run.path / PAGE
+    return page if page.is_file() else page.parent
 
 
 def _explorer(runs: Mapping[str, RunResults], differences: pd.DataFrame) -> Explorer | None:

@@ -55,7 +55,7 @@ def explorer(results: RunResults, rays: str) -> str:
     run = results.run
     pings = _shown_pings(results.run)
     content = {
-        "fleet": _fleet(run, pings),
+        "fleet": _fleet(run, pings) | {"first": _first_vehicle(results)},
         "links": PageLinks(results, pings).rows(),
         "statuses": [status.name for status in RayStatus],
         "errors": _errors(results),
@@ -155,6 +155,12 @@ class PageLinks:
         order = np.argsort(-worst, kind="stable")[:WORST_LINKS]
         links = np.union1d(np.flatnonzero(self.ping == chosen), order[worst[order] >= 0.0])
         return np.asarray(links[drawable[links]])
+
+
+def _first_vehicle(results: RunResults) -> int:
+    """First vehicle with GNSS fixes at fewer than half of its poses, otherwise that with fewest."""
+    share = results.fixes.mean(axis=1)
+    return int(np.argmax(share < 0.5)) if (share < 0.5).any() else int(np.argmin(share))
 
 
 def _fleet(run: Run, pings: NDArray[np.int64]) -> dict[str, Any]:

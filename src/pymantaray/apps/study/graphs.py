@@ -11,6 +11,7 @@ from pymantaray.records import Measurements
 if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run
 
+_DIGITS = 12  # 1e-7 m at 100 km, in three quarters of the room of 17 digits
 LOG = logging.getLogger(__name__)
 
 
@@ -24,10 +25,14 @@ def noisy_graphs(run: "Run", noisy: Measurements) -> dict[str, FactorGraph]:
     }
 
 
-def write_graphs(run: "Run", realization: int, folder: Path, before: str = "") -> None:
+def write_graphs(
+    run: "Run", realization: int, folder: Path, before: str = "", *, compact: bool = False
+) -> None:
     """
     Write a realization's graphs as PyFG text with the true poses as values, or as NetCDF if the
-    text cannot hold them; file names begin with ``before``.
+    text cannot hold them.
+
+    File names begin with ``before``. Compact text has 12 significant digits and is compressed.
     """
     noisy = run.noisy_measurements(realization)
     truth = GraphValues(
@@ -36,11 +41,12 @@ def write_graphs(run: "Run", realization: int, folder: Path, before: str = "") -
         landmark_position=noisy.landmark_position,
     )
     texts = {}
+    ending, digits = (".pyfg.gz", _DIGITS) if compact else (".pyfg", 17)
     for name, graph in noisy_graphs(run, noisy).items():
         if lost := not_in_text(graph):
             path = folder / f"{before}{name}.nc"
             LOG.warning("%s: NetCDF, because PyFG text cannot hold %s", path, ", ".join(lost))
             graph.save(path)
         else:
-            texts[folder / f"{before}{name}.pyfg"] = graph
-    write_pyfgs(texts, initial=truth)
+            texts[folder / f"{before}{name}{ending}"] = graph
+    write_pyfgs(texts, initial=truth, digits=digits)

@@ -49,16 +49,21 @@ def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Pag
         mission += f", {count} noise realization{'' if count == 1 else 's'}"
     return Page(
         title=study.name,
-        facts=[mission, *_provenance(results)],
+        facts=[mission],
         description=study.description,
         notes=[*([SYNTHETIC_NOTE] if results.synthetic else []), *warnings_of(results)],
         cards=headlines(results),
+        question="What did refraction do?",
+        lead="refraction",
+        long=True,
         words=_words(results),
         explorer=Explorer("run", explorer(results, rays)),
         pictures=pictures,
         tables=list(results.tables.values()),
+        links={"Configuration": "config.toml"},
+        made=_provenance(results),
         origin=[origin_table(run.manifest, "Manifest", "manifest.json")],
-        citation=_citation(results),
+        citation=citation_of([results]),
         references=run.manifest.get("references", []),
     )
 
@@ -103,58 +108,102 @@ def _words(results: RunResults) -> list[str]:
     return [*lines, *glossary_lines(used)]
 
 
-def _citation(results: RunResults) -> tuple[str, str]:
+def citation_of(runs: Sequence[RunResults]) -> tuple[str, str]:
     """
-    Citation of the run, as text and as BibTeX: the program, its version, and the command that
-    repeats the run.
+    Citation of runs, as text and as BibTeX: the program, its versions, and what repeats the runs.
     """
-    run = results.run
-    manifest = results.run.manifest
-    versions = manifest["versions"]
-    version = versions.get("pymantaray", "unknown")
-    commit = versions.get("git_commit")
-    made = str((manifest.get("made") or {}).get("began", ""))[:10]
-    study = run.study.name
-    seed = run.study.seed
-    which = f"version {version}" + (f", commit {commit[:12]}" if commit else "")
-    digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
-    words = (
-        f"Study {study}, seed {seed}, configuration {digest} (SHA-256 of config.toml), made with"
-        f" MantaRay, {which}"
+    words = " ".join(
+        f"Study {study}, made with MantaRay, {how}." for study, how in map(_made, runs)
     )
-    note = f"{which}; study {study}, seed {seed}, configuration {digest}"
+    versions = dict.fromkeys(_version(r) for r in runs)
+    years = sorted({_began(r)[:4] for r in runs} - {""})
+    note = "; ".join(
+        f"{how.partition(' on ')[0]}; study {study}" for study, how in map(_made, runs)
+    )
     # a page contains no address
     fields = {name: value for name, value in MANTARAY.fields.items() if name != "url"}
-    fields |= {"version": version, "note": note}
-    fields |= {"year": made[:4]} if made else {}
-    return f"{words}{f' on {made}' if made else ''}.", replace(MANTARAY, fields=fields).bibtex
+    fields |= {"version": ", ".join(versions), "note": note}
+    fields |= {"year": years[-1]} if years else {}
+    return words, replace(MANTARAY, fields=fields).bibtex
+
+
+def _version(results: RunResults) -> str:
+    return str(results.run.manifest["versions"].get("pymantaray", "unknown"))
+
+
+def _began(results: RunResults) -> str:
+    """Day on which a run began; empty if it does not say so."""
+    return str((results.run.manifest.get("made") or {}).get("began", ""))[:10]
+
+
+def _made(results: RunResults) -> tuple[str, str]:
+    """Study with seed and configuration of a run, and version and day of its program."""
+    run = results.run
+    commit = run.manifest["versions"].get("git_commit")
+    digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
+    study = f"{run.study.name}, seed {run.study.seed}, configuration {digest}"
+    which = f"version {_version(results)}" + (f", commit {commit[:12]}" if commit else "")
+    day = _began(results)
+    return f"{study} (SHA-256 of config.toml)", f"{which}{f' on {day}' if day else ''}"
 
 
 def headlines(results: RunResults) -> list[Card]:
-    """Cards of the ranges, and of the estimates if there are any."""
+    """
+    Cards of a run: first the three that answer what refraction did, to ranges, links and positions.
+    """
     tables = results.tables
     drop = _row(tables["dropouts"], category=ALL_LINKS)
     total = _row(tables["range_error"], category=ALL_LINKS)
     bending = _row(tables["range_error_split"], category=ALL_LINKS, part="bending")
-    dropouts = f"{drop['percent']:.1f} % dropouts" if drop["attempts"] else "no attempts"
     ends = [signed_metres(total[f"p{percent}_m"]) for percent in (1, 99)]
-    spread = f"sd {metres(total['sd_m'])}; 1 % to 99 %: {' to '.join(ends)}"
+    lost = f"{drop['percent']:.1f} % dropouts" if drop["attempts"] else "no attempts"
+    shadow = f"; {drop['shadow']:,} in shadow zones, without a direct ray" if drop["shadow"] else ""
+    mean_bending = signed_metres(bending["mean_m"])
     cards = [
-        Card("Ranges received", f"{results.received:,} of {results.attempts:,}", dropouts),
-        Card("Mean range error", signed_metres(total["mean_m"]), spread),
         Card(
-            "Mean bending",
-            signed_metres(bending["mean_m"]),
-            "the remaining range error is due to the reference speed",
+            "Range error from refraction",
+            f"{signed_metres(total['mean_m'])} mean, {metres(total['sd_m'])} sd",
+            f"range minus straight distance; 1 % to 99 %: {' to '.join(ends)}",
+        ),
+        Card("Ranges lost", f"{drop['dropouts']:,} of {drop['attempts']:,}", lost + shadow),
+        Card(
+            "Mean bending", mean_bending, "the remaining range error is due to the reference speed"
         ),
     ]
-    if results.run.study.solves:
-        cards += _error_cards(tables)
+    if not results.run.study.solves:
+        return cards
+    first, *others = [*_difference_cards(tables), *_error_cards(tables)]
+    return [*cards[:2], first, *others, cards[2]]
+
+
+def _difference_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
+    """Card of the first difference between conditions, refracted minus straight if both exist."""
+    mean = tables["ate_pooled"].frame.set_index("condition")["mean_m"]
+    cards = []
+    for row in tables["ate_difference"].frame.head(1).to_dict("records"):
+        ends = [row[f"bootstrap_{end}_m"] for end in ("low", "high")]
+        interval = f"; {' to '.join(map(signed_metres, ends))} (95 %)" if _finite(ends) else ""
+        names = row["condition"], row["baseline"]
+        difference = f"{names[0]} minus {names[1]}".capitalize()
+        if names == ("refracted", "straight"):
+            difference = "Position error from refraction"
+        values = " and ".join(f"{metres(mean[n])} with {condition_label(n).lower()}" for n in names)
+        cards.append(
+            Card(
+                difference,
+                signed_metres(row["pooled_difference_m"]),
+                f"mean over all poses: {values}{interval}",
+            )
+        )
     return cards
 
 
+def _finite(numbers: Sequence[float]) -> bool:
+    return bool(np.isfinite(numbers).all())
+
+
 def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
-    """Cards of the position errors of each condition and of their first difference."""
+    """Cards of the position errors of each condition."""
     cards = []
     at_pings = tables["ping_error"].frame.set_index("condition")
     for row in tables["ate_pooled"].frame.to_dict("records"):
@@ -162,15 +211,6 @@ def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
         pings = at_pings.loc[row["condition"]].to_dict()
         remark = f"mean; RMSE {_rmse(row)}; RMSE under water at pings {_rmse(pings)}"
         cards.append(Card(what, metres(row["mean_m"]), remark))
-    for row in tables["ate_difference"].frame.head(1).to_dict("records"):
-        ends = [row[f"bootstrap_{end}_m"] for end in ("low", "high")]
-        interval = (
-            f"; {' to '.join(map(signed_metres, ends))} (95 %)" if np.isfinite(ends).all() else ""
-        )
-        what = f"{row['condition']} minus {row['baseline']}".capitalize()
-        cards.append(
-            Card(what, signed_metres(row["pooled_difference_m"]), f"mean position error{interval}")
-        )
     return cards
 
 

@@ -32,9 +32,12 @@ from pymantaray.jobs.keys import digest
 from pymantaray.jobs.pool import Pool, ProcessPool, run_tasks
 from pymantaray.jobs.progress import Progress
 from pymantaray.records import Estimates, whole_file, write_netcdf
+from pymantaray.records.writing import pack
 
 LOG = logging.getLogger(__name__)
 _REALIZATIONS_PER_WORKER = 3
+_CURRENTS = ("current_north", "current_east")
+_CURRENT_STEP = 1e-5  # m/s; of currents in a file if rays do not need them
 # bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a
 # range attempt
 _POSE_BYTES = 160
@@ -186,7 +189,7 @@ def _solve(
 
     report("realizations", len(solved), count)
     queue = RealizationQueue((n for n in range(count) if n not in solved), ended)
-    write = partial(write_graphs, run, 0, graphs, "realization-0-")
+    write = partial(write_graphs, run, 0, graphs, "realization-0-", compact=True)
     if queue.left:
         run_tasks(queue, pool, meanwhile=write)
     else:
@@ -269,7 +272,11 @@ def _refuse_missing_files(study: Study) -> None:
 def _write_mission(study: Study, mission: Mission, folder: Path) -> None:
     with whole_file(folder / run_folder.CONFIG) as file:
         file.write_text(study.toml, encoding="utf-8")
-    write_netcdf(mission.ocean.local, folder / run_folder.OCEAN)
+    local = mission.ocean.local.copy()
+    if not study.sound.currents:
+        for name in [name for name in _CURRENTS if name in local]:
+            pack(local.variables[name], _CURRENT_STEP)
+    write_netcdf(local, folder / run_folder.OCEAN)
     write_netcdf(mission.ocean.profile, folder / run_folder.PROFILE)
     with whole_file(folder / run_folder.REGION) as file:
         mission.ocean.region.to_csv(file)

@@ -70,10 +70,11 @@ def write_rows(
     matrix: Array | None = None,
     *,
     planar: bool,
+    digits: int = 17,
 ) -> Iterator[str]:
     """
     Lines of a word, given with its word in two dimensions (None if it is the same), from the
-    columns of a graph.
+    columns of a graph, with numbers of this many significant digits.
     """
     flat = planar and words[1] is not None
     word = words[1] if flat else words[0]
@@ -83,7 +84,9 @@ def write_rows(
     )
     bits = np.ascontiguousarray(table).view(np.int64)  # zeros have signs
     same = (bits == bits[:1]).all(axis=0) & bool(len(table))
-    numbers = [f"{table[0, k]:.17g}" if same[k] else "%.17g" for k in range(table.shape[1])]
+    numbers = [
+        f"{table[0, k]:.{digits}g}" if same[k] else f"%.{digits}g" for k in range(table.shape[1])
+    ]
     form = f"{word} %s {' '.join(numbers)}\n"
     for head, row in zip(heads, table[:, ~same].tolist(), strict=True):
         yield form % (head, *row)

@@ -6,15 +6,18 @@ plane: the reader lifts them to three dimensions, and the writer flattens them.
 """
 
 import csv
+import gzip
 import io
 import itertools
 import logging
 import re
 import string
 from collections.abc import Collection, Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from io import TextIOWrapper
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, NamedTuple
+from typing import IO, Any, Literal, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,7 +44,7 @@ from pymantaray.estimation.graph.pyfactorgraph import depths_as_ranges
 from pymantaray.estimation.graph.text import Indefinite, Table, TextLines, read_tables
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
-from pymantaray.user_files import exists, read_text
+from pymantaray.user_files import exists, is_gzip, read_text
 
 LOG = logging.getLogger(__name__)
 POSE = "VERTEX_SE3:QUAT"
@@ -108,7 +111,7 @@ def write_pyfg(
         all are an L and a number. Otherwise they get such symbols in order, and a table beside the
         file, ``name.names.csv`` for ``name.pyfg``, lists their names.
     path : pathlib.Path or str
-        File to create or replace; its folder must exist.
+        File to create or replace, compressed if its name ends in ``.gz``; its folder must exist.
     initial : GraphValues
         Values of the vertices: the ground truth, as PyFactorGraph defines it, or starting values.
     depths : {"priors", "ranges"}
@@ -162,14 +165,16 @@ def not_in_text(graph: FactorGraph) -> list[str]:
     return [f"{len(table)} {table.kind.plural}" for table in tables if len(table)]
 
 
-def write_pyfgs(graphs: Mapping[Path, FactorGraph], *, initial: GraphValues) -> None:
+def write_pyfgs(
+    graphs: Mapping[Path, FactorGraph], *, initial: GraphValues, digits: int = 17
+) -> None:
     """
     Write graphs of the same variables by their files, each as `write_pyfg` does; factors that they
-    share become text once.
+    share become text once. Numbers have this many significant digits.
     """
     known = dict[str, tuple[Factors, str]]()
     for path, graph in graphs.items():
-        _write(graph, path, initial, known)
+        _write(graph, path, initial, known, digits)
 
 
 _Known = dict[str, tuple[Factors, str]] | None
@@ -179,7 +184,9 @@ follows.
 """
 
 
-def _write(graph: FactorGraph, path: Path, initial: GraphValues, known: _Known) -> None:
+def _write(
+    graph: FactorGraph, path: Path, initial: GraphValues, known: _Known, digits: int = 17
+) -> None:
     """Write a graph; its tables replace others in ``known``."""
     check_kinds()
     check_values(graph, initial)
@@ -198,8 +205,10 @@ def _write(graph: FactorGraph, path: Path, initial: GraphValues, known: _Known) 
             raise EstimationError(
                 f"{path}: {what}; names must differ and consist of letters, digits, _ and -"
             )
-    with whole_file(path) as temporary, temporary.open("w", encoding="ascii", newline="\n") as file:
-        file.writelines(_texts(graph, initial, (vehicles, landmarks), known))
+    texts = _texts(graph, initial, (vehicles, landmarks), known, digits)
+    with whole_file(path) as temporary:
+        with _opened(temporary, compressed=is_gzip(path)) as file:
+            file.writelines(texts)
         if vehicles + landmarks == full:
             table.unlink(missing_ok=True)  # from a replaced file
         else:
@@ -212,9 +221,25 @@ def _write(graph: FactorGraph, path: Path, initial: GraphValues, known: _Known) 
                 )
 
 
+@contextmanager
+def _opened(path: Path, *, compressed: bool) -> Iterator[IO[str]]:
+    """Open a file for the text of a graph, optionally compressed, always with the same bytes."""
+    with path.open("wb") as file, ExitStack() as stack:
+        content: IO[bytes] = file
+        if compressed:
+            packed = gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0)
+            content = cast("IO[bytes]", stack.enter_context(packed))
+        yield stack.enter_context(TextIOWrapper(content, encoding="ascii", newline="\n"))
+
+
 def names_file(path: Path) -> Path:
     """Path of the table of vehicle and landmark names beside a PyFactorGraph file."""
-    return path.with_name(f"{path.stem}.names.csv")
+    return path.with_name(f"{plain_path(path).stem}.names.csv")
+
+
+def plain_path(path: Path) -> Path:
+    """Path of a graph file without the ending of gzip, whose suffix is the format."""
+    return path.with_suffix("") if is_gzip(path) else path
 
 
 def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
@@ -224,7 +249,8 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     Parameters
     ----------
     path : pathlib.Path or str
-        If a table of names of `write_pyfg` lies beside it, vehicles and landmarks get the names of
+        A name that ends in ``.gz`` means a file compressed by gzip. If a table of names of
+        `write_pyfg` lies beside it, vehicles and landmarks get the names of
         the table.
 
     Returns
@@ -542,20 +568,21 @@ def _texts(
     initial: GraphValues,
     symbols: tuple[list[str], list[str]],
     known: _Known,
+    digits: int,
 ) -> Iterator[str]:
     """
     Lines of the poses, of the landmarks and of each kind of factors, or the text of a kind from
     ``known``.
     """
     vehicles, landmarks = symbols
+    look: dict[str, Any] = {"planar": graph.planar, "digits": digits}
     numbers = zip(graph.pose_vehicle.tolist(), graph.pose_number.tolist(), strict=True)
     names = [f"{vehicles[a]}{k}" for a, k in numbers] + landmarks
     time = [f"{t:.17g}" for t in graph.pose_time.tolist()] + ["0"] * len(landmarks)
     poses = [f"{t} {name}" for t, name in zip(time, names[: graph.n_poses], strict=False)]
-    planar = graph.planar
     poses_values = np.concatenate([initial.position, initial.quaternion], axis=1)
-    yield from write_rows(_words(POSE), poses, poses_values, planar=planar)
-    yield from write_rows(_words(LANDMARK), landmarks, initial.landmark_position, planar=planar)
+    yield from write_rows(_words(POSE), poses, poses_values, **look)
+    yield from write_rows(_words(LANDMARK), landmarks, initial.landmark_position, **look)
     for table, factors in graph.tables.items():
         kind = factors.kind
         if kind.word is None:
@@ -570,7 +597,7 @@ def _texts(
                 factors.subject.tolist(), factors.variables.tolist(), strict=True
             )
         ]
-        rows = write_rows(_words(kind.word), heads, *_pose_prior_columns(factors), planar=planar)
+        rows = write_rows(_words(kind.word), heads, *_pose_prior_columns(factors), **look)
         if known is None:
             yield from rows
         else:

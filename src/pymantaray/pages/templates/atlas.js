@@ -20,7 +20,7 @@ start((data) => {
       { type: "heatmap", x: lon, y: lat, z: z.map((row) => row.map((value) => (value === null ? null : Math.log10(Math.max(value, 1e-3))))), customdata: z, zmin: low, zmax: Math.max(high, low + 1e-3), colorscale: "Viridis", reversescale: true,
         colorbar: { title: { text: "error [m]" }, thickness: 10, tickvals: ticks.map(Math.log10), ticktext: ticks.map((x) => String(Number(x.toPrecision(3)))) }, hovertemplate: "%{y:.2f}, %{x:.2f}: %{customdata:.2f} m<extra></extra>" },
       { type: "scatter", mode: "markers", x: [lon[c.lon]], y: [lat[c.lat]], marker: { symbol: "circle-open", size: 14, color: "#D55E00", line: { width: 3 } }, hoverinfo: "skip" },
-    ], { xaxis: { title: { text: "Longitude [deg]" } }, yaxis: { title: { text: "Latitude [deg]" } } });
+    ], { xaxis: { title: { text: "Longitude [°]" }, ticksuffix: "°" }, yaxis: { title: { text: "Latitude [°]" }, ticksuffix: "°" } });
     at("instant").textContent = time[c.time];
     at("time").setAttribute("aria-valuetext", time[c.time]);
     showPlace();

@@ -47,17 +47,29 @@ async function unpacked(id) {
   const bytes = Uint8Array.from(atob(at(id).textContent), (letter) => letter.charCodeAt(0));
   return new Response(new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"))).text();
 }
-// the interactive part starts after the browser has shown the page
-const start = (show) => requestAnimationFrame(() => setTimeout(async () => {
+// unfolds the sections around the element that the address names
+const unfold = () => {
+  const named = document.querySelector(":target");
+  for (let part = named?.closest("details"); part; part = part.parentElement.closest("details")) part.open = true;
+  named?.scrollIntoView();
+};
+// the interactive part starts after the browser has shown the page; on the screen, it replaces the sections that are then folded
+const start = (show) => {
   if (!window.DecompressionStream) {
     const note = Object.assign(document.createElement("p"), {className: "note"});
     note.textContent = "The interactive figures need a newer browser; figures and tables do not.";
     document.querySelector("noscript").before(note);
     return;
   }
-  const library = document.createElement("script");
-  library.textContent = await unpacked("library");
-  document.head.append(library);
-  show(JSON.parse(await unpacked("explorer")));
-  document.documentElement.dataset.ready = "yes";
-}));
+  for (const part of document.querySelectorAll("[data-folds]")) part.open = false;
+  for (const part of document.querySelectorAll("#look, .contents [hidden]")) part.hidden = false;
+  addEventListener("hashchange", unfold);
+  unfold();
+  requestAnimationFrame(() => setTimeout(async () => {
+    const library = document.createElement("script");
+    library.textContent = await unpacked("library");
+    document.head.append(library);
+    show(JSON.parse(await unpacked("explorer")));
+    document.documentElement.dataset.ready = "yes";
+  }));
+};

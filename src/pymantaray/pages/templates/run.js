@@ -165,6 +165,7 @@ start((data) => {
   function listLinks() {
     const ping = pingAt(state.frame);
     const rows = at("which").value === "rays" ? [...sections.keys()].sort((a, b) => largest(b) - largest(a)) : linksOf(ping);
+    at("columns").textContent = `Pair: distance${at("which").value === "rays" ? ", time" : ""}: range error in each direction, or reason for none`;
     at("links").replaceChildren(...rows.map((link) => {
       const heard = links.error[link].some((value) => value !== null);
       const text = heard ? links.error[link].filter((v) => v !== null).map((v) => metres(v)).join(", ") : data.statuses[links.status[link]];
@@ -285,6 +286,7 @@ start((data) => {
     else showLink();
   }
   at("vehicle").replaceChildren(...fleet.names.slice(0, fleet.vehicles).map((name, v) => new Option(name, v)));
+  at("vehicle").value = fleet.first;
   at("time").max = fleet.hour.length - 1;
   at("time").addEventListener("input", () => { stop(); show(Number(at("time").value)); });
   at("play").addEventListener("click", play);

@@ -2,29 +2,51 @@ start((data) => {
   const { columns, labels, colours } = data;
   const rows = columns[data.up[0]].length;
   const label = (name) => labels[name] ?? name;
-  const known = (name) => [...new Set(columns[name])].sort((a, b) => (typeof a === "number" && typeof b === "number" ? a - b : String(a).localeCompare(String(b))));
+  const isNumber = (name) => typeof columns[name].find((value) => value !== null) === "number";
+  // numbers in their order; words of results in that of the table, which is the order of the configuration, words of events by letter
+  const known = (name) => {
+    const values = [...new Set(columns[name])];
+    if (isNumber(name)) return values.sort((a, b) => a - b);
+    return data.lines ? values : values.sort((a, b) => String(a).localeCompare(String(b)));
+  };
   const fill = (id, names, none) => at(id).replaceChildren(...(none ? [new Option(none, "")] : []), ...names.map((name) => new Option(label(name), name)));
+  const menus = () => [...at("only").querySelectorAll("select")];
   function narrow() {
     const used = [at("across").value, at("each").value];
-    const before = new Map([...at("only").querySelectorAll("select")].map((select) => [select.name, select.value]));
+    const before = new Map(menus().filter((select) => select.dataset.chosen).map((select) => [select.name, select.value]));
     at("only").replaceChildren(...data.each.filter((name) => !used.includes(name) && known(name).length > 1).map((name) => {
       const select = document.createElement("select");
       select.name = name;
       select.append(new Option("all", ""), ...known(name).map((value, i) => new Option(value, i)));
       select.value = before.get(name) ?? "";
-      select.addEventListener("change", show);
+      if (before.has(name)) select.dataset.chosen = "yes";
+      select.addEventListener("change", () => { select.dataset.chosen = "yes"; show(); });
       const words = document.createElement("label");
       words.append(`${label(name)} `, select);
       return words;
     }));
+    if (data.lines && isNumber(at("across").value)) fix();
     show();
+  }
+  function shownRows() {
+    const [up, across] = ["up", "across"].map((id) => at(id).value);
+    const only = menus().filter((select) => select.value !== "").map((select) => [select.name, known(select.name)[Number(select.value)]]);
+    return Array.from({ length: rows }, (_, row) => row).filter((row) => columns[up][row] !== null && columns[across][row] !== null && only.every(([name, value]) => columns[name][row] === value));
+  }
+  // fixes the other keys at their first values where a line would have several points at one place
+  function fix() {
+    const place = (row) => JSON.stringify([at("across").value, at("each").value].map((name) => columns[name]?.[row]));
+    for (const select of menus().filter((menu) => !menu.dataset.chosen)) {
+      const shown = shownRows();
+      const first = new Map(shown.toReversed().map((row) => [place(row), columns[select.name][row]]));
+      if (shown.some((row) => columns[select.name][row] !== first.get(place(row)))) select.value = known(select.name).indexOf(columns[select.name][shown[0]]);
+    }
   }
   function show() {
     const [up, across, each] = ["up", "across", "each"].map((id) => at(id).value);
-    const only = [...at("only").querySelectorAll("select")].filter((select) => select.value !== "").map((select) => [select.name, known(select.name)[Number(select.value)]]);
-    const shown = Array.from({ length: rows }, (_, row) => row).filter((row) => columns[up][row] !== null && columns[across][row] !== null && only.every(([name, value]) => columns[name][row] === value));
+    const shown = shownRows();
     const groups = each ? known(each) : [null];
-    const lines = data.lines && typeof columns[across].find((value) => value !== null) === "number";
+    const lines = data.lines && isNumber(across);
     const traces = groups.map((group, g) => {
       const own = shown.filter((row) => group === null || columns[each][row] === group);
       if (lines) own.sort((a, b) => columns[across][a] - columns[across][b]);
@@ -38,7 +60,7 @@ start((data) => {
     });
     draw("chart", traces, {
       showlegend: each !== "", legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, margin: { l: 70, r: 15, t: 40, b: 60 },
-      xaxis: { title: { text: label(across) }, type: typeof columns[across].find((value) => value !== null) === "number" ? "linear" : "category", automargin: true },
+      xaxis: { title: { text: label(across) }, type: isNumber(across) ? "linear" : "category", automargin: true },
       yaxis: { title: { text: label(up) }, type: at("logarithmic").checked ? "log" : "linear" },
     });
     at("told").textContent = `${shown.length} of ${rows} rows`;

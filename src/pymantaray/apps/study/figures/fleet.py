@@ -8,6 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import FuncFormatter
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Line3DCollection  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.proj3d import proj_transform  # type: ignore[import-untyped]
@@ -58,15 +59,43 @@ def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -
 
 
 @style.styled
-def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
+def fleet_in_column(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
+    """Figure of `fleet_layout` with its panels below each other, for one column of a journal."""
+    colours = style.vehicle_colours(truth.name.size)
+    figure, place = _figure_with_key(style.COLUMN, 7.6, header, _key(truth, measurements, colours))
+    plan = figure.add_axes(place(0.15, 0.70, 0.80, 0.25))
+    solid = figure.add_axes(place(-0.04, 0.245, 0.92, 0.36), projection="3d")
+    time = figure.add_axes(place(0.18, 0.06, 0.77, 0.15))
+    draw_plan(plan, truth, measurements, colours)
+    assert isinstance(solid, Axes3D)
+    _draw_solid(solid, truth, measurements, colours)
+    draw_depths(time, truth, colours)
+    style.panel_title(plan, "a", "plan")
+    figure.text(*place(0.15, 0.62)[:2], "(b) start, greatest depth and track", fontsize=7.5)
+    style.panel_title(time, "c", "depth")
+    return figure
+
+
+@style.styled
+def factor_graph(
+    truth: Trajectories, measurements: Measurements, header: str, *, one_ping: bool = False
+) -> Figure:
     """
-    Factor graph in three dimensions: coloured chains of poses, one per vehicle, and grey ranges.
+    Factor graph in three dimensions: coloured chains of poses, one per vehicle, and grey ranges; of
+    ``one_ping``, that with most ranges, they are lines that can be told apart.
     """
     colours = style.vehicle_colours(truth.name.size)
     figure, place = _figure_with_key(style.COLUMN, 3.1, header, _key(truth, measurements, colours))
     axes = figure.add_axes(place(-0.045, 0.1, 0.93, 0.83), projection="3d")
     assert isinstance(axes, Axes3D)
     received = np.isin(measurements.range_status, ARRIVES)
+    words = f"{truth.position.shape[0] * truth.position.shape[1]:,} poses,"
+    words += f" {received.sum():,} range edges"
+    if one_ping and received.any():
+        ping = np.bincount(measurements.range_sample[received]).argmax()
+        received &= measurements.range_sample == ping
+        hour = style.clock(float(truth.time[ping]) / 3600.0)
+        words += f"; {received.sum():,} of them, at {hour}, are shown"
     edges = np.stack(range_ends(truth, measurements), axis=1)[received]
     if len(edges):
         alpha = float(np.clip(600 / len(edges), 0.08, 0.5))
@@ -75,15 +104,13 @@ def factor_graph(truth: Trajectories, measurements: Measurements, header: str) -
             Line3DCollection(lines, colors="#8a8a8a", linewidths=0.25, alpha=alpha, rasterized=True)
         )
     for path, colour in zip(truth.position / 1e3, colours, strict=True):
-        _line(axes, path, color=colour, linewidth=1.3)
+        _line(axes, path, color=colour, linewidth=0.5 if one_ping else 1.3)
     starts = truth.position[:, 0] / 1e3
     for start, colour in zip(starts, colours, strict=True):
         axes.plot(
             *start[_ENU, None], "o", color=colour, markersize=3.4, markeredgecolor="white", zorder=8
         )
     _finish(axes, truth, measurements, starts)
-    poses = truth.position.shape[0] * truth.position.shape[1]
-    words = f"{poses:,} poses, {len(edges):,} range edges"
     figure.text(*place(0.5, 0.02)[:2], words, ha="center", fontsize=6.5, color=style.GREY)
     return figure
 
@@ -124,7 +151,8 @@ def _figure_with_key(
     def place(
         left: float, low: float, wide: float = 0.0, high: float = 0.0
     ) -> tuple[float, float, float, float]:
-        return left, (low * height + room) / (height + room), wide, high * height / (height + room)
+        whole = figure.get_figheight()  # with the lines of the header
+        return left, (low * height + room) / whole, wide, high * height / whole
 
     return figure, place
 
@@ -258,7 +286,8 @@ def _finish(axes: Axes3D, truth: Trajectories, measurements: Measurements, marks
         axes.locator_params(axis=axis, nbins=max(2, round(5 * share)))
     axes.set_xlabel("East [km]")
     axes.set_ylabel("North [km]")
-    axes.set_zlabel("Depth [km]")
+    axes.set_zlabel("Depth [m]")
+    axes.zaxis.set_major_formatter(FuncFormatter(lambda km, _: f"{1e3 * km:g}"))  # as in (c)
     axes.apply_aspect()
     x, y, _ = proj_transform(*np.concatenate([marks, places])[:, _ENU].T, axes.get_proj())
     _write_names(axes, np.stack([x, y], axis=1), _all_marks(truth, measurements))
@@ -274,6 +303,7 @@ register(
     " colour in all figures of the fleet; names that are too long for the plan are numbered, with"
     " a key below.",
     draw=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header),
+    column=lambda r: fleet_in_column(r.run.truth, r.run.measurements, r.header),
 )
 register(
     "factor_graph",
@@ -283,5 +313,6 @@ register(
     caption="Factor graph at the true positions: chains of poses coloured by vehicle, the"
     " {r.received:,} received ranges in grey.",
     draw=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header),
+    column=lambda r: factor_graph(r.run.truth, r.run.measurements, r.header, one_ping=True),
     needs=lambda r: r.run.study.solves,
 )

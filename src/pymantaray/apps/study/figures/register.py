@@ -108,6 +108,7 @@ class _Entry:
     needs: Callable[[RunResults], bool]
     of_mission: bool
     paper: str
+    column: Callable[[RunResults], Figure] | None
 
 
 _REGISTER: dict[str, _Entry] = {}
@@ -122,15 +123,17 @@ def register(
     needs: Callable[[RunResults], bool] = lambda _: True,
     of_mission: bool = False,
     paper: str = "",
+    column: Callable[[RunResults], Figure] | None = None,
 ) -> None:
     """
     Add a figure to all reports whose results satisfy ``needs``; ``place`` is its rank on the page.
 
     A caption may contain attributes of `RunResults`, such as ``{r.received:,}``. A figure with
     ``of_mission`` does not depend on the realizations, so it may be drawn before they are solved.
-    ``paper`` is its counterpart in the paper.
+    ``paper`` is its counterpart in the paper. ``column`` draws it for one column of a journal, if
+    it needs another layout.
     """
-    _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission, paper)
+    _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission, paper, column)
 
 
 def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[FigureSpec]:
@@ -141,7 +144,13 @@ def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[F
     find_figures()
     entries = sorted(_REGISTER.items(), key=lambda item: item[1].place)
     return [
-        FigureSpec(name, _caption(entry, results), partial(entry.draw, results), entry.paper)
+        FigureSpec(
+            name,
+            _caption(entry, results),
+            partial(entry.draw, results),
+            entry.paper,
+            entry.column and partial(entry.column, results),
+        )
         for name, entry in entries
         if (entry.of_mission or not of_mission) and entry.needs(results)
     ]

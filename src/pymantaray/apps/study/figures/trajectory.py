@@ -34,7 +34,7 @@ class ApePanel:
     log: bool
 
 
-def _shown_over_time(results: RunResults) -> Mapping[str, Array]:
+def shown_over_time(results: RunResults) -> Mapping[str, Array]:
     """
     Errors of all conditions, or of the study's conditions if there are too many estimators for one
     panel.
@@ -46,7 +46,7 @@ def _shown_over_time(results: RunResults) -> Mapping[str, Array]:
 
 
 def _caption_over_time(results: RunResults) -> str:
-    shown = _shown_over_time(results)
+    shown = shown_over_time(results)
     shaded = ", quartiles shaded" if len(shown) <= style.HEADER_LINE else ""
     others = "; estimators are in the next figure" if len(shown) < len(results.errors) else ""
     fixes = "; GNSS fixes are marked at the bottom" if results.fixes.any() else ""
@@ -93,20 +93,21 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
     return figure
 
 
-def _panel_grid(panels: int, lines: int, header: str) -> tuple[Figure, NDArray[Any]]:
+def _panel_grid(panels: int, lines: int, header: str, width: float) -> tuple[Figure, NDArray[Any]]:
     """Figure with the axes of each panel, rows by columns, above this many lines of legend."""
-    columns = min(3, panels)
+    columns = min(3 if width > style.COLUMN else 2, panels)
     rows = -(-panels // columns)
     legend = 0.06 + 0.14 * lines if lines else 0.0  # room for it below the panels [in]
-    width = style.DOUBLE
     height = 0.8 + legend + (1.2 if columns > 1 else 2.2) * rows
     figure = style.new_figure(width, height, header, layout=None)
+    top = 0.42 + figure.get_figheight() - height  # below the lines of the header [in]
+    height = figure.get_figheight()
     grid = figure.subplots(rows, columns, squeeze=False, sharex=True, sharey=True)
     figure.subplots_adjust(
         left=0.55 / width,
         right=1.0 - 0.18 / width,
         bottom=(0.45 + legend) / height,
-        top=1.0 - 0.42 / height,
+        top=1.0 - top / height,
         wspace=0.15,
         hspace=0.38,
     )
@@ -134,13 +135,17 @@ def error_over_time(
     errors: Mapping[str, Array],
     fixes: NDArray[np.bool_],
     header: str,
+    *,
+    width: float = style.DOUBLE,
 ) -> Figure:
     """
     Position error of every vehicle over time: median over the realizations, with shaded quartiles
     for few conditions.
     """
-    lines = style.legend_lines(len(errors) + bool(fixes.any()))
-    figure, grid = _panel_grid(max(len(names), 1), lines, header)
+    entries = len(errors) + bool(fixes.any())
+    per_line = 2 if width == style.COLUMN else 0  # as `style.common_legend` has them
+    lines = -(-entries // per_line) if per_line else style.legend_lines(entries)
+    figure, grid = _panel_grid(max(len(names), 1), lines, header, width)
     hours = time / 3600.0
     looks = style.condition_looks(list(errors))
     _set_shared_axes(grid[0, 0], hours)
@@ -183,8 +188,16 @@ def error_over_time(
     ]
     if fixes.any():
         handles.append(style.entry("GNSS fix", color=style.SKY, linewidth=2.5))
-    style.common_legend(figure, handles)
+    below: dict[str, Any] = {"loc": "lower center", "ncols": per_line} if per_line else {}
+    style.common_legend(figure, handles, **below)
     return figure
+
+
+def _error_over_time_of(results: RunResults, width: float) -> Figure:
+    truth = results.run.truth
+    errors = shown_over_time(results)
+    names = truth.name.tolist()
+    return error_over_time(truth.time, names, errors, results.fixes, results.header, width=width)
 
 
 def _set_shared_axes(axes: Axes, hours: Array) -> None:
@@ -289,8 +302,7 @@ register(
     "error_over_time",
     place=40,
     caption=_caption_over_time,
-    draw=lambda r: error_over_time(
-        r.run.truth.time, r.run.truth.name.tolist(), _shown_over_time(r), r.fixes, r.header
-    ),
+    draw=lambda r: _error_over_time_of(r, style.DOUBLE),
+    column=lambda r: _error_over_time_of(r, style.COLUMN),
     needs=lambda r: r.run.study.solves,
 )
