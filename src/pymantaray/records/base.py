@@ -5,6 +5,7 @@ from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -305,6 +306,19 @@ class Record:
             if item.metadata["step"] is not None:
                 pack(variable, item.metadata["step"])
         write_netcdf(dataset, path)
+
+    def as_saved(self) -> Self:
+        """
+        Record as it is read from its file, with the precision of the file.
+
+        Returns
+        -------
+        Record
+        """
+        with TemporaryDirectory(prefix="mantaray-") as folder:
+            path = Path(folder, "record.nc")
+            self.save(path)
+            return self.load(path)
 
     @classmethod
     def load(cls, path: Path) -> Self:

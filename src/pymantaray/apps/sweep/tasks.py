@@ -89,7 +89,10 @@ def _solve(task: SweepTask, study: Study, stages: Stages, store: Store) -> dict[
             run = run_in_memory(study, mission)
             solver = RealizationSolver(run)
             solved = [solver.solve(realization) for realization in range(study.realizations)]
-            vars(run).update(collect_results(run, solved)._asdict())
+            results = collect_results(run, solved)._asdict()
+            # with the precision of a run's files, so that a point is its study to the last digit
+            saved = {name: results[name].as_saved() for name in ("estimates", "covariances")}
+            vars(run).update(results | saved)
     with watch.stage("summary"):
         summary = summarize_point(run)
     seconds = {stage: stages.seconds(stage) for stage in STAGES} | watch.seconds
