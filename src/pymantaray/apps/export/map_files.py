@@ -10,7 +10,7 @@ from pymantaray.apps.study.store import Run
 from pymantaray.errors import ExchangeError
 from pymantaray.exchange.maps import Feature, geojson, kml
 from pymantaray.exchange.recording import TRUTH, Recording
-from pymantaray.pages.style import GREY, INK, WATER, condition_looks
+from pymantaray.pages.style import GREY, INK, LEVELS, condition_looks
 
 MAPS: dict[str, Callable[[list[Feature], str], str]] = {
     "kml": kml,
@@ -110,7 +110,7 @@ def _atlas_features(atlas: xr.Dataset) -> Iterator[Feature]:
         for d, distance in enumerate(distances):
             properties[f"no_direct_path_{distance}_percent"] = lost[t, i, j, d]
         share = shown[t, i, j] / largest
-        colour = _hexadecimal(WATER(float(share))) if np.isfinite(share) else GREY
+        colour = _hexadecimal(LEVELS(float(share))) if np.isfinite(share) else GREY
         yield Feature("Polygon", ring, properties, properties.get("time_utc", "cells"), colour)
 
 
