@@ -169,6 +169,7 @@ def test_the_page_has_every_status_that_commands_end_with():
     assert told == {0} | ours | signals
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
 def test_doctor_compiles_the_kernels_that_studies_need(mantaray, told):
     compiled = told("doctor", "--compile")["kernels"]["compiled"]

@@ -292,6 +292,7 @@ def test_a_list_in_the_place_of_a_flag_is_not_taken_for_one(tmp_path, ocean, mes
     )
 
 
+@pytest.mark.slow
 def test_a_field_that_compresses_well_is_read_whatever_its_size(tmp_path, closed_form_ocean):
     """More than 64 MiB of numbers for each variable in a file of some hundred kilobytes."""
     ocean = closed_form_ocean(

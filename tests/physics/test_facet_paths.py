@@ -241,6 +241,7 @@ def compare(medium, source, receiver):
     return missed, invented, count
 
 
+@pytest.mark.slow
 def test_rays_that_no_ray_in_the_plane_of_the_link_leads_to():
     """
     Reflected within metres of a corner, over cells that the plane does not meet, or after cells

@@ -125,7 +125,7 @@ LINKS = {
     ),
 }
 
-FAST = ("first-arrival-13.2-km", "pair-18.1-km", "other-layer-19.4-km", "pair-7.6-km")
+FAST = ("first-arrival-13.2-km", "pair-7.6-km")
 
 
 def medium_of(name):
@@ -207,7 +207,7 @@ def test_horizontal_refraction_changes_the_width_of_a_ray_tube():
     assert near.spreading == pytest.approx([arrivals.spreading_db[ray]], abs=0.1)
 
 
-@pytest.mark.parametrize("name", ["gulf", 2, 4])
+@pytest.mark.parametrize("name", ["gulf", pytest.param(2, marks=pytest.mark.slow), 4])
 def test_levels_from_both_ends_are_equal(name):
     """
     Reciprocity; derivatives in the plane of the link alone gave levels that differed by up to 7 dB.

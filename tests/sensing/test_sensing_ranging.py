@@ -323,6 +323,7 @@ def test_direct_or_first_adds_reflections_to_links_without_direct_ray(few, detec
     )
 
 
+@pytest.mark.slow
 def test_strongest_goes_by_the_loss_of_the_detector(few):
     """
     Water that absorbs 200 dB/km by the surface and nothing below it leaves the longer way over the

@@ -97,6 +97,7 @@ def test_a_file_without_a_plan_is_refused(tmp_path):
     refused(StudyError, "plan: found 3; allowed: a table", load_plan, file)
 
 
+@pytest.mark.slow
 def test_a_search_over_a_range_finds_the_smallest_sigma_and_repeats(tmp_path):
     file = write(
         tmp_path,

@@ -170,7 +170,7 @@ def test_smooth_predictions_leave_their_own_event_out_and_err_less(campaign):
     assert moved[450] < 0.2 * moved[440:461].max()
 
 
-@pytest.mark.parametrize("seed", [3, 7])
+@pytest.mark.parametrize("seed", [3, pytest.param(7, marks=pytest.mark.slow)])
 def test_water_that_is_right_stays_right(seed):
     events, candidates, _ = tables(seed, n=500, size=0.0)
     mixture, learned = learn(events, candidates)
@@ -190,6 +190,7 @@ def test_errors_that_exist_are_found_within_some_events(campaign):
     assert learned.no_error_after < 1e-2
 
 
+@pytest.mark.slow
 def test_levels_tell_arrivals_apart():
     """The later arrival is 12 dB weaker; receivers take one or the other at random."""
     events, candidates, _ = tables(seed=4, n=400, size=0.0)

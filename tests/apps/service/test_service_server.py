@@ -539,6 +539,7 @@ def test_the_command_serves_until_it_is_told_to_stop(begin, config):
     assert (process.returncode, printed, said) == (143, "", "")
 
 
+@pytest.mark.slow
 def test_who_listens_beyond_this_machine_is_warned(begin):
     process, _, port = begin("synthetic:fram", "--host", "0.0.0.0", "--port", "0")
     assert ask(port, json.dumps(GOOD))[0] == 200

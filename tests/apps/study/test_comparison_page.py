@@ -258,6 +258,7 @@ def test_a_comparison_that_fails_leaves_nothing(run_folder, other_folder, tmp_pa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_six_runs_have_a_column_each_and_figures_without_collisions(made_run, look, tmp_path):
     """
     Names longer than a figure has room for; figures are drawn, where what does not fit is a

@@ -90,6 +90,7 @@ def test_sensor_that_no_package_has_is_refused(tiny):
     refused(MantaRayError, "sensors: no installed package has 'echo'", build_study, config)
 
 
+@pytest.mark.slow
 def test_package_that_cannot_be_imported_is_named(tmp_path, tiny_run_folder):
     info = tmp_path / "packages" / "broken-1.0.dist-info"
     info.mkdir(parents=True)

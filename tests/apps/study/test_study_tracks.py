@@ -331,6 +331,7 @@ def test_the_mission_is_as_long_as_the_trajectories_unless_it_is_cut(table):
     )
 
 
+@pytest.mark.slow
 def test_water_that_varies_is_that_of_the_dates(table, tmp_path):
     # near an eddy that moves
     varying = {**OCEAN, "time_varying": True, "centre_lat": 74.8, "centre_lon": -136.95}

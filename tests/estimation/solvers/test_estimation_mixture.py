@@ -311,6 +311,7 @@ class Echoed(Mirrors):
         return time, by_a, by_b
 
 
+@pytest.mark.slow
 def test_wrong_weights_are_worse(make_fleet):
     errors = []
     for seed in range(4):
@@ -322,6 +323,7 @@ def test_wrong_weights_are_worse(make_fleet):
     assert wrong > 1.05 * right, (right, wrong)
 
 
+@pytest.mark.slow
 def test_persistence_helps_if_receivers_stay_with_their_arrivals(make_fleet):
     errors = []
     for seed in range(4):
@@ -337,7 +339,7 @@ def test_persistence_helps_if_receivers_stay_with_their_arrivals(make_fleet):
     assert chained < 0.9 * alone, (chained, alone)
 
 
-@pytest.mark.parametrize("seeds", [12, pytest.param(200, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("seeds", [pytest.param(n, marks=pytest.mark.slow) for n in (12, 200)])
 def test_errors_have_the_covariance_that_the_mixture_gives(make_fleet, seeds):
     values, ratios = [], []
     for seed in range(seeds):
