@@ -160,9 +160,7 @@ DAMAGE = {
 @pytest.mark.parametrize(
     "damage",
     [
-        word
-        if word == "a random kernel"
-        else pytest.param(word, marks=pytest.mark.slow)
+        word if word == "a random kernel" else pytest.param(word, marks=pytest.mark.slow)
         for word in DAMAGE
     ],
 )
