@@ -333,7 +333,8 @@ def _separate(figure: Figure, legend: Legend) -> None:
         _grow(figure, room)
     else:
         figure.set_figheight(figure.get_figheight() + room)
-        engine.set(rect=(0.0, 0.0, 1.0, 1.0 - room / figure.get_figheight()))  # type: ignore[call-arg]
+        rect = (0.0, 0.0, 1.0, 1.0 - room / figure.get_figheight())
+        engine.set(rect=rect)  # type: ignore[call-arg]
     legend.set_bbox_to_anchor((1.0, 1.0 - below / figure.get_figheight()))
 
 

@@ -18,7 +18,6 @@ from pymantaray.apps.atlas.dataset import FORMAT
 from pymantaray.apps.export import export_run
 from pymantaray.apps.export.map_files import run_features
 from pymantaray.apps.export.run_files import record
-from pymantaray.apps.study import open_run
 from pymantaray.errors import ExchangeError, LocateError, MantaRayError, StudyError, WriteError
 from pymantaray.exchange.maps import Feature, geojson, kml
 from pymantaray.exchange.matlab import write_mat
@@ -33,16 +32,6 @@ ORDER = [
     *("Point", "LineString", "Polygon", "MultiGeometry"),
 ]
 """Elements of a placemark in the order of KML's schema."""
-
-
-@pytest.fixture(scope="module")
-def run(tiny_run_folder):
-    return open_run(tiny_run_folder)
-
-
-@pytest.fixture
-def exported(run, tmp_path):
-    return lambda to: export_run(run, to, tmp_path / "out", realization=REALIZATION)
 
 
 def placemarks(text):

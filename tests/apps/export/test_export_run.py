@@ -16,7 +16,6 @@ from oracles import cf_errors
 from refusals import refused
 
 from pymantaray.apps.export.run_files import FORMATS, export_run, record
-from pymantaray.apps.study import open_run
 from pymantaray.errors import ExchangeError, JobError, StudyError, WriteError
 from pymantaray.estimation import read_pyfg
 from pymantaray.exchange import read_trajectories
@@ -30,16 +29,6 @@ UP = np.array([[0.0, 1, 0], [1, 0, 0], [0, 0, -1]])
 """North, east, down to east, north, up."""
 LATE = 3  # samples
 FLOAT32 = 1e-6  # relative; a little more than its rounding
-
-
-@pytest.fixture(scope="module")
-def run(tiny_run_folder):
-    return open_run(tiny_run_folder)
-
-
-@pytest.fixture
-def exported(run, tmp_path):
-    return lambda to: export_run(run, to, tmp_path / "out", realization=REALIZATION)
 
 
 @pytest.fixture(scope="module")

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from itertools import takewhile
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -40,38 +40,57 @@ _NAME: dict[str, Any] = {
 _MAX_VERTICES = 600  # of a chain in three dimensions, where every vertex costs
 
 
+class _Layout(NamedTuple):
+    """Size of a figure of a fleet [in], and places of its panels and of the title of the second."""
+
+    width: float
+    height: float
+    plan: tuple[float, float, float, float]
+    solid: tuple[float, float, float, float]
+    time: tuple[float, float, float, float]
+    title: tuple[float, float]
+
+
+_BESIDE = _Layout(
+    style.DOUBLE,
+    4.6,
+    (0.075, 0.47, 0.40, 0.45),
+    (0.50, 0.40, 0.44, 0.54),
+    (0.075, 0.09, 0.90, 0.24),
+    (0.55, 0.9335),
+)
+_BELOW = _Layout(
+    style.COLUMN,
+    7.6,
+    (0.15, 0.70, 0.80, 0.25),
+    (-0.04, 0.245, 0.92, 0.36),
+    (0.18, 0.06, 0.77, 0.15),
+    (0.15, 0.62),
+)
+
+
 @style.styled
-def fleet_layout(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
-    """Fleet in plan, in depth over time, and in three dimensions."""
+def fleet_layout(
+    truth: Trajectories, measurements: Measurements, header: str, *, one_column: bool = False
+) -> Figure:
+    """
+    Fleet in plan, in depth over time, and in three dimensions; for one column of a journal, with
+    the panels below each other.
+    """
+    layout = _BELOW if one_column else _BESIDE
     colours = style.vehicle_colours(truth.name.size)
-    figure, place = _figure_with_key(style.DOUBLE, 4.6, header, _key(truth, measurements, colours))
-    plan = figure.add_axes(place(0.075, 0.47, 0.40, 0.45))
-    solid = figure.add_axes(place(0.50, 0.40, 0.44, 0.54), projection="3d")
-    time = figure.add_axes(place(0.075, 0.09, 0.90, 0.24))
+    key = _key(truth, measurements, colours)
+    figure, place = _figure_with_key(layout.width, layout.height, header, key)
+    plan = figure.add_axes(place(*layout.plan))
+    solid = figure.add_axes(place(*layout.solid), projection="3d")
+    time = figure.add_axes(place(*layout.time))
     draw_plan(plan, truth, measurements, colours)
     assert isinstance(solid, Axes3D)
     _draw_solid(solid, truth, measurements, colours)
     draw_depths(time, truth, colours)
     style.panel_title(plan, "a", "plan")
-    figure.text(*place(0.55, 0.9335)[:2], "(b) start, greatest depth and track", fontsize=7.5)
-    style.panel_title(time, "c", "depth")
-    return figure
-
-
-@style.styled
-def fleet_in_column(truth: Trajectories, measurements: Measurements, header: str) -> Figure:
-    """Figure of `fleet_layout` with its panels below each other, for one column of a journal."""
-    colours = style.vehicle_colours(truth.name.size)
-    figure, place = _figure_with_key(style.COLUMN, 7.6, header, _key(truth, measurements, colours))
-    plan = figure.add_axes(place(0.15, 0.70, 0.80, 0.25))
-    solid = figure.add_axes(place(-0.04, 0.245, 0.92, 0.36), projection="3d")
-    time = figure.add_axes(place(0.18, 0.06, 0.77, 0.15))
-    draw_plan(plan, truth, measurements, colours)
-    assert isinstance(solid, Axes3D)
-    _draw_solid(solid, truth, measurements, colours)
-    draw_depths(time, truth, colours)
-    style.panel_title(plan, "a", "plan")
-    figure.text(*place(0.15, 0.62)[:2], "(b) start, greatest depth and track", fontsize=7.5)
+    title = "(b) start, greatest depth and track"
+    figure.text(*place(*layout.title)[:2], title, fontsize=7.5)
     style.panel_title(time, "c", "depth")
     return figure
 
@@ -81,8 +100,10 @@ def factor_graph(
     truth: Trajectories, measurements: Measurements, header: str, *, one_ping: bool = False
 ) -> Figure:
     """
-    Factor graph in three dimensions: coloured chains of poses, one per vehicle, and grey ranges; of
-    ``one_ping``, that with most ranges, they are lines that can be told apart.
+    Factor graph in three dimensions: coloured chains of poses, one per vehicle, and grey ranges.
+
+    With ``one_ping``, only the ranges of the ping that has most are drawn, as lines that a reader
+    can tell apart.
     """
     colours = style.vehicle_colours(truth.name.size)
     figure, place = _figure_with_key(style.COLUMN, 3.1, header, _key(truth, measurements, colours))
@@ -303,7 +324,7 @@ register(
     " colour in all figures of the fleet; names that are too long for the plan are numbered, with"
     " a key below.",
     draw=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header),
-    column=lambda r: fleet_in_column(r.run.truth, r.run.measurements, r.header),
+    column=lambda r: fleet_layout(r.run.truth, r.run.measurements, r.header, one_column=True),
 )
 register(
     "factor_graph",
