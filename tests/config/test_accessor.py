@@ -17,6 +17,7 @@ from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.config.build.water import open_water
 from pymantaray.errors import OceanError, WaterError
 from pymantaray.geometry import LocalFrame
+from pymantaray.ocean.seawater import sound_speed
 
 HYCOM = Path(__file__).resolve().parents[3] / "shared" / "data" / "hycom"
 DEPTH = np.array([0.494, 9.57, 29.44, 77.85, 155.85, 318.1, 643.6, 1062.4], dtype=np.float32)
@@ -93,6 +94,13 @@ def test_a_hycom_data_set_is_read_as_its_file(gulf_stream, equation):
     np.testing.assert_array_equal(medium.bed.depth, from_file.bed.depth)
     assert np.nanmin(speed) - 1.0 < medium.sound_speed.min()
     assert speed.sizes == {"depth": 40, "lat": 33, "lon": 18}
+    there = data.squeeze().sel(depth=[10.0, 400.0, 2000.0])
+    ours = speed.sel(depth=there["depth"])
+    z, lat, lon = xr.broadcast(there["depth"], there["lat"], there["lon"])
+    expected = sound_speed(
+        there["water_temp"].values, there["salinity"].values, z, lat, lon, equation=equation
+    )
+    np.testing.assert_allclose(ours, expected, rtol=0, atol=2e-5)
 
 
 def test_eigenrays_are_those_of_local_positions(glorys):
