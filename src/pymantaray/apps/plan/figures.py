@@ -203,7 +203,7 @@ def time_figure(details: Mapping[str, DesignDetail], header: str) -> Figure:
     """
     95 % position error of a few designs over time; shaded up to the water with the largest error.
     """
-    figure = style.new_figure(style.DOUBLE, 2.6, header)
+    figure = style.new_figure(style.COLUMN, 2.9, header)
     axes = figure.subplots()
     widths = np.linspace(2.7, 0.9, len(details))  # a curve does not hide another on its place
     looks = zip(_colours(list(details)), widths, details.items(), strict=True)
