@@ -16,7 +16,7 @@ from pymantaray.apps.graphs.chordal_problem import ChordalProblem
 from pymantaray.apps.graphs.g2o import load_g2o, write_g2o
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import build_graph, covariances_at
-from pymantaray.estimation.graph.graph import KINDS, FactorGraph, check_kinds
+from pymantaray.estimation.graph.graph import KINDS, POSITION, FactorGraph, check_kinds
 from pymantaray.estimation.graph.pyfg import read_pyfg, write_pyfg
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.solvers.influence import factor_influence
@@ -37,6 +37,21 @@ METHODS = {
     "gtsam": Method(gtsam="converged"),
 }
 COPIED = sorted(set(KINDS) - {"range"})
+PARTS = {
+    name: replace(KINDS[like], what=name, plural=f"{name}s", axes=axes, source=None)
+    for name, like, axes in [
+        ("heading", "attitude", (2,)),
+        ("tilt", "attitude", (0, 1)),
+        ("plane fix", "fix", (3, 4)),
+        ("speed", "dvl", (3,)),
+    ]
+}
+"""Kinds that measure some axes of the columns of another kind."""
+OTHERS = {
+    **PARTS,
+    "pose": replace(KINDS["prior"], what="pose", plural="poses", word=None, axes=()),
+    "step": replace(KINDS["edge"], what="step", plural="steps", word=None),
+}
 
 
 @pytest.fixture(scope="module")
@@ -59,11 +74,20 @@ def copied(request, monkeypatch):
     return request.param
 
 
-def one_more(graph, name, truth, like=None):
+@pytest.fixture
+def part(monkeypatch):
+    """Kinds of parts, in graphs and in text."""
+    kinds = {**{name: KINDS[name] for name in COPIED}, **OTHERS, "range": KINDS["range"]}
+    for module in ("graph.graph", "graph.pyfg", "solvers.influence"):
+        monkeypatch.setattr(f"pymantaray.estimation.{module}.KINDS", kinds)
+
+
+def one_more(graph, name, truth, like=None, error=1.0):
     """
-    One factor, of the last pose or the landmark, that measures 1 m and 0.1 rad more than the truth.
+    One factor, of the last pose or the landmark, that measures 1 m and 0.1 rad more than the truth,
+    times ``error``.
     """
-    kind, n = KINDS[like or name], graph.n_poses
+    kind, n = {**KINDS, **OTHERS}[like or name], graph.n_poses
     last = n if kind.ends[-1] == "landmark" else n - 1
     ends = [n - 2 if kind.ends == ("pose", "pose") else 0, last][-len(kind.ends) :]
     place = np.concatenate([truth.position, truth.landmark_position])
@@ -72,15 +96,26 @@ def one_more(graph, name, truth, like=None):
     if len(ends) == 2:
         stride, rotation = turn[ends[0]].T @ (stride - place[ends[0]]), turn[ends[0]].T @ rotation
     measured = {
-        "position": stride + 1.0,
-        "quaternion": quaternion_from_matrix(rotation @ so3_exp(np.array([0.0, 0.0, 0.1]))),
-        "depth": stride[2] + 1.0,
-        "distance": np.linalg.norm(stride) + 1.0,
+        "position": stride + error,
+        "quaternion": quaternion_from_matrix(
+            rotation @ so3_exp(error * np.array([0.05, 0.0, 0.1]))
+        ),
+        "depth": stride[2] + error,
+        "distance": np.linalg.norm(stride) + error,
     }
     columns = [[measured[column]] for column, _, _ in kind.columns]
-    table = kind.table([ends], columns, [1e-6 * np.eye(kind.rows)])
+    table = kind.table([ends], columns, [uneven(kind.rows)])
     new = graph[name].kind
     return graph.with_factors(**{name: graph[name].append(replace(table, kind=new))})
+
+
+def uneven(rows):
+    """Covariance with a standard deviation of its own for each row, and correlations."""
+    sigma = 1e-3 * 2.0 ** np.arange(rows)
+    correlation = np.where(
+        np.eye(rows, dtype=bool), 1.0, 0.5 * (-1.0) ** np.add.outer(*[np.arange(rows)] * 2)
+    )
+    return sigma[:, None] * correlation * sigma
 
 
 def solved(graph, truth, method):
@@ -113,7 +148,8 @@ def certified(graph, truth):
 def influential(graph, truth):
     """Whitened residuals and leverages of all factors, kind by kind."""
     solution = GraphSolver().solve(graph, truth, model_is_right=False)
-    table = factor_influence(graph, solution.values)
+    kinds = [name for name, table in graph.tables.items() if len(table)]
+    table = factor_influence(graph, solution.values, kinds=kinds)
     assert table["kind"].value_counts().to_dict() == {
         kind.kind.what: len(kind) for kind in graph.tables.values() if len(kind)
     }
@@ -202,6 +238,61 @@ def test_a_new_kind_of_factor_counts_by_its_form_in_every_solver(graph, fleet, c
             np.testing.assert_allclose(
                 other, one, rtol=0, atol=5e-3 if method.incremental else 1e-5, err_msg=name
             )
+
+
+@pytest.mark.parametrize("name", ["fix", "attitude", "dvl", "sighting", *OTHERS])
+def test_solvers_rotate_uneven_covariances_alike(fleet, part, name):
+    """
+    The last pose after a small error, so that a filter, GTSAM and a batch solve have one answer;
+    standard deviations differ by axis, and no vehicle is level.
+    """
+    graph = build_graph(fleet.noise_free, "straight")
+    more = one_more(graph, name, fleet.truth, error=1e-3)
+    shifts = {}
+    for method in ("batch", "kalman", "gtsam", "incremental"):
+        one, other = (solved(g, fleet.truth, METHODS[method]) for g in (graph, more))
+        if isinstance(other, str):
+            assert more[name].kind.plural in other, (method, other)
+            continue
+        shifts[method] = (other - one)[: 3 * graph.n_poses][-3:]  # of the last position
+    moved = np.abs(shifts["batch"]).max()
+    assert moved > 1e-5
+    for method, shift in shifts.items():
+        np.testing.assert_allclose(
+            shift, shifts["batch"], rtol=0, atol=0.01 * moved, err_msg=method
+        )
+
+
+@pytest.mark.parametrize("name", PARTS)
+def test_a_part_counts_its_axes_alone(fleet, part, name, tmp_path):
+    """As the whole with variances that leave the other axes free; in text as well."""
+    graph = build_graph(fleet.noisy, "straight")
+    kind = PARTS[name]
+    like = next(k for k, v in KINDS.items() if v.columns == kind.columns and v.ends == kind.ends)
+    more = one_more(graph, name, fleet.truth)
+    (ends,), (row,) = more[name].variables, more[name].measurement
+    covariance = 1e12 * np.eye(3)
+    covariance[np.ix_(kind.measured, kind.measured)] = more[name].covariance[0]
+    free = KINDS[like].table(ends, [row], covariance)
+    whole = graph.with_factors(**{like: graph[like].append(free)})
+    for method in ("batch", "kalman", "gtsam", "lag"):
+        one, other = (solved(g, fleet.truth, METHODS[method]) for g in (more, whole))
+        np.testing.assert_allclose(one, other, rtol=0, atol=1e-5, err_msg=method)
+    one, other = (GraphSolver().solve(g, fleet.truth, model_is_right=False) for g in (more, whole))
+    assert one.final_cost == pytest.approx(other.final_cost, rel=1e-9)
+    n_axes = len(kind.axes)
+    assert more.degrees_of_freedom == graph.degrees_of_freedom + n_axes
+    assert whole.degrees_of_freedom == graph.degrees_of_freedom + 3
+    one, other = (
+        factor_influence(g, one.values, kinds=[k])[["residual_sigmas", "leverage"]].iloc[-1]
+        for g, k in ((more, name), (whole, like))
+    )
+    np.testing.assert_allclose(one * [1, n_axes], other * [1, 3], rtol=1e-5)  # a mean over rows
+    write_pyfg(more, tmp_path / "a.pyfg", initial=fleet.truth)
+    back = read_pyfg(tmp_path / "a.pyfg")[0]
+    np.testing.assert_array_equal(counts(back), counts(more))
+    np.testing.assert_allclose(back[name].covariance, more[name].covariance, rtol=1e-12)
+    np.testing.assert_allclose(back[name].measurement, row[None], rtol=0, atol=1e-12)
 
 
 def test_covariances_and_freedom_count_a_new_kind(graph, fleet, copied):
@@ -295,8 +386,9 @@ def test_a_data_set_with_a_kind_of_another_version_is_refused(graph, fleet, monk
 
 @pytest.mark.parametrize(("changes", "message"), [
     ({}, "kinds depth and new have the same word VERTEX_SE3:QUAT:PRIOR and axes in files"),
-    ({"axes": (4,)}, ("kind new: lines of VERTEX_SE3:QUAT:PRIOR with axes .4,. cannot hold z of"
-                     " pose")),
+    ({"axes": (4,)}, "kind new: axes .4,. of z; allowed: rising indices of these in rx"),
+    ({"ends": ("landmark",), "columns": (POSITION,), "word": None, "axes": (3, 4)},
+     "kind new: x, y of landmark; allowed: a whole position, as starting values need"),
     ({"axes": ()}, "kind new: lines of .* cannot hold z of pose"),
     ({"word": "EDGE_DEPTH"}, "kind new: lines of EDGE_DEPTH"),
     ({"word": None, "plural": "depth priors"},

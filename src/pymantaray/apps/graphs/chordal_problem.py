@@ -46,10 +46,10 @@ from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matr
 
 def not_quadratic(graph: FactorGraph) -> list[str]:
     """
-    Plurals of the kinds of factors in a graph that this problem cannot hold: those of a coordinate
-    alone.
+    Plurals of the kinds of factors in a graph that this problem cannot hold: those of a part of a
+    position or rotation.
     """
-    return [t.kind.plural for t in graph.tables.values() if t.kind.is_depth and len(t)]
+    return [t.kind.plural for t in graph.tables.values() if t.kind.is_partial and len(t)]
 
 
 class _Differences(NamedTuple):
@@ -190,7 +190,7 @@ class ChordalProblem:
         out = []
         turns = [2] if self.d == 2 else [0, 1, 2]
         for table in self.graph.of_residual(Residual.POSE, Residual.SIGHTING, Residual.POSITION):
-            if table.kind.is_depth:
+            if table.kind.is_partial:
                 continue
             ends = table.variables.astype(np.intp)
             first = ends[:, 0] if ends.shape[1] == 2 else np.full(len(table), -1)

@@ -34,7 +34,7 @@ def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
         out.add(factor)
     for factors in graph.of_residual(*(r for r in Residual if r is not Residual.DISTANCE)):
         make = _maker(factors.kind)
-        noise = _models(_vertical if make is _depths else _gaussian, factors.covariance)
+        noise = _models(_noise_of(factors.kind), factors.covariance)
         for factor in make(factors, noise):
             out.add(factor)
     for factors in graph.of_residual(Residual.DISTANCE):
@@ -56,6 +56,23 @@ def _maker(kind: FactorKind) -> Callable[[Factors, list[Any]], Iterator[Any]]:
     if len(kind.ends) == 2:
         return _edges
     return _priors if "position" in kind.columns_at else _attitudes
+
+
+def _noise_of(kind: FactorKind) -> Callable[[Array], Any]:
+    """Noise model of a covariance; rows that the kind does not measure have no precision."""
+    if kind.is_depth:
+        return _vertical
+    if not kind.is_partial:
+        return _gaussian
+    at = np.ix_(kind.measured, kind.measured)
+
+    def partial_noise(covariance: Array) -> Any:
+        root = np.zeros((len(kind.column_rows),) * 2)
+        # upper triangular: GTSAM takes a lower triangular root for a diagonal one
+        root[at] = np.linalg.cholesky(np.linalg.inv(covariance)).T
+        return gtsam.noiseModel.Gaussian.SqrtInformation(root)
+
+    return partial_noise
 
 
 def values_of(initial: GraphValues) -> Any:

@@ -219,6 +219,7 @@ def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
     """
     rotation, translation, covariance, cost = steps
     translation_of = table.column("position")
+    measured = table.kind.measured
     with_rotation = "quaternion" in table.kind.columns_at
     rotation_of = (
         matrix_from_quaternion(table.column("quaternion")) if with_rotation else np.empty((0, 3, 3))
@@ -233,6 +234,7 @@ def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
             )
         else:
             by_errors = np.concatenate([np.zeros((3, 3)), rotation[k, a]], axis=1)
+        innovation, by_errors = innovation[measured], by_errors[measured]
         weight = covariance[k, a] @ by_errors.T
         variance = by_errors @ weight + table.covariance[i]
         gain = np.linalg.solve(variance, weight.T).T
@@ -349,10 +351,16 @@ class _PoseMeasurements:
         errors = [0, 1, 2] if self._rotation is not None else []
         if self._position is not None:
             errors += [5] if self._position.ndim == 1 else [3, 4, 5]
-        self.errors = np.array(errors)
+        self._measured = table.kind.measured
+        self.errors = np.array(errors)[self._measured]
         self.covariance = table.covariance
         self.variance = table.variance
         if self._rotation is not None and self._position is not None:  # in the body's tangent
+            if table.kind.is_partial:
+                raise EstimationError(
+                    f"a Kalman filter cannot use {table.kind.plural}, which measure a part of a"
+                    " pose; choose solver batch"
+                )
             self.covariance = to_world_axes(self._rotation, table.covariance)
 
     def residual(self, state: State, rows: Indices) -> Array:
@@ -365,10 +373,10 @@ class _PoseMeasurements:
             error = np.swapaxes(self._rotation[rows], 1, 2) @ state.rotation[vehicle]
             parts.append(np.asarray(so3_log(error)))
         if self._position is not None:
-            axes = self.errors[-1:] - 3 if self._position.ndim == 1 else slice(None)
+            axes = slice(2, None) if self._position.ndim == 1 else slice(None)
             estimated = state.position[vehicle][:, axes]
             parts.append(estimated - self._position[rows].reshape(estimated.shape))
-        return np.concatenate(parts, axis=1).ravel()
+        return np.concatenate(parts, axis=1)[:, self._measured].ravel()
 
 
 class _Ranges:

@@ -181,7 +181,7 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
     rotations = [
         name
         for name, kind in KINDS.items()
-        if kind.source is not None and set(kind.columns_at) == {"quaternion"}
+        if kind.source is not None and kind.row_names == ("rx", "ry", "rz")
     ]
     return graph.with_factors(**{name: _in_body(graph[name]) for name in rotations})
 

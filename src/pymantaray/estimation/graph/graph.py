@@ -102,11 +102,7 @@ class FactorKind:
     word: (
         str | None
     )  # that begins its lines in PyFactorGraph text; None if this text cannot hold it
-    axes: tuple[
-        int, ...
-        # of a pose prior or an edge there, those of rx ry rz x y z that are measured; others are
-        # free
-    ] = ()
+    axes: tuple[int, ...] = ()  # measured ones of rx ry rz x y z; default: all of the columns
     anchors: bool = False  # true if it ties its variable to the world
     reckons: bool = False  # true if dead reckoning uses it: first poses, steps and landmarks
     named_after: int = 0  # index of the variable that messages name
@@ -131,19 +127,35 @@ class FactorKind:
         """True if it measures the down coordinate alone."""
         return "depth" in self.columns_at
 
+    @property
+    def column_rows(self) -> tuple[str, ...]:
+        """
+        Names of the rows that the columns have: three for a quaternion, in the tangent of the body,
+        then others.
+        """
+        names = [name for name, _, _ in self.columns]
+        return tuple(row for name in sorted(names, key=_FIRST.index) for row in _ROWS[name])
+
+    @cached_property
+    def measured(self) -> list[int]:
+        """Indices in `column_rows` of the rows that are measured: those of the axes."""
+        axes = {_ALL_AXES[axis] for axis in self.axes}
+        return [i for i, row in enumerate(self.column_rows) if not axes or row in axes]
+
     @cached_property
     def rows(self) -> int:
-        """
-        Number of rows of the residual: three for a quaternion, in the tangent of the body, then
-        others, in the world's axes.
-        """
-        return sum(width for _, width, _ in self.columns) - ("quaternion" in self.columns_at)
+        """Number of measured rows, which is the size of a covariance."""
+        return len(self.measured)
+
+    @property
+    def is_partial(self) -> bool:
+        """True if it measures a part of a position or of a rotation alone."""
+        return self.is_depth or self.rows < len(self.column_rows)
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """Name of each row of the residual."""
-        names = [name for name, _, _ in self.columns]
-        return tuple(row for name in sorted(names, key=_FIRST.index) for row in _ROWS[name])
+        """Name of each measured row."""
+        return tuple(self.column_rows[i] for i in self.measured)
 
     @cached_property
     def columns_at(self) -> dict[str, slice]:
@@ -154,8 +166,7 @@ class FactorKind:
 
     def rows_in(self, units: str, *, planar: bool) -> list[int]:
         """
-        Rows of the residual in "rad", in "m" or in either; of a planar graph only the rows in the
-        plane.
+        Measured rows in "rad", in "m" or in either; of a planar graph only the rows in the plane.
         """
         rows = enumerate(self.row_names)
         return [
@@ -556,8 +567,7 @@ def check_kinds() -> None:
     Refuse kinds of factors that a solver or a file cannot represent, or that a file or a list of
     counts cannot tell apart.
 
-    Distances are ranges alone. A word fits the kind's ends, and its axes are the rows of the
-    residual.
+    Distances are ranges alone. A word fits the kind's ends, and the axes are rows of the columns.
     """
     distances = [name for name, kind in KINDS.items() if kind.residual is Residual.DISTANCE]
     if distances != ["range"]:
@@ -578,10 +588,19 @@ def check_kinds() -> None:
                     )
                     + "; give them different ones, or the new kind the word None"
                 )
+        if tuple(_ALL_AXES[axis] for axis in kind.axes) not in ((), kind.row_names):
+            raise EstimationError(
+                f"kind {name}: axes {kind.axes} of {', '.join(kind.column_rows)}; allowed: rising"
+                f" indices of these in {' '.join(_ALL_AXES)}"
+            )
+        if "landmark" in kind.ends and kind.is_partial:
+            raise EstimationError(
+                f"kind {name}: {', '.join(kind.row_names)} of {' and '.join(kind.ends)}; allowed:"
+                " a whole position, as starting values need"
+            )
         if kind.word is None:
             continue
-        with_axes = kind.axes or tuple(range(6) if kind.word in (POSE_PRIOR, EDGE) else ())
-        fitting = not with_axes or tuple(_ALL_AXES[axis] for axis in with_axes) == kind.row_names
+        fitting = kind.axes or kind.word not in (POSE_PRIOR, EDGE) or kind.rows == len(_ALL_AXES)
         if _ENDS.get(kind.word) != kind.ends or not fitting:
             raise EstimationError(
                 f"kind {name}: lines of {kind.word} with axes {kind.axes} cannot hold"
@@ -719,7 +738,8 @@ def _check_measurement(graph: FactorGraph, factors: Factors) -> None:
 
 def _check_planar(graph: FactorGraph, factors: Factors) -> None:
     kind = factors.kind
-    if kind.is_depth:
+    inside = kind.rows_in("rad m", planar=True)
+    if not inside:
         raise EstimationError(
             f"{kind.what}: {len(factors)} in a graph in two dimensions; allowed is none"
         )
@@ -737,7 +757,6 @@ def _check_planar(graph: FactorGraph, factors: Factors) -> None:
         _check_upright(
             graph, f"{kind.what} quaternion", factors.subject, factors.column("quaternion")
         )
-    inside = kind.rows_in("rad m", planar=True)
     outside = np.setdiff1d(np.arange(kind.rows), inside)
     mixed = factors.covariance[:, inside][:, :, outside].reshape(len(factors), -1)
     what = f"{kind.what} covariance between what is in the plane and what is not"

@@ -22,7 +22,7 @@ from typing import IO, Any, Literal, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Mask
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.columns import ROTATION_FIRST, columns, to_graph, write_rows
 from pymantaray.estimation.graph.graph import (
@@ -62,6 +62,7 @@ _NAME = re.compile(rf"([{_LETTERS}]+|L)([0-9]+)")
 _STUDY_NAME = re.compile("[A-Za-z0-9_-]+")
 _LARGEST_NUMBER = 2**31 - 1  # of a pose; records store it in 32 bits
 _FREE_VARIANCE = 1e12  # an axis with this variance or more is not constrained
+_TEXT_COLUMNS = {"position": slice(0, 3), "depth": slice(2, 3), "quaternion": slice(3, 7)}
 _AXES = np.array(["rx", "ry", "rz", "x", "y", "z"])  # of a tangent, rotation before translation
 
 
@@ -382,9 +383,9 @@ class _Reader:
         """Factors of a kind with a word of its own."""
         measurement, covariance = self._numbers(word)
         variables = self._variables(word)
-        if word == EDGE:  # with free rotation it measures the position alone
+        if word == EDGE:
             free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
-            mine = (free == [True] * 3 + [False] * 3).all(axis=1) == bool(kind.axes)
+            mine = _edges_of(kind, free)
             variables = variables[mine]
             measurement = measurement[mine]
             covariance = covariance[mine]
@@ -415,11 +416,10 @@ class _Reader:
             fixed = np.isin(np.arange(6), axes)
             mine = (free == ~fixed).all(axis=1)
             matrix = covariance[:, axes][:, :, axes]
-            position = measurement[:, :3][:, fixed[3:]]
             allowed.append(_axes(~fixed) or "none")
-            columns = [position] if fixed[3:].any() else []
+            columns = [measurement[:, _TEXT_COLUMNS[column]] for column in kind.columns_at]
             if "quaternion" in kind.columns_at:
-                columns.append(quaternion)
+                pass
             elif fixed[3:].all():
                 matrix = _in_world_axes(matrix, quaternion)
             else:
@@ -605,6 +605,15 @@ def _texts(
             yield known[table][1]
 
 
+def _edges_of(kind: FactorKind, free: Mask) -> Mask:
+    """Edges of a kind among lines with these free axes (n, 6); odometry has what no other has."""
+    partial = {k.axes for k in KINDS.values() if k.word == EDGE and k.axes}
+    mine = np.zeros(len(free), dtype=np.bool_)
+    for axes in [kind.axes] if kind.axes else partial:
+        mine |= (free == ~np.isin(np.arange(6), axes)).all(axis=1)
+    return mine if kind.axes else ~mine
+
+
 def _same(first: Factors, second: Factors) -> bool:
     """True if two tables of factors of a kind have the same numbers."""
     return all(
@@ -630,8 +639,7 @@ def _pose_prior_columns(factors: Factors) -> tuple[Array, Array]:
         axes = np.array(kind.axes)
         measurement = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(factors), 1))
         for column, span in kind.columns_at.items():
-            where = slice(3, 7) if column == "quaternion" else axes[axes >= 3] - 3
-            measurement[:, where] = factors.measurement[:, span]
+            measurement[:, _TEXT_COLUMNS[column]] = factors.measurement[:, span]
         covariance = np.tile(_FREE_VARIANCE * np.eye(6), (len(factors), 1, 1))
         covariance[:, axes[:, None], axes] = factors.covariance
     return measurement, covariance

@@ -211,20 +211,21 @@ def _linearized(factors: Factors, state: GraphState, *, planar: bool) -> tuple[A
     rows = kind.rows_in("rad m", planar=planar)
     root = np.linalg.cholesky(factors.covariance[:, rows][:, :, rows])
     residual = _RESIDUALS[kind.residual]
+    measured = [kind.measured[row] for row in rows]
     ends = [_Ends(state.rotation[v], state.position[v]) for v in factors.variables.T]
 
     def residual_at(end: int, axis: int, step: float) -> Array:
         """Residual after a step of one end."""
         trial = list(ends)
         trial[end] = _displace(ends[end], axis, step)
-        return residual(factors, trial)[:, rows]
+        return residual(factors, trial)[:, measured]
 
     columns = []
     for end, axis in np.ndindex(len(ends), SIZE):
         step = _ANGLE if axis < 3 else _LENGTH
         difference = residual_at(end, axis, step) - residual_at(end, axis, -step)
         columns.append(difference / (2.0 * step))
-    white = np.linalg.solve(root, residual(factors, ends)[:, rows][..., None])[..., 0]
+    white = np.linalg.solve(root, residual(factors, ends)[:, measured][..., None])[..., 0]
     return white, np.linalg.solve(root, np.stack(columns, axis=-1))
 
 

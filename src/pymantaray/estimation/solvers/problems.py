@@ -380,22 +380,27 @@ def _pose_roots(tables: list[Factors]) -> Array:
     for table in tables:
         start = end
         end = end + len(table)
-        rows = table.kind.rows
-        if diagonal:
-            _by_pieces(
-                lambda variance: 1.0 / np.sqrt(variance),
-                table.variance.reshape(-1, rows),
-                out[start:end, :rows],
-            )
-        else:
-            _by_pieces(_information_root, table.covariance, out[start:end, :rows, :rows])
+        at = table.kind.measured
+        for piece in _pieces(len(table)):
+            rows = slice(start + piece.start, start + piece.stop)
+            if diagonal:
+                variance = table.variance[piece].reshape(-1, len(at))
+                out[rows, at] = 1.0 / np.sqrt(variance)
+            else:
+                out[rows] = _embedded(_information_root(table.covariance[piece]), at, SIZE)
+    return out
+
+
+def _embedded(matrices: Array, at: list[int], size: int) -> Array:
+    """Matrices of some rows in matrices of all rows, with zeros for those not measured."""
+    out = np.zeros((len(matrices), size, size))
+    out[:, np.array(at)[:, None], at] = matrices
     return out
 
 
 def _sightings(table: Factors) -> tuple[Any, ...]:
     """Pose, landmark, its measured position, and the root of the information."""
-    root = np.zeros((len(table), SIZE, SIZE))
-    root[:, :3, :3] = _information_root(table.covariance)
+    root = _embedded(_information_root(table.covariance), table.kind.measured, SIZE)
     pose, landmark = table.variables.astype(np.intp).T
     return pose, landmark, table.column("position"), root
 
@@ -404,7 +409,7 @@ def _position(table: Factors) -> tuple[Any, ...]:
     """Variable, measured position and its information; a depth has none in the horizontal."""
     n = len(table)
     if "position" in table.kind.columns_at:
-        root = _information_root(table.covariance)
+        root = _embedded(_information_root(table.covariance), table.kind.measured, 3)
         return (
             table.subject.astype(np.intp),
             table.column("position"),

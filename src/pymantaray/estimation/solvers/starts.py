@@ -172,7 +172,11 @@ def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
         [1.0 / table.variance[:, -3:].mean(axis=1) for table in (edge, *sightings)]
     )
     unary = graph.of_ends(("pose",), ("landmark",))
-    anchors = [table for table in unary if "position" in table.kind.columns_at]
+    anchors = [
+        table
+        for table in unary
+        if "position" in table.kind.columns_at and not table.kind.is_partial
+    ]
     at = np.concatenate([table.subject for table in anchors])
     position = np.concatenate([table.column("position") for table in anchors])
     anchor_weight = np.concatenate([1.0 / table.variance[:, -3:].mean(axis=1) for table in anchors])
