@@ -2,7 +2,7 @@
 What PyFactorGraph reads: isotropic covariances against GTSAM by its rules, and depths as ranges.
 """
 
-import logging
+from dataclasses import replace
 
 import gtsam
 import numpy as np
@@ -13,7 +13,7 @@ from refusals import refused
 from pymantaray.apps.graphs import open_graph, solve_graph
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import GraphSolver, build_graph, read_pyfg, write_pyfg
-from pymantaray.estimation.graph.pyfactorgraph import depths_as_ranges
+from pymantaray.estimation.graph.pyfg import load_pyfg
 
 
 def precisions(covariance):
@@ -38,7 +38,17 @@ def pose(fields):
     return gtsam.Pose3(gtsam.Rot3.Quaternion(qw, qx, qy, qz), np.array([x, y, z]))
 
 
-def solve_by_its_rules(text):
+def full_noise(covariance):
+    """Noise of GTSAM, rotation first, with the file's covariance."""
+    matrix = np.zeros((6, 6))
+    matrix[np.triu_indices(6)] = covariance
+    matrix = np.triu(matrix) + np.triu(matrix, 1).T
+    order = [3, 4, 5, 0, 1, 2]
+    return gtsam.noiseModel.Gaussian.Covariance(matrix[np.ix_(order, order)])
+
+
+def solve_plainly(text, noise):
+    """Positions and cost of a GTSAM graph of the lines."""
     graph, values = gtsam.NonlinearFactorGraph(), gtsam.Values()
     key = lambda name: gtsam.symbol(name[0], int(name[1:]))
     for word, *f in (line.split() for line in text.splitlines()):
@@ -67,7 +77,8 @@ def solve_by_its_rules(text):
     settings.setAbsoluteErrorTol(1e-15)
     solution = gtsam.LevenbergMarquardtOptimizer(graph, values, settings).optimize()
     names = [line.split()[2] for line in text.splitlines() if line.startswith("VERTEX_SE3:QUAT ")]
-    return np.array([solution.atPose3(key(name)).translation() for name in names])
+    positions = np.array([solution.atPose3(key(name)).translation() for name in names])
+    return positions, graph.error(solution)
 
 
 @pytest.fixture
@@ -84,14 +95,12 @@ def test_isotropic_covariances_give_the_estimate_by_its_rules(file):
     # without fixes, because GTSAM's prior of a pose without rotation is not one of its position
     write_pyfg(graph.with_factors(fix=graph["fix"][:0]), path, initial=truth)
     content = open_graph(path, covariances="isotropic")
-    expected = solve_by_its_rules(path.read_text())
+    expected, _ = solve_plainly(path.read_text(), noise)
     ours = solve_graph(content, start="file").values.position
     np.testing.assert_allclose(ours, expected, rtol=0, atol=1e-3)
     full = solve_graph(open_graph(path), start="file").values.position
     assert np.abs(ours - full).max() > 0.1  # the option matters
-    assert content.left_out == {
-        "depth priors (PyFactorGraph reads precision 0)": len(graph["depth"])
-    }
+    assert not content.left_out
 
 
 def test_a_fix_has_the_mean_variance_on_each_axis(tmp_path):
@@ -120,22 +129,42 @@ def test_planar_rotations_stay_and_translations_are_averaged(tmp_path):
     assert variance[[2, 3, 4]] == pytest.approx([0.0005, 0.02, 0.02])
 
 
-def test_depth_priors_warn_and_ranges_keep_them(file, tmp_path, caplog):
+@pytest.mark.parametrize("gnss_every", [0, 6])
+def test_a_plain_reader_solves_to_the_same_optimum(tmp_path, gnss_every):
+    """GTSAM with `PriorFactorPose3` for each pose prior; depths on tilted bodies, km from it."""
+    fleet = make_fleet(seed=4, n_landmarks=2, gnss_every=gnss_every)
+    graph = build_graph(fleet.noisy, "straight")
+    fixes = graph["fix"]  # three times as precise in depth as across
+    graph = graph.with_factors(
+        fix=replace(fixes, covariance=fixes.covariance * np.diag([1.0, 1.0, 0.1]))
+    )
+    write_pyfg(graph, tmp_path / "g.pyfg", initial=fleet.truth)
+    lines = (tmp_path / "g.pyfg").read_text()
+    position, cost = solve_plainly(lines, full_noise)
+    ours = GraphSolver().solve(graph, fleet.truth)
+    assert cost == pytest.approx(ours.final_cost, rel=1e-4)
+    np.testing.assert_allclose(position, ours.position, rtol=0, atol=5e-3)
+
+
+def test_depths_come_back_from_ranges(file):
     path, graph, truth = file
-    with caplog.at_level(logging.WARNING):
-        write_pyfg(graph, path, initial=truth)
-    assert (
-        f"PyFactorGraph reads its {len(graph['depth'])} depth priors with a precision of 0"
-        in caplog.text
+    back, values = read_pyfg(path)
+    np.testing.assert_allclose(
+        back["depth"].measurement, graph["depth"].measurement, rtol=0, atol=1e-7
     )
-    caplog.clear()
-    write_pyfg(graph, tmp_path / "kept.pyfg", initial=truth, depths="ranges")
-    assert not caplog.records
-    kept, _ = read_pyfg(tmp_path / "kept.pyfg")
-    assert len(kept["depth"]) == 0
-    assert len(kept["range"]) == len(graph["range"]) + len(graph["depth"])
-    with_depths, with_ranges = (
-        GraphSolver().solve(g, v).position
-        for g, v in ((graph, truth), depths_as_ranges(graph, truth))
-    )
-    np.testing.assert_allclose(with_ranges, with_depths, rtol=0, atol=2e-3)
+    np.testing.assert_array_equal(back["depth"].covariance, graph["depth"].covariance)
+    np.testing.assert_array_equal(back["range"].variables, graph["range"].variables)
+    np.testing.assert_array_equal(values.landmark_position, truth.landmark_position)
+    assert load_pyfg(path).depths_from_above == len(graph["depth"])
+    # another factor of that landmark: it is a landmark like others
+    lines = [*path.read_text().splitlines(), "EDGE_RANGE 0 L0 L2 5e8 1"]
+    path.write_text("\n".join(lines) + "\n")
+    back, values = read_pyfg(path)
+    assert len(back["depth"]) == 0
+    assert len(values.landmark_position) == 3
+    assert len(back["range"]) == len(graph["range"]) + len(graph["depth"]) + 1
+
+
+def test_isotropic_covariances_lose_depth_priors_alone(file):
+    path, graph, _ = file
+    assert len(open_graph(path, covariances="isotropic").graph["depth"]) == len(graph["depth"])

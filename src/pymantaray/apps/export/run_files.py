@@ -16,7 +16,6 @@ from pymantaray.apps.study.graphs import noisy_graphs, write_graphs
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.errors import ExchangeError, StudyError, WriteError
 from pymantaray.estimation import CONDITIONS, GraphValues
-from pymantaray.estimation.graph.pyfg import warn_of_depths
 from pymantaray.exchange.centre import ENU, NED, centre_attributes, write_sidecar
 from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti
@@ -181,8 +180,6 @@ def _parquet(run: Run, realization: int, folder: Path) -> None:
 
 def _pyfg(run: Run, realization: int, folder: Path) -> None:
     _check_ranges(run)
-    for name, graph in noisy_graphs(run, run.noisy_measurements(realization)).items():
-        warn_of_depths(graph, f"{name}.pyfg")
     write_graphs(run, realization, folder)
 
 

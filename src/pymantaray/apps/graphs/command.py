@@ -243,13 +243,6 @@ def convert(
             "--symbols", help="g2o out: ids are GTSAM symbols, which keep vehicle and pose number."
         ),
     ] = False,
-    depths: Annotated[
-        Literal["priors", "ranges"],
-        typer.Option(
-            help="PyFactorGraph out: depths as pose priors, which PyFactorGraph loses, or as"
-            " ranges to a landmark 5e8 m above, which it keeps."
-        ),
-    ] = "priors",
     force: Force = False,
 ) -> None:
     """
@@ -286,7 +279,7 @@ def convert(
         check_output(out, endings, inputs=[file], beside=files, force=force)
         write_graph_tum(out, content.graph, content.values)
     else:
-        write_pyfg(content.graph, out, initial=content.values, depths=depths)
+        write_pyfg(content.graph, out, initial=content.values)
         files += [path for path in beside if path.exists()]
     for what, count in lost.items():
         LOG.warning("left out: %d %s", count, what)

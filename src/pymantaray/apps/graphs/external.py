@@ -266,7 +266,7 @@ def open_graph(
         file = load_pyfg(path, **options)
     if covariances == "full":
         return file
-    graph, lost = isotropic(file.graph)
+    graph, lost = isotropic(file.graph, keep_depths=bool(file.depths_from_above))
     left_out = file.left_out | (
         {"depth priors (PyFactorGraph reads precision 0)": lost} if lost else {}
     )

@@ -1,25 +1,27 @@
 """Graphs as PyFactorGraph reads them: isotropic covariances, and a form of depths that it keeps."""
 
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 
-from pymantaray.errors import EstimationError
+from pymantaray.arrays import Array, Mask
 from pymantaray.estimation.graph.graph import KINDS, FactorGraph, Factors, GraphValues
 
 ABOVE = 5e8
 """Height above the sea surface of the landmark that ranges give depths to. [m]"""
-_SURVEY_SIGMA = 1e-3  # m, of this landmark
+ABOVE_VARIANCE = 1e-6
+"""Variance of its prior on each axis. [m2]"""
 
 
-def isotropic(graph: FactorGraph) -> tuple[FactorGraph, int]:
+def isotropic(graph: FactorGraph, *, keep_depths: bool) -> tuple[FactorGraph, int]:
     """
     Replace all covariances by isotropic ones, as PyFactorGraph's reader does [1]_.
 
     Parameters
     ----------
     graph : FactorGraph
+    keep_depths : bool
+        True if the file has depths as ranges.
 
     Returns
     -------
@@ -27,8 +29,8 @@ def isotropic(graph: FactorGraph) -> tuple[FactorGraph, int]:
         Graph whose translations and rotations have the mean of their variances on each axis,
         without covariances.
     lost : int
-        Number of depths, which PyFactorGraph reads as priors of all axes with a precision of about
-        1e-12: none.
+        Number of depths as pose priors, which PyFactorGraph reads as priors of all axes with a
+        precision of about 1e-12: none.
 
     Notes
     -----
@@ -45,7 +47,9 @@ def isotropic(graph: FactorGraph) -> tuple[FactorGraph, int]:
        https://github.com/MarineRoboticsGroup/PyFactorGraph
     """
     tables = {name: table for name, table in graph.tables.items() if len(table)}
-    depths = {name: table[:0] for name, table in tables.items() if table.kind.is_depth}
+    depths = {
+        name: table[:0] for name, table in tables.items() if table.kind.is_depth and not keep_depths
+    }
     others = {
         name: _isotropic(table, planar=graph.planar)
         for name, table in tables.items()
@@ -65,54 +69,50 @@ def _isotropic(factors: Factors, *, planar: bool) -> Factors:
     return kind.table(factors.variables, columns, diagonal[:, :, None] * np.eye(kind.rows))
 
 
-class DepthsAsRanges(NamedTuple):
-    """Graph whose depths are ranges, and its values."""
-
-    graph: FactorGraph
-    values: GraphValues
-
-
-def depths_as_ranges(graph: FactorGraph, values: GraphValues) -> DepthsAsRanges:
+def depths_from_above(depths: Factors, values: GraphValues) -> tuple[Array, Array]:
     """
-    Replace depths by ranges to one landmark that is 5e8 m above the frame's centre, a form that
-    PyFactorGraph keeps.
+    Distances (n, 1) of depths from a landmark `ABOVE` the frame's centre, and their variances.
 
-    Parameters
-    ----------
-    graph : FactorGraph
-    values : GraphValues
-        Values of its variables: where a range has its direction, and so also a small part of the
-        horizontal position. For a vehicle 10 km from the centre, an error of 100 m in the values
-        shifts the depth by 2 mm.
-
-    Returns
-    -------
-    DepthsAsRanges
-
-    Raises
-    ------
-    EstimationError
-        If the graph is planar, so has no depths.
+    A range has its direction at the values, and so a small part of the horizontal position: an
+    error of 100 m in the values shifts the depth of a vehicle 10 km from the centre by 2 mm.
     """
-    if graph.planar:
-        raise EstimationError("a planar graph has no depths; leave them as they are")
-    depths = {name: table for name, table in graph.tables.items() if table.kind.is_depth}
-    pose = np.concatenate([table.subject for table in depths.values()])
-    depth = np.concatenate([table.column("depth") for table in depths.values()])
-    variance = np.concatenate([table.covariance for table in depths.values()])
-    above = np.array([[0.0, 0.0, -ABOVE]])
-    from_above = np.column_stack([values.position[pose, :2], depth + ABOVE])
-    landmark = np.full(len(pose), graph.n_variables, dtype=np.int32)
-    more = KINDS["range"].table(
-        np.column_stack([pose, landmark]), [np.linalg.norm(from_above, axis=1)], variance
+    below = depths.column("depth") + ABOVE
+    across = np.square(values.position[depths.subject, :2]).sum(axis=1)
+    distance = below + across / (below + np.sqrt(np.square(below) + across))
+    return distance[:, None], depths.covariance
+
+
+def is_above(position: Array) -> Mask:
+    """True for each position (n, 3) of the landmark of `depths_from_above`."""
+    return np.asarray((position == [0.0, 0.0, -ABOVE]).all(axis=1))
+
+
+def with_depths(graph: FactorGraph, values: GraphValues) -> tuple[FactorGraph, GraphValues]:
+    """
+    Replace the ranges of `depths_from_above` by the depths, within 1e-7 m, and remove their
+    landmark.
+    """
+    above = np.flatnonzero(is_above(values.landmark_position))
+    landmark = graph.n_poses + int(above[0]) if above.size == 1 else -1
+    to_it = {
+        name: (table.variables == landmark).any(axis=1) for name, table in graph.tables.items()
+    }
+    ranges = graph["range"][to_it["range"]]
+    pose = ranges.variables[:, 0]
+    others = [rows.any() for name, rows in to_it.items() if name not in ("range", "survey")]
+    if landmark < 0 or any(others) or (pose >= graph.n_poses).any():
+        return graph, values
+    tables: dict[str, Factors] = {}
+    for name, table in graph.tables.items():
+        ends = table.variables - (table.variables > landmark)
+        tables[name] = replace(table, variables=ends.astype(np.int32))[~to_it[name]]
+    distance = ranges.column("distance")
+    across = np.square(values.position[pose, :2]).sum(axis=1)
+    below = distance - across / (distance + np.sqrt(np.square(distance) - across))
+    depths = KINDS["depth"].table(pose, [below - ABOVE], ranges.covariance)
+    tables["depth"] = tables["depth"].append(depths)
+    names = np.delete(graph.landmark_name, above)
+    positions = np.delete(values.landmark_position, above, axis=0)
+    return replace(graph, landmark_name=names, factors=tables), replace(
+        values, landmark_position=positions
     )
-    survey = KINDS["survey"].table([[graph.n_variables]], [above], [_SURVEY_SIGMA**2 * np.eye(3)])
-    names = graph.landmark_name.tolist()
-    name = next(f"L{k}" for k in range(len(names) + 1) if f"L{k}" not in names)
-    whole = replace(graph, landmark_name=np.array([*names, name])).with_factors(
-        **{name: table[:0] for name, table in depths.items()},
-        range=graph["range"].append(more),
-        survey=graph["survey"].append(survey),
-    )
-    positions = np.concatenate([values.landmark_position.reshape(-1, 3), above])
-    return DepthsAsRanges(whole, replace(values, landmark_position=positions))

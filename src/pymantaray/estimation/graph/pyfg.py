@@ -9,7 +9,6 @@ import csv
 import gzip
 import io
 import itertools
-import logging
 import re
 import string
 from collections.abc import Collection, Iterator, Mapping
@@ -17,7 +16,7 @@ from contextlib import ExitStack, contextmanager
 from io import TextIOWrapper
 from pathlib import Path
 from types import MappingProxyType
-from typing import IO, Any, Literal, NamedTuple, cast
+from typing import IO, Any, NamedTuple, cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,13 +39,17 @@ from pymantaray.estimation.graph.graph import (
     check_kinds,
     check_values,
 )
-from pymantaray.estimation.graph.pyfactorgraph import depths_as_ranges
+from pymantaray.estimation.graph.pyfactorgraph import (
+    ABOVE,
+    ABOVE_VARIANCE,
+    depths_from_above,
+    with_depths,
+)
 from pymantaray.estimation.graph.text import Indefinite, Table, TextLines, read_tables
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import whole_file
 from pymantaray.user_files import exists, is_gzip, read_text
 
-LOG = logging.getLogger(__name__)
 POSE = "VERTEX_SE3:QUAT"
 LANDMARK = "VERTEX_XYZ"
 FLAT = {  # words in two dimensions, by those in three
@@ -85,7 +88,8 @@ class GraphFile(NamedTuple):
     A graph read from a file, the values of its variables, and the number of omitted lines by word.
 
     ``valueless`` is true if the file has no values; ``values`` are then by chordal initialization.
-    ``repaired`` counts the lines whose matrix was made positive definite.
+    ``repaired`` counts the lines whose matrix was made positive definite, ``depths_from_above`` the
+    depths that the file has as ranges.
     """
 
     graph: FactorGraph
@@ -93,6 +97,7 @@ class GraphFile(NamedTuple):
     left_out: dict[str, int]
     valueless: bool = False
     repaired: Mapping[str, int] = MappingProxyType({})
+    depths_from_above: int = 0
 
 
 def write_pyfg(
@@ -100,7 +105,6 @@ def write_pyfg(
     path: Path | str,
     *,
     initial: GraphValues,
-    depths: Literal["priors", "ranges"] = "priors",
 ) -> None:
     """
     Write a factor graph as PyFactorGraph text, atomically.
@@ -115,9 +119,6 @@ def write_pyfg(
         File to create or replace, compressed if its name ends in ``.gz``; its folder must exist.
     initial : GraphValues
         Values of the vertices: the ground truth, as PyFactorGraph defines it, or starting values.
-    depths : {"priors", "ranges"}
-        Depths as pose priors, which PyFactorGraph reads with a precision of 0 (the log warns), or
-        as ranges to a landmark 5e8 m above the surface, which it keeps.
 
     Raises
     ------
@@ -130,34 +131,22 @@ def write_pyfg(
     -----
     Numbers have 17 significant digits. Covariances are the upper triangle by rows in the order x,
     y, z, rx, ry, rz; a range carries its variance. The grammar has no prior of a position, a depth
-    or an attitude alone: they are written as pose priors with a variance of 1e12 on each free axis,
-    and read back as what they were. PyFactorGraph's own reader [1]_ replaces each covariance by a
-    multiple of the identity and so loses the depth priors; it also refuses a range between two
-    landmarks, which is written here. It knows a vehicle by one letter: more than 25 vehicles get
-    names of several letters, AA, AB and so on, which `read_pyfg` reads and it does not. A comment
-    or a word that it does not know would stop it, hence the table beside.
+    or an attitude alone. Depths are written as ranges to a landmark 5e8 m above the surface, and
+    read back within 1e-7 m: as pose priors, PyFactorGraph's reader [1]_ would give them a precision
+    of 0, and GTSAM's `PriorFactorPose3`, with errors in the tangent of the body, another optimum.
+    Positions and attitudes are pose priors with a variance of 1e12 on each free axis; positions
+    have the attitude of ``initial``. PyFactorGraph's reader replaces each covariance by a multiple
+    of the identity, and refuses a range between two landmarks, which is written here. It knows a
+    vehicle by one letter: more than 25 vehicles get names of several letters, AA, AB and so on,
+    which `read_pyfg` reads and it does not. A comment or a word that it does not know would stop
+    it, hence the table beside.
 
     References
     ----------
     .. [1] PyFactorGraph, ``py_factor_graph/io/pyfg_text.py`` and ``utils/matrix_utils.py``,
        https://github.com/MarineRoboticsGroup/PyFactorGraph
     """
-    if depths == "ranges":
-        graph, initial = depths_as_ranges(graph, initial)
-    warn_of_depths(graph, path)
     _write(graph, Path(path), initial, None)
-
-
-def warn_of_depths(graph: FactorGraph, path: Path | str) -> None:
-    """Log that PyFactorGraph loses the depth priors of a graph; nothing without any."""
-    depths = [table for table in graph.tables.values() if table.kind.is_depth and table.kind.word]
-    if count := sum(map(len, depths)):
-        LOG.warning(
-            "%s: PyFactorGraph reads its %d depth priors with a precision of 0, so without effect;"
-            ' depths = "ranges" keeps them',
-            path,
-            count,
-        )
 
 
 def not_in_text(graph: FactorGraph) -> list[str]:
@@ -270,8 +259,9 @@ def read_pyfg(path: Path | str) -> tuple[FactorGraph, GraphValues]:
     Notes
     -----
     A pose prior whose rotation is free (variance 1e12 or more) becomes a position fix, and a depth
-    prior if north and east are free too. Time stamps of factors are checked and not kept: a factor
-    has the time of its poses. In files of PyFactorGraph, vertices are the ground truth.
+    prior if north and east are free too, as do the ranges that `write_pyfg` writes for depths. Time
+    stamps of factors are checked and not kept: a factor has the time of its poses. In files of
+    PyFactorGraph, vertices are the ground truth.
     """
     file = load_pyfg(path)
     return file.graph, file.values
@@ -293,11 +283,19 @@ def load_pyfg(
     tables, planar = read_tables(lines, _WORDS, one_space=True)
     reader = _Reader(lines, tables, planar=planar)
     graph, values = reader.graph(_read_names(names_file(path)))
+    n_ranges = len(graph["range"])
+    graph, values = with_depths(graph, values)
     try:
         check_graph(graph)
     except EstimationError as error:
         raise EstimationError(f"{path}: {error}") from None
-    return GraphFile(graph, values, lines.left_out, repaired=dict(lines.repaired))
+    return GraphFile(
+        graph,
+        values,
+        lines.left_out,
+        repaired=dict(lines.repaired),
+        depths_from_above=n_ranges - len(graph["range"]),
+    )
 
 
 class _Reader:
@@ -421,7 +419,7 @@ class _Reader:
             if "quaternion" in kind.columns_at:
                 pass
             elif fixed[3:].all():
-                matrix = _in_world_axes(matrix, quaternion)
+                matrix = _rotated(matrix, matrix_from_quaternion(quaternion))
             else:
                 mine &= level
                 allowed[-1] += " on level axes"
@@ -583,6 +581,11 @@ def _texts(
     poses_values = np.concatenate([initial.position, initial.quaternion], axis=1)
     yield from write_rows(_words(POSE), poses, poses_values, **look)
     yield from write_rows(_words(LANDMARK), landmarks, initial.landmark_position, **look)
+    above = next(f"L{k}" for k in range(len(landmarks) + 1) if f"L{k}" not in landmarks)
+    if any(len(factors) and factors.kind.is_depth for factors in graph.tables.values()):
+        yield f"{LANDMARK} {above} 0 0 {-ABOVE:g}\n"
+        variance = f"{ABOVE_VARIANCE:g}"
+        yield f"{LANDMARK_PRIOR} 0 {above} 0 0 {-ABOVE:g} {variance} 0 0 {variance} 0 {variance}\n"
     for table, factors in graph.tables.items():
         kind = factors.kind
         if kind.word is None:
@@ -597,7 +600,15 @@ def _texts(
                 factors.subject.tolist(), factors.variables.tolist(), strict=True
             )
         ]
-        rows = write_rows(_words(kind.word), heads, *_pose_prior_columns(factors), **look)
+        if kind.is_depth:
+            heads = [f"{head} {above}" for head in heads]
+            rows = write_rows(
+                _words(RANGE), heads, *depths_from_above(factors, initial), planar=False
+            )
+        else:
+            rows = write_rows(
+                _words(kind.word), heads, *_pose_prior_columns(graph, factors, initial), **look
+            )
         if known is None:
             yield from rows
         else:
@@ -627,10 +638,13 @@ def _words(word: str) -> tuple[str, str | None]:
     return word, FLAT.get(word)
 
 
-def _pose_prior_columns(factors: Factors) -> tuple[Array, Array]:
+def _pose_prior_columns(
+    graph: FactorGraph, factors: Factors, initial: GraphValues
+) -> tuple[Array, Array]:
     """
     Measured columns and covariance; kinds without a word of their own become pose priors with free
-    axes.
+    axes. A position has the attitude of the values and so, for readers that take the error in the
+    tangent of the prior, its own optimum.
     """
     kind = factors.kind
     covariance = factors.covariance
@@ -640,8 +654,14 @@ def _pose_prior_columns(factors: Factors) -> tuple[Array, Array]:
         measurement = np.tile([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0], (len(factors), 1))
         for column, span in kind.columns_at.items():
             measurement[:, _TEXT_COLUMNS[column]] = factors.measurement[:, span]
+        if kind.axes == (3, 4, 5) and kind.ends == ("pose",) and not graph.planar:
+            measurement[:, 3:] = initial.quaternion[factors.subject]
+            to_body = np.swapaxes(matrix_from_quaternion(measurement[:, 3:]), 1, 2)
+            part = _rotated(factors.covariance, to_body)
+        else:
+            part = factors.covariance
         covariance = np.tile(_FREE_VARIANCE * np.eye(6), (len(factors), 1, 1))
-        covariance[:, axes[:, None], axes] = factors.covariance
+        covariance[:, axes[:, None], axes] = part
     return measurement, covariance
 
 
@@ -650,9 +670,9 @@ def _axes(which: ArrayLike) -> str:
     return " ".join(_AXES[ROTATION_FIRST][np.asarray(which)[ROTATION_FIRST]].tolist())
 
 
-def _in_world_axes(covariance: Array, quaternion: Array) -> Array:
-    """Covariances in the world's axes; untouched, to the last digit, where the axes agree."""
-    is_rotated = np.any(quaternion != np.array([1.0, 0.0, 0.0, 0.0]), axis=1)
-    rotation = matrix_from_quaternion(quaternion)
-    world = rotation @ covariance @ np.swapaxes(rotation, 1, 2)
-    return np.where(is_rotated[:, None, None], world, covariance)
+def _rotated(covariance: Array, rotation: Array) -> Array:
+    """Covariances (n, 3, 3) in rotated axes; untouched, to the last digit, if axes are equal."""
+    equal = (covariance == covariance[:, :1, :1] * np.eye(3)).all(axis=(1, 2))
+    rotated = rotation @ covariance @ np.swapaxes(rotation, 1, 2)
+    rotated = 0.5 * (rotated + np.swapaxes(rotated, 1, 2))
+    return np.where(equal[:, None, None], covariance, rotated)
