@@ -14,7 +14,7 @@ from refusals import refused
 from scipy.io import loadmat
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.apps.atlas.dataset import FORMAT
+from pymantaray.apps.atlas.dataset import FORMAT, safety_table
 from pymantaray.apps.export import export_run
 from pymantaray.apps.export.map_files import run_features
 from pymantaray.apps.export.run_files import record
@@ -209,7 +209,10 @@ def test_located_nodes_become_points_and_ellipses(location, tmp_path):
 def test_an_atlas_becomes_cells_with_its_errors(tmp_path):
     n_lat, n_lon = 2, 3
     shape = (1, n_lat, n_lon)
-    worst = np.arange(24.0).reshape(*shape, 2, 1, 2)  # convention, pair, distance
+    worst = np.arange(48.0).reshape(*shape, 2, 2, 2)  # convention, pair, distance
+    lost = np.zeros((*shape, 2, 2))
+    lost[..., 0, 0] = 0.25  # of one pair of two, at 1 km
+    lost[0, 1, 1, :, 0] = np.nan, 1.0  # one pair is below the sea bed
     status = np.ones(shape, dtype=np.int8)
     status[0, 0, 0] = 0
     place = ("time", "lat", "lon")
@@ -220,7 +223,7 @@ def test_an_atlas_becomes_cells_with_its_errors(tmp_path):
         {
             "column_status": (place, np.where(status == 1, WATER, WATER + 1).astype("i1")),
             "worst_range_error": ((*place, "convention", "pair", "distance"), worst),
-            "no_direct_path": ((*place, "pair", "distance"), np.full((*shape, 1, 2), 0.25)),
+            "no_direct_path": ((*place, "pair", "distance"), lost),
             "safe_distance": ((*place, "convention", "safe"), np.full((*shape, 2, 1), np.nan)),
             "lat_bounds": (("lat", "bound"), np.stack([lat - 0.5, lat + 0.5], axis=1)),
             "lon_bounds": (("lon", "bound"), np.stack([lon - 1.0, lon + 1.0], axis=1)),
@@ -243,8 +246,14 @@ def test_an_atlas_becomes_cells_with_its_errors(tmp_path):
     assert seam["geometry"]["type"] == "MultiPolygon"
     assert seam["shape"].area == pytest.approx(2.0)
     values = seam["properties"]
-    assert values["worst_range_error_source_5000m_m"] == worst[0, 0, 1, 1, 0, 1]
-    assert values["no_direct_path_1000m_percent"] == 25.0
+    assert values["worst_range_error_source_5000m_m"] == worst[0, 0, 1, 1, 1, 1]
+    assert values["mean_no_direct_path_1000m_percent"] == 12.5
+    cells = [f["properties"]["mean_no_direct_path_1000m_percent"] for f in features]
+    assert sorted(cells) == [12.5] * 4 + [100.0]
+    # the table counts a pair at each place: 4 cells of 0.25 and 0, one of 1
+    table = safety_table(data)
+    assert table["no_direct_path_percent"][0] == pytest.approx(100.0 * 2.0 / 9.0)
+    assert np.median(np.delete(worst[0, ..., 0, 1, 0].ravel(), 0)) == table["median_m"][0]
     assert values["safe_distance_nominal_10m_m"] is None
     assert values["time_utc"] == "2020-01-01T00:00:00Z"
     assert len({f["properties"]["fill"] for f in features}) == 5

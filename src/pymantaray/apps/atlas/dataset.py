@@ -299,6 +299,16 @@ def open_atlas(path: str | Path) -> xr.Dataset:
     return dataset
 
 
+def largest_over_pairs(atlas: xr.Dataset) -> xr.DataArray:
+    """Largest range error over pairs and bearings, NaN without any direct path. [m]"""
+    return atlas["worst_range_error"].max("pair")
+
+
+def mean_lost_over_pairs(atlas: xr.Dataset) -> xr.DataArray:
+    """Mean percentage over the pairs in the water of links without a direct path."""
+    return 100.0 * atlas["no_direct_path"].astype(float).mean("pair")
+
+
 def safety_table(atlas: xr.Dataset) -> pd.DataFrame:
     """
     Table of range errors and of the fraction of locations that are safe for straight-line ranging.
@@ -319,11 +329,12 @@ def safety_table(atlas: xr.Dataset) -> pd.DataFrame:
     """
     rows = []
     water = (atlas["column_status"] == WATER).values
+    # a pair counts at each place where it is in the water
     lost = atlas["no_direct_path"].values[water]  # place, pair, distance
+    worst = largest_over_pairs(atlas).values[water]  # place, convention, distance
     for c, convention in enumerate(atlas["convention"].values):
-        worst = atlas["worst_range_error"][:, :, :, c].values[water]
         for d, distance in enumerate(atlas["distance"].values):
-            place = np.fmax.reduce(worst[:, :, d], axis=1)
+            place = worst[:, c, d]
             place = place[np.isfinite(place)]
             share = {
                 f"safe_to_{safe:g}m_percent": 100.0 * float(np.mean(place <= safe))

@@ -16,6 +16,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import LogLocator
 
+from pymantaray.apps.atlas.dataset import largest_over_pairs, mean_lost_over_pairs
 from pymantaray.apps.ocean.figures import (
     CELLS,
     LAND,
@@ -256,7 +257,7 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
     upper, lower = figure.subplots(2, 1, sharex=True, height_ratios=(1.8, 1.0))
     time = atlas["time"].values
     for k, name in enumerate(map(str, atlas["convention"].values)):
-        worst = np.fmax.reduce(atlas["worst_range_error"][:, i, j, k, :, distance].values, axis=-1)
+        worst = largest_over_pairs(atlas)[:, i, j, k, distance].values
         upper.semilogy(
             time,
             worst,
@@ -268,7 +269,7 @@ def error_series(atlas: xr.Dataset, distance: int, place: tuple[float, float] | 
     for limit in atlas["safe"].values:
         upper.axhline(limit, color=style.INK, linestyle=":", linewidth=0.7)
     style.short_numbers(upper.yaxis)
-    lost = 100.0 * atlas["no_direct_path"][:, i, j, :, distance].mean("pair").values
+    lost = mean_lost_over_pairs(atlas)[:, i, j, distance].values
     lower.plot(time, lost, "o-", markersize=2.5, color=style.INK)
     lower.set_ylim(-3.0, 103.0)
     upper.set_ylabel("Largest range error [m]")
@@ -295,8 +296,8 @@ def worst_error(atlas: xr.Dataset, convention: int, distance: int) -> Array:
 
 
 def _over_pairs(atlas: xr.Dataset, convention: int, distance: int) -> Array:
-    errors = atlas["worst_range_error"].isel(convention=convention, distance=distance).values
-    return np.asarray(np.fmax.reduce(errors, axis=-1))
+    errors = largest_over_pairs(atlas).isel(convention=convention, distance=distance)
+    return np.asarray(errors.values)
 
 
 def _lost(atlas: xr.Dataset, distance: int) -> Array:

@@ -81,13 +81,15 @@ def source_features(source: Path) -> tuple[list[Feature], str] | None:
 
 def _atlas_features(atlas: xr.Dataset) -> Iterator[Feature]:
     """
-    Cells of the atlas in the water, with errors over all pairs and bearings; the colour is the
-    largest error of the first convention at the middle distance, relative to that of the atlas.
+    Cells of the atlas in the water, with the largest errors and the mean percentages of lost paths
+    over all pairs and bearings, as in the table of the atlas; the colour is the largest error of
+    the first convention at the middle distance, relative to that of the atlas.
     """
     from pymantaray.apps.atlas.column import WATER as IN_WATER
+    from pymantaray.apps.atlas.dataset import largest_over_pairs, mean_lost_over_pairs
 
-    worst = np.fmax.reduce(atlas["worst_range_error"].values, axis=-2)  # over the pairs
-    lost = 100.0 * np.fmax.reduce(atlas["no_direct_path"].values, axis=-2)
+    worst = largest_over_pairs(atlas).values
+    lost = mean_lost_over_pairs(atlas).values
     safe = atlas["safe_distance"].values
     conventions = [str(name) for name in atlas["convention"].values]
     distances = [f"{distance:g}m" for distance in atlas["distance"].values]
@@ -108,7 +110,7 @@ def _atlas_features(atlas: xr.Dataset) -> Iterator[Feature]:
             for s, limit in enumerate(atlas["safe"].values):
                 properties[f"safe_distance_{convention}_{limit:g}m_m"] = safe[t, i, j, c, s]
         for d, distance in enumerate(distances):
-            properties[f"no_direct_path_{distance}_percent"] = lost[t, i, j, d]
+            properties[f"mean_no_direct_path_{distance}_percent"] = lost[t, i, j, d]
         share = shown[t, i, j] / largest
         colour = _hexadecimal(LEVELS(float(share))) if np.isfinite(share) else GREY
         yield Feature("Polygon", ring, properties, properties.get("time_utc", "cells"), colour)
