@@ -16,8 +16,10 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from pymantaray import LocalFrame, Medium, find_eigenrays
+from pymantaray.geometry import EarthSphere
 
-CENTRE = LocalFrame(44.83, -125.11)
+LATITUDE = 44.83
+CENTRE = LocalFrame(LATITUDE, -125.11)
 NODES = {
     "P1": (410.0, -20.0, 1296.0),
     "P2": (-250.0, 380.0, 1310.0),
@@ -75,7 +77,8 @@ def main(folder: str) -> None:
     out = Path(folder)
     out.mkdir(parents=True, exist_ok=True)
     rng = np.random.default_rng(7)
-    medium = Medium.from_profile(*cast(), bottom_depth=1500.0, interpolation="linear")
+    earth = EarthSphere.at_latitude(LATITUDE)  # depths are below the curved sea surface
+    medium = Medium.from_profile(*cast(), bottom_depth=1500.0, interpolation="linear", earth=earth)
     names, n = list(NODES), len(NODES)
     time = np.repeat(INTERVAL * np.arange(PINGS), n) + np.tile(1.5 * np.arange(n), PINGS)
     node = np.tile(np.arange(n), PINGS)
