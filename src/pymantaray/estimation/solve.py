@@ -34,6 +34,7 @@ from pymantaray.estimation.solvers.solution import (
     gate,
     make_solution,
 )
+from pymantaray.estimation.solvers.starts import separated
 
 
 class GraphSolver:
@@ -99,6 +100,7 @@ class GraphSolver:
         """
         check_graph(graph)
         check_values(graph, initial)
+        initial = separated(graph, initial)
         method = method or Method()
         loss = method.loss
         poses = np.empty((0, 0), dtype=np.intp)

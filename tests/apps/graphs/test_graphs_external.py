@@ -22,6 +22,7 @@ from pymantaray.estimation import (
 )
 from pymantaray.estimation.graph.graph import KINDS
 from pymantaray.estimation.graph.pyfg import GraphFile
+from pymantaray.estimation.solvers.problems import FactorsExceptRanges, GraphState
 from pymantaray.evaluation import graph_errors
 from pymantaray.records import SolveStatus
 
@@ -242,3 +243,40 @@ def test_landmarks_with_ranges_only_start_at_the_file_and_are_counted(foreign, s
     assert result.summary()["started_as_in_the_file"] == {"poses": 0, "landmarks": 1}
     np.testing.assert_array_equal(result.initial.landmark_position[1], truth.landmark_position[1])
     assert np.abs(result.initial.landmark_position[0] - truth.landmark_position[0]).max() > 1e-3
+
+
+def coincident(scale=1.0):
+    """
+    One pose and one landmark whose vertices are at one place, and a range of 50 m; covariances
+    times ``scale``.
+    """
+    pose = " ".join(f"{v:.17g}" for v in (scale * 0.01 * np.eye(6))[np.triu_indices(6)])
+    landmark = " ".join(f"{v:.17g}" for v in (scale * 100.0 * np.eye(3))[np.triu_indices(3)])
+    return (
+        "VERTEX_SE3:QUAT 0 A0 1 2 3 0 0 0 1\nVERTEX_XYZ L0 1 2 3\n"
+        f"VERTEX_SE3:QUAT:PRIOR 0 A0 1 2 3 0 0 0 1 {pose}\n"
+        f"VERTEX_XYZ:PRIOR 0 L0 1 2 3 {landmark}\n"
+        f"EDGE_RANGE 0 A0 L0 50 {scale:.17g}\n"
+    )
+
+
+@pytest.mark.parametrize("estimator", ["batch", "gtsam", "cauchy", "incremental"])
+def test_a_range_between_ends_at_one_place_leaves_it(tmp_path, estimator):
+    (tmp_path / "g.pyfg").write_text(coincident())
+    result = solve_graph(open_graph(tmp_path / "g.pyfg"), start="file", estimator=estimator)
+    length = np.linalg.norm(result.values.landmark_position[0] - result.values.position[0])
+    assert length > 1.0
+    if estimator != "cauchy":  # along the line, in closed form
+        variance = 100.0 + 0.01
+        assert length == pytest.approx(50.0 * variance / (1.0 + variance), rel=1e-6)
+        assert result.solution.final_cost == pytest.approx(0.5 * 2500.0 / (1.0 + variance))
+
+
+def test_the_worst_of_equal_factors_is_the_first(tmp_path):
+    """A pose prior and a landmark prior without any error; the messages of failures name it."""
+    (tmp_path / "g.pyfg").write_text(coincident(1e-12))
+    content = open_graph(tmp_path / "g.pyfg")
+    factors = FactorsExceptRanges(content.graph)
+    assert factors.worst(GraphState.of(content.values)) == ([0], 0.0)
+    solution = solve_graph(content, start="file").solution
+    assert isinstance(solution.status, SolveStatus)

@@ -5,6 +5,7 @@ expanded travel times.
 
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
+from operator import itemgetter
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -250,7 +251,7 @@ class FactorsExceptRanges:
         ]
         if not each:
             return [], -1.0
-        cost, row, tables = max(each)
+        cost, row, tables = max(each, key=itemgetter(0))
         variables = [ends for table in tables for ends in table.variables.tolist()]
         return variables[row], cost
 

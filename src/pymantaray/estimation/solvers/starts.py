@@ -18,6 +18,7 @@ from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matr
 from pymantaray.records import Measurements
 
 ANCHOR_SIGMA = 1e-3  # m and rad; of the prior of a part that nothing ties to the world
+_GOLDEN_ANGLE = 2.399963  # rad; directions by it are far from each other
 _LEAST_WEIGHT = 1e-12  # of the largest weight in chordal initialization
 _LOOP_CLOSURE_WEIGHT = 1e9  # weight of an edge other than odometry, which has weight 1
 
@@ -133,6 +134,28 @@ def dead_reckon_graph(
     located = np.concatenate([table.variables[:, -1] for table in (*sightings, *surveys)])
     unseen = np.setdiff1d(np.arange(n, graph.n_variables), located)
     return StartingValues(reckoned, np.concatenate([first, unseen]))
+
+
+def separated(graph: FactorGraph, values: GraphValues) -> GraphValues:
+    """
+    Values without ranges between ends at one place, where a distance has no derivative and a solve
+    would stay: the second end moves horizontally by a thousandth of the measured distance.
+    """
+    ranges = graph["range"]
+    first, second = ranges.variables.T
+    position = np.concatenate([values.position, values.landmark_position])
+    rows = np.flatnonzero((position[first] == position[second]).all(axis=1))
+    if not rows.size:
+        return values
+    angle = _GOLDEN_ANGLE * np.arange(rows.size)  # several ranges of one end differ in direction
+    step = 1e-3 * ranges.column("distance")[rows]
+    np.add.at(
+        position,
+        second[rows],
+        step[:, None] * np.stack([np.cos(angle), np.sin(angle), 0 * angle], 1),
+    )
+    n = graph.n_poses
+    return GraphValues(position[:n], values.quaternion, position[n:])
 
 
 def chordal(graph: FactorGraph, values: GraphValues) -> StartingValues:
