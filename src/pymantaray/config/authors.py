@@ -26,6 +26,7 @@ LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 """Letters of the program's robots."""
 _LANDMARK_LETTER = LETTERS.index("L")
 _ENDLESS = 1e12  # s
+_MAX_STEPS = 1e8  # of a mission
 _LARGE_STEP = 0.1  # m; a float of the program stops up to one step beyond its depth
 REFLECTED = ("first", "direct-or-first")
 """Arrivals that may have reflections."""
@@ -307,6 +308,13 @@ def _sampling_period(simulation: Simulation, label: str) -> float:
     timing = simulation.timing
     sensors = simulation.sensors
     step = _fraction(timing.physics_dt)
+    duration = 3600.0 * timing.end_time_hours
+    if duration > _MAX_STEPS * timing.physics_dt:
+        raise StudyError(
+            f"{label}: timing.physics_dt is {timing.physics_dt:g} s,"
+            f" {duration / timing.physics_dt:.1e} steps in {timing.end_time_hours:g} h; allowed: at"
+            f" most {_MAX_STEPS:.0e} steps, so at least {duration / _MAX_STEPS:.1g} s"
+        )
     if timing.ping_interval_min > 60.0 * timing.end_time_hours:
         raise StudyError(
             f"{label}: timing.ping_interval_min is {timing.ping_interval_min:g} min, longer than"

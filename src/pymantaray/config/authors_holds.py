@@ -8,9 +8,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from pymantaray.arrays import Array
+
 DEPTH_GAIN = 10.0
 """Vertical speed per depth error of the program. [1/s]"""
 _ARRIVAL_STEPS = 1  # in which the program finds that it has arrived; a hold counts from the next
+_CHUNK = 1 << 20  # steps to add at once
 _TOUCH = 1e-6  # m, at which a float of a study has arrived
 
 
@@ -29,8 +32,19 @@ class Holds(NamedTuple):
 @lru_cache(maxsize=256)
 def counted_steps(seconds: float, step: float) -> int:
     """Steps after which a sum of them, with its rounding, is at least a duration."""
-    enough = int(seconds / step) + 2
-    return 1 + int(np.searchsorted(np.cumsum(np.full(enough, step)), seconds))
+    total = 0.0
+    count = 1
+    while True:
+        sums = _sums(total, step, _CHUNK)
+        count += int(np.searchsorted(sums[1:], seconds))
+        if sums[-1] >= seconds:
+            return count
+        total = float(sums[-1])
+
+
+def _sums(start: float, step: float, count: int) -> Array:
+    """Sums after each of a number of steps, with the rounding of one addition after another."""
+    return np.cumsum(np.concatenate([[start], np.full(count, step)]))
 
 
 def extra_steps(
@@ -68,14 +82,25 @@ def _passed(
     the depth.
     """
     sign = 1.0 if goal > depth else -1.0
-    for count in range(limit + 1):
+    count = 0
+    while count <= limit:
         if sign * (depth - goal) >= 0.0:
             return depth, count
+        # far from the goal the speed is its limit
+        far = (abs(goal - depth) - speed / DEPTH_GAIN) / (speed * step) - 2.0
+        if far > 1.0:
+            full = int(min(far, _CHUNK, limit - count + 1))
+            before, depth = _sums(depth, sign * speed * step, full)[[0, -1]].tolist()
+            if depth == before:
+                return depth, None
+            count += full
+            continue
         rate = min(max(DEPTH_GAIN * (goal - depth), -speed), speed)
         moved = depth + rate * step
         if moved == depth:
             return depth, None
         depth = moved
+        count += 1
     return depth, limit
 
 
