@@ -19,6 +19,15 @@ def main() -> None:
             " (ulimit -v); set it to 4096 MiB or more\n"
         )
         raise SystemExit(2)
+    if sys.flags.optimize > 1:
+        sys.stderr.write(
+            "error: environment: PYTHONOPTIMIZE (or -OO) removes the docstrings that options are"
+            " made of; set it to 1 or unset it\n"
+        )
+        raise SystemExit(2)
+    # figures are drawn into files; another value would end each import of Matplotlib, here and in
+    # other processes
+    os.environ.pop("MPLBACKEND", None)
     if (
         not sys.warnoptions and "PYTHONWARNINGS" not in os.environ
     ):  # of numpy, in this process and in workers

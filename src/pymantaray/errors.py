@@ -112,10 +112,19 @@ class ExchangeError(MantaRayError):
 def optional_package(
     error: type[MantaRayError], where: object, name: str, extra: str
 ) -> Iterator[None]:
-    """Raise an error with the command that installs an optional package if its import fails."""
+    """
+    Raise an error with the command that installs an optional package if its import fails, because
+    it is missing or damaged.
+    """
     try:
         yield
-    except ImportError:
+    except ModuleNotFoundError:
         raise error(
             f'{where}: {name} is not installed; pip install "pymantaray[{extra}]"'
+        ) from None
+    except Exception as cause:  # noqa: BLE001  a damaged package raises any type
+        reason = " ".join(str(cause).split())[:120]
+        raise error(
+            f"{where}: {name} cannot be imported ({type(cause).__name__}: {reason}); install it"
+            f' again: pip install --force-reinstall "pymantaray[{extra}]"'
         ) from None

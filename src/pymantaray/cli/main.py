@@ -77,6 +77,7 @@ def main(arguments: list[str] | None = None) -> None:
         try:
             _check_environment()
             words = sys.argv[1:] if arguments is None else arguments
+            _check_names(words)
             sys.exit(app(args=words, prog_name="mantaray", standalone_mode=False) or 0)
         except _UsageError as error:
             _refuse(error)
@@ -128,6 +129,21 @@ def _check_environment() -> None:
         if value is not None and not re.fullmatch(pattern, value, re.ASCII):
             raise MantaRayError(
                 f"environment: {name} is {value[:40]!r}; it must be {meaning}; correct or unset it"
+            )
+
+
+def _check_names(words: list[str]) -> None:
+    """
+    Refuse names of files or folders that the locale cannot decode: libraries refuse them later,
+    each in its own words.
+    """
+    encoding = sys.getfilesystemencoding()
+    undecoded = re.compile("[\udc80-\udcff]")
+    for name in (*words, os.environ.get("PWD", "")):
+        if encoding != "utf-8" and undecoded.search(name):
+            raise MantaRayError(
+                f"{printable(name)}: the locale's encoding is {encoding}, which has no such"
+                " letters; set PYTHONUTF8=1 or LC_ALL=C.UTF-8"
             )
 
 

@@ -9,7 +9,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
-from pymantaray.errors import ExchangeError, RecordError, SensingError
+from pymantaray.errors import ExchangeError, RecordError, SensingError, optional_package
 from pymantaray.exchange.centre import centre_in_comments
 from pymantaray.exchange.recording import TRUTH
 from pymantaray.exchange.tracks import Poses, about_down, level
@@ -211,12 +211,11 @@ def _text(path: Path, invalid: InvalidLines | None = None) -> TextTable:
 
 def _parquet(path: Path) -> TextTable:
     """Table with typed cells; the line of a row is its number, from 1."""
+    with optional_package(ExchangeError, path, "pyarrow", "parquet"):
+        import pyarrow.compute
+        import pyarrow.parquet  # noqa: F401
     try:
         frame = _parquet_frame(path)
-    except ImportError:
-        raise ExchangeError(
-            f'{path}: pyarrow is not installed; pip install "pymantaray[parquet]"'
-        ) from None
     except ExchangeError:
         raise
     except Exception as error:  # noqa: BLE001  pyarrow raises many types

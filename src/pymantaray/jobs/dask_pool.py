@@ -24,7 +24,7 @@ from contextlib import suppress
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple, Self
 
-from pymantaray.errors import JobError
+from pymantaray.errors import JobError, optional_package
 from pymantaray.jobs.pool import Pool, ProcessPool, SchedulerLostError, StoreTask, TaskFunction
 
 if TYPE_CHECKING:
@@ -69,12 +69,8 @@ class DaskPool(Pool):
 
     def __init__(self, work: TaskFunction, client: "Client | str") -> None:
         super().__init__(lambda: work)
-        try:
+        with optional_package(JobError, "scheduler", "Dask", "dask"):
             import distributed
-        except ImportError:
-            raise JobError(
-                "scheduler: Dask is not installed; pip install 'pymantaray[dask]'"
-            ) from None
         self._dask: Any = distributed
         self._work = work
         self._scheduler = client

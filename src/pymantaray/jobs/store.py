@@ -12,7 +12,7 @@ from itertools import islice
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
-from pymantaray.errors import JobError, MantaRayError, RecordError, WriteError
+from pymantaray.errors import JobError, MantaRayError, RecordError, WriteError, optional_package
 from pymantaray.records import whole_file
 
 T = TypeVar("T")
@@ -139,12 +139,8 @@ class _Objects(Store):
 
     def __init__(self, location: str) -> None:
         super().__init__(location)
-        try:
+        with optional_package(JobError, location, "fsspec", "dask"):
             import fsspec
-        except ImportError:
-            raise JobError(
-                f"{location}: fsspec is not installed; pip install 'pymantaray[dask]'"
-            ) from None
         protocol = location.partition("://")[0]
         if protocol not in _ATOMIC:
             raise JobError(

@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from pymantaray.errors import OceanError
+from pymantaray.errors import OceanError, optional_package
 from pymantaray.messages import one_line
 from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.instrument_table import known_unit
@@ -60,15 +60,9 @@ def read_rsk(path: Path) -> dict[str, CastTable]:
     cast without a name.
     """
     _check(path)
-    try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # of its own imports
-            from pyrsktools import RSK
-    except ImportError:
-        raise OceanError(
-            f'{path}: pyrsktools is not installed; pip install "pymantaray[rbr]", or export the'
-            " file as text with Ruskin"
-        ) from None
+    with optional_package(OceanError, path, "pyrsktools", "rbr"), warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of its own imports
+        from pyrsktools import RSK
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # of missing start times

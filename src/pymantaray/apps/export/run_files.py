@@ -14,7 +14,7 @@ from pymantaray.apps.export.run_rays import run_rays
 from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
 from pymantaray.apps.study.graphs import noisy_graphs, write_graphs
 from pymantaray.apps.study.store import Run, open_run
-from pymantaray.errors import ExchangeError, StudyError, WriteError
+from pymantaray.errors import ExchangeError, StudyError, WriteError, optional_package
 from pymantaray.estimation import CONDITIONS, GraphValues
 from pymantaray.exchange.centre import ENU, NED, centre_attributes, write_sidecar
 from pymantaray.exchange.cf import write_cf
@@ -169,13 +169,10 @@ def _csv(run: Run, realization: int, folder: Path) -> None:
 
 
 def _parquet(run: Run, realization: int, folder: Path) -> None:
+    with optional_package(ExchangeError, "parquet", "pyarrow", "parquet"):
+        import pyarrow.parquet  # noqa: F401
     for name, frame in _tables(run, realization).items():
-        try:
-            frame.to_parquet(folder / f"{name}.parquet", engine="pyarrow", index=False)
-        except ImportError:
-            raise ExchangeError(
-                'parquet needs the extra parquet; pip install "pymantaray[parquet]"'
-            ) from None
+        frame.to_parquet(folder / f"{name}.parquet", engine="pyarrow", index=False)
 
 
 def _pyfg(run: Run, realization: int, folder: Path) -> None:

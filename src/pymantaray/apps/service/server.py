@@ -14,7 +14,7 @@ from urllib.parse import urlsplit
 from pymantaray.apps.service.facts import facts as facts_of
 from pymantaray.apps.service.messages import answer_body, error_body, schema
 from pymantaray.apps.service.ranging_service import RangingService
-from pymantaray.errors import MantaRayError, ServiceError
+from pymantaray.errors import MantaRayError, ServiceError, optional_package
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.version import __version__
 
@@ -141,12 +141,10 @@ def make_server(service: RangingService, host: str = "127.0.0.1", port: int = 0)
     ServiceError
         If waitress is not installed, or the address cannot be used.
     """
-    try:
+    with optional_package(ServiceError, "server", "waitress", "serve"):
         from waitress.server import create_server
 
         from pymantaray.apps.service.connections import TIMEOUT, JsonChannel, close_late
-    except ImportError:
-        raise ServiceError("the server needs waitress: pip install 'pymantaray[serve]'") from None
     logging.getLogger("waitress.queue").setLevel(
         logging.ERROR
     )  # it reports every request that waits
