@@ -20,7 +20,8 @@ help:
 	@echo "make bench          measure computing times"
 	@echo "make matrix         run the fast tests on each installed Python from 3.11 to 3.14, and with the oldest dependencies (needs uv)"
 	@echo "make cuda           compile the kernels for a GPU and test them; no GPU needed (needs uv; downloads 1.2 GB)"
-	@echo "make ci-full        run all checks: lint, site, slow tests, all pages and examples, kernels with bounds checked"
+	@echo "make ci-full        run all checks: lint, site, slow tests, all pages and examples, kernels with bounds checked;"
+	@echo "                    an interrupted run goes on where it stopped"
 	@echo "make release-check  check version, changelog and archives; test the wheel on the oldest and newest installed Python"
 	@echo "make clean          remove .venv, caches and builds, but not runs/"
 
@@ -81,12 +82,9 @@ matrix:
 cuda:
 	$(UV_TEST) --with "numba-cuda[cu12]>=0.24" python -m pytest -m "slow or not slow" tests/acoustics/test_cuda.py $(ARGS)
 
-ci-full: lint quick docs $(VENV)/.ready-test
-	$(BIN)/python -m pytest -n auto --dist worksteal -m "slow or not slow" $(ARGS)
-	rm -rf $(VENV)/boundscheck
-	NUMBA_BOUNDSCHECK=1 NUMBA_CACHE_DIR=$(CURDIR)/$(VENV)/boundscheck \
-	  $(BIN)/python -m pytest -n auto --dist worksteal tests/acoustics tests/physics tests/fleet tests/estimation
-	$(BIN)/python examples/run_study.py
+# parts that have passed on the tree of this commit are not run again; ARGS="slow docs" runs some parts
+ci-full: $(VENV)/.ready-lint $(VENV)/.ready-docs
+	$(BIN)/python .ci/full.py $(ARGS)
 
 # ARGS="--tests tests/records" runs fewer tests of the installed wheel
 release-check: $(VENV)/.ready-release

@@ -25,6 +25,23 @@ def call(*words, **options):
     return done.stdout
 
 
+IMPORT_ALL = """
+import importlib, pkgutil, pymantaray
+names = [m.name for m in pkgutil.walk_packages(pymantaray.__path__, "pymantaray.")]
+names = [name for name in names if name.rpartition(".")[2] not in ("__main__", "cuda")]
+for name in names:
+    importlib.import_module(name)
+print(pymantaray.__file__, len(names))
+"""
+
+
+def ours_importable():
+    """Modules and packages of the package that need no other program."""
+    modules = {path.relative_to(PACKAGE).with_suffix("") for path in PACKAGE.rglob("*.py")}
+    names = {m.parent if m.name == "__init__" else m for m in modules} - {Path()}
+    return {name for name in names if name.name not in ("__main__", "cuda")}
+
+
 @pytest.fixture(scope="module")
 def archives(tmp_path_factory):
     """Source archive, and the wheel that is built from it."""
@@ -51,7 +68,6 @@ def tracked():
     return {f"pymantaray/{path.relative_to(PACKAGE).as_posix()}" for path in files}
 
 
-@pytest.mark.slow
 def test_archives_hold_the_package_and_nothing_else(archives):
     source, wheel = archives
     names = set(zipfile.ZipFile(wheel).namelist())
@@ -60,8 +76,10 @@ def test_archives_hold_the_package_and_nothing_else(archives):
     for name in (
         "py.typed",
         "config/presets/quick.toml",
-        "report/templates/page.html",
-        "report/templates/run.js",
+        "pages/templates/page.html",
+        "pages/templates/run.js",
+        "pages/mantaray.mplstyle",
+        "apps/table/mantaray_table.h",
     ):
         assert f"pymantaray/{name}" in ours
     with tarfile.open(source) as archive:
@@ -77,6 +95,20 @@ def test_archives_hold_the_package_and_nothing_else(archives):
     }
     assert inside == {f"src/{name}" for name in ours} | beside
     call(sys.executable, "-m", "twine", "check", "--strict", source, wheel)
+
+
+def test_the_wheel_alone_answers_beside_the_libraries(archives, tmp_path):
+    """Outside the tree, before the package that this environment has; all its modules import."""
+    site = tmp_path / "site"
+    call(sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", site, archives[1])
+    env = {"PATH": os.environ["PATH"], "HOME": str(tmp_path), "PYTHONPATH": str(site)}
+    inside = {"cwd": tmp_path, "env": env}
+    said = call(sys.executable, "-c", IMPORT_ALL, **inside).split()
+    assert said == [str(site / "pymantaray" / "__init__.py"), str(len(ours_importable()))]
+    command = (sys.executable, "-m", "pymantaray")
+    assert call(*command, "study", "list", **inside).split()[0] == "beaufort"
+    shown = call(*command, "ocean", "show", "synthetic:beaufort", **inside)
+    assert "sound speed" in shown
 
 
 @pytest.mark.slow

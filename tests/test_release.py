@@ -6,6 +6,7 @@ import re
 import runpy
 import tomllib
 from fnmatch import fnmatch
+from pathlib import Path
 
 import pytest
 from packaging.requirements import Requirement
@@ -119,3 +120,14 @@ def test_what_is_published_was_checked():
     assert re.search(
         r"^release-check:", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE
     )
+
+
+def test_parts_of_all_checks_contain_every_test():
+    """A folder of tests that no part runs would never be tested before a release."""
+    script = runpy.run_path(str(ROOT / ".ci" / "full.py"))
+    covered = {Path(path) for paths in script["SLOW"].values() for path in paths}
+    tests = [path.relative_to(ROOT) for path in (ROOT / "tests").rglob("test_*.py")]
+    lacking = [path for path in tests if not {path, *path.parents} & covered]
+    assert not lacking
+    kernels = script["parts"]()["bounds"]
+    assert kernels[1]["NUMBA_BOUNDSCHECK"] == "1"
