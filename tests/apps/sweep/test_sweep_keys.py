@@ -1,15 +1,14 @@
 """
 Names of tasks: what a stage depends on is in its key and can be read, and nothing else is or can.
+`test_every_key` has the law for all keys of a configuration.
 """
 
-import copy
 import datetime as dt
 import os
 import shutil
 import subprocess
 import sys
 from dataclasses import dataclass, fields, is_dataclass
-from fnmatch import fnmatch
 from pathlib import Path
 
 import numpy as np
@@ -19,98 +18,15 @@ from factories import TINY
 
 import pymantaray
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
-from pymantaray.apps.sweep.keys import (
-    FLEET,
-    OCEAN,
-    POINT,
-    RAYS,
-    STAGES,
-    stage_parts,
-    task_keys,
-)
+from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, task_keys
 from pymantaray.apps.sweep.stages import _PACK, _UNPACK
 from pymantaray.config import parse_study
-from pymantaray.config.build.fleet import MissionFleet
-from pymantaray.config.build.ocean import MissionOcean
-from pymantaray.config.build.study import MissionRanging, build_study
-from pymantaray.errors import MantaRayError
+from pymantaray.config.build.study import build_study
 from pymantaray.installation import code_version
-from pymantaray.jobs.keys import values_of
+from pymantaray.jobs.keys import digest, values_of
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 
-READS = {OCEAN: ("ocean.",)}
-READS[FLEET] = (
-    *READS[OCEAN],
-    "fleet.",
-    "mission.duration_h",
-    "mission.physics_step_s",
-    "mission.sampling_period_s",
-    "mission.schedule",
-)
-READS[RAYS] = (
-    *READS[FLEET],
-    "landmarks",
-    "mission.ping_",
-    "acoustics.",
-    "ranging.timing",
-    "ranging.turn_around_s",
-    "detection",
-)
-"""Beginnings of the fields that each stage and the stages before it read."""
 MODEM = {"source_level_db": 190.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
-
-
-def leaves(tree, before=""):
-    """Dotted fields of a configuration, lists and sections that may be absent as a whole."""
-    for name, value in tree.items():
-        if isinstance(value, dict) and before == "" and name != "detection":
-            yield from leaves(value, f"{name}.")
-        else:
-            yield before + name
-
-
-OTHER = {  # another allowed value of each field; numbers not listed are doubled
-    "study.name": "other",
-    "study.description": "other",
-    "study.realizations": 3,
-    "ocean.source": ["synthetic:fram"],
-    "ocean.time": "2014-07-16T12:00:00",
-    "ocean.time_varying": True,
-    "ocean.currents": "rest",
-    "ocean.equation": "unesco",
-    "ocean.bathymetry": "floor.nc",
-    "ocean.ice": 2.0,
-    "acoustics.interpolation": "linear",
-    "acoustics.max_surface_bounces": 1,
-    "acoustics.max_bottom_bounces": 1,
-    "acoustics.surface_loss": "bubbles",
-    "acoustics.sediment": "sand",
-    "acoustics.arrival": "strongest",
-    "acoustics.currents": True,
-    "acoustics.earth": "sphere",
-    "ranging.timing": "two-way",
-    "ranging.mistaken": "first-detected",
-    "ranging.below_strongest_db": 6.0,
-    "detection": MODEM,
-    "solver.kind": "gtsam",
-    "estimator.start": "dead-reckoning",
-    "conditions": [{"name": "e", "range_model": "constant", "ranges": "refracted"}],
-    "landmarks": [{"name": "L9", "north": 1.0, "east": 2.0, "depth": 3.0}],
-    "fleet.vehicles": TINY["fleet"]["vehicles"][:1],
-    "fleet.floats": {"vertical_speed": 0.25},
-}
-
-
-def changed(tree, field):
-    """Dumped configuration with another value of one field."""
-    out = copy.deepcopy(tree)
-    place, _, name = field.rpartition(".")
-    section = out[place] if place else out
-    if field in OTHER:
-        section[name] = OTHER[field]
-    else:
-        section[name] = 2.0 * section[name] if section[name] else 0.5
-    return out
 
 
 @pytest.fixture
@@ -118,43 +34,14 @@ def config(small):
     return small
 
 
-def test_a_key_changes_exactly_with_the_fields_that_its_stage_reads(config):
-    tree = config.model_dump(mode="json")
-    before, compared = task_keys(build_study(config), {}), 0
-    for field in leaves(tree):
-        try:
-            other = build_study(parse_study(without_none(changed(tree, field))))
-        except MantaRayError:
-            continue  # not alone
-        compared += 1
-        after = task_keys(other, {})
-        for stage in STAGES:
-            read = any(fnmatch(field, f"{f}*") for f in READS[stage])
-            assert (after[stage] != before[stage]) == read, (stage, field)
-        assert (after[POINT] != before[POINT]) == (
-            field not in {"study.name", "study.description"}
-        ), field
-    assert compared > 50
-
-
-def without_none(tree):
-    """Dumped configuration without the keys that have no value."""
-    return {
-        name: without_none(value) if isinstance(value, dict) else value
-        for name, value in tree.items()
-        if value is not None
-    }
-
-
 def test_a_key_contains_no_object_that_it_does_not_know(config):
     @dataclass
     class Part:
         inner: object
 
-    parts = stage_parts(build_study(config), RAYS)
-    assert [type(part) for part in parts] == [MissionOcean, MissionFleet, MissionRanging]
-    for part, values in zip(parts[1:], values_of(parts)[1:], strict=True):
-        assert values.keys() == {"type"} | {f.name for f in fields(part)}
+    study = build_study(config)
+    for part in (study.fleet, study.ranging):
+        assert values_of(part).keys() == {"type"} | {f.name for f in fields(part)}
     assert values_of(Part(np.array([1.0, np.inf]))) == {"type": "Part", "inner": [1.0, "inf"]}
     with pytest.raises(TypeError, match="a key cannot contain an object of type function"):
         values_of(Part(test_a_key_contains_no_object_that_it_does_not_know))
@@ -213,6 +100,16 @@ def test_a_file_counts_by_its_content_and_not_by_its_name(tmp_path):
     assert all(
         x != y for x, y in zip(key("a.nc", "1").values(), key("a.nc", "2").values(), strict=True)
     )
+
+
+def test_files_that_a_configuration_does_not_name_are_in_the_key(tmp_path):
+    """An `environment.json` names its arrays; a configuration names only the former."""
+    file = str(tmp_path / "environment.json")
+    study = build_study(parse_study({**TINY, "ocean": {"source": file}}))
+    object.__setattr__(study, "files", (*study.files, "a.npy"))
+    keys = [task_keys(study, {file: "1", "a.npy": checksum}) for checksum in "12"]
+    assert keys[0][POINT] != keys[1][POINT]
+    assert len({digest("kind", {}, {"a": one, "b": two}) for one, two in ("12", "21", "11")}) == 3
 
 
 def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
