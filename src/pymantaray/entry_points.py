@@ -67,7 +67,7 @@ class Extension:
         try:
             with warnings.catch_warnings(), np.errstate(), redirect_stdout(sys.stderr):
                 yield
-        except (KeyboardInterrupt, GeneratorExit):
+        except KeyboardInterrupt:
             raise
         except BaseException as error:
             if isinstance(error, SystemExit) and stops.handled.is_set():  # a stop request

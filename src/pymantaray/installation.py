@@ -17,7 +17,20 @@ from typing import Any
 
 from packaging.requirements import Requirement
 
-PACKAGES = ("numpy", "scipy", "numba", "gtsam", "gsw", "xarray", "netCDF4", "pyproj", "pydantic")
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "llvmlite",
+    "gtsam",
+    "gsw",
+    "pandas",
+    "xarray",
+    "netCDF4",
+    "pyproj",
+    "pydantic",
+)
+"""Packages that compute results; their versions are in the key of each result."""
 _KERNELS = (
     "acoustics._kernels.field",
     "acoustics._kernels.link",

@@ -4,11 +4,11 @@ Names of tasks: what a stage depends on is in its key and can be read, and nothi
 """
 
 import datetime as dt
-import os
+import re
 import shutil
-import subprocess
 import sys
 from dataclasses import dataclass, fields, is_dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -22,7 +22,7 @@ from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, task_k
 from pymantaray.apps.sweep.stages import _PACK, _UNPACK
 from pymantaray.config import parse_study
 from pymantaray.config.build.study import build_study
-from pymantaray.installation import code_version
+from pymantaray.installation import PACKAGES, code_version, shows_results, versions
 from pymantaray.jobs.keys import digest, values_of
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 
@@ -121,26 +121,79 @@ def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
     )
 
 
-def test_the_version_of_the_code_changes_with_any_relevant_source(tmp_path):
+READERS = {
+    "cf_xarray": "names of variables in files",
+    "copernicusmarine": "downloads files",
+    "distributed": "sends tasks",
+    "fsspec": "stores results",
+    "lz4": "lossless compression",
+    "matplotlib": "name of a cache folder, and plots",
+    "meshio": "writes files",
+    "packaging": "compares versions",
+    "pyarrow": "reads tables",
+    "pydap": "downloads files",
+    "pyrsktools": "reads casts",
+    "requests": "downloads files",
+    "rerun": "writes files",
+    "rosbags": "reads recordings",
+    "ruamel": "reads recordings",
+    "threadpoolctl": "number of threads",
+    "tomli_w": "writes files",
+    "urllib3": "downloads files",
+    "waitress": "serves requests",
+    "yaml": "reads files",
+    "zarr": "reads oceans",
+}
+"""Packages that return the numbers of a file, or have no part in a result."""
+
+
+def test_packages_that_compute_are_in_the_key():
+    package = Path(pymantaray.__file__).parent
+    imported = set()
+    for file in package.rglob("*.py"):
+        source = file.read_bytes()
+        if not shows_results(file.relative_to(package), source):
+            lines = re.findall(r"^ *(?:from|import) (\w+)", source.decode(), re.MULTILINE)
+            imported |= {name for name in lines if not is_own(name)}
+    assert imported - READERS.keys() == set(PACKAGES)
+
+
+def is_own(name):
+    """True for a module of Python or of this package, and for a word of a text."""
+    return name == "pymantaray" or name in sys.stdlib_module_names or find_spec(name) is None
+
+
+def test_a_version_of_a_package_that_computes_changes_the_code_version(monkeypatch):
+    before = code_version.__wrapped__()
+    for name in ("python", *PACKAGES):
+        other = versions() | {name: "0.0"}
+        monkeypatch.setattr("pymantaray.installation.versions", lambda other=other: other)
+        assert code_version.__wrapped__() != before, name
+    monkeypatch.undo()
+    assert code_version.__wrapped__() == before
+
+
+def test_every_source_changes_the_code_version_unless_it_only_shows_results(tmp_path, monkeypatch):
     package = tmp_path / "pymantaray"
-    shutil.copytree(
-        Path(pymantaray.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")
-    )
-
-    def version():
-        code = "from pymantaray.installation import code_version; print(code_version())"
-        command = [sys.executable, "-B", "-c", code]
-        environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-        return subprocess.run(
-            command, env=environment, capture_output=True, text=True, check=True
-        ).stdout.strip()
-
-    before = version()
+    ignored = shutil.ignore_patterns("__pycache__", "*.toml", "*.html", "*.js")
+    shutil.copytree(Path(pymantaray.__file__).parent, package, ignore=ignored)
+    monkeypatch.setattr("pymantaray.installation.__file__", str(package / "installation.py"))
+    before = code_version.__wrapped__()
     assert before == code_version()  # a copy is the same code
-    for name, same in (("pages/page.py", True), ("cli/main.py", True), ("fleet/kernel.py", False)):
-        with (package / name).open("a") as file:
-            file.write("\n# changed\n")
-        assert (version() == before) is same
+    for name, shows in (
+        ("pages/page.py", True),
+        ("cli/main.py", True),
+        ("apps/study/figures/fleet.py", True),
+        ("apps/study/page.py", True),
+        ("apps/locate/command.py", True),
+        ("apps/study/tables.py", False),
+        ("fleet/kernel.py", False),
+        ("entry_points.py", False),
+    ):
+        source = (package / name).read_text()
+        (package / name).write_text(source + "\n# changed\n")
+        assert (code_version.__wrapped__() == before) is shows, name
+        (package / name).write_text(source)
 
 
 @pytest.mark.parametrize(
