@@ -163,7 +163,7 @@ def is_own(name):
     return name == "pymantaray" or name in sys.stdlib_module_names or find_spec(name) is None
 
 
-def test_a_version_of_a_package_that_computes_changes_the_code_version(monkeypatch):
+def test_versions_of_packages_change_the_code_version(monkeypatch):
     before = code_version.__wrapped__()
     for name in ("python", *PACKAGES):
         other = versions() | {name: "0.0"}
@@ -173,7 +173,7 @@ def test_a_version_of_a_package_that_computes_changes_the_code_version(monkeypat
     assert code_version.__wrapped__() == before
 
 
-def test_every_source_changes_the_code_version_unless_it_only_shows_results(tmp_path, monkeypatch):
+def test_sources_that_compute_change_the_code_version(tmp_path, monkeypatch):
     package = tmp_path / "pymantaray"
     ignored = shutil.ignore_patterns("__pycache__", "*.toml", "*.html", "*.js")
     shutil.copytree(Path(pymantaray.__file__).parent, package, ignore=ignored)
