@@ -177,11 +177,14 @@ def _source_hash(one: Extension) -> str:
     in the folder of its module.
     """
     content = hashlib.sha256()
-    with one.guarded("has a source that cannot be read"):
-        for name, file in sorted(_files_of(one).items()):
-            if file.is_file() and "__pycache__" not in file.parts:
-                digest = hashlib.sha256(file.read_bytes()).hexdigest()
-                content.update(f"{name} {digest}\n".encode(errors="surrogateescape"))
+    try:
+        with one.guarded("has a source that cannot be read"):
+            for name, file in sorted(_files_of(one).items()):
+                if file.is_file() and "__pycache__" not in file.parts:
+                    digest = hashlib.sha256(file.read_bytes()).hexdigest()
+                    content.update(f"{name} {digest}\n".encode(errors="surrogateescape"))
+    except ExtensionError as error:  # its import fails as well, with the same reason
+        return str(error)
     return content.hexdigest()
 
 

@@ -200,6 +200,7 @@ def find_figures() -> list[FigureSpec]:
     """
     for module in iter_modules(figures.__path__):
         import_module(f"{figures.__name__}.{module.name}")
+    own = {name: entry for name, entry in _REGISTER.items() if entry.owner is None}
     failed = []
     for name, several in extensions(FIGURES).items():
         for one in several:
@@ -207,6 +208,7 @@ def find_figures() -> list[FigureSpec]:
                 one.load()
             except ExtensionError as error:
                 failed.append(_failed_spec(name, error))
+            _REGISTER.update(own)  # whatever its code did to the register
     return failed
 
 
@@ -272,4 +274,6 @@ def _caption(entry: _Entry, results: RunResults) -> str:
         if isinstance(entry.caption, str)
         else entry.caption(results)
     )
+    if not isinstance(text, str):
+        raise ReportError(f"figure {entry.name}: its caption is {type(text).__name__}, not text")
     return with_source(text, synthetic=results.synthetic)
