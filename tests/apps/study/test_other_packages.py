@@ -282,6 +282,8 @@ given = {"place": 1.0, "caption": "Mine.", "draw": lambda r: Figure()}
         ("register('../x', **given)", "cannot be loaded: ReportError: register: name is '../x';"),
         ("register('/tmp/x', **given)", "register: name is '/tmp/x';"),
         ("register('', **given)", "register: name is '';"),
+        ("register.__globals__['_REGISTER'].clear()\nraise GeneratorExit", "GeneratorExit"),
+        ("register('a', **given | {'caption': lambda r: None})", "its caption is NoneType, not"),
         ("register('ray_picture', **given)", "register: name 'ray_picture' is that of another"),
         ("[register('a', **given) for _ in '12']", "register: name 'a' is that of another"),
         ("register('a', **given | {'place': float('nan')})", "register: place is nan;"),
@@ -308,6 +310,7 @@ def drawn_of(results):
     """Figures of other packages that are drawn, and the lines of those that fail."""
     specs = run_figure_specs(results)
     own = {name for name, entry in figures._REGISTER.items() if entry.owner is None}
+    assert own >= {"ray_picture", "sound_speed"}
     failures = []
     drawn = draw([s for s in specs if s.name not in own], formats=(), failures=failures)
     return [picture.name for picture in drawn], failures
@@ -400,6 +403,19 @@ def test_two_packages_with_one_name_are_refused(install):
     refused(
         ExtensionError, "an entry point 'bad'; uninstall all but one", build_study, with_sensor()
     )
+
+
+def test_an_entry_point_without_a_module_fails_alone(install, tiny_run_folder):
+    folder = install("", group="figures")
+    points = folder / "other-1.dist-info" / "entry_points.txt"
+    points.write_text("[pymantaray.figures]\nbad = not a module!\n")
+    entry_points.extensions.cache_clear()
+    (key,) = entry_points.extension_keys()
+    assert (key["package"], key["version"]) == ("other", "1.0")
+    drawn, (line,) = drawn_of(RunResults(open_run(tiny_run_folder)))
+    assert not drawn
+    assert line.startswith("package 'other': ")
+    assert "cannot be loaded: " in line
 
 
 def test_damaged_metadata_of_a_package_are_left_out_with_a_warning(install, caplog):
