@@ -10,7 +10,7 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -245,9 +245,3 @@ def _text_of(error: BaseException) -> str:
         return one_line(error, _LONGEST)
     except Exception:  # noqa: BLE001  of a class that is not ours
         return "no text"
-
-
-def call(one: Extension, what: str, function: Callable[..., Any], *arguments: Any) -> Any:
-    """Result of a function of another package."""
-    with one.guarded(what):
-        return function(*arguments)
