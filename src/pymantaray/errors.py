@@ -68,6 +68,10 @@ class JobError(MantaRayError):
     """Tasks cannot run: their folder, store, workers or scheduler is unusable."""
 
 
+class ExtensionError(MantaRayError):
+    """A sensor or figure of another package is missing or fails."""
+
+
 class StudyError(MantaRayError):
     """A study's configuration, run folder or inputs are unusable."""
 

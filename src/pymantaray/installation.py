@@ -17,7 +17,20 @@ from typing import Any
 
 from packaging.requirements import Requirement
 
-PACKAGES = ("numpy", "scipy", "numba", "gtsam", "gsw", "xarray", "netCDF4", "pyproj", "pydantic")
+PACKAGES = (
+    "numpy",
+    "scipy",
+    "numba",
+    "llvmlite",
+    "gtsam",
+    "gsw",
+    "pandas",
+    "xarray",
+    "netCDF4",
+    "pyproj",
+    "pydantic",
+)
+"""Packages that compute results; their versions are in the key of each result."""
 _KERNELS = (
     "acoustics._kernels.field",
     "acoustics._kernels.link",
@@ -36,27 +49,37 @@ def versions() -> dict[str, str | None]:
     return {"python": platform.python_version(), **{name: _version(name) for name in PACKAGES}}
 
 
-_OF_PAGES = re.compile(
-    r"(cli|pages)/|apps/\w+/(\w*command|\w*page|\w*figures|figures/\w+|plots|explore|report\w*)\.py$"
-)
-"""Sources that do not affect results."""
+_SHOWING = ("cli", "pages", "figures")
+"""Folders whose modules show results and change none."""
+_DECLARED = re.compile(rb"^SHOWS_RESULTS = True$", re.MULTILINE)
+"""Declaration of any other module that only shows results: a command, a page or its figures."""
 
 
 @cache
 def code_version() -> str:
     """
-    Version of the package with a hash of its source files, such as ``0.1.0+3f2a9c1b52d0``.
+    Version of the package with a hash of what computes results, such as ``0.1.0+3f2a9c1b52d0``.
 
-    A checkout and its wheel have the same version. The hash excludes commands, pages and figures,
-    which do not affect results.
+    The hash includes the source files, without those that only show results, and the versions of
+    Python and of `PACKAGES`. With these, a checkout and its wheel have the same version.
     """
     root = Path(__file__).parent
-    content = hashlib.sha256()
+    content = hashlib.sha256("".join(f"{k} {v}\n" for k, v in versions().items()).encode())
     for file in sorted(root.rglob("*.py")):
-        name = file.relative_to(root).as_posix()
-        if not _OF_PAGES.match(name):
-            content.update(f"{name} {hashlib.sha256(file.read_bytes()).hexdigest()}\n".encode())
+        name = file.relative_to(root)
+        source = file.read_bytes()
+        if not shows_results(name, source):
+            digest = hashlib.sha256(source).hexdigest()
+            content.update(f"{name.as_posix()} {digest}\n".encode())
     return f"{_version('pymantaray')}+{content.hexdigest()[:12]}"
+
+
+def shows_results(module: Path, source: bytes) -> bool:
+    """
+    True for a module that shows results and changes none: by its folder in the package, or because
+    it declares it.
+    """
+    return not set(_SHOWING).isdisjoint(module.parts[:-1]) or bool(_DECLARED.search(source))
 
 
 def peak_memory_mib() -> float:

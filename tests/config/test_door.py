@@ -131,25 +131,6 @@ def test_reception_has_the_absorption_of_the_water():
     )
 
 
-def test_a_study_shares_stages_of_the_same_objects():
-    config = load_study("quick")
-    one = build_study(config)
-    noisier = config.model_copy(
-        update={"noise": config.noise.model_copy(update={"range_sigma": 9.0})}
-    )
-    deeper = config.model_copy(
-        update={"acoustics": config.acoustics.model_copy(update={"max_bottom_bounces": 1})}
-    )
-    two = build_study(noisier, one)
-    assert (two.ocean is one.ocean, two.fleet is one.fleet, two.ranging is one.ranging) == 3 * (
-        True,
-    )
-    assert two.noise.range_sigma == 9.0
-    three = build_study(deeper, one)
-    assert (three.ocean is one.ocean, three.fleet is one.fleet) == (True, True)
-    assert three.sound.options.max_bottom_bounces == 1
-
-
 def test_existing_trajectories_are_read_when_they_are_needed(tmp_path):
     tree = load_study("quick").model_dump(exclude_none=True, exclude={"fleet"})
     file = tmp_path / "missing.csv"

@@ -45,7 +45,10 @@ def test_a_task_whose_worker_ends_has_three_attempts(tmp_path):
 
 
 def test_a_worker_of_other_code_is_refused_in_one_line(tmp_path):
-    line = r"^this worker has pymantaray .*, but the task needs 99; install the same version$"
+    line = (
+        r"^this worker has pymantaray .*, but the task needs 99; install the same versions of it,"
+        r" of Python and of numpy, scipy, .*$"
+    )
     refused(JobError, line, run_square, str(tmp_path), Square(1, version="99"))
 
 

@@ -3,7 +3,8 @@
 import hashlib
 import json
 import math
-from collections.abc import Mapping
+import time
+from collections.abc import Iterable, Mapping
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,10 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
+from pymantaray.errors import JobError
 from pymantaray.installation import code_version
+
+_RECENT = 2.0  # s; above the resolution of a file system's times
 
 
 def values_of(thing: Any) -> Any:
@@ -41,12 +45,51 @@ def values_of(thing: Any) -> Any:
 
 
 def digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
-    """Hash of everything that a task's result depends on, with checksums in place of file names."""
+    """
+    Hash of everything that a task's result depends on: its kind, the code, a tree of values, and
+    the checksums of the files that it reads, which replace their names in the tree.
+    """
     content = {"kind": kind, "version": code_version(), "config": tree}
+    content["files"] = [*checksums.values()]  # of those that the tree does not name as well
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
     for file, checksum in checksums.items():  # the content of a file counts, not its place
         text = text.replace(json.dumps(file), json.dumps(checksum))
     return hashlib.sha256(text.encode()).hexdigest()
+
+
+class FileChecksums:
+    """Checksums of input files in memory; a file that changes is read again."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, tuple[str, str]] = {}
+
+    def of(self, files: Iterable[str]) -> dict[str, str]:
+        """Checksum of each file by its name."""
+        return {file: self._checksum(file) for file in files}
+
+    def _checksum(self, file: str) -> str:
+        try:
+            stamp = file_stamp(Path(file))
+            if self._known.get(file, ("",))[0] != stamp:
+                self._known[file] = stamp, sha256(Path(file))
+        except OSError as error:
+            raise JobError(f"{file}: cannot be read: {error.strerror}") from None
+        return self._known[file][1]
+
+
+def file_stamp(path: Path) -> str:
+    """
+    Text that changes with the content of a file, or of any file in a folder.
+
+    The times of a file that changed a moment ago may not tell a later change; its content is read.
+    """
+    if path.is_dir():
+        files = sorted(file for file in path.rglob("*") if file.is_file())
+        return "".join(f"{file} {file_stamp(file)}\n" for file in files)
+    state = path.stat()
+    if time.time() - max(state.st_mtime, state.st_ctime) < _RECENT:
+        return sha256(path)
+    return f"{state.st_ino} {state.st_size} {state.st_mtime_ns} {state.st_ctime_ns}"
 
 
 def sha256(path: Path) -> str:

@@ -11,7 +11,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 from pymantaray.errors import JobError, WriteError
-from pymantaray.installation import code_version
+from pymantaray.installation import PACKAGES, code_version
 from pymantaray.jobs.processes import WorkerEndedError, Workers
 from pymantaray.jobs.store import Store, failure_content, open_store
 
@@ -57,7 +57,7 @@ def one_task(version: str) -> Iterator[None]:
         if version != code_version():
             raise JobError(
                 f"this worker has pymantaray {code_version()}, but the task needs {version};"
-                " install the same version"
+                f" install the same versions of it, of Python and of {', '.join(PACKAGES)}"
             )
         yield
 

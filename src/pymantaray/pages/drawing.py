@@ -1,6 +1,7 @@
 """Figures of a page, before and after they are drawn."""
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -37,6 +38,8 @@ class FigureSpec:
     draw: Callable[[], Figure]
     paper: str = ""
     column: Callable[[], Figure] | None = None
+    guard: Callable[[], AbstractContextManager[None]] = nullcontext
+    """Context in which it is drawn: that of another package, if it is from one."""
 
 
 def with_source(caption: str, *, synthetic: bool) -> str:

@@ -5,7 +5,9 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pymantaray.errors import ReportError
+from matplotlib.figure import Figure
+
+from pymantaray.errors import ExtensionError, ReportError
 from pymantaray.jobs.folder import staged_folder, write_json
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages.drawing import FigureSpec, Picture
@@ -56,19 +58,36 @@ def draw(
     formats: Sequence[str],
     drawn: Mapping[str, Picture] = MappingProxyType({}),
     progress: Progress | None = None,
+    failures: list[str] | None = None,
 ) -> list[Picture]:
-    """Draw figures one after another; only one is in memory at a time."""
+    """
+    Draw figures one after another; only one is in memory at a time.
+
+    With ``failures``, a figure of another package that fails adds its error line to them and is
+    left out.
+    """
     pictures = []
     notify = progress or (lambda *_: None)
     notify("report", 0, len(specs) or 1)
     for i, spec in enumerate(specs):
-        pictures.append(drawn.get(spec.name) or _picture(spec, formats))
+        try:
+            with spec.guard():
+                pictures.append(drawn.get(spec.name) or _picture(spec, formats))
+        except ExtensionError as error:
+            if failures is None:
+                raise
+            failures.append(str(error))
         notify("report", i + 1, len(specs))
     return pictures
 
 
 def _picture(spec: FigureSpec, formats: Sequence[str]) -> Picture:
     figure = spec.draw()
+    if not isinstance(figure, Figure):
+        raise ReportError(
+            f"figure {spec.name}: its function returns {type(figure).__name__}; it must return a"
+            " matplotlib figure"
+        )
     width, height = (round(_PIXELS_PER_INCH * inches) for inches in figure.get_size_inches())
     kinds = ("png", *(kind for kind in FIGURE_KINDS if kind in formats and kind != "png"))
     printed = "png" in formats
@@ -76,6 +95,6 @@ def _picture(spec: FigureSpec, formats: Sequence[str]) -> Picture:
     if ONE_COLUMN in formats and spec.column is not None:
         files[f"{ONE_COLUMN}.pdf"] = rendered(spec.column(), ("pdf",))["pdf"]
     files |= rendered(figure, kinds, dpi=_PRINTED if printed else None, few_colours=not printed)
-    return Picture(
-        spec.name, spec.caption, width, height, files, legend_entries(figure), spec.paper
-    )
+    legend = legend_entries(figure)
+    "".join(word for entry in legend for word in entry).encode()  # the page writes them
+    return Picture(spec.name, spec.caption, width, height, files, legend, spec.paper)

@@ -14,7 +14,8 @@ from pymantaray.geometry import stream
 from pymantaray.records import Measurements, RangingTruth, Trajectories
 from pymantaray.sensing.detection import draw_unheard
 from pymantaray.sensing.landmarks import Landmark, check_names
-from pymantaray.sensing.noise import NoiseModel, sensors_with
+from pymantaray.sensing.noise import SENSORS, NoiseModel
+from pymantaray.sensing.other_packages import other_sensors
 from pymantaray.sensing.picking import Candidates, draw_picks, range_on_picks
 from pymantaray.sensing.ranging import Ranging
 from pymantaray.sensing.schedule import by_pair
@@ -59,9 +60,9 @@ def assemble(
     check_names(truth.name.tolist(), landmarks)
     scene = Scene(truth, landmarks, gnss_depth, altitude)
     columns: Columns = {}
-    for sensor in sensors_with(sensors):
+    for sensor in SENSORS:
         columns |= sensor.measure(scene, noise)
-    return Measurements(
+    measurements = Measurements(
         name=truth.name,
         time=truth.time,
         start=truth.start,
@@ -75,6 +76,9 @@ def assemble(
         range_sigma=np.full(ranging.status.size, noise.range_sigma),
         **columns,
     )
+    for other in other_sensors(sensors):
+        measurements = other.measured(measurements, scene, noise)
+    return measurements
 
 
 def perturb(
@@ -164,9 +168,11 @@ def perturb(
         "straight_range": measurements.straight_range + noise,
         "refracted_range": measurements.refracted_range + noise,
     }
-    for sensor in sensors_with(sensors):
+    for sensor in SENSORS:
         columns |= sensor.perturb(measurements, normal)
     noisy = replace(measurements, **columns)
+    for other in other_sensors(sensors):
+        noisy = other.perturbed(noisy, measurements, normal)
     if detection is None or isinstance(detection, Candidates):
         return noisy
     return draw_unheard(noisy, detection, **draw)

@@ -1,9 +1,7 @@
 """Table of sensors, and noise levels of all measurements."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pymantaray.entry_points import load_extension
 from pymantaray.errors import SensingError
 from pymantaray.quantities.checks import check_fields
 from pymantaray.sensing import (
@@ -29,17 +27,6 @@ SENSORS: tuple[Sensor, ...] = (
     altimeter,
 )
 """All sensors except ranges, which are in `pymantaray.sensing.ranging`."""
-
-
-def sensors_with(names: Sequence[str]) -> tuple[Sensor, ...]:
-    """
-    All sensors, followed by those of other packages with these names.
-
-    Columns of a later sensor replace those of an earlier one. A name is that of an entry point of
-    the group ``pymantaray.sensors``, whose module is a `Sensor`.
-    """
-    added: list[Sensor] = [load_extension("sensors", name) for name in names]
-    return (*SENSORS, *added)
 
 
 @dataclass(frozen=True)

@@ -185,3 +185,31 @@ def studied(results, number, folder):
     errors = np.linalg.norm(run.estimates.position[0] - run.truth.position, axis=-1)[..., samples]
     own = errors[:, under[:, samples]]
     return np.sqrt(np.mean(own**2)), np.quantile(own, 0.95)
+
+
+def test_a_rewritten_profile_has_other_scores_in_the_same_process(tiny, tmp_path):
+    file = tmp_path / "water.csv"
+    tree = tiny.model_dump(exclude_none=True)
+    tree["ocean"] = {"source": [str(file)], "bathymetry": 2000.0}
+    tree["mission"] |= {"duration_h": 1.0}
+    tree["conditions"] = ["straight", "refracted"]
+    plan = plan_of(parse_study(tree, "tiny"), free={"landmarks.T.depth": [300.0]})
+    found = []
+    for gradient in (0.0, 0.08):
+        speeds = [1450.0, 1450.0 + 2000.0 * gradient]
+        file.write_text(f"depth,sound_speed\n0,{speeds[0]}\n2000,{speeds[1]}\n")
+        found.append(search_designs(plan, workers=1).scores[0][0])
+    assert found[0].bias_rmse_m < 0.01 < found[1].bias_rmse_m  # constant water bends no ray
+
+
+def test_the_waters_of_a_plan_are_those_of_the_files_now(tiny, tmp_path):
+    file = tmp_path / "water.csv"
+    tree = tiny.model_dump(exclude_none=True)
+    tree["ocean"] = {"source": [str(file)], "bathymetry": 2000.0}
+    plan = plan_of(parse_study(tree, "tiny"), free={"ocean.source": [[str(file)], ["other.csv"]]})
+    keys = []
+    for text in ("1450", "1460", "1450"):
+        file.write_text(f"depth,sound_speed\n0,{text}\n2000,1500\n")
+        keys.append(plan.fingerprint)
+    assert keys[0] == keys[2] != keys[1]
+    assert str(file) in plan.files

@@ -1,25 +1,47 @@
-"""Figures and sensors of other packages; a broken or missing one is named in one line."""
+"""
+Sensors and figures of other packages: whatever they do ends in one line with the package's name.
+"""
 
+import importlib
 import json
 import os
 import re
+import shutil
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
+import matplotlib as mpl
+import numpy as np
 import pytest
-from factories import python
+import typer
+from factories import TINY, python
+from matplotlib.figure import Figure
 from refusals import refused
 
 import pymantaray
+from pymantaray import entry_points, installation
+from pymantaray.apps.study import command as commands
+from pymantaray.apps.study import open_run, report
+from pymantaray.apps.study.figures import register as figures
+from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
+from pymantaray.apps.study.runner import _job_key
+from pymantaray.apps.sweep.keys import POINT, STAGES, task_keys
+from pymantaray.config import parse_study
 from pymantaray.config.build.study import build_study
-from pymantaray.errors import MantaRayError
+from pymantaray.errors import ExtensionError, MantaRayError
+from pymantaray.pages.writing import draw
+from pymantaray.sensing import NoiseModel
+from pymantaray.sensing.other_packages import other_sensors
+from pymantaray.sensing.sensor import Scene
 
 ROOT = Path(__file__).parents[3]
 SOURCES = str(Path(pymantaray.__file__).parents[1])
+NOTHING = "def measure(scene, noise): return {}\ndef perturb(measurements, normal): return {}\n"
 
 
-def report(run, packages):
+def write_report_of(run, packages):
     """Report of a run, written by a process that finds packages in a folder."""
     return subprocess.run(
         [sys.executable, "-m", "pymantaray", "study", "report", run],
@@ -39,18 +61,46 @@ def copy_of(run, folder):
     return folder
 
 
+@pytest.fixture
+def install(tmp_path, monkeypatch):
+    """Install a package in a new folder of this process's path, with one module `hostile`."""
+    figures.find_figures()  # modules register their figures once
+    monkeypatch.setattr(figures, "_REGISTER", dict(figures._REGISTER))
+    monkeypatch.syspath_prepend(tmp_path / "packages")
+
+    def forget():
+        for memory in (entry_points.extensions, entry_points._loaded, entry_points._source_hash):
+            memory.cache_clear()
+        sys.modules.pop("hostile", None)
+        importlib.invalidate_caches()
+
+    def put(source, group="sensors", version="1.0"):
+        info = tmp_path / "packages" / "other-1.dist-info"
+        info.mkdir(parents=True, exist_ok=True)
+        metadata = f"Metadata-Version: 2.1\nName: other\nVersion: {version}\n"
+        (info / "METADATA").write_text(metadata)
+        (info / "entry_points.txt").write_text(f"[pymantaray.{group}]\nbad = hostile\n")
+        (info.parent / "hostile.py").write_text(f"import sys\nimport numpy as np\n{source}")
+        shutil.rmtree(info.parent / "__pycache__", ignore_errors=True)
+        forget()
+        return info.parent
+
+    yield put
+    forget()
+
+
 @pytest.fixture(scope="module")
 def packages(tmp_path_factory):
     """Folder in which the example package is installed."""
     folder = tmp_path_factory.mktemp("packages")
-    install = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", folder]
-    subprocess.run([*install, ROOT / "examples" / "extension"], check=True)
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", folder]
+    subprocess.run([*command, ROOT / "examples" / "extension"], check=True)
     return folder
 
 
 def test_figure_of_an_installed_package_is_in_the_report(tmp_path, packages, tiny_run_folder):
     run = copy_of(tiny_run_folder, tmp_path / "run")
-    done = report(run, packages)
+    done = write_report_of(run, packages)
     assert done.returncode == 0, done.stderr
     assert (run / "figures" / "speed.png").is_file()
     page = (run / "index.html").read_text()
@@ -59,6 +109,7 @@ def test_figure_of_an_installed_package_is_in_the_report(tmp_path, packages, tin
 
 SENSOR = """
 import json
+import sys
 import numpy as np
 from factories import TINY
 from pymantaray import open_run, run_study
@@ -71,18 +122,27 @@ error = two.depth - one.depth
 print(json.dumps({
     "constant": float(abs(error - error[:, :1]).max()), "size": float(abs(error[:, 0]).max()),
     "others": bool(np.array_equal(one.refracted_range, two.refracted_range, equal_nan=True)),
-    "version": runs[1].manifest["versions"]["pymantaray-example"]}))
+    "version": runs[1].manifest["versions"]["pymantaray-example"],
+    "used": [key["name"] for key in runs[1].manifest["extensions"]],
+    "modules": [name for name in sys.modules if name.startswith("pymantaray.")]}))
 """
 
 
-def test_sensor_of_an_installed_package_replaces_its_columns(tmp_path, packages):
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory, packages):
+    """Two studies without and with the sensor of the example, in a process without a report."""
     paths = [SOURCES, str(ROOT / "tests"), str(packages)]
-    done = python(SENSOR, environment={"PYTHONPATH": os.pathsep.join(paths)}, cwd=tmp_path)
-    found = json.loads(done.stdout)
-    assert found["constant"] < 1e-9
-    assert 0.01 < found["size"] < 2.5  # sigma 0.5 m
-    assert found["others"]
-    assert found["version"] == "0.1.0"
+    environment = {"PYTHONPATH": os.pathsep.join(paths)}
+    done = python(SENSOR, environment=environment, cwd=tmp_path_factory.mktemp("measured"))
+    return json.loads(done.stdout)
+
+
+def test_sensor_of_an_installed_package_replaces_its_columns(measured):
+    assert measured["constant"] < 1e-9
+    assert 0.01 < measured["size"] < 2.5  # sigma 0.5 m
+    assert measured["others"]
+    assert measured["version"] == "0.1.0"
+    assert measured["used"] == ["pressure-gauge", "speed"]
 
 
 def test_sensor_that_no_package_has_is_refused(tiny):
@@ -90,16 +150,294 @@ def test_sensor_that_no_package_has_is_refused(tiny):
     refused(MantaRayError, "sensors: no installed package has 'echo'", build_study, config)
 
 
-@pytest.mark.slow
-def test_package_that_cannot_be_imported_is_named(tmp_path, tiny_run_folder):
-    info = tmp_path / "packages" / "broken-1.0.dist-info"
-    info.mkdir(parents=True)
-    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: broken\nVersion: 1.0\n")
-    (info / "entry_points.txt").write_text("[pymantaray.figures]\nbeam = nowhere.beams\n")
-    done = report(copy_of(tiny_run_folder, tmp_path / "run"), info.parent)
-    assert done.returncode == 2
-    assert done.stderr.splitlines()[-1] == (
-        "error: package 'broken': its entry point 'beam' of 'pymantaray.figures' cannot be loaded:"
-        " ModuleNotFoundError: No module named 'nowhere'; repair or uninstall the package"
+def with_sensor():
+    return parse_study({**TINY, "mission": {**TINY["mission"], "sensors": ["bad"]}})
+
+
+@pytest.mark.parametrize(
+    ("source", "fault"),
+    [
+        ("sys.exit(0)", "cannot be loaded: SystemExit: 0"),
+        ("class E(BaseException): pass\nraise E", "cannot be loaded: E"),
+        ("def x(:", "cannot be loaded: SyntaxError"),
+        ("import nowhere", "cannot be loaded: ModuleNotFoundError: No module named 'nowhere'"),
+        ("def perturb(m, n): return {}", "has no function 'measure'"),
+        ("measure = 3\ndef perturb(m, n): return {}", "has no function 'measure'"),
+        ("def measure(s, n): return {}", "has no function 'perturb'"),
+    ],
+)
+def test_a_sensor_that_cannot_be_used_is_named(install, source, fault):
+    install(source)
+    for _ in range(2):  # a failed import is not repeated
+        with pytest.raises(ExtensionError) as error:
+            build_study(with_sensor())
+        line = str(error.value)
+        assert line.startswith(
+            "package 'other': its entry point 'bad' of 'pymantaray.sensors' " + fault
+        )
+        assert line.endswith("repair or uninstall the package")
+
+
+DEPTH = "scene.truth.position[..., 2]"
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        ("raise ValueError('a\\nb')", "fails in measure: ValueError: a b;"),
+        ("sys.exit(0)", "fails in measure: SystemExit: 0;"),
+        ("return None", "returns from measure NoneType, not a dictionary of columns;"),
+        ("return {'salinity': 1.0}", "returns from measure the column 'salinity'; allowed:"),
+        ("return {'name': scene.truth.name[::-1]}", "returns from measure the column 'name';"),
+        ("return {'range_status': [99]}", "returns from measure the column 'range_status';"),
+        (f"return {{'depth': {DEPTH} * 1j}}", "depth with values of type complex128;"),
+        (f"return {{'depth': {DEPTH} * np.nan}}", "depth with values that are not finite;"),
+        (f"return {{'depth': np.ma.masked_less({DEPTH}, 9)}}", "depth with masked values;"),
+        ("return {'depth': np.zeros(3)}", "fails in measure: RecordError: measurements: depth"),
+        ("return {'depth_sigma': [0.0]}", "depth_sigma with standard deviations that are not"),
+        ("return {'dvl_beam_loss': [1.5]}", "dvl_beam_loss with probabilities outside 0 to 1;"),
+        ("return {'first_quaternion': np.ones((4, 4))}", "quaternions whose norm is not 1;"),
+        ("return {'gnss_vehicle': [99]}", "gnss_vehicle with indices outside 0 to"),
+        (
+            "return {'dvl_sample': [len(scene.truth.time) - 1]}",
+            "dvl_sample with indices outside 0 to",
+        ),
+        ("scene.truth.position[:] = 0.0", "fails in measure: ValueError: assignment destination"),
+    ],
+)
+def test_a_sensor_that_measures_wrongly_is_named(install, tiny_run_folder, body, fault):
+    install(NOTHING + f"def measure(scene, noise):\n    {body}\n")
+    run = open_run(tiny_run_folder)
+    (sensor,) = other_sensors(["bad"])
+    with pytest.raises(ExtensionError, match=r"^package 'other': ") as error:
+        sensor.measured(run.measurements, Scene(run.truth, [], 0.1), NoiseModel())
+    assert fault in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("body", "fault"),
+    [
+        ("raise KeyError('x')", "fails in perturb: KeyError: 'x';"),
+        ("return None", "returns from perturb NoneType"),
+        ("return {'range_status': measurements.range_status * 0 + 99}", "the column 'range_s"),
+        ("return {'depth': measurements.depth[:, :2]}", "depth with another shape than measure"),
+        ("return {'depth': measurements.depth * 1j}", "depth with values of type complex128;"),
+        (
+            "return {'depth': measurements.depth + np.random.default_rng().normal()}",
+            "other values of depth in a second call; all noise must come from `normal`;",
+        ),
+        ("measurements.depth[:] = 0.0", "fails in perturb: ValueError: assignment destination"),
+    ],
+)
+def test_a_sensor_that_draws_wrongly_is_named(install, tiny_run_folder, body, fault):
+    install(NOTHING + f"def perturb(measurements, normal):\n    {body}\n")
+    m = open_run(tiny_run_folder).measurements
+    (sensor,) = other_sensors(["bad"])
+    with pytest.raises(ExtensionError, match=r"^package 'other': ") as error:
+        sensor.perturbed(m, m, lambda shape, *_: np.zeros(shape))
+    assert fault in str(error.value)
+
+
+def test_a_sensor_changes_nothing_but_its_columns(install, tiny_run_folder, capsys):
+    """It may force its way into what it gets, which are copies, and into the process."""
+    install(
+        NOTHING
+        + """
+import os, warnings
+def measure(scene, noise):
+    for array in (scene.truth.position, scene.landmarks[0].position):
+        array.setflags(write=True)
+        array[:] = 0.0
+    object.__setattr__(noise, "depth_sigma", 9.0)
+    os.chdir("/"), warnings.simplefilter("error"), np.seterr(all="raise"), print("shout")
+    return {"depth": np.full(scene.truth.position.shape[:2], 5)}
+"""
     )
-    assert not (tmp_path / "run" / "index.html").exists()
+    run = open_run(tiny_run_folder)
+    before = run.truth.position.copy()
+    marks = run.study.ranging.landmarks
+    places = [mark.position.copy() for mark in marks]
+    noise, folder, errors = NoiseModel(), Path.cwd(), np.geterr()
+    (sensor,) = other_sensors(["bad"])
+    out = sensor.measured(run.measurements, Scene(run.truth, marks, 0.1), noise)
+    assert (out.depth == 5.0).all()
+    assert out.depth.dtype == float
+    assert (run.truth.position == before).all()
+    assert all((mark.position == p).all() for mark, p in zip(marks, places, strict=True))
+    assert (noise, Path.cwd(), np.geterr()) == (NoiseModel(), folder, errors)
+    assert capsys.readouterr().out == ""
+
+
+FIGURE = """
+from matplotlib.figure import Figure
+from pymantaray.apps.study.figures.register import register
+given = {"place": 1.0, "caption": "Mine.", "draw": lambda r: Figure()}
+"""
+
+
+@pytest.mark.parametrize(
+    ("source", "fault"),
+    [
+        ("sys.exit(0)", "cannot be loaded: SystemExit: 0;"),
+        ("register('../x', **given)", "cannot be loaded: ReportError: register: name is '../x';"),
+        ("register('/tmp/x', **given)", "register: name is '/tmp/x';"),
+        ("register('', **given)", "register: name is '';"),
+        ("register.__globals__['_REGISTER'].clear()\nraise GeneratorExit", "GeneratorExit"),
+        ("register('a', **given | {'caption': lambda r: None})", "its caption is NoneType, not"),
+        ("register('ray_picture', **given)", "register: name 'ray_picture' is that of another"),
+        ("[register('a', **given) for _ in '12']", "register: name 'a' is that of another"),
+        ("register('a', **given | {'place': float('nan')})", "register: place is nan;"),
+        ("register('a', **given | {'draw': 3})", "register: draw, needs and column must be"),
+        ("register('a', **given | {'caption': 3})", "register: caption and paper must be text"),
+        ("register('a', **given, needs=lambda r: 1 / 0)", "figure 'a': ZeroDivisionError"),
+        ("register('a', **given | {'caption': '{r.nothing}'})", "figure 'a': AttributeError"),
+        ("register('a', **given | {'caption': '\\ud800'})", "figure 'a': UnicodeEncodeError"),
+        ("register('a', **given | {'draw': lambda r: sys.exit(0)})", "figure 'a': SystemExit: 0;"),
+        ("register('a', **given | {'draw': lambda r: None})", "its function returns NoneType;"),
+        ("register('a', **given | {'draw': lambda: 1})", "figure 'a': TypeError"),
+        ("register('a', **given | {'draw': lambda r: Figure((1e5, 1e5))})", "figure 'a': "),
+    ],
+)
+def test_a_figure_that_fails_is_named_and_left_out(install, tiny_run_folder, source, fault):
+    install(FIGURE + source, group="figures")
+    drawn, (line,) = drawn_of(RunResults(open_run(tiny_run_folder)))
+    assert drawn in ([], ["a"])
+    assert line.startswith("package 'other': its entry point 'bad' of 'pymantaray.figures' ")
+    assert fault in line
+
+
+def drawn_of(results):
+    """Figures of other packages that are drawn, and the lines of those that fail."""
+    specs = run_figure_specs(results)
+    own = {name for name, entry in figures._REGISTER.items() if entry.owner is None}
+    assert own >= {"ray_picture", "sound_speed"}
+    failures = []
+    drawn = draw([s for s in specs if s.name not in own], formats=(), failures=failures)
+    return [picture.name for picture in drawn], failures
+
+
+def test_a_figure_changes_neither_results_nor_styles(install, tiny_run_folder):
+    install(
+        FIGURE
+        + """
+import matplotlib
+def draw(r):
+    matplotlib.rcParams["font.size"] = 99
+    r.tables["range_error"].frame.loc[:, "mean_m"] = 0.0
+    r.run.truth.position[:] = 0.0
+    return Figure()
+register("a", **given | {"draw": draw})
+""",
+        group="figures",
+    )
+    results = RunResults(open_run(tiny_run_folder))
+    before = results.tables["range_error"].frame.copy()
+    position = results.run.truth.position.copy()
+    size = mpl.rcParams["font.size"]
+    assert drawn_of(results) == (["a"], [])
+    assert results.tables["range_error"].frame.equals(before)
+    assert (results.run.truth.position == position).all()
+    assert mpl.rcParams["font.size"] == size
+
+
+def test_a_report_without_a_figure_that_fails_is_complete_and_says_so(
+    install, tiny_run_folder, tmp_path, monkeypatch
+):
+    install(FIGURE + "register('a', **given | {'draw': lambda r: 1 / 0})", group="figures")
+    run = copy_of(tiny_run_folder, tmp_path / "run")
+    specs = run_figure_specs
+
+    def without_drawing(results):
+        return [s if s.name == "a" else replace(s, draw=Figure) for s in specs(results)]
+
+    monkeypatch.setattr(report, "run_figure_specs", without_drawing)
+    page, (line,) = report.report_of(run)
+    text = page.read_text()
+    assert "A figure is missing: package &#39;other&#39;: its entry point" in text
+    assert line.endswith(
+        "fails in its figure 'a': ZeroDivisionError: division by zero; repair or uninstall the"
+        " package"
+    )
+    assert "Provenance" in text
+    assert {path.stem for path in (run / "figures").iterdir()} == {
+        spec.name for spec in specs(RunResults(open_run(run)))
+    } - {"a"}
+    main_says = []
+    monkeypatch.setattr(commands.LOG, "error", main_says.append)
+    with pytest.raises(typer.Exit) as end:
+        commands.report(run, quiet=True)
+    assert end.value.exit_code == 1
+    assert main_says == [line]
+
+
+def test_versions_and_sources_of_entry_points_are_in_the_keys(install):
+    """Stages do not depend on sensors; points and resumed runs do, and on figures."""
+    keys = []
+    for group, source, version in (
+        ("sensors", NOTHING, "1.0"),
+        ("sensors", NOTHING + "# other", "1.0"),
+        ("sensors", NOTHING, "1.1"),
+        ("figures", "", "1.0"),
+        ("figures", "# other", "1.0"),
+        ("figures", "", "1.1"),
+    ):
+        install(source, group, version)
+        config = with_sensor() if group == "sensors" else parse_study(TINY)
+        study = build_study(config)
+        keys.append([*task_keys(study, {}).items(), ("run", _job_key(study, {}))])
+    for number in (1, 2, 4, 5):
+        first = keys[number // 3 * 3]
+        changed = {a for (a, x), (_, y) in zip(first, keys[number], strict=True) if x != y}
+        assert changed == {POINT, "run"}
+    install(NOTHING)
+    study = build_study(with_sensor())
+    assert [*task_keys(study, {}).items(), ("run", _job_key(study, {}))] == keys[0]
+    assert STAGES == ("ocean", "fleet", "rays")
+
+
+def test_two_packages_with_one_name_are_refused(install):
+    folder = install(NOTHING)
+    shutil.copytree(folder / "other-1.dist-info", folder / "twin-1.dist-info")
+    (folder / "twin-1.dist-info" / "METADATA").write_text("Name: twin\nVersion: 2\n")
+    entry_points.extensions.cache_clear()
+    refused(
+        ExtensionError, "an entry point 'bad'; uninstall all but one", build_study, with_sensor()
+    )
+
+
+def test_an_entry_point_without_a_module_fails_alone(install, tiny_run_folder):
+    folder = install("", group="figures")
+    points = folder / "other-1.dist-info" / "entry_points.txt"
+    points.write_text("[pymantaray.figures]\nbad = not a module!\n")
+    entry_points.extensions.cache_clear()
+    (key,) = entry_points.extension_keys()
+    assert (key["package"], key["version"]) == ("other", "1.0")
+    drawn, (line,) = drawn_of(RunResults(open_run(tiny_run_folder)))
+    assert not drawn
+    assert line.startswith("package 'other': ")
+    assert "cannot be loaded: " in line
+
+
+def test_damaged_metadata_of_a_package_are_left_out_with_a_warning(install, caplog):
+    folder = install(NOTHING)
+    broken = folder / "broken-1.dist-info"
+    broken.mkdir()
+    (broken / "METADATA").write_text("Name: broken\nVersion: 2\n")
+    (broken / "entry_points.txt").write_text("[pymantaray.sensors]\nno equals sign\n")
+    entry_points.extensions.cache_clear()
+    assert list(entry_points.extensions("sensors")) == ["bad"]
+    assert "broken-1.dist-info: its entry points cannot be read" in caplog.text
+
+
+def test_no_module_that_shows_results_is_loaded_by_a_run(measured):
+    """A change in a module that is not in the key cannot change a result."""
+    package = Path(pymantaray.__file__).parent
+    shows = set()
+    for file in package.rglob("*.py"):
+        module = file.relative_to(package)
+        if installation.shows_results(module, file.read_bytes()):
+            shows.add(".".join(["pymantaray", *module.with_suffix("").parts]))
+    loaded = set(measured["modules"])
+    assert loaded & shows == set()
+    assert {"pymantaray.apps.study.page", "pymantaray.cli.main", "pymantaray.pages.page"} < shows
+    assert {"pymantaray.apps.study.runner", "pymantaray.sensing.measure"} < loaded

@@ -1,15 +1,14 @@
 """
 Names of tasks: what a stage depends on is in its key and can be read, and nothing else is or can.
+`test_every_key` has the law for all keys of a configuration.
 """
 
-import copy
 import datetime as dt
-import os
+import re
 import shutil
-import subprocess
 import sys
 from dataclasses import dataclass, fields, is_dataclass
-from fnmatch import fnmatch
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -19,98 +18,15 @@ from factories import TINY
 
 import pymantaray
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
-from pymantaray.apps.sweep.keys import (
-    FLEET,
-    OCEAN,
-    POINT,
-    RAYS,
-    STAGES,
-    stage_parts,
-    task_keys,
-)
+from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, task_keys
 from pymantaray.apps.sweep.stages import _PACK, _UNPACK
 from pymantaray.config import parse_study
-from pymantaray.config.build.fleet import MissionFleet
-from pymantaray.config.build.ocean import MissionOcean
-from pymantaray.config.build.study import MissionRanging, build_study
-from pymantaray.errors import MantaRayError
-from pymantaray.installation import code_version
-from pymantaray.jobs.keys import values_of
+from pymantaray.config.build.study import build_study
+from pymantaray.installation import PACKAGES, code_version, shows_results, versions
+from pymantaray.jobs.keys import digest, values_of
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 
-READS = {OCEAN: ("ocean.",)}
-READS[FLEET] = (
-    *READS[OCEAN],
-    "fleet.",
-    "mission.duration_h",
-    "mission.physics_step_s",
-    "mission.sampling_period_s",
-    "mission.schedule",
-)
-READS[RAYS] = (
-    *READS[FLEET],
-    "landmarks",
-    "mission.ping_",
-    "acoustics.",
-    "ranging.timing",
-    "ranging.turn_around_s",
-    "detection",
-)
-"""Beginnings of the fields that each stage and the stages before it read."""
 MODEM = {"source_level_db": 190.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
-
-
-def leaves(tree, before=""):
-    """Dotted fields of a configuration, lists and sections that may be absent as a whole."""
-    for name, value in tree.items():
-        if isinstance(value, dict) and before == "" and name != "detection":
-            yield from leaves(value, f"{name}.")
-        else:
-            yield before + name
-
-
-OTHER = {  # another allowed value of each field; numbers not listed are doubled
-    "study.name": "other",
-    "study.description": "other",
-    "study.realizations": 3,
-    "ocean.source": ["synthetic:fram"],
-    "ocean.time": "2014-07-16T12:00:00",
-    "ocean.time_varying": True,
-    "ocean.currents": "rest",
-    "ocean.equation": "unesco",
-    "ocean.bathymetry": "floor.nc",
-    "ocean.ice": 2.0,
-    "acoustics.interpolation": "linear",
-    "acoustics.max_surface_bounces": 1,
-    "acoustics.max_bottom_bounces": 1,
-    "acoustics.surface_loss": "bubbles",
-    "acoustics.sediment": "sand",
-    "acoustics.arrival": "strongest",
-    "acoustics.currents": True,
-    "acoustics.earth": "sphere",
-    "ranging.timing": "two-way",
-    "ranging.mistaken": "first-detected",
-    "ranging.below_strongest_db": 6.0,
-    "detection": MODEM,
-    "solver.kind": "gtsam",
-    "estimator.start": "dead-reckoning",
-    "conditions": [{"name": "e", "range_model": "constant", "ranges": "refracted"}],
-    "landmarks": [{"name": "L9", "north": 1.0, "east": 2.0, "depth": 3.0}],
-    "fleet.vehicles": TINY["fleet"]["vehicles"][:1],
-    "fleet.floats": {"vertical_speed": 0.25},
-}
-
-
-def changed(tree, field):
-    """Dumped configuration with another value of one field."""
-    out = copy.deepcopy(tree)
-    place, _, name = field.rpartition(".")
-    section = out[place] if place else out
-    if field in OTHER:
-        section[name] = OTHER[field]
-    else:
-        section[name] = 2.0 * section[name] if section[name] else 0.5
-    return out
 
 
 @pytest.fixture
@@ -118,43 +34,14 @@ def config(small):
     return small
 
 
-def test_a_key_changes_exactly_with_the_fields_that_its_stage_reads(config):
-    tree = config.model_dump(mode="json")
-    before, compared = task_keys(build_study(config), {}), 0
-    for field in leaves(tree):
-        try:
-            other = build_study(parse_study(without_none(changed(tree, field))))
-        except MantaRayError:
-            continue  # not alone
-        compared += 1
-        after = task_keys(other, {})
-        for stage in STAGES:
-            read = any(fnmatch(field, f"{f}*") for f in READS[stage])
-            assert (after[stage] != before[stage]) == read, (stage, field)
-        assert (after[POINT] != before[POINT]) == (
-            field not in {"study.name", "study.description"}
-        ), field
-    assert compared > 50
-
-
-def without_none(tree):
-    """Dumped configuration without the keys that have no value."""
-    return {
-        name: without_none(value) if isinstance(value, dict) else value
-        for name, value in tree.items()
-        if value is not None
-    }
-
-
 def test_a_key_contains_no_object_that_it_does_not_know(config):
     @dataclass
     class Part:
         inner: object
 
-    parts = stage_parts(build_study(config), RAYS)
-    assert [type(part) for part in parts] == [MissionOcean, MissionFleet, MissionRanging]
-    for part, values in zip(parts[1:], values_of(parts)[1:], strict=True):
-        assert values.keys() == {"type"} | {f.name for f in fields(part)}
+    study = build_study(config)
+    for part in (study.fleet, study.ranging):
+        assert values_of(part).keys() == {"type"} | {f.name for f in fields(part)}
     assert values_of(Part(np.array([1.0, np.inf]))) == {"type": "Part", "inner": [1.0, "inf"]}
     with pytest.raises(TypeError, match="a key cannot contain an object of type function"):
         values_of(Part(test_a_key_contains_no_object_that_it_does_not_know))
@@ -215,6 +102,16 @@ def test_a_file_counts_by_its_content_and_not_by_its_name(tmp_path):
     )
 
 
+def test_files_that_a_configuration_does_not_name_are_in_the_key(tmp_path):
+    """An `environment.json` names its arrays; a configuration names only the former."""
+    file = str(tmp_path / "environment.json")
+    study = build_study(parse_study({**TINY, "ocean": {"source": file}}))
+    object.__setattr__(study, "files", (*study.files, "a.npy"))
+    keys = [task_keys(study, {file: "1", "a.npy": checksum}) for checksum in "12"]
+    assert keys[0][POINT] != keys[1][POINT]
+    assert len({digest("kind", {}, {"a": one, "b": two}) for one, two in ("12", "21", "11")}) == 3
+
+
 def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
     before = task_keys(build_study(config), {})
     monkeypatch.setattr("pymantaray.jobs.keys.code_version", lambda: "99")
@@ -224,26 +121,79 @@ def test_another_version_of_the_package_has_other_keys(config, monkeypatch):
     )
 
 
-def test_the_version_of_the_code_changes_with_any_relevant_source(tmp_path):
+READERS = {
+    "cf_xarray": "names of variables in files",
+    "copernicusmarine": "downloads files",
+    "distributed": "sends tasks",
+    "fsspec": "stores results",
+    "lz4": "lossless compression",
+    "matplotlib": "name of a cache folder, and plots",
+    "meshio": "writes files",
+    "packaging": "compares versions",
+    "pyarrow": "reads tables",
+    "pydap": "downloads files",
+    "pyrsktools": "reads casts",
+    "requests": "downloads files",
+    "rerun": "writes files",
+    "rosbags": "reads recordings",
+    "ruamel": "reads recordings",
+    "threadpoolctl": "number of threads",
+    "tomli_w": "writes files",
+    "urllib3": "downloads files",
+    "waitress": "serves requests",
+    "yaml": "reads files",
+    "zarr": "reads oceans",
+}
+"""Packages that return the numbers of a file, or have no part in a result."""
+
+
+def test_packages_that_compute_are_in_the_key():
+    package = Path(pymantaray.__file__).parent
+    imported = set()
+    for file in package.rglob("*.py"):
+        source = file.read_bytes()
+        if not shows_results(file.relative_to(package), source):
+            lines = re.findall(r"^ *(?:from|import) (\w+)", source.decode(), re.MULTILINE)
+            imported |= {name for name in lines if not is_own(name)}
+    assert imported - READERS.keys() == set(PACKAGES)
+
+
+def is_own(name):
+    """True for a module of Python or of this package, and for a word of a text."""
+    return name == "pymantaray" or name in sys.stdlib_module_names or find_spec(name) is None
+
+
+def test_versions_of_packages_change_the_code_version(monkeypatch):
+    before = code_version.__wrapped__()
+    for name in ("python", *PACKAGES):
+        other = versions() | {name: "0.0"}
+        monkeypatch.setattr("pymantaray.installation.versions", lambda other=other: other)
+        assert code_version.__wrapped__() != before, name
+    monkeypatch.undo()
+    assert code_version.__wrapped__() == before
+
+
+def test_sources_that_compute_change_the_code_version(tmp_path, monkeypatch):
     package = tmp_path / "pymantaray"
-    shutil.copytree(
-        Path(pymantaray.__file__).parent, package, ignore=shutil.ignore_patterns("__pycache__")
-    )
-
-    def version():
-        code = "from pymantaray.installation import code_version; print(code_version())"
-        command = [sys.executable, "-B", "-c", code]
-        environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
-        return subprocess.run(
-            command, env=environment, capture_output=True, text=True, check=True
-        ).stdout.strip()
-
-    before = version()
+    ignored = shutil.ignore_patterns("__pycache__", "*.toml", "*.html", "*.js")
+    shutil.copytree(Path(pymantaray.__file__).parent, package, ignore=ignored)
+    monkeypatch.setattr("pymantaray.installation.__file__", str(package / "installation.py"))
+    before = code_version.__wrapped__()
     assert before == code_version()  # a copy is the same code
-    for name, same in (("pages/page.py", True), ("cli/main.py", True), ("fleet/kernel.py", False)):
-        with (package / name).open("a") as file:
-            file.write("\n# changed\n")
-        assert (version() == before) is same
+    for name, shows in (
+        ("pages/page.py", True),
+        ("cli/main.py", True),
+        ("apps/study/figures/fleet.py", True),
+        ("apps/study/page.py", True),
+        ("apps/locate/command.py", True),
+        ("apps/study/tables.py", False),
+        ("fleet/kernel.py", False),
+        ("entry_points.py", False),
+    ):
+        source = (package / name).read_text()
+        (package / name).write_text(source + "\n# changed\n")
+        assert (code_version.__wrapped__() == before) is shows, name
+        (package / name).write_text(source)
 
 
 @pytest.mark.parametrize(

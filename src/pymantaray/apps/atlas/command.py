@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from pymantaray.config.build.sound import SoundOptions
     from pymantaray.records.result_table import ResultTable
 
+SHOWS_RESULTS = True
+
 app = Commands(
     cls=RunGroup, help="Map the errors of straight-line ranging in every column of an ocean."
 )

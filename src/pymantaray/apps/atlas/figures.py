@@ -32,6 +32,8 @@ from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages import style
 
+SHOWS_RESULTS = True
+
 CONVENTION_WORDS = {
     "transmitter": "speed at the transmitter",
     "receiver": "speed at the receiver",

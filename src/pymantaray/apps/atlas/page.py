@@ -16,6 +16,8 @@ from pymantaray.pages.page import Explorer, Page
 from pymantaray.pages.script_data import as_json
 from pymantaray.records.digits import counted
 
+SHOWS_RESULTS = True
+
 _MAX_NUMBERS = 500_000  # numbers on the page
 _WIDTH = 952  # of a figure [px]
 _CAPTIONS = {

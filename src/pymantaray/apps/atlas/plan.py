@@ -25,7 +25,7 @@ from pymantaray.errors import AtlasError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.installation import code_version
-from pymantaray.jobs.keys import digest, sha256
+from pymantaray.jobs.keys import digest, sha256, values_of
 from pymantaray.ocean import stored_ocean
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.ocean.names import SYNTHETIC
@@ -203,7 +203,7 @@ class Atlas:
             "lon": lon,
             "links": asdict(self.links),
             "ocean": self.ocean.values,
-            "currents": self.sound.currents,
+            "sound": values_of(self.sound),
         }
         read = {
             file: self.checksums[file]

@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+SHOWS_RESULTS = True
+
 Refine = Annotated[int, typer.Option(min=1, help="Subdivision of each cell of a smooth ocean.")]
 
 

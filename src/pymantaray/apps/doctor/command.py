@@ -13,6 +13,8 @@ import typer
 from pymantaray.cli.options import Json
 from pymantaray.cli.printing import Printer, printer
 
+SHOWS_RESULTS = True
+
 EXIT_FAULTS = 1
 _WIDTH = 12
 

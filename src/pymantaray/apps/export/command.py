@@ -10,6 +10,8 @@ import typer
 
 from pymantaray.cli.panels import OUTPUT
 
+SHOWS_RESULTS = True
+
 AUTHORS = "authors"
 _UsageError: Any = typer.BadParameter.__base__  # typer does not export this class
 

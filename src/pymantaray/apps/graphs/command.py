@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from pymantaray.apps.graphs import GraphResult
     from pymantaray.estimation.graph.pyfg import GraphFile
 
+SHOWS_RESULTS = True
+
 app = Commands(help="Show, solve and convert factor graphs from files.")
 
 

@@ -35,6 +35,8 @@ if TYPE_CHECKING:
     from pymantaray.ocean.modes import VerticalModes
     from pymantaray.sensing.water import Water
 
+SHOWS_RESULTS = True
+
 _BED_FACTOR = 1.2  # default depth of the sea bed over the depth of the deepest prior position
 _MAX_LISTED = 10  # unused pings
 _MAX_CANDIDATES = 8

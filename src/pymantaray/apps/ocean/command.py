@@ -43,6 +43,8 @@ if TYPE_CHECKING:
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.schema import Finding
 
+SHOWS_RESULTS = True
+
 EXIT_WRONG = 2
 _M_PER_KM = 1e3
 _S_PER_DAY = 86_400.0

@@ -15,6 +15,8 @@ from pymantaray.ocean.fetch.limits import FetchLimits
 if TYPE_CHECKING:
     from pymantaray.ocean.fetch import FetchResult
 
+SHOWS_RESULTS = True
+
 app = Commands(help="Download an ocean by place and time.")
 
 

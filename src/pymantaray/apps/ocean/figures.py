@@ -26,6 +26,8 @@ from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
 from pymantaray.pages import style
 from pymantaray.pages.water import UPPER_DEPTH, sound_speed_profiles
 
+SHOWS_RESULTS = True
+
 _LEVEL = 100.0  # m; of the map unless another is asked for
 LAND = "#d9d2c7"
 CELLS: dict[str, Any] = {"shading": "nearest", "rasterized": True}

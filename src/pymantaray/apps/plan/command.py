@@ -15,6 +15,8 @@ from pymantaray.errors import WriteError
 if TYPE_CHECKING:
     from pymantaray.apps.plan import PlanResults
 
+SHOWS_RESULTS = True
+
 
 @dataclass(frozen=True)
 class PlanFiles:

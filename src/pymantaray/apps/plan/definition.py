@@ -4,7 +4,7 @@ objectives.
 """
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import product
@@ -20,9 +20,12 @@ from pymantaray.config.common import Hours, Section
 from pymantaray.config.estimators import PerturbedBelief
 from pymantaray.config.load import PLAN, plan_tree
 from pymantaray.config.parse import parse
+from pymantaray.entry_points import extension_keys
 from pymantaray.errors import MantaRayError, PlanError
-from pymantaray.jobs.keys import digest
+from pymantaray.jobs.keys import FileChecksums, digest
+from pymantaray.ocean.environment import files_of
 from pymantaray.records.digits import counted
+from pymantaray.user_files import exists
 
 Objective = Literal["error", "lost", "heard_by_two", "cost"]
 Design = Mapping[str, Any]
@@ -231,14 +234,25 @@ class DeploymentPlan:
         members = [None] if perturbed is None else range(perturbed.members)
         return list(product(range(len(self.section.oceans)), members))
 
-    @cached_property
+    @property
     def fingerprint(self) -> str:
-        """Hash of everything that scores of designs depend on, files excepted."""
+        """Hash of everything that scores of designs depend on now, with the content of files."""
         content = {
             "study": self.base.model_dump(mode="json"),
             "plan": self.section.model_dump(mode="json"),
+            "extensions": extension_keys(self.base.mission.sensors),
+            "folder": str(self.folder.absolute()),
         }
-        return digest("plan", {**content, "folder": str(self.folder.absolute())}, {})
+        return digest("plan", content, FileChecksums().of(self.files))
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Existing files of the study, of possible oceans, and among the values of free keys."""
+        oceans = range(len(self.section.oceans))
+        named = [file for ocean in oceans for file in self.study({}, ocean).files]
+        for text in _texts(self.section.free):
+            named += files_of(self.folder.absolute() / text) if exists(self.folder / text) else []
+        return tuple(dict.fromkeys(file for file in (*self.base.files, *named) if exists(file)))
 
     @cached_property
     def _free(self) -> dict[str, Any]:
@@ -392,6 +406,15 @@ def load_plan(file: str | Path, **changes: Any) -> DeploymentPlan:
         )
     section = parse(PlanFile, {PLAN: tree}, str(file), path.parent).plan
     return DeploymentPlan(load_study(path, **changes), section, str(file), path.parent)
+
+
+def _texts(value: Any) -> Iterator[str]:
+    """All texts among nested values."""
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping | list | tuple):
+        for inner in value.values() if isinstance(value, Mapping) else value:
+            yield from _texts(inner)
 
 
 def _flat(table: Mapping[str, Any], source: str, before: str = "") -> dict[str, Any]:

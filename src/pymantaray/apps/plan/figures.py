@@ -19,6 +19,8 @@ from pymantaray.arrays import Array
 from pymantaray.pages import style
 from pymantaray.records.result_table import heading
 
+SHOWS_RESULTS = True
+
 AS_IT_IS = "Study as it is"
 _MAX_NUMBERS = 14  # participants of a matrix with a number in each cell
 _NAME_LETTERS = 44  # of a design in a legend

@@ -24,6 +24,8 @@ from pymantaray.pages.writing import write_page
 from pymantaray.records.digits import counted, show
 from pymantaray.records.result_table import ResultTable
 
+SHOWS_RESULTS = True
+
 _MAX_OTHERS = 3  # designs of the front beside the best one
 _FEW_VALUES = 12  # of a key that can divide designs into series
 

@@ -16,6 +16,7 @@ from pymantaray.apps.study.store import Run, run_in_memory
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, task_keys
 from pymantaray.config.build.study import Study, build_study
 from pymantaray.geometry import stream
+from pymantaray.jobs.keys import FileChecksums
 from pymantaray.ocean import perturb_ocean
 from pymantaray.records import Trajectories
 
@@ -38,6 +39,7 @@ class Missions:
         self._plan = plan
         self._waters: dict[Any, DesignWater] = {}
         self._fleets: dict[Any, Trajectories] = {}
+        self._checksums = FileChecksums()
         self.links = SolvedLinks()
         """Solved links, which designs with the same ends in the same water share."""
 
@@ -48,7 +50,7 @@ class Missions:
         """
         study = build_study(self._plan.study(design, ocean))
         refuse_too_large(study, 1)
-        keys = task_keys(study, {})
+        keys = task_keys(study, self._checksums.of(study.files))
         at = keys[OCEAN], study.sound.interpolation, study.sound.earth, member
         water = _kept(self._waters, at, lambda: self._water(study, member))
         truth = _kept(

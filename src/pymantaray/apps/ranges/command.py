@@ -21,6 +21,8 @@ from pymantaray.cli.options import (
 )
 from pymantaray.errors import SensingError
 
+SHOWS_RESULTS = True
+
 
 @dataclass(frozen=True)
 class MissionOptions:

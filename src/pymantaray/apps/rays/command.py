@@ -36,6 +36,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+SHOWS_RESULTS = True
+
 app = Commands(help="Compute travel times and rays between positions.")
 app.command("plot")(plot)
 

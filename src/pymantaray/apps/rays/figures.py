@@ -10,6 +10,8 @@ from pymantaray.pages.style import rendered
 from pymantaray.pages.water import rays_of_links
 from pymantaray.records import whole_file
 
+SHOWS_RESULTS = True
+
 
 def write_ray_plot(
     pictures: Sequence[xr.Dataset], out: str | Path, *, titles: Sequence[str], header: str = ""

@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+SHOWS_RESULTS = True
+
 _MAX_LINKS = 6  # per figure
 
 

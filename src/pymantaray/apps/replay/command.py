@@ -28,6 +28,8 @@ if TYPE_CHECKING:
     from pymantaray.apps.replay.events import Events
     from pymantaray.sensing.water import Water
 
+SHOWS_RESULTS = True
+
 _MAX_NODES = 12
 
 

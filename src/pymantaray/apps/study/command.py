@@ -25,7 +25,7 @@ from pymantaray.cli.options import (
     changes_of,
     format_names,
 )
-from pymantaray.cli.output import duration, progress_bars
+from pymantaray.cli.output import EXIT_UNUSABLE, duration, progress_bars
 from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG, Printer, printer
 from pymantaray.pages.folder import PAGE
@@ -35,6 +35,8 @@ if TYPE_CHECKING:
 
     from pymantaray.apps.study import Run
     from pymantaray.config import StudyConfig
+
+SHOWS_RESULTS = True
 
 app = Commands(cls=RunGroup, help="Run, show and compare studies.")
 
@@ -245,6 +247,8 @@ def run_and_report(
 ) -> Path:
     """
     Run a study, draw figures of its mission meanwhile, print a summary, and return the folder.
+
+    The exit status is 1 if a figure of another package fails.
     """
     from pymantaray.apps.study.report_process import ReportProcess
 
@@ -264,9 +268,10 @@ def run_and_report(
                 mission_ready=None if report is None else report.begin,
             )
             complete = perf_counter()
+            failures: list[str] = []
             if report is not None:
                 try:
-                    report.write(results, progress)
+                    failures = report.write(results, progress)
                 except BaseException:
                     typer.echo(
                         "the data are complete; write their report with: mantaray study report"
@@ -280,7 +285,16 @@ def run_and_report(
     if figures:
         printed.line(f"page: {results.path / PAGE}", page=results.path / PAGE)
     printed.paths(folder=results.path)
+    _end_with(failures)
     return results.path
+
+
+def _end_with(failures: list[str]) -> None:
+    """Log the figures that are missing in a report; with any, the exit status is 1."""
+    for line in failures:
+        LOG.error(line)
+    if failures:
+        raise typer.Exit(EXIT_UNUSABLE)
 
 
 def _stages(*, solves: bool, figures: bool) -> list[str]:
@@ -298,13 +312,14 @@ def report(
     quiet: Quiet = False,
 ) -> None:
     """Regenerate tables, figures and page of a run, or complete those of an interrupted run."""
-    from pymantaray.apps.study import write_report
+    from pymantaray.apps.study.report import report_of
 
     with progress_bars(quiet=quiet) as progress:
-        page = write_report(folder, formats=format_names(formats), progress=progress)
+        page, failures = report_of(folder, formats=format_names(formats), progress=progress)
     typer.echo(str(page))
     if open_page:
         _open(page)
+    _end_with(failures)
 
 
 @app.command()

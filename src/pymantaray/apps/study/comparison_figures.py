@@ -8,6 +8,8 @@ from matplotlib.figure import Figure
 from pymantaray.arrays import Array
 from pymantaray.pages import style
 
+SHOWS_RESULTS = True
+
 _COLUMNS = 3
 _ROW = 0.19  # height of a line [in]
 

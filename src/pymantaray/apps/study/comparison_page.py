@@ -37,6 +37,8 @@ from pymantaray.pages.writing import write_page
 from pymantaray.records.csv_text import read_csv
 from pymantaray.records.result_table import ResultTable
 
+SHOWS_RESULTS = True
+
 SUMMARY = (
     "configuration",
     "range_drop_category_compare",

@@ -22,6 +22,8 @@ from pymantaray.pages.style import SOUND_SPEED, condition_label, condition_looks
 from pymantaray.pages.water import RAY_KINDS
 from pymantaray.records import RayStatus
 
+SHOWS_RESULTS = True
+
 WORST_LINKS, ALL_LINKS_LIMIT = 50, 700
 """
 Number of links with the largest range errors whose rays are on the page; number of links up to

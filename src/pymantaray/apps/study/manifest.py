@@ -16,7 +16,7 @@ from pymantaray.apps.study.references import Citations
 from pymantaray.apps.study.tracks import centre_note
 from pymantaray.config.build.fleet import TrackFiles
 from pymantaray.config.build.study import Study
-from pymantaray.entry_points import extensions, package_of
+from pymantaray.entry_points import extension_keys
 from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.jobs.keys import sha256
 from pymantaray.jobs.run_folder import FORMAT
@@ -64,6 +64,7 @@ def describe_run(
     local ocean's attributes.
     """
     existing = study.fleet.existing
+    used = extension_keys(study.sensors)
     return {
         "format": FORMAT,
         "study": study.name,
@@ -81,11 +82,12 @@ def describe_run(
             "generator": "PCG64, one stream a realization, vehicle and sensor, by name",
         },
         "versions": {
+            **{key["package"]: key["version"] for key in used},
             "pymantaray": __version__,
             "git_commit": git_commit(),
             **versions(),
-            **dict(package_of(extensions("sensors")[name]) for name in study.sensors),
         },
+        **({"extensions": used} if used else {}),
         "machine": {
             "platform": platform.platform(),
             "processor": platform.machine(),

@@ -23,6 +23,8 @@ from pymantaray.records.glossary import GLOSSARY, glossary_lines
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 
+SHOWS_RESULTS = True
+
 SYNTHETIC_NOTE = (
     "The ocean of this study is synthetic: it is composed of published water masses, not of"
     " measurements or a forecast. The results are valid for such an ocean, not for the real ocean"

@@ -19,6 +19,8 @@ from pymantaray.pages.water import draw_profile
 if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run
 
+SHOWS_RESULTS = True
+
 
 class RunPlots:
     """

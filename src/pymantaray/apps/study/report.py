@@ -1,9 +1,10 @@
 """Report of a run in its folder: tables, figures and page, replaced atomically."""
 
+import logging
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pymantaray.apps.study.explore import mission_rays
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
@@ -16,6 +17,10 @@ from pymantaray.pages.drawing import Picture
 from pymantaray.pages.folder import PAGE, PARTS, write_files
 from pymantaray.pages.writing import checked_formats, draw
 from pymantaray.records.result_table import ResultTable
+
+SHOWS_RESULTS = True
+
+LOG = logging.getLogger(__name__)
 
 _OF_FINISHED_RUN = ("path", "tables", "manifest", "estimates", "covariances", "unknowns")
 
@@ -40,7 +45,8 @@ def write_report(
     -------
     pathlib.Path
         The page, ``index.html``. The same folder contains ``tables`` (CSV) and ``figures`` (PNG and
-        the additional formats).
+        the additional formats). A figure of another package that fails is missing; the page and the
+        log say so.
 
     Raises
     ------
@@ -48,11 +54,33 @@ def write_report(
         If the folder is not a run, a file of the run is damaged, or a file cannot be written. The
         folder does not change then.
     """
+    page, failures = report_of(run_dir, formats=formats, progress=progress)
+    for line in failures:
+        LOG.error(line)
+    return page
+
+
+def report_of(
+    run_dir: str | Path, *, formats: Sequence[str] = (), progress: Progress | None = None
+) -> tuple[Path, list[str]]:
+    """Write a report as `write_report`; return the page, and a line for each missing figure."""
     maker = ReportMaker(formats=formats)
     run = open_run(run_dir)
     with staged_parts(run.path, PARTS) as stage:
-        write_files(stage, maker.make(run.path, progress)[0])
-    return run.path / PAGE
+        report = maker.make(run.path, progress)
+        write_files(stage, report.files)
+    return run.path / PAGE, report.failures
+
+
+class RunReport(NamedTuple):
+    """Report of a finished run, before it is written."""
+
+    files: dict[str, bytes]
+    """Files by name."""
+    tables: dict[str, ResultTable]
+    """Tables that a command prints."""
+    failures: list[str]
+    """A line for each figure of another package that is missing because it fails."""
 
 
 class ReportMaker:
@@ -76,24 +104,34 @@ class ReportMaker:
         run = results.run
         run.expect_errors()
         self._tables = {name: run.tables[name] for name in OF_MISSION if name in run.tables}
-        pictures = draw(run_figure_specs(results, of_mission=True), formats=self._formats)
+        specs = run_figure_specs(results, of_mission=True)
+        # a figure that fails is drawn again and reported by `make`
+        pictures = draw(specs, formats=self._formats, failures=[])
         self._pictures = {picture.name: picture for picture in pictures}
         self._rays = mission_rays(results)
         self._mission = {
             name: value for name, value in vars(run).items() if name not in _OF_FINISHED_RUN
         }
 
-    def make(
-        self, folder: Path, progress: Progress | None = None
-    ) -> tuple[dict[str, bytes], dict[str, ResultTable]]:
-        """Files of the report of a finished run, by name, and the tables that a command prints."""
+    def make(self, folder: Path, progress: Progress | None = None) -> RunReport:
+        """Report of a finished run; it lacks the figures of other packages that fail."""
         run = open_run(folder)
         vars(run).update(self._mission)
         run.tables.use(self._tables)
         results = RunResults(run)
         page = run_page(results, (), self._rays or mission_rays(results))
         specs = run_figure_specs(results)
-        pictures = draw(specs, formats=self._formats, drawn=self._pictures, progress=progress)
-        return replace(page, pictures=pictures).files(self._formats), {
-            name: results.tables[name] for name in SUMMARY if name in results.tables
-        }
+        failures: list[str] = []
+        pictures = draw(
+            specs,
+            formats=self._formats,
+            drawn=self._pictures,
+            progress=progress,
+            failures=failures,
+        )
+        notes = [*page.notes, *(f"A figure is missing: {line}." for line in failures)]
+        return RunReport(
+            replace(page, pictures=pictures, notes=notes).files(self._formats),
+            {name: results.tables[name] for name in SUMMARY if name in results.tables},
+            failures,
+        )

@@ -13,8 +13,10 @@ from pymantaray.jobs.progress import Progress
 from pymantaray.pages.folder import PARTS, write_files
 
 if TYPE_CHECKING:
-    from pymantaray.apps.study.report import ReportMaker
+    from pymantaray.apps.study.report import ReportMaker, RunReport
     from pymantaray.apps.study.store import Run
+
+SHOWS_RESULTS = True
 
 
 class ReportProcess(Workers):
@@ -38,20 +40,21 @@ class ReportProcess(Workers):
         self._begun = self.submit(methodcaller("prepare", stage))
         return (self._begun,)
 
-    def write(self, run: "Run", progress: Progress | None = None) -> None:
+    def write(self, run: "Run", progress: Progress | None = None) -> list[str]:
         """
         Write the report of the finished run, as `write_report` does; the run gets the tables of its
-        summary.
+        summary. Return a line for each missing figure.
         """
         if progress is not None:
             progress("report", 0, 1)
         self._begun.result()
-        files, tables = self.submit(methodcaller("make", run.path)).result()
+        report: RunReport = self.submit(methodcaller("make", run.path)).result()
         with staged_parts(run.path, PARTS) as stage:
-            write_files(stage, files)
-        run.tables.use(tables)
+            write_files(stage, report.files)
+        run.tables.use(report.tables)
         if progress is not None:
             progress("report", 1, 1)
+        return report.failures
 
 
 def _start(formats: Sequence[str]) -> Callable[[Callable[["ReportMaker"], Any]], Any]:

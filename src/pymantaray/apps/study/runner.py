@@ -24,6 +24,7 @@ from pymantaray.apps.study.tracks import mission_size
 from pymantaray.config.build.fleet import with_tracks
 from pymantaray.config.build.study import Study, build_study
 from pymantaray.config.sections import StudyConfig
+from pymantaray.entry_points import extension_keys
 from pymantaray.errors import StudyError
 from pymantaray.jobs import run_folder
 from pymantaray.jobs.checkpoint import Checkpoint
@@ -166,7 +167,8 @@ def _restore(kept: Checkpoint, study: Study, stage: Path) -> dict[str, str] | No
 
 
 def _job_key(study: Study, inputs: Mapping[str, str]) -> str:
-    return digest("study", {"study": study.toml, "inputs": dict(inputs)}, {})
+    content = {"study": study.toml, "extensions": extension_keys(study.sensors)}
+    return digest("study", {**content, "inputs": dict(inputs)}, {})
 
 
 def _solve(

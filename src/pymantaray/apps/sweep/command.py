@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from pymantaray.apps.sweep.plan import SweepPlan
     from pymantaray.apps.sweep.results import Status
 
+SHOWS_RESULTS = True
+
 app = Commands(cls=RunGroup, help="Run many studies that differ in some keys.")
 
 EXIT_POINTS_FAILED = 1

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from pymantaray.apps.sweep.definition import Sweep
-from pymantaray.apps.sweep.keys import POINT, STAGES, LatestKeys, task_keys
+from pymantaray.apps.sweep.keys import POINT, STAGES, task_keys
 from pymantaray.apps.sweep.tasks import SweepTask
-from pymantaray.config.build.study import Study, build_study
+from pymantaray.config.build.study import build_study
 from pymantaray.errors import MantaRayError, StudyError, SweepError
 from pymantaray.installation import code_version
 from pymantaray.jobs.keys import sha256
@@ -34,18 +34,14 @@ class SweepPlan:
     def __init__(self, sweep: Sweep) -> None:
         self.sweep = sweep
         checksums = dict[str, str]()
-        latest = LatestKeys()
-        study: Study | None = None
         bad: list[str] = []
         self.keys: list[dict[str, str]] = []
         """Keys of each point by the name of the stage."""
         for number in range(len(sweep)):
             try:
-                study = build_study(sweep.point(number), study)
+                study = build_study(sweep.point(number))
                 _add_checksums(checksums, study.files)
-                self.keys.append(
-                    task_keys(study, {file: checksums[file] for file in study.files}, latest)
-                )
+                self.keys.append(task_keys(study, checksums))
             except MantaRayError as error:
                 bad.append(str(error).partition("\n")[0])
         if bad:

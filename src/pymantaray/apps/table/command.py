@@ -12,6 +12,8 @@ from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG
 
+SHOWS_RESULTS = True
+
 
 def _axis(text: Any) -> Any:
     """Parse START:STOP or START:STOP:STEP."""

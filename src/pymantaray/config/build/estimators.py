@@ -10,6 +10,7 @@ from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.config.build.beliefs import Beliefs, KnownMission
 from pymantaray.config.build.range_models import build_range_model
 from pymantaray.config.estimators import (
+    STANDARD,
     AnyRangeModel,
     CastBelief,
     ConditionSection,
@@ -56,9 +57,11 @@ def build_condition(section: ConditionSection) -> Condition:
         needs_cast=isinstance(section.belief, CastBelief),
         estimates_clocks=section.clocks is not None,
         files=section.files,
-        settings={}
-        if section.standard
-        else section.model_dump(mode="json", exclude_defaults=True, exclude={"name"}),
+        settings=section.model_dump(
+            mode="json",
+            exclude_defaults=True,
+            exclude={"name", *STANDARD.get(section.name, ())},
+        ),
     )
 
 

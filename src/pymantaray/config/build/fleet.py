@@ -9,12 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.config.fleet import FleetSection
-from pymantaray.config.mission import AnySchedule, SlotsSection
+from pymantaray.config.mission import AnySchedule, PingsSection, SlotsSection
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks, read_trajectories
 from pymantaray.fleet import Vehicle
 from pymantaray.geometry import LocalFrame
+from pymantaray.jobs.keys import file_stamp
 from pymantaray.ocean.instants import utc_instant
 from pymantaray.sensing import PingSchedule, Schedule
 
@@ -37,15 +38,14 @@ class TrackFiles:
         stamps = []
         for file in self.files:
             try:
-                status = Path(file).stat()
+                stamps.append(file_stamp(Path(file)))
             except OSError as error:
                 raise StudyError(f"{file}: cannot be read: {error.strerror}") from None
-            stamps.append((status.st_mtime_ns, status.st_size))
         return _read(self, tuple(stamps))
 
 
 @lru_cache(maxsize=1)
-def _read(own: TrackFiles, _stamps: tuple[tuple[int, int], ...]) -> Tracks:
+def _read(own: TrackFiles, _stamps: tuple[str, ...]) -> Tracks:
     return read_trajectories(own.files, enu=own.enu, names=own.names)
 
 
@@ -63,6 +63,12 @@ class MissionPings:
     """Start of the mission, for pings with dates; None if it is unknown."""
     existing: TrackFiles | None
     """Existing trajectories, whose start is that of the mission."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files of the pings and of the trajectories, which have their start."""
+        own = (self.own.file,) if isinstance(self.own, PingsSection) else ()
+        return (*own, *(() if self.existing is None else self.existing.files))
 
     @cached_property
     def schedule(self) -> Schedule:
@@ -95,6 +101,13 @@ class MissionFleet:
     """Start of the mission; None for the time of the ocean."""
     sampled_pings: MissionPings | None
     """Pings at which poses have more samples; None if all pings are at samples anyway."""
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files of the trajectories, and of the pings at which poses are sampled."""
+        own = () if self.existing is None else self.existing.files
+        pings = () if self.sampled_pings is None else self.sampled_pings.files
+        return tuple(dict.fromkeys([*own, *pings]))
 
     @property
     def names(self) -> list[str]:

@@ -111,6 +111,11 @@ class MissionOcean:
         return self.section.source
 
     @property
+    def files(self) -> tuple[str, ...]:
+        """All files that the ocean is read from."""
+        return self.section.files
+
+    @property
     def reading(self) -> dict[str, Any]:
         """Options of `open_ocean`: whether currents are required, and names of variables."""
         return {"currents": self.section.currents, "names": self.section.standard_names}

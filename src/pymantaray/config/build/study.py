@@ -26,7 +26,7 @@ from pymantaray.sensing import (
     Picker,
     Schedule,
 )
-from pymantaray.sensing.noise import sensors_with
+from pymantaray.sensing.other_packages import other_sensors
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +36,11 @@ class MissionRanging:
     landmarks: tuple[Landmark, ...]
     pings: MissionPings
     sound: SoundOptions
+
+    @property
+    def files(self) -> tuple[str, ...]:
+        """Files of the pings."""
+        return self.pings.files
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,16 +125,12 @@ class Study:
 
 def _installed(sensors: tuple[str, ...]) -> tuple[str, ...]:
     """Names of sensors of other packages, all of which can be imported."""
-    sensors_with(sensors)
+    other_sensors(sensors)
     return sensors
 
 
-def build_study(config: StudyConfig, like: Study | None = None) -> Study:
-    """
-    Study of a configuration that is complete, see `with_tracks`.
-
-    Stages that read the same sections as in ``like`` are the same objects.
-    """
+def build_study(config: StudyConfig) -> Study:
+    """Study of a configuration that is complete, see `with_tracks`."""
     picker = config.ranging.build_picker(config.build_sonar())
     return Study(
         config=config,
@@ -137,7 +138,13 @@ def build_study(config: StudyConfig, like: Study | None = None) -> Study:
         description=config.study.description,
         seed=config.study.seed,
         realizations=config.study.realizations,
-        **_stages(config, like),
+        ocean=build_mission_ocean(config),
+        fleet=build_fleet(config),
+        ranging=MissionRanging(
+            landmarks=tuple(mark.build() for mark in config.landmarks),
+            pings=build_pings(config),
+            sound=build_sound(config),
+        ),
         gnss_depth=config.mission.gnss_depth,
         sensors=_installed(config.mission.sensors),
         noise=config.noise.model,
@@ -148,25 +155,3 @@ def build_study(config: StudyConfig, like: Study | None = None) -> Study:
         covariance_interval=config.estimator.covariance_interval_h * 3600.0,
         files=config.files,
     )
-
-
-def _stages(config: StudyConfig, like: Study | None) -> dict[str, Any]:
-    """Stages of a study; those of another study whose sections are the same objects."""
-
-    def same(*names: str) -> bool:
-        return like is not None and all(
-            getattr(config, name) is getattr(like.config, name) for name in names
-        )
-
-    own = "ocean", "mission", "fleet"
-    return {
-        "ocean": like.ocean if like and same("ocean", "mission") else build_mission_ocean(config),
-        "fleet": like.fleet if like and same(*own) else build_fleet(config),
-        "ranging": like.ranging
-        if like and same(*own, "landmarks", "acoustics", "ranging", "detection")
-        else MissionRanging(
-            landmarks=tuple(mark.build() for mark in config.landmarks),
-            pings=build_pings(config),
-            sound=build_sound(config),
-        ),
-    }

@@ -7,20 +7,25 @@ its name, its place on the page, and a function that draws it from a run's `RunR
 points of the group ``pymantaray.figures``.
 """
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from copy import deepcopy
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from importlib import import_module
 from pkgutil import iter_modules
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+import matplotlib as mpl
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pymantaray.apps.study import figures
 from pymantaray.arrays import Array
-from pymantaray.entry_points import extensions, load_extension
+from pymantaray.entry_points import FIGURES, Extension, current_extension, extensions
+from pymantaray.errors import ExtensionError, ReportError
 from pymantaray.evaluation import RangeErrors, range_errors, trajectory_errors
 from pymantaray.pages.drawing import FigureSpec, with_source
 from pymantaray.pages.style import ocean_header, ocean_name
@@ -102,6 +107,7 @@ class RunResults:
 
 @dataclass(frozen=True)
 class _Entry:
+    name: str
     place: float
     caption: str | Callable[[RunResults], str]
     draw: Callable[[RunResults], Figure]
@@ -109,8 +115,40 @@ class _Entry:
     of_mission: bool
     paper: str
     column: Callable[[RunResults], Figure] | None
+    owner: Extension | None
+    """Entry point of the package that registered it; None for this package."""
+
+    def check(self) -> None:
+        """Raise an error for a value that a report cannot use."""
+        entry: Any = self  # a package may give anything
+        if not isinstance(entry.name, str) or not _NAME.fullmatch(entry.name):
+            raise ReportError(
+                f"register: name is {entry.name!r}; it must be 1 to 64 letters, digits, _ and -,"
+                " beginning with a letter"
+            )
+        there = _REGISTER.get(entry.name)
+        if there is not None and (entry.owner is not None or there.owner is not None):
+            raise ReportError(f"register: name {entry.name!r} is that of another figure")
+        if not (isinstance(entry.place, int | float) and np.isfinite(entry.place)):
+            raise ReportError(f"register: place is {entry.place!r}; it must be a finite number")
+        functions = entry.draw, entry.needs, *([] if entry.column is None else [entry.column])
+        if not all(map(callable, functions)):
+            raise ReportError("register: draw, needs and column must be functions")
+        if not isinstance(entry.paper, str) or not (
+            isinstance(entry.caption, str) or callable(entry.caption)
+        ):
+            raise ReportError("register: caption and paper must be text, or caption a function")
+
+    def spec(self, results: RunResults, *, of_mission: bool) -> FigureSpec | None:
+        """Figure of some results; None if they do not have it."""
+        if (of_mission and not self.of_mission) or not self.needs(results):
+            return None
+        column = self.column and partial(self.column, results)
+        draw = partial(self.draw, results)
+        return FigureSpec(self.name, _caption(self, results), draw, self.paper, column)
 
 
+_NAME = re.compile(r"[A-Za-z][\w-]{0,63}", re.ASCII)
 _REGISTER: dict[str, _Entry] = {}
 
 
@@ -133,7 +171,10 @@ def register(
     ``paper`` is its counterpart in the paper. ``column`` draws it for one column of a journal, if
     it needs another layout.
     """
-    _REGISTER[name] = _Entry(place, caption, draw, needs, of_mission, paper, column)
+    owner = current_extension()
+    entry = _Entry(name, place, caption, draw, needs, of_mission, paper, column, owner)
+    entry.check()
+    _REGISTER[name] = entry
 
 
 def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[FigureSpec]:
@@ -141,30 +182,73 @@ def run_figure_specs(results: RunResults, *, of_mission: bool = False) -> list[F
     Figures of a run in the order of the page; with ``of_mission``, only those that do not depend on
     the realizations.
     """
-    find_figures()
-    entries = sorted(_REGISTER.items(), key=lambda item: item[1].place)
-    return [
-        FigureSpec(
-            name,
-            _caption(entry, results),
-            partial(entry.draw, results),
-            entry.paper,
-            entry.column and partial(entry.column, results),
-        )
-        for name, entry in entries
-        if (entry.of_mission or not of_mission) and entry.needs(results)
+    failed = find_figures()
+    entries = sorted(_REGISTER.values(), key=lambda entry: entry.place)
+    specs = [
+        entry.spec(results, of_mission=of_mission)
+        if entry.owner is None
+        else _guarded_spec(entry, entry.owner, results, of_mission=of_mission)
+        for entry in entries
     ]
+    return [*(spec for spec in specs if spec is not None), *failed]
 
 
-def find_figures() -> None:
+def find_figures() -> list[FigureSpec]:
     """
     Import all modules with figures, which registers the figures: those of this folder, and those of
-    other packages.
+    other packages. Return a figure that raises the error for each module that cannot be imported.
     """
     for module in iter_modules(figures.__path__):
         import_module(f"{figures.__name__}.{module.name}")
-    for name in extensions("figures"):
-        load_extension("figures", name)
+    own = {name: entry for name, entry in _REGISTER.items() if entry.owner is None}
+    failed = []
+    for name, several in extensions(FIGURES).items():
+        for one in several:
+            try:
+                one.load()
+            except ExtensionError as error:
+                failed.append(_failed_spec(name, error))
+            _REGISTER.update(own)  # whatever its code did to the register
+    return failed
+
+
+def _guarded_spec(
+    entry: _Entry, owner: Extension, results: RunResults, *, of_mission: bool
+) -> FigureSpec | None:
+    """
+    Figure of another package, which gets a copy of the results; its errors are raised when it is
+    drawn.
+    """
+    guard = partial(_guard, owner, f"fails in its figure {entry.name!r}")
+    try:
+        with guard():
+            spec = entry.spec(_copy_of(results), of_mission=of_mission)
+            if spec is not None:
+                f"{spec.caption}{spec.paper}".encode()
+    except ExtensionError as error:
+        return _failed_spec(entry.name, error)
+    return None if spec is None else replace(spec, guard=guard)
+
+
+@contextmanager
+def _guard(owner: Extension, what: str) -> Iterator[None]:
+    """Run code of another package that draws a figure, whose styles last for the block only."""
+    with mpl.rc_context(), owner.guarded(what):
+        yield
+
+
+def _failed_spec(name: str, error: ExtensionError) -> FigureSpec:
+    """Figure that raises an error when it is drawn."""
+
+    def fail() -> Figure:
+        raise ExtensionError(*error.args)
+
+    return FigureSpec(name, "", fail)
+
+
+def _copy_of(results: RunResults) -> RunResults:
+    """Copy of results that a figure of another package cannot change, with what is computed."""
+    return deepcopy(results)
 
 
 def range_ends(truth: Trajectories, measurements: Measurements) -> tuple[Array, Array]:
@@ -190,4 +274,6 @@ def _caption(entry: _Entry, results: RunResults) -> str:
         if isinstance(entry.caption, str)
         else entry.caption(results)
     )
+    if not isinstance(text, str):
+        raise ReportError(f"figure {entry.name}: its caption is {type(text).__name__}, not text")
     return with_source(text, synthetic=results.synthetic)

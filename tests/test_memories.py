@@ -1,0 +1,94 @@
+"""
+Memories of a process: every cache and every table that modules fill is in this list, with the
+reason why it cannot return the result of an earlier input.
+"""
+
+import ast
+from pathlib import Path
+
+import pymantaray
+
+PACKAGE = Path(pymantaray.__file__).parent
+CACHES = {"cache", "lru_cache"}
+SOURCE = "of this package's own files, which a process reads once"
+PURE = "a function of numbers and texts"
+MEMORIES = {
+    "apps/atlas/blocks.py: _whole": "synthetic oceans only, by name and time",
+    "apps/atlas/links.py: _ends": PURE + "; its arrays are read-only",
+    "apps/plan/tasks.py: _latest": "by the plan's fingerprint, with the content of its files",
+    "apps/service/ping.py: __init__": "of one object, by the time in its own water",
+    "apps/study/figures/register.py: _REGISTER": "figures by name, which imported modules add",
+    "apps/study/mission.py: medium_of_run": "of one run, by the time in its own water",
+    "apps/study/references.py: _references": SOURCE,
+    "apps/sweep/stages.py: _LATEST": "by the stage's key, with the content of its files",
+    "cli/arguments.py: _flags": "options of commands, the same in each process",
+    "compile/kernel.py: _digest": SOURCE,
+    "compile/linking.py: known": "compiled functions, of code that a process loads once",
+    "compile/linking.py: loaded": "compiled functions, of code that a process loads once",
+    "compile/linking.py: packers": "by the types of arguments",
+    "config/authors_holds.py: counted_steps": PURE,
+    "config/build/fleet.py: _read": "by the stamps of the files, which change with their content",
+    "config/common.py: _may_lack": "of the fields of a class",
+    "entry_points.py: _loaded": "imported modules, which a process loads once",
+    "entry_points.py: _source_hash": "of the source at the import of the module",
+    "entry_points.py: extensions": "packages that are installed when a process starts",
+    "evaluation/consistency.py: _quadrature": PURE + " without arguments",
+    "geometry/splines.py: _cached_spline": "by the bytes of the points",
+    "installation.py: code_version": SOURCE,
+    "messages.py: warn_not_cached": "says a line once",
+    "messages.py: warn_once": "says a line once",
+    "ocean/synthetic/__init__.py: _kept_ocean": "by name and time; callers get a copy",
+    "ocean/window.py: _largest_rectangle": PURE,
+    "pages/page.py: packed": PURE,
+    "pages/page.py: page_template": SOURCE,
+    "records/base.py: _columns": "of the fields of a class",
+    "records/stops.py: _DEFERRED": "counts blocks that run now",
+    "sensing/other_packages.py: _columns": "of the fields of a class",
+}
+
+
+def name_of(node):
+    """Last name of an expression, such as ``cache`` of ``functools.cache``."""
+    node = node.func if isinstance(node, ast.Call) else node
+    return getattr(node, "attr", getattr(node, "id", ""))
+
+
+def is_container(value):
+    """True for an empty container, or a call that makes one."""
+    empty = isinstance(value, ast.Dict | ast.List | ast.Set) and not ast.unparse(value)[1:-1]
+    made = isinstance(value, ast.Call) and ast.unparse(value.func).partition("[")[0] in {
+        "dict",
+        "list",
+        "set",
+        "defaultdict",
+        "OrderedDict",
+        "WeakKeyDictionary",
+        "WeakValueDictionary",
+    }
+    return empty or (made and not value.args and not value.keywords)
+
+
+def memories(tree):
+    """Names of cached functions, of module and class attributes that begin empty, and globals."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.FunctionDef):
+            if any(name_of(one) in CACHES for one in node.decorator_list):
+                yield node.name
+            calls = [one for inner in node.body for one in ast.walk(inner)]
+            if any(isinstance(one, ast.Call) and name_of(one.func) in CACHES for one in calls):
+                yield node.name
+            yield from (name for one in calls if isinstance(one, ast.Global) for name in one.names)
+        if isinstance(node, ast.Module | ast.ClassDef):
+            for one in node.body:
+                if isinstance(one, ast.Assign | ast.AnnAssign) and is_container(one.value):
+                    target = one.target if isinstance(one, ast.AnnAssign) else one.targets[0]
+                    yield ast.unparse(target)
+
+
+def test_every_memory_of_a_process_has_a_reason():
+    found = {
+        f"{file.relative_to(PACKAGE).as_posix()}: {name}"
+        for file in PACKAGE.rglob("*.py")
+        for name in memories(ast.parse(file.read_text()))
+    }
+    assert found == set(MEMORIES)
