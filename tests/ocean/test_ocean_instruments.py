@@ -14,7 +14,7 @@ from refusals import refused
 from pymantaray.acoustics import Medium, read_profile, read_profiles, write_asvp, write_profiles
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.ocean import holds_casts, read_cast, read_casts
-from pymantaray.ocean.instrument_table import month_first_date
+from pymantaray.ocean.instrument_table import written_date
 
 LAT, LON = 74.5, -140.25
 TIME = np.datetime64("2014-07-24T19:20:00")
@@ -591,5 +591,5 @@ def test_a_damaged_file_gives_a_profile_or_one_line(tmp_path, name, data):
     ("2020.13.01", "2020-13-01", 0), ("20200428", "", 1),
 ])  # fmt: skip
 def test_the_month_is_first_unless_it_cannot_be_one(words, date, notes):
-    read, made = month_first_date(words)
+    read, made = written_date(words)
     assert (read, len(made)) == (date, notes)
