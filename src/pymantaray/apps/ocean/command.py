@@ -232,6 +232,7 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     Print extent, levels, time, ranges of each variable and history of an ocean, or the levels of
     profiles.
     """
+    from pymantaray.ocean.sea_floor import sea_floor_notes
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
 
@@ -253,6 +254,10 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
         facts = ocean_facts(ocean, floor)
         for name, text in facts.items():
             out.line(f"{name:<11} {text}")
+        notes = sea_floor_notes(floor)
+        for note in notes:
+            out.line(f"note: {note}")
+        out.add(notes=list(notes))
         region = region_table(ocean, equation=own.equation, sea_floor=floor).iloc[:, 0].to_dict()
         out.add(title=facts["title"], region=region)
         variables = variable_table(ocean, own.equation).reset_index()

@@ -223,13 +223,8 @@ def _sea_floor(
     lat, lon = frame.to_geodetic(*np.meshgrid(*([-1.1 * h, 1.1 * h] for h in half), indexing="ij"))
     box = float(lat.min()), float(lat.max()), float(lon.min()), float(lon.max())
     coarse = Window(np.array(box[:2]), np.array(box[2:]), frame)
-    floor = local_floor(open_sea_floor(bed, window=box, crs=section.bathymetry_crs), coarse, half)
-    if floor is None:
-        raise OceanError(
-            f"{bed}: its grid is coarser than the domain of +-{half[0]:g} by +-{half[1]:g} m; give"
-            " one depth in metres"
-        )
-    return floor
+    sea_floor = open_sea_floor(bed, window=box, crs=section.bathymetry_crs)
+    return local_floor(sea_floor, coarse, half)
 
 
 def _reach_notes(profile: Profile, bottom: float) -> list[str]:
