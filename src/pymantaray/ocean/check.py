@@ -15,7 +15,7 @@ from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.local import floor_in_domain
 from pymantaray.ocean.open import CurrentsPolicy, read_ocean
 from pymantaray.ocean.schema import Finding, latitude, longitude, place_of, violations
-from pymantaray.ocean.sea_floor import sea_floor_notes
+from pymantaray.ocean.sea_floor_water import sea_floor_notes
 from pymantaray.ocean.seawater import (
     SUPERCOOLED,
     UNFROZEN,

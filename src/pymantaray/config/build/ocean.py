@@ -39,7 +39,7 @@ from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.internal_tide import with_internal_tide
 from pymantaray.ocean.open import Source
 from pymantaray.ocean.schema import reading_notes
-from pymantaray.ocean.sea_floor import sea_floor_notes
+from pymantaray.ocean.sea_floor_water import sea_floor_notes
 from pymantaray.ocean.summary import columns_spread, profile_region, profile_spread
 from pymantaray.ocean.varying import series_of
 from pymantaray.user_files import exists
