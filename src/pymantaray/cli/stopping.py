@@ -22,7 +22,8 @@ from typing import Any
 
 from pymantaray.records import stops
 
-_PATIENCE = 3.0  # s
+_PATIENCE = 2.0  # s; together less than the 5 s after which `timeout -k 5` kills
+_END_PATIENCE = 1.5  # s
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _RETRY = 0.02  # s
 _DISCARDING = ("__del__", "_raw_object_cache_notify", "_raw_object_cache_getbuffer")
@@ -65,7 +66,7 @@ def end_after_stop(code: object) -> None:
     ending by itself.
     """
     if stops.handled.is_set() and isinstance(code, int):
-        timer = threading.Timer(_PATIENCE, os._exit, (code,))
+        timer = threading.Timer(_END_PATIENCE, os._exit, (code,))
         timer.daemon = True
         timer.start()
 
