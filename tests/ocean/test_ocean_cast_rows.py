@@ -174,3 +174,21 @@ def test_ambiguous_dates_of_columns_and_headers_are_noted(tmp_path):
         assert note in str(cast.notes)
     path.write_text(sea_bird(ROWS))
     assert read_profile(path, PLACE).time == np.datetime64("2003-10-15T11:38:38")
+
+
+@pytest.mark.parametrize("header", [
+    "depth_m,sound_speed_m_s", "depth_m,sound_speed_m_per_s", "depth [m],sound speed [m/s]",
+    "depth_m,temperature_degC,practical_salinity", "depth [m],temperature [degC],salinity [1]",
+])  # fmt: skip
+def test_columns_that_mantaray_writes_are_read(tmp_path, header):
+    """Those of ray files, `ocean show --json`, `convert-cast` and the casts of the examples."""
+    speed = "speed" in header
+    rows = [(0, 1500), (100, 1490)] if speed else [(0, 15, 35), (100, 14, 35)]
+    path = tmp_path / "own.csv"
+    path.write_text("\n".join([header, *(",".join(map(str, row)) for row in rows), ""]))
+    profile = read_profile(path, PLACE)
+    np.testing.assert_array_equal(profile.depth, [0.0, 100.0])
+    if speed:
+        np.testing.assert_array_equal(profile.sound_speed, [1500.0, 1490.0])
+    else:
+        np.testing.assert_array_equal(profile.water[0], [15.0, 14.0])
