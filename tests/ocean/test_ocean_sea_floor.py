@@ -11,6 +11,7 @@ import pytest
 import xarray as xr
 from refusals import refused
 
+from pymantaray.config.build.water import open_water
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import fill_below_sea_bed, open_sea_floor, sea_floor_depth, to_local
@@ -398,7 +399,34 @@ def test_gaps_in_water_are_filled_and_counted(tmp_path, sloping_ocean, fill):
     np.testing.assert_allclose(floor.values, file_floor(0.2).values, atol=1e-6)  # a plane
     (note,) = floor.attrs["notes"]
     assert note.startswith("floor.nc: deptho: no value at 1 of ")
-    assert open_sea_floor(path).values[5, 15] == 0.0  # without an ocean
+    alone = open_sea_floor(path)
+    assert alone.values[5, 15] == 0.0
+    assert alone.attrs["notes"] == ("floor.nc: deptho: no value at 1 of 310 points: land",)
+
+
+def test_a_profile_on_land_of_a_file_says_so(tmp_path):
+    profile = tmp_path / "profile.csv"
+    profile.write_text("depth,sound_speed\n0,1500\n1000,1490\n")
+    options = {"centre": (78.0, 0.0), "half_extent": (30e3, 20e3)}
+    path = floor_file(tmp_path, lambda depth: depth)
+    water = open_water(profile, bathymetry=str(path), **options)
+    assert water.medium.bed.depth_at(np.zeros((1, 2))) == pytest.approx(2500.0, abs=1.0)
+    assert not any("land" in note for note in water.notes)
+    path = floor_file(tmp_path, lambda depth: np.where(np.arange(31) < 17, np.nan, depth))
+    notes = open_water(profile, bathymetry=str(path), **options).notes
+    assert any("no value at" in note for note in notes)
+    assert any("land at the centre, where the profile has water down to 1000 m" in note
+               for note in notes)  # fmt: skip
+    path = floor_file(tmp_path, lambda depth: -depth)
+    refused(OceanError, "is land in the whole domain; set the attribute positive",
+            open_water, profile, bathymetry=str(path), **options)  # fmt: skip
+
+
+def test_the_notes_of_a_floor_are_those_of_the_water(tmp_path, sloping_ocean):
+    sloping_ocean.to_netcdf(tmp_path / "ocean.nc")
+    path = floor_file(tmp_path, with_value(np.nan))
+    water = open_water(tmp_path / "ocean.nc", bathymetry=str(path), half_extent=(30e3, 20e3))
+    assert any("filled from the points around them" in note for note in water.notes)
 
 
 def test_a_real_depth_of_9999_m_stays(tmp_path):

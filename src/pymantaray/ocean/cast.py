@@ -311,7 +311,8 @@ class CastTable:
         values = to_our_unit(
             raw, kind, unit or our_unit(kind), where=f"{self.path}: {self.name(quantity)}"
         )
-        return without_fills(raw, values, quantity)
+        # integers of the NetCDF Subset Service may be packed, so any of them may be a value
+        return without_fills(raw, values, "packed" if self.bracketed else quantity)
 
     def _numbers(self, quantity: str, cells: pd.Series[Any]) -> Array:
         """

@@ -21,7 +21,7 @@ from pymantaray.messages import one_line
 from pymantaray.ocean.convert import is_our_unit, is_unit_of, to_our_unit
 from pymantaray.ocean.files import file_name, numbers, open_file, text
 from pymantaray.ocean.schema import layer_edges
-from pymantaray.ocean.sea_floor_water import SIGN_REMEDY, in_water
+from pymantaray.ocean.sea_floor_water import SIGN_REMEDY, in_water, sea_floor_notes
 from pymantaray.ocean.window import GeographicWindow, Window, checked_window, select
 
 MAX_FLOOR_NODES = 1_000_000
@@ -212,7 +212,7 @@ def local_floor(
         np.clip(nodes, depth.min(), depth.max()),
         {"floor_north": north, "floor_east": east},
         ("floor_north", "floor_east"),
-        attrs={"source": source, "spacing": list(spacing)},
+        attrs={"source": source, "spacing": list(spacing), "notes": sea_floor_notes(sea_floor)},
     )
 
 
@@ -264,7 +264,7 @@ def open_sea_floor(
     xarray.DataArray, shape (lat, lon)
         Depth, positive down, 0 on land; latitudes and longitudes increase. It includes the points
         around the window if the file has them. The attribute ``source`` contains file and variable,
-        ``notes`` the differences from the water of the ocean. [m]
+        ``notes`` missing values and differences from the water of the ocean. [m]
 
     Raises
     ------
@@ -285,7 +285,8 @@ def open_sea_floor(
         lat, lon, values = field.on_geographic(window, crs)
         name = f"{file_name(data)}: {field.name}"
         depth = _downward(values, field)
-        notes: list[str] = []
+        missing = int(np.count_nonzero(np.isnan(depth)))
+        notes = [f"no value at {missing} of {depth.size} points: land"] if missing else []
         if ocean is not None:
             depth, notes = in_water(depth, lat, lon, ocean, name)
         return xr.DataArray(
