@@ -16,6 +16,7 @@ import pytest
 from factories import python
 
 from pymantaray.cli.main import main
+from pymantaray.records import stops
 
 COMMAND = """
 from pymantaray.jobs import checkpoint
@@ -342,3 +343,96 @@ with stopping.answered_stops():
 print("late")
 """)
     assert (done.returncode, done.stdout) == (143, "whole\n"), done.stderr
+
+
+CALLBACK = """
+import ctypes, os, signal, sys, time
+from pymantaray.cli.stopping import answered_stops
+
+@ctypes.CFUNCTYPE(None)
+def {name}():
+    os.kill(os.getpid(), signal.{sent})
+    for _ in range(1000):
+        pass
+
+try:
+    with answered_stops():
+        {name}()
+        print("discarded", flush=True)
+        time.sleep(5.0)
+        print("late")
+except KeyboardInterrupt:
+    sys.exit(130)
+"""
+
+
+@pytest.mark.parametrize(("sent", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+@pytest.mark.parametrize("name", ["_raw_object_cache_notify", "of_another_library"])
+def test_a_stop_in_a_callback_that_discards_exceptions_is_repeated(name, sent, code):
+    done = python(CALLBACK.format(name=name, sent=sent))
+    assert (done.returncode, done.stdout, done.stderr) == (code, "discarded\n", "")
+
+
+def test_an_error_after_a_discarded_stop_is_the_stop(monkeypatch):
+    def miss_an_object(*_args, **_keywords):
+        stops.requested.append(signal.SIGTERM)
+        raise RuntimeError("no compiled object yet")
+
+    monkeypatch.setattr("pymantaray.cli.main.app", miss_an_object)
+    with pytest.raises(SystemExit) as end:
+        main(["study", "list"])
+    assert end.value.code == 143
+    stops.requested.clear()
+
+
+def test_a_process_that_ends_at_once_removes_half_written_files(tmp_path):
+    done = python(f"""
+import os, signal, threading
+from numba import njit
+import pymantaray.cli.stopping as stopping
+from pymantaray.records.writing import whole_file
+
+@njit(nogil=True)
+def spin(n):
+    total = 0.0
+    for k in range(n):
+        total += 1.0 / (1.0 + total * total)
+    return total
+
+spin(10)
+stopping._PATIENCE = 0.2
+threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM)).start()
+with stopping.answered_stops(), whole_file({str(tmp_path / "new.csv")!r}) as part:
+    part.write_text("half")
+    print(len(os.listdir({str(tmp_path)!r})), flush=True)
+    spin(10**13)
+""")
+    assert (done.returncode, done.stdout) == (143, "1\n"), done.stderr
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+@STOPS
+@pytest.mark.parametrize("after", [0.5, 8.0])
+def test_a_stop_while_kernels_are_compiled_ends_within_seconds(tmp_path, sent, code, after):
+    (tmp_path / "p.csv").write_text("depth,sound_speed\n0,1500\n100,1490\n500,1485\n")
+    ends = [
+        f"{end}_{axis}" for end in ("source", "receiver") for axis in ("north", "east", "depth")
+    ]
+    (tmp_path / "l.csv").write_text(f"{','.join(ends)}\n0,0,50,2000,0,90\n")
+    words = ["rays", "times", "l.csv", "o.csv", "--profile", "p.csv", "--bathymetry", "600"]
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "kernels")}
+    with subprocess.Popen(
+        [*MANTARAY, *words], cwd=tmp_path, env=environment, stderr=subprocess.PIPE, text=True
+    ) as process:
+        assert "compiling kernels" in process.stderr.readline()
+        time.sleep(after)
+        process.send_signal(sent)
+        try:
+            errors = process.communicate(timeout=20)[1]
+        finally:
+            process.kill()
+    assert (process.returncode, errors) == (code, "")
+    left = [path for path in tmp_path.rglob("*") if path.suffix == ".part" or ".tmp." in path.name]
+    assert not left
+    assert not (tmp_path / "o.csv").exists()

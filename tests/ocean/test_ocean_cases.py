@@ -4,14 +4,19 @@ where they are absent.
 """
 
 import runpy
+import subprocess
+import sys
 from pathlib import Path
 
 import gsw
 import numpy as np
 import pytest
+from refusals import refused
 
 from pymantaray.acoustics import read_profile
-from pymantaray.ocean import open_ocean, read_cast
+from pymantaray.config.build.water import open_water
+from pymantaray.errors import AcousticsError, OceanError
+from pymantaray.ocean import open_ocean, open_sea_floor, read_cast
 
 CASES = Path(__file__).resolve().parents[3] / "shared" / "cases"
 
@@ -80,3 +85,27 @@ def test_zeros_as_land_and_valid_ranges(case, tmp_path, monkeypatch):
     runpy.run_path(str(case("fill-zero-valid-range") / "make.py"))
     for name in ("zero.nc", "valid.nc"):
         assert np.isnan(open_ocean(name)["salinity"].values).sum() == 9
+
+
+def test_fill_numbers_and_units_of_a_table(case):
+    profile = read_profile(case("cast-fill-number") / "cast.csv")
+    np.testing.assert_array_equal(profile.depth, [0.0, 100.0])
+    np.testing.assert_allclose(profile.sound_speed, [1506.66, 1484.33], atol=0.01)
+    for name, values in (("fahrenheit", "46.4 to 59"), ("kelvin", "")):
+        path = case("cast-unit-unstated") / f"{name}.csv"
+        refused(AcousticsError, f"temperature is {values}.*name the unit", read_profile, path)
+
+
+def test_a_sea_floor_that_is_coarser_than_the_ocean(case, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    make = case("bathymetry-coarser-ignored") / "make.py"
+    subprocess.run([sys.executable, make], check=True)  # leaves a file open
+    for name in ("coarse.nc", "fine.nc"):
+        bed = open_water("ocean.nc", bathymetry=name).medium.bed
+        assert bed.depth_at(np.zeros((1, 2))) == pytest.approx(1500.0, abs=0.01)
+
+
+@pytest.mark.parametrize(("name", "words"), [("a.asc", "ESRI ASCII"), ("a.xyz", "xyz")])
+def test_a_raster_is_named_with_its_conversion(case, name, words):
+    message = f"{words}.*gdal_translate -of netCDF {name} a.nc"
+    refused(OceanError, message, open_sea_floor, case("raster-refusal") / name)

@@ -14,7 +14,7 @@ from refusals import refused
 from pymantaray.acoustics import Medium, read_profile, read_profiles, write_asvp, write_profiles
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.ocean import holds_casts, read_cast, read_casts
-from pymantaray.ocean.instrument_table import month_first_date
+from pymantaray.ocean.instrument_table import written_date
 
 LAT, LON = 74.5, -140.25
 TIME = np.datetime64("2014-07-24T19:20:00")
@@ -399,6 +399,43 @@ def test_dates_of_sippican_are_read_or_noted(tmp_path, date, time, note):
         assert any(note in line for line in one.notes) if note else "month" not in str(one.notes)
 
 
+def depths_of(pressure):
+    return -gsw.z_from_p(pressure, LAT)
+
+
+@pytest.mark.parametrize(("text", "old", "new", "depth"), [
+    (midas(), "PRESSURE;DBAR", "PRESSURE;M", PRESSURE),
+    (midas(), "PRESSURE;DBAR", "DEPTH;FT", PRESSURE * 0.3048),
+    (midas(), "PRESSURE;DBAR", "PRESSURE;BAR", depths_of(10.0 * PRESSURE)),
+    (mini_svp(), "units: dBar", "units: Metres", PRESSURE),
+    (mini_svp(), "units: dBar", "units: mbar", depths_of(0.01 * PRESSURE)),
+    (aml(), "C,dBar,m", "C,psi,", depths_of(0.6894757293168 * PRESSURE)),
+    (castaway(), "Pressure (Decibar),Depth (Meter)", "X,Depth (Decibar)", depths_of(DEPTH)),
+    (valeport(), "\tm\tdBar", "\t\tm", PRESSURE),
+])  # fmt: skip
+def test_the_unit_of_a_vertical_column_says_what_it_is(tmp_path, text, old, new, depth):
+    assert old in text
+    (tmp_path / "a.txt").write_text(
+        text.replace(old, new).replace("Pressure,Depth,SV", "Pressure,X,SV")
+        .replace("Time\tDepth", "Time\tX")
+    )  # fmt: skip
+    profile = read_profile(tmp_path / "a.txt", (LAT, LON))
+    np.testing.assert_allclose(profile.depth, depth, rtol=1e-5, atol=1e-3)
+
+
+@pytest.mark.parametrize(("text", "old", "new"), [
+    (sea_bird(), "Jul 24 2014  19", "Jul 24 1914  19"),
+    (sea_bird(), "Jul 24 2014  19", "Jul 24 14  19"),
+    (midas(), "24/07/2014 ", "24/07/14 "), (mini_svp(), "24/07/2014 ", "24/07/1914 "),
+    (aml(), "2014-07-24", "1914-07-24"), (sippican(), "07/24/2014", "07/24/14"),
+    (valeport(), "2014/07/24 ", "24/07/14 "), (castaway(), "2014-07-24 ", "24/07/2014 "),
+])  # fmt: skip
+def test_years_of_two_digits_in_every_header(tmp_path, text, old, new):
+    assert old in text
+    (tmp_path / "a.txt").write_text(text.replace(old, new), encoding="latin-1")
+    assert read_profile(tmp_path / "a.txt", (LAT, LON)).time == TIME
+
+
 def test_rows_on_deck_do_not_hide_a_cast(tmp_path):
     deck = [(-0.03, -0.03, 20.0, 0.0, 0.0)] * 60
     down = [row for row in LEVELS if row[1] > 0]
@@ -591,5 +628,5 @@ def test_a_damaged_file_gives_a_profile_or_one_line(tmp_path, name, data):
     ("2020.13.01", "2020-13-01", 0), ("20200428", "", 1),
 ])  # fmt: skip
 def test_the_month_is_first_unless_it_cannot_be_one(words, date, notes):
-    read, made = month_first_date(words)
+    read, made = written_date(words)
     assert (read, len(made)) == (date, notes)

@@ -2,6 +2,8 @@
 The sea floor: what levels imply, every product's own layout, which one wins, and what is refused.
 """
 
+import re
+
 import netCDF4
 import numpy as np
 import pyproj
@@ -9,10 +11,12 @@ import pytest
 import xarray as xr
 from refusals import refused
 
+from pymantaray.config.build.water import open_water
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import fill_below_sea_bed, open_sea_floor, sea_floor_depth, to_local
 from pymantaray.ocean import sea_floor as sea_floor_module
+from pymantaray.ocean.check import check_ocean
 from pymantaray.ocean.seawater import sound_speed
 
 DEPTH = [0.0, 10.0, 40.0, 100.0]
@@ -352,12 +356,114 @@ def sloping_ocean(closed_form_ocean):
     )
 
 
-def test_a_coarser_file_is_not_taken_and_that_is_said(sloping_ocean):
-    local, plain = to_local(sloping_ocean, sea_floor=file_floor(0.2)), to_local(sloping_ocean)
-    assert "made.nc: elevation is coarser" in local.attrs.pop("sea_floor_source")
-    assert local.identical(plain)
+def test_a_coarser_file_is_used_bilinearly(sloping_ocean):
+    """A plane is the same at 0.2 degrees and at 0.01 degrees, to rounding and its curvature."""
+    coarse = to_local(sloping_ocean, sea_floor=file_floor(0.2), half_extent=(40e3, 25e3))
+    fine = to_local(sloping_ocean, sea_floor=file_floor(0.01), half_extent=(40e3, 25e3))
+    at = {"floor_north": 12e3, "floor_east": -7e3}
+    assert float(coarse["sea_floor_depth"].interp(**at)) == pytest.approx(
+        float(fine["sea_floor_depth"].interp(**at)), abs=1.0
+    )
+    centre = coarse["sea_floor_depth"].sel(floor_north=0.0, floor_east=0.0)
+    assert float(centre) == pytest.approx(plane(78.0, 0.0, 0.0), abs=1e-6)
+    assert coarse.attrs["sea_floor_source"].startswith("made.nc: elevation, 22329 m by 4644 m")
+    plain = to_local(sloping_ocean)
     assert plain["sea_floor_depth"].dims == ("north", "east")
     assert not {"sea_floor_source", "levels_added", "sound_speed_equation"} & set(plain.attrs)
+
+
+def floor_file(folder, change, step=0.2):
+    """A file of depths of the plane with a change of its values."""
+    depth = file_floor(step).astype(float)
+    depth.attrs = {"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"}
+    depth[:] = change(depth.values.copy())
+    path = folder / "floor.nc"
+    depth.rename("deptho").to_netcdf(path)
+    return path
+
+
+def with_value(value):
+    """Change one point over water, 78.1 N, 0 E, to a value."""
+
+    def change(depth):
+        depth[5, 15] = value
+        return depth
+
+    return change
+
+
+@pytest.mark.parametrize("fill", [np.nan, 9999.0, -9999.0])
+def test_gaps_in_water_are_filled_and_counted(tmp_path, sloping_ocean, fill):
+    path = floor_file(tmp_path, with_value(fill))
+    floor = open_sea_floor(path, ocean=sloping_ocean)
+    np.testing.assert_allclose(floor.values, file_floor(0.2).values, atol=1e-6)  # a plane
+    (note,) = floor.attrs["notes"]
+    assert note.startswith("floor.nc: deptho: no value at 1 of ")
+    alone = open_sea_floor(path)
+    assert alone.values[5, 15] == 0.0
+    assert alone.attrs["notes"] == ("floor.nc: deptho: no value at 1 of 310 points: land",)
+
+
+def test_a_profile_on_land_of_a_file_says_so(tmp_path):
+    profile = tmp_path / "profile.csv"
+    profile.write_text("depth,sound_speed\n0,1500\n1000,1490\n")
+    options = {"centre": (78.0, 0.0), "half_extent": (30e3, 20e3)}
+    path = floor_file(tmp_path, lambda depth: depth)
+    water = open_water(profile, bathymetry=str(path), **options)
+    assert water.medium.bed.depth_at(np.zeros((1, 2))) == pytest.approx(2500.0, abs=1.0)
+    assert not any("land" in note for note in water.notes)
+    path = floor_file(tmp_path, lambda depth: np.where(np.arange(31) < 17, np.nan, depth))
+    notes = open_water(profile, bathymetry=str(path), **options).notes
+    assert any("no value at" in note for note in notes)
+    assert any("land at the centre, where the profile has water down to 1000 m" in note
+               for note in notes)  # fmt: skip
+    path = floor_file(tmp_path, lambda depth: -depth)
+    refused(OceanError, "is land in the whole domain; set the attribute positive",
+            open_water, profile, bathymetry=str(path), **options)  # fmt: skip
+
+
+def test_the_notes_of_a_floor_are_those_of_the_water(tmp_path, sloping_ocean):
+    sloping_ocean.to_netcdf(tmp_path / "ocean.nc")
+    path = floor_file(tmp_path, with_value(np.nan))
+    water = open_water(tmp_path / "ocean.nc", bathymetry=str(path), half_extent=(30e3, 20e3))
+    assert any("filled from the points around them" in note for note in water.notes)
+
+
+def test_a_real_depth_of_9999_m_stays(tmp_path):
+    path = floor_file(tmp_path, lambda depth: np.linspace(9900.0, 10_020.0, depth.size).round()
+                      .reshape(depth.shape))  # fmt: skip
+    assert 9999.0 in open_sea_floor(path).values
+
+
+@pytest.mark.parametrize(("change", "message"), [
+    (lambda depth: -depth,
+     "is land at .* where the ocean has water down to 2000 m; set the attribute positive"),
+    (lambda depth: depth / 1e3,
+     "is .* m deep where the ocean has water down to 2000 m; check its unit"),
+    (lambda depth: np.where(np.arange(depth.shape[1]) == 10, depth, np.nan),
+     "no value at .* in the ocean's water; use a file that covers it"),
+])  # fmt: skip
+def test_a_floor_that_is_not_under_the_water_is_refused(tmp_path, sloping_ocean, change, message):
+    path = floor_file(tmp_path, change)
+    refused(OceanError, message, open_sea_floor, path, ocean=sloping_ocean)
+
+
+@pytest.mark.parametrize(("change", "note"), [
+    (with_value(0.0), "land at 1 of .* points where the ocean has water down to 2000 m"),
+    (lambda depth: depth / 6.0, r"in the median, 0\.\d+ times as deep as the ocean's water"),
+])  # fmt: skip
+def test_a_floor_above_some_water_is_noted(tmp_path, sloping_ocean, change, note):
+    floor = open_sea_floor(floor_file(tmp_path, change, 0.04), ocean=sloping_ocean)
+    assert any(re.search(note, line) for line in floor.attrs["notes"]), floor.attrs["notes"]
+    found = check_ocean(sloping_ocean, sea_floor=floor).named("sea floor")
+    assert found.severity == "doubtful"
+
+
+def test_the_water_is_compared_across_the_antimeridian(tmp_path, sloping_ocean):
+    turned = sloping_ocean.assign_coords(lon=sloping_ocean["lon"] + 360.0)
+    path = floor_file(tmp_path, with_value(np.nan))
+    floor = open_sea_floor(path, ocean=turned)
+    np.testing.assert_allclose(floor.values, file_floor(0.2).values, atol=1e-6)
 
 
 @pytest.mark.parametrize("turn", [0.0, 360.0, -360.0])

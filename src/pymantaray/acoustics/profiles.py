@@ -25,7 +25,8 @@ if TYPE_CHECKING:
 _RAW_SPACING = 2.0  # m
 DEFAULT_TOLERANCE = 0.02
 """Tolerance to which a raw cast is thinned unless its user chooses. [m/s]"""
-_POSSIBLE_SPEEDS = (1300.0, 1800.0)  # m/s; limits for all seas
+_OF_CASTS = ("time unknown", "time of day unknown", "day unknown", "depth from pressure by TEOS-10")
+"""First words of notes that rays do not need."""
 _FWHM = 2.0 * math.sqrt(2.0 * math.log(2.0))  # of a Gaussian, in standard deviations
 _CUT_OFF = 4.0  # standard deviations beyond which Gaussian weights are zero
 
@@ -195,73 +196,30 @@ def read_profiles(
 def _profile(
     table: CastTable, name: str, position: tuple[float, float] | None, repair: bool
 ) -> Profile:
-    import gsw
+    """
+    Profile of a table or an instrument's file: usable rows of the downcast, with its own sound
+    speed if it has one.
+    """
+    from pymantaray.ocean.casts import cast_of_table, cast_position, has_water
 
-    from pymantaray.ocean.casts import cast_place, cast_position, cast_time
-    from pymantaray.ocean.seawater import freezing_notes, repair_salinity, sound_speed
-
-    if table.instrument:
-        return _raw_profile(table, name, position, repair)
-    has_speed = table.has("sound_speed")
-    has_water = table.has("temperature", "salinity")
-    vertical = "depth" if table.has("depth") else "pressure"
-    there = {"depth": table.has(vertical), "sound_speed": has_speed or has_water}
+    if table.has("sound_speed"):
+        return _of_sound_speed(table, name, position)
+    there = {
+        "depth": table.has("depth") or table.has("pressure"),
+        "sound_speed": has_water(table) or bool(table.instrument),
+    }
     if not all(there.values()):
         lacks = ", ".join(name for name, present in there.items() if not present)
         raise AcousticsError(
             f"{table.path}: no column {lacks}; {table.listing}; pressure can replace depth, and"
             " temperature with salinity can replace sound_speed"
         )
-    used = (vertical, "sound_speed") if has_speed else (vertical, "temperature", "salinity")
-    level, *values = (table.values(name, complete=True) for name in used)
-    _check_levels(table, vertical, level)
-    computed = not has_speed or vertical == "pressure"
-    lat, lon = (
-        _cast_position(table, position)
-        if computed
-        else position or cast_place(table) or (np.nan, np.nan)
-    )
-    depth = level if vertical == "depth" else np.asarray(-gsw.z_from_p(level, lat), dtype=float)
-    water = (table.values("temperature"), table.values("salinity")) if has_water else None
-    if water is not None and not np.isfinite(water).all():
-        water = None
-    repairs: tuple[str, ...] = ()
-    if repair and not has_speed:
-        values[1], repairs = repair_salinity(values[0], values[1], depth, lat, lon)
-        water = (values[0], values[1])
-    speed = values[0] if has_speed else sound_speed(values[0], values[1], depth, lat, lon)
-    notes = repairs or (() if water is None else freezing_notes(*water, depth, lat, lon))
-    time, time_notes = cast_time(table)
-    place = (lat, lon) if np.isfinite(lat) else None
-    notes = (
-        *table.notes,
-        *cast_position(table)[1],
-        *(note for note in time_notes if "not read" in note),
-        *notes,
-    )
-    return Profile(depth, speed, (lat, lon) if computed else None, name, time, water, notes, place)
-
-
-def _check_levels(table: CastTable, vertical: str, level: Array) -> None:
-    """Depths [m] or pressures [dbar] increase from at least 0 to at most the deepest sea."""
-    from pymantaray.ocean.convert import DEEPEST
-
-    falls = np.flatnonzero(np.diff(level) <= 0.0)
-    if falls.size:
-        i = falls[0] + 1
-        raise AcousticsError(
-            f"{table.path}, line {table.lines[i]}: {table.name(vertical)} is {level[i]:g} after"
-            f" {level[i - 1]:g}; it must increase"
-        )
-    if level[0] < 0.0:
-        raise AcousticsError(
-            f"{table.path}: {table.name(vertical)} begins at {level[0]:g}; it is positive down"
-        )
-    if level[-1] > DEEPEST:
-        raise AcousticsError(
-            f"{table.path}: {table.name(vertical)} is up to {level[-1]:g}; allowed: at most"
-            f" {DEEPEST:g}"
-        )
+    cast = cast_of_table(table, name, _cast_position(table, position), None)
+    profile = _of_cast(cast.with_repaired_salinity() if repair else cast)
+    notes = (*profile.notes, *cast_position(table)[1])
+    if not table.instrument:
+        notes = tuple(note for note in notes if not note.startswith(_OF_CASTS))
+    return profile._replace(notes=notes)
 
 
 def _of_cast(cast: Cast) -> Profile:
@@ -273,33 +231,33 @@ def _of_cast(cast: Cast) -> Profile:
     )
 
 
-def _raw_profile(
-    table: CastTable, name: str, position: tuple[float, float] | None, repair: bool
-) -> Profile:
-    """
-    Profile of an instrument's file or a data set: complete, plausible rows of the downcast, with
-    its own sound speed if it has one.
-    """
-    from pymantaray.ocean.cast import usable_rows
-    from pymantaray.ocean.casts import cast_depth, cast_of_table, cast_place, cast_time
+def _of_sound_speed(table: CastTable, name: str, position: tuple[float, float] | None) -> Profile:
+    """Profile of a table with a column of sound speed."""
+    from pymantaray.ocean.cast_rows import usable_rows, water_beside
+    from pymantaray.ocean.casts import cast_depth, cast_place, cast_position, cast_time
+    from pymantaray.ocean.seawater import freezing_notes
 
-    if not table.has("sound_speed"):
-        cast = cast_of_table(table, name, _cast_position(table, position), None)
-        return _of_cast(cast.with_repaired_salinity() if repair else cast)
     place = (
         (position or cast_place(table)) if table.has("depth") else _cast_position(table, position)
     )
     depth, depth_notes = cast_depth(table, None if place is None else place[0])
-    notes = [*table.notes, *depth_notes]
+    time, time_notes = cast_time(table)
+    notes = [*table.notes, *(depth_notes if table.instrument else []), *cast_position(table)[1]]
+    notes += [note for note in time_notes if not note.startswith(_OF_CASTS)]
+    beside = {q: table.values(q) for q in ("temperature", "salinity") if table.has(q)}
     speed = table.values("sound_speed")
     rows, notes, _ = usable_rows(
-        depth, [(speed, _POSSIBLE_SPEEDS)], notes=notes, where=str(table.path)
+        depth,
+        {"sound_speed": speed},
+        beside=beside,
+        titles={"sound_speed": table.title("sound_speed")},
+        notes=notes,
+        where=str(table.path),
     )
-    water = None
-    if table.has("temperature", "salinity"):
-        t, s = (table.values(quantity)[rows] for quantity in ("temperature", "salinity"))
-        water = (t, s) if np.isfinite(t).all() and np.isfinite(s).all() else None
-    time, _ = cast_time(table)
+    water, more = water_beside({quantity: values[rows] for quantity, values in beside.items()})
+    notes += more
+    if water is not None and place is not None:
+        notes += freezing_notes(*water, depth[rows], *place)
     computed = place if depth_notes else None
     return Profile(depth[rows], speed[rows], computed, name, time, water, tuple(notes), place)
 

@@ -16,6 +16,7 @@ from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
 from pymantaray.cli.stopping import answered_stops
 from pymantaray.errors import MantaRayError
 from pymantaray.messages import printable, without_secrets
+from pymantaray.records import stops
 from pymantaray.user_files import shown
 from pymantaray.version import __version__
 
@@ -182,7 +183,7 @@ def _refuse(error: Any) -> NoReturn:
 def _stop_behind(error: BaseException) -> int | None:
     """
     Exit code of a Ctrl-C or stop request that another exception replaced, as in the import of a
-    compiled module.
+    compiled module, or that a library discarded.
     """
     cause: BaseException | None = error
     while cause is not None:
@@ -191,4 +192,4 @@ def _stop_behind(error: BaseException) -> int | None:
         if isinstance(cause, SystemExit) and isinstance(cause.code, int):
             return cause.code
         cause = cause.__cause__ or cause.__context__
-    return None
+    return 128 + stops.requested[-1] if stops.requested else None

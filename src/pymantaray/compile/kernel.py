@@ -107,15 +107,18 @@ def cached_on_disk(
             f"{Path(function.__code__.co_filename).stem}.{name}",
         )
         _discard_stale(folder, stem, digest)
-        _ignore_failed_saves(compiled._cache)
+        _ignore_failed_saves(compiled._cache, folder, f"{stem}-{digest}")
         _discard_damaged(compiled._cache, folder, f"{stem}-{digest}")
         if decorate is njit:
             _compile_in_one_process(compiled, folder / f"{stem}-{digest}.lock")
     return compiled
 
 
-def _ignore_failed_saves(disk_cache: Any) -> None:
-    """Continue with the code in memory if it cannot be saved, for example on a full disk."""
+def _ignore_failed_saves(disk_cache: Any, folder: Path, stem: str) -> None:
+    """
+    Continue with the code in memory if it cannot be saved, for example on a full disk; a stop
+    leaves no half-written file.
+    """
     save = disk_cache.save_overload
 
     def try_to_save(signature: Any, code: Any) -> None:
@@ -123,6 +126,10 @@ def _ignore_failed_saves(disk_cache: Any) -> None:
             save(signature, code)
         except OSError as error:
             warn_not_cached(str(error.strerror))
+        except (KeyboardInterrupt, SystemExit):
+            for file in folder.glob(f"{stem.replace('<', '').replace('>', '')}*.tmp.*"):
+                file.unlink(missing_ok=True)
+            raise
 
     disk_cache.save_overload = try_to_save
 

@@ -1,49 +1,35 @@
 """
-One cast: a measured profile at a place and time, its CSV table, and the selection of usable rows.
+One cast: a measured profile at a place and time, and its CSV table.
 """
 
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, RecordError
-from pymantaray.ocean.convert import DEEPEST, is_unit_of, minute, our_unit, to_our_unit
+from pymantaray.ocean.cast_rows import LIMITS, usable_rows, without_fills
+from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit, vertical_of
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.instrument_table import InstrumentTable
 from pymantaray.ocean.instruments import instrument_table
 from pymantaray.ocean.positions import is_position, position_in_text
-from pymantaray.ocean.schema import VARIABLES, latitude, layer_edges, longitude
+from pymantaray.ocean.schema import latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, freezing_notes, repair_salinity, sound_speed
 from pymantaray.ocean.whp import bottle_table, is_bottles
 from pymantaray.quantities.checks import checked_array
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import read_text, read_text_table
 
-_SPAN = {v.name: (v.lowest, v.highest) for v in VARIABLES}
 _MISSING = ("", "nan", "na", "n/a", "null", "none", "-", "--")
-_FILLS = (
-    -9.99e-29,
-    -99.0,
-    -99.9,
-    -99.99,
-    -999.0,
-    -999.9,
-    -999.99,
-    -9999.0,
-    -99999.0,
-    99999.0,
-    -1e34,
-    1e35,
-)
 # quantity: kind of its unit, and column names in lower case, first those of `mantaray rays`, then
 # those of cruise and model files
 _COLUMNS = {
@@ -140,8 +126,8 @@ class Cast:
                 f"cast {self.name}: depths must strictly increase, be 0 m or more (positive down)"
                 " and have at least 2 levels"
             )
-        for field, name in (("temperature", "water_temp"), ("salinity", "salinity")):
-            low, high = _SPAN[name]
+        for field in ("temperature", "salinity"):
+            low, high = LIMITS[field]
             values = getattr(self, field)
             if values.min() < low or values.max() > high:
                 raise OceanError(
@@ -233,6 +219,7 @@ def clean_cast(
     bottom_depth: float = float("nan"),
     dropped: int = 0,
     notes: Sequence[str] = (),
+    titles: Mapping[str, tuple[str, str]] | None = None,
     where: str,
 ) -> Cast:
     """
@@ -240,14 +227,14 @@ def clean_cast(
     if missing.
 
     Unusable rows are dropped and counted. A profile in upward order is reversed. ``dropped`` and
-    ``notes`` describe earlier steps, ``where`` is file and station for messages.
+    ``notes`` describe earlier steps, ``titles`` are as in `usable_rows` and ``where`` is file and
+    station for messages.
     """
     depth, temperature, salinity = (np.asarray(column, dtype=float) for column in profile)
-    salinity = np.where(
-        (temperature == 0.0) & (salinity == 0.0), np.nan, salinity
-    )  # a fill value of 0
-    quantities = [(temperature, _SPAN["water_temp"]), (salinity, _SPAN["salinity"])]
-    deeper, cast_notes, lost = usable_rows(depth, quantities, notes=notes, where=where)
+    quantities = {"temperature": temperature, "salinity": salinity}
+    deeper, cast_notes, lost = usable_rows(
+        depth, quantities, titles=titles, notes=notes, where=where
+    )
     used = temperature[deeper], salinity[deeper], depth[deeper]
     if is_position(*place):  # `Cast` rejects other places
         cast_notes += freezing_notes(*used, *place)
@@ -263,56 +250,6 @@ def clean_cast(
         dropped + lost,
         tuple(cast_notes),
     )
-
-
-def usable_rows(
-    depth: Array,
-    quantities: Sequence[tuple[Array, tuple[float, float]]],
-    *,
-    notes: Sequence[str] = (),
-    where: str,
-) -> tuple[NDArray[np.intp], list[str], int]:
-    """
-    Select the rows of a raw cast that are complete, possible and deeper than all rows before.
-
-    ``quantities`` are columns with their allowed ranges. Returns the rows, the notes with one more
-    line for each reason of dropped rows, and the number of dropped rows.
-    """
-    notes = list(notes)
-    counts: dict[str, int] = {}
-    whole = np.isfinite(depth)
-    for values, _ in quantities:
-        whole &= np.isfinite(values)
-    counts["with a missing value"] = int(np.count_nonzero(~whole))
-    if whole.any() and -depth[whole].min() > max(depth[whole].max(), 0.0):
-        raise OceanError(
-            f"{where}: depth is {depth[whole].min():g} to {depth[whole].max():g} m; it must be"
-            " positive down"
-        )
-    wet = whole & (depth >= 0.0)
-    counts["above the surface"] = int(np.count_nonzero(whole & ~wet))
-    possible = wet & (depth <= DEEPEST)
-    for values, (low, high) in quantities:
-        possible &= (values >= low) & (values <= high)
-    counts["with an impossible value"] = int(np.count_nonzero(wet & ~possible))
-    rows = np.flatnonzero(possible)
-    steps = np.diff(depth[rows])
-    early = (
-        rows.size > 0 and 3 * int(np.argmax(depth[rows])) < rows.size
-    )  # False for a downcast with an upcast
-    if early and np.count_nonzero(steps < 0.0) > np.count_nonzero(steps >= 0.0):
-        rows = rows[::-1]
-        notes.append("rows reversed: the file lists them upward")
-    deepest = np.maximum.accumulate(np.concatenate([[-1.0], depth[rows]]))[:-1]
-    deeper = rows[depth[rows] > deepest]
-    counts["not deeper than an earlier row"] = int(rows.size - deeper.size)
-    notes += [
-        f"{count} of {depth.size} rows dropped: {why}" for why, count in counts.items() if count
-    ]
-    if deeper.size < 2:
-        reasons = f" ({'; '.join(notes)})" if notes else ""
-        raise OceanError(f"{where}: {deeper.size} usable levels; a cast needs at least 2{reasons}")
-    return deeper, notes, sum(counts.values())
 
 
 @dataclass(frozen=True, eq=False)
@@ -356,30 +293,26 @@ class CastTable:
         """Title of a quantity's column in the file."""
         return self.header[self.columns[quantity][0]]
 
+    def title(self, quantity: str) -> tuple[str, str]:
+        """Title of a quantity's column, and its unit if the file states it."""
+        return self.name(quantity), self.columns[quantity][1]
+
     @property
     def listing(self) -> str:
         """Names of the used and the other columns, for messages."""
         unread = f"; not read: {', '.join(self.unread[:12])}" if self.unread else ""
         return f"the columns are {', '.join(self.header)}{unread}"
 
-    def values(self, quantity: str, *, complete: bool = False) -> Array:
-        """
-        Column in m, dbar, degC, practical salinity, g/kg, m/s or degrees; NaN if missing.
-
-        With ``complete``, a missing value raises an error.
-        """
+    def values(self, quantity: str) -> Array:
+        """Column in m, dbar, degC, practical salinity, g/kg, m/s or degrees; NaN if missing."""
         position, unit = self.columns[quantity]
-        values = self._numbers(quantity, self.rows[position])
-        missing = ~np.isfinite(values) | (np.abs(values) > 1e30)
-        if quantity not in ("lat", "lon"):  # -99 is a valid longitude
-            missing |= np.isin(values, _FILLS)
-        values[missing] = np.nan
-        if complete and missing.any():
-            raise self._no_number(quantity, int(np.argmax(missing)))
+        raw = self._numbers(quantity, self.rows[position])
         kind = _COLUMNS[quantity][0]
-        return to_our_unit(
-            values, kind, unit or our_unit(kind), where=f"{self.path}: {self.name(quantity)}"
+        values = to_our_unit(
+            raw, kind, unit or our_unit(kind), where=f"{self.path}: {self.name(quantity)}"
         )
+        # integers of the NetCDF Subset Service may be packed, so any of them may be a value
+        return without_fills(raw, values, "packed" if self.bracketed else quantity)
 
     def _numbers(self, quantity: str, cells: pd.Series[Any]) -> Array:
         """
@@ -514,6 +447,8 @@ def _columns(
         quantity, suffix = _meaning(name)
         if quantity is None:
             continue
+        if quantity in ("depth", "pressure"):
+            quantity = vertical_of(unit or suffix, quantity)
         of = _COLUMNS[quantity][0]
         if unit and not is_unit_of(of, unit):
             raise OceanError(
@@ -533,10 +468,14 @@ def _columns(
 def _meaning(name: str) -> tuple[str | None, str]:
     """Quantity of a column, and the unit at the end of its name."""
     for quantity, names in _NAMES.items():
+        kind = _COLUMNS[quantity][0]
         if name in names:
             return quantity, ""
+        kinds = ("length", "pressure") if quantity in ("depth", "pressure") else (kind,)
         for alias in names:
             unit = name.removeprefix(alias + "_")
-            if unit != name and is_unit_of(_COLUMNS[quantity][0], unit):
-                return quantity, unit
+            # units of names of files, such as sound_speed_m_s
+            for spelling in (unit, re.sub(r"_(?:per_)?(?=[a-z]+$)", "/", unit)):
+                if unit != name and any(is_unit_of(kind, spelling) for kind in kinds):
+                    return quantity, spelling
     return None, ""

@@ -29,6 +29,7 @@ from pymantaray.ocean.cf_profiles import DATA_SET, holds_profiles, read_cf_profi
 from pymantaray.ocean.convert import DEEPEST, parse_instant
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.files import is_netcdf, open_file
+from pymantaray.ocean.instrument_table import written_instant
 from pymantaray.ocean.positions import Position, known_position, position_in_comment
 from pymantaray.ocean.rsk import is_rsk, read_rsk
 from pymantaray.ocean.schema import assemble_ocean, latitude, place_text, with_history
@@ -43,6 +44,7 @@ MadeT = TypeVar("MadeT")
 _DATE = re.compile(
     r"\b(\d{4}-\d{2}-\d{2})(?:(?:[T/]| +(?=\d{1,2}:))(\d{1,2}):?(\d{2})(?::(\d{2}))?)?"
 )
+_NUMBERS_FIRST = re.compile(r"\s*\d{1,2}[-/.]\d{1,2}[-/.]\d")
 _MONTH = re.compile(rf"\b({'|'.join(MONTHS)})[a-z]*\s+(\d{{4}})\b", re.IGNORECASE)
 _BOTTOM = re.compile(r"\bbottom(?:\s+depth)?\s*[:=]?\s*(\d+(?:\.\d+)?)\s*m\b", re.IGNORECASE)
 _PACKED_FILL = -30_000.0  # HYCOM's, for both tracers
@@ -299,7 +301,8 @@ def cast_of_table(
         (depth, temperature[:, 0, 0], salinity[:, 0, 0]),
         bottom_depth=float(bottom[1]) if bottom else float("nan"),
         notes=notes,
-        where=str(table.path) + (f", {station}" if station else ""),
+        titles={"temperature": table.title(kinds[0]), "salinity": table.title(kinds[1])},
+        where=str(table.path) + (f", {station}" if station not in ("", table.path.stem) else ""),
     )
 
 
@@ -359,6 +362,12 @@ def _with_salinity(table: CastTable, lat: float) -> CastTable:
         columns={**table.columns, "salinity": (place, "1")},
         notes=(*table.notes, "salinity from conductivity by PSS-78"),
     )
+
+
+def has_water(table: CastTable) -> bool:
+    """True if a table has a temperature and a salinity, or conductivity instead."""
+    salty = (*_SALINITIES, "measured_conductivity")
+    return any(map(table.has, _TEMPERATURES)) and any(map(table.has, salty))
 
 
 def _kind(table: CastTable, kinds: dict[str, str]) -> str:
@@ -421,7 +430,10 @@ def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
     first = table.time or next((cell for cell in table.text("time") or [] if cell), None)
     if first is not None:
         try:
-            return parse_instant(first), []
+            if table.time or not _NUMBERS_FIRST.match(first):
+                return parse_instant(first), []
+            iso, notes = written_instant(first)
+            return parse_instant(iso), notes
         except OceanError:
             where = "" if table.time else f" (line {table.lines[0]})"
             return np.datetime64("NaT", "ns"), [

@@ -15,6 +15,7 @@ from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.local import floor_in_domain
 from pymantaray.ocean.open import CurrentsPolicy, read_ocean
 from pymantaray.ocean.schema import Finding, latitude, longitude, place_of, violations
+from pymantaray.ocean.sea_floor_water import sea_floor_notes
 from pymantaray.ocean.seawater import (
     SUPERCOOLED,
     UNFROZEN,
@@ -95,6 +96,7 @@ _DOUBTS = {  # limit and remedy
         f"{_MAX_SPACING / 1e3:g} km and {_MIN_NODES} cells",
         "fronts and eddies are lost; use a finer source or a larger domain",
     ),
+    "sea floor": ("", "compare the file with the levels of the ocean"),
     "projection error": (
         f"{1e3 * _MAX_SCALE_ERROR:g} m in 1 km",
         "set half_extent to the domain that the fleet needs",
@@ -205,6 +207,7 @@ def check_ocean(
         findings += _coverage(
             ocean, centre, half_extent, fleet or {}, existing_trajectories, sea_floor
         )
+        findings += [_doubt("sea floor", note) for note in sea_floor_notes(sea_floor)]
         findings += _provenance(ocean)
     return Findings(sorted(findings, key=lambda f: f.severity != "wrong"))
 

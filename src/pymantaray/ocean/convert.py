@@ -74,6 +74,7 @@ _UNITS: dict[str, tuple[str, dict[float, str]]] = {
             0.001: "mm/s mms-1 mms^-1",
             1000.0 / 3600.0: "km/h kmh-1 kmhour-1 km/hour",
             0.3048: "ft/s fts-1 ft/sec feet/s",
+            1000.0: "km/s kms-1",
         },
     ),
     "conductivity": (
@@ -138,6 +139,14 @@ def is_unit_of(quantity: str, unit: str) -> bool:
     return word in _FACTORS[quantity] or (
         quantity == "temperature" and word in (*_KELVIN, *_FAHRENHEIT)
     )
+
+
+def vertical_of(unit: str, otherwise: str) -> str:
+    """Depth or pressure by the unit of a vertical axis; without such a unit, as its name says."""
+    for quantity, kind in (("depth", "length"), ("pressure", "pressure")):
+        if is_unit_of(kind, unit):
+            return quantity
+    return otherwise
 
 
 def is_our_unit(quantity: str, unit: str) -> bool:

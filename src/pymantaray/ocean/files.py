@@ -27,6 +27,18 @@ copies of each.
 """
 IN_MEMORY = "data set in memory"
 _SHORTEST = 4  # bytes of an integer that is a limit of real numbers, not of packed ones
+_RASTERS = {
+    b"ncols": "an ESRI ASCII grid",
+    b"ii*\0": "a GeoTIFF",
+    b"mm\0*": "a GeoTIFF",
+    b"ii+\0": "a GeoTIFF",
+    b"grib": "a GRIB file",
+    b"dsaa": "a Surfer grid",
+    b"dsbb": "a Surfer grid",
+}
+"""Formats of grids by their first bytes, in lower case."""
+_XYZ = 6
+_NUMBER = re.compile(r"[-+]?\d*\.?\d+(e[-+]?\d+)?,?", re.IGNORECASE)
 _NEVER_WRITTEN = {  # default fill values of the NetCDF library
     "f4": np.float32(9.9692099683868690e36),
     "f8": np.float64(9.9692099683868690e36),
@@ -243,9 +255,22 @@ def _engine(path: Path) -> str:
     check_regular(path, OceanError, what="a NetCDF file")
     if is_netcdf(path):
         return "netcdf4"
-    raise OceanError(
-        f"{path.name}: neither NetCDF-3 nor NetCDF-4; check that it is not a saved error page"
-    )
+    raise OceanError(f"{path.name}: {_other_format(path)}")
+
+
+def _other_format(path: Path) -> str:
+    """Cause and remedy for a file that is not NetCDF, by its first bytes."""
+    start = first_bytes(path, 200)
+    words = start.decode("latin-1").split()
+    grid = next((name for first, name in _RASTERS.items() if start.lower().startswith(first)), "")
+    if not grid and len(words) > _XYZ and all(map(_NUMBER.fullmatch, words[:_XYZ])):
+        grid = "a text of numbers, such as xyz"
+    if grid:
+        return (
+            f"{grid}, not NetCDF; convert it with gdal_translate -of netCDF {path.name}"
+            f" {path.stem}.nc"
+        )
+    return "neither NetCDF-3 nor NetCDF-4; check that it is not a saved error page"
 
 
 def _zarr_engine(path: Path) -> str:

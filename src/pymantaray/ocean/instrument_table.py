@@ -8,6 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
+from pymantaray.ocean.convert import vertical_of
 from pymantaray.records.text_table import MONTHS
 
 Lines = Sequence[str]
@@ -62,11 +63,19 @@ _UNITS = {
     "ft/s": "ft/s", "microsiemens per centimeter": "us/cm", "psu": "1", "0/00": "1", "‰": "1",
     "pss-78": "1", "practical salinity scale": "1", "ppt": "1",
 }  # fmt: skip
-_CLOCK = r"(?:\s+(?P<time>\d{1,2}:\d\d:\d\d))?"
-MONTH_NAME_FIRST = r"(?P<month>[A-Za-z]{3})[a-z]*\s+(?P<day>\d{1,2}),?\s+(?P<year>\d{4})" + _CLOCK
-DAY_FIRST = r"(?P<day>\d{1,2})/(?P<month>\d{1,2})/(?P<year>\d{4})" + _CLOCK
-_YEAR_FIRST = re.compile(r"\s*(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})(?!\d)")
-_TWO_NUMBERS_FIRST = re.compile(r"\s*(\d{1,2})/(\d{1,2})/(\d{4}|\d\d)(?!\d)")
+_YEAR = r"(?P<year>\d{4}|\d\d)(?!\d)"
+_DATES = [
+    re.compile(r"\s*" + layout)
+    for layout in (
+        r"(?P<year>\d{4})[-/.](?P<month>\d{1,2})[-/.](?P<day>\d{1,2})(?!\d)",
+        r"(?P<first>\d{1,2})(?P<sign>[-/.])(?P<second>\d{1,2})(?P=sign)" + _YEAR,
+        r"(?P<name>[A-Za-z]{3})[a-z]*\.?[-\s]+(?P<day>\d{1,2}),?[-\s]+" + _YEAR,
+        r"(?P<day>\d{1,2})[-\s]+(?P<name>[A-Za-z]{3})[a-z]*\.?,?[-\s]+" + _YEAR,
+    )
+]
+_CLOCK = re.compile(r"[T/\s]+(\d{1,2}):(\d\d)(?::(\d\d(?:\.\d+)?))?")
+_CENTURY = 69  # two digits from here on are of 19.., as in POSIX
+_BEFORE_INSTRUMENTS = 1950  # programs with years of two digits wrote 1903 for 2003
 
 
 def known_titles(cells: Iterable[str]) -> list[str]:
@@ -86,6 +95,8 @@ def _title(cell: str) -> str:
     if not quantity:
         return ""
     known = known_unit(unit)
+    if quantity in ("depth", "pressure"):
+        quantity = vertical_of(known, quantity)
     return f"{quantity} [{known}]" if known else quantity
 
 
@@ -144,43 +155,53 @@ def position_texts(head: Lines) -> tuple[str, str]:
     return lat, lon
 
 
-def month_first_date(words: str) -> tuple[str, list[str]]:
+def written_date(words: str, *, day_first: bool = False) -> tuple[str, list[str]]:
     """
-    Convert a date such as 07/24/2014 to ISO 8601, and note an assumption; the day is first if it
-    cannot be a month.
+    Convert a date at the beginning of a text to ISO 8601, and note assumptions.
+
+    Of two numbers, the first is the month, or on request the day, unless only the other order is a
+    date. Years of two digits, and those of 19.. before there were such instruments, become years of
+    1969 to 2068.
     """
-    if match := _YEAR_FIRST.match(words):
-        return f"{match[1]}-{int(match[2]):02d}-{int(match[3]):02d}", []
-    match = _TWO_NUMBERS_FIRST.match(words)
+    match = next(filter(None, (layout.match(words) for layout in _DATES)), None)
     if match is None:
         return "", [f"date {words[:40]!r} not read"] if words.strip() else []
-    month = int(match[1])
-    day = int(match[2])
-    year = int(match[3]) + (2000 if len(match[3]) == 2 else 0)
+    date = match.groupdict()
+    text = match[0].strip()
     notes = []
-    if month > 12:
-        month, day = day, month
-    elif day <= 12 and month != day:
-        notes = [f"date {match[0].strip()!r}: the month is assumed to be first"]
+    if "name" in date:
+        month = MONTHS.get(date["name"].lower(), 0)
+        day = int(date["day"])
+        if not month:
+            return "", [f"date {words[:40]!r} not read"]
+    elif "first" in date:
+        day, month = (int(date[key]) for key in ("first", "second"))
+        day_first |= date["sign"] == "."
+        if month > 12 or (day <= 12 and not day_first):
+            day, month = month, day
+        if max(day, month) <= 12 and day != month:
+            notes = [f"date {text!r}: the {'day' if day_first else 'month'} is assumed to be first"]
+    else:
+        day, month = int(date["day"]), int(date["month"])
+    year = int(date["year"])
+    if year < 100:
+        year += 1900 if year >= _CENTURY else 2000
+    elif 1900 <= year < _BEFORE_INSTRUMENTS:
+        year += 100
+        notes.append(f"date {text!r}: read as of {year}, from a year of two digits")
     return f"{year}-{month:02d}-{day:02d}", notes
 
 
-def iso_date(words: str, layout: str) -> str:
-    """
-    Convert a date, with its time if present, to ISO 8601; empty if the text has no date of this
-    layout.
-    """
-    match = re.match(layout, words)
-    if match is None:
-        return ""
-    date = match.groupdict(default="")
-    month = date["month"] if date["month"].isdigit() else MONTHS.get(date["month"].lower())
-    if month is None:
-        return ""
-    year = int(date["year"]) + (2000 if len(date["year"]) == 2 else 0)
-    return f"{year}-{int(month):02d}-{int(date['day']):02d}" + (
-        f"T{date['time']:0>8}" if date.get("time") else ""
-    )
+def written_instant(words: str, *, day_first: bool = False) -> tuple[str, list[str]]:
+    """Convert a date, with its time of day if present, as `written_date`."""
+    date, notes = written_date(words, day_first=day_first)
+    if not date:
+        return "", notes
+    layout = next(filter(None, (layout.match(words) for layout in _DATES)))
+    clock = _CLOCK.match(words[layout.end() :])
+    if clock is None:
+        return date, notes
+    return f"{date}T{int(clock[1]):02d}:{clock[2]}:{clock[3] or '00'}", notes
 
 
 def on_its_90(titles: list[str], rows: Rows) -> Iterator[str]:

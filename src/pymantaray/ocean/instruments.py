@@ -16,24 +16,23 @@ from pathlib import Path
 import gsw
 
 from pymantaray.errors import OceanError
-from pymantaray.ocean.convert import parse_instant
+from pymantaray.ocean.convert import parse_instant, vertical_of
 from pymantaray.ocean.instrument_table import (
-    DAY_FIRST,
-    MONTH_NAME_FIRST,
     NUMBER,
     InstrumentTable,
     Lines,
     Rows,
     first_of_each,
-    iso_date,
     known_titles,
-    month_first_date,
+    known_unit,
     number_of,
     numeric_rows,
     on_its_90,
     position_texts,
     scale_column,
     text_after,
+    written_date,
+    written_instant,
 )
 from pymantaray.ocean.itp import ITP_HEADER, read_itp
 from pymantaray.ocean.positions import position_in_text
@@ -137,7 +136,9 @@ def _sea_bird(lines: Lines) -> InstrumentTable:
         r"System UTC\s*=",
         r"System UpLoad Time\s*=",
     ):
-        if time := iso_date(text_after(head, key), MONTH_NAME_FIRST):
+        time, about_time = written_instant(text_after(head, key))
+        if time:
+            notes += about_time
             break
     return InstrumentTable("Sea-Bird", titles, rows, position, time, tuple(notes), names)
 
@@ -193,7 +194,7 @@ def _sippican(lines: Lines) -> InstrumentTable:
     }
     named = re.findall(r"[A-Za-z][A-Za-z ]*?\s*\([^)]*\)", head[-1]) if head else []
     names = [fields[k] for k in sorted(fields)] or named
-    date, notes = month_first_date(text_after(head, r"Date of Launch\s*:"))
+    date, notes = written_date(text_after(head, r"Date of Launch\s*:"))
     clock = re.match(r"\d{1,2}:\d{2}(:\d{2})?", text_after(head, r"Time of Launch\s*:"))
     salinity = NUMBER.search(
         text_after(head, r"Sound velocity derived with assumed salinity\s*:?|Salinity\s*:")
@@ -228,10 +229,12 @@ def _castaway(lines: Lines) -> InstrumentTable:
         len(lines) - 1,
     )
     lat, lon = (text_after(head, rf"Start {axis}\s*,") for axis in ("latitude", "longitude"))
-    time = text_after(head, r"Cast time \(UTC\)\s*,").replace(" ", "T")
+    time, notes = written_instant(text_after(head, r"Cast time \(UTC\)\s*,"))
     names = lines[start].split(",")
     rows = numeric_rows(lines, start + 1, ",")
-    return InstrumentTable("CastAway", known_titles(names), rows, (lat, lon), time, names=names)
+    return InstrumentTable(
+        "CastAway", known_titles(names), rows, (lat, lon), time, tuple(notes), names
+    )
 
 
 def _sections(lines: Lines) -> InstrumentTable:
@@ -263,12 +266,11 @@ def _sections(lines: Lines) -> InstrumentTable:
         ]
     lat, lon = (keys.get(f"gps{axis}") or keys.get(axis, "") for axis in ("latitude", "longitude"))
     stamps = (keys.get(k) for k in ("datastarttime", "datestarttime", "time_stamp", "timestamp"))
-    time = next((s for s in stamps if s), "")
-    notes: list[str] = []
-    if not time and "date" in keys:
-        date, notes = month_first_date(keys["date"])
-        time = f"{date or keys['date']} {keys.get('time', '')}".strip()
-    time = re.sub(r"^(\d{4})[./](\d\d?)[./](\d\d?)", r"\1-\2-\3", time).replace(" ", "T")
+    stamp = next((s for s in stamps if s), "")
+    # Valeport writes the day first
+    time, notes = written_instant(
+        stamp or f"{keys.get('date', '')} {keys.get('time', '')}", day_first=bool(stamp)
+    )
     rows = numeric_rows(lines, start + 1, separator)
     maker = "AML" if aml else "Valeport"
     return InstrumentTable(
@@ -283,10 +285,10 @@ def _valeport_midas(lines: Lines) -> InstrumentTable:
     )
     head = [line.strip() for line in lines[:start]]
     names = [re.sub(r"^([^;]*);(.*)$", r"\1 (\2)", cell) for cell in lines[start].split("\t")]
-    time = iso_date(text_after(head, r"Time Stamp\s*:"), DAY_FIRST)
+    time, notes = written_instant(text_after(head, r"Time Stamp\s*:"), day_first=True)
     rows = numeric_rows(lines, start + 1, "\t")
     return InstrumentTable(
-        "Valeport", known_titles(names), rows, position_texts(head), time, names=names
+        "Valeport", known_titles(names), rows, position_texts(head), time, tuple(notes), names
     )
 
 
@@ -295,8 +297,8 @@ def _valeport_mini(lines: Lines) -> InstrumentTable:
         (i for i, line in enumerate(lines) if line.startswith("Pressure units:")), len(lines) - 1
     )
     head = [line.strip() for line in lines[: start + 1]]
-    metres = text_after(head, "Pressure units:").lower().startswith("m")
-    down = "depth [m]" if metres else "pressure [dbar]"
+    unit = known_unit(text_after(head, "Pressure units:")) or "dbar"
+    down = f"{vertical_of(unit, 'pressure')} [{unit}]"
     model = next(
         (line.split(":")[0] for line in head if re.match(r"(MiniSVP|MiniCTD|RapidSVT?):", line)), ""
     )
@@ -304,10 +306,9 @@ def _valeport_mini(lines: Lines) -> InstrumentTable:
         "RapidSV": [down, "sound_speed [m/s]"],
         "MiniCTD": [down, "temperature [degC]", ""],
     }.get(model, [down, "temperature [degC]", "sound_speed [m/s]"])
-    time = iso_date(text_after(head, r"Now\s*:"), DAY_FIRST)
-    return InstrumentTable(
-        "Valeport", columns, numeric_rows(lines, start + 1, None), position_texts(head), time
-    )
+    time, notes = written_instant(text_after(head, r"Now\s*:"), day_first=True)
+    rows = numeric_rows(lines, start + 1, None)
+    return InstrumentTable("Valeport", columns, rows, position_texts(head), time, tuple(notes))
 
 
 def _rbr(lines: Lines) -> InstrumentTable:
@@ -335,8 +336,8 @@ def _rbr(lines: Lines) -> InstrumentTable:
         scale_column(rows, k, 1.0, -AIR_PRESSURE)
     head = [line.strip() for line in lines[:start]]
     first = next((line for line in lines[start + 1 :] if line.strip()), "")
-    time = re.match(r"\s*(\d{4})[-/](\d\d)[-/](\d\d)[ T](\d\d:\d\d:\d\d)", first)
-    stamp = f"{time[1]}-{time[2]}-{time[3]}T{time[4]}" if time else ""
+    stamp, about_time = written_instant(first.split(separator or "\n")[0], day_first=True)
+    notes += about_time
     return InstrumentTable("RBR", titles, rows, position_texts(head), stamp, tuple(notes), words)
 
 

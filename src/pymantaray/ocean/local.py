@@ -54,8 +54,7 @@ def to_local(
         Half sides (north, east) of the domain around the centre. Default: those of the rectangle of
         largest area inside the window. [m]
     sea_floor : xarray.DataArray, optional
-        From `open_sea_floor`. It is taken if its grid is as fine as the ocean's
-        or finer; otherwise, and by default, the sea floor is where the ocean's levels end. [m]
+        From `open_sea_floor`. By default, the sea floor is where the ocean's levels end. [m]
     equation : str
         Equation of sound speed, see `sound_speed`.
 
@@ -69,8 +68,8 @@ def to_local(
         lengths in the domain), ``time``, ``title``, ``source``, ``synthetic``.
 
         A separate sea floor has its own axes ``(floor_north, floor_east)`` [m] with about the
-        spacing of its file, and levels are added down to its deepest point. If ``sea_floor`` was
-        given, attribute ``sea_floor_source`` says which sea floor is used and why.
+        spacing of its file, or of the ocean if that is finer, and levels are added down to its
+        deepest point. Attribute ``sea_floor_source`` names it.
         ``sea_floor_spacing`` [m] and ``levels_added`` [m] describe it. ``sound_speed_equation``
         names an equation other than TEOS-10.
 
@@ -142,7 +141,7 @@ class LocalGrid:
         """
         finer = None if sea_floor is None else local_floor(sea_floor, window, half)
         added = np.empty(0) if finer is None else levels_to(points.depth, float(finer.max()))
-        return cls(points, window, *_axes(window, half), finer, added, _notes(sea_floor, finer))
+        return cls(points, window, *_axes(window, half), finer, added, _notes(finer))
 
     @property
     def depth(self) -> Array:
@@ -290,17 +289,11 @@ def _along_axes(u: Array, v: Array, bearing: Array) -> tuple[Array, Array]:
     return v * cos - u * sin, v * sin + u * cos
 
 
-def _notes(sea_floor: xr.DataArray | None, finer: xr.DataArray | None) -> dict[str, object]:
-    """Attributes that describe a separate sea floor and its use."""
-    if finer is not None:
-        return {f"sea_floor_{name}": finer.attrs[name] for name in ("source", "spacing")}
-    if sea_floor is None:
+def _notes(finer: xr.DataArray | None) -> dict[str, object]:
+    """Attributes that describe a separate sea floor."""
+    if finer is None:
         return {}
-    name = sea_floor.attrs.get("source", "sea_floor")
-    return {
-        "sea_floor_source": f"deepest wet levels of the ocean, because the grid of {name} is"
-        " coarser"
-    }
+    return {f"sea_floor_{name}": finer.attrs[name] for name in ("source", "spacing")}
 
 
 def _attrs(standard_name: str, units: str) -> dict[str, str]:

@@ -21,6 +21,7 @@ from pymantaray.messages import one_line
 from pymantaray.ocean.convert import is_our_unit, is_unit_of, to_our_unit
 from pymantaray.ocean.files import file_name, numbers, open_file, text
 from pymantaray.ocean.schema import layer_edges
+from pymantaray.ocean.sea_floor_water import SIGN_REMEDY, in_water, sea_floor_notes
 from pymantaray.ocean.window import GeographicWindow, Window, checked_window, select
 
 MAX_FLOOR_NODES = 1_000_000
@@ -28,15 +29,17 @@ MAX_FLOOR_NODES = 1_000_000
 Maximum number of nodes of a finer sea floor in the local frame; a larger spacing replaces that of a
 larger file.
 """
-_SAME_SPACING = 1.01  # ratio of spacings up to which a file is not coarser than the ocean's grid
 _MIN_CELLS = 2  # on either side of the centre
 MAX_POINTS = 40_000_000
 """Maximum number of grid points to read from a file: 320 MB in double precision."""
 _MAX_NODES = (
     16_000_000  # latitudes times longitudes onto which a file in a map projection is interpolated
 )
+_SAME_SPACING = 1.01  # ratio of spacings up to which a file is not coarser than the ocean's grid
 _DEEPEST = 11_100.0  # m; beyond these a fill value or a unit is wrong
 _HIGHEST = 9_000.0
+_GAP_FILL = 9_999.0  # m; a depth or height of exactly this without similar ones is a gap
+_SIMILAR = 100.0  # m
 _DEGREE = 111_195.0  # m, of latitude on the mean sphere
 _DOWN = (
     "sea_floor_depth_below_sea_surface",
@@ -153,13 +156,12 @@ def nearest_wet_columns(
 
 def local_floor(
     sea_floor: xr.DataArray, window: Window, half_extent: tuple[float, float]
-) -> xr.DataArray | None:
+) -> xr.DataArray:
     """
     Interpolate the sea floor of a file bilinearly to a regular grid of the local frame with about
-    the spacing of the file.
+    the spacing of the file, or of the window if that is finer.
 
-    The result is None if the file's grid is coarser than the ocean's, by the area of a cell at the
-    frame's centre. If the file's spacing requires more than `MAX_FLOOR_NODES` nodes, the grid has a
+    If the spacing requires more than `MAX_FLOOR_NODES` nodes, the grid has a
     larger spacing and the function first averages the file over this spacing. The attribute
     ``source`` records this; ``spacing`` is that of the file, north and east. [m]
     """
@@ -170,8 +172,10 @@ def local_floor(
         )
     theirs = Window(sea_floor["lat"].values, sea_floor["lon"].values, window.frame)
     spacing = theirs.native_spacing()
-    if np.sqrt(np.prod(spacing)) > _SAME_SPACING * np.sqrt(np.prod(window.native_spacing())):
-        return None
+    step = spacing
+    native = window.native_spacing()
+    if np.sqrt(np.prod(spacing)) > _SAME_SPACING * np.sqrt(np.prod(native)):  # a coarser file
+        step = (min(spacing[0], native[0]), min(spacing[1], native[1]))
     name = str(sea_floor.attrs.get("source", "sea_floor"))
     if not theirs.holds(*half_extent):
         lat = theirs.lat
@@ -184,8 +188,7 @@ def local_floor(
     wider = 1.0
     while True:
         cells = [
-            max(_MIN_CELLS, round(h / (wider * s)))
-            for h, s in zip(half_extent, spacing, strict=True)
+            max(_MIN_CELLS, round(h / (wider * s))) for h, s in zip(half_extent, step, strict=True)
         ]
         if np.prod([2.0 * n + 1.0 for n in cells]) <= MAX_FLOOR_NODES:
             break
@@ -193,7 +196,7 @@ def local_floor(
     north, east = (np.linspace(-h, h, 2 * n + 1) for h, n in zip(half_extent, cells, strict=True))
     depth = np.asarray(sea_floor.values, dtype=float)
     source = f"{name}, {spacing[0]:.0f} m by {spacing[1]:.0f} m"
-    points = 2 * (int(0.5 * wider)) + 1
+    points = 2 * int(0.5 * wider * min(step[0] / spacing[0], step[1] / spacing[1])) + 1
     if points > 1:
         depth = ndimage.uniform_filter(depth, points, mode="nearest")
     if wider > 1.0:
@@ -203,11 +206,13 @@ def local_floor(
         )
     bilinear = linear_interpolator((theirs.lat, theirs.lon), depth)
     nodes = bilinear(np.stack(theirs.geographic(north[:, None], east[None, :]), axis=-1))
+    if nodes.max() <= 0.0:
+        raise OceanError(f"{name}: is land in the whole domain; {SIGN_REMEDY}")
     return xr.DataArray(
         np.clip(nodes, depth.min(), depth.max()),
         {"floor_north": north, "floor_east": east},
         ("floor_north", "floor_east"),
-        attrs={"source": source, "spacing": list(spacing)},
+        attrs={"source": source, "spacing": list(spacing), "notes": sea_floor_notes(sea_floor)},
     )
 
 
@@ -226,7 +231,11 @@ def levels_to(depth: Array, deepest: float) -> Array:
 
 
 def open_sea_floor(
-    path: str | Path, *, window: GeographicWindow | None = None, crs: str | None = None
+    path: str | Path,
+    *,
+    window: GeographicWindow | None = None,
+    crs: str | None = None,
+    ocean: xr.Dataset | None = None,
 ) -> xr.DataArray:
     """
     Depth of the sea floor from a NetCDF file.
@@ -246,33 +255,42 @@ def open_sea_floor(
     crs : str, optional
         Coordinate reference system of a file on projected axes without this information, such as
         ``"EPSG:3996"`` for IBCAO's grids.
+    ocean : xarray.Dataset, optional
+        A valid ocean whose water the sea floor must hold. Where the file has no depth and the ocean
+        has water, the depth is interpolated from the points around the gap.
 
     Returns
     -------
     xarray.DataArray, shape (lat, lon)
         Depth, positive down, 0 on land; latitudes and longitudes increase. It includes the points
-        around the window if the file has them. The attribute ``source`` contains file and variable.
-        [m]
+        around the window if the file has them. The attribute ``source`` contains file and variable,
+        ``notes`` missing values and differences from the water of the ocean. [m]
 
     Raises
     ------
     OceanError
         If the file cannot be read, contains no such variable or several, does not cover the window,
-        lacks values in it, or is in an unknown projection.
+        lacks values in it, is in an unknown projection, or is land in most of the ocean's water.
 
     Notes
     -----
     The function does not distinguish heights above mean sea level, the geoid and the sea surface:
     they differ by up to 2 m, less than the vertical error of these grids. A height above the
     ellipsoid would differ by up to 100 m. GEBCO's standard name denotes this height, but its long
-    name denotes sea level, which is correct. A missing depth is land, as in models; a missing
-    height raises an error.
+    name denotes sea level, which is correct. Without an ocean, a missing depth is land, as in
+    models. A missing height raises an error.
     """
     with open_file(path) as data:
         field = _field_of(data)
         lat, lon, values = field.on_geographic(window, crs)
+        name = f"{file_name(data)}: {field.name}"
+        depth = _downward(values, field)
+        missing = int(np.count_nonzero(np.isnan(depth)))
+        notes = [f"no value at {missing} of {depth.size} points: land"] if missing else []
+        if ocean is not None:
+            depth, notes = in_water(depth, lat, lon, ocean, name)
         return xr.DataArray(
-            _downward(values, field),
+            np.nan_to_num(depth),
             coords={
                 "lat": ("lat", lat, {"standard_name": "latitude", "units": "degrees_north"}),
                 "lon": ("lon", lon, {"standard_name": "longitude", "units": "degrees_east"}),
@@ -283,7 +301,8 @@ def open_sea_floor(
                 "standard_name": "sea_floor_depth_below_sea_surface",
                 "units": "m",
                 "positive": "down",
-                "source": f"{file_name(data)}: {field.name}",
+                "source": name,
+                "notes": tuple(f"{name}: {note}" for note in notes),
             },
         )
 
@@ -524,7 +543,8 @@ def _reach(axis: Array, values: Array) -> slice:
 
 
 def _downward(values: Array, field: HorizontalField) -> Array:
-    """Depth, positive down, 0 on land and where a depth is missing."""
+    """Depth, positive down, 0 on land, NaN where a depth is missing."""
+    values = _without_gap_fill(values)
     name = f"{file_name(field.data)}: {field.name}"
     positive = field.positive
     finite = values[np.isfinite(values)]
@@ -549,4 +569,13 @@ def _downward(values: Array, field: HorizontalField) -> Array:
             f"{name} has no value at {missing} of {depth.size} points of the window; choose a"
             " window without gaps"
         )
-    return np.where(np.isnan(depth), 0.0, np.maximum(depth, 0.0))
+    return np.maximum(depth, 0.0)
+
+
+def _without_gap_fill(values: Array) -> Array:
+    """NaN where a value is 9999 or -9999 without similar ones, which is an undeclared gap."""
+    size = np.abs(values)
+    gap = size == _GAP_FILL
+    if not gap.any() or np.any(np.abs(size[~gap] - _GAP_FILL) < _SIMILAR):
+        return values
+    return np.where(gap, np.nan, values)

@@ -4,10 +4,15 @@ import signal
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from types import FrameType
 
 handled = threading.Event()
 """Set once Python runs the handler of a stop request."""
+requested: list[int] = []
+"""Signals for which the handler raised an exception."""
+unfinished: set[Path] = set()
+"""Temporary files to remove if a stop request ends the process at once."""
 _DEFERRED: list[int] = []
 
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from pymantaray.errors import RecordError, WriteError
-from pymantaray.records.stops import deferred_stops
+from pymantaray.records.stops import deferred_stops, unfinished
 from pymantaray.user_files import check_regular, exists
 
 if TYPE_CHECKING:
@@ -59,6 +59,7 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
     temporary = path.with_name(f".{path.name[:50]}.{secrets.token_hex(8)}.part")
     try:
         _check_target(path, replace=replace)
+        unfinished.add(temporary)
         os.close(
             os.open(
                 temporary,
@@ -77,6 +78,7 @@ def whole_file(path: Path | str, *, replace: bool = True) -> Iterator[Path]:
         finally:
             with suppress(OSError):
                 temporary.unlink(missing_ok=True)
+            unfinished.discard(temporary)
     except (OSError, ValueError) as error:  # a name with a null character is a ValueError
         raise WriteError(
             f"{path}: cannot be written: {getattr(error, 'strerror', None) or error}"

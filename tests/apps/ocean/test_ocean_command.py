@@ -427,19 +427,32 @@ def test_profiles_are_shown_without_a_sea_bed(mantaray, tmp_path, monkeypatch):
     ]
 
 
-def test_check_and_show_take_the_first_of_two_instants(mantaray, tmp_path, ocean_file):
+def test_check_show_and_plot_open_a_climatology_without_currents(mantaray, tmp_path, ocean_file):
+    """Of two instants, all take the first; the second is colder by 2 degC."""
     with xr.open_dataset(ocean_file) as one:
-        days = [one.load().assign_coords(time=np.datetime64(f"2014-07-{day}")) for day in (15, 16)]
-    both = xr.concat(days, "time")
-    both["time"].attrs["standard_name"] = "time"
-    both.to_netcdf(tmp_path / "two.nc")
-    for command in ("check", "show"):
-        done = mantaray("ocean", command, tmp_path / "two.nc")
-        assert done.code == 0
-        assert (
-            "times       2; this is the first, --time selects another\n2014-07-15T00:00"
-            " 2014-07-16T00:00" in done.out
-        )
+        first = one.load().drop_vars(["water_u", "water_v"])
+    colder = first.assign(water_temp=first["water_temp"] - 2.0)
+    both = xr.concat(
+        [
+            data.assign_coords(time=np.datetime64(f"2014-0{month}-15"))
+            for data, month in ((first, 1), (colder, 7))
+        ],
+        "time",
+    )
+    both["time"].attrs |= {"standard_name": "time", "climatology": "bounds"}
+    path = tmp_path / "two.nc"
+    both.to_netcdf(path)
+    line = "times       2; this is the first, --time selects another\n2014-01-15T00:00 2014-07-15"
+    check = mantaray("ocean", "check", path)
+    show = mantaray("ocean", "show", path)
+    plot = mantaray("ocean", "plot", path, "--out", tmp_path / "figures")
+    assert (check.code, show.code, plot.code) == (0, 0, 0), plot.err
+    assert line in check.out
+    assert line in show.out
+    assert line in plot.err
+    assert "currents at rest" in check.out
+    assert f"{float(first['water_temp'].max()):.4g}"[:4] in show.out
+    assert mantaray("ocean", "correct", path, path, tmp_path / "new.nc").code == 2  # needs currents
 
 
 def test_a_range_in_another_form_names_its_own(mantaray, tmp_path):

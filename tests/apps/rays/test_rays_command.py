@@ -314,7 +314,7 @@ TABLES = {
     "far.csv": HEAD.replace("north", "lat").replace("east", "lon") + "\nA,94,0,20,74,0.1,500,1",
     "inf.csv": f"{HEAD}\nE,inf,0,1,2,3,4,5\n",
     "binary.csv": "\0\1",
-    "falls.csv": "depth,sound_speed\n0,1500\n10,1500\n5,1500\n",
+    "rising.csv": "depth,sound_speed\n-10,1500\n-20,1500\n",
     "holes.csv": "depth,sound_speed\n0,1500\n10,\n",
     "km.csv": "depth,sound_speed\n0,1.5\n10,1.6\n",
     "salty.csv": "depth,salinity\n0,35\n10,35\n",
@@ -365,14 +365,14 @@ REFUSED = {  # what follows `mantaray rays`, with W for a profile that is good; 
         "--cutoff-db is nan; it must be a positive number of decibels, or none"
     ),
     "times links.csv out.csv W --tolerance 0": "--tolerance is 0 m; it must be finite and positive",
-    "times links.csv out.csv --profile falls.csv --bathymetry 9": (
-        "falls.csv, line 4: depth is 5 after 10"
+    "times links.csv out.csv --profile rising.csv --bathymetry 9": (
+        "rising.csv: depth is -20 to -10 m; it must be positive down"
     ),
     "times links.csv out.csv --profile holes.csv --bathymetry 9": (
-        "holes.csv, line 3: sound_speed is ''; it must be a number"
+        r"holes.csv: 1 usable levels; .* \(1 of 2 rows dropped: with a missing value\)"
     ),
     "times links.csv out.csv --profile km.csv --bathymetry 9": (
-        "km.csv: sound_speed: 1.5 to 1.6 m/s; it must be 1000 to 2500"
+        "km.csv: sound_speed is 1.5 to 1.6; allowed: 1300 to 1800 m/s; name the unit"
     ),
     "times links.csv out.csv --profile salty.csv --bathymetry 9": (
         "no column sound_speed; the columns are depth, salinity"

@@ -41,6 +41,7 @@ if TYPE_CHECKING:
     from pymantaray.acoustics.profiles import Profile
     from pymantaray.config.build.ocean import MissionOcean
     from pymantaray.ocean.check import Findings
+    from pymantaray.ocean.open import CurrentsPolicy
     from pymantaray.ocean.schema import Finding
 
 SHOWS_RESULTS = True
@@ -146,11 +147,7 @@ def check(
         raise OceanError("no ocean; name one, or give a study with --study")
     note = ""
     if study is None:
-        ocean = _configured(files or [], water)
-        times = _times(ocean)
-        if ocean.time is None and len(times) > 1:
-            note = f"times       {_first_of(times)}"
-            ocean = ocean.at(times[0])
+        ocean, _, note = _at_one_instant(_configured(files or [], water, currents="rest"))
         findings = _checked(ocean)
         if findings.ok and water.own_keys:
             findings = Findings([*_refusals(files or [], water), *findings])
@@ -185,12 +182,14 @@ def check(
         raise typer.Exit(EXIT_WRONG)
 
 
-def _configured(words: list[str], options: GridOptions) -> "MissionOcean":
-    """An ocean, which must have currents unless an option sets them to rest."""
+def _configured(
+    words: list[str], options: GridOptions, *, currents: "CurrentsPolicy" = "required"
+) -> "MissionOcean":
+    """An ocean; whether it must have currents, unless an option says so."""
     from pymantaray.config.build.ocean import build_mission_ocean
     from pymantaray.config.build.water import configuration_of
 
-    return build_mission_ocean(configuration_of(words, {"currents": "required"} | options.keys))
+    return build_mission_ocean(configuration_of(words, {"currents": currents} | options.keys))
 
 
 def _refusals(words: list[str], options: WaterOptions) -> "list[Finding]":
@@ -199,7 +198,7 @@ def _refusals(words: list[str], options: WaterOptions) -> "list[Finding]":
     from pymantaray.ocean.schema import Finding
 
     try:
-        open_water(words, **{"currents": "required"} | options.keys)
+        open_water(words, **{"currents": "rest"} | options.keys)
     except MantaRayError as error:
         return [Finding("wrong", "water", in_options(str(error)))]
     return []
@@ -234,10 +233,11 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     Print extent, levels, time, ranges of each variable and history of an ocean, or the levels of
     profiles.
     """
+    from pymantaray.ocean.sea_floor_water import sea_floor_notes
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
 
-    own = _configured(files, water)
+    own = _configured(files, water, currents="rest")
     with printer(as_json=as_json, to=to) as out:
         if own.in_metres:
             table = own.open().region.reset_index()
@@ -246,15 +246,18 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
         if own.is_profile and not own.has_sea_floor:
             _show_profiles(own.profiles(), out)
             return
-        times = _times(own)
+        own, times, note = _at_one_instant(own)
         out.add(times=[str(t)[:16] for t in times])
-        if own.time is None and len(times) > 1:
-            out.line(f"times       {_first_of(times)}\n")
-            own = own.at(times[0])
+        if note:
+            out.line(f"{note}\n")
         ocean, floor = own.in_domain()
         facts = ocean_facts(ocean, floor)
         for name, text in facts.items():
             out.line(f"{name:<11} {text}")
+        notes = sea_floor_notes(floor)
+        for note in notes:
+            out.line(f"note: {note}")
+        out.add(notes=list(notes))
         region = region_table(ocean, equation=own.equation, sea_floor=floor).iloc[:, 0].to_dict()
         out.add(title=facts["title"], region=region)
         variables = variable_table(ocean, own.equation).reset_index()
@@ -267,18 +270,22 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
         out.add(history=history.splitlines())
 
 
-def _times(own: "MissionOcean") -> "Sequence[np.datetime64]":
-    """Known instants of an ocean; none for a profile."""
+def _at_one_instant(
+    own: "MissionOcean",
+) -> "tuple[MissionOcean, Sequence[np.datetime64], str]":
+    """
+    An ocean at its own time, or at the first of several instants; all its known instants, and a
+    line about the choice.
+    """
     try:
-        return own.instants()
+        times = own.instants()
     except OceanError:
-        return []  # the command itself reports it
-
-
-def _first_of(times: "Sequence[np.datetime64]") -> str:
-    """Line about the choice of the first of several instants."""
+        times = []  # the command itself reports it
+    if own.time is not None or len(times) < 2:
+        return own, times, ""
     listed = " ".join(str(t)[:16] for t in times)
-    return f"{len(times)}; this is the first, --time selects another\n{listed}"
+    note = f"times       {len(times)}; this is the first, --time selects another\n{listed}"
+    return own.at(times[0]), times, note
 
 
 def _show_profiles(profiles: "Sequence[Profile]", out: "Printer") -> None:
@@ -360,7 +367,10 @@ def plot(
     """Draw the spread of profiles, sections, a map with currents, and the sea floor."""
     from pymantaray.apps.ocean import write_ocean_plots
 
-    ocean, floor = _configured(files, water).in_domain()
+    own, _, note = _at_one_instant(_configured(files, water, currents="rest"))
+    if note:
+        typer.echo(note, err=True)
+    ocean, floor = own.in_domain()
     with progress_bars(quiet=quiet) as progress:
         paths = write_ocean_plots(
             ocean, out, depth=depth, place=at, sea_floor=floor, progress=progress

@@ -39,6 +39,7 @@ from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.internal_tide import with_internal_tide
 from pymantaray.ocean.open import Source
 from pymantaray.ocean.schema import reading_notes
+from pymantaray.ocean.sea_floor_water import sea_floor_notes
 from pymantaray.ocean.summary import columns_spread, profile_region, profile_spread
 from pymantaray.ocean.varying import series_of
 from pymantaray.user_files import exists
@@ -240,7 +241,10 @@ def build_ocean(
         profile=profile,
         region=region_table(geographic, equation=section.equation, profile=whole),
         series=series,
-        notes=tuple(f"{geographic.attrs['title']}: {line}" for line in reading_notes(geographic)),
+        notes=(
+            *(f"{geographic.attrs['title']}: {line}" for line in reading_notes(geographic)),
+            *sea_floor_notes(sea_floor),
+        ),
     )
 
 
@@ -318,7 +322,9 @@ def build_sea_floor(section: OceanSection, geographic: xr.Dataset) -> xr.DataArr
     if bed is None:
         return None
     if isinstance(bed, str):
-        return open_sea_floor(bed, window=window_of(geographic), crs=section.bathymetry_crs)
+        return open_sea_floor(
+            bed, window=window_of(geographic), crs=section.bathymetry_crs, ocean=geographic
+        )
     flat = xr.full_like(geographic["water_temp"].isel(depth=0, drop=True), bed)
     return flat.rename("sea_floor_depth").assign_attrs(units="m", source="one depth")
 

@@ -23,6 +23,7 @@ from pymantaray.ocean import Cast, cast_ocean, open_sea_floor, with_ice, with_ro
 from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.local import assemble_local
 from pymantaray.ocean.sea_floor import local_floor
+from pymantaray.ocean.sea_floor_water import sea_floor_notes
 from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.ocean.window import Window
 
@@ -134,6 +135,8 @@ def uniform_water(
     }
     record["bottom_depth_m"] = deepest
     notes = [*profile.notes, *levels.notes, *_reach_notes(profile, deepest)]
+    if isinstance(floor, xr.DataArray):
+        notes += _floor_notes(floor, profile)
     return UniformWater(profile, local, record, tuple(f"{where}: {note}" for note in notes))
 
 
@@ -223,13 +226,20 @@ def _sea_floor(
     lat, lon = frame.to_geodetic(*np.meshgrid(*([-1.1 * h, 1.1 * h] for h in half), indexing="ij"))
     box = float(lat.min()), float(lat.max()), float(lon.min()), float(lon.max())
     coarse = Window(np.array(box[:2]), np.array(box[2:]), frame)
-    floor = local_floor(open_sea_floor(bed, window=box, crs=section.bathymetry_crs), coarse, half)
-    if floor is None:
-        raise OceanError(
-            f"{bed}: its grid is coarser than the domain of +-{half[0]:g} by +-{half[1]:g} m; give"
-            " one depth in metres"
+    sea_floor = open_sea_floor(bed, window=box, crs=section.bathymetry_crs)
+    return local_floor(sea_floor, coarse, half)
+
+
+def _floor_notes(floor: xr.DataArray, profile: Profile) -> list[str]:
+    """Doubts about a sea bed from a file: missing values, and land in the middle of the domain."""
+    notes = list(sea_floor_notes(floor))
+    middle = float(floor.sel(floor_north=0.0, floor_east=0.0, method="nearest"))
+    if middle <= 0.0:
+        notes.append(
+            f"{floor.attrs['source']}: land at the centre, where the profile has water down to"
+            f" {profile.depth[-1]:g} m; check centre, sign and unit"
         )
-    return floor
+    return notes
 
 
 def _reach_notes(profile: Profile, bottom: float) -> list[str]:
