@@ -130,7 +130,9 @@ def test_rows_are_sorted_and_a_time_that_comes_twice_counts_once():
     order = [3, 0, 4, 1, 2, 2]
     tracks = Tracks.of([poses(time=TIME[order], place=PLACE[order])])
     np.testing.assert_array_equal(tracks.poses[0].place, PLACE)
-    assert tracks.notes == ("mission.csv: A: 1 poses at repeated times dropped",)
+    assert tracks.notes[0].startswith("mission.csv, pose 1: A: time ")
+    assert tracks.notes[0].endswith("rows sorted by time (2 falls)")
+    assert tracks.notes[1:] == ("mission.csv: A: 1 poses at repeated times dropped",)
 
 
 def test_a_depth_sensor_may_be_a_little_above_the_surface():
@@ -212,7 +214,7 @@ IMPOSSIBLE = {
     "pose 2 has a position that is not finite": (
         lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))]
     ),
-    "latitude is 95; it must be -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
+    "position is 95, 95; latitude must be -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
     "depth -5.1 m is above the surface; .*change the sign": (
         lambda: [poses(place=PLACE - [0, 0, 8.1])]
     ),

@@ -340,7 +340,7 @@ def test_a_table_of_mostly_unreadable_rows_is_refused_in_one_line(campaign, tmp_
     bad = [row.replace("yes", "perhaps") for row in rows[: len(rows) // 2]]
     pings.write_text("\n".join([head, *bad, *rows[len(rows) // 2 :]]) + "\n")
     message = (
-        f"line 2: use is 'perhaps'; allowed: .* .{len(bad)} of {len(rows)} lines cannot be read"
+        f"line 2: use is 'perhaps'; allowed: .* .{len(bad)} of {len(rows)} lines: not readable"
     )
     refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
 
