@@ -296,6 +296,7 @@ class _TrajectoryReader:
             who=name,
             stated_degrees=bool(text(self._data.variables[self._names["latitude"][0]], "units")),
         )
+        positions.refuse_most(int(keep.sum()))
         self._notes += positions.notes
         lat[rows[~keep]] = np.nan
         lon[rows[~keep]] = np.nan

@@ -372,6 +372,7 @@ def _possible(p: Poses, notes: list[str]) -> Poses:
         who=p.name,
         stated_degrees=p.stated_degrees,
     )
+    rows.refuse_most(int(keep.sum()))
     notes += rows.notes
     if keep.all() and order is None:
         return p

@@ -8,6 +8,7 @@ pass midnight without a date. Longitudes may be in any turn. A plausible track i
 """
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -39,7 +40,11 @@ _USUAL = 0.25  # quantile of the speeds of a track, of which two per gross row a
 _FEWEST = 4  # rows that are judged
 _LARGEST_PART = 0.2  # of the rows that may be out of reach
 _MOST_PARTS = 2000  # of a track between jumps
-_FAR = 10_000.0  # m; a longer jump is never the correction of dead reckoning
+_JUMP_COST = 1.5  # rows
+_FAR_SHARE = 0.1  # of all rows
+FAR = 10_000.0
+"""A longer jump is never the correction of dead reckoning. [m]"""
+_FARTHEST = 100_000.0  # m; between any two pings of a survey
 _RADIANS = (0.5 * np.pi, np.pi)
 _SLOW = (3e-3, 0.15)  # m/s; speeds of vehicles whose radians are read as degrees
 _DAY = 86_400.0  # s
@@ -150,8 +155,7 @@ def _out_of_reach(
     Rows in order of time that cannot be reached from the others, and jumps without a return.
 
     A step may be as long as its duration at five times the usual speed, or at the stated one if
-    that is faster, and 100 m longer. The rows in reach are the largest chain of parts whose ends
-    are in reach of each other.
+    that is faster, and 100 m longer.
     """
     if time.size < _FEWEST:
         return {}, []
@@ -166,76 +170,66 @@ def _out_of_reach(
     breaks = np.flatnonzero(~(length <= _SLACK + limit * duration))
     if not breaks.size or breaks.size > _MOST_PARTS:
         return {}, []
-    starts = np.append(0, breaks + 1)
-    ends = np.append(breaks, time.size - 1)
-    chain = _largest_chain(time, position, starts, ends, limit, geographic=geographic)
+    last = time.size - 1
+    parts = _Parts(time, position, geographic, np.append(0, breaks + 1), np.append(breaks, last))
+    chain = parts.chain(limit)
     words: dict[int, str] = {}
-    jumps = [
-        Jump(int(starts[j]), *_step(time, position, int(ends[i]), int(starts[j]), geographic))
-        for i, j in zip(chain[:-1], chain[1:], strict=True)
-        if not _in_reach(time, position, int(ends[i]), starts[j : j + 1], limit, geographic)[0]
-    ]
-    for part in sorted(set(range(starts.size)) - set(chain)):
-        first, last = int(starts[part]), int(ends[part])
+    for part in sorted(set(range(parts.starts.size)) - set(chain)):
         before = [k for k in chain if k < part]
-        near, other = (first, int(ends[before[-1]])) if before else (last, int(starts[chain[0]]))
-        metres, seconds = _step(time, position, near, other, geographic)
-        is_at_end = not before or before[-1] == chain[-1]
-        if is_at_end and last > first and metres < _FAR:
-            jumps.append(Jump(max(near, other), metres, seconds))
-            continue
-        fast = f"{1e-3 * metres:,.3g} km away from that {seconds:g} s before or after"
-        words |= dict.fromkeys(range(first, last + 1), fast)
+        step = parts.step(before[-1], part) if before else parts.step(part, chain[0])
+        apart = f"{1e-3 * step.distance:,.3g} km away from that {step.duration:g} s"
+        apart = f"{apart} {'before' if before else 'after'}"
+        words |= dict.fromkeys(range(int(parts.starts[part]), int(parts.ends[part]) + 1), apart)
     if len(words) > max(1.0, _LARGEST_PART * time.size):
-        first = min(words)
-        other = first - 1 if first else max(set(range(time.size)) - set(words))
-        return {}, [Jump(max(first, 1), *_step(time, position, first, other, geographic))]
-    return words, jumps
+        widest = int(np.argmax(length[breaks]))
+        return {}, [parts.step(widest, widest + 1)]
+    steps = [parts.step(i, j) for i, j in pairwise(chain)]
+    return words, [step for step in steps if step.distance > _SLACK + limit * step.duration]
 
 
-def _step(
-    time: Array, position: Array, first: int, second: int, geographic: bool
-) -> tuple[float, float]:
-    """Distance [m] and time [s] between two rows."""
-    metres = distances(position[first], position[second], geographic=geographic)
-    return float(metres), abs(float(time[first] - time[second]))
+class _Parts(NamedTuple):
+    """Parts of a track between steps that are too long, by their first and last rows."""
 
+    time: Array
+    position: Array
+    geographic: bool
+    starts: NDArray[np.intp]
+    ends: NDArray[np.intp]
 
-def _in_reach(
-    time: Array,
-    position: Array,
-    row: int,
-    others: NDArray[np.intp],
-    limit: float,
-    geographic: bool,
-) -> Mask:
-    metres = distances(position[row], position[others], geographic=geographic)
-    return np.asarray(metres <= _SLACK + limit * np.abs(time[others] - time[row]))
+    def step(self, first: int, second: int) -> Jump:
+        """Step from the end of one part to the start of another."""
+        end, start = int(self.ends[first]), int(self.starts[second])
+        metres = distances(self.position[end], self.position[start], geographic=self.geographic)
+        return Jump(start, float(metres), float(self.time[start] - self.time[end]))
 
+    def chain(self, limit: float) -> list[int]:
+        """
+        Parts with the most rows, where a jump between two of them costs rows.
 
-def _largest_chain(
-    time: Array,
-    position: Array,
-    starts: NDArray[np.intp],
-    ends: NDArray[np.intp],
-    limit: float,
-    *,
-    geographic: bool,
-) -> list[int]:
-    """Parts of the chain with most rows, each in reach of the one before."""
-    size = ends - starts + 1
-    best = size.astype(float)
-    before = np.full(starts.size, -1)
-    for j in range(1, starts.size):
-        reach = _in_reach(time, position, int(starts[j]), ends[:j], limit, geographic)
-        if reach.any():
-            options = np.where(reach, best[:j], -np.inf)
-            before[j] = int(np.argmax(options))
-            best[j] += options[before[j]]
-    chain = [int(np.argmax(best))]
-    while before[chain[-1]] >= 0:
-        chain.append(int(before[chain[-1]]))
-    return chain[::-1]
+        A jump costs 1.5 rows, so that one or two wrong rows are left out and a correction of dead
+        reckoning is not. A jump of more than 10 km costs 1 row and a tenth of all rows.
+        """
+        size = (self.ends - self.starts + 1).astype(float)
+        far_cost = 1.0 + _FAR_SHARE * self.time.size
+        best = size.copy()
+        before = np.full(size.size, -1)
+        for j in range(1, size.size):
+            start = int(self.starts[j])
+            ends = self.ends[:j]
+            metres = distances(
+                self.position[start], self.position[ends], geographic=self.geographic
+            )
+            reach = _SLACK + limit * (self.time[start] - self.time[ends])
+            cost = np.where(metres < FAR, _JUMP_COST, far_cost)
+            gain = best[:j] - np.where(metres <= reach, 0.0, cost)
+            i = int(np.argmax(gain))
+            if gain[i] > 0.0:
+                before[j] = i
+                best[j] += gain[i]
+        chain = [int(np.argmax(best))]
+        while before[chain[-1]] >= 0:
+            chain.append(int(before[chain[-1]]))
+        return chain[::-1]
 
 
 class PositionRows:
@@ -282,8 +276,8 @@ class PositionRows:
         """
         True for the rows of one vehicle with possible positions; the others are noted.
 
-        Positions in radians, and in a track a jump of more than 10 km without a return, raise an
-        error.
+        Positions in radians raise an error, and so does a jump without a return of more than 10 km
+        in a track or 100 km in a survey.
         ``stated_degrees`` is True if the file states the unit.
         """
         named = f"{who}: " if who else ""
@@ -294,11 +288,10 @@ class PositionRows:
         for row, reason in reasons.items():
             self._invalid.add(self._source, int(line[row]), f"{named}{reason}")
             keep[row] = False
-        self._invalid.refuse_most(int(np.count_nonzero(keep)), self._error)
         for jump in jumps:
             at = f"{self._source}, {self._noun} {line[jump.row]}: {named}the position"
             step = f"{1e-3 * jump.distance:,.3g} km in {jump.duration:g} s"
-            if jump.distance > _FAR and self._fastest < FASTEST_PLATFORM:
+            if jump.distance > (FAR if self._fastest < FASTEST_PLATFORM else _FARTHEST):
                 raise self._error(
                     f"{at} changes by {step} and does not return; correct or remove the wrong rows"
                 )
@@ -311,6 +304,10 @@ class PositionRows:
                 " degrees"
             )
         return keep
+
+    def refuse_most(self, valid: int) -> None:
+        """Raise an error for the first row if at least as many rows are left out as are valid."""
+        self._invalid.refuse_most(valid, self._error)
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -342,27 +339,37 @@ def looks_like_radians(time: Array, position: Array) -> bool:
 
 
 def order_of_times(
-    time: Array, where: Callable[[int], str], error: type[MantaRayError], *, dated: bool
+    time: Array,
+    where: Callable[[int], str],
+    error: type[MantaRayError],
+    *,
+    dated: bool,
+    blocks: bool = False,
 ) -> tuple[NDArray[np.intp] | None, str | None]:
     """
     Order of rows in time and a note about it; None for both if times do not decrease.
 
     A fall of more than half a day between times of day (seconds from 0 to 86400 without a date)
-    raises an error, because midnight may lie between them.
+    raises an error, because midnight may lie between them. With ``blocks``, only whole files behind
+    each other may be out of order: a single row raises an error.
     """
     falls = np.flatnonzero(np.diff(time) < 0.0)
     if not falls.size:
         return None, None
+    starts = np.append(0, falls + 1)
+    is_one_row = np.diff(starts, append=time.size) == 1
     row = int(falls[0]) + 1
     line = f"{where(row)}: time {time[row]:.10g} s is before that of the row above,"
     line += f" {time[row - 1]:.10g} s"
     deepest = float(np.diff(time).min())
-    if not dated and 0.0 <= time.min() and time.max() <= _DAY and deepest < -0.5 * _DAY:
+    if not dated and time.min() >= 0.0 and time.max() <= _DAY and deepest < -0.5 * _DAY:
         row = int(np.argmin(np.diff(time))) + 1
         raise error(
             f"{where(row)}: time falls from {time[row - 1]:.10g} to {time[row]:.10g} s, as from one"
             " day to the next; write dates, or add 86400 s after midnight"
         )
+    if blocks and is_one_row.any():
+        raise error(f"{line}; times must not decrease; correct them, or sort the rows")
     note = f"{line}; rows sorted by time ({counted(falls.size, 'fall')})"
     return np.argsort(time, kind="stable"), note
 

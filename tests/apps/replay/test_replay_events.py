@@ -76,7 +76,7 @@ BAD = {
         HEAD,
         ROW.replace(",B,", ",A,"),
     ),
-    "latitude in -90 to 90": (HEAD, ROW.replace(",72,", ",720,")),
+    "line 2: A: position is 720, -145; latitude must be -90 to 90": (HEAD, ROW.replace(",72,", ",720,")),
     "line 2: sigma is 'small'; it must be a number or an empty cell": (
         f"{HEAD},sigma",
         f"{ROW},small",
@@ -98,7 +98,7 @@ def test_what_is_no_event_is_refused_by_its_line(tmp_path, message):
     "bad", [ROW[:40], ROW.replace("1.6", "soon"), ROW.replace(",B,", ",,"), f"{ROW},{ROW}"]
 )
 def test_lines_that_are_no_events_are_listed_and_left_out(tmp_path, bad):
-    path = write(tmp_path, ROW, bad, ROW)
+    path = write(tmp_path, ROW, bad, ROW.replace("12:00:00Z", "12:01:00Z"))
     events = read_events(path)
     assert events.travel_time.tolist() == [1.6, 1.6]
     assert events.notes[0].startswith(f"{path}: 1 line left out, not readable: line 3: ")

@@ -64,7 +64,7 @@ def _each_ping_once(survey: Survey) -> Survey:
         notes.append(repeated_note(survey.source, survey.line[repeated].tolist()))
         survey = survey.rows(np.flatnonzero(~repeated))
     dated = not np.isnat(survey.epoch)
-    order, note = order_of_times(survey.time, survey.where, LocateError, dated=dated)
+    order, note = order_of_times(survey.time, survey.where, LocateError, dated=dated, blocks=True)
     if order is not None and note is not None:
         notes.append(note)
         survey = survey.rows(order)

@@ -152,6 +152,7 @@ def _possible(table: TextTable, positions: PositionRows) -> TextTable:
                 geographic=False,
             )
             keep[np.flatnonzero(keep)[~possible]] = False
+    positions.refuse_most(int(keep.sum()))
     return table if keep.all() else replace(table, frame=table.frame[keep])
 
 

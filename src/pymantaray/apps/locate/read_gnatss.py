@@ -204,6 +204,7 @@ def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> _Positions
     keep = positions.possible(
         times, np.column_stack([lat, lon]), np.array(lines)[order], geographic=True
     )
+    positions.refuse_most(int(keep.sum()))
     return _Positions(
         time=times[keep],
         position=np.column_stack([north, east, geoid - height])[keep],

@@ -95,6 +95,7 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
     positions = PositionRows(path, LocateError, fastest=FASTEST_PLATFORM)
     time, _, lat, lon = (np.array(column) for column in zip(*pings, strict=True))
     keep = positions.possible(time, np.column_stack([lat, lon]), lines, geographic=True)
+    positions.refuse_most(int(keep.sum()))
     survey = _survey(path, head, [pings[row] for row in np.flatnonzero(keep)], options)
     notes = (*skipped_note(path, n_skipped), *invalid.notes, *positions.notes)
     return options.apply(survey.assign(line=np.array(lines, dtype=np.int64)[keep], notes=notes))

@@ -113,6 +113,7 @@ def _possible(
                 stated_degrees=in_degrees,
             )
             keep[rows[~possible]] = False
+    positions.refuse_most(int(keep.sum()))
     keep |= np.array([word != "" for word in table.words("partner")], dtype=bool)
     return table if keep.all() else replace(table, frame=table.frame[keep])
 
