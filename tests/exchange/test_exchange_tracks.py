@@ -216,7 +216,9 @@ IMPOSSIBLE = {
     "pose 2 has a position that is not finite": (
         lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))]
     ),
-    "position is 95, 95; latitude must be -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
+    "position is 95, 95; latitude must be -90 to 90": lambda: [
+        poses(place=PLACE + 95.0, geodetic=True)
+    ],
     "depth -5.1 m is above the surface; .*change the sign": (
         lambda: [poses(place=PLACE - [0, 0, 8.1])]
     ),

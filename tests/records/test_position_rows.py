@@ -149,9 +149,7 @@ def test_radians_are_refused_unless_degrees_are_stated():
 
 def test_a_file_of_mostly_impossible_rows_is_refused():
     rows = PositionRows("log.csv", RecordError)
-    keep = rows.possible(
-        TIME, changed(degrees(NORTH), slice(0, 20), 0.0), LINE, geographic=True
-    )
+    keep = rows.possible(TIME, changed(degrees(NORTH), slice(0, 20), 0.0), LINE, geographic=True)
     refused(
         RecordError,
         "log.csv, line 2: position 0, 0 is no fix .20 of 40 lines: impossible position",
@@ -179,8 +177,10 @@ def test_times_of_day_must_not_pass_midnight():
 def test_a_single_time_that_falls_is_refused_between_whole_files():
     words = "line 4: time 1 s is before that of the row above, 3 s; times must not decrease"
     refused(RecordError, words, order, [2.0, 3.0, 1.0, 4.0, 0.5], dated=True, blocks=True)
-    rows, _ = order([2.0, 3.0, 1.0, 4.0], dated=True, blocks=True)
-    assert rows.tolist() == [2, 0, 1, 3]
+    words = "line 4: time 1 s is before that of the row above, 3 s; times must not decrease"
+    refused(RecordError, words, order, [2.0, 3.0, 1.0, 4.0], dated=True, blocks=True)
+    rows, _ = order([2.0, 3.0, 0.0, 1.0], dated=True, blocks=True)
+    assert rows.tolist() == [2, 3, 0, 1]
 
 
 def test_rows_repeat_only_if_all_columns_do():

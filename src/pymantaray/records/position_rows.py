@@ -46,7 +46,7 @@ FAR = 10_000.0
 """A longer jump is never the correction of dead reckoning. [m]"""
 _FARTHEST = 100_000.0  # m; between any two pings of a survey
 _RADIANS = (0.5 * np.pi, np.pi)
-_SLOW = (3e-3, 0.15)  # m/s; speeds of vehicles whose radians are read as degrees
+_SLOW = (3e-3, 0.5)  # m/s; speeds of vehicles whose radians are read as degrees
 _DAY = 86_400.0  # s
 _MOST_SHOWN = 3
 
@@ -322,7 +322,7 @@ def looks_like_radians(time: Array, position: Array) -> bool:
     """
     True for latitudes and longitudes of a vehicle that would hardly move if they were degrees.
 
-    All are within pi/2 and pi, and the median speed is 0.003 to 0.15 m/s, which is 0.2 to 9 m/s in
+    All are within pi/2 and pi, and the median speed is 0.003 to 0.5 m/s, which is 0.2 to 29 m/s in
     radians.
     """
     lat, lon = np.abs(position[:, 0]), np.abs(position[:, 1])
@@ -356,8 +356,10 @@ def order_of_times(
     falls = np.flatnonzero(np.diff(time) < 0.0)
     if not falls.size:
         return None, None
-    starts = np.append(0, falls + 1)
-    is_one_row = np.diff(starts, append=time.size) == 1
+    # a row between two that are in order, or a block of one row
+    after = np.minimum(falls + 2, time.size - 1)
+    is_one_row = (time[after] >= time[falls]) | (np.diff(falls, append=time.size - 1) == 1)
+    is_one_row[0] |= falls[0] == 0
     row = int(falls[0]) + 1
     line = f"{where(row)}: time {time[row]:.10g} s is before that of the row above,"
     line += f" {time[row - 1]:.10g} s"
@@ -386,7 +388,7 @@ def repeated_rows(keys: Sequence[NDArray[np.generic]]) -> Mask:
 def repeated_note(source: str | Path, lines: Sequence[int]) -> str:
     """Note about lines that repeat earlier lines."""
     shown = ", ".join(map(str, lines[:_MOST_SHOWN])) + (", ..." if len(lines) > _MOST_SHOWN else "")
-    noun = "line" if len(lines) == 1 else "lines"
-    return (
-        f"{source}: {counted(len(lines), 'ping')} counted once: {noun} {shown} repeat earlier lines"
-    )
+    words = f"line {shown} repeats an earlier line"
+    if len(lines) > 1:
+        words = f"lines {shown} repeat earlier lines"
+    return f"{source}: {counted(len(lines), 'ping')} counted once: {words}"

@@ -200,3 +200,20 @@ def test_smoothed_positions_drifts_and_gross_errors_are_reported(mantaray, files
     assert refused.code == 2
     assert "sigma is 0 m" in refused.err
     assert not (files / "other").exists()
+
+
+def test_predictions_that_explain_nothing_exit_with_1(mantaray, files):
+    times = np.random.default_rng(0).uniform(0.5, 8.0, len(EVENTS))
+    events = EVENTS.assign(travel_time=times)
+    pd.concat([events, events.iloc[:1]]).to_csv("events.csv", index=False)
+    done = mantaray("replay", "events.csv", *WATER, "--out", "out", "--json")
+    assert done.code == 1
+    told = json.loads(done.out)
+    assert "of what was measured; at most 5 % explain it" in told["unexplained"]
+    assert done.err.splitlines()[-1].startswith("error: events.csv: not explained: the median")
+    note = "events.csv: 1 ping counted once: line 10 repeats an earlier line"
+    assert note in told["notes"]
+    assert note in done.err
+    page = (files / "out" / "index.html").read_text()
+    assert "1 ping counted once" in page
+    assert "do not explain the travel times" in page
