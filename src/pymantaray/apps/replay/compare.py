@@ -216,7 +216,10 @@ class Replay:
         sigma = self.events["sigma_s"].to_numpy()
         if "prediction_sigma_s" in self.events:
             sigma = np.hypot(sigma, self.events["prediction_sigma_s"].to_numpy())
-        return unexplained(self.taken["taken_residual_s"], self.events["measured_s"], sigma)
+        # a gross error has no clock correction
+        taken = self.taken["taken_residual_s"]
+        residual = taken.where(taken.notna(), self.events["residual_s"])
+        return unexplained(residual, self.events["measured_s"], sigma)
 
     @cached_property
     def reciprocity(self) -> pd.DataFrame:
