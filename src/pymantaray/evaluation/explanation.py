@@ -6,6 +6,8 @@ residuals. This test has limits that do not depend on them, and that no honest d
 of seafloor geodesy are 0.1 ms in 2 s, of air guns 10 ms in 5 s, of small beacons 1 m in 50 m.
 """
 
+from __future__ import annotations
+
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -172,9 +172,7 @@ def replay(
     with printing.printer() as printer:
         _print_result(printer, result)
         printer.paths(page=page)
-        if result.unexplained is not None:
-            LOG.error("%s: not explained: %s", events, result.unexplained)
-            raise typer.Exit(EXIT_UNUSABLE)
+        _exit_if_unexplained(events, result)
 
 
 def _waters_on_earth(
@@ -239,6 +237,13 @@ def _print_result(out: Printer, result: "Replay") -> None:
             f" {switching['step_s']:.0f} s, {switching['independent_rate']:.3f} if independent:"
             f" correlation time {switching['correlation_s']:.0f} s"
         )
+
+
+def _exit_if_unexplained(events: Path, result: "Replay") -> None:
+    """End with the status of an unusable result if the predictions explain nothing."""
+    if result.unexplained is not None:
+        LOG.error("%s: not explained: %s", events, result.unexplained)
+        raise typer.Exit(EXIT_UNUSABLE)
 
 
 COMMANDS = {"replay": replay}
