@@ -25,7 +25,7 @@ ENDS = ("source", "receiver")
 _AXES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}
 """Axes of positions by `Events.geographic`."""
 _MILLISECONDS = (300.0, 3000.0)  # ratio of times with a wrong unit
-_AS_RADIANS = (5.0, 200.0)  # the same of positions in radians, about 57
+_AS_RADIANS = (2.0, 200.0)  # the same of positions in radians, about 57
 _RADIANS = (0.5 * np.pi, np.pi)  # largest latitude and longitude
 _SOUND_SPEED = 1500.0  # m/s
 _ECHO_METRES = 1.0  # between the ends of an echo
