@@ -110,6 +110,7 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
     )
     local[[name for name in local if name.endswith(("_north", "_east"))]] *= 0.0
     local["receiver_north"] = 700.0
+    local["travel_time"] = np.hypot(700.0, 120.0) / 1450.0
     local.to_csv(files / "local.csv", index=False)
     extent = (
         "--ocean",
