@@ -1,12 +1,14 @@
 """Trajectories brought to common times and a local frame: no pose is changed, none is made up."""
 
 import numpy as np
+import pandas as pd
 import pytest
+import xarray as xr
 from refusals import refused
 from scipy.spatial.transform import Rotation
 
 from pymantaray.errors import ExchangeError
-from pymantaray.exchange import Poses, Tracks
+from pymantaray.exchange import Poses, Tracks, read_trajectories
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import level, union_of_times, with_times
 from pymantaray.geometry import LocalFrame
@@ -130,7 +132,9 @@ def test_rows_are_sorted_and_a_time_that_comes_twice_counts_once():
     order = [3, 0, 4, 1, 2, 2]
     tracks = Tracks.of([poses(time=TIME[order], place=PLACE[order])])
     np.testing.assert_array_equal(tracks.poses[0].place, PLACE)
-    assert tracks.notes == ("mission.csv: A: 1 poses at repeated times dropped",)
+    assert tracks.notes[0].startswith("mission.csv, pose 1: A: time ")
+    assert tracks.notes[0].endswith("rows sorted by time (2 falls)")
+    assert tracks.notes[1:] == ("mission.csv: A: 1 poses at repeated times dropped",)
 
 
 def test_a_depth_sensor_may_be_a_little_above_the_surface():
@@ -212,7 +216,9 @@ IMPOSSIBLE = {
     "pose 2 has a position that is not finite": (
         lambda: [poses(place=np.where(PLACE == 40, np.nan, PLACE))]
     ),
-    "latitude is 95; it must be -90 to 90": lambda: [poses(place=PLACE + 95.0, geodetic=True)],
+    "position is 95, 95; latitude must be -90 to 90": lambda: [
+        poses(place=PLACE + 95.0, geodetic=True)
+    ],
     "depth -5.1 m is above the surface; .*change the sign": (
         lambda: [poses(place=PLACE - [0, 0, 8.1])]
     ),
@@ -229,3 +235,73 @@ IMPOSSIBLE = {
 @pytest.mark.parametrize("message", IMPOSSIBLE)
 def test_impossible_trajectories_are_refused_in_one_line(message):
     refused(ExchangeError, message, lambda: Tracks.of(IMPOSSIBLE[message]()))
+
+
+ZERO_FIX = 7  # row without a fix
+
+
+def lost_fix(tmp_path, kind):
+    """A track of 20 rows in a file of a kind, with one row that is 0, 0, and the right rows."""
+    k = np.arange(20)
+    time = 10.0 * k
+    place = np.column_stack([44.5 + 1e-4 * k, -125.1 + 2e-4 * k, 10.0 + k])
+    local = np.column_stack([5e4 + 11.0 * k, 15.0 * k, 10.0 + k])
+    right = local if kind in ("tum", "euroc") else place
+    wrong = right.copy()
+    wrong[ZERO_FIX, :2] = 0.0
+    path = tmp_path / f"auv.{ {'euroc': 'csv'}.get(kind, kind) }"
+    unit = np.tile([0.0, 0.0, 0.0, 1.0], (20, 1))
+    if kind in ("csv", "parquet"):
+        frame = pd.DataFrame(wrong, columns=["lat", "lon", "depth"]).assign(time=time)
+        frame.to_csv(path, index=False) if kind == "csv" else frame.to_parquet(path)
+    elif kind == "tum":
+        np.savetxt(path, np.column_stack([time, wrong, unit]))
+    elif kind == "euroc":
+        head = "#timestamp,p_RS_R_x,p_RS_R_y,p_RS_R_z,q_RS_w,q_RS_x,q_RS_y,q_RS_z"
+        rows = np.column_stack([1e9 * time, wrong, unit[:, ::-1]])
+        np.savetxt(path, rows, "%d" + 7 * ",%.9g", header=head[1:], comments="#")
+    else:
+        attrs = {"units": "seconds since 2021-03-04", "standard_name": "time"}
+        data = {"time": ("obs", time, attrs)}
+        for name, values in zip(("latitude", "longitude", "depth"), wrong.T, strict=True):
+            data[name] = "obs", values, {"standard_name": name}
+        xr.Dataset(data).to_netcdf(path)
+    return path, time, right
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "tum", "euroc", "nc"])
+def test_a_row_without_a_fix_is_left_out_of_every_format(tmp_path, kind):
+    path, time, right = lost_fix(tmp_path, kind)
+    tracks = read_trajectories(path)
+    poses = tracks.poses[0]
+    for axis in (0, 1):
+        value = np.interp(time, poses.time, poses.place[:, axis])
+        np.testing.assert_allclose(value, right[:, axis], rtol=0, atol=1e-8)
+    (note,) = [note for note in tracks.notes if "impossible position" in note]
+    line = {"csv": 9, "parquet": 8, "tum": 8, "euroc": 9, "nc": 7}[kind]
+    assert f" {line}: auv: position 0, 0 is " in note
+    if kind in ("csv", "parquet", "nc"):
+        np.testing.assert_allclose(tracks.centre, right[:, :2].mean(axis=0), rtol=0, atol=1e-12)
+
+
+def test_titles_state_degrees_or_radians(tmp_path):
+    frame = pd.DataFrame({"time": [0.0, 10.0], "depth": 5.0})
+    angles = np.radians([[44.5, -125.1], [44.5001, -125.1]])
+    plain = frame.assign(lat=angles[:, 0], lon=angles[:, 1])
+    refused(ExchangeError, "look like radians; convert them", read_trajectories, plain)
+    stated = frame.assign(lat_rad=angles[:, 0], lon_rad=angles[:, 1])
+    place = read_trajectories(stated).poses[0].place
+    np.testing.assert_allclose(place[:, :2], np.degrees(angles), rtol=0, atol=1e-12)
+    degrees = frame.assign(lat_deg=angles[:, 0], lon_deg=angles[:, 1])
+    np.testing.assert_array_equal(read_trajectories(degrees).poses[0].place[:, :2], angles)
+
+
+def test_times_of_day_of_a_track_must_not_pass_midnight(tmp_path):
+    frame = pd.DataFrame({"time": [86_390.0, 86_400.0, 5.0], "depth": 5.0, "lat": 1.0, "lon": 7.0})
+    frame.to_csv(tmp_path / "a.csv", index=False)
+    refused(
+        ExchangeError,
+        "a.csv, line 4: a: time falls from 86400 to 5 s, as from one day to the next",
+        read_trajectories,
+        tmp_path / "a.csv",
+    )

@@ -3,7 +3,7 @@
 import json
 import logging
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from math import isfinite
 from pathlib import Path
@@ -35,6 +35,7 @@ class Printer:
 
     def __init__(self, *, quiet: bool, to: Form = "text") -> None:
         self._to = to
+        self._silent = quiet
         self._quiet = quiet or to != "text"
         self.values: dict[str, Any] | None = {} if to == "json" else None
 
@@ -67,6 +68,14 @@ class Printer:
         for line in lines:
             LOG.warning(line)
         self.add(warnings=[in_options(line) for line in lines])
+
+    def notes(self, notes: Iterable[str]) -> None:
+        """Print notes of readers to standard error, and add them to JSON, where they add up."""
+        lines = [printable(without_secrets(in_options(note))) for note in notes]
+        for line in () if self._silent else lines:
+            typer.echo(line, err=True)
+        if self.values is not None:
+            self.values["notes"] = [*self.values.get("notes", []), *lines]
 
     def paths(self, *paths: Path | str, **named: Path | str) -> None:
         """

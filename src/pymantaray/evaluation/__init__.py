@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from pymantaray.evaluation.consistency import consistency_summary as consistency_summary
     from pymantaray.evaluation.consistency import consistency_table as consistency_table
     from pymantaray.evaluation.consistency import coverage_table as coverage_table
+    from pymantaray.evaluation.explanation import LEAST_RANGE as LEAST_RANGE
+    from pymantaray.evaluation.explanation import LEAST_TIME as LEAST_TIME
+    from pymantaray.evaluation.explanation import unexplained as unexplained
     from pymantaray.evaluation.ping_error import ping_error_table as ping_error_table
     from pymantaray.evaluation.ranging_error import ALL_LINKS as ALL_LINKS
     from pymantaray.evaluation.ranging_error import RangeErrors as RangeErrors

@@ -25,6 +25,7 @@ from pymantaray.ocean.cf_profiles import instance_of_rows, labels_of, without_ba
 from pymantaray.ocean.convert import decoded_times, to_our_unit
 from pymantaray.ocean.files import reading, text
 from pymantaray.records import write_netcdf
+from pymantaray.records.position_rows import PositionRows
 
 _QUANTITIES = {
     "time": ("time",),
@@ -240,6 +241,7 @@ class _TrajectoryReader:
         timed = np.isfinite(instants) & (np.abs(instants) < 1e15)
         order = np.flatnonzero(timed)[np.argsort(instants[timed], kind="stable")]
         seconds = instants[order]
+        columns = self._possible(name, time, (order, seconds), columns)
         within = np.ones(order.size, dtype=bool)
         whole = []
         for values, period in zip(columns, _PERIODS, strict=False):
@@ -262,24 +264,54 @@ class _TrajectoryReader:
                 f"{self._path}: {name}: {left} of {instants.size} rows dropped: no time, or"
                 " outside the valid positions"
             )
-        variable = self._data.variables[time]
-        unit = text(variable, "units")
-        if " since " not in unit:
-            raise ExchangeError(
-                f"{self._path}: {time} has units {unit!r}; it needs units such as 'seconds since"
-                " 1970-01-01'"
-            )
-        dates = decoded_times(
-            seconds[within],
-            unit,
-            text(variable, "calendar"),
-            where=f"{self._path}: {time}",
-        )
+        dates = self._dates(seconds[within], time)
         lines = [column[within] for column in whole]
         attitude = level(*lines[3:]) if lines[3:] else None
         return Poses(
             name, dates, np.column_stack(lines[:3]), attitude, True, str(self._path), self._centre
         )
+
+    def _possible(
+        self,
+        name: str,
+        time: str,
+        timed: tuple[NDArray[np.intp], Array],
+        columns: tuple[Array, ...],
+    ) -> tuple[Array, ...]:
+        """Columns without impossible positions, which the rows at some times [s] then lack."""
+        order, seconds = timed
+        lat, lon, *others = (np.array(column, dtype=float) for column in columns)
+        known = np.isfinite(lat[order] + lon[order])
+        known &= (np.abs(lat[order]) < _FILL) & (np.abs(lon[order]) < _FILL)
+        rows = order[known]
+        if not rows.size:
+            return columns
+        dates = self._dates(seconds[known], time)
+        positions = PositionRows(self._path, ExchangeError, noun="row")
+        keep = positions.possible(
+            (dates - dates[0]) / np.timedelta64(1, "s"),
+            np.column_stack([lat[rows], lon[rows]]),
+            rows,
+            geographic=True,
+            who=name,
+            stated_degrees=bool(text(self._data.variables[self._names["latitude"][0]], "units")),
+        )
+        positions.refuse_most(int(keep.sum()))
+        self._notes += positions.notes
+        lat[rows[~keep]] = np.nan
+        lon[rows[~keep]] = np.nan
+        return (lat, lon, *others)
+
+    def _dates(self, times: Array, name: str) -> NDArray[np.datetime64]:
+        """Dates of times in the unit of their variable."""
+        variable = self._data.variables[name]
+        unit = text(variable, "units")
+        if " since " not in unit:
+            raise ExchangeError(
+                f"{self._path}: {name} has units {unit!r}; it needs units such as 'seconds since"
+                " 1970-01-01'"
+            )
+        return decoded_times(times, unit, text(variable, "calendar"), where=f"{self._path}: {name}")
 
 
 _VARIABLES = {

@@ -41,6 +41,7 @@ def read_euroc(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
     except ValueError:
         raise ExchangeError(f"{path}: a EuRoC file needs the columns {', '.join(_POSE)}") from None
     stamps: list[int] = []
+    numbers: list[int] = []
     poses: list[list[float]] = []
     invalid = InvalidLines()
     for number, line in enumerate(lines, 1):
@@ -53,6 +54,7 @@ def read_euroc(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
             invalid.add(path, number, f"not a pose of EuRoC: {wanted}")
             continue
         stamps.append(stamp)
+        numbers.append(number)
         poses.append(pose)
     invalid.refuse_most(len(poses), ExchangeError)
     time = np.array(stamps, dtype=np.int64)
@@ -64,7 +66,8 @@ def read_euroc(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
         quaternion = swap_enu_attitude(quaternion)
     dated = time.size > 0 and time.min() > _FIRST_DATE
     own_time = time.astype("datetime64[ns]") if dated else 1e-9 * time
-    return [Poses(path.stem, own_time, place, quaternion, False, str(path))], invalid.notes
+    track = Poses(path.stem, own_time, place, quaternion, False, str(path), line=np.array(numbers))
+    return [track], invalid.notes
 
 
 def _stamp_and_pose(cells: list[str], columns: list[int]) -> tuple[int, list[float]]:

@@ -49,8 +49,9 @@ def read_kitti(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
             f"{path}: poses of KITTI have no times; put them, one per line, into {names[0]} beside"
             " it"
         )
-    table = text_numbers(path, 12, "a KITTI file has 12 per row, a 3 by 4 matrix").reshape(-1, 3, 4)
-    time = text_numbers(times, 1, "times of KITTI have one per row")[:, 0]
+    rows, line = text_numbers(path, 12, "a KITTI file has 12 per row, a 3 by 4 matrix")
+    table = rows.reshape(-1, 3, 4)
+    time = text_numbers(times, 1, "times of KITTI have one per row")[0][:, 0]
     if time.size != len(table):
         raise ExchangeError(f"{times}: {time.size} times, but {path.name} has {len(table)} poses")
     check_seconds(time, str(times), ExchangeError)
@@ -67,4 +68,4 @@ def read_kitti(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
     if enu:
         place = swap_enu(place)
         quaternion = swap_enu_attitude(quaternion)
-    return [Poses(path.stem, time, place, quaternion, False, str(path))], ()
+    return [Poses(path.stem, time, place, quaternion, False, str(path), line=line)], ()

@@ -29,6 +29,7 @@ from pymantaray.exchange.fixes import Fixes, centre_from_fixes, origin_of_frame
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.recording import TRUTH, Recording, VehiclePoses
 from pymantaray.exchange.tracks import Poses
+from pymantaray.records.position_rows import missing_fixes
 
 MAP = "map"
 _POSE = "geometry_msgs/msg/PoseStamped"
@@ -190,7 +191,8 @@ def _fixes(rows: list[tuple[Any, ...]]) -> Fixes:
     nanoseconds, latitude, longitude, frames = zip(*rows, strict=True)
     lat = np.array(latitude, dtype=float)
     lon = np.array(longitude, dtype=float)
-    known = (np.abs(lat) <= 90.0) & np.isfinite(lon)
+    known = np.isfinite(lat) & np.isfinite(lon)
+    known[list(missing_fixes(np.column_stack([lat, lon])))] = False
     return Fixes(np.array(nanoseconds, dtype=np.int64)[known], lat[known], lon[known], frames[0])
 
 

@@ -14,12 +14,19 @@ from pymantaray.exchange.centre import centre_in_comments
 from pymantaray.exchange.recording import TRUTH
 from pymantaray.exchange.tracks import Poses, about_down, level
 from pymantaray.records.invalid_lines import InvalidLines
+from pymantaray.records.position_rows import distances, missing_fixes
 from pymantaray.records.text_table import TextTable, read_text_table
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.sensing.schedule import PingList
 
 _METRES = {"": 1.0, "m": 1.0, "km": 1000.0}
-_DEGREES = {"": 1.0, "deg": 1.0, "degrees": 1.0}
+_IN_DEGREES = 180.0 / np.pi
+_DEGREES = {
+    "": 1.0,
+    "deg": 1.0,
+    "degrees": 1.0,
+    **dict.fromkeys(("rad", "radians"), _IN_DEGREES),
+}
 _ANGLE = {"": 1.0, "rad": 1.0, "radians": 1.0, "deg": np.pi / 180.0, "degrees": np.pi / 180.0}
 _NO_UNIT = {"": 1.0}
 # by quantity: names of columns, and units behind them, as in depth_m, "depth [m]" or heading_deg
@@ -59,7 +66,6 @@ _ANGLES = ["heading", "pitch", "roll"]
 _OF_PINGS = "time", "transmitter", "receivers"
 _IN_MEMORY = "data frame"
 _MAX_RADIANS = 6.5  # slightly more than 2 pi
-_M_PER_DEGREE = 111_100.0
 _SAME_PLACE = 100.0  # m, above the motion of a vehicle within the resolution of its times
 
 
@@ -87,6 +93,7 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
     Poses of each vehicle in a table, and notes about unused columns and lines that are left out.
     """
     path = table.path
+    in_degrees = _states_degrees(table)
     table, factors = _known_columns(table)
     conditions = table.frame.get("condition")
     there = set(factors)
@@ -125,11 +132,22 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
         names = np.full(time.size, path.stem)
     poses = []
     centre = centre_in_comments(table.comments, path)
+    line = table.frame.index.to_numpy(dtype=np.int64)
     for name in dict.fromkeys(names.tolist()):
         rows = names == name
         attitude = None if quaternion is None else quaternion[rows]
         poses.append(
-            Poses(name, time[rows], place_of[rows], attitude, place[0] == "lat", str(path), centre)
+            Poses(
+                name,
+                time[rows],
+                place_of[rows],
+                attitude,
+                place[0] == "lat",
+                str(path),
+                centre,
+                line[rows],
+                in_degrees,
+            )
         )
     unused = [f"{path}: unused columns: {', '.join(unread)}"] if unread else []
     return poses, [*unused, *invalid.notes]
@@ -142,13 +160,15 @@ def _refuse_two_places_at_once(
     Refuse a table without names in which one time has two positions far apart: it has several
     vehicles.
     """
-    _, first, of_time = np.unique(time, return_index=True, return_inverse=True)
-    earlier = first[of_time]
-    step = position - position[earlier]
-    if geographic:
-        step[:, 1] *= np.cos(np.radians(position[:, 0]))
-        step[:, :2] *= _M_PER_DEGREE
-    distance = np.linalg.norm(step, axis=1)
+    missing = missing_fixes(position) if geographic else {}
+    possible = np.setdiff1d(np.arange(len(position)), list(missing))
+    _, first, of_time = np.unique(time[possible], return_index=True, return_inverse=True)
+    earlier = np.arange(len(position))
+    earlier[possible] = possible[first[of_time.ravel()]]
+    distance = np.hypot(
+        distances(position, position[earlier], geographic=geographic),
+        position[:, 2] - position[earlier, 2],
+    )
     if (distance > _SAME_PLACE).any():
         row = int(np.argmax(distance > _SAME_PLACE))
         lines = table.frame.index
@@ -302,6 +322,12 @@ def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:
     frame = table.frame.copy(deep=False)
     frame.columns = pd.Index(titles)
     return TextTable(table.path, frame, table.comments), factors
+
+
+def _states_degrees(table: TextTable) -> bool:
+    """True if the title of the latitudes has a unit."""
+    titles = [title.lower() for title in table.frame.columns]
+    return any(re.match(r"lat(itude)?[\W_]+(deg|rad)", title) for title in titles)
 
 
 def _numbers(table: TextTable, factors: dict[str, float], columns: list[str]) -> Array:

@@ -19,6 +19,7 @@ from pymantaray.errors import ExchangeError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Trajectories, VehicleStatus
 from pymantaray.records.digits import counted
+from pymantaray.records.position_rows import PositionRows, order_of_times
 from pymantaray.records.text_table import check_speed
 
 SAME_TIME = 1e-6
@@ -54,6 +55,10 @@ class Poses(NamedTuple):
     Latitude and longitude of the local frame's centre; None if the file does not contain it.
     [degrees]
     """
+    line: NDArray[np.int64] | None = None
+    """Line of each pose in the file; None for a file without lines."""
+    stated_degrees: bool = False
+    """True if the file states that latitudes and longitudes are in degrees."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -345,12 +350,50 @@ def _metres(place: Array) -> Array:
     return np.column_stack([north, east * np.cos(np.radians(place[0, 0])), place[:, 2]])
 
 
+def _possible(p: Poses, notes: list[str]) -> Poses:
+    """Poses with possible positions in order of time; the rule is that of `PositionRows`."""
+    dated = np.issubdtype(p.time.dtype, np.datetime64)
+    seconds = (p.time - p.time[0]) / np.timedelta64(1, "s") if dated else p.time
+    line = np.arange(len(p.time)) if p.line is None else p.line
+    noun = "pose" if p.line is None else "line"
+    order, note = order_of_times(
+        np.asarray(seconds, dtype=float),
+        lambda row: f"{p.file}, {noun} {line[row]}: {p.name}",
+        ExchangeError,
+        dated=dated,
+    )
+    notes += [note] if note else []
+    rows = PositionRows(p.file, ExchangeError, noun=noun)
+    keep = rows.possible(
+        seconds,
+        np.asarray(p.place, dtype=float),
+        line,
+        geographic=p.geodetic,
+        who=p.name,
+        stated_degrees=p.stated_degrees,
+    )
+    rows.refuse_most(int(keep.sum()))
+    notes += rows.notes
+    if keep.all() and order is None:
+        return p
+    chosen = np.arange(keep.size) if order is None else order
+    chosen = chosen[keep[chosen]]
+    return p._replace(
+        time=p.time[chosen],
+        place=p.place[chosen],
+        quaternion=None if p.quaternion is None else p.quaternion[chosen],
+        line=line[chosen],
+    )
+
+
 def _clean(p: Poses, notes: list[str]) -> Poses:
     """Check poses, sort them by time and drop repeated times; changes are appended to the notes."""
     who = f"{p.file}: {p.name}"
     name = re.sub(r"[^A-Za-z0-9_-]+", "_", p.name).strip("_")[:_MAX_NAME_LENGTH] or "vehicle"
     if name != p.name:
         notes.append(f"{who}: renamed to {name}")
+    if p.time.size:
+        p = _possible(p, notes)
     order = np.argsort(p.time, kind="stable")
     time = p.time[order]
     place = np.array(p.place[order], dtype=float)
@@ -369,12 +412,6 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
             f"{who}: pose {int(np.argmin(np.isfinite(place).all(axis=1)))} has a position that is"
             " not finite; correct or remove it"
         )
-    if p.geodetic:
-        far = np.abs(place[:, 0]) > 90.0
-        if far.any():
-            raise ExchangeError(
-                f"{who}: latitude is {place[far][0, 0]:g}; it must be -90 to 90 degrees"
-            )
     top = float(place[:, 2].min())
     if top < -_ABOVE_SURFACE:
         raise ExchangeError(

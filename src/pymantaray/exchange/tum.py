@@ -7,7 +7,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, MantaRayError
@@ -125,7 +125,7 @@ def read_tum(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, 
     REP-103), unlike in `write_tum`.
     """
     invalid = InvalidLines()
-    table = text_numbers(path, 8, "a TUM file has 8 per row, time x y z qx qy qz qw", invalid)
+    table, line = text_numbers(path, 8, "a TUM file has 8 per row, time x y z qx qy qz qw", invalid)
     check_seconds(table[:, 0], f"{path}: time", ExchangeError)
     place = table[:, 1:4]
     quaternion = table[:, [7, 4, 5, 6]]
@@ -134,20 +134,22 @@ def read_tum(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, 
         quaternion = swap_enu_attitude(quaternion)
     lines = read_text(path, ExchangeError).splitlines()
     centre = centre_in_comments((line for line in lines if line.lstrip().startswith("#")), path)
-    return [
-        Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre)
-    ], invalid.notes
+    track = Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre, line)
+    return [track], invalid.notes
 
 
-def text_numbers(path: Path, width: int, about: str, invalid: InvalidLines | None = None) -> Array:
+def text_numbers(
+    path: Path, width: int, about: str, invalid: InvalidLines | None = None
+) -> tuple[Array, NDArray[np.int64]]:
     """
-    Finite numbers (n, width) of a text without header, separated by spaces or commas; ``about``
-    describes its rows.
+    Finite numbers (n, width) of a text without header, separated by spaces or commas, and their
+    lines; ``about`` describes its rows.
 
     Lines with anything else are added to ``invalid``; without it, the first of them raises an
     error.
     """
     rows: list[list[float]] = []
+    lines: list[int] = []
     wrong = InvalidLines() if invalid is None else invalid
     for number, line in enumerate(read_text(path, ExchangeError).splitlines(), 1):
         words = line.partition("#")[0].replace(",", " ").split()
@@ -164,7 +166,8 @@ def text_numbers(path: Path, width: int, about: str, invalid: InvalidLines | Non
             wrong.add(path, number, "a number is not finite; correct or remove it")
         else:
             rows.append(row)
+            lines.append(number)
     wrong.refuse_most(0 if invalid is None else len(rows), ExchangeError)
     if not rows:
         raise ExchangeError(f"{path}: 0 rows of numbers; {about}")
-    return np.array(rows)
+    return np.array(rows), np.array(lines, dtype=np.int64)

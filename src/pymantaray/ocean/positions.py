@@ -6,8 +6,10 @@ that mean no fix.
 import math
 import re
 
-Position = tuple[float, float]
-"""Latitude and longitude. [degrees]"""
+from pymantaray.records.position_rows import Position, is_no_fix, is_position
+
+__all__ = ["Position", "is_position"]
+
 _SIDES = {"n": 1.0, "s": -1.0, "e": 1.0, "w": -1.0}
 _SIDES_OF = {"latitude": "ns", "longitude": "ew"}
 _WORDS = {
@@ -105,7 +107,7 @@ def known_position(latitude: float, longitude: float) -> tuple[Position | None, 
     """
     if not (math.isfinite(latitude) and math.isfinite(longitude)):
         return None, ()
-    if (latitude, longitude) == (0.0, 0.0) or not is_position(latitude, longitude):
+    if is_no_fix(latitude, longitude):
         return None, (unused_position(latitude, longitude),)
     return (latitude, longitude), ()
 
@@ -113,11 +115,6 @@ def known_position(latitude: float, longitude: float) -> tuple[Position | None, 
 def unused_position(latitude: float, longitude: float) -> str:
     """Note about a position that a reader does not use."""
     return f"position {latitude:g}, {longitude:g} not used: no fix, or not a place"
-
-
-def is_position(latitude: float, longitude: float) -> bool:
-    """Return True if a latitude is in -90 to 90 degrees and a longitude in -360 to 360 degrees."""
-    return abs(latitude) <= 90.0 and abs(longitude) <= 360.0
 
 
 def position_in_comment(line: str) -> Position | None:

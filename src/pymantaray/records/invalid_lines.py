@@ -21,9 +21,13 @@ class InvalidLines:
     The one rule of all readers of measurements (surveys, events, casts, tracks): a truncated or
     unreadable line is listed and reading goes on, unless there are as many of these lines as valid
     ones.
+
+    ``why`` says in the note why they are left out, ``noun`` is the name of a line.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, why: str = "not readable", *, noun: str = "line") -> None:
+        self._why = why
+        self._noun = noun
         self._reasons: dict[Path, dict[int, str]] = {}
 
     def add(self, path: Path, line: int, reason: str) -> None:
@@ -43,8 +47,9 @@ class InvalidLines:
             number, reason = min(lines.items())
             count = ""
             if len(self) > 1:
-                count = f" ({len(self):,} of {len(self) + valid:,} lines cannot be read)"
-            raise refusal(f"{path}, line {number}: {reason}{count}")
+                total = counted(len(self) + valid, self._noun)
+                count = f" ({len(self):,} of {total}: {self._why})"
+            raise refusal(f"{path}, {self._noun} {number}: {reason}{count}")
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -52,9 +57,10 @@ class InvalidLines:
         notes = []
         for path, lines in self._reasons.items():
             examples = [
-                f"line {number}: {reason}" for number, reason in sorted(lines.items())[:_MAX_SHOWN]
+                f"{self._noun} {number}: {reason}"
+                for number, reason in sorted(lines.items())[:_MAX_SHOWN]
             ]
             more = ", ..." if len(lines) > _MAX_SHOWN else ""
-            left_out = f"{counted(len(lines), 'line')} left out, not readable"
+            left_out = f"{counted(len(lines), self._noun)} left out, {self._why}"
             notes.append(f"{path}: {left_out}: {', '.join(examples)}{more}")
         return tuple(notes)

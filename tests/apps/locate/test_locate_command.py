@@ -8,6 +8,7 @@ import re
 import tomllib
 
 import numpy as np
+import pandas as pd
 import pytest
 import xarray as xr
 from campaigns import (
@@ -28,6 +29,7 @@ from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Su
 from pymantaray.apps.locate.options import CRITERIA
 from pymantaray.apps.locate.plan import expected_covariance, plan_survey
 
+NOISE = 1e-4  # s; of the campaign
 KEYS = {
     "name",
     "lat",
@@ -162,6 +164,46 @@ def test_an_unconverged_survey_prints_its_status_and_exits_with_1(
     assert done.code == 1
     assert {node["status"] for node in json.loads(done.out)["nodes"]} == {"not converged"}
     assert done.err.splitlines()[-1].startswith(f"error: {pings}: not converged; ")
+
+
+def test_an_answer_that_explains_nothing_exits_with_1(mantaray, campaign, tmp_path):
+    pings, nodes = write_table(campaign, tmp_path)
+    table = pd.read_csv(pings, comment="#")
+    times = np.random.default_rng(0).uniform(1.0, 4.0, len(table))
+    table.assign(two_way_time_s=times).to_csv(pings, index=False)
+    options = ("--profile", profile_csv(tmp_path), "--sound-speed", "known")
+    options += ("--bathymetry", 9000, "--lever", *campaign.lever[0])
+    out = tmp_path / "out"
+    done = mantaray("locate", pings, "--nodes", nodes, *options, "--json", "--out", out)
+    assert done.code == 1
+    told = json.loads(done.out)
+    assert "unexplained" in {node["status"] for node in told["nodes"]}
+    assert not told["usable"]
+    assert "% of what was measured; at most 5 % explain it" in done.err
+    assert "unexplained, the median residual is" in (out / "index.html").read_text()
+    assert not json.loads((out / "location.json").read_text())["usable"]
+
+
+@pytest.mark.parametrize(("factor", "status"), [(0.2, "ok"), (0.005, "unexplained")])
+def test_stated_noise_is_a_limit_of_residuals(told, campaign, tmp_path, factor, status):
+    pings, nodes = write_table(campaign, tmp_path)
+    options = ("--profile", profile_csv(tmp_path), "--lever", *campaign.lever[0])
+    options += ("--nodes", nodes, "--sigma", f"{1e3 * factor * NOISE} ms")
+    done = told("locate", pings, *options, code=int(status != "ok"))
+    assert {node["status"] for node in done["nodes"]} == {status}
+
+
+def test_notes_of_a_reader_are_told_everywhere(mantaray, campaign, tmp_path):
+    pings, nodes = write_table(campaign, tmp_path)
+    rows = pings.read_text().splitlines()
+    pings.write_text("\n".join([*rows, rows[-1]]) + "\n")
+    options = ("--profile", profile_csv(tmp_path), "--lever", *campaign.lever[0])
+    out = tmp_path / "out"
+    done = mantaray("locate", pings, "--nodes", nodes, *options, "--json", "--out", out)
+    note = f"{pings}: 1 ping counted once: line {len(rows) + 1} repeats an earlier line"
+    assert note in json.loads(done.out)["notes"]
+    assert note in done.err
+    assert note.partition(": ")[2] in (out / "index.html").read_text()
 
 
 def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):

@@ -6,12 +6,14 @@ clocks, folders.
 import re
 
 import numpy as np
+import pandas as pd
 import pytest
 from campaigns import make_campaign, write_garpos, write_gnatss, write_obsrange, write_table
 from refusals import refused
 
 from pymantaray.apps.locate import ReadOptions, read_survey
 from pymantaray.errors import LocateError
+from pymantaray.geometry import LocalFrame
 
 
 @pytest.fixture(scope="module")
@@ -340,7 +342,7 @@ def test_a_table_of_mostly_unreadable_rows_is_refused_in_one_line(campaign, tmp_
     bad = [row.replace("yes", "perhaps") for row in rows[: len(rows) // 2]]
     pings.write_text("\n".join([head, *bad, *rows[len(rows) // 2 :]]) + "\n")
     message = (
-        f"line 2: use is 'perhaps'; allowed: .* .{len(bad)} of {len(rows)} lines cannot be read"
+        f"line 2: use is 'perhaps'; allowed: .* .{len(bad)} of {len(rows)} lines: not readable"
     )
     refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
 
@@ -379,3 +381,107 @@ def test_positions_of_gnatss_that_are_not_on_the_earth_are_left_out(campaign, tm
     survey = read_survey(path)
     np.testing.assert_array_equal(survey.transmit_position, whole.transmit_position)
     assert survey.notes[-1].startswith(f"{file}: 1 line left out, not readable: line ")
+
+
+def log_of(kind, campaign, folder):
+    """A survey of a kind, the file with its pings, and options to read it."""
+    if kind == "table":
+        pings, nodes = write_table(campaign, folder)
+        return pings, pings, ReadOptions(nodes=nodes)
+    if kind == "obsrange":
+        path, _ = write_obsrange(folder)
+        return path, path, ReadOptions()
+    if kind == "garpos":
+        return write_garpos(campaign, folder), folder / "obsdata" / "SITE-obs.csv", ReadOptions()
+    return write_gnatss(campaign, folder), folder / "pxp_tt", ReadOptions()
+
+
+@pytest.mark.parametrize("kind", ["table", "obsrange", "garpos", "gnatss"])
+def test_pings_that_occur_twice_count_once(campaign, tmp_path, kind):
+    path, log, options = log_of(kind, campaign, tmp_path)
+    whole = read_survey(path, options)
+    lines = log.read_text().splitlines()
+    rows = np.unique(whole.line)
+    again = [lines[row - 1] for row in rows]
+    log.write_text("\n".join([*lines, *again]) + "\n")
+    survey = read_survey(path, options)
+    for name in ("node", "time", "travel_time", "transmit_position", "receive_position", "line"):
+        np.testing.assert_array_equal(getattr(survey, name), getattr(whole, name), err_msg=name)
+    (note,) = [note for note in survey.notes if "counted once" in note]
+    count = len(whole.travel_time)
+    assert f": {count} pings counted once: lines {len(lines) + 1}, " in note
+
+
+def test_files_may_be_joined_in_any_order(campaign, tmp_path):
+    pings, nodes = write_table(campaign, tmp_path)
+    whole = read_survey(pings, ReadOptions(nodes=nodes))
+    lines = pings.read_text().splitlines()
+    first = whole.line[0] - 1
+    head, rows = lines[:first], lines[first:]
+    half = len(rows) // 2
+    pings.write_text("\n".join([*head, *rows[half:], *rows]) + "\n")
+    survey = read_survey(pings, ReadOptions(nodes=nodes))
+    np.testing.assert_array_equal(survey.travel_time, whole.travel_time)
+    np.testing.assert_array_equal(survey.time, whole.time)
+    assert [note.partition(": ")[2][:18] for note in survey.notes] == [
+        f"{len(rows) - half} pings counted o",
+        "time 0 s is before",
+    ]
+
+
+def geographic(tmp_path, change=pd.DataFrame.copy):
+    """Survey of one node by a ship on a circle, after a change of the table."""
+    angle = np.linspace(0.0, 6.0, 30)
+    lat, lon = LocalFrame(44.5, -125.1).to_geodetic(800.0 * np.cos(angle), 800.0 * np.sin(angle))
+    table = pd.DataFrame({"time": 20.0 * np.arange(30), "node": "T1", "lat": lat, "lon": lon})
+    table = table.assign(depth_m=3.0, two_way_time_s=1.9 + 1e-4 * np.arange(30))
+    table = table if (new := change(table)) is None else new
+    table.to_csv(tmp_path / "pings.csv", index=False)
+    return read_survey(tmp_path / "pings.csv", ReadOptions(depth=1290.0))
+
+
+@pytest.mark.parametrize("place", [(0.0, 0.0), (999.0, 999.0), (44.5, 125.1), (45.5, -125.1)])
+@pytest.mark.parametrize("rows", [[0], [14], [29], [4, 14, 24]])
+def test_a_survey_is_that_without_its_impossible_positions(tmp_path, place, rows):
+    def spoil(table):
+        table.loc[rows, ["lat", "lon"]] = place
+
+    survey = geographic(tmp_path, spoil)
+    without = geographic(tmp_path, lambda table: table.drop(index=rows))
+    assert survey.frame.proj_string == without.frame.proj_string
+    assert survey.nodes == without.nodes
+    np.testing.assert_array_equal(survey.transmit_position, without.transmit_position)
+    (note,) = survey.notes
+    assert f"left out, impossible position: line {rows[0] + 2}: position " in note
+
+
+def test_mixed_turns_of_longitude_are_one_survey(tmp_path):
+    survey = geographic(tmp_path)
+
+    def turn(table):
+        table.loc[::2, "lon"] += 360.0
+
+    turned = geographic(tmp_path, turn)
+    np.testing.assert_allclose(turned.transmit_position, survey.transmit_position, atol=1e-6)
+    np.testing.assert_allclose(turned.nodes[0].position, survey.nodes[0].position, atol=1e-6)
+    assert not turned.notes
+
+
+def test_radians_and_times_that_pass_midnight_are_refused(tmp_path):
+    def to_radians(table):
+        table[["lat", "lon"]] = np.radians(table[["lat", "lon"]])
+
+    refused(LocateError, "look like radians; convert them", geographic, tmp_path, to_radians)
+
+    def late(table):
+        table["time"] = (86_300.0 + table["time"]) % 86_400.0
+
+    refused(LocateError, "line 7: time falls from 86380 to 0 s", geographic, tmp_path, late)
+
+
+def test_the_prior_of_a_node_is_the_median_of_its_pings(tmp_path):
+    def spread(table):
+        table.loc[5, "lat"] += 0.02  # 2.2 km: a ship may be there
+
+    near = np.array(geographic(tmp_path).nodes[0].position)
+    assert np.linalg.norm(geographic(tmp_path, spread).nodes[0].position - near) < 60.0

@@ -402,3 +402,20 @@ def test_a_state_with_a_wrong_field_is_refused_in_one_line(tmp_path):
             again.counts()
     assert len(lines) > 150
     assert not any("\n" in line for line in lines)
+
+
+@pytest.mark.parametrize("gate", [4.0, math.inf])
+@pytest.mark.parametrize(("error", "words"), [(0.0, None), (1.0, "of what was measured")])
+def test_an_estimate_that_explains_no_range_says_so(gate, error, words):
+    start = StartPose((0.0, 0.0, 50.0))
+    estimator = OnlineEstimator(start, {"B": Beacon((1000.0, 0.0, 50.0))}, 1500.0, gate=gate)
+    for k in range(1, 61):
+        step = (0.15, 0.0, 0.0), (0.0, 0.0, 0.0), [1e-5] * 3 + [0.01] * 3
+        estimator.add_odometry(0.1 * k, *step)
+        if k % 10 == 0:
+            assert estimator.unexplained() is None or k > 30
+            wrong = error * (k % 20 == 0) + error * (k % 30 == 0)
+            travel_time = (1000.0 - 0.15 * k) / 1500.0 + wrong
+            estimator.add_range(0.1 * k, "B", travel_time, 1e-3)
+    why = estimator.unexplained()
+    assert why is None if words is None else words in why

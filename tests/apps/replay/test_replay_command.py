@@ -110,6 +110,7 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
     )
     local[[name for name in local if name.endswith(("_north", "_east"))]] *= 0.0
     local["receiver_north"] = 700.0
+    local["travel_time"] = np.hypot(700.0, 120.0) / 1450.0
     local.to_csv(files / "local.csv", index=False)
     extent = (
         "--ocean",
@@ -200,3 +201,20 @@ def test_smoothed_positions_drifts_and_gross_errors_are_reported(mantaray, files
     assert refused.code == 2
     assert "sigma is 0 m" in refused.err
     assert not (files / "other").exists()
+
+
+def test_predictions_that_explain_nothing_exit_with_1(mantaray, files):
+    times = np.random.default_rng(0).uniform(0.5, 8.0, len(EVENTS))
+    events = EVENTS.assign(travel_time=times)
+    pd.concat([events, events.iloc[:1]]).to_csv("events.csv", index=False)
+    done = mantaray("replay", "events.csv", *WATER, "--out", "out", "--json")
+    assert done.code == 1
+    told = json.loads(done.out)
+    assert "of what was measured; at most 5 % explain it" in told["unexplained"]
+    assert done.err.splitlines()[-1].startswith("error: events.csv: not explained: the median")
+    note = "events.csv: 1 ping counted once: line 10 repeats an earlier line"
+    assert note in told["notes"]
+    assert note in done.err
+    page = (files / "out" / "index.html").read_text()
+    assert "1 ping counted once" in page
+    assert "do not explain the travel times" in page

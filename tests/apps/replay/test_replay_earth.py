@@ -36,7 +36,7 @@ def test_times_to_a_deep_node_are_those_on_the_ellipsoid(mantaray, tmp_path):
         choice = () if earth is None else ("--earth", earth)
         done = mantaray(*words, "--bathymetry", 5590, "--out", out, *choice)
         assert done.code == 0, done.err
-        assert ("Earth: sphere" in done.out) == (earth != "flat")
+        assert ("Earth: sphere" in done.err) == (earth != "flat")
         table = pd.read_csv(out / "tables" / "events.csv")
         errors[earth] = 1500.0 * np.abs(table["predicted_s"] - events["travel_time"]).max()
     assert errors[None] == errors["sphere"] < 5e-3  # m

@@ -76,7 +76,10 @@ BAD = {
         HEAD,
         ROW.replace(",B,", ",A,"),
     ),
-    "latitude in -90 to 90": (HEAD, ROW.replace(",72,", ",720,")),
+    "line 2: A: position is 720, -145; latitude must be -90 to 90": (
+        HEAD,
+        ROW.replace(",72,", ",720,"),
+    ),
     "line 2: sigma is 'small'; it must be a number or an empty cell": (
         f"{HEAD},sigma",
         f"{ROW},small",
@@ -98,7 +101,7 @@ def test_what_is_no_event_is_refused_by_its_line(tmp_path, message):
     "bad", [ROW[:40], ROW.replace("1.6", "soon"), ROW.replace(",B,", ",,"), f"{ROW},{ROW}"]
 )
 def test_lines_that_are_no_events_are_listed_and_left_out(tmp_path, bad):
-    path = write(tmp_path, ROW, bad, ROW)
+    path = write(tmp_path, ROW, bad, ROW.replace("12:00:00Z", "12:01:00Z"))
     events = read_events(path)
     assert events.travel_time.tolist() == [1.6, 1.6]
     assert events.notes[0].startswith(f"{path}: 1 line left out, not readable: line 3: ")
@@ -251,3 +254,40 @@ def test_positions_of_located_nodes_take_the_place_of_the_events_own(tmp_path):
         write(tmp_path, ROW),
         nodes,
     )
+
+
+def test_events_that_occur_twice_or_have_no_fix_are_left_out(tmp_path):
+    rows = [ROW.replace("12:00:00Z", f"12:{m:02d}:00Z") for m in range(12)]
+    whole = read_events(write(tmp_path, *rows))
+    lost = rows[3].replace("72,-145", "0,0")
+    path = write(tmp_path, *rows[:3], lost, *rows[4:], *rows[:2])
+    events = read_events(path)
+    np.testing.assert_array_equal(events.time, np.delete(whole.time, 3))
+    assert events.notes == (
+        f"{path}: 2 pings counted once: lines 14, 15 repeat earlier lines",
+        f"{path}: 1 line left out, impossible position: line 5: A: position 0, 0 is no fix",
+    )
+    # the other names of a file do not decide about a node with one event
+    only = rows[0].replace(",B,", ",C,").replace("72.02,-145.1", "999,999")
+    assert len(read_events(write(tmp_path, *rows[1:], only)).time) == 11
+
+
+def test_events_may_be_unordered_but_not_pass_midnight(tmp_path):
+    rows = [ROW.replace("2020-03-10T12:00:00Z", f"{t}") for t in (86_380, 86_390, 5)]
+    words = "line 4: time falls from 86390 to 5 s, as from one day to the next"
+    refused(ReplayError, words, read_events, write(tmp_path, *rows))
+    later = [ROW.replace("12:00:00Z", f"12:{m:02d}:00Z") for m in (2, 0, 1)]
+    events = read_events(write(tmp_path, *later))
+    assert events.time.tolist() == [0.0, -120.0, -60.0]
+    assert not events.notes
+
+
+def test_positions_of_events_in_radians_are_refused(tmp_path):
+    row = ROW.replace("72,-145", "1.2566,-2.5307").replace("72.02,-145.1", "1.2570,-2.5325")
+    words = "travel_time is 1.* times the distance .* look like radians; convert them to degrees"
+    refused(ReplayError, words, read_events, write(tmp_path, row.replace("1.6", "2.9")))
+
+
+def test_events_at_both_sides_of_the_date_line_have_right_distances(tmp_path):
+    row = ROW.replace("72,-145", "72,179.98").replace("72.02,-145.1", "72,-179.99")
+    assert len(read_events(write(tmp_path, row.replace("1.6", "0.7"))).time) == 1

@@ -15,6 +15,7 @@ from pymantaray.apps.locate.travel_times import transducers
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.geometry.longitude import wrap_longitude
+from pymantaray.records.position_rows import middle_longitude
 from pymantaray.records.text_table import check_speed
 
 _MAX_DISTANCE = 100_000.0  # m; no node answers from a greater distance
@@ -37,7 +38,7 @@ def check_positions(
 ) -> None:
     """Raise an error if a distance implies a wrong sign or order of coordinates. [degrees]"""
     lat = float(np.median(platform[0]))
-    lon = float(np.median(platform[1]))
+    lon = middle_longitude(platform[1])
     if _distance(lat, lon, *node) < _MAX_DISTANCE:
         return
     advice = "check both"

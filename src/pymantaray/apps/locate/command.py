@@ -208,6 +208,10 @@ def survey(
             printer.paths(page=page)
         if not location.solution.settled:
             LOG.error("%s: not converged; %s", file, _advice(location.survey))
+        for name, why in zip(location.survey.names, location.unexplained, strict=True):
+            if why is not None:
+                LOG.error("%s: node %s: %s; %s", file, name, why, _advice(location.survey))
+        if not location.usable:
             raise typer.Exit(EXIT_UNUSABLE)
 
 
@@ -329,8 +333,7 @@ def plan(
     with printing.printer() as printer:
         from pymantaray.records.result_table import ResultTable
 
-        for note in water_notes(water):
-            printer.line(note)
+        printer.notes(water_notes(water))
         _, criterion = CRITERIA[survey.criterion]
         caption = (
             f"Best radius of each pattern (least {criterion}), {planned.pings} pings of"
@@ -452,8 +455,8 @@ def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
     """Print the results."""
     from pymantaray.apps.locate.write import summary
 
-    for note in [*notes, location.earth]:
-        out.line(in_options(note))
+    out.notes(notes)
+    out.line(in_options(location.earth))
     values = summary(location)
     unused = values["rejected"]
     out.line(

@@ -36,11 +36,15 @@ from pymantaray.apps.locate.patterns import NoiseTest, noise_tests, test_table
 from pymantaray.apps.locate.solve import SurveySolution, candidate_table, solve
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.arrays import Array
+from pymantaray.evaluation import unexplained
 from pymantaray.geometry.tangent_plane import TangentPlane
 from pymantaray.records.result_table import ResultTable
 
 _ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a normal distribution in two dimensions
 _INTERVAL = 1.959964
+UNEXPLAINED = "unexplained"
+"""Status of a node whose position does not explain its pings."""
+_LONGEST_TIME = 120.0  # s; two-way time of 90 km, beyond the reach of any transponder
 _NOMINAL_SPEED = 1500.0  # m/s; of a survey without pings of the platform
 _MIN_PINGS = 3  # per node
 _MIN_DEPTH = 0.05  # m; a shallower node counts as above the surface
@@ -266,6 +270,36 @@ class Location:
             )
         return pd.DataFrame(rows)
 
+    @cached_property
+    def unexplained(self) -> list[str | None]:
+        """
+        Reason why the position of each node does not explain its pings; None if it does.
+
+        The limits are those of `pymantaray.evaluation.unexplained`. The stated noise of a ping
+        contains that of the platform's positions. All pings with a ray count.
+        """
+        survey = self.survey
+        speed = self.mean_speed
+        legs = np.where(survey.direction == TravelDirection.TWO_WAY, 2.0, 1.0)
+        error = survey.platform_error
+        by_platform = legs * math.hypot(error.horizontal, error.vertical) / speed
+        sigma = np.hypot(survey.sigma, by_platform)
+        # the clock of a one-way time is unknown, and no sound is heard from far away
+        one_way = survey.direction != TravelDirection.TWO_WAY
+        water_time = np.minimum(self.solution.legs.travel_time, _LONGEST_TIME)
+        time = np.where(one_way, water_time, np.minimum(water_time, survey.travel_time))
+        residual = np.where(survey.flagged, np.nan, self.residual)
+        out: list[str | None] = []
+        for k in range(len(survey.nodes)):
+            rows = (survey.node == k) | (survey.partner == k)
+            out.append(unexplained(residual[rows], time[rows], sigma[rows]))
+        return out
+
+    @property
+    def usable(self) -> bool:
+        """True if the solver converged and the positions of all nodes explain their pings."""
+        return self.solution.settled and not any(self.unexplained)
+
     def _status(self, k: int, n_used: int) -> str:
         """Status of a node as text; ``ok`` if its position is determined."""
         survey = self.survey
@@ -275,6 +309,8 @@ class Location:
         top = float(np.median(above)) if above.size else -np.inf
         if not self.solution.settled:
             return "not converged"
+        if self.unexplained[k] is not None:
+            return UNEXPLAINED
         if n_used < _MIN_PINGS:
             no_ray = of_node & ~self.solution.legs.possible
             is_most = no_ray.any() and no_ray.sum() > 0.5 * of_node.sum()

@@ -113,10 +113,9 @@ def warnings_of(location: Location) -> list[str]:
     lines += _consequence(location)
     if location.displacement is not None:
         lines += location.displacement.notes
-    nodes = location.nodes
     lines += [
-        f"{row['name']}: {row['status']}."
-        for row in nodes.to_dict("records")
+        f"{row['name']}: {row['status']}{f', {why}' if why else ''}."
+        for row, why in zip(location.nodes.to_dict("records"), location.unexplained, strict=True)
         if row["status"] != "ok"
     ][:_MAX_WARNED]
     return lines

@@ -1,6 +1,9 @@
 """Reader of surveys, which detects the format; options supply missing data."""
 
+from collections.abc import Callable
 from pathlib import Path
+
+import numpy as np
 
 from pymantaray.apps.locate.read_garpos import read_garpos
 from pymantaray.apps.locate.read_gnatss import read_gnatss
@@ -9,6 +12,7 @@ from pymantaray.apps.locate.read_options import ReadOptions
 from pymantaray.apps.locate.read_table import read_table
 from pymantaray.apps.locate.survey import Survey
 from pymantaray.errors import LocateError, RecordError
+from pymantaray.records.position_rows import order_of_times, repeated_note, repeated_rows
 from pymantaray.user_files import check_regular, first_bytes
 
 
@@ -38,15 +42,33 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
     selected = options or ReadOptions()
     check_regular(path, LocateError, what="the survey's file, for GARPOS its ini file")
     try:
-        if path.suffix.lower() in (".yaml", ".yml"):
-            return read_gnatss(path, selected)
-        if path.suffix.lower() == ".ini" or _has_sections(path):
-            return read_garpos(path, selected)
-        if is_obsrange(path):
-            return read_obsrange(path, selected)
-        return read_table(path, selected)
+        return _each_ping_once(_reader(path)(path, selected))
     except RecordError as error:
         raise LocateError(str(error)) from None
+
+
+def _reader(path: Path) -> Callable[[Path, ReadOptions], Survey]:
+    if path.suffix.lower() in (".yaml", ".yml"):
+        return read_gnatss
+    if path.suffix.lower() == ".ini" or _has_sections(path):
+        return read_garpos
+    return read_obsrange if is_obsrange(path) else read_table
+
+
+def _each_ping_once(survey: Survey) -> Survey:
+    """Survey in order of time with each ping once, and notes about it."""
+    notes = list(survey.notes)
+    keys = survey.time, survey.node, survey.partner, survey.direction, survey.travel_time
+    repeated = repeated_rows(keys)
+    if repeated.any():
+        notes.append(repeated_note(survey.source, survey.line[repeated].tolist()))
+        survey = survey.rows(np.flatnonzero(~repeated))
+    dated = not np.isnat(survey.epoch)
+    order, note = order_of_times(survey.time, survey.where, LocateError, dated=dated, blocks=True)
+    if order is not None and note is not None:
+        notes.append(note)
+        survey = survey.rows(order)
+    return survey.assign(notes=tuple(notes)) if len(notes) > len(survey.notes) else survey
 
 
 def _has_sections(path: Path) -> bool:

@@ -8,6 +8,7 @@ delay. Depths are below the origin's ``Height0``.
 """
 
 import configparser
+from dataclasses import replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -20,9 +21,11 @@ from pymantaray.errors import LocateError, OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.records.invalid_lines import InvalidLines
+from pymantaray.records.position_rows import FASTEST_PLATFORM, PositionRows, order_of_times
 from pymantaray.records.text_table import TextTable, check_seconds, read_text_table
 from pymantaray.user_files import exists, read_text
 
+_DAY = 86400.0  # s
 _MAX_TIME_OF_DAY = 40.0 * 86400.0  # s; larger times are since 1970, or modified Julian dates
 _LATEST = 9e9  # s since 1970; 64-bit nanoseconds end in 2262
 _MJD_1970 = 40587 * 86400.0
@@ -110,6 +113,8 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
         invalid, words=["MT"], numbers=[*_REQUIRED, *(n for n in _NUMBERS if n in columns)]
     )
     invalid.refuse_most(len(table.frame), LocateError)
+    positions = PositionRows(pings, LocateError, fastest=FASTEST_PLATFORM)
+    table = _possible(table, positions)
     survey = _survey(settings, table, nodes, names)
     profile = settings.text("Obs-parameter", "SoundSpeed", "")
     lever = settings.vector("Model-parameter", "ATDoffset", "0 0 0")
@@ -126,10 +131,29 @@ def read_garpos(path: Path, options: ReadOptions) -> Survey:
                     f"{path}: depths are relative to the site's origin, {height:g} m above the"
                     " ellipsoid"
                 ),
+                *survey.notes,
                 *invalid.notes,
+                *positions.notes,
             ),
         )
     )
+
+
+def _possible(table: TextTable, positions: PositionRows) -> TextTable:
+    """Rows whose positions of the antenna are possible, at transmission and at reception."""
+    keep = np.ones(len(table.frame), dtype=bool)
+    for time, north, east in (("ST", "ant_n0", "ant_e0"), ("RT", "ant_n1", "ant_e1")):
+        if {time, north, east} <= set(table.frame.columns):
+            instant, *position = table.numbers([time, north, east])[keep].T
+            possible = positions.possible(
+                instant,
+                np.column_stack(position),
+                table.frame.index.to_numpy(dtype=np.int64)[keep],
+                geographic=False,
+            )
+            keep[np.flatnonzero(keep)[~possible]] = False
+    positions.refuse_most(int(keep.sum()))
+    return table if keep.all() else replace(table, frame=table.frame[keep])
 
 
 def _nodes(
@@ -184,7 +208,10 @@ def _survey(
     flags = np.zeros(travel_time.size, bool)
     if "flag" in columns:
         flags = table.frame["flag"].str.lower().isin(_TRUE).to_numpy()
-    order = np.argsort(transmit_time, kind="stable")
+    order, note = order_of_times(
+        transmit_time, table.where, LocateError, dated=bool(transmit_time.max() > _DAY)
+    )
+    order = np.arange(transmit_time.size) if order is None else order
     epoch, origin = _epoch(settings, float(transmit_time.min()))
     return Survey(
         nodes=nodes,
@@ -199,6 +226,7 @@ def _survey(
         line=table.frame.index.to_numpy(dtype=np.int64)[order],
         epoch=epoch,
         source=str(table.path),
+        notes=(note,) if note else (),
     )
 
 

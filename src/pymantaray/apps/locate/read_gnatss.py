@@ -21,6 +21,7 @@ from pymantaray.errors import LocateError, optional_package
 from pymantaray.geometry import LocalFrame
 from pymantaray.messages import one_line
 from pymantaray.records.invalid_lines import InvalidLines
+from pymantaray.records.position_rows import PositionRows
 from pymantaray.records.text_table import MONTHS, check_seconds
 from pymantaray.user_files import matching_files, read_text
 
@@ -171,6 +172,7 @@ def _stamp(words: list[str]) -> float:
 def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> _Positions:
     """Positions of files with times, geocentric positions and their covariances."""
     rows: list[list[float]] = []
+    lines: list[int] = []
     invalid = InvalidLines()
     for path, number, text, words in _lines(paths):
         try:
@@ -187,20 +189,27 @@ def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> _Positions
         values += [0.0] * (_POSITION_COLUMNS - len(values))
         time, x, y, z, xx, _, _, _, yy, _, _, _, zz = values
         rows.append([time, x, y, z, xx, yy, zz])
+        lines.append(number)
     invalid.refuse_most(len(rows), LocateError)
     table = np.array(rows)
     if not table.size:
         raise LocateError(f"{paths[0]}: no position in this file")
     check_seconds(table[:, 0], f"{paths[0]}: time", LocateError)
-    times, xs, ys, zs, *variances = table[np.argsort(table[:, 0], kind="stable")].T
+    order = np.argsort(table[:, 0], kind="stable")
+    times, xs, ys, zs, *variances = table[order].T
     geodetic = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True)
     lon, lat, height = geodetic.transform(xs, ys, zs)
     north, east = _to_local(frame, lat, lon, geoid)
+    positions = PositionRows(paths[0], LocateError)
+    keep = positions.possible(
+        times, np.column_stack([lat, lon]), np.array(lines)[order], geographic=True
+    )
+    positions.refuse_most(int(keep.sum()))
     return _Positions(
-        time=times,
-        position=np.column_stack([north, east, geoid - height]),
-        variance=np.column_stack(variances),
-        notes=invalid.notes,
+        time=times[keep],
+        position=np.column_stack([north, east, geoid - height])[keep],
+        variance=np.column_stack(variances)[keep],
+        notes=(*invalid.notes, *positions.notes),
     )
 
 

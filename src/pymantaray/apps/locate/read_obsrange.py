@@ -21,6 +21,7 @@ from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.messages import one_line
 from pymantaray.records.invalid_lines import InvalidLines
+from pymantaray.records.position_rows import FASTEST_PLATFORM, PositionRows
 from pymantaray.user_files import read_text
 
 _FIRST_DAY = np.datetime64("1970-01-01", "s")
@@ -91,9 +92,13 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
         raise LocateError(
             f"{path}: none of {n_skipped} events has an answer; the survey needs answers"
         )
-    notes = (*skipped_note(path, n_skipped), *invalid.notes)
-    survey = _survey(path, head, pings, options)
-    return options.apply(survey.assign(line=np.array(lines, dtype=np.int64), notes=notes))
+    positions = PositionRows(path, LocateError, fastest=FASTEST_PLATFORM)
+    time, _, lat, lon = (np.array(column) for column in zip(*pings, strict=True))
+    keep = positions.possible(time, np.column_stack([lat, lon]), lines, geographic=True)
+    positions.refuse_most(int(keep.sum()))
+    survey = _survey(path, head, [pings[row] for row in np.flatnonzero(keep)], options)
+    notes = (*skipped_note(path, n_skipped), *invalid.notes, *positions.notes)
+    return options.apply(survey.assign(line=np.array(lines, dtype=np.int64)[keep], notes=notes))
 
 
 class _Ping(NamedTuple):

@@ -15,6 +15,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records.invalid_lines import InvalidLines
+from pymantaray.records.position_rows import FASTEST_PLATFORM, PositionRows, middle_longitude
 from pymantaray.records.text_table import TextTable, read_text_table
 
 _TIMES = {
@@ -30,7 +31,6 @@ _HORIZONTAL = [
     *("north_m", "east_m", "north_rx_m", "east_rx_m"),
 ]
 _ANGLES = [f"{name}{end}_deg" for end in ("", "_rx") for name in ("heading", "pitch", "roll")]
-_LIMITS = {"lat": 90.0, "lon": 360.0}  # degrees
 _MAX_NAMES = 6  # in a message
 _FALSE = ("0", "false", "no", "n", "f")
 _TRUE = ("1", "true", "yes", "y", "t", "")
@@ -39,9 +39,11 @@ _TRUE = ("1", "true", "yes", "y", "t", "")
 def read_table(path: Path, options: ReadOptions) -> Survey:
     """Read a survey from a table; the how-to lists its columns."""
     invalid = InvalidLines()
-    table = read_text_table(path, invalid=invalid)
+    table, in_degrees = _known_titles(read_text_table(path, invalid=invalid))
     kind = _time_column(table)
     table = _readable(table, kind, options, invalid)
+    positions = PositionRows(path, LocateError, fastest=FASTEST_PLATFORM)
+    table = _possible(table, options, positions, in_degrees=in_degrees)
     names = table.words("node")
     time, epoch = table.seconds("time")
     travel_time = table.numbers([kind])[:, 0] * _TIMES[kind][1]
@@ -70,9 +72,50 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
         frame=frame,
         epoch=epoch,
         source=str(path),
-        notes=invalid.notes,
+        notes=(*invalid.notes, *positions.notes, *raw.notes),
     )
     return options.apply(survey)
+
+
+def _known_titles(table: TextTable) -> tuple[TextTable, bool]:
+    """
+    Table whose latitudes and longitudes have the titles ``lat`` and ``lon``, and True if the file
+    states that they are degrees.
+    """
+    names = {f"{axis}{end}_deg": f"{axis}{end}" for axis in ("lat", "lon") for end in ("", "_rx")}
+    columns = table.frame.columns
+    in_degrees = "lat_deg" in columns
+    return replace(table, frame=table.frame.rename(columns=names)), in_degrees
+
+
+def _possible(
+    table: TextTable, options: ReadOptions, positions: PositionRows, *, in_degrees: bool
+) -> TextTable:
+    """Rows whose positions of the platform are possible, at transmission and at reception."""
+    if options.track:
+        return table
+    time, _ = table.seconds("time")
+    keep = np.array([word == "" for word in table.words("partner")], dtype=bool)
+    for axes in (("lat", "lon"), ("north_m", "east_m")):
+        for end in ("", "_rx"):
+            first, second = (
+                f"{axis.removesuffix('_m')}{end}{axis[len(axis.removesuffix('_m')) :]}"
+                for axis in axes
+            )
+            if not {first, second} <= set(table.frame.columns):
+                continue
+            rows = np.flatnonzero(keep)
+            possible = positions.possible(
+                time[rows],
+                np.column_stack([table.optional(first)[rows], table.optional(second)[rows]]),
+                table.frame.index.to_numpy(dtype=np.int64)[rows],
+                geographic=axes[0] == "lat",
+                stated_degrees=in_degrees,
+            )
+            keep[rows[~possible]] = False
+    positions.refuse_most(int(keep.sum()))
+    keep |= np.array([word != "" for word in table.words("partner")], dtype=bool)
+    return table if keep.all() else replace(table, frame=table.frame[keep])
 
 
 def _readable(
@@ -91,31 +134,14 @@ def _readable(
     for name in _HORIZONTAL:
         if options.track or name not in table.frame.columns:
             continue
-        axis, _, _ = name.partition("_")
-        limit = _LIMITS.get(axis, np.inf)
-        is_wrong = ~(np.abs(table.optional(name)) <= limit)
-        for row in np.flatnonzero(from_platform & keep & is_wrong).tolist():
-            invalid.add(
-                table.path, int(table.frame.index[row]), _position_fault(table, row, name, limit)
-            )
+        is_missing = ~np.isfinite(table.optional(name))
+        for row in np.flatnonzero(from_platform & keep & is_missing).tolist():
+            cell = table.frame[name].iloc[row]
+            reason = f"the position of the platform is incomplete: {name} is {cell!r}"
+            invalid.add(table.path, int(table.frame.index[row]), reason)
             keep[row] = False
     invalid.refuse_most(int(keep.sum()), LocateError)
     return replace(table, frame=table.frame[keep])
-
-
-def _position_fault(table: TextTable, row: int, name: str, limit: float) -> str:
-    cell = table.frame[name].iloc[row]
-    if not np.isfinite(limit) or cell.lower() in ("", "nan"):
-        return f"the position of the platform is incomplete: {name} is {cell!r}"
-    suffix = name.removeprefix("lat").removeprefix("lon")
-    lat, lon = (table.frame[f"{axis}{suffix}"].iloc[row] for axis in ("lat", "lon"))
-    hint = ""
-    if name.startswith("lat") and abs(float(lon or "nan")) <= 90.0:
-        hint = "; they may be exchanged"
-    return (
-        f"position is {lat}, {lon}; latitude must be -90 to 90 and longitude -360 to 360"
-        f" degrees{hint}"
-    )
 
 
 def _time_column(table: TextTable) -> str:
@@ -166,16 +192,18 @@ class _PlatformPositions:
                 " and east_m, or give `track`"
             )
         self.frame: LocalFrame | None = None
+        self.notes: tuple[str, ...] = ()
         if self._track:
             from pymantaray.exchange import read_trajectories
 
             self._tracks = read_trajectories([str(path) for path in options.track])
+            self.notes = self._tracks.notes
             self.frame = (
                 LocalFrame(*self._tracks.centre) if self._tracks.centre is not None else None
             )
         elif self._geodetic and not between.all():
             lat, lon = (table.optional(name)[~between] for name in ("lat", "lon"))
-            self.frame = LocalFrame(float(np.median(lat)), float(np.median(lon)))
+            self.frame = LocalFrame(float(np.median(lat)), middle_longitude(lon))
         self.lat_lon = (
             None if not self._geodetic else tuple(table.optional(name) for name in ("lat", "lon"))
         )
@@ -285,7 +313,7 @@ def _frame_of_nodes(options: ReadOptions) -> LocalFrame | None:
     if not {"lat", "lon"} <= set(table.frame.columns):
         return None
     lat, lon = table.numbers(["lat", "lon"]).T
-    return LocalFrame(float(lat.mean()), float(lon.mean()))
+    return LocalFrame(float(np.median(lat)), middle_longitude(lon))
 
 
 def _nodes(
@@ -314,7 +342,7 @@ def _nodes(
             raise LocateError(
                 f"{table.path}: node {name} has no ping of the platform; give `nodes`"
             )
-        middle = platform.transmit_position[rows].mean(axis=0)
+        middle = np.median(platform.transmit_position[rows], axis=0)
         nodes[name] = Node(name, (float(middle[0]), float(middle[1]), options.depth), _SIGMA)
     return tuple(nodes[name] for name in nodes if name in names)
 

@@ -53,6 +53,8 @@ def summary(location: Location) -> dict[str, Any]:
         "rejected": _rejected(location),
         "earth": location.earth,
         "settled": location.solution.settled,
+        "usable": location.usable,
+        "unexplained": dict(zip(location.survey.names, location.unexplained, strict=True)),
         "campaign": campaign_values(location),
         "displacement": moved.as_dict() if moved is not None else None,
     }
@@ -61,7 +63,8 @@ def summary(location: Location) -> dict[str, Any]:
 def _campaign_record(location: Location) -> dict[str, Any]:
     """Content of ``location.json``."""
     values = summary(location)
-    keys = ("campaign", "displacement", "tests_passed", "widening", "selection", "settled")
+    keys = ["campaign", "displacement", "tests_passed", "widening", "selection", "settled"]
+    keys += ["usable", "unexplained"]
     return {key: values[key] for key in keys} | {"tests": values["tests"].to_dict("records")}
 
 

@@ -19,6 +19,7 @@ from pymantaray.apps.online.filter import (
     Step,
     advance,
     apply,
+    innovation_of,
 )
 from pymantaray.errors import OnlineError
 
@@ -115,6 +116,22 @@ class Timeline:
         )
         counts[Outcome.WAITING] = len(self.waiting)
         return {outcome: counts[outcome] for outcome in Outcome}
+
+    def range_residuals(self) -> list[tuple[float, float, float]]:
+        """
+        Residual after the event, travel time and standard deviation of each range in the history
+        with a prediction. [s]
+        """
+        self._apply_until(len(self.events))
+        rows = []
+        for event, state in zip(self.events, self._states, strict=True):
+            if event.kind != Kind.RANGE:
+                continue
+            innovation = innovation_of(state.estimate, event, self.ranging)
+            if innovation is not None:
+                sigma = math.sqrt(float(innovation.variance[0, 0]))
+                rows.append((float(innovation.residual[0]), event.values[0], sigma))
+        return rows
 
     def _covers(self, event: Event) -> bool:
         """True if the odometry of all vehicles of a measurement reaches its time."""

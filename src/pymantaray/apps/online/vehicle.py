@@ -26,12 +26,14 @@ from pymantaray.errors import GeometryError, OnlineError
 from pymantaray.estimation.filters.error_state import SIZE, State
 from pymantaray.estimation.graph.graph import LARGEST
 from pymantaray.estimation.ranges.range_models import RangeModel
+from pymantaray.evaluation import unexplained
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.quantities.checks import check_number, checked_array
 
 Ranges = TravelTimeTable | Medium | RangeModel | float
 
 
+_MIN_RANGES = 3  # that are judged
 _LATEST = 1e12  # s; 30,000 years, with digits of 0.1 ms
 
 
@@ -460,6 +462,21 @@ class OnlineEstimator:
             Name of the outcome in lower case, and the number.
         """
         return {outcome.name.lower(): n for outcome, n in self._timeline.counts().items()}
+
+    def unexplained(self) -> str | None:
+        """
+        Return why the estimate does not explain the ranges within the lag.
+
+        Returns
+        -------
+        str or None
+            None if it does, or if there are fewer than three. Ranges that the gate rejects count as
+            well; the limits are those of `pymantaray.evaluation.unexplained`.
+        """
+        rows = self._timeline.range_residuals()
+        if len(rows) < _MIN_RANGES:
+            return None
+        return unexplained(*np.transpose(rows))
 
     def save(self, path: Path | str) -> None:
         """

@@ -133,8 +133,7 @@ def ranges(
     ).with_(**changes_of(changes))
     existing = track_files(config.fleet)
     with printing.printer() as printed:
-        for note in () if printing.quiet or existing is None else existing.tracks.notes:
-            typer.echo(note, err=True)
+        printed.notes([] if existing is None else existing.tracks.notes)
         run_and_report(
             config, folder.out, printed, workers=1, formats=folder.formats, quiet=printing.quiet
         )

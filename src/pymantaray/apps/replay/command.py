@@ -21,7 +21,8 @@ from pymantaray.cli.options import (
     format_names,
     parse_duration,
 )
-from pymantaray.cli.printing import Printer
+from pymantaray.cli.output import EXIT_UNUSABLE
+from pymantaray.cli.printing import LOG, Printer
 
 if TYPE_CHECKING:
     from pymantaray.apps.replay import Replay
@@ -173,6 +174,7 @@ def replay(
     with printing.printer() as printer:
         _print_result(printer, result)
         printer.paths(page=page)
+        _exit_if_unexplained(events, result)
 
 
 def _waters_on_earth(
@@ -200,13 +202,14 @@ def _waters_on_earth(
 
 
 def _print_result(out: Printer, result: "Replay") -> None:
-    notes = [*result.notes, *result.findings]
-    for note in notes:
-        out.line(note)
+    out.notes(result.notes)
+    for finding in result.findings:
+        out.line(finding)
     counts = result.events["status"].value_counts()
     out.line(
         f"{len(result.events)} events: " + ", ".join(f"{n} {word}" for word, n in counts.items()),
-        notes=notes,
+        findings=list(result.findings),
+        unexplained=result.unexplained,
         rule=str(result.rule),
         statuses=dict(counts.items()),
         clocks=result.clocks,
@@ -236,6 +239,13 @@ def _print_result(out: Printer, result: "Replay") -> None:
             f" {switching['step_s']:.0f} s, {switching['independent_rate']:.3f} if independent:"
             f" correlation time {switching['correlation_s']:.0f} s"
         )
+
+
+def _exit_if_unexplained(events: Path, result: "Replay") -> None:
+    """End with the status of an unusable result if the predictions explain nothing."""
+    if result.unexplained is not None:
+        LOG.error("%s: not explained: %s", events, result.unexplained)
+        raise typer.Exit(EXIT_UNUSABLE)
 
 
 COMMANDS = {"replay": replay}

@@ -36,6 +36,7 @@ from pymantaray.apps.replay.water import choose_water, ends_of, instants_in, wat
 from pymantaray.arrays import Array
 from pymantaray.config.build.water import Source, open_waters
 from pymantaray.errors import ReplayError
+from pymantaray.evaluation import unexplained
 from pymantaray.geometry.sphere import flat_earth_note
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import RayStatus
@@ -195,8 +196,30 @@ class Replay:
     @property
     def findings(self) -> tuple[str, ...]:
         """Sentences about gross errors, unknown clocks and inconsistent positions."""
-        sentences = gross_note(self.events), unknown_clocks_note(self.clocks), node_note(self.nodes)
+        why = self.unexplained
+        sentences = (
+            f"The water and the positions do not explain the travel times: {why}." if why else None,
+            gross_note(self.events),
+            unknown_clocks_note(self.clocks),
+            node_note(self.nodes),
+        )
         return tuple(text for text in sentences if text)
+
+    @property
+    def unexplained(self) -> str | None:
+        """
+        Reason why the predictions do not explain the measured times; None if they do.
+
+        The residuals are those of the nearest candidates after the correction of clocks. The limits
+        are those of `pymantaray.evaluation.unexplained`.
+        """
+        sigma = self.events["sigma_s"].to_numpy()
+        if "prediction_sigma_s" in self.events:
+            sigma = np.hypot(sigma, self.events["prediction_sigma_s"].to_numpy())
+        # a gross error has no clock correction
+        taken = self.taken["taken_residual_s"]
+        residual = taken.where(taken.notna(), self.events["residual_s"])
+        return unexplained(residual, self.events["measured_s"], sigma)
 
     @cached_property
     def reciprocity(self) -> pd.DataFrame:

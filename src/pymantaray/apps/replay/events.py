@@ -10,6 +10,14 @@ from pymantaray.arrays import Array
 from pymantaray.errors import RecordError, ReplayError
 from pymantaray.quantities.checks import checked_array
 from pymantaray.records.invalid_lines import InvalidLines
+from pymantaray.records.position_rows import (
+    FASTEST_PLATFORM,
+    PositionRows,
+    distances,
+    order_of_times,
+    repeated_note,
+    repeated_rows,
+)
 from pymantaray.records.text_table import TextTable, read_text_table
 
 Names = NDArray[np.str_]
@@ -17,8 +25,9 @@ ENDS = ("source", "receiver")
 _AXES = {True: ("lat", "lon", "depth"), False: ("north", "east", "depth")}
 """Axes of positions by `Events.geographic`."""
 _MILLISECONDS = (300.0, 3000.0)  # ratio of times with a wrong unit
+_AS_RADIANS = (2.0, 200.0)  # the same of positions in radians, about 57
+_RADIANS = (0.5 * np.pi, np.pi)  # largest latitude and longitude
 _SOUND_SPEED = 1500.0  # m/s
-_M_PER_DEGREE = 111_100.0
 _ECHO_METRES = 1.0  # between the ends of an echo
 _ECHO_DEGREES = 1e-5
 _MAX_TIME = 3600.0  # s; a longer travel time is in another unit
@@ -189,6 +198,7 @@ def _events(table: TextTable, invalid: InvalidLines) -> Events:
         invalid, times=["time"], numbers=numbers, words=ENDS, optional=["sigma", "level_db"]
     )
     invalid.refuse_most(len(table.frame), ReplayError)
+    table, notes = _possible(table, geographic=geographic)
     names = {end: table.words(end) for end in ENDS}
     time, epoch = table.seconds("time")
     events = Events(
@@ -202,25 +212,64 @@ def _events(table: TextTable, invalid: InvalidLines) -> Events:
         sigma=table.optional("sigma"),
         cast=np.array(table.words("cast"), dtype=str),
         epoch=epoch,
-        notes=invalid.notes,
+        notes=(*invalid.notes, *notes),
         level_db=table.optional("level_db"),
     )
     _check_unit(path, events)
     return events
 
 
+def _possible(table: TextTable, *, geographic: bool) -> tuple[TextTable, tuple[str, ...]]:
+    """
+    Events with possible positions, each once, and notes about the others.
+
+    The positions of a node are those of both ends of its events.
+    """
+    line = table.frame.index.to_numpy(dtype=np.int64)
+    time, epoch = table.seconds("time")
+    keys = [table.frame[end].to_numpy(dtype=str) for end in ENDS]
+    repeated = repeated_rows([time, *keys, table.numbers(["travel_time"])[:, 0]])
+    notes = [repeated_note(table.path, line[repeated].tolist())] if repeated.any() else []
+    keep = ~repeated
+    positions = PositionRows(table.path, ReplayError, fastest=FASTEST_PLATFORM)
+    places = np.stack([table.numbers([f"{end}_{a}" for a in _AXES[geographic]]) for end in ENDS])
+    names = np.stack([table.words(end) for end in ENDS])
+    rows = np.broadcast_to(np.arange(time.size), names.shape)
+    for name in np.unique(names).tolist():
+        of_node = (names == name) & keep
+        possible = positions.possible(
+            time[rows[of_node]],
+            places[of_node],
+            line[rows[of_node]],
+            geographic=geographic,
+            who=name,
+            stated_degrees=True,
+        )
+        keep[rows[of_node][~possible]] = False
+    positions.refuse_most(int(keep.sum()))
+    # events may have any order, but times of day must not pass midnight
+    order_of_times(time, table.where, ReplayError, dated=not np.isnat(epoch))
+    return replace(table, frame=table.frame[keep]), (*notes, *positions.notes)
+
+
 def _check_unit(path: Path, events: Events) -> None:
     """Raise an error if travel times are thousands of times too long or too short."""
-    step = events.receiver_position - events.source_position
-    if events.geographic:
-        step[:, :2] *= _M_PER_DEGREE
-        step[:, 1] *= np.cos(np.radians(events.source_position[:, 0]))
-    straight_time = np.linalg.norm(step, axis=1) / _SOUND_SPEED
+    first, second = events.source_position, events.receiver_position
+    horizontal = distances(first, second, geographic=events.geographic)
+    straight_time = np.hypot(horizontal, first[:, 2] - second[:, 2]) / _SOUND_SPEED
     between_nodes = ~events.is_echo
     if not between_nodes.any():
         return
-    ratio = events.travel_time / np.maximum(straight_time, 1e-6)
-    ratio = float(np.median(ratio[between_nodes]))
+    ratios = events.travel_time / np.maximum(straight_time, 1e-6)
+    ratio = float(np.median(ratios[between_nodes]))
+    places = np.concatenate([first, second])[:, :2]
+    low, high = _AS_RADIANS
+    if events.geographic and low < ratio < high and (np.abs(places) <= _RADIANS).all():
+        raise ReplayError(
+            f"{path}: travel_time is {ratio:.3g} times the distance over {_SOUND_SPEED:g} m/s, and"
+            f" positions such as {places[0, 0]:g}, {places[0, 1]:g} look like radians; convert them"
+            " to degrees"
+        )
     low, high = _MILLISECONDS
     if low < ratio < high or low < 1.0 / max(ratio, 1e-9) < high:
         raise ReplayError(

@@ -12,6 +12,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.quantities.checks import check_number
+from pymantaray.records.position_rows import middle_longitude
 
 # m per square root of a second, among which the likelihood chooses
 _WALKS = np.geomspace(1e-4, 10.0, 21)
@@ -75,7 +76,7 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
     coordinates = np.stack([events.source_position, events.receiver_position])[..., :2].copy()
     if events.geographic:
         flat = coordinates.reshape(-1, 2)
-        frame = LocalFrame(float(flat[:, 0].mean()), float(flat[:, 1].mean()))
+        frame = LocalFrame(float(np.median(flat[:, 0])), middle_longitude(flat[:, 1]))
         coordinates = np.stack(frame.to_local(coordinates[..., 0], coordinates[..., 1]), axis=-1)
     names = np.stack([events.source, events.receiver])
     times = np.broadcast_to(events.time, names.shape)
