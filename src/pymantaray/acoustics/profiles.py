@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics.bounded import bounded_levels
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError
@@ -495,6 +496,7 @@ def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:
 def _interpolated(levels: Array, values: Array, at: Array, interpolation: Interpolation) -> Array:
     if interpolation == "linear":
         return np.interp(at, levels, values)
+    levels, values, _ = bounded_levels(levels, values)
     return natural_spline(levels, values, at)
 
 
@@ -555,10 +557,21 @@ def _fewest_chords(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
 
 
 def _spline_levels(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
-    """Rows whose natural cubic spline is within the tolerance of all levels."""
+    """Rows whose spline, as in a `Medium`, is within the tolerance of all levels."""
+    rows = _few_levels(z, c, tolerance, natural_spline)
+    levels, _, _ = bounded_levels(z[rows], c[rows])
+    if levels.size == rows.size:
+        return rows
+    return _few_levels(z, c, tolerance, partial(_interpolated, interpolation="smooth"))
+
+
+def _few_levels(
+    z: Array, c: Array, tolerance: float, spline: Callable[[Array, Array, Array], Array]
+) -> NDArray[np.int64]:
+    """Rows through which a spline is within the tolerance of all levels."""
 
     def departure(kept: NDArray[np.int64]) -> Array:
-        return np.abs(_interpolated(z[kept], c[kept], z, "smooth") - c)
+        return np.abs(spline(z[kept], c[kept], z) - c)
 
     rows = np.array([0, z.size - 1])
     while True:
