@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
@@ -496,7 +496,6 @@ def _checked(depth: ArrayLike, sound_speed: ArrayLike) -> tuple[Array, Array]:
 def _interpolated(levels: Array, values: Array, at: Array, interpolation: Interpolation) -> Array:
     if interpolation == "linear":
         return np.interp(at, levels, values)
-    levels, values, _ = bounded_levels(levels, values)
     return natural_spline(levels, values, at)
 
 
@@ -557,32 +556,30 @@ def _fewest_chords(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
 
 
 def _spline_levels(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
-    """Rows whose spline, as in a `Medium`, is within the tolerance of all levels."""
-    rows = _few_levels(z, c, tolerance, natural_spline)
-    levels, _, _ = bounded_levels(z[rows], c[rows])
-    if levels.size == rows.size:
-        return rows
-    return _few_levels(z, c, tolerance, partial(_interpolated, interpolation="smooth"))
-
-
-def _few_levels(
-    z: Array, c: Array, tolerance: float, spline: Callable[[Array, Array, Array], Array]
-) -> NDArray[np.int64]:
-    """Rows through which a spline is within the tolerance of all levels."""
+    """Rows whose natural cubic spline is within the tolerance of all levels."""
 
     def departure(kept: NDArray[np.int64]) -> Array:
-        return np.abs(spline(z[kept], c[kept], z) - c)
+        return np.abs(_interpolated(z[kept], c[kept], z, "smooth") - c)
 
-    rows = np.array([0, z.size - 1])
-    while True:
-        off = departure(rows)
-        off[rows] = 0.0  # exact except for rounding
-        if off.max() <= tolerance:
-            break
-        worst = [a + int(np.argmax(off[a:b])) for a, b in pairwise(rows)]
-        rows = np.union1d(rows, [row for row in worst if off[row] > tolerance])
+    def within(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        while True:
+            off = departure(rows)
+            off[rows] = 0.0  # exact except for rounding
+            if off.max() <= tolerance:
+                return rows
+            worst = [a + int(np.argmax(off[a:b])) for a, b in pairwise(rows)]
+            rows = np.union1d(rows, [row for row in worst if off[row] > tolerance])
+
+    rows = within(np.array([0, z.size - 1]))
     for row in rows[1:-1]:
         fewer = rows[rows != row]
         if departure(fewer).max() <= tolerance:
             rows = fewer
-    return rows
+    while True:
+        # a medium is linear where a spline leaves its levels: keep all levels there
+        _, _, left = bounded_levels(z[rows], c[rows])
+        inside = [np.arange(rows[k], rows[k + 1]) for k in np.flatnonzero(left)]
+        more = np.union1d(rows, np.concatenate([rows, *inside]))
+        if more.size == rows.size:
+            return rows
+        rows = within(more)
