@@ -188,3 +188,30 @@ def test_a_pair_about_a_caustic_beyond_the_receiver_is_found():
         assert angle.size == 3
         assert angle[2] - angle[1] < 1e-3  # rad
         assert near < 1e-5 < arrivals.travel_time[2] - arrivals.travel_time[0]  # s
+
+
+@pytest.mark.parametrize("tolerance", [1e-3, 0.1])
+def test_a_reflected_ray_of_both_fans_is_listed_once(tolerance):
+    """
+    Rays near 60 degrees belong to the fan along the horizontal and to the one in depth, whose
+    integrations differ by the tolerance.
+    """
+    depth = [0.0, 50.0, 100.0, 200.0, 400.0, 800.0, 1500.0, 3000.0]
+    speed = [1437.0, 1438.0, 1445.0, 1455.0, 1461.0, 1464.0, 1471.0, 1494.0]
+    medium = Medium.from_profile(depth, speed, bottom_depth=3000.0)
+    rng = np.random.default_rng(7)
+    n = 60
+    source = np.column_stack([np.zeros((n, 2)), rng.uniform(100.0, 900.0, n)])
+    receiver = np.column_stack(
+        [np.zeros(n), rng.uniform(1500.0, 4500.0, n), rng.uniform(100.0, 2900.0, n)]
+    )
+    rays = find_eigenrays(medium, source, receiver, 2, 2, tolerance=tolerance)
+    order = np.lexsort((rays.launch_angle, rays.bottom_bounces, rays.surface_bounces, rays.link))
+    kind = np.stack([rays.link, rays.surface_bounces, rays.bottom_bounces])[:, order]
+    same = (np.diff(kind) == 0).all(axis=0)
+    steep = np.abs(np.degrees(rays.launch_angle))
+    assert np.count_nonzero((steep > 58.5) & (steep < 61.8)) >= 15
+    assert np.diff(rays.launch_angle[order])[same].min(initial=1.0) > 1e-4
+    # flat boundaries: each sequence of reflections has one ray, upwards and downwards
+    found = np.array([rays.bottom_bounces + rays.surface_bounces == k for k in (1, 2)]).sum(axis=1)
+    assert found.tolist() == [2 * n, 2 * n]

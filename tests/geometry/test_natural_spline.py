@@ -4,7 +4,11 @@ import numpy as np
 import pytest
 from scipy.interpolate import CubicSpline
 
-from pymantaray.geometry.natural_spline import natural_slopes, natural_spline
+from pymantaray.geometry.natural_spline import (
+    hermite_overshoot,
+    natural_slopes,
+    natural_spline,
+)
 
 
 @pytest.mark.parametrize(
@@ -33,3 +37,27 @@ def test_splines_pass_through_points_without_curvature_at_ends():
     for end in (points[0] + h, points[-1] - h):  # second differences about a point beside an end
         below, at, above = natural_spline(points, values, np.array([end - h, end, end + h])).T
         np.testing.assert_allclose((below - 2.0 * at + above) / h**2, 0.0, atol=0.05)
+
+
+def test_overshoot_of_cubics_is_that_of_dense_samples():
+    rng = np.random.default_rng(8)
+    for n in (2, 3, 9):
+        points = np.cumsum(rng.uniform(1.0, 300.0, n))
+        values = rng.normal(0.0, 20.0, (4, 3, n))
+        got = hermite_overshoot(points, values, natural_slopes(points, values), ignore=0.0)
+        for k in range(n - 1):
+            at = np.linspace(points[k], points[k + 1], 2001)
+            dense = natural_spline(points, values, at)
+            first, last = values[..., k, None], values[..., k + 1, None]
+            beyond = np.maximum(dense - np.maximum(first, last), np.minimum(first, last) - dense)
+            assert got[k] == pytest.approx(beyond.max(), abs=1e-4)
+
+
+def test_small_overshoot_may_be_an_upper_bound():
+    points = np.array([0.0, 100.0, 200.0, 300.0])
+    values = np.array([0.0, 0.0, 10.0, 10.0])
+    slopes = natural_slopes(points, values)
+    exact = hermite_overshoot(points, values, slopes, ignore=0.0)
+    bound = hermite_overshoot(points, values, slopes, ignore=5.0)
+    assert (exact <= bound + 1e-12).all()
+    assert bound.max() <= 5.0

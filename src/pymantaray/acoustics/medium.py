@@ -10,6 +10,16 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pymantaray.acoustics.bounded import (
+    DEPTH_MARGIN,
+    LEAST_STEP,
+    across_degrees,
+    beyond_margin,
+    bounded_levels,
+    resolved_steps,
+    spline_departure,
+    straight_notes,
+)
 from pymantaray.acoustics.solving import as_positions, solve_on_processor
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
@@ -29,7 +39,6 @@ _FASTEST = 2500.0
 _VALUES_PER_PART = 2**22  # whose spline coefficients are computed at a time
 _MAX_ADDED_LEVELS = 100  # above the first level
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
-_LEAST_STEP = 1e-9  # m; between values of an axis; derivatives across smaller steps overflow
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +64,8 @@ class Medium:
         bilinear horizontally. Bed and surface are bilinear in both.
     earth : EarthSphere or None
         Sphere below the local frame; None for a flat Earth.
+    notes : tuple of str
+        Changes of the grid that bound the interpolation, see `from_grid`.
     """
 
     north: Array
@@ -72,6 +83,7 @@ class Medium:
     uniform: bool
     layered: bool
     earth: EarthSphere | None = None
+    notes: tuple[str, ...] = ()
 
     def plot(self, ax: Any = None) -> Any:
         """
@@ -139,6 +151,14 @@ class Medium:
             If an axis does not increase, a shape does not fit, sea bed or ice do not cover the
             water, ice is below the sea bed or above the surface, or a sound speed is not finite or
             outside 1000 to 2500 m/s.
+
+        Notes
+        -----
+        The sound speed stays near its grid points. Where a spline in depth would leave the range of
+        two neighbouring levels by more than 3 m/s in any column, the medium has more levels between
+        them, on the straight line. Along a horizontal axis on which a spline would leave the range
+        of two neighbouring grid points by more than 5 m/s, it is linear. Steps of more than
+        1000 m/s per metre are wider. ``Medium.notes`` lists these changes with numbers.
         """
         n, e, z = (
             _axis(name, values)
@@ -157,23 +177,21 @@ class Medium:
             )
         from pymantaray.acoustics._kernels.field import LUT_SIZE, depth_lut
 
-        levels_z, speed = (
-            (z, c) if earth is None else (earth.flattened_depth(z), c * earth.stretch(z))
-        )
+        (n, e, z), c, notes = _with_wide_steps((n, e, z), c)
+        levels_z, speed = _flattened(z, c, earth)
         knots_n = knots_e = np.array([0.0, 1.0])
+        field = speed
         if interpolation == "smooth":
-            from pymantaray.geometry.natural_spline import natural_slopes
-            from pymantaray.geometry.splines import spline_coefficients
-
-            field = np.empty((n.size, e.size, 2 * z.size))
-            field[..., : z.size] = speed
-            for rows in _parts(n.size, e.size * z.size):
-                field[rows, :, z.size :] = natural_slopes(levels_z, speed[rows])
-            for levels in _parts(2 * z.size, n.size * e.size):
-                along_north, knots_n = spline_coefficients(n, field[..., levels], axis=0)
-                field[..., levels], knots_e = spline_coefficients(e, along_north, axis=1)
-        else:
-            field = speed
+            field = _with_slopes(levels_z, speed)
+            if beyond_margin(levels_z, speed, field[..., z.size :]).any():
+                levels = z
+                z, c, left = bounded_levels(z, c)
+                notes += straight_notes(levels, left)
+                levels_z, speed = _flattened(z, c, earth)
+                field = _with_slopes(levels_z, speed)
+            degrees, straight = across_degrees((n, e), c)
+            notes += straight
+            knots_n, knots_e = _into_coefficients(field, (n, e), degrees)
         lut = np.zeros((LUT_SIZE, 4))
         scale = float(depth_lut(levels_z, lut))
         _check_ice(surface, bed)
@@ -183,7 +201,20 @@ class Medium:
         layered = uniform and interpolation == "linear" and bool(bed.depth.max() <= z[-1])
         between = bed, surface, interpolation
         return cls(
-            n, e, z, c, *between, field, knots_n, knots_e, lut, scale, uniform, layered, earth
+            n,
+            e,
+            z,
+            c,
+            *between,
+            field,
+            knots_n,
+            knots_e,
+            lut,
+            scale,
+            uniform,
+            layered,
+            earth,
+            notes,
         )
 
     def __repr__(self) -> str:
@@ -377,11 +408,15 @@ class Medium:
         """
         if earth == self.earth:
             return self
+        return replace(self._rebuilt(self.sound_speed, earth), notes=self.notes)
+
+    def _rebuilt(self, sound_speed: Array, earth: EarthSphere | None) -> Self:
+        """Medium of another sound speed on the same grid, or on another Earth."""
         return self.from_grid(
             self.north,
             self.east,
             self.depth,
-            self.sound_speed,
+            sound_speed,
             bathymetry=self.bed,
             interpolation=self.interpolation,
             ice_draft=self.surface,
@@ -424,9 +459,13 @@ class Medium:
             from pymantaray.geometry.splines import spline_coefficients
 
             levels = self.depth if self.earth is None else self.earth.flattened_depth(self.depth)
-            down = np.hstack([down, natural_slopes(levels, down)])
-            for k, axis in enumerate((self.north, self.east), start=1):
-                across, _ = spline_coefficients(axis, across, axis=k)
+            slopes = natural_slopes(levels, down)
+            if self._may_leave(levels, (down, slopes), across):
+                rebuilt = self._rebuilt(speed, self.earth)
+                return replace(rebuilt, notes=tuple(dict.fromkeys(self.notes + rebuilt.notes)))
+            down = np.hstack([down, slopes])
+            for k, axis in enumerate((self.north, self.east)):
+                across, _ = spline_coefficients(axis, across, axis=k + 1, degree=self.degrees[k])
         field = self.field + _product(down, across)
         for array in (speed, field):
             array.setflags(write=False)
@@ -434,6 +473,27 @@ class Medium:
         return replace(
             self, sound_speed=speed, field=field, uniform=uniform, layered=self.layered and uniform
         )
+
+    @property
+    def degrees(self) -> tuple[int, int]:
+        """Degrees of the splines along north and east."""
+        return (
+            max(self.knots_north.size - self.north.size - 1, 0),
+            max(self.knots_east.size - self.east.size - 1, 0),
+        )
+
+    def _may_leave(self, levels: Array, down: tuple[Array, Array], across: Array) -> bool:
+        """
+        True if products of profiles with slopes and fields may add more than the margins to the
+        distance by which the splines of this medium leave their neighbours.
+        """
+        profiles, slopes = down
+        size = np.abs(across).max(axis=(1, 2), initial=0.0)
+        if (size @ spline_departure(levels, profiles, slopes)).max() > DEPTH_MARGIN:
+            return True
+        each = np.moveaxis(across * np.abs(profiles).max(axis=1)[:, None, None], 0, -1)
+        degrees, _ = across_degrees((self.north, self.east), each)
+        return degrees != self.degrees
 
     def straight_distance(self, source: ArrayLike, receiver: ArrayLike) -> Array:
         """
@@ -547,9 +607,9 @@ class Medium:
             depth,
             self.field,
             self.knots_north,
-            min(3, self.north.size - 1),
+            self.degrees[0],
             self.knots_east,
-            min(3, self.east.size - 1),
+            self.degrees[1],
             self.lut,
             self.lut_scale,
             float(min([_COLUMN_STEP, *(step / 8.0 for step in steps)])),
@@ -593,6 +653,56 @@ def up_to_surface(depth: Array, sound_speed: Array) -> tuple[Array, Array]:
     return np.concatenate([levels, depth]), np.concatenate([held, sound_speed], axis=-1)
 
 
+def _flattened(depth: Array, speed: Array, earth: EarthSphere | None) -> tuple[Array, Array]:
+    """Levels and sound speed of flattened water; unchanged on a flat Earth."""
+    if earth is None:
+        return depth, speed
+    return earth.flattened_depth(depth), speed * earth.stretch(depth)
+
+
+def _with_wide_steps(
+    axes: tuple[Array, ...], speed: Array
+) -> tuple[list[Array], Array, tuple[str, ...]]:
+    """Axes and sound speed whose steps are wide enough for rays, and notes."""
+    notes: tuple[str, ...] = ()
+    wide = list(axes)
+    for k, name in enumerate(("north", "east", "depth")):
+        wide[k], lines, more = resolved_steps(axes[k], np.moveaxis(speed, k, -1), name)
+        if more:
+            speed = np.ascontiguousarray(np.moveaxis(lines, -1, k))
+            notes += more
+    return wide, speed, notes
+
+
+def _with_slopes(depth: Array, speed: Array) -> Array:
+    """Sound speed and its slopes by depth, side by side."""
+    from pymantaray.geometry.natural_spline import natural_slopes
+
+    size = depth.size
+    field = np.empty((*speed.shape[:2], 2 * size))
+    field[..., :size] = speed
+    for rows in _parts(len(speed), speed.shape[1] * size):
+        field[rows, :, size:] = natural_slopes(depth, speed[rows])
+    return field
+
+
+def _into_coefficients(
+    field: Array, axes: tuple[Array, Array], degrees: tuple[int, int]
+) -> tuple[Array, Array]:
+    """Replace values on a grid by spline coefficients along both axes; return the knots."""
+    from pymantaray.geometry.splines import spline_coefficients
+
+    (north, east), (along_north, along_east) = axes, degrees
+    for levels in _parts(field.shape[2], north.size * east.size):
+        of_north, knots_north = spline_coefficients(
+            north, field[..., levels], axis=0, degree=along_north
+        )
+        field[..., levels], knots_east = spline_coefficients(
+            east, of_north, axis=1, degree=along_east
+        )
+    return knots_north, knots_east
+
+
 def _parts(count: int, size: int) -> list[slice]:
     """Slices of slabs with a size, so small that intermediate arrays need little memory."""
     step = max(_VALUES_PER_PART // size, 1)
@@ -619,11 +729,11 @@ def _check_speed(speed: Array) -> None:
 def _axis(name: str, values: ArrayLike) -> Array:
     axis = checked_array(AcousticsError, name, values, (None,), rising=True)
     step = np.diff(axis)
-    if step.size and step.min() < _LEAST_STEP:
+    if step.size and step.min() < LEAST_STEP:
         at = axis[int(np.argmin(step))]
         raise AcousticsError(
             f"{name}: two values at {at:g} m are {step.min():g} m apart; allowed are"
-            f" {_LEAST_STEP:g} m or more: remove one"
+            f" {LEAST_STEP:g} m or more: remove one"
         )
     return axis
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal, NamedTuple, Protocol, TypeVar
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pymantaray.acoustics.bounded import bounded_levels
 from pymantaray.acoustics.medium import Interpolation, up_to_surface
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError, MantaRayError, OceanError
@@ -518,16 +519,25 @@ def _spline_levels(z: Array, c: Array, tolerance: float) -> NDArray[np.int64]:
     def departure(kept: NDArray[np.int64]) -> Array:
         return np.abs(_interpolated(z[kept], c[kept], z, "smooth") - c)
 
-    rows = np.array([0, z.size - 1])
-    while True:
-        off = departure(rows)
-        off[rows] = 0.0  # exact except for rounding
-        if off.max() <= tolerance:
-            break
-        worst = [a + int(np.argmax(off[a:b])) for a, b in pairwise(rows)]
-        rows = np.union1d(rows, [row for row in worst if off[row] > tolerance])
+    def within(rows: NDArray[np.int64]) -> NDArray[np.int64]:
+        while True:
+            off = departure(rows)
+            off[rows] = 0.0  # exact except for rounding
+            if off.max() <= tolerance:
+                return rows
+            worst = [a + int(np.argmax(off[a:b])) for a, b in pairwise(rows)]
+            rows = np.union1d(rows, [row for row in worst if off[row] > tolerance])
+
+    rows = within(np.array([0, z.size - 1]))
     for row in rows[1:-1]:
         fewer = rows[rows != row]
         if departure(fewer).max() <= tolerance:
             rows = fewer
-    return rows
+    while True:
+        # a medium is linear where a spline leaves its levels: keep all levels there
+        _, _, left = bounded_levels(z[rows], c[rows])
+        inside = [np.arange(rows[k], rows[k + 1]) for k in np.flatnonzero(left)]
+        more = np.union1d(rows, np.concatenate([rows, *inside]))
+        if more.size == rows.size:
+            return rows
+        rows = within(more)

@@ -1,11 +1,14 @@
 """B-splines through values on the axes of a rectilinear grid."""
 
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
+from pymantaray.geometry.natural_spline import SLOPE_SHARE, hermite_overshoot
+
+_VALUES_PER_PART = 2**20  # that `spline_overshoot` compares at a time
 
 
 class AxisSpline:
@@ -26,6 +29,7 @@ class AxisSpline:
 
     def __init__(self, points: Array, degree: int = 3) -> None:
         self.knots = np.array([0.0, 1.0])
+        self._points = points
         self._steps: list[tuple[int, int, float]] = []
         """
         Steps of elimination in order: a line of values, another one, and the multiple of the other
@@ -50,6 +54,26 @@ class AxisSpline:
         lines /= self._diagonal.reshape(-1, *[1] * (lines.ndim - 1))
         return np.ascontiguousarray(np.moveaxis(lines, 0, axis))
 
+    @cached_property
+    def slopes(self) -> Array:
+        """Matrix by which values at the points give the slopes of their spline there."""
+        from scipy.interpolate import BSpline
+
+        n = self._diagonal.size
+        degree = self.knots.size - n - 1
+        spline = BSpline(self.knots, self.coefficients(np.eye(n), axis=0), degree)
+        return np.asarray(spline.derivative()(self._points))
+
+    @cached_property
+    def reach(self) -> float:
+        """
+        Upper bound of the distance by which the spline leaves the range of two neighbouring values,
+        per largest difference of neighbours.
+        """
+        by_difference = np.cumsum(self.slopes[:, ::-1], axis=1)[:, -2::-1]
+        steepest = np.abs(by_difference).sum(axis=1)
+        return SLOPE_SHARE * float((np.diff(self._points) * (steepest[1:] + steepest[:-1])).max())
+
 
 def axis_spline(points: Array, degree: int = 3) -> AxisSpline:
     """`AxisSpline` of points, from a cache: columns of an atlas and ensemble members share axes."""
@@ -61,10 +85,42 @@ def _cached_spline(points: bytes, degree: int) -> AxisSpline:
     return AxisSpline(np.frombuffer(points), degree)
 
 
-def spline_coefficients(points: Array, values: Array, *, axis: int) -> tuple[Array, Array]:
-    """Coefficients and knots of the cubic B-spline through values along one axis."""
-    spline = axis_spline(points)
+def spline_coefficients(
+    points: Array, values: Array, *, axis: int, degree: int = 3
+) -> tuple[Array, Array]:
+    """Coefficients and knots of the B-spline through values along one axis."""
+    spline = axis_spline(points, degree)
     return spline.coefficients(values, axis=axis), spline.knots
+
+
+def spline_overshoot(
+    points: Array, values: Array, span: Array, *, axis: int, ignore: float
+) -> float:
+    """
+    Largest distance by which the cubic B-spline along an axis of values (n, m, levels) leaves the
+    range of two neighbouring values, or an upper bound of it if this is at most ``ignore``; span is
+    the difference of the largest and the smallest value of each level.
+    """
+    if points.size < 3:
+        return 0.0
+    spline = axis_spline(points)
+    beyond = spline.reach * span
+    doubtful = np.flatnonzero(beyond > ignore)
+    if not doubtful.size:
+        return float(beyond.max(initial=0.0))
+    lines = np.moveaxis(values[..., doubtful[0] : doubtful[-1] + 1], axis, 0)
+    change = lines[1:] - lines[:-1]
+    most = np.maximum(change.max(axis=0), -change.min(axis=0)).max(axis=0)
+    beyond[doubtful[0] : doubtful[-1] + 1] = spline.reach * most
+    steep = np.flatnonzero(spline.reach * most > ignore)
+    at_a_time = max(_VALUES_PER_PART // lines[..., 0].size, 1)
+    for start in range(0, steep.size, at_a_time):
+        levels = steep[start : start + at_a_time]
+        columns = lines[..., levels].reshape(points.size, -1)
+        slopes = (spline.slopes @ columns).T
+        exact = hermite_overshoot(points, columns.T, slopes, ignore=ignore).max()
+        beyond[doubtful[0] + levels] = exact
+    return float(beyond.max())
 
 
 def _elimination(matrix: Array) -> tuple[list[tuple[int, int, float]], Array]:

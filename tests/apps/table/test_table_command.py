@@ -42,6 +42,18 @@ def test_a_profile_without_a_sea_floor_makes_a_table_and_a_reader(
     assert "mantaray_table_open" in Path("reader.h").read_text()
 
 
+def test_a_table_says_where_its_water_is_linear(
+    profile: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rows = [f"{z},{1500 - 0.12 * z}" for z in range(0, 101, 20)]
+    profile.write_text("\n".join(["depth_m,sound_speed", *rows, "2000,1510", ""]))
+    limits = ("--source-depth", "10:20:10", "--receiver-depth", "100:140:40", "--range", "100:200")
+    assert _run(*limits, "--out", "t.nc") == 0
+    note = "between 100 and 2000 m the sound speed is linear"
+    assert note in capsys.readouterr().out
+    assert note in open_table("t.nc").attrs["water"]["notes"]
+
+
 @pytest.mark.usefixtures("profile")
 @pytest.mark.parametrize(
     ("words", "message"),

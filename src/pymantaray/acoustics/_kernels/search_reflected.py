@@ -42,6 +42,7 @@ _OVERHANG = 0.08
 _RESOLUTION = 1e-6  # rad; narrower windows between changes of reflections are not searched
 _TRUST = 2e-4  # rad; rays above the usual cut-off have wider windows
 _SAME_TIME, _SAME_ANGLE = 2e-8, 4e-5  # s, rad
+_SAME_ERRORS = 4.0  # tolerances of the rays' ends, for a ray of both fans
 
 Hunt = namedtuple("Hunt", "link reach accuracy bounces cutoff_db weak_slope limit spacing")
 Hunt.__doc__ = """Link and settings of a search: maximum reflections at the surface and at the
@@ -238,13 +239,16 @@ def _keep(s, walls, course, launch, counts, hunt, count, work):
         return count, 0
     if row[at.SPREADING_DB] > hunt.cutoff_db:
         return count, 1
+    angle = _SAME_ANGLE + 10.0 * abs(reach.inset) / link.length
     for j in range(count):
+        # rays of both fans differ by the errors of two integrations
+        both = rows[j, at.RAY_AXIS] != row[at.RAY_AXIS]
+        time = max(_SAME_TIME, _SAME_ERRORS * hunt.accuracy.fine / link.c0) if both else _SAME_TIME
         if (
             rows[j, at.SURFACE_BOUNCES] == n_s
             and rows[j, at.BOTTOM_BOUNCES] == n_b
-            and abs(rows[j, at.TRAVEL_TIME] - row[at.TRAVEL_TIME]) < _SAME_TIME
-            and abs(rows[j, at.LAUNCH_ANGLE] - row[at.LAUNCH_ANGLE])
-            < _SAME_ANGLE + 10.0 * abs(reach.inset) / link.length
+            and abs(rows[j, at.TRAVEL_TIME] - row[at.TRAVEL_TIME]) < time
+            and abs(rows[j, at.LAUNCH_ANGLE] - row[at.LAUNCH_ANGLE]) < angle
         ):
             return count, 0
     return count + 1, 0

@@ -140,7 +140,7 @@ def linear_medium(medium: Medium, *, horizontal: int = 1, vertical: int = 1) -> 
         c = natural_spline(medium.depth, c, depth)
         for k, (axis, finer) in enumerate(((medium.north, north), (medium.east, east))):
             if axis.size > 1:
-                c = make_interp_spline(axis, c, k=min(3, axis.size - 1), axis=k)(finer)
+                c = make_interp_spline(axis, c, k=medium.degrees[k], axis=k)(finer)
     else:
         c = _on_grid(axes, c, (north, east, depth))
     bed = medium.bed

@@ -193,7 +193,7 @@ def survey(
         )
     if campaign is not None:
         location = location.since(campaign)
-    notes = [*water.notes, *location.notes]
+    notes = list(dict.fromkeys([*water.notes, *location.notes]))
     page = None
     if folder.out is not None:
         from pymantaray.apps.locate import write_location_page

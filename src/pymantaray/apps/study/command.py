@@ -491,6 +491,7 @@ def _warnings(run: "Run") -> list[str]:
         f"vehicle {name} stopped after {stop['time_s'] / 3600.0:.1f} h: {stop['status']}"
         for name, stop in outcome["stopped_vehicles"].items()
     ]
+    lines += run.manifest.get("ocean", {}).get("notes", [])
     lines += run.manifest.get("fleet", {}).get("notes", [])
     lines += run.arrivals.incomplete_note()
     by_kind: dict[tuple[str, str], list[int]] = {}

@@ -102,6 +102,8 @@ def simulate_mission(
     progress("rays", 0, 1)
     with watch.stage("medium"):
         medium = study.sound.medium(ocean)
+        if notes := (medium(0.0) if callable(medium) else medium).notes:
+            ocean = replace(ocean, local=ocean.local.assign_attrs(medium_notes="; ".join(notes)))
     with watch.stage("rays"):
         count = study.ice_draws
         ranging = range_fleet(

@@ -152,9 +152,10 @@ def table(
 
     keys = water.keys | arrivals.keys | choice.keys
     keys |= _sea_floor(ocean, keys, limits.deepest)
+    opened = open_water(ocean, **keys)
     with progress_bars(quiet=printing.quiet) as progress:
         built = build_table(
-            open_water(ocean, **keys),
+            opened,
             limits.source_depth,
             limits.receiver_depth,
             limits.horizontal_range,
@@ -179,7 +180,10 @@ def table(
             cells=cells,
             bytes=size,
             tolerance_m=limits.error,
+            notes=list(opened.notes),
         )
+        for note in opened.notes:
+            printed.line(note)
         words = (f"{100.0 * share:.1f} % {name}" for name, share in shares.items() if share > 0.0)
         printed.line(", ".join(words), shares=shares)
         printed.paths(**written)

@@ -239,12 +239,9 @@ class Beliefs:
             )  # for the type checker; no other belief is random
             without = section.model_copy(update={"bias_sigma": 0.0, "noise_sigma": 0.0})
             base = self.believed(without, realization)
-            n_levels = base.local["depth"].size
-            error = self._instrument_error(section, n_levels, realization)
-            above = (
-                base.medium.depth.size - n_levels
-            )  # levels that the medium adds up to the surface
-            profiles = np.pad(error, (above, 0), mode="edge")[None]
+            levels = base.local["depth"].values
+            error = self._instrument_error(section, levels.size, realization)
+            profiles = np.interp(base.medium.depth, levels, error)[None]
             fields = np.ones((1, *base.medium.sound_speed.shape[:2]))
         medium = base.medium.plus(profiles, fields)
         return replace(base, local=_with_speed_of(base.local, medium), medium=medium)
@@ -514,10 +511,11 @@ def _offset(local: xr.Dataset, by_level: Array) -> xr.Dataset:
 
 def _with_speed_of(local: xr.Dataset, medium: Medium) -> xr.Dataset:
     """
-    Local ocean with the sound speed of a medium on its grid, which may have more levels above.
+    Local ocean with the sound speed of a medium on its grid, which may have more levels.
     """
     speed = local["sound_speed"]
-    values = medium.sound_speed[..., -local["depth"].size :]
+    distance = np.abs(medium.depth[:, None] - local["depth"].values)
+    values = medium.sound_speed[..., distance.argmin(axis=0)]
     changed = xr.DataArray(values, dims=("north", "east", "depth")).transpose(*speed.dims)
     return local.assign(sound_speed=speed.copy(data=changed.values))
 

@@ -167,6 +167,7 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
         local=local,
         start=local.attrs.get("time"),
         record=_record(config, medium, local),
+        notes=medium.notes,
         frame=_frame(local),
     )
 
@@ -227,6 +228,8 @@ def _record(config: SoundConfig, medium: Medium, local: xr.Dataset) -> dict[str,
         out["centre_deg"] = [frame.latitude_deg, frame.longitude_deg]
     if medium.north.size > 1:
         out["half_extent_m"] = [float(medium.north[-1]), float(medium.east[-1])]
+    if medium.notes:
+        out["notes"] = list(medium.notes)
     rough = (
         ("ice_slope_deg", "ice_length", "ice_draw")
         if config.ocean.ice_slope_deg is not None
@@ -262,6 +265,6 @@ def _assembled(config: SoundConfig, ocean: OceanFields, data: xr.Dataset | None 
         time=ocean.cast.time if ocean.cast is not None else np.datetime64("NaT", "ns"),
         uniform=ocean.cast is not None,
         record={**made, **ocean.record, **_record(config, first, ocean.local)},
-        notes=ocean.notes,
+        notes=(*ocean.notes, *first.notes),
         frame=_frame(ocean.local),
     )
