@@ -172,8 +172,7 @@ def replay(
             progress=report,
         )
     with printing.printer() as printer:
-        _print_result(printer, result)
-        printer.paths(page=page)
+        _print_result(printer, result, page)
         _exit_if_unexplained(events, result)
 
 
@@ -201,7 +200,7 @@ def _waters_on_earth(
     return on_sphere, ["Earth: sphere, because positions are geographic"]
 
 
-def _print_result(out: Printer, result: "Replay") -> None:
+def _print_result(out: Printer, result: "Replay", page: Path) -> None:
     out.notes(result.notes)
     for finding in result.findings:
         out.line(finding)
@@ -239,6 +238,7 @@ def _print_result(out: Printer, result: "Replay") -> None:
             f" {switching['step_s']:.0f} s, {switching['independent_rate']:.3f} if independent:"
             f" correlation time {switching['correlation_s']:.0f} s"
         )
+    out.paths(page=page)
 
 
 def _exit_if_unexplained(events: Path, result: "Replay") -> None:
