@@ -43,6 +43,8 @@ MEMORIES = {
     "pages/page.py: page_template": SOURCE,
     "records/base.py: _columns": "of the fields of a class",
     "records/stops.py: _DEFERRED": "counts blocks that run now",
+    "records/stops.py: requested": "stop requests, after which the process ends",
+    "records/stops.py: unfinished": "files that are written now",
     "sensing/other_packages.py: _columns": "of the fields of a class",
 }
 

@@ -129,6 +129,6 @@ def optional_package(
     except Exception as cause:  # noqa: BLE001  a damaged package raises any type
         reason = " ".join(str(cause).split())[:120]
         raise error(
-            f"{where}: {name} cannot be imported ({type(cause).__name__}: {reason}); install it"
-            f' again: pip install --force-reinstall "pymantaray[{extra}]"'
+            f"{where}: {name} cannot be imported ({type(cause).__name__}: {reason}); uninstall it,"
+            f' then pip install "pymantaray[{extra}]"'
         ) from None

@@ -68,5 +68,5 @@ def test_a_damaged_extra_is_named_as_such(tmp_path, monkeypatch):
 
     line = r'a.bag: missing_extra is not installed; pip install "pymantaray\[ros\]"'
     refused(ExchangeError, line, load, "missing_extra")
-    line = r"broken_extra cannot be imported \(RuntimeError: half installed\); install it again"
+    line = r"broken_extra cannot be imported \(RuntimeError: half installed\); uninstall it"
     refused(ExchangeError, line, load, "broken_extra")
