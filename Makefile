@@ -7,7 +7,7 @@ STAMP := $(shell date +%Y%m%d-%H%M%S)
 ARGS  :=
 export PYTHON
 
-.PHONY: help study study-paper quick test lint docs figures bench matrix cuda ci-full release-check clean
+.PHONY: help study study-paper quick test lint docs figures bench matrix ci-full release-check clean
 
 help:
 	@echo "make study          run the paper's Beaufort Sea study at full size"
@@ -19,7 +19,6 @@ help:
 	@echo "make figures        draw the figures of the documentation again (minutes); ARGS=all also draws the slow ones"
 	@echo "make bench          measure computing times"
 	@echo "make matrix         run the fast tests on each installed Python from 3.11 to 3.14, and with the oldest dependencies (needs uv)"
-	@echo "make cuda           compile the kernels for a GPU and test them; no GPU needed (needs uv; downloads 1.2 GB)"
 	@echo "make ci-full        run all checks: lint, site, slow tests, all pages and examples, kernels with bounds checked;"
 	@echo "                    an interrupted run goes on where it stopped"
 	@echo "make release-check  check version, changelog and archives; test the wheel on the oldest and newest installed Python"
@@ -78,9 +77,6 @@ matrix:
 	$(call tested,3.13,3.13)
 	$(call tested,3.14,3.14)
 	$(call tested,3.11,lowest,--resolution lowest-direct,-W ignore::DeprecationWarning)
-
-cuda:
-	$(UV_TEST) --with "numba-cuda[cu12]>=0.24" python -m pytest -m "slow or not slow" tests/acoustics/test_cuda.py $(ARGS)
 
 # parts that have passed on the tree of this commit are not run again; ARGS="slow docs" runs some parts
 ci-full: $(VENV)/.ready-lint $(VENV)/.ready-docs

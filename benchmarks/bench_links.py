@@ -1,6 +1,6 @@
 """
-Time the two-point solver: microseconds per link by medium, direct and with bounces, by threads or
-on a CUDA device.
+Time the two-point solver: microseconds per link by medium, direct and with bounces, by
+threads.
 
 Run with ``python benchmarks/bench_links.py``. Media: isovelocity, constant gradient, Munk's
 channel, one column of the synthetic Beaufort Sea (Arctic 1-D), that sea in full (Arctic 3-D) and
@@ -12,9 +12,8 @@ which other work on the machine disturbs less.
 
 ``--bounces N`` adds N reflections at the surface and N at the bottom (2 in the figures of the
 docs). ``--threads 1 2`` names the thread counts. ``--links N`` takes more pings, ``--vehicles N``
-all pairs of N vehicles spread over 20 km x 20 km instead. ``--device cuda`` solves on a CUDA
-device, one thread a link. ``--both-ways`` solves the links of the 3-D media from both ends and
-compares.
+all pairs of N vehicles spread over 20 km x 20 km instead. ``--both-ways`` solves the links of the
+3-D media from both ends and compares.
 """
 
 import argparse
@@ -119,19 +118,16 @@ def time_links(
     options: argparse.Namespace,
 ) -> None:
     source, receiver = ends
-    find_eigenrays(medium, source[:1], receiver[:1], bounces, bounces, device=options.device)
+    find_eigenrays(medium, source[:1], receiver[:1], bounces, bounces)
     seconds, busy = [], []
     for _ in range(options.runs):
         start, cpu = time.perf_counter(), time.process_time()
-        arrivals = find_eigenrays(
-            medium, source, receiver, bounces, bounces, threads=threads, device=options.device
-        )
+        arrivals = find_eigenrays(medium, source, receiver, bounces, bounces, threads=threads)
         seconds.append(time.perf_counter() - start)
         busy.append(time.process_time() - cpu)
     each = [1e6 * s / len(source) for s in seconds]
-    where = "CUDA" if options.device == "cuda" else f"{threads} threads"
     print(
-        f"{name:10} {bounces} bounces, {where}: {statistics.median(each):7.1f} us a link"
+        f"{name:10} {bounces} bounces, {threads} threads: {statistics.median(each):7.1f} us a link"
         f" ({min(each):.1f} to {max(each):.1f}; CPU"
         f" {1e6 * statistics.median(busy) / len(source):.1f}), {statistics.median(seconds):6.2f} s"
         f" for {len(source)}, {len(arrivals.link)} arrivals,"
@@ -162,7 +158,6 @@ def main() -> None:
     parser.add_argument("--threads", nargs="+", type=int, default=[1, 2])
     parser.add_argument("--links", type=int, default=LINKS, help="so many, of more pings")
     parser.add_argument("--vehicles", type=int, default=0, help="all pairs of so many instead")
-    parser.add_argument("--device", choices=("cpu", "cuda"), default="cpu")
     parser.add_argument(
         "--both-ways", action="store_true", help="solve the links of the 3-D media from both ends"
     )
@@ -174,7 +169,7 @@ def main() -> None:
     for name in options.media:
         medium = MEDIA[name]()
         for bounces in options.bounces:
-            for threads in options.threads if options.device == "cpu" else [1]:
+            for threads in options.threads:
                 time_links(name, medium, ends, bounces, threads, options)
             if options.both_ways and name.endswith("3d"):
                 compare_ends(name, medium, bounces)

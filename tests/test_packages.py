@@ -28,7 +28,7 @@ def call(*words, **options):
 IMPORT_ALL = """
 import importlib, pkgutil, pymantaray
 names = [m.name for m in pkgutil.walk_packages(pymantaray.__path__, "pymantaray.")]
-names = [name for name in names if name.rpartition(".")[2] not in ("__main__", "cuda")]
+names = [name for name in names if name.rpartition(".")[2] != "__main__"]
 for name in names:
     importlib.import_module(name)
 print(pymantaray.__file__, len(names))
@@ -36,10 +36,10 @@ print(pymantaray.__file__, len(names))
 
 
 def ours_importable():
-    """Modules and packages of the package that need no other program."""
+    """Modules and packages of the package."""
     modules = {path.relative_to(PACKAGE).with_suffix("") for path in PACKAGE.rglob("*.py")}
     names = {m.parent if m.name == "__init__" else m for m in modules} - {Path()}
-    return {name for name in names if name.name not in ("__main__", "cuda")}
+    return {name for name in names if name.name != "__main__"}
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""State of the installation: packages, extras, output folders, kernels, processors and GPU."""
+"""State of the installation: packages, extras, output folders, kernels and processors."""
 
 import hashlib
 import os
@@ -11,7 +11,6 @@ import tempfile
 from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, requires, version
-from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
@@ -107,8 +106,8 @@ def installation() -> dict[str, Any]:
         ``version``, ``folder``, ``python``, ``platform``; ``packages``, one row each (name,
         version, needs, fault); ``extras``, one row each (name, missing, install); ``folders``, one
         row each (use, folder, writable, remedy); ``kernels`` (compiled, all); ``processors``
-        (cores, usable_cores, memory_gib); ``gpu`` (name or None, why_not); ``faults``, one line for
-        each problem that prevents normal use.
+        (cores, usable_cores, memory_gib); ``faults``, one line for each problem that prevents
+        normal use.
     """
     packages, extras = _requirements()
     kernels = _kernels()
@@ -117,7 +116,6 @@ def installation() -> dict[str, Any]:
     faults += [
         f"{row['folder']}: not writable; {row['remedy']}" for row in folders if not row["writable"]
     ]
-    name, why_not = gpu()
     return {
         "version": _version("pymantaray"),
         "folder": str(Path(__file__).parent),
@@ -139,25 +137,8 @@ def installation() -> dict[str, Any]:
                 os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**30, 1
             ),
         },
-        "gpu": {"name": name, "why_not": why_not},
         "faults": faults,
     }
-
-
-def gpu() -> tuple[str | None, str]:
-    """Name of the CUDA device that can solve links, or None and the reason."""
-    from numba import config
-
-    if config.ENABLE_CUDASIM:
-        return "Numba's simulator", ""
-    if find_spec("numba_cuda") is None:  # the CUDA target inside older Numba lacks features
-        return None, "numba-cuda is not installed: pip install 'pymantaray[cuda]'"
-    from numba import cuda
-
-    if not cuda.is_available():
-        return None, "no NVIDIA driver with a device"
-    name = cuda.get_current_device().name
-    return name.decode() if isinstance(name, bytes) else str(name), ""
 
 
 def _requirements() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:

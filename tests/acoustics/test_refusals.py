@@ -85,7 +85,6 @@ REFUSED = {
     r"source has shape \(1, 2\); it must be \(n_links, 3\)": lambda: links([0.0, 0.0]),
     "receiver: 1 coordinates are not finite": lambda: links(receiver=[np.nan, 0.0, 10.0]),
     "tolerance is 0": lambda: links(tolerance=0.0),
-    "device: 'tpu'; allowed are 'cpu' and 'cuda'": lambda: links(device="tpu"),
     "lacks water_temp, salinity; use the": lambda: Absorption.from_dataset(NOWHERE),
     "'urick'; allowed: francois-": lambda: salty(formula="urick"),
     r"temperature: shape is \(1,\); it must be \(2,\)": (

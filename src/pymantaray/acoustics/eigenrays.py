@@ -1,5 +1,5 @@
 """
-Find all eigenrays between pairs of positions, in threads on the processor or on a CUDA device.
+Find all eigenrays between pairs of positions, in threads.
 """
 
 from __future__ import annotations
@@ -10,7 +10,7 @@ from collections.abc import Generator
 from contextlib import closing
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,18 +23,16 @@ from pymantaray.acoustics.near_ends import (
     with_direct_rays,
     with_echoes,
 )
-from pymantaray.acoustics.solving import as_positions, solve_on_cuda, solve_on_processor
+from pymantaray.acoustics.solving import as_positions, solve_on_processor
 from pymantaray.arrays import Array
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry.sphere import EarthSphere
-from pymantaray.installation import gpu
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals
 
 if TYPE_CHECKING:
     from pymantaray.acoustics._kernels.layout import Results
 
-Device = Literal["cpu", "cuda"]
 T = TypeVar("T")
 
 
@@ -49,7 +47,6 @@ def find_eigenrays(
     tolerance: float = 1e-3,
     canonical: bool = True,
     threads: int | None = None,
-    device: Device = "cpu",
     progress: CountProgress | None = None,
 ) -> Arrivals:
     """
@@ -77,9 +74,6 @@ def find_eigenrays(
         only (for tests of reciprocity).
     threads : int, optional
         Number of threads; the result does not depend on it. Default: all processors.
-    device : {"cpu", "cuda"}
-        Device that solves the links. "cuda" is experimental: it has been compiled and simulated,
-        but never run on a device. Its results differ in the last digits.
     progress : callable, optional
         Called after each block with the number of solved links and the total.
 
@@ -94,8 +88,7 @@ def find_eigenrays(
     Raises
     ------
     AcousticsError
-        If positions are not finite, the shapes differ, a number of bounces is out of range, or no
-        CUDA device exists.
+        If positions are not finite, the shapes differ, or a number of bounces is out of range.
 
     Warns
     -----
@@ -137,11 +130,7 @@ def find_eigenrays(
     cutoff = math.inf if spreading_cutoff_db is None else float(spreading_cutoff_db)
     apart, near = separated(medium, a, b)
     ends = Ends(a, apart, (int(max_surface_bounces), int(max_bottom_bounces)), cutoff)
-    options: dict[str, Any] = {
-        "tolerance": float(tolerance),
-        "canonical": canonical,
-        "device": device,
-    }
+    options: dict[str, Any] = {"tolerance": float(tolerance), "canonical": canonical}
     find = _solved if medium.surface.roughness is None else _under_rough_surface
     arrivals = find(medium, ends, threads=threads, progress=progress, **options)
     arrivals = with_direct_rays(arrivals, a, b, near)
@@ -163,7 +152,6 @@ def _solved(
     tolerance: float,
     canonical: bool,
     threads: int | None,
-    device: Device,
     progress: CountProgress | None,
 ) -> Arrivals:
     """Solve links whose ends differ under a smooth surface, block by block."""
@@ -173,7 +161,7 @@ def _solved(
     a, b, most, cutoff = links
     bounces = most if any(most) else None
     settings = Settings(cutoff, tolerance, canonical, shallower=False)
-    solve = solve_on_cuda if _on_cuda(device) else partial(solve_on_processor, threads=threads)
+    solve = partial(solve_on_processor, threads=threads)
     domain = medium.domain()
     ends = (a, b) if medium.earth is None else medium.earth.flattened_ends(a, b)
     results = _collected(solve(domain, bounces, settings, *ends), len(a), progress)
@@ -281,18 +269,6 @@ def _arrivals(results: Results) -> Arrivals:
         shadow_margin=info[:, layout.MARGIN],
         complete=info[:, layout.RESOLVED] > 0.0,
     )
-
-
-def _on_cuda(device: str) -> bool:
-    """True if links are solved on a CUDA device; raise if the device does not exist."""
-    if device not in ("cpu", "cuda"):
-        raise AcousticsError(f"device: {device!r}; allowed are 'cpu' and 'cuda'")
-    if device == "cpu":
-        return False
-    name, why_not = gpu()
-    if name is None:
-        raise AcousticsError(f"device: 'cuda', but no CUDA device was found; {why_not}")
-    return True
 
 
 def solved_backwards(source: Array, receiver: Array) -> NDArray[np.bool_]:

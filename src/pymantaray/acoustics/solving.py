@@ -1,7 +1,4 @@
-"""
-Run the two-point kernel on many links, block by block: in threads on the processor, or on a CUDA
-device.
-"""
+"""Run the two-point kernel on many links, block by block, in threads."""
 
 from __future__ import annotations
 
@@ -24,7 +21,6 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 MAX_ARRIVALS = 64  # stored per link
-_LINKS_PER_LAUNCH = 65_536  # on a device; their rows take 0.4 GB
 _FEW_LINKS = (
     16  # direct links that are one block, because the kernel traces rays of several links together
 )
@@ -105,24 +101,6 @@ def _workspace(n_depth: int) -> tuple[Results, Room]:
         _OWN.n_depth, _OWN.arrays = n_depth, (_empty_results(_MAX_BLOCK_ROWS), solver_room(n_depth))
     arrays: tuple[Results, Room] = _OWN.arrays
     return arrays
-
-
-def solve_on_cuda(
-    domain: Domain,
-    bounces: tuple[int, int] | None,
-    settings: Settings,
-    source: Array,
-    receiver: Array,
-) -> Generator[Results, None, None]:
-    """Solve links on the current CUDA device, one launch at a time."""
-    from pymantaray.acoustics._kernels.cuda import CudaSolver
-
-    solver = CudaSolver(domain, bounces, settings, source, receiver)
-    for start in range(0, max(len(source), 1), _LINKS_PER_LAUNCH):
-        part = slice(start, start + _LINKS_PER_LAUNCH)
-        room = _empty_results(len(source[part]))
-        solver.solve(source[part], receiver[part], room)
-        yield _compact(room, len(room.counts))
 
 
 def in_blocks(

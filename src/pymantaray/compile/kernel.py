@@ -2,7 +2,7 @@
 Compilation of numerical kernels: without reference counting, without the GIL, cached on disk.
 
 Python calls entries. Entries call kernels, which are compiled as part of them. Both are plain
-Python in CUDA's simulator (``NUMBA_ENABLE_CUDASIM=1``) and with ``NUMBA_DISABLE_JIT=1``.
+Python with ``NUMBA_DISABLE_JIT=1``.
 """
 
 import fcntl
@@ -20,7 +20,7 @@ from numba.extending import intrinsic
 
 from pymantaray.messages import announce_compilation, one_line, warn_not_cached, warn_once
 
-PLAIN = bool(config.ENABLE_CUDASIM or config.DISABLE_JIT)
+PLAIN = bool(config.DISABLE_JIT)
 _LOCK_WAIT = 30.0  # s; longer than another process needs, unless it is starved or stopped
 _LOCK_POLL = 0.1  # s
 _SHARED_SOURCES = tuple(
@@ -287,6 +287,5 @@ def _nothing() -> None:
     """Do nothing: `out_of_line` in plain Python."""
 
 
-# Prevents inlining of the calling function. NVVM inlines every call that it can, and the copies of
-# the tracer alone made the CUDA kernel three times as large.
+# Prevents inlining of the calling function: copies of the tracer would be compiled at each call.
 out_of_line = _nothing if PLAIN else _noinline

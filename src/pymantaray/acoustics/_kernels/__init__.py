@@ -11,7 +11,7 @@ including those that the other two cannot trace. `search` launches a fan and bra
 the miss; `refine` finds a zero by Newton's method and fills the row of an arrival; `cells` does the
 same for reflected rays over a gridded bed, for given cells; `search_reflected` searches both fans
 of reflected rays. `flights` contains the links whose rays `march` traces together. `link` solves
-links, `paths` traces an eigenray again to record its path, and `cuda` solves links on a device.
+links, and `paths` traces an eigenray again to record its path.
 
 XI, the derivative of a ray's offset by its launch angle, changes its sign at every reflection. A
 zero anywhere else is a caustic.

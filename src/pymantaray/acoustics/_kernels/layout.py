@@ -244,7 +244,7 @@ Flights.__doc__ = """Links whose rays are traced together: a row (N_FLIGHT) of e
 `march`, and arrays of `Work`, one of each link."""
 
 Room = namedtuple("Room", "work flights")
-Room.__doc__ = """Workspaces of `link.solve_links`; flights is None on CUDA and in plain Python,
+Room.__doc__ = """Workspaces of `link.solve_links`; flights is None in plain Python,
 where rays are traced one after another."""
 
 

@@ -77,7 +77,6 @@ def _use_kernels() -> None:
 
 def _print(out: Printer, state: dict[str, Any]) -> None:
     processors = state["processors"]
-    device = state["gpu"]
     kernels = state["kernels"]
     facts = [
         ("mantaray", f"{state['version']} in {state['folder']}"),
@@ -90,7 +89,6 @@ def _print(out: Printer, state: dict[str, Any]) -> None:
                 f" {processors['memory_gib']} GiB"
             ),
         ),
-        ("GPU", device["name"] or f"none: {device['why_not']}"),
         (
             "kernels",
             (
