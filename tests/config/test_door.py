@@ -113,6 +113,9 @@ def test_a_study_has_the_values_of_its_configuration():
     assert [v.name for v in study.fleet.vehicles] == [v.name for v in config.fleet.vehicles]
     assert [c.name for c in study.conditions] == [c.name for c in config.conditions]
     assert not study.detects
+    assert study.ice_draws == 1
+    own = {"ocean.ice": 2.0, "ocean.ice_slope_deg": 5.0, "ocean.ice_draw": "each"}
+    assert build_study(load_study("quick", **own, **{"study.realizations": 3})).ice_draws == 3
 
 
 def test_reception_has_the_absorption_of_the_water():
