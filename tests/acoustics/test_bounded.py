@@ -158,6 +158,8 @@ def test_thin_steps_at_the_ends_and_thin_sheets_keep_the_axis(interpolation):
     speed = [1450.0, 1480.0, 1480.0, 1530.0, 1480.0, 1480.0, 1500.0]
     medium = Medium.from_profile(depth, speed, bottom_depth=1000.0, interpolation=interpolation)
     assert medium.depth[[0, -1]].tolist() == [0.0, 1000.0]
+    gradient = np.diff(medium.sound_speed.ravel()) / np.diff(medium.depth)
+    assert np.abs(gradient).max() <= 1e3 * (1.0 + 1e-5)  # 1/s; steeper ones are inaccurate
     got = times(medium, [[0, 0, 100]], [[800, 0, 900]])
     np.testing.assert_allclose(got, np.hypot(800.0, 800.0) / 1480.0, rtol=0, atol=1e-8)
 

@@ -113,6 +113,9 @@ def test_a_study_has_the_values_of_its_configuration():
     assert [v.name for v in study.fleet.vehicles] == [v.name for v in config.fleet.vehicles]
     assert [c.name for c in study.conditions] == [c.name for c in config.conditions]
     assert not study.detects
+    assert study.ice_draws == 1
+    own = {"ocean.ice": 2.0, "ocean.ice_slope_deg": 5.0, "ocean.ice_draw": "each"}
+    assert build_study(load_study("quick", **own, **{"study.realizations": 3})).ice_draws == 3
 
 
 def test_reception_has_the_absorption_of_the_water():
@@ -141,3 +144,17 @@ def test_existing_trajectories_are_read_when_they_are_needed(tmp_path):
     assert study.fleet.existing.files == (str(file),)
     with pytest.raises(StudyError, match=r"missing\.csv: cannot be read"):
         _ = study.fleet.names
+
+
+def test_trajectories_of_a_study_have_the_axes_and_names_asked(tmp_path):
+    tree = load_study("quick").model_dump(exclude_none=True, exclude={"fleet"})
+    files = [str(tmp_path / f"{name}.tum") for name in ("glider", "other")]
+    for file in files:  # time, east, north, up, and a body that faces east
+        Path(file).write_text("0 1 2 -30 0 0 0 1\n60 1 2 -30 0 0 0 1\n")
+    fleet = {"trajectories": files, "enu": True, "names": ["glider"]}
+    study = build_study(StudyConfig.model_validate({**tree, "fleet": fleet}))
+    assert study.fleet.names == ["glider"]
+    (poses,) = study.fleet.existing.tracks.poses
+    np.testing.assert_allclose(poses.place[0], [2.0, 1.0, 30.0])
+    # a quarter turn from north to east, about the axis that points down
+    np.testing.assert_allclose(poses.quaternion[0], np.sqrt([0.5, 0.0, 0.0, 0.5]), atol=1e-15)

@@ -370,6 +370,15 @@ def test_refusals_name_the_columns_that_are_not_read(tmp_path):
     )
 
 
+@pytest.mark.parametrize(
+    ("maker", "text", "end"), [("AML", aml(), "[MeasurementData]"), ("Valeport", valeport(), "PSU")]
+)
+def test_a_file_without_rows_is_refused_with_its_maker(tmp_path, maker, text, end):
+    (tmp_path / "a.txt").write_text(text.partition(end)[0] + end + "\n")
+    message = f"a file of {maker} without rows that are known"
+    refused(MantaRayError, message, read_profile, tmp_path / "a.txt")
+
+
 def test_english_units_of_sippican_become_metric(tmp_path):
     text = (
         sippican_mk12().split("Depth (m)")[0]

@@ -464,6 +464,8 @@ def test_the_water_is_compared_across_the_antimeridian(tmp_path, sloping_ocean):
     path = floor_file(tmp_path, with_value(np.nan))
     floor = open_sea_floor(path, ocean=turned)
     np.testing.assert_allclose(floor.values, file_floor(0.2).values, atol=1e-6)
+    in_kilometres = floor_file(tmp_path, lambda depth: depth / 1e3)
+    refused(OceanError, "check its unit", open_sea_floor, in_kilometres, ocean=turned)
 
 
 @pytest.mark.parametrize("turn", [0.0, 360.0, -360.0])

@@ -95,8 +95,7 @@ def _passed(
                 return depth, None
             count += full
             continue
-        rate = min(max(DEPTH_GAIN * (goal - depth), -speed), speed)
-        moved = depth + rate * step
+        moved = depth + sign * min(DEPTH_GAIN * abs(goal - depth), speed) * step
         if moved == depth:
             return depth, None
         depth = moved

@@ -424,7 +424,7 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
             f"{who}: {above.sum()} poses up to {-top:.2g} m above the surface moved to the surface"
         )
         place[above, 2] = 0.0
-    if not np.issubdtype(time.dtype, np.datetime64):
+    if time.dtype.kind != "M":
         check_speed(time, _metres(place) if p.geodetic else place, f"{who}: time", ExchangeError)
     quaternion = None
     if p.quaternion is not None:

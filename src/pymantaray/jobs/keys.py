@@ -51,7 +51,7 @@ def digest(kind: str, tree: Any, checksums: Mapping[str, str]) -> str:
     """
     content = {"kind": kind, "version": code_version(), "config": tree}
     content["files"] = [*checksums.values()]  # of those that the tree does not name as well
-    text = json.dumps(content, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    text = json.dumps(content, sort_keys=True, allow_nan=False)
     for file, checksum in checksums.items():  # the content of a file counts, not its place
         text = text.replace(json.dumps(file), json.dumps(checksum))
     return hashlib.sha256(text.encode()).hexdigest()
