@@ -165,14 +165,11 @@ class GraphResult:
     def warnings(self) -> list[str]:
         """Warnings of a cost above its bounds, and of a second minimum."""
         s = self.solution
-        over = [
-            f"{s.status.name}: the cost is {s.final_cost:.4g}, expected {s.expected_cost:.4g};"
-            " the measurements disagree"
-        ]
-        return [
-            *(over if s.status is SolveStatus.OVER_CHI_SQUARE else []),
-            *([] if self.warning is None else [self.warning]),
-        ]
+        lines = [] if self.warning is None else [self.warning]
+        if s.status is not SolveStatus.OVER_CHI_SQUARE:
+            return lines
+        over = f"{s.status.name}: the cost is {s.final_cost:.4g}, expected {s.expected_cost:.4g}"
+        return [f"{over}; the measurements disagree", *lines]
 
     def summary(self) -> dict[str, Any]:
         """Costs, status and counts, as numbers and text only."""
