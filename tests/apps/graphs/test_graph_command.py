@@ -357,7 +357,7 @@ def test_convert_writes_depths_as_ranges(graph, tmp_path):
 @pytest.mark.parametrize(
     ("changes", "said"),
     [
-        ({"9.05": "9050", "17.7": "17700"}, "% of what was measured"),  # millimetres
+        ({"9.05": "60", "17.7": "150"}, "% of what was measured"),
         ({"A2 20 ": "A2 20000 ", "EDGE_RANGE": "#"}, "rms residual is "),
     ],
 )
