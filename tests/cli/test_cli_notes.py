@@ -13,31 +13,18 @@ from pymantaray.cli.main import app
 
 WATER = "--profile cast.csv --bathymetry 200"
 OF_CAST = "rows dropped: with "
-OF_TRACKS = "\n".join(
-    [
-        "time,vehicle,north,east,depth",
-        "0,A,0,0,10",
-        "0,A,0,0,10",
-        "60,A,9,0,10",
-        "0,B,200,0,10",
-        "60,B,209,0,10",
-        "",
-    ]
+OF_TRACKS = "poses at repeated times dropped"
+TABLE = (
+    "--source-depth 10:30 --receiver-depth 10:30 --range 100:400 --error 5 --out t.nc --force"
 )
+ATLAS = "--depths 20 --distances 300 --workers 1 --out atlas.nc --force"
 NOTED = {  # words of a command, its output, and a part of the note
     "plan": ("plan.toml --workers 1", OF_CAST),
     "ranges": (f"tracks.csv {WATER} --interval 30 --out ranges", OF_TRACKS),
     "replay": (f"events.csv {WATER} --out replay", OF_CAST),
     "serve": ("cast.csv --bathymetry 200 --port 0", OF_CAST),
-    "table": (
-        "cast.csv --bathymetry 200 --source-depth 10:30 --receiver-depth 10:30 --range 100:400"
-        f"{' --error 5 --out t.nc --force'}",
-        OF_CAST,
-    ),
-    "atlas run": (
-        "cast.csv --bathymetry 200 --depths 20 --distances 300 --workers 1 --out atlas.nc --force",
-        OF_CAST,
-    ),
+    "table": (f"cast.csv --bathymetry 200 {TABLE}", OF_CAST),
+    "atlas run": (f"cast.csv --bathymetry 200 {ATLAS}", OF_CAST),
     "atlas show": ("atlas.nc", OF_CAST),
     "graph show": ("g.pyfg --skip-unknown", "left out: 1 FIX"),
     "graph solve": ("g.pyfg --skip-unknown", "left out: 1 FIX"),
@@ -85,7 +72,10 @@ READS_NONE = {
     "sweep status": "reads finished points",
 }
 ROWS = "0,4,34\n20,4,34\n40,99,34\n100,3,34\n200,2,34\n"
-TRACKS = "time,vehicle,north,east,depth\n0,A,0,0,10\n0,A,0,0,10\n60,A,9,0,10\n0,B,200,0,10\n60,B,209,0,10\n"
+TRACKS = (
+    "time,vehicle,north,east,depth\n0,A,0,0,10\n0,A,0,0,10\n60,A,9,0,10\n"
+    "0,B,200,0,10\n60,B,209,0,10\n"
+)
 STUDY = {
     "conditions": ["straight"],
     "study": {"name": "noted", "realizations": 1},

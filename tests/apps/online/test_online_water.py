@@ -78,7 +78,7 @@ def test_errors_that_drift_return_to_their_first_sigma():
 
 
 def test_errors_decay_by_the_law_of_a_gauss_markov_process():
-    """After h hours: x exp(-h / hours), and P exp(-2 h / hours) + sigma² (1 - exp(-2 h / hours))."""
+    """Errors shrink by exp(-h / hours), and covariances return to sigma²."""
     water = DriftingWater(2e-3, 5.0, (100.0,)).checked()
     rng = np.random.default_rng(3)
     members = 1 + water.members
