@@ -14,9 +14,7 @@ from pymantaray.cli.main import app
 WATER = "--profile cast.csv --bathymetry 200"
 OF_CAST = "rows dropped: with "
 OF_TRACKS = "poses at repeated times dropped"
-TABLE = (
-    "--source-depth 10:30 --receiver-depth 10:30 --range 100:400 --error 5 --out t.nc --force"
-)
+TABLE = "--source-depth 10:30 --receiver-depth 10:30 --range 100:400 --error 5 --out t.nc --force"
 ATLAS = "--depths 20 --distances 300 --workers 1 --out atlas.nc --force"
 NOTED = {  # words of a command, its output, and a part of the note
     "plan": ("plan.toml --workers 1", OF_CAST),
