@@ -305,3 +305,18 @@ def test_times_of_day_of_a_track_must_not_pass_midnight(tmp_path):
         read_trajectories,
         tmp_path / "a.csv",
     )
+
+
+@pytest.mark.parametrize("gross", [(0.0, 0.0), (74.5, -40.0), (-74.5, -140.0), (88.0, -140.0)])
+@pytest.mark.parametrize("row", [0, 3, 9])
+def test_one_gross_row_does_not_move_the_default_centre(gross, row):
+    """The centre is the middle of the extremes of the other rows."""
+    place = np.column_stack(
+        [74.5 + 1e-5 * np.arange(10), -140.0 + 2e-5 * np.arange(10), np.full(10, 5.0)]
+    )
+    place[row, :2] = gross
+    others = np.delete(place, row, axis=0)[:, :2]
+    tracks = Tracks.of([poses(time=10.0 * np.arange(10), place=place, geodetic=True)])
+    middle = 0.5 * (others.min(axis=0) + others.max(axis=0))
+    assert tracks.centre == pytest.approx(tuple(middle), abs=1e-12)
+    assert sum("1 " in note and "left out" in note for note in tracks.notes) == 1

@@ -37,6 +37,7 @@ class Printer:
         self._to = to
         self._silent = quiet
         self._quiet = quiet or to != "text"
+        self._noted: list[str] = []
         self.values: dict[str, Any] | None = {} if to == "json" else None
 
     def line(self, text: str = "", **values: Any) -> None:
@@ -70,12 +71,14 @@ class Printer:
         self.add(warnings=[in_options(line) for line in lines])
 
     def notes(self, notes: Iterable[str]) -> None:
-        """Print notes of readers to standard error, and add them to JSON, where they add up."""
-        lines = [printable(without_secrets(in_options(note))) for note in notes]
+        """Print notes of readers to standard error, each once, and add them to JSON."""
+        every = dict.fromkeys(printable(without_secrets(in_options(note))) for note in notes)
+        lines = [line for line in every if line not in self._noted]
+        self._noted += lines
         for line in () if self._silent else lines:
             typer.echo(line, err=True)
         if self.values is not None:
-            self.values["notes"] = [*self.values.get("notes", []), *lines]
+            self.values["notes"] = list(self._noted)
 
     def paths(self, *paths: Path | str, **named: Path | str) -> None:
         """

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from pymantaray.evaluation.consistency import consistency_summary as consistency_summary
     from pymantaray.evaluation.consistency import consistency_table as consistency_table
     from pymantaray.evaluation.consistency import coverage_table as coverage_table
+    from pymantaray.evaluation.explanation import LARGEST_RATIO as LARGEST_RATIO
     from pymantaray.evaluation.explanation import LEAST_RANGE as LEAST_RANGE
     from pymantaray.evaluation.explanation import LEAST_TIME as LEAST_TIME
     from pymantaray.evaluation.explanation import unexplained as unexplained

@@ -10,6 +10,8 @@ from pymantaray.errors import MantaRayError
 from pymantaray.messages import one_line
 from pymantaray.records.digits import counted
 
+LEFT_OUT = "left out"
+"""Words of the notes about lines that a reader leaves out."""
 _MAX_SHOWN = 3  # lines in a note
 _MAX_LENGTH = 160  # characters of a reason
 
@@ -61,6 +63,6 @@ class InvalidLines:
                 for number, reason in sorted(lines.items())[:_MAX_SHOWN]
             ]
             more = ", ..." if len(lines) > _MAX_SHOWN else ""
-            left_out = f"{counted(len(lines), self._noun)} left out, {self._why}"
+            left_out = f"{counted(len(lines), self._noun)} {LEFT_OUT}, {self._why}"
             notes.append(f"{path}: {left_out}: {', '.join(examples)}{more}")
         return tuple(notes)

@@ -120,7 +120,7 @@ def test_unknown_lines_are_named_with_a_count_and_skipped_by_choice(mantaray, gr
     for command in ("show", "solve"):
         done = graph(
             command, tmp_path / "s.pyfg", "--skip-unknown", "--leave-out", "EDGE_SE3_XYZ"
-        ).out
+        ).err
         assert [line.split()[-2:] for line in done.splitlines() if line.startswith("left out")] == [
             ["1", "EDGE_SE3_XYZ"],
             ["2", "FIX"],
@@ -352,3 +352,40 @@ def test_convert_writes_depths_as_ranges(graph, tmp_path):
     assert graph("convert", path, out).err == ""
     assert "1e12" not in out.read_text()
     assert read_pyfg(out)[0]["depth"].measurement == pytest.approx(3.0, abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"9.05": "60", "17.7": "150"}, "% of what was measured"),
+        ({"A2 20 ": "A2 20000 ", "EDGE_RANGE": "#"}, "rms residual is "),
+    ],
+)
+def test_an_optimum_that_explains_nothing_exits_1(mantaray, told, file, tmp_path, changes, said):
+    text = file.read_text()
+    for old, new in changes.items():
+        assert old in text
+        text = text.replace(old, new)
+    file.write_text("".join(line + "\n" for line in text.splitlines() if line[0] != "#"))
+    done = mantaray("graph", "solve", file, "--no-truth", "--out", tmp_path / "out")
+    assert done.code == 1
+    assert f"error: {file}: not explained: " in done.err
+    assert said in done.err
+    assert ": UNEXPLAINED, " in done.out.splitlines()[0]
+    result = told("graph", "solve", file, "--no-truth", code=1)
+    assert result["status"] == "UNEXPLAINED"
+    assert said in result["unexplained"]
+    summary = json.loads((tmp_path / "out" / "summary.json").read_text())
+    assert (summary["status"], summary["usable"]) == ("UNEXPLAINED", False)
+    assert (tmp_path / "out" / "estimate.nc").is_file()
+
+
+def test_a_cost_above_its_bounds_is_a_warning_not_silence(mantaray, told, file):
+    """Three edges of 1 m more or less at a sigma of 0.1 m: explained, and not by their noise."""
+    file.write_text(file.read_text().replace("A0 A2 20 ", "A0 A2 22.5 "))
+    done = mantaray("graph", "solve", file, "--no-truth")
+    assert done.code == 0
+    assert "warning: OVER_CHI_SQUARE: the cost is " in done.err
+    result = told("graph", "solve", file, "--no-truth")
+    assert (result["status"], result["unexplained"]) == ("OVER_CHI_SQUARE", None)
+    assert len(result["warnings"]) == 1

@@ -493,3 +493,25 @@ def test_help_lists_both_commands_and_a_missing_file_is_one_line(mantaray):
     done = mantaray("locate", "nowhere.txt", "--profile", "x.csv")
     assert done.code == 2
     assert "nowhere.txt: no such file" in done.err
+
+
+@pytest.mark.parametrize("row", [0, -1])
+def test_pings_beyond_a_track_without_a_fix_name_the_row(mantaray, tmp_path, row):
+    """A receiver without a fix writes 0, 0 in the first or last row, where the survey has pings."""
+    time = np.arange(0.0, 40.0, 2.0)
+    track = [f"{t:g},ship,{45.0 + 1e-5 * t:.6f},-30,4" for t in time]
+    line = 2 if row == 0 else len(track) + 1
+    track[row] = f"{time[row]:g},ship,0,0,4"
+    (tmp_path / "track.csv").write_text("\n".join(["time,vehicle,lat,lon,depth", *track]) + "\n")
+    pings = [f"{t:g},N,0.3" for t in np.linspace(0.5, 37.5, 20)]
+    (tmp_path / "pings.csv").write_text("\n".join(["time,node,two_way_time_s", *pings]) + "\n")
+    done = mantaray(
+        "locate",
+        tmp_path / "pings.csv",
+        *("--track", tmp_path / "track.csv", "--depth", 150),
+        *("--profile", profile_csv(tmp_path)),
+    )
+    assert (done.code, done.err.count("\n")) == (2, 1), done.err
+    assert "after the start of the track" in done.err
+    assert f"rows of the track are left out: {tmp_path / 'track.csv'}: 1 line left out" in done.err
+    assert f"line {line}: " in done.err

@@ -124,6 +124,11 @@ def test_a_node_that_moves_fails_the_test_of_halves(medium):
         LocateOptions(speed_model="scale", correlation="none"),
     )
     (test,) = (test for test in found.tests if test.name == HALVES)
+    # with a spread of 100 m of the model, that of the difference of two halves is 2 times 100 m
+    wide = part_tests(found.solution, 100.0**2 * np.eye(3))[0]
+    change = [float(part.split()[1]) for part in wide.details.split(", ")]
+    assert abs(change[0]) > 0.2
+    assert wide.chi_square == pytest.approx(np.sum(np.square(change)) / 200.0**2, rel=0.01)
     assert not test.passed
     assert "FAILED" in test.text
     assert found.widening**2 >= test.chi_square / test.degrees - 1e-9

@@ -6,6 +6,7 @@ from refusals import refused
 
 from pymantaray import Beacon, DriftingWater, OnlineEstimator, StartPose
 from pymantaray.errors import OnlineError
+from pymantaray.estimation.filters.error_state import State
 
 SPEED = 1500.0
 SHALLOW, DEEP = 2e-3, -1e-3  # relative errors between the vehicle and each band of beacons
@@ -74,6 +75,28 @@ def test_errors_that_drift_return_to_their_first_sigma():
     assert sigma < 1e-3
     keep = np.exp(-2.0 * 359.0 / 36.0)
     assert later.sigma == pytest.approx(2e-3 * np.sqrt(1.0 - keep), rel=1e-3)
+
+
+def test_errors_decay_by_the_law_of_a_gauss_markov_process():
+    """Errors shrink by exp(-h / hours), and covariances return to sigma²."""
+    water = DriftingWater(2e-3, 5.0, (100.0,)).checked()
+    rng = np.random.default_rng(3)
+    members = 1 + water.members
+    root = rng.standard_normal((6 * members, 6 * members))
+    before = State(
+        np.tile(np.eye(3), (members, 1, 1)), rng.standard_normal((members, 3)), root @ root.T
+    )
+    after = water.relax(before, 2.0 * 3600.0)
+    share = np.exp(-2.0 / 5.0)
+    np.testing.assert_allclose(after.position[0], before.position[0])
+    np.testing.assert_allclose(after.position[1:], share * before.position[1:])
+    errors = water.columns_of(members)
+    keep = np.ones(6 * members)
+    keep[errors] = share
+    expected = keep[:, None] * before.covariance * keep
+    expected[errors, errors] += 2e-3**2 * (1.0 - share**2)
+    np.testing.assert_allclose(after.covariance, expected)
+    np.testing.assert_allclose(before.covariance, root @ root.T)
 
 
 def test_a_restored_estimator_goes_on_with_its_water(tmp_path):

@@ -54,7 +54,7 @@ def rays(mantaray, folder):
     def call(*words):
         done = mantaray("rays", *words)
         assert done.code == 0, done.err
-        return done.out
+        return done.out + done.err
 
     return call
 
@@ -213,9 +213,9 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays):
     z = table["depth_m"].to_numpy()
     c = sound_speed(table["temperature_degC"], table["practical_salinity"], z, 73.9883, -139.95)
     thin = thin_profile(z, c, tolerance=0.1)
-    assert lines[1] == f"{cast.name}: {thin}"
-    assert lines[2] == f"{cast.name}: starts at 0.8029 m; sound speed above is constant"
-    assert lines[3].startswith(f"{cast.name}: ends at 1000.08 m, above the sea bed at 3000 m")
+    assert lines[2] == f"{cast.name}: {thin}"
+    assert lines[3] == f"{cast.name}: starts at 0.8029 m; sound speed above is constant"
+    assert lines[4].startswith(f"{cast.name}: ends at 1000.08 m, above the sea bed at 3000 m")
     record = medium_of("out.csv")
     assert (record["raw_levels"], record["levels"]) == (1001, thin.depth.size)
     assert record["thinned"]["rms_change_m_s"] == pytest.approx(thin.rms_change)

@@ -50,7 +50,7 @@ def test_a_table_says_where_its_water_is_linear(
     limits = ("--source-depth", "10:20:10", "--receiver-depth", "100:140:40", "--range", "100:200")
     assert _run(*limits, "--out", "t.nc") == 0
     note = "between 100 and 2000 m the sound speed is linear"
-    assert note in capsys.readouterr().out
+    assert note in capsys.readouterr().err
     assert note in open_table("t.nc").attrs["water"]["notes"]
 
 

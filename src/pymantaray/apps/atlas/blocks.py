@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.medium import ice_of
 from pymantaray.apps.atlas.column import EDGE, LAND, WATER, column_errors, water_at
-from pymantaray.apps.atlas.dataset import VARIABLES, shape_of
+from pymantaray.apps.atlas.dataset import NOTES, VARIABLES, shape_of
 from pymantaray.apps.atlas.plan import Block
 from pymantaray.config.build.ocean import MissionOcean
 from pymantaray.geometry.boundary import BoundarySurface
@@ -61,7 +61,7 @@ def read_block(content: bytes) -> dict[str, NDArray[Any]]:
 
 
 def block_errors(block: Block) -> dict[str, NDArray[Any]]:
-    """Variables of an atlas for the columns of a block, each (lat, lon, ...)."""
+    """Variables of an atlas for the columns of a block, each (lat, lon, ...), and notes."""
     out = {
         name: np.full(
             (len(block.lat), len(block.lon), *shape_of(v, block.links)), v.nothing, v.dtype
@@ -69,11 +69,17 @@ def block_errors(block: Block) -> dict[str, NDArray[Any]]:
         for name, v in VARIABLES.items()
     }
     if block.ocean.is_profile:
-        medium = block.sound.medium(block.ocean.open(block.links.interpolation))
+        opened = block.ocean.open(block.links.interpolation)
+        medium = block.sound.medium(opened)
         assert isinstance(medium, Medium)  # one profile does not vary in time
+        notes = [*opened.notes, *medium.notes]
         columns = [(0, 0, WATER, column_errors(medium, block.links)._asdict())]
     else:
-        columns = list(_columns(block))
+        ocean = _water(block)
+        sea_floor = block.ocean.sea_floor(ocean)
+        notes = list(block.ocean.notes_of(ocean, sea_floor))
+        columns = list(_columns(block, ocean, sea_floor))
+    out[NOTES] = np.array(notes, dtype=np.str_)
     for i, j, status, errors in columns:
         out[_STATUS][i, j] = status
         for name, values in errors.items():
@@ -89,10 +95,10 @@ def source_of(block: Block) -> tuple[str, bool]:
     return str(attrs["title"]), bool(attrs["synthetic"])
 
 
-def _columns(block: Block) -> Iterator[tuple[int, int, int, dict[str, NDArray[Any]]]]:
+def _columns(
+    block: Block, ocean: xr.Dataset, sea_floor: xr.DataArray | None
+) -> Iterator[tuple[int, int, int, dict[str, NDArray[Any]]]]:
     """Row, column, status and errors of each column of a gridded ocean."""
-    ocean = _water(block)
-    sea_floor = block.ocean.sea_floor(ocean)
     surface = np.isfinite(ocean["water_temp"].values[0])
     lats = ocean["lat"].values
     lons = ocean["lon"].values

@@ -154,6 +154,7 @@ def run(
     """Compute an atlas, or complete an interrupted one."""
     check_output(out.out, [".nc"], inputs=[Path(name) for name in files], force=True)
     from pymantaray.apps.atlas import Atlas, open_atlas, run_atlas, safety_table
+    from pymantaray.apps.atlas.dataset import notes_of
     from pymantaray.config.build.sound import build_sound
     from pymantaray.config.build.water import configuration_of
     from pymantaray.records.digits import counted
@@ -183,6 +184,7 @@ def run(
                 progress=progress,
             )
         with open_atlas(out.out) as dataset:
+            printed.notes(notes_of(dataset))
             printed.table(_safety(safety_table(dataset)))
         printed.paths(file=out.out)
 
@@ -191,9 +193,11 @@ def run(
 def show(file: AtlasFile, as_json: Json = False, to: To = "text") -> None:
     """Print range errors and safe locations by convention and distance."""
     from pymantaray.apps.atlas import open_atlas, safety_table
+    from pymantaray.apps.atlas.dataset import notes_of
 
     with open_atlas(file) as dataset, printer(as_json=as_json, to=to) as printed:
         printed.line(dataset.attrs["title"], title=dataset.attrs["title"])
+        printed.notes(notes_of(dataset))
         printed.table(_safety(safety_table(dataset)))
 
 

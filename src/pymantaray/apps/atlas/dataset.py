@@ -23,6 +23,8 @@ from pymantaray.version import __version__
 FORMAT = "pymantaray atlas 1"
 LocatedBlock = tuple[tuple[int, slice, slice], dict[str, NDArray[Any]]]
 """Position of a block in the atlas, and its variables."""
+NOTES = "notes"
+"""Notes of the readers of the water, in a block and in the file."""
 _LINK = ("pair", "distance", "bearing")
 _PLACE = ("time", "lat", "lon")
 _SECOND = np.timedelta64(1, "s")
@@ -254,9 +256,12 @@ def _fill(path: Path, atlas: Atlas, attrs: dict[str, Any], blocks: Iterable[Loca
             variable.setncatts(v.attrs)
             if "pair" in v.dims:
                 variable.setncattr("coordinates", "transmitter_depth receiver_depth")
+        notes: dict[str, None] = {}
         for (time, rows, columns), arrays in blocks:
-            for name, array in arrays.items():
-                file[name][time, rows, columns] = array
+            notes |= dict.fromkeys(arrays[NOTES].tolist())
+            for name in VARIABLES:
+                file[name][time, rows, columns] = arrays[name]
+        file.setncattr(NOTES, "\n".join(notes))
 
 
 def _chunk(atlas: Atlas) -> tuple[int, int]:
@@ -297,6 +302,11 @@ def open_atlas(path: str | Path) -> xr.Dataset:
             " Python: run_atlas)"
         )
     return dataset
+
+
+def notes_of(atlas: xr.Dataset) -> list[str]:
+    """Notes of the readers of the water of an atlas."""
+    return str(atlas.attrs.get(NOTES, "")).splitlines()
 
 
 def largest_over_pairs(atlas: xr.Dataset) -> xr.DataArray:

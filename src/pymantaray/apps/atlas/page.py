@@ -10,6 +10,7 @@ import numpy as np
 import xarray as xr
 from matplotlib.image import imread
 
+from pymantaray.apps.atlas.dataset import notes_of
 from pymantaray.apps.atlas.figures import CONVENTION_COLOURS, CONVENTION_WORDS
 from pymantaray.pages.drawing import Picture
 from pymantaray.pages.page import Explorer, Page
@@ -87,7 +88,7 @@ def write_atlas_page(atlas: xr.Dataset, figures: Sequence[Path], folder: str | P
     page = Page(
         title=str(atlas.attrs["title"]),
         facts=[f"{atlas.sizes['lat']} x {atlas.sizes['lon']} columns, {instants}"],
-        notes=thinned if step > 1 else [],
+        notes=[*notes_of(atlas), *(thinned if step > 1 else [])],
         explorer=Explorer("atlas", as_json(content)),
         pictures=[_picture(file) for file in figures if file.suffix == ".png"],
     )

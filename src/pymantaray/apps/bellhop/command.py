@@ -17,7 +17,7 @@ from pymantaray.cli.options import (
     parse_duration,
 )
 from pymantaray.cli.panels import OUTPUT
-from pymantaray.cli.printing import Printer
+from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import AcousticsError
 
 if TYPE_CHECKING:
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from pymantaray.acoustics import Medium
-    from pymantaray.geometry import LocalFrame
+    from pymantaray.sensing.water import Water
 
     Array = NDArray[np.float64]
 
@@ -75,11 +75,12 @@ def compare_bellhop(
     from pymantaray.apps.bellhop import compare_with_bellhop
     from pymantaray.apps.rays.tables import read_links, write_table
     from pymantaray.cli.output import check_output, progress_bars
+    from pymantaray.cli.water import water_notes
 
     check_output(out, (".csv",), inputs=[links, *source.files, *water.files], force=force)
     content = read_links(links)
-    straight, frame = _straight_medium(source, water, bellhop.refine)
-    start, receiver = content.places(frame)
+    straight, opened = _straight_medium(source, water, bellhop.refine)
+    start, receiver = content.places(opened.frame)
     with progress_bars(quiet=printing.quiet) as progress:
         table = compare_with_bellhop(
             straight,
@@ -92,6 +93,7 @@ def compare_bellhop(
         )
     write_table(table, out)
     with printing.printer() as printed:
+        printed.notes(water_notes(opened))
         _summarize(printed, table)
         printed.paths(file=out)
 
@@ -115,25 +117,28 @@ def write_bellhop(
     """Write links and their ocean as BELLHOP3D input files: .env, .ssp and .bty."""
     from pymantaray.apps.bellhop import write_bellhop as write_files
     from pymantaray.apps.rays.tables import read_links
+    from pymantaray.cli.water import water_notes
 
     if (links is None) == (link is None):
         raise AcousticsError("write-bellhop: no links; give LINKS.csv, or --run with --link ROW")
     there = sorted(out.glob("link*.env"))
     if there and not force:
         raise AcousticsError(f"{there[0]}: already exists; give another folder or --force")
-    straight, frame = _straight_medium(source, water, refine)
+    straight, opened = _straight_medium(source, water, refine)
     if links is not None:
-        start, receiver = read_links(links).places(frame)
+        start, receiver = read_links(links).places(opened.frame)
     else:
         start, receiver = _links_of_run(source.run, link or [])
-    for path in write_files(out, straight, start, receiver, options):
-        typer.echo(str(path))
+    paths = write_files(out, straight, start, receiver, options)
+    with printer() as printed:
+        printed.notes(water_notes(opened))
+        printed.paths(*paths)
 
 
 def _straight_medium(
     source: SourceOptions, options: WaterOptions, refine: int
-) -> "tuple[Medium, LocalFrame | None]":
-    """Linear medium, or a smooth medium sampled on finer cells, and its frame."""
+) -> "tuple[Medium, Water]":
+    """Linear medium, or a smooth medium sampled on finer cells, and its water."""
     from pymantaray.apps.bellhop import linear_medium
     from pymantaray.cli.water import load_water
 
@@ -141,7 +146,7 @@ def _straight_medium(
     medium, _ = water.at_start
     if medium.interpolation == "smooth":
         medium = linear_medium(medium, horizontal=refine, vertical=refine)
-    return medium, water.frame
+    return medium, water
 
 
 def _links_of_run(run: Path | None, rows: list[int]) -> "tuple[Array, Array]":

@@ -6,7 +6,7 @@ arrays.
 import json
 import logging
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -71,7 +71,7 @@ def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -
     else:
         study = build_study(source if isinstance(source, StudyConfig) else load_study(str(source)))
     simulation = _simulation(study)
-    arrays = _environment(study, run)
+    arrays, notes = _environment(study, run)
     with staged_folder(folder) as (stage, final):
         try:
             write_environment(arrays, stage)
@@ -80,21 +80,24 @@ def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -
             )
         except OSError as error:
             raise WriteError(f"{final}: cannot be written: {error.strerror or error}") from None
-    for note in _notes(study, arrays):
+    for note in (*notes, *_notes(study, arrays)):
         LOG.warning("%s: %s", study.name, note)
     return final
 
 
-def _environment(study: Study, run: Run | None) -> dict[str, dict[str, Array]]:
-    """Arrays of the water; those of an ``environment.json`` are unchanged."""
+def _environment(
+    study: Study, run: Run | None
+) -> tuple[dict[str, dict[str, Array]], Sequence[str]]:
+    """Arrays of the water, and notes; those of an ``environment.json`` are unchanged."""
     ocean = study.ocean
     changed = ocean.has_sea_floor or ocean.domain["half_extent"] is not None
     source = ocean.source[0]
     if is_environment(source) and not changed and (run is None or Path(source).is_file()):
-        return read_arrays(source)
-    return environment_arrays(
-        ocean.open(study.sound.interpolation).local if run is None else run.ocean
-    )
+        return read_arrays(source), ()
+    if run is not None:
+        return environment_arrays(run.ocean), run.notes
+    opened = ocean.open(study.sound.interpolation)
+    return environment_arrays(opened.local), opened.notes
 
 
 def _simulation(study: Study) -> dict[str, Any]:

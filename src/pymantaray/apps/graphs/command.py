@@ -148,10 +148,11 @@ class GraphSolveOptions:
 def show(file: In, reading: GraphReadOptions, as_json: Json = False) -> None:
     """Show the contents of a graph, and whether it can be solved."""
     from pymantaray.apps.graphs.diagnose import diagnose
-    from pymantaray.apps.graphs.external import anchor_graph
+    from pymantaray.apps.graphs.external import anchor_graph, reading_notes
 
     content = reading.open(file)
     with printer(as_json=as_json) as out:
+        out.notes(reading_notes(content.left_out, content.repaired))
         for name, text in _contents(out, content):
             out.line(f"{name:<18} {text}")
         graph, poses = anchor_graph(content)
@@ -250,7 +251,7 @@ def convert(
     """
     Convert between PyFactorGraph text, g2o and TUM; --leave-out drops what the output cannot hold.
     """
-    from pymantaray.apps.graphs.external import G2O
+    from pymantaray.apps.graphs.external import G2O, reading_notes
     from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
     from pymantaray.cli.output import check_output
     from pymantaray.estimation import write_pyfg
@@ -283,12 +284,9 @@ def convert(
     else:
         write_pyfg(content.graph, out, initial=content.values)
         files += [path for path in beside if path.exists()]
-    for what, count in lost.items():
-        LOG.warning("left out: %d %s", count, what)
-    for what, count in content.repaired.items():
-        LOG.warning("repaired: %d %s (indefinite matrix)", count, what)
-    for path in files:
-        typer.echo(str(path))
+    with printer() as printed:
+        printed.notes(reading_notes(lost, content.repaired))
+        printed.paths(*files)
 
 
 def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
@@ -345,10 +343,7 @@ def _contents(out: Printer, file: "GraphFile") -> list[tuple[str, str]]:
     )
     if file.valueless:
         lines.append(("values", "none in the file; by chordal initialization"))
-    lines += [("left out", f"{count} {what}") for what, count in file.left_out.items()]
-    return lines + [
-        ("repaired", f"{count} {what} (indefinite matrix)") for what, count in file.repaired.items()
-    ]
+    return lines
 
 
 def _print_starts(out: Printer, result: "GraphResult") -> None:
@@ -360,7 +355,7 @@ def _print_starts(out: Printer, result: "GraphResult") -> None:
     if len(result.outcomes) > 1:
         starts = pd.DataFrame(result.summary()["starts"])
         out.table(ResultTable("starts", starts, "Solutions from each start"))
-    out.warn([] if result.warning is None else [result.warning])
+    out.warn(result.warnings)
     out.add(alternative_start=None if result.alternative is None else result.alternative.name)
 
 
@@ -409,12 +404,13 @@ def _print_result(
         f", expected {solution.expected_cost:g}" if np.isfinite(solution.expected_cost) else ""
     )
     out.line(
-        f"{result.estimator}, start {result.start}: {solution.status.name},"
+        f"{result.estimator}, start {result.start}: {result.status},"
         f" {solution.iterations} iterations, cost {solution.initial_cost:.6g} to"
         f" {solution.final_cost:.6g}{expected}",
         estimator=result.estimator,
         start=result.start,
-        status=solution.status.name,
+        status=result.status,
+        unexplained=result.unexplained,
         iterations=solution.iterations,
         cost=solution.final_cost,
         initial_cost=solution.initial_cost,
@@ -426,10 +422,7 @@ def _print_result(
     )
     if result.advice is not None:
         out.line(f"{solution.status.name}: {result.advice}")
-    for what, count in result.left_out.items():
-        out.line(f"left out: {count} {what}")
-    for what, count in result.repaired.items():
-        out.line(f"repaired: {count} {what} (indefinite matrix)")
+    out.notes(result.notes)
     names = [result.graph.variable_name(int(pose)) for pose in result.anchored]
     if names:
         out.line(f"anchored because there is no prior: {', '.join(names)}")

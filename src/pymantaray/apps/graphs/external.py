@@ -42,6 +42,7 @@ from pymantaray.estimation.solvers.descents import lowest
 from pymantaray.estimation.solvers.losses import Loss
 from pymantaray.estimation.solvers.solution import GraphSolution, SolveOptions
 from pymantaray.estimation.solvers.starts import anchor_loose_parts, chordal, dead_reckon_graph
+from pymantaray.evaluation import LARGEST_RATIO, LEAST_RANGE, unexplained
 from pymantaray.records import SolveStatus, whole_file, write_netcdf
 from pymantaray.records.csv_text import is_number
 from pymantaray.records.status import SOLVE_STATUS_WORDS
@@ -61,6 +62,7 @@ G2O = ".g2o"
 PYFG = ".pyfg"
 _TORO_WORDS = {word for words in TORO.values() for word in words}
 _FIRST_WORDS = ("VERTEX", "EDGE", *ISAM.values())
+UNEXPLAINED = "UNEXPLAINED"
 _COSTS = ("iterations", "initial_cost", "final_cost", "expected_cost", "gradient_norm")
 
 
@@ -73,7 +75,8 @@ class GraphResult:
     values in spite of another start, because only ranges constrain them: if the file's values are
     the truth, so is that part of the start. ``start`` is chordal if the file has no values.
     ``truth`` is None if the file has none. ``diagnosis`` says in one line why the solution is not
-    usable, and is None if it is.
+    usable, and is None if it is; ``unexplained`` says it of an optimum that does not explain the
+    measurements.
 
     ``start`` is the name of the start that led to the solution. ``outcomes`` has the solutions from
     all starts, and ``alternative`` the lowest other minimum if its cost is within chi-square of the
@@ -91,6 +94,7 @@ class GraphResult:
     diagnosis: str | None
     left_out: dict[str, int]
     repaired: Mapping[str, int]
+    unexplained: str | None = None
     outcomes: tuple[StartOutcome, ...] = ()
     alternative: StartOutcome | None = None
     certificate: Certificate | None = None
@@ -108,6 +112,21 @@ class GraphResult:
         """Numbers of poses and of landmarks among ``as_in_file``."""
         poses = int(np.count_nonzero(self.as_in_file < self.graph.n_poses))
         return {"poses": poses, "landmarks": int(self.as_in_file.size) - poses}
+
+    @property
+    def status(self) -> str:
+        """Status of the solution; `UNEXPLAINED` if it does not explain the measurements."""
+        return self.solution.status.name if self.unexplained is None else UNEXPLAINED
+
+    @property
+    def usable(self) -> bool:
+        """True if the solution is an optimum that explains the measurements."""
+        return self.solution.usable and self.unexplained is None
+
+    @property
+    def notes(self) -> list[str]:
+        """Lines of the file that were left out or repaired."""
+        return reading_notes(self.left_out, self.repaired)
 
     @property
     def advice(self) -> str | None:
@@ -142,6 +161,16 @@ class GraphResult:
             f" {far:.4g} m: compare both, or add a prior or ranges"
         )
 
+    @property
+    def warnings(self) -> list[str]:
+        """Warnings of a cost above its bounds, and of a second minimum."""
+        s = self.solution
+        lines = [] if self.warning is None else [self.warning]
+        if s.status is not SolveStatus.OVER_CHI_SQUARE:
+            return lines
+        over = f"{s.status.name}: the cost is {s.final_cost:.4g}, expected {s.expected_cost:.4g}"
+        return [f"{over}; the measurements disagree", *lines]
+
     def summary(self) -> dict[str, Any]:
         """Costs, status and counts, as numbers and text only."""
         s = self.solution
@@ -149,8 +178,8 @@ class GraphResult:
         return {
             "estimator": self.estimator,
             "start": self.start,
-            "status": s.status.name,
-            "usable": s.usable,
+            "status": self.status,
+            "usable": self.usable,
             "diagnosis": self.diagnosis,
             "advice": self.advice,
             "cost": s.final_cost,
@@ -372,8 +401,12 @@ def solve_graph(
     diagnosis = None
     if alternative is not None and solution.status is SolveStatus.OK:
         solution = replace(solution, status=SolveStatus.SECOND_MINIMUM)
+    why = _unexplained(graph, solution)
     if not solution.usable:
         diagnosis = diagnose(graph, best.initial) or _misfit(graph, best.initial, name, solution)
+    elif why is not None:
+        worst = worst_misfit(graph, solution.values)
+        diagnosis = f"not explained: {why}; the worst misfit is at {worst}"
     return GraphResult(
         graph=graph,
         estimator=name,
@@ -386,6 +419,7 @@ def solve_graph(
         diagnosis=diagnosis,
         left_out=file.left_out,
         repaired=file.repaired,
+        unexplained=why,
         outcomes=tuple(outcomes),
         alternative=alternative,
     )
@@ -512,6 +546,36 @@ def _misfit(
         f" {solution.initial_cost:.3g} to {solution.final_cost:.3g}{expected}; the worst misfit at"
         f" the start is at {worst_misfit(graph, initial)}: try another start"
     )
+
+
+def _unexplained(graph: FactorGraph, solution: GraphSolution) -> str | None:
+    """
+    Reason why an optimum does not explain the ranges of its graph, by the limits of
+    `pymantaray.evaluation.unexplained`, or all its measurements, by the cost of least squares.
+    """
+    if not solution.usable:
+        return None
+    ranges = graph["range"]
+    place = np.concatenate([solution.values.position, solution.values.landmark_position])
+    measured = ranges.column("distance")
+    one, other = ranges.variables.T
+    predicted = np.linalg.norm(place[one] - place[other], axis=1)
+    sigma = np.sqrt(ranges.variance)
+    why = unexplained(measured - predicted, measured, sigma, least=LEAST_RANGE)
+    if why is None and solution.final_cost > LARGEST_RATIO**2 * max(solution.expected_cost, 0.5):
+        ratio = np.sqrt(solution.final_cost / max(solution.expected_cost, 0.5))
+        why = (
+            f"the rms residual is {ratio:.3g} stated standard deviations; at most"
+            f" {LARGEST_RATIO:g} explain it"
+        )
+    return why
+
+
+def reading_notes(left_out: Mapping[str, int], repaired: Mapping[str, int]) -> list[str]:
+    """Notes about the lines of a graph's file that were left out or repaired."""
+    return [f"left out: {count} {what}" for what, count in left_out.items()] + [
+        f"repaired: {count} {what} (indefinite matrix)" for what, count in repaired.items()
+    ]
 
 
 def _finite(value: Any) -> Any:

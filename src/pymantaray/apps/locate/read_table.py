@@ -14,7 +14,7 @@ from pymantaray.apps.locate.survey import LeverArm, Node, Survey, TravelDirectio
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
-from pymantaray.records.invalid_lines import InvalidLines
+from pymantaray.records.invalid_lines import LEFT_OUT, InvalidLines
 from pymantaray.records.position_rows import FASTEST_PLATFORM, PositionRows, middle_longitude
 from pymantaray.records.text_table import TextTable, read_text_table
 
@@ -255,6 +255,11 @@ class _PlatformPositions:
             out.append(np.column_stack(angles) if exists or not out else out[0])
         return out
 
+    def _rows_left_out(self) -> str:
+        """Rows that the reader of the track left out, which may be its first or last."""
+        lines = [note for note in self.notes if LEFT_OUT in note]
+        return f"; rows of the track are left out: {'; '.join(lines)}" if lines else ""
+
     def _from_track(self, frame: LocalFrame | None) -> None:
         tracks = self._tracks
         options = self._options
@@ -289,7 +294,7 @@ class _PlatformPositions:
                 raise LocateError(
                     f"{self._table.where(int(np.argmax(outside)))}: the {noun} is"
                     f" {instant[outside][0]:.1f} s after the start of the track, which lasts"
-                    f" {last - first:.1f} s"
+                    f" {last - first:.1f} s{self._rows_left_out()}"
                 )
         times = np.unique(np.concatenate(list(instants.values())))
         record = tracks.at(times, frame or LocalFrame(0.0, 0.0))

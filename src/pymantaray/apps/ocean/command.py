@@ -3,6 +3,7 @@ Commands of `mantaray ocean`: check, show, plot and make oceans. They import mod
 `fetch` is a separate group.
 """
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -33,13 +34,12 @@ from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.ocean.equations import Equation
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import numpy as np
     import xarray as xr
 
     from pymantaray.acoustics.profiles import Profile
     from pymantaray.config.build.ocean import MissionOcean
+    from pymantaray.ocean.cast import Cast
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.open import CurrentsPolicy
     from pymantaray.ocean.schema import Finding
@@ -147,8 +147,8 @@ def check(
         raise OceanError("no ocean; name one, or give a study with --study")
     note = ""
     if study is None:
-        ocean, _, note = _at_one_instant(_configured(files or [], water, currents="rest"))
-        findings = _checked(ocean)
+        own, _, note = _at_one_instant(_configured(files or [], water, currents="rest"))
+        findings = _checked(own)
         if findings.ok and water.own_keys:
             findings = Findings([*_refusals(files or [], water), *findings])
     else:
@@ -163,11 +163,13 @@ def check(
             study, ocean=files or None, **dotted_keys(water.keys), **changes_of(changes)
         )
         mission = build_study(with_tracks(config))
+        own = mission.ocean
         moved = mission.fleet.existing is not None
         findings = _checked(mission.ocean, fleet=mission.planned, existing_trajectories=moved)
         if findings.ok and not moved:
             findings = Findings([*fleet_findings(mission), *findings])
     with printer(as_json=as_json) as out:
+        out.notes(own.notes() if findings.ok else ())
         if note:
             out.line(note)
         for finding in findings:
@@ -233,7 +235,6 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     Print extent, levels, time, ranges of each variable and history of an ocean, or the levels of
     profiles.
     """
-    from pymantaray.ocean.sea_floor_water import sea_floor_notes
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
     from pymantaray.records.result_table import ResultTable
 
@@ -244,6 +245,7 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
             out.table(ResultTable("region", table, by_row=True))
             return
         if own.is_profile and not own.has_sea_floor:
+            out.notes(own.notes())
             _show_profiles(own.profiles(), out)
             return
         own, times, note = _at_one_instant(own)
@@ -254,10 +256,7 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
         facts = ocean_facts(ocean, floor)
         for name, text in facts.items():
             out.line(f"{name:<11} {text}")
-        notes = sea_floor_notes(floor)
-        for note in notes:
-            out.line(f"note: {note}")
-        out.add(notes=list(notes))
+        out.notes(own.notes_of(ocean, floor))
         region = region_table(ocean, equation=own.equation, sea_floor=floor).iloc[:, 0].to_dict()
         out.add(title=facts["title"], region=region)
         variables = variable_table(ocean, own.equation).reset_index()
@@ -328,8 +327,6 @@ def _show_profiles(profiles: "Sequence[Profile]", out: "Printer") -> None:
             {name: one[name] for name in ("profile", "time", "position", "levels")} for one in shown
         ]
         out.table(ResultTable("profiles", pd.DataFrame(few)))
-    for note in dict.fromkeys(note for profile in profiles for note in profile.notes):
-        out.line(f"note: {note}")
     out.add(levels=shown)
 
 
@@ -368,9 +365,10 @@ def plot(
     from pymantaray.apps.ocean import write_ocean_plots
 
     own, _, note = _at_one_instant(_configured(files, water, currents="rest"))
-    if note:
-        typer.echo(note, err=True)
     ocean, floor = own.in_domain()
+    printed = Printer(quiet=quiet)
+    printed.notes([note] if note else [])
+    printed.notes(own.notes() if own.is_profile else own.notes_of(ocean, floor))
     with progress_bars(quiet=quiet) as progress:
         paths = write_ocean_plots(
             ocean, out, depth=depth, place=at, sea_floor=floor, progress=progress
@@ -420,16 +418,20 @@ def from_cast(
     if uniform.below_cast is not None and uniform.below != "refuse":
         raise OceanError("--below and --below-cast cannot be combined; give one of them")
     north, east = (metres_of("--half-extent", side) for side in uniform.half_extent)
+    upper = read_cast(cast, **asdict(which))
+    deep = (
+        None
+        if uniform.below_cast is None
+        else read_cast(uniform.below_cast, repair_freezing=which.repair_freezing)
+    )
     ocean = cast_ocean(
-        read_cast(cast, **asdict(which)),
+        upper,
         bathymetry=uniform.bathymetry,
         half_extent=(north, east),
-        below=uniform.below
-        if uniform.below_cast is None
-        else read_cast(uniform.below_cast, repair_freezing=which.repair_freezing),
+        below=uniform.below if deep is None else deep,
         equation=uniform.equation,
     )
-    _write(ocean, out)
+    _write(ocean, out, _of_casts([upper] if deep is None else [upper, deep]))
 
 
 @app.command("convert-cast")
@@ -483,9 +485,9 @@ def convert_cast(
         write_asvp(out, profiles[0])
     else:
         write_profiles(out, profiles)
-    for note in dict.fromkeys(note for p in profiles for note in p.notes):
-        typer.echo(f"{cast}: {note}", err=True)
-    typer.echo(str(out))
+    with printer() as printed:
+        printed.notes(f"{cast}: {note}" for p in profiles for note in p.notes)
+        printed.paths(out)
 
 
 def _thinned(profile: "Profile", tolerance: float) -> "Profile":
@@ -546,15 +548,18 @@ def correct(
     time_scale = None
     if scales.time_scale is not None:
         time_scale = parse_duration("--time-scale", scales.time_scale, "d") * _S_PER_DAY
+    own = _configured([ocean], water)
+    measured = read_casts(casts, repair_freezing=water.repair_freezing)
+    true = _fields(own)
     corrected = correct_with_casts(
-        _fields(_configured([ocean], water)),
-        read_casts(casts, repair_freezing=water.repair_freezing),
+        true,
+        measured,
         horizontal_scale=scales.scale * _M_PER_KM,
         noise_ratio=scales.noise_ratio,
         vertical_scale=scales.vertical_scale,
         time_scale=time_scale,
     )
-    _write(corrected, out)
+    _write(corrected, out, [*_of_fields(own, true), *_of_casts(measured)])
 
 
 @dataclass(frozen=True)
@@ -641,25 +646,26 @@ def perturb(
     own = _configured(files, water)
     true = _fields(own)
     equation = own.equation
+    notes = _of_fields(own, true)
     if error.method == "mean":
-        return _write(mean_ocean(true), out)
+        return _write(mean_ocean(true), out, notes)
     if error.place is not None:
-        return _write(column_ocean(true, error.place), out)
+        return _write(column_ocean(true, error.place), out, notes)
     assert error.rms is not None and error.scale is not None  # noqa: PT018  checked by the options
+    casts = []
+    if error.mode_cast:
+        casts = read_casts(error.mode_cast, repair_freezing=water.repair_freezing)
     member = perturb_ocean(
         true,
         rms=error.rms,
         horizontal_scale=error.scale * _M_PER_KM,
         rng=stream(error.seed, 0, "ocean", "perturb"),
-        modes=vertical_modes(
-            read_casts(error.mode_cast, repair_freezing=water.repair_freezing), equation=equation
-        )
-        if error.mode_cast
-        else None,
+        modes=vertical_modes(casts, equation=equation) if casts else None,
         down_to=error.down_to,
         equation=equation,
     )
-    return _write(with_history(member, f"seed {error.seed}"), out)
+    notes += _of_casts(casts)
+    return _write(with_history(member, f"seed {error.seed}"), out, notes)
 
 
 def _fields(own: "MissionOcean") -> "xr.Dataset":
@@ -673,8 +679,18 @@ def _fields(own: "MissionOcean") -> "xr.Dataset":
     return ocean
 
 
-def _write(ocean: "xr.Dataset", out: Path) -> None:
-    """Write an ocean atomically, and print one line about its last change."""
+def _of_fields(own: "MissionOcean", ocean: "xr.Dataset") -> list[str]:
+    """Notes of the readers of an ocean, or of a profile."""
+    return list(own.notes() if own.is_profile else own.notes_of(ocean, None))
+
+
+def _of_casts(casts: "Sequence[Cast]") -> list[str]:
+    """Notes of the reader of casts."""
+    return [f"{cast.name}: {note}" for cast in casts for note in cast.notes]
+
+
+def _write(ocean: "xr.Dataset", out: Path, notes: Sequence[str]) -> None:
+    """Write an ocean atomically, and print notes and one line about its last change."""
     import numpy as np
 
     from pymantaray.records import write_netcdf
@@ -683,10 +699,12 @@ def _write(ocean: "xr.Dataset", out: Path) -> None:
     size = " x ".join(str(ocean.sizes[name]) for name in ("depth", "lat", "lon"))
     wet = np.isfinite(ocean["water_temp"].values).any(axis=(1, 2))
     making = [line for line in str(ocean.attrs["history"]).splitlines() if line.startswith(_MAKING)]
-    typer.echo(
-        f"{out}: {size} levels, latitudes, longitudes to {ocean['depth'].values[wet][-1]:g} m;"
-        f" {making[-1]}"
-    )
+    with printer() as printed:
+        printed.notes(notes)
+        printed.line(
+            f"{out}: {size} levels, latitudes, longitudes to {ocean['depth'].values[wet][-1]:g} m;"
+            f" {making[-1]}"
+        )
 
 
 COMMANDS = {"ocean": app, "ocean fetch": fetch_command.app}

@@ -89,6 +89,7 @@ def plan(
         )
     written = files.write(results)
     with printing.printer() as printed:
+        printed.notes(results.notes)
         printed.table(results.table)
         for sentence in results.sentences:
             printed.line(sentence)

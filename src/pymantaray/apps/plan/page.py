@@ -117,6 +117,7 @@ def _page(
         description=" ".join(results.sentences),
         notes=[
             *([SYNTHETIC_NOTE] if synthetic else []),
+            *results.notes,
             *(f"{counted(count, 'design')} failed: {line}" for line, count in failed.items()),
         ],
         cards=_cards(results),

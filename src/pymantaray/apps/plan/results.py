@@ -25,6 +25,7 @@ from pymantaray.apps.plan.ensemble import (
 from pymantaray.apps.plan.evaluate import Scores
 from pymantaray.arrays import Array
 from pymantaray.config import load_study
+from pymantaray.config.build.study import build_study
 from pymantaray.config.common import NONE
 from pymantaray.config.load import BASE, preset_names
 from pymantaray.records import whole_file
@@ -110,6 +111,20 @@ class PlanResults:
         order = self.losses(self.plan.section.ranked_by)
         usable = [k for k, row in enumerate(order) if np.isfinite(row).all()] or range(len(order))
         return min(usable, key=lambda k: np.nan_to_num(order[k], nan=np.inf).tolist())
+
+    @cached_property
+    def notes(self) -> list[str]:
+        """Notes of the readers of the oceans, before random errors, and of trajectories."""
+        from pymantaray.apps.study.mission import notes_of
+
+        notes: list[str] = []
+        for number in dict.fromkeys(ocean for ocean, _ in self.plan.waters):
+            study = build_study(self.plan.study(self.designs[self.best], number))
+            ocean = study.ocean.open(study.sound.interpolation)
+            notes += notes_of(ocean, study.sound.medium(ocean))
+            existing = study.fleet.existing
+            notes += [] if existing is None else existing.tracks.notes
+        return list(dict.fromkeys(notes))
 
     @cached_property
     def near(self) -> NDArray[np.bool_]:

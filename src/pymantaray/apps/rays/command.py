@@ -287,10 +287,9 @@ class Job:
             notes = [*self.notes, *([] if found is None else found.incomplete_note())]
             printed.line(
                 f"{counted(len(self.source), ends)}: {'; '.join(filter(None, (counts, more)))}",
-                **{f"{ends}s": len(self.source), "outcomes": outcomes, "notes": notes, **also},
+                **{f"{ends}s": len(self.source), "outcomes": outcomes, **also},
             )
-            for note in notes:
-                printed.line(note)
+            printed.notes(notes)
             printed.paths(file=self.task.out)
 
 

@@ -17,6 +17,7 @@ from pymantaray.cli.options import (
     fan_angles,
     parse_place,
 )
+from pymantaray.cli.printing import printer
 from pymantaray.errors import AcousticsError
 
 if TYPE_CHECKING:
@@ -111,16 +112,15 @@ def plot(
         titles=titles,
         header=ocean_header({} if loaded.local is None else loaded.local.attrs),
     )
-    if not quiet:
+    with printer(quiet=quiet) as printed:
         for title, picture in zip(titles, pictures, strict=True):
             count = int(picture["ray_arrives"].sum())
-            typer.echo(
+            printed.line(
                 f"{title}: {count} ray{'' if count == 1 else 's'},"
                 f" {picture.attrs['status'].lower()}"
             )
-        for note in water_notes(loaded):
-            typer.echo(note)
-    typer.echo(str(out))
+        printed.notes(water_notes(loaded))
+        printed.paths(out)
 
 
 def _check_ends(ends: EndOptions) -> None:

@@ -9,7 +9,7 @@ import typer
 
 from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import ArrivalOptions, Set, WaterOptions, changes_of, parse_duration
-from pymantaray.cli.printing import LOG
+from pymantaray.cli.printing import LOG, printer
 from pymantaray.records.stops import handled
 
 if TYPE_CHECKING:
@@ -54,6 +54,7 @@ def serve(
 ) -> None:
     """Answer pings with receptions as JSON over HTTP. Ctrl-C stops the server."""
     from pymantaray.apps.service import RangingService, make_server
+    from pymantaray.cli.water import water_notes
 
     kept_s = parse_duration("--water-interval", water_interval, positive=False)
     options = water.keys | arrivals.keys | changes_of(changes)
@@ -64,8 +65,10 @@ def serve(
                 "listening at %s without a password: anyone who can access it can use it",
                 server.effective_host,
             )
-        typer.echo(_title(service))
-        typer.echo(f"listening on http://{server.effective_host}:{server.effective_port}")
+        with printer() as printed:
+            printed.notes(water_notes(service.water))
+            printed.line(_title(service))
+            printed.line(f"listening on http://{server.effective_host}:{server.effective_port}")
         number = _run(server)
     raise SystemExit(128 + number)
 

@@ -140,8 +140,7 @@ def import_command(
 
     config, lines = import_study(simulation)
     text = commented_toml(config)
-    for line in lines:
-        LOG.warning("%s: %s", simulation, line)
+    Printer(quiet=False).notes(f"{simulation}: {line}" for line in lines)
     if out is None:
         typer.echo(text, nl=False)
     else:
@@ -430,6 +429,7 @@ def _print_summary(out: Printer, run: "Run") -> None:
             f" {distance:.2g} m"
         )
     out.add(from_batch_m=apart)
+    out.notes(run.notes)
     out.warn(_warnings(run))
 
 
@@ -481,8 +481,7 @@ def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
 
 def _warnings(run: "Run") -> list[str]:
     """
-    Warnings about failed solves, stopped vehicles, incomplete searches and changes of trajectories
-    on reading.
+    Warnings about failed solves, stopped vehicles and incomplete searches.
     """
     from pymantaray.records.status import SOLVE_STATUS_WORDS, SolveStatus
 
@@ -491,8 +490,6 @@ def _warnings(run: "Run") -> list[str]:
         f"vehicle {name} stopped after {stop['time_s'] / 3600.0:.1f} h: {stop['status']}"
         for name, stop in outcome["stopped_vehicles"].items()
     ]
-    lines += run.manifest.get("ocean", {}).get("notes", [])
-    lines += run.manifest.get("fleet", {}).get("notes", [])
     lines += run.arrivals.incomplete_note()
     by_kind: dict[tuple[str, str], list[int]] = {}
     for solve in outcome["unhealthy_solves"]:

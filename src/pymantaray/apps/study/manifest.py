@@ -74,7 +74,7 @@ def describe_run(
             "synthetic": bool(ocean["synthetic"]),
             "time_varying": study.ocean.time_varying,
             "sha256": inputs,
-            "notes": [ocean["medium_notes"]] if "medium_notes" in ocean else [],
+            "notes": str(ocean.get("notes", "")).splitlines(),
         },
         **({} if existing is None else {"fleet": _own_fleet(existing, study.ocean.centre, ocean)}),
         "random": {

@@ -102,8 +102,8 @@ def simulate_mission(
     progress("rays", 0, 1)
     with watch.stage("medium"):
         medium = study.sound.medium(ocean)
-        if notes := (medium(0.0) if callable(medium) else medium).notes:
-            ocean = replace(ocean, local=ocean.local.assign_attrs(medium_notes="; ".join(notes)))
+        if notes := notes_of(ocean, medium):
+            ocean = replace(ocean, local=ocean.local.assign_attrs(notes="\n".join(notes)))
     with watch.stage("rays"):
         count = study.ice_draws
         ranging = range_fleet(
@@ -130,6 +130,12 @@ def simulate_mission(
     if not ranging.status.size:  # no pair
         progress("rays", 1, 1)
     return mission
+
+
+def notes_of(ocean: OceanFields, medium: Medium | Callable[[float], Medium]) -> list[str]:
+    """Notes about the files of an ocean, and about the interpolation of its sound speed."""
+    first = medium(0.0) if callable(medium) else medium
+    return list(dict.fromkeys([*ocean.notes, *first.notes]))
 
 
 def earth_note(study: Study, truth: Trajectories, ranging: RangingTruth) -> str | None:

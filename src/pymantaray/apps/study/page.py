@@ -238,7 +238,7 @@ def warnings_of(results: RunResults) -> list[str]:
         )
     for name, (stop, time) in results.run.truth.stops.items():
         lines.append(f"Vehicle {name} stopped after {clock(time / 3600.0)}: {stop.name}.")
-    lines += results.run.manifest.get("ocean", {}).get("notes", [])
+    lines += results.run.notes
     if note := earth_note(results.run.study, results.run.truth, results.run.ranging_truth):
         lines.append(note)
     return lines

@@ -123,6 +123,12 @@ class Run:
         """Versions, seeds, checksums, timings, memory, platform and the summary of outcomes."""
         return read_manifest(self.path)
 
+    @property
+    def notes(self) -> list[str]:
+        """Notes of the readers of the ocean and of existing trajectories."""
+        parts = (self.manifest.get(name, {}).get("notes", []) for name in ("ocean", "fleet"))
+        return [note for part in parts for note in part]
+
     @cached_property
     def config(self) -> StudyConfig:
         """Resolved configuration, defaults included."""

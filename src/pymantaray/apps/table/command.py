@@ -153,6 +153,7 @@ def table(
     keys = water.keys | arrivals.keys | choice.keys
     keys |= _sea_floor(ocean, keys, limits.deepest)
     opened = open_water(ocean, **keys)
+    members = [open_water(path, **keys) for path in choice.ensemble or []]
     with progress_bars(quiet=printing.quiet) as progress:
         built = build_table(
             opened,
@@ -162,7 +163,7 @@ def table(
             tolerance=limits.error,
             node=choice.node,
             sectors=choice.sectors,
-            ensemble=[open_water(path, **keys) for path in choice.ensemble or []],
+            ensemble=members,
             progress=progress,
         )
     save_table(built, files.out, replace=files.force)
@@ -180,10 +181,8 @@ def table(
             cells=cells,
             bytes=size,
             tolerance_m=limits.error,
-            notes=list(opened.notes),
         )
-        for note in opened.notes:
-            printed.line(note)
+        printed.notes(note for water in (opened, *members) for note in water.notes)
         words = (f"{100.0 * share:.1f} % {name}" for name, share in shares.items() if share > 0.0)
         printed.line(", ".join(words), shares=shares)
         printed.paths(**written)

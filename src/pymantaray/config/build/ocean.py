@@ -14,6 +14,7 @@ from pymantaray.acoustics.profiles import Profile
 from pymantaray.config.build.metres import local_of, metres_of, section_in_metres
 from pymantaray.config.build.uniform import (
     geographic_of,
+    label,
     one_profile,
     read_section_profiles,
     uniform_water,
@@ -74,6 +75,20 @@ class MissionOcean:
     def sea_floor(self, geographic: xr.Dataset) -> xr.DataArray | None:
         """Sea floor on latitude and longitude; None if the ocean's own is used. [m]"""
         return build_sea_floor(self.section, geographic)
+
+    def notes(self) -> tuple[str, ...]:
+        """Notes of the readers of profiles, or of the ocean at its start and its sea floor."""
+        if self.in_metres:
+            return ()
+        if self.is_profile:
+            profiles = self.profiles()
+            return tuple(f"{label(self.section, p)}: {note}" for p in profiles for note in p.notes)
+        ocean, sea_floor = self.in_domain()
+        return self.notes_of(ocean, sea_floor)
+
+    def notes_of(self, ocean: xr.Dataset, sea_floor: xr.DataArray | None) -> tuple[str, ...]:
+        """Notes of the readers of an opened ocean and its sea floor."""
+        return _notes(ocean, sea_floor)
 
     def with_ice(self, local: xr.Dataset) -> xr.Dataset:
         """Local ocean with ice, smooth or rough; unchanged without ice."""
@@ -241,11 +256,15 @@ def build_ocean(
         profile=profile,
         region=region_table(geographic, equation=section.equation, profile=whole),
         series=series,
-        notes=(
-            *(f"{geographic.attrs['title']}: {line}" for line in reading_notes(geographic)),
-            *sea_floor_notes(sea_floor),
-        ),
+        notes=_notes(geographic, sea_floor),
     )
+
+
+def _notes(geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> tuple[str, ...]:
+    """Notes of the readers of an ocean and of its sea floor."""
+    title = geographic.attrs["title"]
+    own = (f"{title}: {line}" for line in reading_notes(geographic))
+    return (*own, *sea_floor_notes(sea_floor))
 
 
 def is_profile(section: OceanSection) -> bool:

@@ -1,0 +1,188 @@
+"""Notes of readers: every command that reads a file prints them once, also in JSON."""
+
+import shutil
+
+import bellhop_stand_in
+import numpy as np
+import pytest
+import tomli_w
+import typer
+from authors_files import write_simulation
+
+from pymantaray.cli.main import app
+
+WATER = "--profile cast.csv --bathymetry 200"
+OF_CAST = "rows dropped: with "
+OF_TRACKS = "poses at repeated times dropped"
+TABLE = "--source-depth 10:30 --receiver-depth 10:30 --range 100:400 --error 5 --out t.nc --force"
+ATLAS = "--depths 20 --distances 300 --workers 1 --out atlas.nc --force"
+NOTED = {  # words of a command, its output, and a part of the note
+    "plan": ("plan.toml --workers 1", OF_CAST),
+    "ranges": (f"tracks.csv {WATER} --interval 30 --out ranges", OF_TRACKS),
+    "replay": (f"events.csv {WATER} --out replay", OF_CAST),
+    "serve": ("cast.csv --bathymetry 200 --port 0", OF_CAST),
+    "table": (f"cast.csv --bathymetry 200 {TABLE}", OF_CAST),
+    "atlas run": (f"cast.csv --bathymetry 200 {ATLAS}", OF_CAST),
+    "atlas show": ("atlas.nc", OF_CAST),
+    "graph show": ("g.pyfg --skip-unknown", "left out: 1 FIX"),
+    "graph solve": ("g.pyfg --skip-unknown", "left out: 1 FIX"),
+    "graph convert": ("g.pyfg o.g2o --skip-unknown --force", "left out: 1 FIX"),
+    "locate survey": (f"pings.csv --depth 150 {WATER} --sound-speed known", OF_CAST),
+    "locate plan": (f"--depth 150 {WATER} --pings 12 --pattern circle --radii 50 100 2", OF_CAST),
+    "ocean check": ("cast.csv --bathymetry 200", OF_CAST),
+    "ocean show": ("cast.csv", OF_CAST),
+    "ocean plot": ("cast.csv --bathymetry 200 --half-extent 5000 5000 --out figures", OF_CAST),
+    "ocean from-cast": ("cast.csv made.nc --bathymetry 200 --below constant --force", OF_CAST),
+    "ocean convert-cast": ("cast.csv made.asvp --force", OF_CAST),
+    "ocean correct": ("good.nc cast.csv corrected.nc --force", OF_CAST),
+    "ocean perturb": ("cast.csv mean.nc --method mean --bathymetry 200 --force", OF_CAST),
+    "rays plot": (
+        f"rays.png --source 0,0,10 --receiver 100,0,20 {WATER} --force",
+        OF_CAST,
+    ),
+    "rays times": (f"links.csv times.csv {WATER} --force", OF_CAST),
+    "rays eigen": (f"links.csv eigen.csv {WATER} --force", OF_CAST),
+    "rays trace": (f"links.csv trace.csv {WATER} --force", OF_CAST),
+    "rays compare-bellhop": (
+        "links.csv --out compared.csv --profile p.csv --bathymetry 200 --force",
+        OF_CAST,
+    ),
+    "rays write-bellhop": (f"links.csv --out bellhop {WATER} --force", OF_CAST),
+    "study import": ("sim.json", "without meaning here"),
+    "study run": ("study.toml --out run --no-figures", OF_TRACKS),
+}
+READS_NONE = {
+    "atlas plot": "the page of an atlas has its notes",
+    "doctor": "reads no file",
+    "export": "log lines, of `export authors`; other exports read a run",
+    "ocean fetch copernicus": "downloads",
+    "ocean fetch hycom": "downloads",
+    "study cite": "reads a configuration only",
+    "study compare": "reads runs, whose pages have their notes",
+    "study init": "reads a configuration only",
+    "study list": "reads no file",
+    "study report": "reads a run, whose page has its notes",
+    "study show": "reads a configuration only",
+    "study tables": "reads a run, whose page has its notes",
+    "sweep collect": "reads finished points",
+    "sweep run": "the manifests of its points have their notes",
+    "sweep show": "reads a configuration only",
+    "sweep status": "reads finished points",
+}
+ROWS = "0,4,34\n20,4,34\n40,99,34\n100,3,34\n200,2,34\n"
+TRACKS = (
+    "time,vehicle,north,east,depth\n0,A,0,0,10\n0,A,0,0,10\n60,A,9,0,10\n"
+    "0,B,200,0,10\n60,B,209,0,10\n"
+)
+STUDY = {
+    "conditions": ["straight"],
+    "study": {"name": "noted", "realizations": 1},
+    "ocean": {
+        "source": "cast.csv",
+        "bathymetry": 200.0,
+        "half_extent_north": 5000.0,
+        "half_extent_east": 5000.0,
+    },
+    "mission": {"duration_h": 1.0, "ping_interval_h": 0.5},
+}
+FLEET = {
+    "vehicles": [
+        {"name": n, "kind": "station", "north": k, "east": 0.0}
+        for n, k in (("A", 0.0), ("B", 300.0))
+    ]
+}
+
+
+def commands(group, words=()):
+    """Every command below a group, by its words."""
+    for name, command in group.commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, (*words, name))
+        else:
+            yield " ".join((*words, name)), command
+
+
+COMMANDS = dict(commands(typer.main.get_command(app)))
+
+
+@pytest.fixture(scope="module")
+def inputs(tmp_path_factory):
+    """Files of which a reader leaves out a row or a line."""
+    folder = tmp_path_factory.mktemp("noted")
+    head = "depth,temperature,salinity,lat,lon,time"
+    lines = [f"{row},70,0,2014-07-15T12:00" for row in ROWS.split()]
+    (folder / "cast.csv").write_text("\n".join([head, *lines]) + "\n")
+    (folder / "good.csv").write_text("\n".join([head, *lines[:2], *lines[3:]]) + "\n")
+    (folder / "links.csv").write_text(
+        "source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth\n"
+        "0,0,10,100,0,20\n"
+    )
+    (folder / "p.csv").write_text("depth,sound_speed\n0,1500\n50,9999\n200,1500\n")
+    (folder / "tracks.csv").write_text(TRACKS)
+    rows = (f"{k},N,0.2,{50 * (k % 3)},{40 * (k % 4)},2\n" for k in range(12))
+    (folder / "pings.csv").write_text(
+        "time,node,two_way_time_s,north_m,east_m,depth_m\n" + "".join(rows)
+    )
+    events = (
+        f"2014-07-15T12:{k:02d}:00,A,B,0,0,10,{300 + k},0,20,{np.hypot(300 + k, 10) / 1465}\n"
+        for k in range(6)
+    )
+    (folder / "events.csv").write_text(
+        "time,source,receiver,source_north,source_east,source_depth,receiver_north,receiver_east,"
+        "receiver_depth,travel_time\n" + "".join(events)
+    )
+    (folder / "g.pyfg").write_text(
+        "VERTEX_SE2 0 A0 0 0 0\nVERTEX_SE2 1 A1 1 0 0\n"
+        "EDGE_SE2 1 A0 A1 1 0 0 0.1 0 0 0.1 0 0.1\nFIX 0\n"
+    )
+    plan = {"free": {"mission.ping_interval_h": [0.5]}, "objectives": ["error"]}
+    (folder / "plan.toml").write_text(tomli_w.dumps({**STUDY, "fleet": FLEET, "plan": plan}))
+    tracks = {"trajectories": ["tracks.csv"]}
+    mission = {"ping_interval_h": 0.01}
+    (folder / "study.toml").write_text(
+        tomli_w.dumps({**STUDY, "mission": mission, "fleet": tracks})
+    )
+    write_simulation(folder)
+    bellhop_stand_in.install(folder)
+    return folder
+
+
+def stopped(server):
+    """Close a server; a number for the exit code 0."""
+    server.task_dispatcher.shutdown()
+    server.trigger.pull_trigger(server.close)
+    server.asyncore.loop(timeout=0.1, map=server._map, count=1)
+    return -128
+
+
+def test_the_table_has_every_command():
+    assert NOTED.keys() | READS_NONE.keys() == COMMANDS.keys()
+    assert not NOTED.keys() & READS_NONE.keys()
+
+
+SLOW = {"ocean plot", "plan", "ranges", "atlas run", "atlas show", "replay"}
+
+
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in NOTED]
+)
+def test_a_command_prints_a_note_once(mantaray, told, inputs, monkeypatch, tmp_path, name):
+    shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("PATH", bellhop_stand_in.path_of(tmp_path))
+    monkeypatch.setattr("pymantaray.apps.service.command._run", stopped)
+    if name == "ocean correct":
+        mantaray("ocean", "from-cast", "good.csv", "good.nc", "--bathymetry", 200)
+    if name == "atlas show":
+        mantaray("atlas", "run", *NOTED["atlas run"][0].split())
+    words, note = NOTED[name]
+    done = mantaray(*name.split(), *words.split())
+    assert done.code in (0, 1), done.err
+    assert sum(note in line for line in done.err.splitlines()) == 1, done.err
+    assert note not in done.out
+    if any("--json" in one.opts for one in COMMANDS[name].params):
+        for folder in ("ranges", "replay", "run"):
+            shutil.rmtree(tmp_path / folder, ignore_errors=True)
+        lines = told(*name.split(), *words.split(), code=done.code)["notes"]
+        assert sum(note in line for line in lines) == 1
+        assert len(lines) == len(set(lines))
