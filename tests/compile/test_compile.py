@@ -152,6 +152,10 @@ DAMAGE = {
     "half an index": (".nbi", lambda content: content[: len(content) // 2]),
     "an empty kernel": (".nbc", lambda content: content[:0]),
     "half a kernel": (".nbc", lambda content: content[: len(content) // 2]),
+    "a kernel with one wrong bit": (
+        ".nbc",
+        lambda content: content[:-900] + bytes([content[-900] ^ 1]) + content[-899:],
+    ),
     "a random kernel": (".nbc", lambda content: np.random.default_rng(1).bytes(len(content))),
 }
 
@@ -160,7 +164,9 @@ DAMAGE = {
 @pytest.mark.parametrize(
     "damage",
     [
-        word if word == "a random kernel" else pytest.param(word, marks=pytest.mark.slow)
+        word
+        if word == "a kernel with one wrong bit"
+        else pytest.param(word, marks=pytest.mark.slow)
         for word in DAMAGE
     ],
 )
