@@ -3,6 +3,7 @@ How kernels are compiled: linked into entries, cached on disk only as long as no
 memory where no disk can be written.
 """
 
+import importlib.util
 import os
 import pickle
 import signal
@@ -10,6 +11,7 @@ import subprocess
 import sys
 from collections import namedtuple
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -152,6 +154,10 @@ DAMAGE = {
     "half an index": (".nbi", lambda content: content[: len(content) // 2]),
     "an empty kernel": (".nbc", lambda content: content[:0]),
     "half a kernel": (".nbc", lambda content: content[: len(content) // 2]),
+    "a kernel with one wrong bit": (
+        ".nbc",
+        lambda content: content[:-900] + bytes([content[-900] ^ 1]) + content[-899:],
+    ),
     "a random kernel": (".nbc", lambda content: np.random.default_rng(1).bytes(len(content))),
 }
 
@@ -160,7 +166,9 @@ DAMAGE = {
 @pytest.mark.parametrize(
     "damage",
     [
-        word if word == "a random kernel" else pytest.param(word, marks=pytest.mark.slow)
+        word
+        if word == "a kernel with one wrong bit"
+        else pytest.param(word, marks=pytest.mark.slow)
         for word in DAMAGE
     ],
 )
@@ -478,3 +486,27 @@ def test_compact_code_is_smaller_and_has_the_same_results(tmp_path):
     same_sum, same_values, small, large = done.stdout.split()
     assert (same_sum, same_values) == ("True", "True"), done.stderr
     assert int(small) < 0.8 * int(large)
+
+
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+@pytest.mark.parametrize("kind", ["link", "pipe"])
+def test_a_lock_that_is_a_link_or_a_pipe_harms_nothing(tmp_path, kind):
+    file, own = tmp_path / "doubling.py", tmp_path / "own"
+    file.write_text(
+        "from pymantaray.compile import entry\n\n@entry\ndef doubled(x):\n    return 2.0 * x\n"
+    )
+    own.write_text("kept")
+    spec = importlib.util.spec_from_file_location("doubling", file)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    digest = sys.modules["pymantaray.compile.kernel"]._digest(tmp_path)
+    folder = Path(module.doubled.stats.cache_path)
+    folder.mkdir(exist_ok=True)
+    lock = folder / f"doubling.doubled-{digest}.lock"
+    if kind == "link":
+        lock.symlink_to(own)
+    else:
+        os.mkfifo(lock)
+    assert module.doubled(3.0) == 6.0
+    assert own.read_text() == "kept"
+    assert lock.is_symlink() == (kind == "link")

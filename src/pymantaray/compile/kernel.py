@@ -7,22 +7,26 @@ Python with ``NUMBA_DISABLE_JIT=1``.
 
 import fcntl
 import hashlib
+import os
 import time
-from collections.abc import Callable
-from contextlib import suppress
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from functools import cache
+from io import BytesIO
 from pathlib import Path
-from typing import Any, TextIO
+from typing import IO, Any
 
 import numba
 from numba import config, njit, types
 from numba.extending import intrinsic
 
 from pymantaray.messages import announce_compilation, one_line, warn_not_cached, warn_once
+from pymantaray.user_files import read_bytes
 
 PLAIN = bool(config.DISABLE_JIT)
 _LOCK_WAIT = 30.0  # s; longer than another process needs, unless it is starved or stopped
 _LOCK_POLL = 0.1  # s
+_LOCK_FLAGS = os.O_RDWR | os.O_CREAT | os.O_NOFOLLOW | os.O_NONBLOCK
 _SHARED_SOURCES = tuple(
     Path(__file__).parents[1] / p
     for p in (
@@ -107,11 +111,50 @@ def cached_on_disk(
             f"{Path(function.__code__.co_filename).stem}.{name}",
         )
         _discard_stale(folder, stem, digest)
+        _add_checksums(compiled._cache._cache_file)
         _ignore_failed_saves(compiled._cache, folder, f"{stem}-{digest}")
         _discard_damaged(compiled._cache, folder, f"{stem}-{digest}")
         if decorate is njit:
             _compile_in_one_process(compiled, folder / f"{stem}-{digest}.lock")
     return compiled
+
+
+def _add_checksums(files: Any) -> None:
+    """
+    Append a checksum to each file of a cache and check it before Numba reads the file: damaged
+    machine code ends the process or gives wrong numbers.
+    """
+    open_for_write, load_index, load_data = (
+        files._open_for_write,
+        files._load_index,
+        files._load_data,
+    )
+
+    @contextmanager
+    def write_with_checksum(path: str) -> Iterator[IO[bytes]]:
+        with open_for_write(path) as file:
+            buffer = BytesIO()
+            yield buffer
+            content = buffer.getvalue()
+            file.write(content + hashlib.sha256(content).digest())
+
+    def check(path: str) -> None:
+        if os.path.lexists(path):
+            content = read_bytes(path, ValueError)
+            size = hashlib.sha256().digest_size
+            if hashlib.sha256(content[:-size]).digest() != content[-size:]:
+                raise ValueError("wrong checksum")
+
+    def load_checked_index() -> Any:
+        check(files._index_path)
+        return load_index()
+
+    def load_checked_data(name: str) -> Any:
+        check(files._data_path(name))
+        return load_data(name)
+
+    files._open_for_write = write_with_checksum
+    files._load_index, files._load_data = load_checked_index, load_checked_data
 
 
 def _ignore_failed_saves(disk_cache: Any, folder: Path, stem: str) -> None:
@@ -124,8 +167,8 @@ def _ignore_failed_saves(disk_cache: Any, folder: Path, stem: str) -> None:
     def try_to_save(signature: Any, code: Any) -> None:
         try:
             save(signature, code)
-        except OSError as error:
-            warn_not_cached(str(error.strerror))
+        except Exception as error:  # noqa: BLE001  a damaged index that cannot be removed, too
+            warn_not_cached(getattr(error, "strerror", None) or one_line(error, 60))
         except (KeyboardInterrupt, SystemExit):
             for file in folder.glob(f"{stem.replace('<', '').replace('>', '')}*.tmp.*"):
                 file.unlink(missing_ok=True)
@@ -161,14 +204,14 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
 
     After half a minute, a waiting process compiles in memory.
     """
-    load, compile_types, locks = compiled._cache.load_overload, compiled.compile, list[TextIO]()
+    load, compile_types, locks = compiled._cache.load_overload, compiled.compile, list[IO[bytes]]()
     save, in_memory = compiled._cache.save_overload, list[bool]()
 
     def load_or_wait(signature: Any, context: Any) -> Any:
         code = load(signature, context)
         if code is None and not locks and not in_memory:
             with suppress(OSError):  # the folder is not writable, or its disk has no locks
-                locks.append(path.open("w"))
+                locks.append(os.fdopen(os.open(path, _LOCK_FLAGS, 0o666), "rb+", buffering=0))
                 if not _is_locked(locks[0]):
                     locks.pop().close()
                     in_memory.append(True)
@@ -195,7 +238,7 @@ def _compile_in_one_process(compiled: Any, path: Path) -> None:
     compiled._cache.save_overload = save_unless_in_memory
 
 
-def _is_locked(file: TextIO) -> bool:
+def _is_locked(file: IO[bytes]) -> bool:
     """Lock a file; False if another process holds it for too long."""
     end = time.monotonic() + _LOCK_WAIT
     while True:

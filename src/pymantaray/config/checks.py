@@ -12,7 +12,7 @@ from pydantic import BaseModel, ValidationError
 from pymantaray.errors import StudyError
 
 Model = TypeVar("Model", bound=BaseModel)
-NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
+NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,127}$"
 PARTICIPANT = r"^[A-Za-z0-9_-]{1,64}$"
 NAMED = r"^\s*\w[\w.-]*\s*=\s*\w+\s*(\[.*\])?\s*$"
 """A variable and its CF standard name, with a unit in brackets if the variable lacks one."""
@@ -46,7 +46,7 @@ _ALLOWED = {
     ),
 }
 _PATTERNS = {
-    NAME: "letters, digits and ._- after a letter or digit",
+    NAME: "1 to 128 letters, digits and ._-, the first a letter or digit",
     PARTICIPANT: "1 to 64 letters, digits, _ and -",
     NAMED: "VARIABLE=STANDARD_NAME, such as temp=sea_water_potential_temperature",
 }

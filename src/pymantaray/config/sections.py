@@ -47,6 +47,7 @@ from pymantaray.config.keys import changed, described, words_of
 from pymantaray.config.mission import MissionSection, PingsSection
 from pymantaray.config.parse import parse
 from pymantaray.config.references import References, data_references
+from pymantaray.exchange.recording import TRUTH
 from pymantaray.geometry.sphere import Earth
 from pymantaray.ocean.equations import EQUATIONS, Equation
 from pymantaray.ocean.names import SYNTHETIC
@@ -832,7 +833,10 @@ class StudyConfig(SoundConfig):
     def _distinct(self) -> Self:
         participants = [p.name for p in (*self.fleet.vehicles, *self.landmarks)]
         require_unique("names of vehicles and landmarks", participants)
-        require_unique("names of conditions", [c.name for c in self.conditions])
+        conditions = [c.name for c in self.conditions]
+        require_unique("names of conditions", conditions)
+        if TRUTH in conditions:
+            raise ValueError(f"conditions: {TRUTH!r} is the name of the true poses; rename it")
         return self
 
     @model_validator(mode="after")

@@ -2,12 +2,14 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
+from pymantaray.errors import ExchangeError
 from pymantaray.records import Measurements, RayStatus, Trajectories, VehicleStatus
 
 TRUTH = "truth"
@@ -33,6 +35,17 @@ class VehiclePoses(NamedTuple):
     """North, east, down (n, 3). [m]"""
     quaternion: Array
     """Body to world (w, x, y, z), (n, 4)."""
+
+
+def new_file(folder: Path, p: VehiclePoses, suffix: str) -> Path:
+    """File ``<condition>-<vehicle>`` of a trajectory in a folder, where no other one has it."""
+    path = folder / f"{p.condition}-{p.vehicle}{suffix}"
+    if path.exists():
+        raise ExchangeError(
+            f"{path.name}: two trajectories have this file name; rename vehicle {p.vehicle} or"
+            f" condition {p.condition}"
+        )
+    return path
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from pymantaray.acoustics import RayPaths
 from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, optional_package
 from pymantaray.exchange.frames import swap_enu
-from pymantaray.exchange.recording import TRUTH, Recording
+from pymantaray.exchange.recording import TRUTH, Recording, new_file
 from pymantaray.records import Arrivals
 
 
@@ -26,7 +26,7 @@ def write_fleet(recording: Recording, folder: Path) -> None:
         if p.condition != TRUTH:
             error = p.position - true[p.vehicle][p.samples]
             values["error_m"] = np.linalg.norm(error, axis=1)
-        file = folder / f"{p.condition}-{p.vehicle}.vtu"
+        file = new_file(folder, p, ".vtu")
         _write(file, p.position, np.zeros(p.samples.size), points=values)
 
 

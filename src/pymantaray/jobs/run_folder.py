@@ -6,6 +6,8 @@ from typing import Any
 
 from pymantaray.errors import StudyError
 from pymantaray.jobs.folder import MANIFEST
+from pymantaray.messages import one_line
+from pymantaray.user_files import read_text
 
 FORMAT = 4
 """Format of run folders."""
@@ -38,9 +40,13 @@ def read_manifest(folder: Path) -> dict[str, Any]:
         If it cannot be read.
     """
     try:
-        content: dict[str, Any] = json.loads((folder / MANIFEST).read_text(encoding="utf-8"))
-    except (OSError, ValueError) as error:
-        raise StudyError(f"{folder / MANIFEST}: not a readable manifest: {error}") from None
+        content = json.loads(read_text(folder / MANIFEST, StudyError, what="a manifest"))
+    except (ValueError, RecursionError) as error:
+        raise StudyError(
+            f"{folder / MANIFEST}: not a readable manifest: {one_line(error)}"
+        ) from None
+    if not isinstance(content, dict):
+        raise StudyError(f"{folder / MANIFEST}: not a readable manifest: it is not a table")
     return content
 
 
@@ -59,4 +65,7 @@ def checked_manifest(folder: str | Path) -> dict[str, Any]:
     manifest = read_manifest(path.resolve())
     if (number := manifest.get("format")) != FORMAT:
         raise StudyError(f"{folder}: run format {number!r}; this version reads format {FORMAT}")
+    for key in ("versions", "seconds"):
+        if not isinstance(manifest.get(key), dict):
+            raise StudyError(f"{path / MANIFEST}: damaged: it has no table {key!r}; run it again")
     return manifest

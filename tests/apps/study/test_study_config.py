@@ -147,8 +147,11 @@ REFUSED = [
      "names of conditions must differ; found curved more than once"),
     ("conditions", "straight", "conditions: found 'straight'; allowed: a list"),
 
-    ("study.name", "a/b", ("study.name: found 'a/b'; allowed: letters, digits and ._- after a"
-                          " letter or digit")),
+    ("conditions", [{"name": "truth", "ranges": "straight"}],
+     "conditions: 'truth' is the name of the true poses; rename it"),
+    ("study.name", "a/b", ("study.name: found 'a/b'; allowed: 1 to 128 letters, digits and ._-,"
+                          " the first a letter or digit")),
+    ("study.name", "x" * 129, "allowed: 1 to 128 letters"),
     ("fleet.vehicles.1.target_dept", 3.0, ("`fleet.vehicles[1].target_dept`: unknown key. Did you"
                                           " mean `fleet.vehicles[1].target_depth`?")),
     ("fleet.vehicles.1.kind", "boat", "fleet.vehicles[1].kind: found 'boat'; allowed: 'float', "),

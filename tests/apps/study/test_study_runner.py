@@ -216,6 +216,9 @@ def test_not_a_run_is_refused(tmp_path):
     refused(StudyError, r"not a run folder: it has no manifest\.json", open_run, tmp_path)
     (tmp_path / "manifest.json").write_text('{"format": 99}')
     refused(StudyError, "run format 99; this version reads format 4", open_run, tmp_path)
+    for text in ("[]", "3", "null", "[" * 100_000, '{"format"', '{"format": 4, "versions": 1}'):
+        (tmp_path / "manifest.json").write_text(text)
+        refused(StudyError, r"manifest\.json: (not a readable|damaged)", open_run, tmp_path)
 
 
 def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path, monkeypatch):

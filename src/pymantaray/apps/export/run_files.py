@@ -21,7 +21,7 @@ from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti
 from pymantaray.exchange.maps import geojson, kml
 from pymantaray.exchange.matlab import write_mat
-from pymantaray.exchange.recording import FleetPoses, Recording
+from pymantaray.exchange.recording import TRUTH, FleetPoses, Recording, new_file
 from pymantaray.exchange.rerun import write_rrd
 from pymantaray.exchange.rosbag import write_bag
 from pymantaray.exchange.tum import write_tum
@@ -128,15 +128,17 @@ def record(run: Run, realization: int) -> Recording:
 
 def _tum(run: Run, realization: int, folder: Path) -> None:
     for p in record(run, realization).poses:
-        file = folder / f"{p.condition}-{p.vehicle}.tum"
+        file = new_file(folder, p, ".tum")
         time = run.truth.time[p.samples]
         write_tum(file, time, p.position, p.quaternion, centre=run.truth.centre)
 
 
 def _kitti(run: Run, realization: int, folder: Path) -> None:
     for p in record(run, realization).poses:
-        write_kitti(folder / f"{p.condition}-{p.vehicle}.txt", p.position, p.quaternion)
-        np.savetxt(folder / f"times-{p.vehicle}.txt", run.truth.time[p.samples], fmt="%.17g")
+        if p.condition == TRUTH:
+            times = new_file(folder, p._replace(condition="times"), ".txt")
+            np.savetxt(times, run.truth.time[p.samples], fmt="%.17g")
+        write_kitti(new_file(folder, p, ".txt"), p.position, p.quaternion)
 
 
 def _frames(run: Run, realization: int) -> dict[str, pd.DataFrame]:

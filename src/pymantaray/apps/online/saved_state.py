@@ -38,7 +38,7 @@ def read_state(path: Path | str) -> dict[str, Any]:
         head = json.loads(lines[0])
         kind = head["kind"]
         version = head["format"]
-    except (ValueError, IndexError, KeyError, TypeError):
+    except (ValueError, IndexError, KeyError, TypeError, RecursionError):
         kind = None
         version = None
     if kind != KIND:
