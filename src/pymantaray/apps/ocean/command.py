@@ -40,6 +40,7 @@ if TYPE_CHECKING:
 
     from pymantaray.acoustics.profiles import Profile
     from pymantaray.config.build.ocean import MissionOcean
+    from pymantaray.ocean.cast import Cast
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.open import CurrentsPolicy
     from pymantaray.ocean.schema import Finding
@@ -420,15 +421,20 @@ def from_cast(
     if uniform.below_cast is not None and uniform.below != "refuse":
         raise OceanError("--below and --below-cast cannot be combined; give one of them")
     north, east = (metres_of("--half-extent", side) for side in uniform.half_extent)
+    upper = read_cast(cast, **asdict(which))
+    lower = None
+    if uniform.below_cast is not None:
+        lower = read_cast(uniform.below_cast, repair_freezing=which.repair_freezing)
     ocean = cast_ocean(
-        read_cast(cast, **asdict(which)),
+        upper,
         bathymetry=uniform.bathymetry,
         half_extent=(north, east),
-        below=uniform.below
-        if uniform.below_cast is None
-        else read_cast(uniform.below_cast, repair_freezing=which.repair_freezing),
+        below=lower or uniform.below,
         equation=uniform.equation,
     )
+    _print_notes(str(cast), [upper])
+    if lower is not None:
+        _print_notes(str(uniform.below_cast), [lower])
     _write(ocean, out)
 
 
@@ -483,8 +489,7 @@ def convert_cast(
         write_asvp(out, profiles[0])
     else:
         write_profiles(out, profiles)
-    for note in dict.fromkeys(note for p in profiles for note in p.notes):
-        typer.echo(f"{cast}: {note}", err=True)
+    _print_notes(str(cast), profiles)
     typer.echo(str(out))
 
 
@@ -546,14 +551,16 @@ def correct(
     time_scale = None
     if scales.time_scale is not None:
         time_scale = parse_duration("--time-scale", scales.time_scale, "d") * _S_PER_DAY
+    used = read_casts(casts, repair_freezing=water.repair_freezing)
     corrected = correct_with_casts(
         _fields(_configured([ocean], water)),
-        read_casts(casts, repair_freezing=water.repair_freezing),
+        used,
         horizontal_scale=scales.scale * _M_PER_KM,
         noise_ratio=scales.noise_ratio,
         vertical_scale=scales.vertical_scale,
         time_scale=time_scale,
     )
+    _print_notes("casts", used)
     _write(corrected, out)
 
 
@@ -671,6 +678,12 @@ def _fields(own: "MissionOcean") -> "xr.Dataset":
         )
     ocean, _ = own.in_domain()
     return ocean
+
+
+def _print_notes(where: str, casts: "Sequence[Cast | Profile]") -> None:
+    """Print each note of casts once, on standard error."""
+    for note in dict.fromkeys(note for cast in casts for note in cast.notes):
+        typer.echo(f"{where}: {note}", err=True)
 
 
 def _write(ocean: "xr.Dataset", out: Path) -> None:
