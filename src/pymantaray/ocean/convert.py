@@ -195,8 +195,9 @@ def without_scaled_fill(name: str, values: Array) -> Array:
 
 def parse_instant(time: str | np.datetime64) -> np.datetime64:
     """Instant in UTC from text or numpy.datetime64; text without a zone is UTC."""
-    try:
-        stamp = pd.Timestamp(time)
+    try:  # pandas also reads "now", and numbers as nanoseconds
+        is_date = not isinstance(time, str) or re.match(r"\s*-?\d{4}", time)
+        stamp = pd.Timestamp(time) if is_date else pd.NaT
     except (TypeError, ValueError):
         stamp = pd.Timestamp("NaT")
     if pd.isna(stamp):

@@ -7,17 +7,37 @@ from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.errors import MantaRayError
+from pymantaray.messages import one_line
 
 Error = type[MantaRayError]
+MAGNITUDES = 1e-18, 1e12
+"""Standard deviations whose squares leave digits beside others."""
 
 
 def check_number(
     error: Error, name: str, value: float, unit: str = "", *, positive: bool = False
 ) -> None:
     """Raise an error if a number is not finite, negative or, on request, zero."""
-    if not math.isfinite(value) or value < 0.0 or (positive and value == 0.0):
+    try:
+        finite = math.isfinite(value)
+    except (TypeError, OverflowError):
+        raise error(f"{name} is {one_line(repr(value), 40)}; it must be a number") from None
+    if not finite or value < 0.0 or (positive and value == 0.0):
         allowed = "positive" if positive else "zero or positive"
         raise error(f"{name} is {f'{value:g} {unit}'.rstrip()}; it must be finite and {allowed}")
+
+
+def check_magnitudes(error: Error, name: str, *values: float, unit: str = "") -> None:
+    """
+    Raise an error for a number that is negative or, if it is not 0, so small or so large that its
+    square leaves no digits.
+    """
+    low, high = MAGNITUDES
+    for value in values:
+        if not (value == 0.0 or low <= value <= high):  # NaN does not pass
+            raise error(
+                f"{name} is {f'{value:g} {unit}'.rstrip()}; allowed are 0, and {low:g} to {high:g}"
+            )
 
 
 def distinct_digits(*values: float) -> list[str]:
@@ -52,7 +72,10 @@ def checked_array(
 
     None in ``shape`` allows any length except 0. With ``rising``, values must strictly increase.
     """
-    array = np.array(values, dtype=float, order="C")
+    try:
+        array = np.array(values, dtype=float, order="C")
+    except (TypeError, ValueError, OverflowError) as problem:
+        raise error(f"{name}: not an array of numbers: {one_line(problem, 80)}") from None
     fits = len(shape) == array.ndim and all(
         length == allowed or (allowed is None and length > 0)
         for allowed, length in zip(shape, array.shape, strict=True)

@@ -4,6 +4,7 @@ surveys, and by the command.
 """
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyproj
@@ -128,26 +129,52 @@ def test_campaigns_without_common_nodes_or_frames_are_refused():
     refused(LocateError, "without latitude and longitude", displacement_between, one, geographic)
 
 
+def test_an_earlier_campaign_is_earlier_and_of_the_same_place():
+    rng = np.random.default_rng(6)
+    now, before = (made_campaign(rng, ["A"], np.array([[0.0, 0.0, 1000.0]])) for _ in range(2))
+    now = replace(now, epoch=np.datetime64("2020-01-01", "ns"))
+    for day, years in (("2018-01-01", 730 / 365.25), ("2019-12-31", 1 / 365.25)):
+        found = displacement_between(now, replace(before, epoch=np.datetime64(day, "ns")))
+        assert found.years == pytest.approx(years)
+    future = replace(before, epoch=np.datetime64("2021-01-01", "ns"))
+    refused(LocateError, "exchange the two campaigns", displacement_between, now, future)
+    far = replace(before, positions=before.positions + [2e5, 0.0, 0.0])
+    refused(LocateError, "nodes are 2e.05 m from those", displacement_between, now, far)
+
+
+def file_of(**changes):
+    """Text of a file with a campaign of one node, some of its values changed."""
+    campaign = {
+        "names": ["A"],
+        "axes": ["north", "east", "depth"],
+        "positions_m": [[0, 0, 1]],
+        "covariance_m2": np.eye(3).tolist(),
+        "origin_deg": None,
+        "epoch_utc": None,
+    }
+    return json.dumps({"campaign": campaign | changes})
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
         ("{", "not valid JSON"),
         ("[]", "no positions with a joint covariance"),
         ('{"campaign": {"names": ["A"]}}', "no positions with a joint covariance"),
-        (
-            (
-                '{"campaign": {"names": ["A"], "positions_m": [[0, 0, 1]], "covariance_m2": [[1]],'
-                ' "origin_deg": null, "epoch_utc": null}}'
-            ),
-            "must be of the same nodes",
-        ),
-        (
-            (
-                '{"campaign": {"names": ["A"], "positions_m": [[0, 0, 1]], "covariance_m2":'
-                ' [[1, 0, 0], [0, 1, 0], [0, 0, -1]], "origin_deg": null, "epoch_utc": null}}'
-            ),
-            "positive semidefinite",
-        ),
+        (file_of(covariance_m2=[[1]]), "must be of the same nodes"),
+        (file_of(covariance_m2=np.diag([1, 1, -1]).tolist()), "positive semidefinite"),
+        (file_of(names="A"), "no positions with"),
+        (file_of(axes=["east", "north", "up"]), "no positions with"),
+        (file_of(positions_m=[[10**400, 0, 0]]), "no positions with"),
+        (file_of(positions_m=[[True, False, True]]), "no positions with"),
+        (file_of(positions_m=[["1", "2", "3"]]), "no positions with"),
+        (file_of(positions_m=[[1e308, 0, 0]]), "within 1e.06 m"),
+        (file_of(origin_deg=[60, 1e9]), "no positions with"),
+        (file_of(origin_deg=[60, 10, 5]), "no positions with"),
+        (file_of(epoch_utc="9999-12-31"), "allowed: 1678 to 2261"),
+        (file_of(epoch_utc="1600-01-01"), "allowed: 1678 to 2261"),
+        (file_of(epoch_utc="today"), "is not an instant"),
+        (file_of(epoch_utc=5), "is not an instant"),
     ],
 )
 def test_a_file_without_a_campaign_is_refused_in_one_line(tmp_path, text, message):

@@ -15,6 +15,7 @@ from pymantaray.apps.locate import (
     LeverArm,
     LocateOptions,
     Node,
+    PlanOptions,
     PlatformError,
     Survey,
     TravelDirection,
@@ -738,4 +739,36 @@ def test_a_transducer_in_a_hole_of_the_ice_is_noted():
             "survey: the transducer is up to 1.0 m above the underside of the ice in 60 of 60"
             " pings; its rays end there"
         ),
+    )
+
+
+@pytest.mark.parametrize("value", [1e-300, 1e300, np.inf])
+def test_extreme_standard_deviations_are_refused(campaign, value):
+    """Their squares overflow, or leave no digits of a covariance."""
+    for make in (
+        lambda: Node("A", (0.0, 0.0, 9.0), (value, 1.0, 1.0)),
+        lambda: Node("A", (0.0, 0.0, 9.0), turn_around_sigma=value),
+        lambda: LeverArm(sigma=(0.0, value, 0.0)),
+        lambda: PlatformError(value, 1.0),
+        lambda: SpeedPrior(scale=value),
+        lambda: SpeedPrior(gradient=value),
+        lambda: PlanOptions(900.0, value),
+    ):
+        refused(LocateError, "allowed are 0, and 1e-18 to 1e.12", make)
+    survey = survey_of(campaign)
+    wrong = np.full(len(survey), value)
+    refused(LocateError, "1e-18 to 1e.12 seconds", lambda: survey.assign(sigma=wrong))
+    refused(LocateError, "within 10000 metres", LeverArm, (1e300, 0.0, 0.0))
+    refused(LocateError, "within 1e.06 m", Node, "A", (1e300, 0.0, 9.0))
+
+
+def test_knots_that_would_fill_the_memory_are_refused(campaign, medium):
+    options = LocateOptions("time", "none", speed_prior=SpeedPrior(knot_interval=1e-300))
+    refused(
+        LocateError,
+        "knot_interval is 1e-300 s .* or more",
+        locate,
+        survey_of(campaign),
+        medium,
+        options,
     )

@@ -364,6 +364,27 @@ def test_steps_may_be_as_long_as_is_said():
     assert estimator.add_odometry(9e4, [1, 0, 0], [0, 0, 0], STEP_SIGMA).name == "USED"
 
 
+@pytest.mark.parametrize(
+    ("name", "factor", "fault"),
+    [
+        ("rotation", 1e300, "is no rotation"),
+        ("rotation", 0.0, "is no rotation"),
+        ("position", 1e300, "beyond 1e.09 m"),
+        ("covariance", -1.0, "not positive semidefinite"),
+        ("covariance", 1e300, "too large"),
+    ],
+)
+def test_a_state_with_impossible_numbers_is_refused(tmp_path, name, factor, fault):
+    file = tmp_path / "state.json"
+    estimator = new()
+    estimator.add_odometry(1.0, [1, 0, 0], [0, 0, 0], STEP_SIGMA)
+    estimator.save(file)
+    content = read_state(file)
+    content["base"][name] = (factor * np.array(content["base"][name])).tolist()
+    write_state(content, file)
+    refused(OnlineError, fault, OnlineEstimator.restore, file, SPEED)
+
+
 def test_a_state_with_a_wrong_field_is_refused_in_one_line(tmp_path):
     file = tmp_path / "state.json"
     estimator = new()
@@ -372,7 +393,7 @@ def test_a_state_with_a_wrong_field_is_refused_in_one_line(tmp_path):
     estimator.add_depth(5.0, 50.0, 1.0)
     estimator.save(file)
     whole = read_state(file)
-    wrong = [None, "x", -1, 1e400, [], {}, [[[]]], [None], {"a": 1}, True, 10**400]
+    wrong = [None, "x", "60", -1, 1e400, [], {}, [[[]]], [None], {"a": 1}, True, 10**400]
     paths = [(key,) for key in whole] + [("base", key) for key in whole["base"]]
     paths += [("events", 0, k) for k in range(4)] + [("waiting", 0, k) for k in range(4)]
     lines = []

@@ -115,8 +115,11 @@ def test_a_restored_estimator_goes_on_with_its_water(tmp_path):
     ("water", "message"),
     [
         (DriftingWater(0.0), "water: sigma is 0"),
-        (DriftingWater(1e-3, -1.0), "water: hours is -1 h; it must be positive"),
-        (DriftingWater(1e-3, 1.0, (100.0, 50.0)), "they must be finite and ascending"),
+        (DriftingWater(1e-3, -1.0), "water: hours is -1.0 h; it must be positive"),
+        (DriftingWater(1e-3, 1.0, (100.0, 50.0)), "do not increase after 100"),
+        (DriftingWater(1e308), "water: sigma is 1e.308; allowed are 0, and 1e-18 to 1e.12"),
+        (DriftingWater(1e-3, "x"), "water: hours is x h; it must be positive"),
+        (DriftingWater(1e-3, 1.0, (10**400,)), "water: depths: not an array of numbers"),
     ],
 )
 def test_impossible_water_is_refused(water, message):

@@ -10,11 +10,14 @@ import pandas as pd
 from scipy.special import chdtrc
 
 from pymantaray.apps.locate.patterns import LEVEL
+from pymantaray.apps.locate.survey import LARGEST_POSITION
 from pymantaray.arrays import Array
-from pymantaray.errors import LocateError
+from pymantaray.errors import LocateError, OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.tangent_plane import TangentPlane
 from pymantaray.messages import one_line
+from pymantaray.ocean.convert import parse_instant
+from pymantaray.records.position_rows import is_position
 from pymantaray.user_files import read_text
 
 if TYPE_CHECKING:
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
 
 CAMPAIGN_FILE = "location.json"
 _AXES = ("north", "east", "depth")
+_ORIGIN_SIZE = 2
+_FARTHEST = 1e5  # m; between positions of one node
 _MIN_VARIANCE = 1e-9  # of a combination of positions, relative to the largest
 
 
@@ -244,22 +249,40 @@ def read_campaign(path: str | Path) -> Campaign:
         ) from None
     values: Any = tree.get("campaign") if isinstance(tree, dict) else None
     try:
-        origin = values["origin_deg"]
-        campaign = Campaign(
-            [str(name) for name in values["names"]],
-            np.array(values["positions_m"], dtype=np.float64),
-            np.array(values["covariance_m2"], dtype=np.float64),
-            None if origin is None else (float(origin[0]), float(origin[1])),
-            np.datetime64(values["epoch_utc"] or "NaT", "ns"),
-            str(file),
-        )
-    except (KeyError, TypeError, ValueError, IndexError):
+        campaign = _campaign(values, str(file))
+    except (KeyError, TypeError, ValueError, IndexError, OverflowError):
         raise LocateError(
             f"{file}: no positions with a joint covariance (key campaign); give {CAMPAIGN_FILE} of"
             " the earlier campaign"
         ) from None
+    except OceanError as error:
+        raise LocateError(f"{file}: epoch_utc: {error}") from None
     _check(campaign)
     return campaign
+
+
+def _campaign(values: Any, source: str) -> Campaign:
+    """Campaign of values of JSON; other types than those of `campaign_values` raise an error."""
+    names = values["names"]
+    if values["axes"] != list(_AXES) or not isinstance(names, list):
+        raise ValueError(names)
+    arrays = [np.array(values[name]) for name in ("positions_m", "covariance_m2")]
+    origin = values["origin_deg"]
+    if origin is not None:
+        arrays.append(np.array(origin))
+        if len(origin) != _ORIGIN_SIZE or not is_position(*origin):
+            raise ValueError(origin)
+    if any(array.dtype.kind not in "if" for array in arrays):
+        raise TypeError(source)
+    epoch = values["epoch_utc"]
+    return Campaign(
+        [str(name) for name in names],
+        arrays[0].astype(float),
+        arrays[1].astype(float),
+        None if origin is None else (float(origin[0]), float(origin[1])),
+        np.datetime64("NaT", "ns") if epoch is None else parse_instant(str(epoch)),
+        source,
+    )
 
 
 def _check(campaign: Campaign) -> None:
@@ -273,12 +296,13 @@ def _check(campaign: Campaign) -> None:
         )
     symmetric = 0.5 * (campaign.covariance + campaign.covariance.T)
     if not (
-        np.isfinite(campaign.positions).all()
-        and np.isfinite(symmetric).all()
+        (np.abs(campaign.positions) <= LARGEST_POSITION).all()
+        and (np.abs(symmetric) <= LARGEST_POSITION**2).all()
         and np.linalg.eigvalsh(symmetric).min() >= -1e-9 * max(np.trace(symmetric), 1e-300)
     ):
         raise LocateError(
-            f"{campaign.source}: positions must be finite and the covariance positive semidefinite"
+            f"{campaign.source}: positions must be finite and within {LARGEST_POSITION:g} m, and"
+            " the covariance positive semidefinite"
         )
 
 
@@ -315,6 +339,11 @@ def displacement_between(later: Campaign, earlier: Campaign) -> Displacement:
     now = later.of_nodes(names)
     before = earlier.in_frame(later.origin, later.source).of_nodes(names)
     difference = (now.positions - before.positions).ravel()
+    if not np.abs(difference).max() <= _FARTHEST:
+        raise LocateError(
+            f"{earlier.source}: nodes are {np.abs(difference).max():.3g} m from those of"
+            f" {later.source}; allowed are {_FARTHEST:g} m: give the campaign of the same nodes"
+        )
     values, vectors = np.linalg.eigh(now.covariance + before.covariance)
     # combinations without variance, such as the shape of a rigid array, contain no information
     free = values > _MIN_VARIANCE * max(float(values.max()), 1e-300)
@@ -337,6 +366,11 @@ def displacement_between(later: Campaign, earlier: Campaign) -> Displacement:
     years = np.nan
     if not (np.isnat(now.epoch) or np.isnat(before.epoch)):
         years = float((now.epoch - before.epoch) / np.timedelta64(1, "D")) / 365.25
+        if years < 0.0:
+            raise LocateError(
+                f"{earlier.source}: is of {before.epoch.astype('M8[s]')}, later than"
+                f" {later.source}, of {now.epoch.astype('M8[s]')}; exchange the two campaigns"
+            )
     return Displacement(
         value,
         widening**2 * covariance,

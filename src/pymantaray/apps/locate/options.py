@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from pymantaray.apps.locate.survey import LeverArm, PlatformError
 from pymantaray.errors import LocateError
+from pymantaray.quantities.checks import check_magnitudes
 
 if TYPE_CHECKING:
     from pymantaray.ocean.modes import VerticalModes
@@ -60,6 +61,8 @@ class SpeedPrior:
                 f"speed_prior: scale {self.scale:g}, gradient {self.gradient:g}, knot_interval"
                 f" {self.knot_interval:g} s; all must be positive"
             )
+        check_magnitudes(LocateError, "speed_prior: scale", self.scale)
+        check_magnitudes(LocateError, "speed_prior: gradient", self.gradient, unit="1/km")
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,6 +187,8 @@ class PlanOptions:
                 f"plan: sigma is {self.sigma:g} s, ship_speed {self.ship_speed:g} m/s, turn_time"
                 f" {self.turn_time:g} s; sigma and speed must be positive, the time not negative"
             )
+        check_magnitudes(LocateError, "plan: sigma", self.sigma, unit="s")
+        check_magnitudes(LocateError, "plan: ship_speed", self.ship_speed, unit="m/s")
         if self.criterion not in CRITERIA:
             raise LocateError(
                 f"plan: criterion is {self.criterion!r}; allowed: {', '.join(CRITERIA)}"

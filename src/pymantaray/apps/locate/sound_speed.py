@@ -24,6 +24,7 @@ _UNPENALIZED = 2  # columns of a spline without a penalty: a constant and a stra
 _MIN_KNOTS = 4
 _MAX_KNOTS = 120
 _MAX_GRADIENT_KNOTS = 40
+_KNOTS_LIMIT = 1000  # of intervals on request, for the memory
 _MIN_KNOT_INTERVAL = 300.0  # s
 _MIN_NODE_SPREAD = 50.0  # m; distance of nodes from their centre that is required for a gradient
 
@@ -77,6 +78,11 @@ class Spline:
         last = float(times.max())
         span = max(last - first, 1.0)
         spacing = interval or max(_MIN_KNOT_INTERVAL, span / most)
+        if not span <= _KNOTS_LIMIT * spacing:
+            raise LocateError(
+                f"knot_interval is {spacing:g} s in a survey of {span:g} s; allowed are"
+                f" {span / _KNOTS_LIMIT:.2g} s or more"
+            )
         count = max(int(np.ceil(span / spacing)), _MIN_KNOTS)
         step = span / count
         self.knots = first + step * np.arange(-_DEGREE, count + _DEGREE + 1)

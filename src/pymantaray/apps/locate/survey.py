@@ -11,8 +11,12 @@ from pymantaray.arrays import Array, Indices
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.tangent_plane import TangentPlane
+from pymantaray.quantities.checks import MAGNITUDES, check_magnitudes
 
 DepthReference = Literal["surface", "plane"]
+LARGEST_POSITION = 1e6
+"""Limit of coordinates in the frame of a survey, whose nodes are near its centre. [m]"""
+_LONGEST_LEVER = 1e4  # m
 _MAX_TRAVEL_TIME = 120.0  # s; two-way time of 90 km, beyond the reach of any transponder
 
 
@@ -58,8 +62,11 @@ class Node:
         """Check the numbers."""
         if not self.name:
             raise LocateError("node: the name is empty; give every node a unique name")
-        if not np.isfinite(self.position).all():
-            raise LocateError(f"node {self.name}: position is {self.position}; it must be finite")
+        if not (np.abs(self.position) <= LARGEST_POSITION).all():  # NaN does not pass
+            raise LocateError(
+                f"node {self.name}: position is {self.position}; it must be finite and within"
+                f" {LARGEST_POSITION:g} m"
+            )
         numbers = (
             *self.sigma,
             self.turn_around,
@@ -67,11 +74,8 @@ class Node:
             self.offset_sigma,
             self.drift_sigma,
         )
-        if not (np.isfinite(numbers).all() and min(numbers) >= 0.0):
-            raise LocateError(
-                f"node {self.name}: standard deviations and times are {numbers}; they must be"
-                " finite and not negative"
-            )
+        name = f"node {self.name}: a standard deviation or time"
+        check_magnitudes(LocateError, name, *numbers)
         if self.turn_around > 60.0:
             raise LocateError(
                 f"node {self.name}: turn-around time is {self.turn_around:g} s, which is too long;"
@@ -98,11 +102,12 @@ class LeverArm:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if not (np.isfinite(self.offset + self.sigma).all() and min(self.sigma) >= 0.0):
+        if not (np.abs(self.offset) <= _LONGEST_LEVER).all():  # NaN does not pass
             raise LocateError(
-                f"lever arm is {self.offset} with sigma {self.sigma}; each must be three finite"
-                " numbers in metres"
+                f"lever arm is {self.offset}; it must be three numbers within"
+                f" {_LONGEST_LEVER:g} metres"
             )
+        check_magnitudes(LocateError, "lever arm: sigma", *self.sigma, unit="m")
 
     @property
     def used(self) -> bool:
@@ -131,11 +136,10 @@ class PlatformError:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if not (min(self.horizontal, self.vertical) >= 0.0 and self.correlation > 0.0):
+        check_magnitudes(LocateError, "platform error", self.horizontal, self.vertical, unit="m")
+        if not self.correlation > 0.0:
             raise LocateError(
-                f"platform error is {self.horizontal:g} m, {self.vertical:g} m,"
-                f" {self.correlation:g} s; standard deviations must be 0 or more, and the"
-                " correlation time must be positive"
+                f"platform error: correlation time is {self.correlation:g} s; it must be positive"
             )
 
 
@@ -274,7 +278,9 @@ class Survey:
                 name, alone & ~np.isfinite(getattr(self, name)).all(axis=1), "finite metres"
             )
         self.refuse("time", ~np.isfinite(self.time), "a number of seconds")
-        self.refuse("sigma", self.sigma <= 0.0, "positive seconds, or NaN")
+        low, high = MAGNITUDES
+        wrong = (self.sigma < low) | (self.sigma > high)
+        self.refuse("sigma", wrong, f"{low:g} to {high:g} seconds, or NaN")
 
     def refuse(self, name: str, wrong: NDArray[np.bool_], allowed: str) -> None:
         """

@@ -11,7 +11,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.filters.error_state import SIZE, State
 from pymantaray.estimation.filters.gauss_markov import relax as relax_covariance
-from pymantaray.quantities.checks import check_number
+from pymantaray.quantities.checks import check_magnitudes, check_number, checked_array
 
 _AXES = 3  # errors that one member of the state holds, in place of a position
 
@@ -56,11 +56,12 @@ class DriftingWater(NamedTuple):
             If a value is not allowed.
         """
         check_number(OnlineError, "water: sigma", self.sigma, "1", positive=True)
-        if not self.hours > 0.0:
-            raise OnlineError(f"water: hours is {self.hours:g} h; it must be positive")
-        depths = np.asarray(self.depths, dtype=float).reshape(-1)
-        if not (np.isfinite(depths).all() and (np.diff(depths) > 0.0).all()):
-            raise OnlineError(f"water: depths are {self.depths}; they must be finite and ascending")
+        check_magnitudes(OnlineError, "water: sigma", self.sigma)
+        if not (isinstance(self.hours, int | float | np.number) and self.hours > 0.0):
+            raise OnlineError(f"water: hours is {self.hours} h; it must be positive")
+        depths = checked_array(
+            OnlineError, "water: depths", self.depths, (np.size(self.depths),), rising=True
+        )
         return DriftingWater(float(self.sigma), float(self.hours), tuple(depths.tolist()))
 
     @property

@@ -13,12 +13,14 @@ from pymantaray.apps.online.drifting_water import saved_water
 from pymantaray.apps.online.filter import Kind, Outcome
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.filters.error_state import SIZE
+from pymantaray.estimation.graph.graph import LARGEST
 from pymantaray.messages import one_line
 from pymantaray.records.writing import whole_file
 from pymantaray.user_files import read_text
 
 KIND = "pymantaray online state"
 FORMAT = 3
+_ROUNDING = 1e-9
 
 _N_VALUES = {Kind.ODOMETRY: 12, Kind.DEPTH: 2, Kind.FIX: 6, Kind.RANGE: 3}
 
@@ -101,14 +103,17 @@ def _fault(content: dict[str, Any]) -> str:
         values = np.array(base[name], dtype=float)
         if values.shape != shape or not np.isfinite(values).all():
             return f"base.{name} is not a finite array of shape {shape}"
-    if not np.isfinite(fixed).all():
-        return "fixed is not finite"
-    for name in ("lag", "longest_step", "horizon"):
-        if not np.isfinite(float(content[name])) or (name != "horizon" and content[name] <= 0.0):
-            return f"{name} is {content[name]!r}"
-    gate = content["gate"]
-    if gate is not None and not float(gate) > 0.0:
-        return f"gate is {gate!r}"
+    if not (np.abs(fixed) <= LARGEST).all():
+        return f"fixed is not finite, or beyond {LARGEST:g} m"
+    if fault := _base_fault(base):
+        return fault
+    for name in ("lag", "longest_step", "horizon", "gate"):
+        value = content[name]
+        if value is None and name == "gate":
+            continue
+        is_number = type(value) in (int, float) and np.isfinite(float(value))
+        if not is_number or (name != "horizon" and value <= 0.0):
+            return f"{name} is {value!r}"
     if any(
         name not in Outcome.__members__ or type(k) is not int
         for name, k in content["total"].items()
@@ -119,6 +124,24 @@ def _fault(content: dict[str, Any]) -> str:
     if early is not None:
         return f"event {one_line(early, 60)} is before the horizon"
     return next((fault for row in rows if (fault := _event(row, len(names), n))), "")
+
+
+def _base_fault(base: dict[str, Any]) -> str:
+    """Fault of the numbers of a base of the right shape; empty without one."""
+    rotation, position, covariance = (
+        np.array(base[name], dtype=float) for name in ("rotation", "position", "covariance")
+    )
+    is_small = (np.abs(rotation) <= 1.0 + _ROUNDING).all()
+    if not is_small or not np.allclose(rotation @ rotation.transpose(0, 2, 1), np.eye(3)):
+        return "base.rotation is no rotation"
+    if not (np.abs(position) <= LARGEST).all():
+        return f"base.position is beyond {LARGEST:g} m"
+    if not (np.abs(covariance) <= LARGEST**2).all():
+        return "base.covariance is too large"
+    values = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
+    if values.min(initial=0.0) < -_ROUNDING * max(float(values.max(initial=0.0)), 1e-300):
+        return "base.covariance is not positive semidefinite"
+    return ""
 
 
 def _event(row: Any, n_members: int, n_vehicles: int) -> str:

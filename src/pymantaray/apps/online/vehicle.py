@@ -170,8 +170,8 @@ class OnlineEstimator:
         check_number(OnlineError, "lag", lag, "s", positive=True)
         check_number(OnlineError, "longest_step", longest_step, "s", positive=True)
         self._longest_step = float(longest_step)
-        if not gate > 0.0:
-            raise OnlineError(f"gate is {gate:g} standard deviations; it must be positive")
+        if not (isinstance(gate, int | float | np.number) and gate > 0.0):
+            raise OnlineError(f"gate is {gate!r} standard deviations; it must be positive")
         for name, beacon in beacons.items():
             check_number(OnlineError, f"sigma of beacon {name}", beacon.sigma, "m")
             _sized(f"sigma of beacon {name}", [beacon.sigma], (1,))
@@ -593,7 +593,7 @@ class OnlineEstimator:
         """Number of a vehicle, time, and the state at this time; an error outside the lag."""
         who = self._vehicle(vehicle)
         front = self._timeline.front(who)
-        at = front if time is None else float(time)
+        at = front if time is None else time
         _check_time("time", at)
         if at > front:
             raise OnlineError(
@@ -660,7 +660,7 @@ def _events(rows: Sequence[Any]) -> list[Event]:
 
 
 def _check_time(what: str, time: float) -> None:
-    if not abs(time) <= _LATEST:  # NaN does not pass
+    if not (isinstance(time, int | float | np.number) and abs(time) <= _LATEST):  # nor does NaN
         raise OnlineError(
             f"{what}: time is {time}; it must be a finite number of seconds, at most {_LATEST:g}"
         )
@@ -680,8 +680,8 @@ def _sized(what: str, values: ArrayLike, shape: tuple[int, ...]) -> Array:
 
 def _sigmas(what: str, sigma: ArrayLike, size: int, *, zero: bool = False) -> Array:
     """Standard deviations, one or one each; zero is allowed on request."""
-    given = np.asarray(sigma, dtype=float)
-    values = _sized(what, np.full(size, given) if given.ndim == 0 else given, (size,))
+    several = isinstance(sigma, list | tuple) or np.ndim(sigma) > 0
+    values = _sized(what, sigma if several else np.full(size, sigma), (size,))
     if (values < 0.0).any() or (not zero and (values == 0.0).any()):
         raise OnlineError(
             f"{what} is {values.min():g}; it must be {'zero or ' if zero else ''}positive"
