@@ -92,7 +92,7 @@ class Extension:
 
     @property
     def key(self) -> dict[str, str]:
-        """What results of the package depend on: its version, its source and what it requires."""
+        """Version, source and requirements of the package, on which its results depend."""
         return {
             "group": self.group,
             "name": self.name,

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from scipy.interpolate import CubicSpline
 from factories import HIDDEN, range_fleet, ridged
 from oracles import direct_travel_time_linear_gradient
 from scipy.stats import norm
@@ -203,11 +204,13 @@ def test_what_a_decibel_of_the_cutoff_decides_is_marked(few, landmarks):
     By what is ranged on with cut-offs a decibel lower and higher, links of rays spread over some
     decibels.
     """
-    duct = Medium.from_profile(
+    curve = CubicSpline(
         [0.0, 60.0, 120.0, 400.0, 4000.0],
         [1450.0, 1462.0, 1448.0, 1455.0, 1510.0],
-        bottom_depth=BOTTOM,
+        bc_type="natural",
     )
+    levels = np.concatenate([np.arange(0.0, 400.0, 20.0), np.arange(400.0, 4001.0, 200.0)])
+    duct = Medium.from_profile(levels, curve(levels), bottom_depth=BOTTOM)
     marks = [Landmark(f"N{k}", (3e3 + 250.0 * k, 0.0, 90.0)) for k in range(12)]
     spread = few.position.copy()
     spread[:, :, 2] = np.linspace(30.0, 200.0, spread[..., 2].size).reshape(spread.shape[:2])

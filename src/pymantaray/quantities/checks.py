@@ -14,6 +14,11 @@ MAGNITUDES = 1e-18, 1e12
 """Standard deviations whose squares leave digits beside others."""
 
 
+def is_number(value: object) -> bool:
+    """True for a number of Python or NumPy."""
+    return isinstance(value, int | float | np.number)
+
+
 def check_number(
     error: Error, name: str, value: float, unit: str = "", *, positive: bool = False
 ) -> None:

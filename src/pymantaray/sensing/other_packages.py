@@ -114,7 +114,7 @@ def _columns() -> dict[str, Field[Any]]:
 
 
 def _fault(item: Field[Any], array: NDArray[Any], measurements: Measurements) -> str:
-    """What is wrong with the values of a column; empty if they are allowed."""
+    """Fault of the values of a column; empty if they are allowed."""
     name = item.name
     kind = item.metadata["dtype"].kind
     if array.dtype.kind not in _NUMBERS[kind]:

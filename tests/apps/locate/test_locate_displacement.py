@@ -138,7 +138,7 @@ def test_an_earlier_campaign_is_earlier_and_of_the_same_place():
         assert found.years == pytest.approx(years)
     future = replace(before, epoch=np.datetime64("2021-01-01", "ns"))
     refused(LocateError, "exchange the two campaigns", displacement_between, now, future)
-    far = replace(before, positions=before.positions + [2e5, 0.0, 0.0])
+    far = replace(before, positions=before.positions + np.array([2e5, 0.0, 0.0]))
     refused(LocateError, "nodes are 2e.05 m from those", displacement_between, now, far)
 
 

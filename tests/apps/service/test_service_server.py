@@ -320,7 +320,7 @@ def test_where_nobody_can_listen_is_refused_in_one_line(service, port):
 
 def test_without_waitress_one_line_says_what_to_install(service, monkeypatch):
     monkeypatch.setitem(sys.modules, "waitress.server", None)
-    refused(ServiceError, r"pip install 'pymantaray\[serve\]'", make_server, service)
+    refused(ServiceError, r'pip install "pymantaray\[serve\]"', make_server, service)
 
 
 @pytest.fixture

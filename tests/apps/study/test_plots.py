@@ -71,7 +71,10 @@ def test_the_figure_by_vehicle_equals_the_figure_of_the_report(run):
 
 def test_a_medium_shows_its_profile_and_its_bed():
     medium = Medium.from_profile(
-        [0.0, 100.0, 2000.0], [1500.0, 1490.0, 1520.0], bottom_depth=1500.0
+        [0.0, 100.0, 2000.0],
+        [1500.0, 1490.0, 1520.0],
+        bottom_depth=1500.0,
+        interpolation="linear",
     )
     axes = medium.plot()
     (line, bed) = axes.lines

@@ -319,7 +319,7 @@ def test_a_medium_around_positions_has_the_same_travel_times(
     }
     rng = np.random.default_rng(8)
     profile = np.array([1448.0, 1440.0, 1452.0, 1455.0, 1457.0, 1464.0])
-    speed = profile + rng.normal(0.0, 1.0, (91, 151, 6)) * np.array([1.0, 1.0, 0.5, 0.2, 0.1, 0.0])
+    speed = profile + rng.normal(0.0, 0.5, (91, 151, 6)) * np.array([1.0, 1.0, 0.5, 0.2, 0.1, 0.0])
     water = xr.Dataset(
         {
             "sound_speed": (tuple(axes), speed),

@@ -11,7 +11,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.filters.error_state import SIZE, State
 from pymantaray.estimation.filters.gauss_markov import relax as relax_covariance
-from pymantaray.quantities.checks import check_magnitudes, check_number, checked_array
+from pymantaray.quantities.checks import check_magnitudes, check_number, checked_array, is_number
 
 _AXES = 3  # errors that one member of the state holds, in place of a position
 
@@ -57,7 +57,7 @@ class DriftingWater(NamedTuple):
         """
         check_number(OnlineError, "water: sigma", self.sigma, "1", positive=True)
         check_magnitudes(OnlineError, "water: sigma", self.sigma)
-        if not (isinstance(self.hours, int | float | np.number) and self.hours > 0.0):
+        if not (is_number(self.hours) and self.hours > 0.0):
             raise OnlineError(f"water: hours is {self.hours} h; it must be positive")
         depths = checked_array(
             OnlineError, "water: depths", self.depths, (np.size(self.depths),), rising=True

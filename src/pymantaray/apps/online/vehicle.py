@@ -28,7 +28,7 @@ from pymantaray.estimation.graph.graph import LARGEST
 from pymantaray.estimation.ranges.range_models import RangeModel
 from pymantaray.evaluation import unexplained
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
-from pymantaray.quantities.checks import check_number, checked_array
+from pymantaray.quantities.checks import check_number, checked_array, is_number
 
 Ranges = TravelTimeTable | Medium | RangeModel | float
 
@@ -170,7 +170,7 @@ class OnlineEstimator:
         check_number(OnlineError, "lag", lag, "s", positive=True)
         check_number(OnlineError, "longest_step", longest_step, "s", positive=True)
         self._longest_step = float(longest_step)
-        if not (isinstance(gate, int | float | np.number) and gate > 0.0):
+        if not (is_number(gate) and gate > 0.0):
             raise OnlineError(f"gate is {gate!r} standard deviations; it must be positive")
         for name, beacon in beacons.items():
             check_number(OnlineError, f"sigma of beacon {name}", beacon.sigma, "m")
@@ -660,7 +660,7 @@ def _events(rows: Sequence[Any]) -> list[Event]:
 
 
 def _check_time(what: str, time: float) -> None:
-    if not (isinstance(time, int | float | np.number) and abs(time) <= _LATEST):  # nor does NaN
+    if not (is_number(time) and abs(time) <= _LATEST):  # nor does NaN
         raise OnlineError(
             f"{what}: time is {time}; it must be a finite number of seconds, at most {_LATEST:g}"
         )
