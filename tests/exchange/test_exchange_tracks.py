@@ -196,6 +196,14 @@ def test_union_of_times_holds_both_and_no_time_twice():
     np.testing.assert_array_equal(times, [0.0, 5.0, 10.0, 20.0, 30.0])
 
 
+def test_quaternions_of_unit_length_keep_all_their_digits():
+    q = random_attitudes(TIME.size)  # lengths are one to the last digit or two
+    (own,) = Tracks.of([poses(quaternion=q)]).poses
+    np.testing.assert_array_equal(own.quaternion, q)
+    (rounded,) = Tracks.of([poses(quaternion=q.round(3))]).poses
+    np.testing.assert_allclose(np.linalg.norm(rounded.quaternion, axis=-1), 1.0, atol=1e-15)
+
+
 def test_east_north_up_and_back_is_where_one_was():
     rng = np.random.default_rng(3)
     p, q = rng.normal(size=(7, 3)), random_attitudes(7)
