@@ -8,9 +8,9 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
-from scipy.interpolate import CubicSpline
 from factories import HIDDEN, range_fleet, ridged
 from oracles import direct_travel_time_linear_gradient
+from scipy.interpolate import CubicSpline
 from scipy.stats import norm
 
 from pymantaray.acoustics import (
