@@ -46,6 +46,7 @@ def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, monke
         "columns_lon": 5,
         "instants": 1,
         "links": 4,
+        "notes": [],
         "file": str(out),
     } | {"safety": atlas["safety"]}
     with xr.open_dataset(out) as atlas:
