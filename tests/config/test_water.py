@@ -59,6 +59,9 @@ def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path):
         np.testing.assert_array_equal(water.medium.surface.depth, expected.surface.depth)
         assert water.frame is not None
         assert water.frame.latitude_deg == waters[0].frame.latitude_deg
+    own = [[str(source) for source in water.record["ocean"]] for water in waters]
+    file = [str(tmp_path / "fram.nc")]
+    assert own == [["synthetic:fram"], file, file, file, ["memory:"], file]
 
 
 def test_a_local_ocean_is_taken_as_it_is(fram):
