@@ -23,6 +23,7 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.filters.error_state import propagate
+from pymantaray.estimation.graph.graph import KINDS
 from pymantaray.evaluation.consistency import nees
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp, so3_log
 from pymantaray.records import RayStatus, SolveStatus
@@ -258,3 +259,27 @@ def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
         solve,
         graph.with_factors(range=graph["range"].append(pose)),
     )
+
+
+def test_a_measured_pose_has_its_covariance_in_the_tangent_of_the_body(monkeypatch):
+    """Uneven standard deviations on a tilted body: the last pose is that of the batch."""
+    fleet = factories.make_fleet(n_vehicles=1, n_times=6, n_landmarks=1)
+    kinds = dict(KINDS)
+    kind = replace(KINDS["prior"], what="pose", plural="poses", word=None, axes=())
+    monkeypatch.setattr(
+        "pymantaray.estimation.graph.graph.KINDS",
+        {**kinds, "pose": kind, "range": kinds.pop("range")},
+    )
+    graph = build_graph(fleet.noise_free, "straight")
+    last = graph.n_poses - 1
+    sigma = 1e-3 * 4.0 ** np.arange(6)
+    measured = fleet.truth.position[last] + 1e-3, fleet.truth.quaternion[last]
+    table = kind.table([[last]], measured, [np.diag(sigma**2)])
+    shifts = []
+    for method in (Method(), KALMAN):
+        before, after = (
+            GraphSolver().solve(g, fleet.truth, method=method, model_is_right=False).position[last]
+            for g in (graph, graph.with_factors(pose=table))
+        )
+        shifts.append(after - before)
+    np.testing.assert_allclose(shifts[1], shifts[0], rtol=0, atol=0.01 * np.abs(shifts[0]).max())
