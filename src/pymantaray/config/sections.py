@@ -47,11 +47,11 @@ from pymantaray.config.keys import changed, described, words_of
 from pymantaray.config.mission import MissionSection, PingsSection
 from pymantaray.config.parse import parse
 from pymantaray.config.references import References, data_references
-from pymantaray.exchange.recording import TRUTH
 from pymantaray.geometry.sphere import Earth
 from pymantaray.ocean.equations import EQUATIONS, Equation
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.quantities.units import is_like_quantity, quantity_of
+from pymantaray.records.status import TRUTH
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
 

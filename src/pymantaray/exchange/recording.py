@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError
 from pymantaray.records import Measurements, RayStatus, Trajectories, VehicleStatus
-
-TRUTH = "truth"
+from pymantaray.records.status import TRUTH
 
 
 class FleetPoses(NamedTuple):

@@ -8,7 +8,8 @@ import numpy as np
 
 from pymantaray.errors import ExchangeError, optional_package
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
-from pymantaray.exchange.recording import TRUTH, Recording
+from pymantaray.exchange.recording import Recording
+from pymantaray.records.status import TRUTH
 
 TIMELINE = "mission"
 

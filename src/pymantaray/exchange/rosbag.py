@@ -27,9 +27,10 @@ from pymantaray.exchange.bag_sizes import (
 )
 from pymantaray.exchange.fixes import Fixes, centre_from_fixes, origin_of_frame
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
-from pymantaray.exchange.recording import TRUTH, Recording, VehiclePoses
+from pymantaray.exchange.recording import Recording, VehiclePoses
 from pymantaray.exchange.tracks import Poses
 from pymantaray.records.position_rows import missing_fixes
+from pymantaray.records.status import TRUTH
 
 MAP = "map"
 _POSE = "geometry_msgs/msg/PoseStamped"

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, RecordError, SensingError, optional_package
 from pymantaray.exchange.centre import centre_in_comments
-from pymantaray.exchange.recording import TRUTH
 from pymantaray.exchange.tracks import Poses, about_down, level
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.position_rows import distances, missing_fixes
+from pymantaray.records.status import TRUTH
 from pymantaray.records.text_table import TextTable, read_text_table
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.sensing.schedule import PingList

@@ -10,8 +10,9 @@ from pymantaray.acoustics import RayPaths
 from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, optional_package
 from pymantaray.exchange.frames import swap_enu
-from pymantaray.exchange.recording import TRUTH, Recording, new_file
+from pymantaray.exchange.recording import Recording, new_file
 from pymantaray.records import Arrivals
+from pymantaray.records.status import TRUTH
 
 
 def write_fleet(recording: Recording, folder: Path) -> None:

@@ -3,6 +3,9 @@
 from enum import IntEnum
 from typing import NamedTuple
 
+TRUTH = "truth"
+"""Name of the true poses in files, beside the names of conditions."""
+
 
 class RayStatus(IntEnum):
     """Outcome of an acoustic link."""

@@ -318,7 +318,7 @@ def test_a_medium_around_positions_has_the_same_travel_times(
         "depth": np.array([0.0, 40.0, 100.0, 250.0, 500.0, 1000.0]),
     }
     rng = np.random.default_rng(8)
-    profile = np.array([1448.0, 1440.0, 1452.0, 1455.0, 1457.0, 1464.0])
+    profile = np.array([1448.0, 1444.0, 1450.0, 1453.0, 1457.0, 1464.0])
     speed = profile + rng.normal(0.0, 0.5, (91, 151, 6)) * np.array([1.0, 1.0, 0.5, 0.2, 0.1, 0.0])
     water = xr.Dataset(
         {

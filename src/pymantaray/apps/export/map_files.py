@@ -9,8 +9,9 @@ import xarray as xr
 from pymantaray.apps.study.store import Run
 from pymantaray.errors import ExchangeError
 from pymantaray.exchange.maps import Feature, geojson, kml
-from pymantaray.exchange.recording import TRUTH, Recording
+from pymantaray.exchange.recording import Recording
 from pymantaray.pages.style import GREY, INK, LEVELS, condition_looks
+from pymantaray.records.status import TRUTH
 
 MAPS: dict[str, Callable[[list[Feature], str], str]] = {
     "kml": kml,

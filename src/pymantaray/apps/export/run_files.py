@@ -21,7 +21,7 @@ from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti
 from pymantaray.exchange.maps import geojson, kml
 from pymantaray.exchange.matlab import write_mat
-from pymantaray.exchange.recording import TRUTH, FleetPoses, Recording, new_file
+from pymantaray.exchange.recording import FleetPoses, Recording, new_file
 from pymantaray.exchange.rerun import write_rrd
 from pymantaray.exchange.rosbag import write_bag
 from pymantaray.exchange.tum import write_tum
@@ -29,6 +29,7 @@ from pymantaray.exchange.vtk import write_fleet, write_ranges, write_rays
 from pymantaray.jobs.folder import staged_folder
 from pymantaray.records import whole_file
 from pymantaray.records.csv_text import csv_text
+from pymantaray.records.status import TRUTH
 from pymantaray.version import __version__
 
 _SUFFIXES = {"s": "s", "m": "m", "degrees": "deg", "m s-1": "m_per_s"}

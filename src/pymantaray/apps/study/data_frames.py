@@ -8,8 +8,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.evaluation import trajectory_errors
-from pymantaray.exchange.recording import TRUTH
 from pymantaray.records import DatedRecord, RangingTruth, RayStatus, VehicleStatus
+from pymantaray.records.status import TRUTH
 
 if TYPE_CHECKING:
     import xarray as xr
