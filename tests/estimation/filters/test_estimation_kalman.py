@@ -261,7 +261,7 @@ def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
     )
 
 
-def test_a_measured_pose_has_its_covariance_in_the_tangent_of_the_body(monkeypatch):
+def test_a_measured_pose_is_uncertain_in_the_axes_of_the_body(monkeypatch):
     """Uneven standard deviations on a tilted body: the last pose is that of the batch."""
     fleet = factories.make_fleet(n_vehicles=1, n_times=6, n_landmarks=1)
     kinds = dict(KINDS)
