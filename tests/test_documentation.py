@@ -22,6 +22,7 @@ from pymantaray.apps.sweep.definition import KEYS
 from pymantaray.config import StudyConfig
 from pymantaray.config.checks import finding_lines
 from pymantaray.config.common import Section
+from pymantaray.config.meanings import meaning
 from pymantaray.ocean.fetch.catalogue import Catalogue
 
 PAGES = runpy.run_path(str(DOCS / "site" / "reference_pages.py"))
@@ -81,8 +82,9 @@ def test_every_key_says_what_it_means_and_a_quantity_its_unit(model, tables):
         f"no table has {keys}"
     )
     for name, field in model.model_fields.items():
-        assert field.description, f"{model.__name__}.{name}"
-        unit = re.search(r"\[([^][]+)\]$", field.description)
+        text = meaning(model, name)
+        assert text, f"{model.__name__}.{name}"
+        unit = re.search(r"\[([^][]+)\]$", text)
         assert unit or not is_quantity(field.annotation), f"{model.__name__}.{name} has no unit"
         for suffix, expected in SUFFIXES.items():
             if name.endswith(suffix):
@@ -167,7 +169,7 @@ QUANTITIES = [
     (model, name, unit[1])
     for model in MODELS
     for name, field in model.model_fields.items()
-    if (unit := re.search(r"\[([^][]+)\]$", field.description or "")) and unit[1] in UNITS
+    if (unit := re.search(r"\[([^][]+)\]$", meaning(model, name))) and unit[1] in UNITS
 ]
 
 

@@ -13,6 +13,8 @@ from dataclasses import fields, is_dataclass
 from pages import DOCS
 from test_documentation import MODELS
 
+from pymantaray.config.meanings import meaning
+
 PAGES = runpy.run_path(str(DOCS / "site" / "reference_pages.py"))
 ENTRY = re.compile(r"^(\w+(?:, \w+)*) : .*\n((?:(?: .*)?\n)*)", re.MULTILINE)
 """Names, and what is said of them, in a section of a docstring."""
@@ -26,7 +28,7 @@ def exported():
         for name in module.__all__:
             thing = getattr(module, name)
             yield f"{folder}.{name}", thing
-            for inner, method in vars(thing).items() if inspect.isclass(thing) else ():
+            for inner, method in list(vars(thing).items()) if inspect.isclass(thing) else ():
                 if callable(getattr(method, "__func__", method)) and not inner.startswith("_"):
                     yield f"{folder}.{name}.{inner}", method
 
@@ -57,8 +59,8 @@ def documented():
             if "dims" in f.metadata:
                 yield place, f.name, PAGES["column_unit"](f.name, f.metadata["units"])
     for model in MODELS:
-        for name, f in model.model_fields.items():
-            unit = re.search(r"\[([^][]+)\]$", f.description or "")
+        for name in model.model_fields:
+            unit = re.search(r"\[([^][]+)\]$", meaning(model, name))
             yield f"{model.__name__} (configuration)", name, unit[1] if unit else ""
 
 

@@ -30,6 +30,7 @@ def test_an_interpreter_without_docstrings_is_refused():
     assert done.stderr.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_an_unknown_backend_of_matplotlib_draws_files(tmp_path):
     (tmp_path / "p.csv").write_text("depth,sound_speed\n0,1500\n500,1490\n")
     ends = ("--source", "0,0,50", "--receiver", "900,0,90")

@@ -307,6 +307,7 @@ print("there")
     assert (done.returncode, done.stdout) == (0, "there\n"), done.stderr
 
 
+@pytest.mark.slow
 def test_a_stop_waits_for_a_block_that_defers_it():
     """
     Compiled code that runs for longer than the patience within the block: the stop comes after it.

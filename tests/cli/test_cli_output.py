@@ -64,6 +64,7 @@ def test_a_pipe_that_nobody_reads_ends_the_command_quietly():
     assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, b"")
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
 def test_a_full_standard_output_is_one_line():
     with open("/dev/full", "w") as full:  # noqa: PTH123

@@ -90,6 +90,7 @@ print(doubled(1.0), sum(doubled.stats.cache_hits.values()))
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(PLAIN, reason="nothing is compiled")
 def test_one_process_compiles_and_another_waits_for_its_code(tmp_path):
     (tmp_path / "slow.py").write_text(SLOW)
@@ -212,6 +213,7 @@ def raised(x):
 """
 
 
+@pytest.mark.slow
 def test_new_and_cached_entries_find_a_shared_kernel(tmp_path):
     (tmp_path / "both.py").write_text(SHARED)
     for first, second, lines in (
@@ -421,6 +423,7 @@ def test_types_of_registers_come_back_from_disk_in_another_process(tmp_path):
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("numba", "named"),
     [

@@ -155,6 +155,7 @@ def test_the_fan_finds_the_arcs_of_a_constant_gradient():
     np.testing.assert_array_less(np.abs(fan.spreading[wet]), 1.0)
 
 
+@pytest.mark.slow
 def test_the_fan_itself_finds_the_images_of_a_wave_guide():
     ends = places(4, 1, 3e3, shallow=True)
     fan = uniform(np.linspace(0.0, 400.0, 5), np.full(5, 1500.0), SHALLOW, 5.0, (2, 1)).fan

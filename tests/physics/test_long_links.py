@@ -125,7 +125,7 @@ LINKS = {
     ),
 }
 
-FAST = ("first-arrival-13.2-km", "pair-7.6-km")
+FAST = ("pair-7.6-km",)
 
 
 def medium_of(name):
@@ -239,6 +239,7 @@ def test_neither_end_of_random_links_to_30_km_finds_a_lost_ray(name):
         assert lost_rays(found_rays(find_eigenrays(medium, *ends, canonical=False)), found) == []
 
 
+@pytest.mark.slow
 def test_a_link_is_unresolved_exactly_if_its_search_is_incomplete():
     """Some links of each kind beyond 20 km, solved from one end only."""
     medium = several_extrema(6)

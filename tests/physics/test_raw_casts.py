@@ -116,6 +116,7 @@ class LayerFan:
         return count, ta + share * (tb - ta), 10.0 * np.log10(tube)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("water", "seed", "least"), [(duct, 1, 9), (upward, 2, 20)])
 def test_no_ray_of_a_noisy_cast_is_missed_or_invented(water, seed, least):
     """In the duct is a ray 4e-5 rad beside the angle at which rays turn at a level."""

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
+from pymantaray.config.meanings import meaning
 from pymantaray.errors import StudyError
 
 Model = TypeVar("Model", bound=BaseModel)
@@ -166,10 +167,10 @@ def _is_list(annotation: Any) -> bool:
 def _meaning(location: tuple[int | str, ...], root: type[BaseModel]) -> str:
     """Meaning of the key at a pydantic location, in parentheses; empty without a description."""
     model, _, _ = _walk(location[:-1], root)
-    field = model.model_fields.get(str(location[-1])) if model else None
-    meaning = " ".join((field.description or "").split()).replace("``", "") if field else ""
-    first = re.split(r"\.(?=\s|$)", meaning)[0]
-    unit = re.search(r"\[[^]]+\]$", meaning)
+    key = str(location[-1])
+    text = meaning(model, key).replace("``", "") if model and key in model.model_fields else ""
+    first = re.split(r"\.(?=\s|$)", text)[0]
+    unit = re.search(r"\[[^]]+\]$", text)
     words = first + (f" {unit[0]}" if unit and unit[0] not in first else "")
     return f" ({words[:1].lower()}{words[1:]})" if words else ""
 

@@ -11,9 +11,20 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, Self, TypeVar
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationInfo, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationInfo,
+    model_validator,
+)
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 from pymantaray.config.checks import PARTICIPANT, checked
+from pymantaray.config.meanings import meaning
 from pymantaray.config.references import References
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.quantities.units import quantity_of
@@ -172,7 +183,7 @@ class Section(BaseModel):
     """
 
     model_config = ConfigDict(
-        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, use_attribute_docstrings=True
+        frozen=True, extra="forbid", strict=True, allow_inf_nan=False, defer_build=True
     )
     in_toml: ClassVar[bool] = False
     """True if the section is the root of a TOML file."""
@@ -184,6 +195,17 @@ class Section(BaseModel):
             return tree
         empty = cls._may_lack()
         return {key: value for key, value in tree.items() if not (key in empty and _is_none(value))}
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """JSON schema with the meanings of the keys."""
+        out = handler(schema)
+        for key, entry in handler.resolve_ref_schema(out).get("properties", {}).items():
+            if key in cls.model_fields and (text := meaning(cls, key)):
+                entry.setdefault("description", text)
+        return out
 
     def references(self) -> References:
         """Publications that the section relies on, each with its use; none by default."""

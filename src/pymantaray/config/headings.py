@@ -1,7 +1,9 @@
 """Keys of a configuration as headings of tables."""
 
 import re
+from typing import Any
 
+from pymantaray.config.meanings import meaning
 from pymantaray.config.sections import StudyConfig
 from pymantaray.records.result_table import heading
 
@@ -16,11 +18,11 @@ def key_heading(key: str) -> str:
     if "." not in key:
         return heading(key)
     section, _, name = key.partition(".")
-    model = (
+    model: Any = (
         StudyConfig.model_fields[section].annotation
         if section in StudyConfig.model_fields
         else None
     )
-    field = getattr(model, "model_fields", {}).get(name)
-    unit = _LAST_UNIT.search(field.description or "") if field else None
+    known = name in getattr(model, "model_fields", {})
+    unit = _LAST_UNIT.search(meaning(model, name)) if known else None
     return f"{key} [{unit[1]}]" if unit else key

@@ -5,6 +5,7 @@ from typing import Any
 
 import pandas as pd
 
+from pymantaray.config.meanings import meaning
 from pymantaray.config.sections import NoiseSection, StudyConfig
 
 TIMING = (
@@ -31,7 +32,7 @@ def settings_table(config: StudyConfig, keys: tuple[str, ...]) -> pd.DataFrame:
             section = getattr(section, part, None)
         if getattr(section, name, None) is None:
             continue
-        words = " ".join(type(section).model_fields[name].description.split())
+        words = meaning(type(section), name)
         unit = _LAST_UNIT.search(words)
         rows.append(
             {

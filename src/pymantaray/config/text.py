@@ -8,9 +8,9 @@ from typing import Any
 
 import tomli_w
 from pydantic import BaseModel
-from pydantic.fields import FieldInfo
 
 from pymantaray.config.checks import models_in
+from pymantaray.config.meanings import meaning
 from pymantaray.config.sections import StudyConfig
 
 _HEAD = """\
@@ -53,9 +53,7 @@ def commented_toml(config: StudyConfig) -> str:
         comments.
     """
     names = sorted(type(config).model_fields, key=lambda name: name != "study")
-    tables = [
-        _of_field((name,), type(config).model_fields[name], getattr(config, name)) for name in names
-    ]
+    tables = [_tables((name,), config) for name in names]
     return "\n\n".join(block for blocks in tables for block in blocks) + "\n"
 
 
@@ -64,8 +62,9 @@ def starter(config: StudyConfig, name: str) -> str:
     return _HEAD.format(name=name) + commented_toml(config)
 
 
-def _of_field(path: tuple[str, ...], field: FieldInfo, value: Any) -> list[str]:
-    """Blocks of text for the tables of a key."""
+def _tables(path: tuple[str, ...], owner: BaseModel) -> list[str]:
+    """Blocks of text for the tables of a key, which is the last part of its path."""
+    value = getattr(owner, path[-1])
     if isinstance(value, BaseModel):
         return list(_blocks(path, value))
     if value and isinstance(value, tuple) and isinstance(value[0], BaseModel):
@@ -81,8 +80,9 @@ def _of_field(path: tuple[str, ...], field: FieldInfo, value: Any) -> list[str]:
                 "\n".join(f"# {line.removeprefix('#').lstrip()}" for line in text.splitlines())
             )
         return blocks
-    if models_in(field.annotation) and len(path) == 1:
-        return [f"# {path[0]}: {_not_set(field)}"]
+    model = type(owner)
+    if models_in(model.model_fields[path[-1]].annotation) and len(path) == 1:
+        return [f"# {path[0]}: {_not_set(model, path[0])}"]
     return []
 
 
@@ -91,8 +91,8 @@ def _blocks(path: tuple[str, ...], section: BaseModel) -> Iterator[str]:
     header = f"[{'.'.join(path)}]" if section.model_fields_set else f"#[{'.'.join(path)}]"
     meaning = " ".join((type(section).__doc__ or "").split("\n\n")[0].split()).replace("`", "")
     yield "\n".join([f"# {meaning}", header, *_keys(section, explain=True)])
-    for key, field in type(section).model_fields.items():
-        yield from _of_field((*path, key), field, getattr(section, key))
+    for key in type(section).model_fields:
+        yield from _tables((*path, key), section)
 
 
 def _keys(section: BaseModel, *, explain: bool) -> Iterator[str]:
@@ -100,18 +100,18 @@ def _keys(section: BaseModel, *, explain: bool) -> Iterator[str]:
     tree = section.model_dump(exclude_none=True, exclude_unset=True)
     for key, field in type(section).model_fields.items():
         value = getattr(section, key)
-        meaning = _meaning(field)
+        text = _meaning(type(section), key)
         tables = isinstance(value, BaseModel) or (
             isinstance(value, tuple) and bool(models_in(field.annotation))
         )
         hidden = key not in section.model_fields_set
         if value is None or (value == () and hidden):
             if explain:
-                yield f"# {key}: {_not_set(field)}"
+                yield f"# {key}: {_not_set(type(section), key)}"
         elif not tables:
             line = f"{key} = {_value(tree.get(key, value))}"
             if explain:
-                yield f"{'#' if hidden else ''}{line}  # {meaning}"
+                yield f"{'#' if hidden else ''}{line}  # {text}"
             elif not hidden:
                 yield line
 
@@ -122,8 +122,8 @@ def _entry(path: tuple[str, ...], entry: BaseModel, *, explain: bool) -> str:
     inner = [f"{key} = {_value(value)}" for key, value in tree.items() if isinstance(value, dict)]
     if explain:
         inner += [
-            f"#{key} = {_value(value.model_dump())}  # {_meaning(field)}"
-            for key, field in type(entry).model_fields.items()
+            f"#{key} = {_value(value.model_dump())}  # {_meaning(type(entry), key)}"
+            for key in type(entry).model_fields
             if key not in tree and isinstance(value := getattr(entry, key), BaseModel)
         ]
     return "\n".join([f"[[{'.'.join(path)}]]", *_keys(entry, explain=explain), *inner])
@@ -145,9 +145,9 @@ def _value(value: Any) -> str:
     )
 
 
-def _meaning(field: FieldInfo) -> str:
-    return " ".join((field.description or "").split()).replace("``", "")
+def _meaning(model: type[BaseModel], key: str) -> str:
+    return meaning(model, key).replace("``", "")
 
 
-def _not_set(field: FieldInfo) -> str:
-    return f"not set. {_meaning(field)}"
+def _not_set(model: type[BaseModel], key: str) -> str:
+    return f"not set. {_meaning(model, key)}"

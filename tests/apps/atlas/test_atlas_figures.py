@@ -123,6 +123,7 @@ def test_through_time_the_share_of_instants_and_the_series_of_a_place(look):
         np.testing.assert_array_equal(lines[k].get_ydata(), expected)
 
 
+@pytest.mark.slow
 def test_figures_are_written_and_what_is_not_there_is_refused(tmp_path):
     paths = write_atlas_plots(made(times=2), tmp_path, pair=(20.0, 800.0), distance=1e4)
     assert {path.stem for path in paths} == {

@@ -110,6 +110,7 @@ def test_two_halves_joined_are_the_whole(here, ocean, file, links, content, tile
     np.testing.assert_array_equal(whole["lon"], joined["lon"])
 
 
+@pytest.mark.slow
 def test_workers_and_tiles_change_no_digit(
     ocean, file, links, content, tiles, monkeypatch, tmp_path
 ):

@@ -262,6 +262,7 @@ def test_costs_outside_their_bounds_have_advice(graph, told, file, scale, status
     assert (result["status"], f"{status}: {result['advice']}") == (status, lines[1])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", ["dead-reckoning", "chordal"])
 def test_variables_that_start_as_in_the_file_are_counted(graph, told, file, start):
     """L2 has one range and B0 nothing before it: of 5 poses the edge A1 B1 places both of B."""

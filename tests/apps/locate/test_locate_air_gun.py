@@ -67,6 +67,7 @@ class Line:
         return (step - self.truth[:2]) @ self.along, across, node["depth"] - DEPTH
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", ["with_nodes", "with_depth"])
 @pytest.mark.parametrize("offset", [2.3, -4.0])
 def test_an_instrument_beside_a_line_is_located_with_its_mirror(told, tmp_path, start, offset):

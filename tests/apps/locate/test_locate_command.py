@@ -380,6 +380,7 @@ def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
     np.testing.assert_allclose(sigma, expected, rtol=0.35)  # 60 pings give their own noise to 10 %
 
 
+@pytest.mark.slow
 def test_one_way_times_and_pings_between_nodes_give_clocks_and_graph(mantaray, told, tmp_path):
     rng = np.random.default_rng(1)
     truth = np.array([[400.0, 10.0, 1300.0], [-300.0, 350.0, 1310.0], [-200.0, -400.0, 1290.0]])

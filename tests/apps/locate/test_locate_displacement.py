@@ -183,6 +183,7 @@ def test_a_file_without_a_campaign_is_refused_in_one_line(tmp_path, text, messag
     refused(LocateError, message, read_campaign, file)
 
 
+@pytest.mark.slow
 def test_the_command_prints_and_writes_the_displacement(mantaray, told, tmp_path):
     truth = make_campaign(3).truth
     earlier = make_campaign(3, truth=truth, prior_sigma=(20.0, 20.0, 20.0))

@@ -190,6 +190,7 @@ def test_metres_without_a_latitude_are_flat_unless_requested(told, survey, tmp_p
     assert abs(flat["nodes"][0]["depth"] - DEPTH) > 0.3
 
 
+@pytest.mark.slow
 def test_page_and_files_state_the_earth(mantaray, survey, tmp_path):
     words = own_table(survey, tmp_path)
     mantaray("locate", *words, "--sound-speed", "scale", "--out", tmp_path / "out")

@@ -200,6 +200,7 @@ def test_an_ocean_of_two_files_is_perturbed(mantaray, ocean_file, tmp_path):
     assert mantaray("ocean", "perturb", *files, "--method", "mean").code == 0
 
 
+@pytest.mark.slow
 def test_plot_writes_figures_and_refuses_places_outside(mantaray, ocean_file, tmp_path):
     folder = tmp_path / "figures"
     result = mantaray(

@@ -201,6 +201,7 @@ def test_measurements_wait_for_odometry_repeat_or_are_too_late():
     assert (counts["too_late"], counts["duplicate"], counts["waiting"]) == (1, 1, 0)
 
 
+@pytest.mark.slow
 def test_a_table_has_the_derivatives_of_finite_differences(table):
     model = TableModel(table)
     transmitter = np.array([[0.0, 0.0, 60.0], [100.0, -50.0, 20.0]])

@@ -17,6 +17,7 @@ def offsets_in_errors(replay, truth):
     return (clocks["offset_s"] - (true - true.mean())) / clocks["standard_error_s"]
 
 
+@pytest.mark.slow
 def test_clocks_and_noise_come_back_within_their_errors(replay, campaign):
     off = offsets_in_errors(replay, campaign.truth)
     assert np.abs(off).max() < 3.5

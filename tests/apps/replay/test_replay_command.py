@@ -98,7 +98,7 @@ def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
     [
         (),
         pytest.param(("--detection", "sonar.toml"), marks=pytest.mark.slow),
-        ("--detection", "salty.toml"),
+        pytest.param(("--detection", "salty.toml"), marks=pytest.mark.slow),
     ],
 )
 def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detection):

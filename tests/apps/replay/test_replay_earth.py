@@ -3,8 +3,10 @@
 import ellipsoid_rays
 import numpy as np
 import pandas as pd
+import pytest
 
 
+@pytest.mark.slow
 def test_times_to_a_deep_node_are_those_on_the_ellipsoid(mantaray, tmp_path):
     lat = 20.0 + np.linspace(-0.036, 0.036, 9)  # up to 4 km
     lon = -150.0 + np.linspace(0.01, -0.01, 9)

@@ -59,6 +59,7 @@ def test_an_echo_of_the_sea_bed_is_the_first_one():
     assert table["bottom_bounces"].tolist()[:2] == [1, 1]
 
 
+@pytest.mark.slow
 def test_echoes_under_rough_ice_and_learned_water(tmp_path):
     rough = water(slope=0.5)
     drawn = replay_events(events(), rough, options=PredictionOptions(2))

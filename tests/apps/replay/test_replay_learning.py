@@ -108,6 +108,7 @@ def campaign():
     return events, candidates, water, learn(events, candidates)
 
 
+@pytest.mark.slow
 def test_causal_intervals_cover_events_that_were_not_used(campaign):
     events, _, _, (mixture, _) = campaign
     inside = events["measured_s"].between(mixture.events["low_s"], mixture.events["high_s"])
@@ -140,6 +141,7 @@ def test_learning_removes_most_of_the_error(campaign):
     assert corrected < 0.5 * plain
 
 
+@pytest.mark.slow
 def test_later_events_do_not_change_earlier_predictions(campaign):
     events, candidates, _, (mixture, learned) = campaign
     n = 200
@@ -234,6 +236,7 @@ def campaign_files(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_a_replay_has_tables_of_what_was_learned(campaign_files, mantaray, monkeypatch):
     monkeypatch.chdir(campaign_files)
     words = ("--profile", "cast.csv", "--bathymetry", 2680, "--max-surface-bounces", 4)

@@ -104,6 +104,7 @@ def test_a_prediction_follows_the_previous_reception_never_its_own():
     np.testing.assert_allclose(changed.probability, mixture.probability, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_sigma_and_intervals_come_back_from_drawn_errors():
     rng = np.random.default_rng(3)
     n, sigma = 4000, 2e-3

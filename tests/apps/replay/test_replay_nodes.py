@@ -370,6 +370,7 @@ def spoiled(campaign):
     return dataclasses.replace(result, clock_drift=True), wrong, rate
 
 
+@pytest.mark.slow
 def test_campaign_with_a_wrong_camp_and_drifting_clocks_returns_both(spoiled):
     result, wrong, rate = spoiled
     nodes = result.nodes.set_index("node")
@@ -420,6 +421,7 @@ def test_correction_removes_the_wrong_position_and_the_clocks(spoiled, campaign)
     )
 
 
+@pytest.mark.slow
 def test_page_of_a_replay_has_the_baselines(campaign):
     result = replay_events(campaign.events, campaign.waters, "within:6")
     rows = result.baselines.set_index("prediction")

@@ -74,6 +74,7 @@ def test_ping_by_ping_is_what_a_study_measures(fly, sections):
     check_against_study(fly(**sections))
 
 
+@pytest.mark.slow
 def test_ping_by_ping_in_water_that_varies_is_what_a_study_measures(varying, in_varying):
     check_against_study(varying, in_varying)
     assert np.isin([RayStatus.OK, RayStatus.SCATTERED], varying[3].status).all()
@@ -154,6 +155,7 @@ def test_a_level_is_that_of_the_source_less_the_spherical_spreading():
     np.testing.assert_array_equal(ping.probability, [1.0, 1.0])
 
 
+@pytest.mark.slow
 def test_threads_and_processes_answer_as_one_thread_does(medium, loud, links):
     pings = [(float(seed), *links(4, seed)) for seed in range(6)]
     serial = [loud.ping(*ping) for ping in pings]
@@ -173,6 +175,7 @@ def test_threads_and_processes_answer_as_one_thread_does(medium, loud, links):
             same_pings(one, other)
 
 
+@pytest.mark.slow
 def test_a_service_that_varies_works_in_processes(varying, in_varying):
     config, truth, *_ = varying
     place = truth.position[:, 0]

@@ -460,6 +460,7 @@ def test_what_a_request_says_is_repeated_in_a_short_printable_line(port, body):
     assert len(answer["error"]) <= 480
 
 
+@pytest.mark.slow
 def test_a_killed_worker_costs_no_answer_and_faults_have_a_status(
     serve, medium, monkeypatch, caplog
 ):
@@ -525,6 +526,7 @@ def config(tmp_path_factory):
     return str(file)
 
 
+@pytest.mark.slow
 def test_the_command_serves_until_it_is_told_to_stop(begin, config):
     process, lines, port = begin(config, "--port", "0", "--workers", "2")
     assert lines == [

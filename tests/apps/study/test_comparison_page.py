@@ -32,6 +32,7 @@ def other_folder(made_run, tmp_path_factory):
     return made.write(tmp_path_factory.mktemp("other") / "run")
 
 
+@pytest.mark.slow
 def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_path, monkeypatch):
     monkeypatch.setattr(
         write_module, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn")

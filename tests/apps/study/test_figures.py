@@ -74,6 +74,7 @@ def every_figure(run, made_run, tables, tmp_path_factory):
     ]
 
 
+@pytest.mark.slow
 def test_every_figure_has_units_a_header_and_text_within_its_frame(look, every_figure):
     for figure in every_figure:
         renderer, frame = look.draw(figure).canvas.get_renderer(), figure.bbox.padded(1.0)

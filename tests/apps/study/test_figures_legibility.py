@@ -115,6 +115,7 @@ def test_a_colour_bar_has_whole_numbers_and_no_offset():
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("hours", [0.3, 2.0, 3.0, 8.0, 168.0])
 @pytest.mark.parametrize("vehicles", [3, 5, 10])
 def test_ticks_of_errors_over_time_do_not_touch(look, hours, vehicles):

@@ -98,6 +98,7 @@ def packages(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_figure_of_an_installed_package_is_in_the_report(tmp_path, packages, tiny_run_folder):
     run = copy_of(tiny_run_folder, tmp_path / "run")
     done = write_report_of(run, packages)
@@ -137,6 +138,7 @@ def measured(tmp_path_factory, packages):
     return json.loads(done.stdout)
 
 
+@pytest.mark.slow
 def test_sensor_of_an_installed_package_replaces_its_columns(measured):
     assert measured["constant"] < 1e-9
     assert 0.01 < measured["size"] < 2.5  # sigma 0.5 m
@@ -340,6 +342,7 @@ register("a", **given | {"draw": draw})
     assert mpl.rcParams["font.size"] == size
 
 
+@pytest.mark.slow
 def test_a_report_without_a_figure_that_fails_is_complete_and_says_so(
     install, tiny_run_folder, tmp_path, monkeypatch
 ):

@@ -277,6 +277,7 @@ def test_a_new_report_replaces_the_old_one_or_leaves_it_as_it_was(made_run, tmp_
     assert set(before) - set(folder.rglob("*")) == {folder / "tables" / "old.csv"}
 
 
+@pytest.mark.slow
 def test_a_report_begun_before_the_estimates_is_the_same(reported, tiny_run_folder, tmp_path):
     """Without PDF, to which the page then does not refer."""
     stage, folder = tmp_path / "stage", tmp_path / "run"

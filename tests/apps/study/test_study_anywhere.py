@@ -46,11 +46,12 @@ def check(folder, tiny_run_folder):
     np.testing.assert_array_equal(ours, theirs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "text"), [
-        pytest.param((), STATEMENTS, marks=pytest.mark.slow, id="standard input"),
+        pytest.param((), STATEMENTS, id="standard input"),
         pytest.param((), IN_A_THREAD, id="thread, from standard input"),
-        pytest.param(("-i", "-q"), STATEMENTS, marks=pytest.mark.slow, id="prompt"),
+        pytest.param(("-i", "-q"), STATEMENTS, id="prompt"),
 ])  # fmt: skip
 def test_a_study_with_workers_runs_from(tmp_path, tiny_run_folder, options, text):
     done = subprocess.run(

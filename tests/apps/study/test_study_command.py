@@ -193,6 +193,7 @@ def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch
     assert Path("study.toml").read_text() == "# mine"
 
 
+@pytest.mark.slow
 def test_an_interrupted_report_is_written_by_a_later_command(mantaray, small, monkeypatch):
     stages = {}
 
@@ -282,6 +283,7 @@ def test_weak_links_come_with_the_option_that_includes_them(mantaray, capsys, cu
         assert "--cutoff-db" in mantaray(*command, "--help").out
 
 
+@pytest.mark.slow
 def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkeypatch):
     assert mantaray("study", "run", small, "--out", "run", "--no-figures", "--workers", 1).code == 0
     browser = Path("browser")

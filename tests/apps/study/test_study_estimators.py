@@ -175,6 +175,7 @@ def test_exact_eigenrays_estimate_as_well_as_straight_ranges(day):
     assert solved["e3"].final_cost > costs[1]  # one wrong speed against the right profile
 
 
+@pytest.mark.slow
 def test_on_line_estimators_of_a_study_are_those_of_the_library(day):
     lag = {"kind": "fixed-lag", "lag_h": 8.0}
     run = with_estimators(
@@ -471,6 +472,7 @@ def test_files_of_the_built_in_beliefs_are_these_beliefs(day, beliefs, tmp_path)
         )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("realization", [0, 1])
 def test_a_perturbed_belief_is_a_member_of_perturb_ocean(day, beliefs, tmp_path, realization):
     """

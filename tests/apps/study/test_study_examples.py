@@ -59,6 +59,7 @@ def test_python_example_prints_every_condition(tmp_path, monkeypatch, capsys):
         assert f"{condition} " in printed
 
 
+@pytest.mark.slow
 def test_own_trajectories_have_the_same_travel_times_by_three_roads(tmp_path, monkeypatch, capsys):
     monkeypatch.setattr("sys.argv", ["own_trajectories.py", str(tmp_path / "own")])
     runpy.run_path(str(EXAMPLES / "own_trajectories.py"), run_name="__main__")

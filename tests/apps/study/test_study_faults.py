@@ -35,6 +35,7 @@ except WriteError as error:
 """
 
 
+@pytest.mark.slow
 def test_full_disk_is_one_line_with_the_file_and_the_cause(tmp_path):
     """
     In a process of its own, which HDF5 leaves with the file open, and which must not write half of
@@ -58,6 +59,7 @@ def test_folder_removed_under_a_run_is_one_line(tiny_config, tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_studies_in_threads_of_one_process_are_those_of_one(tiny, tiny_run, tmp_path):
     """
     The libraries behind NetCDF hold one state for all threads; signals are for the main one alone.

@@ -164,6 +164,7 @@ def test_loss_at_the_ice_counts_and_vehicles_have_no_fix_there(fly_tiny, tiny_ru
     np.testing.assert_array_equal(loud.picture["sea_ice_draft"], 0.8)
 
 
+@pytest.mark.slow
 def test_mistakes_are_counted_for_any_number_of_workers(erring, tiny_run):
     drawn = [erring.mistaken(r) for r in range(4)]
     expected = erring.manifest["outcome"]["expected_mistaken"]

@@ -103,6 +103,7 @@ def test_a_file_of_ice_may_be_rough(rough, fly_under, sea):
     assert (np.abs(times_of(filed) - times_of(rough)) > 1e-6).any()
 
 
+@pytest.mark.slow
 def test_service_and_existing_trajectories_have_the_ice_of_the_study(rough, sea):
     options = {
         "centre_lat": 74.5,
@@ -123,6 +124,7 @@ def test_service_and_existing_trajectories_have_the_ice_of_the_study(rough, sea)
     np.testing.assert_allclose(np.sort(own), np.sort(times_of(rough)[vehicles]), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_each_realization_has_the_ice_of_its_number(fly_under):
     each = fly_under("first", **ROUGH, ice_draw="each")[1]
     assert each.config.study.realizations == 2

@@ -221,6 +221,7 @@ def test_not_a_run_is_refused(tmp_path):
         refused(StudyError, r"manifest\.json: (not a readable|damaged)", open_run, tmp_path)
 
 
+@pytest.mark.slow
 def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path, monkeypatch):
     steps = []
 

@@ -283,6 +283,7 @@ def test_an_interval_below_zero_is_refused_by_the_name_of_its_option(table, tmp_
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_a_folder_of_ranges_alone_has_a_report_and_no_estimates(table, tmp_path):
     from pymantaray.cli.main import main
 

@@ -107,6 +107,7 @@ def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(
     assert "are saved in" not in caplog.text
 
 
+@pytest.mark.slow
 def test_workers_go_on_as_well(tiny, at_once, undisturbed, tmp_path):
     config, out = tiny(study={"realizations": 3}), tmp_path / "run"
     interrupted(config, out, 1)
@@ -161,7 +162,9 @@ def test_a_damaged_realization_is_discarded_and_solved_again(
     same(run, undisturbed(3))
 
 
-@pytest.mark.parametrize("damage", ["gone", "sums", pytest.param("cut", marks=pytest.mark.slow)])
+@pytest.mark.parametrize(
+    "damage", ["sums", *(pytest.param(name, marks=pytest.mark.slow) for name in ("gone", "cut"))]
+)
 def test_a_damaged_mission_is_discarded_and_simulated_again(
     tiny, at_once, solved, undisturbed, tmp_path, caplog, damage
 ):

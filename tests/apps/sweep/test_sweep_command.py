@@ -27,6 +27,7 @@ def file(tmp_path, small_text):
     return tmp_path / "sweep.toml"
 
 
+@pytest.mark.slow
 def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     shown = mantaray("sweep", "show", file, "--workers", "2")
     assert shown.code == 0

@@ -62,6 +62,7 @@ def digits(results):
     return [{k: v for k, v in content.items() if k != "seconds"} for content in results.contents]
 
 
+@pytest.mark.slow
 def test_a_point_is_the_study_to_the_last_digit(here, small, tmp_path):
     detection = {"source_level_db": 170.0, "frequency_hz": 1e4, "bandwidth_hz": 1e3}
     tree = small.model_dump(exclude_none=True) | {"detection": detection}
@@ -140,6 +141,7 @@ def test_added_points_alone_are_computed(here, counted, noises, tmp_path):
     assert digits(done) == first
 
 
+@pytest.mark.slow
 def test_workers_change_no_digit(depths, tmp_path, monkeypatch):
     workers = run_sweep(depths, tmp_path / "workers", workers=2)
     monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", factories.pool_here)
@@ -175,6 +177,7 @@ def test_what_nobody_foresaw_is_a_result_with_its_traceback(here, noises, tmp_pa
     assert "1 / 0" in results.contents[0]["traceback"]
 
 
+@pytest.mark.slow
 def test_points_leave_their_studies_where_asked_for(here, noises, summaries, tmp_path):
     results = run_sweep(noises(2), tmp_path / "out", studies=True)
     for content in results.contents:

@@ -16,6 +16,7 @@ from pymantaray.apps.table.file import c_header
 pytestmark = pytest.mark.skipif(COMPILER is None, reason="no C compiler")
 
 
+@pytest.mark.slow
 def test_c_reader_returns_the_same_bits(
     table: TravelTimeTable, places: np.ndarray, tmp_path: Path
 ) -> None:
