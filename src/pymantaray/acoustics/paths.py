@@ -24,6 +24,8 @@ from pymantaray.records import Arrivals, RayStatus
 if TYPE_CHECKING:
     import xarray as xr
 
+Variable = tuple[str | tuple[str, ...], Array, str, str]
+"""Dimensions, values, unit and description."""
 _STEEPEST = 1.5  # rad; maximum launch angle of a ray of a fan
 _FULL_PATHS_PER_THREAD = 4  # paths with the maximum number of nodes in the memory of a thread
 _GAUSS_NODES, _GAUSS_WEIGHTS = (
@@ -428,14 +430,47 @@ def ray_picture(
     """
     import xarray as xr
 
+    variables, status = picture_variables(
+        medium,
+        source,
+        receiver,
+        fan_angles=fan_angles,
+        shape=(n_range, n_depth, n_points),
+        bounces=(max_surface_bounces, max_bottom_bounces),
+        spreading_cutoff_db=spreading_cutoff_db,
+    )
+    picture = xr.Dataset(
+        {
+            name: (dims, values, {"units": units, "long_name": words})
+            for name, (dims, values, units, words) in variables.items()
+        }
+    ).set_coords(["range", "depth"])
+    picture["depth"].attrs |= {"standard_name": "depth", "positive": "down"}
+    return picture.assign_attrs(status=status.name)
+
+
+def picture_variables(
+    medium: Medium,
+    source: ArrayLike,
+    receiver: ArrayLike,
+    *,
+    fan_angles: ArrayLike = (),
+    shape: tuple[int, int, int],
+    bounces: tuple[int, int],
+    spreading_cutoff_db: float | None,
+) -> tuple[dict[str, Variable], RayStatus]:
+    """
+    Variables of `ray_picture` as arrays, for many links, and the status of the link.
+
+    The shape has its numbers of points along range, depth and rays; the bounces are at the surface
+    and at the bed.
+    """
     a = as_positions("source", source)[0]
     b = as_positions("receiver", receiver)[0]
     step = b - a
     horizontal = math.hypot(step[0], step[1])
     unit = step[:2] / horizontal if horizontal > 0.0 else np.array([1.0, 0.0])
-    arrivals = find_eigenrays(
-        medium, a, b, max_surface_bounces, max_bottom_bounces, spreading_cutoff_db
-    )
+    arrivals = find_eigenrays(medium, a, b, *bounces, spreading_cutoff_db)
     rays = [trace_paths(medium, a, b, arrivals)]
     fan = np.asarray(fan_angles, dtype=float)
     fan = fan[np.abs(fan) <= _STEEPEST]
@@ -447,39 +482,26 @@ def ray_picture(
             azimuth,
             fan,
             horizontal,
-            max_surface_bounces=max_surface_bounces,
-            max_bottom_bounces=max_bottom_bounces,
+            max_surface_bounces=bounces[0],
+            max_bottom_bounces=bounces[1],
         )
         rays.append(others)
-    variables = {
+    n_range, n_depth, n_points = shape
+    chord_time = arrivals.chord_travel_time[0]
+    variables: dict[str, Variable] = {
         **_section(medium, a, unit, horizontal, n_range, n_depth),
         **_ray_variables(rays, arrivals, a, unit, n_points),
-        "chord_travel_time": (
-            (),
-            arrivals.chord_travel_time[0],
-            "s",
-            "travel time along the chord",
-        ),
-        "chord_range": ("end", [0.0, horizontal], "m", "range of the ends"),
-        "chord_depth": ("end", [a[2], b[2]], "m", "depth of the ends"),
+        "chord_travel_time": ((), chord_time, "s", "travel time along the chord"),
+        "chord_range": ("end", np.array([0.0, horizontal]), "m", "range of the ends"),
+        "chord_depth": ("end", np.array([a[2], b[2]]), "m", "depth of the ends"),
     }
-    picture = xr.Dataset(
-        {
-            name: (dims, values, {"units": units, "long_name": words})
-            for name, (dims, values, units, words) in variables.items()
-        }
-    ).set_coords(["range", "depth"])
-    picture["depth"].attrs |= {"standard_name": "depth", "positive": "down"}
-    return picture.assign_attrs(status=RayStatus(int(arrivals.status[0])).name)
+    return variables, RayStatus(int(arrivals.status[0]))
 
 
 def _section(
     medium: Medium, start: Array, unit: Array, horizontal: float, n_range: int, n_depth: int
-) -> dict[str, tuple[str | tuple[str, ...], Array, str, str]]:
-    """
-    Water, sea bed and ice from a position along a horizontal direction: dimensions, values, unit
-    and description of each.
-    """
+) -> dict[str, Variable]:
+    """Water, sea bed and ice from a position along a horizontal direction."""
     from pymantaray.acoustics._kernels.paths import section_grid
 
     domain, (work, _) = medium.domain(), _room(medium)
@@ -505,8 +527,8 @@ def _section(
 
 def _ray_variables(
     rays: Sequence[RayPaths], arrivals: Arrivals, start: Array, unit: Array, n_points: int
-) -> dict[str, tuple[str | tuple[str, ...], Array, str, str]]:
-    """Rays in a vertical section, eigenrays first, in the form of `_section`."""
+) -> dict[str, Variable]:
+    """Rays in a vertical section, eigenrays first."""
     paths = np.concatenate([resample(some, n_points) for some in rays])
     last = np.concatenate([_per_ray(some.travel_time, some, np.maximum) for some in rays])
     surface, bottom = (

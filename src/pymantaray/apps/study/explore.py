@@ -7,11 +7,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
-import xarray as xr
 from matplotlib.colors import to_hex
 from numpy.typing import NDArray
 
-from pymantaray.acoustics import ray_picture
+from pymantaray.acoustics.paths import picture_variables
 from pymantaray.apps.study.figures.register import RunResults, range_ends
 from pymantaray.apps.study.mission import medium_of_run
 from pymantaray.apps.study.store import Run
@@ -207,25 +206,22 @@ def _rays(run: Run, ends: PageLinks) -> Iterator[dict[str, Any]]:
     search = run.study.sound.options
     for link in ends.with_rays().tolist():  # in the order of their pings
         medium = water(float(run.truth.time[ends.sample[link]]))
-        picture = ray_picture(
+        variables, _ = picture_variables(
             medium,
             ends.source[link],
             ends.receiver[link],
-            n_range=_RANGES,
-            n_depth=_DEPTHS,
-            n_points=_POINTS,
-            max_surface_bounces=search.max_surface_bounces
-            if medium.surface.roughness is None
-            else 0,
-            max_bottom_bounces=search.max_bottom_bounces,
+            shape=(_RANGES, _DEPTHS, _POINTS),
+            bounces=(
+                search.max_surface_bounces if medium.surface.roughness is None else 0,
+                search.max_bottom_bounces,
+            ),
             spreading_cutoff_db=search.spreading_cutoff_db,
         )
-        yield {"link": link, **section(picture)}
+        yield {"link": link, **_shown({name: value for name, (_, value, *_) in variables.items()})}
 
 
-def section(picture: xr.Dataset) -> dict[str, Any]:
+def _shown(values: dict[str, Array]) -> dict[str, Any]:
     """Section along one link with its earliest rays, to somewhat below the deepest of them."""
-    values = {str(name): variable.to_numpy() for name, variable in picture.variables.items()}
     rays = {name: column[:_MAX_RAYS] for name, column in values.items() if name.startswith("ray_")}
     chord = values["chord_depth"]
     depth = values["depth"]
@@ -235,7 +231,7 @@ def section(picture: xr.Dataset) -> dict[str, Any]:
     return {
         "range": _rounded(values["range"], 0),
         "depth": _rounded(depth[levels], 1),
-        "speed": _rounded(picture["sound_speed"].transpose("depth", "range").to_numpy()[levels], 1),
+        "speed": _rounded(values["sound_speed"].T[levels], 1),
         "bed": _rounded(values["sea_floor_depth"], 0),
         "ray_range": _rounded(rays["ray_range"], 0),
         "ray_depth": _rounded(rays["ray_depth"], 1),
