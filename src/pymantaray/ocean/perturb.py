@@ -10,7 +10,6 @@ import gsw
 import numpy as np
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.interpolate import RectBivariateSpline
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
@@ -236,6 +235,8 @@ def random_fields(
     covariance. A cubic spline interpolates it to the grid. With an infinite scale, each field is
     one number.
     """
+    from scipy.interpolate import RectBivariateSpline
+
     if math.isinf(scale):
         return np.broadcast_to(
             rng.standard_normal((count, 1, 1)), (count, lat.size, lon.size)

@@ -10,8 +10,6 @@ import numpy as np
 import pyproj
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.interpolate import RegularGridInterpolator
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
@@ -145,6 +143,8 @@ def nearest_wet_columns(
     Row and column (n_lat, n_lon) of the wet column nearest to each column, as in
     `fill_below_sea_bed`.
     """
+    from scipy import ndimage
+
     if not wet.any():
         raise OceanError("ocean: no wet column in the window; choose a window over water")
     aspect = max(float(np.cos(np.radians(np.mean(lat)))), 1e-3)
@@ -198,6 +198,8 @@ def local_floor(
     source = f"{name}, {spacing[0]:.0f} m by {spacing[1]:.0f} m"
     points = 2 * int(0.5 * wider * min(step[0] / spacing[0], step[1] / spacing[1])) + 1
     if points > 1:
+        from scipy import ndimage
+
         depth = ndimage.uniform_filter(depth, points, mode="nearest")
     if wider > 1.0:
         source += (
@@ -471,6 +473,8 @@ def _projected(
             f"{where}: the window needs more than {_MAX_NODES:,} of its points; choose a smaller"
             " one"
         )
+    from scipy.interpolate import RegularGridInterpolator
+
     bilinear = RegularGridInterpolator(
         (y[rows], x[columns]), field.read(rows, columns), bounds_error=False, fill_value=np.nan
     )

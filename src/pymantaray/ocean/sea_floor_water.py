@@ -5,9 +5,6 @@ from contextlib import suppress
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import ndimage
-from scipy.interpolate import griddata
-from scipy.spatial import QhullError
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
@@ -84,6 +81,10 @@ def _from_around(depth: Array, gaps: NDArray[np.bool_]) -> Array:
     """
     Depths at gaps, interpolated linearly between the points around them, or of the nearest point.
     """
+    from scipy import ndimage
+    from scipy.interpolate import griddata
+    from scipy.spatial import QhullError
+
     known = np.isfinite(depth)
     nearest = ndimage.distance_transform_edt(~known, return_distances=False, return_indices=True)
     values = depth[tuple(np.asarray(nearest)[:, gaps])]
