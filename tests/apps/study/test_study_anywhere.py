@@ -48,7 +48,6 @@ def check(folder, tiny_run_folder):
 
 @pytest.mark.parametrize(
     ("options", "text"), [
-        pytest.param((), STATEMENTS, marks=pytest.mark.slow, id="standard input"),
         pytest.param((), IN_A_THREAD, id="thread, from standard input"),
         pytest.param(("-i", "-q"), STATEMENTS, marks=pytest.mark.slow, id="prompt"),
 ])  # fmt: skip
