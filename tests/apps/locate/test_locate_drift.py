@@ -184,7 +184,7 @@ def test_surveys_in_drifting_water_have_honest_covariances(medium):
     """20 surveys; probabilities of halves, apart and in the test, are uniform."""
     squares, halves, in_test = [], [], []
     for seed in range(20):
-        made = drifting_survey(seed, pings=500)
+        made = drifting_survey(seed, pings=700)
         found = locate(made.survey, medium)
         position, covariance = centre(found)
         error = position - made.truth.mean(axis=0)
@@ -203,7 +203,7 @@ def test_constant_water_costs_less_than_a_tenth_of_sigma(medium):
     ratios = []
     options = LocateOptions(speed_model="scale", correlation="none")
     for seed in range(12):
-        survey = drifting_survey(seed, pings=500, water=constant_water, **EXACT).survey
+        survey = drifting_survey(seed, water=constant_water, **EXACT).survey
         auto, right = (centre(locate(survey, medium, o))[1] for o in (None, options))
         ratios.append(np.sqrt(np.diag(auto) / np.diag(right)))
     assert np.median(ratios) < 1.02
