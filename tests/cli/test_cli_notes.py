@@ -85,8 +85,8 @@ STUDY = {
 }
 FLEET = {
     "vehicles": [
-        {"name": n, "kind": "station", "north": k, "east": 0.0}
-        for n, k in (("A", 0.0), ("B", 300.0))
+        {"name": n, "kind": "station", "north": k, "east": 0.0, "depth": depth}
+        for n, k, depth in (("A", 0.0, 0.01), ("B", 300.0, 30.0))
     ]
 }
 
