@@ -40,6 +40,21 @@ SLOW = {  # folders of tests, or files
     "documentation": tuple(sorted(f"tests/{p.name}" for p in (ROOT / "tests").glob("test_*.py"))),
 }
 """Groups of slow tests; a test checks that they contain all."""
+KERNELS = (
+    "tests/acoustics",
+    "tests/fleet",
+    "tests/physics/test_any_medium.py",
+    "tests/physics/test_caustics.py",
+    "tests/physics/test_closed_forms.py",
+    "tests/physics/test_ice.py",
+    *(
+        f"tests/estimation/solvers/test_estimation_{name}.py"
+        for name in ("covariance", "influence")
+    ),
+    "tests/estimation/solvers/test_estimation_normal_equations.py",
+    "tests/apps/locate/test_locate_air_gun.py",
+)
+"""Fast tests that together run every kernel, also at edges, on levels and from boundaries."""
 
 
 def parts() -> dict[str, tuple[tuple[str, ...], dict[str, str]]]:
@@ -48,15 +63,13 @@ def parts() -> dict[str, tuple[tuple[str, ...], dict[str, str]]]:
         f"slow {name}": ((*PYTEST, "-m", "slow", *(p for p in paths if (ROOT / p).exists())), {})
         for name, paths in SLOW.items()
     }
-    kernels = ("tests/acoustics", "tests/physics", "tests/fleet", "tests/estimation/solvers")
     return {
         "lint": (("make", "lint"), {}),
         "quick": (("make", "quick"), {}),
         "fast": (PYTEST, {}),
         "docs": (("make", "docs"), {}),
         **slow,
-        "bounds": ((*PYTEST, *kernels), BOUNDS),
-        "example": ((sys.executable, "examples/run_study.py"), {}),
+        "bounds": ((*PYTEST, *KERNELS), BOUNDS),
     }
 
 

@@ -1,13 +1,29 @@
 """The command line called in process, and input files small enough to run."""
 
 import json
+from functools import cache
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from typer.main import get_command
 
-from pymantaray.cli.main import main
+from pymantaray.cli.main import app, main
 from pymantaray.config import load_study, study_toml
+
+
+@cache
+def registered_commands():
+    """Every command that is no group, by its words."""
+
+    def below(group, words=()):
+        for name, command in group.commands.items():
+            if hasattr(command, "commands"):
+                yield from below(command, (*words, name))
+            else:
+                yield " ".join((*words, name)), command
+
+    return dict(below(get_command(app)))
 
 
 @pytest.fixture

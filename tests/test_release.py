@@ -131,3 +131,4 @@ def test_parts_of_all_checks_contain_every_test():
     assert not lacking
     kernels = script["parts"]()["bounds"]
     assert kernels[1]["NUMBA_BOUNDSCHECK"] == "1"
+    assert all((ROOT / path).exists() for path in script["KERNELS"])

@@ -93,8 +93,9 @@ STOPS = pytest.mark.parametrize(("sent", "code"), [(signal.SIGINT, 130), (signal
 
 
 @pytest.mark.slow
-@STOPS
-@pytest.mark.parametrize("workers", ["1", "2"])
+@pytest.mark.parametrize(("sent", "code", "workers"), [
+    (signal.SIGINT, 130, "1"), (signal.SIGTERM, 143, "2"),
+])  # fmt: skip
 def test_interrupted_run_leaves_nothing(tmp_path, begin, sent, code, workers):
     words = f"study run quick --realizations 40 --workers {workers} --out".split()
     command = begin(*words, tmp_path / "run")
@@ -159,17 +160,17 @@ main()
 @pytest.mark.slow
 def test_ctrl_c_in_the_first_seconds_exits_quietly_with_130():
     codes = []
-    for k in range(40):
+    for k in range(16):
         command = [sys.executable, "-c", BEGUN, "study", "show", "quick"]
         process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
         assert process.stdout.readline() == b"begun\n"
-        time.sleep(0.02 + 0.05 * k)
+        time.sleep(0.02 + 0.12 * k)
         process.send_signal(signal.SIGINT)
         errors = process.communicate()[1].decode()
         assert "Traceback" not in errors, errors
         codes.append(process.returncode)
     assert set(codes) <= {0, 130, -signal.SIGINT}  # the last while the interpreter ends
-    assert codes.count(130) >= 10
+    assert codes.count(130) >= 4
 
 
 IMPORTING = """
@@ -238,9 +239,7 @@ def test_too_little_memory_is_told_in_one_line(mebibytes, tmp_path):
 
 
 SPIN = """
-import sys
 from numba import njit
-from pymantaray.cli.stopping import answered_stops, end_after_stop
 
 @njit(nogil=True)
 def spin(n):
@@ -250,6 +249,13 @@ def spin(n):
     return total
 
 spin(10)
+"""
+STOPPED = (
+    SPIN
+    + """
+import sys
+from pymantaray.cli.stopping import answered_stops, end_after_stop
+
 where = sys.argv[1]
 try:
     with answered_stops():
@@ -268,13 +274,14 @@ except (SystemExit, KeyboardInterrupt) as end:
     end_after_stop(code)
     sys.exit(code)
 """
+)
 
 
 @STOPS
 @pytest.mark.parametrize("where", ["main", "thread"])
 def test_a_process_in_compiled_code_stops_within_seconds(sent, code, where):
     with subprocess.Popen(
-        [sys.executable, "-c", SPIN, where],
+        [sys.executable, "-c", STOPPED, where],
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -312,22 +319,13 @@ def test_a_stop_waits_for_a_block_that_defers_it():
     """
     Compiled code that runs for longer than the patience within the block: the stop comes after it.
     """
-    done = python("""
+    done = python(
+        SPIN
+        + """
 import os, signal, threading, time
-from numba import njit
 import pymantaray.cli.stopping as stopping
 from pymantaray.records.stops import deferred_stops
 
-@njit(nogil=True)
-def spin(n):
-    total = 0.0
-    for k in range(n):
-        total += 1.0 / (1.0 + total * total)
-    return total
-
-begin = time.monotonic()
-spin(10**7)
-spin(10**7)
 count = 10**7
 while True:
     begin = time.monotonic()
@@ -342,7 +340,8 @@ with stopping.answered_stops():
         spin(2 * count)
         print("whole", flush=True)
 print("late")
-""")
+"""
+    )
     assert (done.returncode, done.stdout) == (143, "whole\n"), done.stderr
 
 
@@ -387,34 +386,29 @@ def test_an_error_after_a_discarded_stop_is_the_stop(monkeypatch):
 
 
 def test_a_process_that_ends_at_once_removes_half_written_files(tmp_path):
-    done = python(f"""
+    done = python(
+        SPIN
+        + f"""
 import os, signal, threading
-from numba import njit
 import pymantaray.cli.stopping as stopping
 from pymantaray.records.writing import whole_file
 
-@njit(nogil=True)
-def spin(n):
-    total = 0.0
-    for k in range(n):
-        total += 1.0 / (1.0 + total * total)
-    return total
-
-spin(10)
 stopping._PATIENCE = 0.2
 threading.Timer(0.3, os.kill, (os.getpid(), signal.SIGTERM)).start()
 with stopping.answered_stops(), whole_file({str(tmp_path / "new.csv")!r}) as part:
     part.write_text("half")
     print(len(os.listdir({str(tmp_path)!r})), flush=True)
     spin(10**13)
-""")
+"""
+    )
     assert (done.returncode, done.stdout) == (143, "1\n"), done.stderr
     assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow
-@STOPS
-@pytest.mark.parametrize("after", [0.5, 8.0])
+@pytest.mark.parametrize(("sent", "code", "after"), [
+    (signal.SIGINT, 130, 8.0), (signal.SIGTERM, 143, 0.5),
+])  # fmt: skip
 def test_a_stop_while_kernels_are_compiled_ends_within_seconds(tmp_path, sent, code, after):
     (tmp_path / "p.csv").write_text("depth,sound_speed\n0,1500\n100,1490\n500,1485\n")
     ends = [

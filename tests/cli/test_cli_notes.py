@@ -6,10 +6,8 @@ import bellhop_stand_in
 import numpy as np
 import pytest
 import tomli_w
-import typer
 from authors_files import write_simulation
-
-from pymantaray.cli.main import app
+from command_fixtures import registered_commands
 
 WATER = "--profile cast.csv --bathymetry 200"
 OF_CAST = "rows dropped: with "
@@ -87,22 +85,10 @@ STUDY = {
 }
 FLEET = {
     "vehicles": [
-        {"name": n, "kind": "station", "north": k, "east": 0.0}
-        for n, k in (("A", 0.0), ("B", 300.0))
+        {"name": n, "kind": "station", "north": k, "east": 0.0, "depth": depth}
+        for n, k, depth in (("A", 0.0, 0.01), ("B", 300.0, 30.0))
     ]
 }
-
-
-def commands(group, words=()):
-    """Every command below a group, by its words."""
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from commands(command, (*words, name))
-        else:
-            yield " ".join((*words, name)), command
-
-
-COMMANDS = dict(commands(typer.main.get_command(app)))
 
 
 @pytest.fixture(scope="module")
@@ -156,7 +142,7 @@ def stopped(server):
 
 
 def test_the_table_has_every_command():
-    assert NOTED.keys() | READS_NONE.keys() == COMMANDS.keys()
+    assert NOTED.keys() | READS_NONE.keys() == registered_commands().keys()
     assert not NOTED.keys() & READS_NONE.keys()
 
 
@@ -180,7 +166,7 @@ def test_a_command_prints_a_note_once(mantaray, told, inputs, monkeypatch, tmp_p
     assert done.code in (0, 1), done.err
     assert sum(note in line for line in done.err.splitlines()) == 1, done.err
     assert note not in done.out
-    if any("--json" in one.opts for one in COMMANDS[name].params):
+    if any("--json" in one.opts for one in registered_commands()[name].params):
         for folder in ("ranges", "replay", "run"):
             shutil.rmtree(tmp_path / folder, ignore_errors=True)
         lines = told(*name.split(), *words.split(), code=done.code)["notes"]

@@ -9,11 +9,10 @@ from typing import Annotated, ForwardRef, get_args
 
 import pytest
 import typer
+from command_fixtures import registered_commands
 from refusals import refused
-from typer.main import get_command
 from typer.testing import CliRunner
 
-from pymantaray.cli.main import app as mantaray_app
 from pymantaray.cli.options import OceanCommand, parse_duration, parse_place, quantity
 from pymantaray.config import load_study, parse_study
 from pymantaray.errors import MantaRayError
@@ -130,23 +129,14 @@ def test_a_number_in_the_option_s_unit_needs_no_word():
     )
 
 
-def commands_of(command, words="mantaray"):
-    """A command, or all those below a group, each with its words."""
-    inner = getattr(command, "commands", {})
-    for name in inner:
-        yield from commands_of(inner[name], f"{words} {name}")
-    if not inner:
-        yield words, command
-
-
 def test_no_option_takes_a_time_as_a_bare_number():
     numbers = []
-    for words, command in commands_of(get_command(mantaray_app)):
+    for words, command in registered_commands().items():
         for name, parameter in inspect.signature(command.callback).parameters.items():
             what, *about = get_args(parameter.annotation) or (None,)
             if what in (float, int, float | None, int | None) and about[0].parser is None:
                 numbers.append((words, name, str(about[0].help)))
-    assert ("mantaray ocean correct", "noise_ratio") in [number[:2] for number in numbers]
+    assert ("ocean correct", "noise_ratio") in [number[:2] for number in numbers]
     assert not [n for n in numbers if re.search(r"\b(seconds|minutes|hours|days)\b", n[-1].lower())]
 
 
@@ -154,7 +144,7 @@ def test_every_option_has_a_type_and_not_the_name_of_one():
     """Of a name, typer takes one word for a tuple of numbers, and refuses every value."""
     kinds = {
         f"{words} {name}": get_args(parameter.annotation) or (parameter.annotation,)
-        for words, command in commands_of(get_command(mantaray_app))
+        for words, command in registered_commands().items()
         for name, parameter in inspect.signature(command.callback).parameters.items()
     }
     assert len(kinds) > 300

@@ -14,12 +14,11 @@ from importlib.metadata import metadata, version
 from pathlib import Path
 
 import pytest
-import typer
+from command_fixtures import registered_commands
 
 from pymantaray.apps.doctor.command import EXIT_FAULTS
 from pymantaray.apps.ocean.command import EXIT_WRONG
 from pymantaray.apps.sweep.command import EXIT_POINTS_FAILED
-from pymantaray.cli.main import app
 from pymantaray.cli.output import EXIT_KNOWN_ERROR
 from pymantaray.cli.printing import LOG, log_to_stderr, printer
 from pymantaray.compile import PLAIN
@@ -37,29 +36,17 @@ be a table.
 """
 
 
-def commands(group, words=()):
-    """Every command below a group, by its words."""
-    for name, command in group.commands.items():
-        if hasattr(command, "commands"):
-            yield from commands(command, (*words, name))
-        else:
-            yield " ".join((*words, name)), command
-
-
-COMMANDS = dict(commands(typer.main.get_command(app)))
-
-
 def test_every_command_that_prints_a_table_prints_json():
     without = {
         name
-        for name, command in COMMANDS.items()
+        for name, command in registered_commands().items()
         if not any("--json" in one.opts for one in command.params)
     }
     assert without == PATHS_ONLY
 
 
 def test_every_command_can_be_quiet_and_verbose():
-    for name, command in COMMANDS.items():
+    for name, command in registered_commands().items():
         options = {option for one in command.params for option in one.opts}
         assert options >= {"--quiet", "-q", "--verbose", "-v"}, name
 
@@ -152,7 +139,7 @@ def test_a_shell_completes_commands_options_and_presets(words, word, completed):
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "at-a-glance.md"
 
 
-@pytest.mark.parametrize("words", sorted(COMMANDS))
+@pytest.mark.parametrize("words", sorted(registered_commands()))
 def test_an_unknown_command_exits_with_2_and_prints_no_result(mantaray, words):
     refused = mantaray(*words.split(), "--nosuch")
     assert (refused.code, refused.out) == (2, "")

@@ -181,21 +181,19 @@ def many(*depths):
     return [pytest.param(depth, True, marks=pytest.mark.slow) for depth in depths]
 
 
-@pytest.mark.parametrize(
-    ("depth", "long"), [(145.0, False), *many(0.5, 5.0, 60.0, 100.0, 130.0, 200.0)]
-)
+@pytest.mark.parametrize(("depth", "long"), [(145.0, False), *many(0.5, 130.0)])
 @pytest.mark.parametrize("name", ["arctic", "double", "front"])
 def test_fan_finds_no_eigenray_that_the_solver_misses(sections, name, depth, long):
-    """900 links where it is long."""
+    """300 links where it is long."""
     if long:
         check(sections[name], depth, places(50, int(10 * depth)), 10)
     else:
         check(sections[name], depth, places(14, 3, longest=8e3), 15, 2e-4, 0.4)
 
 
-@pytest.mark.parametrize(("depth", "long"), [(145.0, False), *many(0.5, 60.0, 75.0, 130.0, 300.0)])
+@pytest.mark.parametrize(("depth", "long"), [(145.0, False), *many(0.5, 130.0)])
 def test_fan_finds_no_reflected_eigenray_that_the_solver_misses(sections, depth, long):
-    """200 links where it is long."""
+    """80 links where it is long."""
     if long:
         check(sections["shallow"], depth, places(40, int(10 * depth), 9e3, True), 150, steepest=0.7)
     else:
@@ -204,10 +202,10 @@ def test_fan_finds_no_reflected_eigenray_that_the_solver_misses(sections, depth,
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["arctic", "double", "front"])
-@pytest.mark.parametrize("depth", [0.5, 20.0, 50.0, 81.2, 150.0, 260.0])
+@pytest.mark.parametrize("depth", [20.0, 81.2])
 def test_nothing_is_missed_from_either_end(sections, name, depth):
     """
-    900 more links, to 14 km and from crests, solved from either end without regard to which is
+    300 more links, to 14 km and from crests, solved from either end without regard to which is
     easier.
 
     Rays that only the solver finds are not looked at: in a window of rays in the water narrower

@@ -248,7 +248,7 @@ def twin(arrivals, ray, other, link):
     return best if gap.min() < 2e-5 else None
 
 
-@pytest.mark.parametrize(("n", "seed"), [(6, 42), pytest.param(60, 45, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("n", "seed"), [(6, 42)])
 @KINDS
 def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, n, seed):
     """
@@ -294,9 +294,7 @@ def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, n, seed):
     assert np.percentile(errors, share) < least, np.percentile(errors, share)
 
 
-@pytest.mark.parametrize(
-    ("n", "seed", "every"), [(24, 42, 14), pytest.param(50, 46, 1, marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize(("n", "seed", "every"), [(24, 42, 14)])
 @KINDS
 def test_spreading_is_the_ray_tube_of_neighbouring_receivers(kind, n, seed, every):
     """
@@ -366,7 +364,7 @@ def same_rays(there, back, n, atol):
     return np.array(pairs).reshape(-1, 2), alone
 
 
-@pytest.mark.parametrize(("n", "seed"), [(24, 44), pytest.param(150, 48, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("n", "seed"), [(24, 44), pytest.param(60, 48, marks=pytest.mark.slow)])
 @KINDS
 def test_rays_are_reciprocal_when_both_ways_are_solved(kind, n, seed):
     """The same families from either end, angles exchanged and turned; times within 0.1 us."""

@@ -225,7 +225,7 @@ def test_levels_from_both_ends_are_equal(name):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", ["gulf", *range(10)])
+@pytest.mark.parametrize("name", ["gulf", 2, 6])
 def test_neither_end_of_random_links_to_30_km_finds_a_lost_ray(name):
     medium = medium_of(name)
     source, receiver = random_links(medium, 200, [4, 99 if name == "gulf" else name])

@@ -115,7 +115,7 @@ def assert_small(found, least):
 
 @pytest.mark.parametrize(
     ("n", "seed"),
-    [(12, 21), *(pytest.param(100, seed, marks=pytest.mark.slow) for seed in (22, 23))],
+    [(12, 21), pytest.param(100, 22, marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("make", [make_front, make_eddies])
 def test_direct_travel_times_agree(make, n, seed):
@@ -130,7 +130,7 @@ def test_direct_travel_times_agree(make, n, seed):
         (False, 5, 52, (1, 1), {1: 6, 2: 6}),
         *(
             pytest.param(
-                plane, 60, 53, (2, 2), {1: 100, 2: 90, 3: 80, 4: 60}, marks=pytest.mark.slow
+                plane, 24, 53, (2, 2), {1: 30, 2: 27, 3: 24, 4: 18}, marks=pytest.mark.slow
             )
             for plane in (True, False)
         ),

@@ -137,10 +137,11 @@ def survey(request):
     return EllipsoidSurvey(*request.param)
 
 
-@pytest.mark.parametrize("kind", WRITERS)
-@pytest.mark.parametrize(
-    "model", [*(pytest.param(name, marks=pytest.mark.slow) for name in ("known", "scale")), "auto"]
-)
+@pytest.mark.parametrize(("kind", "model"), [
+    *((kind, "auto") for kind in WRITERS),
+    pytest.param("table", "known", marks=pytest.mark.slow),
+    pytest.param("garpos", "scale", marks=pytest.mark.slow),
+])  # fmt: skip
 def test_depths_of_every_format_are_true_on_the_ellipsoid(told, survey, tmp_path, kind, model):
     done = told("locate", *WRITERS[kind](survey, tmp_path), "--sound-speed", model)
     (node,) = done["nodes"]

@@ -132,13 +132,13 @@ def test_the_front_is_the_set_of_designs_that_no_other_dominates():
 @pytest.mark.slow
 def test_designs_have_the_order_of_full_studies(tmp_path):
     """
-    Bounds of errors with straight ranges: nine designs, whose errors differ by more than the
+    Bounds of errors with straight ranges: four designs, whose errors differ by more than the
     standard errors of the studies.
     """
     base = load_study(
         "quick", realizations=25, conditions=["straight"], landmarks=[{**MARK, "sigma": 2.0}]
     )
-    free = {"mission.ping_interval_h": [1.5, 3.0, 6.0], "noise.range_sigma": [1.0, 10.0, 50.0]}
+    free = {"mission.ping_interval_h": [1.5, 6.0], "noise.range_sigma": [1.0, 50.0]}
     results = search_designs(plan_of(base, free=free), workers=1)
     full = [studied(results, k, tmp_path)[0] for k in range(len(results.designs))]
     planned = results.frame["rmse_m"].to_numpy()
@@ -159,7 +159,7 @@ def test_designs_on_the_front_keep_their_order_in_full_studies(tmp_path):
     receiver = {"name": "T", "north": 2500.0, "east": 4500.0, "depth": 100.0, "sigma": 2.0}
     plan = plan_of(
         base,
-        free={"landmarks": [[], [receiver]], "mission.ping_interval_h": [1.0, 2.0, 3.0, 4.0, 6.0]},
+        free={"landmarks": [[], [receiver]], "mission.ping_interval_h": [1.0, 3.0, 6.0]},
         objectives=("error", "cost"),
         costs={"landmark": 50.0, "ping": 1.0},
     )

@@ -172,9 +172,8 @@ def test_smooth_predictions_leave_their_own_event_out_and_err_less(campaign):
     assert moved[450] < 0.2 * moved[440:461].max()
 
 
-@pytest.mark.parametrize("seed", [3, pytest.param(7, marks=pytest.mark.slow)])
-def test_water_that_is_right_stays_right(seed):
-    events, candidates, _ = tables(seed, n=500, size=0.0)
+def test_water_that_is_right_stays_right():
+    events, candidates, _ = tables(3, n=500, size=0.0)
     mixture, learned = learn(events, candidates)
     plain = predict_mixture(events, candidates, PredictionOptions(), persistence=600.0)
     before = errors_of(events, candidates, None)
@@ -254,8 +253,8 @@ def test_a_replay_has_tables_of_what_was_learned(campaign_files, mantaray, monke
     assert "Relative error of the sound speed" in (campaign_files / "out/index.html").read_text()
 
 
-def replayed(folder, truth, how):
-    campaign = make_campaign(3, 700, 24.0, truth)
+def replayed(folder, how):
+    campaign = make_campaign(3, 700, 24.0)
     campaign.events.to_csv(folder / "events.csv", index=False)
     campaign.cast.to_csv(folder / "cast.csv", index=False)
     water = open_waters(folder / "cast.csv", bathymetry=2680.0, max_surface_bounces=4, ice=1.5)
@@ -270,18 +269,10 @@ def median_of(replay):
     return replay.events["residual_m"].abs().fillna(np.inf).median()
 
 
-def nearest_of(replay):
-    """Errors of the candidate that is nearest to each measured time. [s]"""
-    candidates = replay.candidates
-    measured = replay.events["measured_s"].to_numpy()[candidates["event"].to_numpy()]
-    off = (candidates["travel_time_s"] - measured).abs()
-    return off.groupby(candidates["event"]).min()
-
-
 @pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:.* have more eigenrays than are")
 def test_a_campaign_by_rays_with_drifting_errors_returns_them(tmp_path):
-    truth, (plain, learned) = replayed(tmp_path, None, "causal")
+    truth, (plain, learned) = replayed(tmp_path, "causal")
     assert median_of(learned) < min(1.0, 0.4 * median_of(plain))
     late = learned.events[200:]
     assert 0.90 <= late["measured_s"].between(late["low_s"], late["high_s"]).mean() <= 0.97
@@ -289,12 +280,3 @@ def test_a_campaign_by_rays_with_drifting_errors_returns_them(tmp_path):
     value = clocks["value"] - clocks["value"].mean()
     true = pd.Series(truth["offset"]) - np.mean(list(truth["offset"].values()))
     assert (np.abs(value - true[value.index]) < 3.0 * clocks["sigma"]).all()
-
-
-@pytest.mark.slow
-@pytest.mark.filterwarnings("ignore:.* have more eigenrays than are")
-def test_a_campaign_by_rays_with_constant_water_is_not_worse(tmp_path):
-    _, (plain, learned) = replayed(tmp_path, CONSTANT, "causal")
-    assert median_of(learned) < 1.05 * median_of(plain)
-    for quantile in (0.5, 0.75, 0.9):
-        assert nearest_of(learned).quantile(quantile) < 1.05 * nearest_of(plain).quantile(quantile)

@@ -275,7 +275,7 @@ ERRORS = {
     "strong water": {"water": 1.5},
     "wrong arrivals": {"water": 0.5, "ice": 0.5, "wrong_arrivals": 0.15},
 }
-N_CAMPAIGNS = 250
+N_CAMPAIGNS = 80
 
 
 def suspects(events):

@@ -49,7 +49,6 @@ def check(folder, tiny_run_folder):
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("options", "text"), [
-        pytest.param((), STATEMENTS, id="standard input"),
         pytest.param((), IN_A_THREAD, id="thread, from standard input"),
         pytest.param(("-i", "-q"), STATEMENTS, id="prompt"),
 ])  # fmt: skip

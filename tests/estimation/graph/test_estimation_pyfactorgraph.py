@@ -165,6 +165,19 @@ def test_depths_come_back_from_ranges(file):
     assert len(back["range"]) == len(graph["range"]) + len(graph["depth"]) + 1
 
 
+def test_a_range_shorter_than_the_horizontal_distance_is_no_depth(file):
+    path, graph, _ = file
+    lines = path.read_text().splitlines()
+    row = next(
+        k for k, line in enumerate(lines) if line.startswith("EDGE_RANGE") and "50000" in line
+    )
+    lines[row] = " ".join([*lines[row].split()[:4], "1e-3", "1"])
+    path.write_text("\n".join(lines) + "\n")
+    back, _ = read_pyfg(path)
+    assert len(back["depth"]) == 0
+    assert len(back["range"]) == len(graph["range"]) + len(graph["depth"])
+
+
 def test_isotropic_covariances_lose_depth_priors_alone(file):
     path, graph, _ = file
     assert len(open_graph(path, covariances="isotropic").graph["depth"]) == len(graph["depth"])

@@ -208,7 +208,6 @@ def test_without_outliers_robust_losses_cost_next_to_nothing(study):
             assert abs(study.ate(found) - study.clean) < 0.1 * study.clean, name
 
 
-@pytest.mark.slow
 def test_convex_loss_ends_in_one_place(study):
     dirty, _ = with_late_arrivals(study.graph, 0.1, 2)
     ends = [solve_robust(dirty, s, LOSSES["huber"]) for s in (study.truth, study.reckoned)]

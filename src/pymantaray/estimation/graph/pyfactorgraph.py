@@ -102,12 +102,14 @@ def with_depths(graph: FactorGraph, values: GraphValues) -> tuple[FactorGraph, G
     others = [rows.any() for name, rows in to_it.items() if name not in ("range", "survey")]
     if landmark < 0 or any(others) or (pose >= graph.n_poses).any():
         return graph, values
+    distance = ranges.column("distance")
+    across = np.square(values.position[pose, :2]).sum(axis=1)
+    if (np.square(distance) <= across).any():  # no depth: the file is of another program
+        return graph, values
     tables: dict[str, Factors] = {}
     for name, table in graph.tables.items():
         ends = table.variables - (table.variables > landmark)
         tables[name] = replace(table, variables=ends.astype(np.int32))[~to_it[name]]
-    distance = ranges.column("distance")
-    across = np.square(values.position[pose, :2]).sum(axis=1)
     below = distance - across / (distance + np.sqrt(np.square(distance) - across))
     depths = KINDS["depth"].table(pose, [below - ABOVE], ranges.covariance)
     tables["depth"] = tables["depth"].append(depths)
