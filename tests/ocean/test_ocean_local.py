@@ -10,7 +10,13 @@ from factories import QUICK
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
-from scipy.interpolate import BSpline, CubicHermiteSpline, RectBivariateSpline, make_interp_spline
+from scipy.interpolate import (
+    BSpline,
+    CubicHermiteSpline,
+    RectBivariateSpline,
+    RegularGridInterpolator,
+    make_interp_spline,
+)
 
 from pymantaray.acoustics import Medium
 from pymantaray.errors import OceanError
@@ -111,6 +117,52 @@ def test_the_grid_points_used_are_enough_for_the_spline_through_all(fram_strait)
     np.testing.assert_allclose(
         local["sound_speed"][..., 0], whole.ev(*nodes(local)), rtol=0.0, atol=1e-9
     )
+
+
+def chessboard(lat, lon):
+    """0 and 1 on squares of two by two grid points of HYCOM's grid."""
+    rows, columns = np.round(lat / 0.04).astype(int), np.round(lon / 0.08).astype(int)
+    return (rows // 2 + columns // 2) % 2
+
+
+@pytest.mark.parametrize("kelvin", [2.0, 16.0])
+def test_a_front_that_the_grid_does_not_resolve_is_linear(closed_form_ocean, kelvin):
+    """A chessboard of 2 K is splined through, one of 16 K is not."""
+    ocean = closed_form_ocean(
+        75.0,
+        0.0,
+        temperature=lambda _z, lat, lon: 3.0 + kelvin * chessboard(lat, lon),
+        n=(21, 21),
+        depth=[0.0, 100.0],
+    )
+    local = to_local(ocean, half_extent=(20e3, 20e3))
+    surface = ocean_sound_speed(ocean)[0]
+    places, axes = np.stack(nodes(local), axis=-1), (ocean["lat"].values, ocean["lon"].values)
+    linear = RegularGridInterpolator(axes, surface)(places)
+    spline = RectBivariateSpline(*axes, surface, s=0).ev(places[..., 0], places[..., 1])
+    by_spline = kelvin == 2.0
+    expected = spline if by_spline else linear
+    np.testing.assert_allclose(local["sound_speed"][..., 0], expected, rtol=0.0, atol=1e-9)
+    assert np.abs(spline - linear).max() > 0.5, "the difference is not visible"
+    notes = [note for medium in (ocean, local) for note in Medium.from_dataset(medium).notes]
+    found = [note for note in notes if note.startswith("along latitude and longitude the sound")]
+    assert len(found) == (0 if by_spline else 2)
+
+
+def test_a_front_below_the_sea_bed_bounds_nothing(closed_form_ocean):
+    """Only the water counts: what is extended below the sea bed reaches no ray."""
+
+    ocean = closed_form_ocean(
+        75.0,
+        0.0,
+        temperature=lambda z, lat, lon: 3.0 + 16.0 * chessboard(lat, lon) * (z > 350.0),
+        floor=lambda lat, _lon: np.where(lat > 75.0, 150.0, 1e4),
+        n=(21, 21),
+        depth=[0.0, 100.0, 200.0, 300.0, 400.0],
+    )
+    for lat, bounded in ((75.2, False), (74.8, True)):
+        local = to_local(ocean, (lat, 0.0), (6e3, 10e3))
+        assert ("sound_speed_bound" in local.attrs) == bounded
 
 
 @settings(QUICK)
