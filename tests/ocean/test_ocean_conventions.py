@@ -248,3 +248,17 @@ def test_a_data_set_without_time_is_an_ocean(tmp_path):
         )
     ocean.to_netcdf(tmp_path / "own.nc")
     xr.testing.assert_equal(open_ocean(tmp_path / "own.nc"), ocean)
+
+
+def test_longitudes_with_a_gap_are_refused():
+    """A spline across 90 degrees without grid points is no water; a window selects one side."""
+    lon = np.r_[LON[:4], LON[4:] + 90.0]
+    refused(OceanError, "longitude has a gap from 6.28571 to 96.7143", open_ocean, model(lon=lon))
+    assert open_ocean(model(lon=lon), window=(10.0, 12.0, 5.0, 7.0)).sizes["lon"] == 4
+
+
+@pytest.mark.parametrize("window", [(10.0, 12.0, -180.0, 180.0), (10.0, 12.0, 6.0, 366.0)])
+def test_a_window_around_the_globe_takes_all_longitudes(window):
+    lon = LON + 173.0
+    ocean = open_ocean(model(lon=lon), window=window)
+    np.testing.assert_allclose(np.diff(ocean["lon"]), np.diff(lon))

@@ -19,7 +19,7 @@ from pymantaray.geometry.splines import ACROSS_MARGIN, axis_spline
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
-from pymantaray.ocean.window import Window, rectangle
+from pymantaray.ocean.window import Window, centred, rectangle
 
 # grid points beyond the domain for interpolation; a point n away has the influence 0.268^n, here
 # 1e-23
@@ -106,7 +106,7 @@ def local_grid(
     equation: Equation = "teos-10",
 ) -> "LocalGrid":
     """Local grid of an ocean, with the arguments and errors of `to_local`."""
-    points = GridPoints.of(ocean, equation)
+    points = GridPoints.of(centred(ocean, centre), equation)
     window = Window.on(points.lat, points.lon, centre)
     half = window.largest_rectangle() if half_extent is None else window.checked_sides(half_extent)
     part = points.around(window.geographic(*rectangle(*half)), _SPLINE)
@@ -177,6 +177,12 @@ class LocalGrid:
         a node of the water by more than the margin; and a note about this.
         """
         field = self.points.sound_speed(self.added)
+        if not np.isfinite(field).all():
+            south = f"{self.window.lat[0]:g} to {self.window.lat[-1]:g}"
+            raise OceanError(
+                f"sound speed: no value at some points of latitude {south}; TEOS-10 has no sea water"
+                " south of 86 S; use a domain north of it"
+            )
         smooth = self._smooth(field)
         level, beyond = self._furthest_beyond(field, smooth)
         if beyond <= ACROSS_MARGIN:
