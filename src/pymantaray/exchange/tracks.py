@@ -18,6 +18,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Trajectories, VehicleStatus
+from pymantaray.records.dates import seconds_since
 from pymantaray.records.digits import counted
 from pymantaray.records.position_rows import PositionRows, order_of_times
 from pymantaray.records.text_table import check_speed
@@ -119,9 +120,8 @@ class Tracks:
         start = min(p.time[0] for p in clean)
         if not np.issubdtype(clean[0].time.dtype, np.datetime64):
             return cls(tuple(p._replace(time=p.time - start) for p in clean), None, tuple(notes))
-        second = np.timedelta64(1_000_000_000, "ns")
         return cls(
-            tuple(p._replace(time=(p.time - start) / second) for p in clean), start, tuple(notes)
+            tuple(p._replace(time=seconds_since(p.time, start)) for p in clean), start, tuple(notes)
         )
 
     @classmethod
@@ -353,7 +353,7 @@ def _metres(place: Array) -> Array:
 def _possible(p: Poses, notes: list[str]) -> Poses:
     """Poses with possible positions in order of time; the rule is that of `PositionRows`."""
     dated = np.issubdtype(p.time.dtype, np.datetime64)
-    seconds = (p.time - p.time[0]) / np.timedelta64(1, "s") if dated else p.time
+    seconds = seconds_since(p.time, p.time[0]) if dated else p.time
     line = np.arange(len(p.time)) if p.line is None else p.line
     noun = "pose" if p.line is None else "line"
     order, note = order_of_times(

@@ -47,7 +47,8 @@ class LocalFrame:
         ):
             raise GeometryError(
                 f"frame centre: latitude {latitude_deg}, longitude {longitude_deg}; both must be"
-                f" finite, latitude must be -90 to 90 and longitude -{_TURNS:g} to {_TURNS:g} degrees"
+                f" finite, latitude must be -90 to 90 and longitude -{_TURNS:g} to {_TURNS:g}"
+                " degrees"
             )
         self.latitude_deg = float(latitude_deg)
         self.longitude_deg = float(wrap_longitude(longitude_deg))

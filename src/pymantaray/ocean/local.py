@@ -66,8 +66,8 @@ def to_local(
         ``sound_speed``, ``current_north``, ``current_east`` (components along the frame's axes)
         [m/s] and ``sea_floor_depth`` (north, east) [m]. Attributes ``centre_latitude_deg``,
         ``centre_longitude_deg``, ``proj_string``, ``scale_error_max`` (largest distortion of
-        lengths in the domain), ``time``, ``title``, ``source``, ``synthetic``; ``sound_speed_bound``
-        is a note about sound speed that is linear, see Notes.
+        lengths in the domain), ``time``, ``title``, ``source``, ``synthetic``;
+        ``sound_speed_bound`` is a note about sound speed that is linear, see Notes.
 
         A separate sea floor has its own axes ``(floor_north, floor_east)`` [m] with about the
         spacing of its file, or of the ocean if that is finer, and levels are added down to its
@@ -180,8 +180,8 @@ class LocalGrid:
         if not np.isfinite(field).all():
             south = f"{self.window.lat[0]:g} to {self.window.lat[-1]:g}"
             raise OceanError(
-                f"sound speed: no value at some points of latitude {south}; TEOS-10 has no sea water"
-                " south of 86 S; use a domain north of it"
+                f"sound speed: no value at some points of latitude {south}; TEOS-10 has no sea"
+                " water south of 86 S; use a domain north of it"
             )
         smooth = self._smooth(field)
         level, beyond = self._furthest_beyond(field, smooth)
