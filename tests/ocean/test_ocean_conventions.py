@@ -269,7 +269,7 @@ def with_time(value, units, **attrs):
 
 
 @pytest.mark.parametrize(("value", "units", "message"), [
-    (-135_140.0, "days since 1970-01-01", "has the year 1599; allowed: 1678 to 2261"),
+    (-135_140.0, "days since 1970-01-01", "has the year 1600; allowed: 1678 to 2261"),
     (0.0, "hours since 2263-01-01", "has the year 2263"),
     (0.0, "days since 50-01-01", "has the year 50"),
     (np.inf, "hours since 2000-01-01", "has infinite values"),

@@ -26,6 +26,7 @@ from pymantaray.records.text_table import check_speed
 SAME_TIME = 1e-6
 """Times that differ by less count as one. [s]"""
 _M_PER_DEGREE = 111_100.0
+_DEEPEST = 12_000.0  # m
 _ABOVE_SURFACE = 5.0  # m; up to this an error of a depth sensor, beyond it an axis that points up
 _SAME_VEHICLE = 10.0  # m
 _MAX_COMPARED = 50  # vehicles
@@ -411,6 +412,12 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
         raise ExchangeError(
             f"{who}: pose {int(np.argmin(np.isfinite(place).all(axis=1)))} has a position that is"
             " not finite; correct or remove it"
+        )
+    deepest = int(np.argmax(place[:, 2]))
+    if place[deepest, 2] > _DEEPEST:
+        raise ExchangeError(
+            f"{who}: depth {place[deepest, 2]:g} m of pose {deepest} is below any sea; correct or"
+            " remove it"
         )
     top = float(place[:, 2].min())
     if top < -_ABOVE_SURFACE:
