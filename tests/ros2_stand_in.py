@@ -17,6 +17,8 @@ class Time:
 
     @classmethod
     def from_msg(cls, stamp):
+        if stamp.sec < 0:  # as in rclpy
+            raise ValueError("Seconds value must not be negative")
         return cls(nanoseconds=stamp.sec * 10**9 + stamp.nanosec)
 
     def to_msg(self):

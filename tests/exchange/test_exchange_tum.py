@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from pymantaray.errors import MantaRayError
+from pymantaray.errors import ExchangeError, MantaRayError
 from pymantaray.estimation import read_pyfg
-from pymantaray.exchange import write_graph_tum, write_tum
+from pymantaray.exchange import read_trajectories, write_graph_tum, write_tum
 from pymantaray.geometry.se3 import quaternion_from_matrix, so3_exp
 
 
@@ -62,3 +62,17 @@ def test_each_vehicle_of_a_graph_gets_a_file_in_order_of_its_poses(tmp_path, lin
     assert read[0].positions_xyz[:, 0].tolist() == [0.0, 1.0]
     if len(read) == 2:
         assert read[1].orientations_quat_wxyz[0].tolist() == [0.8, 0.0, 0.0, 0.6]
+
+
+@pytest.mark.parametrize(("word", "message"), [
+    ("1_000", "1 line left out, not readable"),
+    ("99999", "depth 99999 m of pose 3 is below any sea"),
+])  # fmt: skip
+def test_a_word_that_is_no_depth_is_no_pose(tmp_path, word, message):
+    rows = [f"{k} {k} 0 {word if k == 3 else 50} 0 0 0 1" for k in range(9)]
+    (tmp_path / "a.tum").write_text("\n".join(rows))
+    try:
+        (said,) = read_trajectories(tmp_path / "a.tum").notes
+    except ExchangeError as error:
+        said = str(error)
+    assert message in said

@@ -95,7 +95,7 @@ def test_scale_is_one_at_the_centre_and_grows_with_squared_distance():
 @pytest.mark.parametrize(("latitude", "longitude"), [(90.1, 0.0), (np.nan, 0.0), (0.0, np.inf)])
 def test_impossible_centre_is_refused(latitude, longitude):
     with pytest.raises(
-        GeometryError, match="both must be finite, and latitude must be in -90 to 90"
+        GeometryError, match="both must be finite, latitude must be -90 to 90 and longitude"
     ) as error:
         LocalFrame(latitude, longitude)
     assert "\n" not in str(error.value)

@@ -248,3 +248,44 @@ def test_a_data_set_without_time_is_an_ocean(tmp_path):
         )
     ocean.to_netcdf(tmp_path / "own.nc")
     xr.testing.assert_equal(open_ocean(tmp_path / "own.nc"), ocean)
+
+
+def test_longitudes_with_a_gap_are_refused():
+    """A spline across 90 degrees without grid points is no water; a window selects one side."""
+    lon = np.r_[LON[:4], LON[4:] + 90.0]
+    refused(OceanError, "longitude has a gap from 6.28571 to 96.7143", open_ocean, model(lon=lon))
+    assert open_ocean(model(lon=lon), window=(10.0, 12.0, 5.0, 7.0)).sizes["lon"] == 4
+
+
+@pytest.mark.parametrize("window", [(10.0, 12.0, -180.0, 180.0), (10.0, 12.0, 6.0, 366.0)])
+def test_a_window_around_the_globe_takes_all_longitudes(window):
+    lon = LON + 173.0
+    ocean = open_ocean(model(lon=lon), window=window)
+    np.testing.assert_allclose(np.diff(ocean["lon"]), np.diff(lon))
+
+
+def with_time(value, units, **attrs):
+    return model().assign_coords(time=("time", [value], {"units": units, **attrs}))
+
+
+@pytest.mark.parametrize(("value", "units", "message"), [
+    (-135_140.0, "days since 1970-01-01", "has the year 1600; allowed: 1678 to 2261"),
+    (0.0, "hours since 2263-01-01", "has the year 2263"),
+    (0.0, "days since 50-01-01", "has the year 50"),
+    (np.inf, "hours since 2000-01-01", "has infinite values"),
+    (0.0, "hours since 2000-01-01 00:00:00 EST", "cannot be read with certainty"),
+    (0.0, "days since 01/02/2000", "cannot be read with certainty"),
+])  # fmt: skip
+def test_an_instant_that_may_be_another_is_refused(value, units, message):
+    """64-bit nanoseconds wrap around: the year 1600 was read as 2184."""
+    refused(OceanError, message, ocean_times, with_time(value, units))
+
+
+@pytest.mark.parametrize(("value", "units", "instant"), [
+    (735_601.0, "days since 0001-01-01", "2015-01-02"),
+    (3.0, "months since 2000-01-15", "2000-04-15"),
+    (0.0, "hours since 2000-01-01 00:00:00 -3:30", "2000-01-01T03:30"),
+    (0.0, "hours since 2000-01-01 00:00:00 UTC", "2000-01-01"),
+])  # fmt: skip
+def test_an_origin_of_times_is_read_whole(value, units, instant):
+    assert ocean_times(with_time(value, units))[0] == np.datetime64(instant)

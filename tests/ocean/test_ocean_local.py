@@ -10,15 +10,21 @@ from factories import QUICK
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from refusals import refused
-from scipy.interpolate import BSpline, CubicHermiteSpline, RectBivariateSpline, make_interp_spline
+from scipy.interpolate import (
+    BSpline,
+    CubicHermiteSpline,
+    RectBivariateSpline,
+    RegularGridInterpolator,
+    make_interp_spline,
+)
 
 from pymantaray.acoustics import Medium
-from pymantaray.errors import OceanError
+from pymantaray.errors import GeometryError, OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.splines import AxisSpline
-from pymantaray.ocean import to_local
+from pymantaray.ocean import assemble_ocean, check_ocean, to_local
 from pymantaray.ocean.seawater import ocean_sound_speed, sound_speed
-from pymantaray.ocean.window import Window
+from pymantaray.ocean.window import Window, crop_around
 
 GEOD = pyproj.Geod(ellps="WGS84")
 
@@ -113,6 +119,52 @@ def test_the_grid_points_used_are_enough_for_the_spline_through_all(fram_strait)
     )
 
 
+def chessboard(lat, lon):
+    """0 and 1 on squares of two by two grid points of HYCOM's grid."""
+    rows, columns = np.round(lat / 0.04).astype(int), np.round(lon / 0.08).astype(int)
+    return (rows // 2 + columns // 2) % 2
+
+
+@pytest.mark.parametrize("kelvin", [2.0, 16.0])
+def test_a_front_that_the_grid_does_not_resolve_is_linear(closed_form_ocean, kelvin):
+    """A chessboard of 2 K is splined through, one of 16 K is not."""
+    ocean = closed_form_ocean(
+        75.0,
+        0.0,
+        temperature=lambda _z, lat, lon: 3.0 + kelvin * chessboard(lat, lon),
+        n=(21, 21),
+        depth=[0.0, 100.0],
+    )
+    local = to_local(ocean, half_extent=(20e3, 20e3))
+    surface = ocean_sound_speed(ocean)[0]
+    places, axes = np.stack(nodes(local), axis=-1), (ocean["lat"].values, ocean["lon"].values)
+    linear = RegularGridInterpolator(axes, surface)(places)
+    spline = RectBivariateSpline(*axes, surface, s=0).ev(places[..., 0], places[..., 1])
+    by_spline = kelvin == 2.0
+    expected = spline if by_spline else linear
+    np.testing.assert_allclose(local["sound_speed"][..., 0], expected, rtol=0.0, atol=1e-9)
+    assert np.abs(spline - linear).max() > 0.5, "the difference is not visible"
+    notes = [note for medium in (ocean, local) for note in Medium.from_dataset(medium).notes]
+    found = [note for note in notes if note.startswith("along latitude and longitude the sound")]
+    assert len(found) == (0 if by_spline else 2)
+
+
+def test_a_front_below_the_sea_bed_bounds_nothing(closed_form_ocean):
+    """Only the water counts: what is extended below the sea bed reaches no ray."""
+
+    ocean = closed_form_ocean(
+        75.0,
+        0.0,
+        temperature=lambda z, lat, lon: 3.0 + 16.0 * chessboard(lat, lon) * (z > 350.0),
+        floor=lambda lat, _lon: np.where(lat > 75.0, 150.0, 1e4),
+        n=(21, 21),
+        depth=[0.0, 100.0, 200.0, 300.0, 400.0],
+    )
+    for lat, bounded in ((75.2, False), (74.8, True)):
+        local = to_local(ocean, (lat, 0.0), (6e3, 10e3))
+        assert ("sound_speed_bound" in local.attrs) == bounded
+
+
 @settings(QUICK)
 @given(
     n=st.integers(1, 40),
@@ -160,6 +212,55 @@ def test_sound_speed_goes_on_rising_beneath_the_sea_bed(closed_form_ocean):
 ])  # fmt: skip
 def test_what_does_not_fit_is_refused_in_one_line(fram_strait, options, message):
     refused(OceanError, message, to_local, fram_strait, **options)
+
+
+def globe(first_lon, lat):
+    """Ocean around the globe on latitudes, with a temperature that is smooth on the sphere."""
+    lon = first_lon + 2.0 * np.arange(180.0)
+    grid = np.radians(lat)[:, None], np.radians(lon)
+    temperature = 5.0 + 3.0 * np.cos(grid[0]) * np.cos(grid[1])
+    shape = (2, *temperature.shape)
+    fields = {"water_temp": np.broadcast_to(temperature, shape), "salinity": np.full(shape, 34.0)}
+    fields |= {name: np.zeros(shape) for name in ("water_u", "water_v")}
+    return assemble_ocean(
+        {"depth": np.array([0.0, 100.0]), "lat": lat, "lon": lon},
+        np.datetime64("2020-01-01"),
+        fields,
+        title="globe",
+        source="test",
+        synthetic=True,
+    )
+
+
+@pytest.mark.parametrize("first_lon", [-180.0, -179.0, 0.0, -358.0])
+@pytest.mark.parametrize("centre", [(61.0, 180.0), (61.0, -0.5), (89.0, 1.0), (89.0, -179.9)])
+def test_an_ocean_around_the_globe_has_no_seam(first_lon, centre):
+    ocean = globe(first_lon, np.linspace(60.0, 90.0, 301))
+    half = (30e3, 60e3 if centre[0] > 80.0 else 200e3)
+    cropped = crop_around(ocean, centre, half)
+    for tolerance, water in ((1e-3, ocean), (0.05, cropped)):  # a few columns make a poorer spline
+        local = to_local(water, centre, half)
+        lat, lon = nodes(local)
+        temperature = 5.0 + 3.0 * np.cos(np.radians(lat)) * np.cos(np.radians(lon))
+        truth = sound_speed(temperature, 34.0, 0.0, lat, lon)
+        np.testing.assert_allclose(local["sound_speed"][..., 0], truth, rtol=0.0, atol=tolerance)
+
+
+@pytest.mark.parametrize(("centre", "half", "message"), [
+    ((89.9, 0.0), (20e3, 20e3), "contains a pole; set half_extent to at most"),
+    ((90.0, 0.0), (20e3, 20e3), "is at a pole, where north has no direction"),
+    ((61.0, 1e9), (20e3, 20e3), "longitude -720 to 720"),
+])  # fmt: skip
+def test_a_domain_with_a_pole_in_it_is_refused(centre, half, message):
+    ocean = globe(0.0, np.linspace(85.0, 90.0, 11))
+    refused((OceanError, GeometryError), message, to_local, ocean, centre, half)
+    assert check_ocean(ocean, centre=centre, half_extent=half).named("coverage") is not None
+
+
+def test_water_south_of_86_s_has_no_sound_speed():
+    ocean = globe(0.0, -np.arange(85.0, 89.1, 0.5)[::-1])
+    message = "TEOS-10 has no sea water south of 86 S"
+    refused(OceanError, message, to_local, ocean, (-88.0, 10.0), (5e3, 5e3))
 
 
 def interpolant(local, points):

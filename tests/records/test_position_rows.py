@@ -186,3 +186,19 @@ def test_a_single_time_that_falls_is_refused_between_whole_files():
 def test_rows_repeat_only_if_all_columns_do():
     names = np.array(["A", "B", "A", "A"])
     assert repeated_rows([np.array([1.0, 1.0, 1.0, 2.0]), names]).tolist() == [0, 0, 1, 0]
+
+
+@pytest.mark.parametrize(("count", "message"), [(1_100, ""), (60_000, "does not return")])
+def test_thousands_of_gross_rows_are_out_or_refused(count, message):
+    """Each gross row makes two jumps; more than 20,000 jumps are no track."""
+    time = np.arange(8.0 * count)
+    position = np.column_stack([75.0 + 1e-6 * time, 10.0 + 0.0 * time])
+    position[3::8, 0] = 50.0
+    rows = PositionRows("a.csv", RecordError)
+    line = np.arange(time.size)
+    if message:
+        refused(RecordError, message, rows.possible, time, position, line, geographic=True)
+        return
+    keep = rows.possible(time, position, line, geographic=True)
+    np.testing.assert_array_equal(np.flatnonzero(~keep), np.arange(3, time.size, 8))
+    assert rows.notes[0].startswith("a.csv: 1,100 lines left out")

@@ -41,7 +41,13 @@ class RangingNode(Node):
             raise MantaRayError(
                 f"vehicles is {vehicles}; names must differ and have letters, digits and _ only"
             )
-        self._origin = round(self.get_parameter("time_origin").value * 1e9)
+        origin, slot = (self.get_parameter(name).value for name in ("time_origin", "slot"))
+        if not (vehicles and math.isfinite(origin) and math.isfinite(slot)):
+            raise MantaRayError(
+                f"vehicles is {vehicles}, time_origin {origin} and slot {slot}; at least one"
+                " vehicle and finite times are needed"
+            )
+        self._origin = round(origin * 1e9)
         self._ranging = RangingService(list(self.get_parameter("ocean").value))
         self._tracks = Tracks(vehicles)
         self._waiting = []
@@ -57,7 +63,6 @@ class RangingNode(Node):
                 Trigger, f"{name}/ping", lambda _, reply, name=name: self._asked(name, reply)
             )
         self.create_subscription(Header, "ping", self._pinged, DEPTH)
-        slot = self.get_parameter("slot").value
         if slot > 0.0:
             turns = cycle(vehicles)
             self.create_timer(slot, lambda: self._wait(self._now(), next(turns)))
@@ -68,16 +73,31 @@ class RangingNode(Node):
     def _moved(self, name, pose):
         """Keep a pose, from east, north, up."""
         place = pose.pose.pose.position
-        stamp = Time.from_msg(pose.header.stamp).nanoseconds
+        stamp = self._stamp(pose.header, f"pose of {name}")
+        if stamp is None:
+            return
+        if not all(map(math.isfinite, (place.x, place.y, place.z))):
+            self.get_logger().warning(f"pose of {name} at {stamp * 1e-9:g} s is not finite")
+            return
         self._tracks.add(name, stamp, (place.y, place.x, -place.z))
         self._answer()
+
+    def _stamp(self, header, what):
+        """Stamp of a message [ns]; None with a warning for one before 1970."""
+        try:
+            return Time.from_msg(header.stamp).nanoseconds
+        except ValueError as error:
+            self.get_logger().warning(f"{what}: {error}")
+            return None
 
     def _pinged(self, ping):
         if ping.frame_id not in self._measured:
             known = ", ".join(self._measured)
             self.get_logger().warning(f"ping of unknown vehicle {ping.frame_id!r}; known: {known}")
             return
-        self._wait(Time.from_msg(ping.stamp).nanoseconds, ping.frame_id)
+        stamp = self._stamp(ping, f"ping of {ping.frame_id}")
+        if stamp is not None:
+            self._wait(stamp, ping.frame_id)
 
     def _wait(self, stamp, transmitter):
         """Answer a ping when all poses of its time are there: topics have no common order."""

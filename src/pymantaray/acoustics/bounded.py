@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.geometry.natural_spline import SLOPE_SHARE, hermite_overshoot, natural_slopes
-from pymantaray.geometry.splines import spline_overshoot
+from pymantaray.geometry.splines import ACROSS_MARGIN, spline_overshoot
 
 DEPTH_MARGIN = 3.0
 """Distance by which a spline in depth may leave the range of two neighbouring levels. [m/s]"""
-ACROSS_MARGIN = 5.0
-"""The same for a spline along north or east, of two neighbouring grid points. [m/s]"""
 LEAST_STEP = 1e-9  # m; between values of an axis; derivatives across smaller steps overflow
 _STRAIGHT = 0.05  # m/s; departure of the spline through added levels from the straight line
 _STEEPEST = 1e3  # 1/s; rays cross greater gradients of sound speed inaccurately

@@ -345,7 +345,7 @@ class Medium:
             ocean = ocean_in_metres(ocean)
         require_local(ocean, "sound_speed", "sea_floor_depth", "north", "east", "depth")
         latitude = ocean.attrs.get("centre_latitude_deg")
-        return cls.from_grid(
+        medium = cls.from_grid(
             ocean["north"].values,
             ocean["east"].values,
             ocean["depth"].values,
@@ -355,6 +355,7 @@ class Medium:
             ice_draft=ice_of(ocean),
             earth=_sphere_at(None if latitude is None else float(latitude), earth),
         )
+        return medium._with_note(str(ocean.attrs.get("sound_speed_bound", "")))
 
     @classmethod
     def from_local_grid(
@@ -382,7 +383,7 @@ class Medium:
         -------
         Medium
         """
-        return cls.from_grid(
+        medium = cls.from_grid(
             grid.north,
             grid.east,
             grid.depth,
@@ -392,6 +393,11 @@ class Medium:
             ice_draft=ice_draft,
             earth=_sphere_at(grid.window.frame.latitude_deg, earth),
         )
+        return medium._with_note(grid.bound)
+
+    def _with_note(self, note: str) -> Self:
+        """Medium with a note about its source, if there is one."""
+        return replace(self, notes=(note, *self.notes)) if note else self
 
     def with_earth(self, earth: EarthSphere | None) -> Self:
         """

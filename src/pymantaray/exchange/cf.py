@@ -25,6 +25,7 @@ from pymantaray.ocean.cf_profiles import instance_of_rows, labels_of, without_ba
 from pymantaray.ocean.convert import decoded_times, to_our_unit
 from pymantaray.ocean.files import reading, text
 from pymantaray.records import write_netcdf
+from pymantaray.records.dates import seconds_since
 from pymantaray.records.position_rows import PositionRows
 
 _QUANTITIES = {
@@ -289,7 +290,7 @@ class _TrajectoryReader:
         dates = self._dates(seconds[known], time)
         positions = PositionRows(self._path, ExchangeError, noun="row")
         keep = positions.possible(
-            (dates - dates[0]) / np.timedelta64(1, "s"),
+            seconds_since(dates, dates[0]),
             np.column_stack([lat[rows], lon[rows]]),
             rows,
             geographic=True,

@@ -14,6 +14,7 @@ import numpy as np
 from pymantaray.errors import ExchangeError
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import Poses
+from pymantaray.quantities.checks import parsed_number
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.user_files import read_text
 
@@ -73,7 +74,7 @@ def read_euroc(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
 def _stamp_and_pose(cells: list[str], columns: list[int]) -> tuple[int, list[float]]:
     """Time stamp [ns] and finite numbers of a row; a ValueError or IndexError for other rows."""
     stamp = int(cells[0])
-    pose = [float(cells[k]) for k in columns]
+    pose = [parsed_number(cells[k]) for k in columns]
     if abs(stamp) > _LAST_STAMP or not np.isfinite(pose).all():
         raise ValueError(cells[0])
     return stamp, pose

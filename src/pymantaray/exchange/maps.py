@@ -117,7 +117,8 @@ def _placemark(folder: ET.Element, feature: Feature) -> None:
     data = ET.SubElement(mark, "ExtendedData")
     for name, value in feature.properties.items():
         if name != "name" and _json_value(value) is not None:
-            _text(ET.SubElement(data, "Data", name=name), "value", str(_json_value(value)))
+            item = ET.SubElement(data, "Data", name=printable(name))
+            _text(item, "value", str(_json_value(value)))
     parts = feature.parts
     parent = mark if len(parts) == 1 else ET.SubElement(mark, "MultiGeometry")
     for part in parts:

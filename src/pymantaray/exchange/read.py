@@ -20,6 +20,7 @@ from pymantaray.exchange.table import read_frame, read_table
 from pymantaray.exchange.tracks import Poses, Tracks, poses_of_record, same_vehicle_notes
 from pymantaray.exchange.tum import read_tum
 from pymantaray.ocean.files import open_file
+from pymantaray.quantities.checks import parsed_number
 from pymantaray.records import Trajectories
 from pymantaray.records.digits import counted
 from pymantaray.user_files import exists, first_bytes, matching_files, shown
@@ -109,7 +110,7 @@ def _text_format(path: Path) -> str:
     first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
     cells = re.split(r"[\s,;]+", first.strip(" \t,;"))
     try:
-        _ = [float(cell) for cell in cells]
+        _ = [parsed_number(cell) for cell in cells]
     except ValueError:
         return "table"
     if len(cells) not in _NUMBERS:

@@ -12,6 +12,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, RecordError, SensingError, optional_package
 from pymantaray.exchange.centre import centre_in_comments
 from pymantaray.exchange.tracks import Poses, about_down, level
+from pymantaray.records.dates import seconds_since
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.position_rows import distances, missing_fixes
 from pymantaray.records.status import TRUTH
@@ -208,7 +209,7 @@ def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
                 f"{path}: times are dates, but the start of the mission has no date; give seconds"
                 " since the start"
             )
-        time = (time - start) / np.timedelta64(1_000_000_000, "ns")
+        time = seconds_since(time, start)
     receivers: list[list[str]] = []
     if "receivers" in table.frame:
         receivers = table.frame["receivers"].str.split().tolist()

@@ -18,6 +18,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Trajectories, VehicleStatus
+from pymantaray.records.dates import seconds_since
 from pymantaray.records.digits import counted
 from pymantaray.records.position_rows import PositionRows, order_of_times
 from pymantaray.records.text_table import check_speed
@@ -25,6 +26,7 @@ from pymantaray.records.text_table import check_speed
 SAME_TIME = 1e-6
 """Times that differ by less count as one. [s]"""
 _M_PER_DEGREE = 111_100.0
+_DEEPEST = 12_000.0  # m
 _ABOVE_SURFACE = 5.0  # m; up to this an error of a depth sensor, beyond it an axis that points up
 _SAME_VEHICLE = 10.0  # m
 _MAX_COMPARED = 50  # vehicles
@@ -119,9 +121,8 @@ class Tracks:
         start = min(p.time[0] for p in clean)
         if not np.issubdtype(clean[0].time.dtype, np.datetime64):
             return cls(tuple(p._replace(time=p.time - start) for p in clean), None, tuple(notes))
-        second = np.timedelta64(1_000_000_000, "ns")
         return cls(
-            tuple(p._replace(time=(p.time - start) / second) for p in clean), start, tuple(notes)
+            tuple(p._replace(time=seconds_since(p.time, start)) for p in clean), start, tuple(notes)
         )
 
     @classmethod
@@ -353,7 +354,7 @@ def _metres(place: Array) -> Array:
 def _possible(p: Poses, notes: list[str]) -> Poses:
     """Poses with possible positions in order of time; the rule is that of `PositionRows`."""
     dated = np.issubdtype(p.time.dtype, np.datetime64)
-    seconds = (p.time - p.time[0]) / np.timedelta64(1, "s") if dated else p.time
+    seconds = seconds_since(p.time, p.time[0]) if dated else p.time
     line = np.arange(len(p.time)) if p.line is None else p.line
     noun = "pose" if p.line is None else "line"
     order, note = order_of_times(
@@ -411,6 +412,12 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
         raise ExchangeError(
             f"{who}: pose {int(np.argmin(np.isfinite(place).all(axis=1)))} has a position that is"
             " not finite; correct or remove it"
+        )
+    deepest = int(np.argmax(place[:, 2]))
+    if place[deepest, 2] > _DEEPEST:
+        raise ExchangeError(
+            f"{who}: depth {place[deepest, 2]:g} m of pose {deepest} is below any sea; correct or"
+            " remove it"
         )
     top = float(place[:, 2].min())
     if top < -_ABOVE_SURFACE:

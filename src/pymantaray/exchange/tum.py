@@ -16,6 +16,7 @@ from pymantaray.exchange.centre import Centre, centre_comments, centre_in_commen
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import Poses
 from pymantaray.messages import one_line
+from pymantaray.quantities.checks import parsed_number
 from pymantaray.records import whole_file
 from pymantaray.records.digits import counted
 from pymantaray.records.invalid_lines import InvalidLines
@@ -156,7 +157,7 @@ def text_numbers(
         if not words:
             continue
         try:
-            row = [float(word) for word in words]
+            row = [parsed_number(word) for word in words]
         except ValueError:
             wrong.add(path, number, f"{one_line(line, 60)!r} has a word that is no number; {about}")
             continue

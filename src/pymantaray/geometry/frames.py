@@ -13,6 +13,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError
 from pymantaray.geometry.longitude import wrap_longitude
 
+_TURNS = 720.0  # degrees; a longitude in another turn, but not a wrong number
 ELLIPSOID = pyproj.Geod(ellps="WGS84")
 
 
@@ -42,10 +43,12 @@ class LocalFrame:
         if (
             not (math.isfinite(latitude_deg) and math.isfinite(longitude_deg))
             or abs(latitude_deg) > 90.0
+            or abs(longitude_deg) > _TURNS
         ):
             raise GeometryError(
                 f"frame centre: latitude {latitude_deg}, longitude {longitude_deg}; both must be"
-                " finite, and latitude must be in -90 to 90"
+                f" finite, latitude must be -90 to 90 and longitude -{_TURNS:g} to {_TURNS:g}"
+                " degrees"
             )
         self.latitude_deg = float(latitude_deg)
         self.longitude_deg = float(wrap_longitude(longitude_deg))

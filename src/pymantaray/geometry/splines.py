@@ -8,6 +8,11 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array
 from pymantaray.geometry.natural_spline import SLOPE_SHARE, hermite_overshoot
 
+ACROSS_MARGIN = 5.0
+"""
+Distance by which a spline of sound speed may leave neighbouring grid points along horizontal axes.
+[m/s]
+"""
 _VALUES_PER_PART = 2**20  # that `spline_overshoot` compares at a time
 
 

@@ -24,7 +24,7 @@ from pymantaray.ocean.seawater import (
     ocean_sound_speed,
     supercooling,
 )
-from pymantaray.ocean.window import Window, half_sides_within
+from pymantaray.ocean.window import Window, centred, half_sides_within
 from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
@@ -336,6 +336,7 @@ def _coverage(
     Check that the ocean covers the domain and the fleet, the grid spacing and the projection error.
     """
     try:
+        ocean = centred(ocean, centre)
         window = Window.of(ocean, centre)
         largest = window.largest_rectangle()
     except (OceanError, GeometryError) as error:

@@ -40,6 +40,8 @@ _MIN_MAX_SALINITY = 0.06  # a lower maximum means kg/kg with a wrong unit
 _CALENDARS = ("", "standard", "gregorian", "proleptic_gregorian", "none")
 _MAX_MONTHS = 12_000.0
 _MAX_YEARS = 250  # from an origin after 1900: the years that 64-bit nanoseconds can represent
+_FIRST_YEAR, _LAST_YEAR = 1678, 2261
+_UTC = ("z", "t", "utc", "gmt")
 _TIME_TOLERANCE = np.timedelta64(1, "m")  # between the requested and an available instant
 
 _METRES = "m meter meters metre metres"
@@ -196,7 +198,9 @@ def without_scaled_fill(name: str, values: Array) -> Array:
 def parse_instant(time: str | np.datetime64) -> np.datetime64:
     """Instant in UTC from text or numpy.datetime64; text without a zone is UTC."""
     try:  # pandas also reads "now", and numbers as nanoseconds
-        is_date = not isinstance(time, str) or re.match(r"\s*-?\d{4}", time)
+        is_date = not isinstance(time, str) or (
+            time.isprintable() and re.match(r"\s*-?\d{4}", time)
+        )
         stamp = pd.Timestamp(time) if is_date else pd.NaT
     except (TypeError, ValueError):
         stamp = pd.Timestamp("NaT")
@@ -206,7 +210,8 @@ def parse_instant(time: str | np.datetime64) -> np.datetime64:
         stamp = stamp.tz_convert("UTC").tz_localize(None)
     if not pd.Timestamp.min <= stamp <= pd.Timestamp.max:
         raise OceanError(
-            f"time {time!r} is out of range; allowed: 1678 to 2261 (64-bit nanoseconds)"
+            f"time {time!r} is out of range; allowed: {_FIRST_YEAR} to {_LAST_YEAR} (64-bit"
+            " nanoseconds)"
         )
     return stamp.to_datetime64()
 
@@ -263,7 +268,8 @@ def _months_since(values: Array, unit: str, where: str) -> Instants:
     Instants of a count of calendar months, as in the World Ocean Atlas; fractions are of the length
     of the month.
     """
-    origin = parse_instant(unit.split(" since ", 1)[1]).astype("datetime64[M]")
+    start = parse_instant(unit.split(" since ", 1)[1])
+    origin = start.astype("datetime64[M]")
     if not np.all(np.isfinite(values)) or np.abs(values).max(initial=0.0) > _MAX_MONTHS:
         raise OceanError(
             f"{where} has months from {values.min():g} to {values.max():g}; correct the axis"
@@ -277,26 +283,42 @@ def _months_since(values: Array, unit: str, where: str) -> Instants:
     first, after = (origin + (whole + k).astype("timedelta64[M]") for k in (0, 1))
     length = (after.astype("datetime64[ns]") - first.astype("datetime64[ns]")).astype(float)
     part = np.round((values - whole) * length).astype("timedelta64[ns]")
-    return np.asarray(first.astype("datetime64[ns]") + part)
+    return np.asarray(first.astype("datetime64[ns]") + part + (start - origin))
 
 
 def decoded_times(values: Array, unit: str, calendar: str = "", *, where: str) -> Instants:
     """
     Instants from numbers with units 'UNIT since ORIGIN', exact to the nanosecond for integers.
     """
+    zone = re.search(r"\d\s*([a-z]+)\s*$", unit.lower().partition(" since ")[2])
+    if (zone and zone[1] not in _UTC) or re.search(r" since \d\d?/", unit):
+        raise OceanError(
+            f"{where} has units {unit[:60]!r}, whose date cannot be read with certainty; write it"
+            " as 2014-07-15 12:00:00 (UTC)"
+        )
+    if np.any(np.isinf(values)):
+        raise OceanError(f"{where} has infinite values; correct the axis")
     whole = np.all(values == np.round(values)) and np.all(np.abs(values) < 2**53)
     attrs = {"units": unit, "calendar": calendar or "standard"}
     raw = xr.Variable(("time",), values.astype(np.int64) if whole else values, attrs)
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            times = xr.decode_cf(xr.Dataset({"when": raw}))["when"].values.astype("datetime64[ns]")
+            coarse = xr.decode_cf(xr.Dataset({"when": raw}))["when"].values
+            years = coarse.astype("datetime64[Y]").astype(int) + 1970
+            times = coarse.astype("datetime64[ns]")
     except Exception as error:  # noqa: BLE001  cftime and pandas raise many types
         raise OceanError(
             f"{where} cannot be read as {unit[:40]!r} ({one_line(error, 80)})"
         ) from None
     if times.size == 0 or np.any(np.isnat(times)):
         raise OceanError(f"{where} is empty or has missing instants; correct the axis")
+    beyond = (years < _FIRST_YEAR) | (years > _LAST_YEAR)
+    if np.any(beyond):
+        raise OceanError(
+            f"{where} has the year {years[beyond][0]}; allowed: {_FIRST_YEAR} to {_LAST_YEAR}"
+            " (64-bit nanoseconds)"
+        )
     return np.asarray(times)
 
 

@@ -11,6 +11,7 @@ from pymantaray.ocean.cast import Cast
 from pymantaray.ocean.schema import place_text, validate_ocean, with_history
 from pymantaray.ocean.seawater import density_fall
 from pymantaray.ocean.window import Window, counted_place
+from pymantaray.records.dates import seconds_since
 
 _TRACERS = ("water_temp", "salinity")
 INVERSION = 5e-3
@@ -146,7 +147,7 @@ def _ages(ocean: xr.Dataset, casts: Sequence[Cast]) -> Array:
         if np.isnat(cast.time):
             raise OceanError(f"cast {cast.name}: its time is unknown; time_scale needs it")
     times = np.array([cast.time for cast in casts])
-    return np.asarray((times - ocean["time"].values) / np.timedelta64(1, "s"), dtype=float)
+    return seconds_since(times, ocean["time"].values)
 
 
 def _difference(ocean: xr.Dataset, cast: Cast, vertical_scale: float) -> Array:

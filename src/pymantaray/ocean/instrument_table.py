@@ -9,6 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 from pymantaray.ocean.convert import vertical_of
+from pymantaray.quantities.checks import parsed_number
 from pymantaray.records.text_table import MONTHS
 
 Lines = Sequence[str]
@@ -144,7 +145,7 @@ def scale_column(rows: Rows, k: int, factor: float, offset: float = 0.0) -> None
 def number_of(cell: str) -> float:
     """Number in a cell; NaN for other text."""
     try:
-        return float(cell)
+        return parsed_number(cell)
     except ValueError:
         return float("nan")
 

@@ -15,15 +15,16 @@ from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.grid import linear_interpolator
-from pymantaray.geometry.splines import axis_spline
+from pymantaray.geometry.splines import ACROSS_MARGIN, axis_spline
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
-from pymantaray.ocean.window import Window, rectangle
+from pymantaray.ocean.window import Window, centred, rectangle
 
 # grid points beyond the domain for interpolation; a point n away has the influence 0.268^n, here
 # 1e-23
 _SPLINE = 40
+_MOST_OF_SPAN = 3.5  # at least r + r (1 + 2 r) for r = 0.9, see `AxisSpline.reach`
 _MIN_CELLS = 2  # on either side of the centre: five nodes, enough for a cubic spline
 
 
@@ -65,7 +66,8 @@ def to_local(
         ``sound_speed``, ``current_north``, ``current_east`` (components along the frame's axes)
         [m/s] and ``sea_floor_depth`` (north, east) [m]. Attributes ``centre_latitude_deg``,
         ``centre_longitude_deg``, ``proj_string``, ``scale_error_max`` (largest distortion of
-        lengths in the domain), ``time``, ``title``, ``source``, ``synthetic``.
+        lengths in the domain), ``time``, ``title``, ``source``, ``synthetic``;
+        ``sound_speed_bound`` is a note about sound speed that is linear, see Notes.
 
         A separate sea floor has its own axes ``(floor_north, floor_east)`` [m] with about the
         spacing of its file, or of the ocean if that is finer, and levels are added down to its
@@ -86,6 +88,9 @@ def to_local(
     the spline has no step if the coarse floor is between two levels. Added levels extend
     temperature and salinity in the same way. They also extend the currents, which do not affect
     vehicles above the coarse floor.
+
+    If the spline of sound speed leaves the four grid points around a node of the water by more than
+    5 m/s, as at fronts that the grid does not resolve, sound speed is bilinear instead.
     """
     return local_grid(
         ocean, centre, half_extent, sea_floor=sea_floor, equation=equation
@@ -101,7 +106,7 @@ def local_grid(
     equation: Equation = "teos-10",
 ) -> "LocalGrid":
     """Local grid of an ocean, with the arguments and errors of `to_local`."""
-    points = GridPoints.of(ocean, equation)
+    points = GridPoints.of(centred(ocean, centre), equation)
     window = Window.on(points.lat, points.lon, centre)
     half = window.largest_rectangle() if half_extent is None else window.checked_sides(half_extent)
     part = points.around(window.geographic(*rectangle(*half)), _SPLINE)
@@ -158,7 +163,63 @@ class LocalGrid:
 
     def sound_speed(self) -> Array:
         """Sound speed (north, east, depth). [m/s]"""
-        return self._smooth(self.points.sound_speed(self.added))
+        return self._sound_speed[0]
+
+    @property
+    def bound(self) -> str:
+        """Note about sound speed that is linear between grid points; empty if a spline is used."""
+        return self._sound_speed[1]
+
+    @cached_property
+    def _sound_speed(self) -> tuple[Array, str]:
+        """
+        Sound speed by the cubic spline, or bilinear if that would leave the four grid points around
+        a node of the water by more than the margin; and a note about this.
+        """
+        field = self.points.sound_speed(self.added)
+        if not np.isfinite(field).all():
+            south = f"{self.window.lat[0]:g} to {self.window.lat[-1]:g}"
+            raise OceanError(
+                f"sound speed: no value at some points of latitude {south}; TEOS-10 has no sea"
+                " water south of 86 S; use a domain north of it"
+            )
+        smooth = self._smooth(field)
+        level, beyond = self._furthest_beyond(field, smooth)
+        if beyond <= ACROSS_MARGIN:
+            return smooth, ""
+        linear = TensorSpline(self.window.lat, self.window.lon, *self._places, degree=1)
+        return linear(field), (
+            "along latitude and longitude the sound speed is linear between grid points: a spline"
+            f" would leave them by {beyond:.0f} m/s at {self.depth[level]:g} m"
+        )
+
+    def _furthest_beyond(self, field: Array, values: Array) -> tuple[int, float]:
+        """
+        Level and distance by which values (north, east, depth) in the water leave the four grid
+        points of a field (depth, lat, lon) around them furthest.
+        """
+        span = np.ptp(field, axis=(1, 2))
+        levels = np.flatnonzero(_MOST_OF_SPAN * span > ACROSS_MARGIN)
+        if not levels.size:
+            return 0, 0.0
+        corners = np.ascontiguousarray(np.moveaxis(field[levels], 0, 2))
+        row, column = (
+            np.clip(np.searchsorted(axis, at, side="right") - 1, 0, axis.size - 2)
+            for axis, at in zip((self.window.lat, self.window.lon), self._places, strict=True)
+        )
+        low = high = corners[row, column]
+        for more in ((0, 1), (1, 0), (1, 1)):
+            corner = corners[row + more[0], column + more[1]]
+            low, high = np.minimum(low, corner), np.maximum(high, corner)
+        beyond = np.maximum(values[..., levels] - high, low - values[..., levels])
+        # the level below the sea floor acts on the water above it
+        above = np.concatenate([[-1.0], self.depth])[levels]
+        nodes = np.stack(np.meshgrid(self.north, self.east, indexing="ij"), axis=-1)
+        floor = self.sea_floor().depth_at(nodes.reshape(-1, 2)).reshape(nodes.shape[:2])
+        beyond[above >= floor[..., None]] = 0.0
+        most = beyond.max(axis=(0, 1))
+        furthest = int(np.argmax(most))
+        return int(levels[furthest]), float(most[furthest])
 
     def currents(self) -> tuple[Array, Array]:
         """Northward and eastward current (north, east, depth) along the frame's axes. [m/s]"""
@@ -182,6 +243,8 @@ class LocalGrid:
         points = self.points
         frame = self.window.frame
         notes = dict(self.notes)
+        if self.bound:
+            notes["sound_speed_bound"] = self.bound
         if self.added.size:
             notes["levels_added"] = self.added
         if points.equation != "teos-10":

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Self
 
 import numpy as np
@@ -24,6 +24,10 @@ _SIDE_TOLERANCE = (
     1e-4  # degrees; a grid point this far outside a side of the window counts as on it
 )
 _ENCLOSING_TOLERANCE = 1e-9  # degrees; the same if the grid points must enclose the window
+_TURNS = 720.0  # degrees; longitudes may be in another turn
+_LAST_LATITUDE = 89.999  # degrees; of a centre
+_SEAM = 1.5  # widest steps; a wider gap between the last and the first column is no seam
+_WIDEST_STEP = 20.0  # usual steps; a wider gap has no grid points
 _MAX_BLOCKS = 8
 _SIDE_POINTS = 101  # points per side of a rectangle for checks of containment
 
@@ -67,10 +71,11 @@ def checked_window(window: GeographicWindow) -> GeographicWindow:
             f"window {window!r} is invalid; it must be four numbers: south, north, west, east in"
             " degrees"
         ) from None
-    if not np.all(np.isfinite([south, north, west, east])) or not -90.0 <= south < north <= 90.0:
+    inside = -90.0 <= south < north <= 90.0 and max(abs(west), abs(east)) <= _TURNS
+    if not inside:  # NaN is not inside
         raise OceanError(
             f"window {window!r} is invalid; it must be south, north, west, east in degrees, with"
-            " south < north in -90 to 90"
+            f" south < north in -90 to 90 and west and east in -{_TURNS:g} to {_TURNS:g}"
         )
     return south, north, west, east
 
@@ -85,7 +90,7 @@ def select(
     them. Latitudes [degrees] may increase or decrease; longitudes may have any convention.
     ``where`` is the file for messages.
     """
-    for name, axis, bound in (("latitude", lat, 90.0), ("longitude", lon, 720.0)):
+    for name, axis, bound in (("latitude", lat, 90.0), ("longitude", lon, _TURNS)):
         if axis.size == 0 or not np.all(np.isfinite(axis)):
             raise OceanError(f"{where}: {name} is empty or has missing values; correct the axis")
         if np.max(np.abs(axis)) > bound + SAME_DEGREES:
@@ -102,9 +107,16 @@ def select(
     else:
         south, north, west, east = checked_window(window)
         rows = _rows(lat, south, north, enclose=enclose)
-        columns, rising = _columns(
-            lon, west, 360.0 if east - west >= 360.0 else (east - west) % 360.0, enclose=enclose
-        )
+        whole = east - west >= 360.0
+        width = 360.0 if whole else (east - west) % 360.0
+        columns, rising = _columns(lon, west, width, enclose=enclose)
+        steps_east = np.diff(rising)
+        if (
+            whole
+            and steps_east.size
+            and steps_east.max() > _SEAM * (rising[0] + 360.0 - rising[-1])
+        ):
+            columns, rising = contiguous(lon)  # the side of the window is inside the data
         if rows.size == 0 or columns.size == 0:
             raise OceanError(
                 f"{where}: no grid point in the window, latitude {south:g} to {north:g} and"
@@ -115,6 +127,14 @@ def select(
     runs = np.split(stored, np.flatnonzero(np.diff(stored) != 1) + 1)
     if len(runs) > _MAX_BLOCKS:  # unordered longitudes: read all between the outermost
         runs = [np.arange(stored[0], stored[-1] + 1)]
+    for name, axis in (("latitude", lat[rows]), ("longitude", rising)):
+        gaps = np.abs(np.diff(axis))
+        if gaps.size and gaps.max() > _WIDEST_STEP * np.median(gaps):
+            i = int(np.argmax(gaps))
+            raise OceanError(
+                f"{where}: {name} has a gap from {axis[i]:g} to {axis[i + 1]:g}, and steps of"
+                f" {np.median(gaps):g} elsewhere; select one side with a window"
+            )
     falling = bool(steps.size and steps[0] < 0.0)
     inside = lat[rows[0] : rows[-1] + 1]
     return Selection(
@@ -183,7 +203,27 @@ def crop(
     part = select(
         ocean["lat"].values, ocean["lon"].values, window, str(ocean.attrs["title"]), enclose=enclose
     )
-    return ocean.isel(lat=part.rows, lon=part.columns)
+    return _columns_at(ocean.isel(lat=part.rows), part.columns, part.lon)
+
+
+def _columns_at(ocean: xr.Dataset, columns: NDArray[np.intp], lon: Array) -> xr.Dataset:
+    """Ocean with some of its columns, at equal longitudes in another turn. [degrees]"""
+    return ocean.isel(lon=columns).assign_coords(lon=("lon", lon, ocean["lon"].attrs))
+
+
+def centred(ocean: xr.Dataset, centre: tuple[float, float] | None) -> xr.Dataset:
+    """
+    Ocean around the whole globe with a centre's longitude in its middle, so that its first column
+    is on the other side of the Earth; another ocean is unchanged.
+    """
+    if centre is None or ocean.sizes.get("lon", 0) < 2:
+        return ocean
+    lon = np.asarray(ocean["lon"].values, dtype=float)
+    if lon[0] + 360.0 - lon[-1] > _SEAM * np.diff(lon).max():
+        return ocean
+    about = wrap_longitude(lon, wrap_longitude(centre[1]))
+    order = np.argsort(about, kind="stable")
+    return _columns_at(ocean, order, (lon + 360.0 * np.round((about - lon) / 360.0))[order])
 
 
 def crop_around(
@@ -211,6 +251,7 @@ def crop_around(
     OceanError
         If the centre or the domain is not inside the ocean.
     """
+    ocean = centred(ocean, centre)
     window = Window.of(ocean, centre)
     lat, lon = window.geographic(*rectangle(*window.checked_sides(half_extent)))
     return crop(ocean, (lat.min(), lat.max(), lon.min(), lon.max()), enclose=True)
@@ -299,13 +340,24 @@ class Window:
         lat, lon = self.frame.to_geodetic(north, east)
         return lat, wrap_longitude(lon, about=0.5 * (self.lon[0] + self.lon[-1]))
 
+    @cached_property
+    def _poles(self) -> list[tuple[float, float]]:
+        """North and east of the poles. [m]"""
+        north, east = self.frame.to_local([-90.0, 90.0], [0.0, 0.0])
+        return list(zip(north.tolist(), east.tolist(), strict=True))
+
+    def _has_pole(self, half_north: float, half_east: float) -> bool:
+        return any(abs(n) < half_north and abs(e) < half_east for n, e in self._poles)
+
     def holds(self, half_north: float, half_east: float, *, coarsely: bool = False) -> bool:
         """
         Return True if a rectangle with these half sides [m] around the frame's centre is inside the
-        data set.
+        data set and has no pole in it.
 
         ``coarsely`` checks some points of its sides only.
         """
+        if self._has_pole(half_north, half_east):
+            return False
         north, east = rectangle(half_north, half_east)
         some = slice(
             None, None, _SIDE_POINTS // 4
@@ -324,11 +376,12 @@ class Window:
         if not (north > 0.0 and east > 0.0):
             raise OceanError(f"half_extent is {half_extent} m; both half sides must be positive")
         if not self.holds(north, east):
+            at_pole = self._has_pole(north, east)
+            fault = "contains a pole" if at_pole else "does not fit into the data"
             raise OceanError(
                 f"domain of +-{north / 1e3:g} km north, +-{east / 1e3:g} km east around"
-                f" {place_text(self.frame.latitude_deg, self.frame.longitude_deg)} does not fit"
-                " into the data; set half_extent to at most"
-                f" {half_sides_within(self.largest_rectangle())}"
+                f" {place_text(self.frame.latitude_deg, self.frame.longitude_deg)} {fault}; set"
+                f" half_extent to at most {half_sides_within(self.largest_rectangle())}"
             )
         return north, east
 
@@ -366,6 +419,11 @@ def _largest_rectangle(
     """
     Half sides as by `Window.largest_rectangle`, of the edges of a data set and the frame's centre.
     """
+    if abs(centre[0]) > _LAST_LATITUDE:
+        raise OceanError(
+            f"centre {place_text(*centre)} is at a pole, where north has no direction; move it to"
+            f" a latitude of at most {_LAST_LATITUDE}"
+        )
     window = Window(np.array(lat), np.array(lon), LocalFrame(*centre))
     tallest = _reach(lambda north: window.holds(north, 0.0))
     if tallest <= 0.0:

@@ -19,6 +19,13 @@ def is_number(value: object) -> bool:
     return isinstance(value, int | float | np.number)
 
 
+def parsed_number(text: str) -> float:
+    """Number in a text; ValueError for other text and for Python's ``1_000``."""
+    if "_" in text:
+        raise ValueError(f"{text[:40]!r} is not a number")
+    return float(text)
+
+
 def check_number(
     error: Error, name: str, value: float, unit: str = "", *, positive: bool = False
 ) -> None:

@@ -39,7 +39,8 @@ _FASTER = 5.0  # times the usual speed of a track
 _USUAL = 0.25  # quantile of the speeds of a track, of which two per gross row are wrong
 _FEWEST = 4  # rows that are judged
 _LARGEST_PART = 0.2  # of the rows that may be out of reach
-_MOST_PARTS = 2000  # of a track between jumps
+_MOST_PARTS = 20_000  # of a track between jumps
+_MOST_COMPARED = 2000  # parts before a part
 _JUMP_COST = 1.5  # rows
 _FAR_SHARE = 0.1  # of all rows
 FAR = 10_000.0
@@ -168,10 +169,13 @@ def _out_of_reach(
         speed = length[moves] / duration[moves]
     limit = max(_FASTER * float(np.quantile(speed, _USUAL)), fastest)
     breaks = np.flatnonzero(~(length <= _SLACK + limit * duration))
-    if not breaks.size or breaks.size > _MOST_PARTS:
+    if not breaks.size:
         return {}, []
     last = time.size - 1
     parts = _Parts(time, position, geographic, np.append(0, breaks + 1), np.append(breaks, last))
+    if breaks.size > _MOST_PARTS:
+        widest = int(np.argmax(length[breaks]))
+        return {}, [parts.step(widest, widest + 1)]
     chain = parts.chain(limit)
     words: dict[int, str] = {}
     for part in sorted(set(range(parts.starts.size)) - set(chain)):
@@ -215,16 +219,17 @@ class _Parts(NamedTuple):
         before = np.full(size.size, -1)
         for j in range(1, size.size):
             start = int(self.starts[j])
-            ends = self.ends[:j]
+            first = max(j - _MOST_COMPARED, 0)
+            ends = self.ends[first:j]
             metres = distances(
                 self.position[start], self.position[ends], geographic=self.geographic
             )
             reach = _SLACK + limit * (self.time[start] - self.time[ends])
             cost = np.where(metres < FAR, _JUMP_COST, far_cost)
-            gain = best[:j] - np.where(metres <= reach, 0.0, cost)
+            gain = best[first:j] - np.where(metres <= reach, 0.0, cost)
             i = int(np.argmax(gain))
             if gain[i] > 0.0:
-                before[j] = i
+                before[j] = first + i
                 best[j] += gain[i]
         chain = [int(np.argmax(best))]
         while before[chain[-1]] >= 0:

@@ -166,7 +166,9 @@ class TextTable:
         times = self.times(column)
         if not np.issubdtype(times.dtype, np.datetime64):
             return times, np.datetime64("NaT", "ns")
-        return (times - times[0]) / np.timedelta64(1, "s"), times[0]
+        from pymantaray.records.dates import seconds_since
+
+        return seconds_since(times, times[0]), times[0]
 
     def times(self, column: str) -> "NDArray[Any]":
         """

@@ -268,6 +268,29 @@ def test_impossible_parameters_are_refused_in_one_line(stand, sea):
     refused(MantaRayError, "vehicles is", stand, vehicles=["A", "A"], ocean=[str(sea)])
     refused(MantaRayError, "letters, digits", stand, vehicles=["glider-1"], ocean=[str(sea)])
     refused(MantaRayError, "no such file", stand, vehicles=["A"], ocean=["nowhere.nc"])
+    for wrong in ({"vehicles": []}, {"time_origin": math.nan}, {"slot": math.inf}):
+        parameters = {"vehicles": ["A"], "ocean": [str(sea)]} | wrong
+        refused(MantaRayError, "at least one vehicle and finite times", stand, **parameters)
+
+
+@pytest.mark.parametrize(("seconds", "north", "message"), [
+    (-5.0, 0.0, "must not be negative"),
+    (15.0, math.nan, "pose of A at 15 s is not finite"),
+    (15.0, math.inf, "pose of A at 15 s is not finite"),
+])  # fmt: skip
+def test_a_wrong_pose_is_logged_and_changes_no_range(stand, sea, seconds, north, message):
+    """A pose of NaN between two others would be in every range between them."""
+    ros = stand(vehicles=["A", "B"], ocean=[str(sea)])
+    for when in (10.0, 20.0):
+        move(ros, "A", when, 0.0, 0.0, 50.0)
+        move(ros, "B", when, 700.0, 0.0, 50.0)
+    move(ros, "A", seconds, north, 0.0, 50.0)
+    ping(ros, "B", -1.0)
+    ping(ros, "A", 14.0)
+    assert message in ros.log[0]
+    assert ros.log[1] == "ping of B: Seconds value must not be negative"
+    found = dict(ros.ranges)
+    assert found["B/range_truth"].range == pytest.approx(700.0)
 
 
 def test_old_pings_are_dropped_when_too_many_wait(stand, sea):

@@ -60,10 +60,9 @@ def water_at(
     """
     half = links.half_extent, links.half_extent
     window = Window.on(points.lat, points.lon, place)
-    sides = window.geographic(*rectangle(*half))
-    if not window.contains(sides):
+    if not window.holds(*half):
         return None
-    part = points.around(sides, SPLINE)
+    part = points.around(window.geographic(*rectangle(*half)), SPLINE)
     return LocalGrid.of(part, replace(window, lat=part.lat, lon=part.lon), half, sea_floor)
 
 

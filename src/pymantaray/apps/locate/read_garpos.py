@@ -20,6 +20,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import LocateError, OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.convert import parse_instant
+from pymantaray.quantities.checks import parsed_number
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.position_rows import FASTEST_PLATFORM, PositionRows, order_of_times
 from pymantaray.records.text_table import TextTable, check_seconds, read_text_table
@@ -77,7 +78,7 @@ class _Settings:
         """Numbers of an entry, with a minimum count."""
         text = self.text(section, key, default)
         try:
-            values = [float(word) for word in text.replace(",", " ").split()]
+            values = [parsed_number(word) for word in text.replace(",", " ").split()]
         except ValueError:
             values = []
         if len(values) < least or not np.isfinite(values).all():

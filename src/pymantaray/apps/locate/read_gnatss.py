@@ -20,6 +20,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import LocateError, optional_package
 from pymantaray.geometry import LocalFrame
 from pymantaray.messages import one_line
+from pymantaray.quantities.checks import parsed_number
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.position_rows import PositionRows
 from pymantaray.records.text_table import MONTHS, check_seconds
@@ -137,7 +138,7 @@ def _answers(paths: list[Path], count: int) -> _Answers:
     for path, number, text, words in _lines(paths):
         try:
             stamp = _stamp(words)
-            row = [float(words[2 + k]) for k in range(count)]
+            row = [parsed_number(words[2 + k]) for k in range(count)]
         except (ValueError, KeyError, IndexError):
             invalid.add(path, number, f"{one_line(text, 60)!r} is not {content}")
             continue
@@ -176,7 +177,7 @@ def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> _Positions
     invalid = InvalidLines()
     for path, number, text, words in _lines(paths):
         try:
-            values = [float(word.replace("D", "E")) for word in words[:_POSITION_COLUMNS]]
+            values = [parsed_number(word.replace("D", "E")) for word in words[:_POSITION_COLUMNS]]
         except ValueError:
             values = []
         if not _is_position(values):
@@ -293,7 +294,11 @@ def _profile(path: Path) -> tuple[Array, Array]:
     ]
     try:
         table = np.array(
-            [[float(word) for word in row] for row in rows if row and not row[0].startswith("#")]
+            [
+                [parsed_number(word) for word in row]
+                for row in rows
+                if row and not row[0].startswith("#")
+            ]
         ).reshape(-1, 2)
     except ValueError:
         table = np.empty((0, 2))

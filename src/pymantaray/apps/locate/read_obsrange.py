@@ -20,6 +20,7 @@ from pymantaray.apps.locate.survey import Node, Survey
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.messages import one_line
+from pymantaray.quantities.checks import parsed_number
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.position_rows import FASTEST_PLATFORM, PositionRows
 from pymantaray.user_files import read_text
@@ -192,7 +193,7 @@ def _coordinate(path: Path, head: dict[str, str], which: str) -> float:
     """Latitude or longitude of the drop point, in degrees, or degrees and minutes with a letter."""
     text = next((value for key, value in head.items() if "drop" in key and which in key), "")
     try:
-        value = float(text)
+        value = parsed_number(text)
     except ValueError:
         if re.fullmatch(f"{_ANGLE}[NSEWnsew]", text.strip()) is None:
             raise LocateError(
@@ -214,7 +215,7 @@ def _coordinate(path: Path, head: dict[str, str], which: str) -> float:
 def _depth(path: Path, head: dict[str, str]) -> float:
     text = next((value for key, value in head.items() if "depth" in key), "")
     try:
-        value = abs(float(text))
+        value = abs(parsed_number(text))
     except ValueError:
         value = 0.0
     if not value > 0.0:

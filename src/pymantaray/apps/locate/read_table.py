@@ -14,6 +14,7 @@ from pymantaray.apps.locate.survey import LeverArm, Node, Survey, TravelDirectio
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
+from pymantaray.records.dates import seconds_since
 from pymantaray.records.invalid_lines import LEFT_OUT, InvalidLines
 from pymantaray.records.position_rows import FASTEST_PLATFORM, PositionRows, middle_longitude
 from pymantaray.records.text_table import TextTable, read_text_table
@@ -275,7 +276,7 @@ class _PlatformPositions:
             raise LocateError(f"track: no platform {name}; available: {available}")
         offset = 0.0
         if tracks.start is not None and not np.isnat(self._epoch):
-            offset = float((self._epoch - tracks.start) / np.timedelta64(1, "s"))
+            offset = float(seconds_since(self._epoch, tracks.start))
         elif (tracks.start is None) != np.isnat(self._epoch):
             raise LocateError(
                 "track: only one of track and survey has dates; both must have dates, or both"

@@ -11,6 +11,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import EarthSphere, LocalFrame
 from pymantaray.geometry.frames import ELLIPSOID
+from pymantaray.records.dates import seconds_since
 from pymantaray.sensing.water import Water
 
 _MAX_NAMES = 8  # in a message
@@ -68,7 +69,7 @@ def instants_in(events: Events, rows: NDArray[np.int64], water: Water, interval:
             "the events' times are seconds, but the water varies; write times as"
             " 2020-03-10T12:00:00"
         )
-    since = (events.instant[rows] - np.datetime64(water.start, "ns")) / np.timedelta64(1, "s")
+    since = seconds_since(events.instant[rows], np.datetime64(water.start, "ns"))
     for time in since:
         water.require(float(time))
     return np.clip(np.round(since / interval) * interval, *water.span)

@@ -23,6 +23,7 @@ from pymantaray.estimation.graph.graph import (
     SMALLEST_EIGENVALUE,
     VARIANCES,
 )
+from pymantaray.quantities.checks import parsed_number
 from pymantaray.user_files import open_text
 
 MAX_GRAPH_BYTES = 2_000_000_000
@@ -279,7 +280,7 @@ class Table:
         except ValueError:
             for row, field in enumerate(fields):
                 try:
-                    float(field)
+                    parsed_number(field)
                 except ValueError as error:
                     lines.refuse(f"{self.word}: {str(error)[:80]}", "numbers", self.line[row])
             raise

@@ -15,6 +15,7 @@ from pymantaray.ocean.schema import assemble_ocean
 from pymantaray.ocean.seawater import density, in_situ_temperature
 from pymantaray.ocean.synthetic import beaufort, fram
 from pymantaray.ocean.synthetic.geostrophy import Grid, geostrophic_currents
+from pymantaray.records.dates import seconds_since
 
 HYCOM_DEPTHS = (
     *(
@@ -140,7 +141,7 @@ def synthetic_ocean(region: str, time: str | np.datetime64 = EPOCH) -> xr.Datase
 def _kept_ocean(region: str, instant: np.datetime64) -> xr.Dataset:
     """Synthetic ocean of a region at an instant."""
     definition = _region(region)
-    elapsed = float((instant - np.datetime64(EPOCH)) / np.timedelta64(1, "s"))
+    elapsed = float(seconds_since(instant, np.datetime64(EPOCH)))
     grid = definition.grid()
     potential_temperature, salinity = np.moveaxis(definition.water(grid, elapsed), -1, 0)
     place = (grid.depth[:, None, None], grid.lat[:, None], grid.lon)
