@@ -1,7 +1,6 @@
 """Atomic writing of files, and one lock for all reading and writing of NetCDF."""
 
 import errno
-import hashlib
 import os
 import secrets
 import tempfile
@@ -175,7 +174,7 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
 
 
 def netcdf_content(groups: Mapping[str, "xr.Dataset"]) -> bytes:
-    """Content of a NetCDF file with unencoded groups, followed by a checksum."""
+    """Content of a NetCDF file with unencoded groups."""
     from netCDF4 import Dataset
     from xarray.backends import NetCDF4DataStore
 
@@ -185,20 +184,16 @@ def netcdf_content(groups: Mapping[str, "xr.Dataset"]) -> bytes:
         with Dataset(path, "w", format="NETCDF4") as file:
             for name, dataset in groups.items():
                 dataset.drop_encoding().dump_to_store(NetCDF4DataStore(file.createGroup(name)))  # type: ignore[no-untyped-call]
-        content = path.read_bytes()
-    return content + hashlib.sha256(content).digest()
+        return path.read_bytes()
 
 
 def netcdf_groups(content: bytes) -> "dict[str, xr.Dataset]":
-    """Read the groups from `netcdf_content` without decoding times; check the checksum."""
+    """Read the groups from `netcdf_content` without decoding times."""
     import xarray as xr
 
-    size = hashlib.sha256().digest_size
-    if hashlib.sha256(content[:-size]).digest() != content[-size:]:
-        raise RecordError("damaged: its content does not have its checksum")
     with deferred_stops(), NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
         path = Path(folder, "groups.nc")
-        path.write_bytes(content[:-size])
+        path.write_bytes(content)
         groups = xr.open_groups(path, engine="netcdf4", decode_times=False)
         try:
             return {name.strip("/"): group.load() for name, group in groups.items() if name != "/"}

@@ -16,7 +16,7 @@ from pymantaray.errors import AtlasError, JobError, WriteError
 from pymantaray.jobs.dask_pool import check_scheduler, open_pool
 from pymantaray.jobs.pool import Queue, run_tasks
 from pymantaray.jobs.progress import TaskCount, TaskProgress
-from pymantaray.jobs.store import Store, failure_content, open_store, read_valid
+from pymantaray.jobs.store import Store, failure_content, open_store, read_sealed
 
 if TYPE_CHECKING:
     from pymantaray.jobs.pool import Client
@@ -125,7 +125,7 @@ def _contents(store: Store, atlas: Atlas) -> Iterator[LocatedBlock]:
                 f"{store.url}: a worker wrote a block to another place; all workers must have"
                 " access to this folder"
             )
-        values = read_valid(store, block_name(block.key), read_block)
+        values = read_sealed(store, block_name(block.key), read_block)
         if values is None:
             raise AtlasError(f"{store.url}: a damaged block was removed; run the atlas again")
         yield block.place, values
