@@ -236,20 +236,22 @@ def test_a_damaged_file_of_a_run_is_one_line_for_its_reader(tiny_run, tmp_path, 
     shutil.copytree(tiny_run.path, folder)
     listed = {name for name in tiny_run.manifest["files"] if not name.startswith("pyfg/")}
     assert listed == READERS.keys()
-    for name in READERS:
+    line = "damaged" if damage in ("bit", "empty") else "missing or not a regular file"
+    for name, reader in READERS.items():
         path = folder / name
-        content = bytearray(path.read_bytes())
+        whole = path.read_bytes()
         path.unlink()
         if damage == "folder":
             path.mkdir()
         elif damage == "loop":
             path.symlink_to(path)
         elif damage != "gone":
-            content[len(content) // 2] ^= 1
-            path.write_bytes(bytes(content) if damage == "bit" else b"")
-    line = "damaged" if damage in ("bit", "empty") else "missing or not a regular file"
-    for name, reader in READERS.items():
+            middle = len(whole) // 2
+            flipped = whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :]
+            path.write_bytes(flipped if damage == "bit" else b"")
         refused(StudyError, rf"{name}: {line}.*; restore it", getattr, open_run(folder), reader)
+        path.rmdir() if damage == "folder" else path.unlink(missing_ok=True)
+        path.write_bytes(whole)
 
 
 def test_a_file_that_a_run_does_not_list_is_not_its_own(tiny_run, tmp_path):
