@@ -162,7 +162,7 @@ def test_full_disk(tmp_path):
 def test_a_full_disk_for_temporary_files_is_one_line(tmp_path, monkeypatch):
     """The NetCDF library calls it a lack of permission."""
     with small_disk(tmp_path, "64k"):
-        (tmp_path / "filler").write_bytes(bytes(56 << 10))
+        (tmp_path / "filler").write_bytes(bytes(64 << 10))
         monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
         message = f"{tmp_path}/.*: cannot be written: No space left on device; .* set TMPDIR"
         refused(WriteError, message, netcdf_content, {"a": xr.Dataset({"x": ("x", np.zeros(9))})})
