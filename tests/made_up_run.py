@@ -17,7 +17,6 @@ from pymantaray.apps.replay import DetectionRule, Replay
 from pymantaray.apps.study import open_run
 from pymantaray.config import load_study, study_toml
 from pymantaray.jobs import run_folder as names
-from pymantaray.jobs.folder import write_json
 from pymantaray.records import RayStatus, SolveStatus, write_netcdf
 from pymantaray.sensing import Links
 
@@ -89,13 +88,6 @@ class Made:
         (folder / names.CONFIG).write_text(
             study_toml(config.model_copy(update=changes)), encoding="utf-8"
         )
-        manifest = {
-            "format": 4,
-            "study": "quick",
-            "versions": {"numpy": "<2>"},
-            "seconds": {"rays": 1.5},
-        }
-        write_json(manifest, folder / "manifest.json")
         files = (names.TRUTH, names.MEASUREMENTS, names.RANGING_TRUTH, names.ESTIMATES)
         for name, record in zip(files, self.records(), strict=True):
             record.save(folder / name)
@@ -116,6 +108,9 @@ class Made:
         pd.Series(region, name=self.title).rename_axis("property").to_csv(folder / names.REGION)
         if self.rays:
             write_netcdf(make_rays(), folder / names.RAY_PICTURE)
+        versions = {"numpy": "<2>"}
+        manifest = {"study": "quick", "versions": versions, "seconds": {"rays": 1.5}}
+        names.write_manifest(manifest, folder)
         return folder
 
 

@@ -5,6 +5,7 @@ threads.
 
 import resource
 import signal
+import tempfile
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -15,6 +16,7 @@ from refusals import refused
 
 from pymantaray.errors import RecordError, WriteError
 from pymantaray.records import NETCDF_LOCK, read_netcdf, whole_file, write_netcdf
+from pymantaray.records.writing import netcdf_content
 
 LIMIT = 100_000  # bytes; a file beyond it cannot be written
 FULL = xr.Dataset({"noise": ("x", np.random.default_rng(0).standard_normal(LIMIT))})
@@ -155,6 +157,15 @@ def test_full_disk(tmp_path):
             f"{tmp_path}/{name}: cannot be written: No space left on device" for name in "ab"
         ]
         assert list(tmp_path.iterdir()) == []
+
+
+def test_a_full_disk_for_temporary_files_is_one_line(tmp_path, monkeypatch):
+    """The NetCDF library calls it a lack of permission."""
+    with small_disk(tmp_path, "64k"):
+        (tmp_path / "filler").write_bytes(bytes(64 << 10))
+        monkeypatch.setattr(tempfile, "tempdir", str(tmp_path))
+        message = f"{tmp_path}/.*: cannot be written: No space left on device; .* set TMPDIR"
+        refused(WriteError, message, netcdf_content, {"a": xr.Dataset({"x": ("x", np.zeros(9))})})
 
 
 def test_netcdf_from_many_threads(tmp_path):

@@ -78,14 +78,16 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
     from pymantaray.config import load_study
     from pymantaray.config.build.ocean import build_mission_ocean
     from pymantaray.config.build.water import open_local
-    from pymantaray.jobs.run_folder import CONFIG, OCEAN, checked_manifest
+    from pymantaray.jobs.run_folder import CONFIG, OCEAN, checked_file, checked_manifest
     from pymantaray.records import read_netcdf
 
-    checked_manifest(folder)
-    config = load_study(folder.resolve() / CONFIG)
+    manifest = checked_manifest(folder)
+    place = folder.resolve()
+    config = load_study(checked_file(place, manifest, CONFIG))
     keys.setdefault("interpolation", default or config.acoustics.interpolation)
     geographic = build_mission_ocean(config).geographic_start() if keys.get("detection") else None
-    water = open_local(read_netcdf(folder.resolve() / OCEAN), geographic=geographic, **keys)
+    ocean = read_netcdf(checked_file(place, manifest, OCEAN))
+    water = open_local(ocean, geographic=geographic, **keys)
     return replace(water, record={"run": str(folder), **water.record})
 
 

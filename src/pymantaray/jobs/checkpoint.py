@@ -13,7 +13,7 @@ from typing import Any, TypeVar
 
 from pymantaray.errors import WriteError
 from pymantaray.jobs.keys import sha256
-from pymantaray.jobs.store import Store, read_valid
+from pymantaray.jobs.store import Store, read_sealed, write_sealed
 from pymantaray.records import whole_file
 
 _LOG = logging.getLogger("pymantaray.jobs")
@@ -77,10 +77,10 @@ class Checkpoint:
         """Results of the tasks 0 to count - 1 that an earlier call finished."""
         if self._folder is None:
             return {}
-        store = Store(str(self._job_folder))
+        store = Store(str(self._folder))
         results = {}
         for number in range(count):
-            result = read_valid(store, f"{number}.nc", parse)
+            result = read_sealed(store, f"{self._key}/{number}.nc", parse)
             if result is not None:
                 results[number] = result
         self._saved = set(results)
@@ -163,9 +163,9 @@ class Checkpoint:
                 raise WriteError(
                     f"{self._job_folder}: cannot be written: {error.strerror}"
                 ) from None
-        store = Store(str(self._job_folder))
+        store = Store(str(self._folder))
         for number in sorted(results.keys() - self._saved):
-            store.write(f"{number}.nc", content(results[number]))
+            write_sealed(store, f"{self._key}/{number}.nc", content(results[number]))
             self._saved.add(number)
 
     def _stage_is_complete(self) -> bool:

@@ -16,6 +16,8 @@ from pymantaray.errors import JobError
 from pymantaray.installation import code_version
 
 _RECENT = 2.0  # s; above the resolution of a file system's times
+CHECKSUM = "sha256"
+"""Key of the checksum of a JSON object."""
 
 
 def values_of(thing: Any) -> Any:
@@ -90,6 +92,22 @@ def file_stamp(path: Path) -> str:
     if time.time() - max(state.st_mtime, state.st_ctime) < _RECENT:
         return sha256(path)
     return f"{state.st_ino} {state.st_size} {state.st_mtime_ns} {state.st_ctime_ns}"
+
+
+def with_checksum(tree: Mapping[str, Any]) -> dict[str, Any]:
+    """Plain values of a tree, NumPy scalars as numbers, and the checksum of their JSON."""
+    plain: dict[str, Any] = json.loads(json.dumps(tree, default=lambda scalar: scalar.item()))
+    return {**plain, CHECKSUM: _tree_checksum(plain)}
+
+
+def has_checksum(tree: Mapping[str, Any]) -> bool:
+    """True if a tree has its checksum from `with_checksum`."""
+    return bool(tree.get(CHECKSUM) == _tree_checksum(tree))
+
+
+def _tree_checksum(tree: Mapping[str, Any]) -> str:
+    content = {name: value for name, value in tree.items() if name != CHECKSUM}
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()
 
 
 def sha256(path: Path) -> str:

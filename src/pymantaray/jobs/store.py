@@ -1,5 +1,6 @@
 """Storage of results as small, atomically written files in a folder or an object store."""
 
+import hashlib
 import json
 import logging
 import os
@@ -23,6 +24,7 @@ _KEY = re.compile(r"[0-9a-f]{50}")  # a hash truncated by `whole_file`
 # protocols that write objects atomically
 _ATOMIC = ("s3", "s3a", "gs", "gcs", "az", "abfs", "abfss", "memory")
 _BATCH = 1000  # objects per read
+_SEAL_BYTES = hashlib.sha256().digest_size
 _STALE_AGE = 3600.0  # an older file with a temporary name is from a killed process [s]
 
 
@@ -210,6 +212,30 @@ def read_valid(store: Store, name: str, parse: Callable[[bytes], T]) -> T | None
         _LOG.warning("%s/%s: %s; removed and computed again", store.url, name, error)
         store.remove(name)
         return None
+
+
+def write_sealed(store: Store, name: str, content: bytes) -> None:
+    """Write a file that ends in a checksum of its name and content."""
+    store.write(name, content + _seal(name, content))
+
+
+def read_sealed(store: Store, name: str, parse: Callable[[bytes], T]) -> T | None:
+    """
+    Parse a file from `write_sealed`, as `read_valid`; one with a wrong bit, or under the name of
+    another, is damaged.
+    """
+
+    def parse_sealed(file: bytes) -> T:
+        content = file[:-_SEAL_BYTES]
+        if file[-_SEAL_BYTES:] != _seal(name, content):
+            raise RecordError("damaged: its content does not have its checksum")
+        return parse(content)
+
+    return read_valid(store, name, parse_sealed)
+
+
+def _seal(name: str, content: bytes) -> bytes:
+    return hashlib.sha256(name.encode() + b"\0" + content).digest()
 
 
 def open_store(location: str | Path) -> Store:

@@ -107,7 +107,8 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
         "max": speed.reduce(np.fmax.reduce, over),
     }
     return xr.Dataset(
-        {name: values.assign_attrs(attrs) for name, values in spread.items()} | {"count": count},
+        {name: values.drop_attrs().assign_attrs(attrs) for name, values in spread.items()}
+        | {"count": count},
         attrs={name: ocean.attrs[name] for name in ("title", "source", "synthetic")},
     )
 
@@ -147,7 +148,10 @@ def columns_spread(local: xr.Dataset) -> xr.Dataset:
         "max": speed.reduce(np.fmax.reduce, over),
     }
     return xr.Dataset(
-        {name: values.assign_attrs(local["sound_speed"].attrs) for name, values in spread.items()}
+        {
+            name: values.drop_attrs().assign_attrs(local["sound_speed"].attrs)
+            for name, values in spread.items()
+        }
         | {"count": count},
         attrs={name: local.attrs[name] for name in ("title", "source", "synthetic")},
     )

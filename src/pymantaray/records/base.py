@@ -5,7 +5,6 @@ from dataclasses import MISSING, Field, dataclass, field, fields, replace
 from enum import IntEnum
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
@@ -15,7 +14,7 @@ from pymantaray.errors import RecordError
 from pymantaray.records.digits import counted
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
-from pymantaray.records.writing import pack, read_netcdf, write_netcdf
+from pymantaray.records.writing import pack, read_netcdf, temporary_folder, write_netcdf
 
 if TYPE_CHECKING:
     import xarray as xr
@@ -315,8 +314,8 @@ class Record:
         -------
         Record
         """
-        with TemporaryDirectory(prefix="mantaray-") as folder:
-            path = Path(folder, "record.nc")
+        with temporary_folder() as folder:
+            path = folder / "record.nc"
             self.save(path)
             return self.load(path)
 

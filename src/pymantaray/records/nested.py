@@ -44,7 +44,7 @@ def from_groups(groups: Mapping[str, xr.Dataset], *types: type) -> Any:
 
 
 def to_bytes(value: Any) -> bytes:
-    """Content of a NetCDF file with the groups of `to_groups`, with a checksum."""
+    """Content of a NetCDF file with the groups of `to_groups`."""
     return netcdf_content(to_groups(value))
 
 

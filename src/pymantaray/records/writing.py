@@ -1,7 +1,6 @@
 """Atomic writing of files, and one lock for all reading and writing of NetCDF."""
 
 import errno
-import hashlib
 import os
 import secrets
 import tempfile
@@ -97,9 +96,10 @@ def _cause(error: OSError, temporary: Path) -> str:
     """
     Cause of a failed write.
 
-    netCDF4 reports every cause as "HDF error", so this function writes again to get the cause.
+    netCDF4 reports a full disk as "HDF error" or "Permission denied", so this function writes again
+    to get the cause.
     """
-    if error.errno is None or error.errno < 0:
+    if error.errno not in _NO_ROOM:
         try:
             with temporary.open("ab") as file:
                 file.write(bytes(_PROBE_BYTES))
@@ -109,6 +109,28 @@ def _cause(error: OSError, temporary: Path) -> str:
         except OSError as cause:
             error = cause
     return error.strerror or str(error).partition("\n")[0]
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """
+    Create a folder that is removed after the block; raise `WriteError` with the cause if files
+    cannot be written there.
+    """
+    place = "temporary files"
+    try:
+        with tempfile.TemporaryDirectory(prefix="mantaray-") as name:
+            place = name
+            try:
+                yield Path(name)
+            except (OSError, RuntimeError) as error:  # netCDF4 raises RuntimeError for a full disk
+                cause = error if isinstance(error, OSError) else OSError(str(error))
+                raise OSError(_cause(cause, Path(name, "cause"))) from None
+    except OSError as error:
+        raise WriteError(
+            f"{place}: cannot be written: {error.strerror or error}; free some space, or set TMPDIR"
+            " to another folder"
+        ) from None
 
 
 CF_VERSION = "CF-1.11"
@@ -175,30 +197,26 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
 
 
 def netcdf_content(groups: Mapping[str, "xr.Dataset"]) -> bytes:
-    """Content of a NetCDF file with unencoded groups, followed by a checksum."""
+    """Content of a NetCDF file with unencoded groups."""
     from netCDF4 import Dataset
     from xarray.backends import NetCDF4DataStore
 
-    with deferred_stops(), NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
-        path = Path(folder, "groups.nc")
+    with deferred_stops(), NETCDF_LOCK, temporary_folder() as folder:
+        path = folder / "groups.nc"
         # opened once, because HDF5 opens a file more slowly the more groups it has
         with Dataset(path, "w", format="NETCDF4") as file:
             for name, dataset in groups.items():
                 dataset.drop_encoding().dump_to_store(NetCDF4DataStore(file.createGroup(name)))  # type: ignore[no-untyped-call]
-        content = path.read_bytes()
-    return content + hashlib.sha256(content).digest()
+        return path.read_bytes()
 
 
 def netcdf_groups(content: bytes) -> "dict[str, xr.Dataset]":
-    """Read the groups from `netcdf_content` without decoding times; check the checksum."""
+    """Read the groups from `netcdf_content` without decoding times."""
     import xarray as xr
 
-    size = hashlib.sha256().digest_size
-    if hashlib.sha256(content[:-size]).digest() != content[-size:]:
-        raise RecordError("damaged: its content does not have its checksum")
-    with deferred_stops(), NETCDF_LOCK, tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
-        path = Path(folder, "groups.nc")
-        path.write_bytes(content[:-size])
+    with deferred_stops(), NETCDF_LOCK, temporary_folder() as folder:
+        path = folder / "groups.nc"
+        path.write_bytes(content)
         groups = xr.open_groups(path, engine="netcdf4", decode_times=False)
         try:
             return {name.strip("/"): group.load() for name, group in groups.items() if name != "/"}

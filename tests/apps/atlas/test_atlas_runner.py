@@ -33,6 +33,8 @@ from pymantaray.errors import AtlasError, JobError, OceanError, WriteError
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.records import RayStatus
 
+ZLIB = b"\x78\x5e"  # first bytes of a compressed chunk
+
 
 @pytest.fixture
 def here(monkeypatch):
@@ -151,6 +153,55 @@ def test_a_finished_block_is_not_computed_again(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["atlas.nc", "whole.nc"]
     run_atlas(atlas, out)  # there already
     assert len(here) == 2
+
+
+def test_blocks_left_by_a_stop_at_the_end_are_removed(
+    here, ocean, file, links, monkeypatch, tmp_path
+):
+    atlas, out = Atlas(file, links, every=20), tmp_path / "atlas.nc"
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "_clear", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            run_atlas(atlas, out)
+    marker = tmp_path / "atlas.nc.blocks" / "atlas.json"
+    own = marker.read_bytes()
+    marker.write_bytes(b"of another atlas")
+    run_atlas(atlas, out)
+    assert marker.parent.is_dir()
+    marker.write_bytes(own)
+    run_atlas(atlas, out)
+    assert [path.name for path in tmp_path.iterdir()] == ["atlas.nc"]
+
+
+@pytest.mark.parametrize("name", ["lat", "range_error"])
+def test_a_damaged_number_of_an_atlas_is_one_line(here, file, links, tmp_path, name):
+    """A coordinate, which is not compressed, or a variable, which is."""
+    out = run_atlas(Atlas(file, links, every=20), tmp_path / "atlas.nc")
+    content = bytearray(out.read_bytes())
+    with open_atlas(out) as atlas:
+        number = atlas["lat"].values[-1:].tobytes()
+    place = content.index(number) if name == "lat" else content.index(ZLIB) + 20
+    content[place] ^= 1
+    out.write_bytes(bytes(content))
+    line = "not a readable NetCDF file" if name == "lat" else r"damaged: \w+ cannot be read"
+    refused(AtlasError, f"atlas.nc: {line}", open_atlas, out)
+
+
+def test_a_block_under_the_name_of_another_is_computed_again(
+    here, ocean, file, links, tiles, tmp_path, monkeypatch, content
+):
+    atlas, out = Atlas(file, links, window=_window(ocean, 10, 11, 10, 15)), tmp_path / "atlas.nc"
+    whole = run_atlas(atlas, tmp_path / "whole.nc").read_bytes()
+    with monkeypatch.context() as patch:
+        patch.setattr(runner, "write_atlas", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            run_atlas(atlas, out)
+    one, other = (tmp_path / "atlas.nc.blocks" / "blocks").iterdir()
+    one.write_bytes(other.read_bytes())
+    refused(AtlasError, "a damaged block was removed; run the atlas again", run_atlas, atlas, out)
+    other.unlink()
+    other.symlink_to(other)
+    assert run_atlas(atlas, out).read_bytes() == whole
 
 
 def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):

@@ -16,6 +16,7 @@ from scipy.stats import chi2
 
 from pymantaray.apps.locate import Campaign, displacement_between, locate, read_campaign
 from pymantaray.errors import LocateError
+from pymantaray.jobs.keys import has_checksum, with_checksum
 
 NONE = np.datetime64("NaT", "ns")
 MOVED = np.array([0.35, -0.12, 0.05])  # m
@@ -175,6 +176,7 @@ def file_of(**changes):
         (file_of(epoch_utc="1600-01-01"), "allowed: 1678 to 2261"),
         (file_of(epoch_utc="today"), "is not an instant"),
         (file_of(epoch_utc=5), "is not an instant"),
+        (json.dumps(with_checksum(json.loads(file_of())) | {"usable": 0}), "damaged: its content"),
     ],
 )
 def test_a_file_without_a_campaign_is_refused_in_one_line(tmp_path, text, message):
@@ -204,6 +206,7 @@ def test_the_command_prints_and_writes_the_displacement(mantaray, told, tmp_path
     assert "Displacement of the nodes since the earlier campaign" in done.out
     assert "Displacement" in (tmp_path / "second" / "index.html").read_text()
     written = json.loads((tmp_path / "second" / "location.json").read_text())
+    assert has_checksum(written)
     np.testing.assert_allclose(written["displacement"]["displacement_m"], printed["displacement_m"])
     pings, nodes = write_table(later, tmp_path)
     water = ("--profile", profile_csv(tmp_path))

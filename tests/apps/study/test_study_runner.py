@@ -4,6 +4,7 @@ A whole small study: what is on disk is what was computed, the same whoever comp
 
 import datetime as dt
 import hashlib
+import shutil
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -215,10 +216,57 @@ def test_impossible_missions_are_refused_at_once_in_one_line(tiny, tmp_path, sec
 def test_not_a_run_is_refused(tmp_path):
     refused(StudyError, r"not a run folder: it has no manifest\.json", open_run, tmp_path)
     (tmp_path / "manifest.json").write_text('{"format": 99}')
-    refused(StudyError, "run format 99; this version reads format 4", open_run, tmp_path)
-    for text in ("[]", "3", "null", "[" * 100_000, '{"format"', '{"format": 4, "versions": 1}'):
+    refused(StudyError, "run format 99; this version reads format 5", open_run, tmp_path)
+    for text in ("[]", "3", "null", "[" * 100_000, '{"format"', '{"format": 5, "versions": 1}'):
         (tmp_path / "manifest.json").write_text(text)
         refused(StudyError, r"manifest\.json: (not a readable|damaged)", open_run, tmp_path)
+
+
+READERS = {  # what of a run reads each file
+    "arrivals.nc": "arrivals", "config.toml": "config", "covariances.nc": "covariances",
+    "estimates.nc": "estimates", "links.nc": "links", "measurements.nc": "measurements",
+    "ocean.nc": "ocean", "profile.nc": "profile", "ranging_truth.nc": "ranging_truth",
+    "ray_picture.nc": "ray_picture", "region.csv": "region", "truth.nc": "truth",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("damage", ["bit", "empty", "folder", "loop", "gone"])
+def test_a_damaged_file_of_a_run_is_one_line_for_its_reader(tiny_run, tmp_path, damage):
+    folder = tmp_path / "run"
+    shutil.copytree(tiny_run.path, folder)
+    listed = {name for name in tiny_run.manifest["files"] if not name.startswith("pyfg/")}
+    assert listed == READERS.keys()
+    line = "damaged" if damage in ("bit", "empty") else "missing or not a regular file"
+    for name, reader in READERS.items():
+        path = folder / name
+        whole = path.read_bytes()
+        path.unlink()
+        if damage == "folder":
+            path.mkdir()
+        elif damage == "loop":
+            path.symlink_to(path)
+        elif damage != "gone":
+            middle = len(whole) // 2
+            flipped = whole[:middle] + bytes([whole[middle] ^ 1]) + whole[middle + 1 :]
+            path.write_bytes(flipped if damage == "bit" else b"")
+        refused(StudyError, rf"{name}: {line}.*; restore it", getattr, open_run(folder), reader)
+        path.rmdir() if damage == "folder" else path.unlink(missing_ok=True)
+        path.write_bytes(whole)
+
+
+def test_a_file_that_a_run_does_not_list_is_not_its_own(tiny_run, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(tiny_run.path, folder)
+    shutil.copy(folder / "covariances.nc", folder / "unknowns.nc")
+    assert open_run(folder).unknowns is None
+
+
+def test_a_changed_number_in_a_manifest_is_one_line(tiny_run, tmp_path):
+    text = (tiny_run.path / "manifest.json").read_text()
+    attempts = f'"range_attempts": {tiny_run.manifest["outcome"]["range_attempts"]}'
+    assert text.count(attempts) == 1
+    (tmp_path / "manifest.json").write_text(text.replace(attempts, f"{attempts}0"))
+    refused(StudyError, "manifest.json: damaged: .* its checksum", open_run, tmp_path)
 
 
 @pytest.mark.slow

@@ -19,7 +19,7 @@ from pymantaray.config.build.ocean import MissionOcean
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.longitude import whole_turns
 from pymantaray.jobs.pool import run_in_store
-from pymantaray.jobs.store import Store
+from pymantaray.jobs.store import Store, write_sealed
 from pymantaray.ocean.grid_points import GridPoints
 from pymantaray.ocean.local import LocalGrid
 from pymantaray.ocean.names import SYNTHETIC
@@ -44,7 +44,7 @@ def _compute(store: Store, block: Block) -> None:
     if not store.has(block_name(block.key)):
         content = io.BytesIO()
         np.savez(content, allow_pickle=False, **block_errors(block))
-        store.write(block_name(block.key), content.getvalue())
+        write_sealed(store, block_name(block.key), content.getvalue())
 
 
 def read_block(content: bytes) -> dict[str, NDArray[Any]]:

@@ -238,7 +238,8 @@ def _fill(path: Path, atlas: Atlas, attrs: dict[str, Any], blocks: Iterable[Loca
             for dim, size in zip(dims, np.shape(values), strict=True):
                 if dim not in file.dimensions:
                     file.createDimension(dim, size)
-            variable = file.createVariable(name, "S1" if values.dtype.kind == "S" else "f8", dims)
+            kind = "S1" if values.dtype.kind == "S" else "f8"
+            variable = file.createVariable(name, kind, dims, fletcher32=True)
             variable.set_auto_chartostring(False)
             variable.setncatts(own)
             variable[:] = values
@@ -272,7 +273,7 @@ def _chunk(atlas: Atlas) -> tuple[int, int]:
 
 def open_atlas(path: str | Path) -> xr.Dataset:
     """
-    Open the file of an atlas lazily.
+    Open the file of an atlas lazily, after reading each of its variables once.
 
     Parameters
     ----------
@@ -287,12 +288,12 @@ def open_atlas(path: str | Path) -> xr.Dataset:
     Raises
     ------
     AtlasError
-        If the file is not an atlas.
+        If the file is not an atlas, or is damaged.
     """
     check_regular(path, AtlasError, what="an atlas")
     try:
         dataset = xr.open_dataset(path, engine="netcdf4")
-    except (OSError, ValueError, RuntimeError) as error:
+    except Exception as error:  # noqa: BLE001  xarray raises many types for damaged data
         reason = (isinstance(error, OSError) and error.strerror) or str(error).partition("\n")[0]
         raise AtlasError(f"{path}: not a readable NetCDF file: {reason}") from None
     if dataset.attrs.get("format") != FORMAT:
@@ -301,7 +302,25 @@ def open_atlas(path: str | Path) -> xr.Dataset:
             f"{path}: not an atlas of this version; compute one with mantaray atlas run (in"
             " Python: run_atlas)"
         )
+    try:
+        for name in dict.fromkeys((*VARIABLES, *dataset.variables)):
+            _read_once(dataset.variables[name])
+    except Exception as error:  # noqa: BLE001  netCDF4 and xarray raise many types
+        dataset.close()
+        raise AtlasError(
+            f"{path}: damaged: {name} cannot be read ({type(error).__name__}); restore it from a"
+            " copy, or compute the atlas again"
+        ) from None
     return dataset
+
+
+def _read_once(variable: xr.Variable) -> None:
+    """Read a variable, which checks the checksums of its chunks; one instant is in memory."""
+    if variable.dims[:1] == _PLACE[:1]:
+        for instant in range(variable.shape[0]):
+            _ = variable[instant].values
+    else:
+        _ = variable.values
 
 
 def notes_of(atlas: xr.Dataset) -> list[str]:

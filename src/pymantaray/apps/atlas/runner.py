@@ -16,7 +16,7 @@ from pymantaray.errors import AtlasError, JobError, WriteError
 from pymantaray.jobs.dask_pool import check_scheduler, open_pool
 from pymantaray.jobs.pool import Queue, run_tasks
 from pymantaray.jobs.progress import TaskCount, TaskProgress
-from pymantaray.jobs.store import Store, failure_content, open_store, read_valid
+from pymantaray.jobs.store import Store, failure_content, open_store, read_sealed
 
 if TYPE_CHECKING:
     from pymantaray.jobs.pool import Client
@@ -75,6 +75,8 @@ def run_atlas(
     check_scheduler(client)
     path = Path(out)
     if path.exists() and _is_of(path, atlas):
+        if blocks_folder(path).is_dir():  # of a run that was stopped at its end
+            _clear(open_store(blocks_folder(path)), atlas)
         return path
     if path.exists() and not force:
         raise WriteError(
@@ -87,7 +89,8 @@ def run_atlas(
     for name in store.names("blocks"):
         if name.endswith(".failed.json"):  # failed in another run; try again
             store.remove(f"blocks/{name}")
-    there = {name.removesuffix(".npz") for name in store.names("blocks")}
+    names = (name for name in store.names("blocks") if store.has(f"blocks/{name}"))
+    there = {name.removesuffix(".npz") for name in names}
     blocks = _Blocks(
         store, [b for b in atlas.blocks if b.key not in there], len(atlas.blocks), progress
     )
@@ -105,14 +108,14 @@ def run_atlas(
     except JobError:
         if not _is_of(path, atlas):  # unless another runner has written it and removed the blocks
             raise
-    _clear(store)
+    _clear(store, atlas)
     return path
 
 
 def _is_of(path: Path, atlas: Atlas) -> bool:
     try:
         with open_atlas(path) as dataset:
-            return bool(dataset.attrs["atlas_key"] == atlas.key)
+            return bool(dataset.attrs.get("atlas_key") == atlas.key)
     except AtlasError:
         return False
 
@@ -125,17 +128,18 @@ def _contents(store: Store, atlas: Atlas) -> Iterator[LocatedBlock]:
                 f"{store.url}: a worker wrote a block to another place; all workers must have"
                 " access to this folder"
             )
-        values = read_valid(store, block_name(block.key), read_block)
+        values = read_sealed(store, block_name(block.key), read_block)
         if values is None:
             raise AtlasError(f"{store.url}: a damaged block was removed; run the atlas again")
         yield block.place, values
 
 
-def _clear(store: Store) -> None:
-    """Remove the blocks of an atlas after its file is written."""
-    for name in store.names("blocks"):
-        store.remove(f"blocks/{name}")
-    store.remove(_MARKER)
+def _clear(store: Store, atlas: Atlas) -> None:
+    """Remove the blocks of an atlas after its file is written; those of another stay."""
+    if store.read(_MARKER) == described(atlas):
+        for name in store.names("blocks"):
+            store.remove(f"blocks/{name}")
+        store.remove(_MARKER)
     assert store.folder is not None  # the store is beside a file
     for folder in (store.folder / "blocks", store.folder):
         with suppress(OSError):  # not empty, or removed by another runner

@@ -15,6 +15,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import LocateError, OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.tangent_plane import TangentPlane
+from pymantaray.jobs.keys import CHECKSUM, has_checksum
 from pymantaray.messages import one_line
 from pymantaray.ocean.convert import parse_instant
 from pymantaray.records.position_rows import is_position
@@ -247,6 +248,11 @@ def read_campaign(path: str | Path) -> Campaign:
             f"{file}: not valid JSON: {one_line(error)}; give {CAMPAIGN_FILE} of the earlier"
             " campaign"
         ) from None
+    if isinstance(tree, dict) and CHECKSUM in tree and not has_checksum(tree):
+        raise LocateError(
+            f"{file}: damaged: its content does not have its checksum; restore it from a copy, or"
+            " locate the earlier campaign again"
+        )
     values: Any = tree.get("campaign") if isinstance(tree, dict) else None
     try:
         campaign = _campaign(values, str(file))

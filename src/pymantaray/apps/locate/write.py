@@ -18,6 +18,7 @@ from pymantaray.exchange.maps import Feature
 from pymantaray.exchange.maps import geojson as as_geojson
 from pymantaray.geometry import LocalFrame
 from pymantaray.jobs.folder import write_json
+from pymantaray.jobs.keys import with_checksum
 from pymantaray.messages import one_line
 from pymantaray.pages.style import ORANGE
 from pymantaray.records.column_attributes import with_column_attributes
@@ -263,7 +264,7 @@ def write_location(location: Location, folder: Path) -> list[Path]:
     results = folder / "location.nc"
     write_netcdf(dataset(location), results)
     campaign = folder / CAMPAIGN_FILE
-    write_json(_campaign_record(location), campaign)
+    write_json(with_checksum(_campaign_record(location)), campaign)
     if not (location.solution.used & ~location.survey.between_nodes).any():
         return [landmarks, nodes, results, campaign]
     factor_graph, values = graph(location)

@@ -19,7 +19,6 @@ from pymantaray.config.build.study import Study
 from pymantaray.entry_points import extension_keys
 from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.jobs.keys import sha256
-from pymantaray.jobs.run_folder import FORMAT
 from pymantaray.messages import without_secrets
 from pymantaray.version import __version__
 
@@ -66,7 +65,6 @@ def describe_run(
     existing = study.fleet.existing
     used = extension_keys(study.sensors)
     return {
-        "format": FORMAT,
         "study": study.name,
         "made": {"began": f"{watch.began:%Y-%m-%dT%H:%M:%SZ}", "command": _command()},
         "ocean": {

@@ -2,7 +2,6 @@
 
 from collections.abc import Hashable, Mapping, Sequence
 from dataclasses import replace
-from hashlib import sha256
 from typing import Any
 
 import numpy as np
@@ -13,7 +12,7 @@ from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.apps.study.mission import earth_note
 from pymantaray.apps.study.references import MANTARAY
 from pymantaray.evaluation import ALL_LINKS
-from pymantaray.jobs.run_folder import CONFIG
+from pymantaray.jobs.run_folder import CONFIG, without_checksums
 from pymantaray.pages.drawing import Picture
 from pymantaray.pages.page import Card, Explorer, Page, origin_table
 from pymantaray.pages.style import clock, condition_label
@@ -64,7 +63,7 @@ def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Pag
         tables=list(results.tables.values()),
         links={"Configuration": "config.toml"},
         made=_provenance(results),
-        origin=[origin_table(run.manifest, "Manifest", "manifest.json")],
+        origin=[origin_table(without_checksums(run.manifest), "Manifest", "manifest.json")],
         citation=citation_of([results]),
         references=run.manifest.get("references", []),
     )
@@ -142,7 +141,7 @@ def _made(results: RunResults) -> tuple[str, str]:
     """Study with seed and configuration of a run, and version and day of its program."""
     run = results.run
     commit = run.manifest["versions"].get("git_commit")
-    digest = sha256((run.path / CONFIG).read_bytes()).hexdigest()[:12]
+    digest = run.manifest["files"][CONFIG][:12]
     study = f"{run.study.name}, seed {run.study.seed}, configuration {digest}"
     which = f"version {_version(results)}" + (f", commit {commit[:12]}" if commit else "")
     day = _began(results)

@@ -28,7 +28,7 @@ from pymantaray.entry_points import extension_keys
 from pymantaray.errors import StudyError
 from pymantaray.jobs import run_folder
 from pymantaray.jobs.checkpoint import Checkpoint
-from pymantaray.jobs.folder import MANIFEST, staged_folder, write_json
+from pymantaray.jobs.folder import staged_folder
 from pymantaray.jobs.keys import digest
 from pymantaray.jobs.pool import Pool, ProcessPool, run_tasks
 from pymantaray.jobs.progress import Progress
@@ -147,7 +147,7 @@ def run_study(
         content["solve_cpu_seconds"] = _cpu_seconds(solved)
         content["from_batch_m"] = _from_batch(solved)
         content["outcome"] = summarize(known, estimates)
-        write_json(content, stage / MANIFEST)
+        run_folder.write_manifest(content, stage)
         wait(reading)
         report("files", 1, 1)
     kept.clear()

@@ -19,6 +19,7 @@ from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.estimation import CONDITIONS
 from pymantaray.evaluation import DegreesOfFreedom, error_bound
+from pymantaray.jobs.folder import MANIFEST
 from pymantaray.jobs.run_folder import (
     ARRIVALS,
     CANDIDATES,
@@ -36,8 +37,8 @@ from pymantaray.jobs.run_folder import (
     REGION,
     TRUTH,
     UNKNOWNS,
+    checked_file,
     checked_manifest,
-    read_manifest,
 )
 from pymantaray.ocean.ice import with_ice_draw
 from pymantaray.records import (
@@ -121,7 +122,35 @@ class Run:
     @cached_property
     def manifest(self) -> dict[str, Any]:
         """Versions, seeds, checksums, timings, memory, platform and the summary of outcomes."""
-        return read_manifest(self.path)
+        return checked_manifest(self.path)
+
+    @property
+    def _is_finished(self) -> bool:
+        """False if the run is in memory, or its files are still being written."""
+        return self.path != Path() and (self.path / MANIFEST).is_file()
+
+    def has_file(self, name: str) -> bool:
+        """
+        Return True if the run has a file, according to its manifest.
+
+        Parameters
+        ----------
+        name : str
+            Name of the file.
+
+        Returns
+        -------
+        bool
+        """
+        if self._is_finished:
+            return name in self.manifest["files"]
+        return self.path != Path() and (self.path / name).is_file()
+
+    def _file(self, name: str) -> Path:
+        """Path of a file, whose checksum is checked if the run is finished."""
+        return (
+            checked_file(self.path, self.manifest, name) if self._is_finished else self.path / name
+        )
 
     @property
     def notes(self) -> list[str]:
@@ -132,7 +161,7 @@ class Run:
     @cached_property
     def config(self) -> StudyConfig:
         """Resolved configuration, defaults included."""
-        return load_study(self.path / CONFIG)
+        return load_study(self._file(CONFIG))
 
     @cached_property
     def study(self) -> Study:
@@ -142,47 +171,44 @@ class Run:
     @cached_property
     def ocean(self) -> xr.Dataset:
         """Local ocean: sound speed, currents and sea floor over (north, east, depth)."""
-        return read_netcdf(self.path / OCEAN)
+        return read_netcdf(self._file(OCEAN))
 
     @cached_property
     def profile(self) -> xr.Dataset:
         """Mean, minimum and maximum sound speed of each level over the study's domain."""
-        return read_netcdf(self.path / PROFILE)
+        return read_netcdf(self._file(PROFILE))
 
     @cached_property
     def region(self) -> pd.DataFrame:
         """Properties of the region as in the paper's first table: one row each, one column."""
-        try:
-            return pd.read_csv(self.path / REGION, index_col=0)
-        except (OSError, ValueError) as error:
-            raise StudyError(f"{self.path / REGION}: not a readable table: {error}") from None
+        return pd.read_csv(self._file(REGION), index_col=0)
 
     @cached_property
     def truth(self) -> Trajectories:
         """True poses of the fleet."""
-        return Trajectories.load(self.path / TRUTH)
+        return Trajectories.load(self._file(TRUTH))
 
     @cached_property
     def links(self) -> Links:
         """Participants at both ends of each link in `arrivals`, and the times of the links."""
-        return Links.load(self.path / LINKS)
+        return Links.load(self._file(LINKS))
 
     @cached_property
     def arrivals(self) -> Arrivals:
         """Arrivals of all links; a link is an unordered pair of participants at one ping."""
-        return Arrivals.load(self.path / ARRIVALS)
+        return Arrivals.load(self._file(ARRIVALS))
 
     @cached_property
     def measurements(self) -> Measurements:
         """Measurements without noise."""
-        return Measurements.load(self.path / MEASUREMENTS)
+        return Measurements.load(self._file(MEASUREMENTS))
 
     @cached_property
     def ranging_truth(self) -> RangingTruth:
         """
         True distance and travel times of every range attempt, in the same rows as the measurements.
         """
-        return RangingTruth.load(self.path / RANGING_TRUTH)
+        return RangingTruth.load(self._file(RANGING_TRUTH))
 
     @cached_property
     def ranging_draws(self) -> RangingDraws | None:
@@ -194,12 +220,12 @@ class Run:
         """
         if not self.study.ocean.own_ice:
             return None
-        return RangingDraws.load(self.path / RANGING_DRAWS)
+        return RangingDraws.load(self._file(RANGING_DRAWS))
 
     @cached_property
     def hearing(self) -> Hearing | None:
         """Detection probability of each range attempt; None if every arrival is detected."""
-        return Hearing.load(self.path / HEARING) if self.study.detects else None
+        return Hearing.load(self._file(HEARING)) if self.study.detects else None
 
     @cached_property
     def candidates(self) -> Candidates | None:
@@ -209,7 +235,7 @@ class Run:
         """
         if self.study.picker is None:
             return None
-        return Candidates.load(self.path / CANDIDATES)
+        return Candidates.load(self._file(CANDIDATES))
 
     @cached_property
     def estimates(self) -> Estimates:
@@ -218,19 +244,17 @@ class Run:
         """
         if not self.study.solves:
             return Estimates.without_conditions(self.measurements)
-        return Estimates.load(self.path / ESTIMATES)
+        return Estimates.load(self._file(ESTIMATES))
 
     @cached_property
     def covariances(self) -> PoseCovariances | None:
         """Covariances of all solves at fixed epochs; None in a study without conditions."""
-        path = self.path / COVARIANCES
-        return PoseCovariances.load(path) if path.is_file() else None
+        return PoseCovariances.load(self._file(COVARIANCES)) if self.has_file(COVARIANCES) else None
 
     @cached_property
     def unknowns(self) -> SharedUnknowns | None:
         """Estimates of modes and clocks; None if no condition estimates any."""
-        path = self.path / UNKNOWNS
-        return SharedUnknowns.load(path) if path.is_file() else None
+        return SharedUnknowns.load(self._file(UNKNOWNS)) if self.has_file(UNKNOWNS) else None
 
     @cached_property
     def bounds(self) -> dict[str, NDArray[np.float64]]:
@@ -264,7 +288,7 @@ class Run:
         Results of a function by condition; conditions with the same kind of measurements share one.
         """
         equivalents = {c.name: c.standard_equivalent for c in self.study.conditions}
-        is_solved = (self.path / ESTIMATES).is_file()
+        is_solved = self.has_file(ESTIMATES)
         made: dict[str, _T] = {}
         out = {}
         for name in self.estimates.condition.tolist() if is_solved else equivalents:
@@ -278,7 +302,7 @@ class Run:
     @cached_property
     def ray_picture(self) -> xr.Dataset:
         """Vertical section through one link, its ray and its straight chord."""
-        return read_netcdf(self.path / RAY_PICTURE)
+        return read_netcdf(self._file(RAY_PICTURE))
 
     @property
     def synthetic(self) -> bool:
@@ -509,8 +533,9 @@ def open_run(path: str | Path) -> Run:
         ...
     pymantaray.errors.StudyError: nowhere: not a run folder: it has no manifest.json
     """
+    manifest = checked_manifest(path)
     run = Run(Path(path).resolve())
-    vars(run)["manifest"] = checked_manifest(path)
+    vars(run)["manifest"] = manifest
     return run
 
 

@@ -1,11 +1,13 @@
 """Files of a sweep: their names by point and stage, and reading of points with a result."""
 
+import json
 import logging
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from typing import Any
 
-from pydantic import BaseModel, ValidationError
+from pydantic import BaseModel
 
+from pymantaray.jobs.keys import has_checksum, with_checksum
 from pymantaray.jobs.store import Store
 
 _LOG = logging.getLogger("pymantaray.apps.sweep")
@@ -44,7 +46,24 @@ class Failure(BaseModel):
     traceback: str | None = None
 
 
-_CONTENT: dict[str, type[BaseModel]] = {DONE: Point, FAILED: Failure}
+parse_failure = Failure.model_validate_json
+"""Read the content of the file of a failure; damaged content raises ValueError."""
+
+
+def point_content(content: Mapping[str, Any]) -> bytes:
+    """Content of a point's file, with a checksum."""
+    return json.dumps(with_checksum(content), indent=1).encode()
+
+
+def _parse_point(content: bytes) -> Point:
+    tree = json.loads(content)
+    point = Point.model_validate(tree)
+    if not has_checksum(tree):
+        raise ValueError("its content does not have its checksum")
+    return point
+
+
+_PARSE: dict[str, Callable[[bytes], BaseModel]] = {DONE: _parse_point, FAILED: parse_failure}
 
 
 def read_points(
@@ -65,8 +84,8 @@ def read_points(
         for name, content in store.contents(names):
             key = names[name]
             try:
-                tree = _CONTENT[status].model_validate_json(content).model_dump(exclude_unset=True)
-            except ValidationError:
+                tree = _PARSE[status](content).model_dump(exclude_unset=True)
+            except (ValueError, RecursionError):
                 tree = {"key": None}
             if tree.get("key", key) != key:
                 remedy = (

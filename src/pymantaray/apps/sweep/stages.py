@@ -3,7 +3,6 @@ Stages of a mission that points share. Each is computed once and stays in memory
 """
 
 import io
-import json
 import math
 from collections.abc import Callable, Mapping
 from time import perf_counter
@@ -17,11 +16,11 @@ from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS
-from pymantaray.apps.sweep.points import stage_name
+from pymantaray.apps.sweep.points import parse_failure, stage_name
 from pymantaray.config.build.ocean import MissionOcean
 from pymantaray.config.build.study import Study
 from pymantaray.errors import SweepError, WriteError
-from pymantaray.jobs.store import Store, failure_content, read_valid
+from pymantaray.jobs.store import Store, failure_content, read_sealed, read_valid, write_sealed
 from pymantaray.records import Arrivals, RangingTruth, Trajectories
 from pymantaray.records.nested import from_groups, to_groups
 from pymantaray.records.writing import netcdf_content, netcdf_groups
@@ -103,7 +102,7 @@ class Stages:
     def _write(self, stage: str, result: Any) -> None:
         cost = xr.Dataset(attrs={"seconds": self.seconds(stage)})
         content = netcdf_content({"cost": cost, **_PACK[stage](result)})
-        self._store.write(stage_name(self._keys[stage]), content)
+        write_sealed(self._store, stage_name(self._keys[stage]), content)
 
     def _read(self, stage: str) -> tuple[Any, float] | None:
         """
@@ -116,7 +115,7 @@ class Stages:
             seconds = float(groups.pop("cost").attrs["seconds"])
             return _UNPACK[stage](groups), seconds
 
-        return read_valid(self._store, stage_name(self._keys[stage]), parse)
+        return read_sealed(self._store, stage_name(self._keys[stage]), parse)
 
     def _get(self, stage: str, compute: Callable[[], Any], key: str | None = None) -> Any:
         key = self._keys[stage] if key is None else key
@@ -140,9 +139,9 @@ class Stages:
         Compute a shared stage once, even if it fails: all points that need it then get the same
         error line.
         """
-        failure = self._store.read(stage_name(key, failed=True))
+        failure = read_valid(self._store, stage_name(key, failed=True), parse_failure)
         if failure is not None:
-            raise SweepError(json.loads(failure)["error"])
+            raise SweepError(failure.error)
         try:
             return compute()
         except WriteError:  # the store failed, not the stage

@@ -1,6 +1,5 @@
 """Task of a worker: one shared stage or one point, written to the store before the task returns."""
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -13,7 +12,7 @@ from pymantaray.apps.study.realization import RealizationSolver, collect_results
 from pymantaray.apps.study.runner import refuse_too_large, run_study
 from pymantaray.apps.study.store import run_in_memory
 from pymantaray.apps.sweep.keys import POINT, STAGES
-from pymantaray.apps.sweep.points import point_name
+from pymantaray.apps.sweep.points import point_content, point_name
 from pymantaray.apps.sweep.stages import Stages
 from pymantaray.config import StudyConfig
 from pymantaray.config.build.study import Study, build_study
@@ -62,7 +61,7 @@ def _compute(store: Store, task: SweepTask) -> None:
         stages.ensure(task.kind)
     elif not store.has(point_name(task.key)):
         content = _solve(task, study, stages, store)
-        store.write(point_name(task.key), json.dumps(content, indent=1).encode())
+        store.write(point_name(task.key), point_content(content))
         store.remove(point_name(task.key, failed=True))
 
 

@@ -31,5 +31,5 @@ register(
     of_mission=True,
     caption=_caption_of_rays,
     draw=lambda r: ray_picture(r.run.ray_picture, r.header),
-    needs=lambda r: (r.run.path / RAY_PICTURE).is_file(),
+    needs=lambda r: r.run.has_file(RAY_PICTURE),
 )
