@@ -1,23 +1,38 @@
 """Notes of readers: every command that reads a file prints them once, also in JSON."""
 
+import json
 import shutil
+from functools import partial
 
 import bellhop_stand_in
 import numpy as np
 import pytest
 import tomli_w
+import xarray as xr
 from authors_files import write_simulation
 from command_fixtures import registered_commands
+from factories import pool_here
+
+from pymantaray.apps.study import command as study_command
+from pymantaray.apps.study import open_run
+from pymantaray.apps.sweep import stages
+from pymantaray.ocean import cast_ocean, read_cast
+from pymantaray.records import write_netcdf
 
 WATER = "--profile cast.csv --bathymetry 200"
 OF_CAST = "rows dropped: with "
+OF_CAST_A = "a: 1 of 5 rows dropped: with "
+OF_FLOOR = "no value at 1 of "
 OF_TRACKS = "poses at repeated times dropped"
 TABLE = "--source-depth 10:30 --receiver-depth 10:30 --range 100:400 --error 5 --out t.nc --force"
 ATLAS = "--depths 20 --distances 300 --workers 1 --out atlas.nc --force"
+PINGS = "pings.csv --depth 150"
+EVENTS = "events.csv"
+MODES = "--sound-speed modes --modes casts.csv"
 NOTED = {  # words of a command, its output, and a part of the note
     "plan": ("plan.toml --workers 1", OF_CAST),
     "ranges": (f"tracks.csv {WATER} --interval 30 --out ranges", OF_TRACKS),
-    "replay": (f"events.csv {WATER} --out replay", OF_CAST),
+    "replay": (f"{EVENTS} {WATER} --out replay", OF_CAST),
     "serve": ("cast.csv --bathymetry 200 --port 0", OF_CAST),
     "table": (f"cast.csv --bathymetry 200 {TABLE}", OF_CAST),
     "atlas run": (f"cast.csv --bathymetry 200 {ATLAS}", OF_CAST),
@@ -25,7 +40,7 @@ NOTED = {  # words of a command, its output, and a part of the note
     "graph show": ("g.pyfg --skip-unknown", "left out: 1 FIX"),
     "graph solve": ("g.pyfg --skip-unknown", "left out: 1 FIX"),
     "graph convert": ("g.pyfg o.g2o --skip-unknown --force", "left out: 1 FIX"),
-    "locate survey": (f"pings.csv --depth 150 {WATER} --sound-speed known", OF_CAST),
+    "locate survey": (f"{PINGS} {WATER} --sound-speed known", OF_CAST),
     "locate plan": (f"--depth 150 {WATER} --pings 12 --pattern circle --radii 50 100 2", OF_CAST),
     "ocean check": ("cast.csv --bathymetry 200", OF_CAST),
     "ocean show": ("cast.csv", OF_CAST),
@@ -46,13 +61,22 @@ NOTED = {  # words of a command, its output, and a part of the note
         OF_CAST,
     ),
     "rays write-bellhop": (f"links.csv --out bellhop {WATER} --force", OF_CAST),
+    "export": ("authors noted.toml authors", OF_CAST),
     "study import": ("sim.json", "without meaning here"),
     "study run": ("study.toml --out run --no-figures", OF_TRACKS),
+    "sweep run": ("sweep.toml --out sweep --workers 1", OF_CAST),
 }
+MORE = [  # of the same commands, other readers
+    ("locate survey", f"{PINGS} --profile good.csv --bathymetry 200 {MODES}", OF_CAST_A),
+    ("ocean perturb", "good.nc p.nc --rms 1 --scale 5 --mode-cast casts.csv --force", OF_CAST_A),
+    ("table", f"good.nc --bathymetry floor.nc {TABLE}", OF_FLOOR),
+    ("atlas run", f"good.nc --bathymetry floor.nc {ATLAS}", OF_FLOOR),
+    ("locate survey", f"{PINGS} --ocean good.nc --bathymetry floor.nc", OF_FLOOR),
+    ("replay", f"{EVENTS} --ocean good.nc --bathymetry floor.nc --out replay", OF_FLOOR),
+]
 READS_NONE = {
     "atlas plot": "the page of an atlas has its notes",
     "doctor": "reads no file",
-    "export": "log lines, of `export authors`; other exports read a run",
     "ocean fetch copernicus": "downloads",
     "ocean fetch hycom": "downloads",
     "study cite": "reads a configuration only",
@@ -62,8 +86,7 @@ READS_NONE = {
     "study report": "reads a run, whose page has its notes",
     "study show": "reads a configuration only",
     "study tables": "reads a run, whose page has its notes",
-    "sweep collect": "reads finished points",
-    "sweep run": "the manifests of its points have their notes",
+    "sweep collect": "reads finished points, whose notes are on its page",
     "sweep show": "reads a configuration only",
     "sweep status": "reads finished points",
 }
@@ -85,10 +108,26 @@ STUDY = {
 }
 FLEET = {
     "vehicles": [
-        {"name": n, "kind": "station", "north": k, "east": 0.0, "depth": depth}
-        for n, k, depth in (("A", 0.0, 0.01), ("B", 300.0, 30.0))
+        {"name": "A", "kind": "station", "north": 0.0, "east": 0.0},
+        {
+            "name": "B",
+            "kind": "twist",
+            "north": 300.0,
+            "east": 0.0,
+            "depth": 50.0,
+            "twist": [0.0, 0.0, 0.0, 0.1, 0.0, 0.0],
+        },
     ]
 }
+
+
+def sea_floor():
+    """Depths around 70 N, 0 E, one of which is missing."""
+    lat, lon = 70.0 + np.linspace(-0.1, 0.1, 11), np.linspace(-0.3, 0.3, 11)
+    depth = np.full((lat.size, lon.size), 190.0)
+    depth[5, 5] = np.nan
+    attrs = {"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"}
+    return xr.Dataset({"deptho": (("lat", "lon"), depth, attrs)}, {"lat": lat, "lon": lon})
 
 
 @pytest.fixture(scope="module")
@@ -99,6 +138,17 @@ def inputs(tmp_path_factory):
     lines = [f"{row},70,0,2014-07-15T12:00" for row in ROWS.split()]
     (folder / "cast.csv").write_text("\n".join([head, *lines]) + "\n")
     (folder / "good.csv").write_text("\n".join([head, *lines[:2], *lines[3:]]) + "\n")
+    stations = [f"{row},70,0,2014-07-15T12:00,{s}" for s in "ab" for row in ROWS.split()]
+    warmer = [row.replace("20,4,", "20,5,") if row.endswith("b") else row for row in stations]
+    (folder / "casts.csv").write_text("\n".join([f"{head},station", *warmer]) + "\n")
+    ocean = cast_ocean(
+        read_cast(folder / "good.csv"),
+        bathymetry=200.0,
+        half_extent=(5e3, 5e3),
+        below="constant",
+    )
+    write_netcdf(ocean, folder / "good.nc")
+    write_netcdf(sea_floor(), folder / "floor.nc")
     (folder / "links.csv").write_text(
         "source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth\n"
         "0,0,10,100,0,20\n"
@@ -128,6 +178,8 @@ def inputs(tmp_path_factory):
     (folder / "study.toml").write_text(
         tomli_w.dumps({**STUDY, "mission": mission, "fleet": tracks})
     )
+    (folder / "noted.toml").write_text(tomli_w.dumps({**STUDY, "fleet": FLEET}))
+    (folder / "sweep.toml").write_text('base = "noted.toml"\ncross.noise.range_sigma = [1.0, 2.0]')
     write_simulation(folder)
     bellhop_stand_in.install(folder)
     return folder
@@ -146,29 +198,45 @@ def test_the_table_has_every_command():
     assert not NOTED.keys() & READS_NONE.keys()
 
 
-SLOW = {"ocean plot", "plan", "ranges", "atlas run", "atlas show", "replay"}
-
-
 @pytest.mark.parametrize(
-    "name", [pytest.param(n, marks=[pytest.mark.slow] if n in SLOW else []) for n in NOTED]
+    ("name", "words", "note"), [*((name, *rest) for name, rest in NOTED.items()), *MORE]
 )
-def test_a_command_prints_a_note_once(mantaray, told, inputs, monkeypatch, tmp_path, name):
+def test_a_command_prints_a_note_once(mantaray, inputs, monkeypatch, tmp_path, name, words, note):
     shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", bellhop_stand_in.path_of(tmp_path))
     monkeypatch.setattr("pymantaray.apps.service.command._run", stopped)
-    if name == "ocean correct":
-        mantaray("ocean", "from-cast", "good.csv", "good.nc", "--bathymetry", 200)
+    for pool in ("plan.search", "sweep.runner", "atlas.runner"):
+        monkeypatch.setattr(f"pymantaray.apps.{pool}.open_pool", pool_here)
+    without_figures = partial(study_command.run_and_report, figures=False)
+    monkeypatch.setattr(study_command, "run_and_report", without_figures)
     if name == "atlas show":
         mantaray("atlas", "run", *NOTED["atlas run"][0].split())
-    words, note = NOTED[name]
-    done = mantaray(*name.split(), *words.split())
+    as_json = any("--json" in one.opts for one in registered_commands()[name].params)
+    done = mantaray(*name.split(), *words.split(), *(["--json"] if as_json else []))
     assert done.code in (0, 1), done.err
     assert sum(note in line for line in done.err.splitlines()) == 1, done.err
-    assert note not in done.out
-    if any("--json" in one.opts for one in registered_commands()[name].params):
-        for folder in ("ranges", "replay", "run"):
-            shutil.rmtree(tmp_path / folder, ignore_errors=True)
-        lines = told(*name.split(), *words.split(), code=done.code)["notes"]
-        assert sum(note in line for line in lines) == 1
-        assert len(lines) == len(set(lines))
+    if not as_json:
+        assert note not in done.out
+        return
+    lines = json.loads(done.out)["notes"]
+    assert sum(note in line for line in lines) == 1
+    assert len(lines) == len(set(lines))
+
+
+def test_a_sweep_keeps_the_notes_of_its_points(mantaray, inputs, monkeypatch, tmp_path):
+    """In the ocean that points share, in the runs of its studies and on its page."""
+    shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", pool_here)
+    ocean = STUDY["ocean"] | {"source": "good.nc", "bathymetry": "floor.nc"}
+    (tmp_path / "noted.toml").write_text(tomli_w.dumps({**STUDY, "ocean": ocean, "fleet": FLEET}))
+    done = mantaray("sweep", "run", "sweep.toml", "--out", "s", "--keep-stages")
+    assert (done.code, done.err.count(OF_FLOOR)) == (0, 1), done.err
+    stages._LATEST.clear()  # the second sweep reads the ocean of the first
+    shutil.rmtree("s/points")
+    assert mantaray("sweep", "run", "sweep.toml", "--out", "s", "--studies").err == done.err
+    for folder in (tmp_path / "s" / "studies").iterdir():
+        assert any(OF_FLOOR in note for note in open_run(folder).notes)
+    assert mantaray("sweep", "collect", "s").code == 0
+    assert (tmp_path / "s" / "index.html").read_text().count(OF_FLOOR) == 1

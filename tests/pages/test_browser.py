@@ -400,6 +400,36 @@ def test_located_nodes_are_readable_at_any_width(chromium, location_file, width)
     context.close()
 
 
+NAMES = [
+    "constructor",
+    "<b>bold</b>",
+    '<a href="//b">A&amp;B</a>',
+    "%{y}",
+    *("n" * 63 + c for c in "ab"),
+]
+
+
+def test_names_of_others_are_plain_and_short_in_figures(chromium, tmp_path):
+    """Plotly reads tags, entities and templates, and long names would leave no room."""
+    rows = pd.DataFrame({"vehicle": NAMES, "condition": "straight", "point": range(len(NAMES))})
+    table = rows.assign(status="done", error="", rmse_m=np.arange(1.0, len(NAMES) + 1.0), key="k")
+    file = write_sweep_page(table, ["vehicle"], tmp_path, title="made up")
+    for opened in open_page(chromium, file, 390, "light"):
+        page = opened.page
+        page.select_option("#each", "vehicle")
+        check_quiet_and_fitting(opened, file)
+        legend = page.locator("#chart .legendtext").all_text_contents()
+        plain = [text.replace("\u200b", "") for text in legend]
+        assert sorted(plain[:4]) == sorted(NAMES[:4])
+        assert len(set(plain)) == len(NAMES)
+        assert max(map(len, plain)) <= 34
+        assert page.locator("#chart svg a").count() == 0
+        assert page.evaluate("document.getElementById('chart')._fullLayout._size.h") > 100
+        # the scene of a fleet looks letters up by these names
+        named = page.evaluate(f"{NAMES}.map((name) => namesInFigure([name]).get(name) in {{}})")
+        assert named == [False] * len(NAMES)
+
+
 def test_a_replay_printed_at_once_has_all_its_figures(chromium, replay_file, tmp_path):
     page = chromium.new_page()
     page.goto(replay_file.as_uri())

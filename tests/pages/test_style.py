@@ -7,7 +7,14 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 
-from pymantaray.pages.style import new_figure, ocean_header, rendered, shortened, styled
+from pymantaray.pages.style import (
+    condition_labels,
+    new_figure,
+    ocean_header,
+    rendered,
+    shortened,
+    styled,
+)
 
 
 @styled
@@ -62,3 +69,12 @@ def test_header_says_synthetic_exactly_when_the_ocean_is(attrs, expected):
 )
 def test_names_of_runs_stay_unlike_when_cut(names, expected):
     assert shortened(names) == expected
+
+
+def test_labels_of_conditions_fit_on_a_figure_and_differ():
+    names = ["straight", *("W" * 126 + c for c in "ab"), "cost $"]
+    labels = condition_labels(names)
+    assert labels["straight"] == "Straight ranges"
+    assert labels["cost $"] == r"cost \$"
+    assert len(set(labels.values())) == 4
+    assert max(map(len, labels.values())) <= 29

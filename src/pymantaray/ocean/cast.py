@@ -5,7 +5,7 @@ One cast: a measured profile at a place and time, and its CSV table.
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -208,6 +208,11 @@ class Cast:
         at = np.interp(nodes, self.depth, values)
         integral = np.concatenate([[0.0], np.cumsum(0.5 * (at[1:] + at[:-1]) * np.diff(nodes))])
         return np.asarray(np.diff(np.interp(edges, nodes, integral)) / np.diff(edges))
+
+
+def notes_of_casts(casts: Iterable[Cast]) -> tuple[str, ...]:
+    """Notes of the reader of casts, each with the name of its cast."""
+    return tuple(f"{cast.name}: {note}" for cast in casts for note in cast.notes)
 
 
 def clean_cast(

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
-from pymantaray.ocean.cast import Cast
+from pymantaray.ocean.cast import Cast, notes_of_casts
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import layer_edges, validate_ocean
 from pymantaray.ocean.seawater import sound_speed
@@ -114,6 +114,8 @@ class VerticalModes:
         Variances of the amplitudes in descending order. [m²/s²]
     total_variance : float
         Mean variance over the water column, including omitted modes. [m²/s²]
+    notes : tuple of str
+        Notes of the reader of the casts.
     """
 
     depth: Array
@@ -121,6 +123,7 @@ class VerticalModes:
     modes: Array
     variance: Array
     total_variance: float
+    notes: tuple[str, ...] = ()
 
     def at(self, depth: ArrayLike) -> Array:
         """
@@ -218,7 +221,8 @@ def vertical_modes(
     count = min(share if n_modes is None else n_modes, rank)
     if count < 1:
         raise OceanError(f"modes: n_modes is {n_modes}; it must be at least 1")
-    return VerticalModes(depth, mean, modes[:count], variance[:count], total)
+    notes = () if isinstance(columns, xr.Dataset) else notes_of_casts(columns)
+    return VerticalModes(depth, mean, modes[:count], variance[:count], total, notes)
 
 
 def _ocean_columns(ocean: xr.Dataset, equation: Equation) -> tuple[Array, Array]:

@@ -228,6 +228,12 @@ def condition_label(name: str) -> str:
     return CONDITION_LABELS.get(name, name)
 
 
+def condition_labels(names: Sequence[str]) -> dict[str, str]:
+    """Labels of ranging conditions and estimators that fit on a figure, by name."""
+    labels = shortened([condition_label(name) for name in names])
+    return {name: plain(label) for name, label in zip(names, labels, strict=True)}
+
+
 def condition_line(name: str) -> Any:
     """Line style of a ranging condition; lines below it are visible through its gaps."""
     return _CONDITION_LINES.get(name, "-")

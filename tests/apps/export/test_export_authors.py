@@ -441,7 +441,7 @@ def test_a_toml_file_can_change_a_configuration_of_the_program(tmp_path):
 
 def test_exported_files_define_the_same_study(tmp_path):
     path = write_simulation(tmp_path)
-    folder = export_authors(path, tmp_path / "out")
+    folder, _ = export_authors(path, tmp_path / "out")
     again, first = load_study(folder / "sim.json"), load_study(path)
     for section in ("study", "mission", "acoustics", "ranging", "noise", "fleet", "landmarks"):
         assert getattr(again, section) == getattr(first, section), section
@@ -454,7 +454,7 @@ def test_exported_files_define_the_same_study(tmp_path):
 def test_a_preset_becomes_files_of_the_program(tmp_path):
     """The 12th vehicle is a landmark's letter there, but the quick study has eleven."""
     config = load_study("quick")
-    folder = export_authors(config, tmp_path / "out")
+    folder, _ = export_authors(config, tmp_path / "out")
     robots = json.loads((folder / "sim.json").read_text())["robots"]
     assert len(robots) == len(config.fleet.vehicles)
     for robot, vehicle in zip(robots, config.fleet.build(), strict=True):
@@ -586,6 +586,6 @@ def test_an_independent_fan_has_our_ranges_where_theirs_differ(imported, compare
 def test_the_run_is_exported_byte_by_byte(tmp_path):
     if not (RUN / "sim.json").is_file():
         pytest.skip(f"no {RUN}")
-    folder = export_authors(RUN / "sim.json", tmp_path / "out")
+    folder, _ = export_authors(RUN / "sim.json", tmp_path / "out")
     for path in RUN.glob("environment/**/*.npy"):
         assert (folder / path.relative_to(RUN)).read_bytes() == path.read_bytes()

@@ -45,7 +45,7 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     assert mantaray("sweep", "status", out).out == f"{out}: 4 done, 0 failed, 0 open of 4 points\n"
     status = {"done": 4, "failed": 0, "open": 0, "points": 4, "failures": []}
     assert told("sweep", "status", out) == status
-    assert told("sweep", "run", file, "--out", out) == status | {"folder": str(out)}
+    assert told("sweep", "run", file, "--out", out) == status | {"folder": str(out), "notes": []}
     plan = told("sweep", "show", file, "--out", out)
     assert plan["axes"] == [
         {"noise.range_sigma": [0.5, 1.0]},

@@ -4,7 +4,6 @@ arrays.
 """
 
 import json
-import logging
 import math
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -28,7 +27,6 @@ from pymantaray.ocean.environment import (
 )
 from pymantaray.sensing import OneWay
 
-LOG = logging.getLogger(__name__)
 SIMULATION = "sim.json"
 _BEAMS = 100  # of the authors' configurations
 _MAX_BEAMS = 400
@@ -37,11 +35,11 @@ _GNSS_DEPTH = 0.1  # m, of the program
 _DEPTH_GAIN = 10.0  # 1/s, of the program
 
 
-def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -> Path:
+def export_authors(
+    source: Run | StudyConfig | str | Path, folder: str | Path
+) -> tuple[Path, tuple[str, ...]]:
     """
     Write the files with which the paper's authors' program simulates a study.
-
-    The log lists what the program does in another way.
 
     Parameters
     ----------
@@ -53,8 +51,10 @@ def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -
 
     Returns
     -------
-    pathlib.Path
+    folder : pathlib.Path
         The folder.
+    lines : tuple of str
+        Notes of the readers of the study's files, and what the program does in another way.
 
     Raises
     ------
@@ -80,9 +80,7 @@ def export_authors(source: Run | StudyConfig | str | Path, folder: str | Path) -
             )
         except OSError as error:
             raise WriteError(f"{final}: cannot be written: {error.strerror or error}") from None
-    for note in (*notes, *_notes(study, arrays)):
-        LOG.warning("%s: %s", study.name, note)
-    return final
+    return final, (*notes, *_notes(study, arrays))
 
 
 def _environment(

@@ -9,6 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from pymantaray.cli.panels import OUTPUT
+from pymantaray.cli.printing import printer
 
 SHOWS_RESULTS = True
 
@@ -67,7 +68,10 @@ def export(
             raise _UsageError("Usage: mantaray export authors STUDY FOLDER", context)
         from pymantaray.apps.export import export_authors
 
-        typer.echo(str(export_authors(words[0], words[1])))
+        folder, lines = export_authors(words[0], words[1])
+        with printer() as printed:
+            printed.notes(f"{words[0]}: {line}" for line in lines)
+            printed.paths(folder)
         return
     if words:
         raise _UsageError(f"Got unexpected extra argument ({words[0]})", context)

@@ -589,7 +589,8 @@ def locate(
     solution, candidates, solver = solve(survey, medium, selected, direct.position)
     solution, mirrors = with_mirrors(solver, solution)
     spread = spread_of_models(candidates, selected.kinds, solution)
-    notes = medium.notes + notes_below_bed(solution, medium)
+    notes = () if selected.modes is None else selected.modes.notes
+    notes += medium.notes + notes_below_bed(solution, medium)
     check_solution(solution, medium)
     notes += notes_outside_water(survey, medium, solution.unknowns.lever(solution.values))
     draws = None

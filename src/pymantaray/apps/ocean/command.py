@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     from pymantaray.acoustics.profiles import Profile
     from pymantaray.config.build.ocean import MissionOcean
-    from pymantaray.ocean.cast import Cast
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.open import CurrentsPolicy
     from pymantaray.ocean.schema import Finding
@@ -414,6 +413,7 @@ def from_cast(
     """Make a horizontally uniform ocean at rest from one cast."""
     check_output(out, [".nc"], inputs=[cast], force=force)
     from pymantaray.ocean import cast_ocean, read_cast
+    from pymantaray.ocean.cast import notes_of_casts
 
     if uniform.below_cast is not None and uniform.below != "refuse":
         raise OceanError("--below and --below-cast cannot be combined; give one of them")
@@ -431,7 +431,7 @@ def from_cast(
         below=uniform.below if deep is None else deep,
         equation=uniform.equation,
     )
-    _write(ocean, out, _of_casts([upper] if deep is None else [upper, deep]))
+    _write(ocean, out, notes_of_casts([upper] if deep is None else [upper, deep]))
 
 
 @app.command("convert-cast")
@@ -544,6 +544,7 @@ def correct(
     """Correct a gridded ocean with casts (optimal interpolation)."""
     check_output(out, [".nc"], inputs=[Path(ocean), *casts], force=force)
     from pymantaray.ocean import correct_with_casts, read_casts
+    from pymantaray.ocean.cast import notes_of_casts
 
     time_scale = None
     if scales.time_scale is not None:
@@ -559,7 +560,7 @@ def correct(
         vertical_scale=scales.vertical_scale,
         time_scale=time_scale,
     )
-    _write(corrected, out, [*_of_fields(own, true), *_of_casts(measured)])
+    _write(corrected, out, [*_of_fields(own, true), *notes_of_casts(measured)])
 
 
 @dataclass(frozen=True)
@@ -652,19 +653,20 @@ def perturb(
     if error.place is not None:
         return _write(column_ocean(true, error.place), out, notes)
     assert error.rms is not None and error.scale is not None  # noqa: PT018  checked by the options
-    casts = []
+    modes = None
     if error.mode_cast:
         casts = read_casts(error.mode_cast, repair_freezing=water.repair_freezing)
+        modes = vertical_modes(casts, equation=equation)
+        notes += modes.notes
     member = perturb_ocean(
         true,
         rms=error.rms,
         horizontal_scale=error.scale * _M_PER_KM,
         rng=stream(error.seed, 0, "ocean", "perturb"),
-        modes=vertical_modes(casts, equation=equation) if casts else None,
+        modes=modes,
         down_to=error.down_to,
         equation=equation,
     )
-    notes += _of_casts(casts)
     return _write(with_history(member, f"seed {error.seed}"), out, notes)
 
 
@@ -682,11 +684,6 @@ def _fields(own: "MissionOcean") -> "xr.Dataset":
 def _of_fields(own: "MissionOcean", ocean: "xr.Dataset") -> list[str]:
     """Notes of the readers of an ocean, or of a profile."""
     return list(own.notes() if own.is_profile else own.notes_of(ocean, None))
-
-
-def _of_casts(casts: "Sequence[Cast]") -> list[str]:
-    """Notes of the reader of casts."""
-    return [f"{cast.name}: {note}" for cast in casts for note in cast.notes]
 
 
 def _write(ocean: "xr.Dataset", out: Path, notes: Sequence[str]) -> None:

@@ -72,9 +72,9 @@ def describe_run(
             "synthetic": bool(ocean["synthetic"]),
             "time_varying": study.ocean.time_varying,
             "sha256": inputs,
-            "notes": str(ocean.get("notes", "")).splitlines(),
+            "notes": ocean_notes(ocean),
         },
-        **({} if existing is None else {"fleet": _own_fleet(existing, study.ocean.centre, ocean)}),
+        **({} if existing is None else {"fleet": _own_fleet(existing, study, ocean)}),
         "random": {
             "seed": study.seed,
             "realizations": study.realizations,
@@ -108,16 +108,27 @@ def _command() -> str | None:
     )
 
 
-def _own_fleet(
-    existing: TrackFiles, centre: tuple[float, float] | None, ocean: Mapping[Hashable, Any]
-) -> dict[str, Any]:
+def ocean_notes(ocean: Mapping[Hashable, Any]) -> list[str]:
+    """Notes of the readers of an ocean, from the attributes of the local ocean."""
+    return str(ocean.get("notes", "")).splitlines()
+
+
+def fleet_notes(study: Study, ocean: Mapping[Hashable, Any]) -> list[str]:
+    """Notes of the readers of existing trajectories."""
+    existing = study.fleet.existing
+    if existing is None:
+        return []
+    note = centre_note(study.ocean.centre, ocean, existing.tracks)
+    return [*existing.tracks.notes, *([note] if note else [])]
+
+
+def _own_fleet(existing: TrackFiles, study: Study, ocean: Mapping[Hashable, Any]) -> dict[str, Any]:
     """Source of a fleet's trajectories, their start, and changes or assumptions made on reading."""
-    tracks = existing.tracks
-    note = centre_note(centre, ocean, tracks)
+    start = existing.tracks.start
     return {
         "trajectories": list(existing.files),
-        "start": None if tracks.start is None else str(tracks.start),
-        "notes": [*tracks.notes, *([note] if note else [])],
+        "start": None if start is None else str(start),
+        "notes": fleet_notes(study, ocean),
     }
 
 

@@ -102,8 +102,7 @@ def simulate_mission(
     progress("rays", 0, 1)
     with watch.stage("medium"):
         medium = study.sound.medium(ocean)
-        if notes := notes_of(ocean, medium):
-            ocean = replace(ocean, local=ocean.local.assign_attrs(notes="\n".join(notes)))
+        ocean = with_notes(ocean, medium)
     with watch.stage("rays"):
         count = study.ice_draws
         ranging = range_fleet(
@@ -130,6 +129,14 @@ def simulate_mission(
     if not ranging.status.size:  # no pair
         progress("rays", 1, 1)
     return mission
+
+
+def with_notes(ocean: OceanFields, medium: Medium | Callable[[float], Medium]) -> OceanFields:
+    """Ocean whose local attributes have its notes and those of its medium, for files of a run."""
+    notes = notes_of(ocean, medium)
+    if not notes:
+        return ocean
+    return replace(ocean, local=ocean.local.assign_attrs(notes="\n".join(notes)))
 
 
 def notes_of(ocean: OceanFields, medium: Medium | Callable[[float], Medium]) -> list[str]:

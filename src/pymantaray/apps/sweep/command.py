@@ -171,6 +171,7 @@ def run(
         )
     status = results.status()
     with printing.printer() as printed:
+        printed.notes(results.notes)
         _print_status(printed, out, status)
         printed.paths(folder=out)
     if status.failed:
@@ -227,7 +228,10 @@ def collect(
         from pymantaray.apps.sweep import write_sweep_page
 
         fields = [name for axis in results.sweep.axes for name in axis.coordinates()]
-        typer.echo(str(write_sweep_page(results.table(), fields, folder, title=results.sweep.name)))
+        written = write_sweep_page(
+            results.table(), fields, folder, title=results.sweep.name, notes=results.notes
+        )
+        typer.echo(str(written))
 
 
 def _print_status(out: Printer, place: str, status: "Status") -> None:

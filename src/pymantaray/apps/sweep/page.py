@@ -16,7 +16,12 @@ _NO_RESULTS = ("point", "status", "error", "condition", "key")
 
 
 def write_sweep_page(
-    table: pd.DataFrame, fields: Sequence[str], folder: str | Path, *, title: str
+    table: pd.DataFrame,
+    fields: Sequence[str],
+    folder: str | Path,
+    *,
+    title: str,
+    notes: Sequence[str] = (),
 ) -> Path:
     """
     Write the page of a sweep into a folder.
@@ -31,6 +36,8 @@ def write_sweep_page(
         Folder with ``table.csv``.
     title : str
         Name of the sweep.
+    notes : sequence of str
+        Notes of the readers of its points, `SweepResults.notes`.
 
     Returns
     -------
@@ -67,7 +74,7 @@ def write_sweep_page(
                 f" {', '.join(f'{n} {state}' for state, n in states.items())}"
             )
         ],
-        notes=[f"{count} failed: {line}" for line, count in failures.items()],
+        notes=[*notes, *(f"{count} failed: {line}" for line, count in failures.items())],
         explorer=explorer,
         tables=[point_table(table, fields)],
     )

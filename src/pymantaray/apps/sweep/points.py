@@ -34,6 +34,7 @@ class Point(BaseModel):
 
     key: str
     version: str
+    notes: list[str]
     conditions: dict[str, dict[str, Value]]
     links: dict[str, Value]
     seconds: dict[str, float]

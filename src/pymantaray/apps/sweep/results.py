@@ -73,6 +73,11 @@ class SweepResults:
             lines.update([content["error"]] if status == FAILED else [])
         return Status(len(known), done, lines.total(), dict(lines.most_common()))
 
+    @property
+    def notes(self) -> list[str]:
+        """Notes of the readers of all finished points, each once."""
+        return list(dict.fromkeys(n for content in self.contents for n in content.get("notes", [])))
+
     def _repr_html_(self) -> str:
         """HTML for a notebook: numbers of finished, failed and unfinished points, and the table."""
         status = self.status()

@@ -156,15 +156,24 @@ def _pack_ocean(ocean: OceanFields) -> dict[str, xr.Dataset]:
     ocean.region.to_csv(region)
     fields = {name: getattr(ocean, name) for name in ("geographic", "local", "profile", "series")}
     groups = {name: field for name, field in fields.items() if field is not None}
-    return {"region": xr.Dataset(attrs={"csv": region.getvalue()}), **groups}
+    text = {"csv": region.getvalue(), "notes": "\n".join(ocean.notes)}
+    return {"region": xr.Dataset(attrs=text), **groups}
 
 
 def _unpack_ocean(groups: dict[str, xr.Dataset]) -> OceanFields:
-    region = pd.read_csv(io.StringIO(groups.pop("region").attrs["csv"]), index_col=0)
+    text = groups.pop("region").attrs
+    region = pd.read_csv(io.StringIO(text["csv"]), index_col=0)
     geographic = groups.get("geographic")  # none for water in metres
     if geographic is not None:
         geographic = xr.decode_cf(geographic, decode_timedelta=False)
-    return OceanFields(geographic, groups["local"], groups["profile"], region, groups.get("series"))
+    return OceanFields(
+        geographic,
+        groups["local"],
+        groups["profile"],
+        region,
+        groups.get("series"),
+        notes=tuple(text["notes"].splitlines()),
+    )
 
 
 _PACK: dict[str, Callable[[Any], dict[str, xr.Dataset]]] = {

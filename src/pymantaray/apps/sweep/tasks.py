@@ -6,8 +6,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pymantaray.apps.study import Run, open_run
-from pymantaray.apps.study.manifest import Stopwatch
-from pymantaray.apps.study.mission import assemble_mission, mission_picture, range_draws
+from pymantaray.apps.study.manifest import Stopwatch, fleet_notes, ocean_notes
+from pymantaray.apps.study.mission import (
+    assemble_mission,
+    mission_picture,
+    range_draws,
+    with_notes,
+)
 from pymantaray.apps.study.realization import RealizationSolver, collect_results
 from pymantaray.apps.study.runner import refuse_too_large, run_study
 from pymantaray.apps.study.store import run_in_memory
@@ -69,7 +74,7 @@ def _solve(task: SweepTask, study: Study, stages: Stages, store: Store) -> dict[
     """Summary of a point, and the duration of its stages."""
     watch = Stopwatch()
     refuse_too_large(study, 1)
-    ocean = stages.ocean
+    ocean = with_notes(stages.ocean, stages.medium)
     truth = stages.fleet
     ranging = stages.rays
     with watch.stage("realizations"):
@@ -95,7 +100,9 @@ def _solve(task: SweepTask, study: Study, stages: Stages, store: Store) -> dict[
     with watch.stage("summary"):
         summary = summarize_point(run)
     seconds = {stage: stages.seconds(stage) for stage in STAGES} | watch.seconds
-    return {"key": task.key, "version": task.version, **summary, "seconds": seconds}
+    notes = [*ocean_notes(run.ocean.attrs), *fleet_notes(study, run.ocean.attrs)]
+    origin = {"key": task.key, "version": task.version, "notes": notes}
+    return {**origin, **summary, "seconds": seconds}
 
 
 def summarize_point(run: Run) -> dict[str, Any]:

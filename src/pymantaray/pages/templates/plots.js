@@ -41,6 +41,18 @@ function layout(extra) {
     xaxis: { ...axis, ...xaxis }, yaxis: { ...axis, ...yaxis }, ...rest,
   };
 }
+// text of others in a figure: a space without width keeps plotly from reading tags, entities and templates in it, and from looking a name
+// of a property up in its memory of letters
+const plain = (text) => `${String(text) in {} ? "\u200b" : ""}${text}`.replace(/[<&]|%(?={)/g, "$&\u200b");
+// distinct names for a figure, in which long ones leave no room for anything else
+function namesInFigure(names, fits = 28) {
+  const cut = names.map((name) => {
+    const letters = [...String(name)];
+    return letters.length > fits ? [...letters.slice(0, fits / 2 - 1), "…", ...letters.slice(-fits / 2)].join("") : letters.join("");
+  });
+  const counts = cut.reduce((all, name) => all.set(name, (all.get(name) ?? 0) + 1), new Map());
+  return new Map(names.map((name, i) => [name, plain(counts.get(cut[i]) > 1 ? `${i + 1}: ${cut[i]}` : cut[i])]));
+}
 const options = { displaylogo: false, responsive: true, displayModeBar: false };
 const draw = (id, traces, extra) => Plotly.react(at(id), traces, layout(extra), options);
 async function unpacked(id) {

@@ -3,7 +3,9 @@ start((data) => {
   const still = matchMedia("(prefers-reduced-motion: reduce)").matches;
   const sections = new Map(data.rays.map((section) => [section.link, section]));
   const every = sections.size === links.ping.length;
-  const nameOf = (link) => `${fleet.names[links.first[link]]} – ${fleet.names[links.second[link]]}`;
+  const nameOf = (link, names = fleet.names) => `${names[links.first[link]]} – ${names[links.second[link]]}`;
+  const shownNames = [...namesInFigure(fleet.names, 24).values()];
+  const shownConditions = namesInFigure(errors.conditions.map((condition) => condition.label));
   const largest = (link) => Math.max(...links.error[link].map((value) => Math.abs(value ?? 0)));
   const hours = clock(fleet.hour);
   const hourOf = (link) => hours(fleet.hour[fleet.ping[links.ping[link]]]);
@@ -59,7 +61,7 @@ start((data) => {
       const scale = Math.min((at("fleet").clientWidth - 85) / (limits[0][1] - limits[0][0]), (at("fleet").clientHeight - 180) / (limits[1][1] - limits[1][0]));
       pixels = places.map(([x, y]) => [(x ?? 0) * scale, -(y ?? 0) * scale]);
     }
-    return sidesOfNames(pixels, fleet.names);
+    return sidesOfNames(pixels, shownNames);
   }
   function pairTraces(make) {
     const ping = pingAt(state.frame);
@@ -69,7 +71,7 @@ start((data) => {
       const chosen = link === state.link;
       return {
         mode: "lines", customdata: [link, link], line: { color: chosen ? ink() : worst === null ? faint() : shade(worst), width: chosen ? 2.5 : 1, dash: worst === null ? "dash" : "solid" },
-        hovertemplate: `${nameOf(link)}<br>${metres(worst)}<extra>${data.statuses[links.status[link]]}</extra>`, ...make(place(links.first[link], ping), place(links.second[link], ping)),
+        hovertemplate: `${nameOf(link, shownNames)}<br>${metres(worst)}<extra>${data.statuses[links.status[link]]}</extra>`, ...make(place(links.first[link], ping), place(links.second[link], ping)),
       };
     });
   }
@@ -82,8 +84,8 @@ start((data) => {
     const common = { mode: "markers+text", textfont: webgl ? { color: ink() } : { color: ink(), shadow: Array(3).fill(`0 0 3px ${paper()}`).join(", ") }, hovertemplate: "%{text}<br>%{customdata:.0f} m deep<extra></extra>" };
     const [north, east, down] = [0, 1, 2].map((k) => fleet.landmarks.map((p) => p[k]));
     return [
-      { ...common, text: fleet.names.slice(0, fleet.vehicles), textposition: beside.slice(0, fleet.vehicles), x, y, z, customdata: z },
-      { ...common, text: fleet.names.slice(fleet.vehicles), textposition: beside.slice(fleet.vehicles), x: east, y: north, z: down, customdata: down },
+      { ...common, text: shownNames.slice(0, fleet.vehicles), textposition: beside.slice(0, fleet.vehicles), x, y, z, customdata: z },
+      { ...common, text: shownNames.slice(fleet.vehicles), textposition: beside.slice(fleet.vehicles), x: east, y: north, z: down, customdata: down },
     ];
   }
   function drawSolid() {
@@ -222,7 +224,7 @@ start((data) => {
       xaxis: { title: { text: "Range [m]" }, range: [0, far] }, yaxis: { title: { text: "Depth [m]" }, range: [deepest, 0] },
       showlegend: true, legend: { orientation: "h", y: 1.02, yanchor: "bottom", bgcolor: "#eef2f5", font: { color: "#1a1a1a" } }, margin: { l: 60, r: 15, t: 30, b: 45 },
       annotations: section
-        ? [named(fleet.names[links.first[link]], 0, section.ends[0], "left"), named(fleet.names[links.second[link]], far, section.ends[1], "right")]
+        ? [named(shownNames[links.first[link]], 0, section.ends[0], "left"), named(shownNames[links.second[link]], far, section.ends[1], "right")]
         : [{ text: link === null ? "no link selected" : "This page does not have the rays of this link.<br>The command below draws them.", showarrow: false, x: 0.5, y: 0.5, xref: "paper", yref: "paper" }],
     });
     drawFleet();
@@ -244,7 +246,7 @@ start((data) => {
         into.link.push(link);
       }));
       const dots = (part, colour, size, opacity) => ({
-        type: webgl ? "scattergl" : "scatter", mode: "markers", x: part.x, y: part.y, customdata: part.link, text: part.link.map(nameOf),
+        type: webgl ? "scattergl" : "scatter", mode: "markers", x: part.x, y: part.y, customdata: part.link, text: part.link.map((link) => nameOf(link, shownNames)),
         marker: { color: colour, size, opacity }, hovertemplate: "%{text}<br>%{y:.2f} m<extra></extra>",
       });
       draw(id, [dots(all, dark.matches ? "#56B4E9" : "#0072B2", 4, chosen === null ? 0.5 : 0.25), dots(mine, "#D55E00", 8, 1)], { xaxis: { title: { text: title } }, yaxis: { title: { text: "Range error [m]" } } });
@@ -255,8 +257,8 @@ start((data) => {
   function drawOverTime() {
     const v = Number(at("vehicle").value);
     const traces = errors.conditions.flatMap((condition) => [
-      { type: "scatter", mode: "lines", name: condition.label, x: errors.hour, y: condition.rms[v], line: { color: condition.colour, dash: condition.dash } },
-      ...(condition.sigma3 ? [{ type: "scatter", mode: "markers", name: `${condition.label}, 3 sigma`, showlegend: false, x: condition.sigma_hour, y: condition.sigma3[v], marker: { color: condition.colour, size: 5, symbol: "circle-open" } }] : []),
+      { type: "scatter", mode: "lines", name: shownConditions.get(condition.label), x: errors.hour, y: condition.rms[v], line: { color: condition.colour, dash: condition.dash } },
+      ...(condition.sigma3 ? [{ type: "scatter", mode: "markers", name: `${shownConditions.get(condition.label)}, 3 sigma`, showlegend: false, x: condition.sigma_hour, y: condition.sigma3[v], marker: { color: condition.colour, size: 5, symbol: "circle-open" } }] : []),
     ]);
     draw("over-time", traces, { showlegend: true, legend: { orientation: "h", y: 1.15 }, margin: { l: 60, r: 15, t: 40, b: 45 }, xaxis: { title: { text: "Time [h]" } }, yaxis: { title: { text: "Position error [m]" }, type: "log" } });
   }
@@ -265,14 +267,14 @@ start((data) => {
     if (!errors.conditions.length) return;
     drawOverTime();
     const share = Array.from({ length: 101 }, (_, i) => i);
-    draw("distribution", errors.conditions.map((c) => ({ type: "scatter", mode: "lines", name: c.label, x: c.quantiles, y: share, line: { color: c.colour, dash: c.dash } })), {
+    draw("distribution", errors.conditions.map((c) => ({ type: "scatter", mode: "lines", name: shownConditions.get(c.label), x: c.quantiles, y: share, line: { color: c.colour, dash: c.dash } })), {
       showlegend: true, legend: { orientation: "h", y: 1.15 }, margin: { l: 60, r: 15, t: 40, b: 45 },
       xaxis: { title: { text: "Position error [m]" }, type: "log" }, yaxis: { title: { text: "Poses with a smaller error [%]" } },
     });
     at("nees-part").hidden = !nees.length;
     if (!nees.length) return;
     const of = (name) => nees.filter((row) => row.condition === name);
-    const traces = errors.conditions.filter((c) => of(c.name).length).map((c) => ({ type: "scatter", mode: "lines+markers", name: c.label, x: of(c.name).map((r) => r.time_h), y: of(c.name).map((r) => r.ratio), line: { color: c.colour } }));
+    const traces = errors.conditions.filter((c) => of(c.name).length).map((c) => ({ type: "scatter", mode: "lines+markers", name: shownConditions.get(c.label), x: of(c.name).map((r) => r.time_h), y: of(c.name).map((r) => r.ratio), line: { color: c.colour } }));
     const bounds = of(nees[0].condition);
     for (const side of ["low", "high"]) traces.push({ type: "scatter", mode: "lines+markers", x: bounds.map((r) => r.time_h), y: bounds.map((r) => r[side]), line: { color: ink(), dash: "dash", width: 1 }, marker: { color: ink(), symbol: "line-ew-open", size: 10 }, showlegend: false, hoverinfo: "skip" });
     draw("nees", traces, { showlegend: true, legend: { orientation: "h", y: 1.15 }, margin: { l: 60, r: 15, t: 40, b: 45 }, xaxis: { title: { text: "Time [h]" } }, yaxis: { title: { text: "NEES / degrees of freedom" }, type: "log" } });

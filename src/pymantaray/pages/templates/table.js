@@ -47,21 +47,23 @@ start((data) => {
     const shown = shownRows();
     const groups = each ? known(each) : [null];
     const lines = data.lines && isNumber(across);
+    const [inLegend, onAxis] = [groups, isNumber(across) ? [] : known(across)].map((names) => namesInFigure(names));
+    const title = (name) => namesInFigure([label(name)]).get(label(name));
     const traces = groups.map((group, g) => {
       const own = shown.filter((row) => group === null || columns[each][row] === group);
       if (lines) own.sort((a, b) => columns[across][a] - columns[across][b]);
       const colour = (each === "condition" && data.own[group]) || colours[g % colours.length];
       const single = new Set(own.map((row) => columns[across][row])).size === own.length;
       return {
-        type: "scatter", mode: lines && single ? "lines+markers" : "markers", name: String(group), x: own.map((row) => columns[across][row]), y: own.map((row) => columns[up][row]),
-        text: own.map((row) => data.each.map((name) => `${label(name)}: ${columns[name][row]}`).join("<br>")), hovertemplate: "%{y}<br>%{text}<extra></extra>",
+        type: "scatter", mode: lines && single ? "lines+markers" : "markers", name: inLegend.get(group), x: own.map((row) => onAxis.get(columns[across][row]) ?? columns[across][row]), y: own.map((row) => columns[up][row]),
+        text: own.map((row) => data.each.map((name) => plain(`${label(name)}: ${columns[name][row]}`)).join("<br>")), hovertemplate: "%{y}<br>%{text}<extra></extra>",
         marker: { color: colour, size: rows > 500 ? 4 : 8, opacity: rows > 500 ? 0.6 : 1 }, line: { color: colour },
       };
     });
     draw("chart", traces, {
       showlegend: each !== "", legend: { orientation: "h", y: 1.02, yanchor: "bottom" }, margin: { l: 70, r: 15, t: 40, b: 60 },
-      xaxis: { title: { text: label(across) }, type: isNumber(across) ? "linear" : "category", automargin: true },
-      yaxis: { title: { text: label(up) }, type: at("logarithmic").checked ? "log" : "linear" },
+      xaxis: { title: { text: title(across) }, type: isNumber(across) ? "linear" : "category", automargin: true },
+      yaxis: { title: { text: title(up) }, type: at("logarithmic").checked ? "log" : "linear" },
     });
     at("told").textContent = `${shown.length} of ${rows} rows`;
   }

@@ -63,9 +63,10 @@ def consistency_over_time(
     for axes in grid[:, 1]:
         axes.set_ylabel("NIS / degrees of freedom")
     point = {"markersize": 3.6}
+    labels = style.condition_labels(list(looks))
     handles = [
         style.entry(
-            style.plain(style.condition_label(name)),
+            labels[name],
             color=colour,
             marker=marker,
             linewidth=0.9,

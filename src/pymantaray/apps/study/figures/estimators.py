@@ -41,7 +41,7 @@ def error_and_consistency(
         look: dict[str, Any] = {"color": style.GREY, "linewidth": 0.8, "linestyle": "--"}
         handles.append(grid[1].axvline(least, label="lower bound", **look))
     axes = grid[0]
-    axes.set_yticks(range(len(names)), [style.plain(style.condition_label(name)) for name in names])
+    axes.set_yticks(range(len(names)), list(style.condition_labels(names).values()))
     axes.set_ylim(len(names) - 0.4, -0.6)
     style.panel_title(axes, "a", "error at all times")
     style.panel_title(grid[1], "b", "under water at pings")

@@ -74,6 +74,7 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
         for log in {panel.log for panel in panels}
     }
     looks = style.condition_looks(conditions)
+    labels = style.condition_labels(conditions)
     for c, (panel, values) in enumerate(zip(panels, pooled, strict=True)):
         style.panel_title(grid[0, c], style.letter(c), style.plain(style.short(panel.title)))
         grid[-1, c].set_xlabel("Absolute position error [m]")
@@ -82,7 +83,7 @@ def pooled_ape(panels: Sequence[ApePanel], header: str) -> Figure:
                 axes,
                 values.get(name, np.empty(0)),
                 edges[panel.log],
-                (name, looks[name][0]),
+                (labels[name], looks[name][0]),
                 log=panel.log,
             )
     figure.supylabel("Share of poses in a bin [%]")
@@ -178,9 +179,10 @@ def error_over_time(
             axes.tick_params(labelbottom=True)
     for axes in grid.flat:
         axes.set_autoscaley_on(True)
+    labels = style.condition_labels(list(errors))
     handles = [
         style.entry(
-            style.plain(style.condition_label(name)),
+            labels[name],
             color=looks[name][0],
             linestyle=style.condition_line(name),
         )
@@ -219,7 +221,8 @@ def draw_error_distribution(
     """
     finite = {name: values[np.isfinite(values)] for name, values in errors.items()}
     colour = style.condition_looks(list(errors))[condition][0]
-    _ridge(axes, finite[condition], _ape_edges([finite], log=log), (condition, colour), log=log)
+    label = style.condition_labels(list(errors))[condition]
+    _ridge(axes, finite[condition], _ape_edges([finite], log=log), (label, colour), log=log)
     axes.set_xlabel("Absolute position error [m]")
     axes.set_ylabel("Share of poses in a bin [%]")
 
@@ -249,9 +252,8 @@ def _ape_edges(pools: Sequence[Mapping[str, Array]], *, log: bool) -> Array:
 def _ridge(
     axes: Axes, values: Array, edges: Array, condition: tuple[str, str], *, log: bool
 ) -> None:
-    """Draw the distribution of one condition; ``condition`` is its name and colour."""
-    name, colour = condition
-    label = style.plain(style.condition_label(name))
+    """Draw the distribution of one condition; ``condition`` is its label and colour."""
+    label, colour = condition
     axes.grid(visible=False, axis="y")
     axes.locator_params(axis="y", nbins=3)
     if log:

@@ -33,13 +33,13 @@ def draw_vehicle_errors(axes: Axes, table: pd.DataFrame) -> None:
     vehicles = list(dict.fromkeys(table["vehicle"]))
     conditions = list(dict.fromkeys(table["condition"]))
     looks = style.condition_looks(conditions)
+    labels = style.condition_labels(conditions)
     for k, condition in enumerate(conditions):
         rows = table[table["condition"] == condition].set_index("vehicle").reindex(vehicles)
         x = np.arange(len(vehicles)) + _GROUP * ((k + 0.5) / len(conditions) - 0.5)
         colour = looks[condition][0]
-        label = style.plain(style.condition_label(condition))
         axes.vlines(x, rows["p25_m"], rows["p75_m"], color=colour, linewidth=1.4, alpha=0.5)
-        axes.plot(x, rows["rmse_m"], "o", color=colour, markersize=3.5, label=label)
+        axes.plot(x, rows["rmse_m"], "o", color=colour, markersize=3.5, label=labels[condition])
     axes.set_yscale("log")
     style.short_numbers(axes.yaxis)
     axes.grid(visible=False, axis="x")
