@@ -6,10 +6,8 @@ from functools import cached_property
 from typing import Any, Self
 
 import numpy as np
-import scipy.sparse as sp
 import xarray as xr
 from numpy.typing import ArrayLike
-from scipy.interpolate import NdBSpline
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
@@ -384,6 +382,9 @@ class TensorSpline:
     def __init__(
         self, rows: Array, columns: Array, at_rows: Array, at_columns: Array, *, degree: int = 3
     ) -> None:
+        from scipy.interpolate import NdBSpline
+        from scipy.sparse import csr_array
+
         self._axes = [axis_spline(axis, degree) for axis in (rows, columns)]
         self._shape = at_rows.shape
         places = np.stack(
@@ -391,7 +392,7 @@ class TensorSpline:
         ).reshape(-1, 2)
         knots = tuple(axis.knots for axis in self._axes)
         weights = NdBSpline.design_matrix(places, knots, (degree, degree))
-        self._weights = sp.csr_array(  # its last columns may be empty
+        self._weights = csr_array(  # its last columns may be empty
             (weights.data, weights.indices, weights.indptr),
             shape=(len(places), rows.size * columns.size),
         )

@@ -8,7 +8,6 @@ from typing import Self
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from scipy import optimize
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
@@ -436,7 +435,9 @@ def _largest_rectangle(
         most = _reach(lambda east: window.holds(north, east, coarsely=True))
         return most if window.holds(north, most) else _reach(lambda east: window.holds(north, east))
 
-    best = optimize.minimize_scalar(
+    from scipy.optimize import minimize_scalar
+
+    best = minimize_scalar(
         lambda north: -north * width(north), bounds=(0.0, tallest), options={"xatol": 1.0}
     )
     return float(best.x), width(float(best.x))

@@ -4,7 +4,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import least_squares
 
 from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
@@ -110,6 +109,8 @@ def _solutions(point: Array, distance: Array, sigma: Array) -> list[Array]:
 
     def residual(x: Array) -> Array:
         return np.asarray((np.linalg.norm(x - point, axis=1) - distance) / sigma)
+
+    from scipy.optimize import least_squares
 
     ends = [
         least_squares(residual, x, method="trf", x_scale="jac") for x in _guesses(point, distance)

@@ -2,11 +2,14 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
 
 from pymantaray.arrays import Array
+
+if TYPE_CHECKING:
+    from scipy.interpolate import PchipInterpolator
 
 
 @dataclass(frozen=True)
@@ -30,7 +33,9 @@ class WaterColumn:
     masses: tuple[WaterMass, ...]
 
     @cached_property
-    def _curve(self) -> PchipInterpolator:
+    def _curve(self) -> "PchipInterpolator":
+        from scipy.interpolate import PchipInterpolator
+
         depth = [m.depth for m in self.masses]
         return PchipInterpolator(
             depth, [[m.potential_temperature, m.salinity] for m in self.masses]
