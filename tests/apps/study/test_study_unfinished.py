@@ -15,7 +15,7 @@ import pytest
 
 from pymantaray.apps.study import open_run, run_study, runner
 from pymantaray.apps.study.realization import RealizationResult, RealizationSolver
-from pymantaray.errors import WriteError
+from pymantaray.errors import JobError, WriteError
 from pymantaray.estimation import UnknownsEstimate
 from pymantaray.jobs import checkpoint
 from pymantaray.records import SolveStatus
@@ -184,6 +184,18 @@ def test_what_the_user_has_in_the_unfinished_folder_stays(tiny, at_once, tmp_pat
     run_study(config, out, workers=1)
     assert own.read_text() == "mine"
     assert [path.name for path in own.parent.iterdir()] == ["notes.txt"]
+
+
+def test_a_checkpoint_beside_a_finished_run_is_removed(tiny, tmp_path):
+    """A stop at the very end of a run leaves it."""
+    out = tmp_path / "run"
+    saved = tmp_path / "run.unfinished" / ("a" * 64)
+    for folder in (out, saved):
+        folder.mkdir(parents=True)
+    (out / "manifest.json").touch()
+    with pytest.raises(JobError, match="folder is not empty"):
+        run_study(tiny(), out, workers=1)
+    assert [path.name for path in tmp_path.iterdir()] == ["run"]
 
 
 def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):

@@ -28,7 +28,7 @@ from pymantaray.entry_points import extension_keys
 from pymantaray.errors import StudyError
 from pymantaray.jobs import run_folder
 from pymantaray.jobs.checkpoint import Checkpoint
-from pymantaray.jobs.folder import staged_folder
+from pymantaray.jobs.folder import MANIFEST, staged_folder
 from pymantaray.jobs.keys import digest
 from pymantaray.jobs.pool import Pool, ProcessPool, run_tasks
 from pymantaray.jobs.progress import Progress
@@ -112,6 +112,8 @@ def run_study(
     references = citation(study.config)  # read before the files can change
     report = progress or _silent
     watch = Stopwatch()
+    if out is not None and (Path(out) / MANIFEST).is_file():  # a stop at its end left a checkpoint
+        Checkpoint(Path(out).resolve(), "realizations").clear()
     with staged_folder(out, study.name) as (stage, folder):
         kept = Checkpoint(folder if out is not None and mission is None else None, "realizations")
         start = partial(start_solver, stage)
