@@ -3,7 +3,6 @@
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
 
@@ -11,11 +10,13 @@ _SECOND = np.timedelta64(1_000_000_000, "ns")
 _LONGEST = 9.2e9  # s; 2**63 ns are 292 years
 
 
-def seconds_since(times: NDArray[Any] | np.datetime64, start: np.datetime64) -> Array:
+def seconds_since(times: Any, start: Any) -> Array:
     """Seconds from one instant to others; their difference may be more than 292 years."""
-    whole = (np.asarray(times, "M8[s]") - np.datetime64(start, "s")).astype(float)
+    whole = np.asarray(np.asarray(times, "M8[s]") - np.asarray(start, "M8[s]"), dtype=float)
     if not np.any(np.abs(whole) > _LONGEST):
         return np.asarray((times - start) / _SECOND, dtype=float)
-    parts = (instant - instant.astype("M8[s]") for instant in (np.asarray(times), start))
+    parts = (
+        instant - instant.astype("M8[s]") for instant in (np.asarray(times), np.asarray(start))
+    )
     after, before = (np.asarray(part / _SECOND, dtype=float) for part in parts)
     return np.asarray(whole + after - before)
