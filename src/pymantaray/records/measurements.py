@@ -93,14 +93,16 @@ class Measurements(DatedRecord):
     dvl_bias_sigma: Column = column("dvl", "m s-1", "standard deviation of the bias", may_lack=True)
     dvl_beam_loss: Column = column("dvl", "1", "probability that a beam is lost", may_lack=True)
 
-    altimeter_vehicle: Column = column("altitude", "1", "index of the vehicle", "i4", may_lack=True)
-    altimeter_sample: Column = column("altitude", "1", "index into time", "i4", may_lack=True)
+    altimeter_vehicle: Column = column(
+        "altimeter", "1", "index of the vehicle", "i4", may_lack=True
+    )
+    altimeter_sample: Column = column("altimeter", "1", "index into time", "i4", may_lack=True)
     altimeter_depth: Column = column(
-        "altitude", "m", "charted depth of the sea floor minus altitude", may_lack=True
+        "altimeter", "m", "charted depth of the sea floor minus altitude", may_lack=True
     )
     altimeter_sigma: Column = column(
-        "altitude", "m", "standard deviation of the altitude", may_lack=True
+        "altimeter", "m", "standard deviation of the altitude", may_lack=True
     )
     altimeter_bias_sigma: Column = column(
-        "altitude", "m", "standard deviation of the charted depth's error", may_lack=True
+        "altimeter", "m", "standard deviation of the charted depth's error", may_lack=True
     )
