@@ -18,6 +18,8 @@ from pymantaray.errors import WriteError
 from pymantaray.installation import peak_memory_mib
 from pymantaray.jobs.progress import TaskProgress
 
+STARTED = time.perf_counter() - time.process_time()
+"""Start of this process on the clock of `time.perf_counter`; so far it has not waited. [s]"""
 EXIT_KNOWN_ERROR = 2
 EXIT_UNUSABLE = 1  # of a command that finished with a result that cannot be used
 

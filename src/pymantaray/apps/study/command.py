@@ -1,6 +1,5 @@
 """Commands of `mantaray study`; they import modules when they run, which keeps the help fast."""
 
-from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,7 +24,7 @@ from pymantaray.cli.options import (
     changes_of,
     format_names,
 )
-from pymantaray.cli.output import EXIT_UNUSABLE, duration, progress_bars
+from pymantaray.cli.output import EXIT_UNUSABLE, STARTED, duration, progress_bars
 from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG, Printer, printer
 from pymantaray.pages.folder import PAGE
@@ -280,7 +279,7 @@ def run_and_report(
                     raise
     _print_summary(printed, results)
     what = "report" if figures else "tables"
-    _print_cost(printed, results, {what: round(perf_counter() - complete, 3)})
+    _print_cost(printed, results, what, perf_counter() - complete)
     if figures:
         printed.line(f"page: {results.path / PAGE}", page=results.path / PAGE)
     printed.paths(folder=results.path)
@@ -382,18 +381,23 @@ def _open(page: Path) -> None:
         LOG.warning("no browser to open %s", page)
 
 
-def _print_cost(out: Printer, run: "Run", after: Mapping[str, float]) -> None:
-    """Print the time of each stage and the peak memory."""
-    seconds = {**run.manifest["seconds"], **after}
+def _print_cost(out: Printer, run: "Run", last: str, took: float) -> None:
+    """
+    Print the time that the user waited, that of each stage and of the last one after the run, and
+    the peak memory.
+    """
+    stages = run.manifest["seconds"]
+    stages = {**stages, last: round(stages.get(last, 0.0) + took, 3)}
+    total = round(perf_counter() - STARTED, 3)
+    seconds = {"start": round(total - sum(stages.values()), 3), **stages}
     memory = run.manifest["peak_memory_mib"]
-    stages = ", ".join(f"{stage} {duration(value)}" for stage, value in seconds.items())
+    parts = ", ".join(f"{stage} {duration(value)}" for stage, value in seconds.items())
     workers = run.manifest["machine"]["workers"]
     each = (
         f", {memory['largest_worker']:.0f} MiB in each of {workers} workers" if workers > 1 else ""
     )
     out.line(
-        f"took {duration(sum(seconds.values()))} ({stages}) and at most {memory['main']:.0f} MiB"
-        f" of memory{each}",
+        f"took {duration(total)} ({parts}) and at most {memory['main']:.0f} MiB of memory{each}",
         seconds=seconds,
         peak_memory_mib=memory,
     )

@@ -102,11 +102,7 @@ def run_study(
         )
     study = build_study(with_tracks(config))
     count = study.realizations if study.solves else 0
-    if (
-        workers is None
-    ):  # a process takes as long to start as a few short realizations take to solve
-        workers = min(os.cpu_count() or 1, -(-count // _REALIZATIONS_PER_WORKER))
-    workers = max(1, min(workers, count))
+    workers = max(1, min(_worker_count(count) if workers is None else workers, count))
     refuse_too_large(study, workers)
     _refuse_missing_files(study)
     references = citation(study.config)  # read before the files can change
@@ -137,6 +133,10 @@ def run_study(
         with watch.stage("files"):
             if study.solves:
                 estimates = _write_results(known, [solved[n] for n in range(count)], stage)
+        outcome = summarize(known, estimates)
+        if reading:  # its first part, which begins with the realizations
+            with watch.stage("report"):
+                wait(reading)
         content = describe_run(
             study,
             inputs,
@@ -148,12 +148,19 @@ def run_study(
         )
         content["solve_cpu_seconds"] = _cpu_seconds(solved)
         content["from_batch_m"] = _from_batch(solved)
-        content["outcome"] = summarize(known, estimates)
+        content["outcome"] = outcome
         run_folder.write_manifest(content, stage)
-        wait(reading)
         report("files", 1, 1)
     kept.clear()
     return open_run(folder)
+
+
+def _worker_count(realizations: int) -> int:
+    """
+    Number of processes by default; one takes as long to start as it takes to solve a few short
+    realizations.
+    """
+    return min(os.cpu_count() or 1, -(-realizations // _REALIZATIONS_PER_WORKER))
 
 
 def _restore(kept: Checkpoint, study: Study, stage: Path) -> dict[str, str] | None:
