@@ -37,7 +37,7 @@ Dimensions of fixed length and their labels; the name of the second dimension of
 ``_column``.
 """
 _COLUMN = "_column"
-_NOUNS = {"dvl": "DVL sample"}
+_NOUNS = {"altimeter": "altitude", "dvl": "DVL sample"}
 """Nouns of dimensions whose names are none."""
 _SINCE = "seconds since "
 _TIME = {
