@@ -29,6 +29,7 @@ MEMORIES = {
     "config/authors_holds.py: counted_steps": PURE,
     "config/build/fleet.py: _read": "by the stamps of the files, which change with their content",
     "config/common.py: _may_lack": "of the fields of a class",
+    "config/meanings.py: _texts": "of the source of a module, which is in memory",
     "entry_points.py: _loaded": "imported modules, which a process loads once",
     "entry_points.py: _source_hash": "of the source at the import of the module",
     "entry_points.py: extensions": "packages that are installed when a process starts",

@@ -94,7 +94,7 @@ def test_an_instrument_on_a_boundary_hears_the_other(medium, depth):
 
 
 @pytest.mark.parametrize("interpolation", ["linear", "smooth"])
-@pytest.mark.parametrize("place", [(0.0, 0.0), (1000.0, 1000.0), (500.0, 300.0), (1000.0, 0.0)])
+@pytest.mark.parametrize("place", [(1000.0, 1000.0), (500.0, 300.0)])
 def test_echoes_in_a_varying_ocean_agree_with_the_vertical_integral(interpolation, place):
     axis, levels = np.linspace(0.0, 1000.0, 11), np.array([0.0, 60.0, 120.0, 300.0])
     speed = np.tile([1500.0, 1480.0, 1490.0, 1510.0], (11, 11, 1))

@@ -46,6 +46,7 @@ def stationary_times(z_source, z_receiver, distance):
     return np.sort(times)
 
 
+@pytest.mark.slow
 def test_rays_with_one_reflection_at_a_wave_are_the_stationary_paths():
     north = np.arange(-50.0, 1550.0, 0.5)
     surface = BoundarySurface(wave(north)[:, None], north, roughness=Roughness(0.0, 20.0))

@@ -224,6 +224,7 @@ def test_a_command_prints_a_note_once(mantaray, inputs, monkeypatch, tmp_path, n
     assert len(lines) == len(set(lines))
 
 
+@pytest.mark.slow
 def test_a_sweep_keeps_the_notes_of_its_points(mantaray, inputs, monkeypatch, tmp_path):
     """In the ocean that points share, in the runs of its studies and on its page."""
     shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)

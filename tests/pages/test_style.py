@@ -24,6 +24,7 @@ def small(header="Test Sea"):
     return figure
 
 
+@pytest.mark.slow
 def test_figures_do_not_depend_on_the_settings_of_the_user():
     first = rendered(small(), ("png", "pdf"))
     with mpl.rc_context({"axes.facecolor": "red", "font.size": 30.0}):

@@ -23,7 +23,15 @@ SURFACE, BED = 1, 2  # boundary flags of a path
 C = 1500.0
 DIRECT = ["profile smooth", "profile linear", "front smooth", "front linear"]
 REFLECTED = ["facets uniform", "facets smooth", "facets linear", "ice smooth", "ice linear"]
-KINDS = pytest.mark.parametrize("kind", DIRECT + REFLECTED)
+OFTEN = "profile linear", "front smooth", "facets smooth", "ice linear"
+"""Media of the fast tests: both interpolations, direct and reflected rays, each kind of water."""
+KINDS = pytest.mark.parametrize(
+    "kind",
+    [
+        kind if kind in OFTEN else pytest.param(kind, marks=pytest.mark.slow)
+        for kind in DIRECT + REFLECTED
+    ],
+)
 
 
 @cache

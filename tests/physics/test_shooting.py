@@ -130,7 +130,7 @@ def test_direct_travel_times_agree(make, n, seed):
         (False, 5, 52, (1, 1), {1: 6, 2: 6}),
         *(
             pytest.param(
-                plane, 24, 53, (2, 2), {1: 30, 2: 27, 3: 24, 4: 18}, marks=pytest.mark.slow
+                plane, 24, 53, (2, 2), {1: 40, 2: 36, 3: 32, 4: 24}, marks=pytest.mark.slow
             )
             for plane in (True, False)
         ),

@@ -64,7 +64,9 @@ def sphere_medium(**options):
     return Medium.from_profile(LEVELS, duct(LEVELS), bottom_depth=3000.0, earth=EARTH, **options)
 
 
-@pytest.mark.parametrize("distance", [10 * KM, 30 * KM, 100 * KM])
+@pytest.mark.parametrize(
+    "distance", [30 * KM, *(pytest.param(d, marks=pytest.mark.slow) for d in (10 * KM, 100 * KM))]
+)
 def test_eigenrays_on_a_sphere_equal_those_in_polar_coordinates(distance):
     source, receiver = (
         np.array([[0.0, 0.0, 50.0]]),
@@ -206,6 +208,7 @@ def test_replays_far_from_the_centre_of_the_frame_have_a_note():
     )
 
 
+@pytest.mark.slow
 def test_study_with_a_sphere_measures_ranges_through_the_earth():
     missions = {
         earth: simulate_mission(

@@ -308,7 +308,10 @@ DIRECTIONS = {"up": [np.pi], "down": [0.0], "across": [0.5 * np.pi, -0.5 * np.pi
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)
-@pytest.mark.parametrize("slope_deg", [0.5, 2.0, 5.0, 10.0, 20.0])
+@pytest.mark.parametrize(
+    "slope_deg",
+    [5.0, *(pytest.param(slope, marks=pytest.mark.slow) for slope in (0.5, 2.0, 10.0, 20.0))],
+)
 def test_wedge_has_every_image_in_the_plane_and_across_it(slope_deg, direction):
     """Up to two reflections at each boundary, those that turn the ray back among them."""
     rng = np.random.default_rng(31)

@@ -74,6 +74,13 @@ def main(arguments: list[str] | None = None) -> None:
     Run the command line; exit with 0, 2 for wrong usage or a known error, 130 for Ctrl-C, 141 for a
     closed pipe.
     """
+    try:
+        _run(arguments)
+    except KeyboardInterrupt:  # while signal handlers change
+        raise SystemExit(130) from None
+
+
+def _run(arguments: list[str] | None) -> None:
     with standard_streams(), answered_stops():
         try:
             _check_environment()

@@ -157,6 +157,7 @@ def test_figures_are_written_and_what_is_not_there_is_refused(tmp_path):
     refused(ReportError, "needs two latitudes", write_atlas_plots, atlas.isel(lat=[0]), tmp_path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("synthetic", [0, 1])
 def test_a_synthetic_ocean_is_called_that(look, synthetic):
     atlas = made().assign_attrs(synthetic=synthetic)

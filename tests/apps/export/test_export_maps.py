@@ -14,7 +14,7 @@ from refusals import refused
 from scipy.io import loadmat
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.apps.atlas.dataset import FORMAT, safety_table
+from pymantaray.apps.atlas.dataset import FORMAT, VARIABLES, safety_table
 from pymantaray.apps.export import export_run
 from pymantaray.apps.export.map_files import run_features
 from pymantaray.apps.export.run_files import record
@@ -238,7 +238,8 @@ def test_an_atlas_becomes_cells_with_its_errors(tmp_path):
         },
         attrs={"format": FORMAT, "title": "Bias"},
     )
-    data.to_netcdf(tmp_path / "atlas.nc")
+    others = {name: (place, np.zeros(shape)) for name in VARIABLES.keys() - set(data.variables)}
+    data.assign(others).to_netcdf(tmp_path / "atlas.nc")
     export_run(tmp_path / "atlas.nc", "geojson", tmp_path / "atlas.geojson")
     features = features_of((tmp_path / "atlas.geojson").read_text())
     assert len(features) == 5

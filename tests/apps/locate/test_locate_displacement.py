@@ -236,6 +236,7 @@ def normalized_error(seed):
     return error @ np.linalg.solve(found.covariance, error)
 
 
+@pytest.mark.slow
 def test_the_displacement_is_true_within_its_covariance():
     assert normalized_error(1) < chi2.ppf(0.999, 3)
 

@@ -138,7 +138,12 @@ def survey(request):
 
 
 @pytest.mark.parametrize(("kind", "model"), [
-    *((kind, "auto") for kind in WRITERS),
+    ("obsrange", "auto"),
+    *(
+        pytest.param(kind, "auto", marks=pytest.mark.slow)
+        for kind in WRITERS
+        if kind != "obsrange"
+    ),
     pytest.param("table", "known", marks=pytest.mark.slow),
     pytest.param("garpos", "scale", marks=pytest.mark.slow),
 ])  # fmt: skip
@@ -171,6 +176,7 @@ def test_a_flat_earth_raises_the_far_pings_by_their_sagitta(told, survey, tmp_pa
     assert done["earth"].startswith("Earth: flat, as requested; a curved sea surface is lower by")
 
 
+@pytest.mark.slow
 def test_metres_without_a_latitude_are_flat_unless_requested(told, survey, tmp_path):
     """North and east along the ground, as on a map plane, with depths below the sea surface."""
     lat, lon = survey.origin
@@ -199,6 +205,7 @@ def test_page_and_files_state_the_earth(mantaray, survey, tmp_path):
     assert "because positions are geographic and depths are below the sea surface" in page
 
 
+@pytest.mark.slow
 def test_python_has_the_default_of_the_command(survey, tmp_path):
     read = read_survey(garpos(survey, tmp_path)[0])
     depth, speed = read.profile
@@ -212,6 +219,7 @@ def test_python_has_the_default_of_the_command(survey, tmp_path):
     assert locate(moved, flat, options).positions[0, 2] == pytest.approx(DEPTH, abs=TOLERANCE)
 
 
+@pytest.mark.slow
 def test_derivatives_of_a_tangent_plane_are_those_of_the_times(survey, tmp_path):
     from pymantaray.apps.locate.earth import medium_on_earth
     from pymantaray.apps.locate.travel_times import predict

@@ -59,6 +59,7 @@ def test_a_wrong_ocean_exits_with_2_and_says_what(mantaray, told, ocean_file, tm
     assert (found["wrong"], found["findings"][0]["severity"]) == (1, "wrong")
 
 
+@pytest.mark.slow
 def test_a_study_s_domain_and_fleet_must_fit(mantaray, ocean_file, small_text, tmp_path):
     study = tmp_path / "study.toml"
     study.write_text(small_text, encoding="utf-8")

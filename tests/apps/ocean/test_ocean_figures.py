@@ -88,6 +88,7 @@ def test_sections_go_through_the_place_and_depth_grows_downward(look, ocean):
     assert crossing[0].get_xdata()[0] == pytest.approx(77.48)
 
 
+@pytest.mark.slow
 def test_uniform_water_at_rest_and_a_flat_bed_can_be_drawn(look, ocean):
     still = ocean.copy(deep=True)
     for name, value in (

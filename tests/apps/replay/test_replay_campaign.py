@@ -26,6 +26,7 @@ def test_clocks_and_noise_come_back_within_their_errors(replay, campaign):
     assert left.std() == pytest.approx(sigma, abs=4.0 * sigma / np.sqrt(2.0 * left.size))
 
 
+@pytest.mark.slow
 def test_events_without_a_ray_stay_in_the_table_and_in_the_count(replay, campaign):
     events, every = replay.events, replay.summary.iloc[0]
     lost = events[events["status"] != "ok"]

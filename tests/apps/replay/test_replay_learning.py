@@ -116,6 +116,7 @@ def test_causal_intervals_cover_events_that_were_not_used(campaign):
     assert 0.90 <= inside[300:].mean() <= 0.97
 
 
+@pytest.mark.slow
 def test_water_clocks_and_sizes_come_back_within_their_errors(campaign):
     events, _, water, (_, learned) = campaign
     table = learned.history

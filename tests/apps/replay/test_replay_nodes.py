@@ -388,6 +388,7 @@ def test_campaign_with_a_wrong_camp_and_drifting_clocks_returns_both(spoiled):
     assert names.index("baselines") < names.index("nodes") < names.index("events")
 
 
+@pytest.mark.slow
 def test_correction_removes_the_wrong_position_and_the_clocks(spoiled, campaign):
     result, wrong, rate = spoiled
     stated = campaign.events.source_position - np.outer(

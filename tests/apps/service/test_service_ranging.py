@@ -236,6 +236,7 @@ def test_a_file_an_open_ocean_and_a_configuration_are_the_same_water(tmp_path, l
         same_pings(RangingService(other).ping(0.0, source, receivers), one)
 
 
+@pytest.mark.slow
 def test_water_of_an_interval_is_that_at_its_beginning(varying, in_varying):
     config, truth, *_ = varying
     place = truth.position[:, 0]

@@ -107,6 +107,7 @@ def test_every_figure_has_units_a_header_and_text_within_its_frame(look, every_f
             assert not any(box.overlaps(other) for _, other in apart[:i] if box.width), artist
 
 
+@pytest.mark.slow
 def test_every_header_has_the_whole_name_of_the_ocean(every_figure):
     name = NAME.strip()
     whole = [name in f.get_suptitle().replace("\n", " ") for f in every_figure]
@@ -341,6 +342,7 @@ def test_range_edges_of_the_graph_join_the_true_places_of_both_ends(look, record
     assert f"{heard.size:,} range edges" in look.texts(figure)
 
 
+@pytest.mark.slow
 def test_empty_and_degenerate_data_are_drawn_with_a_word_why(look, made_run):
     truth, measurements, _, _ = made_run(names=("A",), pings=0).records()
     nothing, time = np.full(7, np.nan), truth.time

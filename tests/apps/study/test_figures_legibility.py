@@ -132,6 +132,7 @@ def test_ticks_of_errors_over_time_do_not_touch(look, hours, vehicles):
             assert not box.padded(1.0).overlaps(other), "two tick labels touch"
 
 
+@pytest.mark.slow
 def test_a_replay_calls_the_share_of_predicted_events_by_its_name(
     made_replay, tmp_path, monkeypatch
 ):

@@ -16,6 +16,7 @@ EXAMPLES = Path(__file__).parents[3] / "examples"
 HYCOM = EXAMPLES.parents[1] / "shared" / "data" / "hycom"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("real", [False, True])
 def test_gulf_stream_runs(tmp_path, monkeypatch, real):
     text = (EXAMPLES / "gulf_stream.toml").read_text(encoding="utf-8")

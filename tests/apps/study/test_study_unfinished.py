@@ -114,6 +114,7 @@ def test_workers_go_on_as_well(tiny, at_once, undisturbed, tmp_path):
     same(run_study(config, out, workers=2), undisturbed(3))
 
 
+@pytest.mark.slow
 def test_what_another_configuration_left_is_not_taken(tiny, at_once, solved, tmp_path):
     out = tmp_path / "run"
     interrupted(tiny(study={"realizations": 3}), out, 2)

@@ -187,6 +187,7 @@ def moving_config(moving_run):
     return moving_run[1].config
 
 
+@pytest.mark.slow
 def test_the_series_encloses_the_mission_and_is_the_sources_own_water(moving_config, moving):
     section, ocean = moving_config.ocean, moving.ocean
     np.testing.assert_array_equal(ocean.series["time"], [-1.5 * HOUR, 1.5 * HOUR, 4.5 * HOUR])

@@ -103,6 +103,7 @@ def test_bad_points_are_told_before_anything_runs(mantaray, file, tmp_path):
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_nothing_of_dask_is_imported_before_it_is_asked_for():
     code = "import sys, pymantaray.cli.main, pymantaray.apps.sweep.runner\n"
     code += "print({'dask', 'distributed', 'fsspec'} & set(sys.modules))"

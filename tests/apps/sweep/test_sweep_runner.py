@@ -86,6 +86,7 @@ def test_a_point_is_the_study_to_the_last_digit(here, small, tmp_path):
     assert set(results.contents[0]["conditions"]) == {"straight", "refracted", "rays"}
 
 
+@pytest.mark.slow
 def test_points_in_a_profile_are_the_studies_to_the_last_digit(here, small, monkeypatch, tmp_path):
     monkeypatch.setattr(stages, "open_ocean", MissionOcean.open)
     cast = tmp_path / "cast.csv"

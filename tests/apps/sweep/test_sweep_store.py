@@ -33,7 +33,8 @@ def test_what_is_written_is_read_counted_and_removed(store):
     assert store.read("a/b") is None
     assert store.names("points") == set()
     for key in ("aa1", "ab2"):
-        content = {"key": key, "version": "1", "conditions": {}, "links": {}, "seconds": {}}
+        content = {"key": key, "version": "1", "notes": []}
+        content |= {"conditions": {}, "links": {}, "seconds": {}}
         store.write(point_name(key), point_content(content))
     store.write(point_name("ab3", failed=True), b'{"error": "why"}')
     assert json.loads(store.read("points/aa/aa1.json"))["key"] == "aa1"
@@ -112,8 +113,8 @@ def test_old_partial_files_are_removed_and_user_files_stay(
 
 
 @pytest.mark.parametrize("content", [
-    "{", "[]", "null", "", ('{"key": "other", "version": "1", "conditions": {}, "links": {},'
-                           ' "seconds": {}}'), "conditions", "number",
+    "{", "[]", "null", "", ('{"key": "other", "version": "1", "notes": [], "conditions": {},'
+                           ' "links": {}, "seconds": {}}'), "conditions", "number",
 ])  # fmt: skip
 def test_a_damaged_result_is_open_and_computed_again(
     here, noises, summaries, tmp_path, caplog, content

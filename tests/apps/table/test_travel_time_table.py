@@ -145,6 +145,7 @@ def test_arrivals_in_a_small_region_within_a_shadow_are_found() -> None:
     assert table.shares()["shadow"] > 0.99
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("column", "name", "step"),
     [

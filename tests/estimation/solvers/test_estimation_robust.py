@@ -169,6 +169,7 @@ def test_a_vehicle_held_by_ranges_alone_is_singular_without_them(small):
         assert np.isnan(found.position).all()
 
 
+@pytest.mark.slow
 def test_late_arrivals_ruin_least_squares_and_not_robust_losses(study):
     dirty, late = study.dirty, study.late
     plain = GraphSolver().solve(dirty, study.reckoned, model_is_right=False)
