@@ -7,6 +7,8 @@ import sys
 import threading
 import warnings
 
+from pymantaray.collection import collect_rarely
+
 _MIN_ADDRESS_SPACE_MIB = 1536  # with less, libraries raise errors or never return
 
 
@@ -25,6 +27,7 @@ def main() -> None:
             " made of; set it to 1 or unset it\n"
         )
         raise SystemExit(2)
+    collect_rarely()
     # figures are drawn into files; another value would end each import of Matplotlib, here and in
     # other processes
     os.environ.pop("MPLBACKEND", None)

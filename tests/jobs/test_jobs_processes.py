@@ -3,6 +3,7 @@ Tasks in processes: in order, stopped where one of them fails, and never longer 
 them.
 """
 
+import gc
 import importlib
 import logging
 import os
@@ -16,6 +17,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from factories import python
 
 from pymantaray.errors import JobError
 from pymantaray.jobs.processes import Workers
@@ -197,6 +199,29 @@ def test_memory_is_that_of_the_largest_worker():
         assert 0.0 < before < 300.0
         assert 140.0 < workers.peak_memory_mib - before < 200.0
     assert here.nbytes == 400 * 2**20
+
+
+def threshold(_number):
+    return gc.get_threshold()[0]
+
+
+def test_only_processes_of_ours_collect_garbage_rarely():
+    """Processes of commands and workers; the process of a user keeps its own threshold."""
+    done = python("""
+import gc, sys
+before = gc.get_threshold()[0]
+import pymantaray.jobs.processes, pymantaray.acoustics.eigenrays
+assert gc.get_threshold()[0] == before
+sys.argv = ["mantaray", "--version"]
+from pymantaray.__main__ import main
+try:
+    main()
+except SystemExit:
+    print(gc.get_threshold()[0])
+""")
+    assert done.stdout.split()[-1] == "100000", done.stderr
+    with Workers(partial(task, threshold), 1) as workers:
+        assert workers.submit(0).result() == 100_000
 
 
 def imported_from(_number):

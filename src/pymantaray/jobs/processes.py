@@ -21,6 +21,7 @@ from functools import partial
 from queue import SimpleQueue
 from typing import Any, BinaryIO, ClassVar, NoReturn, Self
 
+from pymantaray.collection import collect_rarely
 from pymantaray.errors import JobError
 from pymantaray.installation import peak_memory_mib
 
@@ -187,6 +188,7 @@ def _answer(process: subprocess.Popen[bytes], message: object) -> tuple[object, 
 
 def serve(requests: BinaryIO) -> NoReturn:
     """Main loop of a process of `Workers`, with its standard input."""
+    collect_rarely()
     results = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # printed text must not mix with the results
     # the parent has logged warnings already
