@@ -87,17 +87,22 @@ def tree_of_commit() -> str:
     ).stdout.strip()
 
 
-def run(command: tuple[str, ...], environment: dict[str, str]) -> dict[str, float]:
-    """Run one part; its CPU time and wall time [s], or the end of this program if it fails."""
+def run(command: tuple[str, ...], environment: dict[str, str]) -> dict[str, float] | None:
+    """Run one part; its CPU time and wall time [s], or None if it fails."""
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
     start = time.monotonic()
     code = subprocess.run(command, cwd=ROOT, env=os.environ | environment, check=False).returncode
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     nothing_selected = 5  # exit code of pytest
     if code not in (0, nothing_selected if "pytest" in command else 0):
-        sys.exit(f"full: {' '.join(command)} failed; parts that passed are recorded")
+        return None
     cpu = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
     return {"cpu_s": round(cpu, 1), "wall_s": round(time.monotonic() - start, 1)}
+
+
+def recorded(records: Path) -> dict[str, dict[str, float]]:
+    """Parts that have passed, by their names."""
+    return json.loads(records.read_text()) if records.exists() else {}
 
 
 def main() -> None:
@@ -109,13 +114,19 @@ def main() -> None:
     options = parser.parse_args()
     tree = tree_of_commit()
     records = RECORDS / f"{tree}.json"
-    passed = json.loads(records.read_text()) if records.exists() else {}
+    passed = recorded(records)
+    failed = []
     chosen = tuple(options.parts) or ("",)
     for name, (command, environment) in parts().items():
         if options.list or not name.startswith(chosen) or (name in passed and not options.again):
             continue
         print(f"== {name}", flush=True)
-        passed[name] = run(command, environment)
+        took = run(command, environment)
+        if took is None:
+            failed.append(name)
+            print(f"== {name} failed", flush=True)
+            continue
+        passed = recorded(records) | {name: took}  # another call may have written it
         records.parent.mkdir(parents=True, exist_ok=True)
         records.write_text(json.dumps(passed, indent=1) + "\n")
     print(f"\ntree {tree}")
@@ -131,7 +142,7 @@ def main() -> None:
         f"{cpu / 60.0:.1f} min of CPU; "
         + (f"not run: {', '.join(lacking)}" if lacking else "all passed")
     )
-    sys.exit(bool(lacking) and not options.list and not options.parts)
+    sys.exit(bool(failed) or (bool(lacking) and not options.list and not options.parts))
 
 
 if __name__ == "__main__":

@@ -91,7 +91,7 @@ def test_the_last_positions_equal_the_batch_solution_with_eigenrays(preset):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("preset", ["quick", "survey"])
+@pytest.mark.parametrize("preset", ["survey"])
 def test_delayed_measurements_of_a_preset_do_not_change_a_digit(preset):
     _, _, noisy = simulated(preset)
     calls, rng = fleet_calls(noisy, "straight_range"), np.random.default_rng(3)
