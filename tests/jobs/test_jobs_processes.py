@@ -17,7 +17,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from factories import python
 
 from pymantaray.errors import JobError
 from pymantaray.jobs.processes import Workers
@@ -207,7 +206,7 @@ def threshold(_number):
 
 def test_only_processes_of_ours_collect_garbage_rarely():
     """Processes of commands and workers; the process of a user keeps its own threshold."""
-    done = python("""
+    code = """
 import gc, sys
 before = gc.get_threshold()[0]
 import pymantaray.jobs.processes, pymantaray.acoustics.eigenrays
@@ -218,7 +217,8 @@ try:
     main()
 except SystemExit:
     print(gc.get_threshold()[0])
-""")
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
     assert done.stdout.split()[-1] == "100000", done.stderr
     with Workers(partial(task, threshold), 1) as workers:
         assert workers.submit(0).result() == 100_000
