@@ -18,7 +18,17 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 RECORDS = ROOT / ".venv" / "full"
-PYTEST = (sys.executable, "-m", "pytest", "-n", "auto", "--dist", "worksteal", "-q")
+PYTEST = (
+    sys.executable,
+    "-m",
+    "pytest",
+    "-n",
+    "auto",
+    "--dist",
+    "worksteal",
+    "-q",
+    "--durations=15",
+)
 BOUNDS = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(ROOT / ".venv" / "boundscheck")}
 SLOW = {  # folders of tests, or files
     "physics": ("tests/physics",),
