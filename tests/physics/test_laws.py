@@ -372,7 +372,7 @@ def same_rays(there, back, n, atol):
     return np.array(pairs).reshape(-1, 2), alone
 
 
-@pytest.mark.parametrize(("n", "seed"), [(24, 44), pytest.param(60, 48, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("n", "seed"), [(24, 44), pytest.param(150, 48, marks=pytest.mark.slow)])
 @KINDS
 def test_rays_are_reciprocal_when_both_ways_are_solved(kind, n, seed):
     """The same families from either end, angles exchanged and turned; times within 0.1 us."""
@@ -405,9 +405,8 @@ def check_reciprocity(kind, source, receiver, least):
     back = find_eigenrays(medium, receiver, source, *most, canonical=False)
     pairs, alone = same_rays(there, back, len(source), 1e-6)
     assert len(pairs) > least, len(pairs)
-    # rays at the cut-off may fall on either side of it, pairs at a caustic be one or two; the
-    # spreading of a ray that leaves almost level was seen to differ by 0.95 dB between both ways
-    odd = [i for i in alone if there.spreading_db[i] < 14.0]
+    # rays at the cut-off may fall on either side of it, pairs at a caustic be one or two
+    odd = [i for i in alone if there.spreading_db[i] < 14.5]
     assert not odd, [(there.link[i], there.launch_angle[i], there.spreading_db[i]) for i in odd]
     one, two = pairs.T
     gap = np.abs(there.travel_time[one] - back.travel_time[two])
