@@ -1,13 +1,10 @@
 """Keys of a configuration as headings of tables."""
 
-import re
 from typing import Any
 
-from pymantaray.config.meanings import meaning
+from pymantaray.config.meanings import LAST_UNIT, meaning
 from pymantaray.config.sections import StudyConfig
 from pymantaray.records.result_table import heading
-
-_LAST_UNIT = re.compile(r" ?\[([^][]+)\]$")
 
 
 def key_heading(key: str) -> str:
@@ -24,5 +21,5 @@ def key_heading(key: str) -> str:
         else None
     )
     known = name in getattr(model, "model_fields", {})
-    unit = _LAST_UNIT.search(meaning(model, name)) if known else None
+    unit = LAST_UNIT.search(meaning(model, name)) if known else None
     return f"{key} [{unit[1]}]" if unit else key

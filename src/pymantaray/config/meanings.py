@@ -7,10 +7,14 @@ are read here when help, a message or a file needs them.
 
 import ast
 import inspect
+import re
 import sys
 from functools import cache
 
 from pydantic import BaseModel
+
+LAST_UNIT = re.compile(r" ?\[([^][]+)\]$")
+"""Unit at the end of a meaning."""
 
 
 def meaning(model: type[BaseModel], key: str) -> str:

@@ -1,11 +1,10 @@
 """Tables of settings as in papers: timing of the mission, and noise."""
 
-import re
 from typing import Any
 
 import pandas as pd
 
-from pymantaray.config.meanings import meaning
+from pymantaray.config.meanings import LAST_UNIT, meaning
 from pymantaray.config.sections import NoiseSection, StudyConfig
 
 TIMING = (
@@ -19,7 +18,6 @@ TIMING = (
     "study.realizations",
 )
 NOISE = tuple(f"noise.{name}" for name in NoiseSection.model_fields)
-_LAST_UNIT = re.compile(r" ?\[([^][]+)\]$")
 
 
 def settings_table(config: StudyConfig, keys: tuple[str, ...]) -> pd.DataFrame:
@@ -33,13 +31,13 @@ def settings_table(config: StudyConfig, keys: tuple[str, ...]) -> pd.DataFrame:
         if getattr(section, name, None) is None:
             continue
         words = meaning(type(section), name)
-        unit = _LAST_UNIT.search(words)
+        unit = LAST_UNIT.search(words)
         rows.append(
             {
                 "key": key,
                 "value": float(getattr(section, name)),
                 "unit": unit[1] if unit else "-",
-                "meaning": _LAST_UNIT.sub("", words),
+                "meaning": LAST_UNIT.sub("", words),
             }
         )
     return pd.DataFrame(rows, columns=["key", "value", "unit", "meaning"])
