@@ -11,6 +11,7 @@ import subprocess
 import sys
 import threading
 from pathlib import Path
+from time import perf_counter
 
 import pandas as pd
 import pytest
@@ -134,6 +135,17 @@ def test_progress_says_what_runs_what_is_left_and_the_memory(monkeypatch):
     assert watch.left("realizations") == ""
     watch.report("report", 0, 1)
     assert watch.line() == "report: 0 of 1; memory 512 MiB, largest worker 200 MiB"
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other clocks may begin with a process")
+def test_a_process_started_before_its_imports():
+    command = "from time import *; from pymantaray.cli.output import STARTED as s; "
+    command += "print(s, perf_counter() - s - process_time())"
+    before = perf_counter()
+    done = subprocess.run([sys.executable, "-c", command], capture_output=True, check=True)
+    started, waited = map(float, done.stdout.split())
+    assert before - 0.1 < started < perf_counter() - 0.1
+    assert waited > -0.01  # since the clocks were read
 
 
 class Screen(io.StringIO):

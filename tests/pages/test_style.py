@@ -6,6 +6,7 @@ from io import BytesIO
 import matplotlib as mpl
 import numpy as np
 import pytest
+from PIL import Image
 
 from pymantaray.pages.style import (
     condition_labels,
@@ -22,6 +23,16 @@ def small(header="Test Sea"):
     figure = new_figure(2.0, 1.5, header)
     figure.subplots().plot([0.0, 1.0], [0.0, 1.0])
     return figure
+
+
+def test_a_picture_of_few_colours_has_the_pixels_of_the_whole_one():
+    whole, few = (rendered(small(), ("png",), few_colours=f)["png"] for f in (False, True))
+    with Image.open(BytesIO(whole)) as image:
+        expected = np.asarray(image.convert("RGB").quantize(256).convert("RGB"))
+    with Image.open(BytesIO(few)) as image:
+        assert image.mode == "P"
+        np.testing.assert_array_equal(np.asarray(image.convert("RGB")), expected)
+    assert len(few) < 0.6 * len(whole)
 
 
 @pytest.mark.slow

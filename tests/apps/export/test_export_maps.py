@@ -72,6 +72,16 @@ def geodetic(run, position):
     return np.column_stack([*local(position[:, 1], position[:, 0], inverse=True), -position[:, 2]])
 
 
+def test_names_that_xml_forbids_are_escaped_in_a_valid_document():
+    name = "a\x00b\x1b[31m<&>\ufffe"
+    shown = r"a\x00b\x1b[31m<&>\ufffe"
+    point = Feature("Point", np.array([[8.0, 54.0, 0.0]]), {"name": name, name: name}, name)
+    root = ET.fromstring(kml([point], name))
+    assert {element.text for element in root.iter(f"{KML}name")} == {shown}
+    (data,) = root.iter(f"{KML}Data")
+    assert (data.get("name"), data.findtext(f"{KML}value")) == (shown, shown)
+
+
 def test_maps_have_the_paths_of_all_vehicles(run, tmp_path):
     files = {to: tmp_path / f"fleet.{to}" for to in ("geojson", "kml")}
     for to, file in files.items():

@@ -6,6 +6,7 @@ behind.
 import re
 import webbrowser
 from pathlib import Path
+from time import perf_counter
 
 import pandas as pd
 import pytest
@@ -219,7 +220,7 @@ def test_an_interrupted_report_is_written_by_a_later_command(mantaray, small, mo
     assert {"index.html", "tables", "figures"} < set(names_in(run))
 
 
-def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_file):
+def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_file, monkeypatch):
     words = ("--ocean", ocean_file, "--realizations", 2, "--out", "run", "--no-figures")
     done = mantaray("study", "run", small, *words, "--workers", 1)
     assert done.code == 0, done.err
@@ -233,8 +234,14 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
     assert run.estimates.realization.tolist() == [0, 1]
     assert (run.measurements.range_status == RayStatus.OK).all()
     assert " lost: " not in done.out
+    called = perf_counter()
+    monkeypatch.setattr("pymantaray.apps.study.command.STARTED", called - 1e3)
     summary = told("study", "run", small, *words[:-2], "json", "--no-figures", "--workers", 1)
-    assert list(summary["seconds"])[-1] == "tables"  # all that the user waits for
+    waited = 1e3 + perf_counter() - called
+    stages = summary["seconds"]
+    assert (next(iter(stages)), list(stages)[-1]) == ("start", "tables")
+    assert stages["tables"] < sum(stages.values()) - 1e3 <= waited - 1e3  # all that the user waits
+    assert stages["start"] >= 1e3
     assert (summary["realizations"], summary["synthetic_ocean"], summary["folder"]) == (
         2,
         True,
