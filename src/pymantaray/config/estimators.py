@@ -721,8 +721,11 @@ class ConditionSection(Section):
                 " ranges as distances; remove"
                 " range_model"
             )
-        if self.solver.kind in {"incremental", "gtsam"} and self.loss == "gnc":
-            raise ValueError(f'solver "{self.solver.kind}" cannot use loss gnc; set another loss')
+        without = {"incremental": {"gnc", "tukey", "welsch"}, "gtsam": {"gnc"}}
+        if self.loss in without.get(self.solver.kind, ()):
+            raise ValueError(
+                f'solver "{self.solver.kind}" cannot use loss {self.loss}; set another loss'
+            )
         if self.solver.kind in {"fixed-lag", "kalman-filter"} and self.loss != "none":
             raise ValueError(f'solver "{self.solver.kind}" has no robust loss; set loss = "none"')
         if self.solver.kind == "kalman-filter" and self.variance.kind != "fixed":

@@ -276,6 +276,8 @@ REFUSED_CONDITIONS = [
     (rays({"kind": "perturbed", "horizontal_scale": 1e4}), "range_model.belief.rms: missing"),
     (rays({"kind": "exact", "rms": 1.0}), "`conditions[0].range_model.belief.rms`: unknown key"),
     ({"loss": "gnc", "solver": "incremental"}, "gnc"),
+    ({"loss": "tukey", "solver": "incremental"}, "tukey"),
+    ({"loss": "welsch", "solver": "incremental"}, "welsch"),
     (EIGENRAY | {"solver": "incremental"}, "incremental"),
     (
         EIGENRAY | {"loss": "huber", "variance": UNSURE | {"kind": "correlated"}},

@@ -11,6 +11,7 @@ from pymantaray.config import load_study, parse_study, preset_text
 from pymantaray.config.build.fleet import build_fleet
 from pymantaray.config.build.ocean import mission_ocean
 from pymantaray.estimation import CONDITIONS
+from pymantaray.estimation.solvers.losses import LOSSES
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 
@@ -106,7 +107,7 @@ def every_estimator():
         sections[f"transmitter-{loss}"] = {"range_model": "transmitter", "loss": loss}
         if loss != "none":
             sections[f"loss-{loss}"] = exact | {"loss": loss}
-        if loss != "gnc":
+        if loss == "none" or LOSSES[loss].incremental:
             sections[f"incremental-{loss}"] = {
                 "ranges": "straight",
                 "solver": "incremental",

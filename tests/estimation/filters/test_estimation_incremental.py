@@ -166,6 +166,8 @@ def test_what_cannot_be_replayed_is_refused_in_one_line(mission):
         (timeless, {}, "^A7: its time is not finite"),
         (lonely, {}, "^C29: no factor mentions it"),
         (graph, {"loss": LOSSES["gnc"]}, "graduate"),
+        (graph, {"loss": LOSSES["tukey"]}, "loss tukey loses ranges"),
+        (graph, {"loss": LOSSES["welsch"]}, "loss welsch loses ranges"),
         (
             graph,
             {"options": SolveOptions(incremental=IncrementalOptions(every="hour"))},

@@ -64,10 +64,11 @@ def solve_incrementally(
 
     options = options or SolveOptions()
     check_times(graph, initial, options.incremental.every)
-    if loss is not None and loss.graduated:
+    if loss is not None and not loss.incremental:
+        why = "needs all ranges at once" if loss.graduated else "loses ranges far from predictions"
+        name = "a graduated loss" if loss.graduated else f"the loss {loss.kind}"
         raise EstimationError(
-            "a graduated loss needs all ranges at once, so an incremental solve cannot use it;"
-            " choose another loss"
+            f"{name} {why}, so an incremental solve cannot use it; choose another loss"
         )
     factors = graph_factors(graph, loss)
     start = values_of(initial)

@@ -84,6 +84,14 @@ class Loss:
         if self.graduated and self.kind != "geman-mcclure":
             raise EstimationError(f"loss {self.kind} cannot be graduated; only geman-mcclure can")
 
+    @property
+    def incremental(self) -> bool:
+        """
+        True if ranges can enter one by one: none is needed beforehand, and one that is far from its
+        prediction keeps enough weight to correct it.
+        """
+        return not self.graduated and self.kind not in {"tukey", "welsch"}
+
     def cost(self, residual: ArrayLike) -> Array:
         """
         Cost of whitened residuals, half the square near zero.
