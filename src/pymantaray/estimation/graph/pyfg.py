@@ -416,13 +416,12 @@ class _Reader:
             matrix = covariance[:, axes][:, :, axes]
             allowed.append(_axes(~fixed) or "none")
             columns = [measurement[:, _TEXT_COLUMNS[column]] for column in kind.columns_at]
-            if "quaternion" in kind.columns_at:
-                pass
-            elif fixed[3:].all():
-                matrix = _rotated(matrix, matrix_from_quaternion(quaternion))
-            else:
-                mine &= level
-                allowed[-1] += " on level axes"
+            if "quaternion" not in kind.columns_at:
+                if fixed[3:].all():
+                    matrix = _rotated(matrix, matrix_from_quaternion(quaternion))
+                else:
+                    mine &= level
+                    allowed[-1] += " on level axes"
             left &= ~mine
             treated, keep = self._lines.treat(self._tables[POSE_PRIOR].word, matrix[mine])
             tables[name] = kind.table(variables[mine], [c[mine] for c in columns], treated)[keep]
