@@ -6,8 +6,9 @@ import numpy as np
 import pyproj
 import pytest
 
-from pymantaray.ocean import region_table, sound_speed_profile_spread
+from pymantaray.ocean import region_table, sound_speed_profile_spread, to_local
 from pymantaray.ocean.seawater import sound_speed
+from pymantaray.ocean.summary import columns_spread
 
 
 @pytest.mark.parametrize(
@@ -53,6 +54,17 @@ def test_the_spread_of_profiles_is_over_wet_points_only(fram_strait):
         else:
             assert np.isnan(one["mean"])
             assert np.isnan(one["min"])
+
+
+def test_spreads_keep_the_attributes_of_their_levels(fram_strait):
+    local = to_local(fram_strait, half_extent=(10e3, 10e3))
+    for spread, levels in (
+        (sound_speed_profile_spread(fram_strait), fram_strait["depth"]),
+        (columns_spread(local), local["depth"]),
+    ):
+        assert spread["depth"].attrs == levels.attrs != {}
+        assert spread["mean"].attrs == spread["max"].attrs
+        assert spread["mean"].attrs["units"] == "m s-1"
 
 
 def test_the_spread_of_profiles_warns_of_no_dry_level(fram_strait, monkeypatch):

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from pymantaray.errors import StudyError
+from pymantaray.errors import StudyError, WriteError
 from pymantaray.jobs.folder import MANIFEST, write_json
 from pymantaray.jobs.keys import CHECKSUM, has_checksum, sha256, with_checksum
 from pymantaray.messages import one_line
@@ -36,7 +36,10 @@ _REMEDY = "restore it from a copy, or run the study again in a new folder"
 def write_manifest(content: Mapping[str, Any], folder: Path) -> None:
     """Write the manifest of a run with the checksums of all files in its folder."""
     paths = sorted(path for path in folder.rglob("*") if path.is_file())
-    files = {path.relative_to(folder).as_posix(): sha256(path) for path in paths}
+    try:
+        files = {path.relative_to(folder).as_posix(): sha256(path) for path in paths}
+    except OSError as error:
+        raise WriteError(f"{error.filename}: cannot be read back: {error.strerror}") from None
     write_json(with_checksum({"format": FORMAT, **content, "files": files}), folder / MANIFEST)
 
 

@@ -107,7 +107,7 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
         "max": speed.reduce(np.fmax.reduce, over),
     }
     return xr.Dataset(
-        {name: values.drop_attrs().assign_attrs(attrs) for name, values in spread.items()}
+        {name: values.drop_attrs(deep=False).assign_attrs(attrs) for name, values in spread.items()}
         | {"count": count},
         attrs={name: ocean.attrs[name] for name in ("title", "source", "synthetic")},
     )
@@ -149,7 +149,7 @@ def columns_spread(local: xr.Dataset) -> xr.Dataset:
     }
     return xr.Dataset(
         {
-            name: values.drop_attrs().assign_attrs(local["sound_speed"].attrs)
+            name: values.drop_attrs(deep=False).assign_attrs(local["sound_speed"].attrs)
             for name, values in spread.items()
         }
         | {"count": count},
