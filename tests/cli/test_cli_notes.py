@@ -21,6 +21,7 @@ from pymantaray.records import write_netcdf
 
 WATER = "--profile cast.csv --bathymetry 200"
 OF_CAST = "rows dropped: with "
+OF_BELIEF = "estimators: cast: 1 of 5 rows dropped: with "
 OF_CAST_A = "a: 1 of 5 rows dropped: with "
 OF_FLOOR = "no value at 1 of "
 OF_TRACKS = "poses at repeated times dropped"
@@ -72,6 +73,8 @@ MORE = [  # of the same commands, other readers
     ("table", f"good.nc --bathymetry floor.nc {TABLE}", OF_FLOOR),
     ("atlas run", f"good.nc --bathymetry floor.nc {ATLAS}", OF_FLOOR),
     ("locate survey", f"{PINGS} --ocean good.nc --bathymetry floor.nc", OF_FLOOR),
+    ("study run", "casts.toml --out casts --no-figures", OF_BELIEF),
+    ("study run", "modes.toml --out modes --no-figures", f"estimators: {OF_CAST_A}"),
     ("replay", f"{EVENTS} --ocean good.nc --bathymetry floor.nc --out replay", OF_FLOOR),
 ]
 READS_NONE = {
@@ -179,6 +182,14 @@ def inputs(tmp_path_factory):
         tomli_w.dumps({**STUDY, "mission": mission, "fleet": tracks})
     )
     (folder / "noted.toml").write_text(tomli_w.dumps({**STUDY, "fleet": FLEET}))
+    of_file = {"kind": "file", "source": "cast.csv"}
+    for name, assumed in (
+        ("casts", {"belief": of_file}),
+        ("modes", {"belief": "exact", "modes": {"count": 1, "casts": ["casts.csv"]}}),
+    ):
+        model = {"name": name, "range_model": {"kind": "eigenray", **assumed}}
+        own = {"ocean": STUDY["ocean"] | {"source": "good.csv"}, "conditions": [model]}
+        (folder / f"{name}.toml").write_text(tomli_w.dumps({**STUDY, **own, "fleet": FLEET}))
     (folder / "sweep.toml").write_text('base = "noted.toml"\ncross.noise.range_sigma = [1.0, 2.0]')
     write_simulation(folder)
     bellhop_stand_in.install(folder)

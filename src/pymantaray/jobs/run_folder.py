@@ -39,7 +39,9 @@ def write_manifest(content: Mapping[str, Any], folder: Path) -> None:
     try:
         files = {path.relative_to(folder).as_posix(): sha256(path) for path in paths}
     except OSError as error:
-        raise WriteError(f"{error.filename or folder}: cannot be read back: {error.strerror}") from None
+        raise WriteError(
+            f"{error.filename or folder}: cannot be read back: {error.strerror}"
+        ) from None
     write_json(with_checksum({"format": FORMAT, **content, "files": files}), folder / MANIFEST)
 
 

@@ -55,6 +55,7 @@ from pymantaray.ocean import (
     to_local,
 )
 from pymantaray.ocean.internal_tide import PRESSURE_GRADIENT, displaced, with_internal_tide
+from pymantaray.ocean.synthetic import EPOCH
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.records import SolveStatus, write_netcdf
@@ -535,6 +536,23 @@ def test_a_cast_whose_file_names_no_place_is_believed_too(day, beliefs, tmp_path
         beliefs.believed(file_belief(tmp_path / f"{name}.csv"), 0) for name in ("without", "with")
     )
     np.testing.assert_array_equal(without.medium.sound_speed, named.medium.sound_speed)
+
+
+def test_a_study_in_a_cast_may_assume_another_cast_but_no_other_day(fly_tiny, tmp_path):
+    (tmp_path / "cast.csv").write_text(CAST)
+    (tmp_path / "earlier.csv").write_text(CAST.replace("40,1.0", "40,0.5"))
+    water = {"source": str(tmp_path / "cast.csv"), "bathymetry": 1000.0}
+    _, run = fly_tiny(ocean=water, mission={"duration_h": 1.0})
+    beliefs = Beliefs(run)
+    belief = beliefs.believed(file_belief(tmp_path / "earlier.csv"), 0)
+    there, assumed = (
+        np.interp(40.0, local["depth"], local["sound_speed"][0, 0])
+        for local in (run.ocean, belief.local)
+    )
+    assert there - assumed == pytest.approx(0.5 * 4.6, abs=0.5)  # m/s per degree; means of layers
+    assert mission_start(run.config.ocean) == np.datetime64(EPOCH)
+    earlier = OtherDayBelief(kind="other-day", days_earlier=1.0)
+    refused(OceanError, "cast.csv is a profile of one time; use", beliefs.believed, earlier, 0)
 
 
 def test_what_from_cast_writes_is_believed_within_its_window(day, beliefs, tmp_path):

@@ -13,6 +13,7 @@ from time import perf_counter
 from typing import Any
 
 from pymantaray.apps.study.references import Citations
+from pymantaray.apps.study.store import Run
 from pymantaray.apps.study.tracks import centre_note
 from pymantaray.config.build.fleet import TrackFiles
 from pymantaray.config.build.study import Study
@@ -120,6 +121,15 @@ def fleet_notes(study: Study, ocean: Mapping[Hashable, Any]) -> list[str]:
         return []
     note = centre_note(study.ocean.centre, ocean, existing.tracks)
     return [*existing.tracks.notes, *([note] if note else [])]
+
+
+def estimator_notes(run: Run) -> list[str]:
+    """Notes of the readers of files that estimators assume."""
+    if not any(condition.files for condition in run.study.conditions):
+        return []
+    from pymantaray.config.build.beliefs import Beliefs
+
+    return Beliefs(run).notes()
 
 
 def _own_fleet(existing: TrackFiles, study: Study, ocean: Mapping[Hashable, Any]) -> dict[str, Any]:

@@ -10,7 +10,12 @@ from pathlib import Path
 from typing import Any
 
 from pymantaray.apps.study.graphs import write_graphs
-from pymantaray.apps.study.manifest import Stopwatch, checksums, describe_run
+from pymantaray.apps.study.manifest import (
+    Stopwatch,
+    checksums,
+    describe_run,
+    estimator_notes,
+)
 from pymantaray.apps.study.mission import Mission, simulate_mission
 from pymantaray.apps.study.realization import (
     RealizationQueue,
@@ -122,6 +127,7 @@ def run_study(
                     _write_mission(study, mission, stage)
                 kept.use(_job_key(study, inputs))
             known = Run(stage) if mission is None else run_in_memory(study, mission)
+            notes = estimator_notes(known)
             solved = kept.results(count, RealizationResult.from_bytes)
             with kept.saving(stage, solved, RealizationResult.to_bytes) as keep:
                 reading = () if mission_ready is None else mission_ready(stage)
@@ -146,6 +152,7 @@ def run_study(
             workers=workers,
             worker_memory_mib=pool.peak_memory_mib,
         )
+        content["estimators"] = {"notes": notes}
         content["solve_cpu_seconds"] = _cpu_seconds(solved)
         content["from_batch_m"] = _from_batch(solved)
         content["outcome"] = outcome

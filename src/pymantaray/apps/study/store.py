@@ -154,8 +154,9 @@ class Run:
 
     @property
     def notes(self) -> list[str]:
-        """Notes of the readers of the ocean and of existing trajectories."""
-        parts = (self.manifest.get(name, {}).get("notes", []) for name in ("ocean", "fleet"))
+        """Notes of the readers of the ocean, of trajectories and of oceans that are assumed."""
+        names = "ocean", "fleet", "estimators"
+        parts = (self.manifest.get(name, {}).get("notes", []) for name in names)
         return [note for part in parts for note in part]
 
     @cached_property

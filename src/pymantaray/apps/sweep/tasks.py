@@ -6,7 +6,12 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from pymantaray.apps.study import Run, open_run
-from pymantaray.apps.study.manifest import Stopwatch, fleet_notes, ocean_notes
+from pymantaray.apps.study.manifest import (
+    Stopwatch,
+    estimator_notes,
+    fleet_notes,
+    ocean_notes,
+)
 from pymantaray.apps.study.mission import (
     assemble_mission,
     mission_picture,
@@ -101,6 +106,7 @@ def _solve(task: SweepTask, study: Study, stages: Stages, store: Store) -> dict[
         summary = summarize_point(run)
     seconds = {stage: stages.seconds(stage) for stage in STAGES} | watch.seconds
     notes = [*ocean_notes(run.ocean.attrs), *fleet_notes(study, run.ocean.attrs)]
+    notes += estimator_notes(run)
     origin = {"key": task.key, "version": task.version, "notes": notes}
     return {**origin, **summary, "seconds": seconds}
 

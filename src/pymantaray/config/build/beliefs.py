@@ -21,6 +21,7 @@ from pymantaray.config.build.metres import section_in_metres
 from pymantaray.config.build.ocean import (
     build_ocean,
     build_sea_floor,
+    is_profile,
     local_ocean,
     mission_ocean,
     mission_start,
@@ -62,11 +63,13 @@ from pymantaray.ocean import (
     sea_floor_depth,
     vertical_modes,
 )
+from pymantaray.ocean.cast import notes_of_casts
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.local import TensorSpline
 from pymantaray.ocean.metres import file_in_metres, ocean_in_metres, read_file_in_metres
 from pymantaray.ocean.perturb import draw_sound_speed_error
+from pymantaray.ocean.schema import reading_notes
 from pymantaray.ocean.window import Window
 from pymantaray.quantities.checks import distinct_digits
 from pymantaray.range_models.eigenray_model import EigenrayModel
@@ -192,6 +195,20 @@ class Beliefs:
                 f" {sigma.size}"
             )
         return depth, shapes[: section.count], sigma[: section.count]
+
+    def notes(self) -> list[str]:
+        """Notes of the readers of the casts and oceans in files that estimators assume."""
+        notes: list[str] = []
+        for condition in self.config.conditions:
+            section, modes = condition.belief, condition.modes
+            if isinstance(section, FileBelief) and not file_in_metres(section.source[0]):
+                if holds_casts(section.source[0]):
+                    notes += notes_of_casts([self._cast(section)])
+                else:
+                    ocean = self._ocean_of_files(section)
+                    notes += (f"{ocean.attrs['title']}: {note}" for note in reading_notes(ocean))
+            notes += () if modes is None else notes_of_casts(self._read_casts(modes.casts))
+        return [f"estimators: {note}" for note in dict.fromkeys(notes)]
 
     @cached_property
     def reception(self) -> ReceptionOptions:
@@ -397,14 +414,8 @@ class Beliefs:
             )
         ocean, (north, east, bottom) = self.config.ocean, _reach(self._run.ocean).tolist()
         frame = self._frame
-        cast = read_cast(
-            section.source[0],
-            name=section.cast,
-            default_place=self._centre,
-            repair_freezing=ocean.repair_freezing,
-        )
         geographic = cast_ocean(
-            replace(cast, lat=frame.latitude_deg, lon=frame.longitude_deg),
+            replace(self._cast(section), lat=frame.latitude_deg, lon=frame.longitude_deg),
             bathymetry=bottom,
             half_extent=(north, east),
             below="constant",
@@ -416,7 +427,21 @@ class Beliefs:
             geographic, sea_floor_depth(self._true) if sea_floor is None else sea_floor
         )
 
+    def _cast(self, section: FileBelief) -> Cast:
+        """Cast of a file."""
+        return read_cast(
+            section.source[0],
+            name=section.cast,
+            default_place=self._centre,
+            repair_freezing=self.config.ocean.repair_freezing,
+        )
+
     def _local_of_ocean(self, section: FileBelief) -> xr.Dataset:
+        """Ocean of files over the study's domain."""
+        geographic = self._ocean_of_files(section)
+        return self._local(geographic, build_sea_floor(self.config.ocean, self._true))
+
+    def _ocean_of_files(self, section: FileBelief) -> xr.Dataset:
         """Ocean of files, with currents only where rays need them."""
         if section.cast is not None:
             raise OceanError(
@@ -430,8 +455,7 @@ class Beliefs:
         ):
             time = mission_start(ocean)
         currents = ocean.currents if self.config.acoustics.currents else "rest"
-        geographic = open_ocean(section.source, time=time, currents=currents)
-        return self._local(geographic, build_sea_floor(ocean, self._true))
+        return open_ocean(section.source, time=time, currents=currents)
 
     def _local(self, geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> xr.Dataset:
         """Part of the study's domain that an ocean covers, around the study's centre."""
@@ -466,6 +490,11 @@ class Beliefs:
         assert isinstance(
             section, OtherDayBelief
         )  # for the type checker; the exact ocean is on disk
+        if is_profile(config.ocean):
+            raise OceanError(
+                f"belief other-day: {config.ocean.source[0]} is a profile of one time; use the"
+                ' belief { kind = "file", source = ... } with an earlier cast'
+            )
         earlier = np.timedelta64(round(section.days_earlier * 86400), "s")
         time = np.datetime64(str(true["time"].values), "ns") - earlier
         return open_ocean(config.ocean.source, time=time, currents=config.ocean.currents)

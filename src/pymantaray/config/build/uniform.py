@@ -174,16 +174,22 @@ def geographic_of(section: OceanSection, profile: Profile) -> xr.Dataset:
         )
         raise OceanError(f"{label(section, profile)}: the profile has no {lacks}")
     temperature, salinity = profile.water
-    start: np.datetime64 = np.datetime64(EPOCH) if np.isnat(profile.time) else profile.time
-    if section.time is not None:
-        start = utc_instant(section.time)
-    cast = Cast(profile.name, *place, start, profile.depth, temperature, salinity)
+    cast = Cast(
+        profile.name, *place, start_in(section, profile), profile.depth, temperature, salinity
+    )
     options: dict[str, Any] = (
         {} if section.half_extent is None else {"half_extent": section.half_extent}
     )
     return cast_ocean(
         cast, bathymetry=bottom, below="constant", equation=section.equation, **options
     )
+
+
+def start_in(section: OceanSection, profile: Profile) -> np.datetime64:
+    """Start of a mission in a profile: by default its own time, or that of synthetic oceans."""
+    if section.time is not None:
+        return utc_instant(section.time)
+    return np.datetime64(EPOCH) if np.isnat(profile.time) else profile.time
 
 
 def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolation) -> _Levels:
