@@ -839,15 +839,15 @@ def secrets(material):
         yield Attempt(f"{command} {address}", [], call=call, codes=(0,))
 
 
-def run_classes(names, folder, log):
-    """Attempts of some classes one by one; counts and faults by class."""
+def run_classes(names, folder, every, log):
+    """One in every few attempts of some classes, one by one; counts and faults by class."""
     import pymantaray.cli.main  # noqa: F401  so that forked processes have it
 
     material = Material(folder)
     counts, faults = {}, []
     for name in names:
         began, counts[name] = time.monotonic(), 0
-        for attempt in CLASSES[name](material):
+        for attempt in itertools.islice(CLASSES[name](material), 0, None, every):
             counts[name] += 1
             fault = run_one(attempt, material)
             log(f"{name}: {attempt.name}: {fault or 'as it should'}")
@@ -860,6 +860,7 @@ def run_classes(names, folder, log):
 def main():
     parser = argparse.ArgumentParser(description=__doc__.strip().partition("\n")[0])
     parser.add_argument("classes", nargs="*", default=list(CLASSES), metavar="CLASS")
+    parser.add_argument("--every", type=int, default=1, metavar="N", help="one attempt in N")
     parser.add_argument("--log", type=Path)
     options = parser.parse_args()
     with (
@@ -867,7 +868,10 @@ def main():
         (options.log or Path(os.devnull)).open("w") as file,
     ):
         counts, faults = run_classes(
-            options.classes, Path(folder), lambda line: print(line, file=file, flush=True)
+            options.classes,
+            Path(folder),
+            options.every,
+            lambda line: print(line, file=file, flush=True),
         )
     for fault in faults:
         print(fault)

@@ -19,9 +19,12 @@ def test_no_attempt_succeeds():
     forked it.
     """
     done = subprocess.run(
-        [sys.executable, attacks.__file__], capture_output=True, text=True, check=False
+        [sys.executable, attacks.__file__, "--every", "3"],
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     counts = dict(re.findall(r"^(\w+) +(\d+) attempts, 0 faults$", done.stdout, re.MULTILINE))
     assert counts.keys() == {*attacks.CLASSES, "all"}
-    assert min(map(int, counts.values())) >= 15
+    assert min(map(int, counts.values())) >= 5
