@@ -6,10 +6,23 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from typer.main import get_command
+import typer.main
+import typer.testing
 
 from pymantaray.cli.main import app, main
 from pymantaray.config import load_study, study_toml
+
+
+command_of = cache(typer.main.get_command)
+"""Tree of all commands: making it takes longer than most calls, and it keeps nothing of a call."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_tree_of_commands():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.main, "get_command", command_of)
+        patch.setattr(typer.testing, "_get_command", command_of)
+        yield
 
 
 @cache
@@ -23,7 +36,7 @@ def registered_commands():
             else:
                 yield " ".join((*words, name)), command
 
-    return dict(below(get_command(app)))
+    return dict(below(command_of(app)))
 
 
 @pytest.fixture
@@ -42,6 +55,15 @@ def mantaray(capsys, monkeypatch):
         return SimpleNamespace(code=exit_info.value.code or 0, out=printed.out, err=printed.err)
 
     return call
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pages with files of figures that are not drawn, which takes longest; other tests draw them."""
+    for module in ("pages.writing", "apps.rays.figures", "pages.style"):  # which has the function
+        monkeypatch.setattr(
+            f"pymantaray.{module}.rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn")
+        )
 
 
 @pytest.fixture
