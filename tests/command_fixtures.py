@@ -2,16 +2,17 @@
 
 import json
 from functools import cache
+from io import BytesIO
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import typer.main
 import typer.testing
+from PIL import Image
 
 from pymantaray.cli.main import app, main
 from pymantaray.config import load_study, study_toml
-
 
 command_of = cache(typer.main.get_command)
 """Tree of all commands: making it takes longer than most calls, and it keeps nothing of a call."""
@@ -59,10 +60,13 @@ def mantaray(capsys, monkeypatch):
 
 @pytest.fixture
 def undrawn(monkeypatch):
-    """Pages with files of figures that are not drawn, which takes longest; other tests draw them."""
+    """Pages whose figures are not drawn into their files, which takes longest, but small images."""
+    with BytesIO() as file:
+        Image.new("L", (8, 6)).save(file, "PNG")
+        small = file.getvalue()
     for module in ("pages.writing", "apps.rays.figures", "pages.style"):  # which has the function
         monkeypatch.setattr(
-            f"pymantaray.{module}.rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn")
+            f"pymantaray.{module}.rendered", lambda _, kinds, **__: dict.fromkeys(kinds, small)
         )
 
 

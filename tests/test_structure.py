@@ -1,6 +1,7 @@
 """Laws of the package's structure: imports without circles, short functions, short test names."""
 
 import ast
+import re
 from collections.abc import Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
@@ -162,9 +163,9 @@ def test_the_picture_in_contributing_is_that_of_the_contracts():
 def test_names_of_tests_are_short():
     tests = Path(__file__).parent.rglob("test_*.py")
     names = [
-        node.name.removeprefix("test_")
+        name
         for path in tests
-        for node in ast.walk(ast.parse(path.read_text()))
-        if isinstance(node, ast.FunctionDef) and node.name.startswith("test_")
+        for name in re.findall(r"^ *def test_(\w+)", path.read_text(), re.MULTILINE)
     ]
+    assert len(names) > 1000
     assert [name for name in names if len(name) > MAX_LETTERS] == []
