@@ -197,7 +197,7 @@ def test_fan_finds_no_reflected_eigenray_that_the_solver_misses(sections, depth,
     if long:
         check(sections["shallow"], depth, places(40, int(10 * depth), 9e3, True), 150, steepest=0.7)
     else:
-        check(sections["shallow"], depth, places(6, 3, 4e3, True), 20, 4e-4)
+        check(sections["shallow"], depth, places(4, 3, 4e3, True), 14, 4e-4)
 
 
 @pytest.mark.slow

@@ -235,7 +235,7 @@ def test_a_table_and_eigenrays_give_the_same_position(table, water):
         OnlineEstimator(START, BEACONS, ranges, gate=math.inf) for ranges in (table, medium)
     )
     for estimator in (by_table, by_rays):
-        assert Outcome.NO_ARRIVAL not in feed(estimator, calls[:100])
+        assert Outcome.NO_ARRIVAL not in feed(estimator, calls[:200])
     np.testing.assert_allclose(by_table.position(), by_rays.position(), rtol=0, atol=0.3)
     far = OnlineEstimator(START, {"far": Beacon((1e5, 0.0, 50.0))}, table)
     assert far.add_range(0.0, "far", 66.0, 1e-3) == Outcome.NO_ARRIVAL
