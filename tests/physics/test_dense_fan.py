@@ -182,7 +182,10 @@ def many(*depths):
 
 
 @pytest.mark.parametrize(("depth", "long"), [(145.0, False), *many(0.5, 130.0)])
-@pytest.mark.parametrize("name", ["arctic", "double", "front"])
+@pytest.mark.parametrize(
+    "name",
+    ["front", *(pytest.param(name, marks=pytest.mark.slow) for name in ("arctic", "double"))],
+)
 def test_fan_finds_no_eigenray_that_the_solver_misses(sections, name, depth, long):
     """300 links where it is long."""
     if long:

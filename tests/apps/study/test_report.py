@@ -81,7 +81,7 @@ def without_drawing(monkeypatch):
 
 def coarsely(figure, kinds, **_):
     """In place of `rendered`: all is drawn once, as a small PNG."""
-    return dict.fromkeys(kinds, rendered(figure, ("png",), dpi=20.0)["png"])
+    return dict.fromkeys(kinds, rendered(figure, ("png",), dpi=50.0)["png"])
 
 
 @pytest.fixture(scope="module", params=[coarsely])
@@ -136,7 +136,7 @@ def test_report_has_all_its_parts_and_the_page_refers_to_each(reported, tiny_run
     assert len(drawn) == len(reported.figures)
     for name, *size in drawn:
         rows, columns = mpl.image.imread(folder / "figures" / f"{name}.png").shape[:2]
-        assert int(size[0]) / int(size[1]) == pytest.approx(columns / rows, rel=0.02)
+        assert int(size[0]) / int(size[1]) == pytest.approx(columns / rows, rel=0.01)
         assert 400 < int(size[0]) < 1000
     assert [done for _, done, _ in reported.calls] == list(range(len(reported.figures) + 1))
     report = {"figures", "tables", "index.html"}

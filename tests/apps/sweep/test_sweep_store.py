@@ -130,10 +130,18 @@ def test_old_partial_files_are_removed_and_user_files_stay(
     assert all(path.exists() for path in kept)
 
 
-@pytest.mark.parametrize("content", [
-    "{", "[]", "null", "", ('{"key": "other", "version": "1", "notes": [], "conditions": {},'
-                           ' "links": {}, "seconds": {}}'), "conditions", "number",
-])  # fmt: skip
+OTHER = (
+    '{"key": "other", "version": "1", "notes": [], "conditions": {}, "links": {}, "seconds": {}}'
+)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        *("{", "null", OTHER, "conditions", "number"),
+        *(pytest.param(content, marks=pytest.mark.slow) for content in ("[]", "")),
+    ],
+)
 def test_a_damaged_result_is_open_and_computed_again(
     here, noises, results, summaries, tmp_path, caplog, content
 ):
@@ -196,7 +204,7 @@ def test_a_damaged_definition_is_told_in_one_line(here, noises, tmp_path, conten
     assert run_sweep(noises(1), tmp_path / "out").status() == (1, 1, 0, {})
 
 
-@pytest.mark.parametrize("damage", ["cut", "bit", "empty"])
+@pytest.mark.parametrize("damage", ["bit", "empty", pytest.param("cut", marks=pytest.mark.slow)])
 def test_a_damaged_stage_is_computed_again_by_the_first_that_needs_it(
     here, noises, results, summaries, tmp_path, caplog, damage
 ):
