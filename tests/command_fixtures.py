@@ -2,14 +2,28 @@
 
 import json
 from functools import cache
+from io import BytesIO
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from typer.main import get_command
+import typer.main
+import typer.testing
+from PIL import Image
 
 from pymantaray.cli.main import app, main
 from pymantaray.config import load_study, study_toml
+
+command_of = cache(typer.main.get_command)
+"""Tree of all commands: making it takes longer than most calls, and it keeps nothing of a call."""
+
+
+@pytest.fixture(scope="session", autouse=True)
+def one_tree_of_commands():
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(typer.main, "get_command", command_of)
+        patch.setattr(typer.testing, "_get_command", command_of)
+        yield
 
 
 @cache
@@ -23,7 +37,7 @@ def registered_commands():
             else:
                 yield " ".join((*words, name)), command
 
-    return dict(below(get_command(app)))
+    return dict(below(command_of(app)))
 
 
 @pytest.fixture
@@ -42,6 +56,18 @@ def mantaray(capsys, monkeypatch):
         return SimpleNamespace(code=exit_info.value.code or 0, out=printed.out, err=printed.err)
 
     return call
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Pages whose figures are not drawn into their files, which takes longest, but small images."""
+    with BytesIO() as file:
+        Image.new("L", (8, 6)).save(file, "PNG")
+        small = file.getvalue()
+    for module in ("pages.writing", "apps.rays.figures", "pages.style"):  # which has the function
+        monkeypatch.setattr(
+            f"pymantaray.{module}.rendered", lambda _, kinds, **__: dict.fromkeys(kinds, small)
+        )
 
 
 @pytest.fixture

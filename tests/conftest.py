@@ -1,6 +1,7 @@
 """Common to all tests: what several folders' tests run once, whatever the number of workers."""
 
 import fcntl
+import gc
 import os
 import signal
 import subprocess
@@ -65,6 +66,11 @@ def pytest_configure(config):
         subprocess.run(
             [sys.executable, "-c", COMPILE], check=True, env=os.environ | {"PYTHONPATH": path}
         )
+
+
+def pytest_collection_finish():
+    """Modules and tests stay until the end: no search for garbage looks at them again."""
+    gc.freeze()
 
 
 @pytest.fixture(scope="session")

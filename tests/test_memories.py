@@ -4,11 +4,9 @@ reason why it cannot return the result of an earlier input.
 """
 
 import ast
-from pathlib import Path
 
-import pymantaray
+from sources import PACKAGE, tree_of
 
-PACKAGE = Path(pymantaray.__file__).parent
 CACHES = {"cache", "lru_cache"}
 SOURCE = "of this package's own files, which a process reads once"
 PURE = "a function of numbers and texts"
@@ -92,6 +90,6 @@ def test_every_memory_of_a_process_has_a_reason():
     found = {
         f"{file.relative_to(PACKAGE).as_posix()}: {name}"
         for file in PACKAGE.rglob("*.py")
-        for name in memories(ast.parse(file.read_text()))
+        for name in memories(tree_of(file))
     }
     assert found == set(MEMORIES)

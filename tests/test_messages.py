@@ -8,13 +8,13 @@ import logging
 import re
 import shlex
 import sys
-from pathlib import Path
 from typing import Annotated
 
 import pytest
 import typer.main
+from sources import PACKAGE as LIBRARY
+from sources import trees
 
-import pymantaray
 from pymantaray.apps.study import manifest
 from pymantaray.cli.arguments import _PARAMETERS, in_options, use_options_of
 from pymantaray.cli.main import app, main
@@ -145,7 +145,6 @@ def test_logs_and_manifests_leave_secrets_out(capsys, monkeypatch):
     assert str(SweepError(f"s3://ann:{SECRET}@b: cannot be opened")) == "s3://b: cannot be opened"
 
 
-LIBRARY = Path(pymantaray.__path__[0])
 FLAG = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
 
 
@@ -176,10 +175,10 @@ def library_texts():
     Place and text of every literal outside the command line; options of other programs and whole
     commands are no messages.
     """
-    for path in sorted(LIBRARY.rglob("*.py")):
+    for path, tree in trees().items():
         if LIBRARY / "cli" in path.parents or path.name.endswith("command.py"):
             continue
-        for line, text in literals_of(ast.parse(path.read_text("utf-8"))):
+        for line, text in literals_of(tree):
             if " " in text and not re.match(r"--|mantaray ", text):
                 yield f"{path.relative_to(LIBRARY)}:{line}", text
 

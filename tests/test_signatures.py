@@ -8,6 +8,7 @@ import types
 from pathlib import Path
 
 import pytest
+from sources import tree_of
 
 import pymantaray
 
@@ -111,7 +112,7 @@ def exported_things():
 
 def types_in(path):
     """Names of the classes and named tuples that a module defines."""
-    for node in ast.parse(path.read_text("utf-8")).body:
+    for node in tree_of(path).body:
         if isinstance(node, ast.ClassDef):
             yield node.name
         called = isinstance(node, ast.Assign) and isinstance(node.value, ast.Call)

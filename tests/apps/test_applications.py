@@ -23,6 +23,7 @@ LAST = (
     "replay",
     "service",
 )
+FAST = ("atlas", "locate", "online")
 LIST = """
 import sys
 sys.path.insert(0, {!r})
@@ -38,7 +39,15 @@ def commands_of(application):
     return set(getattr(module, "COMMANDS", ()))
 
 
-@pytest.mark.parametrize("application", LAST)
+@pytest.mark.parametrize(
+    "application",
+    [
+        name
+        if name in ("atlas", "locate", "online")
+        else pytest.param(name, marks=pytest.mark.slow)
+        for name in LAST
+    ],
+)
 def test_deleting_a_folder_deletes_the_application(application, tmp_path):
     every = set(commands())
     shutil.copytree(PACKAGE, tmp_path / "pymantaray", ignore=shutil.ignore_patterns("__pycache__"))

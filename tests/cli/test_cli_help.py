@@ -4,8 +4,8 @@ import re
 from dataclasses import fields
 
 import pytest
+from command_fixtures import command_of
 from typer.core import TyperArgument
-from typer.main import get_command
 from typer.testing import CliRunner
 
 from pymantaray.cli.main import app
@@ -27,7 +27,7 @@ def commands_in(command, words=()):
         yield from commands_in(inner, (*words, name))
 
 
-COMMANDS = dict(commands_in(get_command(app)))
+COMMANDS = dict(commands_in(command_of(app)))
 
 
 def panels_of(text):

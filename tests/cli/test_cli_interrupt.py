@@ -277,8 +277,15 @@ except (SystemExit, KeyboardInterrupt) as end:
 )
 
 
-@STOPS
-@pytest.mark.parametrize("where", ["main", "thread"])
+@pytest.mark.parametrize(
+    ("sent", "code", "where"),
+    [
+        (signal.SIGINT, 130, "thread"),
+        (signal.SIGTERM, 143, "main"),
+        pytest.param(signal.SIGINT, 130, "main", marks=pytest.mark.slow),
+        pytest.param(signal.SIGTERM, 143, "thread", marks=pytest.mark.slow),
+    ],
+)
 def test_a_process_in_compiled_code_stops_within_seconds(sent, code, where):
     with subprocess.Popen(
         [sys.executable, "-c", STOPPED, where],

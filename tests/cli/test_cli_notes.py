@@ -212,7 +212,9 @@ def test_the_table_has_every_command():
 @pytest.mark.parametrize(
     ("name", "words", "note"), [*((name, *rest) for name, rest in NOTED.items()), *MORE]
 )
-def test_a_command_prints_a_note_once(mantaray, inputs, monkeypatch, tmp_path, name, words, note):
+def test_a_command_prints_a_note_once(
+    mantaray, undrawn, inputs, monkeypatch, tmp_path, name, words, note
+):
     shutil.copytree(inputs, tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PATH", bellhop_stand_in.path_of(tmp_path))

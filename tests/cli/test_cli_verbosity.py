@@ -118,7 +118,7 @@ def test_what_json_lacks_is_null_or_text(capsys):
     ("words", "word", "completed"),
     [
         ("mantaray study ", 2, {"list", "show", "init", "run", "report", "tables", "compare"}),
-        ("mantaray sweep sta", 2, {"status"}),
+        pytest.param("mantaray sweep sta", 2, {"status"}, marks=pytest.mark.slow),
         ("mantaray study show qu", 3, {"quick"}),
         ("mantaray study run --work", 3, {"--workers"}),
     ],

@@ -256,7 +256,7 @@ def twin(arrivals, ray, other, link):
     return best if gap.min() < 2e-5 else None
 
 
-@pytest.mark.parametrize(("n", "seed"), [(6, 42)])
+@pytest.mark.parametrize(("n", "seed"), [(3, 42)])
 @KINDS
 def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, n, seed):
     """
@@ -302,7 +302,7 @@ def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, n, seed):
     assert np.percentile(errors, share) < least, np.percentile(errors, share)
 
 
-@pytest.mark.parametrize(("n", "seed", "every"), [(24, 42, 14)])
+@pytest.mark.parametrize(("n", "seed", "every"), [(40, 42, 40)])
 @KINDS
 def test_spreading_is_the_ray_tube_of_neighbouring_receivers(kind, n, seed, every):
     """
@@ -372,7 +372,7 @@ def same_rays(there, back, n, atol):
     return np.array(pairs).reshape(-1, 2), alone
 
 
-@pytest.mark.parametrize(("n", "seed"), [(24, 44), pytest.param(150, 48, marks=pytest.mark.slow)])
+@pytest.mark.parametrize(("n", "seed"), [(12, 44), pytest.param(150, 48, marks=pytest.mark.slow)])
 @KINDS
 def test_rays_are_reciprocal_when_both_ways_are_solved(kind, n, seed):
     """The same families from either end, angles exchanged and turned; times within 0.1 us."""

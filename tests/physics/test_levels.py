@@ -94,7 +94,7 @@ def leak_minus_wave_db(water, hz):
     return -leaks.arrivals.spreading_db - 20.0 * np.log10(np.abs(wave) * chord)
 
 
-@pytest.mark.parametrize("water", ["warm", "falling"])
+@pytest.mark.parametrize("water", ["warm", pytest.param("falling", marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
     "hz", [1000.0, *(pytest.param(hz, marks=pytest.mark.slow) for hz in (3e3, 8e3))]
 )

@@ -207,7 +207,10 @@ def test_horizontal_refraction_changes_the_width_of_a_ray_tube():
     assert near.spreading == pytest.approx([arrivals.spreading_db[ray]], abs=0.1)
 
 
-@pytest.mark.parametrize("name", ["gulf", pytest.param(2, marks=pytest.mark.slow), 4])
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param("gulf", marks=pytest.mark.slow), pytest.param(2, marks=pytest.mark.slow), 4],
+)
 def test_levels_from_both_ends_are_equal(name):
     """
     Reciprocity; derivatives in the plane of the link alone gave levels that differed by up to 7 dB.

@@ -118,7 +118,9 @@ def test_live_windows_between_rays_lost_to_the_surface_are_found():
         assert (arrivals.launch_angle > 0.0).all()
 
 
-@pytest.mark.parametrize("interpolation", ["linear", "smooth"])
+@pytest.mark.parametrize(
+    "interpolation", ["linear", pytest.param("smooth", marks=pytest.mark.slow)]
+)
 def test_rays_do_not_tunnel_through_peaks_of_the_sea_bed(interpolation):
     """
     Straight rays over random peaks and saddles: blocked where they dip into the bilinear bed, and

@@ -19,7 +19,9 @@ WORDS = (
 )
 
 
-def test_an_atlas_from_an_ocean_to_its_figures(mantaray, told, ocean_file, monkeypatch, tmp_path):
+def test_an_atlas_from_an_ocean_to_its_figures(
+    mantaray, told, undrawn, ocean_file, monkeypatch, tmp_path
+):
     out = tmp_path / "atlas.nc"
     ran = mantaray("atlas", "run", ocean_file, "--out", out, *WORDS)
     assert (ran.code, ran.err) == (0, "")

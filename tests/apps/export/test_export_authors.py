@@ -113,7 +113,9 @@ def program_depths(robot, step, samples, steps_per_sample):
     return np.array(out)
 
 
-@pytest.mark.parametrize("step", [0.05, 0.1, 0.125, 0.2, 1.0])
+@pytest.mark.parametrize(
+    "step", [0.05, 0.125, 1.0, *(pytest.param(step, marks=pytest.mark.slow) for step in (0.1, 0.2))]
+)
 @pytest.mark.parametrize(
     "keys",
     [

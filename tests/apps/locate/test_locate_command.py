@@ -142,7 +142,7 @@ def test_names_that_no_file_can_hold_are_refused_before_the_solve(
     )
 
 
-def test_a_node_may_have_the_name_of_the_platform(mantaray, campaign, tmp_path):
+def test_a_node_may_have_the_name_of_the_platform(mantaray, undrawn, campaign, tmp_path):
     pings, nodes = write_table(campaign, tmp_path)
     for file in (pings, nodes):
         file.write_text(file.read_text().replace(campaign.names[0], "A"))
@@ -166,7 +166,7 @@ def test_an_unconverged_survey_prints_its_status_and_exits_with_1(
     assert done.err.splitlines()[-1].startswith(f"error: {pings}: not converged; ")
 
 
-def test_an_answer_that_explains_nothing_exits_with_1(mantaray, campaign, tmp_path):
+def test_an_answer_that_explains_nothing_exits_with_1(mantaray, undrawn, campaign, tmp_path):
     pings, nodes = write_table(campaign, tmp_path)
     table = pd.read_csv(pings, comment="#")
     times = np.random.default_rng(0).uniform(1.0, 4.0, len(table))
@@ -195,7 +195,7 @@ def test_stated_noise_is_a_limit_of_residuals(told, campaign, tmp_path, factor, 
     assert {node["status"] for node in done["nodes"]} == {status}
 
 
-def test_notes_of_a_reader_are_told_everywhere(mantaray, campaign, tmp_path):
+def test_notes_of_a_reader_are_told_everywhere(mantaray, undrawn, campaign, tmp_path):
     pings, nodes = write_table(campaign, tmp_path)
     rows = pings.read_text().splitlines()
     pings.write_text("\n".join([*rows, rows[-1]]) + "\n")
@@ -259,7 +259,7 @@ def test_results_are_a_folder_with_page_tables_and_files(mantaray, told, campaig
         "--correlation",
         "none",
         "--bootstrap",
-        20,
+        4,
         "--out",
         tmp_path / "out",
     )

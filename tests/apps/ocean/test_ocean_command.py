@@ -429,7 +429,9 @@ def test_profiles_are_shown_without_a_sea_bed(mantaray, tmp_path, monkeypatch):
     ]
 
 
-def test_check_show_and_plot_open_a_climatology_without_currents(mantaray, tmp_path, ocean_file):
+def test_check_show_and_plot_open_a_climatology_without_currents(
+    mantaray, undrawn, tmp_path, ocean_file
+):
     """Of two instants, all take the first; the second is colder by 2 degC."""
     with xr.open_dataset(ocean_file) as one:
         first = one.load().drop_vars(["water_u", "water_v"])

@@ -81,7 +81,7 @@ def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
         assert f"tables/{name}.csv" in page
 
 
-def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
+def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file, undrawn):
     words = ("--ocean", ocean_file, "--half-extent", 4000, 4000, "--quiet", "--out", "out")
     done = mantaray("replay", "events.csv", *words)
     result = told("replay", "events.csv", *words[:-1], "json")
@@ -101,7 +101,7 @@ def test_an_ocean_is_a_water_too(mantaray, told, files, ocean_file):
         pytest.param(("--detection", "salty.toml"), marks=pytest.mark.slow),
     ],
 )
-def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detection):
+def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detection, undrawn):
     (files / "sonar.toml").write_text(DETECTION)
     (files / "salty.toml").write_text(DETECTION.replace("thorp", "francois-garrison"))
     table = pd.read_csv(files / "events.csv")
@@ -181,7 +181,7 @@ def test_rays_take_one_cast(mantaray, files):
     assert "contains 4 casts (first, second, first, second); only one is allowed" in twice.err
 
 
-def test_smoothed_positions_drifts_and_gross_errors_are_reported(mantaray, files):
+def test_smoothed_positions_drifts_and_gross_errors_are_reported(mantaray, files, undrawn):
     wrong = EVENTS.assign(travel_time=EVENTS["travel_time"].where(EVENTS.index != 3, 4.19))
     wrong.to_csv("wrong.csv", index=False)
     options = ("--smooth-positions", "3 m", "--clock-drift", "--reference", "A")
@@ -203,7 +203,7 @@ def test_smoothed_positions_drifts_and_gross_errors_are_reported(mantaray, files
     assert not (files / "other").exists()
 
 
-def test_predictions_that_explain_nothing_exit_with_1(mantaray, files):
+def test_predictions_that_explain_nothing_exit_with_1(mantaray, files, undrawn):
     times = np.random.default_rng(0).uniform(0.5, 8.0, len(EVENTS))
     events = EVENTS.assign(travel_time=times)
     pd.concat([events, events.iloc[:1]]).to_csv("events.csv", index=False)

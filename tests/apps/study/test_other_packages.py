@@ -10,6 +10,7 @@ import shutil
 import subprocess
 import sys
 from dataclasses import replace
+from importlib.metadata import distributions
 from pathlib import Path
 
 import matplotlib as mpl
@@ -63,7 +64,13 @@ def copy_of(run, folder):
 
 @pytest.fixture
 def install(tmp_path, monkeypatch):
-    """Install a package in a new folder of this process's path, with one module `hostile`."""
+    """
+    Install a package in a new folder of this process's path, with one module `hostile`; no other is
+    found.
+    """
+    folder = str(tmp_path / "packages")
+    # reading the metadata of all that is installed takes longer than a test
+    monkeypatch.setattr(entry_points, "distributions", lambda: distributions(path=[folder]))
     figures.find_figures()  # modules register their figures once
     monkeypatch.setattr(figures, "_REGISTER", dict(figures._REGISTER))
     monkeypatch.syspath_prepend(tmp_path / "packages")
@@ -110,7 +117,6 @@ def test_figure_of_an_installed_package_is_in_the_report(tmp_path, packages, tin
 
 SENSOR = """
 import json
-import sys
 import numpy as np
 from factories import TINY
 from pymantaray import open_run, run_study
@@ -124,8 +130,7 @@ print(json.dumps({
     "constant": float(abs(error - error[:, :1]).max()), "size": float(abs(error[:, 0]).max()),
     "others": bool(np.array_equal(one.refracted_range, two.refracted_range, equal_nan=True)),
     "version": runs[1].manifest["versions"]["pymantaray-example"],
-    "used": [key["name"] for key in runs[1].manifest["extensions"]],
-    "modules": [name for name in sys.modules if name.startswith("pymantaray.")]}))
+    "used": [key["name"] for key in runs[1].manifest["extensions"]]}))
 """
 
 
@@ -207,9 +212,9 @@ DEPTH = "scene.truth.position[..., 2]"
         ("scene.truth.position[:] = 0.0", "fails in measure: ValueError: assignment destination"),
     ],
 )
-def test_a_sensor_that_measures_wrongly_is_named(install, tiny_run_folder, body, fault):
+def test_a_sensor_that_measures_wrongly_is_named(install, tiny_run, body, fault):
     install(NOTHING + f"def measure(scene, noise):\n    {body}\n")
-    run = open_run(tiny_run_folder)
+    run = tiny_run
     (sensor,) = other_sensors(["bad"])
     with pytest.raises(ExtensionError, match=r"^package 'other': ") as error:
         sensor.measured(run.measurements, Scene(run.truth, [], 0.1), NoiseModel())
@@ -231,9 +236,9 @@ def test_a_sensor_that_measures_wrongly_is_named(install, tiny_run_folder, body,
         ("measurements.depth[:] = 0.0", "fails in perturb: ValueError: assignment destination"),
     ],
 )
-def test_a_sensor_that_draws_wrongly_is_named(install, tiny_run_folder, body, fault):
+def test_a_sensor_that_draws_wrongly_is_named(install, tiny_run, body, fault):
     install(NOTHING + f"def perturb(measurements, normal):\n    {body}\n")
-    m = open_run(tiny_run_folder).measurements
+    m = tiny_run.measurements
     (sensor,) = other_sensors(["bad"])
     with pytest.raises(ExtensionError, match=r"^package 'other': ") as error:
         sensor.perturbed(m, m, lambda shape, *_: np.zeros(shape))
@@ -300,9 +305,9 @@ given = {"place": 1.0, "caption": "Mine.", "draw": lambda r: Figure()}
         ("register('a', **given | {'draw': lambda r: Figure((1e5, 1e5))})", "figure 'a': "),
     ],
 )
-def test_a_figure_that_fails_is_named_and_left_out(install, tiny_run_folder, source, fault):
+def test_a_figure_that_fails_is_named_and_left_out(install, tiny_run, source, fault):
     install(FIGURE + source, group="figures")
-    drawn, (line,) = drawn_of(RunResults(open_run(tiny_run_folder)))
+    drawn, (line,) = drawn_of(RunResults(tiny_run))
     assert drawn in ([], ["a"])
     assert line.startswith("package 'other': its entry point 'bad' of 'pymantaray.figures' ")
     assert fault in line
@@ -398,8 +403,10 @@ def test_versions_and_sources_of_entry_points_are_in_the_keys(install):
     assert STAGES == ("ocean", "fleet", "rays")
 
 
-def test_two_packages_with_one_name_are_refused(install):
+def test_two_packages_with_one_name_are_refused(install, monkeypatch):
+    """Among all that is installed."""
     folder = install(NOTHING)
+    monkeypatch.setattr(entry_points, "distributions", distributions)
     shutil.copytree(folder / "other-1.dist-info", folder / "twin-1.dist-info")
     (folder / "twin-1.dist-info" / "METADATA").write_text("Name: twin\nVersion: 2\n")
     entry_points.extensions.cache_clear()
@@ -432,7 +439,18 @@ def test_damaged_metadata_of_a_package_are_left_out_with_a_warning(install, capl
     assert "broken-1.dist-info: its entry points cannot be read" in caplog.text
 
 
-def test_no_module_that_shows_results_is_loaded_by_a_run(measured):
+RUN = """
+import sys
+from factories import TINY
+from pymantaray import run_study
+from pymantaray.config import parse_study
+mission = {**TINY["mission"], "duration_h": 1.0}
+run_study(parse_study({**TINY, "mission": mission}, "tiny"), "run", workers=1)
+print(*sys.modules)
+"""
+
+
+def test_no_module_that_shows_results_is_loaded_by_a_run(tmp_path):
     """A change in a module that is not in the key cannot change a result."""
     package = Path(pymantaray.__file__).parent
     shows = set()
@@ -440,7 +458,8 @@ def test_no_module_that_shows_results_is_loaded_by_a_run(measured):
         module = file.relative_to(package)
         if installation.shows_results(module, file.read_bytes()):
             shows.add(".".join(["pymantaray", *module.with_suffix("").parts]))
-    loaded = set(measured["modules"])
+    paths = os.pathsep.join([SOURCES, str(ROOT / "tests")])
+    loaded = set(python(RUN, environment={"PYTHONPATH": paths}, cwd=tmp_path).stdout.split())
     assert loaded & shows == set()
     assert {"pymantaray.apps.study.page", "pymantaray.cli.main", "pymantaray.pages.page"} < shows
     assert {"pymantaray.apps.study.runner", "pymantaray.sensing.measure"} < loaded

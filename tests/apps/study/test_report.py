@@ -31,6 +31,7 @@ from pymantaray.evaluation import comparison_table, dropout_table, error_table, 
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.pages import page as page_module
 from pymantaray.pages import writing as write
+from pymantaray.pages.style import rendered
 from pymantaray.records.result_table import ResultTable
 
 OF_THE_PAPER = {
@@ -78,23 +79,30 @@ def without_drawing(monkeypatch):
     )
 
 
-@pytest.fixture(scope="module")
-def reported(once, tiny_run_folder):
+def coarsely(figure, kinds, **_):
+    """In place of `rendered`: all is drawn once, as a small PNG."""
+    return dict.fromkeys(kinds, rendered(figure, ("png",), dpi=50.0)["png"])
+
+
+@pytest.fixture(scope="module", params=[coarsely])
+def reported(request, once, tiny_run_folder):
     """
     Folder of a run with its report, the page's text, and what was told of the progress; not to be
-    written to.
+    written to. Its figures are coarse unless a test asks for `rendered` itself.
     """
 
     def report(place):
         calls = []
         shutil.copytree(tiny_run_folder, place / "run")
-        page = write_report(
-            place / "run", formats=("pdf", "tex"), progress=lambda *call: calls.append(call)
-        )
+        with pytest.MonkeyPatch.context() as patch:
+            patch.setattr(write, "rendered", request.param)
+            page = write_report(
+                place / "run", formats=("pdf", "tex"), progress=lambda *call: calls.append(call)
+            )
         assert page == place / "run" / "index.html"
         (place / "calls.json").write_text(json.dumps(calls))
 
-    place = once("reported", report)
+    place = once(f"reported-{request.param.__name__}", report)
     run = open_run(place / "run")
     return SimpleNamespace(
         folder=run.path,
@@ -278,6 +286,7 @@ def test_a_new_report_replaces_the_old_one_or_leaves_it_as_it_was(made_run, tmp_
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("reported", [rendered], indirect=True, ids=["drawn"])
 def test_a_report_begun_before_the_estimates_is_the_same(reported, tiny_run_folder, tmp_path):
     """Without PDF, to which the page then does not refer."""
     stage, folder = tmp_path / "stage", tmp_path / "run"

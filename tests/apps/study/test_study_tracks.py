@@ -42,6 +42,9 @@ OCEAN = {
 }
 
 
+NO_CENTRE = {key: OCEAN[key] for key in ("source", "half_extent_north", "half_extent_east")}
+
+
 @pytest.fixture(scope="module")
 def study_run(tiny_run_folder):
     return open_run(tiny_run_folder)
@@ -127,7 +130,7 @@ def test_places_in_latitude_and_longitude_make_a_frame_of_their_own(study_run, t
     same = measure(tmp_path / "m.csv", OCEAN, 3600.0)
     same_ranges(measure(pd.read_csv(tmp_path / "m.csv", comment="#"), OCEAN, 3600.0), same)
     np.testing.assert_allclose(same.truth.position, truth.position, rtol=0, atol=1e-6)
-    free = measure(tmp_path / "m.csv", "synthetic:beaufort", 3600.0)
+    free = measure(tmp_path / "m.csv", NO_CENTRE, 3600.0)
     lat, lon = frame.to_geodetic(*np.moveaxis(truth.position[..., :2], -1, 0))
     centre = free.config.ocean.centre
     assert centre == pytest.approx(
@@ -188,7 +191,7 @@ def test_a_list_of_pings_makes_one_link_of_both_ways_at_one_time(table, tmp_path
     tree = {**TINY, "ocean": OCEAN, "fleet": {"trajectories": [str(table)]}, "landmarks": [mark]}
     tree |= {"study": {"name": "pings"}, "conditions": []}
     tree["mission"] = {"schedule": {"kind": "pings", "file": "pings.csv"}}
-    written = run_study(parse_study(tree, folder=tmp_path), tmp_path / "run")
+    written = run_study(parse_study(tree, folder=tmp_path), tmp_path / "run", workers=1)
     same_ranges(run, written)
     assert str(tmp_path / "pings.csv") in written.manifest["ocean"]["sha256"]
 
@@ -219,7 +222,7 @@ def test_estimators_run_on_the_pings_of_landmarks_alone(table, tmp_path):
     tree["study"] = {**TINY["study"], "realizations": 2}
     tree["conditions"] = ["odometry", "straight", "refracted"]
     tree["mission"] = {"schedule": {"kind": "slots", "slots": ["L0", "L1", "L2"], "slot_s": 100.0}}
-    run = run_study(parse_study(tree), tmp_path / "run")
+    run = run_study(parse_study(tree), tmp_path / "run", workers=1)
     assert (run.measurements.range_transmitter >= 3).all()
     error = run.errors().groupby("condition")["error"].mean()
     assert error["straight"] < 0.5 * error["odometry"]
@@ -437,6 +440,7 @@ def test_a_name_that_nobody_has_is_refused_before_anything_is_done(where, table,
 def elsewhere(tmp_path_factory):
     """A run whose frame's centre is 60 km from the middle of its ocean."""
     tree = {**TINY, "study": {"name": "elsewhere", "realizations": 1}, "conditions": ["straight"]}
+    tree["mission"] = {**TINY["mission"], "duration_h": 2.0}
     tree["ocean"] = {**OCEAN, "centre_lat": 74.1, "centre_lon": -141.5}
     return run_study(parse_study(tree), tmp_path_factory.mktemp("elsewhere") / "run", workers=1)
 
@@ -458,8 +462,7 @@ def test_an_exported_run_comes_back_into_the_same_water(elsewhere, tmp_path, to,
     made = export_run(elsewhere, to, tmp_path / ("run.mcap" if to == "mcap" else "run"))
     source = f"{made}/{files}" if files else made
     marks = [mark.model_dump() for mark in elsewhere.config.landmarks]
-    extent = {key: OCEAN[key] for key in ("source", "half_extent_north", "half_extent_east")}
-    back = measure(source, extent, 3600.0, landmarks=marks)
+    back = measure(source, NO_CENTRE, 3600.0, landmarks=marks)
     assert back.config.ocean.centre == (74.1, -141.5)
     names = [name.removeprefix("truth-") for name in back.truth.name.tolist()]
     assert names == elsewhere.truth.name.tolist()
@@ -485,7 +488,7 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
     Local positions of a table without a centre: the middle of the ocean is taken, and a line says
     so.
     """
-    run = measure(table, "synthetic:beaufort", 1800.0)
+    run = measure(table, NO_CENTRE, 1800.0)
     centre = (run.ocean.attrs["centre_latitude_deg"], run.ocean.attrs["centre_longitude_deg"])
     (line,) = [record.getMessage() for record in caplog.records]
     assert line.startswith(
@@ -500,7 +503,7 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
     named = tmp_path / "named.csv"
     head = "# centre_latitude_deg = 74.2\n# centre_longitude_deg: -140.5\n"
     named.write_text(head + table.read_text())
-    assert measure(named, "synthetic:beaufort", 1800.0).config.ocean.centre == (74.2, -140.5)
+    assert measure(named, NO_CENTRE, 1800.0).config.ocean.centre == (74.2, -140.5)
     assert not caplog.records
     named.write_text(head.replace("74.2", "north") + table.read_text())
     refused(
@@ -508,13 +511,13 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
         "named.csv: the centre is centre_latitude_deg 'north', .* degrees",
         measure,
         named,
-        "synthetic:beaufort",
+        NO_CENTRE,
         1800.0,
     )
 
 
 def test_a_run_of_local_positions_has_its_centre_in_the_manifest(table, tmp_path):
-    tree = {"study": {"name": "r"}, "conditions": [], "ocean": {"source": "synthetic:beaufort"}}
+    tree = {"study": {"name": "r"}, "conditions": [], "ocean": NO_CENTRE}
     tree |= {"fleet": {"trajectories": str(table)}, "mission": {"ping_interval_h": 1.0}}
     config = parse_study(tree)
     assert "own vehicles, as long as their trajectories, 25" in repr(config)

@@ -23,6 +23,12 @@ from pymantaray.records import SolveStatus
 DATA = ("estimates", "covariances", "measurements", "truth", "arrivals", "ranging_truth", "links")
 
 
+@pytest.fixture(scope="session")
+def tiny(tiny):
+    """Configuration with two conditions and other sections: more of them take only longer."""
+    return lambda **sections: tiny(**{"conditions": ["odometry", "straight"]} | sections)
+
+
 @pytest.fixture
 def at_once(monkeypatch):
     """Keep everything as soon as it is done."""
@@ -59,7 +65,9 @@ def undisturbed(once, tiny):
 
     def run(count):
         config = tiny(study={"realizations": count})
-        return open_run(once(f"tiny-{count}", lambda folder: run_study(config, folder, workers=1)))
+        return open_run(
+            once(f"two-conditions-{count}", lambda folder: run_study(config, folder, workers=1))
+        )
 
     return run
 

@@ -199,7 +199,7 @@ def test_sources_that_compute_change_the_code_version(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "sections",
     [
-        {},
+        pytest.param({}, marks=pytest.mark.slow),
         {
             "ocean": {"time_varying": True, "time": "2014-07-15T13:30:00"},
             "acoustics": {"currents": True},

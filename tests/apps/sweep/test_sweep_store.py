@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import time
 
 import factories
@@ -19,6 +20,23 @@ from pymantaray.errors import JobError, SweepError, WriteError
 from pymantaray.installation import code_version
 from pymantaray.jobs.store import failure_content, open_store
 from pymantaray.records.writing import netcdf_groups
+
+
+@pytest.fixture(scope="module")
+def finished_sweep(noises, tmp_path_factory):
+    """Folder of a sweep of two points with its stages; not to be written to."""
+    folder = tmp_path_factory.mktemp("finished") / "out"
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("pymantaray.apps.sweep.runner.open_pool", factories.pool_here)
+        run_sweep(noises(2), folder, keep_stages=True)
+    return folder
+
+
+@pytest.fixture
+def results(finished_sweep, tmp_path):
+    """The same in a folder `out` of a test's own."""
+    shutil.copytree(finished_sweep, tmp_path / "out")
+    return open_sweep(tmp_path / "out")
 
 
 @pytest.fixture(params=["folder", "memory"])
@@ -112,14 +130,21 @@ def test_old_partial_files_are_removed_and_user_files_stay(
     assert all(path.exists() for path in kept)
 
 
-@pytest.mark.parametrize("content", [
-    "{", "[]", "null", "", ('{"key": "other", "version": "1", "notes": [], "conditions": {},'
-                           ' "links": {}, "seconds": {}}'), "conditions", "number",
-])  # fmt: skip
+OTHER = (
+    '{"key": "other", "version": "1", "notes": [], "conditions": {}, "links": {}, "seconds": {}}'
+)
+
+
+@pytest.mark.parametrize(
+    "content",
+    [
+        *("{", "null", OTHER, "conditions", "number"),
+        *(pytest.param(content, marks=pytest.mark.slow) for content in ("[]", "")),
+    ],
+)
 def test_a_damaged_result_is_open_and_computed_again(
-    here, noises, summaries, tmp_path, caplog, content
+    here, noises, results, summaries, tmp_path, caplog, content
 ):
-    results = run_sweep(noises(2), tmp_path / "out")
     key = results.contents[0]["key"]
     path = tmp_path / "out" / point_name(key)
     whole = path.read_text()
@@ -166,8 +191,7 @@ def test_a_damaged_failure_of_a_stage_is_computed_again(noises, tmp_path, conten
 @pytest.mark.parametrize(
     "content", [b"[]", b"null", b"{", b'{"keys": 3}', b'{"sweep": [], "keys": ["a"]}', b"\xff"]
 )
-def test_a_damaged_plan_is_made_again(here, noises, tmp_path, content):
-    results = run_sweep(noises(2), tmp_path / "out")
+def test_a_damaged_plan_is_made_again(results, tmp_path, content):
     (tmp_path / "out" / "plan.json").write_bytes(content)
     assert open_sweep(tmp_path / "out").status() == results.status() == (2, 2, 0, {})
 
@@ -180,11 +204,11 @@ def test_a_damaged_definition_is_told_in_one_line(here, noises, tmp_path, conten
     assert run_sweep(noises(1), tmp_path / "out").status() == (1, 1, 0, {})
 
 
-@pytest.mark.parametrize("damage", ["cut", "bit", "empty"])
+@pytest.mark.parametrize("damage", ["bit", "empty", pytest.param("cut", marks=pytest.mark.slow)])
 def test_a_damaged_stage_is_computed_again_by_the_first_that_needs_it(
-    here, noises, summaries, tmp_path, caplog, damage
+    here, noises, results, summaries, tmp_path, caplog, damage
 ):
-    results = run_sweep(noises(2), tmp_path / "out", keep_stages=True)
+    before = summaries(results)
     for path in (tmp_path / "out" / "points").glob("*/*"):
         path.unlink()
     (path,) = (tmp_path / "out" / "stages").glob(f"{SweepPlan(noises(2)).keys[0]['rays']}.nc")
@@ -194,7 +218,7 @@ def test_a_damaged_stage_is_computed_again_by_the_first_that_needs_it(
     stages._LATEST.clear()
     again = run_sweep(noises(2), tmp_path / "out", keep_stages=True)
     assert again.status() == (2, 2, 0, {})
-    assert summaries(again) == summaries(results)
+    assert summaries(again) == before
     assert f"{path.name}: damaged: its content does not have its checksum; removed" in caplog.text
     assert "mantaray-" not in caplog.text.replace("mantaray-part", "")  # no temporary file is named
     rewritten, groups = ({*netcdf_groups(whole[:-32])} for whole in (path.read_bytes(), content))

@@ -454,11 +454,11 @@ def cost_of_picks(mixture, root, distance, sigma, picks):
 def test_the_picks_of_a_ping_are_those_of_an_enumeration():
     every = np.array(list(product(range(5), repeat=4))) + 5 * np.arange(4)
     excess = []
-    for seed in range(20):
+    for seed in range(10):
         mixture, *measured = ping_of_a_vehicle(seed)
         least = cost_of_picks(mixture, *measured, every).min()
         cost = graduated_fits(mixture, 5.0) - np.log(mixture.weight)
         picks = cost.reshape(4, 5).argmin(axis=1) + 5 * np.arange(4)
         excess.append(cost_of_picks(mixture, *measured, picks[None])[0] - least)
     assert max(excess) < 1.0, "picks about as probable as the most probable ones"
-    assert np.count_nonzero(np.array(excess) < 1e-6) >= 18
+    assert np.count_nonzero(np.array(excess) < 1e-6) >= 9
