@@ -97,7 +97,6 @@ def test_archives_hold_the_package_and_nothing_else(archives):
     call(sys.executable, "-m", "twine", "check", "--strict", source, wheel)
 
 
-@pytest.mark.slow
 def test_the_wheel_alone_answers_beside_the_libraries(archives, tmp_path):
     """Outside the tree, before the package that this environment has; all its modules import."""
     site = tmp_path / "site"

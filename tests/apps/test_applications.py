@@ -41,12 +41,7 @@ def commands_of(application):
 
 @pytest.mark.parametrize(
     "application",
-    [
-        name
-        if name in ("atlas", "locate", "online")
-        else pytest.param(name, marks=pytest.mark.slow)
-        for name in LAST
-    ],
+    [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in LAST],
 )
 def test_deleting_a_folder_deletes_the_application(application, tmp_path):
     every = set(commands())
