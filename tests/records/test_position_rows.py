@@ -9,6 +9,7 @@ from pymantaray.records.position_rows import (
     FASTEST_PLATFORM,
     PositionRows,
     impossible_positions,
+    is_no_fix,
     middle_longitude,
     missing_fixes,
     order_of_times,
@@ -202,3 +203,19 @@ def test_thousands_of_gross_rows_are_out_or_refused(count, message):
     keep = rows.possible(time, position, line, geographic=True)
     np.testing.assert_array_equal(np.flatnonzero(~keep), np.arange(3, time.size, 8))
     assert rows.notes[0].startswith("a.csv: 1,100 lines left out")
+
+
+@pytest.mark.parametrize(
+    ("latitude", "longitude", "missing"),
+    [
+        (45.0, 170.0, False),
+        (-90.0, 359.0, False),
+        (0.0, 1e-3, False),
+        (0.0, 0.0, True),
+        (100.0, 45.0, True),
+        (45.0, 361.0, True),
+        (999.0, 999.0, True),
+    ],
+)
+def test_no_fix_is_zero_or_off_the_globe(latitude, longitude, missing):
+    assert is_no_fix(latitude, longitude) == missing

@@ -203,7 +203,7 @@ def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
             " remove it"
         )
     time = _times(table)
-    if np.issubdtype(time.dtype, np.datetime64):
+    if time.dtype.kind == "M":
         if start is None:
             raise ExchangeError(
                 f"{path}: times are dates, but the start of the mission has no date; give seconds"

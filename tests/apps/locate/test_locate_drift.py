@@ -11,8 +11,23 @@ from scipy.stats import chi2, kstest
 from pymantaray.apps.locate import LocateOptions, locate
 from pymantaray.apps.locate.halves import HALVES, part_tests, widening
 from pymantaray.apps.locate.patterns import NoiseTest
+from pymantaray.apps.locate.sound_speed import Spline
 
 EXACT = {"gnss": 0.0, "red": 0.0}
+
+
+@pytest.mark.parametrize("memory", [np.inf, 1800.0])
+def test_a_drift_is_a_constant_a_line_and_columns_of_mean_variance_one(memory):
+    times = np.linspace(0.0, 7200.0, 50)[:, None] + [0.0, 2.0]
+    spline = Spline(times, 600.0, 40, memory)
+    basis = spline._basis
+    np.testing.assert_allclose(basis.T @ basis, np.eye(len(basis)), atol=1e-9)
+    columns = spline.at(np.linspace(0.0, 7202.0, 400))
+    assert np.ptp(columns[:, 0]) < 1e-12
+    assert np.ptp(np.diff(columns[:, 1])) < 1e-12
+    assert columns[0, 1] == pytest.approx(-columns[-1, 1])
+    drift = columns[:, 2:] * spline.unit[2:]
+    assert np.mean(np.sum(drift**2, axis=1)) == pytest.approx(1.0, rel=0.05)
 
 
 @pytest.fixture(scope="module")
