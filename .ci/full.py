@@ -47,6 +47,7 @@ SLOW = {  # folders of tests, or files
         *(f"tests/{name}" for name in ("ocean", "pages", "quantities", "records")),
         "tests/range_models",
     ),
+    # builds the site once, with warnings as errors
     "documentation": tuple(sorted(f"tests/{p.name}" for p in (ROOT / "tests").glob("test_*.py"))),
 }
 """Groups of slow tests; a test checks that they contain all."""
@@ -77,7 +78,6 @@ def parts() -> dict[str, tuple[tuple[str, ...], dict[str, str]]]:
         "lint": (("make", "lint"), {}),
         "quick": (("make", "quick"), {}),
         "fast": (PYTEST, {}),
-        "docs": (("make", "docs"), {}),
         **slow,
         "bounds": ((*PYTEST, *KERNELS), BOUNDS),
     }

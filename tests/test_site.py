@@ -192,8 +192,7 @@ KINDS_OF_PAGES = (
 )
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [1440, 390])
+@pytest.mark.parametrize(("width", "scheme"), [(1440, "light"), (390, "dark")])
 def test_pages_of_every_kind_are_accessible_and_fit_the_width(html, chromium, width, scheme):
     pytest.importorskip("axe_playwright_python", reason="axe-playwright-python is not installed")
     context = chromium.new_context(

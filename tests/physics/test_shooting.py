@@ -130,7 +130,7 @@ def test_direct_travel_times_agree(make, n, seed):
         (False, 3, 52, (1, 1), {1: 4, 2: 4}),
         *(
             pytest.param(
-                plane, 24, 53, (2, 2), {1: 40, 2: 36, 3: 32, 4: 24}, marks=pytest.mark.slow
+                plane, 12, 53, (2, 2), {1: 20, 2: 18, 3: 16, 4: 12}, marks=pytest.mark.slow
             )
             for plane in (True, False)
         ),
