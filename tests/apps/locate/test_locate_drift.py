@@ -17,7 +17,7 @@ EXACT = {"gnss": 0.0, "red": 0.0}
 
 
 @pytest.mark.parametrize("memory", [np.inf, 1800.0])
-def test_a_drift_is_a_constant_a_line_and_columns_of_mean_variance_one(memory):
+def test_a_drift_is_a_constant_a_line_and_columns_of_variance_one(memory):
     times = np.linspace(0.0, 7200.0, 50)[:, None] + [0.0, 2.0]
     spline = Spline(times, 600.0, 40, memory)
     basis = spline._basis
