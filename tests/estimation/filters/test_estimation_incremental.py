@@ -11,6 +11,7 @@ from factories import without
 from two_minima import drone
 
 from pymantaray.apps.graphs import open_graph, solve_graph
+from pymantaray.config.estimators import ConditionSection
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (
     LOSSES,
@@ -211,3 +212,13 @@ def test_a_landmark_without_a_prior_enters_when_it_is_determined(tmp_path, lag):
     assert solution.usable
     np.testing.assert_allclose(solution.landmark_position[0], landmark, atol=3.0)
     np.testing.assert_allclose(solution.position, batch.position, atol=ATOL)
+
+
+@pytest.mark.parametrize("loss", LOSSES)
+def test_a_configuration_refuses_the_losses_that_this_solver_refuses(loss):
+    tree = {"name": "e", "ranges": "straight", "solver": "incremental", "loss": loss}
+    if LOSSES[loss].incremental:
+        assert ConditionSection.model_validate(tree).loss == loss
+    else:
+        with pytest.raises(ValueError, match=f"cannot use loss {loss}"):
+            ConditionSection.model_validate(tree)

@@ -363,7 +363,7 @@ def open_start(section: OceanSection) -> xr.Dataset:
 
 def mission_start(section: OceanSection, data: xr.Dataset | None = None) -> np.datetime64:
     """Start of a mission; without one, the time of a profile or the first time of the source."""
-    if data is None and is_profile(section):
+    if section.time is None and data is None and is_profile(section):
         return start_in(section, one_profile(section))
     if section.time is None:
         return np.datetime64(ocean_times(_source(section, data), section.standard_names)[0], "ns")
