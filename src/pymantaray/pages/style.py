@@ -426,10 +426,12 @@ def rendered(
 
 def _save_few_colours(figure: Figure, file: BytesIO, dpi: float) -> None:
     """Write a figure as a PNG of 256 colours, which is compressed only once."""
-    with BytesIO() as whole:
-        figure.savefig(whole, format="png", dpi=dpi, pil_kwargs={"compress_level": 0})
-        with Image.open(whole) as image:
-            few = image.convert("RGB").quantize(256)
+    before = figure.dpi
+    figure.dpi = dpi
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    figure.dpi = before
+    few = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(256)
     few.save(file, "PNG", compress_level=_COMPRESSION)
 
 

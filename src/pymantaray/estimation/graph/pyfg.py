@@ -66,6 +66,7 @@ _STUDY_NAME = re.compile("[A-Za-z0-9_-]+")
 _LARGEST_NUMBER = 2**31 - 1  # of a pose; records store it in 32 bits
 _FREE_VARIANCE = 1e12  # an axis with this variance or more is not constrained
 _TEXT_COLUMNS = {"position": slice(0, 3), "depth": slice(2, 3), "quaternion": slice(3, 7)}
+_COMPRESSION = 5  # of gzip; 9 takes three times as long for 2 % less
 _AXES = np.array(["rx", "ry", "rz", "x", "y", "z"])  # of a tangent, rotation before translation
 
 
@@ -217,7 +218,7 @@ def _opened(path: Path, *, compressed: bool) -> Iterator[IO[str]]:
     with path.open("wb") as file, ExitStack() as stack:
         content: IO[bytes] = file
         if compressed:
-            packed = gzip.GzipFile(filename="", mode="wb", fileobj=file, mtime=0)
+            packed = gzip.GzipFile("", "wb", _COMPRESSION, file, mtime=0)
             content = cast("IO[bytes]", stack.enter_context(packed))
         yield stack.enter_context(TextIOWrapper(content, encoding="ascii", newline="\n"))
 
