@@ -7,24 +7,10 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-import typer.main
-import typer.testing
 from PIL import Image
 
-from pymantaray.cli.main import app, main
+from pymantaray.cli.main import main, tree
 from pymantaray.config import load_study, study_toml
-
-command_of = cache(typer.main.get_command)
-"""Tree of all commands: making it takes longer than most calls, and it keeps nothing of a call."""
-
-
-@pytest.fixture(scope="session", autouse=True)
-def one_tree_of_commands():
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(typer.main, "get_command", command_of)
-        patch.setattr(typer.testing, "_get_command", command_of)
-        yield
-
 
 @cache
 def registered_commands():
@@ -37,7 +23,7 @@ def registered_commands():
             else:
                 yield " ".join((*words, name)), command
 
-    return dict(below(command_of(app)))
+    return dict(below(tree()))
 
 
 @pytest.fixture

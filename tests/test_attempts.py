@@ -18,10 +18,9 @@ import shutil
 import time
 
 import pytest
-import typer
 from campaigns import make_campaign, write_garpos, write_gnatss, write_obsrange
 
-from pymantaray.cli.main import app, main
+from pymantaray.cli.main import main, tree
 
 FILES = {  # name, and content with marked places
     "p.csv": "depth,sound_speed\n0,1500\n<10>,<1490>\n200,1500\n",
@@ -124,7 +123,7 @@ def of_rows():
 
 def of_options():
     """Options that take a file, with paths of everything that is none."""
-    root = typer.main.get_command(app)
+    root = tree()
     for commands in COMMANDS.values():
         for command in commands:
             node, words = root, command.split()

@@ -11,13 +11,13 @@ import sys
 from typing import Annotated
 
 import pytest
-import typer.main
+import typer
 from sources import PACKAGE as LIBRARY
 from sources import trees
 
 from pymantaray.apps.study import manifest
 from pymantaray.cli.arguments import _PARAMETERS, in_options, use_options_of
-from pymantaray.cli.main import app, main
+from pymantaray.cli.main import main, tree
 from pymantaray.cli.printing import log_to_stderr
 from pymantaray.errors import OceanError, SweepError
 from pymantaray.messages import one_line, without_secrets
@@ -193,8 +193,7 @@ def test_arguments_in_messages_are_options_of_a_command():
     An argument in backquotes, with or without a value, which the command line replaces by its
     option.
     """
-    tree = typer.main.get_command(app)
-    names = {p.name for command in commands_of(tree) for p in command.params} | set(_PARAMETERS)
+    names = {p.name for command in commands_of(tree()) for p in command.params} | set(_PARAMETERS)
     named = {
         name
         for _, text in library_texts()

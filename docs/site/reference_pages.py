@@ -10,7 +10,6 @@ from pathlib import Path
 from typing import Any
 
 import pydantic
-import typer.main
 
 FOLDERS = (
     *("geometry", "records", "ocean", "ocean.fetch", "acoustics", "fleet", "sensing", "estimation"),
@@ -390,7 +389,7 @@ def commands() -> dict[str, str]:
 
 def command_tree() -> list[tuple[tuple[str, ...], Any]]:
     """Every command and group by its words, in the order of the program."""
-    from pymantaray.cli.main import app
+    from pymantaray.cli.main import tree
 
     def walk(words: tuple[str, ...], command: Any) -> Iterator[tuple[tuple[str, ...], Any]]:
         yield words, command
@@ -398,7 +397,7 @@ def command_tree() -> list[tuple[tuple[str, ...], Any]]:
             if not inner.hidden:
                 yield from walk((*words, name), inner)
 
-    return list(walk(("mantaray",), typer.main.get_command(app)))
+    return list(walk(("mantaray",), tree()))
 
 
 _WATER_COMMANDS = (

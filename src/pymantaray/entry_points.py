@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import numpy as np
-from packaging.requirements import Requirement
 
 from pymantaray.errors import ExtensionError
 from pymantaray.messages import one_line
@@ -210,6 +209,8 @@ def _files_of(one: Extension) -> dict[str, Path]:
 
 def _versions_of_requirements(one: Extension) -> str:
     """Versions of the packages that the package of an entry point requires."""
+    from packaging.requirements import Requirement
+
     lines = []
     distribution = one.point.dist
     for text in (distribution.requires or ()) if distribution is not None else ():

@@ -14,7 +14,6 @@ from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
 from typing import Any
 
-from packaging.requirements import Requirement
 
 PACKAGES = (
     "numpy",
@@ -143,6 +142,8 @@ def installation() -> dict[str, Any]:
 
 def _requirements() -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
     """Required packages and extras according to the metadata of the installed package."""
+    from packaging.requirements import Requirement
+
     packages = []
     extras = dict[str, list[str]]()
     for line in requires("pymantaray") or ():

@@ -28,8 +28,9 @@ LIST = """
 import sys
 sys.path.insert(0, {!r})
 from pymantaray.apps import commands
-from pymantaray.cli.main import app
+from pymantaray.cli.main import tree
 print(*sorted(commands()), sep=",")
+tree()
 """
 
 

@@ -4,11 +4,9 @@ import re
 from dataclasses import fields
 
 import pytest
-from command_fixtures import command_of
 from typer.core import TyperArgument
-from typer.testing import CliRunner
 
-from pymantaray.cli.main import app
+from pymantaray.cli.main import tree
 from pymantaray.cli.options import ArrivalOptions, OceanOptions, WaterOptions
 
 SCREENS = 100  # lines, two of 50
@@ -27,7 +25,7 @@ def commands_in(command, words=()):
         yield from commands_in(inner, (*words, name))
 
 
-COMMANDS = dict(commands_in(command_of(app)))
+COMMANDS = dict(commands_in(tree()))
 
 
 def panels_of(text):
@@ -42,9 +40,9 @@ def panels_of(text):
 
 @pytest.mark.parametrize("width", [80, 100])
 @pytest.mark.parametrize("words", COMMANDS, ids=" ".join)
-def test_help_has_panels_words_and_two_screens(words, width, monkeypatch):
+def test_help_has_panels_words_and_two_screens(words, width, mantaray, monkeypatch):
     monkeypatch.setenv("COLUMNS", str(width))
-    text = CliRunner().invoke(app, [*words, "--help"], prog_name="mantaray").output
+    text = mantaray(*words, "--help").out
     assert not PLACEHOLDER.findall(text)
     assert max(map(len, text.splitlines())) == width
 
@@ -77,3 +75,16 @@ def test_help_has_panels_words_and_two_screens(words, width, monkeypatch):
         assert text.splitlines().index(panels["Water"][0]) <= SCREENS
     elif width == 100:
         assert len(text.splitlines()) <= SCREENS
+
+
+@pytest.mark.parametrize("first", sorted(tree().commands))
+def test_one_word_leads_to_the_same_commands_as_all(first):
+    own = tree(first)
+    assert list(own.commands) == [first]
+    assert [words for words, _ in commands_in(own)][1:] == [
+        words for words in COMMANDS if words[:1] == (first,)
+    ]
+
+
+def test_another_word_leads_to_all_commands():
+    assert list(tree("rain").commands) == list(tree().commands)

@@ -139,7 +139,7 @@ def test_a_stop_that_meets_the_import_of_a_compiled_module_is_a_stop(monkeypatch
     def import_gtsam(*_args, **_keywords):
         raise ImportError("gtsam") from stop
 
-    monkeypatch.setattr("pymantaray.cli.main.app", import_gtsam)
+    monkeypatch.setattr("pymantaray.cli.main.tree", import_gtsam)
     with pytest.raises(ImportError if stop is None else SystemExit) as end:
         main(["study", "list"])
     assert stop is None or end.value.code == code
@@ -385,7 +385,7 @@ def test_an_error_after_a_discarded_stop_is_the_stop(monkeypatch):
         stops.requested.append(signal.SIGTERM)
         raise RuntimeError("no compiled object yet")
 
-    monkeypatch.setattr("pymantaray.cli.main.app", miss_an_object)
+    monkeypatch.setattr("pymantaray.cli.main.tree", miss_an_object)
     with pytest.raises(SystemExit) as end:
         main(["study", "list"])
     assert end.value.code == 143

@@ -5,6 +5,7 @@ import os
 import re
 import resource
 import sys
+from functools import cache
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -25,31 +26,6 @@ _UsageError: Any = typer.BadParameter.__base__  # typer does not export this cla
 _LONGEST_LINE = 2000  # characters
 _SEA_BED = re.compile(r"No such option: --(bottom|sea-?floor|sea-?bed|bottom-depth)(?![\w-])")
 
-app = Commands(
-    name="mantaray",
-    help="Effects of refraction in the ocean on acoustic ranges between vehicles, and on their"
-    " estimated positions.",
-    pretty_exceptions_enable=False,
-)
-
-
-def _add_commands() -> None:
-    """
-    Add the commands of all applications, in the order of their names; a name of two words is that
-    of a group and its command.
-    """
-    groups = {"": app}
-    for name, command in sorted(commands().items()):
-        group, _, own = name.rpartition(" ")
-        if isinstance(command, Commands):
-            groups[group].add_typer(command, name=own)
-            groups[name] = command
-        else:
-            groups[group].command(own)(command)
-
-
-_add_commands()
-
 
 def _print_version(asked: bool) -> None:
     if asked:
@@ -57,7 +33,6 @@ def _print_version(asked: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
 def _root(
     version: Annotated[
         bool,
@@ -67,6 +42,29 @@ def _root(
     ] = False,
 ) -> None:
     """Read options before the command."""
+
+
+@cache
+def tree(first: str = "") -> Any:
+    """
+    Tree of all commands, or of those with a first word, if any has it; a name of two words is that
+    of a group and its command.
+    """
+    app = Commands(
+        name="mantaray",
+        help="Effects of refraction in the ocean on acoustic ranges between vehicles, and on their"
+        " estimated positions.",
+    )
+    app.callback()(_root)
+    groups = {"": app}
+    for name, command in sorted(commands(first).items()):
+        group, _, own = name.rpartition(" ")
+        if isinstance(command, Commands):
+            groups[name] = command.own()
+            groups[group].add_typer(groups[name], name=own)
+        else:
+            groups[group].command(own)(command)
+    return typer.main.get_command(app)
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -86,7 +84,8 @@ def _run(arguments: list[str] | None) -> None:
             _check_environment()
             words = sys.argv[1:] if arguments is None else arguments
             _check_names(words)
-            sys.exit(app(args=words, prog_name="mantaray", standalone_mode=False) or 0)
+            command = tree(words[0] if words else "")
+            sys.exit(command.main(args=words, prog_name="mantaray", standalone_mode=False) or 0)
         except _UsageError as error:
             _refuse(error)
         except MantaRayError as error:

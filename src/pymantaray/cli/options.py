@@ -4,9 +4,10 @@ import functools
 import inspect
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from copy import copy
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
 import typer
 from typer.models import OptionInfo
@@ -148,6 +149,13 @@ class Commands(typer.Typer):
 
     def __init__(self, **settings: Any) -> None:
         super().__init__(no_args_is_help=True, **({"cls": Group} | settings))
+
+    def own(self) -> Self:
+        """Copy to which commands of other applications can be added."""
+        other = copy(self)
+        other.registered_commands = [*self.registered_commands]
+        other.registered_groups = [*self.registered_groups]
+        return other
 
     def command(self, name: str | None = None, **settings: Any) -> Callable[..., Any]:
         """
