@@ -1,10 +1,13 @@
 """A small table and the profile that it is made of."""
 
+from collections.abc import Callable
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from pymantaray import Water, open_water
-from pymantaray.apps.table import TravelTimeTable, build_table
+from pymantaray.apps.table import TravelTimeTable, build_table, open_table, save_table
 
 SOURCE, RECEIVER, RANGE = (5.0, 105.0, 5.0), (0.0, 400.0, 20.0), (50.0, 4050.0, 100.0)
 
@@ -21,9 +24,13 @@ def water(tmp_path_factory: pytest.TempPathFactory) -> Water:
 
 
 @pytest.fixture(scope="package")
-def table(water: Water) -> TravelTimeTable:
+def table(water: Water, once: Callable[[str, Callable[[Path], None]], Path]) -> TravelTimeTable:
     """Table of that water."""
-    return build_table(water, SOURCE, RECEIVER, RANGE, tolerance=0.1)
+
+    def build(path: Path) -> None:
+        save_table(build_table(water, SOURCE, RECEIVER, RANGE, tolerance=0.1), path)
+
+    return open_table(once("table.mtt", build))
 
 
 @pytest.fixture(scope="package")

@@ -281,7 +281,7 @@ except (SystemExit, KeyboardInterrupt) as end:
     ("sent", "code", "where"),
     [
         (signal.SIGINT, 130, "thread"),
-        (signal.SIGTERM, 143, "main"),
+        pytest.param(signal.SIGTERM, 143, "main", marks=pytest.mark.slow),
         pytest.param(signal.SIGINT, 130, "main", marks=pytest.mark.slow),
         pytest.param(signal.SIGTERM, 143, "thread", marks=pytest.mark.slow),
     ],

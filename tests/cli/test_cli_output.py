@@ -59,7 +59,7 @@ def test_a_pipe_that_nobody_reads_ends_the_command_quietly():
     ours, theirs = os.pipe()
     os.close(ours)
     done = subprocess.run(
-        [*MAIN, "study", "show", "quick"], stdout=theirs, stderr=subprocess.PIPE, check=False
+        [*MAIN, "study", "list"], stdout=theirs, stderr=subprocess.PIPE, check=False
     )
     os.close(theirs)
     assert (done.returncode, done.stderr) == (128 + signal.SIGPIPE, b"")

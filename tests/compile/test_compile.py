@@ -17,9 +17,11 @@ import numpy as np
 import pytest
 from factories import python
 from numba import njit, types
+from numba.core import serialize
 from numba.extending import intrinsic
 
 from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.acoustics._kernels.lanes import LANES, MASK
 from pymantaray.acoustics._kernels.link import solve_links
 from pymantaray.compile import PLAIN, entry, kernel
 from pymantaray.geometry import EarthSphere
@@ -415,12 +417,9 @@ def test_types_of_registers_come_back_from_disk_in_another_process(tmp_path):
     """Kernels that take them are kept where each is compiled by itself."""
     lanes = "from pymantaray.acoustics._kernels.lanes import LANES, MASK"
     way = f"from numba.core import serialize\n{lanes}\n"
-    path = f"{tmp_path}/types"
-    python(f"{way}open({path!r}, 'wb').write(serialize.dumps((LANES, MASK)))")
-    assert (
-        python(f"{way}print(serialize.loads(open({path!r}, 'rb').read()) == (LANES, MASK))").stdout
-        == "True\n"
-    )
+    (tmp_path / "types").write_bytes(serialize.dumps((LANES, MASK)))
+    code = f"{way}print(serialize.loads(open('types', 'rb').read()) == (LANES, MASK))"
+    assert python(code, cwd=tmp_path).stdout == "True\n"
 
 
 @pytest.mark.slow
@@ -443,6 +442,7 @@ def test_a_numba_that_was_not_tried_compiles_each_kernel_and_says_so(two_files, 
     assert "takes" in line
 
 
+@pytest.mark.slow
 def test_links_that_are_none_compile_no_rays(tmp_path):
     code = """
 import numpy as np
@@ -480,6 +480,7 @@ print(sums[0] == sums[1], np.array_equal(*out), *(len(*x.inspect_llvm().values()
 """
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not LINKED, reason="this Numba compiles each kernel by itself")
 def test_compact_code_is_smaller_and_has_the_same_results(tmp_path):
     (tmp_path / "sums.py").write_text(SUMS)

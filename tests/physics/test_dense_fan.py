@@ -194,6 +194,7 @@ def test_fan_finds_no_eigenray_that_the_solver_misses(sections, name, depth, lon
         check(sections[name], depth, places(14, 3, longest=8e3), 15, 2e-4, 0.4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("depth", "long"), [(145.0, False), *many(0.5, 130.0)])
 def test_fan_finds_no_reflected_eigenray_that_the_solver_misses(sections, depth, long):
     """80 links where it is long."""

@@ -25,13 +25,19 @@ DIRECT = ["profile smooth", "profile linear", "front smooth", "front linear"]
 REFLECTED = ["facets uniform", "facets smooth", "facets linear", "ice smooth", "ice linear"]
 OFTEN = "profile linear", "front smooth", "facets smooth", "ice linear"
 """Media of the fast tests: both interpolations, direct and reflected rays, each kind of water."""
-KINDS = pytest.mark.parametrize(
-    "kind",
-    [
-        kind if kind in OFTEN else pytest.param(kind, marks=pytest.mark.slow)
-        for kind in DIRECT + REFLECTED
-    ],
-)
+SOON_SOLVED = "profile linear", "front smooth", "ice linear"
+"""Those of them in which links are solved again and again."""
+
+
+def in_kinds(often, every=DIRECT + REFLECTED):
+    """A test in every medium, of which these are fast."""
+    return pytest.mark.parametrize(
+        "kind",
+        [kind if kind in often else pytest.param(kind, marks=pytest.mark.slow) for kind in every],
+    )
+
+
+KINDS = in_kinds(OFTEN)
 
 
 @cache
@@ -180,7 +186,7 @@ def test_paths_lead_from_source_to_receiver_within_the_water(kind):
         assert np.array_equal(n_turns, arrivals.turning_points)
 
 
-@pytest.mark.parametrize("kind", REFLECTED)
+@in_kinds(REFLECTED[:2] + REFLECTED[3:], REFLECTED)
 def test_reflection_turns_the_slowness_about_the_local_normal(kind):
     """Angle in is angle out, the tangential slowness stays, and the place is on the boundary."""
     medium, _, _, _, arrivals, paths = case_of(kind)
@@ -257,7 +263,7 @@ def twin(arrivals, ray, other, link):
 
 
 @pytest.mark.parametrize(("n", "seed"), [(3, 42)])
-@KINDS
+@in_kinds(SOON_SOLVED)
 def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, n, seed):
     """
     Eikonal: dt/dx_receiver = slowness there, dt/dx_source = minus slowness there, for each ray.
@@ -303,7 +309,7 @@ def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, n, seed):
 
 
 @pytest.mark.parametrize(("n", "seed", "every"), [(40, 42, 40)])
-@KINDS
+@in_kinds(SOON_SOLVED)
 def test_spreading_is_the_ray_tube_of_neighbouring_receivers(kind, n, seed, every):
     """
     Solid angle of launch per area across the ray at the receiver, by differences of launch

@@ -125,7 +125,6 @@ LINKS = {
     ),
 }
 
-FAST = ("pair-7.6-km",)
 
 
 def medium_of(name):
@@ -136,9 +135,10 @@ def medium_of(name):
     return gulf_stream()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "link",
-    [link if link in FAST else pytest.param(link, marks=pytest.mark.slow) for link in LINKS],
+    LINKS,
 )
 def test_rays_that_fans_find_from_either_end_are_found(link):
     """
@@ -191,6 +191,7 @@ def test_the_other_end_finds_the_ray_of_a_folded_search():
     )
 
 
+@pytest.mark.slow
 def test_horizontal_refraction_changes_the_width_of_a_ray_tube():
     """
     The level is 15.06 dB; without the change of the cross-track slowness with the launch angle it

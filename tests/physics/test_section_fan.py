@@ -120,6 +120,7 @@ def test_rays_in_a_duct_beyond_a_crest_are_found():
             0.0170151,
             1,
             id="moved",
+            marks=pytest.mark.slow,
         ),
         pytest.param(
             [42209.788845901836, 56347.65732484137, 208.08994724186832],

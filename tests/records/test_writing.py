@@ -173,7 +173,7 @@ def test_netcdf_from_many_threads(tmp_path):
 
     def there_and_back(number):
         path = tmp_path / f"{number}.nc"
-        for _ in range(10):
+        for _ in range(5):
             write_netcdf(xr.Dataset({f"v{i}": ("x", np.full(100, number)) for i in range(5)}), path)
             data = read_netcdf(path)
             assert all((data[f"v{i}"] == number).all() for i in range(5))

@@ -22,6 +22,7 @@ WORDS = (
 def test_an_atlas_from_an_ocean_to_its_figures(
     mantaray, told, undrawn, ocean_file, monkeypatch, tmp_path
 ):
+    monkeypatch.setattr("pymantaray.apps.atlas.runner.open_pool", pool_here)
     out = tmp_path / "atlas.nc"
     ran = mantaray("atlas", "run", ocean_file, "--out", out, *WORDS)
     assert (ran.code, ran.err) == (0, "")
@@ -41,7 +42,6 @@ def test_an_atlas_from_an_ocean_to_its_figures(
         "median_m",
         "safe_to_1m_percent",
     }
-    monkeypatch.setattr("pymantaray.apps.atlas.runner.open_pool", pool_here)
     again = told("atlas", "run", ocean_file, "--out", out, *WORDS, "--force")
     assert again == {
         "columns_lat": 3,

@@ -183,7 +183,9 @@ def test_a_twisted_ring_is_not_certified_and_the_ring_is(opened):
     assert "least eigenvalue" in certificate["file"].text
 
 
-@pytest.mark.parametrize("text", [planar_ranges(5), spatial()])
+@pytest.mark.parametrize(
+    "text", [pytest.param(planar_ranges(5), marks=pytest.mark.slow), spatial()]
+)
 def test_no_descent_from_random_points_ends_below_the_certified_cost(opened, text):
     """
     Least squares on rotation vectors and positions, which shares nothing with the certificate.
@@ -219,7 +221,10 @@ def test_a_graph_with_depths_has_no_certificate_and_says_why(opened, make_fleet)
     assert "depth" in certificate.text
 
 
-@pytest.mark.parametrize("name", ["cooperative-2.pyfg", "sphere-big-noise-4.g2o"])
+@pytest.mark.parametrize(
+    "name",
+    ["cooperative-2.pyfg", pytest.param("sphere-big-noise-4.g2o", marks=pytest.mark.slow)],
+)
 def test_a_relaxation_is_a_global_minimum_of_the_dense_dual_problem(opened, name):
     """
     Feasible, with a positive semidefinite dual matrix that is computed densely: the gap is that of

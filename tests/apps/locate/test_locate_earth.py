@@ -132,7 +132,10 @@ def garpos(survey, folder):
 WRITERS = {"table": own_table, "obsrange": obsrange, "gnatss": gnatss, "garpos": garpos}
 
 
-@pytest.fixture(scope="module", params=[(0.5, -30.0), (62.0, 179.99)], ids=["equator", "date line"])
+@pytest.fixture(scope="module", params=[
+    pytest.param((0.5, -30.0), id="equator", marks=pytest.mark.slow),
+    pytest.param((62.0, 179.99), id="date line"),
+])  # fmt: skip
 def survey(request):
     return EllipsoidSurvey(*request.param)
 

@@ -424,7 +424,11 @@ def test_what_cannot_be_is_one_line_and_writes_nothing(mantaray, folder, words):
 DIRECT = ("--source", "0,0,20", "--receiver", "6000,0,500")
 
 
-@pytest.mark.parametrize(("name", "magic"), [("rays.png", b"\x89PNG"), ("rays.pdf", b"%PDF")])
+@pytest.mark.parametrize(("name", "magic"), [
+        ("rays.png", b"\x89PNG"),
+        pytest.param("rays.pdf", b"%PDF", marks=pytest.mark.slow),
+    ],
+)
 def test_plot_draws_a_link_of_the_command_line(rays, folder, name, magic):
     bounces = ("--max-surface-bounces", 1, "--max-bottom-bounces", 1)
     out = rays("plot", name, *DIRECT, *WATER, *bounces, "--fan", -10, 10, 5)

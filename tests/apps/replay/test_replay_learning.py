@@ -108,6 +108,12 @@ def campaign():
     return events, candidates, water, learn(events, candidates)
 
 
+@pytest.fixture(scope="module")
+def short():
+    events, candidates, _ = tables(n=250)
+    return events, candidates, learn(events, candidates)[1]
+
+
 @pytest.mark.slow
 def test_causal_intervals_cover_events_that_were_not_used(campaign):
     events, _, _, (mixture, _) = campaign
@@ -135,8 +141,8 @@ def test_water_clocks_and_sizes_come_back_within_their_errors(campaign):
     assert 0.4 < learned.sizes.position_varying_m < 2.0
 
 
-def test_learning_removes_most_of_the_error(campaign):
-    events, candidates, _, (_, learned) = campaign
+def test_learning_removes_most_of_the_error(short):
+    events, candidates, learned = short
     plain = np.median(errors_of(events, candidates, None))
     corrected = np.median(errors_of(events, candidates, None, learned.parts.sum(axis=1)))
     assert corrected < 0.5 * plain
@@ -174,7 +180,7 @@ def test_smooth_predictions_leave_their_own_event_out_and_err_less(campaign):
 
 
 def test_water_that_is_right_stays_right():
-    events, candidates, _ = tables(3, n=500, size=0.0)
+    events, candidates, _ = tables(3, n=200, size=0.0)
     mixture, learned = learn(events, candidates)
     plain = predict_mixture(events, candidates, PredictionOptions(), persistence=600.0)
     before = errors_of(events, candidates, None)
@@ -187,8 +193,8 @@ def test_water_that_is_right_stays_right():
     )
 
 
-def test_errors_that_exist_are_found_within_some_events(campaign):
-    *_, (_, learned) = campaign
+def test_errors_that_exist_are_found_within_some_events(short):
+    *_, learned = short
     assert learned.no_error_after < 1e-2
 
 

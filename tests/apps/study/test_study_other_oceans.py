@@ -57,7 +57,9 @@ def test_a_mission_runs_in_a_uniform_ocean_from_a_cast(path, tmp_path):
         cast_ocean(read_cast(path), bathymetry=3000.0, below="constant"), tmp_path / "ocean.nc"
     )
     config = load_study("quick", ocean=[tmp_path / "ocean.nc"])
-    config = config.with_(conditions=["odometry"], **{"study.realizations": 1})
+    config = config.with_(
+        conditions=["odometry"], **{"study.realizations": 1, "mission.physics_step_s": 1.0}
+    )
     run = run_study(config, tmp_path / "run", workers=1)
     assert run.truth.time[-1] == 24 * 3600.0
     assert (run.truth.status == VehicleStatus.ACTIVE).all()

@@ -339,6 +339,7 @@ def test_a_medium_around_positions_has_the_same_travel_times(
         np.testing.assert_allclose(times, expected, rtol=0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_rays_on_the_page_run_through_the_internal_tide_of_their_ping(run_tiny):
     tide = {"amplitude": 30.0, "period_h": 5.0, "wavelength": 20e3}
     run = run_tiny(study=ONE, conditions=["straight"], ocean={"internal_tide": tide})

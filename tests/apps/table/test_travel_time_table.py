@@ -220,7 +220,7 @@ def test_every_flipped_bit_is_refused_in_both_forms(table: TravelTimeTable, tmp_
     for name in ("table.mtt", "table.nc"):
         save_table(table, tmp_path / name)
         content = (tmp_path / name).read_bytes()
-        for bit in rng.integers(0, 8 * len(content), 120):
+        for bit in rng.integers(0, 8 * len(content), 60):
             wrong = bytearray(content)
             wrong[bit // 8] ^= 1 << bit % 8
             (tmp_path / name).write_bytes(wrong)
@@ -328,5 +328,5 @@ def test_progress_grows_to_the_whole_volume_of_all_sectors(water: Water) -> None
 def test_a_table_that_would_be_too_large_is_refused(water: Water) -> None:
     with pytest.raises(OnlineError, match="larger error"):
         build_table(
-            water, (0.0, 100.0), (0.0, 400.0), (50.0, 4000.0), tolerance=1e-3, max_bytes=20_000
+            water, (0.0, 40.0), (0.0, 60.0), (50.0, 900.0), tolerance=1e-3, max_bytes=4_000
         )

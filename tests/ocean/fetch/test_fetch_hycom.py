@@ -45,11 +45,11 @@ def test_only_the_window_is_read_in_blocks_of_levels(fetch, is_true, thredds):
 
 @pytest.mark.parametrize(("lon", "time", "seam"), [
     ((210.0, 211.0), "2014-07-15T12", False),  # axis begins at -180
-    ((-150.0, 211.0), "2014-07-15T12", False),
+    pytest.param((-150.0, 211.0), "2014-07-15T12", False, marks=pytest.mark.slow),
     ((359.5, 0.5), "2014-07-15T12", False),
     ((179.5, -179.5), "2014-07-15T12", True),
     ((-150.0, -149.0), "2019-03-07T15", False),  # axis begins at 0
-    ((179.5, 180.5), "2019-03-07T15", False),
+    pytest.param((179.5, 180.5), "2019-03-07T15", False, marks=pytest.mark.slow),
     ((-0.5, 0.5), "2019-03-07T15", True),
 ])  # fmt: skip
 def test_any_longitudes_from_any_server_and_across_its_seam(
@@ -70,7 +70,7 @@ def test_any_longitudes_from_any_server_and_across_its_seam(
     ("2015-01-01T06", "data/2014.", 1),  # the file of a year runs from 12Z
     ("2015-01-01T12", "data/2015.", 1),
     ("2016-01-15T00", "expt_56.3.", 1),
-    ("2016-06-01T00", "expt_57.2.", 1),
+    pytest.param("2016-06-01T00", "expt_57.2.", 1, marks=pytest.mark.slow),
     ("2018-12-04T12", "GLBy0.08/expt_93.0/uv3z.", 2),
     ("2025-01-15T03", "ESPC-D-V02/v3z/2025.", 4),
 ])  # fmt: skip
