@@ -12,6 +12,7 @@ from PIL import Image
 from pymantaray.cli.main import main, tree
 from pymantaray.config import load_study, study_toml
 
+
 @cache
 def registered_commands():
     """Every command that is no group, by its words."""

@@ -26,6 +26,10 @@ settings.register_profile(
 settings.load_profile("tests")
 
 COMPILE = """
+from pymantaray.collection import collect_rarely
+
+collect_rarely()
+
 import matplotlib.font_manager  # its first import looks for all fonts, and says so if that is slow
 
 from pymantaray.acoustics import Medium, find_eigenrays
@@ -60,6 +64,8 @@ def pytest_configure(config):
         # from others, up to 20 times what they compute (tests/apps/study/test_study_anywhere.py
         # compares numbers of threads)
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+        # Numba makes an error of each type that it tries, in colours
+        os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
         # tests start hundreds of interpreters: without bytecode, each of them compiles all that it
         # imports for seconds
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
