@@ -5,13 +5,15 @@ import re
 import signal
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from factories import names_in
 from refusals import refused
 
-from pymantaray.errors import JobError
+from pymantaray.errors import JobError, WriteError
 from pymantaray.jobs.folder import staged_folder
+from pymantaray.jobs.run_folder import write_manifest
 
 HOLD = """
 import sys, time
@@ -147,3 +149,10 @@ def test_stages_of_killed_processes_are_removed_and_others_kept(tmp_path, there)
     write(out)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["beside", "run"]
     assert names_in(out) == ["data", "manifest.json"]
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="no file that cannot be read")
+def test_a_file_that_cannot_be_read_back_gives_no_manifest(tmp_path):
+    (tmp_path / "truth.nc").symlink_to("/proc/self/mem")
+    refused(WriteError, r"cannot be read back: Input/output error", write_manifest, {}, tmp_path)
+    assert names_in(tmp_path) == ["truth.nc"]
