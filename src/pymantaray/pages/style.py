@@ -428,7 +428,7 @@ def _save_few_colours(figure: Figure, file: BytesIO, dpi: float) -> None:
     """Write a figure as a PNG of 256 colours, which is compressed only once."""
     before = figure.dpi
     figure.dpi = dpi
-    canvas = FigureCanvasAgg(figure)
+    canvas: Any = FigureCanvasAgg(figure)  # untyped
     canvas.draw()
     figure.dpi = before
     few = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(256)
