@@ -3,18 +3,28 @@
 from __future__ import annotations
 
 import math
-from functools import cached_property
+from functools import cache, cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyproj
 from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError
 from pymantaray.geometry.longitude import wrap_longitude
 
+if TYPE_CHECKING:
+    import pyproj
+
 _TURNS = 720.0  # degrees; a longitude in another turn, but not a wrong number
-ELLIPSOID = pyproj.Geod(ellps="WGS84")
+
+
+@cache
+def ellipsoid() -> pyproj.Geod:
+    """WGS 84."""
+    import pyproj
+
+    return pyproj.Geod(ellps="WGS84")
 
 
 class LocalFrame:
@@ -63,6 +73,8 @@ class LocalFrame:
 
     @cached_property
     def _proj(self) -> pyproj.Proj:
+        import pyproj
+
         return pyproj.Proj(self.proj_string)
 
     def to_local(self, latitude_deg: ArrayLike, longitude_deg: ArrayLike) -> tuple[Array, Array]:

@@ -1,13 +1,18 @@
 """Tangent plane of the ellipsoid: north, east and down along straight axes."""
 
+from __future__ import annotations
+
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pyproj
 
 from pymantaray.arrays import Array
 from pymantaray.geometry.frames import LocalFrame
 from pymantaray.geometry.longitude import wrap_longitude
+
+if TYPE_CHECKING:
+    import pyproj
 
 
 class TangentPlane:
@@ -28,6 +33,8 @@ class TangentPlane:
 
     @cached_property
     def _transformer(self) -> pyproj.Transformer:
+        import pyproj
+
         return pyproj.Transformer.from_pipeline(
             "+proj=pipeline +step +proj=cart +ellps=WGS84 +step +proj=topocentric +ellps=WGS84"
             f" +lat_0={self._frame.latitude_deg!r} +lon_0={self._frame.longitude_deg!r} +h_0=0"

@@ -7,7 +7,7 @@ import xarray as xr
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.boundary import BoundarySurface
-from pymantaray.geometry.frames import ELLIPSOID
+from pymantaray.geometry.frames import ellipsoid
 from pymantaray.ocean.convert import time_text
 from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.schema import DIMS, VARIABLES, validate_ocean
@@ -238,9 +238,9 @@ def _spacing(axis: Array) -> str:
 def _width(latitude: float, lon: Array) -> float:
     """Length of the parallel between the outer longitudes. [km]"""
     along = np.linspace(lon[0], lon[-1], 1001)
-    return float(ELLIPSOID.line_length(along, np.full_like(along, latitude)) / 1e3)
+    return float(ellipsoid().line_length(along, np.full_like(along, latitude)) / 1e3)
 
 
 def _height(lat: Array) -> float:
     """Length of the meridian between the outer latitudes. [km]"""
-    return float(ELLIPSOID.inv(0.0, lat[0], 0.0, lat[-1])[2] / 1e3)
+    return float(ellipsoid().inv(0.0, lat[0], 0.0, lat[-1])[2] / 1e3)

@@ -5,26 +5,34 @@ Each record is a group of its own, as in its own file. All other arrays are in o
 attribute has the rest as JSON; numbers keep all digits.
 """
 
+from __future__ import annotations
+
 import json
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from enum import IntEnum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import xarray as xr
+from numpy.typing import NDArray
 
 from pymantaray.errors import RecordError
 from pymantaray.records.base import Record
 from pymantaray.records.writing import netcdf_content, netcdf_groups
 
+if TYPE_CHECKING:
+    import xarray as xr
+
 _VALUES = "values"
+_Variable = tuple[list[str], NDArray[Any]]  # dimensions, values
 
 
 def to_groups(value: Any) -> dict[str, xr.Dataset]:
     """Groups of a value of records, data classes, named tuples, mappings, arrays and scalars."""
+    import xarray as xr
+
     groups: dict[str, xr.Dataset] = {}
-    arrays: dict[str, xr.Variable] = {}
+    arrays: dict[str, _Variable] = {}
     tree = _node(value, groups, arrays)
     groups[_VALUES] = xr.Dataset(arrays, attrs={"tree": json.dumps(tree)})
     return groups
@@ -53,7 +61,7 @@ def from_bytes(content: bytes, *types: type) -> Any:
     return from_groups(netcdf_groups(content), *types)
 
 
-def _node(value: Any, groups: dict[str, xr.Dataset], arrays: dict[str, xr.Variable]) -> Any:
+def _node(value: Any, groups: dict[str, xr.Dataset], arrays: dict[str, _Variable]) -> Any:
     """JSON of a value, whose records and arrays are added to those found before."""
 
     def nodes(items: Mapping[str, Any]) -> dict[str, Any]:
@@ -62,7 +70,7 @@ def _node(value: Any, groups: dict[str, xr.Dataset], arrays: dict[str, xr.Variab
     name = type(value).__name__
     if isinstance(value, np.ndarray):
         array = f"array_{len(arrays)}"
-        arrays[array] = xr.Variable([f"{array}_{i}" for i in range(value.ndim)], value)
+        arrays[array] = [f"{array}_{i}" for i in range(value.ndim)], value
         return {"array": array}
     if isinstance(value, Record):
         record = f"record_{len(groups)}"

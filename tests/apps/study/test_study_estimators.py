@@ -162,7 +162,7 @@ def test_exact_eigenrays_estimate_as_well_as_straight_ranges(day):
         {"range_model": {"kind": "mean-slowness", "belief": EXACT}},
         {"range_model": {"kind": "constant", "sound_speed": 1500.0}},
     )
-    solved = RealizationSolver(run).solve(0).solutions
+    solved = RealizationSolver.of(run).solve(0).solutions
     assert list(solved) == ["straight", "refracted", "e0", "e1", "e2", "e3"]
 
     def ate(name):
@@ -195,7 +195,7 @@ def test_on_line_estimators_of_a_study_are_those_of_the_library(day):
         Method(kalman=True),
         Method(kalman=True),
     ]
-    solved = RealizationSolver(run).solve(0).solutions
+    solved = RealizationSolver.of(run).solve(0).solutions
     assert [solved[f"e{k}"].status for k in range(4)] == [SolveStatus.OK] * 4
     last = solved["refracted"].position[:, -1]
     sigma = np.sqrt(np.einsum("aiai->ai", solved["refracted"].covariances.position[-1]))
@@ -304,9 +304,9 @@ def test_an_estimator_with_the_internal_tide_removes_its_effect(tmp_path):
 
 
 def test_conditions_are_the_same_bytes_with_and_without_estimators(day):
-    plain = RealizationSolver(day).solve(1).solutions
+    plain = RealizationSolver.of(day).solve(1).solutions
     run = with_estimators(day, {"range_model": eigenray(EXACT), "start": "dead-reckoning"})
-    more = RealizationSolver(run).solve(1).solutions
+    more = RealizationSolver.of(run).solve(1).solutions
     for name, solution in plain.items():
         for field in ("position", "quaternion", "final_cost", "gradient_norm", "iterations"):
             np.testing.assert_array_equal(getattr(more[name], field), getattr(solution, field))
@@ -386,7 +386,7 @@ def test_larger_variance_never_costs_more(day):
         naive,
         *(naive | {"variance": {"kind": kind} | unsure} for kind in ("per-link", "correlated")),
     )
-    solved = RealizationSolver(run).solve(0).solutions
+    solved = RealizationSolver.of(run).solve(0).solutions
     fixed, apart, together = (solved[f"e{i}"].final_cost for i in range(3))
     assert apart < fixed
     assert together < fixed
@@ -454,7 +454,7 @@ def test_the_truths_own_file_is_the_exact_belief_to_the_last_digit(day, beliefs,
     belief = {"kind": "file", "source": str(tmp_path / "ocean.nc")}
     sections = [{"range_model": eigenray(b)} for b in (EXACT, belief)]
     run = with_estimators(day, *sections)
-    solutions = RealizationSolver(run).solve(0).solutions
+    solutions = RealizationSolver.of(run).solve(0).solutions
     for field in ("position", "quaternion"):
         one, other = (getattr(solutions[name].values, field) for name in ("e0", "e1"))
         np.testing.assert_array_equal(one, other)

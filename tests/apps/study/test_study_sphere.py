@@ -81,7 +81,7 @@ def test_straight_lines_are_chords_through_the_earth(round_earth):
 
 
 def test_graphs_on_a_sphere_are_solved(round_earth):
-    result = RealizationSolver(round_earth[1]).solve(0)
+    result = RealizationSolver.of(round_earth[1]).solve(0)
     assert {one.status for one in result.solutions.values()} == {SolveStatus.OK}
 
 

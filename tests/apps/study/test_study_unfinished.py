@@ -210,7 +210,7 @@ def test_a_checkpoint_beside_a_finished_run_is_removed(tiny, tmp_path):
 def test_a_realization_is_kept_to_the_last_digit(tiny, tmp_path):
     """With covariances, with unknowns, and solves that failed or did not converge."""
     run = run_study(tiny(study={"realizations": 1}, landmarks=[]), tmp_path / "run", workers=1)
-    one = RealizationSolver(run).solve(0)
+    one = RealizationSolver.of(run).solve(0)
     failed = replace(
         one.solutions["straight"],
         status=SolveStatus.FAILED,

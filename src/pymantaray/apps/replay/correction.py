@@ -10,7 +10,7 @@ from pymantaray.apps.replay.clocks import clock_errors
 from pymantaray.apps.replay.compare import Replay
 from pymantaray.apps.replay.events import Events
 from pymantaray.arrays import Array
-from pymantaray.geometry.frames import ELLIPSOID
+from pymantaray.geometry.frames import ellipsoid
 
 
 def correct_events(events: Events, replay: Replay) -> Events:
@@ -54,7 +54,7 @@ def _translate(position: Array, north: float, east: float, geographic: bool) -> 
     azimuth = np.degrees(np.arctan2(east, north))
     distance = np.hypot(north, east)
     n = len(position)
-    lon, lat, _ = ELLIPSOID.fwd(
+    lon, lat, _ = ellipsoid().fwd(
         position[:, 1], position[:, 0], np.full(n, azimuth), np.full(n, distance)
     )
     return np.stack([lat, lon, position[:, 2]], axis=-1)

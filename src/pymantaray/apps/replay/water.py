@@ -10,7 +10,7 @@ from pymantaray.apps.replay.events import Events
 from pymantaray.arrays import Array
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import EarthSphere, LocalFrame
-from pymantaray.geometry.frames import ELLIPSOID
+from pymantaray.geometry.frames import ellipsoid
 from pymantaray.records.dates import seconds_since
 from pymantaray.sensing.water import Water
 
@@ -97,7 +97,9 @@ def _ends_in_frame(
         return source, receiver
     if water.frame is not None and not water.uniform:
         return _in_frame(source, water.frame), _in_frame(receiver, water.frame)
-    azimuth, _, distance = ELLIPSOID.inv(source[:, 1], source[:, 0], receiver[:, 1], receiver[:, 0])
+    azimuth, _, distance = ellipsoid().inv(
+        source[:, 1], source[:, 0], receiver[:, 1], receiver[:, 0]
+    )
     bearing = np.radians(azimuth)
     distance = distance if earth is None else earth.frame_distance(distance)
     along = np.stack(

@@ -1,16 +1,19 @@
 """Realizations of noise, each solved under every condition by every estimator."""
 
-from collections.abc import Callable, Iterable, Sequence
+import pickle
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import cached_property, partial
 from pathlib import Path
-from typing import NamedTuple, Self
+from typing import TYPE_CHECKING, NamedTuple, Self
 
 from threadpoolctl import threadpool_limits
 
-from pymantaray.apps.study.store import Run
-from pymantaray.apps.study.true_unknowns import collect_unknowns, true_unknowns
-from pymantaray.config.build.estimators import EstimatorFactory
+from pymantaray.apps.study.noise import NoiseSource
+from pymantaray.arrays import Indices
 from pymantaray.errors import JobError
 from pymantaray.estimation import (
+    Estimator,
     GraphSolution,
     GraphSolver,
     GraphValues,
@@ -22,8 +25,20 @@ from pymantaray.estimation import (
 )
 from pymantaray.estimation.solvers.covariance import EpochCovariances
 from pymantaray.jobs.pool import Queue
-from pymantaray.records import Estimates, PoseCovariances, SharedUnknowns, SolveStatus, nested
+from pymantaray.records import (
+    Estimates,
+    PoseCovariances,
+    SharedUnknowns,
+    SolveStatus,
+    nested,
+    whole_file,
+)
 
+if TYPE_CHECKING:
+    from pymantaray.apps.study.store import Run
+    from pymantaray.config.build.estimators import EstimatorFactory
+
+_INPUTS = "solver-inputs"
 _PARTS = GraphSolution, EpochCovariances, UnknownsEstimate, GraphValues, SolveStatus
 
 
@@ -55,11 +70,38 @@ class StudyEstimates(NamedTuple):
     unknowns: SharedUnknowns | None
 
 
+class SolverInputs(NamedTuple):
+    """All that realizations are solved from, unless their estimators have range models."""
+
+    noise: NoiseSource
+    epochs: Indices
+    """Samples at which covariances are computed."""
+    estimators: dict[str, Estimator | None]
+    """By condition; None for one that `EstimatorFactory` builds, from the run."""
+
+    @classmethod
+    def of(cls, run: "Run") -> Self:
+        """Inputs of a run."""
+        from pymantaray.config.build.estimators import EstimatorFactory
+
+        factory = EstimatorFactory(run)
+        return cls(
+            run.noise,
+            fixed_epochs(run.truth.time, run.study.covariance_interval),
+            {c.name: factory.without_model(c.name) for c in run.study.conditions},
+        )
+
+
 class RealizationSolver:
     """Solves realizations of a run; parts that they share are built once."""
 
-    def __init__(self, run: Run) -> None:
-        self._run, self._solver, self._factory = run, GraphSolver(), EstimatorFactory(run)
+    def __init__(self, inputs: SolverInputs, run: "Callable[[], Run]") -> None:
+        self._inputs, self._open, self._solver = inputs, run, GraphSolver()
+
+    @classmethod
+    def of(cls, run: "Run") -> Self:
+        """Solver of a run in this process."""
+        return cls(SolverInputs.of(run), lambda: run)
 
     def solve(self, realization: int) -> RealizationResult:
         """
@@ -72,19 +114,37 @@ class RealizationSolver:
             return self._solve(realization)
 
     def _solve(self, realization: int) -> RealizationResult:
-        study = self._run.study
-        truth = self._run.truth
-        factory = self._factory
+        inputs = self._inputs
         solutions = solve_conditions(
-            self._run.noisy_measurements(realization),
-            {c.name: factory.estimator(c.name, realization) for c in study.conditions},
+            inputs.noise.noisy(realization),
+            {
+                name: estimator or self._factory.estimator(name, realization)
+                for name, estimator in inputs.estimators.items()
+            },
             solver=self._solver,
-            covariance_samples=fixed_epochs(truth.time, study.covariance_interval),
+            covariance_samples=inputs.epochs,
         )
-        joint = (c for c in study.conditions if solutions[c.name].unknowns is not None)
+        joint = [name for name, solution in solutions.items() if solution.unknowns is not None]
         return RealizationResult(
-            solutions, {c.name: true_unknowns(self._run, factory, c, realization) for c in joint}
+            solutions, {name: self._true_unknowns(name, realization) for name in joint}
         )
+
+    def _true_unknowns(self, condition: str, realization: int) -> dict[str, float]:
+        from pymantaray.apps.study.true_unknowns import true_unknowns
+
+        one = next(one for one in self._run.study.conditions if one.name == condition)
+        return true_unknowns(self._run, self._factory, one, realization)
+
+    @cached_property
+    def _run(self) -> "Run":
+        """Opened for estimators with range models only: it imports and reads much more."""
+        return self._open()
+
+    @cached_property
+    def _factory(self) -> "EstimatorFactory":
+        from pymantaray.config.build.estimators import EstimatorFactory
+
+        return EstimatorFactory(self._run)
 
 
 class RealizationQueue(Queue):
@@ -110,13 +170,37 @@ class RealizationQueue(Queue):
         raise JobError(f"realization {key}: {line}")
 
 
+@contextmanager
+def shared_inputs(run: "Run", folder: Path) -> Iterator[None]:
+    """Write the inputs of a run's solvers into its folder, for the processes of the block."""
+    path = folder / _INPUTS
+    with whole_file(path) as temporary:
+        temporary.write_bytes(pickle.dumps(SolverInputs.of(run)))
+    try:
+        yield
+    finally:
+        path.unlink()
+
+
 def start_solver(folder: Path) -> Callable[[int], RealizationResult]:
-    """Return the function with which a worker solves realizations of the run in a folder."""
-    return RealizationSolver(Run(folder)).solve
+    """
+    Return the function with which a worker solves realizations of the run in a folder, see
+    `shared_inputs`.
+    """
+    inputs: SolverInputs = pickle.loads((folder / _INPUTS).read_bytes())
+    return RealizationSolver(inputs, partial(_open, folder)).solve
 
 
-def collect_results(run: Run, solved: Sequence[RealizationResult]) -> StudyEstimates:
+def _open(folder: Path) -> "Run":
+    from pymantaray.apps.study.store import Run
+
+    return Run(folder)
+
+
+def collect_results(run: "Run", solved: Sequence[RealizationResult]) -> StudyEstimates:
     """Collect the solutions of all realizations of a run in its records."""
+    from pymantaray.apps.study.true_unknowns import collect_unknowns
+
     solutions = [one.solutions for one in solved]
     epochs = fixed_epochs(run.truth.time, run.study.covariance_interval)
     covariances = [{name: s.covariances for name, s in one.items()} for one in solutions]

@@ -21,6 +21,7 @@ from pymantaray.apps.study.realization import (
     RealizationQueue,
     RealizationResult,
     collect_results,
+    shared_inputs,
     start_solver,
 )
 from pymantaray.apps.study.references import citation
@@ -209,7 +210,8 @@ def _solve(
     queue = RealizationQueue((n for n in range(count) if n not in solved), ended)
     write = partial(write_graphs, run, 0, graphs, "realization-0-", compact=True)
     if queue.left:
-        run_tasks(queue, pool, meanwhile=write)
+        with shared_inputs(run, folder):
+            run_tasks(queue, pool, meanwhile=write)
     else:
         write()
 

@@ -12,6 +12,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.apps.study.data_frames import error_frame, pose_frame, range_frame
+from pymantaray.apps.study.noise import NoiseSource
 from pymantaray.apps.study.tables import SUMMARY, RunTables
 from pymantaray.config.build.study import Study, build_study
 from pymantaray.config.load import load_study
@@ -56,7 +57,7 @@ from pymantaray.records import (
 from pymantaray.records.notebook import notebook_html
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import ARRIVES
-from pymantaray.sensing import Candidates, Hearing, Links, RangingDraws, draw_picks, perturb
+from pymantaray.sensing import Candidates, Hearing, Links, RangingDraws, draw_picks
 
 if TYPE_CHECKING:
     from pymantaray.apps.study.mission import Mission
@@ -312,6 +313,23 @@ class Run:
         """
         return bool(self.ocean.attrs["synthetic"])
 
+    @property
+    def noise(self) -> NoiseSource:
+        """All that the measurements of realizations are drawn from."""
+        study, hearing = self.study, self.hearing
+        return NoiseSource(
+            self.measurements,
+            self.ranging_truth,
+            self.ranging_draws,
+            None if hearing is None else hearing.probability,
+            self.candidates,
+            study.seed,
+            study.sound.timing,
+            study.clocks,
+            study.pick_correlation_time,
+            study.sensors,
+        )
+
     def noisy_measurements(self, realization: int) -> Measurements:
         """
         Return the measurements of one realization, with noise drawn again from the same streams.
@@ -331,25 +349,7 @@ class Run:
             If the run has no such realization.
         """
         self._check(realization)
-        study = self.study
-        candidates = self.candidates
-        draws = self.ranging_draws
-        measurements = self.measurements
-        probability = None if self.hearing is None else self.hearing.probability
-        if draws is not None:
-            measurements = draws.measurements(measurements, self.ranging_truth, realization)
-            probability = None if probability is None else draws.probability[realization]
-        return perturb(
-            measurements,
-            root_seed=study.seed,
-            realization=realization,
-            timing=study.sound.timing,
-            clocks=study.clocks,
-            ranging_truth=self.ranging_truth_in(realization),
-            detection=probability if candidates is None else candidates,
-            correlation_time=study.pick_correlation_time,
-            sensors=study.sensors,
-        )
+        return self.noise.noisy(realization)
 
     def ranging_truth_in(self, realization: int | None) -> RangingTruth:
         """
@@ -364,9 +364,7 @@ class Run:
         -------
         RangingTruth
         """
-        if self.ranging_draws is None or realization is None:
-            return self.ranging_truth
-        return self.ranging_draws.ranging_truth(self.ranging_truth, realization)
+        return self.noise.ranging_truth_in(realization)
 
     def ocean_in(self, realization: int) -> xr.Dataset:
         """

@@ -96,7 +96,7 @@ def _solve(task: SweepTask, study: Study, stages: Stages, store: Store) -> dict[
             run = open_run(folder)
         else:
             run = run_in_memory(study, mission)
-            solver = RealizationSolver(run)
+            solver = RealizationSolver.of(run)
             solved = [solver.solve(realization) for realization in range(study.realizations)]
             results = collect_results(run, solved)._asdict()
             # with the precision of a run's files, so that a point is its study to the last digit

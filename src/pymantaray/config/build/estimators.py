@@ -88,12 +88,8 @@ class EstimatorFactory:
         section = self._section(condition)
         truth = self._run.truth
         start = section.start or self._run.config.estimator.start
-        model = None
         earth = self._earth(section)
-        if (
-            section.range_model.kind != "transmitter" or section.estimates_more or earth is not None
-        ):  # otherwise ranges are distances without correction
-            model = self._model(section, realization)
+        model = self._model(section, realization) if self._needs_model(section) else None
         if earth is not None and isinstance(model, ALONG_CHORDS):
             model = OnSphere(model, earth)
         uncertainty = None
@@ -119,6 +115,16 @@ class EstimatorFactory:
             mean_of_directions=section.directions == "mean",
             dead_reckoned=section.solver.kind == "dead-reckoning",
         )
+
+    def without_model(self, condition: str) -> Estimator | None:
+        """Estimator that is the same in all realizations, or None if it has a range model."""
+        needs = self._needs_model(self._section(condition))
+        return None if needs else self.estimator(condition, 0)
+
+    def _needs_model(self, section: ConditionSection) -> bool:
+        """False if ranges are distances without correction."""
+        kind = section.range_model.kind
+        return kind != "transmitter" or section.estimates_more or self._earth(section) is not None
 
     def _method(self, section: ConditionSection) -> Method:
         """Solver and loss of a condition."""
