@@ -152,7 +152,9 @@ if __name__ == "__main__":
 """
 
 
-@pytest.mark.parametrize("how", [pytest.param("script", marks=pytest.mark.slow), "standard input", "daemonic process"])
+@pytest.mark.parametrize(
+    "how", [pytest.param("script", marks=pytest.mark.slow), "standard input", "daemonic process"]
+)
 def test_processes_work_whoever_starts_them_without_a_guard(tmp_path, how):
     script, daemon = tmp_path / "script.py", tmp_path / "daemon.py"
     script.write_text(SCRIPT.format(here=str(Path(__file__).parent), square=True))

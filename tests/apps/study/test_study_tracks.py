@@ -196,9 +196,7 @@ def test_a_list_of_pings_makes_one_link_of_both_ways_at_one_time(table, tmp_path
     assert str(tmp_path / "pings.csv") in written.manifest["ocean"]["sha256"]
 
 
-@pytest.mark.parametrize(
-    "timing", [pytest.param("one-way", marks=pytest.mark.slow), "two-way"]
-)
+@pytest.mark.parametrize("timing", [pytest.param("one-way", marks=pytest.mark.slow), "two-way"])
 def test_a_landmark_that_transmits_is_heard_as_it_hears(table, timing):
     mark = {"name": "L", "north": 200.0, "east": -400.0, "depth": 150.0}
     options = {"landmarks": [mark], "ranging": {"timing": timing}}

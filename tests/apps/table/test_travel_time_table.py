@@ -327,6 +327,4 @@ def test_progress_grows_to_the_whole_volume_of_all_sectors(water: Water) -> None
 
 def test_a_table_that_would_be_too_large_is_refused(water: Water) -> None:
     with pytest.raises(OnlineError, match="larger error"):
-        build_table(
-            water, (0.0, 40.0), (0.0, 60.0), (50.0, 900.0), tolerance=1e-3, max_bytes=4_000
-        )
+        build_table(water, (0.0, 40.0), (0.0, 60.0), (50.0, 900.0), tolerance=1e-3, max_bytes=4_000)
