@@ -440,7 +440,7 @@ def test_plot_draws_a_link_of_the_command_line(rays, folder, name, magic):
     assert Path(name).read_bytes().startswith(magic)
 
 
-def test_plot_draws_the_links_of_a_table_by_their_names(rays, folder):
+def test_plot_draws_the_links_of_a_table_by_their_names(rays, undrawn, folder):
     table = pd.read_csv("links.csv", skiprows=1, dtype={"name": str}).iloc[:3]
     table.to_csv("three.csv", index=False)
     lines = rays("plot", "rays.png", "--links", "three.csv", *WATER).splitlines()

@@ -46,7 +46,7 @@ CASTS = (("first", "2020-03-10T11:00"), ("second", "2020-03-10T13:00"))
 WATER = ("--profile", "casts.csv", "--bathymetry", 2000, "--interpolation", "linear")
 
 
-def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, files):
+def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, undrawn, files):
     done = mantaray(
         "replay",
         "events.csv",

@@ -432,7 +432,7 @@ def test_page_of_a_replay_has_the_baselines(campaign):
     assert not result.events["gross"].any()
 
 
-def test_events_outside_the_water_have_no_clocks_and_no_warning(tmp_path):
+def test_events_outside_the_water_have_no_clocks_and_no_warning(undrawn, tmp_path):
     below = np.array([[0.0, 0.0, 2000.0]] * 4)
     names = np.array(["A", "B"] * 2)
     events = Events(60.0 * np.arange(4), names, names[::-1], below, below + 1.0, np.ones(4), False)
