@@ -127,7 +127,7 @@ def test_direct_travel_times_agree(make, n, seed):
 @pytest.mark.parametrize(
     ("plane", "n", "seed", "most", "least"),
     [
-        (False, 3, 52, (1, 1), {1: 4, 2: 4}),
+        pytest.param(False, 3, 52, (1, 1), {1: 4, 2: 4}, marks=pytest.mark.slow),
         *(
             pytest.param(
                 plane, 12, 53, (2, 2), {1: 20, 2: 18, 3: 16, 4: 12}, marks=pytest.mark.slow
