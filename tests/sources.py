@@ -16,6 +16,12 @@ def tree_of(path: Path) -> ast.Module:
     return ast.parse(path.read_text("utf-8"))
 
 
+@cache
+def nodes_of(path: Path) -> tuple[ast.AST, ...]:
+    """All nodes of a file of the package, as `ast.walk` gives them."""
+    return tuple(ast.walk(tree_of(path)))
+
+
 def trees() -> Mapping[Path, ast.Module]:
     """Syntax trees of all files of the package."""
     return {path: tree_of(path) for path in sorted(PACKAGE.rglob("*.py"))}

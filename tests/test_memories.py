@@ -5,7 +5,7 @@ reason why it cannot return the result of an earlier input.
 
 import ast
 
-from sources import PACKAGE, tree_of
+from sources import PACKAGE, nodes_of
 
 CACHES = {"cache", "lru_cache"}
 SOURCE = "of this package's own files, which a process reads once"
@@ -56,7 +56,9 @@ def name_of(node):
 
 def is_container(value):
     """True for an empty container, or a call that makes one."""
-    empty = isinstance(value, ast.Dict | ast.List | ast.Set) and not ast.unparse(value)[1:-1]
+    empty = isinstance(value, ast.Dict | ast.List | ast.Set) and not (
+        value.keys if isinstance(value, ast.Dict) else value.elts
+    )
     made = isinstance(value, ast.Call) and ast.unparse(value.func).partition("[")[0] in {
         "dict",
         "list",
@@ -69,16 +71,17 @@ def is_container(value):
     return empty or (made and not value.args and not value.keywords)
 
 
-def memories(tree):
+def memories(nodes):
     """Names of cached functions, of module and class attributes that begin empty, and globals."""
-    for node in ast.walk(tree):
+    caches = [one for one in nodes if isinstance(one, ast.Call) and name_of(one.func) in CACHES]
+    for node in nodes:
+        if isinstance(node, ast.Global):
+            yield from node.names
         if isinstance(node, ast.FunctionDef):
             if any(name_of(one) in CACHES for one in node.decorator_list):
                 yield node.name
-            calls = [one for inner in node.body for one in ast.walk(inner)]
-            if any(isinstance(one, ast.Call) and name_of(one.func) in CACHES for one in calls):
+            if any(node.body[0].lineno <= one.lineno <= node.end_lineno for one in caches):
                 yield node.name
-            yield from (name for one in calls if isinstance(one, ast.Global) for name in one.names)
         if isinstance(node, ast.Module | ast.ClassDef):
             for one in node.body:
                 if isinstance(one, ast.Assign | ast.AnnAssign) and is_container(one.value):
@@ -90,6 +93,6 @@ def test_every_memory_of_a_process_has_a_reason():
     found = {
         f"{file.relative_to(PACKAGE).as_posix()}: {name}"
         for file in PACKAGE.rglob("*.py")
-        for name in memories(tree_of(file))
+        for name in memories(nodes_of(file))
     }
     assert found == set(MEMORIES)

@@ -8,12 +8,13 @@ import logging
 import re
 import shlex
 import sys
+from functools import cache
 from typing import Annotated
 
 import pytest
 import typer
 from sources import PACKAGE as LIBRARY
-from sources import trees
+from sources import nodes_of
 
 from pymantaray.apps.study import manifest
 from pymantaray.cli.arguments import _PARAMETERS, in_options, use_options_of
@@ -148,39 +149,44 @@ def test_logs_and_manifests_leave_secrets_out(capsys, monkeypatch):
 FLAG = re.compile(r"(?<![\w-])--([a-z][a-z-]+)")
 
 
-def literals_of(tree):
+def literals_of(nodes):
     """
     Texts of a module other than docstrings, with their lines; the fields of a formatted text are
     {}.
     """
-    parts = {
-        id(part)
-        for node in ast.walk(tree)
-        if isinstance(node, ast.JoinedStr)
-        for part in node.values
-    }
-    parts |= {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    for node in ast.walk(tree):
+    parts, texts = set(), []
+    for node in nodes:
+        if isinstance(node, ast.JoinedStr):
+            parts |= set(map(id, node.values))
+            texts.append(node)
+        elif isinstance(node, ast.Expr):
+            parts.add(id(node.value))
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+            texts.append(node)
+    for node in texts:
         if id(node) in parts:
             continue
         if isinstance(node, ast.JoinedStr):
             values = [v.value if isinstance(v, ast.Constant) else "{}" for v in node.values]
             yield node.lineno, "".join(values)
-        elif isinstance(node, ast.Constant) and isinstance(node.value, str):
+        else:
             yield node.lineno, node.value
 
 
+@cache
 def library_texts():
     """
     Place and text of every literal outside the command line; options of other programs and whole
     commands are no messages.
     """
-    for path, tree in trees().items():
+    texts = []
+    for path in LIBRARY.rglob("*.py"):
         if LIBRARY / "cli" in path.parents or path.name.endswith("command.py"):
             continue
-        for line, text in literals_of(tree):
+        for line, text in literals_of(nodes_of(path)):
             if " " in text and not re.match(r"--|mantaray ", text):
-                yield f"{path.relative_to(LIBRARY)}:{line}", text
+                texts.append((f"{path.relative_to(LIBRARY)}:{line}", text))
+    return texts
 
 
 def test_messages_of_the_library_have_no_options():

@@ -11,7 +11,7 @@ import runpy
 from dataclasses import fields, is_dataclass
 
 from pages import DOCS
-from sources import tree_of
+from sources import nodes_of
 from test_documentation import MODELS
 
 from pymantaray.config.meanings import meaning
@@ -98,7 +98,7 @@ def test_no_docstring_begins_with_a_relative_clause():
     clause = re.compile(r"\s*(Whether|What|Told|How|Which|Who|Where)\b")
     begun = []
     for path in sorted((DOCS.parent / "src").rglob("*.py")):
-        for node in ast.walk(tree_of(path)):
+        for node in nodes_of(path):
             constant = isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
             if constant and isinstance(node.value.value, str) and clause.match(node.value.value):
                 begun.append(f"{path.name}:{node.lineno}")

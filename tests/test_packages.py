@@ -26,12 +26,14 @@ def call(*words, **options):
 
 
 IMPORT_ALL = """
-import importlib, pkgutil, pymantaray
+import importlib, pkgutil, sys, pymantaray
 names = [m.name for m in pkgutil.walk_packages(pymantaray.__path__, "pymantaray.")]
 names = [name for name in names if name.rpartition(".")[2] != "__main__"]
 for name in names:
     importlib.import_module(name)
 print(pymantaray.__file__, len(names))
+sys.argv = ["mantaray", "study", "list"]
+pymantaray.cli.main.main()
 """
 
 
@@ -43,10 +45,9 @@ def ours_importable():
 
 
 @pytest.fixture(scope="module")
-def archives(tmp_path_factory):
+def archives(once):
     """Source archive, and the wheel that is built from it."""
-    folder = tmp_path_factory.mktemp("dist")
-    call(sys.executable, "-m", "build", "--outdir", folder, ROOT)
+    folder = once("dist", lambda path: call(sys.executable, "-m", "build", "--outdir", path, ROOT))
     return next(folder.glob("*.tar.gz")), next(folder.glob("*.whl"))
 
 
@@ -100,13 +101,13 @@ def test_archives_hold_the_package_and_nothing_else(archives):
 def test_the_wheel_alone_answers_beside_the_libraries(archives, tmp_path):
     """Outside the tree, before the package that this environment has; all its modules import."""
     site = tmp_path / "site"
-    call(sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--target", site, archives[1])
+    zipfile.ZipFile(archives[1]).extractall(site)
     env = {"PATH": os.environ["PATH"], "HOME": str(tmp_path), "PYTHONPATH": str(site)}
     inside = {"cwd": tmp_path, "env": env}
     said = call(sys.executable, "-c", IMPORT_ALL, **inside).split()
-    assert said == [str(site / "pymantaray" / "__init__.py"), str(len(ours_importable()))]
+    imported = [str(site / "pymantaray" / "__init__.py"), str(len(ours_importable()))]
+    assert said[:3] == [*imported, "beaufort"]
     command = (sys.executable, "-m", "pymantaray")
-    assert call(*command, "study", "list", **inside).split()[0] == "beaufort"
     shown = call(*command, "ocean", "show", "synthetic:beaufort", **inside)
     assert "sound speed" in shown
 

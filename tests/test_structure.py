@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from sources import tree_of
+from sources import nodes_of, tree_of
 
 import pymantaray
 
@@ -87,8 +87,8 @@ def test_no_module_is_imported_by_a_string_from_another_package():
     """Contracts do not see names of modules in strings."""
     wrong = [
         f"{name}: {node.value}"
-        for name, tree in _trees().items()
-        for node in ast.walk(tree)
+        for name, path in MODULES.items()
+        for node in nodes_of(path)
         if isinstance(node, ast.Constant)
         and node.value in MODULES
         and not name.startswith(str(node.value))
@@ -122,8 +122,8 @@ def test_scripts_import_names_that_exist():
 
 
 def _functions() -> Iterator[tuple[str, ast.FunctionDef | ast.AsyncFunctionDef]]:
-    for module, tree in _trees().items():
-        for node in ast.walk(tree):
+    for module, path in MODULES.items():
+        for node in nodes_of(path):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 yield f"{module}.{node.name}", node
 

@@ -128,7 +128,9 @@ def test_a_block_that_fails_ends_the_work(single_rows):
     assert before.issuperset(threading.enumerate())
 
 
-@pytest.mark.parametrize(("bounces", "front"), [(0, False), (1, False), (0, True)])
+@pytest.mark.parametrize(
+    ("bounces", "front"), [pytest.param(0, False, marks=pytest.mark.slow), (1, False), (0, True)]
+)
 def test_threads_and_block_boundaries_change_nothing(monkeypatch, bounces, front):
     medium, ends = uniform(), scattered(600 if bounces == 0 else 40)
     if front:  # deep searches; the fewer links a call has, the more rays are traced ahead

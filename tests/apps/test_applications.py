@@ -23,7 +23,7 @@ LAST = (
     "replay",
     "service",
 )
-FAST = ("atlas", "locate", "online")
+FAST = ("locate",)
 LIST = """
 import sys
 sys.path.insert(0, {!r})

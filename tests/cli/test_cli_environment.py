@@ -44,14 +44,11 @@ def test_an_unknown_backend_of_matplotlib_draws_files(tmp_path):
 def test_names_that_the_locale_cannot_decode_are_refused(tmp_path, utf8):
     folder = tmp_path / "Å"
     folder.mkdir()
-    (folder / "p.csv").write_text("depth,sound_speed\n0,1500\n500,1490\n")
-    (folder / "l.csv").write_text(LINKS + "0,0,50,900,0,90\n")
-    words = ("rays", "times", "l.csv", str(folder / "o.csv"), "--profile", "p.csv")
     locale = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": utf8}
-    done = command(*words, "--bathymetry", "500", cwd=folder, **locale)
+    done = command("study", "init", "quick", str(folder / "o.toml"), cwd=folder, **locale)
     if not utf8:  # Python's own choice for this locale
         assert done.returncode == 0, done.stderr
-        assert (folder / "o.csv").is_file()
+        assert (folder / "o.toml").is_file()
         return
     assert done.returncode == 2
     assert "the locale's encoding is ascii" in done.stderr

@@ -189,7 +189,14 @@ main()
 
 
 @pytest.mark.parametrize(
-    "name", ["typer", "pymantaray.apps.study.command", "pymantaray.config", "numpy", "pydantic"]
+    "name",
+    [
+        *("typer", "pymantaray.config", "numpy"),
+        *(
+            pytest.param(name, marks=pytest.mark.slow)
+            for name in ("pymantaray.apps.study.command", "pydantic")
+        ),
+    ],
 )
 def test_ctrl_c_at_the_import_of_a_module_ends_quietly_with_130(name):
     command = [sys.executable, "-c", IMPORTING.format(name=name)]

@@ -5,11 +5,8 @@ shell.
 
 import json
 import logging
-import os
 import re
 import signal
-import subprocess
-import sys
 from importlib.metadata import metadata, version
 from pathlib import Path
 
@@ -118,22 +115,20 @@ def test_what_json_lacks_is_null_or_text(capsys):
     ("words", "word", "completed"),
     [
         ("mantaray study ", 2, {"list", "show", "init", "run", "report", "tables", "compare"}),
-        pytest.param("mantaray sweep sta", 2, {"status"}, marks=pytest.mark.slow),
+        ("mantaray sweep sta", 2, {"status"}),
         ("mantaray study show qu", 3, {"quick"}),
         ("mantaray study run --work", 3, {"--workers"}),
     ],
 )
-def test_a_shell_completes_commands_options_and_presets(words, word, completed):
+def test_a_shell_completes_commands_options_and_presets(
+    mantaray, monkeypatch, words, word, completed
+):
     """By the variables that a shell sets, as the script of --show-completion does."""
     shell = {"_MANTARAY_COMPLETE": "complete_bash", "COMP_WORDS": words, "COMP_CWORD": str(word)}
-    done = subprocess.run(
-        [sys.executable, "-c", "from pymantaray.cli.main import main; main()"],
-        env=os.environ | shell,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert completed <= set(done.stdout.split()), done
+    for name, value in shell.items():
+        monkeypatch.setenv(name, value)
+    done = mantaray()
+    assert completed <= set(done.out.split()), done
 
 
 PAGE = Path(__file__).parents[2] / "docs" / "reference" / "at-a-glance.md"

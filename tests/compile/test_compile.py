@@ -403,6 +403,7 @@ def test_kernels_are_compiled_in_memory_if_no_folder_is_writable(two_files, tmp_
     assert "cannot be cached" in said
 
 
+@pytest.mark.slow
 def test_kernels_stay_in_memory_if_the_disk_is_full(two_files, tmp_path):
     full = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (500, 500))"
     printed, said = two_files(2.0, full)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from sources import tree_of
+from sources import nodes_of
 
 import pymantaray
 from pymantaray import load_study
@@ -61,7 +61,7 @@ def test_few_functions_outside_config_take_a_section():
     for file in PACKAGE.rglob("*.py"):
         if file.is_relative_to(PACKAGE / "config"):
             continue
-        for node in ast.walk(tree_of(file)):
+        for node in nodes_of(file):
             if isinstance(node, ast.FunctionDef):
                 a = node.args
                 for arg in (*a.posonlyargs, *a.args, *a.kwonlyargs):

@@ -46,7 +46,6 @@ def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path):
     (tmp_path / "fram.toml").write_text('[ocean]\nsource = "fram.nc"\n')
     sources = [
         "synthetic:fram",
-        tmp_path / "fram.nc",
         [tmp_path / "fram.nc"],
         tmp_path / "fram.toml",
         fram,
@@ -61,7 +60,7 @@ def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path):
         assert water.frame.latitude_deg == waters[0].frame.latitude_deg
     own = [[str(source) for source in water.record["ocean"]] for water in waters]
     file = [str(tmp_path / "fram.nc")]
-    assert own == [["synthetic:fram"], file, file, file, ["memory:"], file]
+    assert own == [["synthetic:fram"], file, file, ["memory:"], file]
 
 
 def test_a_local_ocean_is_taken_as_it_is(fram):

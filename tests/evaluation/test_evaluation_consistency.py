@@ -139,7 +139,7 @@ def test_over_and_underconfidence_show_on_their_sides(believed, above):
 
 def test_false_alarms_are_five_percent_despite_correlation():
     """The joint statistic keeps its level; pooling vehicles as if independent would not."""
-    alarms, naive, n = [], [], 80
+    alarms, naive, n = [], [], 40
     for seed in range(n):
         truth, estimates, covariances = make_case(seed=100 + seed, n_realizations=8, common=10.0)
         table = consistency_table(truth, estimates, covariances)

@@ -154,6 +154,9 @@ def test_currents_have_the_size_of_real_ones(region, ocean):
     assert 0.003 < float(speed.sel(depth=slice(0.0, 300.0)).median()) < 0.1
 
 
+@pytest.mark.parametrize(
+    "region", ["beaufort", pytest.param("fram", marks=pytest.mark.slow)], indirect=True
+)
 def test_floats_drift_in_a_week_but_stay(ocean):
     """
     Frozen currents at the paper's depths: a few to some tens of kilometres, inside the domain.
@@ -187,6 +190,9 @@ def test_the_sea_bed_is_deep_under_the_fleet_and_has_structure(region, ocean):
     np.testing.assert_allclose(local["sea_floor_depth"], 3_500.0)
 
 
+@pytest.mark.parametrize(
+    "region", ["beaufort", pytest.param("fram", marks=pytest.mark.slow)], indirect=True
+)
 def test_the_same_time_gives_the_same_ocean_and_another_moves_it(region, ocean):
     again = synthetic_ocean(region, np.datetime64("2014-07-15T00:00"))
     np.testing.assert_array_equal(again["water_temp"], ocean["water_temp"])

@@ -126,7 +126,6 @@ LINKS = {
 }
 
 
-
 def medium_of(name):
     if name != "gulf":
         return several_extrema(name)

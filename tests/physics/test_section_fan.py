@@ -96,6 +96,7 @@ def test_the_fan_finds_the_circular_arcs_of_a_constant_gradient():
     np.testing.assert_array_less(np.abs(rays.spreading), 1.0)
 
 
+@pytest.mark.slow
 def test_rays_in_a_duct_beyond_a_crest_are_found():
     """
     Between two rays of the first fan, which both miss by hundreds of metres, a filament parts the

@@ -117,9 +117,7 @@ def assert_small(found, least):
     ("n", "seed"),
     [(8, 21), pytest.param(100, 22, marks=pytest.mark.slow)],
 )
-@pytest.mark.parametrize(
-    "make", [pytest.param(make_front, marks=pytest.mark.slow), make_eddies]
-)
+@pytest.mark.parametrize("make", [pytest.param(make_front, marks=pytest.mark.slow), make_eddies])
 def test_direct_travel_times_agree(make, n, seed):
     # deeper: few are lost to the surface
     ends = (end + np.array([0.0, 0.0, 20.0]) for end in front_links(n, seed))
@@ -129,7 +127,7 @@ def test_direct_travel_times_agree(make, n, seed):
 @pytest.mark.parametrize(
     ("plane", "n", "seed", "most", "least"),
     [
-        (False, 3, 52, (1, 1), {1: 4, 2: 4}),
+        pytest.param(False, 3, 52, (1, 1), {1: 4, 2: 4}, marks=pytest.mark.slow),
         *(
             pytest.param(
                 plane, 12, 53, (2, 2), {1: 20, 2: 18, 3: 16, 4: 12}, marks=pytest.mark.slow

@@ -250,7 +250,7 @@ def guide_links(depth, rng):
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-@settings(QUICK, max_examples=4)
+@settings(QUICK, max_examples=2)
 @given(
     depth=st.sampled_from([30.0, 200.0, 1000.0, 4000.0]),
     seed=st.integers(0, 2**32 - 1),
@@ -325,7 +325,7 @@ def test_wedge_has_every_image_in_the_plane_and_across_it(slope_deg, direction):
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-@settings(QUICK, max_examples=8)
+@settings(QUICK, max_examples=4)
 @given(
     depth=st.floats(100.0, 4000.0),
     slope_deg=st.floats(0.0, 4.0),

@@ -35,7 +35,7 @@ def costs(result):
     return {outcome.name: outcome.solution.final_cost for outcome in result.outcomes}
 
 
-QUICK = ("mirrored.pyfg", "cooperative-2.pyfg", "ring-twisted.g2o", "ring-two-minima.g2o")
+QUICK = ("mirrored.pyfg", "ring-twisted.g2o", "ring-two-minima.g2o")
 
 
 @pytest.mark.parametrize(

@@ -200,7 +200,7 @@ def test_a_command_with_a_bad_output_computes_nothing(tmp_path, capsys):
         assert message in lines[0]
 
 
-def test_the_page_has_the_front_the_map_and_the_sentences(tmp_path):
+def test_the_page_has_the_front_the_map_and_the_sentences(undrawn, tmp_path):
     from pymantaray.apps.plan import write_plan_page
 
     free = {"landmarks.T.depth": [5.0, 300.0]}
@@ -209,7 +209,7 @@ def test_the_page_has_the_front_the_map_and_the_sentences(tmp_path):
     text = page.read_text()
     for name in ("front", "map", "error_over_time", "lost_by_pair"):
         assert f'id="{name}"' in text
-        assert (page.parent / "figures" / f"{name}.png").stat().st_size > 5000
+        assert (page.parent / "figures" / f"{name}.png").is_file()
     for name in ("designs", "near_optimal", "lost_by_pair", "error_over_time"):
         assert (page.parent / "tables" / f"{name}.csv").stat().st_size > 20
     assert all(sentence in text for sentence in results.sentences if "'" not in sentence)

@@ -254,9 +254,9 @@ def test_a_named_ocean_about_a_centre(rays):
     assert medium_of("out.csv")["centre_deg"] == [79.0, 1.0]
 
 
-def test_links_in_latitude_and_longitude_are_those_in_the_frame(rays):
-    words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", "20km", 15000)
-    plain, frame = pd.read_csv("links.csv", comment="#").iloc[[0, 2]], LocalFrame(79.0, 1.0)
+def test_links_in_latitude_and_longitude_are_those_in_the_frame(rays, ocean_file):
+    words = ("--ocean", ocean_file, "--centre", 74.5, -140, "--half-extent", "12km", 15000)
+    plain, frame = pd.read_csv("links.csv", comment="#").iloc[[0, 2]], LocalFrame(74.5, -140.0)
     plain.to_csv("plain.csv", index=False)
     for end in ("source", "receiver"):
         plain[f"{end}_lat"], plain[f"{end}_lon"] = frame.to_geodetic(
@@ -424,7 +424,9 @@ def test_what_cannot_be_is_one_line_and_writes_nothing(mantaray, folder, words):
 DIRECT = ("--source", "0,0,20", "--receiver", "6000,0,500")
 
 
-@pytest.mark.parametrize(("name", "magic"), [
+@pytest.mark.parametrize(
+    ("name", "magic"),
+    [
         ("rays.png", b"\x89PNG"),
         pytest.param("rays.pdf", b"%PDF", marks=pytest.mark.slow),
     ],
@@ -438,7 +440,7 @@ def test_plot_draws_a_link_of_the_command_line(rays, folder, name, magic):
     assert Path(name).read_bytes().startswith(magic)
 
 
-def test_plot_draws_the_links_of_a_table_by_their_names(rays, folder):
+def test_plot_draws_the_links_of_a_table_by_their_names(rays, undrawn, folder):
     table = pd.read_csv("links.csv", skiprows=1, dtype={"name": str}).iloc[:3]
     table.to_csv("three.csv", index=False)
     lines = rays("plot", "rays.png", "--links", "three.csv", *WATER).splitlines()

@@ -32,5 +32,11 @@ def campaign(tmp_path_factory):
 
 
 @pytest.fixture(scope="session")
+def short_campaign(tmp_path_factory):
+    """Two minutes: 80 events."""
+    return campaign_of(tmp_path_factory.mktemp("short"), 120.0)
+
+
+@pytest.fixture(scope="session")
 def make_campaign():
     return campaign_of

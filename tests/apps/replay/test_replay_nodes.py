@@ -104,14 +104,14 @@ def test_smoothed_positions_are_nearer_to_the_truth_and_tell_the_walk(walk):
     np.testing.assert_allclose(smooth.events.receiver_position, events.receiver_position, atol=1e-6)
 
 
-def test_geographic_positions_are_smoothed_in_metres(campaign):
+def test_geographic_positions_are_smoothed_in_metres(short_campaign):
     rng = np.random.default_rng(1)
     moved = {
-        f"{end}_position": getattr(campaign.events, f"{end}_position")
+        f"{end}_position": getattr(short_campaign.events, f"{end}_position")
         for end in ("source", "receiver")
     }
     noisy = dataclasses.replace(
-        campaign.events,
+        short_campaign.events,
         **{
             k: v + rng.normal(0.0, 1.0, v.shape) * [4 / 111e3, 4 / 34e3, 0.0]
             for k, v in moved.items()
@@ -432,7 +432,7 @@ def test_page_of_a_replay_has_the_baselines(campaign):
     assert not result.events["gross"].any()
 
 
-def test_events_outside_the_water_have_no_clocks_and_no_warning(tmp_path):
+def test_events_outside_the_water_have_no_clocks_and_no_warning(undrawn, tmp_path):
     below = np.array([[0.0, 0.0, 2000.0]] * 4)
     names = np.array(["A", "B"] * 2)
     events = Events(60.0 * np.arange(4), names, names[::-1], below, below + 1.0, np.ones(4), False)

@@ -93,6 +93,7 @@ def varying(fly):
     """
     return fly(
         ocean={"time_varying": True},
+        mission={"duration_h": 2.0},
         acoustics={"currents": True},
         ranging={"timing": "two-way"},
         detection={

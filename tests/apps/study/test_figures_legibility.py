@@ -155,7 +155,10 @@ def test_the_page_says_what_its_words_mean_and_how_to_cite_it(run):
         assert f'title="{GLOSSARY[word]}"' in text or status == RayStatus.LEAKED
 
 
-@pytest.mark.parametrize(("width", "mm"), [(style.COLUMN, 84.0), (style.DOUBLE, 174.0)])
+@pytest.mark.parametrize(
+    ("width", "mm"),
+    [(style.COLUMN, 84.0), pytest.param(style.DOUBLE, 174.0, marks=pytest.mark.slow)],
+)
 def test_figures_for_a_paper_have_the_width_of_a_journal_and_300_dpi(width, mm):
     figure = style.new_figure(width, 2.0, "Test Sea")
     figure.subplots().plot([0.0, 1.0])

@@ -460,6 +460,7 @@ def test_the_truths_own_file_is_the_exact_belief_to_the_last_digit(day, beliefs,
         np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.slow
 def test_files_of_the_built_in_beliefs_are_these_beliefs(day, beliefs, tmp_path):
     true, place = true_ocean(day), day.config.ocean.centre
     for made, section in (

@@ -4,16 +4,12 @@ import json
 
 import numpy as np
 
-from pymantaray.apps.study import run_study
-from pymantaray.config import load_study
 
-
-def test_a_study_by_gtsam_has_the_same_tables(tmp_path):
+def test_a_study_by_gtsam_has_the_same_tables(run_tiny):
     """Positions are within 1 mm; the manifest and the table of costs have the distances."""
-    small = {"study.realizations": 2, "mission.duration_h": 4.0, "mission.ping_interval_h": 2.0}
-    ours = run_study(load_study("quick", **small), tmp_path / "ours", workers=1)
-    theirs = run_study(load_study("quick", solver="gtsam", **small), tmp_path / "theirs", workers=1)
-    assert theirs.estimates.condition.tolist() == ["odometry", "straight", "refracted"]
+    names = ["odometry", "straight", "refracted"]
+    ours, theirs = (run_tiny(conditions=names, solver=solver) for solver in ("batch", "gtsam"))
+    assert theirs.estimates.condition.tolist() == names
     np.testing.assert_array_equal(theirs.estimates.solve_status, ours.estimates.solve_status)
     apart = np.linalg.norm(theirs.estimates.position - ours.estimates.position, axis=-1).max(
         axis=(1, 2, 3)

@@ -97,6 +97,7 @@ def test_another_draw_is_other_ice_and_the_same_draw_the_same(rough, fly_under):
     np.testing.assert_array_equal(other[0].truth.position, rough[0].truth.position)
 
 
+@pytest.mark.slow
 def test_a_file_of_ice_may_be_rough(rough, fly_under, sea):
     filed, thick = fly_under(**ROUGH, ice=sea[1]), fly_under(**ROUGH, ice=2.5)
     np.testing.assert_allclose(times_of(filed), times_of(thick), rtol=1e-9)

@@ -61,15 +61,9 @@ def interrupted(config, out, after):
 
 @pytest.fixture(scope="session")
 def undisturbed(once, tiny):
-    """Run of so many realizations that was not interrupted."""
-
-    def run(count):
-        config = tiny(study={"realizations": count})
-        return open_run(
-            once(f"two-conditions-{count}", lambda folder: run_study(config, folder, workers=1))
-        )
-
-    return run
+    """Run of three realizations that was not interrupted."""
+    config = tiny(study={"realizations": 3})
+    return open_run(once("undisturbed", lambda folder: run_study(config, folder, workers=1)))
 
 
 def same(one, other):
@@ -99,7 +93,7 @@ def test_the_same_call_goes_on_with_what_was_done(
     assert solved == [0, 1, 2]
     assert [done for stage, done, _ in told if stage == "realizations"] == [2, 3]
     assert [path.name for path in tmp_path.iterdir()] == ["run"]
-    same(run, undisturbed(3))
+    same(run, undisturbed)
 
 
 def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(
@@ -119,7 +113,7 @@ def test_a_full_disk_is_told_and_nothing_is_said_to_be_there(
 def test_workers_go_on_as_well(tiny, at_once, undisturbed, tmp_path):
     config, out = tiny(study={"realizations": 3}), tmp_path / "run"
     interrupted(config, out, 1)
-    same(run_study(config, out, workers=2), undisturbed(3))
+    same(run_study(config, out, workers=2), undisturbed)
 
 
 @pytest.mark.slow
@@ -145,7 +139,7 @@ class Harmful:
         return (open, (str(self.path), "w"))
 
 
-@pytest.mark.parametrize("content", ["cut", "pickle"])
+@pytest.mark.parametrize("content", [pytest.param("cut", marks=pytest.mark.slow), "pickle"])
 def test_a_damaged_realization_is_discarded_and_solved_again(
     tiny, at_once, solved, undisturbed, tmp_path, caplog, content
 ):
@@ -162,14 +156,14 @@ def test_a_damaged_realization_is_discarded_and_solved_again(
     assert solved == [0, 1, 0, 2]
     assert "0.nc: damaged: its content does not have its checksum; removed" in caplog.text
     assert not (tmp_path / "harmed").exists()
-    same(run, undisturbed(3))
+    same(run, undisturbed)
 
 
 @pytest.mark.parametrize("damage", [pytest.param("gone", marks=pytest.mark.slow), "sums"])
 def test_a_damaged_mission_is_discarded_and_simulated_again(
     tiny, at_once, solved, undisturbed, tmp_path, caplog, damage
 ):
-    config, out = tiny(study={"realizations": 2}), tmp_path / "run"
+    config, out = tiny(study={"realizations": 3}), tmp_path / "run"
     interrupted(config, out, 1)
     (own,) = (tmp_path / "run.unfinished").iterdir()
     truth = own / "mission" / "truth.nc"
@@ -178,21 +172,13 @@ def test_a_damaged_mission_is_discarded_and_simulated_again(
     else:
         path = own / "mission.json"
         path.write_bytes(path.read_bytes()[:-9])
+    mine = own.with_name("notes.txt")
+    mine.write_text("mine")
     run = run_study(config, out, workers=1)
-    assert solved == [0, 0, 1]
+    assert solved == [0, 0, 1, 2]
+    assert [path.read_text() for path in own.parent.iterdir()] == ["mine"], "the user's file stays"
     assert "damaged: wrong checksums; removed and computed again" in caplog.text
-    same(run, undisturbed(2))
-
-
-def test_what_the_user_has_in_the_unfinished_folder_stays(tiny, at_once, tmp_path):
-    config, out = tiny(study={"realizations": 2}), tmp_path / "run"
-    own = tmp_path / "run.unfinished" / "notes.txt"
-    own.parent.mkdir()
-    own.write_text("mine")
-    interrupted(config, out, 1)
-    run_study(config, out, workers=1)
-    assert own.read_text() == "mine"
-    assert [path.name for path in own.parent.iterdir()] == ["notes.txt"]
+    same(run, undisturbed)
 
 
 def test_a_checkpoint_beside_a_finished_run_is_removed(tiny, tmp_path):

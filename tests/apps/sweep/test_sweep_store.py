@@ -204,7 +204,10 @@ def test_a_damaged_definition_is_told_in_one_line(here, noises, tmp_path, conten
     assert run_sweep(noises(1), tmp_path / "out").status() == (1, 1, 0, {})
 
 
-@pytest.mark.parametrize("damage", ["bit", *(pytest.param(damage, marks=pytest.mark.slow) for damage in ("empty", "cut"))])
+@pytest.mark.parametrize(
+    "damage",
+    ["bit", *(pytest.param(damage, marks=pytest.mark.slow) for damage in ("empty", "cut"))],
+)
 def test_a_damaged_stage_is_computed_again_by_the_first_that_needs_it(
     here, noises, results, summaries, tmp_path, caplog, damage
 ):

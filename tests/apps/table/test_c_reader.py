@@ -62,7 +62,7 @@ def test_flipped_bits_are_refused_by_their_checksum(table: TravelTimeTable, tmp_
         assert done.returncode == 10 + 5, bit  # MANTARAY_CHECKSUM
 
 
-@pytest.mark.parametrize("number", [500, pytest.param(10_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number", [200, pytest.param(10_000, marks=pytest.mark.slow)])
 def test_damaged_tables_and_wild_numbers_never_read_outside(
     table: TravelTimeTable, tmp_path: Path, number: int
 ) -> None:

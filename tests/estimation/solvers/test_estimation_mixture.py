@@ -213,7 +213,7 @@ def test_mixture_is_as_good_as_ranges_without_mistakes(make_fleet, seed):
 
 
 def test_start_does_not_matter(make_fleet):
-    fleet = make_fleet(seed=3, n_vehicles=2)
+    fleet = make_fleet(seed=3, n_vehicles=2, n_times=16)
     model = mirrors_about(fleet)
     o, _ = received(fleet, model, 3)
     one, other = estimate(o, model, fleet.start), estimate(o, model, far_from(fleet))
@@ -221,7 +221,7 @@ def test_start_does_not_matter(make_fleet):
 
 
 def test_order_of_candidates_changes_nothing(make_fleet):
-    fleet = make_fleet(seed=5, n_vehicles=2)
+    fleet = make_fleet(seed=5, n_vehicles=2, n_times=16)
     model = mirrors_about(fleet)
     o, _ = received(fleet, model, 5)
     found = [estimate(o, mirrors_about(fleet, order=order)) for order in (None, 1)]
@@ -230,7 +230,7 @@ def test_order_of_candidates_changes_nothing(make_fleet):
 
 
 def test_range_of_no_candidate_is_gated(make_fleet):
-    fleet = make_fleet(seed=6, n_vehicles=3)
+    fleet = make_fleet(seed=6, n_vehicles=3, n_times=16)
     model = mirrors_about(fleet)
     o, _ = received(fleet, model, 6)
     odd = np.arange(0, o.range_sample.size, 9)

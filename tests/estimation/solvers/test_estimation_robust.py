@@ -67,7 +67,7 @@ class Study:
     """
 
     def __init__(self):
-        config = load_study("quick")
+        config = load_study("quick", **{"mission.physics_step_s": 1.0})
         mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
         o = perturb(mission.measurements, root_seed=config.study.seed, realization=0)
         self.graph = build_graph(o, "straight")
