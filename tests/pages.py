@@ -12,15 +12,20 @@ import io
 import os
 import re
 import runpy
+import shlex
 import subprocess
 import sys
 from collections.abc import Callable
+from itertools import groupby
 from math import isclose
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pytest
 import xarray as xr
+
+from pymantaray.cli.main import main
 
 ROOT = Path(__file__).parents[1]
 DOCS = ROOT / "docs"
@@ -35,6 +40,7 @@ _BLOCK = re.compile(
     r"(?:^<!-- (?P<mark>[a-z ]+): (?P<said>.+?) -->\n)?^```(?P<language>\w*)\n(?P<text>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
+_PLAIN = re.compile(r"mantaray [^|<>$&;\\]*$")
 _NUMBER = r"[-+−]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?"
 
 
@@ -56,8 +62,13 @@ def blocks_of(page: str) -> list[Block]:
     ]
 
 
-def follow(page: Path, folder: Path, languages: tuple[str, ...] = RUNS) -> dict[str, Any]:
-    """Run a page in a folder; the names that its Python leaves behind."""
+def follow(
+    page: Path, folder: Path, languages: tuple[str, ...] = RUNS, own_process: bool = True
+) -> dict[str, Any]:
+    """
+    Run a page in a folder; the names that its Python leaves behind. Plain calls of `mantaray` have
+    a process of their own, or are made in this one.
+    """
     text = page.read_text(encoding="utf-8")
     for name in ("examples", "benchmarks", "src"):
         (folder / name).symlink_to(ROOT / name)
@@ -81,7 +92,7 @@ def follow(page: Path, folder: Path, languages: tuple[str, ...] = RUNS) -> dict[
             ) as file:
                 file.write(block.text)
         if block.language in languages and block.mark != "not run":
-            printed = run_block(block, folder, names, place)
+            printed = run_block(block, folder, names, place, own_process)
             continue
         if block.language in ("", "text") and block.mark is None and printed:
             compare(block.text, printed, place)
@@ -89,7 +100,9 @@ def follow(page: Path, folder: Path, languages: tuple[str, ...] = RUNS) -> dict[
     return names
 
 
-def run_block(block: Block, folder: Path, names: dict[str, Any], place: str) -> str:
+def run_block(
+    block: Block, folder: Path, names: dict[str, Any], place: str, own_process: bool
+) -> str:
     """
     Run a block; what it prints. Output within a console block is compared with what its commands
     print.
@@ -100,13 +113,35 @@ def run_block(block: Block, folder: Path, names: dict[str, Any], place: str) -> 
             exec(compile(block.text, place, "exec"), names)  # noqa: S102
         return out.getvalue()
     if block.language == "sh":
-        return shell(block.text, folder, place)
+        parts = groupby(
+            block.text.splitlines(keepends=True),
+            lambda line: not own_process and _PLAIN.match(line) is not None,
+        )
+        return "".join(
+            (call if plain else shell)("".join(lines), folder, place) for plain, lines in parts
+        )
     for part in re.split(r"^\$ ", block.text, flags=re.MULTILINE)[1:]:
         command, *shown = re.split(r"(?<!\\)\n", part, maxsplit=1)
         printed = shell(command, folder, place)
         if shown and shown[0].strip():
             compare(shown[0], printed, place)
     return ""
+
+
+def call(text: str, folder: Path, place: str) -> str:
+    """Make calls of `mantaray` in this process; what they print."""
+    with (
+        io.StringIO() as out,
+        contextlib.chdir(folder),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(out),
+    ):
+        for line in text.splitlines():
+            with pytest.raises(SystemExit) as end:
+                main(shlex.split(line, comments=True)[1:])
+            code = end.value.code
+            assert not code, f"{place}: exit code {code}\n{line}\n{out.getvalue()}"
+        return out.getvalue()
 
 
 def shell(text: str, folder: Path, place: str) -> str:

@@ -4,6 +4,7 @@ what it says.
 """
 
 import shutil
+from functools import partial
 from io import BytesIO
 from types import SimpleNamespace
 
@@ -36,10 +37,12 @@ HARMLESS = ("GPU stall", "Canvas2D: Multiple readback")  # what software drawing
 
 
 @pytest.fixture(scope="module")
-def page_file(tiny_run_folder, tmp_path_factory):
-    folder = tmp_path_factory.mktemp("browser") / "run"
-    shutil.copytree(tiny_run_folder, folder)
-    return write_report(folder)
+def page_file(tiny_run_folder, once):
+    def build(folder):
+        shutil.copytree(tiny_run_folder, folder)
+        write_report(folder)
+
+    return once("browser", build) / "index.html"
 
 
 @pytest.fixture(scope="module")
@@ -85,21 +88,24 @@ def atlas_file(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def comparison_file(run_folder, made_run, tmp_path_factory):
+def comparison_file(run_folder, made_run, once):
     """Of two runs that differ in the number of their realizations."""
-    folder = tmp_path_factory.mktemp("comparison")
-    return write_comparison(
-        [run_folder, made_run(realizations=2).write(folder / "other")], folder / "both"
-    )
+
+    def build(folder):
+        folder.mkdir()
+        other = made_run(realizations=2).write(folder / "other")
+        write_comparison([run_folder, other], folder / "both")
+
+    return once("comparison", build) / "both" / "index.html"
 
 
 @pytest.fixture(scope="module")
-def replay_file(made_replay, tmp_path_factory):
-    return write_replay(made_replay, tmp_path_factory.mktemp("replay") / "out")
+def replay_file(made_replay, once):
+    return once("replay-page", partial(write_replay, made_replay)) / "index.html"
 
 
 @pytest.fixture(scope="module")
-def plan_file(tmp_path_factory):
+def plan_file(once):
     """Six designs in two waters, with depths of a receiver and times between pings."""
     receiver = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0, "sigma": 2.0}
     section = PlanSection(
@@ -110,7 +116,11 @@ def plan_file(tmp_path_factory):
         lost_of="T",
     )
     plan = DeploymentPlan(parse_study({**TINY, "landmarks": [receiver]}, "tiny"), section)
-    return write_plan_page(search_designs(plan, workers=1), tmp_path_factory.mktemp("plan") / "out")
+
+    def build(folder):
+        write_plan_page(search_designs(plan, workers=1), folder)
+
+    return once("plan-page", build) / "index.html"
 
 
 @pytest.fixture(params=[(1440, "light"), (390, "dark")], ids=["wide", "narrow and dark"])
@@ -380,10 +390,13 @@ def test_a_plan_draws_without_errors_and_by_keyboard(plan_opened, plan_file):
 
 
 @pytest.fixture(scope="module")
-def location_file(tmp_path_factory):
-    survey = survey_of(make_campaign(1, pings=40), sigma=1e-4)
-    located = locate(survey, water(), LocateOptions(speed_model="time", correlation="none"))
-    return write_location_page(located, tmp_path_factory.mktemp("located") / "out")
+def location_file(once):
+    def build(folder):
+        survey = survey_of(make_campaign(1, pings=40), sigma=1e-4)
+        located = locate(survey, water(), LocateOptions(speed_model="time", correlation="none"))
+        write_location_page(located, folder)
+
+    return once("located-page", build) / "index.html"
 
 
 @pytest.mark.parametrize("width", [1440, 390])

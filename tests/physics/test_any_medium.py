@@ -83,7 +83,7 @@ def fastest(medium):
     return max(value.max(), *(v.max() for v in inner))  # Bezier points of the cubic in depth
 
 
-@pytest.mark.parametrize("examples", [3, pytest.param(40, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("examples", [3, pytest.param(20, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
 def test_every_link_of_every_medium_has_a_consistent_outcome(interpolation, examples):
     @settings(QUICK, max_examples=examples)

@@ -115,13 +115,13 @@ def assert_small(found, least):
 
 @pytest.mark.parametrize(
     ("n", "seed"),
-    [(8, 21), pytest.param(100, 22, marks=pytest.mark.slow)],
+    [(8, 21), pytest.param(50, 22, marks=pytest.mark.slow)],
 )
 @pytest.mark.parametrize("make", [pytest.param(make_front, marks=pytest.mark.slow), make_eddies])
 def test_direct_travel_times_agree(make, n, seed):
     # deeper: few are lost to the surface
     ends = (end + np.array([0.0, 0.0, 20.0]) for end in front_links(n, seed))
-    assert_small(errors(make(), *ends), {0: 0.7 * n if n < 20 else 0.85 * n})
+    assert_small(errors(make(), *ends), {0: 0.7 * n})
 
 
 @pytest.mark.parametrize(
@@ -129,9 +129,7 @@ def test_direct_travel_times_agree(make, n, seed):
     [
         pytest.param(False, 3, 52, (1, 1), {1: 4, 2: 4}, marks=pytest.mark.slow),
         *(
-            pytest.param(
-                plane, 12, 53, (2, 2), {1: 20, 2: 18, 3: 16, 4: 12}, marks=pytest.mark.slow
-            )
+            pytest.param(plane, 6, 53, (2, 2), {1: 10, 2: 9, 3: 8, 4: 6}, marks=pytest.mark.slow)
             for plane in (True, False)
         ),
     ],

@@ -116,16 +116,16 @@ def test_exact_ocean_leads_from_dead_reckoning_to_the_truth(day):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("preset", ["estimators-beaufort", "estimators-fram"])
-def test_water_can_be_what_a_preset_believes_in_every_realization(preset):
+def test_water_can_be_what_a_preset_believes(preset):
     """
-    In the Beaufort Sea 5 m/s over the upper 300 m is 19 m/s at 50 m: no water has what some
-    realizations drew.
+    Every fifth realization. In the Beaufort Sea 5 m/s over the upper 300 m is 19 m/s at 50 m: no
+    water has what any of them drew.
     """
     config = parse_study(tomllib.loads(preset_text(preset)))
     sections = [e.belief for e in config.conditions if isinstance(e.belief, PerturbedBelief)]
     belief = max(sections, key=lambda section: (section.rms, -section.horizontal_scale))
     true, scale = open_start(config.ocean), belief.horizontal_scale
-    for realization in range(config.study.realizations):
+    for realization in range(0, config.study.realizations, 5):
         rng = stream(config.study.seed, realization, "belief", "perturbed")
         perturb_ocean(true, rms=belief.rms, horizontal_scale=scale, rng=rng, down_to=belief.down_to)
 
