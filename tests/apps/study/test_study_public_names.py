@@ -36,6 +36,7 @@ LIGHT = {  # what is done, and what is not imported for it
     "from pymantaray.acoustics import currents, selection": "xarray scipy pandas numba netCDF4",
     "from pymantaray.acoustics import Medium; Medium.from_profile([0, 9], [1500, 1490],"
     " bottom_depth=5)": "xarray pandas",
+    "import pymantaray.apps.study.realization": "xarray pandas pydantic gsw pyproj matplotlib",
     "rays times --help": "numba pandas xarray scipy gsw",
     "study list; study run nosuch; study run broken.toml": "numba gtsam xarray matplotlib scipy",
 }  # fmt: skip

@@ -11,11 +11,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 import xarray as xr
-from factories import assert_same, names_in
+from factories import assert_same, names_in, python
 from refusals import refused
 
 from pymantaray.apps.study import open_run, run_study, runner
 from pymantaray.apps.study.manifest import checksums, describe_run
+from pymantaray.apps.study.realization import shared_inputs
 from pymantaray.apps.study.store import summarize
 from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.config.estimators import STANDARD, ConditionSection
@@ -45,6 +46,25 @@ def test_the_standard_conditions_are_those_of_the_estimation(tiny_run):
             made, initial=None, model_is_right=made.model_is_right and not made.dead_reckoned
         )
         assert made == expected or vars(made) == vars(expected)
+
+
+SOLVE = """
+import sys
+from pathlib import Path
+from pymantaray.apps.study.realization import start_solver
+solved = start_solver(Path(sys.argv[1]))(1)
+print(*solved.solutions)
+print(*{"xarray", "pandas", "pydantic", "gsw", "pyproj"} & set(sys.modules))
+"""
+
+
+def test_a_worker_of_the_paper_s_conditions_imports_the_solver(tiny_run, tmp_path):
+    with shared_inputs(tiny_run, tmp_path):
+        done = python(SOLVE, tmp_path)
+    names, heavy = done.stdout.split("\n")[:2]
+    assert names.split() == tiny_run.estimates.condition.tolist(), done.stderr
+    assert heavy == ""
+    assert names_in(tmp_path) == []
 
 
 def test_run_folder_holds_every_file_and_nothing_else(tiny_run):
