@@ -9,7 +9,7 @@ import pytest
 from pymantaray import Water, open_water
 from pymantaray.apps.table import TravelTimeTable, build_table, open_table, save_table
 
-SOURCE, RECEIVER, RANGE = (5.0, 105.0, 5.0), (0.0, 400.0, 20.0), (50.0, 4050.0, 100.0)
+SOURCE, RECEIVER, RANGE = (5.0, 105.0, 10.0), (0.0, 400.0, 20.0), (50.0, 4050.0, 200.0)
 
 
 @pytest.fixture(scope="package")

@@ -382,10 +382,10 @@ def test_a_medium_from_another_process_needs_no_other_kernels(earth):
 def test_change_in_a_called_file_is_seen_wherever_the_cache_lies(two_files, tmp_path, place):
     folder = tmp_path / "cache"
     environment = {"NUMBA_CACHE_DIR": str(folder) if place == "NUMBA_CACHE_DIR" else ""}
-    for factor, lines in ((2.0, 1), (3.0, 1), (3.0, 0)):
+    for factor in (2.0, 3.0):
         printed, said = two_files(factor, **environment)
         assert printed == [str(factor), "True"], said
-        assert said.count("compiling kernels") == said.count("\n") == lines
+        assert said.count("compiling kernels") == said.count("\n") == 1
     kept = [
         *(folder if place == "NUMBA_CACHE_DIR" else tmp_path / "__pycache__").rglob(
             "outer.scaled*.nbi"

@@ -192,6 +192,7 @@ def test_pairing_narrows_the_interval():
     assert row["t_high_m"] - row["t_low_m"] < 0.7 * (unpaired.high - unpaired.low)
 
 
+@pytest.mark.slow
 def test_the_bootstrap_covers_nearly_as_often_as_its_level():
     shift, covered, n = 4.0, 0, 150
     big_truth, big = make_run(seed=0, n_realizations=4000, n_vehicles=1, n_times=4, shift=shift)

@@ -128,7 +128,7 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(cluster, tmp_path
     assert set(lines.values()) == {None}
     assert "does not answer; waiting for it" in caplog.text
     assert "answers again; continuing" in caplog.text
-    run_squares(tasks(200, 0.0), tmp_path / "here", workers=2)
+    run_squares(tasks(100, 0.0), tmp_path / "here", workers=2)
     assert squares_in(out) == squares_in(tmp_path / "here")
     assert not list(out.rglob("*.part"))
 

@@ -311,7 +311,9 @@ def late(run):
     return replace(recording, truth=replace(run.truth, status=status))
 
 
-@pytest.mark.parametrize(("write", "file"), [(write_cf, "truth.nc"), (write_bag, "")])
+@pytest.mark.parametrize(
+    ("write", "file"), [(write_cf, "truth.nc"), pytest.param(write_bag, "", marks=pytest.mark.slow)]
+)
 def test_our_own_readers_take_back_places_dates_and_who_is_there(run, late, tmp_path, write, file):
     if write is write_bag:
         pytest.importorskip("rosbags")

@@ -85,7 +85,7 @@ def test_smoother_is_the_conditional_mean_of_a_random_walk_with_drift():
     np.testing.assert_allclose(_smooth(time, reading, sigma, walk).position, mean, atol=1e-4)
 
 
-@pytest.mark.parametrize("walk", [0.02, 0.3])
+@pytest.mark.parametrize("walk", [0.02, pytest.param(0.3, marks=pytest.mark.slow)])
 def test_smoothed_positions_are_nearer_to_the_truth_and_tell_the_walk(walk):
     rng = np.random.default_rng(7)
     time = np.arange(0.0, 24 * 3600.0, 120.0)

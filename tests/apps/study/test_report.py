@@ -80,7 +80,8 @@ def without_drawing(monkeypatch):
 
 
 def coarsely(figure, kinds, **_):
-    """In place of `rendered`: all is drawn once, as a small PNG."""
+    """In place of `rendered`: all is drawn once, as a small PNG, whose layout others look at."""
+    figure.set_layout_engine("none")
     return dict.fromkeys(kinds, rendered(figure, ("png",), dpi=50.0)["png"])
 
 

@@ -229,6 +229,7 @@ def test_estimators_run_on_the_pings_of_landmarks_alone(table, tmp_path):
     assert run.ranges(0)["transmitter"].unique().tolist() == ["L0", "L1", "L2"]
 
 
+@pytest.mark.slow
 def test_every_schedule_gives_the_travel_time_of_its_time(table):
     interval = measure(table, OCEAN, 600.0)
     slots = measure(table, OCEAN, SlotSchedule(("A", "B", "M"), slot=600.0, start=600.0))

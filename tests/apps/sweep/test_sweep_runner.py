@@ -118,6 +118,7 @@ def test_stages_that_points_share_are_computed_once_and_removed(here, counted, d
     assert not any((tmp_path / "out" / "stages").iterdir())
 
 
+@pytest.mark.slow
 def test_stages_from_the_store_change_no_digit(here, depths, tmp_path):
     results = run_sweep(depths, tmp_path / "kept", keep_stages=True)
     assert len(list((tmp_path / "kept" / "stages").iterdir())) == 5
