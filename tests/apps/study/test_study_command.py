@@ -195,7 +195,9 @@ def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch
 
 
 @pytest.mark.slow
-def test_an_interrupted_report_is_written_by_a_later_command(mantaray, small, monkeypatch):
+def test_an_interrupted_report_is_written_by_a_later_command(
+    mantaray, small, monkeypatch, report_here
+):
     stages = {}
 
     def interrupt(*_arguments, **_options):
