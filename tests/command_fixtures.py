@@ -1,6 +1,7 @@
 """The command line called in process, and input files small enough to run."""
 
 import json
+from concurrent.futures import Future
 from functools import cache
 from io import BytesIO
 from types import SimpleNamespace
@@ -9,6 +10,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from pymantaray.apps.study.report_process import ReportProcess, _start
 from pymantaray.cli.main import main, tree
 from pymantaray.config import load_study, study_toml
 
@@ -55,6 +57,31 @@ def undrawn(monkeypatch):
         monkeypatch.setattr(
             f"pymantaray.{module}.rendered", lambda _, kinds, **__: dict.fromkeys(kinds, small)
         )
+
+
+class ReportHere(ReportProcess):
+    """A report made in this process, where fixtures apply."""
+
+    def __init__(self, *, formats):
+        self._formats = formats
+
+    def __enter__(self):
+        self._work = _start(self._formats)
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def submit(self, task):
+        done = Future()
+        done.set_result(self._work(task))
+        return done
+
+
+@pytest.fixture
+def report_here(undrawn, monkeypatch):
+    """Commands that run studies make their reports in this process, undrawn."""
+    monkeypatch.setattr("pymantaray.apps.study.report_process.ReportProcess", ReportHere)
 
 
 @pytest.fixture

@@ -40,7 +40,7 @@ _BLOCK = re.compile(
     r"(?:^<!-- (?P<mark>[a-z ]+): (?P<said>.+?) -->\n)?^```(?P<language>\w*)\n(?P<text>.*?)^```$",
     re.MULTILINE | re.DOTALL,
 )
-_PLAIN = re.compile(r"mantaray [^|<>$&;\\]*$")
+_PLAIN = re.compile(r"mantaray [^|<>$&;\\#]*(#.*)?$")
 _NUMBER = r"[-+−]?\d[\d,]*(?:\.\d+)?(?:e[-+]?\d+)?"
 
 

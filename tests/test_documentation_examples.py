@@ -24,8 +24,6 @@ WITH_CODE = [
 ]
 QUICK = ("reference/ocean-files.md", "theory/loss.md")
 """Pages that take seconds."""
-DRAWN = ("tutorials/first-study.md",)
-"""Its commands have processes of their own, as README's, and its figures are drawn."""
 
 
 def name_of(page: Path) -> str:
@@ -40,12 +38,11 @@ def marked(page: Path):
 
 @pytest.mark.parametrize("page", [marked(page) for page in WITH_CODE])
 @pytest.mark.filterwarnings("default")  # as the reader's Python has it
-def test_a_page_runs_as_it_stands(page, tmp_path, monkeypatch, request):
-    if name_of(page) not in DRAWN:
-        request.getfixturevalue("undrawn")
-        monkeypatch.setenv("COLUMNS", "160")
-        monkeypatch.setattr("os.cpu_count", lambda: 1)  # no workers, which take seconds to start
-    names = follow(page, tmp_path, own_process=name_of(page) in DRAWN)
+def test_a_page_runs_as_it_stands(page, tmp_path, monkeypatch, report_here):
+    """README's commands have processes of their own, and its figures are drawn."""
+    monkeypatch.setenv("COLUMNS", "160")
+    monkeypatch.setattr("os.cpu_count", lambda: 1)  # no workers, which take seconds to start
+    names = follow(page, tmp_path, own_process=False)
     if name_of(page) == "how-to/travel-times.md":
         table = pd.read_csv(tmp_path / "times.csv")
         assert table["status"].tolist() == ["ok", "ok", "ok"]

@@ -121,7 +121,7 @@ def test_the_wheel_runs_in_a_read_only_empty_environment(archives, empty, tmp_pa
     too.
     """
     source, wheel = archives
-    call(empty, "-m", "pip", "install", "--quiet", wheel)
+    call(empty, "-m", "pip", "install", "--quiet", "--no-compile", wheel)
     site = (
         Path(call(empty, "-c", "import sysconfig; print(sysconfig.get_path('purelib'))").strip())
         / "pymantaray"

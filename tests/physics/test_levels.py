@@ -136,14 +136,10 @@ def test_sound_behind_a_cusp_is_that_of_waves(monkeypatch):
 
 
 @pytest.mark.parametrize("water", ["duct at 100 m", "duct below the surface"])
-@pytest.mark.parametrize("hz", [3e3, 8e3])
 @pytest.mark.slow
-def test_levels_in_ducts_are_those_of_waves(water, hz):
-    """
-    All 26 links are within 3 dB at both frequencies; without the sound behind caustics 20 and 23
-    are.
-    """
-    error = compare(water, hz)["predicted_minus_wave_db"].abs()
+def test_levels_in_ducts_are_those_of_waves(water):
+    """All 26 links are within 3 dB; without the sound behind caustics 20 are."""
+    error = compare(water, 3e3)["predicted_minus_wave_db"].abs()
     assert (error < 3.0).all()
     assert error.median() < 0.1
 

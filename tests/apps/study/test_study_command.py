@@ -195,7 +195,9 @@ def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch
 
 
 @pytest.mark.slow
-def test_an_interrupted_report_is_written_by_a_later_command(mantaray, small, monkeypatch):
+def test_an_interrupted_report_is_written_by_a_later_command(
+    mantaray, small, monkeypatch, report_here
+):
     stages = {}
 
     def interrupt(*_arguments, **_options):
@@ -322,7 +324,7 @@ def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkey
 
 
 @pytest.mark.slow
-def test_runs_with_reports_are_compared(mantaray, told, small, undrawn):
+def test_runs_with_reports_are_compared(mantaray, told, small, report_here):
     text = small.read_text().replace("synthetic:beaufort", "synthetic:fram")
     Path("other.toml").write_text(text.replace("= 74.5", "= 78.0").replace("= -140.0", "= 0.0"))
     for name in ("small", "other"):
