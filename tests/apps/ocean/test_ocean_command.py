@@ -472,3 +472,18 @@ def test_a_range_in_another_form_names_its_own(mantaray, tmp_path):
         "9:99",
     )
     assert "found '0-20'; it must be START:STOP[:STEP] in metres, such as 0:200:5" in done.err
+
+
+def test_water_in_metres_shows_its_region(mantaray, told, tmp_path):
+    axes = {"north": [-1e3, 1e3], "east": [-2e3, 2e3], "depth": [0.0, 100.0, 400.0]}
+    speed = np.broadcast_to([1450.0, 1440.0, 1455.0], (2, 2, 3))
+    floor = {"sea_floor_depth": (("north", "east"), np.full((2, 2), 400.0))}
+    water = xr.Dataset({"sound_speed": (tuple(axes), speed)} | floor, axes)
+    for name in axes:
+        water[name].attrs["units"] = "m"
+    water.to_netcdf(tmp_path / "metres.nc")
+    rows = told("ocean", "show", tmp_path / "metres.nc")["region"]
+    shown = mantaray("ocean", "show", tmp_path / "metres.nc").out
+    assert len(rows) > 2
+    assert any("1440" in str(value) for row in rows for value in row.values())
+    assert all(str(next(iter(row.values()))) in shown for row in rows)

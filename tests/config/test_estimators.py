@@ -1,0 +1,52 @@
+"""What an estimator gets of the keys of its condition."""
+
+import pytest
+
+from pymantaray.apps.study import open_run
+from pymantaray.config.build.estimators import EstimatorFactory
+from pymantaray.config.estimators import ConditionSection
+from pymantaray.estimation import ConstantSpeed
+from pymantaray.range_models.eigenray_model import EigenrayModel
+
+CONSTANT = {"kind": "constant", "sound_speed": 1450.0}
+EXACT = {"kind": "eigenray", "belief": "exact"}
+ERRORS = {"kind": "correlated", "rms": 1.0, "horizontal_scale": 1e4}
+
+
+@pytest.fixture(scope="module")
+def factory(tiny_run_folder):
+    return EstimatorFactory(open_run(tiny_run_folder))
+
+
+def made(factory, **keys):
+    return factory.estimator(ConditionSection.model_validate({"name": "own", **keys}), 0)
+
+
+@pytest.mark.parametrize(
+    ("keys", "name", "expected"),
+    [
+        ({"ranges": "none"}, "ranges", None),
+        ({"ranges": "straight"}, "ranges", "straight"),
+        ({"ranges": "straight", "links": "all"}, "links", "all"),
+        ({"scale_sigma": 1e-3}, "scale_sigma", 1e-3),
+        ({"bias_sigma": 2.0}, "bias_sigma", 2.0),
+        ({"range_sigma": 3.0}, "range_sigma", 3.0),
+        ({"directions": "mean"}, "mean_of_directions", True),
+        ({"ranges": "none", "solver": "dead-reckoning"}, "dead_reckoned", True),
+        ({"start": "dead-reckoning"}, "initial", None),
+        ({"clocks": {"offset_sigma": 0.5, "skew_sigma": 2e-6}}, "clocks", (0.5, 2e-6, None)),
+    ],
+)
+def test_a_key_of_a_condition_reaches_its_estimator(factory, keys, name, expected):
+    assert getattr(made(factory, **keys), name) == expected
+    assert getattr(made(factory), name) is not expected
+
+
+def test_a_range_model_reaches_its_estimator_and_no_other(factory):
+    assert made(factory).model is None
+    assert isinstance(made(factory, range_model=CONSTANT).model, ConstantSpeed)
+    assert made(factory, range_model=EXACT).uncertainty is None
+    believing = made(factory, range_model=EXACT, variance=ERRORS)
+    assert isinstance(believing.model, EigenrayModel)
+    assert believing.correlated
+    assert believing.uncertainty is not None
