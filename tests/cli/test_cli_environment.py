@@ -40,6 +40,14 @@ def test_an_unknown_backend_of_matplotlib_draws_files(tmp_path):
     assert (tmp_path / "x.png").read_bytes()[:4] == b"\x89PNG"
 
 
+def test_a_folder_that_the_locale_cannot_decode_is_refused(tmp_path):
+    (tmp_path / "Å").mkdir()
+    locale = {"LC_ALL": "C", "PYTHONCOERCECLOCALE": "0", "PYTHONUTF8": "0"}
+    done = command("study", "list", PWD=str(tmp_path / "Å"), **locale)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert "the locale's encoding is ascii" in done.stderr
+
+
 @pytest.mark.parametrize("utf8", ["0", ""])
 def test_names_that_the_locale_cannot_decode_are_refused(tmp_path, utf8):
     folder = tmp_path / "Å"

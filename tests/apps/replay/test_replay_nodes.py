@@ -127,6 +127,20 @@ def test_geographic_positions_are_smoothed_in_metres(short_campaign):
         assert after < 0.6 * before
 
 
+def test_one_gross_position_does_not_move_the_frame_of_others(short_campaign):
+    events, rng = short_campaign.events, np.random.default_rng(2)
+    gross, noisy = events.source_position.copy(), events.receiver_position.copy()
+    noisy[:, :2] += rng.normal(0.0, 1e-4, noisy[:, :2].shape)
+    events = dataclasses.replace(events, receiver_position=noisy)
+    gross[0, 0] *= -1.0
+    other = dataclasses.replace(events, source_position=gross)
+    there, here = (smooth_positions(one, 4.0).events for one in (events, other))
+    unmoved = events.receiver != events.source[0]
+    np.testing.assert_allclose(
+        here.receiver_position[unmoved], there.receiver_position[unmoved], rtol=0, atol=1e-8
+    )
+
+
 def test_error_of_a_reading_must_be_positive():
     with pytest.raises(ReplayError, match="sigma"):
         smooth_positions(events_at(np.arange(3.0), np.zeros(3), np.zeros(3)), 0.0)
