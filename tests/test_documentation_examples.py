@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import pytest
+from factories import pool_here
 from pages import DOCS, MARKS, ROOT, RUNS, agree, blocks_of, compare, follow
 
 from pymantaray.ocean import open_ocean
@@ -42,6 +43,7 @@ def test_a_page_runs_as_it_stands(page, tmp_path, monkeypatch, report_here):
     """README's commands have processes of their own, and its figures are drawn."""
     monkeypatch.setenv("COLUMNS", "160")
     monkeypatch.setattr("os.cpu_count", lambda: 1)  # no workers, which take seconds to start
+    monkeypatch.setattr("pymantaray.apps.atlas.runner.open_pool", pool_here)
     names = follow(page, tmp_path, own_process=False)
     if name_of(page) == "how-to/travel-times.md":
         table = pd.read_csv(tmp_path / "times.csv")
@@ -66,7 +68,7 @@ def test_python_in_readme_prints_what_it_shows(tmp_path):
 
 @pytest.mark.slow
 def test_all_of_readme_runs(tmp_path):
-    follow(ROOT / "README.md", tmp_path)
+    follow(ROOT / "README.md", tmp_path, languages=("sh",))  # the rest above
     assert (tmp_path / "runs" / "latest" / "index.html").is_file()
     assert (tmp_path / "times.csv").is_file()
 

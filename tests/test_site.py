@@ -4,9 +4,11 @@ nomenclature.
 """
 
 import posixpath
+import re
 import runpy
 import subprocess
 import sys
+from html import unescape
 from urllib.parse import unquote, urldefrag
 
 import pytest
@@ -42,16 +44,19 @@ def html(once):
 
 @pytest.fixture(scope="module")
 def pages(html):
-    """Articles and anchors by the place of their page."""
-    trees = {
-        p: BeautifulSoup(p.read_text(encoding="utf-8"), "html.parser") for p in html.rglob("*.html")
+    """Articles and anchors by the place of their page; what is around them is on every page."""
+    texts = {
+        p.relative_to(html).as_posix(): p.read_text(encoding="utf-8") for p in html.rglob("*.html")
+    }
+    articles = {
+        page: re.search(r"<article.*</article>", text, re.DOTALL) for page, text in texts.items()
     }
     return {
-        p.relative_to(html).as_posix(): (
-            tree.article or tree,
-            {e["id"] for e in tree.select("[id]")},
+        page: (
+            BeautifulSoup(articles[page][0] if articles[page] else text, "html.parser"),
+            {unescape(anchor) for anchor in re.findall(r'\sid="([^"]+)"', text)},
         )
-        for p, tree in trees.items()
+        for page, text in texts.items()
     }
 
 

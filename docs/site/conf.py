@@ -18,8 +18,10 @@ from sphinx.pycode import ModuleAnalyzer
 from sphinx.util.nodes import make_refnode
 
 import pymantaray
+from pymantaray.collection import collect_rarely
 from pymantaray.records.glossary import GLOSSARY
 
+collect_rarely()  # a build keeps almost all that it makes
 HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE))
 from reference_pages import FOLDERS, column_unit, quantity
@@ -122,7 +124,8 @@ def describe_data(_app, what, name, _obj, _options, lines):
     folder, _, last = name.rpartition(".")
     if what != "data":
         return
-    for module in [m for m in sys.modules if m.startswith(f"{folder}.")]:
+    below = [m for m in sys.modules if m.startswith(f"{folder}.")]
+    for module in [m for m in below if last in vars(sys.modules[m])]:
         words = ModuleAnalyzer.for_module(module).find_attr_docs().get(("", last))
         if words:
             lines[:] = words

@@ -162,6 +162,10 @@ def opened(request, chromium, page_file):
     yield from open_page(chromium, page_file, *request.param)
 
 
+WIDE = pytest.mark.parametrize("opened", [(1440, "light")], ids=["wide"], indirect=True)
+"""Of what does not depend on the width: controls are the same elements at each."""
+
+
 @pytest.fixture(scope="module")
 def atlas_page(chromium, atlas_file):
     """Page whose functions can be called."""
@@ -531,6 +535,7 @@ def test_times_are_as_fine_as_in_the_data(atlas_page, hours, words):
     assert atlas_page.evaluate(f"{hours}.map(clock({hours}))") == words
 
 
+@WIDE
 def test_the_slider_moves_the_fleet_by_keyboard(opened):
     page = opened.page
     page.focus("#time")
@@ -543,6 +548,7 @@ def test_the_slider_moves_the_fleet_by_keyboard(opened):
     assert page.get_attribute("#time", "aria-valuetext") == page.inner_text("#hour")
 
 
+@WIDE
 def test_play_and_pings_by_keyboard(opened):
     page = opened.page
     page.focus("#time")
@@ -562,6 +568,7 @@ def test_play_and_pings_by_keyboard(opened):
     assert page.inner_text("#hour") != ping or page.input_value("#time") != start
 
 
+@WIDE
 def test_a_link_chosen_by_keyboard_shows_its_rays_and_numbers(opened):
     page = opened.page
     page.select_option("#which", "rays")
@@ -578,6 +585,7 @@ def test_a_link_chosen_by_keyboard_shows_its_rays_and_numbers(opened):
     assert traces.count("scatter") >= 2  # a ray and the sea bed
 
 
+@WIDE
 def test_every_link_of_a_small_run_has_its_rays_at_one_hour(opened):
     page = opened.page
     stars = page.locator("#links option").all_inner_texts()
@@ -716,6 +724,7 @@ def test_figures_are_dark_where_the_page_is(opened):
     assert opened.page.evaluate(style) == "none"
 
 
+@WIDE
 def test_a_click_on_a_range_error_chooses_its_link(opened):
     page = opened.page
     page.locator("#by-distance").scroll_into_view_if_needed()
@@ -735,6 +744,7 @@ def test_a_click_on_a_range_error_chooses_its_link(opened):
     page.wait_for_function(f"document.getElementById('link').textContent.startsWith({spot[2]!r})")
 
 
+@WIDE
 def test_tables_sort_and_filter_by_keyboard(opened):
     page = opened.page
     table = page.locator("table", has=page.locator("caption", has_text="condition and vehicle"))
@@ -833,6 +843,7 @@ def test_heads_of_tables_have_one_line_and_tables_the_width(chromium, request, k
     page.close()
 
 
+@WIDE
 def test_in_print_the_figures_stay_and_the_controls_go(opened):
     opened.page.emulate_media(media="print")
     assert not opened.page.locator("#look").is_visible()

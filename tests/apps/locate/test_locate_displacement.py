@@ -5,6 +5,7 @@ surveys, and by the command.
 
 import json
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pyproj
@@ -215,6 +216,7 @@ def test_the_command_prints_and_writes_the_displacement(mantaray, told, tmp_path
     assert done.err.count("\n") == 1
 
 
+@cache
 def normalized_error(seed):
     """Squared error of the displacement between two surveys in drifting water, normalized."""
     medium = deep_water()

@@ -199,7 +199,7 @@ def test_surveys_in_drifting_water_have_honest_covariances(medium):
     """20 surveys; probabilities of halves, apart and in the test, are uniform."""
     squares, halves, in_test = [], [], []
     for seed in range(20):
-        made = drifting_survey(seed, pings=700)
+        made = drifting_survey(seed, pings=350)
         found = locate(made.survey, medium)
         position, covariance = centre(found)
         error = position - made.truth.mean(axis=0)

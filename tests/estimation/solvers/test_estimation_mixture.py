@@ -341,7 +341,7 @@ def test_persistence_helps_if_receivers_stay_with_their_arrivals(make_fleet):
 
 @pytest.mark.slow
 def test_errors_have_the_covariance_that_the_mixture_gives(make_fleet):
-    values, ratios, seeds = [], [], 20
+    values, ratios, seeds = [], [], 10
     for seed in range(seeds):
         fleet = make_fleet(seed=seed, n_vehicles=4)
         model = mirrors_about(fleet)
