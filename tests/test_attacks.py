@@ -19,7 +19,7 @@ def test_no_attempt_succeeds():
     forked it.
     """
     done = subprocess.run(
-        [sys.executable, attacks.__file__, "--every", "5"],
+        [sys.executable, attacks.__file__, "--every", "8"],
         capture_output=True,
         text=True,
         check=False,
