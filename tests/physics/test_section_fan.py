@@ -218,7 +218,7 @@ def test_a_ray_between_two_whose_misses_hardly_bend_is_found():
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["gulf stream", 6])
-def test_a_fan_of_65536_rays_finds_none_that_the_solver_loses(name):
+def test_a_fan_of_32768_rays_finds_none_that_the_solver_loses(name):
     """
     In the Gulf Stream file and in a medium with several extrema of the sound speed: a fan of 480
     links to 30 km each.
@@ -226,6 +226,6 @@ def test_a_fan_of_65536_rays_finds_none_that_the_solver_loses(name):
     if name == "gulf stream" and not GULF_STREAM.is_file():
         pytest.skip(f"no Gulf Stream file at {GULF_STREAM}")
     fan = SectionFan(gulf_stream() if name == "gulf stream" else several_extrema(name))
-    fans = list(random_fans(fan, 1, n_rays=65_536))
+    fans = list(random_fans(fan, 1, n_rays=32_768))
     assert sum(links.strong.sum() for links in fans) > 50
     assert [ray for links in fans for ray in lost_of_a_fan(fan, links)] == []

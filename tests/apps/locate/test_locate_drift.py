@@ -196,9 +196,9 @@ def test_the_solution_is_that_of_the_chosen_candidate(located):
 
 @pytest.mark.slow
 def test_surveys_in_drifting_water_have_honest_covariances(medium):
-    """20 surveys; probabilities of halves, apart and in the test, are uniform."""
+    """Twelve surveys; probabilities of halves, apart and in the test, are uniform."""
     squares, halves, in_test = [], [], []
-    for seed in range(20):
+    for seed in range(12):
         made = drifting_survey(seed, pings=350)
         found = locate(made.survey, medium)
         position, covariance = centre(found)
@@ -206,7 +206,7 @@ def test_surveys_in_drifting_water_have_honest_covariances(medium):
         squares.append(error @ np.linalg.solve(covariance, error))
         halves.append(halves_chi_square(made, medium))
         in_test += [test.probability for test in found.tests if test.name == HALVES]
-    low, high = chi2.ppf([0.001, 0.999], 3 * 20) / 20.0
+    low, high = chi2.ppf([0.001, 0.999], 3 * 12) / 12.0
     assert low <= np.mean(squares) <= high, np.sort(squares)
     assert kstest(chi2.sf(halves, 3), "uniform").pvalue > 0.01
     assert kstest(in_test, "uniform").pvalue > 0.01

@@ -531,11 +531,11 @@ def test_a_profile_that_ends_above_a_node_is_refused(campaign):
 @pytest.mark.slow
 def test_ellipses_cover_the_truth_and_normalized_errors_are_right(medium):
     """
-    40 surveys with all effects: coverage of 95 % ellipses and mean normalized squared errors within
+    20 surveys with all effects: coverage of 95 % ellipses and mean normalized squared errors within
     their bounds.
     """
     inside, squares, passed = [], [], 0
-    for seed in range(40):
+    for seed in range(20):
         made = make_campaign(seed, lever_sigma=(0.1, 0.1, 0.1), turn_around_sigma=1e-3)
         found = locate(survey_of(made, turn_around_sigma=1e-3, sigma=1e-4), medium, TIME)
         error = found.positions - made.truth
@@ -546,11 +546,11 @@ def test_ellipses_cover_the_truth_and_normalized_errors_are_right(medium):
             )
         squares.append(nees(found, made.truth))
         passed += found.passed
-    low, high = binom.ppf([0.0005, 0.9995], 3 * 40, 0.95)
+    low, high = binom.ppf([0.0005, 0.9995], 3 * 20, 0.95)
     assert low <= np.sum(inside) <= high, np.mean(inside)
-    low, high = chi2.ppf([0.0005, 0.9995], 9 * 40) / 40.0
+    low, high = chi2.ppf([0.0005, 0.9995], 9 * 20) / 20.0
     assert low <= np.mean(squares) <= high, (low, np.mean(squares), high)
-    assert passed >= 38
+    assert passed >= 18
 
 
 def test_a_later_echo_is_named_with_its_reflections():
