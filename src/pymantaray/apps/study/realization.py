@@ -179,7 +179,7 @@ def shared_inputs(run: "Run", folder: Path) -> Iterator[None]:
     try:
         yield
     finally:
-        path.unlink()
+        path.unlink(missing_ok=True)  # a folder that was removed has its own error
 
 
 def start_solver(folder: Path) -> Callable[[int], RealizationResult]:
