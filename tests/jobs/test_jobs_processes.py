@@ -80,6 +80,25 @@ def test_results_are_in_the_order_of_the_tasks_whoever_was_first():
     assert in_two_processes(square, 7) == [(n**2, "1") for n in range(7)]
 
 
+def multiply(factor, offset):
+    return partial(multiplied, factor, offset)
+
+
+def multiplied(factor, offset, number):
+    if number == 2:
+        return die(number)
+    return factor * number + offset
+
+
+def test_every_process_gets_the_arguments_once_also_one_that_replaces_another():
+    with Workers(multiply, 2) as workers:
+        workers.give(3.0, 1)
+        futures = [workers.submit(number) for number in (0, 1, 2, 2, 3, 4, 5)]
+        with pytest.raises(JobError, match="ended early"):
+            futures[2].result()
+        assert [f.result() for f in (*futures[:2], *futures[4:])] == [1.0, 4.0, 10.0, 13.0, 16.0]
+
+
 def test_a_task_that_fails_stops_the_others(tmp_path):
     with pytest.raises(ValueError, match="the first one") as caught:
         in_two_processes(partial(fail_first_then_take_long, tmp_path), 9)

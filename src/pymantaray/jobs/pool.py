@@ -122,8 +122,9 @@ class Pool:
     peak_memory_mib = 0.0
     """Peak memory of any worker process."""
 
-    def __init__(self, start: Callable[[], TaskFunction]) -> None:
+    def __init__(self, start: Callable[..., TaskFunction]) -> None:
         self._start = start
+        self._arguments: tuple[object, ...] = ()
         self._work: TaskFunction | None = None
 
     def __enter__(self) -> Self:
@@ -133,9 +134,13 @@ class Pool:
     def __exit__(self, *error: object) -> None:
         """Stop all workers."""
 
+    def give(self, *arguments: object) -> None:
+        """Set the arguments of the workers' start function, before the first task."""
+        self._arguments = arguments
+
     def submit(self, task: Any) -> Any:
         """Issue a task; return its future."""
-        self._work = self._work or self._start()
+        self._work = self._work or self._start(*self._arguments)
         future: Future[Any] = Future()
         try:
             future.set_result(self._work(task))
@@ -164,7 +169,7 @@ class Pool:
 class ProcessPool(Pool):
     """Pool of processes of this machine with one thread each, which end with this process."""
 
-    def __init__(self, start: Callable[[], TaskFunction], count: int) -> None:
+    def __init__(self, start: Callable[..., TaskFunction], count: int) -> None:
         super().__init__(start)
         self._workers = Workers(start, count)
         self._attempts: Counter[str] = Counter()
@@ -181,6 +186,10 @@ class ProcessPool(Pool):
 
     def __exit__(self, *error: object) -> None:
         self._workers.__exit__(*error)
+
+    def give(self, *arguments: object) -> None:
+        """Set the arguments of the workers' start function, before the first task."""
+        self._workers.give(*arguments)
 
     def submit(self, task: Any) -> Any:
         """Issue a task; return its future."""

@@ -60,7 +60,7 @@ class Workers:
     Parameters
     ----------
     start : callable
-        Function of a module, or `functools.partial` of one.
+        Function of a module, or `functools.partial` of one; `give` sets its arguments.
     count : int
         Number of processes.
     """
@@ -69,11 +69,13 @@ class Workers:
     """Peak resident memory of any process of all `Workers` of this process. [MiB]"""
     _counting = threading.Lock()
 
-    def __init__(self, start: Callable[[], Callable[[Any], Any]], count: int) -> None:
+    def __init__(self, start: Callable[..., Callable[[Any], Any]], count: int) -> None:
         self._start = start
+        self._arguments = pickle.dumps(())
         self._count = count
         self._processes: list[subprocess.Popen[bytes]] = []
-        self._idle: SimpleQueue[subprocess.Popen[bytes]] = SimpleQueue()
+        self._idle: SimpleQueue[tuple[subprocess.Popen[bytes], bool]] = SimpleQueue()
+        """With whether they have the arguments."""
         self._pool = ThreadPoolExecutor(count)
         self._lock = threading.Lock()
         self._has_ended = False
@@ -84,7 +86,7 @@ class Workers:
         """Start the processes."""
         try:
             for _ in range(self._count):
-                self._idle.put(self._begin())
+                self._idle.put((self._begin(), False))
         except BaseException:
             self._end()
             raise
@@ -93,6 +95,10 @@ class Workers:
     def __exit__(self, *_: object) -> None:
         """Stop all processes."""
         self._end()
+
+    def give(self, *arguments: object) -> None:
+        """Set the arguments of ``start`` before the first message; each process gets them once."""
+        self._arguments = pickle.dumps(arguments)
 
     def submit(self, message: object) -> Future[Any]:
         """Send a message to the next idle process."""
@@ -107,8 +113,11 @@ class Workers:
         return self._ask(message)
 
     def _ask(self, message: object) -> Any:
-        process = self._idle.get()
+        process, is_ready = self._idle.get()
         try:
+            if not is_ready:
+                _send(process, self._arguments)
+                is_ready = True
             result, memory = _answer(process, message)
             with self._lock:
                 self.peak_memory_mib = max(self.peak_memory_mib, memory)
@@ -127,8 +136,8 @@ class Workers:
                 if process.poll() is not None and not self._has_ended:
                     self._processes.remove(process)
                     process.communicate()
-                    process = self._begin()
-            self._idle.put(process)
+                    process, is_ready = self._begin(), False
+            self._idle.put((process, is_ready))
 
     def _begin(self) -> subprocess.Popen[bytes]:
         process = subprocess.Popen(
@@ -195,7 +204,7 @@ def serve(requests: BinaryIO) -> NoReturn:
     logging.getLogger("pymantaray").setLevel(logging.ERROR)
     messages = SimpleQueue[object]()
     content: bytes = pickle.load(requests)
-    start: Callable[[], Callable[[object], object]]
+    start: Callable[..., Callable[[object], object]]
     try:
         start = pickle.loads(content)
     except Exception as error:  # noqa: BLE001  raised with the first task
@@ -216,20 +225,23 @@ def serve(requests: BinaryIO) -> NoReturn:
         os._exit(1)
 
 
-def _refuse(error: Exception) -> NoReturn:
+def _refuse(error: Exception, *_: object) -> NoReturn:
     raise error
 
 
 def _work(
-    start: Callable[[], Callable[[object], object]],
+    start: Callable[..., Callable[[object], object]],
     messages: SimpleQueue[object],
     results: BinaryIO,
 ) -> NoReturn:
     task = None
+    arguments: Any = messages.get()
     while True:
         message = messages.get()
         try:
-            task = task or start()
+            if task is None:
+                task = start(*pickle.loads(arguments))
+                arguments = None  # they may be large
             result = pickle.dumps((task(message), peak_memory_mib()))
         except Exception as error:  # noqa: BLE001  raised again in the parent
             error.add_note(traceback.format_exc())

@@ -3,15 +3,13 @@ What a study says of timing, currents, detection, ice and mistaken arrivals reac
 measurements.
 """
 
-from functools import partial
-
 import numpy as np
 import pytest
 
 from pymantaray.acoustics import Leakage, Medium, WenzNoise
 from pymantaray.acoustics.ocean_fields import build_currents
 from pymantaray.apps.study import open_run
-from pymantaray.apps.study.realization import RealizationQueue, shared_inputs, start_solver
+from pymantaray.apps.study.realization import RealizationQueue, SolverInputs, start_solver
 from pymantaray.config.build.ocean import build_ocean
 from pymantaray.config.build.sound import build_sound
 from pymantaray.config.sections import DetectionSection, RangingSection
@@ -165,7 +163,7 @@ def test_loss_at_the_ice_counts_and_vehicles_have_no_fix_there(fly_tiny, tiny_ru
 
 
 @pytest.mark.slow
-def test_mistakes_are_counted_for_any_number_of_workers(erring, tiny_run, tmp_path):
+def test_mistakes_are_counted_for_any_number_of_workers(erring, tiny_run):
     drawn = [erring.mistaken(r) for r in range(4)]
     expected = erring.manifest["outcome"]["expected_mistaken"]
     assert 3.0 < expected < drawn[0].size
@@ -176,10 +174,8 @@ def test_mistakes_are_counted_for_any_number_of_workers(erring, tiny_run, tmp_pa
     )
     stored = erring.estimates.position[0]
     by_two = {}
-    with (
-        shared_inputs(erring, tmp_path),
-        ProcessPool(partial(start_solver, tmp_path), 2) as pool,
-    ):
+    with ProcessPool(start_solver, 2) as pool:
+        pool.give(SolverInputs.of(erring), erring.path)
         run_tasks(RealizationQueue(range(4), by_two.__setitem__), pool)
     for r, solved in by_two.items():
         np.testing.assert_allclose(  # a file holds positions in steps of 0.8 mm

@@ -1,8 +1,6 @@
 """Realizations of noise, each solved under every condition by every estimator."""
 
-import pickle
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Sequence
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, NamedTuple, Self
@@ -31,14 +29,12 @@ from pymantaray.records import (
     SharedUnknowns,
     SolveStatus,
     nested,
-    whole_file,
 )
 
 if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run
     from pymantaray.config.build.estimators import EstimatorFactory
 
-_INPUTS = "solver-inputs"
 _PARTS = GraphSolution, EpochCovariances, UnknownsEstimate, GraphValues, SolveStatus
 
 
@@ -170,24 +166,8 @@ class RealizationQueue(Queue):
         raise JobError(f"realization {key}: {line}")
 
 
-@contextmanager
-def shared_inputs(run: "Run", folder: Path) -> Iterator[None]:
-    """Write the inputs of a run's solvers into its folder, for the processes of the block."""
-    path = folder / _INPUTS
-    with whole_file(path) as temporary:
-        temporary.write_bytes(pickle.dumps(SolverInputs.of(run)))
-    try:
-        yield
-    finally:
-        path.unlink(missing_ok=True)  # a folder that was removed has its own error
-
-
-def start_solver(folder: Path) -> Callable[[int], RealizationResult]:
-    """
-    Return the function with which a worker solves realizations of the run in a folder, see
-    `shared_inputs`.
-    """
-    inputs: SolverInputs = pickle.loads((folder / _INPUTS).read_bytes())
+def start_solver(inputs: SolverInputs, folder: Path) -> Callable[[int], RealizationResult]:
+    """Return the function with which a worker solves realizations of the run in a folder."""
     return RealizationSolver(inputs, partial(_open, folder)).solve
 
 

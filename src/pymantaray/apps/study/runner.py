@@ -20,8 +20,8 @@ from pymantaray.apps.study.mission import Mission, simulate_mission
 from pymantaray.apps.study.realization import (
     RealizationQueue,
     RealizationResult,
+    SolverInputs,
     collect_results,
-    shared_inputs,
     start_solver,
 )
 from pymantaray.apps.study.references import citation
@@ -118,8 +118,7 @@ def run_study(
         Checkpoint(Path(out).resolve(), "realizations").clear()
     with staged_folder(out, study.name) as (stage, folder):
         kept = Checkpoint(folder if out is not None and mission is None else None, "realizations")
-        start = partial(start_solver, stage)
-        with ProcessPool(start, workers) if workers > 1 else Pool(start) as pool:
+        with ProcessPool(start_solver, workers) if workers > 1 else Pool(start_solver) as pool:
             inputs = _restore(kept, study, stage)
             if inputs is None:
                 mission = mission or simulate_mission(study, watch, report)
@@ -210,8 +209,8 @@ def _solve(
     queue = RealizationQueue((n for n in range(count) if n not in solved), ended)
     write = partial(write_graphs, run, 0, graphs, "realization-0-", compact=True)
     if queue.left:
-        with shared_inputs(run, folder):
-            run_tasks(queue, pool, meanwhile=write)
+        pool.give(SolverInputs.of(run), folder)
+        run_tasks(queue, pool, meanwhile=write)
     else:
         write()
 
