@@ -90,7 +90,7 @@ def multiplied(factor, offset, number):
     return factor * number + offset
 
 
-def test_every_process_gets_the_arguments_once_also_one_that_replaces_another():
+def test_every_process_gets_the_arguments_once():
     with Workers(multiply, 2) as workers:
         workers.give(3.0, 1)
         futures = [workers.submit(number) for number in (0, 1, 2, 2, 3, 4, 5)]
