@@ -29,6 +29,7 @@ PYTEST = (
     "-q",
     "--durations=15",
 )
+COMPILED = {"PYMANTARAY_TESTS_COMPILED": "1"}  # by the fast tests, see tests/conftest.py
 BOUNDS = {"NUMBA_BOUNDSCHECK": "1", "NUMBA_CACHE_DIR": str(ROOT / ".venv" / "boundscheck")}
 SLOW = {  # folders of tests, or files
     "physics": ("tests/physics",),
@@ -71,7 +72,10 @@ KERNELS = (
 def parts() -> dict[str, tuple[tuple[str, ...], dict[str, str]]]:
     """Command and further environment of each part."""
     slow = {
-        f"slow {name}": ((*PYTEST, "-m", "slow", *(p for p in paths if (ROOT / p).exists())), {})
+        f"slow {name}": (
+            (*PYTEST, "-m", "slow", *(p for p in paths if (ROOT / p).exists())),
+            COMPILED,
+        )
         for name, paths in SLOW.items()
     }
     return {

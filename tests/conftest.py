@@ -69,11 +69,11 @@ def pytest_configure(config):
         # tests start hundreds of interpreters: without bytecode, each of them compiles all that it
         # imports for seconds
         os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
-        path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
-        # once, before there are workers
-        subprocess.run(
-            [sys.executable, "-c", COMPILE], check=True, env=os.environ | {"PYTHONPATH": path}
-        )
+        if "PYMANTARAY_TESTS_COMPILED" not in os.environ:  # once, before there are workers
+            path = os.pathsep.join([str(Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+            subprocess.run(
+                [sys.executable, "-c", COMPILE], check=True, env=os.environ | {"PYTHONPATH": path}
+            )
 
 
 def pytest_collection_finish():
