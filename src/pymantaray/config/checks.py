@@ -171,7 +171,7 @@ def _meaning(location: tuple[int | str, ...], root: type[BaseModel]) -> str:
     text = meaning(model, key).replace("``", "") if model and key in model.model_fields else ""
     first = re.split(r"\.(?=\s|$)", text)[0]
     unit = re.search(r"\[[^]]+\]$", text)
-    words = first + (f" {unit[0]}" if unit and unit[0] not in first else "")
+    words = first + (f" {unit[0]}" if unit else "")
     return f" ({words[:1].lower()}{words[1:]})" if words else ""
 
 

@@ -1,6 +1,7 @@
 """The commands `mantaray graph`: what they print and write, and what they refuse in one line."""
 
 import json
+import re
 from functools import partial
 
 import numpy as np
@@ -376,6 +377,9 @@ def test_an_optimum_that_explains_nothing_exits_1(mantaray, told, file, tmp_path
     result = told("graph", "solve", file, "--no-truth", code=1)
     assert result["status"] == "UNEXPLAINED"
     assert said in result["unexplained"]
+    if ratio := re.search(r"rms residual is (\S+) stated", result["unexplained"]):
+        expected = np.sqrt(result["final_cost"] / result["expected_cost"])
+        assert float(ratio[1]) == pytest.approx(expected, rel=5e-3)
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["status"], summary["usable"]) == ("UNEXPLAINED", False)
     assert (tmp_path / "out" / "estimate.nc").is_file()
