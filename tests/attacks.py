@@ -166,6 +166,9 @@ def _child(attempt: Attempt, folder: Path, pipe: int) -> None:
         sys.stdout, sys.stderr = (os.fdopen(os.dup(n), "w", errors="replace") for n in (1, 2))
         for what, most in attempt.limits.items():
             signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+            sys.dont_write_bytecode = (
+                True  # of which the first bytes would be left to other processes
+            )
             resource.setrlimit(what, (most, most))
         if attempt.call is not None:
             fault = attempt.call(folder)

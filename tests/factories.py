@@ -102,6 +102,19 @@ depth = 900.0
 """)
 
 
+def changed(tree, sections):
+    """Tree with the keys of these sections, rows of a list by number; None takes a key away."""
+    for key, value in sections.items():
+        place = int(key) if isinstance(tree, list) else key
+        if isinstance(value, dict):
+            changed(tree[place] if isinstance(tree, list) else tree.setdefault(key, {}), value)
+        elif value is None:
+            del tree[place]
+        else:
+            tree[place] = value
+    return tree
+
+
 QUICK = settings(phases=[Phase.explicit, Phase.generate])
 """A failure is not shrunk: some links an example take minutes."""
 PERIOD = 200.0

@@ -86,5 +86,13 @@ def test_one_word_leads_to_the_same_commands_as_all(first):
     ]
 
 
+def test_a_command_loads_no_other(mantaray):
+    tree.cache_clear()
+    assert mantaray("rays", "--help").code == 0
+    loaded = tree.cache_info().misses
+    tree("rays")
+    assert tree.cache_info().misses == loaded
+
+
 def test_another_word_leads_to_all_commands():
     assert list(tree("rain").commands) == list(tree().commands)

@@ -3,8 +3,6 @@ Files are written whole or not at all, under names that nobody else can hold; Ne
 threads.
 """
 
-import resource
-import signal
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 
@@ -12,7 +10,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from factories import python, small_disk
-from refusals import refused
+from refusals import files_of_at_most, refused
 
 from pymantaray.errors import RecordError, WriteError
 from pymantaray.records import NETCDF_LOCK, read_netcdf, whole_file, write_netcdf
@@ -25,12 +23,8 @@ FULL = xr.Dataset({"noise": ("x", np.random.default_rng(0).standard_normal(LIMIT
 @pytest.fixture
 def small_files():
     """No file of more than LIMIT bytes can be written by this process."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (LIMIT, before[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, before)
-    signal.signal(signal.SIGXFSZ, ignored)
+    with files_of_at_most(LIMIT):
+        yield
 
 
 def write_text(path, text="new", **options):

@@ -1,8 +1,6 @@
 """What a run is exported as, opened by the programs that it is for, against the run."""
 
 import re
-import resource
-import signal
 import sys
 from dataclasses import replace
 from itertools import product
@@ -13,7 +11,7 @@ import pytest
 import xarray as xr
 from factories import names_in
 from oracles import cf_errors
-from refusals import refused
+from refusals import files_of_at_most, refused
 
 from pymantaray.apps.export.run_files import FORMATS, export_run, record
 from pymantaray.errors import ExchangeError, JobError, StudyError, WriteError
@@ -454,15 +452,8 @@ def test_a_run_without_estimates_is_refused(run, tmp_path, tiny_run_folder):
 
 @pytest.mark.parametrize("form", ["csv", "tum", "kitti", "vtk", "kml", "geojson", "mat"])
 def test_a_full_disk_is_told_in_one_line_and_leaves_nothing(run, tmp_path, form):
-    """A limit on the size of files, which the system reports as it does a full disk."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
-    ignored = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (100, before[1]))
-    try:
+    with files_of_at_most(100):
         refused(
             WriteError, "cannot be written: File too large", export_run, run, form, tmp_path / "out"
         )
-    finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, before)
-        signal.signal(signal.SIGXFSZ, ignored)
     assert list(tmp_path.iterdir()) == []

@@ -85,6 +85,7 @@ def test_times_of_garpos_may_be_unordered_and_of_any_clock(campaign, tmp_path):
     table.write_text("\n".join([first, *(later(line) for line in reversed(rest))]) + "\n")
     survey = read_survey(path)
     assert (np.diff(survey.time) >= 0.0).all()
+    assert any("rows sorted by time" in note for note in survey.notes)
     assert survey.time[0] == pytest.approx(30000.0)
     assert str(survey.epoch)[:10] == "2019-03-15"
 

@@ -201,6 +201,15 @@ def test_an_ocean_of_two_files_is_perturbed(mantaray, ocean_file, tmp_path):
     assert mantaray("ocean", "perturb", *files, "--method", "mean").code == 0
 
 
+def test_what_is_left_out_of_a_cast_is_told_when_it_is_perturbed(mantaray, tmp_path):
+    head = "depth,temperature,salinity,lat,lon"
+    rows = [f"{z},{4 - 0.02 * z},34,74,-140" for z in range(0, 101, 20)]
+    (tmp_path / "cast.csv").write_text("\n".join([head, *rows, "30,,34,74,-140"]))
+    words = (tmp_path / "cast.csv", tmp_path / "mean.nc", "--method", "mean", "--bathymetry", 100)
+    told = mantaray("ocean", "perturb", *words)
+    assert (told.code, "1 of 7 rows dropped" in told.err) == (0, True), told.err
+
+
 @pytest.mark.slow
 def test_plot_writes_figures_and_refuses_places_outside(mantaray, ocean_file, tmp_path):
     folder = tmp_path / "figures"

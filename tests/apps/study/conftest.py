@@ -1,35 +1,12 @@
 """The study `factories.TINY`, its run, and runs of it with other sections."""
 
-import copy
-
 import pytest
-from factories import TINY
 
 from pymantaray.apps.study import open_run, run_study
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import run_in_memory
-from pymantaray.config import parse_study
 from pymantaray.config.build.study import build_study
-
-
-def changed(tree, sections):
-    """Tree with the keys of these sections, rows of a list by number; None takes a key away."""
-    for key, value in sections.items():
-        place = int(key) if isinstance(tree, list) else key
-        if isinstance(value, dict):
-            changed(tree[place] if isinstance(tree, list) else tree.setdefault(key, {}), value)
-        elif value is None:
-            del tree[place]
-        else:
-            tree[place] = value
-    return tree
-
-
-@pytest.fixture(scope="session")
-def tiny():
-    """Configuration of TINY with other sections."""
-    return lambda **sections: parse_study(changed(copy.deepcopy(TINY), sections), "tiny")
 
 
 @pytest.fixture(scope="session")

@@ -146,8 +146,13 @@ def test_a_plain_reader_solves_to_the_same_optimum(tmp_path, gnss_every):
     np.testing.assert_allclose(position, ours.position, rtol=0, atol=5e-3)
 
 
-def test_depths_come_back_from_ranges(file):
+@pytest.mark.parametrize("place", ["last", "first"])
+def test_depths_come_back_from_ranges(file, place):
     path, graph, truth = file
+    if place == "first":  # the landmark above, in a file of another program
+        lines = path.read_text().splitlines()
+        above = next(line for line in lines if line.startswith("VERTEX_XYZ L2 "))
+        path.write_text("\n".join([above, *(line for line in lines if line != above)]) + "\n")
     back, values = read_pyfg(path)
     np.testing.assert_allclose(
         back["depth"].measurement, graph["depth"].measurement, rtol=0, atol=1e-7
