@@ -1,5 +1,5 @@
 """
-A made-up campaign under rough Arctic ice: six pairs, 1.4 to 4.2 km apart, at depths of 20 to 90 m,
+A made-up campaign under rough Arctic ice: six pairs, 1.2 to 3.3 km apart, at depths of 20 to 90 m,
 and one-way times.
 
 The ice is a sum of random waves on a grid, the rays are those of the general solver, and the water
@@ -18,7 +18,7 @@ NODES = {  # north, east, depth [m]
     "A": (0.0, 0.0, 30.0),
     "B": (1400.0, 250.0, 90.0),
     "C": (-700.0, 1900.0, 60.0),
-    "D": (1500.0, -1700.0, 20.0),
+    "D": (1100.0, -900.0, 20.0),
 }
 DEPTH = np.unique(
     np.concatenate(

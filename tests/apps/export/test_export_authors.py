@@ -550,7 +550,7 @@ def test_an_independent_fan_has_our_ranges_where_theirs_differ(imported, compare
 
     differ = [key for key, (ours, theirs) in compared.items() if abs(ours - theirs) > 0.1]
     assert len(differ) == 6
-    for at, transmitter, receiver in differ[::2]:
+    for at, transmitter, receiver in differ[::3]:
         source = place(transmitter, at)
         c = RegularGridInterpolator(axes, speed["data"])(source)[0]
         fan = c * first_direct_time(axes, speed["data"], source, place(receiver, at))

@@ -32,7 +32,3 @@ def test_draws_and_persistence_predict_a_campaign_under_ice(tmp_path):
     assert np.quantile(sizes(drawn), 0.9) <= 5.5
     coverage = drawn.more["coverage"].set_index("group")
     assert 88.0 <= coverage.loc["odd hours", "within_95"] <= 99.0
-    few, again = (
-        replay_events(events, rough, "persist", options=PredictionOptions(2)) for _ in range(2)
-    )
-    np.testing.assert_array_equal(again.events["predicted_s"], few.events["predicted_s"])
