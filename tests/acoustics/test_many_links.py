@@ -3,6 +3,8 @@ Many links: the same in any number of threads and blocks, in flat memory, counte
 asked to.
 """
 
+import os
+import signal
 import threading
 import time
 import tracemalloc
@@ -132,9 +134,9 @@ def test_a_block_that_fails_ends_the_work(single_rows):
     ("bounces", "front"), [pytest.param(0, False, marks=pytest.mark.slow), (1, False), (0, True)]
 )
 def test_threads_and_block_boundaries_change_nothing(monkeypatch, bounces, front):
-    medium, ends = uniform(), scattered(600 if bounces == 0 else 40)
+    medium, ends = uniform(), scattered(600 if bounces == 0 else 20)
     if front:  # deep searches; the fewer links a call has, the more rays are traced ahead
-        medium, ends = make_front(), front_links(300, 4)
+        medium, ends = make_front(), front_links(150, 4)
     one = find_eigenrays(medium, *ends, bounces, bounces, threads=1)
     assert one.link.size > 0.9 * len(ends[0])
     for threads in (2, 5):
@@ -179,7 +181,24 @@ def test_memory_grows_by_the_results_only(monkeypatch):
     )
 
 
-@pytest.mark.parametrize("threads", [pytest.param(1, marks=pytest.mark.slow), 2])
+def test_an_interrupt_stops_threads_within_a_block(monkeypatch):
+    blocks, before = [], set(threading.enumerate())
+
+    def counted(*arguments):
+        blocks.append(None)
+        if len(blocks) == 20:
+            os.kill(os.getpid(), signal.SIGINT)
+        return solve_links(*arguments)
+
+    monkeypatch.setattr("pymantaray.acoustics._kernels.link.solve_links", counted)
+    with pytest.raises(KeyboardInterrupt):
+        find_eigenrays(uniform(), *scattered(20_000), threads=2)
+    assert 20 <= len(blocks) <= 20 + 4 * 2  # of 40 or more
+    wait_for(lambda: before.issuperset(threading.enumerate()))  # a thread ends after its block
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("threads", [1, 2])
 def test_an_interrupt_stops_within_a_block(threads):
     code = INTERRUPTED.format(z=Z.tolist(), c=DUCT.tolist(), threads=threads)
     done = python(code)

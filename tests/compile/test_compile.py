@@ -165,29 +165,26 @@ DAMAGE = {
 }
 
 
-@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
-@pytest.mark.parametrize(
-    "damage",
-    [
-        word
-        if word == "a kernel with one wrong bit"
-        else pytest.param(word, marks=pytest.mark.slow)
-        for word in DAMAGE
-    ],
-)
-def test_damaged_kernels_on_disk_are_compiled_again_with_a_warning(two_files, tmp_path, damage):
+def damaged_is_compiled_again(two_files, folder, damage, factor, environment):
+    """With a warning, once."""
     ending, change = DAMAGE[damage]
-    folder = tmp_path / "cache"
-    environment = {"NUMBA_CACHE_DIR": str(folder)}
-    two_files(2.0, **environment)
     (file,) = folder.rglob(f"outer.scaled*{ending}")
     file.write_bytes(change(file.read_bytes()))
-    printed, said = two_files(2.0, **environment)
-    assert printed == ["2.0", "True"], said
+    printed, said = two_files(factor, **environment)
+    assert printed == [str(factor), "True"], said
     assert "compiled kernels are damaged" in said
     assert "Traceback" not in said
-    printed, said = two_files(2.0, **environment)
-    assert (printed, said) == (["2.0", "True"], "")
+    printed, said = two_files(factor, **environment)
+    assert (printed, said) == ([str(factor), "True"], "")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(PLAIN, reason="nothing is compiled")
+@pytest.mark.parametrize("damage", DAMAGE)
+def test_damaged_kernels_on_disk_are_compiled_again_with_a_warning(two_files, tmp_path, damage):
+    environment = {"NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    two_files(2.0, **environment)
+    damaged_is_compiled_again(two_files, tmp_path / "cache", damage, 2.0, environment)
 
 
 SHARED = """
@@ -380,18 +377,18 @@ def test_a_medium_from_another_process_needs_no_other_kernels(earth):
     "place", ["beside the source", pytest.param("NUMBA_CACHE_DIR", marks=pytest.mark.slow)]
 )
 def test_change_in_a_called_file_is_seen_wherever_the_cache_lies(two_files, tmp_path, place):
-    folder = tmp_path / "cache"
-    environment = {"NUMBA_CACHE_DIR": str(folder) if place == "NUMBA_CACHE_DIR" else ""}
+    """And damage."""
+    own = place == "NUMBA_CACHE_DIR"
+    folder = tmp_path / ("cache" if own else "__pycache__")
+    environment = {"NUMBA_CACHE_DIR": str(folder) if own else ""}
     for factor in (2.0, 3.0):
         printed, said = two_files(factor, **environment)
         assert printed == [str(factor), "True"], said
         assert said.count("compiling kernels") == said.count("\n") == 1
-    kept = [
-        *(folder if place == "NUMBA_CACHE_DIR" else tmp_path / "__pycache__").rglob(
-            "outer.scaled*.nbi"
-        )
-    ]
-    assert len(kept) == 1  # that of the first factor is gone
+    assert len(list(folder.rglob("outer.scaled*.nbi"))) == 1  # that of the first factor is gone
+    if not PLAIN:
+        damage = "a kernel with one wrong bit"
+        damaged_is_compiled_again(two_files, folder, damage, 3.0, environment)
 
 
 def test_kernels_are_compiled_in_memory_if_no_folder_is_writable(two_files, tmp_path):

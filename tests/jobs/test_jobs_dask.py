@@ -76,10 +76,10 @@ def test_short_tasks_are_sent_in_batches_and_long_ones_alone(tmp_path, monkeypat
 
     monkeypatch.setattr(dask_pool.DaskPool, "_send", count)
     with client_here(2) as client:
-        lines = run_squares(tasks(200, 0.0), tmp_path / "dask", client=client)
-    assert lines == dict.fromkeys(range(200))
-    assert len(squares_in(tmp_path / "dask")) == sum(sizes) == 200
-    assert (len(sizes) < 150) == few
+        lines = run_squares(tasks(100, 0.0), tmp_path / "dask", client=client)
+    assert lines == dict.fromkeys(range(100))
+    assert len(squares_in(tmp_path / "dask")) == sum(sizes) == 100
+    assert (len(sizes) < 75) == few
     assert max(sizes) <= 64
 
 

@@ -56,8 +56,8 @@ def task(function):
     return function
 
 
-def in_two_processes(function, count):
-    with Workers(partial(task, function), 2) as workers:
+def in_processes(function, count, processes=2):
+    with Workers(partial(task, function), processes) as workers:
         return [future.result() for future in [workers.submit(number) for number in range(count)]]
 
 
@@ -77,7 +77,7 @@ def wait_for(condition, seconds=600.0):
 
 
 def test_results_are_in_the_order_of_the_tasks_whoever_was_first():
-    assert in_two_processes(square, 7) == [(n**2, "1") for n in range(7)]
+    assert in_processes(square, 7) == [(n**2, "1") for n in range(7)]
 
 
 def multiply(factor, offset):
@@ -103,7 +103,7 @@ def test_every_process_gets_the_arguments_once():
 
 def test_a_task_that_fails_stops_the_others(tmp_path):
     with pytest.raises(ValueError, match="the first one") as caught:
-        in_two_processes(partial(fail_first_then_take_long, tmp_path), 9)
+        in_processes(partial(fail_first_then_take_long, tmp_path), 9)
     assert "in fail_first_then_take_long" in caught.value.__notes__[0]
     pids = [int(path.name.split("-")[0]) for path in tmp_path.iterdir()]
     assert len(pids) <= 3  # one each, and one that was taken meanwhile
@@ -114,7 +114,7 @@ def test_a_process_that_is_killed_is_told_in_one_line():
     with pytest.raises(
         JobError, match="ended early, by SIGKILL, maybe out of memory; use fewer workers"
     ):
-        in_two_processes(die, 3)
+        in_processes(die, 3, 1)
 
 
 def warn(number):
@@ -123,7 +123,7 @@ def warn(number):
 
 
 def test_what_every_process_would_warn_of_is_left_to_who_started_them(capfd):
-    assert in_two_processes(warn, 4) == [0, 1, 2, 3]
+    assert in_processes(warn, 2, 1) == [0, 1]
     assert "kernels" not in capfd.readouterr().err
 
 
@@ -134,7 +134,7 @@ def test_what_every_process_would_warn_of_is_left_to_who_started_them(capfd):
 ])  # fmt: skip
 def test_what_cannot_be_sent_back_ends_the_work_and_not_the_patience(function, error, match):
     with pytest.raises(error, match=match):
-        in_two_processes(function, 3)
+        in_processes(function, 3, 1)
 
 
 class Unimportable:
@@ -157,11 +157,11 @@ SCRIPT = """
 import sys; sys.path.insert(0, {here!r})
 from functools import partial
 from pathlib import Path
-from test_jobs_processes import fail_first_then_take_long, in_two_processes, square
+from test_jobs_processes import fail_first_then_take_long, in_processes, square
 if {square}:
-    print([n for n, _ in in_two_processes(square, 4)])
+    print([n for n, _ in in_processes(square, 4, 1)])
 else:
-    in_two_processes(partial(fail_first_then_take_long, Path(sys.argv[1]), fail=False), 9)
+    in_processes(partial(fail_first_then_take_long, Path(sys.argv[1]), fail=False), 9)
 """
 DAEMON = """
 import multiprocessing, sys
@@ -213,14 +213,14 @@ def test_memory_is_that_of_the_largest_worker():
     One mebibyte is 2**17 numbers of 8 bytes; a fresh interpreter without work has some tens of
     them.
     """
-    here = np.ones(300 * 2**17)
+    here = np.ones(160 * 2**17)
     with Workers(partial(task, hold), 2) as workers:
         workers.submit(1).result()
         before = workers.peak_memory_mib
         workers.submit(60).result()
-        assert 0.0 < before < 250.0
+        assert 0.0 < before < 150.0
         assert 50.0 < workers.peak_memory_mib - before < 110.0
-    assert here.nbytes == 300 * 2**20
+    assert here.nbytes == 160 * 2**20
 
 
 def threshold(_number):
@@ -262,7 +262,7 @@ def test_processes_import_nothing_from_the_working_folder(tmp_path, monkeypatch)
         )
     monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(sys, "path", [path for path in sys.path if path])
-    (struct, pickled, path), *_ = in_two_processes(imported_from, 2)
+    (struct, pickled, path), *_ = in_processes(imported_from, 1, 1)
     assert not (tmp_path / "sprung").exists()
     assert str(tmp_path) not in (str(Path(struct).parent), str(Path(pickled).parent))
     assert path == sys.path

@@ -43,8 +43,8 @@ def test_records_show_the_size_unit_and_values_of_each_column(tiny_run_folder):
         assert len(cells(record._repr_html_())) > 10
 
 
-def test_findings_of_an_ocean_are_a_table():
-    shown = check_ocean("synthetic:beaufort")._repr_html_()
+def test_findings_of_an_ocean_are_a_table(ocean_file):
+    shown = check_ocean(ocean_file)._repr_html_()
     assert "wrong: 0 · doubtful: 1" in shown
     assert "made up" in cells(shown)
 

@@ -129,30 +129,6 @@ def test_what_does_not_fit_is_one_line_with_name_and_cause(write, tmp_path):
     assert list(tmp_path.iterdir()) == [path]
 
 
-FULL_DISK = """
-import sys, numpy as np, xarray as xr
-from pymantaray.errors import WriteError
-from pymantaray.records import write_netcdf
-for name in "ab":
-    try:
-        noise = np.random.default_rng(0).standard_normal(100_000)
-        write_netcdf(xr.Dataset({"noise": ("x", noise)}), f"{sys.argv[1]}/{name}")
-    except WriteError as error:
-        print(error)
-"""
-
-
-def test_full_disk(tmp_path):
-    """In a process of its own: what HDF5 could not write stays open in it."""
-    with small_disk(tmp_path, "200k"):
-        done = python(FULL_DISK, tmp_path)
-        assert (done.returncode, done.stderr) == (0, "")
-        assert done.stdout.splitlines() == [
-            f"{tmp_path}/{name}: cannot be written: No space left on device" for name in "ab"
-        ]
-        assert list(tmp_path.iterdir()) == []
-
-
 def test_a_full_disk_for_temporary_files_is_one_line(tmp_path, monkeypatch):
     """The NetCDF library calls it a lack of permission."""
     with small_disk(tmp_path, "64k"):
@@ -236,11 +212,27 @@ for work in ("write", "read"):
         assert float(read_netcdf("first.nc")["a"][2]) == 2.0  # no lock is left
         print(work, "stopped with", stop.code)
 """
+FULL_DISK = """
+from pymantaray.errors import WriteError
+for name in "ab":
+    try:
+        noise = np.random.default_rng(0).standard_normal(100_000)
+        write_netcdf(xr.Dataset({"noise": ("x", noise)}), f"full/{name}")
+    except WriteError as error:
+        print(error)
+"""
 
 
-def test_a_stop_request_leaves_no_lock_and_no_file(tmp_path):
-    done = python(STOPPED_WITHIN_A_LOCK, cwd=tmp_path, timeout=120)
-    assert done.stdout.splitlines() == ["write stopped with 143", "read stopped with 143"], (
-        done.stderr
-    )
+def test_a_stop_request_and_a_full_disk_leave_no_lock_and_no_file(tmp_path):
+    """In a process of its own: what HDF5 could not write stays open in it."""
+    full = tmp_path / "full"
+    with small_disk(full, "200k"):
+        done = python(STOPPED_WITHIN_A_LOCK + FULL_DISK, cwd=tmp_path, timeout=120)
+        assert (done.returncode, done.stderr) == (0, "")
+        assert done.stdout.splitlines() == [
+            "write stopped with 143",
+            "read stopped with 143",
+            *(f"full/{name}: cannot be written: No space left on device" for name in "ab"),
+        ]
+        assert list(full.iterdir()) == []
     assert not (tmp_path / "second.nc").exists()
