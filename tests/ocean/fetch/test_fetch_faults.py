@@ -40,7 +40,6 @@ PLACES = {
     "axis": "dods?lat",
     "block": "salinity.salinity%5B",
 }
-QUICK = {("block", fault) for fault in FAULTS} | {("attributes", "short"), ("description", "cut")}
 TEXT = ("description", "attributes")
 IMPATIENT = {"hang": {"idle_s": 0.5}, "drip": {"request_s": 2.0}}  # these faults end by a limit
 LESS_SO = {
@@ -48,13 +47,28 @@ LESS_SO = {
     "drip": {"request_s": 2.0},
 }  # and one answer may not take as long
 CASES = [
-    pytest.param(place, fault, marks=() if (place, fault) in QUICK else pytest.mark.slow)
+    (place, fault)
     for place in PLACES
     for fault in FAULTS
     if fault != "shift" or place not in TEXT  # text holds no binary lengths
 ]
 
 
+def test_each_of_many_passing_faults_ends_in_success(fetch, is_true, thredds):
+    """In one fetch, whose four blocks meet all faults of a block in turn."""
+    variables = ("water_temp", "salinity", "water_u", "water_v")
+    faults = [
+        (f"{variables[k % 4]}.{variables[k % 4]}%5B", fault) for k, fault in enumerate(FAULTS)
+    ]
+    thredds.app.faults += [*faults, (".das", "short"), (".dds", "cut")]
+    fetched, ocean = fetch(limits={"attempts": 5, "idle_s": 2.0, "request_s": 2.0})
+    is_true(ocean, "2014-07-15T12:00")
+    assert thredds.app.faults == []
+    # one more: after its attributes, the description is asked for again
+    assert fetched.requests == len(thredds.app.asked) == 11 + len(FAULTS) + 3
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(("place", "fault"), CASES)
 def test_a_passing_fault_ends_in_success_after_a_retry(fetch, is_true, thredds, fault, place):
     thredds.app.faults.append((PLACES[place], fault))
@@ -87,13 +101,12 @@ def test_compressed_answers_are_read(fetch, is_true, thredds):
     assert thredds.app.faults == []
 
 
-@pytest.mark.parametrize(
-    "after", ["1e300", "inf", "nan", "-5", "Fri, 31 Dec 9999 23:59:59 GMT", "soon", ""]
-)
-def test_a_server_that_asks_to_come_back_much_later_is_asked_soon(fetch, is_true, thredds, after):
-    thredds.app.faults.append((".das", f"503 {after}"))
-    _, ocean = fetch(limits={"longest_backoff_s": 0.05})
+def test_a_server_that_asks_to_come_back_much_later_is_asked_soon(fetch, is_true, thredds):
+    later = "1e300", "inf", "nan", "-5", "Fri, 31 Dec 9999 23:59:59 GMT", "soon", ""
+    thredds.app.faults += [(".das", f"503 {after}") for after in later]
+    _, ocean = fetch(limits={"longest_backoff_s": 0.05, "attempts": len(later) + 1})
     is_true(ocean, "2014-07-15T12:00")
+    assert thredds.app.faults == []
 
 
 def test_a_data_set_that_was_withdrawn_is_asked_for_once(refusal, thredds, monkeypatch):

@@ -44,13 +44,15 @@ def test_only_the_window_is_read_in_blocks_of_levels(fetch, is_true, thredds):
 
 
 @pytest.mark.parametrize(("lon", "time", "seam"), [
-    ((210.0, 211.0), "2014-07-15T12", False),  # axis begins at -180
+    pytest.param((210.0, 211.0), "2014-07-15T12", False, marks=pytest.mark.slow),
     pytest.param((-150.0, 211.0), "2014-07-15T12", False, marks=pytest.mark.slow),
-    ((359.5, 0.5), "2014-07-15T12", False),
+    ((359.5, 0.5), "2014-07-15T12", False),  # axis begins at -180
     ((179.5, -179.5), "2014-07-15T12", True),
-    ((-150.0, -149.0), "2019-03-07T15", False),  # axis begins at 0
-    pytest.param((179.5, 180.5), "2019-03-07T15", False, marks=pytest.mark.slow),
-    ((-0.5, 0.5), "2019-03-07T15", True),
+    *(
+        pytest.param(lon, "2019-03-07T15", False, marks=pytest.mark.slow)
+        for lon in ((-150.0, -149.0), (179.5, 180.5))
+    ),
+    ((-0.5, 0.5), "2019-03-07T15", True),  # axis begins at 0
 ])  # fmt: skip
 def test_any_longitudes_from_any_server_and_across_its_seam(
     fetch, is_true, thredds, lon, time, seam
@@ -66,7 +68,7 @@ def test_any_longitudes_from_any_server_and_across_its_seam(
 
 
 @pytest.mark.parametrize(("time", "dataset", "n_sets"), [
-    ("2014-01-01T12", "data/2014.", 1),
+    pytest.param("2014-01-01T12", "data/2014.", 1, marks=pytest.mark.slow),
     ("2015-01-01T06", "data/2014.", 1),  # the file of a year runs from 12Z
     ("2015-01-01T12", "data/2015.", 1),
     ("2016-01-15T00", "expt_56.3.", 1),
@@ -84,7 +86,11 @@ def test_the_data_sets_that_hold_the_time_are_found(fetch, is_true, thredds, tim
 
 @pytest.mark.parametrize(
     ("starts", "time", "asked_first"),
-    [(0, "2015-01-01T00", 2015), (0, "2015-01-01T06", 2015), (48, "2015-01-01T18", 2014)],
+    [
+        pytest.param(0, "2015-01-01T00", 2015, marks=pytest.mark.slow),
+        (0, "2015-01-01T06", 2015),
+        (48, "2015-01-01T18", 2014),
+    ],
 )
 def test_a_year_file_without_the_time_gives_way_to_its_neighbour(
     fetch, is_true, thredds, tmp_path, starts, time, asked_first
