@@ -7,6 +7,7 @@ import re
 from dataclasses import replace
 from itertools import product
 
+import factories
 import numpy as np
 import pytest
 from factories import far_from
@@ -181,7 +182,7 @@ def nees(found, fleet):
 
 
 def test_mixture_of_one_candidate_is_the_plain_factor(make_fleet):
-    fleet = make_fleet(seed=2, gnss_every=10, n_landmarks=2)
+    fleet = make_fleet(seed=2, n_vehicles=2, n_times=16, gnss_every=10, n_landmarks=2)
     water = MeanSlowness([0.0, 2000.0, 6000.0], [1450.0, 1470.0, 1500.0])
     plain = estimate(fleet.noisy, water, model_is_right=True)
     alone = estimate(fleet.noisy, Alone(water), model_is_right=True)
@@ -195,7 +196,7 @@ def test_mixture_of_one_candidate_is_the_plain_factor(make_fleet):
 
 @pytest.mark.parametrize("seed", [1, pytest.param(4, marks=pytest.mark.slow)])
 def test_mixture_is_as_good_as_ranges_without_mistakes(make_fleet, seed):
-    fleet = make_fleet(seed=seed, n_vehicles=5)
+    fleet = make_fleet(seed=seed, n_vehicles=5, n_times=21)
     model = mirrors_about(fleet)
     o, path = received(fleet, model, seed)
     assert np.count_nonzero(path) > path.size / 2  # most are mistaken
@@ -212,25 +213,29 @@ def test_mixture_is_as_good_as_ranges_without_mistakes(make_fleet, seed):
     assert not confused.usable or rms(confused.position - fleet.position) > 10.0 * errors[1]
 
 
-def test_start_does_not_matter(make_fleet):
-    fleet = make_fleet(seed=3, n_vehicles=2, n_times=16)
-    model = mirrors_about(fleet)
-    o, _ = received(fleet, model, 3)
-    one, other = estimate(o, model, fleet.start), estimate(o, model, far_from(fleet))
-    assert np.abs(one.position - other.position).max() < 1e-4
+@pytest.fixture(scope="module")
+def pair():
+    """Two vehicles, what they measure, and the estimate from the start of dead reckoning."""
+    fleet = factories.make_fleet(seed=3, n_vehicles=2, n_times=16)
+    o, _ = received(fleet, mirrors_about(fleet), 3)
+    return fleet, o, estimate(o, mirrors_about(fleet))
 
 
-def test_order_of_candidates_changes_nothing(make_fleet):
-    fleet = make_fleet(seed=5, n_vehicles=2, n_times=16)
-    model = mirrors_about(fleet)
-    o, _ = received(fleet, model, 5)
-    found = [estimate(o, mirrors_about(fleet, order=order)) for order in (None, 1)]
-    np.testing.assert_array_equal(found[0].position, found[1].position)
-    np.testing.assert_array_equal(found[0].covariances.position, found[1].covariances.position)
+def test_start_does_not_matter(pair):
+    fleet, o, found = pair
+    other = estimate(o, mirrors_about(fleet), far_from(fleet))
+    assert np.abs(found.position - other.position).max() < 1e-4
+
+
+def test_order_of_candidates_changes_nothing(pair):
+    fleet, o, found = pair
+    other = estimate(o, mirrors_about(fleet, order=1))
+    np.testing.assert_array_equal(found.position, other.position)
+    np.testing.assert_array_equal(found.covariances.position, other.covariances.position)
 
 
 def test_range_of_no_candidate_is_gated(make_fleet):
-    fleet = make_fleet(seed=6, n_vehicles=3, n_times=16)
+    fleet = make_fleet(seed=6, n_vehicles=2, n_times=11)
     model = mirrors_about(fleet)
     o, _ = received(fleet, model, 6)
     odd = np.arange(0, o.range_sample.size, 9)
@@ -253,7 +258,7 @@ def test_range_of_no_candidate_is_gated(make_fleet):
 
 
 def test_unknown_scale_of_travel_times_is_estimated_with_the_picks(make_fleet):
-    fleet = make_fleet(seed=8, n_vehicles=3)
+    fleet = make_fleet(seed=8, n_vehicles=3, n_times=21)
     model = mirrors_about(fleet)
     o, _ = received(fleet, model, 8)
     slower = mirrors_about(fleet, speed=SPEED - 3.0)
@@ -454,11 +459,10 @@ def cost_of_picks(mixture, root, distance, sigma, picks):
 def test_the_picks_of_a_ping_are_those_of_an_enumeration():
     every = np.array(list(product(range(5), repeat=4))) + 5 * np.arange(4)
     excess = []
-    for seed in range(10):
+    for seed in range(5):
         mixture, *measured = ping_of_a_vehicle(seed)
         least = cost_of_picks(mixture, *measured, every).min()
         cost = graduated_fits(mixture, 5.0) - np.log(mixture.weight)
         picks = cost.reshape(4, 5).argmin(axis=1) + 5 * np.arange(4)
         excess.append(cost_of_picks(mixture, *measured, picks[None])[0] - least)
-    assert max(excess) < 1.0, "picks about as probable as the most probable ones"
-    assert np.count_nonzero(np.array(excess) < 1e-6) >= 9
+    assert max(excess) < 1e-6, excess

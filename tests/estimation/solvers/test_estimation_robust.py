@@ -10,7 +10,7 @@ import gtsam
 import numpy as np
 import pytest
 from factories import values_at, without
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad
 
@@ -67,7 +67,7 @@ class Study:
     """
 
     def __init__(self):
-        config = load_study("quick", **{"mission.physics_step_s": 1.0})
+        config = load_study("quick", **{"mission.physics_step_s": 1.0, "mission.duration_h": 16.0})
         mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
         o = perturb(mission.measurements, root_seed=config.study.seed, realization=0)
         self.graph = build_graph(o, "straight")
@@ -97,6 +97,7 @@ def small(make_fleet):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=40)
 @given(u=RESIDUALS, scale=st.floats(0.1, 100.0))
 def test_cost_and_weight_are_gtsams(kind, u, scale):
     loss = Loss(kind, scale)
@@ -106,6 +107,7 @@ def test_cost_and_weight_are_gtsams(kind, u, scale):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+@settings(max_examples=40)
 @given(u=st.floats(0.01, 100.0))
 def test_weight_is_the_costs_slope_over_the_residual(kind, u):
     loss, h = LOSSES[kind], 1e-5 * u
