@@ -33,7 +33,7 @@ class Rays(NamedTuple):
     grazing: NDArray[np.bool_]
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 def _rates(layers, depth, k, z, p, y, q, c_source):
     """
     Derivatives of depth, slowness, time, tube width, offset and its slowness by range at one
@@ -66,7 +66,7 @@ def _rates(layers, depth, k, z, p, y, q, c_source):
     return p * ih, -n2 * cz * ic * ih, n2 * ih / c_source, ih, q * ih, -n2 * cy * ic * ih, k
 
 
-@njit(nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
+@njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract", "arcp", "nsz"})
 def _trace(section, depth, bed, step, stops, z_source, c_source, angle, q0, out):
     """
     Trace rays; out (n, stops, 8) takes Z, P, T, A, Y, Q and the clearances so far after each of the

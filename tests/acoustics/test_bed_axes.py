@@ -36,7 +36,7 @@ def hill(north, east):
     )
 
 
-def ends(n=30):
+def ends(n=14):
     rng = np.random.default_rng(11)
     place = rng.uniform([-6e3, -6e3, 10.0], [6e3, 6e3, 900.0], (2, n, 3))
     return place[0], place[1]
@@ -49,7 +49,7 @@ def test_a_plane_on_finer_axes_is_the_same_plane(interpolation):
         find_eigenrays(medium(axis, interpolation=interpolation), source, receiver, 1, 1)
         for axis in (None, np.linspace(-11e3, 11e3, 57))
     )
-    assert fine.link.size >= 60
+    assert fine.link.size >= 28
     np.testing.assert_array_equal(fine.link, coarse.link)
     np.testing.assert_allclose(fine.travel_time, coarse.travel_time, rtol=0, atol=1e-8)
 

@@ -30,7 +30,7 @@ def media():
 
 def test_steps_that_end_at_faces_are_arcs(media):
     rng = np.random.default_rng(3)
-    n, bottom = 150, media[0].depth[-1]
+    n, bottom = 80, media[0].depth[-1]
     ends = [
         np.column_stack([rng.uniform(-14e3, 14e3, (n, 2)), rng.uniform(0.5, bottom - 1.0, n)])
         for _ in range(2)

@@ -103,10 +103,10 @@ def test_echoes_in_a_varying_ocean_agree_with_the_vertical_integral(interpolatio
     )
     at = np.array([[*place, 40.0]])
     rays = find_eigenrays(medium, at, at, 1, 1, None)
-    z = np.linspace(0.0, 250.0, 250_001)
+    z = np.linspace(0.0, 250.0, 25_001)
     slowness = 1.0 / medium.sound_speed_at(np.column_stack([np.tile(place, (z.size, 1)), z]))
     down = np.concatenate([[0.0], np.cumsum(0.5 * (slowness[1:] + slowness[:-1]) * np.diff(z))])
-    to_surface, to_bed = down[40_000], down[-1] - down[40_000]
+    to_surface, to_bed = down[4_000], down[-1] - down[4_000]
     expected = [0.0, 2 * to_surface, 2 * to_bed, 2 * down[-1], 2 * down[-1]]
     np.testing.assert_allclose(np.sort(rays.travel_time), np.sort(expected), rtol=0, atol=1e-9)
 

@@ -82,7 +82,7 @@ def rough_casts(draw, most=40):
     return np.cumsum(steps) - steps[0], 1450.0 + np.array(noise)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(rough_casts(), st.sampled_from([0.05, 0.4]), st.sampled_from(["linear", "smooth"]))
 def test_a_thinned_profile_stays_within_its_tolerance(raw, tolerance, interpolation):
     z, c = raw

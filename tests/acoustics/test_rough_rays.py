@@ -69,13 +69,13 @@ def test_rays_with_one_reflection_at_a_wave_are_the_stationary_paths():
 )
 def test_without_a_slope_the_arrivals_are_those_under_flat_ice(interpolation, time, slowness):
     flat = Medium.from_profile(
-        DEPTH, PROFILE, bottom_depth=2680.0, interpolation=interpolation, ice_draft=1.5
+        DEPTH, PROFILE, bottom_depth=400.0, interpolation=interpolation, ice_draft=1.5
     )
     rough = replace(flat, surface=flat.surface.with_roughness(Roughness(0.0, 20.0)))
-    source = np.array([[0.0, 0.0, 30.0], [0.0, 100.0, 90.0], [500.0, 0.0, 20.0]])
-    receiver = np.array([[2100.0, 300.0, 80.0], [1400.0, -900.0, 25.0], [-1200.0, 700.0, 60.0]])
+    source = np.array([[0.0, 0.0, 30.0], [0.0, 100.0, 90.0]])
+    receiver = np.array([[2100.0, 300.0, 80.0], [1400.0, -900.0, 25.0]])
     known, arrivals = (find_eigenrays(m, source, receiver, 7, 1) for m in (flat, rough))
-    assert known.link.size >= 12
+    assert known.link.size >= 8
     matched = 0
     for k in range(known.link.size):
         same = (arrivals.link == known.link[k]) & (
@@ -104,10 +104,10 @@ def test_both_directions_of_a_link_and_all_numbers_of_threads_agree():
         [[0.0, 100.0, 90.0], [500.0, 0.0, 20.0]],
         [[2400.0, -900.0, 90.0], [-1200.0, 700.0, 20.0]],
     )
-    forth, back = find_eigenrays(medium, a, b, 7, 0), find_eigenrays(medium, b, a, 7, 0, threads=1)
+    forth, back = find_eigenrays(medium, a, b, 4, 0), find_eigenrays(medium, b, a, 4, 0, threads=1)
     np.testing.assert_array_equal(forth.travel_time, back.travel_time)
     np.testing.assert_array_equal(forth.source_slowness, -back.receiver_slowness)
-    flat = find_eigenrays(replace(medium, surface=medium.surface.with_roughness(None)), a, b, 7, 0)
+    flat = find_eigenrays(replace(medium, surface=medium.surface.with_roughness(None)), a, b, 4, 0)
     assert forth.link.size > flat.link.size
     refused(AcousticsError, "paths of rays under rough ice", trace_paths, medium, a, b, forth)
 

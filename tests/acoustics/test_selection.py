@@ -94,7 +94,7 @@ rows = st.tuples(
 
 
 @given(rows=st.lists(rows, max_size=12))
-@settings(max_examples=60)
+@settings(max_examples=30)
 def test_rules_are_the_minima_they_say(rows):
     """
     Against a search row by row: earliest unbounced, earliest, and least (spreading, time) of each

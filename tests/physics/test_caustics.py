@@ -101,7 +101,7 @@ def test_straight_rays_have_no_caustic_after_flat_reflections():
 
 
 def test_the_number_of_caustics_is_reciprocal():
-    medium, (source, receiver) = make_front(), front_links(40, 3)
+    medium, (source, receiver) = make_front(), front_links(20, 3)
     there, back = (
         find_eigenrays(medium, *ends, 1, 1, canonical=False)
         for ends in ((source, receiver), (receiver, source))

@@ -151,7 +151,7 @@ def parabolic():
 
 def test_both_parabolas_of_a_linear_squared_index_are_found(parabolic):
     rng = np.random.default_rng(3)
-    n = 60
+    n = 30
     z0, z1 = rng.uniform(100.0, 800.0, (2, n))
     furthest = 1.0 / CURVATURE - z0 - z1  # where both rays merge, if the ends are level
     distance, bearing = furthest * rng.uniform(0.97, 1.01, n), rng.uniform(0.0, 2.0 * np.pi, n)
@@ -160,8 +160,8 @@ def test_both_parabolas_of_a_linear_squared_index_are_found(parabolic):
     exact = parabolas(source, receiver)
     wet = exact.deepest < BOTTOM - 1.0
     arrivals = find_eigenrays(parabolic, source, receiver, spreading_cutoff_db=None, tolerance=1e-6)
-    assert wet.all(axis=0).sum() > 10  # links on which both rays stay in the water
-    assert np.isnan(exact.time[0]).sum() > 5  # links beyond the caustic
+    assert wet.all(axis=0).sum() > 5  # links on which both rays stay in the water
+    assert np.isnan(exact.time[0]).sum() > 2  # links beyond the caustic
     for link in range(n):
         mine = arrivals.link == link
         expected = np.sort(exact.launch[wet[:, link], link])

@@ -201,7 +201,7 @@ def test_fan_finds_no_eigenray_that_the_solver_misses(sections, name, depth, lon
     if long:
         check(sections[name], depth, places(50, int(10 * depth)), 10)
     else:
-        check(sections[name], depth, places(14, 3, longest=8e3), 15, 2e-4, 0.4)
+        check(sections[name], depth, places(14, 3, longest=6e3), 15, 2e-4, 0.4)
 
 
 @pytest.mark.slow

@@ -95,8 +95,10 @@ def ends_of(kind, n, seed):
 
 
 @cache
-def case_of(kind, n=40, seed=42):
-    medium, ends = medium_of(kind), ends_of(kind, n, seed)
+def case_of(kind, n=None, seed=42):
+    medium, ends = medium_of(kind), ends_of(kind, n or 40, seed)
+    if n is None and kind in REFLECTED:  # of which each has many rays
+        ends = [end[:20] for end in ends]
     most = {"f": (2, 2), "i": (1, 1)}[kind[0]] if kind in REFLECTED else (0, 0)
     arrivals = find_eigenrays(medium, *ends, *most, tolerance=1e-5)
     return Case(medium, *ends, most, arrivals, trace_paths(medium, *ends, arrivals, tolerance=1e-5))
@@ -244,7 +246,7 @@ def test_travel_time_is_stationary_at_every_reflection():
                 bend = abs(change[0]) + abs(change[1])
                 assert abs(change[2]) + abs(change[3]) < 0.02 * bend + 1e-9, (ray, k, axis, change)
                 tested += 1
-    assert tested > 300
+    assert tested > 120
 
 
 def twin(arrivals, ray, other, link):
@@ -308,7 +310,7 @@ def test_slowness_is_the_gradient_of_travel_time_by_either_end(kind, n, seed):
     assert np.percentile(errors, share) < least, np.percentile(errors, share)
 
 
-@pytest.mark.parametrize(("n", "seed", "every"), [(40, 42, 40)])
+@pytest.mark.parametrize(("n", "seed", "every"), [(None, 42, 20)])
 @in_kinds(SOON_SOLVED)
 def test_spreading_is_the_ray_tube_of_neighbouring_receivers(kind, n, seed, every):
     """
@@ -379,7 +381,7 @@ def same_rays(there, back, n, atol):
 
 
 @pytest.mark.parametrize(
-    ("n", "seed", "every"), [(12, 44, 1), pytest.param(150, 48, 3, marks=pytest.mark.slow)]
+    ("n", "seed", "every"), [(8, 44, 1), pytest.param(150, 48, 3, marks=pytest.mark.slow)]
 )
 @KINDS
 def test_rays_are_reciprocal_when_both_ways_are_solved(kind, n, seed, every):

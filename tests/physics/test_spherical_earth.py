@@ -65,7 +65,7 @@ def sphere_medium(**options):
 
 
 @pytest.mark.parametrize(
-    "distance", [30 * KM, *(pytest.param(d, marks=pytest.mark.slow) for d in (10 * KM, 100 * KM))]
+    "distance", [10 * KM, *(pytest.param(d, marks=pytest.mark.slow) for d in (30 * KM, 100 * KM))]
 )
 def test_eigenrays_on_a_sphere_equal_those_in_polar_coordinates(distance):
     source, receiver = (
@@ -230,7 +230,7 @@ def test_study_with_a_sphere_measures_ranges_through_the_earth():
 
 
 def test_trajectories_far_from_the_centre_of_a_frame_have_a_warning():
-    config = load_study("quick", **{"mission.physics_step_s": 1.0})
+    config = load_study("quick", **{"mission.physics_step_s": 1.0, "mission.duration_h": 8.0})
     mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
     truth, ranges = mission.truth, mission.ranging_truth
     assert earth_note(build_study(config), truth, ranges) is None

@@ -133,7 +133,7 @@ def test_rays_do_not_tunnel_through_peaks_of_the_sea_bed(interpolation):
     medium = Medium.from_grid(
         north, east, [0.0, 3e3], c, bathymetry=bathymetry, interpolation=interpolation
     )
-    n = 400
+    n = 200
     ends = [
         np.column_stack([rng.uniform(0.0, (10e3, 8e3), (n, 2)), rng.uniform(5.0, 900.0, n)])
         for _ in "ab"
@@ -149,8 +149,8 @@ def test_rays_do_not_tunnel_through_peaks_of_the_sea_bed(interpolation):
     expected = np.where(clearance > 0.0, RayStatus.OK, RayStatus.BLOCKED)
     doubtful = np.abs(clearance) < 1e-3
     wrong = np.flatnonzero(inside & ~doubtful & (status != expected))
-    assert np.count_nonzero(inside & (clearance > 0)) > 60
-    assert np.count_nonzero(inside & (clearance < 0)) > 60
+    assert np.count_nonzero(inside & (clearance > 0)) > 30
+    assert np.count_nonzero(inside & (clearance < 0)) > 30
     assert wrong.size == 0, [(ends[0][i], ends[1][i], clearance[i], status[i]) for i in wrong]
 
 

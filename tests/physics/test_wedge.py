@@ -320,12 +320,12 @@ def test_wedge_has_every_image_in_the_plane_and_across_it(slope_deg, direction):
         bed = sloping(depth, slope_deg, azimuth)
         medium, inside = wedge(bed)
         bearings = [azimuth + turn for turn in DIRECTIONS[direction]]
-        source, receiver = wedge_links(bed, 20, rng, bearings)
-        assert check(medium, bed, source, receiver, (2, 2), inside) > 160
+        source, receiver = wedge_links(bed, 10, rng, bearings)
+        assert check(medium, bed, source, receiver, (2, 2), inside) > 80
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])
-@settings(QUICK, max_examples=4)
+@settings(QUICK, max_examples=3)
 @given(
     depth=st.floats(100.0, 4000.0),
     slope_deg=st.floats(0.0, 4.0),
@@ -337,7 +337,7 @@ def test_cells_of_a_plane_do_not_matter(interpolation, depth, slope_deg, azimuth
     rng = np.random.default_rng(seed)
     bed = sloping(depth, slope_deg, azimuth)
     medium, inside = wedge(bed, inner=rng.uniform(-8e3, 8e3, 4), interpolation=interpolation)
-    check(medium, bed, *wedge_links(bed, 15, rng, []), (2, 2), inside)
+    check(medium, bed, *wedge_links(bed, 10, rng, []), (2, 2), inside)
 
 
 @pytest.mark.parametrize("interpolation", ["smooth", "linear"])

@@ -63,7 +63,8 @@ def test_a_study_with_a_narrow_fan_loses_ranges_and_keeps_the_others():
 
     kinds = {}
     for width in ("none", 2.0):
-        config = load_study("quick").with_(**{"acoustics.cone_deg": width})
+        changes = {"acoustics.cone_deg": width, "mission.duration_h": 12.0}
+        config = load_study("quick").with_(**changes, **{"mission.physics_step_s": 1.0})
         mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
         kinds[width] = mission
     free, narrow = kinds["none"], kinds[2.0]

@@ -211,7 +211,7 @@ def test_mistakes_come_in_the_place_of_what_was_not_heard(truth):
 @pytest.mark.parametrize("timing", [ONE_WAY, TwoWay(1.5)])
 def test_each_candidate_is_taken_as_often_as_its_probability_says(truth, timing):
     _, o, candidates = mission(truth, RIDGED, Picker("first-detected", sonar(170.0)), timing)
-    n = 400
+    n = 200
     taken = np.concatenate(
         [draw_picks(o, candidates, root_seed=9, realization=r) for r in range(n)]
     )

@@ -133,10 +133,10 @@ def test_one_coefficient_is_the_same_everywhere():
     assert uniform == francois_garrison_db_per_km(12e3, temperature=5.0, salinity=35.0, depth=0.0)
 
 
-def test_geographic_ocean_is_looked_up_where_the_local_frame_puts_it():
-    ocean = open_ocean("synthetic:beaufort")
+def test_geographic_ocean_is_looked_up_where_the_local_frame_puts_it(ocean_file):
+    ocean = open_ocean(ocean_file)
     lat, lon = (0.5 * float(ocean[v][0] + ocean[v][-1]) for v in ("lat", "lon"))
-    i, j, depths = 30, 100, [0.0, 50.0, 400.0]  # a grid point of its own
+    i, j, depths = 5, 20, [0.0, 50.0, 400.0]  # a grid point of its own
     north, east = LocalFrame(lat, lon).to_local(float(ocean["lat"][i]), float(ocean["lon"][j]))
     at = np.array([[float(north), float(east), z] for z in depths])
     column = ocean.sel(depth=depths).isel(lat=i, lon=j)
@@ -151,8 +151,8 @@ def test_geographic_ocean_is_looked_up_where_the_local_frame_puts_it():
     )
 
 
-def test_an_absorption_can_be_handed_to_another_process():
-    ocean = open_ocean("synthetic:fram", window=(77.5, 78.5, -2.0, 2.0))
+def test_an_absorption_can_be_handed_to_another_process(ocean_file):
+    ocean = open_ocean(ocean_file)
     position = np.array([[0.0, 0.0, 5.0], [3e3, -4e3, 800.0]])
     for one in (
         Absorption.constant(2.0),
