@@ -270,7 +270,7 @@ def test_an_unpacked_point_table_stays_as_it_is(tmp_path):
     np.testing.assert_array_equal(casts[1].salinity, S)
 
 
-@settings(max_examples=60)
+@settings(max_examples=30)
 @given(
     st.binary(max_size=300)
     | st.text(alphabet='depth,tmpraus\n;0123456789.-#" \t', max_size=300).map(str.encode)
@@ -481,9 +481,7 @@ def test_every_real_cast_makes_an_ocean_for_rays(shared_data):
                 np.testing.assert_allclose(cast.depth, expected, rtol=0, atol=1e-9)
             assert 70.0 < cast.lat < 80.0
             assert not np.isnat(cast.time)
-        ocean = cast_ocean(
-            cast, bathymetry=float(np.floor(cast.depth[-1])), half_extent=(30e3, 30e3)
-        )
+        ocean = cast_ocean(cast, bathymetry=float(np.floor(cast.depth[-1])), half_extent=(6e3, 6e3))
         medium = Medium.from_dataset(to_local(ocean))
         np.testing.assert_allclose(medium.sound_speed[0, 0], speed(ocean), rtol=0, atol=0.01)
         assert medium.bed.depth.min() == ocean["depth"].values[-1]

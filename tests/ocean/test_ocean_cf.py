@@ -128,7 +128,7 @@ def speed_error(ocean):
     falling=st.sets(st.sampled_from(["latitude", "deptht"])),
     order=st.permutations(DIMS),
 )
-@settings(max_examples=40)
+@settings(max_examples=20)
 def test_every_flavour_has_the_sound_speed_of_gsw(tmp_path, mass_unit, practical_unit, **how):
     practical = how["salinity"] in PRACTICAL
     data = flavour(s_unit=practical_unit if practical else mass_unit, **how)

@@ -294,7 +294,8 @@ def test_a_finer_sea_floor_decides_for_the_fleet(healthy):
 
 
 def test_the_projection_s_error_is_that_of_the_domain_s_corner(beaufort_sea):
-    shallow = beaufort_sea.isel(depth=slice(0, 4))
+    every = slice(None, None, 5)
+    shallow = beaufort_sea.isel(depth=slice(0, 4), lat=every, lon=every)
     findings = check_ocean(shallow)
     assert findings.named("projection error") is None, "0.0007 at the corners of the paper's region"
     finding = check_ocean(shallow.assign_coords(lon=2.0 * shallow["lon"] + 140.0)).named(

@@ -609,7 +609,7 @@ def test_ragged_cf_profiles_have_places_times_and_flags(tmp_path, layout):
 
 @given(st.sampled_from(sorted(FILES)), st.data())
 @settings(
-    max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+    max_examples=30, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
 def test_a_damaged_file_gives_a_profile_or_one_line(tmp_path, name, data):
     text = FILES[name][0]

@@ -106,10 +106,10 @@ def test_a_covariance_that_is_none_is_refused():
 
 def test_random_fields_have_the_stated_covariance():
     """
-    Over 4000 fields: variance, correlation at one and two scales, independence, kurtosis; within 5
+    Over 2000 fields: variance, correlation at one and two scales, independence, kurtosis; within 5
     standard errors.
     """
-    lat, lon, scale, n = 75.0 + 0.09 * np.arange(9), -140.0 + 0.3 * np.arange(8), 20e3, 4_000
+    lat, lon, scale, n = 75.0 + 0.09 * np.arange(9), -140.0 + 0.3 * np.arange(8), 20e3, 2_000
     fields = random_fields(lat, lon, count=n, scale=scale, rng=np.random.default_rng(7))
     north, east = LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1])).to_local(
         lat[:, None], lon
