@@ -45,7 +45,7 @@ KEYS = {
 
 @pytest.fixture(scope="module")
 def campaign():
-    return make_campaign(2, pings=120)
+    return make_campaign(2, pings=60)
 
 
 def within(nodes, truth, times=4.0):

@@ -45,24 +45,14 @@ WITHOUT_UNIT = {
 }
 
 
-@pytest.fixture(scope="module")
-def every_figure(run, made_run, tables, tmp_path_factory):
-    """
-    All that are registered, of a run with long names and many conditions; comparisons; plots of an
-    ocean.
-    """
-    conditions = (*style.CONDITION_COLOURS, *(f"estimator-{i}" for i in range(style.DISTINCT)))
-    made = made_run(landmarks=2, lost=0.3, title=f"{NAME}(synthetic)", conditions=conditions)
-    results = RunResults(open_run(made.write(tmp_path_factory.mktemp("long") / "run")))
-    truth, fixes = results.run.truth, results.fixes
+def figures_of(results, other, tables):
+    """All that are registered, of a run; comparisons with another; plots of an ocean."""
+    truth, fixes, header = results.run.truth, results.fixes, results.header
     specs = [
         *run_figure_specs(results),
-        *comparison_figure_specs({NAME: results, "b": RunResults(run)}),
+        *comparison_figure_specs({NAME: results, "b": other}),
     ]
-    ocean, header = (
-        synthetic_ocean("fram").isel(lat=slice(0, 75, 3), lon=slice(0, 237, 4)),
-        results.header,
-    )
+    ocean = synthetic_ocean("fram").isel(lat=slice(0, 75, 3), lon=slice(0, 237, 4))
     return [spec.draw() for spec in specs] + [
         error_over_time(truth.time, truth.name.tolist(), results.errors, fixes, header),
         consistency_over_time(tables.consistency, header),
@@ -72,6 +62,21 @@ def every_figure(run, made_run, tables, tmp_path_factory):
         ocean_plots.sound_speed_map(ocean, 100.0, header),
         ocean_plots.sea_floor_map(ocean, header),
     ]
+
+
+@pytest.fixture(scope="module")
+def every_figure(run, made_run, tables, tmp_path_factory):
+    """Of a run with long names and many conditions."""
+    conditions = (*style.CONDITION_COLOURS, *(f"estimator-{i}" for i in range(style.DISTINCT)))
+    made = made_run(landmarks=2, lost=0.3, title=f"{NAME}(synthetic)", conditions=conditions)
+    results = RunResults(open_run(made.write(tmp_path_factory.mktemp("long") / "run")))
+    return figures_of(results, RunResults(run), tables)
+
+
+@pytest.fixture(scope="module")
+def small_figures(run, tables):
+    """Of a run with three conditions."""
+    return figures_of(RunResults(run), RunResults(run), tables)
 
 
 @pytest.mark.slow
@@ -114,10 +119,10 @@ def test_every_header_has_the_whole_name_of_the_ocean(every_figure):
     assert sum(whole) >= len(whole) - 9, "figures of a comparison shorten the names of runs"
 
 
-def test_a_colour_of_sound_speed_is_the_same_in_every_figure(every_figure):
+def test_a_colour_of_sound_speed_is_the_same_in_every_figure(small_figures):
     maps = [
         mesh.get_cmap()
-        for figure in every_figure
+        for figure in small_figures
         for axes in figure.axes
         for mesh in axes.collections
         if any("Sound speed" in other.get_ylabel() for other in figure.axes)
@@ -146,8 +151,8 @@ def test_figures_for_one_column_can_be_read_at_its_width(look, run):
             assert box.x1 <= figure.bbox.x1 + 1.0, (name, text)
 
 
-def test_depth_has_one_unit_within_a_figure(every_figure):
-    for figure in every_figure:
+def test_depth_has_one_unit_within_a_figure(small_figures):
+    for figure in small_figures:
         labels = [
             label
             for axes in figure.axes

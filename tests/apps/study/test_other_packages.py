@@ -442,15 +442,19 @@ def test_damaged_metadata_of_a_package_are_left_out_with_a_warning(install, capl
 RUN = """
 import sys
 from factories import TINY
-from pymantaray import run_study
+from pymantaray import ocean, run_study
 from pymantaray.config import parse_study
-mission = {**TINY["mission"], "duration_h": 1.0}
-run_study(parse_study({**TINY, "mission": mission}, "tiny"), "run", workers=1)
+ocean.synthetic_ocean
+tree = TINY | {"conditions": ["odometry", "refracted"]}
+tree["study"] = {"name": "tiny", "realizations": 1}
+tree["mission"] = TINY["mission"] | {"duration_h": 1.0}
+tree["ocean"] = TINY["ocean"] | {"source": sys.argv[1]}
+run_study(parse_study(tree), "run", workers=1)
 print(*sys.modules)
 """
 
 
-def test_no_module_that_shows_results_is_loaded_by_a_run(tmp_path):
+def test_no_module_that_shows_results_is_loaded_by_a_run(ocean_file, tmp_path):
     """A change in a module that is not in the key cannot change a result."""
     package = Path(pymantaray.__file__).parent
     shows = set()
@@ -459,7 +463,8 @@ def test_no_module_that_shows_results_is_loaded_by_a_run(tmp_path):
         if installation.shows_results(module, file.read_bytes()):
             shows.add(".".join(["pymantaray", *module.with_suffix("").parts]))
     paths = os.pathsep.join([SOURCES, str(ROOT / "tests")])
-    loaded = set(python(RUN, environment={"PYTHONPATH": paths}, cwd=tmp_path).stdout.split())
+    done = python(RUN, ocean_file, environment={"PYTHONPATH": paths}, cwd=tmp_path)
+    loaded = set(done.stdout.split())
     assert loaded & shows == set()
     assert {"pymantaray.apps.study.page", "pymantaray.cli.main", "pymantaray.pages.page"} < shows
     assert {"pymantaray.apps.study.runner", "pymantaray.sensing.measure"} < loaded

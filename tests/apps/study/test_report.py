@@ -79,17 +79,17 @@ def without_drawing(monkeypatch):
     )
 
 
-def coarsely(figure, kinds, **_):
-    """In place of `rendered`: all is drawn once, as a small PNG, whose layout others look at."""
-    figure.set_layout_engine("none")
-    return dict.fromkeys(kinds, rendered(figure, ("png",), dpi=50.0)["png"])
+def empty(figure, kinds, **_):
+    """In place of `rendered`: a small PNG of the figure's size; what is in it others look at."""
+    page = Figure(figure.get_size_inches())
+    return dict.fromkeys(kinds, rendered(page, ("png",), dpi=50.0)["png"])
 
 
-@pytest.fixture(scope="module", params=[coarsely])
+@pytest.fixture(scope="module", params=[empty])
 def reported(request, once, tiny_run_folder):
     """
     Folder of a run with its report, the page's text, and what was told of the progress; not to be
-    written to. Its figures are coarse unless a test asks for `rendered` itself.
+    written to. Its figures are empty unless a test asks for `rendered` itself.
     """
 
     def report(place):
@@ -271,8 +271,11 @@ def test_a_report_works_without_ranges_and_with_failed_solves(run, made_run, tmp
 def test_a_new_report_replaces_the_old_one_or_leaves_it_as_it_was(made_run, tmp_path, monkeypatch):
     folder = made_run(realizations=1).write(tmp_path / "run")
     without_drawing(monkeypatch)
-    write_report(folder)
-    (folder / "tables" / "old.csv").touch()
+    old = [folder / "figures" / "old.png", folder / "tables" / "old.csv"]
+    for file in old:
+        file.parent.mkdir()
+        file.touch()
+    (folder / "index.html").write_text("old")
     before = sorted(folder.rglob("*"))
 
     def fail(*_, **__):
@@ -282,8 +285,10 @@ def test_a_new_report_replaces_the_old_one_or_leaves_it_as_it_was(made_run, tmp_
         patch.setattr(write, "rendered", fail)
         refused(ReportError, "disk full", write_report, folder)
     assert sorted(folder.rglob("*")) == before
+    assert (folder / "index.html").read_text() == "old"
     write_report(folder)
-    assert set(before) - set(folder.rglob("*")) == {folder / "tables" / "old.csv"}
+    assert set(before) - set(folder.rglob("*")) == set(old)
+    assert (folder / "index.html").read_text() != "old"
 
 
 @pytest.mark.slow

@@ -5,13 +5,15 @@ import json
 import numpy as np
 
 
-def test_a_study_by_gtsam_has_the_same_tables(run_tiny):
+def test_a_study_by_gtsam_has_the_same_tables(tiny_run, run_tiny):
     """Positions are within 1 mm; the manifest and the table of costs have the distances."""
     names = ["odometry", "straight", "refracted"]
-    ours, theirs = (run_tiny(conditions=names, solver=solver) for solver in ("batch", "gtsam"))
+    ours, theirs = tiny_run, run_tiny(conditions=names, solver="gtsam")
     assert theirs.estimates.condition.tolist() == names
-    np.testing.assert_array_equal(theirs.estimates.solve_status, ours.estimates.solve_status)
-    apart = np.linalg.norm(theirs.estimates.position - ours.estimates.position, axis=-1).max(
+    same = np.flatnonzero(np.isin(ours.estimates.condition, names))
+    assert ours.estimates.condition[same].tolist() == names
+    np.testing.assert_array_equal(theirs.estimates.solve_status, ours.estimates.solve_status[same])
+    apart = np.linalg.norm(theirs.estimates.position - ours.estimates.position[same], axis=-1).max(
         axis=(1, 2, 3)
     )
     rounding = np.sqrt(3.0) * 0.8e-3  # of two positions in files
@@ -24,7 +26,7 @@ def test_a_study_by_gtsam_has_the_same_tables(run_tiny):
     costs = theirs.tables["costs"].frame.set_index("condition")["from_batch_m"]
     assert costs["straight"] == max(told["straight"])
     assert "from_batch_m" not in ours.tables["costs"].frame
-    for name in ("ape_pooled", "ping_error"):
-        if name in ours.tables:
-            numbers = [run.tables[name].frame.select_dtypes("number") for run in (ours, theirs)]
-            np.testing.assert_allclose(*numbers, atol=1e-3)
+    for name in ("ate_pooled", "ping_error"):
+        frames = [run.tables[name].frame.set_index("condition") for run in (ours, theirs)]
+        numbers = [frame.loc[frames[1].index].select_dtypes("number") for frame in frames]
+        np.testing.assert_allclose(*numbers, atol=1e-3)

@@ -1,5 +1,7 @@
 """The package's public names: all there, and nothing heavy until one is used."""
 
+import json
+
 import pytest
 from factories import python
 
@@ -18,17 +20,8 @@ def test_unknown_names_are_unknown():
         _ = pymantaray.nonsense
 
 
-COMMANDS = """
-from pymantaray.cli.main import main
-for command in {!r}.split("; "):
-    try:
-        main(command.split())
-    except SystemExit:
-        pass
-"""
-LIGHT = {  # what is done, and what is not imported for it
+LIBRARY = {  # what is done in one process in this order, and what is not imported by then
     "import pymantaray": "numpy xarray numba gtsam",
-    "import pymantaray.estimation": "gtsam",
     "import pymantaray.ocean.fetch": "requests pydap copernicusmarine",
     "from pymantaray.acoustics.levels import absorption, loss, sonar": (
         "xarray scipy pandas numba netCDF4"
@@ -36,16 +29,31 @@ LIGHT = {  # what is done, and what is not imported for it
     "from pymantaray.acoustics import currents, selection": "xarray scipy pandas numba netCDF4",
     "from pymantaray.acoustics import Medium; Medium.from_profile([0, 9], [1500, 1490],"
     " bottom_depth=5)": "xarray pandas",
+    "import pymantaray.estimation": "gtsam",
     "import pymantaray.apps.study.realization": "xarray pandas pydantic gsw pyproj matplotlib",
-    "rays times --help": "numba pandas xarray scipy gsw",
+}
+COMMANDS = {
     "study list; study run nosuch; study run broken.toml": "numba gtsam xarray matplotlib scipy",
-}  # fmt: skip
+    "rays times --help": "numba pandas xarray scipy gsw",
+}
+DO = """
+import json, sys
+def command(words):
+    from pymantaray.cli.main import main
+    for one in words.split("; "):
+        try:
+            main(one.split())
+        except SystemExit:
+            pass
+for what, heavy in json.loads(sys.argv[1]).items():
+    (exec if "import" in what else command)(what)
+    print("imported:", what, *set(heavy.split()) & set(sys.modules))
+"""
 
 
-@pytest.mark.parametrize("what", LIGHT)
-def test_nothing_heavy_is_imported_before_it_is_used(tmp_path, what):
+@pytest.mark.parametrize("light", [LIBRARY, COMMANDS], ids=["library", "commands"])
+def test_nothing_heavy_is_imported_before_it_is_used(tmp_path, light):
     (tmp_path / "broken.toml").write_text("[study")
-    code = what if "import" in what else COMMANDS.format(what)
-    code += f"\nimport sys\nprint('imported:', *set({LIGHT[what].split()}) & set(sys.modules))"
-    done = python(code, cwd=tmp_path)
-    assert done.stdout.splitlines()[-1] == "imported:", done.stderr
+    done = python(DO, json.dumps(light), cwd=tmp_path)
+    told = [line for line in done.stdout.splitlines() if line.startswith("imported: ")]
+    assert told == [f"imported: {what}" for what in light], done.stderr
