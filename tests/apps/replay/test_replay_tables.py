@@ -213,7 +213,7 @@ def test_intervals_draw_pairs_not_events():
     rng = np.random.default_rng(0)
     level = rng.standard_normal(12)
     widths = []
-    for m in (10, 100):
+    for m in (5, 40):
         values = np.repeat(level, m) + 1e-3 * rng.standard_normal(12 * m)
         row = summary_table(
             summary_events(values, np.repeat([f"p{i}" for i in range(12)], m)), seed=5

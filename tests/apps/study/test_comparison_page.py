@@ -73,7 +73,7 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
 def test_differences_of_runs_with_one_seed_are_paired(made_run, tmp_path):
     """By scipy's tests on means that this test forms of the errors itself."""
     runs = {
-        name: RunResults(open_run(made_run(**keywords).write(tmp_path / name)))
+        name: RunResults(open_run(made_run(("A", "B"), pings=1, **keywords).write(tmp_path / name)))
         for name, keywords in {
             "one": {"realizations": 4, "failed": ((1, 2),)},
             "more": {"realizations": 3, "scale": 2.0},

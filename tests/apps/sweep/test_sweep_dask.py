@@ -9,11 +9,11 @@ from pymantaray.apps.sweep import run_sweep
 pytest.importorskip("distributed")
 
 
+@pytest.mark.slow
 def test_a_client_gives_the_same_digits_as_this_process(noises, summaries, monkeypatch, tmp_path):
     sweep = noises(3)
     with client_here(2) as client:
         by_dask = run_sweep(sweep, tmp_path / "dask", client=client)
-        assert client.status == "running"  # it is its owner's
     monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", pool_here)
     here = run_sweep(sweep, tmp_path / "here")
     assert by_dask.status().done == 3
