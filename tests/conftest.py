@@ -1,6 +1,5 @@
 """Common to all tests: what several folders' tests run once, whatever the number of workers."""
 
-import copy
 import fcntl
 import gc
 import hashlib
@@ -133,16 +132,6 @@ def once(tmp_path_factory, worker_id) -> Callable[[str, Callable[[Path], None]],
         return path
 
     return make
-
-
-@pytest.fixture(scope="session")
-def tiny() -> Callable:
-    """Configuration of TINY with other sections."""
-    from factories import TINY, changed
-
-    from pymantaray.config import parse_study
-
-    return lambda **sections: parse_study(changed(copy.deepcopy(TINY), sections), "tiny")
 
 
 @pytest.fixture(scope="session")

@@ -1,41 +1,5 @@
-"""The study `factories.TINY`, its run, and runs of it with other sections."""
+"""The study `factories.TINY` and runs of it with other sections."""
 
-import pytest
+from tiny_study import fly_tiny, run_tiny, tiny, tiny_config, tiny_run
 
-from pymantaray.apps.study import open_run, run_study
-from pymantaray.apps.study.manifest import Stopwatch
-from pymantaray.apps.study.mission import simulate_mission
-from pymantaray.apps.study.store import run_in_memory
-from pymantaray.config.build.study import build_study
-
-
-@pytest.fixture(scope="session")
-def tiny_config(tiny):
-    return tiny()
-
-
-@pytest.fixture(scope="session")
-def tiny_run(tiny_run_folder):
-    return open_run(tiny_run_folder)
-
-
-@pytest.fixture(scope="session")
-def run_tiny(tiny, tmp_path_factory):
-    """Run TINY with other sections, in a folder of its own."""
-
-    def run(workers=1, **sections):
-        return run_study(tiny(**sections), tmp_path_factory.mktemp("run") / "tiny", workers=workers)
-
-    return run
-
-
-@pytest.fixture(scope="session")
-def fly_tiny(tiny):
-    """The mission of TINY with other sections, and as a run without estimates."""
-
-    def fly(**sections):
-        config = tiny(**sections)
-        mission = simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
-        return mission, run_in_memory(build_study(config), mission)
-
-    return fly
+__all__ = ["fly_tiny", "run_tiny", "tiny", "tiny_config", "tiny_run"]
