@@ -19,7 +19,7 @@ def test_no_attempt_succeeds():
     forked it.
     """
     done = subprocess.run(
-        [sys.executable, attacks.__file__, "--every", "8"],
+        [sys.executable, attacks.__file__, "--every", "12"],
         capture_output=True,
         text=True,
         check=False,
@@ -27,4 +27,4 @@ def test_no_attempt_succeeds():
     assert done.returncode == 0, done.stdout + done.stderr
     counts = dict(re.findall(r"^(\w+) +(\d+) attempts, 0 faults$", done.stdout, re.MULTILINE))
     assert counts.keys() == {*attacks.CLASSES, "all"}
-    assert min(map(int, counts.values())) >= 3
+    assert min(map(int, counts.values())) >= 2

@@ -186,7 +186,7 @@ def test_near_the_surface_a_mixture_is_as_good_as_from_the_truth(run_tiny):
     mixture = {"range_model": {"kind": "mixture", "belief": "exact"}}
     run = run_tiny(
         **MULTIPATH
-        | {"study": {"realizations": 4}}
+        | {"study": {"realizations": 2}}
         | {
             "conditions": [
                 "straight",
