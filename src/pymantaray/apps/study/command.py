@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.groups import existing, with_options
+from pymantaray.cli.groups import with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
     Commands,
@@ -65,10 +65,6 @@ def _presets(incomplete: str) -> list[str]:
     return [name for name in preset_names() if name.startswith(incomplete)]
 
 
-RunFolder = Annotated[
-    Path,
-    typer.Argument(callback=existing("folder"), metavar="RUN", help="Folder of a run."),
-]
 Name = Annotated[str, typer.Argument(metavar="NAME", help="A preset.", autocompletion=_presets)]
 NameOrFile = Annotated[
     str,
@@ -123,11 +119,7 @@ def init(
 def import_command(
     simulation: Annotated[
         Path,
-        typer.Argument(
-            callback=existing(),
-            metavar="SIM.json",
-            help="Configuration of the paper's authors' program.",
-        ),
+        typer.Argument(metavar="SIM.json", help="Configuration of the paper's authors' program."),
     ],
     out: Annotated[
         Path | None,
@@ -312,7 +304,7 @@ def _stages(*, solves: bool, figures: bool) -> list[str]:
 
 @app.command()
 def report(
-    folder: RunFolder,
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
     formats: Formats = "",
     open_page: Open = False,
     quiet: Quiet = False,
@@ -330,7 +322,7 @@ def report(
 
 @app.command()
 def tables(
-    folder: RunFolder,
+    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
     names: Annotated[
         list[str] | None,
         typer.Argument(
@@ -358,10 +350,7 @@ def tables(
 @app.command()
 def compare(
     runs: Annotated[
-        list[Path],
-        typer.Argument(
-            callback=existing("folder"), metavar="RUN", help="Folders of at least two runs."
-        ),
+        list[Path], typer.Argument(metavar="RUN", help="Folders of at least two runs.")
     ],
     out: Out = None,
     formats: Formats = "",
