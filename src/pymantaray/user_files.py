@@ -222,6 +222,12 @@ def shown(path: str | Path) -> str:
     return name if len(name) <= 200 else f"{name[:140]}...{name[-57:]}"
 
 
+def check_there(path: str | Path, refusal: Refusal, what: str = "file") -> None:
+    """Raise an error if no file or folder of a name exists."""
+    if not exists(path):
+        raise _missing(path, refusal, what)
+
+
 def _entries(folder: Path, *, follow: bool) -> list[tuple[str, bool]]:
     """Names in a folder, and True for folders; empty for a folder that cannot be read."""
     try:
@@ -260,9 +266,13 @@ def _check_state(
 
 def _cannot_be_read(path: str | Path, refusal: Refusal, error: Exception) -> Exception:
     if isinstance(error, FileNotFoundError):
-        return refusal(f"{shown(path)}: no such file; name an existing file")
+        return _missing(path, refusal, "file")
     cause = getattr(error, "strerror", None) or error
     return refusal(f"{shown(path)}: cannot be read: {cause}; name an existing file")
+
+
+def _missing(path: str | Path, refusal: Refusal, what: str) -> Exception:
+    return refusal(f"{shown(path)}: no such {what}; name an existing {what}")
 
 
 def _too_large(path: str | Path, refusal: Refusal, limit: int) -> Exception:

@@ -168,7 +168,7 @@ def test_ranges_accept_times_in_words_and_need_the_file_first(mantaray, monkeypa
     assert second.schedule.slot_s == 90.0
     missing = tmp_path / "nothere.csv"
     lost = mantaray("ranges", missing, *words[2:])
-    assert (lost.code, lost.err) == (2, f"error: {missing}: no such file\n")
+    assert (lost.code, lost.err) == (2, f"error: {missing}: no such file; name an existing file\n")
     assert "schedule of pings" in mantaray(*words).err
 
 
@@ -212,7 +212,8 @@ def test_an_option_takes_a_number_in_its_unit_or_text_with_a_unit(unit, text, nu
 
 
 def test_an_option_refuses_another_quantity_in_one_line(mantaray):
-    done = mantaray("rays", "times", "a.csv", "b.csv", "--profile", "c.csv", "--bathymetry", "2 kg")
+    words = (__file__, "b.csv", "--profile", __file__)
+    done = mantaray("rays", "times", *words, "--bathymetry", "2 kg")
     assert done.code == 2
     assert done.err.startswith(
         "error: --bathymetry: found '2 kg'; allowed: a number of metres, or text"

@@ -501,6 +501,8 @@ def test_a_date_that_does_not_exist_is_a_note(tmp_path):
         assert any(
             "'2018-13-45'" in note and "not read; time unknown" in note for note in cast.notes
         )
+        if text == f"# lat 74, lon -140\n{dated}":  # a column, not a comment
+            assert any("'2018-13-45' (line 3)" in note for note in cast.notes), cast.notes
 
 
 @pytest.mark.parametrize("bad", ["30,0.2", "30,abc,30.1", "30,0.2,30.1,30,0.2", '"30,0.2,30.1'])

@@ -65,6 +65,9 @@ def test_spreads_keep_the_attributes_of_their_levels(fram_strait):
         assert spread["depth"].attrs == levels.attrs != {}
         assert spread["mean"].attrs == spread["max"].attrs
         assert spread["mean"].attrs["units"] == "m s-1"
+        wet = spread["count"].values > 0
+        low, mean, high = (spread[name].values[wet] for name in ("min", "mean", "max"))
+        assert ((low <= mean + 1e-9) & (mean <= high + 1e-9)).all()
 
 
 def test_the_spread_of_profiles_warns_of_no_dry_level(fram_strait, monkeypatch):

@@ -59,3 +59,10 @@ def test_numbers_whose_squares_leave_no_digits_are_refused():
             value,
             unit="m",
         )
+
+
+def test_values_that_do_not_rise_are_refused_after_the_last_that_did():
+    for values in ([0.0, 2.0, 2.0, 1.0], [0.0, 2.0, 1.0]):
+        arguments = (checked_array, MantaRayError, "depth", values, (None,))
+        refused(MantaRayError, "depth: values do not increase after 2;", *arguments, rising=True)
+    assert checked_array(MantaRayError, "depth", [0.0, 1e-9], (None,), rising=True).size == 2

@@ -15,10 +15,13 @@ from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin
 
 import typer
 
+from pymantaray.errors import MantaRayError
 from pymantaray.quantities.units import has_units, quantity_of
+from pymantaray.user_files import check_there
 
 _ENTRY = re.compile(r"^(\w+) :.*\n((?: {4}.*\n?)+)", re.MULTILINE)  # of a numpydoc section
 _UNIT = re.compile(r" *\[([^\]]+)\]$")
+_NO_PATH = ":*?["  # in an address, a synthetic ocean, or a pattern
 _METAVARS = {"s": "DURATION", "m": "METRES", "deg": "DEGREES", "-": "NUMBER"}
 """Words for units; others are the unit in capitals."""
 
@@ -65,6 +68,27 @@ def quantities(unit: str, count: int | None = None) -> Callable[[str], tuple[flo
 
     parse.__name__ = unit
     return parse
+
+
+def existing(what: str = "file") -> Callable[[typer.Context, Any], Any]:
+    """
+    Return the callback of a parameter whose names must exist, which refuses others before a command
+    loads the library. Addresses, patterns and words such as ``synthetic:fram`` are left to readers.
+    """
+
+    def check(ctx: typer.Context, value: Any) -> Any:
+        for name in value if isinstance(value, list) else [value]:
+            if name is not None and not ctx.resilient_parsing and _is_path(name):
+                check_there(name, MantaRayError, what)
+        return value
+
+    return check
+
+
+def _is_path(name: str | Path) -> bool:
+    """True for a path, and for a word that ends as the name of a file does."""
+    text = str(name)
+    return not set(text) & set(_NO_PATH) and (isinstance(name, Path) or bool(Path(text).suffix))
 
 
 class Fields:

@@ -13,7 +13,7 @@ import typer
 from typer.models import OptionInfo
 
 from pymantaray.cli.arguments import use_options_of
-from pymantaray.cli.groups import number_in, quantity
+from pymantaray.cli.groups import existing, number_in, quantity
 from pymantaray.cli.panels import ARRIVALS, OUTPUT, WATER, Command, Group
 from pymantaray.cli.printing import Printer, log_to_stderr, printer
 from pymantaray.errors import AcousticsError, MantaRayError, StudyError, WaterError
@@ -30,6 +30,7 @@ _OCEAN = "--ocean"
 _BARE = {"--learn": ("causal", "smooth")}  # options whose first value may be left out
 Pair = tuple[float, float]
 LINKS = typer.Argument(
+    callback=existing(),
     metavar="LINKS.csv",
     help="Columns source_north, source_east, source_depth, receiver_north, receiver_east,"
     " receiver_depth, all in metres; with --ocean also source_lat, source_lon and so on; one link"
@@ -291,6 +292,7 @@ class OceanOptions:
     ocean: Annotated[
         list[str] | None,
         typer.Option(
+            callback=existing(),
             metavar="NAME|FILE...",
             help="Ocean files that belong together, a profile or cast, synthetic:beaufort or"
             " synthetic:fram, a preset, or a TOML file.",
@@ -299,6 +301,7 @@ class OceanOptions:
     profile: Annotated[
         list[Path] | None,
         typer.Option(
+            callback=existing(),
             metavar="FILE",
             help="A profile or cast: a table with depth (m) or pressure (dbar), and sound_speed"
             " (m/s) or temperature (degC) and salinity, an instrument's file, Argo or CF profiles;"
@@ -330,7 +333,11 @@ class AnySourceOptions(OceanOptions):
 
     run: Annotated[
         Path | None,
-        typer.Option(metavar="FOLDER", help="Folder of a study's run, for its ocean at the start."),
+        typer.Option(
+            callback=existing("folder"),
+            metavar="FOLDER",
+            help="Folder of a study's run, for its ocean at the start.",
+        ),
     ] = None
 
     def __post_init__(self) -> None:

@@ -23,7 +23,7 @@ from pymantaray.ocean.files import open_file
 from pymantaray.quantities.checks import parsed_number
 from pymantaray.records import Trajectories
 from pymantaray.records.digits import counted
-from pymantaray.user_files import exists, first_bytes, matching_files, shown
+from pymantaray.user_files import check_there, first_bytes, matching_files, shown
 
 Source = str | Path | Sequence[str | Path] | pd.DataFrame
 
@@ -79,8 +79,8 @@ def files_of(source: str | Path | Sequence[str | Path]) -> list[Path]:
         found = matching_files(str(one), Path(), ExchangeError) if "*" in str(one) else [Path(one)]
         if not found:
             raise ExchangeError(f"{shown(one)}: no file matches this pattern")
-        if missing := [path for path in found if not exists(path)]:
-            raise ExchangeError(f"{shown(missing[0])}: no such file")
+        for path in found:
+            check_there(path, ExchangeError)
         paths += found
     if not paths:
         raise ExchangeError("trajectories: no file; name at least one")

@@ -495,7 +495,7 @@ def test_help_lists_both_commands_and_a_missing_file_is_one_line(mantaray):
     done = mantaray("locate", "--help")
     assert "plan" in done.out
     assert "survey" in done.out
-    done = mantaray("locate", "nowhere.txt", "--profile", "x.csv")
+    done = mantaray("locate", "nowhere.txt", "--profile", __file__)
     assert done.code == 2
     assert "nowhere.txt: no such file" in done.err
 

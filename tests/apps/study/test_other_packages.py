@@ -2,7 +2,6 @@
 Sensors and figures of other packages: whatever they do ends in one line with the package's name.
 """
 
-import importlib
 import json
 import os
 import re
@@ -19,6 +18,7 @@ import pytest
 import typer
 from factories import TINY, python
 from matplotlib.figure import Figure
+from other_package import NOTHING, install
 from refusals import refused
 
 import pymantaray
@@ -37,9 +37,9 @@ from pymantaray.sensing import NoiseModel
 from pymantaray.sensing.other_packages import other_sensors
 from pymantaray.sensing.sensor import Scene
 
+__all__ = ["install"]
 ROOT = Path(__file__).parents[3]
 SOURCES = str(Path(pymantaray.__file__).parents[1])
-NOTHING = "def measure(scene, noise): return {}\ndef perturb(measurements, normal): return {}\n"
 
 
 def write_report_of(run, packages):
@@ -60,40 +60,6 @@ def copy_of(run, folder):
         if file.is_file():
             (folder / file.name).symlink_to(file)
     return folder
-
-
-@pytest.fixture
-def install(tmp_path, monkeypatch):
-    """
-    Install a package in a new folder of this process's path, with one module `hostile`; no other is
-    found.
-    """
-    folder = str(tmp_path / "packages")
-    # reading the metadata of all that is installed takes longer than a test
-    monkeypatch.setattr(entry_points, "distributions", lambda: distributions(path=[folder]))
-    figures.find_figures()  # modules register their figures once
-    monkeypatch.setattr(figures, "_REGISTER", dict(figures._REGISTER))
-    monkeypatch.syspath_prepend(tmp_path / "packages")
-
-    def forget():
-        for memory in (entry_points.extensions, entry_points._loaded, entry_points._source_hash):
-            memory.cache_clear()
-        sys.modules.pop("hostile", None)
-        importlib.invalidate_caches()
-
-    def put(source, group="sensors", version="1.0"):
-        info = tmp_path / "packages" / "other-1.dist-info"
-        info.mkdir(parents=True, exist_ok=True)
-        metadata = f"Metadata-Version: 2.1\nName: other\nVersion: {version}\n"
-        (info / "METADATA").write_text(metadata)
-        (info / "entry_points.txt").write_text(f"[pymantaray.{group}]\nbad = hostile\n")
-        (info.parent / "hostile.py").write_text(f"import sys\nimport numpy as np\n{source}")
-        shutil.rmtree(info.parent / "__pycache__", ignore_errors=True)
-        forget()
-        return info.parent
-
-    yield put
-    forget()
 
 
 @pytest.fixture(scope="module")
@@ -183,66 +149,6 @@ def test_a_sensor_that_cannot_be_used_is_named(install, source, fault):
             "package 'other': its entry point 'bad' of 'pymantaray.sensors' " + fault
         )
         assert line.endswith("repair or uninstall the package")
-
-
-DEPTH = "scene.truth.position[..., 2]"
-
-
-@pytest.mark.parametrize(
-    ("body", "fault"),
-    [
-        ("raise ValueError('a\\nb')", "fails in measure: ValueError: a b;"),
-        ("sys.exit(0)", "fails in measure: SystemExit: 0;"),
-        ("return None", "returns from measure NoneType, not a dictionary of columns;"),
-        ("return {'salinity': 1.0}", "returns from measure the column 'salinity'; allowed:"),
-        ("return {'name': scene.truth.name[::-1]}", "returns from measure the column 'name';"),
-        ("return {'range_status': [99]}", "returns from measure the column 'range_status';"),
-        (f"return {{'depth': {DEPTH} * 1j}}", "depth with values of type complex128;"),
-        (f"return {{'depth': {DEPTH} * np.nan}}", "depth with values that are not finite;"),
-        (f"return {{'depth': np.ma.masked_less({DEPTH}, 9)}}", "depth with masked values;"),
-        ("return {'depth': np.zeros(3)}", "fails in measure: RecordError: measurements: depth"),
-        ("return {'depth_sigma': [0.0]}", "depth_sigma with standard deviations that are not"),
-        ("return {'dvl_beam_loss': [1.5]}", "dvl_beam_loss with probabilities outside 0 to 1;"),
-        ("return {'first_quaternion': np.ones((4, 4))}", "quaternions whose norm is not 1;"),
-        ("return {'gnss_vehicle': [99]}", "gnss_vehicle with indices outside 0 to"),
-        (
-            "return {'dvl_sample': [len(scene.truth.time) - 1]}",
-            "dvl_sample with indices outside 0 to",
-        ),
-        ("scene.truth.position[:] = 0.0", "fails in measure: ValueError: assignment destination"),
-    ],
-)
-def test_a_sensor_that_measures_wrongly_is_named(install, tiny_run, body, fault):
-    install(NOTHING + f"def measure(scene, noise):\n    {body}\n")
-    run = tiny_run
-    (sensor,) = other_sensors(["bad"])
-    with pytest.raises(ExtensionError, match=r"^package 'other': ") as error:
-        sensor.measured(run.measurements, Scene(run.truth, [], 0.1), NoiseModel())
-    assert fault in str(error.value)
-
-
-@pytest.mark.parametrize(
-    ("body", "fault"),
-    [
-        ("raise KeyError('x')", "fails in perturb: KeyError: 'x';"),
-        ("return None", "returns from perturb NoneType"),
-        ("return {'range_status': measurements.range_status * 0 + 99}", "the column 'range_s"),
-        ("return {'depth': measurements.depth[:, :2]}", "depth with another shape than measure"),
-        ("return {'depth': measurements.depth * 1j}", "depth with values of type complex128;"),
-        (
-            "return {'depth': measurements.depth + np.random.default_rng().normal()}",
-            "other values of depth in a second call; all noise must come from `normal`;",
-        ),
-        ("measurements.depth[:] = 0.0", "fails in perturb: ValueError: assignment destination"),
-    ],
-)
-def test_a_sensor_that_draws_wrongly_is_named(install, tiny_run, body, fault):
-    install(NOTHING + f"def perturb(measurements, normal):\n    {body}\n")
-    m = tiny_run.measurements
-    (sensor,) = other_sensors(["bad"])
-    with pytest.raises(ExtensionError, match=r"^package 'other': ") as error:
-        sensor.perturbed(m, m, lambda shape, *_: np.zeros(shape))
-    assert fault in str(error.value)
 
 
 def test_a_sensor_changes_nothing_but_its_columns(install, tiny_run_folder, capsys):

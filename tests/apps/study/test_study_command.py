@@ -391,7 +391,8 @@ def test_full_output_folder_is_refused_untouched(mantaray, small):
         (("run", "no.toml"), "no.toml: no such file"),
         (("show", "fast"), "no preset 'fast'"),
         (("run", "."), ".: not a preset, and not a study file, whose name ends in .toml"),
-        (("compare", "here", "there"), "here: not a run folder: it has no manifest.json"),
+        (("compare", "here", "there"), "here: no such folder; name an existing folder"),
+        (("report", "."), ".: not a run folder: it has no manifest.json"),
     ],
 )
 def test_known_errors_are_one_line(mantaray, small, words, expected):

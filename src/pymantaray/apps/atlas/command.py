@@ -10,7 +10,7 @@ import typer
 
 from pymantaray.apps.atlas.links import AtlasLinks
 from pymantaray.apps.ocean.command import Files
-from pymantaray.cli.groups import Fields, quantities, quantity, with_options
+from pymantaray.cli.groups import Fields, existing, quantities, quantity, with_options
 from pymantaray.cli.options import (
     Commands,
     Force,
@@ -41,7 +41,9 @@ app = Commands(
     cls=RunGroup, help="Map the errors of straight-line ranging in every column of an ocean."
 )
 
-AtlasFile = Annotated[Path, typer.Argument(metavar="ATLAS.nc", help="File of an atlas.")]
+AtlasFile = Annotated[
+    Path, typer.Argument(callback=existing(), metavar="ATLAS.nc", help="File of an atlas.")
+]
 
 
 @dataclass(frozen=True)

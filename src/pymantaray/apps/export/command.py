@@ -10,6 +10,8 @@ import typer
 
 from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import printer
+from pymantaray.errors import StudyError
+from pymantaray.user_files import check_there
 
 SHOWS_RESULTS = True
 
@@ -77,6 +79,7 @@ def export(
         raise _UsageError(f"Got unexpected extra argument ({words[0]})", context)
     if to is None or out is None:
         raise _UsageError(f"Missing option '--{'to' if to is None else 'out'}'.", context)
+    check_there(run, StudyError, "folder")
     from pymantaray.apps.export import export_run
 
     typer.echo(str(export_run(run, to, out, realization=realization)))

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
-from pymantaray.cli.groups import with_options
+from pymantaray.cli.groups import existing, with_options
 from pymantaray.cli.options import Commands, Force, Json, TableOptions
 from pymantaray.cli.output import EXIT_UNUSABLE
 from pymantaray.cli.panels import OUTPUT
@@ -23,7 +23,10 @@ SHOWS_RESULTS = True
 app = Commands(help="Show, solve and convert factor graphs from files.")
 
 
-In = Annotated[Path, typer.Argument(metavar="FILE", help="PyFactorGraph text, g2o or TORO.")]
+In = Annotated[
+    Path,
+    typer.Argument(callback=existing(), metavar="FILE", help="PyFactorGraph text, g2o or TORO."),
+]
 
 
 @dataclass(frozen=True)

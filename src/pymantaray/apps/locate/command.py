@@ -11,7 +11,7 @@ from pymantaray.apps.locate.options import LocateOptions, PlanOptions
 from pymantaray.apps.locate.read_options import ReadOptions
 from pymantaray.apps.locate.survey import PlatformError
 from pymantaray.cli.arguments import in_options
-from pymantaray.cli.groups import Fields, quantity, with_options
+from pymantaray.cli.groups import Fields, existing, quantity, with_options
 from pymantaray.cli.options import (
     AnySourceOptions,
     Commands,
@@ -107,12 +107,17 @@ class SurveyOptions:
     ] = "10 min"
     modes: Annotated[
         list[Path] | None,
-        typer.Option(metavar="CASTS", help="Casts for the vertical modes of --sound-speed modes."),
+        typer.Option(
+            callback=existing(),
+            metavar="CASTS",
+            help="Casts for the vertical modes of --sound-speed modes.",
+        ),
     ] = None
     earlier: Annotated[
         Path | None,
         typer.Option(
             "--with",
+            callback=existing(),
             metavar="EARLIER",
             help="location.json of an earlier campaign, or its folder: estimate the displacement"
             " of the nodes since then.",
@@ -150,6 +155,7 @@ def survey(
     file: Annotated[
         Path,
         typer.Argument(
+            callback=existing(),
             metavar="SURVEY",
             help="A table of pings, survey text of OBSrange, the ini file of GARPOS, or the"
             " config.yaml of GNATSS.",

@@ -12,7 +12,7 @@ import typer
 
 from pymantaray.apps.ocean import fetch_command
 from pymantaray.cli.arguments import in_options
-from pymantaray.cli.groups import quantities, quantity, with_options
+from pymantaray.cli.groups import existing, quantities, quantity, with_options
 from pymantaray.cli.options import (
     Commands,
     Force,
@@ -60,6 +60,7 @@ app = Commands(help="Fetch, make, check, show and plot oceans.")
 Files = Annotated[
     list[str],
     typer.Argument(
+        callback=existing(),
         metavar="OCEAN",
         help="Files that belong together, a profile or cast, synthetic:beaufort or synthetic:fram,"
         " a preset, or a TOML file.",
@@ -68,6 +69,7 @@ Files = Annotated[
 Ocean = Annotated[
     str,
     typer.Argument(
+        callback=existing(),
         metavar="OCEAN",
         help="As in mantaray ocean show. An ocean of several files: a TOML file with source in its"
         " section ocean.",
@@ -76,13 +78,17 @@ Ocean = Annotated[
 CastFile = Annotated[
     Path,
     typer.Argument(
-        metavar="CAST", help="A table, an instrument's file, Argo profiles or CF profiles."
+        callback=existing(),
+        metavar="CAST",
+        help="A table, an instrument's file, Argo profiles or CF profiles.",
     ),
 ]
 CastFiles = Annotated[
     list[Path],
     typer.Argument(
-        metavar="CASTS", help="Tables, instruments' files, Argo profiles or CF profiles."
+        callback=existing(),
+        metavar="CASTS",
+        help="Tables, instruments' files, Argo profiles or CF profiles.",
     ),
 ]
 NewOcean = Annotated[Path, typer.Argument(metavar="OUT.nc", help="The ocean to write.")]
@@ -400,7 +406,11 @@ class UniformOptions:
     ] = "refuse"
     below_cast: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="A deeper cast for the water below the deepest sample."),
+        typer.Option(
+            callback=existing(),
+            metavar="FILE",
+            help="A deeper cast for the water below the deepest sample.",
+        ),
     ] = None
     equation: Annotated[Equation, typer.Option(help="Equation of sound speed.")] = "teos-10"
 
@@ -597,7 +607,9 @@ class PerturbationOptions:
     ] = None
     mode_cast: Annotated[
         list[Path] | None,
-        typer.Option(metavar="CASTS", help="For eof: casts for the vertical modes."),
+        typer.Option(
+            callback=existing(), metavar="CASTS", help="For eof: casts for the vertical modes."
+        ),
     ] = None
     place: Annotated[
         tuple[float, float] | None,

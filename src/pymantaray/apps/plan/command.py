@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, ClassVar
 
 import typer
 
-from pymantaray.cli.groups import with_options
+from pymantaray.cli.groups import existing, with_options
 from pymantaray.cli.options import Force, ProcessOptions, Set, TableOptions, changes_of
 from pymantaray.cli.output import check_output, counted_progress
 from pymantaray.cli.panels import OUTPUT
@@ -69,7 +69,12 @@ class PlanFiles:
 
 @with_options
 def plan(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="A study file with a section plan.")],
+    file: Annotated[
+        Path,
+        typer.Argument(
+            callback=existing(), metavar="FILE", help="A study file with a section plan."
+        ),
+    ],
     files: PlanFiles,
     printing: TableOptions,
     processes: ProcessOptions,

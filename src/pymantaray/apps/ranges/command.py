@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
-from pymantaray.cli.groups import with_options
+from pymantaray.cli.groups import existing, with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
     FolderOptions,
@@ -48,7 +48,9 @@ class MissionOptions:
     pings: Annotated[
         Path | None,
         typer.Option(
-            metavar="CSV", help="Table of pings: columns time, transmitter and optional receivers."
+            callback=existing(),
+            metavar="CSV",
+            help="Table of pings: columns time, transmitter and optional receivers.",
         ),
     ] = None
     sampling: Annotated[
@@ -95,6 +97,7 @@ def ranges(
     trajectories: Annotated[
         list[str],
         typer.Argument(
+            callback=existing(),
             metavar="TRAJECTORIES",
             help="Tables (CSV, Parquet), TUM files, CF trajectories (NetCDF) or ROS bags; see the"
             " how-to.",

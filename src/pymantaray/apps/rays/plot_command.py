@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.groups import with_options
+from pymantaray.cli.groups import existing, with_options
 from pymantaray.cli.options import (
     Fan,
     Force,
@@ -54,6 +54,7 @@ class EndOptions:
     links: Annotated[
         Path | None,
         typer.Option(
+            callback=existing(),
             metavar="LINKS.csv",
             help="Table of links, as for times, eigen and trace, instead of --source and"
             " --receiver.",

@@ -9,7 +9,7 @@ import typer
 
 from pymantaray.apps.replay.options import PredictionOptions
 from pymantaray.apps.replay.rules import DEFAULT_RULE
-from pymantaray.cli.groups import Fields, quantity, with_options
+from pymantaray.cli.groups import Fields, existing, quantity, with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
     FolderOptions,
@@ -49,6 +49,7 @@ class ComparisonOptions:
     detection: Annotated[
         Path | None,
         typer.Option(
+            callback=existing(),
             metavar="FILE.toml",
             help="TOML file with a study's section detection, for levels, and losses in its"
             " section acoustics.",
@@ -70,7 +71,9 @@ class ComparisonOptions:
     nodes: Annotated[
         Path | None,
         typer.Option(
-            metavar="CSV", help="Table of fixed nodes, such as tables/nodes.csv of mantaray locate."
+            callback=existing(),
+            metavar="CSV",
+            help="Table of fixed nodes, such as tables/nodes.csv of mantaray locate.",
         ),
     ] = None
     smooth_positions: Annotated[
@@ -93,6 +96,7 @@ def replay(
     events: Annotated[
         Path,
         typer.Argument(
+            callback=existing(),
             metavar="EVENTS.csv",
             help="Columns time, source, receiver, source_lat, source_lon, source_depth (or _north,"
             " _east in metres), the same for the receiver, travel_time in seconds; optional sigma,"

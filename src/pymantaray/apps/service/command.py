@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pymantaray.cli.groups import with_options
+from pymantaray.cli.groups import existing, with_options
 from pymantaray.cli.options import ArrivalOptions, Set, WaterOptions, changes_of, parse_duration
 from pymantaray.cli.printing import LOG, printer
 from pymantaray.records.stops import handled
@@ -23,6 +23,7 @@ def serve(
     ocean: Annotated[
         list[str],
         typer.Argument(
+            callback=existing(),
             metavar="OCEAN|CONFIG",
             help="Ocean files, a profile or cast, synthetic:beaufort or synthetic:fram, a preset,"
             " or a TOML file with a study's sections ocean, acoustics, ranging and detection.",

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.groups import with_options
+from pymantaray.cli.groups import existing, with_options
 from pymantaray.cli.options import (
     ArrivalOptions,
     Commands,
@@ -65,6 +65,10 @@ def _presets(incomplete: str) -> list[str]:
     return [name for name in preset_names() if name.startswith(incomplete)]
 
 
+RunFolder = Annotated[
+    Path,
+    typer.Argument(callback=existing("folder"), metavar="RUN", help="Folder of a run."),
+]
 Name = Annotated[str, typer.Argument(metavar="NAME", help="A preset.", autocompletion=_presets)]
 NameOrFile = Annotated[
     str,
@@ -119,7 +123,11 @@ def init(
 def import_command(
     simulation: Annotated[
         Path,
-        typer.Argument(metavar="SIM.json", help="Configuration of the paper's authors' program."),
+        typer.Argument(
+            callback=existing(),
+            metavar="SIM.json",
+            help="Configuration of the paper's authors' program.",
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -304,7 +312,7 @@ def _stages(*, solves: bool, figures: bool) -> list[str]:
 
 @app.command()
 def report(
-    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    folder: RunFolder,
     formats: Formats = "",
     open_page: Open = False,
     quiet: Quiet = False,
@@ -322,7 +330,7 @@ def report(
 
 @app.command()
 def tables(
-    folder: Annotated[Path, typer.Argument(metavar="RUN", help="Folder of a run.")],
+    folder: RunFolder,
     names: Annotated[
         list[str] | None,
         typer.Argument(
@@ -350,7 +358,10 @@ def tables(
 @app.command()
 def compare(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN", help="Folders of at least two runs.")
+        list[Path],
+        typer.Argument(
+            callback=existing("folder"), metavar="RUN", help="Folders of at least two runs."
+        ),
     ],
     out: Out = None,
     formats: Formats = "",

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pymantaray.cli.groups import with_options
+from pymantaray.cli.groups import existing, with_options
 from pymantaray.cli.options import (
     Commands,
     Force,
@@ -33,7 +33,9 @@ app = Commands(cls=RunGroup, help="Run many studies that differ in some keys.")
 EXIT_POINTS_FAILED = 1
 _MAX_REASONS = 5  # reasons of failed points in the output
 
-SweepFile = Annotated[Path, typer.Argument(metavar="FILE", help="A sweep in TOML.")]
+SweepFile = Annotated[
+    Path, typer.Argument(callback=existing(), metavar="FILE", help="A sweep in TOML.")
+]
 Place = Annotated[str, typer.Argument(metavar="FOLDER", help="Folder or URL of a sweep's results.")]
 
 

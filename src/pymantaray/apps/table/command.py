@@ -6,7 +6,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 import typer
 
-from pymantaray.cli.groups import number_in, quantities, quantity, with_options
+from pymantaray.cli.groups import existing, number_in, quantities, quantity, with_options
 from pymantaray.cli.options import ArrivalOptions, Force, PrintOptions, WaterOptions
 from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.panels import OUTPUT
@@ -94,6 +94,7 @@ class TableWaterOptions:
     ensemble: Annotated[
         list[Path] | None,
         typer.Option(
+            callback=existing(),
             metavar="FILE",
             help="Another possible ocean, for the standard deviation of ranges. May be repeated.",
         ),
@@ -132,6 +133,7 @@ def table(
     ocean: Annotated[
         list[str],
         typer.Argument(
+            callback=existing(),
             metavar="OCEAN",
             help="Ocean files, a profile or cast, a synthetic ocean, a preset or a TOML file.",
         ),
