@@ -56,6 +56,8 @@ def test_a_missing_file_is_told_before_the_library_is_loaded(tmp_path):
     for command, answer in zip(COMMANDS, answers, strict=True):
         name = next(word for word in command.split() if word.startswith("no"))
         what = "file" if "." in name else "folder"
+        if command.startswith("export"):  # a run, or the file of an atlas
+            what = "file or folder"
         expected = f"error: {name}: no such {what}; name an existing {what}"
         assert answer.splitlines() == [command, expected, "exit 2"]
     assert done.stdout == "loaded\n"

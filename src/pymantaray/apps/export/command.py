@@ -79,7 +79,7 @@ def export(
         raise _UsageError(f"Got unexpected extra argument ({words[0]})", context)
     if to is None or out is None:
         raise _UsageError(f"Missing option '--{'to' if to is None else 'out'}'.", context)
-    check_there(run, StudyError, "folder")
+    check_there(run, StudyError, "file or folder")
     from pymantaray.apps.export import export_run
 
     typer.echo(str(export_run(run, to, out, realization=realization)))
