@@ -13,6 +13,7 @@ from pymantaray.records.position_rows import (
     middle_longitude,
     missing_fixes,
     order_of_times,
+    repeated_note,
     repeated_rows,
 )
 
@@ -187,6 +188,15 @@ def test_a_single_time_that_falls_is_refused_between_whole_files():
 def test_rows_repeat_only_if_all_columns_do():
     names = np.array(["A", "B", "A", "A"])
     assert repeated_rows([np.array([1.0, 1.0, 1.0, 2.0]), names]).tolist() == [0, 0, 1, 0]
+
+
+@pytest.mark.parametrize(("count", "said"), [
+    (1, "a.csv: 1 ping counted once: line 2 repeats an earlier line"),
+    (3, "a.csv: 3 pings counted once: lines 2, 3, 4 repeat earlier lines"),
+    (99, "a.csv: 99 pings counted once: lines 2, 3, 4, ... repeat earlier lines"),
+])  # fmt: skip
+def test_repeated_rows_are_noted_with_their_first_lines(count, said):
+    assert repeated_note("a.csv", range(2, 2 + count)) == said
 
 
 @pytest.mark.parametrize(("count", "message"), [(1_100, ""), (60_000, "does not return")])

@@ -76,8 +76,7 @@ def middle_longitude(longitude: Array) -> float:
     """Median of longitudes in any turn. [degrees]"""
     if np.ptp(longitude) < 180.0:
         return float(np.median(longitude))
-    first = float(np.median(wrap_longitude(longitude)))
-    about = first if np.ptp(wrap_longitude(longitude, first)) < 180.0 else float(longitude[0])
+    about = float(longitude[0])
     return float(wrap_longitude(float(np.median(wrap_longitude(longitude, about)))))
 
 

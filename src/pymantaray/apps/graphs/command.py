@@ -211,7 +211,10 @@ def solve(
         # refuse before the solve
         folder = None if out is None else stack.enter_context(staged_folder(out))[0]
         with step_line(quiet=printing.quiet) as report:
-            result = solving.solve(file, content, report)
+            try:
+                result = solving.solve(file, content, report)
+            except EstimationError as error:
+                raise EstimationError(f"{file}: {error}") from None
         if result.solution.status is SolveStatus.FAILED:  # there is nothing to write
             raise EstimationError(f"{file}: {result.diagnosis}")
         errors = _errors(result)

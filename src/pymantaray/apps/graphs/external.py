@@ -562,8 +562,8 @@ def _unexplained(graph: FactorGraph, solution: GraphSolution) -> str | None:
     predicted = np.linalg.norm(place[one] - place[other], axis=1)
     sigma = np.sqrt(ranges.variance)
     why = unexplained(measured - predicted, measured, sigma, least=LEAST_RANGE)
-    if why is None and solution.final_cost > LARGEST_RATIO**2 * max(solution.expected_cost, 0.5):
-        ratio = np.sqrt(solution.final_cost / max(solution.expected_cost, 0.5))
+    ratio = np.sqrt(solution.final_cost / max(solution.expected_cost, 0.5))
+    if why is None and ratio > LARGEST_RATIO:
         why = (
             f"the rms residual is {ratio:.3g} stated standard deviations; at most"
             f" {LARGEST_RATIO:g} explain it"

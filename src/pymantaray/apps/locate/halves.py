@@ -80,10 +80,13 @@ def _difference(name: str, solution: SurveySolution, second: Mask, spread: Array
     total = float(np.sum(normalized**2))
     degrees = float(free.sum())
     probability = float(chdtrc(degrees, total)) if degrees else 1.0
-    sigmas = change / np.sqrt(np.maximum(np.diag(covariance), 1e-300))
+    variances = np.diag(covariance)
+    known = variances > _MIN_VARIANCE * max(float(values.max()), 1e-300)
+    sigmas = change[known] / np.sqrt(variances[known])
+    axes = np.array(["north", "east", "depth"])[known]
     details = ", ".join(
         f"{axis} {shift:+.3f} m ({sigma:+.1f} sigma)"
-        for axis, shift, sigma in zip(("north", "east", "depth"), change, sigmas, strict=True)
+        for axis, shift, sigma in zip(axes, change[known], sigmas, strict=True)
     )
     return NoiseTest(name, total, degrees, probability, probability > LEVEL, details)
 
