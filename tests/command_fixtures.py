@@ -1,5 +1,6 @@
 """The command line called in process, and input files small enough to run."""
 
+import itertools
 import json
 from concurrent.futures import Future
 from functools import cache
@@ -13,6 +14,8 @@ from PIL import Image
 from pymantaray.apps.study.report_process import ReportProcess, _start
 from pymantaray.cli.main import main, tree
 from pymantaray.config import load_study, study_toml
+from pymantaray.pages import writing
+from pymantaray.pages.page import Page
 
 
 @cache
@@ -59,6 +62,19 @@ def undrawn(monkeypatch):
         )
 
 
+@pytest.fixture
+def drawn(undrawn, monkeypatch):
+    """Figures and contents of pages that are made; files have small images."""
+    made, small, files = SimpleNamespace(figures=[], pages=[]), writing.rendered, Page.files
+    monkeypatch.setattr(
+        writing,
+        "rendered",
+        lambda figure, *a, **k: made.figures.append(figure) or small(figure, *a, **k),
+    )
+    monkeypatch.setattr(Page, "files", lambda page, *a: made.pages.append(page) or files(page, *a))
+    return made
+
+
 class ReportHere(ReportProcess):
     """A report made in this process, where fixtures apply."""
 
@@ -85,16 +101,19 @@ def report_here(undrawn, monkeypatch):
 
 
 @pytest.fixture
-def told(mantaray):
+def told(mantaray, as_stored):
     """
     Call `mantaray` with words and ``--json``: what it told, which is one JSON object without NaN,
-    and nothing else.
+    and nothing else, with the numbers stored of the test's calls but for named ones.
     """
+    calls = itertools.count(1)
 
-    def call(*words, code=0):
+    def call(*words, code=0, without="(?!)"):
         done = mantaray(*words, "--json")
         assert done.code == code, done.err
-        return json.loads(done.out, parse_constant=lambda word: pytest.fail(word))
+        result = json.loads(done.out, parse_constant=lambda word: pytest.fail(word))
+        as_stored(result, without=without, name=f"told {next(calls)}")
+        return result
 
     return call
 

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
 
-pytest_plugins = ["command_fixtures"]
+pytest_plugins = ["command_fixtures", "stored_numbers"]
 
 # the same examples each time, however slow the machine is and whatever was found before
 settings.register_profile(
@@ -51,6 +51,11 @@ from pymantaray.config import parse_study
 with TemporaryDirectory() as folder:
     run_study(parse_study(TINY, "tiny"), f"{folder}/run", workers=1)
 """
+
+
+def pytest_addoption(parser):
+    """Numbers of tiny runs are stored instead of compared."""
+    parser.addoption("--store-numbers", action="store_true", help="of tests that are run now")
 
 
 def pytest_configure(config):

@@ -64,7 +64,7 @@ def gulf_stream():
     return xr.load_dataset(files[0], drop_variables="tau"), files[0]
 
 
-def test_sound_speed_is_that_of_teos_10(glorys):
+def test_sound_speed_is_that_of_teos_10(glorys, as_stored):
     speed = glorys.mantaray.sound_speed(time="2020-03-02")
     there = glorys.sel(time="2020-03-02").squeeze()
     p = gsw.p_from_z(-there["depth"].astype(float), there["latitude"].astype(float))
@@ -76,6 +76,7 @@ def test_sound_speed_is_that_of_teos_10(glorys):
     ours = speed.sel(depth=there["depth"])
     np.testing.assert_array_equal(ours.isnull(), there["thetao"].isnull())
     np.testing.assert_allclose(ours, expected.transpose(*ours.dims), rtol=0, atol=1e-8)
+    as_stored(speed)
 
 
 def test_sound_speed_has_the_axes_of_its_data_set(glorys):
@@ -103,7 +104,7 @@ def test_a_hycom_data_set_is_read_as_its_file(gulf_stream, equation):
     np.testing.assert_allclose(ours, expected, rtol=0, atol=2e-5)
 
 
-def test_eigenrays_are_those_of_local_positions(glorys):
+def test_eigenrays_are_those_of_local_positions(glorys, as_stored):
     source, receiver = np.array([78.5, 1.0, 50.0]), np.array([[78.55, 1.2, 300.0], [0, 0, 9.0]])
     options = {"time": "2020-03-01", "max_surface_bounces": 1}
     arrivals = glorys.mantaray.eigenrays([source, source], receiver, **options)
@@ -116,9 +117,10 @@ def test_eigenrays_are_those_of_local_positions(glorys):
     assert arrivals.surface_bounces.tolist() == [0, 1]
     np.testing.assert_allclose(arrivals.travel_time, expected.travel_time, rtol=0, atol=1e-9)
     assert [status.item() for status in arrivals.status] == [0, 3]  # the second is outside
+    as_stored(arrivals)
 
 
-def test_a_section_agrees_with_the_grid_and_the_medium(glorys):
+def test_a_section_agrees_with_the_grid_and_the_medium(glorys, as_stored):
     options = {"time": "2020-03-01"}
     section = glorys.mantaray.section((78.5, 1.0), (78.5, 2.0), points=7, **options)
     at_grid = glorys.mantaray.sound_speed(**options).sel(latitude=78.5, longitude=1.0)
@@ -131,6 +133,7 @@ def test_a_section_agrees_with_the_grid_and_the_medium(glorys):
     medium = glorys.mantaray.medium(**options)
     point = [float(section["north"][3]), float(section["east"][3]), float(section["depth"][4])]
     assert section[4, 3] == medium.sound_speed_at(point)[0]
+    as_stored({"section": section, "medium": medium})
 
 
 @pytest.fixture
@@ -142,7 +145,7 @@ def metres():
     return xr.Dataset({"sound_speed": (dims, c)}, coords)
 
 
-def test_water_in_metres_takes_positions_in_metres(metres):
+def test_water_in_metres_takes_positions_in_metres(metres, as_stored):
     ends = [0.0, 0.0, 50.0], [3000.0, 1000.0, 200.0]
     expected = find_eigenrays(Medium.from_dataset(metres), *ends)
     assert metres.mantaray.eigenrays(*ends).travel_time == expected.travel_time
@@ -150,6 +153,7 @@ def test_water_in_metres_takes_positions_in_metres(metres):
     np.testing.assert_allclose(section["distance"], np.linspace(0.0, 5000.0, 6))
     np.testing.assert_allclose(section[1], 1451.6, atol=1e-9)
     np.testing.assert_array_equal(metres.mantaray.sound_speed(), metres["sound_speed"])
+    as_stored(section)
 
 
 def test_what_is_no_ocean_is_refused_in_one_line(glorys, metres):
@@ -174,7 +178,7 @@ def test_the_import_of_the_package_imports_neither_xarray_nor_numpy():
     assert done.stdout == "set()\n"
 
 
-def test_notebooks_show_the_facts_of_media_and_water():
+def test_notebooks_show_the_facts_of_media_and_water(as_stored):
     options = {"half_extent_north": 20e3, "half_extent_east": 20e3}
     water = open_water("synthetic:fram", **options)
     hostile = water.local.assign_attrs(title="<b>Fram</b>")
@@ -190,3 +194,4 @@ def test_notebooks_show_the_facts_of_media_and_water():
     assert "<b>" not in marked._repr_html_()
     assert "&lt;b&gt;Fram" in marked._repr_html_()
     assert "note 1: a < b" in text
+    as_stored(marked.medium.facts())

@@ -154,7 +154,7 @@ def test_outer_iterations_and_vector_factors_agree_from_any_start(day, variance)
         assert other.final_cost == pytest.approx(found[0].final_cost, rel=1e-4)
 
 
-def test_exact_eigenrays_estimate_as_well_as_straight_ranges(day):
+def test_exact_eigenrays_estimate_as_well_as_straight_ranges(day, as_stored):
     run = with_estimators(
         day,
         {"range_model": eigenray(EXACT)},
@@ -174,6 +174,7 @@ def test_exact_eigenrays_estimate_as_well_as_straight_ranges(day):
     costs = [solved[name].final_cost for name in ("straight", "e2", "refracted")]
     assert costs == sorted(costs)
     assert solved["e3"].final_cost > costs[1]  # one wrong speed against the right profile
+    as_stored(solved)
 
 
 @pytest.mark.slow
@@ -242,7 +243,7 @@ def test_errors_of_depth_and_of_instruments_are_as_requested(beliefs):
     )
 
 
-def test_other_numerics_are_those_of_the_same_water(beliefs):
+def test_other_numerics_are_those_of_the_same_water(beliefs, as_stored):
     exact = beliefs.believed(ExactBelief(kind="exact"), 0)
     sparse = beliefs.believed(NumericsBelief(kind="numerics", every_level=2), 0)
     depth = sparse.local["depth"].values
@@ -256,9 +257,10 @@ def test_other_numerics_are_those_of_the_same_water(beliefs):
     apart = np.abs(profile(other) - profile(exact)).max()
     assert 1e-3 < apart < 1.0
     assert linear.local is exact.local, "the same water, without another conversion"
+    as_stored({"sparse": sparse, "linear": linear, "other": other})
 
 
-def test_an_assumed_tide_is_in_the_water_of_the_run(beliefs, monkeypatch):
+def test_an_assumed_tide_is_in_the_water_of_the_run(beliefs, monkeypatch, as_stored):
     monkeypatch.setattr(
         "pymantaray.config.build.beliefs.build_ocean", None
     )  # the source is not opened again
@@ -272,9 +274,10 @@ def test_an_assumed_tide_is_in_the_water_of_the_run(beliefs, monkeypatch):
             with_internal_tide(exact, amplitude=10.0, period=12.42 * 3600.0, wavelength=1e5), 3600.0
         )["sound_speed"],
     )
+    as_stored(ocean)
 
 
-def test_an_estimator_with_the_internal_tide_removes_its_effect(tmp_path):
+def test_an_estimator_with_the_internal_tide_removes_its_effect(tmp_path, as_stored):
     tree = tomllib.loads(preset_text("quick"))
     tree["study"] |= {"realizations": 1}
     tree["ocean"] |= {"half_extent_north": 15000.0, "half_extent_east": 15000.0}
@@ -301,6 +304,7 @@ def test_an_estimator_with_the_internal_tide_removes_its_effect(tmp_path):
     apart = table["from_straight_rmse_m"]
     assert apart["still"] > 0.01, "which the estimator does not know of"
     assert apart["tide"] < 0.2 * apart["still"]
+    as_stored(table)
 
 
 def test_conditions_are_the_same_bytes_with_and_without_estimators(day):

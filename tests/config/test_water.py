@@ -41,7 +41,7 @@ def times(water, bounces=0):
     return arrivals.link, arrivals.travel_time
 
 
-def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path):
+def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path, as_stored):
     fram.to_netcdf(tmp_path / "fram.nc")
     (tmp_path / "fram.toml").write_text('[ocean]\nsource = "fram.nc"\n')
     sources = [
@@ -61,6 +61,7 @@ def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path):
     own = [[str(source) for source in water.record["ocean"]] for water in waters]
     file = [str(tmp_path / "fram.nc")]
     assert own == [["synthetic:fram"], file, file, ["memory:"], file]
+    as_stored(waters[2], without="source|memory|title")
 
 
 def test_a_local_ocean_is_taken_as_it_is(fram):
@@ -71,7 +72,7 @@ def test_a_local_ocean_is_taken_as_it_is(fram):
     assert open_water(local, ice=1.0).medium.surface.depth.max() == 1.0
 
 
-def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile):
+def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile, as_stored):
     water = open_water(profile, bathymetry=700.0, ice=3.0)
     by_hand = Medium.from_profile(DEPTH, SPEED, bottom_depth=700.0, ice_draft=3.0)
     for mine, its in zip(times(water, 1), times(Water(by_hand), 1), strict=True):
@@ -79,6 +80,7 @@ def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile):
     assert water.uniform
     assert water.frame is None
     assert water.record["bottom_depth_m"] == 700.0
+    as_stored(water)
 
 
 def test_a_profile_with_sides_ends_there_and_is_the_same_inside(profile):
@@ -93,7 +95,7 @@ def test_a_profile_with_sides_ends_there_and_is_the_same_inside(profile):
     )
 
 
-def test_a_raw_cast_is_thinned_as_by_hand(tmp_path):
+def test_a_raw_cast_is_thinned_as_by_hand(tmp_path, as_stored):
     z = np.arange(0.0, 301.0)
     c = 1450.0 + 0.05 * np.abs(z - 120.0)
     path = tmp_path / "raw.csv"
@@ -107,9 +109,10 @@ def test_a_raw_cast_is_thinned_as_by_hand(tmp_path):
     kept = thin_profile(z, c, tolerance=0.01, interpolation="linear")
     np.testing.assert_array_equal(water.medium.depth, kept.depth)
     assert water.record["thinned"]["rms_change_m_s"] == kept.rms_change
+    as_stored(water)
 
 
-def test_several_casts_are_a_water_each(tmp_path):
+def test_several_casts_are_a_water_each(tmp_path, as_stored):
     path = tmp_path / "casts.csv"
     rows = [
         f"{name},2020-03-0{day}T12:00,{z},{c}"
@@ -127,17 +130,19 @@ def test_several_casts_are_a_water_each(tmp_path):
         path,
         bathymetry=100.0,
     )
+    as_stored(list(waters))
 
 
-def test_one_depth_is_the_sea_floor_of_an_ocean_too(fram):
+def test_one_depth_is_the_sea_floor_of_an_ocean_too(fram, as_stored):
     water = open_water(fram, half_extent=HALF, bathymetry=900.0)
     np.testing.assert_allclose(
         water.medium.bottom_depth([[0.0, 0.0], [9e3, -9e3]]), 900.0, rtol=0, atol=1e-9
     )
     assert open_water(fram, half_extent=HALF).medium.bed.depth.min() > 2000.0
+    as_stored(water)
 
 
-def test_a_map_lies_under_a_profile_about_its_centre(profile, fram, tmp_path):
+def test_a_map_lies_under_a_profile_about_its_centre(profile, fram, tmp_path, as_stored):
     depth = xr.full_like(fram["water_temp"][0], 500.0).drop_vars("depth") + 0.1 * (
         fram["lat"] - 79.0
     )
@@ -149,13 +154,15 @@ def test_a_map_lies_under_a_profile_about_its_centre(profile, fram, tmp_path):
     at_north = water.medium.bottom_depth([[15e3, 0.0]])[0]
     assert at_north == pytest.approx(500.0 + 0.1 * 15e3 / 111.7e3, abs=1e-3)
     assert water.frame.latitude_deg == 79.0
+    as_stored(water)
 
 
-def test_currents_are_carried_on_request_only(fram):
+def test_currents_are_carried_on_request_only(fram, as_stored):
     assert open_water(fram, half_extent=HALF).currents is None
     carried = open_water(fram, half_extent=HALF, currents="carry").currents
     local = to_local(fram, half_extent=(HALF, HALF))
     np.testing.assert_array_equal(carried.velocity, Currents.from_dataset(local).velocity)
+    as_stored(carried)
 
 
 def test_an_unknown_option_names_the_nearest():
@@ -182,7 +189,7 @@ def test_an_unknown_option_names_the_nearest():
     )
 
 
-def test_options_with_two_values_accept_text_with_units():
+def test_options_with_two_values_accept_text_with_units(as_stored):
     both = open_water("synthetic:fram", half_extent="10 km").at_start[0]
     sides = open_water("synthetic:fram", half_extent=("10 km", 10e3)).at_start[0]
     for medium in (both, sides):
@@ -208,6 +215,7 @@ def test_options_with_two_values_accept_text_with_units():
         "quick",
         half_extent=("10 s", 9e3),
     )
+    as_stored([both, sides])
 
 
 def test_no_cut_off_is_none_in_python_too(profile):
@@ -218,10 +226,11 @@ def test_no_cut_off_is_none_in_python_too(profile):
     assert cut_off() == 15.0
 
 
-def test_ranges_in_a_preset_last_as_long_as_their_trajectories():
+def test_ranges_in_a_preset_last_as_long_as_their_trajectories(as_stored):
     run = measure(poses(), "quick", 300.0)
     assert run.truth.time[-1] == 600.0
     assert np.unique(run.measurements.range_sample).size == 2
+    as_stored(run.measurements)
 
 
 def test_an_object_that_is_no_source_is_refused_with_the_types():

@@ -41,7 +41,7 @@ def dataset():
     )
 
 
-def test_x_is_east_y_is_north_and_z_is_depth(tmp_path):
+def test_x_is_east_y_is_north_and_z_is_depth(tmp_path, as_stored):
     water = open_water(write_environment(tmp_path), interpolation="linear", currents="carry")
     expected = sound_speed(PLACE[:, 1], PLACE[:, 0], PLACE[:, 2])
     np.testing.assert_allclose(water.medium.sound_speed_at(PLACE), expected, rtol=1e-12)
@@ -51,6 +51,7 @@ def test_x_is_east_y_is_north_and_z_is_depth(tmp_path):
     )
     assert water.medium.bottom_depth([[0.0, 0.0]])[0] == FLOOR
     assert water.frame is None
+    as_stored(water)
 
 
 def test_a_file_and_a_data_set_are_the_same_water(tmp_path):
@@ -71,7 +72,7 @@ def test_names_are_found_beside_the_file_and_above_it(tmp_path):
     assert open_water(inner / "environment.json").medium.north.size == Y.size
 
 
-def test_currents_on_their_own_axes_stay_trilinear(tmp_path):
+def test_currents_on_their_own_axes_stay_trilinear(tmp_path, as_stored):
     sections = arrays()
     own = {
         "x": np.array([-9e3, -500.0, 9e3]),
@@ -88,9 +89,10 @@ def test_currents_on_their_own_axes_stay_trilinear(tmp_path):
     np.testing.assert_allclose(
         local.current_north.transpose("east", "north", "depth"), north, atol=1e-12
     )
+    as_stored(local)
 
 
-def test_missing_values_are_below_the_sea_floor_or_on_land(tmp_path):
+def test_missing_values_are_below_the_sea_floor_or_on_land(tmp_path, as_stored):
     data = dataset().drop_vars("sea_floor_depth")
     data["sound_speed"][0, 0, 3:] = np.nan  # from 1000 m on
     data["sound_speed"][3, 4] = np.nan  # land
@@ -104,6 +106,7 @@ def test_missing_values_are_below_the_sea_floor_or_on_land(tmp_path):
     refused(
         OceanError, "sound_speed is missing above a value at north -1000, east 0", open_water, gap
     )
+    as_stored(local)
 
 
 def test_rays_take_the_time_of_a_uniform_gradient(tmp_path):
@@ -121,7 +124,7 @@ def test_rays_take_the_time_of_a_uniform_gradient(tmp_path):
     assert found == pytest.approx(np.arccosh(1.0 + square / (2.0 * c[0] * c[1])) / 0.016, abs=1e-8)
 
 
-def test_options_of_water_in_metres(tmp_path):
+def test_options_of_water_in_metres(tmp_path, as_stored):
     path = write_environment(tmp_path)
     water = open_water(
         path, bathymetry=1500.0, ice=2.0, half_extent=(2e3, 3e3), centre=(75.0, -140.0)
@@ -134,9 +137,10 @@ def test_options_of_water_in_metres(tmp_path):
     refused(OceanError, "ocean.thin does not apply to water in metres", open_water, path, thin=0.1)
     refused(OceanError, "ocean.bathymetry is a file", open_water, path, bathymetry=str(path))
     refused(MantaRayError, "no latitude", Atlas, path)
+    as_stored(water)
 
 
-def test_a_study_runs_in_water_in_metres(tmp_path):
+def test_a_study_runs_in_water_in_metres(tmp_path, as_stored):
     path = write_environment(tmp_path)
     vehicles = [
         {"name": "A", "kind": "station", "north": 0.0, "east": 0.0, "depth": 50.0},
@@ -155,9 +159,10 @@ def test_a_study_runs_in_water_in_metres(tmp_path):
     assert (
         str(tmp_path / "data" / "ssp" / "data.npy") in load_study("quick", ocean=path, **keys).files
     )
+    as_stored(mission)
 
 
-def test_ranges_between_existing_trajectories_in_water_in_metres(tmp_path):
+def test_ranges_between_existing_trajectories_in_water_in_metres(tmp_path, as_stored):
     still = np.array([[0.0, 0.0, 50.0], [3000.0, 0.0, 500.0]])[:, None].repeat(3, axis=1)
     truth = Trajectories(
         name=np.array(["A", "B"]),
@@ -172,6 +177,7 @@ def test_ranges_between_existing_trajectories_in_water_in_metres(tmp_path):
     np.testing.assert_allclose(
         speeds[:2], sound_speed(0.0, np.array([0.0, 3e3]), np.array([50.0, 500.0]))
     )
+    as_stored(run.measurements)
 
 
 def test_currents_are_required_by_a_study_and_optional_for_rays():
@@ -287,7 +293,7 @@ def test_a_medium_needs_no_sea_floor_in_the_data_set():
     assert medium.bottom_depth([[0.0, 0.0]])[0] == 2000.0
 
 
-def test_exported_levels_reach_below_the_sea_floor():
+def test_exported_levels_reach_below_the_sea_floor(as_stored):
     local = open_water(dataset(), bathymetry=2000.0).local
     arrays_out = environment_arrays(local)
     assert arrays_out["ssp"]["z"].tolist() == [*Z.tolist(), 2010.0]
@@ -296,3 +302,4 @@ def test_exported_levels_reach_below_the_sea_floor():
     )
     assert arrays_out["current"]["u"].shape == arrays_out["ssp"]["data"].shape
     assert environment_arrays(open_water(dataset()).local)["ssp"]["z"].tolist() == Z.tolist()
+    as_stored(arrays_out)

@@ -89,7 +89,7 @@ def by_row():
 
 
 @pytest.mark.parametrize("layout", [contiguous, indexed, incomplete, orthogonal, by_row])
-def test_every_layout_of_the_conventions_gives_the_same_trajectories(layout, tmp_path):
+def test_every_layout_of_the_conventions_gives_the_same_trajectories(layout, tmp_path, as_stored):
     layout().assign_attrs(featureType="trajectory", Conventions="CF-1.11").to_netcdf(
         tmp_path / "g.nc"
     )
@@ -99,9 +99,10 @@ def test_every_layout_of_the_conventions_gives_the_same_trajectories(layout, tmp
         np.testing.assert_array_equal(own.time, TIME[: len(own.time)])
         np.testing.assert_array_equal(own.place, np.column_stack(place(k)))
         assert own.quaternion is None
+    as_stored(tracks)
 
 
-def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
+def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path, as_stored):
     """
     OG1: one glider along N_MEASUREMENTS, pressure, quality flags, places of fixes under other names
     too.
@@ -148,9 +149,10 @@ def test_an_oceangliders_file_pressure_flags_and_gaps(tmp_path):
     )  # and so is the flagged pressure
     assert any("1 values of PRES rejected by quality flags" in note for note in tracks.notes)
     assert any("depth from PRES by TEOS-10" in note for note in tracks.notes)
+    as_stored(tracks)
 
 
-def test_an_imos_file_days_since_1950_and_quality_control(tmp_path):
+def test_an_imos_file_days_since_1950_and_quality_control(tmp_path, as_stored):
     """IMOS: dimension TIME, DEPTH beside PRES, flags called _quality_control, times in days."""
     lat, lon, depth = place(0)
     days = 26000.0 + TIME / 86400.0
@@ -179,9 +181,10 @@ def test_an_imos_file_days_since_1950_and_quality_control(tmp_path):
     np.testing.assert_allclose(
         own.time, TIME[:4], atol=1e-5
     )  # a double of days is half a microsecond
+    as_stored(tracks)
 
 
-def test_an_argo_trajectory_has_surface_fixes_and_pressures_between(tmp_path):
+def test_an_argo_trajectory_has_surface_fixes_and_pressures_between(tmp_path, as_stored):
     """
     Argo's Rtraj files: characters for names and flags, 999999 and 99999 where nothing is known.
     """
@@ -218,9 +221,10 @@ def test_an_argo_trajectory_has_surface_fixes_and_pressures_between(tmp_path):
         "rows dropped: no time, or outside the valid positions" in note for note in tracks.notes
     )
     assert n - own.time.size == 2
+    as_stored(tracks)
 
 
-def test_attitudes_have_standard_names_and_gaps_turn_the_short_way(tmp_path):
+def test_attitudes_have_standard_names_and_gaps_turn_the_short_way(tmp_path, as_stored):
     data = contiguous()
     heading = np.array([350.0, np.nan, 10.0, 20.0, 30.0, 90.0, 80.0, 70.0])
     data["HEADING"] = "obs", heading, {"standard_name": "platform_orientation", "units": "degree"}
@@ -238,16 +242,18 @@ def test_attitudes_have_standard_names_and_gaps_turn_the_short_way(tmp_path):
         np.testing.assert_allclose(
             turn[:, 1:], np.tile([-0.4, 0.0], (len(headings), 1)), atol=1e-12
         )
+    as_stored(own)
 
 
-def test_a_gap_over_the_antimeridian_is_filled_on_the_short_way(tmp_path):
+def test_a_gap_over_the_antimeridian_is_filled_on_the_short_way(tmp_path, as_stored):
     lon = np.array([179.9, np.nan, -179.9])
     variables("obs", np.full(3, 60.0), lon, np.full(3, 5.0), TIME[:3]).to_netcdf(tmp_path / "g.nc")
     (own,) = read_trajectories(tmp_path / "g.nc").poses
     np.testing.assert_allclose(own.place[:, 1] % 360.0, [179.9, 180.0, 180.1])
+    as_stored(own)
 
 
-def test_a_drifter_without_depth_is_at_the_surface(tmp_path):
+def test_a_drifter_without_depth_is_at_the_surface(tmp_path, as_stored):
     drifter = contiguous().drop_vars("depth")
     drifter.to_netcdf(tmp_path / "drifter.nc")
     tracks = read_trajectories(tmp_path / "drifter.nc")
@@ -265,9 +271,10 @@ def test_a_drifter_without_depth_is_at_the_surface(tmp_path):
     np.testing.assert_allclose(
         read_trajectories(tmp_path / "up.nc").poses[1].place[:, 2], place(1)[2]
     )
+    as_stored(tracks)
 
 
-def test_the_truth_of_a_study_is_read_as_trajectories(tiny_run_folder):
+def test_the_truth_of_a_study_is_read_as_trajectories(tiny_run_folder, as_stored):
     from pymantaray import LocalFrame, open_run
 
     truth = open_run(tiny_run_folder).truth
@@ -276,6 +283,7 @@ def test_the_truth_of_a_study_is_read_as_trajectories(tiny_run_folder):
     np.testing.assert_array_equal(again.position, truth.position)
     np.testing.assert_array_equal(again.quaternion, truth.quaternion)
     assert tracks.names == truth.name.tolist()
+    as_stored(tracks)
 
 
 def without_units():

@@ -45,15 +45,16 @@ def kitti(folder, name="a.txt", times="a_times.txt"):
     ("a.txt", "# comment\n" + tum([5, 6, 7])),
     ("data.csv", euroc()),
 ])  # fmt: skip
-def test_poses_are_read_by_content(tmp_path, name, text):
+def test_poses_are_read_by_content(tmp_path, name, text, as_stored):
     (tmp_path / name).write_text(text)
     (poses,) = read_trajectories(tmp_path / name).poses
     np.testing.assert_array_equal(poses.time, [0.0, 1.0, 2.0])
     np.testing.assert_allclose(poses.place, PLACE)
     np.testing.assert_allclose(poses.quaternion, W_FIRST, atol=1e-12)
+    as_stored(poses)
 
 
-def test_euroc_has_dates_and_axes_of_ros_on_request(tmp_path):
+def test_euroc_has_dates_and_axes_of_ros_on_request(tmp_path, as_stored):
     (tmp_path / "data.csv").write_text(euroc())
     tracks = read_trajectories(tmp_path / "data.csv")
     assert tracks.start == np.datetime64("2014-06-25T16:58:49.112143517")  # date -u -d @1403715529
@@ -62,6 +63,7 @@ def test_euroc_has_dates_and_axes_of_ros_on_request(tmp_path):
     (tmp_path / "data.csv").write_text(euroc().replace("1403715529112143517,", "1403715529.112,"))
     notes = read_trajectories(tmp_path / "data.csv").notes
     assert "1 line left out, not readable: line 2: not a pose of EuRoC" in notes[0]
+    as_stored(tracks)
 
 
 def read_trajectories_enu(path, text):
@@ -76,7 +78,7 @@ def read_trajectories_enu(path, text):
     ("name", "times"),
     [("a.txt", "a_times.txt"), ("a.txt", "times.txt"), ("truth-a.txt", "times-a.txt")],
 )
-def test_kitti_takes_the_times_beside_it(tmp_path, name, times):
+def test_kitti_takes_the_times_beside_it(tmp_path, name, times, as_stored):
     (poses,) = read_trajectories(kitti(tmp_path, name, times)).poses
     np.testing.assert_array_equal(poses.time, [0.0, 1.0, 2.0])
     np.testing.assert_allclose(poses.place, PLACE)
@@ -86,6 +88,7 @@ def test_kitti_takes_the_times_beside_it(tmp_path, name, times):
     write_kitti(tmp_path / "truth-b.txt", PLACE, W_FIRST)
     (tmp_path / times).rename(tmp_path / "times-b.txt")
     np.testing.assert_allclose(read_trajectories(tmp_path / "truth-b.txt").poses[0].place, PLACE)
+    as_stored(poses)
 
 
 def test_kitti_without_times_or_rotations_is_refused(tmp_path):

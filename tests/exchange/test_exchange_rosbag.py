@@ -70,7 +70,7 @@ def write(path, topics, *, ros=2, start=UNIX, frame="map", child="base_link", mo
 
 
 @pytest.mark.parametrize(("name", "ros"), [("two", 2), ("one.bag", 1)])
-def test_topics_are_vehicles_and_enu_becomes_ned(name, ros, tmp_path):
+def test_topics_are_vehicles_and_enu_becomes_ned(name, ros, tmp_path, as_stored):
     tracks = read_trajectories(write(tmp_path / name, ["/auv1/odom", "/auv2/pose"], ros=ros))
     assert sorted(tracks.names) == ["auv1", "auv2"]
     assert tracks.start == np.datetime64(
@@ -89,9 +89,10 @@ def test_topics_are_vehicles_and_enu_becomes_ned(name, ros, tmp_path):
         np.testing.assert_allclose(
             body.apply([0, 0, 1.0]), np.tile([0.0, 0, 1], (3, 1)), atol=1e-15
         )
+    as_stored(tracks)
 
 
-def test_a_frame_named_ned_is_ned_and_simulated_time_has_no_date(tmp_path):
+def test_a_frame_named_ned_is_ned_and_simulated_time_has_no_date(tmp_path, as_stored):
     bag = write(
         tmp_path / "ned",
         ["/robot/odom", "/robot/pose"],
@@ -108,21 +109,24 @@ def test_a_frame_named_ned_is_ned_and_simulated_time_has_no_date(tmp_path):
     assert own.quaternion[0] == pytest.approx(
         Rotation.from_euler("Z", [[0.3]]).as_quat(scalar_first=True)[0]
     )
+    as_stored(tracks)
 
 
-def test_an_frd_body_in_an_enu_world_is_rotated_by_the_world_alone(tmp_path):
+def test_an_frd_body_in_an_enu_world_is_rotated_by_the_world_alone(tmp_path, as_stored):
     (own,) = read_trajectories(write(tmp_path / "frd", ["/a/odom"], child="base_link_frd")).poses
     turned = Rotation.from_quat(own.quaternion[0], scalar_first=True)
     in_enu = Rotation.from_euler("ZYX", [0.3, 0.0, 0.0])  # as the file has it
     for axis in np.eye(3):
         east, north, up = in_enu.apply(axis)
         np.testing.assert_allclose(turned.apply(axis), [north, east, -up], atol=1e-15)
+    as_stored(own)
 
 
-def test_true_poses_of_an_exported_run_are_vehicles_not_estimates(tmp_path):
+def test_true_poses_of_an_exported_run_are_vehicles_not_estimates(tmp_path, as_stored):
     tracks = read_trajectories(write(tmp_path / "run", ["/truth/A/pose", "/refracted/A/pose"]))
     assert tracks.names == ["A"]
     assert tracks.notes == (f"{tmp_path / 'run'}: topics of poses other than /truth ignored: 1",)
+    as_stored(tracks)
 
 
 def test_topics_are_called_by_what_tells_them_apart(tmp_path):
@@ -170,7 +174,7 @@ def write_robot(path, *, ros, offset=(3.0, 2.0, 0.0), frames=("odom", "map")):
 
 
 @pytest.mark.parametrize(("name", "ros"), [("bag", 2), ("one.bag", 1)])
-def test_two_topics_of_one_robot_are_named_and_one_can_be_selected(name, ros, tmp_path):
+def test_two_topics_of_one_robot_are_named_and_one_can_be_selected(name, ros, tmp_path, as_stored):
     bag = write_robot(tmp_path / name, ros=ros)
     tracks = read_trajectories(bag)
     assert tracks.notes[:2] == (
@@ -184,6 +188,7 @@ def test_two_topics_of_one_robot_are_named_and_one_can_be_selected(name, ros, tm
     assert one.names == ["localization_pose"]
     np.testing.assert_allclose(one.poses[0].place[0], [2.0, 3.0, 20.0])  # north, east, down
     assert not [note for note in one.notes if "always within" in note]
+    as_stored(one)
 
 
 @pytest.mark.parametrize(("name", "ros"), [("bag", 2), ("one.bag", 1)])
@@ -250,13 +255,14 @@ def with_fixes(path, topics, fix, *, frame="gps", drift=0.0, origin=None, solved
     return write(path, topics, more=fixes)
 
 
-def test_fixes_of_a_vehicle_give_the_centre_of_its_frame(tmp_path):
+def test_fixes_of_a_vehicle_give_the_centre_of_its_frame(tmp_path, as_stored):
     tracks = read_trajectories(
         with_fixes(tmp_path / "b", ["/auv1/odom", "/auv2/odom"], "/auv2/gps/fix")
     )
     assert tracks.centre == pytest.approx(CENTRE, abs=1e-8)
     assert {p.centre for p in tracks.poses} == {tracks.centre}  # one frame, one centre
     assert any("centre of frame 'map': 74.500000, -140.000000" in note for note in tracks.notes)
+    as_stored(tracks)
 
 
 def test_fixes_of_the_frames_origin_are_its_centre_to_the_last_digit(tmp_path):
@@ -264,7 +270,7 @@ def test_fixes_of_the_frames_origin_are_its_centre_to_the_last_digit(tmp_path):
     assert read_trajectories(bag).centre == (34.65, -74.7)
 
 
-def test_fixes_that_do_not_agree_give_their_median_and_say_so(tmp_path):
+def test_fixes_that_do_not_agree_give_their_median_and_say_so(tmp_path, as_stored):
     bag = with_fixes(tmp_path / "b", ["/auv1/odom"], "/gps/fix", frame="map", drift=1000.0)
     tracks = read_trajectories(bag)
     north, east = LocalFrame(*CENTRE).to_local(*tracks.centre)
@@ -272,6 +278,7 @@ def test_fixes_that_do_not_agree_give_their_median_and_say_so(tmp_path):
         (750.0, 0.0), abs=0.1
     )  # of 250, 750, 1250 m
     assert any("3 satellite fixes that agree within 500 m" in note for note in tracks.notes)
+    as_stored(tracks)
 
 
 def test_receivers_without_a_fix_give_no_centre(tmp_path):

@@ -24,7 +24,7 @@ TABLE = pd.DataFrame(
 
 
 @pytest.mark.parametrize("name", ["mission.csv", "mission.tsv", "mission.parquet", None])
-def test_a_table_comes_back_to_the_last_digit(name, tmp_path):
+def test_a_table_comes_back_to_the_last_digit(name, tmp_path, as_stored):
     source = TABLE.copy() if name is None else tmp_path / name
     if name and name.endswith("parquet"):
         TABLE.to_parquet(source)
@@ -40,6 +40,7 @@ def test_a_table_comes_back_to_the_last_digit(name, tmp_path):
     for own, rows in zip(tracks.poses, (slice(0, 3), slice(3, 6)), strict=True):
         np.testing.assert_array_equal(own.time, TIME)
         np.testing.assert_array_equal(own.place, TABLE[["north", "east", "depth"]].to_numpy()[rows])
+    as_stored(tracks)
 
 
 def test_a_data_frame_is_left_as_it_was_and_its_faults_are_one_line():
@@ -75,7 +76,7 @@ def test_names_of_columns_carry_units(tmp_path):
         np.testing.assert_allclose(a.place, b.place, rtol=1e-15)
 
 
-def test_angles_and_quaternions_say_the_same(tmp_path):
+def test_angles_and_quaternions_say_the_same(tmp_path, as_stored):
     angles = np.radians([[30.0, 10.0, -5.0], [200.0, -20.0, 3.0], [359.0, 0.0, 0.0]])
     q = Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True)
     base = TABLE.iloc[:3].drop(columns="vehicle")
@@ -100,6 +101,7 @@ def test_angles_and_quaternions_say_the_same(tmp_path):
     # nose up is a positive pitch: forward then points to smaller depths
     forward = own.apply([1.0, 0.0, 0.0])
     assert forward[0, 2] < 0.0 < forward[1, 2]
+    as_stored(tracks)
 
 
 @pytest.mark.parametrize(
@@ -115,11 +117,12 @@ def test_angles_and_quaternions_say_the_same(tmp_path):
          "2023-10-29T00:59:50"),
     ],
 )  # fmt: skip
-def test_dates_are_brought_to_utc(written, start, tmp_path):
+def test_dates_are_brought_to_utc(written, start, tmp_path, as_stored):
     TABLE.iloc[:3].assign(time=written).to_csv(tmp_path / "m.csv", index=False)
     tracks = read_trajectories(tmp_path / "m.csv")
     assert tracks.start == np.datetime64(start, "ns")
     np.testing.assert_array_equal(tracks.poses[0].time, TIME)
+    as_stored(tracks)
 
 
 def test_endings_may_be_in_capitals(tmp_path):
@@ -131,16 +134,17 @@ def test_endings_may_be_in_capitals(tmp_path):
     )
 
 
-def test_dates_of_parquet_keep_their_zone(tmp_path):
+def test_dates_of_parquet_keep_their_zone(tmp_path, as_stored):
     when = pd.Timestamp("2023-05-01T12:00", tz="Europe/Oslo") + pd.to_timedelta(TIME, unit="s")
     for name, times in (("zone", when), ("utc", when.tz_convert("UTC").tz_localize(None))):
         TABLE.iloc[:3].assign(time=times).to_parquet(tmp_path / f"{name}.parquet")
         tracks = read_trajectories(tmp_path / f"{name}.parquet")
         assert tracks.start == np.datetime64("2023-05-01T10:00", "ns")
         np.testing.assert_array_equal(tracks.poses[0].time, TIME)
+    as_stored(tracks)
 
 
-def test_a_table_in_latitude_and_longitude_is_where_the_frame_says(tmp_path):
+def test_a_table_in_latitude_and_longitude_is_where_the_frame_says(tmp_path, as_stored):
     frame = LocalFrame(74.5, -140.0)
     lat, lon = frame.to_geodetic(TABLE["north"], TABLE["east"])
     TABLE.drop(columns=["north", "east"]).assign(lat=lat, longitude=lon).to_csv(
@@ -150,9 +154,10 @@ def test_a_table_in_latitude_and_longitude_is_where_the_frame_says(tmp_path):
     np.testing.assert_allclose(
         truth.position.reshape(-1, 3), TABLE[["north", "east", "depth"]], rtol=0, atol=1e-6
     )  # metres; digits of a degree
+    as_stored(truth)
 
 
-def test_several_files_are_one_fleet_on_one_clock(tmp_path):
+def test_several_files_are_one_fleet_on_one_clock(tmp_path, as_stored):
     q = np.tile([1.0, 0.0, 0.0, 0.0], (3, 1))
     for name, offset in (("A", 100.0), ("B", 107.0)):
         write_tum(tmp_path / f"{name}.tum", TIME + offset, TABLE[["north", "east", "depth"]][:3], q)
@@ -160,9 +165,10 @@ def test_several_files_are_one_fleet_on_one_clock(tmp_path):
     assert (tracks.names, tracks.duration) == (["A", "B"], 27.0)
     np.testing.assert_array_equal(tracks.poses[1].time, TIME + 7.0)
     np.testing.assert_array_equal(tracks.poses[0].place, TABLE[["north", "east", "depth"]][:3])
+    as_stored(tracks)
 
 
-def test_tum_files_of_ros_have_other_axes(tmp_path):
+def test_tum_files_of_ros_have_other_axes(tmp_path, as_stored):
     # goes east, nose east, at 4 m depth: in ROS x is east and the attitude is none
     rows = np.column_stack([TIME, TIME, 0 * TIME, -4 + 0 * TIME, np.tile([0.0, 0, 0, 1], (3, 1))])
     np.savetxt(tmp_path / "a.tum", rows)
@@ -171,13 +177,16 @@ def test_tum_files_of_ros_have_other_axes(tmp_path):
     body = Rotation.from_quat(truth.quaternion[0], scalar_first=True)
     np.testing.assert_allclose(body.apply([1.0, 0, 0]), np.tile([0.0, 1, 0], (3, 1)), atol=1e-15)
     np.testing.assert_allclose(body.apply([0, 0, 1.0]), np.tile([0.0, 0, 1], (3, 1)), atol=1e-15)
+    as_stored(truth)
 
 
 @pytest.mark.parametrize(
     ("kind", "file"),
     [("csv", "trajectories.csv"), ("parquet", "trajectories.parquet"), ("cf", "truth.nc")],
 )
-def test_what_was_exported_of_a_run_is_read_as_its_truth(kind, file, tiny_run_folder, tmp_path):
+def test_what_was_exported_of_a_run_is_read_as_its_truth(
+    kind, file, tiny_run_folder, tmp_path, as_stored
+):
     from pymantaray import open_run
     from pymantaray.apps.export.run_files import export_run
 
@@ -191,6 +200,7 @@ def test_what_was_exported_of_a_run_is_read_as_its_truth(kind, file, tiny_run_fo
     turn *= Rotation.from_quat(run.truth.quaternion.reshape(-1, 4), scalar_first=True)
     assert turn.magnitude().max() < 1e-8  # rad; about the frame's north, 2e-3 from the true one
     assert np.abs(run.truth.frame.convergence(*run.truth.frame.to_geodetic(0.0, 6000.0))) > 3e-3
+    as_stored(tracks)
 
 
 def test_columns_that_are_not_read_are_said(tmp_path):
@@ -282,18 +292,20 @@ CUT = {
 @pytest.mark.parametrize(
     ("name", "row"), [(name, row) for name, (_, rows) in CUT.items() for row in rows]
 )
-def test_unreadable_rows_of_a_track_are_listed_and_left_out(name, row, tmp_path):
+def test_unreadable_rows_of_a_track_are_listed_and_left_out(name, row, tmp_path, as_stored):
     (tmp_path / name).write_text(CUT[name][0].format(row))
     tracks = read_trajectories(tmp_path / name)
     assert tracks.poses[0].time.tolist() == [0.0, 1.0, 3.0]
     assert tracks.poses[0].place[:, 2].tolist() == [0.0, 5.0, 15.0]
     assert tracks.notes[0].startswith(f"{tmp_path / name}: 1 line left out, not readable: line 4: ")
+    as_stored(tracks)
 
 
-def test_a_vehicle_may_have_several_rows_per_resolution_of_time(tmp_path):
+def test_a_vehicle_may_have_several_rows_per_resolution_of_time(tmp_path, as_stored):
     file = text("time,north,east,depth\n0,0,0,5\n0,0.5,0,5\n1,1,0,5\n1,1.5,0,5\n")(tmp_path)
     tracks = read_trajectories(file)
     assert any("2 poses at repeated times dropped" in note for note in tracks.notes)
+    as_stored(tracks)
 
 
 def test_a_table_of_parquet_without_rows_is_refused(tmp_path):
@@ -301,7 +313,7 @@ def test_a_table_of_parquet_without_rows_is_refused(tmp_path):
     refused(ExchangeError, "m.parquet: no rows", read_trajectories, tmp_path / "m.parquet")
 
 
-def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
+def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path, as_stored):
     path = text("time,transmitter,receivers\n0,A,\n10.5,B,A C\n")(tmp_path)
     pings = read_pings(path, None)
     assert (pings.time, pings.transmitter, pings.receivers) == (
@@ -331,6 +343,7 @@ def test_pings_are_seconds_or_dates_and_may_name_their_listeners(tmp_path):
     )
     both = text("time,transmitter,receiver,receivers\n0,A,B,B\n")(tmp_path)
     refused(ExchangeError, "two columns receivers; remove one", read_pings, both, None)
+    as_stored(pings)
 
 
 @pytest.mark.parametrize("place", ["north,east", "lat,lon"])

@@ -35,7 +35,7 @@ def angle_between(one, other):
     return 4.0 * np.arcsin(apart / 2.0)
 
 
-def test_a_vehicle_has_the_exact_poses_of_the_file_at_its_times():
+def test_a_vehicle_has_the_exact_poses_of_the_file_at_its_times(as_stored):
     q = random_attitudes(TIME.size)
     times = np.sort(np.concatenate([TIME, np.linspace(0.0, 60.0, 23)]))
     truth = Tracks.of([poses(quaternion=q)]).at(times, FRAME)
@@ -43,9 +43,10 @@ def test_a_vehicle_has_the_exact_poses_of_the_file_at_its_times():
     np.testing.assert_array_equal(truth.position[0, own], PLACE)
     np.testing.assert_allclose(truth.quaternion[0, own], q, rtol=0, atol=1e-15)
     assert truth.role.tolist() == ["track"]
+    as_stored(truth)
 
 
-def test_between_times_positions_are_linear_and_rotations_uniform():
+def test_between_times_positions_are_linear_and_rotations_uniform(as_stored):
     q = random_attitudes(TIME.size)
     share = np.array([0.1, 0.25, 0.7])
     for k in range(TIME.size - 1):
@@ -61,9 +62,10 @@ def test_between_times_positions_are_linear_and_rotations_uniform():
         np.testing.assert_allclose(
             angle_between(q[k], truth.quaternion[0]), share * whole, rtol=0, atol=1e-12
         )
+    as_stored(truth)
 
 
-def test_outside_its_span_a_vehicle_is_not_there():
+def test_outside_its_span_a_vehicle_is_not_there(as_stored):
     late = poses("B", TIME + 100.0, PLACE + 500.0)
     truth = Tracks.of([poses(), late]).at([0.0, 60.0, 60.1, 99.9, 100.0, 160.0, 161.0], FRAME)
     A, X = VehicleStatus.ACTIVE, VehicleStatus.ABSENT
@@ -71,15 +73,17 @@ def test_outside_its_span_a_vehicle_is_not_there():
     np.testing.assert_array_equal(truth.position[0, 2:], np.tile(PLACE[-1], (5, 1)))
     np.testing.assert_array_equal(truth.position[1, :4], np.tile(PLACE[0] + 500.0, (4, 1)))
     assert truth.stops == {"A": (X, 60.1), "B": (X, 161.0)}
+    as_stored(truth)
 
 
-def test_a_record_in_which_a_vehicle_is_never_there_is_refused():
+def test_a_record_in_which_a_vehicle_is_never_there_is_refused(as_stored):
     late = poses("B", TIME + 100.0)
     truth = Tracks.of([poses(), late]).at([0.0, 30.0, 60.0], FRAME)
     refused(ExchangeError, "B: 0 poses; a trajectory needs at least two", Tracks.of_record, truth)
+    as_stored(truth)
 
 
-def test_without_attitudes_a_vehicle_is_level_and_heads_where_it_goes():
+def test_without_attitudes_a_vehicle_is_level_and_heads_where_it_goes(as_stored):
     place = [[0, 0, 5], [0, 0, 9], [10, 0, 9], [10, 0, 2], [10, 5, 2.0]]
     truth = Tracks.of([poses(place=place)]).at(TIME, FRAME)
     heading = (
@@ -87,6 +91,7 @@ def test_without_attitudes_a_vehicle_is_level_and_heads_where_it_goes():
     )  # at rest: as before, at first as then
     heading[2] = 0.0
     np.testing.assert_allclose(angle_between(truth.quaternion[0], level(heading)), 0.0, atol=1e-12)
+    as_stored(truth)
 
 
 @pytest.mark.parametrize("centre", [(74.5, -140.0), (-60.0, 179.9), (10.0, 20.0)])
@@ -105,7 +110,7 @@ def test_headings_by_true_north_are_those_of_the_motion_in_the_frame(centre):
     np.testing.assert_allclose(angle_between(by_file, by_motion), 0.0, atol=5e-3)
 
 
-def test_a_track_over_the_antimeridian_has_no_jump():
+def test_a_track_over_the_antimeridian_has_no_jump(as_stored):
     lon = np.array([179.98, 179.99, -180.0, -179.99, -179.98])
     tracks = Tracks.of(
         [poses(place=np.column_stack([np.full(5, 60.0), lon, np.zeros(5)]), geodetic=True)]
@@ -113,6 +118,7 @@ def test_a_track_over_the_antimeridian_has_no_jump():
     assert tracks.centre == pytest.approx((60.0, -180.0))
     east = tracks.at(TIME, LocalFrame(*tracks.centre)).position[0, :, 1]
     np.testing.assert_allclose(np.diff(east), 0.01 * 111_413 * np.cos(np.radians(60.0)), rtol=2e-3)
+    as_stored(tracks)
 
 
 def test_dates_and_seconds_give_the_same_clock():
@@ -128,40 +134,44 @@ def test_dates_and_seconds_give_the_same_clock():
     np.testing.assert_array_equal(seconds.poses[0].time, TIME + 5.0)
 
 
-def test_rows_are_sorted_and_a_time_that_comes_twice_counts_once():
+def test_rows_are_sorted_and_a_time_that_comes_twice_counts_once(as_stored):
     order = [3, 0, 4, 1, 2, 2]
     tracks = Tracks.of([poses(time=TIME[order], place=PLACE[order])])
     np.testing.assert_array_equal(tracks.poses[0].place, PLACE)
     assert tracks.notes[0].startswith("mission.csv, pose 1: A: time ")
     assert tracks.notes[0].endswith("rows sorted by time (2 falls)")
     assert tracks.notes[1:] == ("mission.csv: A: 1 poses at repeated times dropped",)
+    as_stored(tracks)
 
 
-def test_a_depth_sensor_may_be_a_little_above_the_surface():
+def test_a_depth_sensor_may_be_a_little_above_the_surface(as_stored):
     for above, count in ((0.4, 1), (4.9, 3)):
         tracks = Tracks.of([poses(place=PLACE - [0, 0, 3.0 + above])])
         assert tracks.poses[0].place[:, 2].min() == 0.0
         assert tracks.notes == (
             f"mission.csv: A: {count} poses up to {above} m above the surface moved to the surface",
         )
+    as_stored(tracks)
 
 
-def test_a_name_that_a_study_cannot_have_becomes_one_that_it_can():
+def test_a_name_that_a_study_cannot_have_becomes_one_that_it_can(as_stored):
     tracks = Tracks.of([poses("Seaglider 12/α")])
     assert tracks.names == ["Seaglider_12"]
     assert "Seaglider 12/α: renamed to Seaglider_12" in tracks.notes[0]
+    as_stored(tracks)
 
 
-def test_a_record_comes_back_and_vehicles_that_stopped_are_not_there():
+def test_a_record_comes_back_and_vehicles_that_stopped_are_not_there(as_stored):
     from factories import trajectories
 
     truth = trajectories(np.cumsum(np.ones((2, 9, 3)), axis=1), names=["A", "B"])
     again = Tracks.of_record(truth).at(truth.time, FRAME)
     np.testing.assert_array_equal(again.position, truth.position)
     np.testing.assert_array_equal(again.quaternion, truth.quaternion)
+    as_stored(again)
 
 
-def test_places_about_another_centre_are_brought_to_the_frame():
+def test_places_about_another_centre_are_brought_to_the_frame(as_stored):
     q, near = random_attitudes(TIME.size), LocalFrame(74.6, -139.0)
     (here,) = Tracks.of([poses(quaternion=q)._replace(centre=(74.5, -140.0))]).in_frame(near)
     assert np.linalg.norm(here.place[0, :2]) > 20e3
@@ -172,6 +182,7 @@ def test_places_about_another_centre_are_brought_to_the_frame():
     step = np.squeeze([np.diff(axis) for axis in near.to_local(*north[0])])
     turn = angle_between(here.quaternion[0], q[0])
     assert turn == pytest.approx(abs(np.arctan2(step[1], step[0])), abs=1e-4)
+    as_stored(back)
 
 
 def test_with_times_keeps_every_sample_and_adds_the_ones_between():
@@ -278,7 +289,7 @@ def lost_fix(tmp_path, kind):
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "tum", "euroc", "nc"])
-def test_a_row_without_a_fix_is_left_out_of_every_format(tmp_path, kind):
+def test_a_row_without_a_fix_is_left_out_of_every_format(tmp_path, kind, as_stored):
     path, time, right = lost_fix(tmp_path, kind)
     tracks = read_trajectories(path)
     poses = tracks.poses[0]
@@ -290,6 +301,7 @@ def test_a_row_without_a_fix_is_left_out_of_every_format(tmp_path, kind):
     assert f" {line}: auv: position 0, 0 is " in note
     if kind in ("csv", "parquet", "nc"):
         np.testing.assert_allclose(tracks.centre, right[:, :2].mean(axis=0), rtol=0, atol=1e-12)
+    as_stored(tracks)
 
 
 def test_titles_state_degrees_or_radians(tmp_path):
@@ -317,7 +329,7 @@ def test_times_of_day_of_a_track_must_not_pass_midnight(tmp_path):
 
 @pytest.mark.parametrize("gross", [(0.0, 0.0), (74.5, -40.0), (-74.5, -140.0), (88.0, -140.0)])
 @pytest.mark.parametrize("row", [0, 3, 9])
-def test_one_gross_row_does_not_move_the_default_centre(gross, row):
+def test_one_gross_row_does_not_move_the_default_centre(gross, row, as_stored):
     """The centre is the middle of the extremes of the other rows."""
     place = np.column_stack(
         [74.5 + 1e-5 * np.arange(10), -140.0 + 2e-5 * np.arange(10), np.full(10, 5.0)]
@@ -328,3 +340,4 @@ def test_one_gross_row_does_not_move_the_default_centre(gross, row):
     middle = 0.5 * (others.min(axis=0) + others.max(axis=0))
     assert tracks.centre == pytest.approx(tuple(middle), abs=1e-12)
     assert sum("1 " in note and "left out" in note for note in tracks.notes) == 1
+    as_stored(tracks)

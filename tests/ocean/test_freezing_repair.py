@@ -26,7 +26,7 @@ def freezing_temperature(depth, salinity):
     return gsw.t_freezing(gsw.SA_from_SP(salinity, p, -145.0, 72.0), p, 0.0)
 
 
-def test_cold_levels_get_the_salinity_at_which_they_freeze(cast):
+def test_cold_levels_get_the_salinity_at_which_they_freeze(cast, as_stored):
     repaired = read_cast(cast, repair_freezing=True)
     cold = freezing_temperature(DEPTH, SALINITY) > TEMPERATURE
     assert cold.sum() == 2
@@ -40,9 +40,10 @@ def test_cold_levels_get_the_salinity_at_which_they_freeze(cast):
         "2 of 6 levels below the freezing point repaired: salinity raised by up to "
     )
     assert float(note.split()[-1]) == pytest.approx(np.max(repaired.salinity - SALINITY), rel=0.01)
+    as_stored(repaired)
 
 
-def test_profile_of_a_repaired_cast_has_its_sound_speed(cast):
+def test_profile_of_a_repaired_cast_has_its_sound_speed(cast, as_stored):
     plain, repaired = read_profile(cast), read_profile(cast, repair_freezing=True)
     np.testing.assert_allclose(
         repaired.sound_speed, read_cast(cast, repair_freezing=True).sound_speed(), atol=1e-9
@@ -51,9 +52,10 @@ def test_profile_of_a_repaired_cast_has_its_sound_speed(cast):
     assert (raised[:2] > 1.0).all()
     assert (raised[2:] == 0.0).all()
     assert "`repair_freezing`" in plain.notes[0]
+    as_stored(repaired)
 
 
-def test_water_of_a_cast_is_repaired_on_request(cast):
+def test_water_of_a_cast_is_repaired_on_request(cast, as_stored):
     plain, repaired = (
         open_water(str(cast), bathymetry=500.0, interpolation="linear", repair_freezing=repair)
         for repair in (False, True)
@@ -62,6 +64,7 @@ def test_water_of_a_cast_is_repaired_on_request(cast):
     raised = repaired.medium.sound_speed_at(surface) - plain.medium.sound_speed_at(surface)
     assert raised[0] > 4.0
     assert any("2 of 6 levels below the freezing point repaired" in note for note in repaired.notes)
+    as_stored(repaired)
 
 
 def test_cast_above_the_freezing_point_is_not_changed(tmp_path):

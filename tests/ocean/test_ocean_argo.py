@@ -78,13 +78,14 @@ def test_delayed_mode_gives_adjusted_values_and_real_time_raw_ones(tmp_path):
 
 
 @pytest.mark.parametrize("kind", ["flags", "adjusted_flags"])
-def test_only_good_flags_are_used_and_the_rest_is_counted(tmp_path, kind):
+def test_only_good_flags_are_used_and_the_rest_is_counted(tmp_path, kind, as_stored):
     """Of the adjusted values, where there are any: raw ones never stand in."""
     for flag in "0123456789":
         cast = read_cast(write_gdac(tmp_path / f"flag{flag}.nc", **{kind: f"11{flag}111"}))
         good = flag in "1258"
         assert (cast.depth.size, cast.dropped) == ((6, 0) if good else (5, 1)), flag
     assert any(note.startswith("1 of 6 levels rejected: bad quality flags") for note in cast.notes)
+    as_stored(cast)
 
 
 def test_a_position_under_ice_is_a_good_one(tmp_path):

@@ -27,12 +27,13 @@ def case():
     return lambda name: CASES / name
 
 
-def test_hemispheres_in_front_of_the_number(case):
+def test_hemispheres_in_front_of_the_number(case, as_stored):
     cast = read_cast(case("position-hemisphere-first") / "cast.cnv")
     assert (cast.lat, cast.lon) == pytest.approx((-(12 + 30.60 / 60), -(63 + 38.60 / 60)))
+    as_stored(cast)
 
 
-def test_depth_in_fresh_water_beside_pressure(case):
+def test_depth_in_fresh_water_beside_pressure(case, as_stored):
     profile = read_profile(case("fresh-water-depth") / "cast.cnv")
     pressure = np.array([100.0, 500.0, 1000.0, 2000.0])
     np.testing.assert_allclose(profile.depth, -gsw.z_from_p(pressure, 45.0), atol=1e-6)
@@ -43,14 +44,16 @@ def test_depth_in_fresh_water_beside_pressure(case):
     np.testing.assert_allclose(
         profile.sound_speed, speed, atol=0.05
     )  # the 75-term equation of TEOS-10 differs by 0.02 m/s
+    as_stored(profile)
 
 
-def test_a_logger_on_deck_and_no_fix(case):
+def test_a_logger_on_deck_and_no_fix(case, as_stored):
     profile = read_profile(case("deck-time") / "cast.aml")
     assert profile.depth.size == 40
     np.testing.assert_allclose(profile.depth[[0, -1]], [1.0, 98.5], atol=0.06)
     profile = read_profile(case("no-fix-999") / "cast.vp2")
     assert profile.place is None
+    as_stored(profile)
 
 
 @pytest.mark.parametrize(("file", "field", "values"), [
@@ -61,22 +64,25 @@ def test_a_logger_on_deck_and_no_fix(case):
     ("cond.cnv", "salinity",
      gsw.SP_from_C([42.9, 42.0, 36.5], [15.0, 14.0, 8.0], [10.0, 100.0, 1000.0])),
 ])  # fmt: skip
-def test_names_of_sea_bird(case, file, field, values):
+def test_names_of_sea_bird(case, file, field, values, as_stored):
     cast = read_cast(case("cnv-unknown-names") / file)
     np.testing.assert_allclose(getattr(cast, field), values, atol=1e-4)
+    as_stored(cast)
 
 
-def test_feet_and_a_date_with_the_day_first(case):
+def test_feet_and_a_date_with_the_day_first(case, as_stored):
     profile = read_profile(case("cnv-unknown-names") / "feet.edf")
     np.testing.assert_allclose(profile.depth, [0.0, 30.48, 304.8])
     np.testing.assert_allclose(profile.sound_speed, [1539.24, 1524.0, 1508.76])
     assert read_profile(case("edf-date") / "cast.edf").time == np.datetime64("2020-04-28T21:06:17")
+    as_stored(profile)
 
 
-def test_whp_exchange(case):
+def test_whp_exchange(case, as_stored):
     cast = read_cast(case("whp-exchange") / "cast_ct1.csv")
     np.testing.assert_allclose(cast.depth, [2.98, 99.4, 991.87], atol=5e-3)
     assert (cast.lat, cast.lon, cast.time) == (-12.51, -63.6433, np.datetime64("2024-08-05"))
+    as_stored(cast)
 
 
 def test_zeros_as_land_and_valid_ranges(case, tmp_path, monkeypatch):
@@ -86,13 +92,14 @@ def test_zeros_as_land_and_valid_ranges(case, tmp_path, monkeypatch):
         assert np.isnan(open_ocean(name)["salinity"].values).sum() == 9
 
 
-def test_fill_numbers_and_units_of_a_table(case):
+def test_fill_numbers_and_units_of_a_table(case, as_stored):
     profile = read_profile(case("cast-fill-number") / "cast.csv")
     np.testing.assert_array_equal(profile.depth, [0.0, 100.0])
     np.testing.assert_allclose(profile.sound_speed, [1506.66, 1484.33], atol=0.01)
     for name, values in (("fahrenheit", "46.4 to 59"), ("kelvin", "")):
         path = case("cast-unit-unstated") / f"{name}.csv"
         refused(AcousticsError, f"temperature is {values}.*name the unit", read_profile, path)
+    as_stored(profile)
 
 
 def test_a_sea_floor_that_is_coarser_than_the_ocean(case, tmp_path, monkeypatch):

@@ -77,7 +77,7 @@ def write(request, tmp_path):
     ([(20, 14, 77)], 2, IMPOSSIBLE), ([(20, 60, 35)], 2, IMPOSSIBLE),
     ([(0, 25, 0.02), (0.1, 25, 0.3), (0.2, 24, 0.6)], 0, DECK), ([(5000, 14, 35)], 2, SPIKE),
 ])  # fmt: skip
-def test_one_bad_row_is_left_out_by_every_reader(write, added, at, note):
+def test_one_bad_row_is_left_out_by_every_reader(write, added, at, note, as_stored):
     path = write([*ROWS[:at], *added, *ROWS[at:]])
     profile = read_profile(path, PLACE)
     z, t, s = np.transpose(ROWS).astype(float)
@@ -87,6 +87,7 @@ def test_one_bad_row_is_left_out_by_every_reader(write, added, at, note):
     np.testing.assert_allclose(profile.sound_speed, expected, atol=0.1)
     assert note in profile.notes
     assert read_cast(path, lat=PLACE[0], lon=PLACE[1]).dropped == len(added)
+    as_stored(profile)
 
 
 @pytest.mark.parametrize("factor", [1.8, 1.0])
@@ -117,7 +118,7 @@ def test_cold_seas_in_fahrenheit_are_refused_by_their_depth(tmp_path):
     refused(AcousticsError, "below 300 m to 25; name the unit", read_profile, path, PLACE)
 
 
-def test_rows_in_air_by_sound_speed_and_its_units(tmp_path):
+def test_rows_in_air_by_sound_speed_and_its_units(tmp_path, as_stored):
     path = tmp_path / "cast.csv"
     path.write_text("depth_m,sound_speed_m_s\n0,0\n0,341\n1,1500\n60,1490\n300,1480\n")
     profile = read_profile(path)
@@ -132,9 +133,10 @@ def test_rows_in_air_by_sound_speed_and_its_units(tmp_path):
     path.write_text("depth,sound_speed\n0,5000\n100,4900\n")
     message = "sound_speed is 4900 to 5000; allowed: 1300 to 1800 m/s; name the unit"
     refused(AcousticsError, message, read_profile, path)
+    as_stored(profile)
 
 
-def test_fresh_water_is_read_and_kg_per_kg_is_doubted(tmp_path):
+def test_fresh_water_is_read_and_kg_per_kg_is_doubted(tmp_path, as_stored):
     path = tmp_path / "lake.csv"
     path.write_text(table([(0, 20, 0.05), (10, 15, 0.06), (50, 5, 0.06)]))
     profile = read_profile(path, PLACE)
@@ -142,14 +144,16 @@ def test_fresh_water_is_read_and_kg_per_kg_is_doubted(tmp_path):
     assert profile.notes == ()
     path.write_text(table([(0, 20, 0.035), (10, 15, 0.036), (50, 5, 0.036)]))
     assert any("kg/kg" in note for note in read_profile(path, PLACE).notes)
+    as_stored(profile)
 
 
-def test_water_beside_a_sound_speed_is_possible_or_not_used(tmp_path):
+def test_water_beside_a_sound_speed_is_possible_or_not_used(tmp_path, as_stored):
     path = tmp_path / "cast.csv"
     path.write_text("depth,temperature,salinity,sound_speed\n0,59,35,1500\n9,57,35,1499\n")
     profile = read_profile(path)
     assert profile.water is None
     assert "temperature is 57 to 59, which is impossible" in profile.notes[0]
+    as_stored(profile)
 
 
 @pytest.mark.parametrize(("words", "day_first", "instant", "note"), [
@@ -165,7 +169,7 @@ def test_years_of_two_digits_and_the_order_of_numbers(words, day_first, instant,
     assert (note in str(notes)) if note else not notes
 
 
-def test_ambiguous_dates_of_columns_and_headers_are_noted(tmp_path):
+def test_ambiguous_dates_of_columns_and_headers_are_noted(tmp_path, as_stored):
     path = tmp_path / "cast.csv"
     for date, month, note in (("05/10/03", "05-10", "month is assumed"), ("15/10/03", "10-15", "")):
         path.write_text(f"time,{table(ROWS)}".replace("\n", f"\n{date} 10:11,", len(ROWS)))
@@ -174,13 +178,14 @@ def test_ambiguous_dates_of_columns_and_headers_are_noted(tmp_path):
         assert note in str(cast.notes)
     path.write_text(sea_bird(ROWS))
     assert read_profile(path, PLACE).time == np.datetime64("2003-10-15T11:38:38")
+    as_stored(cast)
 
 
 @pytest.mark.parametrize("header", [
     "depth_m,sound_speed_m_s", "depth_m,sound_speed_m_per_s", "depth [m],sound speed [m/s]",
     "depth_m,temperature_degC,practical_salinity", "depth [m],temperature [degC],salinity [1]",
 ])  # fmt: skip
-def test_columns_that_mantaray_writes_are_read(tmp_path, header):
+def test_columns_that_mantaray_writes_are_read(tmp_path, header, as_stored):
     """Those of ray files, `ocean show --json`, `convert-cast` and the casts of the examples."""
     speed = "speed" in header
     rows = [(0, 1500), (100, 1490)] if speed else [(0, 15, 35), (100, 14, 35)]
@@ -192,3 +197,4 @@ def test_columns_that_mantaray_writes_are_read(tmp_path, header):
         np.testing.assert_array_equal(profile.sound_speed, [1500.0, 1490.0])
     else:
         np.testing.assert_array_equal(profile.water[0], [15.0, 14.0])
+    as_stored(profile)

@@ -40,7 +40,7 @@ def write(folder, text, name="cast.csv"):
     return path
 
 
-def test_a_plain_table_is_read_as_it_stands(tmp_path):
+def test_a_plain_table_is_read_as_it_stands(tmp_path, as_stored):
     cast = read_cast(write(tmp_path, HEAD + PLAIN))
     for name, expected in (("depth", Z), ("temperature", T), ("salinity", S)):
         np.testing.assert_array_equal(getattr(cast, name), expected)
@@ -51,6 +51,7 @@ def test_a_plain_table_is_read_as_it_stands(tmp_path):
     assert (
         repr(cast) == "Cast('cast', 73.988 N, 139.95 W, 2014-07-24T19:20, 5 levels from 0 to 400 m)"
     )
+    as_stored(cast)
 
 
 @pytest.mark.parametrize("header", [
@@ -58,7 +59,7 @@ def test_a_plain_table_is_read_as_it_stands(tmp_path):
     "depth_m\ttemperature_degC\tpractical_salinity", "z temperature salinity",
     'vertCoord[unit="m"],water_temp[unit="degC"],salinity[unit="psu"]',
 ])  # fmt: skip
-def test_names_units_and_separators_of_many_programs(tmp_path, header):
+def test_names_units_and_separators_of_many_programs(tmp_path, header, as_stored):
     separator = next((s for s in ",;\t" if s in header), " ")
     rows = "\n".join(
         separator.join(map(repr, map(float, row))) for row in zip(Z, T, S, strict=True)
@@ -68,9 +69,10 @@ def test_names_units_and_separators_of_many_programs(tmp_path, header):
     )
     np.testing.assert_array_equal(cast.temperature, T)
     np.testing.assert_array_equal(cast.depth, Z)
+    as_stored(cast)
 
 
-def test_temperatures_and_salinities_are_converted_by_teos_10(tmp_path):
+def test_temperatures_and_salinities_are_converted_by_teos_10(tmp_path, as_stored):
     p = gsw.p_from_z(-Z, 74.0)
     SA = gsw.SA_from_SP(S, p, -140.0, 74.0)
     place = {
@@ -95,9 +97,10 @@ def test_temperatures_and_salinities_are_converted_by_teos_10(tmp_path):
         np.testing.assert_allclose(cast.temperature, T, rtol=0, atol=1e-9, err_msg=name)
         np.testing.assert_allclose(cast.salinity, S, rtol=0, atol=1e-9, err_msg=name)
         assert cast.time == np.datetime64("2014-07-24T12:00")
+    as_stored(cast)
 
 
-def test_rows_that_cannot_be_used_are_dropped_and_counted(tmp_path):
+def test_rows_that_cannot_be_used_are_dropped_and_counted(tmp_path, as_stored):
     rows = [
         (-0.3, -1.0, 27.0),  # above the surface
         (1.0, -1.2, 27.0),
@@ -119,14 +122,16 @@ def test_rows_that_cannot_be_used_are_dropped_and_counted(tmp_path):
         "1 of 9 rows dropped: with an impossible value",
         "2 of 9 rows dropped: not deeper than an earlier row",
     )
+    as_stored(cast)
 
 
-def test_bottles_written_from_the_bottom_up_are_turned_round(tmp_path):
+def test_bottles_written_from_the_bottom_up_are_turned_round(tmp_path, as_stored):
     cast = read_cast(
         write(tmp_path, HEAD + table(depth=Z[::-1], temperature=T[::-1], salinity=S[::-1]))
     )
     np.testing.assert_array_equal(cast.temperature, T)
     assert cast.notes == ("rows reversed: the file lists them upward",)
+    as_stored(cast)
 
 
 def test_a_table_of_stations_holds_a_cast_for_each(tmp_path):
@@ -150,19 +155,21 @@ def test_a_table_of_stations_holds_a_cast_for_each(tmp_path):
     ("2014-07-24 1000 m",
      "2014-07-24T00:00"), ("March 2020", "2020-03-01T00:00"), ("no date", "NaT"),
 ])  # fmt: skip
-def test_times_in_comments(tmp_path, comment, time):
+def test_times_in_comments(tmp_path, comment, time, as_stored):
     path = write(tmp_path, f"# {comment} lat 74, lon -140\n" + PLAIN)
     cast = read_cast(path)
     np.testing.assert_equal(cast.time, np.datetime64(time, "us"))
     assert ("time unknown" in cast.notes) == (time == "NaT")
     assert read_cast(path, time="2001-02-03T04:05").time == np.datetime64("2001-02-03T04:05")
+    as_stored(cast)
 
 
-def test_places_in_comments_and_columns(tmp_path):
+def test_places_in_comments_and_columns(tmp_path, as_stored):
     cast = read_cast(write(tmp_path, "# latitude: 33.5 S, longitude: 18.25W\n" + PLAIN))
     assert (cast.lat, cast.lon) == (-33.5, -18.25)
     rows = table(depth=Z, temperature=T, salinity=S, lat=25.0, lon=-99.0, time="2020-01-01")
     assert read_cast(write(tmp_path, rows)).lon == -99.0  # no fill value
+    as_stored(cast)
 
 
 REFUSED = {
@@ -239,7 +246,7 @@ def test_a_cast_colder_than_its_freezing_point_says_so(tmp_path, shared_data):
     assert read_profile(march).notes == (cold,)
 
 
-def test_the_subset_services_packed_point_table_is_unpacked(shared_data):
+def test_the_subset_services_packed_point_table_is_unpacked(shared_data, as_stored):
     path = shared_data / "hycom" / "hycom_glby_930_20210308T12_beaufort_point_ncss.csv"
     cast = read_cast(path)
     raw = pd.read_csv(path).to_numpy()[:, 3:].astype(float)
@@ -253,6 +260,7 @@ def test_the_subset_services_packed_point_table_is_unpacked(shared_data):
         np.datetime64("2021-03-08T12:00"),
     )
     assert cast.dropped == np.count_nonzero(~wet) == 2
+    as_stored(cast)
 
 
 def test_an_unpacked_point_table_stays_as_it_is(tmp_path):
@@ -324,7 +332,7 @@ def speed(ocean):
     return ocean_sound_speed(ocean)[:, 0, 0]
 
 
-def test_the_ocean_is_the_cast_everywhere_and_at_rest():
+def test_the_ocean_is_the_cast_everywhere_and_at_rest(as_stored):
     ocean = cast_ocean(LINEAR, bathymetry=300.0, half_extent=(20e3, 30e3))
     validate_ocean(ocean)
     z = ocean["depth"].values
@@ -343,11 +351,12 @@ def test_the_ocean_is_the_cast_everywhere_and_at_rest():
     assert not ocean["water_v"].values.any()
     assert ocean["time"].values == np.datetime64("2014-07-24T19:20")
     assert ocean.attrs["synthetic"] == 0
+    as_stored(ocean)
 
 
 @pytest.mark.parametrize("lat", [0.0, -45.0, 78.0, 85.0])
 @pytest.mark.parametrize("lon", [10.0, 179.9])
-def test_the_window_holds_the_asked_rectangle_about_the_cast(lat, lon):
+def test_the_window_holds_the_asked_rectangle_about_the_cast(lat, lon, as_stored):
     ocean = cast_ocean(
         replace(LINEAR, lat=lat, lon=lon), bathymetry=300.0, half_extent=(40e3, 90e3)
     )
@@ -360,9 +369,10 @@ def test_the_window_holds_the_asked_rectangle_about_the_cast(lat, lon):
     # place
     assert np.ptp(local["sound_speed"].values, axis=(0, 1)).max() < 0.02
     np.testing.assert_array_equal(local["sea_floor_depth"], 300.0)
+    as_stored(local)
 
 
-def test_the_change_by_averaging_is_told_and_right(shared_data):
+def test_the_change_by_averaging_is_told_and_right(shared_data, as_stored):
     cast = read_cast(shared_data / "casts" / "beaufort_axctd_20140724_74N140W.csv")
     found = {}
     for step in (2.0, 5.0, 10.0):
@@ -379,12 +389,13 @@ def test_the_change_by_averaging_is_told_and_right(shared_data):
         assert most == pytest.approx(np.abs(change).max(), rel=0.06)
         found[step] = rms
     assert found[2.0] < found[5.0] < found[10.0]
+    as_stored(cast)
 
 
 @pytest.mark.parametrize("name", [
     "beaufort_axctd_20140724_74N140W", "beaufort_axctd_20140724_75N140W", "beaufort_xctd_icex20_1",
 ])  # fmt: skip
-def test_the_default_levels_keep_the_warm_layer_and_the_duct_beneath(shared_data, name):
+def test_the_default_levels_keep_the_warm_layer_and_the_duct_beneath(shared_data, name, as_stored):
     cast = read_cast(shared_data / "casts" / f"{name}.csv")
     ocean = cast_ocean(cast, bathymetry=1000.0)
     z, c = ocean["depth"].values, speed(ocean)
@@ -397,6 +408,7 @@ def test_the_default_levels_keep_the_warm_layer_and_the_duct_beneath(shared_data
     assert 1444.0 < c[(z >= 40.0) & (z <= 65.0)].max() < 1448.0
     rms = float(re.findall(r"by ([\d.]+) m/s rms", "\n".join(history(ocean)))[0])
     assert rms < 0.06
+    as_stored(cast)
 
 
 def test_below_the_samples_water_is_held_constant_or_another_casts():
@@ -416,13 +428,14 @@ def test_below_the_samples_water_is_held_constant_or_another_casts():
     assert told.format(900) in history(joined)
 
 
-def test_the_surface_is_extended_at_constant_water_and_that_is_told():
+def test_the_surface_is_extended_at_constant_water_and_that_is_told(as_stored):
     ocean = cast_ocean(LINEAR, bathymetry=300.0, levels=[0.0, 2.0, 4.0, 100.0, 200.0])
     np.testing.assert_allclose(ocean["water_temp"].values[:2], 1.95, rtol=0, atol=1e-12)
     assert "extended from 5 m up to the surface at constant temperature and salinity" in history(
         ocean
     )
     assert "level added at the bottom, 300 m" in history(ocean)
+    as_stored(ocean)
 
 
 def test_the_casts_own_bottom_and_a_given_time_serve():
@@ -466,7 +479,7 @@ def test_levels_rise_from_the_surface_to_the_bottom(bottom):
     assert np.diff(z).max() <= max(150.0, bottom if bottom < 5.0 else 0.0)
 
 
-def test_every_real_cast_makes_an_ocean_for_rays(shared_data):
+def test_every_real_cast_makes_an_ocean_for_rays(shared_data, as_stored):
     files = sorted((shared_data / "casts").glob("*.csv")) + sorted(
         (shared_data / "hycom").glob("*.csv")
     )
@@ -485,14 +498,16 @@ def test_every_real_cast_makes_an_ocean_for_rays(shared_data):
         medium = Medium.from_dataset(to_local(ocean))
         np.testing.assert_allclose(medium.sound_speed[0, 0], speed(ocean), rtol=0, atol=0.01)
         assert medium.bed.depth.min() == ocean["depth"].values[-1]
+    as_stored(cast)
 
 
-def test_a_cast_without_time_makes_an_ocean_without_time():
+def test_a_cast_without_time_makes_an_ocean_without_time(as_stored):
     ocean = cast_ocean(replace(LINEAR, time=np.datetime64("NaT", "us")), bathymetry=300.0)
     assert np.isnat(ocean["time"].values)
+    as_stored(ocean)
 
 
-def test_a_date_that_does_not_exist_is_a_note(tmp_path):
+def test_a_date_that_does_not_exist_is_a_note(tmp_path, as_stored):
     dated = table(depth=Z, temperature=T, salinity=S, time="2018-13-45")
     undated = table(depth=Z, temperature=T, salinity=S)
     for text in (f"# lat 74, lon -140\n{dated}", f"# 2018-13-45 lat 74, lon -140\n{undated}"):
@@ -503,10 +518,11 @@ def test_a_date_that_does_not_exist_is_a_note(tmp_path):
         )
         if text == f"# lat 74, lon -140\n{dated}":  # a column, not a comment
             assert any("'2018-13-45' (line 3)" in note for note in cast.notes), cast.notes
+    as_stored(cast)
 
 
 @pytest.mark.parametrize("bad", ["30,0.2", "30,abc,30.1", "30,0.2,30.1,30,0.2", '"30,0.2,30.1'])
-def test_unreadable_rows_of_a_cast_are_listed_and_left_out(tmp_path, bad):
+def test_unreadable_rows_of_a_cast_are_listed_and_left_out(tmp_path, bad, as_stored):
     lines = (HEAD + PLAIN).splitlines()
     path = write(tmp_path, "\n".join([*lines[:4], bad, *lines[4:]]) + "\n")
     cast = read_cast(path)
@@ -516,3 +532,4 @@ def test_unreadable_rows_of_a_cast_are_listed_and_left_out(tmp_path, bad):
     profile = read_profile(path)
     np.testing.assert_array_equal(profile.depth, Z)
     assert "1 line left out" in profile.notes[0]
+    as_stored(cast)

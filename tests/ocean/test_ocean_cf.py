@@ -145,7 +145,7 @@ def test_every_flavour_has_the_sound_speed_of_gsw(tmp_path, mass_unit, practical
 
 
 @pytest.mark.parametrize(("unit", "factor"), [("dbar", 1.0), ("Pa", 1e4), ("bar", 0.1)])
-def test_levels_of_pressure_become_depths(tmp_path, unit, factor):
+def test_levels_of_pressure_become_depths(tmp_path, unit, factor, as_stored):
     dbar = gsw.p_from_z(-DEPTH, 40.5)
     depths = -gsw.z_from_p(dbar[:, None], LAT)[..., None]
     data = flavour(temperature="sea_water_temperature", salinity="sea_water_salinity")
@@ -163,9 +163,10 @@ def test_levels_of_pressure_become_depths(tmp_path, unit, factor):
     assert np.nanmax(error[~deepest]) < 1e-9
     assert np.nanmax(error[deepest]) < 1e-3 * 0.2  # nothing below to interpolate to: moved by 0.1 m
     assert "pressure levels moved by up to" in ocean.attrs["history"]
+    as_stored(ocean)
 
 
-def test_a_first_level_below_the_surface_is_carried_up_and_recorded(tmp_path):
+def test_a_first_level_below_the_surface_is_carried_up_and_recorded(tmp_path, as_stored):
     glorys = axis("deptht", DEPTH + 0.494)(flavour())
     ocean = open_ocean(write(tmp_path / "glorys.nc", glorys))
     assert ocean["depth"].values[:2] == pytest.approx([0.0, 0.494])
@@ -173,9 +174,10 @@ def test_a_first_level_below_the_surface_is_carried_up_and_recorded(tmp_path):
     assert (
         ocean.attrs["history"].splitlines()[-1] == "level at 0 m added with the values at 0.494 m"
     )
+    as_stored(ocean)
 
 
-def test_water_at_rest_is_asked_for_by_name(tmp_path, message_of):
+def test_water_at_rest_is_asked_for_by_name(tmp_path, message_of, as_stored):
     for change in (lambda d: d[["thetao", "so"]], GRID_RELATIVE):
         path = write(tmp_path / "still.nc", change(flavour()))
         ocean = open_ocean(path, currents="rest")
@@ -185,6 +187,7 @@ def test_water_at_rest_is_asked_for_by_name(tmp_path, message_of):
     assert "allowed: 'required' or 'rest'" in message_of(path, currents="none")
     half = write(tmp_path / "half.nc", flavour()[["thetao", "so", "uo"]])
     assert "no water_v" in message_of(half, currents="rest")
+    as_stored(ocean)
 
 
 def attrs(**of):
@@ -308,7 +311,7 @@ def test_what_cannot_be_converted_is_refused_with_reason_and_remedy(tmp_path, ca
     assert message.startswith("model.nc: ")
 
 
-def test_masks_that_differ_a_little_are_made_one_and_recorded(tmp_path):
+def test_masks_that_differ_a_little_are_made_one_and_recorded(tmp_path, as_stored):
     data = flavour()
     data["uo"][0, 1, 2, 3] = np.nan
     data["so"][0, 3, 0, 0] = np.nan  # a hole: the water beneath it goes too
@@ -319,6 +322,7 @@ def test_masks_that_differ_a_little_are_made_one_and_recorded(tmp_path):
         "2 points removed: temperature or salinity is missing there or above",
         "currents set to 0 at 1 wet points without currents",
     ]
+    as_stored(ocean)
 
 
 def test_the_bathymetry_file_of_glorys_is_refused_sensibly(shared_data, message_of):

@@ -27,19 +27,21 @@ def kinds(findings):
     return [f.what for f in findings]
 
 
-def test_a_healthy_ocean_gives_no_finding(healthy):
+def test_a_healthy_ocean_gives_no_finding(healthy, as_stored):
     findings = check_ocean(healthy)
     assert [str(f) for f in findings] == []
     assert findings.ok
     assert findings.named("nothing of the kind") is None
+    as_stored(findings)
 
 
-def test_real_files_have_nothing_wrong(gulf_stream_files):
+def test_real_files_have_nothing_wrong(gulf_stream_files, as_stored):
     findings = check_ocean(gulf_stream_files)
     assert findings.ok
     inversions = findings.named("density inversions")
     assert "1347 of 16345 pairs" in inversions.value
     assert "8 and 10 m" in inversions.value
+    as_stored(findings)
 
 
 def spoil(ocean, where, **values):
@@ -102,7 +104,7 @@ WRONG = {  # how, and the finding or how it begins
 
 
 @pytest.mark.parametrize("name", WRONG)
-def test_the_first_finding_is_the_error_of_the_schema(healthy, name):
+def test_the_first_finding_is_the_error_of_the_schema(healthy, name, as_stored):
     change, finding = WRONG[name]
     ocean = change(healthy)
     findings = check_ocean(ocean)
@@ -112,9 +114,10 @@ def test_the_first_finding_is_the_error_of_the_schema(healthy, name):
     with pytest.raises(OceanError) as caught:
         validate_ocean(ocean)
     assert str(caught.value) == f"ocean: {str(findings.wrong[0]).removeprefix('wrong: ')}"
+    as_stored(findings)
 
 
-def test_everything_is_listed_not_only_the_first(healthy):
+def test_everything_is_listed_not_only_the_first(healthy, as_stored):
     ocean = spoil(healthy, POINT, salinity=400.0).isel(lat=SOUTHWARD).drop_vars("water_v")
     del ocean.attrs["title"]
     assert kinds(check_ocean(ocean)) == [
@@ -123,9 +126,10 @@ def test_everything_is_listed_not_only_the_first(healthy):
         "variable missing",
         "attributes missing",
     ]
+    as_stored(ocean)
 
 
-def test_unreadable_files_are_reported_in_full_in_their_units(healthy, tmp_path):
+def test_unreadable_files_are_reported_in_full_in_their_units(healthy, tmp_path, as_stored):
     """
     Temperature in K and currents in cm/s are no fault; a salt spike and a gale in the water are.
     """
@@ -144,15 +148,17 @@ def test_unreadable_files_are_reported_in_full_in_their_units(healthy, tmp_path)
     assert [(f.what, f.where) for f in findings] == [("values", "salinity"), ("values", "water_u")]
     assert findings.wrong[1].value.endswith("to 99")
     assert kinds(check_ocean(tmp_path / "missing.nc").wrong) == ["cannot be opened"]
+    as_stored(findings)
 
 
-def test_sound_speed_outside_the_sea_s_is_wrong(healthy):
+def test_sound_speed_outside_the_sea_s_is_wrong(healthy, as_stored):
     findings = check_ocean(spoil(healthy, (36, 11, 23), water_temp=45.0, salinity=50.0))
     speed = findings.named("sound speed")
     assert speed in findings.wrong
     assert speed.value.startswith("1 of ")
     assert "2500 m" in speed.where
     assert "1400 to 1600 m/s" in speed.allowed
+    as_stored(findings)
 
 
 def lone_pit(ocean):
@@ -187,13 +193,14 @@ DOUBTFUL = {
 
 
 @pytest.mark.parametrize("what", DOUBTFUL)
-def test_what_is_doubtful_is_found(healthy, what):
+def test_what_is_doubtful_is_found(healthy, what, as_stored):
     findings = check_ocean(DOUBTFUL[what](healthy))
     assert what in kinds(findings.doubtful), [str(f) for f in findings]
     assert findings.ok, [str(f) for f in findings.wrong]
+    as_stored(findings)
 
 
-def test_inversions_are_counted_placed_and_measured(healthy):
+def test_inversions_are_counted_placed_and_measured(healthy, as_stored):
     """
     Salinity lower by d in one point: density falls by about 0.79 d there against the level above.
     """
@@ -203,9 +210,10 @@ def test_inversions_are_counted_placed_and_measured(healthy):
     assert "between {:g} and {:g} m".format(*healthy["depth"].values[19:21]) in finding.value
     size = float(finding.value.split("the largest ")[1].split(" kg")[0])
     assert size == pytest.approx(0.79 * fall, rel=0.1)
+    as_stored(finding)
 
 
-def test_water_below_its_freezing_point_is_measured(healthy):
+def test_water_below_its_freezing_point_is_measured(healthy, as_stored):
     """
     A salinity of 24.2 freezes at -1.312 degC at the surface (gsw), 0.00075 K lower a metre down.
     """
@@ -218,9 +226,10 @@ def test_water_below_its_freezing_point_is_measured(healthy):
     assert size == pytest.approx(0.188 - 0.00075 * depth, abs=0.002)
     assert "salinity or temperature is too low" in str(finding)
     assert check_ocean(spoil(healthy, POINT, water_temp=-1.33)).named("below freezing") is None
+    as_stored(finding)
 
 
-def test_the_domain_and_the_fleet_must_fit(healthy):
+def test_the_domain_and_the_fleet_must_fit(healthy, as_stored):
     assert check_ocean(healthy, half_extent=(40e3, 30e3)).ok
     for options in ({"half_extent": (400e3, 30e3)}, {"centre": (10.0, 0.0)}):
         assert kinds(check_ocean(healthy, **options).wrong) == ["coverage"]
@@ -247,10 +256,11 @@ def test_the_domain_and_the_fleet_must_fit(healthy):
         ("doubtful", "vehicle D"),
         ("doubtful", "vehicle E"),
     ]
+    as_stored(findings)
 
 
 @pytest.mark.parametrize("own_floor", [False, True])
-def test_the_check_refuses_whom_the_simulation_refuses(fram_strait, own_floor):
+def test_the_check_refuses_whom_the_simulation_refuses(fram_strait, own_floor, as_stored):
     """
     Both ask the bed on the domain's grid; between nodes of this ocean, 13 km apart, it is up to 240
     m from the ocean's own.
@@ -276,6 +286,7 @@ def test_the_check_refuses_whom_the_simulation_refuses(fram_strait, own_floor):
     assert 10 < len(refused) < 50
     findings = check_ocean(coarse, half_extent=half, fleet=plan, sea_floor=floor)
     assert [f.where.removeprefix("vehicle ") for f in findings.wrong] == refused
+    as_stored(findings)
 
 
 def test_a_finer_sea_floor_decides_for_the_fleet(healthy):
@@ -293,7 +304,7 @@ def test_a_finer_sea_floor_decides_for_the_fleet(healthy):
     assert kinds(small.wrong) == ["sea floor"]
 
 
-def test_the_projection_s_error_is_that_of_the_domain_s_corner(beaufort_sea):
+def test_the_projection_s_error_is_that_of_the_domain_s_corner(beaufort_sea, as_stored):
     every = slice(None, None, 5)
     shallow = beaufort_sea.isel(depth=slice(0, 4), lat=every, lon=every)
     findings = check_ocean(shallow)
@@ -303,6 +314,7 @@ def test_the_projection_s_error_is_that_of_the_domain_s_corner(beaufort_sea):
     )
     share = float(finding.value.split("up to ")[1].split(" m")[0])
     assert 1.0 < share < 4.0  # m in 1 km: (half-width 560 km / 2 R) squared is 1.9e-3
+    as_stored(findings)
 
 
 def test_a_data_set_of_a_model_is_checked_as_it_is_opened(healthy):

@@ -43,7 +43,7 @@ def model(fill=np.nan, *, attrs=None, zero=("t", "s", "u", "v"), **axes):
     return data.assign_coords(axes)
 
 
-def test_zeros_of_all_variables_are_land():
+def test_zeros_of_all_variables_are_land(as_stored):
     ocean = open_ocean(model(0.0))
     for name in ("water_temp", "salinity", "water_u", "water_v"):
         np.testing.assert_array_equal(np.isnan(ocean[name].values), LAND)
@@ -53,6 +53,7 @@ def test_zeros_of_all_variables_are_land():
     )
     ocean = open_ocean(model(0.0).drop_vars(["u", "v"]), currents="rest")
     np.testing.assert_array_equal(np.isnan(ocean["salinity"].values), LAND)
+    as_stored(ocean)
 
 
 def test_zeros_of_temperature_and_salinity_are_land():
@@ -63,10 +64,11 @@ def test_zeros_of_temperature_and_salinity_are_land():
     assert "points removed" not in open_ocean(fresh).attrs.get("history", "")
 
 
-def test_a_salinity_of_zero_in_salty_water_is_noted():
+def test_a_salinity_of_zero_in_salty_water_is_noted(as_stored):
     ocean = open_ocean(model(0.0, zero=("s",)))
     assert (ocean["salinity"].values[LAND] == 0.0).all()
     assert f"{LAND.sum()} points have a salinity of 0 in salty water" in ocean.attrs["history"]
+    as_stored(ocean)
 
 
 def test_a_latitude_without_units_that_may_be_in_radians_is_refused():
@@ -81,11 +83,12 @@ def test_a_latitude_without_units_that_may_be_in_radians_is_refused():
     np.testing.assert_array_equal(open_ocean(plain)["lat"].values, LAT)
 
 
-def test_zeros_of_one_variable_are_water():
+def test_zeros_of_one_variable_are_water(as_stored):
     ocean = open_ocean(model(0.0, zero=("u", "v")))
     assert np.isfinite(ocean["water_u"].values).all()
     ocean = open_ocean(model(0.0, zero=("t",)))
     assert (ocean["water_temp"].values[LAND] == 0.0).all()
+    as_stored(ocean)
 
 
 @pytest.mark.parametrize("attrs", [
@@ -93,13 +96,14 @@ def test_zeros_of_one_variable_are_water():
     {"valid_range": np.array([-10, 60])},
     {"valid_max": np.float32(60.0)},
 ])  # fmt: skip
-def test_values_outside_the_valid_range_are_missing(tmp_path, attrs):
+def test_values_outside_the_valid_range_are_missing(tmp_path, attrs, as_stored):
     data = model(99.0, attrs=attrs)
     data.to_netcdf(tmp_path / "a.nc")
     for source in (data, tmp_path / "a.nc"):
         ocean = open_ocean(source)
         np.testing.assert_array_equal(np.isnan(ocean["salinity"].values), LAND)
         assert f"{LAND.sum()} values of s outside its valid range removed" in ocean.attrs["history"]
+    as_stored(ocean)
 
 
 @pytest.mark.parametrize(("packing", "limits", "missing"), [
@@ -113,7 +117,7 @@ def test_values_outside_the_valid_range_are_missing(tmp_path, attrs):
     ({"scale_factor": -5.0, "add_offset": 20.0}, {"valid_min": np.int16(2)}, [0, 1]),
     ({"scale_factor": 5.0, "add_offset": 20.0}, {}, []),
 ])  # fmt: skip
-def test_valid_ranges_of_packed_integers_are_packed(tmp_path, packing, limits, missing):
+def test_valid_ranges_of_packed_integers_are_packed(tmp_path, packing, limits, missing, as_stored):
     data = xr.Dataset({"x": ("n", np.arange(10, dtype="i2"), packing | limits)})
     data.to_netcdf(tmp_path / "packed.nc")
     with open_file(tmp_path / "packed.nc") as opened:
@@ -121,6 +125,7 @@ def test_valid_ranges_of_packed_integers_are_packed(tmp_path, packing, limits, m
     np.testing.assert_array_equal(np.flatnonzero(np.isnan(values)), missing)
     kept = np.setdiff1d(np.arange(10), missing)
     np.testing.assert_allclose(values[kept], packing["scale_factor"] * kept + packing["add_offset"])
+    as_stored(opened)
 
 
 def test_packed_limits_of_unpacked_values_are_ignored():
@@ -128,7 +133,7 @@ def test_packed_limits_of_unpacked_values_are_ignored():
     assert np.nanmax(open_ocean(data)["salinity"].values) > 35.0
 
 
-def test_radians_become_degrees():
+def test_radians_become_degrees(as_stored):
     axes = {
         "lat": ("lat", np.radians(LAT), {"units": "radians", "standard_name": "latitude"}),
         "lon": ("lon", np.radians(LON), {"units": "radian", "standard_name": "longitude"}),
@@ -136,9 +141,10 @@ def test_radians_become_degrees():
     ocean = open_ocean(model(0.0, **axes))
     np.testing.assert_allclose(ocean["lat"], LAT, rtol=1e-14)
     np.testing.assert_allclose(ocean["lon"], LON, rtol=1e-14)
+    as_stored(ocean)
 
 
-def test_rows_of_a_cast_that_are_zero_are_missing(tmp_path):
+def test_rows_of_a_cast_that_are_zero_are_missing(tmp_path, as_stored):
     text = "# lat 12, lon 6\ndepth,temperature,salinity\n1,20,35\n2,0,0\n3,20,35.1\n9,19,35.2\n"
     (tmp_path / "cast.csv").write_text(text)
     cast = read_cast(tmp_path / "cast.csv")
@@ -150,6 +156,7 @@ def test_rows_of_a_cast_that_are_zero_are_missing(tmp_path):
         open_ocean,
         model(0.0, depth=("depth", [0.0, 1.0, 2.0, 9e36], {"units": "m"})),
     )
+    as_stored(cast)
 
 
 def atlas(kind, months=(396.5,)):
@@ -211,24 +218,26 @@ def test_the_world_ocean_atlas_is_an_ocean_at_rest(tmp_path):
 @pytest.mark.parametrize(
     ("time", "month"), [("2014-03-10", 2), ("2014-12-28", 11), ("2014-01-02", 0), ("2015-07-15", 6)]
 )
-def test_a_mean_year_gives_the_nearest_month(time, month):
+def test_a_mean_year_gives_the_nearest_month(time, month, as_stored):
     months = np.arange(12) + 0.5
     data = xr.merge([atlas("t", months), atlas("s", months)], compat="override")
     ocean = open_ocean(data, currents="rest", time=time)
     first = model(np.nan)["t"].values[0]
     np.testing.assert_allclose(ocean["water_temp"].values, first + 0.1 * month, rtol=1e-6)
     refused(OceanError, "12 times", open_ocean, data, currents="rest")
+    as_stored(ocean)
 
 
-def test_months_beyond_every_calendar_are_of_no_year():
+def test_months_beyond_every_calendar_are_of_no_year(as_stored):
     data = xr.merge(
         [atlas("t", (4614.0,)), atlas("s", (4614.0,))], compat="override"
     )  # as in woa23, decade 91C0
     ocean = open_ocean(data, currents="rest")
     assert ocean["time"].values == np.datetime64("1955-07-01")  # 4614 = 384 years and 6 months
+    as_stored(ocean)
 
 
-def test_a_data_set_without_time_is_an_ocean(tmp_path):
+def test_a_data_set_without_time_is_an_ocean(tmp_path, as_stored):
     data = model(np.nan).isel(time=0, drop=True)
     data.to_netcdf(tmp_path / "a.nc")
     for source in (data, tmp_path / "a.nc"):
@@ -248,6 +257,7 @@ def test_a_data_set_without_time_is_an_ocean(tmp_path):
         )
     ocean.to_netcdf(tmp_path / "own.nc")
     xr.testing.assert_equal(open_ocean(tmp_path / "own.nc"), ocean)
+    as_stored(ocean)
 
 
 def test_longitudes_with_a_gap_are_refused():
@@ -258,10 +268,11 @@ def test_longitudes_with_a_gap_are_refused():
 
 
 @pytest.mark.parametrize("window", [(10.0, 12.0, -180.0, 180.0), (10.0, 12.0, 6.0, 366.0)])
-def test_a_window_around_the_globe_takes_all_longitudes(window):
+def test_a_window_around_the_globe_takes_all_longitudes(window, as_stored):
     lon = LON + 173.0
     ocean = open_ocean(model(lon=lon), window=window)
     np.testing.assert_allclose(np.diff(ocean["lon"]), np.diff(lon))
+    as_stored(ocean)
 
 
 def with_time(value, units, **attrs):

@@ -66,7 +66,7 @@ def squared_distance(ocean, cast):
 
 
 @pytest.mark.parametrize("noise_ratio", [1e-9, 0.25, 1e12], ids=["exact", "noisy", "worthless"])
-def test_one_cast_is_the_closed_form(background, noise_ratio):
+def test_one_cast_is_the_closed_form(background, noise_ratio, as_stored):
     off = 0.0 if noise_ratio < 1e-6 else 0.013  # degrees, from a grid point
     cast = cast_at(
         float(background["lat"][28]) + off, float(background["lon"][33]) + off, 0.5, -0.2
@@ -87,10 +87,11 @@ def test_one_cast_is_the_closed_form(background, noise_ratio):
             np.testing.assert_allclose(column, cast.cell_means(LEVELS)[k], rtol=0, atol=1e-8)
     for name in ("water_u", "water_v"):
         np.testing.assert_array_equal(corrected[name], background[name])
+    as_stored(cast)
 
 
 @pytest.mark.parametrize("apart", [0.2, 0.0], ids=["apart", "at one place"])
-def test_two_casts_are_the_closed_form(background, apart):
+def test_two_casts_are_the_closed_form(background, apart, as_stored):
     casts = [
         cast_at(74.6, -140.1, 0.5, name="a"),
         cast_at(74.6 + 0.3 * apart, -140.1 + apart, -0.3, name="b"),
@@ -110,15 +111,17 @@ def test_two_casts_are_the_closed_form(background, apart):
     np.testing.assert_allclose(
         change[wet], np.broadcast_to(expected, change.shape)[wet], rtol=0, atol=1e-12
     )
+    as_stored(corrected)
 
 
-def test_below_the_deepest_sample_the_difference_decays(background):
+def test_below_the_deepest_sample_the_difference_decays(background, as_stored):
     cast = cast_at(74.6, -140.0, 0.5, deepest=100.0)
     corrected = correct_with_casts(background, [cast], horizontal_scale=50e3, vertical_scale=150.0)
     i, j = np.argmin(np.abs(background["lat"].values - 74.6)), 30
     found = increment(background, corrected)[:, i, j]
     expected = found[3] * np.exp(-0.5 * (np.array([100.0, 300.0]) / 150.0) ** 2)
     np.testing.assert_allclose(found[4:], expected, rtol=1e-12)
+    as_stored(cast)
 
 
 def test_a_cast_of_another_day_counts_less(background):
@@ -206,7 +209,7 @@ def real_casts(shared_data):
     ]
 
 
-def test_the_casts_sharpen_the_warm_layer_of_the_beaufort_sea(real_casts, beaufort_sea):
+def test_the_casts_sharpen_the_warm_layer_of_the_beaufort_sea(real_casts, beaufort_sea, as_stored):
     corrected = correct_with_casts(
         beaufort_sea, real_casts, horizontal_scale=30e3, noise_ratio=0.01
     )
@@ -223,9 +226,10 @@ def test_the_casts_sharpen_the_warm_layer_of_the_beaufort_sea(real_casts, beaufo
     change = corrected["water_temp"] - beaufort_sea["water_temp"]
     assert float(np.abs(change).interp(lat=74.5, lon=-148.0).max()) < 1e-9
     assert "0 new density inversions" in corrected.attrs["history"]
+    as_stored(cast)
 
 
-def test_the_warm_layer_that_hycom_lacks_is_put_back(shared_data, real_casts):
+def test_the_warm_layer_that_hycom_lacks_is_put_back(shared_data, real_casts, as_stored):
     """HYCOM's own column, carried to the casts' place: no duct before, the casts' duct after."""
     point = read_cast(next((shared_data / "hycom").glob("*point_ncss.csv")))
     there = replace(point, lat=74.5, lon=-140.0, time=np.datetime64("2014-07-24"))
@@ -238,3 +242,4 @@ def test_the_warm_layer_that_hycom_lacks_is_put_back(shared_data, real_casts):
     corrected = correct_with_casts(hycom, real_casts, **options)
     for cast in real_casts:
         assert_duct(corrected, cast)
+    as_stored(cast)

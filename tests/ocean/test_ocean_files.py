@@ -35,7 +35,7 @@ def ocean(closed_form_ocean):
     return with_history(with_history(ocean, "built"), "looked at")
 
 
-def test_our_own_files_come_back_unchanged(tmp_path, ocean):
+def test_our_own_files_come_back_unchanged(tmp_path, ocean, as_stored):
     write_netcdf(ocean, tmp_path / "own.nc")
     back = open_ocean(tmp_path / "own.nc")
     xr.testing.assert_identical(back, ocean)
@@ -43,6 +43,7 @@ def test_our_own_files_come_back_unchanged(tmp_path, ocean):
     assert isinstance(back.attrs["synthetic"], int)
     write_netcdf(back, tmp_path / "twice.nc")
     xr.testing.assert_identical(open_ocean(tmp_path / "twice.nc"), ocean)
+    as_stored(back)
 
 
 def test_our_own_files_that_are_not_valid_are_refused(tmp_path, ocean, message_of):
@@ -56,7 +57,7 @@ def test_our_own_files_that_are_not_valid_are_refused(tmp_path, ocean, message_o
 @pytest.mark.parametrize("kind", [*NETCDF, "zarr 2", "zarr 3"])
 @pytest.mark.parametrize("packed", [True, False], ids=["packed", "plain"])
 def test_all_kinds_of_files_open_by_time_and_window_and_say_the_same(
-    tmp_path, ocean, kind, packed, message_of
+    tmp_path, ocean, kind, packed, message_of, as_stored
 ):
     other = ocean.assign(water_temp=ocean["water_temp"].copy(data=ocean["water_temp"] + 1.0))
     other = other.assign_coords(time=ocean["time"] + np.timedelta64(3, "h"))
@@ -79,6 +80,7 @@ def test_all_kinds_of_files_open_by_time_and_window_and_say_the_same(
     part = open_ocean(path, time="2020-01-01T03:00", window=(44.95, 45.1, 9.85, 10.3))
     assert part.sizes["lat"] < ocean.sizes["lat"]
     xr.testing.assert_equal(part, whole.sel(lat=part["lat"], lon=part["lon"]))
+    as_stored(part)
 
 
 @pytest.mark.parametrize("kind", NETCDF)
@@ -267,7 +269,7 @@ def test_strange_data_sets_are_refused_in_one_line(tmp_path, ocean, case, messag
     ("add_offset", np.inf, "salinity: add_offset is 'inf'; it must be one finite number"),
 ])  # fmt: skip
 def test_packing_that_makes_no_values_is_refused_by_its_name(
-    tmp_path, ocean, message_of, attribute, value, words
+    tmp_path, ocean, message_of, attribute, value, words, as_stored
 ):
     with_attribute("salinity", **{attribute: value})(ocean).to_netcdf(
         tmp_path / "packed.nc", engine="netcdf4"
@@ -275,14 +277,16 @@ def test_packing_that_makes_no_values_is_refused_by_its_name(
     assert message_of(tmp_path / "packed.nc").startswith(f"packed.nc: {words}")
     (finding,) = check_ocean(tmp_path / "packed.nc")
     assert words in str(finding)
+    as_stored(finding)
 
 
 @pytest.mark.parametrize("name", ["title", "source", "history", "institution"])
-def test_an_attribute_that_is_a_list_is_no_text_and_harms_nothing(tmp_path, ocean, name):
+def test_an_attribute_that_is_a_list_is_no_text_and_harms_nothing(tmp_path, ocean, name, as_stored):
     ocean.assign_attrs({name: [1, 2, 3]}).to_netcdf(tmp_path / "listed.nc", engine="netcdf4")
     back = open_ocean(tmp_path / "listed.nc")
     xr.testing.assert_equal(back, ocean)
     assert back.attrs["source"]
+    as_stored(back)
 
 
 def test_a_list_in_the_place_of_a_flag_is_not_taken_for_one(tmp_path, ocean, message_of):
@@ -325,7 +329,7 @@ def test_threads_open_files_at_the_same_time(tmp_path, ocean):
     assert titles == [f"ocean {i}" for i in range(4)] * 3
 
 
-def test_addresses_are_not_files_and_their_passwords_are_not_told(message_of):
+def test_addresses_are_not_files_and_their_passwords_are_not_told(message_of, as_stored):
     message = message_of("https://user:secret@tds.hycom.org/thredds/dodsC/GLBy0.08/expt_93.0")
     assert "https://tds.hycom.org/thredds" in message
     assert "mantaray ocean fetch" in message
@@ -333,3 +337,4 @@ def test_addresses_are_not_files_and_their_passwords_are_not_told(message_of):
         (finding,) = check_ocean(address)
         assert "a URL" in finding.value
         assert "secret" not in finding.value
+    as_stored(finding)

@@ -36,7 +36,7 @@ def whp(*, unit="ITS-90", flag="2", letter="W", end="END_DATA\n", time="TIME = 0
             + "\n".join(lines) + f"\n{end}")  # fmt: skip
 
 
-def test_a_ctd_file_of_whp_exchange_is_a_cast(tmp_path):
+def test_a_ctd_file_of_whp_exchange_is_a_cast(tmp_path, as_stored):
     (tmp_path / "a_ct1.csv").write_text(whp())
     cast = read_cast(tmp_path / "a_ct1.csv")
     np.testing.assert_allclose(cast.depth, depth(PRESSURE))
@@ -51,6 +51,7 @@ def test_a_ctd_file_of_whp_exchange_is_a_cast(tmp_path):
     assert {"time of day unknown: 0 h assumed", "no END_DATA: the file may be incomplete"} <= set(
         cast.notes
     )
+    as_stored(cast)
 
 
 @pytest.mark.parametrize(("letter", "flag", "kept"), [
@@ -58,11 +59,12 @@ def test_a_ctd_file_of_whp_exchange_is_a_cast(tmp_path):
     ("W", "9", 3),
     ("I", "1", 4), ("I", "5", 4), ("I", "3", 3), ("I", "4", 3), ("I", "9", 3),
 ])  # fmt: skip
-def test_bad_flags_of_whp_exchange_drop_the_level(tmp_path, letter, flag, kept):
+def test_bad_flags_of_whp_exchange_drop_the_level(tmp_path, letter, flag, kept, as_stored):
     (tmp_path / "a_ct1.csv").write_text(whp(flag=flag, letter=letter))
     cast = read_cast(tmp_path / "a_ct1.csv")
     assert cast.depth.size == kept
     assert ("1 values rejected by quality flags" in cast.notes) == (kept == 3)
+    as_stored(cast)
 
 
 def test_temperatures_of_whp_exchange_become_its_90(tmp_path):
@@ -100,7 +102,7 @@ def bottles(*, unit="ITS-90", end="END_DATA\n", bad=()):
     return "\n".join(lines) + f"\n{end}"
 
 
-def test_bottles_of_whp_exchange_are_casts(tmp_path):
+def test_bottles_of_whp_exchange_are_casts(tmp_path, as_stored):
     path = tmp_path / "a_hy1.csv"
     path.write_text(bottles())
     casts = read_casts(path)
@@ -112,9 +114,10 @@ def test_bottles_of_whp_exchange_are_casts(tmp_path):
         assert (cast.lat, cast.lon) == pytest.approx((LAT, LON + k), abs=1e-4)
         assert cast.time == np.datetime64(f"2024-08-0{k}T07:55")
     assert len(read_profiles(path)) == 2
+    as_stored(cast)
 
 
-def test_flags_of_bottles_choose_the_salinity(tmp_path):
+def test_flags_of_bottles_choose_the_salinity(tmp_path, as_stored):
     """The CTD's salinity is bad in two rows; the bottle of the first of them has no value."""
     path = tmp_path / "a_hy1.csv"
     path.write_text(bottles(bad=(0, 2), unit="IPTS-68", end=""))
@@ -127,9 +130,10 @@ def test_flags_of_bottles_choose_the_salinity(tmp_path):
     notes = " ".join(cast.notes)
     assert "salinity of 1 bottle, where the CTD has none" in notes
     assert "no END_DATA" in notes
+    as_stored(cast)
 
 
-def test_bottles_without_pressure_or_with_truncated_lines(tmp_path):
+def test_bottles_without_pressure_or_with_truncated_lines(tmp_path, as_stored):
     path = tmp_path / "a_hy1.csv"
     path.write_text(bottles().replace("CTDPRS", "REVPRS"))
     refused(OceanError, "a_hy1.csv: a WHP-exchange file without a column CTDPRS", read_casts, path)
@@ -138,6 +142,7 @@ def test_bottles_without_pressure_or_with_truncated_lines(tmp_path):
     cast = read_casts(path)[0]
     assert cast.depth.size == PRESSURE.size - 1
     assert "1 line left out, not readable: line 6" in " ".join(cast.notes)
+    as_stored(cast)
 
 
 def itp(profile=0, *, newer=True, levels=None, end="%endofdat\n", rising=False, year=2016):
@@ -159,7 +164,7 @@ def itp(profile=0, *, newer=True, levels=None, end="%endofdat\n", rising=False, 
 
 @pytest.mark.parametrize("newer", [True, False])
 @pytest.mark.parametrize("rising", [True, False])
-def test_a_profile_of_an_ice_tethered_profiler_is_a_cast(tmp_path, newer, rising):
+def test_a_profile_of_an_ice_tethered_profiler_is_a_cast(tmp_path, newer, rising, as_stored):
     path = tmp_path / "itp99grd0000.dat"
     path.write_text(itp(newer=newer, rising=rising))
     cast = read_cast(path)
@@ -178,6 +183,7 @@ def test_a_profile_of_an_ice_tethered_profiler_is_a_cast(tmp_path, newer, rising
         sa, gsw.CT_from_t(sa, TEMPERATURE[kept], PRESSURE[kept]), PRESSURE[kept]
     )
     np.testing.assert_allclose(profile.sound_speed, speed, atol=1e-3)
+    as_stored(cast)
 
 
 def test_incomplete_profiles_of_a_profiler_are_noted_or_refused(tmp_path):
@@ -353,8 +359,9 @@ def test_profiles_of_copernicus_are_casts(tmp_path, depths):
     assert only.lat == 70.0
 
 
-def test_profiles_of_copernicus_use_adjusted_values(tmp_path):
+def test_profiles_of_copernicus_use_adjusted_values(tmp_path, as_stored):
     copernicus(adjusted=True).to_netcdf(tmp_path / "GL_PR_PF_1.nc")
     one, three = read_casts(tmp_path / "GL_PR_PF_1.nc")
     np.testing.assert_allclose(one.temperature, TEMPERATURE + 0.01)
     np.testing.assert_allclose(three.temperature, TEMPERATURE[[0, 2, 3]])
+    as_stored(three)

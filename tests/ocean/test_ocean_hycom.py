@@ -53,7 +53,7 @@ def apart(tmp_path, small):
     return [as_file(tmp_path / "ts.nc", small, TS), as_file(tmp_path / "uv.nc", small, UV)]
 
 
-def test_the_gulf_stream_opens_and_has_the_sound_speed_of_gsw(gulf_stream_files):
+def test_the_gulf_stream_opens_and_has_the_sound_speed_of_gsw(gulf_stream_files, as_stored):
     ocean = open_ocean(gulf_stream_files)
     assert dict(ocean.sizes) == {"depth": 40, "lat": 33, "lon": 18}
     assert -75.7 < float(ocean["lon"].min()) < float(ocean["lon"].max()) < -74.3
@@ -67,9 +67,10 @@ def test_the_gulf_stream_opens_and_has_the_sound_speed_of_gsw(gulf_stream_files)
     expected = gsw.sound_speed(SA, gsw.CT_from_t(SA, temperature[k, i, j], p), p)
     found = sound_speed(temperature, salinity, depth[:, None, None], lat[:, None], lon)
     np.testing.assert_allclose(found[k, i, j], expected, rtol=0, atol=1e-9)
+    as_stored(ocean)
 
 
-def test_an_origin_on_a_grid_point_has_the_values_of_that_point(gulf_stream_files):
+def test_an_origin_on_a_grid_point_has_the_values_of_that_point(gulf_stream_files, as_stored):
     point = open_ocean(gulf_stream_files).isel(lat=10, lon=12)
     centre = float(point["lat"]), float(point["lon"])
     local = to_local(open_ocean(gulf_stream_files), centre, (24e3, 24e3)).sel(north=0.0, east=0.0)
@@ -83,6 +84,7 @@ def test_an_origin_on_a_grid_point_has_the_values_of_that_point(gulf_stream_file
     wet = np.isfinite(expected["sound_speed"])
     for name, values in expected.items():
         np.testing.assert_allclose(local[name].values[wet], values[wet], rtol=0, atol=1e-9)
+    as_stored(local)
 
 
 def test_tracers_and_currents_come_from_two_files_in_any_order(apart):
@@ -90,7 +92,7 @@ def test_tracers_and_currents_come_from_two_files_in_any_order(apart):
 
 
 @pytest.mark.parametrize("convention", ["0 to 360", "-180 to 180", "-180 to 180, sorted"])
-def test_longitudes_of_any_convention_are_put_in_a_row(tmp_path, small, convention):
+def test_longitudes_of_any_convention_are_put_in_a_row(tmp_path, small, convention, as_stored):
     written = small
     if convention != "0 to 360":
         written = small.assign_coords(lon=(small["lon"].values + 180.0) % 360.0 - 180.0)
@@ -103,6 +105,7 @@ def test_longitudes_of_any_convention_are_put_in_a_row(tmp_path, small, conventi
     )
     np.testing.assert_allclose(opened["water_temp"], small["water_temp"], atol=0.0006)
     assert to_local(opened).attrs["centre_longitude_deg"] == pytest.approx(-180.0)
+    as_stored(opened)
 
 
 def test_a_time_is_chosen_among_several(tmp_path, small):
@@ -119,10 +122,11 @@ def test_a_time_is_chosen_among_several(tmp_path, small):
         open_ocean(path, time="2020-02-01")
 
 
-def test_a_fill_value_that_a_server_scaled_is_masked(tmp_path, small):
+def test_a_fill_value_that_a_server_scaled_is_masked(tmp_path, small, as_stored):
     scaled = small.fillna(dict.fromkeys(TS, -10.0) | dict.fromkeys(UV, -30.0))
     opened = open_ocean(as_file(tmp_path / "scaled.nc", scaled, packed=False))
     np.testing.assert_array_equal(np.isnan(opened["water_temp"]), np.isnan(small["water_temp"]))
+    as_stored(opened)
 
 
 def potential_and_in_situ(ocean):
@@ -175,7 +179,7 @@ def test_files_that_do_not_belong_together_are_refused(tmp_path, small, apart, m
 
 
 def test_currents_of_several_days_open_with_tracers_of_another_file(
-    shared_data, tmp_path, message_of
+    shared_data, tmp_path, message_of, as_stored
 ):
     path = shared_data / "hycom" / "hycom_glby_930_202212_uv_ncss_netcdf4.nc"
     assert "no water_temp and no salinity" in message_of(path)
@@ -192,6 +196,7 @@ def test_currents_of_several_days_open_with_tracers_of_another_file(
     ocean = open_ocean([path, tmp_path / "ts.nc"], time=str(second["time"].values))
     np.testing.assert_array_equal(ocean["water_v"], second)
     assert ocean.attrs["source"] == "HYCOM"
+    as_stored(ocean)
 
 
 def test_a_window_reads_what_cropping_the_whole_gives(gulf_stream_files, message_of):
@@ -210,7 +215,7 @@ def test_a_window_reads_what_cropping_the_whole_gives(gulf_stream_files, message
 
 
 @pytest.mark.parametrize("stored", ["0 to 360", "-180 to 180"])
-def test_a_window_across_the_seam_of_a_global_file(tmp_path, closed_form_ocean, stored):
+def test_a_window_across_the_seam_of_a_global_file(tmp_path, closed_form_ocean, stored, as_stored):
     lon = np.arange(0.0, 360.0, 2.0) if stored == "0 to 360" else np.arange(-180.0, 180.0, 2.0)
     ocean = closed_form_ocean(
         10.0,
@@ -230,9 +235,10 @@ def test_a_window_across_the_seam_of_a_global_file(tmp_path, closed_form_ocean, 
         assert part.sizes["lon"] == round((east - west) % 360.0 / 2.0) + 1
         expected = 30.0 + part["lon"].values % 360.0 / 90.0
         np.testing.assert_allclose(part["salinity"].values[0, 0], expected, atol=6e-4)
+    as_stored(part)
 
 
-def test_a_global_file_of_gigabytes_is_read_by_the_window(tmp_path):
+def test_a_global_file_of_gigabytes_is_read_by_the_window(tmp_path, as_stored):
     """HYCOM's grid in NetCDF-3: 6 GB declared and there, but for the axes a hole in the file."""
     axes = {
         "time": (np.zeros(1), "hours since 2014-07-15 12:00"),
@@ -262,3 +268,4 @@ def test_a_global_file_of_gigabytes_is_read_by_the_window(tmp_path):
     assert ocean.sizes["lon"] == 26
     assert (ocean["water_temp"] == 20.0).all()  # zero bytes are the offset
     assert grown < 100e6
+    as_stored(ocean)

@@ -34,7 +34,7 @@ def ice_file(path, local, values, standard_name="sea_ice_draft", **attrs):
 @pytest.mark.parametrize(
     ("name", "share"), [("sea_ice_draft", 1.0), ("sea_ice_thickness", 917.0 / 1026.0)]
 )
-def test_a_plane_of_ice_is_the_plane_at_every_node(tmp_path, local, name, share):
+def test_a_plane_of_ice_is_the_plane_at_every_node(tmp_path, local, name, share, as_stored):
     path = ice_file(tmp_path / "ice.nc", local, lambda y, x: 3.0 + y + 0.2 * x, name)
     draft = with_ice(local, path)["sea_ice_draft"]
     lat0, lon0 = local.attrs["centre_latitude_deg"], local.attrs["centre_longitude_deg"]
@@ -43,13 +43,15 @@ def test_a_plane_of_ice_is_the_plane_at_every_node(tmp_path, local, name, share)
     )
     expected = share * (3.0 + (lat - lat0) + 0.2 * (lon - lon0))
     np.testing.assert_allclose(draft.transpose("north", "east"), expected, atol=1e-9)
+    as_stored(draft)
 
 
-def test_no_value_is_no_ice(tmp_path, local):
+def test_no_value_is_no_ice(tmp_path, local, as_stored):
     path = ice_file(tmp_path / "ice.nc", local, lambda y, x: np.where(y + 0 * x < 0.0, np.nan, 2.0))
     draft = with_ice(local, path)["sea_ice_draft"].transpose("north", "east").values
     np.testing.assert_allclose(draft[0], 0.0, atol=1e-12)
     np.testing.assert_allclose(draft[-1], 2.0, atol=1e-12)
+    as_stored(draft)
 
 
 def test_one_value_stays_one_and_a_negative_one_is_refused(local):

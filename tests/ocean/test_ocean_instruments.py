@@ -210,7 +210,7 @@ def file(request, tmp_path):
     return path, *FILES[request.param][1:]
 
 
-def test_a_profile_has_the_water_position_and_time_of_the_file(file):
+def test_a_profile_has_the_water_position_and_time_of_the_file(file, as_stored):
     path, _, placed = file
     profile = read_profile(path, None if placed else (LAT, LON))
     np.testing.assert_allclose(profile.depth, DEPTH, atol=2e-3)
@@ -220,9 +220,10 @@ def test_a_profile_has_the_water_position_and_time_of_the_file(file):
     assert holds_casts(path)
     medium = Medium.from_profile(profile.depth, profile.sound_speed, bottom_depth=300.0)
     assert medium.sound_speed.min() == pytest.approx(SPEED.min(), abs=0.01)
+    as_stored(profile)
 
 
-def test_a_cast_has_the_water_and_sound_speed_alone_is_refused_as_one(file):
+def test_a_cast_has_the_water_and_sound_speed_alone_is_refused_as_one(file, as_stored):
     path, salty, placed = file
     place = {} if placed else {"lat": LAT, "lon": LON}
     if not salty:
@@ -240,9 +241,10 @@ def test_a_cast_has_the_water_and_sound_speed_alone_is_refused_as_one(file):
     np.testing.assert_allclose(cast.salinity, SALINITY, atol=1e-4)
     assert (cast.lat, cast.lon) == pytest.approx((LAT, LON))
     assert cast.time == TIME
+    as_stored(cast)
 
 
-def test_flags_soaks_and_upcasts_are_left_out_and_counted(tmp_path):
+def test_flags_soaks_and_upcasts_are_left_out_and_counted(tmp_path, as_stored):
     rows = [LEVELS[1], LEVELS[0], *LEVELS[2:], *LEVELS[::-1]]  # a soak, and the way up
     flags = ["0.0000e+00"] * len(rows)
     flags[5] = "-9.990e-29"
@@ -257,15 +259,17 @@ def test_flags_soaks_and_upcasts_are_left_out_and_counted(tmp_path):
         "dropped: not deeper than an earlier row",
     ):
         assert any(words in note for note in cast.notes), cast.notes
+    as_stored(cast)
 
 
-def test_temperature_of_its_68_becomes_that_of_its_90(tmp_path):
+def test_temperature_of_its_68_becomes_that_of_its_90(tmp_path, as_stored):
     (tmp_path / "a.cnv").write_text(
         sea_bird().replace("t090C", "t068C").replace("ITS-90", "IPTS-68")
     )
     cast = read_cast(tmp_path / "a.cnv")
     np.testing.assert_allclose(cast.temperature, TEMPERATURE / 1.00024, atol=1e-4)
     assert any("ITS-68" in note for note in cast.notes)
+    as_stored(cast)
 
 
 def columns(
@@ -305,9 +309,10 @@ def depth_of(pressure):
     ("depFF: Depth [fresh water, ft], lat = 45",
      depth_of(np.array([10.0, 100.0, 1000.0]) * 0.3048 / 1.019716)),
 ])  # fmt: skip
-def test_every_vertical_column_of_sea_bird_gives_the_depth(tmp_path, name, depth):
+def test_every_vertical_column_of_sea_bird_gives_the_depth(tmp_path, name, depth, as_stored):
     cast = read_cast(columns(tmp_path, name, "t090C: Temperature", "sal00: Salinity"))
     np.testing.assert_allclose(cast.depth, depth, rtol=1e-6)
+    as_stored(cast)
 
 
 @pytest.mark.parametrize(("name", "celsius"), [
@@ -317,22 +322,26 @@ def test_every_vertical_column_of_sea_bird_gives_the_depth(tmp_path, name, depth
      lambda t: (t - 32.0) / 1.8), ("t068F: T", lambda t: (t - 32.0) / 1.8 / 1.00024),
     ("tnc90C: T", lambda t: t), ("t3890C: T", lambda t: t),
 ])  # fmt: skip
-def test_every_temperature_of_sea_bird_becomes_celsius_of_its_90(tmp_path, name, celsius):
+def test_every_temperature_of_sea_bird_becomes_celsius_of_its_90(
+    tmp_path, name, celsius, as_stored
+):
     rows = ((10.0, 40.0, 35.0), (100.0, 38.0, 35.0), (1000.0, 36.0, 35.0))
     cast = read_cast(columns(tmp_path, "prM: p", name, "sal00: s", rows=rows))
     np.testing.assert_allclose(cast.temperature, celsius(np.array([40.0, 38.0, 36.0])), atol=1e-9)
+    as_stored(cast)
 
 
-def test_conductivity_of_an_sbe_37_gives_salinity(tmp_path):
+def test_conductivity_of_an_sbe_37_gives_salinity(tmp_path, as_stored):
     rows = ((10.0, 15.0, 4.29), (100.0, 14.0, 4.2), (1000.0, 8.0, 3.65))
     cast = read_cast(
         columns(tmp_path, "prM: p", "t090C: t", "cond0S/m: Conductivity [S/m]", rows=rows)
     )
     expected = gsw.SP_from_C([42.9, 42.0, 36.5], [15.0, 14.0, 8.0], [10.0, 100.0, 1000.0])
     np.testing.assert_allclose(cast.salinity, expected, rtol=1e-9)
+    as_stored(cast)
 
 
-def test_measured_pressure_has_priority_over_computed_depth(tmp_path):
+def test_measured_pressure_has_priority_over_computed_depth(tmp_path, as_stored):
     names = (
         "depFM: Depth [fresh water, m]",
         "prdM: Pressure",
@@ -350,6 +359,7 @@ def test_measured_pressure_has_priority_over_computed_depth(tmp_path):
     assert any("own depth differs by up to 30.2 m" in note for note in profile.notes)
     path = columns(tmp_path, *names, rows=rows, position=False)
     refused(MantaRayError, "needs a position", read_profile, path)
+    as_stored(profile)
 
 
 def test_refusals_name_the_columns_that_are_not_read(tmp_path):
@@ -379,7 +389,7 @@ def test_a_file_without_rows_is_refused_with_its_maker(tmp_path, maker, text, en
     refused(MantaRayError, message, read_profile, tmp_path / "a.txt")
 
 
-def test_english_units_of_sippican_become_metric(tmp_path):
+def test_english_units_of_sippican_become_metric(tmp_path, as_stored):
     text = (
         sippican_mk12().split("Depth (m)")[0]
         + "Depth (ft) - Temperature (F) - Sound Velocity (ft/s)\n"
@@ -390,6 +400,7 @@ def test_english_units_of_sippican_become_metric(tmp_path):
     profile = read_profile(tmp_path / "feet.edf")
     np.testing.assert_allclose(profile.depth, np.array([0.0, 100.0, 1000.0]) * 0.3048)
     np.testing.assert_allclose(profile.sound_speed, np.array([5050.0, 5000.0, 4950.0]) * 0.3048)
+    as_stored(profile)
 
 
 @pytest.mark.parametrize(("date", "time", "note"), [
@@ -399,13 +410,14 @@ def test_english_units_of_sippican_become_metric(tmp_path):
     ("31/31/2020", "NaT", "not read"), ("30/02/2020", "NaT", "not read"),
     ("soon", "NaT", "not read"),
 ])  # fmt: skip
-def test_dates_of_sippican_are_read_or_noted(tmp_path, date, time, note):
+def test_dates_of_sippican_are_read_or_noted(tmp_path, date, time, note, as_stored):
     (tmp_path / "a.edf").write_text(
         sippican("XCTD").replace("07/24/2014", date), encoding="latin-1"
     )
     for one in (read_profile(tmp_path / "a.edf"), read_cast(tmp_path / "a.edf")):
         np.testing.assert_equal(one.time, np.datetime64(time))
         assert any(note in line for line in one.notes) if note else "month" not in str(one.notes)
+    as_stored(one)
 
 
 def depths_of(pressure):
@@ -422,7 +434,7 @@ def depths_of(pressure):
     (castaway(), "Pressure (Decibar),Depth (Meter)", "X,Depth (Decibar)", depths_of(DEPTH)),
     (valeport(), "\tm\tdBar", "\t\tm", PRESSURE),
 ])  # fmt: skip
-def test_the_unit_of_a_vertical_column_says_what_it_is(tmp_path, text, old, new, depth):
+def test_the_unit_of_a_vertical_column_says_what_it_is(tmp_path, text, old, new, depth, as_stored):
     assert old in text
     (tmp_path / "a.txt").write_text(
         text.replace(old, new).replace("Pressure,Depth,SV", "Pressure,X,SV")
@@ -430,6 +442,7 @@ def test_the_unit_of_a_vertical_column_says_what_it_is(tmp_path, text, old, new,
     )  # fmt: skip
     profile = read_profile(tmp_path / "a.txt", (LAT, LON))
     np.testing.assert_allclose(profile.depth, depth, rtol=1e-5, atol=1e-3)
+    as_stored(profile)
 
 
 @pytest.mark.parametrize(("text", "old", "new"), [
@@ -445,7 +458,7 @@ def test_years_of_two_digits_in_every_header(tmp_path, text, old, new):
     assert read_profile(tmp_path / "a.txt", (LAT, LON)).time == TIME
 
 
-def test_rows_on_deck_do_not_hide_a_cast(tmp_path):
+def test_rows_on_deck_do_not_hide_a_cast(tmp_path, as_stored):
     deck = [(-0.03, -0.03, 20.0, 0.0, 0.0)] * 60
     down = [row for row in LEVELS if row[1] > 0]
     text = aml().split("[MeasurementData]")[0] + "[MeasurementData]\n" + "".join(
@@ -455,9 +468,10 @@ def test_rows_on_deck_do_not_hide_a_cast(tmp_path):
     for one in (read_profile(tmp_path / "cast.aml"), read_cast(tmp_path / "cast.aml")):
         np.testing.assert_allclose(one.depth, [z for _, z, *_ in down], atol=2e-3)
         assert "60 of 101 rows dropped: above the surface" in one.notes
+    as_stored(one)
 
 
-def test_salinity_comes_from_conductivity_where_there_is_none(tmp_path):
+def test_salinity_comes_from_conductivity_where_there_is_none(tmp_path, as_stored):
     conductivity = gsw.C_from_SP(SALINITY, TEMPERATURE, PRESSURE)  # mS/cm
     cnv = sea_bird(
         rows=[
@@ -476,6 +490,7 @@ def test_salinity_comes_from_conductivity_where_there_is_none(tmp_path):
         cast = read_cast(tmp_path / name, lat=LAT, lon=LON)
         np.testing.assert_allclose(cast.salinity, SALINITY, atol=2e-3)  # of the digits of the file
         assert "salinity from conductivity by PSS-78" in cast.notes
+    as_stored(cast)
 
 
 def test_absolute_pressure_loses_that_of_the_air(tmp_path):

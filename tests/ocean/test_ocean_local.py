@@ -43,7 +43,7 @@ def nodes(local):
 
 
 @pytest.mark.parametrize("centre", [(78.0, 0.0), (45.0, 180.0), (-70.0, 150.0)], ids=str)
-def test_currents_point_where_a_drifter_would_go(closed_form_ocean, centre):
+def test_currents_point_where_a_drifter_would_go(closed_form_ocean, centre, as_stored):
     """
     Off the centre meridian, moving along the geodesic must move the local point along the current.
     """
@@ -74,10 +74,11 @@ def test_currents_point_where_a_drifter_would_go(closed_form_ocean, centre):
     bearing = np.arctan2(local["current_east"], local["current_north"]).values
     turned = np.degrees(np.ptp(bearing))
     assert turned > 5.0, f"the convergence turns this vector by {turned} degrees over the domain"
+    as_stored(local)
 
 
 @pytest.mark.parametrize("region", ["beaufort_sea", "fram_strait"])
-def test_the_default_domain_is_the_largest_rectangle_that_fits(region, request):
+def test_the_default_domain_is_the_largest_rectangle_that_fits(region, request, as_stored):
     ocean = request.getfixturevalue(region)
     lat, lon = ocean["lat"].values, ocean["lon"].values
     window = Window(lat, lon, LocalFrame(0.5 * (lat[0] + lat[-1]), 0.5 * (lon[0] + lon[-1])))
@@ -86,9 +87,10 @@ def test_the_default_domain_is_the_largest_rectangle_that_fits(region, request):
     assert not window.holds(north + 10.0, east + 10.0)
     for taller in np.linspace(0.5, 1.2, 29):
         assert not window.holds(north * taller, east / taller * 1.002), taller
+    as_stored(ocean)
 
 
-def test_the_domain_of_a_study_and_what_it_says_of_itself(fram_strait):
+def test_the_domain_of_a_study_and_what_it_says_of_itself(fram_strait, as_stored):
     local = to_local(fram_strait, centre=(78.1, 0.5), half_extent=(40e3, 50e3))
     assert local["north"].values[[0, -1]] == pytest.approx([-40e3, 40e3])
     assert local["east"].values[[0, -1]] == pytest.approx([-50e3, 50e3])
@@ -106,9 +108,10 @@ def test_the_domain_of_a_study_and_what_it_says_of_itself(fram_strait):
     corner = float(frame.scale_factor(40e3, 50e3)) - 1.0
     assert local.attrs["scale_error_max"] == pytest.approx(corner, rel=0.05)
     assert not any(np.isnan(local[name]).any() for name in local.data_vars)
+    as_stored(local)
 
 
-def test_the_grid_points_used_are_enough_for_the_spline_through_all(fram_strait):
+def test_the_grid_points_used_are_enough_for_the_spline_through_all(fram_strait, as_stored):
     """The influence of a point n spacings away on a cubic spline is 0.268^n of its value."""
     local = to_local(fram_strait, centre=(78.1, 0.5), half_extent=(20e3, 20e3))
     surface = ocean_sound_speed(fram_strait)[0]
@@ -117,6 +120,7 @@ def test_the_grid_points_used_are_enough_for_the_spline_through_all(fram_strait)
     np.testing.assert_allclose(
         local["sound_speed"][..., 0], whole.ev(*nodes(local)), rtol=0.0, atol=1e-9
     )
+    as_stored(local)
 
 
 def chessboard(lat, lon):
@@ -126,7 +130,7 @@ def chessboard(lat, lon):
 
 
 @pytest.mark.parametrize("kelvin", [2.0, 16.0])
-def test_a_front_that_the_grid_does_not_resolve_is_linear(closed_form_ocean, kelvin):
+def test_a_front_that_the_grid_does_not_resolve_is_linear(closed_form_ocean, kelvin, as_stored):
     """A chessboard of 2 K is splined through, one of 16 K is not."""
     ocean = closed_form_ocean(
         75.0,
@@ -147,9 +151,10 @@ def test_a_front_that_the_grid_does_not_resolve_is_linear(closed_form_ocean, kel
     notes = [note for medium in (ocean, local) for note in Medium.from_dataset(medium).notes]
     found = [note for note in notes if note.startswith("along latitude and longitude the sound")]
     assert len(found) == (0 if by_spline else 2)
+    as_stored(local)
 
 
-def test_a_front_below_the_sea_bed_bounds_nothing(closed_form_ocean):
+def test_a_front_below_the_sea_bed_bounds_nothing(closed_form_ocean, as_stored):
     """Only the water counts: what is extended below the sea bed reaches no ray."""
 
     ocean = closed_form_ocean(
@@ -163,6 +168,7 @@ def test_a_front_below_the_sea_bed_bounds_nothing(closed_form_ocean):
     for lat, bounded in ((75.2, False), (74.8, True)):
         local = to_local(ocean, (lat, 0.0), (6e3, 10e3))
         assert ("sound_speed_bound" in local.attrs) == bounded
+    as_stored(local)
 
 
 @settings(QUICK)
@@ -185,7 +191,7 @@ def test_splines_along_an_axis_are_those_of_scipy(n, degree, seed):
     np.testing.assert_allclose(ours, np.moveaxis(theirs.c, 0, 1), rtol=0.0, atol=1e-12 * size)
 
 
-def test_sound_speed_goes_on_rising_beneath_the_sea_bed(closed_form_ocean):
+def test_sound_speed_goes_on_rising_beneath_the_sea_bed(closed_form_ocean, as_stored):
     """
     Between the deepest valid level and the coarse floor there is water: its gradient is pressure's.
     """
@@ -202,6 +208,7 @@ def test_sound_speed_goes_on_rising_beneath_the_sea_bed(closed_form_ocean):
     assert float(local["sea_floor_depth"].max()) <= 3_500.0
     gradient = np.diff(local["sound_speed"].values[4, 4]) / np.diff(local["depth"])
     assert gradient[-1] == pytest.approx(0.018, abs=0.003)  # s-1, of isothermal water
+    as_stored(local)
 
 
 @pytest.mark.parametrize(("options", "message"), [
@@ -234,7 +241,7 @@ def globe(first_lon, lat):
 
 @pytest.mark.parametrize("first_lon", [-180.0, -179.0, 0.0, -358.0])
 @pytest.mark.parametrize("centre", [(61.0, 180.0), (61.0, -0.5), (89.0, 1.0), (89.0, -179.9)])
-def test_an_ocean_around_the_globe_has_no_seam(first_lon, centre):
+def test_an_ocean_around_the_globe_has_no_seam(first_lon, centre, as_stored):
     ocean = globe(first_lon, np.linspace(60.0, 90.0, 301))
     half = (30e3, 60e3 if centre[0] > 80.0 else 200e3)
     cropped = crop_around(ocean, centre, half)
@@ -244,6 +251,7 @@ def test_an_ocean_around_the_globe_has_no_seam(first_lon, centre):
         temperature = 5.0 + 3.0 * np.cos(np.radians(lat)) * np.cos(np.radians(lon))
         truth = sound_speed(temperature, 34.0, 0.0, lat, lon)
         np.testing.assert_allclose(local["sound_speed"][..., 0], truth, rtol=0.0, atol=tolerance)
+    as_stored(local)
 
 
 @pytest.mark.parametrize(("centre", "half", "message"), [
@@ -251,16 +259,18 @@ def test_an_ocean_around_the_globe_has_no_seam(first_lon, centre):
     ((90.0, 0.0), (20e3, 20e3), "is at a pole, where north has no direction"),
     ((61.0, 1e9), (20e3, 20e3), "longitude -720 to 720"),
 ])  # fmt: skip
-def test_a_domain_with_a_pole_in_it_is_refused(centre, half, message):
+def test_a_domain_with_a_pole_in_it_is_refused(centre, half, message, as_stored):
     ocean = globe(0.0, np.linspace(85.0, 90.0, 11))
     refused((OceanError, GeometryError), message, to_local, ocean, centre, half)
     assert check_ocean(ocean, centre=centre, half_extent=half).named("coverage") is not None
+    as_stored(ocean)
 
 
-def test_water_south_of_86_s_has_no_sound_speed():
+def test_water_south_of_86_s_has_no_sound_speed(as_stored):
     ocean = globe(0.0, -np.arange(85.0, 89.1, 0.5)[::-1])
     message = "TEOS-10 has no sea water south of 86 S"
     refused(OceanError, message, to_local, ocean, (-88.0, 10.0), (5e3, 5e3))
+    as_stored(ocean)
 
 
 def interpolant(local, points):

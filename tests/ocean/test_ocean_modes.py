@@ -17,7 +17,7 @@ def columns(ocean, used):
     return c[:, np.isfinite(c[-1])].T
 
 
-def test_modes_are_orthonormal_and_carry_the_oceans_variance(beaufort_sea):
+def test_modes_are_orthonormal_and_carry_the_oceans_variance(beaufort_sea, as_stored):
     found = vertical_modes(beaufort_sea)
     weights = layer_weights(found.depth)
     np.testing.assert_allclose(
@@ -35,9 +35,10 @@ def test_modes_are_orthonormal_and_carry_the_oceans_variance(beaufort_sea):
     assert np.all(np.diff(found.variance) < 0.0)
     rebuilt = found.mean + amplitudes @ found.modes
     assert np.mean(((speed - rebuilt) ** 2) @ weights) < 1e-4 * pooled
+    as_stored(found)
 
 
-def test_a_known_mode_is_found(closed_form_ocean):
+def test_a_known_mode_is_found(closed_form_ocean, as_stored):
     """Temperature that varies in one shape only gives one mode, of that shape."""
     ocean = closed_form_ocean(
         45.0,
@@ -54,9 +55,10 @@ def test_a_known_mode_is_found(closed_form_ocean):
     assert found.variance[0] > 0.999 * found.total_variance
     np.testing.assert_allclose(found.modes[0], shape, rtol=0, atol=0.03)
     assert vertical_modes(ocean, n_modes=1).modes.shape == (1, found.depth.size)
+    as_stored(found)
 
 
-def test_modes_of_casts(shared_data):
+def test_modes_of_casts(shared_data, as_stored):
     casts = read_casts(sorted((shared_data / "casts").glob("beaufort_*ctd*.csv")))
     found = vertical_modes(casts)
     assert len(found.variance) <= len(casts) - 1
@@ -72,6 +74,7 @@ def test_modes_of_casts(shared_data):
     refused(
         OceanError, r"1 column\(s\) down to .*; at least 2 are required", vertical_modes, casts[:1]
     )
+    as_stored(found)
 
 
 def test_columns_that_do_not_differ_have_no_modes():
@@ -80,7 +83,7 @@ def test_columns_that_do_not_differ_have_no_modes():
     refused(OceanError, "all columns are equal", vertical_modes, [same, same])
 
 
-def test_covariance_of_modes_is_their_sum_and_falls_with_distance(beaufort_sea):
+def test_covariance_of_modes_is_their_sum_and_falls_with_distance(beaufort_sea, as_stored):
     found = vertical_modes(beaufort_sea, n_modes=4)
     covariance = found.covariance(30e3)
     z = found.depth
@@ -95,6 +98,7 @@ def test_covariance_of_modes_is_their_sum_and_falls_with_distance(beaufort_sea):
     assert between == pytest.approx(0.5 * (expected[3, 9] + expected[4, 9]))
     points = np.random.default_rng(1).uniform([-5e4, -5e4, 0.0], [5e4, 5e4, 3e3], (60, 3))
     assert np.linalg.eigvalsh(covariance(points[:, None], points[None])).min() > -1e-9
+    as_stored(found)
 
 
 def test_a_covariance_that_is_none_is_refused():

@@ -42,7 +42,7 @@ def speed(ocean, equation="teos-10"):
     return ocean_sound_speed(ocean, equation=equation)
 
 
-def test_the_pooled_rms_is_the_asked_one_in_expectation(ocean):
+def test_the_pooled_rms_is_the_asked_one_in_expectation(ocean, as_stored):
     """
     Mean of 120 members' mean squares within 4 of its own standard errors, and those below 8 %.
     """
@@ -59,9 +59,10 @@ def test_the_pooled_rms_is_the_asked_one_in_expectation(ocean):
     error = squares.std(ddof=1) / np.sqrt(squares.size)
     assert error < 0.08 * 0.49
     assert abs(squares.mean() - 0.49) < 4.0 * error
+    as_stored(modes)
 
 
-def test_rms_of_the_upper_water(ocean):
+def test_rms_of_the_upper_water(ocean, as_stored):
     c, modes = speed(ocean), vertical_modes(ocean)
     options = {"rms": 1.0, "horizontal_scale": np.inf, "modes": modes}
     whole, upper = (
@@ -73,6 +74,7 @@ def test_rms_of_the_upper_water(ocean):
     layers = (wet * np.diff(edges) for edges in (EDGES, np.minimum(EDGES, 60.0)))
     of_whole, of_top = (np.average(modes.variance @ modes.at(Z) ** 2, weights=w) for w in layers)
     assert ratio == pytest.approx(np.sqrt(of_whole / of_top), rel=1e-3)
+    as_stored(modes)
 
 
 @settings(max_examples=4)
@@ -96,16 +98,17 @@ def test_members_are_valid_repeatable_and_in_proportion_to_rms(ocean, seed, rms,
 
 
 @pytest.mark.parametrize("equation", EQUATIONS)
-def test_a_change_of_sound_speed_is_met(ocean, equation):
+def test_a_change_of_sound_speed_is_met(ocean, equation, as_stored):
     change = np.random.default_rng(1).uniform(-20.0, 20.0, ocean["water_temp"].shape)
     wet = np.isfinite(ocean["water_temp"].values)
     changed = change_sound_speed(ocean, change, equation=equation)
     difference = speed(changed, equation) - speed(ocean, equation)
     np.testing.assert_allclose(difference[wet], change[wet], rtol=0, atol=2e-6)
+    as_stored(changed)
 
 
 @pytest.mark.parametrize("equation", EQUATIONS)
-def test_salinity_adds_what_temperature_cannot(ocean, equation):
+def test_salinity_adds_what_temperature_cannot(ocean, equation, as_stored):
     colder = ocean.assign(water_temp=ocean["water_temp"].where(ocean["water_temp"].isnull(), -6.5))
     change = np.zeros(ocean["water_temp"].shape)
     change[:2, 1, 1] = (speed(colder, equation) - speed(ocean, equation))[:2, 1, 1]
@@ -120,9 +123,10 @@ def test_salinity_adds_what_temperature_cannot(ocean, equation):
     np.testing.assert_array_equal(
         changed["salinity"].values[~beyond], ocean["salinity"].values[~beyond]
     )
+    as_stored(changed)
 
 
-def test_the_mean_is_that_of_each_level(ocean):
+def test_the_mean_is_that_of_each_level(ocean, as_stored):
     before = ocean.copy(deep=True)
     mean = mean_ocean(ocean)
     validate_ocean(mean)
@@ -135,9 +139,10 @@ def test_the_mean_is_that_of_each_level(ocean):
         )
     assert mean.attrs["history"].startswith("replaced by the horizontal mean of each level")
     assert ocean.identical(before)
+    as_stored(mean)
 
 
-def test_one_column_everywhere_at_rest(ocean):
+def test_one_column_everywhere_at_rest(ocean, as_stored):
     before = ocean.copy(deep=True)
     i, j = 9, 4  # over the shallow part: 250 m is its deepest level
     place = (float(ocean["lat"][i]) + 0.01, float(ocean["lon"][j]) + 360.02)
@@ -152,6 +157,7 @@ def test_one_column_everywhere_at_rest(ocean):
     assert "at rest, carried down from 250 m where deeper" in uniform.attrs["history"]
     assert ocean.identical(before)
     refused(OceanError, "0 N, 0 E is outside the ocean", column_ocean, ocean, (0.0, 0.0))
+    as_stored(uniform)
 
 
 @pytest.mark.parametrize(("change", "message"), [

@@ -108,7 +108,7 @@ HEADERS = {
 
 
 @pytest.mark.parametrize("name", HEADERS)
-def test_every_instrument_reads_the_same_positions(tmp_path, name):
+def test_every_instrument_reads_the_same_positions(tmp_path, name, as_stored):
     (tmp_path / name).write_text(HEADERS[name])
     cast = read_cast(tmp_path / name)
     assert (cast.lat, cast.lon) == pytest.approx((-12.51, -(63 + 38.6 / 60)), abs=1e-9)
@@ -120,9 +120,10 @@ def test_every_instrument_reads_the_same_positions(tmp_path, name):
         tmp_path / name,
     )
     assert read_cast(tmp_path / name, lat=-12.0, lon=-63.0).lat == -12.0
+    as_stored(cast)
 
 
-def test_values_without_a_fix_are_no_position(tmp_path):
+def test_values_without_a_fix_are_no_position(tmp_path, as_stored):
     text = HEADERS["a.vp2"].replace("S12 30.60", "999").replace("W063 38.60", "999")
     text = (
         text.replace("Salinity", "Sound Velocity").replace("PSU", "m/s").replace("\t36", "\t1500")
@@ -145,3 +146,4 @@ def test_values_without_a_fix_are_no_position(tmp_path):
     refused(
         MantaRayError, "latitude must be -90 to 90", read_profile, tmp_path / "b.csv", (91.0, 0.0)
     )
+    as_stored(profile)

@@ -96,7 +96,7 @@ def write_rsk(path, *, regions=True, extra=""):
 
 
 @pytest.mark.filterwarnings("error::UserWarning")
-def test_downcasts_are_read_with_salinity_position_and_time(tmp_path):
+def test_downcasts_are_read_with_salinity_position_and_time(tmp_path, as_stored):
     """Salinity is that of which sqlite's conductivities were computed; the upcast is no cast."""
     pytest.importorskip("pyrsktools", reason="needs the extra rbr")
     casts = read_casts(write_rsk(tmp_path / "a.rsk"))
@@ -115,9 +115,10 @@ def test_downcasts_are_read_with_salinity_position_and_time(tmp_path):
         assert any("10.1325 dbar" in note for note in cast.notes)
     profiles = read_profiles(tmp_path / "a.rsk")
     assert [p.depth.size for p in profiles] == [40, 40]
+    as_stored(cast)
 
 
-def test_a_file_without_marked_casts_is_one_cast(tmp_path):
+def test_a_file_without_marked_casts_is_one_cast(tmp_path, as_stored):
     """
     Rows of the upcast and of the second downcast are not deeper than earlier rows, except the last
     ones.
@@ -126,6 +127,7 @@ def test_a_file_without_marked_casts_is_one_cast(tmp_path):
     (cast,) = read_casts(write_rsk(tmp_path / "a.rsk", regions=False))
     assert cast.depth.size == 42
     assert cast.dropped == 78
+    as_stored(cast)
 
 
 ENDLESS = (

@@ -22,7 +22,7 @@ from pymantaray.ocean.seawater import sound_speed
 DEPTH = [0.0, 10.0, 40.0, 100.0]
 
 
-def test_the_floor_is_half_way_to_the_next_level(closed_form_ocean):
+def test_the_floor_is_half_way_to_the_next_level(closed_form_ocean, as_stored):
     floors = np.array(
         [-1.0, 0.0, 10.0, 39.0, 40.0, 99.0, 100.0, 500.0]
     )  # true depth of each column
@@ -36,6 +36,7 @@ def test_the_floor_is_half_way_to_the_next_level(closed_form_ocean):
     )
     expected = [0.0, 5.0, 25.0, 25.0, 70.0, 70.0, 100.0, 100.0]
     np.testing.assert_array_equal(sea_floor_depth(ocean), np.tile(expected, (5, 1)))
+    as_stored(ocean)
 
 
 def test_valid_values_stay_and_the_deepest_is_carried_down():
@@ -170,7 +171,9 @@ NAMED = ("latitude", "longitude")
     ("bathymetry", "down", {"positive": "down", "units": "m"}, {"dims": NAMED}),
     ("Band1", "f8", {"positive": "up"}, {"dims": NAMED}),
 ])  # fmt: skip
-def test_every_layout_is_read_across_the_antimeridian(tmp_path, name, sign, attrs, options):
+def test_every_layout_is_read_across_the_antimeridian(
+    tmp_path, name, sign, attrs, options, as_stored
+):
     heights = grid(options.get("lat", LAT), options.get("lon", LON_360))
     values = -heights if sign == "down" else heights.astype(sign)
     floor = open_sea_floor(save(tmp_path / "any.nc", name, values, attrs, **options), window=WINDOW)
@@ -181,13 +184,15 @@ def test_every_layout_is_read_across_the_antimeridian(tmp_path, name, sign, attr
         np.testing.assert_array_equal(
             open_sea_floor(tmp_path / "any.nc", window=other).values, floor.values
         )
+    as_stored(floor)
 
 
-def test_a_depth_without_a_sign_is_known_by_its_values(tmp_path):
+def test_a_depth_without_a_sign_is_known_by_its_values(tmp_path, as_stored):
     depth = np.abs(grid(LAT, LON_360)) + 1.0
     for values in (depth, -depth):
         floor = open_sea_floor(save(tmp_path / "b.nc", "bathymetry", values), window=WINDOW)
         assert float(floor.min()) > 0.0
+    as_stored(floor)
 
 
 POLAR = pyproj.CRS("EPSG:3996")  # IBCAO's: true scale at 75 N
@@ -229,7 +234,7 @@ BY_NAME = {"spatial_ref": POLAR.to_wkt()}  # which PROJ need not look for among 
 @pytest.mark.parametrize(("mapping", "flip"), [
     (CF_POLAR, False), (BY_NAME, True), (None, True),
 ])  # fmt: skip
-def test_ibcao_s_polar_grid_is_put_on_latitude_and_longitude(tmp_path, mapping, flip):
+def test_ibcao_s_polar_grid_is_put_on_latitude_and_longitude(tmp_path, mapping, flip, as_stored):
     path = tmp_path / "ibcao.nc"
     ibcao(path, mapping=mapping, flip=flip)
     floor = open_sea_floor(path, window=POLAR_WINDOW, crs="EPSG:3996" if mapping is None else None)
@@ -239,6 +244,7 @@ def test_ibcao_s_polar_grid_is_put_on_latitude_and_longitude(tmp_path, mapping, 
     # left
     assert np.max(np.abs(floor.values - expected)) < 0.05
     assert np.diff(lat).mean() * 111.6e3 == pytest.approx(400.0, rel=0.02)
+    as_stored(floor)
 
 
 POLAR_WINDOW = (75.3, 75.7, 179.2, -179.2)
@@ -405,7 +411,7 @@ def test_gaps_in_water_are_filled_and_counted(tmp_path, sloping_ocean, fill):
     assert alone.attrs["notes"] == ("floor.nc: deptho: no value at 1 of 310 points: land",)
 
 
-def test_a_profile_on_land_of_a_file_says_so(tmp_path):
+def test_a_profile_on_land_of_a_file_says_so(tmp_path, as_stored):
     profile = tmp_path / "profile.csv"
     profile.write_text("depth,sound_speed\n0,1500\n1000,1490\n")
     options = {"centre": (78.0, 0.0), "half_extent": (30e3, 20e3)}
@@ -421,13 +427,15 @@ def test_a_profile_on_land_of_a_file_says_so(tmp_path):
     path = floor_file(tmp_path, lambda depth: -depth)
     refused(OceanError, "is land in the whole domain; set the attribute positive",
             open_water, profile, bathymetry=str(path), **options)  # fmt: skip
+    as_stored(water)
 
 
-def test_the_notes_of_a_floor_are_those_of_the_water(tmp_path, sloping_ocean):
+def test_the_notes_of_a_floor_are_those_of_the_water(tmp_path, sloping_ocean, as_stored):
     sloping_ocean.to_netcdf(tmp_path / "ocean.nc")
     path = floor_file(tmp_path, with_value(np.nan))
     water = open_water(tmp_path / "ocean.nc", bathymetry=str(path), half_extent=(30e3, 20e3))
     assert any("filled from the points around them" in note for note in water.notes)
+    as_stored(water)
 
 
 def test_a_real_depth_of_9999_m_stays(tmp_path):
@@ -453,20 +461,22 @@ def test_a_floor_that_is_not_under_the_water_is_refused(tmp_path, sloping_ocean,
     (with_value(0.0), "land at 1 of .* points where the ocean has water down to 2000 m"),
     (lambda depth: depth / 6.0, r"in the median, 0\.\d+ times as deep as the ocean's water"),
 ])  # fmt: skip
-def test_a_floor_above_some_water_is_noted(tmp_path, sloping_ocean, change, note):
+def test_a_floor_above_some_water_is_noted(tmp_path, sloping_ocean, change, note, as_stored):
     floor = open_sea_floor(floor_file(tmp_path, change, 0.04), ocean=sloping_ocean)
     assert any(re.search(note, line) for line in floor.attrs["notes"]), floor.attrs["notes"]
     found = check_ocean(sloping_ocean, sea_floor=floor).named("sea floor")
     assert found.severity == "doubtful"
+    as_stored(found)
 
 
-def test_the_water_is_compared_across_the_antimeridian(tmp_path, sloping_ocean):
+def test_the_water_is_compared_across_the_antimeridian(tmp_path, sloping_ocean, as_stored):
     turned = sloping_ocean.assign_coords(lon=sloping_ocean["lon"] + 360.0)
     path = floor_file(tmp_path, with_value(np.nan))
     floor = open_sea_floor(path, ocean=turned)
     np.testing.assert_allclose(floor.values, file_floor(0.2).values, atol=1e-6)
     in_kilometres = floor_file(tmp_path, lambda depth: depth / 1e3)
     refused(OceanError, "check its unit", open_sea_floor, in_kilometres, ocean=turned)
+    as_stored(turned)
 
 
 @pytest.mark.parametrize("turn", [0.0, 360.0, -360.0])
@@ -493,7 +503,7 @@ def test_a_finer_file_lies_where_it_should_on_its_own_axes(sloping_ocean, turn):
     assert np.diff(local["depth"].values[5:]).max() <= 500.0 * (1.0 + 1e-12)
 
 
-def test_sound_speed_covers_the_water_down_to_the_file_s_floor(sloping_ocean):
+def test_sound_speed_covers_the_water_down_to_the_file_s_floor(sloping_ocean, as_stored):
     """Temperature and salinity of the deepest wet level go on downward; pressure rises."""
     local = to_local(sloping_ocean, half_extent=(40e3, 20e3), sea_floor=file_floor(0.01))
     assert not any(np.isnan(local[name]).any() for name in local.data_vars)
@@ -508,23 +518,28 @@ def test_sound_speed_covers_the_water_down_to_the_file_s_floor(sloping_ocean):
     assert lon > 0.6
     expected = sound_speed(2.0 - 100.0 / 2_000.0 + 0.3 * (lat - 78.0), 34.0, depth[3:], lat, lon)
     np.testing.assert_allclose(shallow["sound_speed"].values[3:], expected, atol=0.2)
+    as_stored(local)
 
 
-def test_levels_that_reach_the_floor_are_left_alone(sloping_ocean):
+def test_levels_that_reach_the_floor_are_left_alone(sloping_ocean, as_stored):
     shallow = file_floor(0.01, form=lambda lat, lon, _lon_0: 1_200.0 + 0.0 * lat * lon)
     local = to_local(sloping_ocean, sea_floor=shallow, half_extent=(40e3, 20e3))
     assert "levels_added" not in local.attrs
     np.testing.assert_array_equal(local["depth"], sloping_ocean["depth"])
     np.testing.assert_allclose(local["sea_floor_depth"], 1_200.0)
+    as_stored(local)
 
 
-def test_a_file_with_the_ocean_s_own_grid_is_taken(sloping_ocean):
+def test_a_file_with_the_ocean_s_own_grid_is_taken(sloping_ocean, as_stored):
     floor = sea_floor_depth(sloping_ocean) * 0.0 + 1_234.0
     local = to_local(sloping_ocean, half_extent=(40e3, 20e3), sea_floor=floor)
     np.testing.assert_allclose(local["sea_floor_depth"], 1_234.0)
+    as_stored(local)
 
 
-def test_the_number_of_nodes_is_capped_stated_and_the_mean_kept(sloping_ocean, monkeypatch):
+def test_the_number_of_nodes_is_capped_stated_and_the_mean_kept(
+    sloping_ocean, monkeypatch, as_stored
+):
     monkeypatch.setattr(sea_floor_module, "MAX_FLOOR_NODES", 2_000)
 
     def ripples(lat, lon, lon_0):
@@ -540,6 +555,7 @@ def test_the_number_of_nodes_is_capped_stated_and_the_mean_kept(sloping_ocean, m
     # ripples of two points a wave would alias to anything; the mean over an odd number of them is
     # damped
     assert float(np.abs(floor - 1_500.0).max()) < 0.3 * 200.0
+    as_stored(local)
 
 
 def test_a_floor_that_does_not_cover_the_domain_is_refused(sloping_ocean):
@@ -553,10 +569,11 @@ def test_a_floor_that_does_not_cover_the_domain_is_refused(sloping_ocean):
         to_local(sloping_ocean, sea_floor=file_floor(0.01).rename(lat="y"))
 
 
-def test_the_equation_is_passed_on_and_named(sloping_ocean):
+def test_the_equation_is_passed_on_and_named(sloping_ocean, as_stored):
     half = (40e3, 20e3)
     teos, unesco = (
         to_local(sloping_ocean, half_extent=half, equation=e) for e in ("teos-10", "unesco")
     )
     assert unesco.attrs["sound_speed_equation"] == "unesco"
     assert 0.01 < float(np.abs(unesco["sound_speed"] - teos["sound_speed"]).max()) < 1.0
+    as_stored(unesco)

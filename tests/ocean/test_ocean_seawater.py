@@ -121,7 +121,7 @@ def test_forms_for_its_90_equal_the_originals_within_their_bounds(
     assert np.abs(new(t, s, p) - old(T68 * t, s, p)).max() < within
 
 
-def test_the_equations_agree_in_the_open_ocean_as_they_are_known_to():
+def test_the_equations_agree_in_the_open_ocean_as_they_are_known_to(as_stored):
     """
     Del Grosso is within 0.1 m/s of TEOS-10; UNESCO is 0.5 to 0.7 m/s faster in deep cold water.
     """
@@ -132,9 +132,10 @@ def test_the_equations_agree_in_the_open_ocean_as_they_are_known_to():
     np.testing.assert_allclose(grosso, teos, rtol=0, atol=0.15)
     assert 0.3 < (millero - grosso)[-1] < 1.0
     np.testing.assert_allclose(millero[:1], teos[:1], rtol=0, atol=0.15)
+    as_stored(water)
 
 
-def test_the_instruments_own_sound_speed_is_one_of_the_equations(shared_data):
+def test_the_instruments_own_sound_speed_is_one_of_the_equations(shared_data, as_stored):
     """Of the XCTD, which computes it itself: to the noise of 1 m means of its three columns."""
     table = pd.read_csv(shared_data / "casts" / "beaufort_xctd_icex20_1.csv", comment="#").iloc[
         100:
@@ -142,6 +143,7 @@ def test_the_instruments_own_sound_speed_is_one_of_the_equations(shared_data):
     water = (table[name] for name in ("temperature_degC", "practical_salinity", "depth_m"))
     found = sound_speed(*water, 71.2, -142.4, equation="unesco")
     np.testing.assert_allclose(found, table["sound_speed_m_s"], rtol=0, atol=0.25)
+    as_stored(table)
 
 
 @pytest.mark.parametrize("equation", ["teos-10", "del-grosso", "unesco"])

@@ -37,7 +37,7 @@ def test_widths_follow_the_parallel_of_the_ellipsoid(fram_strait):
     )
 
 
-def test_the_spread_of_profiles_is_over_wet_points_only(fram_strait):
+def test_the_spread_of_profiles_is_over_wet_points_only(fram_strait, as_stored):
     spread = sound_speed_profile_spread(fram_strait)
     lat, lon = fram_strait["lat"].values, fram_strait["lon"].values
     for k in (0, 20, 32, 36, 38):
@@ -54,6 +54,7 @@ def test_the_spread_of_profiles_is_over_wet_points_only(fram_strait):
         else:
             assert np.isnan(one["mean"])
             assert np.isnan(one["min"])
+    as_stored(one)
 
 
 def test_spreads_keep_the_attributes_of_their_levels(fram_strait):

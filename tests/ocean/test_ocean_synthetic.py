@@ -177,7 +177,7 @@ def test_floats_drift_in_a_week_but_stay(ocean):
         assert np.all(drift < 60e3), (depth, drift)
 
 
-def test_the_sea_bed_is_deep_under_the_fleet_and_has_structure(region, ocean):
+def test_the_sea_bed_is_deep_under_the_fleet_and_has_structure(region, ocean, as_stored):
     definition = REGIONS[region]
     grid = definition.grid()
     floor = definition.floor(grid)
@@ -188,6 +188,7 @@ def test_the_sea_bed_is_deep_under_the_fleet_and_has_structure(region, ocean):
     np.testing.assert_array_equal(dry, grid.depth[:, None, None] > floor)
     local = to_local(ocean, half_extent=(30e3, 30e3))
     np.testing.assert_allclose(local["sea_floor_depth"], 3_500.0)
+    as_stored(local)
 
 
 LATER = "2014-07-27T12:00"
@@ -218,10 +219,11 @@ def test_the_same_time_gives_the_same_ocean_and_another_moves_it(region, ocean, 
     assert float(change.median()) < 0.1, "most of the region is not reached by an eddy or a front"
 
 
-def test_a_changed_ocean_does_not_change_the_next():
+def test_a_changed_ocean_does_not_change_the_next(as_stored):
     one = synthetic_ocean("fram")
     one["water_temp"][:] = 20.0
     assert float(synthetic_ocean("fram")["water_temp"].max()) < 10.0
+    as_stored(one)
 
 
 def test_eddies_turn_clockwise_and_are_where_their_drift_takes_them(
@@ -297,12 +299,15 @@ def model(ocean, depth, position):
     ("beaufort_axctd_20140724_75N140W", (0.0, 1_000.0)),
     ("beaufort_ctd_1997_canada_basin", (1_000.1, 2_900.0)),
 ])  # fmt: skip
-def test_the_beaufort_sea_is_within_2_m_s_rms_of_the_casts(shared_data, beaufort_sea, name, span):
+def test_the_beaufort_sea_is_within_2_m_s_rms_of_the_casts(
+    shared_data, beaufort_sea, name, span, as_stored
+):
     cast = read_cast(shared_data / "casts" / f"{name}.csv")
     error = model(beaufort_sea, cast.depth, (cast.lat, cast.lon)) - cast.sound_speed()
     part = (cast.depth >= span[0]) & (cast.depth <= span[1])
     assert cast.depth[part & np.isfinite(error)].max() > 0.99 * span[1]
     assert np.sqrt(np.nanmean(error[part] ** 2)) < 2.0
+    as_stored(cast)
 
 
 def test_fram_strait_lies_within_the_casts_envelope_widened_by_2_m_s(shared_data, fram_strait):

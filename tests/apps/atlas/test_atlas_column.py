@@ -129,9 +129,10 @@ def test_errors_in_a_linear_gradient_are_those_of_circular_arcs(links):
     assert not own.no_direct_path.any()
 
 
-def test_parts_add_up_and_the_chord_has_no_reference_speed_error(ocean, links):
+def test_parts_add_up_and_the_chord_has_no_reference_speed_error(ocean, links, as_stored):
     place = float(ocean["lat"][PLACE[0]]), float(ocean["lon"][PLACE[1]])
     own = column_errors(medium_at(GridPoints.of(ocean), place, links), links)
+    as_stored(own)
     np.testing.assert_allclose(
         own.range_error, own.reference_speed_error + own.bending_error, rtol=0.0, atol=1e-9
     )
@@ -139,12 +140,13 @@ def test_parts_add_up_and_the_chord_has_no_reference_speed_error(ocean, links):
     np.testing.assert_array_equal(own.worst_range_error, np.abs(own.range_error).max(axis=-1))
 
 
-def test_links_without_a_direct_path_are_counted_separately():
+def test_links_without_a_direct_path_are_counted_separately(as_stored):
     # a duct above 100 m under a gradient that bends all else down: nothing direct comes back up far
     # away
     medium = Medium.from_profile([0.0, 100.0, 500.0], [1500.0, 1480.0, 1400.0], bottom_depth=500.0)
     links = AtlasLinks(pairs=((20.0, 20.0), (20.0, 800.0)), distances=(500.0, 9_000.0), bearings=2)
     own = column_errors(medium, links)
+    as_stored(own)
     assert (own.link_status[0, 0] == RayStatus.OK).all()
     assert (own.link_status[0, 1] == RayStatus.SHADOW).all()
     assert (own.link_status[1] == RayStatus.OUTSIDE).all()
@@ -168,10 +170,11 @@ def test_safe_distance_ends_where_a_range_errs_by_more():
     assert (own.safe_distance[0] == 4_000.0).all()
 
 
-def test_arrivals_are_counted_with_reflections_and_ranged_without(links):
+def test_arrivals_are_counted_with_reflections_and_ranged_without(links, as_stored):
     medium = Medium.from_profile([0.0, 1000.0], [1500.0, 1500.0], bottom_depth=1000.0)
     most = replace(links, max_surface_bounces=1, max_bottom_bounces=1)
     alone, all_of_them = column_errors(medium, links), column_errors(medium, most)
+    as_stored(all_of_them)
     np.testing.assert_array_equal(alone.range_error, all_of_them.range_error)
     np.testing.assert_array_equal(alone.link_status, all_of_them.link_status)
     # direct and by the surface at once, at 3 km those of the bed, too: spreading alone is under 10

@@ -20,7 +20,7 @@ WORDS = (
 
 
 def test_an_atlas_from_an_ocean_to_its_figures(
-    mantaray, told, undrawn, ocean_file, monkeypatch, tmp_path
+    mantaray, told, undrawn, ocean_file, monkeypatch, tmp_path, as_stored
 ):
     monkeypatch.setattr("pymantaray.apps.atlas.runner.open_pool", pool_here)
     out = tmp_path / "atlas.nc"
@@ -34,6 +34,7 @@ def test_an_atlas_from_an_ocean_to_its_figures(
     shown = mantaray("atlas", "show", out)
     assert shown.out.startswith("Bias of straight-line ranging: Beaufort Sea (synthetic)\n")
     assert "nominal" in shown.out
+    as_stored({"ran": lines[:-1], "shown": shown.out})
     atlas = told("atlas", "show", out)
     assert atlas["title"] == shown.out.splitlines()[0]
     assert atlas["safety"][0].keys() > {

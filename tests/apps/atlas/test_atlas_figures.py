@@ -1,11 +1,14 @@
 """Plots of an atlas show it: artists are read back and compared with what they were given."""
 
+import json
+
 import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.collections import QuadMesh
 from refusals import refused
 
+from pymantaray.apps.atlas import page as atlas_page
 from pymantaray.apps.atlas import write_atlas_plots
 from pymantaray.apps.atlas.figures import (
     error_maps,
@@ -14,7 +17,9 @@ from pymantaray.apps.atlas.figures import (
     share_maps,
     worst_error,
 )
+from pymantaray.apps.atlas.page import write_atlas_page
 from pymantaray.errors import ReportError
+from pymantaray.pages.page import Page
 
 CONVENTIONS = ["transmitter", "receiver", "mean", "chord", "nominal"]
 
@@ -61,9 +66,10 @@ def values(mesh):
     return np.ma.filled(mesh.get_array().astype(float), np.nan).reshape(4, 5)
 
 
-def test_classes_are_those_of_the_largest_error_of_a_place(look):
+def test_classes_are_those_of_the_largest_error_of_a_place(look, as_stored):
     atlas = made()
     figure = look.draw(safety_maps(atlas, [("here", 2, 1)]))
+    as_stored(figure)
     classes, others = (values(mesh) for mesh in meshes(figure.axes[0]))
     worst = np.fmax.reduce(atlas["worst_range_error"].values[0, :, :, 2, :, 1], axis=-1)
     np.testing.assert_array_equal(worst, worst_error(atlas, 2, 1))
@@ -88,9 +94,10 @@ def test_classes_are_those_of_the_largest_error_of_a_place(look):
     ]
 
 
-def test_errors_and_lost_paths_are_shown_with_their_units(look):
+def test_errors_and_lost_paths_are_shown_with_their_units(look, as_stored):
     atlas = made()
     figure = look.draw(error_maps(atlas, 0, 2))
+    as_stored(figure)
     error, lost = (values(meshes(axes)[0]) for axes in figure.axes[:2])
     np.testing.assert_array_equal(error, worst_error(atlas, 0, 2))
     np.testing.assert_allclose(
@@ -103,9 +110,10 @@ def test_errors_and_lost_paths_are_shown_with_their_units(look):
     assert "Test Sea, synthetic ocean" in figure.get_suptitle()
 
 
-def test_through_time_the_share_of_instants_and_the_series_of_a_place(look):
+def test_through_time_the_share_of_instants_and_the_series_of_a_place(look, as_stored):
     atlas = made(times=4)
     figure = look.draw(share_maps(atlas, 1, 0))
+    as_stored(figure, name="share")
     worst = np.fmax.reduce(atlas["worst_range_error"].values[:, :, :, 1, :, 0], axis=-1)
     for axes, limit in zip(figure.axes, (1.0, 5.0, 20.0), strict=False):
         expected = np.where(
@@ -117,10 +125,23 @@ def test_through_time_the_share_of_instants_and_the_series_of_a_place(look):
     )  # nearest to 78.5 N 2 E, where there is no path
     assert figure.axes[0].get_title(loc="left") == "78.5° N, 2° E, 2 km"
     figure = look.draw(error_series(atlas, 0, (78.1, -1.9)))
+    as_stored(figure, name="series")
     lines = figure.axes[0].get_lines()
     for k in range(5):
         expected = atlas["worst_range_error"].values[:, 2, 0, k, :, 0].max(axis=-1)
         np.testing.assert_array_equal(lines[k].get_ydata(), expected)
+
+
+def test_the_page_has_every_instant_or_every_second_column(tmp_path, monkeypatch, as_stored):
+    monkeypatch.setattr(Page, "write", lambda page, _: page)
+    atlas = made(times=3).assign_attrs(title="made")
+    whole = write_atlas_page(atlas, [], tmp_path)
+    monkeypatch.setattr(atlas_page, "_MAX_NUMBERS", 600)
+    half = write_atlas_page(atlas, [], tmp_path)
+    as_stored([[p.facts, p.notes, json.loads(p.explorer.data)] for p in (whole, half)])
+    errors = np.array(json.loads(half.explorer.data)["error"], dtype=float)
+    own = atlas["worst_range_error"].values[:, ::2, ::2].ravel()
+    np.testing.assert_array_equal(errors, own.round(3))
 
 
 @pytest.mark.slow

@@ -321,12 +321,13 @@ def test_workers_that_write_elsewhere_are_noticed(file, links, monkeypatch, tmp_
 
 
 def test_an_atlas_through_time_has_a_series_at_every_place(
-    here, ocean, days, links, content, tmp_path
+    here, ocean, days, links, content, tmp_path, as_stored
 ):
     window = _window(ocean, 12, 12, 12, 13)
     times = instants_between(days, "2014-07-15", "2014-07-18")
     assert times.size == 3
     own = content(run_atlas(Atlas(days, links, window=window, times=times), tmp_path / "all.nc"))
+    as_stored(own, without="_key")
     assert own["worst_range_error"].dims[:3] == ("time", "lat", "lon")
     for day in (0, 2):
         atlas = Atlas(days[day], links, window=window)
@@ -368,7 +369,9 @@ def test_a_sea_floor_of_its_own_is_taken(here, ocean, file, links, content, tmp_
     assert np.isnan(own["no_direct_path"].isel(pair=1)).all()
 
 
-def test_a_window_across_the_seam_equals_any_other(here, ocean, links, content, tmp_path):
+def test_a_window_across_the_seam_equals_any_other(
+    here, ocean, links, content, tmp_path, as_stored
+):
     """
     The same water on a grid that goes around the Earth, counted from 0 to 360, its seam amid the
     columns.
@@ -402,11 +405,13 @@ def test_a_window_across_the_seam_equals_any_other(here, ocean, links, content, 
     np.testing.assert_array_equal(two["lon_bounds"], one["lon_bounds"])
     assert np.isfinite(one["range_error"]).all()
     np.testing.assert_array_equal(one["range_error"], two["range_error"])
+    as_stored({"errors": one["range_error"], "bounds": one["lon_bounds"]})
 
 
-def test_the_file_is_cf(coarse, content):
+def test_the_file_is_cf(coarse, content, as_stored):
     assert not cf_errors([coarse])
     own = content(coarse)
+    as_stored(own, without="_key")
     assert own.attrs["Conventions"] == "CF-1.11"
     assert own["convention"].values.tolist() == [
         "transmitter",
@@ -435,11 +440,12 @@ def test_the_file_is_cf(coarse, content):
     }
 
 
-def test_the_table_counts_places(here, ocean, file, links, content, tmp_path):
+def test_the_table_counts_places(here, ocean, file, links, content, tmp_path, as_stored):
     own = content(
         run_atlas(Atlas(file, links, window=_window(ocean, 12, 15, 12, 15)), tmp_path / "atlas.nc")
     )
     table = safety_table(own).set_index(["convention", "distance_m"])
+    as_stored(table)
     worst = own["worst_range_error"].sel(convention="mean", distance=3000.0).max("pair").values
     row = table.loc["mean", 3000.0]
     assert row["safe_to_1m_percent"] == 100.0 * np.mean(worst <= 1.0)

@@ -43,7 +43,7 @@ def test_an_ocean_in_memory_has_the_atlas_of_its_name(fram, tmp_path):
     np.testing.assert_array_equal(in_memory, by_name)
 
 
-def test_ice_floor_and_currents_are_those_of_the_local_ocean(fram, tmp_path):
+def test_ice_floor_and_currents_are_those_of_the_local_ocean(fram, tmp_path, as_stored):
     options = {"ice": 5.0, "bathymetry": 900.0, "currents": "carry"}
     mine, atlas = errors(tmp_path / "atlas.nc", "synthetic:fram", LINKS, **WHERE, **options)
     place, half = (float(atlas["lat"][0]), float(atlas["lon"][0])), LINKS.half_extent
@@ -58,9 +58,10 @@ def test_ice_floor_and_currents_are_those_of_the_local_ocean(fram, tmp_path):
     carried = -np.einsum("ij,ij->i", velocity, along) * straight / at_rest.source_sound_speed
     np.testing.assert_allclose(mine - still, carried, rtol=0.2, atol=2e-3)
     assert np.abs(carried).max() > 0.01
+    as_stored(atlas, without="_key")
 
 
-def test_a_profile_has_one_column(tmp_path):
+def test_a_profile_has_one_column(tmp_path, as_stored):
     (tmp_path / "p.csv").write_text("depth,sound_speed\n0,1440\n50,1436\n200,1450\n900,1460\n")
     mine, atlas = errors(
         tmp_path / "atlas.nc", tmp_path / "p.csv", LINKS, bathymetry=1000.0, centre=(74.0, -140.0)
@@ -74,6 +75,7 @@ def test_a_profile_has_one_column(tmp_path):
     np.testing.assert_allclose(mine, expected, rtol=1e-6)  # single precision
     assert (atlas.sizes["lat"], atlas.sizes["lon"]) == (1, 1)
     assert float(atlas["lat"][0]) == 74.0
+    as_stored(atlas, without="_key")
 
 
 def test_what_has_no_columns_is_refused(fram):

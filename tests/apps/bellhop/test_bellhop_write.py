@@ -64,13 +64,14 @@ def test_a_medium_is_written_to_the_last_bit(tmp_path_factory, n_north, n_east, 
 
 
 @pytest.mark.parametrize(("north", "east"), [(-400.1, 500.7), (400.1, 0.0), (0.0, -500.7)])
-def test_positions_fan_and_box_use_x_north_and_clockwise_bearings(tmp_path, north, east):
+def test_positions_fan_and_box_use_x_north_and_clockwise_bearings(tmp_path, north, east, as_stored):
     medium = grid_medium()
     source = np.array([medium.north[1] + 0.123, medium.east[1] + 1 / 3, 12.3])
     receiver = source + np.array([north, east, 101.9])
     options = BellhopOptions(beams=11, cone=0.2, run="rays", frequency=12_345.0, step=7.0)
     (env,) = write_bellhop(tmp_path, medium, source, receiver, options)
     found = read_env(env)
+    as_stored(env.read_text())
     assert found.source == tuple(source)
     assert (found.run_type, found.frequency, found.step) == ("RG RR3", 12_345.0, 7.0)
     r, bearing = found.receiver_range, found.receiver_bearing
@@ -90,7 +91,7 @@ def test_positions_fan_and_box_use_x_north_and_clockwise_bearings(tmp_path, nort
     assert found.box[2] > medium.bed.depth.max()
 
 
-def test_links_share_their_grids_and_the_origin_moves_them(tmp_path):
+def test_links_share_their_grids_and_the_origin_moves_them(tmp_path, as_stored):
     medium = grid_medium()
     a, b = middle(medium, 20.0), middle(medium, 100.0, (50.0, 60.0))
     for _ in range(2):  # the second time over the first
@@ -103,10 +104,11 @@ def test_links_share_their_grids_and_the_origin_moves_them(tmp_path):
     (north, *_, c), _ = read_grids(paths[1])
     np.testing.assert_allclose(north, medium.north - a[0], rtol=0, atol=ATOL_POSITION)
     np.testing.assert_array_equal(c, medium.sound_speed)
+    as_stored({file.name: file.read_text() for file in sorted(tmp_path.iterdir())})
     assert len(list(tmp_path.iterdir())) == 6
 
 
-def test_ice_is_bellhops_altimetry(tmp_path):
+def test_ice_is_bellhops_altimetry(tmp_path, as_stored):
     bare = grid_medium()
     draft = np.random.default_rng(1).uniform(0.0, 9.0, bare.bed.depth.shape)
     axes = (bare.north, bare.east, bare.depth, bare.sound_speed)
@@ -117,6 +119,8 @@ def test_ice_is_bellhops_altimetry(tmp_path):
         north, east, found = read_boundary(env.with_suffix(".ati"))
         np.testing.assert_array_equal((*north, *east), (*bare.north, *bare.east))
         np.testing.assert_array_equal(found, draft)
+    ice = sorted((tmp_path / "ice").iterdir())
+    as_stored({file.name: file.read_text() for file in ice})
     (env,) = write_bellhop(tmp_path / "open", bare, middle(bare, 20.0), middle(bare, 100.0))
     assert not read_env(env).altimetry
     assert not env.with_suffix(".ati").exists()
@@ -128,10 +132,11 @@ def test_ice_is_bellhops_altimetry(tmp_path):
     ("matching", "A", [1000.0, 1467.0, 0.0, 1.0, 0.0, 0.0]),
     (HalfSpace(1650.0, 1.9, 0.8, 300.0, 1.5), "A", [1000.0, 1650.0, 300.0, 1.9, 0.8, 1.5]),
 ])  # fmt: skip
-def test_bottoms(tmp_path, bottom, letter, expected):
+def test_bottoms(tmp_path, bottom, letter, expected, as_stored):
     (env,) = write_bellhop(
         tmp_path, PROFILE, [0, 0, 10], [500.0, 0, 20], BellhopOptions(bottom=bottom)
     )
+    as_stored(env.read_text())
     assert (read_env(env).bottom, read_env(env).half_space) == (letter, expected)
 
 

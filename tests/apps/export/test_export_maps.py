@@ -82,12 +82,13 @@ def test_names_that_xml_forbids_are_escaped_in_a_valid_document():
     assert (data.get("name"), data.findtext(f"{KML}value")) == (shown, shown)
 
 
-def test_maps_have_the_paths_of_all_vehicles(run, tmp_path):
+def test_maps_have_the_paths_of_all_vehicles(run, tmp_path, as_stored):
     files = {to: tmp_path / f"fleet.{to}" for to in ("geojson", "kml")}
     for to, file in files.items():
         assert export_run(run, to, file, realization=REALIZATION) == file
     features = features_of(files["geojson"].read_text())
     marks = placemarks(files["kml"].read_text())
+    as_stored({to: file.read_text() for to, file in files.items()})
     found = {(f["properties"].get("condition"), f["properties"]["name"]): f for f in features}
     truth, estimates = run.truth, run.estimates
     for c, condition in enumerate(["truth", *estimates.condition.tolist()]):
@@ -135,7 +136,7 @@ def test_one_pose_is_a_point_and_absence_is_nothing(run):
     refused(ExchangeError, "no geographic position", run_features, run, nowhere)
 
 
-def test_lines_and_areas_are_cut_at_the_antimeridian():
+def test_lines_and_areas_are_cut_at_the_antimeridian(as_stored):
     line = np.array([[178.0, 10.0, -5.0, 0.0], [-178.0, 14.0, -9.0, 8.0], [179.0, 11.0, 0.0, 16.0]])
     area = np.array([[179.0, 0.0], [181.0, 0.0], [181.0, 1.0], [179.0, 1.0]])[::-1]
     features = [
@@ -160,6 +161,7 @@ def test_lines_and_areas_are_cut_at_the_antimeridian():
     assert dot["geometry"]["coordinates"] == [-170.0, 3.0]
     ((_, shown),) = placemarks(kml(features, "cut"))["", "track"]
     assert [part.tolist() for part in shown] == parts
+    as_stored([track["geometry"], cell["geometry"], dot["geometry"]])
 
 
 def test_texts_of_users_are_escaped():

@@ -52,7 +52,7 @@ def file(tmp_path):
     return path
 
 
-def test_show_counts_what_is_there(graph, told, file):
+def test_show_counts_what_is_there(graph, told, file, as_stored):
     out = graph("show", file).out.replace("loop closures", "loops")
     expected = {
         "vehicles": "A (3 poses), B (2 poses)",
@@ -74,10 +74,13 @@ def test_show_counts_what_is_there(graph, told, file):
         "determined": True,
     }
     assert counts.items() >= expected.items()
+    as_stored(out, name="text")
 
 
 @pytest.mark.parametrize("start", ["file", "dead-reckoning"])
-def test_solve_writes_trajectories_and_a_summary(mantaray, told, graph, file, tmp_path, start):
+def test_solve_writes_trajectories_and_a_summary(
+    mantaray, told, graph, file, tmp_path, start, as_stored
+):
     out = tmp_path / "out"
     done = graph("solve", file, "--out", out, "--start", start)
     assert done.out.splitlines()[-1] == str(out)
@@ -106,6 +109,9 @@ def test_solve_writes_trajectories_and_a_summary(mantaray, told, graph, file, tm
     refused = mantaray("graph", "solve", file, "--out", out)
     assert refused.code == 2
     assert refused.err == f"error: {out}: folder is not empty; give a new or empty folder\n"
+    if start == "dead-reckoning":
+        as_stored(out, without="/(truth|graph)")
+        as_stored(done.out, name="text")
 
 
 def test_without_a_folder_nothing_is_written(graph, file, tmp_path):
@@ -113,7 +119,9 @@ def test_without_a_folder_nothing_is_written(graph, file, tmp_path):
     assert [p.name for p in tmp_path.iterdir()] == ["g.pyfg"]
 
 
-def test_unknown_lines_are_named_with_a_count_and_skipped_by_choice(mantaray, graph, tmp_path):
+def test_unknown_lines_are_named_with_a_count_and_skipped_by_choice(
+    mantaray, graph, tmp_path, as_stored
+):
     (tmp_path / "s.pyfg").write_text(TEXT + "FIX 0\nFIX 1\n")
     refused = mantaray("graph", "show", tmp_path / "s.pyfg")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
@@ -131,6 +139,7 @@ def test_unknown_lines_are_named_with_a_count_and_skipped_by_choice(mantaray, gr
     )
     assert "left out: 2 FIX" in done.err
     assert "EDGE_SE3_TRACKXYZ 1 5 0 -5 6 7 10 0 0 10 0 10\n" in (tmp_path / "s.g2o").read_text()
+    as_stored(tmp_path / "s.g2o")
 
 
 def test_ranges_are_not_left_out_of_a_solve_in_silence(mantaray, file):
@@ -149,13 +158,14 @@ def test_a_folder_that_is_taken_is_refused_before_the_solve(mantaray, file, tmp_
 
 
 @pytest.mark.parametrize("estimator", METHODS)
-def test_estimators_are_chosen_by_name(graph, file, estimator):
+def test_estimators_are_chosen_by_name(graph, file, estimator, as_stored):
     done = graph("solve", file, "--estimator", estimator, "--start", "dead-reckoning")
     assert done.out.startswith(f"{estimator}, start dead-reckoning: OK")
     assert "nan" not in done.out
+    as_stored(done.out)
 
 
-def test_convert_there_and_back(mantaray, graph, file, tmp_path):
+def test_convert_there_and_back(mantaray, graph, file, tmp_path, as_stored):
     refused = mantaray("graph", "convert", file, tmp_path / "g.g2o")
     assert (refused.code, len(refused.err.splitlines())) == (2, 1)
     assert "1 landmark priors, 2 ranges" in refused.err
@@ -183,6 +193,9 @@ def test_convert_there_and_back(mantaray, graph, file, tmp_path):
     assert (
         again.err == f"error: {tmp_path / 'g.g2o'}: already exists; give another name or --force\n"
     )
+    for name in ("g.g2o", "back.pyfg", "t-A.tum"):
+        as_stored(tmp_path / name, name=name)
+    as_stored([anchored.out, shown], name="text")
 
 
 @pytest.mark.parametrize(("old", "new", "said"), [
@@ -198,6 +211,18 @@ def test_what_cannot_be_solved_is_one_line_with_a_name(mantaray, file, old, new,
     done = mantaray("graph", "solve", file)
     assert (done.code, len(done.err.splitlines())) == (2, 1)
     assert said in done.err
+
+
+def test_free_parts_beside_one_with_a_prior_are_anchored_on_request(
+    mantaray, graph, file, as_stored
+):
+    lines = [line for line in file.read_text().splitlines() if "A1 B1" not in line]
+    file.write_text("\n".join([*lines, ""]))
+    line = mantaray("graph", "solve", file).err
+    assert line.startswith(f"error: {file}: B0: no first-pose prior")
+    done = graph("solve", file, "--anchor")
+    assert "anchored because there is no prior: B0" in done.out
+    as_stored(done.out)
 
 
 def test_a_failed_solve_writes_nothing_and_an_unconverged_one_exits_1(
@@ -313,7 +338,7 @@ def test_all_starts_a_second_minimum_and_the_certificate_are_reported(
     assert "--start best" in refused.err
 
 
-def test_solve_lists_the_worst_factors_by_each_measure(graph, mantaray, tmp_path):
+def test_solve_lists_the_worst_factors_by_each_measure(graph, mantaray, tmp_path, as_stored):
     path = tmp_path / "g.pyfg"
     path.write_text(TEXT)
     done = json.loads(graph("solve", path, "--worst", 2, "--json").out)
@@ -331,9 +356,10 @@ def test_solve_lists_the_worst_factors_by_each_measure(graph, mantaray, tmp_path
             "landmark prior",
         }
     assert "Cook's distance" in graph("solve", path, "--worst", 2).out
+    as_stored(done)
 
 
-def test_covariances_may_be_those_that_pyfactorgraph_reads(graph, tmp_path):
+def test_covariances_may_be_those_that_pyfactorgraph_reads(graph, tmp_path, as_stored):
     path = tmp_path / "g.pyfg"
     depth = (
         "VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 3 0 0 0 1"
@@ -342,9 +368,10 @@ def test_covariances_may_be_those_that_pyfactorgraph_reads(graph, tmp_path):
     path.write_text(TEXT.replace(NOISE, NOISE.replace("0.01", "0.04", 1), 1) + depth)
     done = json.loads(graph("solve", path, "--covariances", "isotropic", "--json").out)
     assert done["left_out"] == {"depth priors (PyFactorGraph reads precision 0)": 1}
+    as_stored(done)
 
 
-def test_convert_writes_depths_as_ranges(graph, tmp_path):
+def test_convert_writes_depths_as_ranges(graph, tmp_path, as_stored):
     path, out = tmp_path / "g.pyfg", tmp_path / "out.pyfg"
     depth = (
         "VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 3 0 0 0 1"
@@ -354,6 +381,7 @@ def test_convert_writes_depths_as_ranges(graph, tmp_path):
     assert graph("convert", path, out).err == ""
     assert "1e12" not in out.read_text()
     assert read_pyfg(out)[0]["depth"].measurement == pytest.approx(3.0, abs=1e-7)
+    as_stored(out)
 
 
 @pytest.mark.parametrize(

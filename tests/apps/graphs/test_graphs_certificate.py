@@ -133,7 +133,7 @@ def test_matrix_form_has_the_cost_of_the_factors(opened, text):
 
 
 @pytest.mark.parametrize("text", [spatial(), planar_ranges()])
-def test_the_cost_is_a_quadratic_form_of_the_certificate_matrix(opened, text):
+def test_the_cost_is_a_quadratic_form_of_the_certificate_matrix(opened, text, as_stored):
     file = opened(text)
     problem = ChordalProblem(file.graph)
     point, _ = descend(problem, problem.matrix(solve_graph(file).values))
@@ -155,9 +155,10 @@ def test_the_cost_is_a_quadratic_form_of_the_certificate_matrix(opened, text):
         other[problem.unit_row] = unit / np.linalg.norm(unit, axis=1)[:, None]
         form = 0.5 * np.trace(other.T @ matrix @ other)
         assert problem.cost(other) == pytest.approx(problem.cost(point) + form, rel=1e-9)
+    as_stored([problem.cost(point), matrix])
 
 
-def test_least_eigenvalue_is_that_of_the_dense_schur_complement(opened):
+def test_least_eigenvalue_is_that_of_the_dense_schur_complement(opened, as_stored):
     file = opened(planar_ranges())
     problem = ChordalProblem(file.graph)
     for start in (solve_graph(file).values, file.values):
@@ -169,9 +170,10 @@ def test_least_eigenvalue_is_that_of_the_dense_schur_complement(opened):
         ours, direction = least_eigenpair(problem, point)
         np.testing.assert_allclose(schur @ direction[c], ours * direction[c], atol=1e-5)
         assert ours == pytest.approx(np.linalg.eigvalsh(schur)[0], rel=1e-5, abs=1e-6)
+    as_stored(dense)
 
 
-def test_a_twisted_ring_is_not_certified_and_the_ring_is(opened):
+def test_a_twisted_ring_is_not_certified_and_the_ring_is(opened, as_stored):
     file = opened(ring(24, 1, 0, 0.1, 20.0), "g.g2o")
     result = solve_graph(file, start="best", truth=False)
     certificate = {o.name: certify(result.graph, o.solution.values) for o in result.outcomes}
@@ -181,6 +183,7 @@ def test_a_twisted_ring_is_not_certified_and_the_ring_is(opened):
     assert certificate["file"].least_eigenvalue < -0.1
     assert certificate["file"].lower_bound <= certificate["chordal"].cost < certificate["file"].cost
     assert "least eigenvalue" in certificate["file"].text
+    as_stored(certificate)
 
 
 @pytest.mark.parametrize(
@@ -258,16 +261,17 @@ def test_a_relaxation_is_a_global_minimum_of_the_dense_dual_problem(opened, name
     assert relaxation.cost < problem.cost(problem.matrix(result.values))
 
 
-def test_rounded_relaxation_of_a_tight_problem_is_its_minimum(opened):
+def test_rounded_relaxation_of_a_tight_problem_is_its_minimum(opened, as_stored):
     result = solve_graph(opened(ring(24, 0, 0, 0.1, 0.5), "g.g2o"), start="chordal", truth=False)
     problem = ChordalProblem(result.graph)
     relaxation = relax(problem, problem.matrix(result.values))
     assert relaxation.tight
     values = rounded(problem, relaxation.point, result.values)
     assert problem.cost(problem.matrix(values)) == pytest.approx(relaxation.cost, rel=1e-9)
+    as_stored([values, relaxation.cost, relaxation.rank])
 
 
-def test_a_relaxation_certifies_ranges_whose_own_bound_is_loose(opened):
+def test_a_relaxation_certifies_ranges_whose_own_bound_is_loose(opened, as_stored):
     result = solve_graph(
         opened(FILES["cooperative.pyfg"](), "g.pyfg"), start="chordal", truth=False
     )
@@ -275,3 +279,4 @@ def test_a_relaxation_certifies_ranges_whose_own_bound_is_loose(opened):
     assert certificate.least_eigenvalue < -0.5
     assert certificate.certified
     assert certificate.lower_bound == pytest.approx(certificate.cost, rel=1e-3)
+    as_stored(certificate)

@@ -39,7 +39,7 @@ def foreign(tmp_path, make_fleet):
     return path, fleet, truth
 
 
-def test_both_starts_end_at_the_optimum_far_below_dead_reckoning(foreign):
+def test_both_starts_end_at_the_optimum_far_below_dead_reckoning(foreign, as_stored):
     path, fleet, truth = foreign
     from_file, reckoned = (
         solve_graph(open_graph(path), start=s) for s in ("file", "dead-reckoning")
@@ -56,6 +56,8 @@ def test_both_starts_end_at_the_optimum_far_below_dead_reckoning(foreign):
     assert errors["estimate"][POOLED]["rmse_m"] < errors["start"][POOLED]["rmse_m"] / 2
     assert errors["truth"][POOLED]["max_m"] == 0.0
     assert list(errors["estimate"]) == ["A", "B", POOLED]
+    as_stored(errors)
+    as_stored([from_file.summary(), from_file.values], name="result", without="gradient")
 
 
 def test_results_on_disk_are_those_in_memory(foreign, tmp_path):
@@ -103,7 +105,7 @@ def test_an_estimator_has_a_name_or_is_a_function(foreign):
     )
 
 
-def test_g2o_graph_is_anchored_by_itself_and_has_no_truth_of_its_own(foreign, tmp_path):
+def test_g2o_graph_is_anchored_by_itself_and_has_no_truth_of_its_own(foreign, tmp_path, as_stored):
     path, *_ = foreign
     file = open_graph(path)
     write_g2o(file.graph, tmp_path / "g.g2o", initial=file.values, leave_out=LEFT_OUT, symbols=True)
@@ -117,9 +119,11 @@ def test_g2o_graph_is_anchored_by_itself_and_has_no_truth_of_its_own(foreign, tm
     reckoned = solve_graph(floating, start="dead-reckoning", truth=False)
     np.testing.assert_allclose(reckoned.values.position, reckoned.initial.position, atol=1e-6)
     assert reckoned.solution.final_cost < 1e-9
+    as_stored(result.summary(), without="gradient")
+    as_stored(tmp_path / "g.g2o", name="file")
 
 
-def test_graphs_that_cannot_be_solved_say_why_in_one_line(foreign):
+def test_graphs_that_cannot_be_solved_say_why_in_one_line(foreign, as_stored):
     graph, values = open_graph(foreign[0])[:2]
     edge = graph["edge"]
     loose = without(graph, "range").with_factors(edge=edge[1:])
@@ -140,6 +144,7 @@ def test_graphs_that_cannot_be_solved_say_why_in_one_line(foreign):
     assert "\n" not in result.diagnosis
     assert result.summary()["usable"] is False
     assert list(result.trajectories) == ["start", "last", "truth"]
+    as_stored(result.summary())
 
 
 def test_too_few_measurements_are_refused_before_the_solve(foreign):
@@ -169,7 +174,7 @@ def bare_graph(place, landmarks=(), **factors):
     return graph, GraphValues(place, level, np.reshape(landmarks, (-1, 3)))
 
 
-def test_a_long_chain_is_determined_despite_a_weak_direction():
+def test_a_long_chain_is_determined_despite_a_weak_direction(as_stored):
     """
     The least eigenvalue of a chain falls with the fourth power of its length: here below rounding
     of the largest.
@@ -197,6 +202,7 @@ def test_a_long_chain_is_determined_despite_a_weak_direction():
     assert not result.solution.usable
     assert "add a prior" not in result.diagnosis
     assert "try another start" in result.diagnosis
+    as_stored(result.diagnosis)
 
 
 @pytest.mark.parametrize("height", [0.0, 5.0])
@@ -232,7 +238,7 @@ def test_an_aligned_start_differs_from_an_undetermined_graph(height):
 
 
 @pytest.mark.parametrize("start", ["dead-reckoning", "chordal"])
-def test_landmarks_with_ranges_only_start_at_the_file_and_are_counted(foreign, start):
+def test_landmarks_with_ranges_only_start_at_the_file_and_are_counted(foreign, start, as_stored):
     """
     The file's values are the truth here: such a start knows where the landmarks are, and says so.
     """
@@ -243,6 +249,7 @@ def test_landmarks_with_ranges_only_start_at_the_file_and_are_counted(foreign, s
     assert result.summary()["started_as_in_the_file"] == {"poses": 0, "landmarks": 1}
     np.testing.assert_array_equal(result.initial.landmark_position[1], truth.landmark_position[1])
     assert np.abs(result.initial.landmark_position[0] - truth.landmark_position[0]).max() > 1e-3
+    as_stored(result.initial)
 
 
 def coincident(scale=1.0):

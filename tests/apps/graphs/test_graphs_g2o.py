@@ -37,7 +37,7 @@ def pose_graph(make_fleet):
 
 @pytest.mark.parametrize("half_angles", [False, True])
 @pytest.mark.parametrize("symbols", [False, True])
-def test_poses_and_edges_come_back(tmp_path, pose_graph, symbols, half_angles):
+def test_poses_and_edges_come_back(tmp_path, pose_graph, symbols, half_angles, as_stored):
     graph, values = pose_graph
     path = tmp_path / "g.g2o"
     write_g2o(
@@ -59,6 +59,7 @@ def test_poses_and_edges_come_back(tmp_path, pose_graph, symbols, half_angles):
     assert np.abs(difference).max() < 1e-12  # two inversions
     if symbols:
         np.testing.assert_array_equal(again.pose_number, graph.pose_number)
+    as_stored(path)
 
 
 def test_gtsam_reads_the_same_graph(tmp_path, pose_graph):
@@ -251,7 +252,7 @@ def test_lines_of_other_kinds_are_left_out_by_choice(tmp_path):
 
 
 @pytest.mark.parametrize(("name", "matrix"), [("g.g2o", "0 0 0 1 0 1"), ("g.pyfg", "1 2 0 1 0 1")])
-def test_indefinite_matrices_are_refused_dropped_or_repaired(tmp_path, name, matrix):
+def test_indefinite_matrices_are_refused_dropped_or_repaired(tmp_path, name, matrix, as_stored):
     ids = ["0", "1"] if name == "g.g2o" else ["A0", "A1"]
     time = "" if name == "g.g2o" else "0 "
     lines = [f"VERTEX_SE2 {time}{ids[0]} 0 0 0", f"VERTEX_SE2 {time}{ids[1]} 1 0 0"]
@@ -272,6 +273,7 @@ def test_indefinite_matrices_are_refused_dropped_or_repaired(tmp_path, name, mat
         assert solve_graph(repaired, truth=False).values.position[1, 0] == pytest.approx(
             1.1, abs=1e-5
         )
+    as_stored([dropped.graph.to_dataset(), repaired.graph.to_dataset()])
 
 
 def read_text(folder, text):
@@ -280,7 +282,7 @@ def read_text(folder, text):
     return open_graph(folder / "g.g2o")
 
 
-def test_fixed_vertices_and_priors_are_read_with_their_sensor_offset(tmp_path):
+def test_fixed_vertices_and_priors_are_read_with_their_sensor_offset(tmp_path, as_stored):
     """
     A prior of a sensor that is 1 m ahead of the body, turned by 90 degrees: the body is 1 m behind
     it.
@@ -325,9 +327,10 @@ EDGE_SE3_TRACKXYZ 1 9 0 3 3 2 1 0 0 1 0 1
         tmp_path,
         text.replace("FIX 0 9", "FIX 0 8"),
     )
+    as_stored([graph.to_dataset(), solved.summary()])
 
 
-def test_a_planar_prior_and_fix_are_read(tmp_path):
+def test_a_planar_prior_and_fix_are_read(tmp_path, as_stored):
     text = """\
 VERTEX_SE2 0 1 2 0.5
 VERTEX_SE2 1 2 2 0.5
@@ -339,9 +342,10 @@ EDGE_SE2 0 1 1 0 0 1 0 0 1 0 1
     prior = open_graph(tmp_path / "a.g2o").graph["prior"]
     assert prior.subject.tolist() == [1, 0]
     np.testing.assert_allclose(prior.variance[0][[3, 4, 2]], [1 / 4, 1 / 9, 1 / 16])
+    as_stored(open_graph(tmp_path / "a.g2o").graph.to_dataset())
 
 
-def test_words_of_isam_have_the_root_of_the_information_by_rows(tmp_path):
+def test_words_of_isam_have_the_root_of_the_information_by_rows(tmp_path, as_stored):
     root = np.array([[10.0, 1.0, 2.0], [0.0, 20.0, 3.0], [0.0, 0.0, 30.0]])
     entries = " ".join(f"{x:g}" for x in root[np.triu_indices(3)])
     text = f"""\
@@ -371,6 +375,7 @@ LANDMARK 1 0 3 4 2 0.5 4
     (tmp_path / "e.g2o").write_text("EDGE2 0 1 1 0 0 10 0 20 30 0 0\n")  # TORO: 11 12 22 33 13 23
     toro = open_graph(tmp_path / "e.g2o").graph["edge"]
     np.testing.assert_allclose(toro.variance[0][own], [1 / 10, 1 / 20, 1 / 30])
+    as_stored([file.graph.to_dataset(), stated.covariance, toro.covariance])
 
 
 def test_information_that_no_covariance_can_hold_is_refused(tmp_path):

@@ -6,17 +6,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from refusals import refused
-from scipy.optimize import least_squares
 from two_minima import FILES, drone, ring
 
 from pymantaray.apps.graphs import open_graph, solve_graph, to_gtsam
 from pymantaray.apps.graphs.external import anchor_graph
 from pymantaray.apps.graphs.minima import random_start
 from pymantaray.errors import EstimationError
-from pymantaray.estimation import FactorGraph, GraphValues
+from pymantaray.estimation import GraphValues
 from pymantaray.estimation.solve import GraphSolver
 from pymantaray.estimation.solvers.solution import SolveOptions
-from pymantaray.estimation.solvers.trilateration import trilaterate
 from pymantaray.records import SolveStatus
 
 SHARED = Path(__file__).parents[4] / "shared"
@@ -83,7 +81,7 @@ def test_best_finds_the_ring_without_the_twist_of_the_file(opened):
     assert solve_graph(file, start="file", truth=False).solution.final_cost == cost["file"]
 
 
-def test_best_keeps_the_start_of_the_file_if_chordal_ends_higher(opened):
+def test_best_keeps_the_start_of_the_file_if_chordal_ends_higher(opened, as_stored):
     result = solve_graph(opened(ring(6, 1, 9, 0.9, 20.0)), start="best", truth=False)
     cost = costs(result)
     assert result.start == "file"
@@ -93,9 +91,10 @@ def test_best_keeps_the_start_of_the_file_if_chordal_ends_higher(opened):
     assert result.alternative.cost == pytest.approx(cost["chordal"])
     assert result.solution.status is SolveStatus.SECOND_MINIMUM
     assert "two minima fit the measurements" in result.warning
+    as_stored(result.summary())
 
 
-def test_trilateration_finds_a_mirrored_landmark_and_reports_both(opened, tmp_path):
+def test_trilateration_finds_a_mirrored_landmark_and_reports_both(opened, tmp_path, as_stored):
     text, landmark = drone(wave=0.3)
     file = opened(text, "g.pyfg")
     mirrored = solve_graph(file, start="file").values.landmark_position[0]
@@ -120,9 +119,10 @@ def test_trilateration_finds_a_mirrored_landmark_and_reports_both(opened, tmp_pa
     )
     summary = json.loads((out / "summary.json").read_text())
     assert [row["cost"] for row in summary["starts"]] == list(costs(result).values())
+    as_stored(out, without="graph|gradient|alternative_start")
 
 
-def test_the_relaxation_reaches_a_lower_minimum_than_chordal(opened):
+def test_the_relaxation_reaches_a_lower_minimum_than_chordal(opened, as_stored):
     name = "sphere-big-noise-4.g2o"
     result = solve_graph(opened(FILES[name]()), start="best", truth=False)
     cost = costs(result)
@@ -130,6 +130,7 @@ def test_the_relaxation_reaches_a_lower_minimum_than_chordal(opened):
     assert cost["relaxation"] < 0.9 * cost["chordal"]
     # the lowest of 24 random starts with seed 0; those with seed 1 end at 178.6
     assert cost["relaxation"] == pytest.approx(157.06, rel=1e-3)
+    as_stored(cost)
 
 
 def test_a_certified_minimum_needs_no_relaxation(opened):
@@ -145,42 +146,7 @@ def test_a_path_with_depth_decides_the_side(opened):
     assert result.solution.status is SolveStatus.OK
 
 
-@pytest.mark.parametrize("spread", [(1.0, 1.0, 1.0), (1.0, 1.0, 0.0), (1.0, 0.0, 0.0)])
-def test_trilateration_lists_every_minimum_of_the_ranges(spread):
-    """Against many descents from random points, of points in space, in a plane and on a line."""
-    rng = np.random.default_rng(1)
-    point, landmark = 10.0 * rng.normal(size=(12, 3)) * spread, np.array([5.0, -8.0, 12.0])
-    distance = np.linalg.norm(point - landmark, axis=1)
-    level = np.tile([1.0, 0.0, 0.0, 0.0], (12, 1))
-    graph = FactorGraph(
-        vehicle_name=np.array(["A"]),
-        landmark_name=np.array(["L0"]),
-        pose_vehicle=np.zeros(12, int),
-        pose_number=np.arange(12),
-        pose_time=np.arange(12.0),
-    )
-    pairs = np.column_stack([np.arange(12), np.full(12, 12)])
-    graph = graph.with_factors(
-        range=graph["range"].kind.table(pairs, [distance], np.ones((12, 1, 1)))
-    )
-    found = trilaterate(graph, GraphValues(point, level, np.zeros((1, 3))))[12]
-    assert min(np.linalg.norm(x - landmark) for x in found) < (1e-5 if spread[1] else 10.0)
-    for x in found[: 2 if spread[1] else None]:
-        if not spread[2]:
-            np.testing.assert_allclose(np.linalg.norm(point - x, axis=1), distance, atol=1e-5)
-    if spread == (1.0, 1.0, 0.0):
-        np.testing.assert_allclose(sorted(x[2] for x in found[:2]), [-12.0, 12.0], atol=1e-5)
-    ends = [
-        least_squares(
-            lambda x: np.linalg.norm(x - point, axis=1) - distance, 20.0 * rng.normal(size=3)
-        )
-        for _ in range(20)
-    ]
-    least = min(np.sum((np.linalg.norm(found[0] - point, axis=1) - distance) ** 2) / 2, np.inf)
-    assert least <= min(end.cost for end in ends) + 1e-9
-
-
-def test_random_starts_are_reproducible_and_at_the_measured_distances(opened):
+def test_random_starts_are_reproducible_and_at_the_measured_distances(opened, as_stored):
     text, _ = drone()
     file = opened(text, "g.pyfg")
     one, same, other = (
@@ -194,6 +160,8 @@ def test_random_starts_are_reproducible_and_at_the_measured_distances(opened):
     results = [solve_graph(file, random_starts=3, seed=2) for _ in range(2)]
     assert costs(results[0]) == costs(results[1])
     assert {"random-1", "random-2", "random-3"} <= set(costs(results[0]))
+    as_stored(one)
+    as_stored(results[0].summary(), name="summary")
 
 
 def test_random_starts_of_a_single_start_are_refused(opened):

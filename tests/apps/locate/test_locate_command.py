@@ -27,8 +27,10 @@ from oracles import cf_errors
 from pymantaray.acoustics import Medium
 from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Survey, locate
 from pymantaray.apps.locate.options import CRITERIA
+from pymantaray.apps.locate.page import plan_figure
 from pymantaray.apps.locate.plan import expected_covariance, plan_survey
 
+MADE = r"made|origin|citation|links|references|words|explorer"  # of a page
 NOISE = 1e-4  # s; of the campaign
 KEYS = {
     "name",
@@ -101,24 +103,14 @@ def test_a_survey_of_gnatss_is_located_by_its_configuration(told, campaign, tmp_
     assert done["n_used"] == campaign.time.size - campaign.gross.sum()
 
 
-def test_our_own_table_is_located_in_seconds_and_in_milliseconds(told, campaign, tmp_path):
+def test_our_own_table_is_located_in_seconds_and_in_milliseconds(mantaray, campaign, tmp_path):
     places = []
     for unit in ("s", "ms"):
         pings, nodes = write_table(campaign, tmp_path, unit=unit)
         lever = campaign.lever[0]
-        done = told(
-            *(
-                "locate",
-                pings,
-                "--nodes",
-                nodes,
-                "--profile",
-                profile_csv(tmp_path),
-                "--lever",
-                *lever,
-            ),
-            *("--sound-speed", "time", "--correlation", "none"),
-        )
+        words = ("--nodes", nodes, "--profile", profile_csv(tmp_path), "--lever", *lever)
+        options = ("--sound-speed", "time", "--correlation", "none", "--json")
+        done = json.loads(mantaray("locate", pings, *words, *options).out)
         within(done["nodes"], campaign.truth)
         assert done["nodes"][0]["lat"] is None
         places.append([node["north"] for node in done["nodes"]])
@@ -166,7 +158,9 @@ def test_an_unconverged_survey_prints_its_status_and_exits_with_1(
     assert done.err.splitlines()[-1].startswith(f"error: {pings}: not converged; ")
 
 
-def test_an_answer_that_explains_nothing_exits_with_1(mantaray, undrawn, campaign, tmp_path):
+def test_an_answer_that_explains_nothing_exits_with_1(
+    mantaray, undrawn, campaign, tmp_path, as_stored
+):
     pings, nodes = write_table(campaign, tmp_path)
     table = pd.read_csv(pings, comment="#")
     times = np.random.default_rng(0).uniform(1.0, 4.0, len(table))
@@ -184,15 +178,17 @@ def test_an_answer_that_explains_nothing_exits_with_1(mantaray, undrawn, campaig
     assert "% of what was measured; at most 5 % explain it" in done.err
     assert "unexplained, the median residual is" in (out / "index.html").read_text()
     assert not json.loads((out / "location.json").read_text())["usable"]
+    as_stored(told, without="candidates|budget")
 
 
 @pytest.mark.parametrize(("factor", "status"), [(0.2, "ok"), (0.005, "unexplained")])
-def test_stated_noise_is_a_limit_of_residuals(told, campaign, tmp_path, factor, status):
+def test_stated_noise_is_a_limit_of_residuals(mantaray, campaign, tmp_path, factor, status):
     pings, nodes = write_table(campaign, tmp_path)
     options = ("--profile", profile_csv(tmp_path), "--lever", *campaign.lever[0])
     options += ("--nodes", nodes, "--sigma", f"{1e3 * factor * NOISE} ms")
-    done = told("locate", pings, *options, code=int(status != "ok"))
-    assert {node["status"] for node in done["nodes"]} == {status}
+    done = mantaray("locate", pings, *options, "--json")
+    assert done.code == int(status != "ok")
+    assert {node["status"] for node in json.loads(done.out)["nodes"]} == {status}
 
 
 def test_notes_of_a_reader_are_told_everywhere(mantaray, undrawn, campaign, tmp_path):
@@ -250,7 +246,7 @@ def test_a_track_gives_positions_at_both_instants(told, campaign, tmp_path):
 
 
 def test_results_are_a_folder_with_page_tables_and_files(
-    mantaray, undrawn, told, campaign, tmp_path
+    mantaray, drawn, told, campaign, tmp_path, as_stored
 ):
     ini = write_garpos(campaign, tmp_path)
     done = mantaray(
@@ -286,6 +282,8 @@ def test_results_are_a_folder_with_page_tables_and_files(
     again = mantaray("locate", ini, "--out", tmp_path / "out")
     assert again.code == 2
     assert "out" in again.err
+    as_stored([done.out, drawn, features, landmarks], without=MADE)
+    as_stored(tmp_path / "out", name="files", without=MADE + "|/tables")
 
 
 def test_a_plan_gives_the_best_radius_of_each_pattern(told, tmp_path):
@@ -313,7 +311,7 @@ def test_a_plan_gives_the_best_radius_of_each_pattern(told, tmp_path):
     assert north == sorted(north, reverse=True)
 
 
-def test_a_plan_searches_until_the_best_radius_is_not_at_an_edge():
+def test_a_plan_searches_until_the_best_radius_is_not_at_an_edge(as_stored):
     plan = plan_survey(
         water(), PlanOptions(300.0, 2e-4, criterion="depth"), shapes=("cross",), pings=20
     )
@@ -325,9 +323,10 @@ def test_a_plan_searches_until_the_best_radius_is_not_at_an_edge():
         water(), PlanOptions(300.0, 2e-4), np.array([60.0, 90.0]), shapes=("cross",), pings=20
     )
     assert given.best["at_edge"].tolist() == ["greatest"]
+    as_stored([plan.table, plan.best, given.table, given.best])
 
 
-def test_a_plan_has_hours_and_best_radii_by_its_criterion():
+def test_a_plan_has_hours_and_best_radii_by_its_criterion(as_stored):
     options = PlanOptions(1800.0, 2e-4, ship_speed=3.0, turn_time=600.0, criterion="hours")
     plan = plan_survey(water(), options, np.linspace(200.0, 4000.0, 12), pings=30)
     rows = {row["pattern"]: row for row in plan.best.to_dict("records")}
@@ -339,9 +338,10 @@ def test_a_plan_has_hours_and_best_radii_by_its_criterion():
         best = plan.best_by(criterion).set_index("pattern")[column]
         least = plan.table.groupby("pattern")[column].min()
         np.testing.assert_array_equal(best.sort_index(), least.sort_index())
+    as_stored([plan.table, plan.best, plan_figure(plan)])
 
 
-def test_a_plan_is_equal_in_a_grid_and_in_its_profile():
+def test_a_plan_is_equal_in_a_grid_and_in_its_profile(as_stored):
     """Rays of equal ranges are traced once in a profile; a grid traces each."""
     z = np.arange(0.0, 3001.0, 100.0)
     speed = 1490.0 + 0.017 * z - 20.0 * np.exp(-((z - 300.0) ** 2) / 2e5)
@@ -360,9 +360,10 @@ def test_a_plan_is_equal_in_a_grid_and_in_its_profile():
         )
         assert (lost, also_lost) == (0, 0)
         np.testing.assert_allclose(one, other, rtol=1e-5, atol=1e-8)
+    as_stored(one)
 
 
-def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
+def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path, as_stored):
     """
     The standard deviations of a plan are those of a solve of noise-free times with the same priors.
     """
@@ -380,6 +381,7 @@ def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path):
     assert lost == 0
     sigma = found[["sigma_north_m", "sigma_east_m", "sigma_depth_m"]].to_numpy(dtype=float)
     np.testing.assert_allclose(sigma, expected, rtol=0.35)  # 60 pings give their own noise to 10 %
+    as_stored([covariance, found.to_dict()])
 
 
 @pytest.mark.slow

@@ -16,6 +16,7 @@ from refusals import refused
 from scipy.stats import chi2
 
 from pymantaray.apps.locate import Campaign, displacement_between, locate, read_campaign
+from pymantaray.apps.locate.write import campaign_features
 from pymantaray.errors import LocateError
 from pymantaray.jobs.keys import has_checksum, with_checksum
 
@@ -36,7 +37,7 @@ def arrangement(rng, count):
     return rng.uniform([-800.0, -800.0, 2900.0], [800.0, 800.0, 3100.0], (count, 3))
 
 
-def test_the_displacement_is_that_of_joint_least_squares():
+def test_the_displacement_is_that_of_joint_least_squares(as_stored):
     """Unknown positions of all nodes and the displacement, solved together."""
     rng = np.random.default_rng(1)
     positions = arrangement(rng, 4)
@@ -59,9 +60,10 @@ def test_the_displacement_is_that_of_joint_least_squares():
     np.testing.assert_allclose(found.value, (joint @ design.T @ weight @ data)[15:], atol=1e-8)
     np.testing.assert_allclose(found.covariance, joint[15:, 15:], rtol=1e-6, atol=1e-12)
     assert found.degrees == 6.0
+    as_stored(found)
 
 
-def test_a_campaign_in_another_frame_gives_the_same_displacement():
+def test_a_campaign_in_another_frame_gives_the_same_displacement(as_stored):
     rng = np.random.default_rng(2)
     here = (38.0, 143.2)
     there = (38.3, 142.9)
@@ -94,9 +96,10 @@ def test_a_campaign_in_another_frame_gives_the_same_displacement():
     found = displacement_between(later, moved)
     np.testing.assert_allclose(found.value, same.value, atol=1e-4)
     np.testing.assert_allclose(found.covariance, same.covariance, rtol=1e-4, atol=1e-8)
+    as_stored(found)
 
 
-def test_a_changed_arrangement_widens_the_standard_deviations():
+def test_a_changed_arrangement_widens_the_standard_deviations(as_stored):
     rng = np.random.default_rng(3)
     names = ["A", "B", "C"]
     positions = arrangement(rng, 3)
@@ -106,6 +109,7 @@ def test_a_changed_arrangement_widens_the_standard_deviations():
     assert found.probability < 1e-3
     assert found.widening == pytest.approx(np.sqrt(found.chi_square / found.degrees))
     assert "arrangement" in found.notes[0]
+    as_stored(found)
 
 
 def test_a_rigid_array_has_the_displacement_of_its_shift():
@@ -131,7 +135,7 @@ def test_campaigns_without_common_nodes_or_frames_are_refused():
     refused(LocateError, "without latitude and longitude", displacement_between, one, geographic)
 
 
-def test_an_earlier_campaign_is_earlier_and_of_the_same_place():
+def test_an_earlier_campaign_is_earlier_and_of_the_same_place(as_stored):
     rng = np.random.default_rng(6)
     now, before = (made_campaign(rng, ["A"], np.array([[0.0, 0.0, 1000.0]])) for _ in range(2))
     now = replace(now, epoch=np.datetime64("2020-01-01", "ns"))
@@ -142,6 +146,8 @@ def test_an_earlier_campaign_is_earlier_and_of_the_same_place():
     refused(LocateError, "exchange the two campaigns", displacement_between, now, future)
     far = replace(before, positions=before.positions + np.array([2e5, 0.0, 0.0]))
     refused(LocateError, "nodes are 2e.05 m from those", displacement_between, now, far)
+    as_stored([found, found.as_dict(), found.table])
+    as_stored(campaign_features(replace(now, origin=(38.0, 143.2))), name="features")
 
 
 def file_of(**changes):

@@ -17,7 +17,7 @@ EXACT = {"gnss": 0.0, "red": 0.0}
 
 
 @pytest.mark.parametrize("memory", [np.inf, 1800.0])
-def test_a_drift_is_a_constant_a_line_and_columns_of_variance_one(memory):
+def test_a_drift_is_a_constant_a_line_and_columns_of_variance_one(memory, as_stored):
     times = np.linspace(0.0, 7200.0, 50)[:, None] + [0.0, 2.0]
     spline = Spline(times, 600.0, 40, memory)
     basis = spline._basis
@@ -28,6 +28,7 @@ def test_a_drift_is_a_constant_a_line_and_columns_of_variance_one(memory):
     assert columns[0, 1] == pytest.approx(-columns[-1, 1])
     drift = columns[:, 2:] * spline.unit[2:]
     assert np.mean(np.sum(drift**2, axis=1)) == pytest.approx(1.0, rel=0.05)
+    as_stored([columns, spline.unit])
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +44,10 @@ def drifting():
 @pytest.fixture(scope="module")
 def located(drifting, medium):
     return locate(drifting.survey, medium)
+
+
+def test_numbers_of_a_survey_in_drifting_water_stay(located, as_stored):
+    as_stored([located.tables, located.hyperparameters, located.tests, located.spread])
 
 
 def centre(location):
@@ -71,13 +76,14 @@ def halves_chi_square(survey, medium):
         ),
     ],
 )
-def test_the_roughness_of_the_water_is_selected(medium, water, has_memory):
+def test_the_roughness_of_the_water_is_selected(medium, water, has_memory, as_stored):
     made = drifting_survey(
         5, water=water, nodes=1, hours=12.0, pings=900, sigma=5e-5, rms=2e-4, **EXACT
     )
     model = locate(made.survey, medium).hyperparameters
     assert model["sound_speed"] == "time"
     assert (model["sound_speed_memory_s"] is not None) == has_memory
+    as_stored(model, without="correlation_shared")
 
 
 def test_the_covariance_is_that_of_the_mixture_of_allowed_models(located, drifting, medium):
@@ -123,7 +129,7 @@ def test_the_difference_of_parts_has_the_covariance_of_two_estimates(located):
         )
 
 
-def test_a_node_that_moves_fails_the_test_of_halves(medium):
+def test_a_node_that_moves_fails_the_test_of_halves(medium, as_stored):
     made = drifting_survey(
         8, water=constant_water, nodes=1, pings=600, hours=12.0, sigma=1e-4, **EXACT
     )
@@ -148,6 +154,7 @@ def test_a_node_that_moves_fails_the_test_of_halves(medium):
     assert "FAILED" in test.text
     assert found.widening**2 >= test.chi_square / test.degrees - 1e-9
     assert found.nodes["sigma_north_m"][0] == pytest.approx(np.sqrt(found.covariance[0, 0]))
+    as_stored([wide, found.tests, found.nodes])
 
 
 @pytest.mark.parametrize(
@@ -165,13 +172,14 @@ def test_failed_tests_widen_the_standard_deviations(tests, factor):
     assert widening(tests) == pytest.approx(factor)
 
 
-def test_few_pings_have_no_test_of_parts(drifting, medium):
+def test_few_pings_have_no_test_of_parts(drifting, medium, as_stored):
     few = drifting.survey.rows(np.arange(0, 600, 40))
     found = locate(few, medium, LocateOptions(speed_model="scale"))
     assert part_tests(found.solution, found.spread) == []
+    as_stored(found.nodes)
 
 
-def test_a_model_that_is_not_allowed_is_never_called_the_best(medium):
+def test_a_model_that_is_not_allowed_is_never_called_the_best(medium, as_stored):
     def exact(_, time, __):
         return np.zeros(time.size)
 
@@ -185,6 +193,7 @@ def test_a_model_that_is_not_allowed_is_never_called_the_best(medium):
     assert "known is lower" in found.selection
     requested = locate(made.survey, medium, LocateOptions(speed_model="scale"))
     assert requested.selection == "as requested"
+    as_stored([table, found.selection])
 
 
 def test_the_solution_is_that_of_the_chosen_candidate(located):

@@ -48,6 +48,7 @@ def located(told, folder, name, *words):
     return told(
         *("locate", folder / name, "--nodes", folder / "nodes.csv"),
         *("--profile", folder / "cast.csv", "--sound-speed", "scale", *words),
+        without="candidates|probability|chi_square|budget",
     )["nodes"][0]
 
 

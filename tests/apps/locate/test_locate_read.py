@@ -31,7 +31,7 @@ def edited(path, *changes):
 
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
-def test_files_of_garpos_are_read_as_they_stand(campaign, tmp_path, end):
+def test_files_of_garpos_are_read_as_they_stand(campaign, tmp_path, end, as_stored):
     survey = read_survey(write_garpos(campaign, tmp_path, end=end, lever_sigma=(0.1, 0.2, 0.3)))
     assert survey.names == campaign.names
     np.testing.assert_allclose([node.position for node in survey.nodes], campaign.prior, atol=1e-4)
@@ -46,9 +46,13 @@ def test_files_of_garpos_are_read_as_they_stand(campaign, tmp_path, end):
     assert str(survey.epoch)[:10] == "2019-03-15"
     assert survey.profile[0][-1] == 3000.0
     assert survey.rigid is None
+    if end == "\n":
+        as_stored(survey)
 
 
-def test_garpos_flags_exclude_pings_and_missing_columns_have_defaults(campaign, tmp_path):
+def test_garpos_flags_exclude_pings_and_missing_columns_have_defaults(
+    campaign, tmp_path, as_stored
+):
     path = write_garpos(campaign, tmp_path)
     table = tmp_path / "obsdata" / "SITE-obs.csv"
     lines = table.read_text().splitlines()
@@ -65,6 +69,7 @@ def test_garpos_flags_exclude_pings_and_missing_columns_have_defaults(campaign, 
     assert survey.flagged.nonzero()[0].tolist() == [2]
     assert (survey.transmit_attitude[:, 1] == 0.0).all()
     assert len(survey) == campaign.time.size
+    as_stored(survey)
 
 
 def test_times_of_garpos_may_be_unordered_and_of_any_clock(campaign, tmp_path):
@@ -129,7 +134,7 @@ def test_a_reception_before_its_transmission_is_refused_by_its_line(campaign, tm
     refused(LocateError, "line 4: RT 100.0* is not after ST", read_survey, path)
 
 
-def test_scripps_text_has_one_position_per_ping_at_both_ends(tmp_path):
+def test_scripps_text_has_one_position_per_ping_at_both_ends(tmp_path, as_stored):
     path, _ = write_obsrange(tmp_path)
     survey = read_survey(path)
     assert len(survey) == 60
@@ -143,6 +148,7 @@ def test_scripps_text_has_one_position_per_ping_at_both_ends(tmp_path):
     moved = received.receive_position - received.transmit_position
     speed = np.linalg.norm(moved[20, :2]) / received.travel_time[20]
     assert 0.5 < speed < 30.0  # m/s, as the ship's places a minute apart say
+    as_stored([survey, received])
 
 
 WHOI = """#==============================================================================
@@ -164,7 +170,7 @@ WHOI = """#=====================================================================
 """
 
 
-def test_woods_hole_text_has_a_turn_around_time_and_crosses_midnight(tmp_path):
+def test_woods_hole_text_has_a_turn_around_time_and_crosses_midnight(tmp_path, as_stored):
     path = tmp_path / "S05.txt"
     path.write_text(WHOI)
     survey = read_survey(path)
@@ -175,6 +181,7 @@ def test_woods_hole_text_has_a_turn_around_time_and_crosses_midnight(tmp_path):
     assert survey.frame.longitude_deg == pytest.approx(-91.809348333)
     np.testing.assert_allclose(survey.time, [0.0, 3.0])
     np.testing.assert_allclose(survey.travel_time, [3.106, 3.104])
+    as_stored(survey)
 
 
 @pytest.mark.parametrize(
@@ -204,11 +211,12 @@ def test_wrong_tables_are_refused_in_one_line(campaign, tmp_path, change, messag
     refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
 
 
-def test_without_nodes_a_depth_is_needed(campaign, tmp_path):
+def test_without_nodes_a_depth_is_needed(campaign, tmp_path, as_stored):
     pings, _ = write_table(campaign, tmp_path)
     refused(LocateError, "the depth of node N1 is unknown; give `depth`", read_survey, pings)
     survey = read_survey(pings, ReadOptions(depth=1300.0))
     assert {node.position[2] for node in survey.nodes} == {1300.0}
+    as_stored(survey)
 
 
 def test_swapped_coordinates_of_nodes_are_refused(tmp_path):
@@ -348,7 +356,7 @@ def test_a_table_of_mostly_unreadable_rows_is_refused_in_one_line(campaign, tmp_
     refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
 
 
-def test_rows_that_omit_their_last_optional_cells_are_whole(tmp_path):
+def test_rows_that_omit_their_last_optional_cells_are_whole(tmp_path, as_stored):
     pings = tmp_path / "pings.csv"
     rows = [f"{10 * i},A,1.8,34.96{i},139.26" for i in range(4)]
     pings.write_text(
@@ -359,6 +367,7 @@ def test_rows_that_omit_their_last_optional_cells_are_whole(tmp_path):
     survey = read_survey(pings, ReadOptions(depth=1300.0))
     assert len(survey) == 5
     assert survey.notes == ()
+    as_stored(survey)
 
 
 @pytest.mark.parametrize("bad", ["99 52.9270 S", "4 62.9270 S"])
@@ -374,7 +383,9 @@ def test_a_latitude_that_does_not_exist_is_left_out(tmp_path, bad):
 @pytest.mark.parametrize(
     "bad", ["741052807.0 0 0 0", "741052807.0 1e9 0 0", "741052807.0 -2.6e6 -4.5e6 3.6"]
 )
-def test_positions_of_gnatss_that_are_not_on_the_earth_are_left_out(campaign, tmp_path, bad):
+def test_positions_of_gnatss_that_are_not_on_the_earth_are_left_out(
+    campaign, tmp_path, bad, as_stored
+):
     path = write_gnatss(campaign, tmp_path)
     whole = read_survey(path)
     file = next(f for f in tmp_path.rglob("*POS*"))
@@ -382,6 +393,8 @@ def test_positions_of_gnatss_that_are_not_on_the_earth_are_left_out(campaign, tm
     survey = read_survey(path)
     np.testing.assert_array_equal(survey.transmit_position, whole.transmit_position)
     assert survey.notes[-1].startswith(f"{file}: 1 line left out, not readable: line ")
+    if bad.endswith("1e9 0 0"):
+        as_stored(survey)
 
 
 def log_of(kind, campaign, folder):
@@ -413,7 +426,7 @@ def test_pings_that_occur_twice_count_once(campaign, tmp_path, kind):
     assert f": {count} pings counted once: lines {len(lines) + 1}, " in note
 
 
-def test_files_may_be_joined_in_any_order(campaign, tmp_path):
+def test_files_may_be_joined_in_any_order(campaign, tmp_path, as_stored):
     pings, nodes = write_table(campaign, tmp_path)
     whole = read_survey(pings, ReadOptions(nodes=nodes))
     lines = pings.read_text().splitlines()
@@ -428,6 +441,7 @@ def test_files_may_be_joined_in_any_order(campaign, tmp_path):
         f"{len(rows) - half} pings counted o",
         "time 0 s is before",
     ]
+    as_stored(survey)
 
 
 def geographic(tmp_path, change=pd.DataFrame.copy):
@@ -456,7 +470,7 @@ def test_a_survey_is_that_without_its_impossible_positions(tmp_path, place, rows
     assert f"left out, impossible position: line {rows[0] + 2}: position " in note
 
 
-def test_mixed_turns_of_longitude_are_one_survey(tmp_path):
+def test_mixed_turns_of_longitude_are_one_survey(tmp_path, as_stored):
     survey = geographic(tmp_path)
 
     def turn(table):
@@ -466,6 +480,22 @@ def test_mixed_turns_of_longitude_are_one_survey(tmp_path):
     np.testing.assert_allclose(turned.transmit_position, survey.transmit_position, atol=1e-6)
     np.testing.assert_allclose(turned.nodes[0].position, survey.nodes[0].position, atol=1e-6)
     assert not turned.notes
+    as_stored(turned)
+
+
+def test_a_survey_in_another_frame_has_the_same_places(campaign, tmp_path, as_stored):
+    survey, frame = geographic(tmp_path), LocalFrame(44.9, -124.2)
+    moved = survey.in_frame(frame)
+    there, here = (one.transmit_position[:, :2].T for one in (moved, survey))
+    np.testing.assert_allclose(
+        frame.to_geodetic(*there), survey.frame.to_geodetic(*here), atol=1e-9
+    )
+    as_stored(moved)
+    plane = read_survey(write_garpos(campaign, tmp_path)).in_frame(LocalFrame(34.8, 139.5))
+    assert plane.depth_reference == "surface"
+    as_stored(plane, name="plane")
+    local = read_survey(write_table(campaign, tmp_path)[0], ReadOptions(depth=1300.0))
+    refused(LocateError, "its positions are not geographic", local.in_frame, frame)
 
 
 def test_radians_and_times_that_pass_midnight_are_refused(tmp_path):

@@ -3,6 +3,8 @@ Positions from made-up surveys: truth within the stated uncertainty, gross error
 solutions, failures told.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from campaigns import GRADIENT, SURFACE_SPEED, direct_time, make_campaign, survey_of, water
@@ -20,8 +22,10 @@ from pymantaray.apps.locate import (
     Survey,
     TravelDirection,
     locate,
+    page,
 )
 from pymantaray.apps.locate.checks import check_survey
+from pymantaray.apps.locate.displacement import campaign_of
 from pymantaray.apps.locate.evidence import posterior
 from pymantaray.apps.locate.linear import Linearization
 from pymantaray.apps.locate.mirror import with_mirrors
@@ -62,6 +66,19 @@ def test_positions_are_true_within_their_covariance(located, campaign):
     assert located.solution.settled
     assert located.nodes["status"].tolist() == ["ok"] * 3
     assert located.hyperparameters["sigma_s"] == pytest.approx(1e-4, rel=0.15)
+
+
+def test_numbers_of_a_located_survey_stay(located, as_stored):
+    as_stored(located, without="candidates")
+    as_stored(
+        [located.tables, located.centre, located.covariance, located.mean_speed], name="tables"
+    )
+    before = campaign_of(located)
+    before = replace(
+        before, positions=before.positions + np.array([0.3, -0.2, 0.1]), source="before"
+    )
+    later = located.since(before)
+    as_stored([later.displacement.as_dict(), page._cards(later)], name="displacement")
 
 
 def test_the_model_that_made_the_data_is_chosen_and_no_test_fails(located):
@@ -112,7 +129,7 @@ def test_absolute_and_relative_uncertainties_are_reported_apart(located):
     assert located.centre["sigma_depth_m"] > 3.0 * nodes["relative_sigma_depth_m"].max()
 
 
-def test_derivatives_are_those_of_the_predicted_times(campaign, medium):
+def test_derivatives_are_those_of_the_predicted_times(campaign, medium, as_stored):
     few = np.arange(0, 60)
     survey = survey_of(
         campaign, turn_around_sigma=1e-3, lever=LeverArm(campaign.lever[0], (0.1, 0.1, 0.1))
@@ -148,9 +165,10 @@ def test_derivatives_are_those_of_the_predicted_times(campaign, medium):
         np.testing.assert_allclose(
             rows[:, column], numeric, rtol=2e-5, atol=2e-5 * np.abs(numeric).max()
         )
+    as_stored([legs, rows])
 
 
-def test_whitening_and_evidence_are_those_of_the_whole_covariance(campaign, medium):
+def test_whitening_and_evidence_are_those_of_the_whole_covariance(campaign, medium, as_stored):
     """
     The filter over rows against the covariance matrix written out, and the evidence against the
     density of the data.
@@ -189,6 +207,7 @@ def test_whitening_and_evidence_are_those_of_the_whole_covariance(campaign, medi
         np.zeros(int(used.sum())), sigma**2 * whole + prior, allow_singular=True
     )
     assert found.log_evidence == pytest.approx(density.logpdf(residual), rel=1e-6)
+    as_stored([products, found])
 
 
 @pytest.mark.parametrize(
@@ -200,7 +219,7 @@ def test_whitening_and_evidence_are_those_of_the_whole_covariance(campaign, medi
         pytest.param({"sigma": 3e-5}, id="noise stated too small"),
     ],
 )
-def test_leaving_a_term_out_fails_the_chi_square_test(campaign, medium, change):
+def test_leaving_a_term_out_fails_the_chi_square_test(campaign, medium, change, as_stored):
     survey = survey_of(campaign, sigma=change.get("sigma", 1e-4))
     if "lever" in change:
         survey = survey.assign(lever=change["lever"])
@@ -213,6 +232,7 @@ def test_leaving_a_term_out_fails_the_chi_square_test(campaign, medium, change):
     options = LocateOptions(speed_model=change.get("kind", "time"), correlation="none")
     found = locate(survey, medium, options)
     assert not found.passed
+    as_stored([found.nodes, found.tests, found.hyperparameters])
     if "sigma" in change:  # the covariance contains the estimated noise
         assert found.widening == 1.0
         return
@@ -225,7 +245,7 @@ def test_leaving_a_term_out_fails_the_chi_square_test(campaign, medium, change):
     assert nees(found, campaign.truth) < chi2.ppf(0.999, 9)
 
 
-def test_a_start_2_km_off_converges(campaign, medium):
+def test_a_start_2_km_off_converges(campaign, medium, as_stored):
     survey = survey_of(campaign)
     away = [
         Node(
@@ -239,6 +259,7 @@ def test_a_start_2_km_off_converges(campaign, medium):
     found = locate(survey.assign(nodes=away), medium, TIME)
     assert nees(found, campaign.truth) < chi2.ppf(0.999, 9)
     np.testing.assert_array_equal(found.solution.used, ~campaign.gross)
+    as_stored([found.nodes, found.tests, found.hyperparameters])
 
 
 def line_survey(campaign, offset):
@@ -262,7 +283,7 @@ def line_survey(campaign, offset):
     )
 
 
-def test_a_survey_along_a_line_reports_both_solutions(campaign, medium):
+def test_a_survey_along_a_line_reports_both_solutions(campaign, medium, as_stored):
     truth, survey = line_survey(campaign, 400.0)
     found = locate(survey, medium, SCALE)
     (mirror,) = found.mirrors
@@ -271,9 +292,10 @@ def test_a_survey_along_a_line_reports_both_solutions(campaign, medium):
     ends = sorted([found.positions[0, 1], mirror.east])
     np.testing.assert_allclose(ends, [-400.0, 400.0], atol=2.0)
     np.testing.assert_allclose([mirror.north, found.positions[0, 0]], truth[0], atol=2.0)
+    as_stored([mirror, found.nodes])
 
 
-def test_the_side_of_lower_chi_square_is_the_solution(campaign, medium):
+def test_the_side_of_lower_chi_square_is_the_solution(campaign, medium, as_stored):
     _, survey = line_survey(campaign, 400.0)
     node = Node(
         "A", (0.0, 390.0, 1300.2), (1000.0, 60.0, 0.3)
@@ -290,6 +312,7 @@ def test_the_side_of_lower_chi_square_is_the_solution(campaign, medium):
     expected = ((-400.0 - 390.0) ** 2 - (400.0 - 390.0) ** 2) / 60.0**2  # of the prior
     assert mirror.chi_square_difference == pytest.approx(expected, rel=0.1)
     assert not mirror.undecided
+    as_stored([mirror, found.positions, wrong.positions])
 
 
 @pytest.mark.parametrize(
@@ -316,7 +339,7 @@ def test_a_pattern_with_width_has_no_mirror_solution(located):
     assert located.mirrors == []
 
 
-def test_one_way_times_give_clocks_and_positions(campaign, medium):
+def test_one_way_times_give_clocks_and_positions(campaign, medium, as_stored):
     rng = np.random.default_rng(8)
     n, truth = 240, campaign.truth
     node = np.tile(np.arange(3), 80)
@@ -351,9 +374,10 @@ def test_one_way_times_give_clocks_and_positions(campaign, medium):
     table = found.other_unknowns.set_index("unknown")
     estimated = table.loc[[f"{name} clock offset [s]" for name in campaign.names]]
     assert (np.abs(estimated["value"] - offset) < 4.0 * estimated["sigma"]).all()
+    as_stored([found.nodes, found.other_unknowns, found.tests])
 
 
-def test_ranges_between_nodes_shrink_relative_uncertainty(medium):
+def test_ranges_between_nodes_shrink_relative_uncertainty(medium, as_stored):
     campaign = make_campaign(11, pings=60, gross=0.0, drift=0.0)
     survey = survey_of(campaign)
     pairs = np.array([[0, 1], [1, 2], [2, 0]] * 20)
@@ -380,9 +404,10 @@ def test_ranges_between_nodes_shrink_relative_uncertainty(medium):
     assert joint.solution.used[-60:].all()
     columns = ["relative_sigma_north_m", "relative_sigma_east_m"]
     assert (joint.nodes[columns].to_numpy() < alone.nodes[columns].to_numpy()).all()
+    as_stored([joint.nodes, joint.pings, joint.tests])
 
 
-def test_a_rigid_array_moves_as_one(medium):
+def test_a_rigid_array_moves_as_one(medium, as_stored):
     campaign = make_campaign(5, pings=60, drift=0.0, prior_sigma=(0.0, 0.0, 0.0))
     survey = survey_of(campaign)
     shift = np.array([1.2, -0.8, 0.6])
@@ -395,9 +420,10 @@ def test_a_rigid_array_moves_as_one(medium):
     np.testing.assert_allclose(found.positions - campaign.truth, 0.0, atol=0.5)
     apart = found.positions - found.positions[0]
     np.testing.assert_allclose(apart, campaign.truth - campaign.truth[0], atol=1e-9)
+    as_stored([found.nodes, found.tests, found.hyperparameters], without="relative_sigma")
 
 
-def test_correlated_noise_is_recognized(medium):
+def test_correlated_noise_is_recognized(medium, as_stored):
     campaign = make_campaign(6, drift=0.0, gross=0.0, pings=250, interval=20.0)
     rng, time = np.random.default_rng(0), campaign.time
     apart = np.abs(time[:, None] - time)
@@ -414,21 +440,25 @@ def test_correlated_noise_is_recognized(medium):
     assert white.widening > 1.5
     narrow = white.nodes["sigma_north_m"] / white.widening
     assert (found.nodes["sigma_north_m"] > 1.5 * narrow).all()
+    as_stored([found.nodes, model, found.candidates, white.tests])
 
 
-def test_a_node_that_no_ray_reaches_has_a_status(campaign, medium):
+def test_a_node_that_no_ray_reaches_has_a_status(campaign, medium, as_stored):
     survey = survey_of(campaign)
     far = survey.transmit_position.copy()
     far[survey.node == 2] += [60e3, 0.0, 0.0]  # the profile bends rays up before they get there
+    far[np.flatnonzero(survey.node == 1)[:3]] += [60e3, 0.0, 0.0]
     nodes = [*survey.nodes[:2], Node("N3", survey.nodes[2].position, (0.0, 0.0, 0.0), 0.013)]
     found = locate(
         survey.assign(transmit_position=far, receive_position=far, nodes=nodes), medium, SCALE
     )
+    assert found.nodes["status"][:2].tolist() == ["ok", "ok"]
     assert found.nodes["status"][2] in ("no ray", "too few pings")
     assert all(word.startswith("no ray") or "ms" in word for word in found.reason[survey.node == 2])
+    as_stored([found.nodes, found.pings])
 
 
-def test_a_node_above_the_platform_has_a_status(campaign, medium):
+def test_a_node_above_the_platform_has_a_status(campaign, medium, as_stored):
     truth, survey = line_survey(campaign, 400.0)
     place = survey.transmit_position + np.array([0.0, 0.0, 1500.0])
     place[40:, 1], place[40:, 0] = place[40:, 0], 0.0
@@ -440,9 +470,10 @@ def test_a_node_above_the_platform_has_a_status(campaign, medium):
     )
     assert found.nodes["status"].tolist() == ["above the platform"]
     assert nees(found, truth[None]) < chi2.ppf(0.999, 3)
+    as_stored([found.nodes, found.tests, found.hyperparameters])
 
 
-def test_an_answer_of_another_node_is_named(medium):
+def test_an_answer_of_another_node_is_named(medium, as_stored):
     campaign = make_campaign(3, drift=0.0)
     survey = survey_of(campaign)
     ones = predict(
@@ -459,6 +490,7 @@ def test_an_answer_of_another_node_is_named(medium):
     assert not found.solution.used[rows].any()
     expected = [f"answer of {campaign.names[(survey.node[row] + 1) % 3]}" for row in rows]
     assert [found.reason[row].split(" (")[0] for row in rows] == expected
+    as_stored([found.reason[rows], found.nodes])
 
 
 def test_the_wrong_sign_of_a_lever_arm_is_refused(campaign, medium):
@@ -553,7 +585,7 @@ def test_ellipses_cover_the_truth_and_normalized_errors_are_right(medium):
     assert passed >= 18
 
 
-def test_a_later_echo_is_named_with_its_reflections():
+def test_a_later_echo_is_named_with_its_reflections(as_stored):
     """
     Water of one speed: a reflected path is straight to the mirror image of the ship's transducer or
     of the node.
@@ -576,6 +608,7 @@ def test_a_later_echo_is_named_with_its_reflections():
     words = [found.reason[row].split(" (")[0] for row in (7, 50, 30)]
     assert words[0] == words[1] == "later echo, 0 surface and 1 bottom reflections on one leg"
     assert words[2] == "later echo, 0 surface and 1 bottom reflections on both legs"
+    as_stored([found.reason[[7, 50, 30]], found.pings])
 
 
 def test_a_survey_without_unknowns_is_refused(medium, campaign):
@@ -587,7 +620,7 @@ def test_a_survey_without_unknowns_is_refused(medium, campaign):
     )
 
 
-def test_amplitudes_of_modes_are_estimated_with_positions(medium):
+def test_amplitudes_of_modes_are_estimated_with_positions(medium, as_stored):
     """
     A mode that grows with depth changes the gradient of the profile, whose travel times are known
     in closed form.
@@ -627,6 +660,7 @@ def test_amplitudes_of_modes_are_estimated_with_positions(medium):
         medium,
         LocateOptions(speed_model="modes"),
     )
+    as_stored([found.nodes, found.hyperparameters, found.sound_speed])
 
 
 @pytest.mark.slow
@@ -690,7 +724,7 @@ def flat(depth=300.0, *, lift=0.0, bottom=400.0, draft=0.0, prior=290.0):
 KNOWN = LocateOptions(speed_model="known", correlation="none")
 
 
-def test_a_transducer_far_above_the_surface_is_refused():
+def test_a_transducer_far_above_the_surface_is_refused(as_stored):
     survey, medium = flat(lift=18.0)
     refused(
         LocateError,
@@ -713,6 +747,7 @@ def test_a_transducer_far_above_the_surface_is_refused():
             locate, survey.assign(lever=lever,
             transmit_position=flat()[0].transmit_position,
             receive_position=flat()[0].receive_position), medium)  # fmt: skip
+    as_stored([located.nodes, located.rms])
 
 
 def test_a_node_below_the_bed_or_above_the_surface_is_refused():

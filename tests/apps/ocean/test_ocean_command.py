@@ -35,9 +35,10 @@ depth_m,temperature_degC,practical_salinity
 """
 
 
-def test_a_usable_ocean_exits_with_0_and_counts_doubts(mantaray, ocean_file):
+def test_a_usable_ocean_exits_with_0_and_counts_doubts(mantaray, ocean_file, as_stored):
     result = mantaray("ocean", "check", ocean_file)
     lines = result.out.splitlines()
+    as_stored(lines)
     assert result.code == 0
     assert lines[0].startswith("doubtful: made up")
     assert lines[-1] == f"0 wrong, {len(lines) - 1} doubtful"
@@ -145,7 +146,7 @@ def test_the_plan_of_a_fleet_holds_starts_targets_and_landmarks():
         assert plan[v.name][0, 2] < 1.0
 
 
-def test_show_prints_extent_levels_time_and_ranges(mantaray, told, ocean_file):
+def test_show_prints_extent_levels_time_and_ranges(mantaray, told, ocean_file, as_stored):
     with xr.open_dataset(ocean_file, engine="scipy") as data:
         spans = [
             f"{float(bound):.2f}" for bound in (data["water_temp"].min(), data["water_temp"].max())
@@ -163,6 +164,7 @@ def test_show_prints_extent_levels_time_and_ranges(mantaray, told, ocean_file):
         assert text in shown[0]
     assert "\n0 2 4 6 8 10 12" in shown[0]
     assert shown[0] != shown[1]
+    as_stored(shown)
     values = told("ocean", "show", ocean_file)
     assert values["levels_m"][:3] == [0.0, 2.0, 4.0]
     assert values["region"]["grid points, latitude"] == 17
@@ -183,11 +185,14 @@ def test_show_has_the_domain_and_the_sea_floor_of_its_options(told, mantaray, oc
     )
 
 
-def test_made_oceans_have_the_domain_and_refuse_a_sea_floor(mantaray, ocean_file, tmp_path):
+def test_made_oceans_have_the_domain_and_refuse_a_sea_floor(
+    mantaray, ocean_file, tmp_path, as_stored
+):
     words = ("ocean", "perturb", ocean_file, tmp_path / "mean.nc", "--method", "mean")
     assert mantaray(*words, "--half-extent", 10000, "10km").code == 0
     with xr.open_dataset(ocean_file) as data, xr.open_dataset(tmp_path / "mean.nc") as mean:
         assert mean.sizes["lat"] < data.sizes["lat"]
+    as_stored(tmp_path / "mean.nc")
     result = mantaray(*words, "--force", "--bathymetry", 900)
     assert (result.code, "--bathymetry applies to a profile here" in result.err) == (2, True)
 
@@ -314,12 +319,13 @@ MADE = {  # what is told, the command and what it calls
 
 
 @pytest.mark.parametrize("says", MADE)
-def test_oceans_are_made_by_commands_as_by_functions(make, says):
+def test_oceans_are_made_by_commands_as_by_functions(make, says, as_stored):
     words, function = MADE[says]
     line = make(*words.split())
     assert line.startswith("new.nc: ")
     assert says in line
     found, expected = load("new.nc"), function()
+    as_stored({"line": line, "ocean": found})
     xr.testing.assert_equal(found, expected)
     seed = [f"seed {words.split()[-1] if '--seed' in words else 0}"] if BY_MODES in words else []
     assert found.attrs["history"].splitlines() == expected.attrs["history"].splitlines() + seed
@@ -358,7 +364,7 @@ ASVP = (
 )
 
 
-def test_casts_are_converted_or_refused_in_one_line(mantaray, tmp_path, monkeypatch):
+def test_casts_are_converted_or_refused_in_one_line(mantaray, tmp_path, monkeypatch, as_stored):
     monkeypatch.chdir(tmp_path)
     Path("sound.asvp").write_text(ASVP)
     table = "depth,temperature,salinity,lat,lon\n" + "".join(
@@ -373,6 +379,7 @@ def test_casts_are_converted_or_refused_in_one_line(mantaray, tmp_path, monkeypa
         "100.50 1440.20",
         "300.00 1450.00",
     ]
+    as_stored([Path("again.nc"), Path("again.asvp").read_text()])
     time = ("--time", "2014-07-24T19:20")
     thin = mantaray("ocean", "convert-cast", "cast.csv", "thin.asvp", "--thin", 0.1, *time)
     assert (thin.code, len(Path("thin.asvp").read_text().splitlines()) < 50) == (0, True)
@@ -414,11 +421,12 @@ def test_rays_run_in_an_instruments_profile(told, tmp_path, monkeypatch):
     )  # at 65 m
 
 
-def test_profiles_are_shown_without_a_sea_bed(mantaray, tmp_path, monkeypatch):
+def test_profiles_are_shown_without_a_sea_bed(mantaray, tmp_path, monkeypatch, as_stored):
     monkeypatch.chdir(tmp_path)
     Path("sound.asvp").write_text(ASVP)
     shown = mantaray("ocean", "show", "sound.asvp")
     assert shown.code == 0
+    as_stored(shown.out)
     for words in (
         "profile     sound",
         "2014-07-24 19:20 UTC",
@@ -438,7 +446,7 @@ def test_profiles_are_shown_without_a_sea_bed(mantaray, tmp_path, monkeypatch):
 
 
 def test_check_show_and_plot_open_a_climatology_without_currents(
-    mantaray, undrawn, tmp_path, ocean_file
+    mantaray, undrawn, tmp_path, ocean_file, as_stored
 ):
     """Of two instants, all take the first; the second is colder by 2 degC."""
     with xr.open_dataset(ocean_file) as one:
@@ -459,6 +467,7 @@ def test_check_show_and_plot_open_a_climatology_without_currents(
     show = mantaray("ocean", "show", path)
     plot = mantaray("ocean", "plot", path, "--out", tmp_path / "figures")
     assert (check.code, show.code, plot.code) == (0, 0, 0), plot.err
+    as_stored({"check": check.out, "show": show.out})
     assert line in check.out
     assert line in show.out
     assert line in plot.err
@@ -482,7 +491,7 @@ def test_a_range_in_another_form_names_its_own(mantaray, tmp_path):
     assert "found '0-20'; it must be START:STOP[:STEP] in metres, such as 0:200:5" in done.err
 
 
-def test_water_in_metres_shows_its_region(mantaray, told, tmp_path):
+def test_water_in_metres_shows_its_region(mantaray, told, tmp_path, as_stored):
     axes = {"north": [-1e3, 1e3], "east": [-2e3, 2e3], "depth": [0.0, 100.0, 400.0]}
     speed = np.broadcast_to([1450.0, 1440.0, 1455.0], (2, 2, 3))
     floor = {"sea_floor_depth": (("north", "east"), np.full((2, 2), 400.0))}
@@ -492,6 +501,7 @@ def test_water_in_metres_shows_its_region(mantaray, told, tmp_path):
     water.to_netcdf(tmp_path / "metres.nc")
     rows = told("ocean", "show", tmp_path / "metres.nc")["region"]
     shown = mantaray("ocean", "show", tmp_path / "metres.nc").out
+    as_stored(shown)
     assert len(rows) > 2
     assert any("1440" in str(value) for row in rows for value in row.values())
     assert all(str(next(iter(row.values()))) in shown for row in rows)

@@ -42,7 +42,7 @@ def assert_same_pose(one, other):
         np.testing.assert_array_equal(a, b)
 
 
-def test_the_last_pose_is_that_of_the_batch_if_all_is_nearly_linear():
+def test_the_last_pose_is_that_of_the_batch_if_all_is_nearly_linear(as_stored):
     fleet = factories.make_fleet(seed=4, gnss_every=8, n_landmarks=2, n_vehicles=2)
     o = fleet.noise_free
     sigmas = (
@@ -72,6 +72,7 @@ def test_the_last_pose_is_that_of_the_batch_if_all_is_nearly_linear():
             rtol=0,
             atol=5e-3 * sigma.max() ** 2,
         )
+    as_stored([estimator.pose(vehicle=name) for name in estimator.vehicles])
 
 
 def test_the_filter_of_a_graph_is_this_one_fed_in_order():
@@ -95,7 +96,7 @@ def test_the_filter_of_a_graph_is_this_one_fed_in_order():
     )
 
 
-def test_ranges_reduce_the_error_and_the_covariance_covers_it():
+def test_ranges_reduce_the_error_and_the_covariance_covers_it(as_stored):
     calls, truth = mission()
     with_ranges, without = new(gate=math.inf), new(gate=math.inf)
     feed(with_ranges, calls)
@@ -104,6 +105,9 @@ def test_ranges_reduce_the_error_and_the_covariance_covers_it():
     sigma = np.sqrt(np.diag(with_ranges.covariance()))
     assert np.linalg.norm(sigma) < 0.5 * np.sqrt(np.trace(without.covariance()))
     assert (np.abs(with_ranges.position() - truth[end]) < 4.0 * sigma).all()
+    as_stored(
+        {"with": with_ranges.pose(), "without": without.pose(52.3), "n": with_ranges.counts()}
+    )
 
 
 @pytest.mark.parametrize("delay", [2.0, 25.0])
@@ -121,7 +125,7 @@ def test_the_order_of_arrival_does_not_change_a_digit(delay):
         assert_same_pose(in_order.pose(time), late.pose(time))
 
 
-def test_a_pose_within_a_step_is_that_of_two_half_steps():
+def test_a_pose_within_a_step_is_that_of_two_half_steps(as_stored):
     twist, sigma = np.array([0.1, -0.2, 0.4, 1.5, 0.3, -0.2]), np.full(6, 1e-3)
     whole, halves = new(), new()
     for estimator, n in ((whole, 1), (halves, 2)):
@@ -133,9 +137,10 @@ def test_a_pose_within_a_step_is_that_of_two_half_steps():
         for one, other in zip(whole.pose(time), halves.pose(time), strict=True):
             np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-12)
     assert not np.allclose(whole.position(0.25), whole.position(0.5))
+    as_stored([whole.pose(0.5), halves.pose(0.75)])
 
 
-def test_a_restored_estimator_continues_with_the_same_digits(tmp_path):
+def test_a_restored_estimator_continues_with_the_same_digits(tmp_path, as_stored):
     calls, _ = mission(50.0)
     file = tmp_path / "state.json"
     whole, first = new(lag=10.0), new(lag=10.0)
@@ -144,6 +149,7 @@ def test_a_restored_estimator_continues_with_the_same_digits(tmp_path):
     early = ("range", (calls[half][1][0] + 0.3, "north", 0.6, 2e-4), {})
     feed(first, calls[:half])
     first.save(file)
+    as_stored(read_state(file))
     second = OnlineEstimator.restore(file, SPEED)
     assert_same_pose(first.pose(), second.pose())
     assert second.counts() == first.counts()
@@ -227,7 +233,7 @@ def test_a_table_has_the_derivatives_of_finite_differences(table):
     assert not model.predict(far).possible.any()
 
 
-def test_a_table_and_eigenrays_give_the_same_position(table, water):
+def test_a_table_and_eigenrays_give_the_same_position(table, water, as_stored):
     calls, _ = mission()
     medium, _ = water.at_start
     assert isinstance(medium, Medium)
@@ -239,6 +245,7 @@ def test_a_table_and_eigenrays_give_the_same_position(table, water):
     np.testing.assert_allclose(by_table.position(), by_rays.position(), rtol=0, atol=0.3)
     far = OnlineEstimator(START, {"far": Beacon((1e5, 0.0, 50.0))}, table)
     assert far.add_range(0.0, "far", 66.0, 1e-3) == Outcome.NO_ARRIVAL
+    as_stored([by_table.pose(), by_rays.pose()])
 
 
 def test_invalid_input_gives_one_line():

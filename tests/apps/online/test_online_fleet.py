@@ -97,9 +97,13 @@ def test_eigenrays_and_a_table_give_the_same_positions(medium, table):
         )
 
 
-def test_reflected_arrivals_are_gated_with_either_range_model(medium, table):
+def test_reflected_arrivals_are_gated_with_either_range_model(medium, table, as_stored):
     for ranges in (medium, table):
         estimator, outcomes = fly(medium, ranges, later=True)
+        as_stored(
+            [[estimator.pose(vehicle=name) for name in STARTS], estimator.counts()],
+            name="by rays" if ranges is medium else "by a table",
+        )
         number = (END - END // 2) // PING
         assert estimator.counts()["gated"] == number == outcomes.count(Outcome.GATED)
         for name in STARTS:
@@ -107,13 +111,14 @@ def test_reflected_arrivals_are_gated_with_either_range_model(medium, table):
             assert (np.abs(estimator.position(vehicle=name) - place(name, END)) < 4.0 * sigma).all()
 
 
-def test_a_table_holds_in_both_directions(table):
+def test_a_table_holds_in_both_directions(table, as_stored):
     model = TableModel(table)
     shallow, deep = np.array([[0.0, 0.0, 60.0]]), np.array([[800.0, 600.0, 250.0]])
     there = model.predict(RangeEndpoints(np.zeros(1), shallow, deep, np.zeros(1)))
     back = model.predict(
         RangeEndpoints(np.zeros(1), deep, shallow, np.zeros(1))
     )  # 250 m is no source depth of the table
+    as_stored(there)
     assert there.possible.all()
     assert back.possible.all()
     np.testing.assert_array_equal(there.travel_time, back.travel_time)
@@ -121,7 +126,7 @@ def test_a_table_holds_in_both_directions(table):
     np.testing.assert_allclose(there.receiver_gradient, back.transmitter_gradient, rtol=1e-12)
 
 
-def test_a_range_between_vehicles_waits_for_the_odometry_of_both():
+def test_a_range_between_vehicles_waits_for_the_odometry_of_both(as_stored):
     starts = {name: StartPose(at) for name, at in STARTS.items()}
     estimator = OnlineEstimator(starts, {}, 1500.0, gate=math.inf)
     estimator.add_odometry(1.0, PACE["A"], np.zeros(3), SIGMA, vehicle="A")
@@ -131,3 +136,4 @@ def test_a_range_between_vehicles_waits_for_the_odometry_of_both():
     estimator.add_odometry(1.0, PACE["B"], np.zeros(3), SIGMA, vehicle="B")
     assert estimator.counts()["used"] == 1
     assert np.trace(estimator.covariance(vehicle="A")) < 0.9 * np.trace(before)
+    as_stored([estimator.pose(vehicle=name) for name in STARTS])

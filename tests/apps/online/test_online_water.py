@@ -47,10 +47,11 @@ def mission(one, seed=1, seconds=400, begin=0):
     return where
 
 
-def test_errors_of_the_sound_speed_come_back_within_their_sigmas():
+def test_errors_of_the_sound_speed_come_back_within_their_sigmas(as_stored):
     one = estimator(DriftingWater(2e-3, np.inf, (100.0,)))
     where = mission(one)
     near, far, unseen = one.water_errors()
+    as_stored({"errors": one.water_errors(), "pose": one.pose(), "counts": one.counts()})
     assert (near.band, near.other) == ((-np.inf, 100.0), (-np.inf, 100.0))
     assert near.value == pytest.approx(SHALLOW / (1.0 + SHALLOW), abs=4.0 * near.sigma)
     assert far.value == pytest.approx(DEEP / (1.0 + DEEP), abs=4.0 * far.sigma)
@@ -65,7 +66,7 @@ def test_errors_of_the_sound_speed_come_back_within_their_sigmas():
     assert np.linalg.norm(off[:2]) < 0.5 * wrong or plain.counts()["gated"] > 10
 
 
-def test_errors_that_drift_return_to_their_first_sigma():
+def test_errors_that_drift_return_to_their_first_sigma(as_stored):
     one = estimator(DriftingWater(2e-3, 0.01))
     mission(one, seconds=40)
     sigma = one.water_errors(40.0)[0].sigma
@@ -75,9 +76,10 @@ def test_errors_that_drift_return_to_their_first_sigma():
     assert sigma < 1e-3
     keep = np.exp(-2.0 * 359.0 / 36.0)
     assert later.sigma == pytest.approx(2e-3 * np.sqrt(1.0 - keep), rel=1e-3)
+    as_stored([later, one.pose()])
 
 
-def test_errors_decay_by_the_law_of_a_gauss_markov_process():
+def test_errors_decay_by_the_law_of_a_gauss_markov_process(as_stored):
     """Errors shrink by exp(-h / hours), and covariances return to sigma²."""
     water = DriftingWater(2e-3, 5.0, (100.0,)).checked()
     rng = np.random.default_rng(3)
@@ -97,6 +99,7 @@ def test_errors_decay_by_the_law_of_a_gauss_markov_process():
     expected[errors, errors] += 2e-3**2 * (1.0 - share**2)
     np.testing.assert_allclose(after.covariance, expected)
     np.testing.assert_allclose(before.covariance, root @ root.T)
+    as_stored(after)
 
 
 def test_a_restored_estimator_goes_on_with_its_water(tmp_path):

@@ -35,7 +35,7 @@ def plan_of(tree=None, **section):
     return DeploymentPlan(base, PlanSection(**section))
 
 
-def test_a_position_on_a_line_has_equal_steps_or_varies_continuously():
+def test_a_position_on_a_line_has_equal_steps_or_varies_continuously(as_stored):
     ends = {"from": {"north": 0.0, "east": 0.0}, "to": {"north": 1000.0, "east": -500.0}}
     steps = plan_of(free={"landmarks.T": {**ends, "count": 3}})
     assert steps.size == 3
@@ -49,6 +49,7 @@ def test_a_position_on_a_line_has_equal_steps_or_varies_continuously():
     for design in results.designs:
         assert design["landmarks.T.east"] == pytest.approx(-0.5 * design["landmarks.T.north"])
     assert len({design["landmarks.T.north"] for design in results.designs}) > 4
+    as_stored([results.frame, results.scores, results.sentences])
 
 
 @pytest.mark.parametrize(
@@ -81,12 +82,13 @@ def test_a_position_in_a_box_varies_in_both_axes():
         assert limits.low <= min(values) < max(values) <= limits.high
 
 
-def test_the_number_of_landmarks_can_be_free():
+def test_the_number_of_landmarks_can_be_free(as_stored):
     free = {"landmarks": [[], [MARK], [MARK, OTHER]]}
     results = search_designs(plan_of(free=free, costs={"landmark": 10.0}), workers=1)
     assert results.frame["cost"].tolist() == [0.0, 10.0, 20.0]
     bounds = results.frame["bound_rmse_m"]
     assert bounds[0] > bounds[1] > bounds[2]
+    as_stored([results.frame, results.scores, results.sentences])
 
 
 def test_a_depth_band_slots_and_the_assumed_water_can_be_free():
@@ -105,7 +107,7 @@ def test_a_depth_band_slots_and_the_assumed_water_can_be_free():
     assert plan.study(plan.lists_at(7)).mission.schedule.slot_s == 1200.0
 
 
-def test_errors_at_given_times_are_those_of_their_pings():
+def test_errors_at_given_times_are_those_of_their_pings(as_stored):
     free = {"landmarks.T.depth": [5.0]}
     whole, first, both = (
         DesignEvaluator(plan_of(free=free, error_at_h=hours)).evaluate({}, 0, None)[1]
@@ -120,9 +122,10 @@ def test_errors_at_given_times_are_those_of_their_pings():
     refused(
         PlanError, "plan.error_at_h: found 9; allowed: 0 to 2", plan_of, free=free, error_at_h=[9.0]
     )
+    as_stored([whole, between])
 
 
-def test_members_differ_from_the_ocean_and_from_each_other_and_repeat(window):
+def test_members_differ_from_the_ocean_and_from_each_other_and_repeat(window, as_stored):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 2}
     plan = plan_of(window, free={"landmarks.T.depth": [5.0]}, perturbed=errors)
     assert plan.waters == [(0, 0), (0, 1)]
@@ -137,9 +140,10 @@ def test_members_differ_from_the_ocean_and_from_each_other_and_repeat(window):
         assert 0.3 < float(np.sqrt((changed**2).mean())) < 8.0
     again = Missions(plan).run({}, 0, 1)[0].ocean["sound_speed"]
     np.testing.assert_array_equal(again, other)
+    as_stored([one, other])
 
 
-def test_only_an_exact_belief_knows_the_perturbed_water(window):
+def test_only_an_exact_belief_knows_the_perturbed_water(window, as_stored):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 1}
     beliefs = {
         "exact": {"kind": "exact"},
@@ -162,9 +166,10 @@ def test_only_an_exact_belief_knows_the_perturbed_water(window):
         bias[name] = DesignEvaluator(plan)({})[0].bias_rmse_m
     assert bias["exact"] < 1e-3
     assert bias["forecast"] > 100.0 * bias["exact"]
+    as_stored(bias["forecast"])
 
 
-def test_the_result_has_the_worst_tenth_and_its_front(window):
+def test_the_result_has_the_worst_tenth_and_its_front(window, as_stored):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 3}
     free = {"landmarks.T.depth": [5.0, 200.0]}
     results = search_designs(
@@ -185,6 +190,7 @@ def test_the_result_has_the_worst_tenth_and_its_front(window):
     assert set(frame["worst_front"]) <= {"yes", "no"}
     assert frame["worst_front"][results.best] == "yes"
     assert any("3 waters" in line and "the worst of them" in line for line in results.sentences)
+    as_stored([results.frame, results.scores, results.sentences])
 
 
 def test_a_perturbed_ocean_that_varies_in_time_is_refused():
@@ -225,16 +231,17 @@ def test_a_cast_costs_if_the_condition_assumes_it():
     assert costs == [0.0, 7.0]
 
 
-def test_a_louder_source_loses_fewer_links():
+def test_a_louder_source_loses_fewer_links(as_stored):
     detection = {"frequency_hz": 12e3, "source_level_db": 150.0, "bandwidth_hz": 1e3}
     free = {"detection.source_level_db": [80.0, 100.0, 190.0]}
     results = search_designs(plan_of({"detection": detection}, free=free), workers=1)
     lost = results.frame["lost_percent"]
     assert lost[0] > lost[2]
     assert lost[0] >= lost[1] >= lost[2]
+    as_stored([results.frame, results.scores, results.sentences])
 
 
-def test_the_best_value_at_a_limit_is_reported():
+def test_the_best_value_at_a_limit_is_reported(as_stored):
     free = {"noise.range_sigma": {"from": 0.5, "to": 20.0}}
     plan = plan_of(free=free, objectives=["error"], condition="straight", evaluations=10)
     results = search_designs(plan, workers=1)
@@ -243,9 +250,10 @@ def test_the_best_value_at_a_limit_is_reported():
         "The best noise.range_sigma is the lower limit of its range; a wider range may be better."
         in results.sentences
     )
+    as_stored([results.frame, results.scores, results.sentences])
 
 
-def test_a_cast_of_perturbed_water_is_its_column(window):
+def test_a_cast_of_perturbed_water_is_its_column(window, as_stored):
     errors = {"rms": 1.0, "horizontal_scale": 2e4, "down_to": 300.0, "members": 1}
     run, ocean = Missions(plan_of(window, free={"landmarks.T.depth": [5.0]}, perturbed=errors)).run(
         {}, 0, 0
@@ -268,3 +276,4 @@ def test_a_cast_of_perturbed_water_is_its_column(window):
         from_member < 0.2 * from_forecast
     )  # the column is interpolated in temperature, the member in sound speed
     assert from_forecast > 0.3
+    as_stored([below, of_member, of_forecast])

@@ -25,10 +25,11 @@ def tiny():
     return parse_study({**TINY, "landmarks": [MARK]}, "tiny")
 
 
-def test_the_quantile_of_an_isotropic_error_is_a_chi_quantile():
+def test_the_quantile_of_an_isotropic_error_is_a_chi_quantile(as_stored):
     covariance = np.tile(4.0 * np.eye(3), (500, 1, 1))
     found = error_quantile(np.zeros((500, 3)), covariance)
     assert found == pytest.approx(2.0 * chi(3).ppf(0.95), rel=5e-3)
+    as_stored(found)
 
 
 def test_the_quantile_of_a_bias_without_noise_is_its_size():
@@ -38,7 +39,7 @@ def test_the_quantile_of_a_bias_without_noise_is_its_size():
     assert np.isnan(error_quantile(np.zeros((0, 3)), np.zeros((0, 3, 3))))
 
 
-def test_lost_links_and_bias_are_those_of_the_study(tiny, tmp_path):
+def test_lost_links_and_bias_are_those_of_the_study(tiny, tmp_path, as_stored):
     plan = plan_of(tiny, free={"landmarks.T.depth": [5.0, 300.0]}, lost_of="T")
     scores = DesignEvaluator(plan)({"landmarks.T.depth": 300.0})[0]
     run = run_study(plan.study({"landmarks.T.depth": 300.0}), tmp_path / "run", workers=1)
@@ -49,6 +50,7 @@ def test_lost_links_and_bias_are_those_of_the_study(tiny, tmp_path):
     sent = ranges.groupby(["time", "transmitter"]).ngroups
     assert scores.heard_by_two_percent == pytest.approx(100.0 * (heard >= 2).sum() / sent)
     assert scores.rmse_m == pytest.approx(np.hypot(scores.bound_rmse_m, scores.bias_rmse_m))
+    as_stored(scores)
 
 
 def test_straight_ranges_have_no_bias_and_refracted_ranges_have_one(tiny):
@@ -62,7 +64,7 @@ def test_straight_ranges_have_no_bias_and_refracted_ranges_have_one(tiny):
     assert straight.bound_rmse_m == pytest.approx(refracted.bound_rmse_m)
 
 
-def test_cost_counts_stations_landmarks_and_pings(tiny):
+def test_cost_counts_stations_landmarks_and_pings(tiny, as_stored):
     plan = plan_of(
         tiny,
         free={"mission.ping_interval_h": [1.0, 2.0]},
@@ -74,9 +76,10 @@ def test_cost_counts_stations_landmarks_and_pings(tiny):
     transmitters = len(tiny.fleet.vehicles)
     assert often == pytest.approx(110.0 + 0.5 * 4 * transmitters)
     assert seldom == pytest.approx(110.0 + 0.5 * 2 * transmitters)
+    as_stored([often, seldom])
 
 
-def test_a_link_that_is_probably_not_detected_is_lost(tiny):
+def test_a_link_that_is_probably_not_detected_is_lost(tiny, as_stored):
     from pymantaray.apps.plan.evaluate import expected_measurements
 
     loud, faint = (
@@ -99,15 +102,17 @@ def test_a_link_that_is_probably_not_detected_is_lost(tiny):
         assert np.isnan(m.refracted_range[m.range_status == RayStatus.UNHEARD]).all()
     assert lost[0] == 0
     assert lost[1] > 0
+    as_stored(m)
 
 
-def test_a_design_that_fails_has_a_reason_and_does_not_end_the_search(tiny):
+def test_a_design_that_fails_has_a_reason_and_does_not_end_the_search(tiny, as_stored):
     plan = plan_of(tiny, free={"fleet.vehicles.B.target_depth": [300.0, 20000.0]})
     results = search_designs(plan, workers=1)
     status = results.frame["status"].tolist()
     if status[1] == "OK":  # a vehicle that grounds is an outcome, not a failure
         assert results.frame["lost_percent"][1] > results.frame["lost_percent"][0]
     assert results.best == 0
+    as_stored([results.frame, results.scores, results.sentences])
 
 
 def test_the_worst_tenth_of_oceans_is_on_the_bad_side():
@@ -187,7 +192,7 @@ def studied(results, number, folder):
     return np.sqrt(np.mean(own**2)), np.quantile(own, 0.95)
 
 
-def test_a_rewritten_profile_has_other_scores_in_the_same_process(tiny, tmp_path):
+def test_a_rewritten_profile_has_other_scores_in_the_same_process(tiny, tmp_path, as_stored):
     file = tmp_path / "water.csv"
     tree = tiny.model_dump(exclude_none=True)
     tree["ocean"] = {"source": [str(file)], "bathymetry": 2000.0}
@@ -200,6 +205,7 @@ def test_a_rewritten_profile_has_other_scores_in_the_same_process(tiny, tmp_path
         file.write_text(f"depth,sound_speed\n0,{speeds[0]}\n2000,{speeds[1]}\n")
         found.append(search_designs(plan, workers=1).scores[0][0])
     assert found[0].bias_rmse_m < 0.01 < found[1].bias_rmse_m  # constant water bends no ray
+    as_stored(found)
 
 
 def test_the_waters_of_a_plan_are_those_of_the_files_now(tiny, tmp_path):

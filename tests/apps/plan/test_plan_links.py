@@ -53,7 +53,7 @@ def distinct_ends(run):
 
 
 @pytest.mark.parametrize("more", MORE)
-def test_a_moved_landmark_solves_only_its_links(more):
+def test_a_moved_landmark_solves_only_its_links(more, as_stored):
     plan = plan_of({"landmarks.T.depth": [5.0, 200.0]}, more)
     missions = Missions(plan)
     first, _ = missions.run({}, 0, None)
@@ -73,9 +73,11 @@ def test_a_moved_landmark_solves_only_its_links(more):
         assert_same(getattr(second, name), getattr(alone, name), name)
     if second.hearing is not None:
         assert_same(second.hearing, alone.hearing, "hearing")
+    if more == "plain":
+        as_stored([second.links, second.arrivals, second.measurements, second.hearing])
 
 
-def test_scores_do_not_depend_on_the_designs_before():
+def test_scores_do_not_depend_on_the_designs_before(as_stored):
     plan = plan_of({"landmarks.T.depth": [5.0, 300.0]})
     evaluator = DesignEvaluator(plan)
     for depth in (5.0, 100.0):
@@ -83,6 +85,7 @@ def test_scores_do_not_depend_on_the_designs_before():
     design = {"landmarks.T.depth": 300.0}
     assert evaluator(design) == DesignEvaluator(plan)(design)
     assert evaluator.missions.links.solved > 0
+    as_stored(evaluator(design))
 
 
 def test_another_water_or_another_option_shares_no_link():

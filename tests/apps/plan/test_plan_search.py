@@ -16,6 +16,7 @@ from pymantaray.cli.main import main
 from pymantaray.config import load_study
 from pymantaray.errors import PlanError, StudyError, WriteError
 
+MADE = r"made|origin|citation|links|references"  # of a page
 LANDMARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
 
 
@@ -127,7 +128,7 @@ def test_designs_on_dask_are_those_of_this_machine(tmp_path):
         )
 
 
-def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch):
+def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch, as_stored):
     monkeypatch.chdir(tmp_path)
     write(
         tmp_path,
@@ -166,6 +167,8 @@ def test_the_best_design_is_a_study_that_runs(tmp_path, capsys, monkeypatch):
     assert any(sentence.startswith("T loses") for sentence in told["sentences"])
     results = search_designs(load_plan("mission.toml"), workers=1)
     refused(WriteError, "exists", results.write_best, tmp_path / "out" / "best.toml")
+    as_stored(told)
+    as_stored((tmp_path / "out" / "best.toml").read_text(), name="study")
 
 
 def test_sentences_compare_scores_with_their_digits_and_one_unit(tmp_path):
@@ -200,7 +203,7 @@ def test_a_command_with_a_bad_output_computes_nothing(tmp_path, capsys):
         assert message in lines[0]
 
 
-def test_the_page_has_the_front_the_map_and_the_sentences(undrawn, tmp_path):
+def test_the_page_has_the_front_the_map_and_the_sentences(drawn, tmp_path, as_stored):
     from pymantaray.apps.plan import write_plan_page
 
     free = {"landmarks.T.depth": [5.0, 300.0]}
@@ -213,9 +216,10 @@ def test_the_page_has_the_front_the_map_and_the_sentences(undrawn, tmp_path):
     for name in ("designs", "near_optimal", "lost_by_pair", "error_over_time"):
         assert (page.parent / "tables" / f"{name}.csv").stat().st_size > 20
     assert all(sentence in text for sentence in results.sentences if "'" not in sentence)
+    as_stored(drawn, without=MADE)
 
 
-def test_the_map_fills_its_figure(tmp_path):
+def test_the_map_fills_its_figure(tmp_path, as_stored):
     from pymantaray.apps.plan.detail import detail_of
     from pymantaray.apps.plan.figures import map_figure
 
@@ -228,3 +232,4 @@ def test_the_map_fills_its_figure(tmp_path):
         figure.canvas.draw()
         assert [axes.get_position().width >= 0.35 for axes in figure.axes] == [True, True]
         assert all(axes.get_position().height >= 0.5 for axes in figure.axes)
+    as_stored(figure)

@@ -74,9 +74,10 @@ def own_medium():
     return Medium.from_profile(table["depth"], table["sound_speed"], bottom_depth=3000.0)
 
 
-def test_times_are_the_solvers_beside_the_columns_that_came_in(rays, folder):
+def test_times_are_the_solvers_beside_the_columns_that_came_in(rays, folder, as_stored):
     assert rays("times", "links.csv", "out.csv", *WATER) == "4 links: 3 ok, 1 outside\nout.csv\n"
     out = pd.read_csv("out.csv", dtype={"name": str})
+    as_stored([out, medium_of("out.csv")])
     links, source, receiver = own_links()
     pd.testing.assert_frame_equal(out[list(links.columns)], links)
     arrivals = find_eigenrays(own_medium(), source, receiver)
@@ -113,7 +114,7 @@ def test_scripts_are_told_the_outcomes(told, folder):
     assert trace == expected | {"rays": eigen["arrivals"], "nodes": len(pd.read_csv("out.csv"))}
 
 
-def test_tables_and_netcdf_hold_the_solvers_records(rays, folder):
+def test_tables_and_netcdf_hold_the_solvers_records(rays, folder, as_stored):
     for command in ("times", "eigen", "trace"):
         for ending in ("csv", "nc"):
             rays(command, "links.csv", f"{command}.{ending}", *WATER, "--max-surface-bounces", 1)
@@ -121,6 +122,8 @@ def test_tables_and_netcdf_hold_the_solvers_records(rays, folder):
     arrivals = find_eigenrays(own_medium(), source, receiver, 1)
     paths = trace_paths(own_medium(), source, receiver, arrivals)
     assert arrivals.surface_bounces.any()
+    as_stored(Path("eigen.nc"), without="attrs", name="eigen.nc")
+    as_stored({name: pd.read_csv(f"{name}.csv") for name in ("eigen", "trace")})
     eigen, nodes = pd.read_csv("eigen.csv", dtype={"name": str}), pd.read_csv("trace.csv")
     number = pd.Series(arrivals.link).groupby(arrivals.link).cumcount().to_numpy()
     step = paths.position - source[arrivals.link[paths.arrival]]
@@ -161,18 +164,20 @@ def test_tables_and_netcdf_hold_the_solvers_records(rays, folder):
     assert len(list(folder.glob("*.json"))) == 3  # beside tables alone
 
 
-def test_the_cutoff_can_be_switched_off(rays):
+def test_the_cutoff_can_be_switched_off(rays, as_stored):
     Path("one.csv").write_text(";".join([*ENDS, "link"]) + "\n0;0;100;3000;4000;400;x\n")
     words = (*ISO, "--max-surface-bounces", 1, "--max-bottom-bounces", 1, "--cutoff-db", "off")
     assert rays("eigen", "one.csv", "out.csv", *words) == "1 link: 1 ok; 5 arrivals\nout.csv\n"
     assert pd.read_csv("out.csv")["link"].tolist() == ["x"] * 5
+    as_stored(pd.read_csv("out.csv"))
 
 
-def test_a_fan_without_refraction_is_straight(rays):
+def test_a_fan_without_refraction_is_straight(rays, as_stored):
     Path("sources.csv").write_text(f"{','.join(ENDS[:3])}\n10,20,300\n-5,0,500\n")
     words = (*ISO, "--fan", -2, 4, 3, "--azimuth", 90, "--distance", 2000)
     assert rays("trace", "sources.csv", "fan.csv", *words).startswith("2 sources: 6 rays, ")
     out = pd.read_csv("fan.csv")
+    as_stored([out, medium_of("fan.csv")])
     start = np.array([[10.0, 20.0, 300.0], [-5.0, 0.0, 500.0]])[out["row"]]
     slope = np.tan(np.radians(np.array([-2.0, 1.0, 4.0])[out["ray"]]))
     line = start + out["range_m"].to_numpy()[:, None] * np.stack(
@@ -185,6 +190,7 @@ def test_a_fan_without_refraction_is_straight(rays):
     # without azimuth and distance it reaches for the receiver
     Path("one.csv").write_text(",".join(ENDS) + "\n0,0,300,-3000,4000,400\n")
     rays("trace", "one.csv", "to.nc", *ISO, "--fan", 1, 1, 1)
+    as_stored(Path("to.nc"), without="attrs", name="to.nc")
     last = RayPaths.load("to.nc").position[-1]
     np.testing.assert_allclose(last[:2], [-3000.0, 4000.0], rtol=0, atol=1e-6)
 
@@ -203,7 +209,7 @@ def test_an_output_can_be_overwritten_by_force_and_be_an_input(rays):
 
 
 @pytest.mark.skipif(not CASTS.is_dir(), reason=f"{CASTS} is absent")
-def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays):
+def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays, as_stored):
     cast = CASTS / "beaufort_axctd_20140724_74N140W.csv"
     words = ("times", "links.csv", "out.csv", "--profile", cast, "--bathymetry", 3000)
     assert "1001 levels thinned within 0.02 m/s to " in rays(*words)
@@ -221,13 +227,14 @@ def test_a_raw_cast_is_thinned_or_smoothed_and_that_is_recorded(rays):
     assert record["thinned"]["rms_change_m_s"] == pytest.approx(thin.rms_change)
     assert "1001 levels smoothed over 10 m to 202" in rays(*words, "--smooth", 10, "--force")
     assert medium_of("out.csv")["smoothed"]["length_m"] == 10.0
+    as_stored([lines, record, medium_of("out.csv")])
     rays(*words, "--thin", 0, "--force")
     record = medium_of("out.csv")
     assert record["levels"] == record["raw_levels"] == 1001
     assert "thinned" not in record
 
 
-def test_a_profile_by_pressure_is_extended_to_the_surface_with_a_note(rays):
+def test_a_profile_by_pressure_is_extended_to_the_surface_with_a_note(rays, as_stored):
     Path("deep.csv").write_text("pressure,sound_speed\n10,1434\n20,1437.9\n3000,1499\n")
     Path("links.csv").write_text(f"{','.join(ENDS)}\n0,0,0,100,0,0\n")
     place = ("--position", 74.5, -140)
@@ -239,9 +246,10 @@ def test_a_profile_by_pressure_is_extended_to_the_surface_with_a_note(rays):
     assert pd.read_csv("out.csv")["source_sound_speed_m_s"][0] == pytest.approx(1434.0, abs=1e-9)
     medium = medium_of("out.csv")
     assert (medium["computed"], medium["position_deg"]) == ("TEOS-10", [74.5, -140.0])
+    as_stored([printed, pd.read_csv("out.csv"), medium])
 
 
-def test_a_named_ocean_about_a_centre(rays):
+def test_a_named_ocean_about_a_centre(rays, as_stored):
     words = ("--ocean", "synthetic:fram", "--centre", 79, 1, "--half-extent", "20km", 15000)
     rays("times", *words, "links.csv", "out.csv", "--interpolation", "linear")
     local = to_local(
@@ -252,6 +260,7 @@ def test_a_named_ocean_about_a_centre(rays):
     expected = find_eigenrays(medium, source, receiver).first().travel_time
     np.testing.assert_allclose(pd.read_csv("out.csv")["travel_time_s"], expected, rtol=1e-11)
     assert medium_of("out.csv")["centre_deg"] == [79.0, 1.0]
+    as_stored([pd.read_csv("out.csv"), medium_of("out.csv")])
 
 
 def test_links_in_latitude_and_longitude_are_those_in_the_frame(rays, ocean_file):
@@ -274,7 +283,7 @@ def test_links_in_latitude_and_longitude_are_those_in_the_frame(rays, ocean_file
     assert pd.read_csv("fan.csv")["north"].iloc[0] == pytest.approx(0.0, abs=1e-5)
 
 
-def test_ice_reflects_over_a_profile_and_an_ocean(rays):
+def test_ice_reflects_over_a_profile_and_an_ocean(rays, as_stored):
     Path("links.csv").write_text(f"{','.join(ENDS)}\n0,0,100,3000,4000,400\n0,0,40,3000,4000,400\n")
     words = ("--ice", 50, "--max-surface-bounces", 1)
     assert "1 ok, 1 outside" in rays("eigen", "links.csv", "out.csv", *ISO, *words)
@@ -284,6 +293,7 @@ def test_ice_reflects_over_a_profile_and_an_ocean(rays):
     assert "1 ok, 1 outside" in rays(
         "times", "links.csv", "fram.csv", "--ocean", "synthetic:fram", *words
     )
+    as_stored([pd.read_csv("out.csv"), pd.read_csv("fram.csv"), medium_of("fram.csv")])
 
 
 def test_links_of_a_run_take_the_times_that_the_run_has(rays, tiny_run_folder):
@@ -440,10 +450,11 @@ def test_plot_draws_a_link_of_the_command_line(rays, folder, name, magic):
     assert Path(name).read_bytes().startswith(magic)
 
 
-def test_plot_draws_the_links_of_a_table_by_their_names(rays, undrawn, folder):
+def test_plot_draws_the_links_of_a_table_by_their_names(rays, undrawn, folder, as_stored):
     table = pd.read_csv("links.csv", skiprows=1, dtype={"name": str}).iloc[:3]
     table.to_csv("three.csv", index=False)
     lines = rays("plot", "rays.png", "--links", "three.csv", *WATER).splitlines()
+    as_stored(lines)
     assert [line.partition(": (")[0] for line in lines[:3]] == ["007", "A #4, deep", "C"]
     assert lines[1].endswith("0 rays, outside")
 

@@ -4,6 +4,12 @@ import numpy as np
 import pytest
 
 from pymantaray.apps.replay import replay_events
+from pymantaray.apps.replay.page import (
+    coverage_bars,
+    residual_histograms,
+    residuals_over_range,
+    residuals_over_time,
+)
 
 
 @pytest.fixture(scope="module")
@@ -50,11 +56,20 @@ def test_what_is_reciprocal_leaves_nothing(replay):
     assert np.abs(table["mean_s"]).max() > 1e-3  # the clocks'
 
 
-def test_each_event_is_replayed_in_its_nearest_cast(short_campaign):
+def test_each_event_is_replayed_in_its_nearest_cast(short_campaign, as_stored):
     """The casts are those of the start and of the end."""
     replay = replay_events(short_campaign.events, short_campaign.waters)
     second = replay.events["cast"] == "second"
     np.testing.assert_array_equal(second, short_campaign.events.time > 60.0)
+    as_stored(replay, without="explorer")
+    events, summary = replay.events, replay.summary
+    figures = [
+        residuals_over_range(events, summary, "range"),
+        residuals_over_time(events, "time"),
+        residual_histograms(events, replay.taken, "histogram"),
+        coverage_bars(summary, "coverage"),
+    ]
+    as_stored(figures, name="figures")
 
 
 @pytest.mark.slow

@@ -23,6 +23,7 @@ EVENTS = pd.DataFrame(
         "travel_time": np.hypot(3000.0, 120.0) / 1450.0 + 1e-3 * np.array([1.0, -1.0] * 4),
     }
 )
+MADE = r"made|origin|citation|links|references|words|explorer"  # of a page
 DETECTION = """[detection]
 source_level_db = 190.0
 frequency_hz = 10e3
@@ -46,7 +47,7 @@ CASTS = (("first", "2020-03-10T11:00"), ("second", "2020-03-10T13:00"))
 WATER = ("--profile", "casts.csv", "--bathymetry", 2000, "--interpolation", "linear")
 
 
-def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, undrawn, files):
+def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, drawn, files, as_stored):
     done = mantaray(
         "replay",
         "events.csv",
@@ -79,9 +80,12 @@ def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, undrawn, fi
     assert "Replay of measured travel times" in page
     for name in ("summary", "clocks", "reciprocity", "switching", "events"):
         assert f"tables/{name}.csv" in page
+    as_stored([done.out, drawn], without=MADE)
+    as_stored(json.loads(drawn.pages[0].explorer.data), name="explorer")
+    as_stored(files / "out", name="files", without=MADE)
 
 
-def test_an_ocean_is_a_water_too(told, files, ocean_file, undrawn):
+def test_an_ocean_is_a_water_too(told, files, ocean_file, undrawn, as_stored):
     words = ("--ocean", ocean_file, "--half-extent", 4000, 4000, "--quiet", "--out", "out")
     result = told("replay", "events.csv", *words)
     assert sum(result["statuses"].values()) == len(EVENTS)
@@ -89,6 +93,7 @@ def test_an_ocean_is_a_water_too(told, files, ocean_file, undrawn):
     assert result["summary"][0].keys() > {"by", "group", "events", "median_m"}
     assert result["page"].endswith("out/index.html")
     assert len(pd.read_csv(files / "out" / "tables" / "events.csv")) == 8
+    as_stored(files / "out" / "tables" / "events.csv", name="events")
 
 
 @pytest.mark.parametrize(
@@ -179,7 +184,9 @@ def test_rays_take_one_cast(mantaray, files):
     assert "contains 4 casts (first, second, first, second); only one is allowed" in twice.err
 
 
-def test_smoothed_positions_drifts_and_gross_errors_are_reported(mantaray, files, undrawn):
+def test_smoothed_positions_drifts_and_gross_errors_are_reported(
+    mantaray, files, undrawn, as_stored
+):
     wrong = EVENTS.assign(travel_time=EVENTS["travel_time"].where(EVENTS.index != 3, 4.19))
     wrong.to_csv("wrong.csv", index=False)
     options = ("--smooth-positions", "3 m", "--clock-drift", "--reference", "A")
@@ -199,9 +206,10 @@ def test_smoothed_positions_drifts_and_gross_errors_are_reported(mantaray, files
     assert refused.code == 2
     assert "sigma is 0 m" in refused.err
     assert not (files / "other").exists()
+    as_stored([done.out, tables])
 
 
-def test_predictions_that_explain_nothing_exit_with_1(mantaray, files, undrawn):
+def test_predictions_that_explain_nothing_exit_with_1(mantaray, files, undrawn, as_stored):
     times = np.random.default_rng(0).uniform(0.5, 8.0, len(EVENTS))
     events = EVENTS.assign(travel_time=times)
     pd.concat([events, events.iloc[:1]]).to_csv("events.csv", index=False)
@@ -216,3 +224,4 @@ def test_predictions_that_explain_nothing_exit_with_1(mantaray, files, undrawn):
     page = (files / "out" / "index.html").read_text()
     assert "1 ping counted once" in page
     assert "do not explain the travel times" in page
+    as_stored(told)

@@ -40,7 +40,7 @@ def water(slope=0.5, bounces=3):
     return Water(medium, reception=ReceptionOptions(max_surface_bounces=bounces), uniform=True)
 
 
-def test_candidates_of_draws_are_the_same_in_both_directions():
+def test_candidates_of_draws_are_the_same_in_both_directions(as_stored):
     replay, again = (
         replay_events(both_ways(), water(), "persist", options=PredictionOptions(2))
         for _ in range(2)
@@ -55,6 +55,7 @@ def test_candidates_of_draws_are_the_same_in_both_directions():
     assert replay.events["predicted_s"].isin(replay.candidates["travel_time_s"]).all()
     assert {"coverage", "candidates"} <= set(replay.tables)
     assert replay.tables["candidates"].frame["event"].min() == 1
+    as_stored([replay.events, replay.candidates, replay.more])
 
 
 def test_draws_of_smooth_ice_are_refused():
@@ -69,7 +70,7 @@ def test_draws_of_smooth_ice_are_refused():
     )
 
 
-def test_without_reflections_and_few_predictions_some_are_suggested():
+def test_without_reflections_and_few_predictions_some_are_suggested(as_stored):
     shadowed = replace(
         both_ways(),
         source_position=ENDS - [0.0, 0.0, 70.0],
@@ -82,3 +83,4 @@ def test_without_reflections_and_few_predictions_some_are_suggested():
     assert "0 % of the events are predicted" in hint[0]
     assert "with `max_surface_bounces=7`, 2 of 2 of the other events have an arrival" in hint[0]
     assert replay_events(shadowed, water(None, 7)).notes == ()
+    as_stored(hint)

@@ -42,7 +42,7 @@ def events(geographic=True, times=(TOP, TOP, 0.24, 0.24)):
 
 @pytest.mark.parametrize("rule", ["within:6", "first", "persist"])
 @pytest.mark.parametrize("geographic", [True, False])
-def test_an_echo_of_the_surface_takes_twice_the_way(rule, geographic):
+def test_an_echo_of_the_surface_takes_twice_the_way(rule, geographic, as_stored):
     replay = replay_events(events(geographic), water(), rule)
     table = replay.events
     np.testing.assert_allclose(table["predicted_s"][:2], TOP, atol=1e-7)
@@ -51,12 +51,15 @@ def test_an_echo_of_the_surface_takes_twice_the_way(rule, geographic):
     assert (table["predicted_s"][2:] < 0.25).all()
     assert not table["gross"].any()
     assert table["loss_db"][0] == pytest.approx(20.0 * np.log10(2.0 * 1998.0), abs=0.1)
+    if rule == "persist":
+        as_stored([replay.events, replay.candidates])
 
 
-def test_an_echo_of_the_sea_bed_is_the_first_one():
+def test_an_echo_of_the_sea_bed_is_the_first_one(as_stored):
     table = replay_events(events(times=(BED, BED, 0.24, 0.24)), water(1, 1)).events
     np.testing.assert_allclose(table["predicted_s"][:2], BED, atol=1e-7)
     assert table["bottom_bounces"].tolist()[:2] == [1, 1]
+    as_stored(table)
 
 
 @pytest.mark.slow
@@ -70,12 +73,13 @@ def test_echoes_under_rough_ice_and_learned_water(tmp_path):
     write_replay(learned, tmp_path / "out")
 
 
-def test_echoes_do_not_change_clocks_or_baselines():
+def test_echoes_do_not_change_clocks_or_baselines(as_stored):
     with_echoes = events(times=(TOP + 0.01, TOP, 0.241, 0.239))
     replay = replay_events(with_echoes, water())
     clocks = replay.clocks.set_index("node")["offset_s"]
     assert clocks["B"] - clocks["A"] == pytest.approx(1e-3, abs=1e-9)
     assert (replay.baselines["median_size_m"].fillna(0.0) < 10.0).all()
+    as_stored([replay.clocks, replay.baselines])
 
 
 def test_echoes_without_reflections_or_at_two_places_are_refused():

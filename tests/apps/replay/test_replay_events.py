@@ -2,7 +2,10 @@
 Events in: tables read or refused by their line, the water that each belongs to, and its ends there.
 """
 
+from types import SimpleNamespace
+
 import numpy as np
+import pandas as pd
 import pyproj
 import pytest
 from factories import ridged
@@ -10,8 +13,14 @@ from refusals import refused
 
 from pymantaray import Water
 from pymantaray.acoustics import Leakage, Medium, Sonar
-from pymantaray.apps.replay import DetectionRule, Events, read_events, replay_events
-from pymantaray.apps.replay.water import choose_water, ends_of
+from pymantaray.apps.replay import (
+    DetectionRule,
+    Events,
+    correct_events,
+    read_events,
+    replay_events,
+)
+from pymantaray.apps.replay.water import choose_water, ends_of, instants_in
 from pymantaray.errors import ReplayError
 from pymantaray.geometry import LocalFrame
 from pymantaray.sensing import Detector, ReceptionOptions
@@ -32,7 +41,7 @@ def write(folder, *rows, head=HEAD):
     return path
 
 
-def test_a_table_is_read_as_it_stands(tmp_path):
+def test_a_table_is_read_as_it_stands(tmp_path, as_stored):
     rows = (f"{ROW},0.001,first", f"{ROW.replace('12:00:00Z', '12:00:30.5')},,")
     events = read_events(write(tmp_path, *rows, head=f"{HEAD},sigma,cast"))
     assert events.geographic
@@ -50,6 +59,7 @@ def test_a_table_is_read_as_it_stands(tmp_path):
     assert not events.geographic
     assert np.isnat(events.epoch)
     np.testing.assert_array_equal(events.receiver_position, [[900.0, 0.0, 60.0]])
+    as_stored(events)
 
 
 BAD = {
@@ -151,7 +161,7 @@ def test_a_cast_that_cannot_be_told_is_refused(message, events, casts):
     refused(ReplayError, "the events' times are seconds", choose_water, without, timed)
 
 
-def test_ends_keep_the_distance_on_the_ellipsoid():
+def test_ends_keep_the_distance_on_the_ellipsoid(as_stored):
     events = events_at([0.0])
     true = pyproj.Geod(ellps="WGS84").inv(-145.0, 72.0, -144.9, 72.05)[2]
     for one in (water("cast"), Water(WATER, frame=LocalFrame(72.02, -144.95))):
@@ -160,9 +170,10 @@ def test_ends_keep_the_distance_on_the_ellipsoid():
         assert (source[0, 2], receiver[0, 2]) == (30.0, 150.0)
     east = (receiver - source)[0, 1] / true
     assert east == pytest.approx(np.sin(np.radians(31.7)), abs=0.02)
+    as_stored([source, receiver])
 
 
-def test_in_uniform_water_the_residual_is_the_clock_error():
+def test_in_uniform_water_the_residual_is_the_clock_error(as_stored):
     events = events_at([0.0, 60.0])
     distance = np.hypot(pyproj.Geod(ellps="WGS84").inv(-145.0, 72.0, -144.9, 72.05)[2], 120.0)
     replay = replay_events(events, Water(WATER), "first")
@@ -172,9 +183,10 @@ def test_in_uniform_water_the_residual_is_the_clock_error():
     assert row["residual_m"] == pytest.approx(1450.0 * row["residual_s"])
     assert row["loss_db"] == pytest.approx(20.0 * np.log10(distance), abs=1e-3)
     assert np.isnan(row["level_db"])
+    as_stored([replay.events, replay.summary])
 
 
-def test_leakage_predicts_an_event_in_shadow_on_request():
+def test_leakage_predicts_an_event_in_shadow_on_request(as_stored):
     """Over the crest half-way: 2 x hypot(2000, 100) m."""
     modem = Sonar(source_level_db=190.0, frequency_hz=1e3, bandwidth_hz=500.0, noise=60.0)
     events = Events(
@@ -196,6 +208,43 @@ def test_leakage_predicts_an_event_in_shadow_on_request():
     assert row["level_db"] == pytest.approx(190.0 - row["loss_db"])
     assert replay.summary.loc[0, "predicted"] == 1
     assert len(replay.candidates) == 1
+    as_stored([replay.events, replay.candidates, replay.summary])
+
+
+def test_a_correction_removes_known_clocks_and_suspect_offsets(as_stored):
+    events = events_at([0.0, 3600.0])
+    clocks = {"node": ["A", "B"], "offset_s": [1e-3, np.nan], "drift": [2e-6, 0.0]}
+    found = SimpleNamespace(
+        clocks=pd.DataFrame(clocks).assign(mean_time_s=1800.0),
+        nodes=pd.DataFrame(
+            {"node": ["A", "B"], "suspect": [False, True], "north_m": 30.0, "east_m": [9.0, -40.0]}
+        ),
+    )
+    right = correct_events(events, found)
+    late = -1e-3 - 2e-6 * np.array([-1800.0, 1800.0])
+    np.testing.assert_allclose(right.travel_time, 4.0 - late, atol=1e-12)
+    np.testing.assert_array_equal(right.source_position, events.source_position)
+    azimuth, _, distance = pyproj.Geod(ellps="WGS84").inv(
+        -144.9, 72.05, right.receiver_position[0, 1], right.receiver_position[0, 0]
+    )
+    assert (distance, azimuth) == pytest.approx((50.0, np.degrees(np.arctan2(-40.0, 30.0))))
+    as_stored(right)
+
+
+def test_instants_of_water_that_varies_are_rounded_in_its_span():
+    span = SimpleNamespace(varies=True, start="2020-03-10T11:00", span=(0.0, 5400.0), require=float)
+    rows, events = np.arange(3), events_at([0.0, 700.0, 4000.0])
+    found = instants_in(events, rows, span, 600.0)
+    np.testing.assert_array_equal(found, [3600.0, 4200.0, 5400.0])
+    refused(
+        ReplayError,
+        "times are seconds, but the water varies",
+        instants_in,
+        events_at([0.0], epoch="NaT"),
+        rows[:1],
+        span,
+        600.0,
+    )
 
 
 @pytest.mark.parametrize("word", ["loudest", "within", "within:-3", "within:six", "first:3", ""])
@@ -256,7 +305,7 @@ def test_positions_of_located_nodes_take_the_place_of_the_events_own(tmp_path):
     )
 
 
-def test_events_that_occur_twice_or_have_no_fix_are_left_out(tmp_path):
+def test_events_that_occur_twice_or_have_no_fix_are_left_out(tmp_path, as_stored):
     rows = [ROW.replace("12:00:00Z", f"12:{m:02d}:00Z") for m in range(12)]
     whole = read_events(write(tmp_path, *rows))
     lost = rows[3].replace("72,-145", "0,0")
@@ -270,6 +319,7 @@ def test_events_that_occur_twice_or_have_no_fix_are_left_out(tmp_path):
     # the other names of a file do not decide about a node with one event
     only = rows[0].replace(",B,", ",C,").replace("72.02,-145.1", "999,999")
     assert len(read_events(write(tmp_path, *rows[1:], only)).time) == 11
+    as_stored(events)
 
 
 def test_events_may_be_unordered_but_not_pass_midnight(tmp_path):

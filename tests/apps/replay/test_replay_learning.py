@@ -141,11 +141,12 @@ def test_water_clocks_and_sizes_come_back_within_their_errors(campaign):
     assert 0.4 < learned.sizes.position_varying_m < 2.0
 
 
-def test_learning_removes_most_of_the_error(short):
+def test_learning_removes_most_of_the_error(short, as_stored):
     events, candidates, learned = short
     plain = np.median(errors_of(events, candidates, None))
     corrected = np.median(errors_of(events, candidates, None, learned.parts.sum(axis=1)))
     assert corrected < 0.5 * plain
+    as_stored(learned)
 
 
 @pytest.mark.slow
@@ -186,7 +187,7 @@ def test_smooth_predictions_leave_their_own_event_out(short):
     assert moved[125] < 0.2 * moved[115:136].max()
 
 
-def test_water_that_is_right_stays_right():
+def test_water_that_is_right_stays_right(as_stored):
     events, candidates, _ = tables(3, n=200, size=0.0)
     mixture, learned = learn(events, candidates)
     plain = predict_mixture(events, candidates, PredictionOptions(), persistence=600.0)
@@ -198,6 +199,7 @@ def test_water_that_is_right_stays_right():
     assert mixture.events["log_likelihood"][late].mean() > (
         plain.events["log_likelihood"][late].mean() - 0.02
     )
+    as_stored([mixture, plain])
 
 
 def test_errors_that_exist_are_found_within_some_events(short):
@@ -219,6 +221,15 @@ def test_levels_tell_arrivals_apart():
         with_levels.events["log_likelihood"][100:].mean()
         > without.events["log_likelihood"][100:].mean() + 0.3
     )
+
+
+def test_numbers_of_smooth_learning_with_levels_stay(as_stored):
+    events, candidates, _ = tables(n=9, hours=4.0)
+    candidates = candidates.assign(loss_db=np.tile([60.0, 72.0], len(events)))
+    late = events["measured_s"] - events["distance_m"] / SPEED > 6e-3
+    level = 190.0 - np.where(late, 72.0, 60.0)
+    mixture, learned = learn(events.assign(measured_level_db=level), candidates, "smooth")
+    as_stored([mixture, learned])
 
 
 def test_words_of_learning_are_checked(campaign_files):

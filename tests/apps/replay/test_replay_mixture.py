@@ -21,7 +21,7 @@ def drawn(rows):
     return DrawnArrivals(event, draw, time, loss, surface, np.zeros_like(surface), gradient)
 
 
-def test_arrivals_of_draws_merge_by_bounces_and_time_in_any_order():
+def test_arrivals_of_draws_merge_by_bounces_and_time_in_any_order(as_stored):
     rows = [
         (0, 0, 1.0000, 60.0, 1),
         (0, 1, 1.0004, 60.0, 1),
@@ -39,6 +39,7 @@ def test_arrivals_of_draws_merge_by_bounces_and_time_in_any_order():
     assert both["spread_s"] == pytest.approx(np.std([0.0, 4e-4, 6e-4]))
     assert both["loss_db"] == pytest.approx(60.0 - 10.0 * np.log10(1.5))
     pd.testing.assert_frame_equal(merge_draws(drawn(rows[::-1]), 4), table)
+    as_stored(table)
 
 
 def test_the_first_candidate_has_the_probability_of_its_level():
@@ -80,7 +81,7 @@ def two_arrivals(measured, gap=60.0):
     return events, pd.DataFrame(rows)
 
 
-def test_a_prediction_follows_the_previous_reception_never_its_own():
+def test_a_prediction_follows_the_previous_reception_never_its_own(as_stored):
     events, candidates = two_arrivals([1.01, 1.01, 1.0, 1.0, 5.0, 1.0])
     options = PredictionOptions()
     mixture = predict_mixture(events, candidates, options, persistence=600.0)
@@ -102,6 +103,7 @@ def test_a_prediction_follows_the_previous_reception_never_its_own():
         persistence=600.0,
     )
     np.testing.assert_allclose(changed.probability, mixture.probability, atol=1e-3)
+    as_stored([mixture, free])
 
 
 @pytest.mark.slow
@@ -134,7 +136,7 @@ def test_sigma_and_intervals_come_back_from_drawn_errors():
     assert np.sqrt(own.sigma[0] ** 2 - own.unexplained**2) == pytest.approx(known, rel=1e-6)
 
 
-def test_coverage_has_an_interval_over_pairs_and_parts_of_residuals():
+def test_coverage_has_an_interval_over_pairs_and_parts_of_residuals(as_stored):
     """
     Twenty pairs with constant errors of 3 m and others of 1 m; in five pairs all events are
     outside.
@@ -163,9 +165,10 @@ def test_coverage_has_an_interval_over_pairs_and_parts_of_residuals():
     assert row["within_95_high"] == pytest.approx(75.0 + 1.96 * error, abs=6.0)
     assert row["varying_m"] == pytest.approx(1.0, rel=0.1)
     assert row["pair_m"] == pytest.approx(3.0, rel=0.5)
+    as_stored(row.to_dict())
 
 
-def test_waves_spread_the_times_of_surface_reflections():
+def test_waves_spread_the_times_of_surface_reflections(as_stored):
     """Pierson and Moskowitz: 0.0053 U^2 is the rms height for the wind at 19.5 m."""
     events, candidates = two_arrivals([1.01] * 3)
     calm, windy = (
@@ -176,6 +179,7 @@ def test_waves_spread_the_times_of_surface_reflections():
     sine = np.sqrt(1.0 - 1.0 / 1.01**2)
     np.testing.assert_allclose(extra[1::2], 2.0 * height * sine / 1450.0, rtol=0.02)
     np.testing.assert_allclose(extra[::2], 0.0, atol=1e-9)
+    as_stored(windy)
 
 
 def test_words_of_the_rule_and_options_that_are_none_are_refused():

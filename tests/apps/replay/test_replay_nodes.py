@@ -72,7 +72,7 @@ def events_at(time, north, east):
     return Events(time, *names, source, receiver, np.full(n, 3.0), geographic=False)
 
 
-def test_smoother_is_the_conditional_mean_of_a_random_walk_with_drift():
+def test_smoother_is_the_conditional_mean_of_a_random_walk_with_drift(as_stored):
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(10.0, 90.0, 40))
     time -= time[0]
@@ -83,10 +83,11 @@ def test_smoother_is_the_conditional_mean_of_a_random_walk_with_drift():
         shared + sigma**2 * np.eye(40), reading - reading[0]
     )
     np.testing.assert_allclose(_smooth(time, reading, sigma, walk).position, mean, atol=1e-4)
+    as_stored(_smooth(time, reading, sigma, walk))
 
 
 @pytest.mark.parametrize("walk", [0.02, pytest.param(0.3, marks=pytest.mark.slow)])
-def test_smoothed_positions_are_nearer_to_the_truth_and_tell_the_walk(walk):
+def test_smoothed_positions_are_nearer_to_the_truth_and_tell_the_walk(walk, as_stored):
     rng = np.random.default_rng(7)
     time = np.arange(0.0, 24 * 3600.0, 120.0)
     true = np.cumsum(np.sqrt(120.0) * walk * rng.standard_normal((time.size, 2)), axis=0)
@@ -102,9 +103,10 @@ def test_smoothed_positions_are_nearer_to_the_truth_and_tell_the_walk(walk):
     assert row["innovation_ratio"] == pytest.approx(1.0, abs=0.1)
     np.testing.assert_array_equal(smooth.events.source_position[:, 2], 30.0)
     np.testing.assert_allclose(smooth.events.receiver_position, events.receiver_position, atol=1e-6)
+    as_stored([smooth.nodes, smooth.events])
 
 
-def test_geographic_positions_are_smoothed_in_metres(short_campaign):
+def test_geographic_positions_are_smoothed_in_metres(short_campaign, as_stored):
     rng = np.random.default_rng(1)
     moved = {
         f"{end}_position": getattr(short_campaign.events, f"{end}_position")
@@ -125,6 +127,7 @@ def test_geographic_positions_are_smoothed_in_metres(short_campaign):
             for e in (noisy, smooth)
         )
         assert after < 0.6 * before
+    as_stored(smooth)
 
 
 def test_one_gross_position_does_not_move_the_frame_of_others(short_campaign):
@@ -146,7 +149,7 @@ def test_error_of_a_reading_must_be_positive():
         smooth_positions(events_at(np.arange(3.0), np.zeros(3), np.zeros(3)), 0.0)
 
 
-def test_drifting_clocks_are_fitted_with_their_errors():
+def test_drifting_clocks_are_fitted_with_their_errors(as_stored):
     offset = dict(zip(PLACES, [0.8e-3, -2.1e-3, 3.4e-3, -0.6e-3, 1.9e-3, -3.4e-3], strict=True))
     rate = dict(zip(PLACES, [1e-6, -2e-6, 0.5e-6, 0.0, 2e-6, -1.5e-6], strict=True))
     middle = 0.5 * 45.0 * 39
@@ -165,9 +168,10 @@ def test_drifting_clocks_are_fitted_with_their_errors():
     assert (np.abs(np.mean(misses, axis=0)) < 4.0 * error / np.sqrt(30)).all()
     left = e["residual_s"] - clock_errors(e, clocks)
     assert np.std(left) == pytest.approx(2.5e-4, rel=0.05)
+    as_stored(clocks)
 
 
-def test_clocks_without_pairs_in_both_directions_are_unknown():
+def test_clocks_without_pairs_in_both_directions_are_unknown(as_stored):
     one_way = list(itertools.combinations(PLACES, 2))
     e = table_of(one_way, 5, late=lambda *_: 1e-3)
     clocks = known_clocks(e, clock_table(e, e["residual_s"]))
@@ -188,9 +192,10 @@ def test_clocks_without_pairs_in_both_directions_are_unknown():
     )
     assert known.loc[["D", "E", "F"], "offset_s"].isna().all()
     assert list(known.loc[["A", "B", "C", "D"], "both_ways"]) == [1, 2, 1, 0]
+    as_stored([clocks, known])
 
 
-def test_times_that_are_no_sound_are_gross_and_do_not_move_clocks():
+def test_times_that_are_no_sound_are_gross_and_do_not_move_clocks(as_stored):
     e = table_of(ALL, 10, noise=1e-4)
     none = pd.DataFrame({"event": [], "travel_time_s": []})
     e["gross"] = find_gross_errors(e, none)
@@ -206,10 +211,11 @@ def test_times_that_are_no_sound_are_gross_and_do_not_move_clocks():
     assert list(np.flatnonzero(e["gross"])) == [row]
     assert "1 of 300 measured times are no travel times of sound" in gross_note(e)
     np.testing.assert_allclose(clock_table(e, e["residual_s"])["offset_s"], clean, atol=2e-5)
+    as_stored([gross_note(e), clock_table(e, e["residual_s"])])
 
 
 @pytest.mark.parametrize("wrong", ["A", "C", "F"])
-def test_only_the_node_with_a_wrong_position_is_suspect(wrong):
+def test_only_the_node_with_a_wrong_position_is_suspect(wrong, as_stored):
     offset = np.array([5.0, -6.0])  # true minus stated [m]
 
     def late(a, b, _):
@@ -226,6 +232,8 @@ def test_only_the_node_with_a_wrong_position_is_suspect(wrong):
     assert row["explained"] > 0.9
     right = node_table(e := table_of(ALL, 10, noise=5e-4), no_clocks(e))
     assert not right["suspect"].any()
+    if wrong == "C":
+        as_stored([nodes, right])
 
 
 CAMPS = {
@@ -335,7 +343,7 @@ def test_one_pair_alone_does_not_make_a_node_suspect():
     assert suspects(events).empty
 
 
-def test_errors_that_vary_are_scatter_of_their_node():
+def test_errors_that_vary_are_scatter_of_their_node(as_stored):
     rng = np.random.default_rng(3)
     e = table_of(
         ALL, 60, late=lambda a, b, _: ("C" in (a, b)) * rng.normal(0.0, 7.0) / SPEED, noise=7e-4
@@ -344,9 +352,10 @@ def test_errors_that_vary_are_scatter_of_their_node():
     assert nodes["scatter_m"].idxmax() == "C"
     assert nodes.loc["C", "scatter_m"] == pytest.approx(7.0, rel=0.15)
     assert nodes["scatter_m"].drop("C").max() < 2.0
+    as_stored(nodes)
 
 
-def test_baselines_learn_from_other_pairs_only():
+def test_baselines_learn_from_other_pairs_only(as_stored):
     e = table_of(ALL, 4)
     deep = e["source"].isin(["D", "E", "F"]).astype(int) + e["receiver"].isin(["D", "E", "F"])
     e["source_depth_m"], e["receiver_depth_m"] = 30.0, 30.0 + 100.0 * deep
@@ -360,6 +369,7 @@ def test_baselines_learn_from_other_pairs_only():
     lonely = baseline_table(alone).set_index("prediction")
     assert lonely.loc[CONSTANT, "predicted"] == 0
     assert lonely.loc[CONSTANT, "median_all_m"] == np.inf
+    as_stored([rows, lonely])
 
 
 @pytest.fixture(scope="module")
@@ -446,7 +456,7 @@ def test_page_of_a_replay_has_the_baselines(campaign):
     assert not result.events["gross"].any()
 
 
-def test_events_outside_the_water_have_no_clocks_and_no_warning(undrawn, tmp_path):
+def test_events_outside_the_water_have_no_clocks_and_no_warning(undrawn, tmp_path, as_stored):
     below = np.array([[0.0, 0.0, 2000.0]] * 4)
     names = np.array(["A", "B"] * 2)
     events = Events(60.0 * np.arange(4), names, names[::-1], below, below + 1.0, np.ones(4), False)
@@ -455,3 +465,4 @@ def test_events_outside_the_water_have_no_clocks_and_no_warning(undrawn, tmp_pat
     assert list(replay.events["status"]) == ["outside"] * 4
     assert not np.isfinite(replay.taken["taken_residual_s"]).any()
     assert write_replay(replay, tmp_path / "page").exists()
+    as_stored([replay.events, replay.summary])

@@ -10,7 +10,7 @@ from pymantaray.apps.replay.draws import draw_groups
 from pymantaray.sensing import ReceptionOptions
 
 
-def test_times_of_shared_links_are_those_of_each_event():
+def test_times_of_shared_links_are_those_of_each_event(as_stored):
     """Both directions of a pair whose ends move by metres."""
     rng = np.random.default_rng(1)
     n = 24
@@ -43,11 +43,13 @@ def test_times_of_shared_links_are_those_of_each_event():
     assert np.quantile(late, 0.9) < 5e-6
     distance = np.linalg.norm(receiver - source, axis=1)
     np.testing.assert_allclose(replay.events["distance_m"], distance)
+    as_stored([replay.events, replay.candidates])
 
 
-def test_groups_of_draws_contain_every_draw_once():
+def test_groups_of_draws_contain_every_draw_once(as_stored):
     everything, *groups = draw_groups(16)
     assert len(groups) == 4
     np.testing.assert_array_equal(np.sort(np.concatenate(groups)), everything)
     assert [group.tolist() for group in draw_groups(2)] == [[0, 1], [0], [1]]
     assert len(draw_groups(1)) == 1
+    as_stored(draw_groups(16))

@@ -50,7 +50,7 @@ def test_clocks_without_noise_are_exact_up_to_their_mean():
     assert right.loc["B", "standard_error_s"] == pytest.approx(0.0, abs=1e-15)
 
 
-def test_standard_errors_are_those_of_a_complete_network():
+def test_standard_errors_are_those_of_a_complete_network(as_stored):
     """
     Of k nodes with m events each ordered pair: variance sigma^2 (k - 1) / (2 k^2 m), which repeated
     draws have.
@@ -66,6 +66,7 @@ def test_standard_errors_are_those_of_a_complete_network():
     assert told == pytest.approx(closed, rel=0.03)
     assert spread == pytest.approx(closed, rel=0.15)
     assert np.mean([t["standard_error_pairs_s"] for t in tables]) == pytest.approx(closed, rel=0.3)
+    as_stored(tables[0])
 
 
 def test_shared_errors_of_a_pair_affect_only_the_error_over_pairs():
@@ -82,14 +83,15 @@ def test_shared_errors_of_a_pair_affect_only_the_error_over_pairs():
     assert np.mean([t["standard_error_s"] for t in tables]) < 0.4 * spread
 
 
-def test_weights_are_those_of_the_sigmas():
+def test_weights_are_those_of_the_sigmas(as_stored):
     """Two events of one pair: the weighted mean."""
     e = events_of([("A", "B")], 2, residual_s=[0.0, 1e-3], sigma_s=[1.0, 0.5])
     offset = clock_table(e, e["residual_s"]).set_index("node")["offset_s"]
     assert offset["B"] - offset["A"] == pytest.approx(0.8e-3)
+    as_stored(clock_table(e, e["residual_s"]))
 
 
-def test_unconnected_nodes_have_a_mean_each_and_unheard_nodes_none():
+def test_unconnected_nodes_have_a_mean_each_and_unheard_nodes_none(as_stored):
     e = events_of([("A", "B"), ("C", "D")], 3)
     e.loc[len(e)] = {**e.iloc[0], "source": "E", "receiver": "A", "residual_s": np.nan}
     clocks = clock_table(e, e["residual_s"]).set_index("node")
@@ -99,9 +101,10 @@ def test_unconnected_nodes_have_a_mean_each_and_unheard_nodes_none():
     assert clocks.loc["B", "offset_s"] == pytest.approx(-2.5e-3)
     assert np.isnan(clocks.loc["E", "offset_s"])
     assert clocks.loc["E", "events"] == 0
+    as_stored(clocks)
 
 
-def test_reciprocity_leaves_what_the_clocks_do_not_explain():
+def test_reciprocity_leaves_what_the_clocks_do_not_explain(as_stored):
     """A current of A to B makes one direction early and the other late."""
     e = events_of(BOTH, 40, sigma=1e-5)
     current = np.where(e["pair"] == "A and B", np.where(e["source"] == "A", -1e-3, 1e-3), 0.0)
@@ -117,15 +120,17 @@ def test_reciprocity_leaves_what_the_clocks_do_not_explain():
     apart = reciprocity_table(far, e["residual_s"], clocks, window=60.0)
     assert (apart["matched"] == 0).all()
     assert apart["mean_s"].isna().all()
+    as_stored([table, apart])
 
 
-def test_a_partner_in_time_serves_once():
+def test_a_partner_in_time_serves_once(as_stored):
     e = events_of([("A", "B")], 3, time_s=[0.0, 10.0, 21.0], residual_s=[1.0, 2.0, 3.0])
     back = events_of([("B", "A")], 1, time_s=[9.0], residual_s=[0.0])
     both = pd.concat([e, back], ignore_index=True)
     clocks = pd.DataFrame({"node": ["A", "B"], "offset_s": [0.0, 0.0]})
     (row,) = reciprocity_table(both, both["residual_s"], clocks, window=60.0).to_dict("records")
     assert (row["matched"], row["mean_s"]) == (1, 2.0)
+    as_stored(row)
 
 
 def switching_events(stays, m=2000, seed=3, gap=5e-3):
@@ -151,7 +156,7 @@ def switching_events(stays, m=2000, seed=3, gap=5e-3):
 
 
 @pytest.mark.parametrize("stays", [0.0, 1.0 - 0.065 / 0.42])
-def test_switching_is_that_of_the_chain(stays):
+def test_switching_is_that_of_the_chain(stays, as_stored):
     e, candidates, second = switching_events(stays)
     rightly = pd.DataFrame({"node": ["A", "B"], "offset_s": [0.0, 0.0]})
     taken = taken_candidates(e, candidates, rightly)
@@ -165,6 +170,7 @@ def test_switching_is_that_of_the_chain(stays):
     else:
         assert row["correlation_s"] < 20.0
     assert switching_table(e, taken, window=10.0, seed=1).iloc[0]["steps"] == 0
+    as_stored(row.to_dict())
 
 
 def test_candidates_too_near_to_be_told_apart_do_not_count():
@@ -175,7 +181,7 @@ def test_candidates_too_near_to_be_told_apart_do_not_count():
     assert switching_table(e, taken, window=60.0, seed=1).iloc[0]["steps"] == 0
 
 
-def test_clocks_and_candidates_are_found_together():
+def test_clocks_and_candidates_are_found_together(as_stored):
     """
     Later candidates on one direction alone would be a clock to residuals of predicted arrivals.
     """
@@ -189,6 +195,7 @@ def test_clocks_and_candidates_are_found_together():
     offset = clocks.set_index("node")["offset_s"]
     assert offset["B"] - offset["A"] == pytest.approx(0.0, abs=2e-5)
     np.testing.assert_array_equal(taken["taken"].to_numpy(dtype=int)[:400], second)
+    as_stored([clocks, taken])
 
 
 def summary_events(values, pair, *, distance=2000.0, status="ok"):
@@ -205,7 +212,7 @@ def summary_events(values, pair, *, distance=2000.0, status="ok"):
     )
 
 
-def test_intervals_draw_pairs_not_events():
+def test_intervals_draw_pairs_not_events(as_stored):
     """
     Of pairs that share their errors the interval is that of the pairs' medians, whatever the number
     of events.
@@ -222,6 +229,7 @@ def test_intervals_draw_pairs_not_events():
         assert row["median_low_m"] < np.median(level) < row["median_high_m"]
     assert widths[1] == pytest.approx(widths[0], rel=0.3)
     assert widths[1] > 0.3
+    as_stored(row.to_dict())
 
 
 def test_intervals_hold_95_percent_of_what_drawing_again_gives():
@@ -243,7 +251,7 @@ def test_intervals_hold_95_percent_of_what_drawing_again_gives():
         assert [row[f"{name}_low_m"], row[f"{name}_high_m"]] == pytest.approx(ends)
 
 
-def test_groups_are_few_whole_and_say_why_nothing_was_predicted():
+def test_groups_are_few_whole_and_say_why_nothing_was_predicted(as_stored):
     values = np.where(np.arange(600) % 3 == 0, np.nan, 1.0)
     status = np.where(np.isnan(values), "shadow", "ok")
     e = summary_events(
@@ -263,3 +271,4 @@ def test_groups_are_few_whole_and_say_why_nothing_was_predicted():
     assert table.loc[0, "median_m"] == 1.0
     assert table.loc[table["by"] == "pair", "median_low_m"].isna().all()
     pd.testing.assert_frame_equal(table, summary_table(e, seed=1))
+    as_stored(table)

@@ -53,9 +53,10 @@ def same_pings(one, other):
     assert_same(one.receptions, other.receptions)
 
 
-def test_a_ping_is_what_the_solver_finds(service, medium, links):
+def test_a_ping_is_what_the_solver_finds(service, medium, links, as_stored):
     source, receivers = links(300)
     ping = service.ping(12.5, source, receivers)
+    as_stored(ping)
     first = find_eigenrays(medium, np.tile(source, (300, 1)), receivers).first()
     assert set(ping.status) >= {RayStatus.OK, RayStatus.OUTSIDE, RayStatus.SHADOW}
     np.testing.assert_array_equal(ping.status, first.status)
@@ -121,7 +122,7 @@ def test_currents_part_there_and_back_by_twice_the_way_along_them():
     assert across == pytest.approx(distance / 1500.0, rel=1e-9)
 
 
-def test_a_round_trip_ends_where_the_moving_ends_meet_the_sound():
+def test_a_round_trip_ends_where_the_moving_ends_meet_the_sound(as_stored):
     """Both on one line, the source in pursuit: the exchange solved by hand, up to (v / c)²."""
     v_source, v_receiver, distance, wait, c = 2.0, -1.5, 1200.0, 4.0, 1500.0
     service = RangingService(STILL, timing=TwoWay(turn_around=wait))
@@ -142,6 +143,7 @@ def test_a_round_trip_ends_where_the_moving_ends_meet_the_sound():
     )
     still = service.ping(100.0, (0.0, 0.0, 500.0), [(distance, 0.0, 500.0)])
     assert still.travel_time[0] == pytest.approx(distance / c, rel=1e-9)
+    as_stored([ping, still])
 
 
 def test_a_level_is_that_of_the_source_less_the_spherical_spreading():
@@ -196,7 +198,7 @@ def test_nothing_is_compiled_after_construction(medium, links):
     assert [list(entry.signatures) for entry in (solve_links, trace_arrivals)] == compiled
 
 
-def test_geographic_positions_equal_local_ones(fly):
+def test_geographic_positions_equal_local_ones(fly, as_stored):
     config, truth, *_ = fly(ranging={"timing": "two-way", "turn_around_s": 10.0})
     service, frame = RangingService(config), LocalFrame(74.5, -140.0)
     place, speed = truth.position[:, 5], velocities(truth, np.array([5]))[:, 0]
@@ -219,6 +221,7 @@ def test_geographic_positions_equal_local_ones(fly):
     )
     np.testing.assert_array_equal(ping.status, local.status)
     np.testing.assert_allclose(ping.travel_time, local.travel_time, rtol=0.0, atol=1e-11)
+    as_stored(ping)
 
 
 def test_a_file_an_open_ocean_and_a_configuration_are_the_same_water(tmp_path, links):

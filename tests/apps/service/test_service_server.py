@@ -95,10 +95,11 @@ def test_an_answer_is_the_services_to_the_last_digit(port, service, links):
     ANSWER.validate_python(answer)
 
 
-def test_with_arrivals_all_that_reaches_a_receiver_is_told(loud_port, loud, links):
+def test_with_arrivals_all_that_reaches_a_receiver_is_told(loud_port, loud, links, as_stored):
     source, receivers = links(12)
     _, answer = ask(loud_port, json.dumps(request(source, receivers, 3.0, arrivals=True)))
     ping = loud.ping(3.0, source, receivers)
+    as_stored(answer["receivers"][::3])
     rays = [ray for r in answer["receivers"] for ray in r["arrivals"]]
     assert [len(r["arrivals"]) for r in answer["receivers"]] == np.bincount(
         ping.arrivals.link, minlength=12
@@ -120,12 +121,13 @@ def test_with_arrivals_all_that_reaches_a_receiver_is_told(loud_port, loud, link
     )
 
 
-def test_velocities_move_the_ends_of_an_exchange(loud_port, loud, links):
+def test_velocities_move_the_ends_of_an_exchange(loud_port, loud, links, as_stored):
     source, receivers = links(5)
     body = request(source, receivers)
     body["source"]["velocity"] = [1.0, -0.5, 0.1]
     body["receivers"][2]["velocity"] = [0.0, 2.0, 0.0]
     _, answer = ask(loud_port, json.dumps(body))
+    as_stored(answer)
     velocities = np.zeros((5, 3))
     velocities[2] = (0.0, 2.0, 0.0)
     moving = {"source_velocity": (1.0, -0.5, 0.1), "receiver_velocities": velocities}
@@ -143,7 +145,7 @@ def test_positions_may_be_by_latitude_and_longitude(serve, in_varying):
     same_as_ping(answer, service.ping(0.0, place[0], place[1:], geographic=True))
 
 
-def test_the_root_tells_version_and_ocean_and_the_schema_both_sides(port, loud_port):
+def test_the_root_tells_version_and_ocean_and_the_schema_both_sides(port, loud_port, as_stored):
     status, facts = ask(port, None, "GET", "/")
     assert status == 200
     assert facts["mantaray"] == pymantaray.__version__
@@ -156,6 +158,7 @@ def test_the_root_tells_version_and_ocean_and_the_schema_both_sides(port, loud_p
         170.0,
     )
     assert facts["max_surface_bounces"] == 1
+    as_stored(facts, without="mantaray")
     status, schema = ask(port, None, "GET", "/schema")
     assert status == 200
     assert schema["PingRequest"]["required"] == ["time", "source", "receivers"]
@@ -316,6 +319,21 @@ def test_where_nobody_can_listen_is_refused_in_one_line(service, port):
         service,
         "no.such.host.invalid",
     )
+
+
+def test_a_server_has_limits_of_its_own_and_answers_by_its_name(service):
+    own = make_server(service)
+    try:
+        limits = own.adj
+        assert limits.max_request_body_size == server._READ_BYTES > MAX_BYTES
+        assert limits.max_request_header_size == server._MAX_HEADERS
+        assert limits.connection_limit == own.connections + server._OWN_SOCKETS
+        assert (limits.threads, limits.channel_timeout) == (server._THREADS, connections.TIMEOUT)
+        assert (limits.cleanup_interval, limits.ident) == (1, "mantaray")
+        assert limits.asyncore_use_poll
+    finally:
+        own.task_dispatcher.shutdown()
+        own.close()
 
 
 def test_without_waitress_one_line_says_what_to_install(service, monkeypatch):

@@ -70,7 +70,7 @@ def test_comparison_has_tables_figures_and_page(run_folder, other_folder, tmp_pa
     assert "@software{mantaray," in text
 
 
-def test_differences_of_runs_with_one_seed_are_paired(made_run, tmp_path):
+def test_differences_of_runs_with_one_seed_are_paired(made_run, tmp_path, as_stored):
     """By scipy's tests on means that this test forms of the errors itself."""
     runs = {
         name: RunResults(open_run(made_run(("A", "B"), pings=1, **keywords).write(tmp_path / name)))
@@ -90,6 +90,10 @@ def test_differences_of_runs_with_one_seed_are_paired(made_run, tmp_path):
         )
     }
     table = comparison_tables(runs)["ate_run_difference"].frame
+    as_stored(table)
+    specs = {spec.name: spec for spec in comparison_figure_specs(runs)}
+    as_stored([specs[name].draw() for name in ("ape_pooled", "range_error")], name="of three")
+    as_stored({name: spec.caption for name, spec in specs.items()}, name="captions")
     assert list(zip(table["run"], table["baseline"], strict=True))[::3] == [
         ("more", "one"), ("other", "one"), ("other", "more")
     ]  # fmt: skip
@@ -149,10 +153,11 @@ def test_a_comparison_is_not_the_latest_run(run_folder, other_folder, tmp_path, 
     assert [p.name for p in (tmp_path / "runs").iterdir()] == [page.parent.name]
 
 
-def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(run_folder, other_folder, run):
+def test_dropouts_are_laid_out_as_in_the_paper_all_links_last(other_folder, run, as_stored):
     tables = comparison_tables(
         {"one": RunResults(run), "other": RunResults(open_run(other_folder))}
     )
+    as_stored({name: table.frame for name, table in tables.items()}, without="configuration")
     table = tables["range_drop_category_compare"].frame
     assert list(table.columns) == ["link category", "one [%]", "other [%]"]
     assert table["link category"].iloc[-1] == "all links"
@@ -216,7 +221,7 @@ def test_a_vehicle_that_differs_is_named_by_its_key():
     ]
 
 
-def test_the_page_offers_what_groups_runs_and_what_all_of_them_have(run):
+def test_the_page_offers_what_groups_runs_and_what_all_of_them_have(run, as_stored):
     runs = {name: RunResults(run) for name in ("one", "two", "three")}
     rows = [
         ["noise.range_sigma", "1", "2", "3"],
@@ -224,15 +229,18 @@ def test_the_page_offers_what_groups_runs_and_what_all_of_them_have(run):
         ["fleet.vehicles.B.points", "–", "–", "[]"],
     ]
     page = json.loads(compare._explorer(runs, pd.DataFrame(rows, columns=["key", *runs])).data)
+    as_stored(page)
     assert page["across"] == ["run", "noise.range_sigma", "ocean.source"]
     assert page["each"] == ["condition", "run", "ocean.source"]
 
 
-def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder):
+def test_figures_of_a_mixed_pair_name_the_synthetic_one(run, other_folder, as_stored):
     specs = comparison_figure_specs(
         {"one": RunResults(run), "other": RunResults(open_run(other_folder))}
     )
+    as_stored({spec.name: spec.caption for spec in specs}, name="captions")
     figure = specs[0].draw()
+    as_stored([figure, specs[2].draw()])
     assert figure.get_suptitle() == "one and other; synthetic ocean: one"
 
 

@@ -119,6 +119,13 @@ def test_every_header_has_the_whole_name_of_the_ocean(every_figure):
     assert sum(whole) >= len(whole) - 9, "figures of a comparison shorten the names of runs"
 
 
+def test_numbers_of_the_figures_of_a_run_stay(run, as_stored):
+    drawn = {spec.name: spec.draw() for spec in run_figure_specs(RunResults(run))}
+    of_other_tests = ("factor_graph", "fleet_layout", "pipeline", "range_error")
+    as_stored({name: figure for name, figure in drawn.items() if name not in of_other_tests})
+    as_stored({f"{n} size": f.get_size_inches() for n, f in drawn.items()}, name="sizes")
+
+
 def test_a_colour_of_sound_speed_is_the_same_in_every_figure(small_figures):
     maps = [
         mesh.get_cmap()
@@ -281,9 +288,11 @@ def test_ray_picture_ends_above_a_sea_bed_that_is_far_below(look, water):
     assert speed.min() == pytest.approx(float(seen.min()), abs=0.5)
 
 
-def test_fleet_is_drawn_east_to_the_right(records):
+def test_fleet_is_drawn_east_to_the_right(records, as_stored):
     truth = records.truth
-    plan = fleet_layout(truth, records.measurements, HEADER).axes[0]
+    figure = fleet_layout(truth, records.measurements, HEADER)
+    as_stored(figure)
+    plan = figure.axes[0]
     for line, path in zip(plan.lines, truth.position, strict=False):
         np.testing.assert_allclose(line.get_xydata(), path[:, [1, 0]] / 1e3)
     np.testing.assert_allclose(
@@ -331,9 +340,10 @@ def test_the_page_begins_with_the_result(run):
     ]
 
 
-def test_range_edges_of_the_graph_join_the_true_places_of_both_ends(look, records):
+def test_range_edges_of_the_graph_join_the_true_places_of_both_ends(look, records, as_stored):
     truth, measurements = records.truth, records.measurements
     figure = factor_graph(truth, measurements, HEADER)
+    as_stored(figure)
     edges = (
         next(c for c in figure.axes[0].collections if isinstance(c, LineCollection))._segments3d
         * 1e3

@@ -20,12 +20,13 @@ from pymantaray.records import RayStatus
 HEADER = "Test Sea, synthetic ocean"
 
 
-def test_histogram_counts_every_range_once_and_marks_the_mean(look, records):
+def test_histogram_counts_every_range_once_and_marks_the_mean(look, records, as_stored):
     error = records.ranging_truth.refracted_range - records.ranging_truth.distance
     heard = error[np.isfinite(error)]
     figure = look.draw(
         range_error_histogram([("Test Sea", error), ("Other", 2.0 * error[:40])], HEADER)
     )
+    as_stored(figure)
     assert len({axes.get_xlim() for axes in figure.axes}) == 1
     assert look.steps(figure.axes[2])[0].sum() == np.isfinite(error[:40]).sum()
     for axes in figure.axes[:2]:
@@ -47,12 +48,12 @@ def test_histogram_counts_every_range_once_and_marks_the_mean(look, records):
     assert figure.axes[1].get_yscale() == "log"
 
 
-def test_split_draws_each_part_against_distance(look, records):
+def test_split_draws_each_part_against_distance(look, records, as_stored):
     e, distance = range_errors(records.ranging_truth), records.ranging_truth.distance
     heard = np.isfinite(e.bending)
-    both, counts, alone = look.draw(
-        range_error_split(distance, e.reference_speed, e.bending, HEADER)
-    ).axes
+    figure = look.draw(range_error_split(distance, e.reference_speed, e.bending, HEADER))
+    as_stored(figure)
+    both, counts, alone = figure.axes
     for axes, colour, part in (
         (both, style.BLUE, e.reference_speed),
         (both, style.ORANGE, e.bending),
@@ -64,12 +65,14 @@ def test_split_draws_each_part_against_distance(look, records):
     assert [int(p.get_data().values.sum()) for p in counts.patches] == [heard.sum()] * 2
 
 
-def test_dropout_map_shows_every_attempt_under_its_status(look, records):
+def test_dropout_map_shows_every_attempt_under_its_status(look, records, as_stored):
     ends, status = (
         range_ends(records.truth, records.measurements),
         records.measurements.range_status,
     )
-    distance, depths = look.draw(dropout_map(*ends, status, HEADER)).axes
+    figure = look.draw(dropout_map(*ends, status, HEADER))
+    as_stored(figure)
+    distance, depths = figure.axes
     drawn = {line.get_label(): line for line in distance.lines}
     counts = {s: int((status == s).sum()) for s in RayStatus}
     assert f"received ({counts[RayStatus.OK]:,})" in drawn
@@ -81,7 +84,7 @@ def test_dropout_map_shows_every_attempt_under_its_status(look, records):
     assert all((line.get_xdata() <= line.get_ydata()).all() for line in depths.lines)
 
 
-def test_pooled_errors_are_shares_with_mean_and_quartiles_marked(look):
+def test_pooled_errors_are_shares_with_mean_and_quartiles_marked(look, as_stored):
     rng = np.random.default_rng(4)
     ape = {
         "odometry": rng.gamma(4.0, 40.0, (3, 4, 500)),
@@ -91,6 +94,7 @@ def test_pooled_errors_are_shares_with_mean_and_quartiles_marked(look):
     ape |= {"other": rng.gamma(3.0, 3.0, 900), "constant": 40.0 * ape["straight"]}
     panels = [ApePanel("log", ape, log=True), ApePanel("linear", ape, log=False)]
     figure = look.draw(pooled_ape(panels, HEADER))
+    as_stored(figure)
     grid = np.array(figure.axes).reshape(4, 2)
     for row, values in zip(grid, ape.values(), strict=True):
         errors = values[np.isfinite(values)]

@@ -68,8 +68,10 @@ def test_every_stage_is_named_on_the_figure(look):
     } <= words
 
 
-def test_no_arrow_passes_behind_a_box(look):
-    axes = look.draw(pipeline("")).axes[0]
+def test_no_arrow_passes_behind_a_box(look, as_stored):
+    figure = look.draw(pipeline(""))
+    as_stored(figure)
+    axes = figure.axes[0]
     boxes = [patch for patch in axes.patches if isinstance(patch, FancyBboxPatch)]
     arrows = [patch for patch in axes.patches if isinstance(patch, FancyArrowPatch)]
     assert len(boxes) == len(STAGES)

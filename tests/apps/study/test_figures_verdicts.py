@@ -23,9 +23,11 @@ def curves(axes):
     ]
 
 
-def test_curves_are_the_ratios_and_each_marker_says_its_verdict(look, tables):
+def test_curves_are_the_ratios_and_each_marker_says_its_verdict(look, tables, as_stored):
     table = tables.consistency
-    top, ranges, near = look.draw(consistency_over_time(table, HEADER)).axes[:3]
+    figure = look.draw(consistency_over_time(table, HEADER))
+    as_stored(figure)
+    top, ranges, near = figure.axes[:3]
     horizontal = table[table["statistic"] == "horizontal"]
     assert [line.get_ydata().tolist() for line in curves(top)] == [
         part["ratio"].tolist() for _, part in horizontal.groupby("condition", sort=False)
@@ -68,10 +70,11 @@ def test_many_estimators_look_different_and_names_are_literal(look, tables):
     )
 
 
-def test_estimators_are_where_the_tables_say(look, tables):
+def test_estimators_are_where_the_tables_say(look, tables, as_stored):
     figure = look.draw(
         error_and_consistency(tables.errors, tables.at_pings, tables.consistency, HEADER)
     )
+    as_stored(figure)
     error, under_water, nees = figure.axes
     np.testing.assert_allclose(under_water.collections[0].get_offsets()[:3, 0], [120.0, 0.75, 25.5])
     np.testing.assert_allclose(error.collections[0].get_offsets()[:3, 0], [80.0, 12.0, 130.5])
@@ -118,8 +121,10 @@ def test_numbers_of_wide_axes_are_powers_of_ten_that_do_not_touch(look, tables):
         assert not any(a.overlaps(b) for a, b in pairwise(boxes))
 
 
-def test_unknowns_are_scaled_by_their_prior_and_names_do_not_touch(look, tables):
-    few, lots = look.draw(unknowns_before_and_after(tables.unknowns, HEADER)).axes
+def test_unknowns_are_scaled_by_their_prior_and_names_do_not_touch(look, tables, as_stored):
+    figure = look.draw(unknowns_before_and_after(tables.unknowns, HEADER))
+    as_stored(figure)
+    few, lots = figure.axes
     for axes, sigma, error in (
         (few, [0.1, 1.0], [0.05, 0.5]),
         (lots, np.linspace(1e-2, 1.0, 10), np.linspace(2e-2, 1.0, 10)),

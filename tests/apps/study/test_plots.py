@@ -29,11 +29,12 @@ def plots(run):
     }
 
 
-def test_every_plot_returns_the_given_axes_or_new_ones_with_labels(run):
+def test_every_plot_returns_the_given_axes_or_new_ones_with_labels(run, as_stored):
     before = len(plt.get_fignums())
     for name, plot in plots(run).items():
         axes = Figure().subplots()
         assert plot(axes) is axes, name
+        as_stored(axes.figure, name=name)
         assert axes.get_xlabel(), name
         assert axes.get_ylabel(), name
         assert plot().has_data(), name
@@ -69,7 +70,7 @@ def test_the_figure_by_vehicle_equals_the_figure_of_the_report(run):
         np.testing.assert_array_equal(quartiles, table[["p25_m", "p75_m"]])
 
 
-def test_a_medium_shows_its_profile_and_its_bed():
+def test_a_medium_shows_its_profile_and_its_bed(as_stored):
     medium = Medium.from_profile(
         [0.0, 100.0, 2000.0],
         [1500.0, 1490.0, 1520.0],
@@ -77,13 +78,14 @@ def test_a_medium_shows_its_profile_and_its_bed():
         interpolation="linear",
     )
     axes = medium.plot()
+    as_stored(axes.figure)
     (line, bed) = axes.lines
     np.testing.assert_allclose(line.get_xdata(), [1500.0, 1490.0, 1520.0])
     assert bed.get_ydata()[0] == 1500.0
     assert axes.get_ylim()[0] > axes.get_ylim()[1] == 0.0
 
 
-def test_rays_have_their_distances_depths_and_styles_by_reflection():
+def test_rays_have_their_distances_depths_and_styles_by_reflection(as_stored):
     down = np.array([10.0, 400.0, 10.0])
     position = np.column_stack([[0.0, 300.0, 600.0], [0.0, 400.0, 800.0], down])
     both = {"position": np.concatenate([position, position]), "slowness": np.full((6, 3), 1e-4)}
@@ -94,6 +96,7 @@ def test_rays_have_their_distances_depths_and_styles_by_reflection():
         **both,
     )
     axes = paths.plot()
+    as_stored(axes.figure)
     direct, reflected = axes.lines
     np.testing.assert_allclose(direct.get_xdata(), [0.0, 0.5, 1.0])
     np.testing.assert_array_equal(direct.get_ydata(), down)
@@ -101,11 +104,12 @@ def test_rays_have_their_distances_depths_and_styles_by_reflection():
     assert axes.yaxis.get_inverted()
 
 
-def test_arrivals_are_a_data_frame_with_units_in_names():
+def test_arrivals_are_a_data_frame_with_units_in_names(as_stored):
     arrivals = make_arrivals(
         [0, 0, 2], status=(0, 1, 0), travel_time=[1.0, 1.5, 2.0], launch_angle=[0.1, 0.2, -0.1]
     )
     frame = arrivals.to_dataframe()
+    as_stored(frame)
     assert frame[["link", "arrival"]].to_numpy().tolist() == [[0, 0], [0, 1], [2, 0]]
     np.testing.assert_array_equal(frame["travel_time_s"], arrivals.travel_time)
     np.testing.assert_allclose(frame["launch_angle_deg"], np.degrees(arrivals.launch_angle))

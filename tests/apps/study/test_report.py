@@ -3,6 +3,8 @@ A whole report in a run folder: tables equal independent computations, the page 
 there.
 """
 
+import base64
+import gzip
 import json
 import re
 import shutil
@@ -510,3 +512,25 @@ def test_headings_of_keys_have_the_units_of_their_descriptions():
         "noise.range_sigma [m]", "mission.ping_interval_h [h]",
         "ocean.source", "fleet.vehicles.A.depth", "sweep.no_such_key",
     ]  # fmt: skip
+
+
+def test_numbers_of_all_tables_of_a_run_stay(reported, as_stored):
+    tables = open_run(reported.folder).tables
+    texts = {"region", "timing", "noise"}
+    frames = {name: tables[name].frame for name in tables if name not in {"costs", *texts}}
+    as_stored(frames, without="iterations")
+    heads = {name: " ".join(head.text for head in tables[name].heads) for name in tables}
+    brief = {name: " ".join(head.text for head in tables[name].short().heads) for name in tables}
+    as_stored({"heads": heads, "brief": brief}, name="heads")
+
+
+def test_numbers_of_the_data_and_words_of_a_page_stay(reported, as_stored):
+    """The data of its script, and all that is said above its tables."""
+    packed = re.findall('<script type="text/plain"[^>]*>(.*?)</script>', reported.text)
+    data = json.loads(gzip.decompress(base64.b64decode(packed[0])))
+    as_stored(data | {"rays": data["rays"][::9]})
+    results = RunResults(open_run(reported.folder))
+    captions = {spec.name: spec.caption for spec in run_figure_specs(results)}
+    page = run_page(results, [], "[]")
+    said = {"facts": page.facts, "notes": page.notes, "cards": page.cards, "words": page.words}
+    as_stored(said | captions, name="words")

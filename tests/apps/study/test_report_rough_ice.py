@@ -9,7 +9,7 @@ from pymantaray.apps.study.explore import mission_rays
 from pymantaray.apps.study.figures.register import RunResults
 
 
-def test_rays_of_the_page_under_rough_ice_have_no_reflections(tmp_path):
+def test_rays_of_the_page_under_rough_ice_have_no_reflections(tmp_path, as_stored):
     (tmp_path / "cast.csv").write_text("depth,sound_speed\n0,1434\n100,1442\n400,1455\n1000,1465\n")
     poses = pd.DataFrame(
         {
@@ -27,3 +27,5 @@ def test_rays_of_the_page_under_rough_ice_have_no_reflections(tmp_path):
     sections = json.loads(mission_rays(RunResults(run)))
     assert sections
     assert all(section["surface"] == [0] for section in sections)
+    as_stored(sections)
+    as_stored({name: run.tables[name].frame for name in ("dropouts", "range_error")}, name="tables")

@@ -3,6 +3,7 @@ The command `mantaray`: what it prints, what it refuses in one line, and that re
 behind.
 """
 
+import json
 import re
 import webbrowser
 from pathlib import Path
@@ -22,7 +23,8 @@ from pymantaray.config import load, load_study, preset_text
 from pymantaray.config.common import Section
 from pymantaray.errors import StudyError
 from pymantaray.evaluation import ALL_LINKS, error_table
-from pymantaray.records import RayStatus
+from pymantaray.records import RayStatus, SolveStatus
+from pymantaray.records.status import SOLVE_STATUS_WORDS
 
 PRESETS = "beaufort, estimators-beaufort, estimators-fram, fram, quick, survey"
 
@@ -222,13 +224,16 @@ def test_an_interrupted_report_is_written_by_a_later_command(
     assert {"index.html", "tables", "figures"} < set(names_in(run))
 
 
-def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_file, monkeypatch):
+def test_ocean_files_and_realizations_can_be_given(
+    mantaray, small, ocean_file, monkeypatch, as_stored
+):
     words = ("--ocean", ocean_file, "--realizations", 2, "--out", "run", "--no-figures")
     done = mantaray("study", "run", small, *words, "--workers", 1)
     assert done.code == 0, done.err
     assert "2 realizations, synthetic ocean" in done.out
     assert "Position error by condition, pooled over vehicles, times and realizations" in done.out
     assert done.out.splitlines()[-1] == str(small.parent / "run")
+    as_stored(done.out.partition("took")[0], name="printed")
     run = open_run("run")
     assert run.config.ocean.files == (str(ocean_file),)
     assert run.config.study.description == f"{small} with 2 realizations and the ocean {ocean_file}"
@@ -238,8 +243,10 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
     assert " lost: " not in done.out
     called = perf_counter()
     monkeypatch.setattr("pymantaray.apps.study.command.STARTED", called - 1e3)
-    summary = told("study", "run", small, *words[:-2], "json", "--no-figures", "--workers", 1)
+    again = ("study", "run", small, *words[:-2], "json", "--no-figures", "--workers", 1)
+    summary = json.loads(mantaray(*again, "--json").out)
     waited = 1e3 + perf_counter() - called
+    as_stored(summary, without="memory")
     stages = summary["seconds"]
     assert (next(iter(stages)), list(stages)[-1]) == ("start", "tables")
     assert stages["tables"] < sum(stages.values()) - 1e3 <= waited - 1e3  # all that the user waits
@@ -252,6 +259,25 @@ def test_ocean_files_and_realizations_can_be_given(mantaray, told, small, ocean_
     assert summary["range_error"][0].keys() > {"category", "attempts", "mean_m", "p99_m"}
     rmse = [row["rmse_m"] for row in summary["ate_pooled"]]
     assert rmse == error_table(run.truth, run.estimates)["rmse_m"].tolist()
+
+
+def test_what_is_not_healthy_is_a_line_each(tiny_run_folder, monkeypatch):
+    run = open_run(tiny_run_folder)
+    refused = [
+        {"condition": "straight", "realization": r, "status": status}
+        for r, status in ((0, "FAILED"), (1, "FAILED"), (1, "OVER_CHI_SQUARE"))
+    ]
+    stopped = {"D": {"time_s": 5400.0, "status": "GROUNDED"}}
+    outcome = {"stopped_vehicles": stopped, "unhealthy_solves": refused}
+    monkeypatch.setitem(vars(run), "manifest", run.manifest | {"outcome": outcome})
+    vehicle, failed, over = study_commands._warnings(run)
+    assert vehicle == "vehicle D stopped after 1.5 h: GROUNDED"
+    assert failed == "condition straight: 2 of 2 solves FAILED, realizations 0, 1"
+    words = SOLVE_STATUS_WORDS[SolveStatus.OVER_CHI_SQUARE]
+    assert over == (
+        "condition straight: 1 of 2 solves OVER_CHI_SQUARE, realizations 1"
+        f" ({words.meaning}; {words.advice})"
+    )
 
 
 def test_causes_of_lost_ranges_have_the_words_of_the_page(capsys):
@@ -435,7 +461,7 @@ def test_the_overview_of_commands_has_every_command_of_study():
 
 
 def test_tables_of_a_run_are_printed_with_the_numbers_of_the_library(
-    mantaray, told, tiny_run_folder
+    mantaray, told, tiny_run_folder, as_stored
 ):
     run = open_run(tiny_run_folder)
     rows = told("study", "tables", tiny_run_folder, "ate_per_vehicle")["ate_per_vehicle"]
@@ -443,6 +469,7 @@ def test_tables_of_a_run_are_printed_with_the_numbers_of_the_library(
     assert rows == table.to_dict("records")
     summary = mantaray("study", "tables", tiny_run_folder).out
     latex = mantaray("study", "tables", tiny_run_folder, "ate_pooled", "--to", "latex").out
+    as_stored({"summary": summary, "latex": latex})
     assert latex.count("\\toprule") == 1
     for row in run.tables["ate_pooled"].short().rows:
         assert all(text in summary for text in row)

@@ -26,7 +26,10 @@ def run(run_tiny):
     )
 
 
-def test_study_finds_water_and_clocks_and_keeps_the_truth_beside_them(run):
+def test_study_finds_water_and_clocks_and_keeps_the_truth_beside_them(run, as_stored):
+    as_stored(run.unknowns)
+    names = ("unknowns", "unknowns_directions", "ate_pooled", "consistency")
+    as_stored({name: run.tables[name].frame for name in names}, name="tables")
     u, n = run.unknowns, run.truth.name.size
     assert u.condition.tolist() == ["e0", "e1"]
     assert u.name[:3].tolist() == ["mode 1", "mode 2", "mode 3"]
@@ -48,7 +51,7 @@ def test_study_finds_water_and_clocks_and_keeps_the_truth_beside_them(run):
         Beliefs(run).modes(wrong)
 
 
-def test_modes_of_casts_are_scaled_as_those_of_the_ocean(run, tmp_path):
+def test_modes_of_casts_are_scaled_as_those_of_the_ocean(run, tmp_path, as_stored):
     z = np.arange(0.0, 1001.0, 5.0)
     files = []
     for i, warm in enumerate((0.0, 1.0, 2.5)):
@@ -60,6 +63,7 @@ def test_modes_of_casts_are_scaled_as_those_of_the_ocean(run, tmp_path):
     depth, shapes, sigma = Beliefs(run).modes(
         ModesSection.model_validate({"count": 1, "rms": 2.0, "down_to": 300.0, "casts": files})
     )
+    as_stored([shapes, sigma])
     assert shapes.shape == (1, depth.size)
     fine = np.linspace(0.0, 300.0, 301)
     assert sigma[0] * np.sqrt(np.mean(np.interp(fine, depth, shapes[0]) ** 2)) == pytest.approx(

@@ -40,8 +40,9 @@ def rays(medium, timing=None, **options):
     return CandidateRays(medium, BOUNCED, timing or OneWay(), MixtureOptions(), **options)
 
 
-def test_candidates_are_the_eigenrays_of_each_link_by_direction(medium, links):
+def test_candidates_are_the_eigenrays_of_each_link_by_direction(medium, links, as_stored):
     found = rays(medium).candidates(links)
+    as_stored(found)
     back = rays(medium).candidates(
         links._replace(transmitter=links.receiver, receiver=links.transmitter)
     )

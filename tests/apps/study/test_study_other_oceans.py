@@ -69,7 +69,9 @@ def test_a_mission_runs_in_a_uniform_ocean_from_a_cast(path, tmp_path):
     np.testing.assert_allclose(drift, 0.0, atol=1e-6)
 
 
-def test_a_ridge_that_the_waters_grid_does_not_show_blocks_links(run_tiny, tiny_run, tmp_path):
+def test_a_ridge_that_the_waters_grid_does_not_show_blocks_links(
+    run_tiny, tiny_run, tmp_path, as_stored
+):
     """
     Up to 200 m, 2 km wide, across the fleet in a GEBCO file; the synthetic floor there is flat and
     deep.
@@ -86,9 +88,12 @@ def test_a_ridge_that_the_waters_grid_does_not_show_blocks_links(run_tiny, tiny_
     floor = ridged.ocean["sea_floor_depth"]
     assert floor.dims == ("floor_north", "floor_east")
     assert float(floor.min()) < 250.0
+    as_stored({"floor": floor, "dropouts": ridged.tables["dropouts"].frame})
 
 
-def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny, tiny_run, tmp_path):
+def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(
+    tiny, tiny_run, tmp_path, as_stored
+):
     lat, lon = np.linspace(74.0, 75.0, 121), np.linspace(-142.0, -138.0, 161)
     depth = 2900.0 + 50.0 * np.sin(40.0 * lat)[:, None] * np.cos(30.0 * lon)
     write_gebco(tmp_path / "floor.nc", lat, lon, -depth)
@@ -105,6 +110,7 @@ def test_a_finer_sea_floor_and_another_equation_reach_the_local_ocean(tiny, tiny
     assert ocean.local.attrs["sound_speed_equation"] == "del-grosso"
     difference = np.abs(ocean.local["sound_speed"].values - tiny_run.ocean["sound_speed"].values)
     assert 0.01 < difference.max() < 1.0  # m/s, between the equations
+    as_stored(ocean.local)
 
 
 def test_profiles_are_of_the_domain_that_was_asked_for_and_no_further(tiny, tiny_run):

@@ -224,7 +224,7 @@ def test_sensitivities_are_finite_differences_of_travel_times(links, interpolati
     assert np.abs(found).max() > 1e-4
 
 
-def test_adjusted_water_is_the_belief_plus_its_modes(links):
+def test_adjusted_water_is_the_belief_plus_its_modes(links, as_stored):
     model = adjustable()
     there = model.adjusted(np.array([1.0, 2.0]))
     by_hand = water(FRONT + SHAPES[0] + 2.0 * SHAPES[1])
@@ -234,9 +234,10 @@ def test_adjusted_water_is_the_belief_plus_its_modes(links):
     assert again is there
     back = there.adjusted(np.zeros(2))
     np.testing.assert_array_equal(back.predict(links).travel_time, model.predict(links).travel_time)
+    as_stored(there.predict(links))
 
 
-def test_true_amplitudes_are_those_of_the_water_near_the_fleet():
+def test_true_amplitudes_are_those_of_the_water_near_the_fleet(as_stored):
     def local(amplitudes):
         speed = 1450.0 + np.zeros((9, 9, 25)) + amplitudes @ SHAPES
         speed[5:] += 3.0  # elsewhere
@@ -249,3 +250,4 @@ def test_true_amplitudes_are_those_of_the_water_near_the_fleet():
     true, believed = local(np.array([1.5, -0.5])), local(np.array([0.5, 0.25]))
     found = true_amplitudes(adjustable(), true, believed, fleet)
     assert found == pytest.approx({"mode 1": 1.0, "mode 2": -0.75}, abs=1e-9)
+    as_stored(found)

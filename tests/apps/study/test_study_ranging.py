@@ -140,7 +140,7 @@ def test_detection_drops_pings_by_chance_and_says_how_many(two_way):
     assert np.isfinite(two_way.estimates.position[0]).all()
 
 
-def test_loss_at_the_ice_counts_and_vehicles_have_no_fix_there(fly_tiny, tiny_run):
+def test_loss_at_the_ice_counts_and_vehicles_have_no_fix_there(fly_tiny, tiny_run, as_stored):
     bounces = {"max_surface_bounces": 1, "arrival": "strongest"}
     alone = {
         "source_level_db": 185.0,
@@ -160,6 +160,7 @@ def test_loss_at_the_ice_counts_and_vehicles_have_no_fix_there(fly_tiny, tiny_ru
     assert loud.truth.position[..., 2].min() >= 0.8
     assert (loud.truth.status == tiny_run.truth.status).all()
     np.testing.assert_array_equal(loud.picture["sea_ice_draft"], 0.8)
+    as_stored({"loud": loud.hearing, "quiet": quiet.hearing, "picture": loud.picture})
 
 
 @pytest.mark.slow
@@ -195,7 +196,7 @@ def test_without_mistakes_there_is_no_file_and_none_is_mistaken(tiny_run):
         tiny_run.mistaken(2)
 
 
-def test_a_velocity_log_works_near_the_floor_and_sharpens_estimates(tiny_run, run_tiny):
+def test_a_velocity_log_works_near_the_floor_and_sharpens_estimates(tiny_run, run_tiny, as_stored):
     """
     Altitudes are those above the medium's own bottom; the reach lies between those of the fleet.
     """
@@ -215,3 +216,21 @@ def test_a_velocity_log_works_near_the_floor_and_sharpens_estimates(tiny_run, ru
     )
     helped = np.unique(m.dvl_vehicle)
     assert (sharp[helped] < 0.9 * blunt[helped]).all()
+    as_stored({"log": m, "tables": run.tables["ate_pooled"].frame}, without="log.(?!dvl)")
+
+
+def test_numbers_of_noise_in_every_kind_of_ranging_stay(two_way, one_way, as_stored):
+    for name, run in (("two-way", two_way), ("one-way", one_way)):
+        found = {
+            "noise": run.noisy_measurements(0),
+            "truth": run.ranging_truth,
+            "told": run.hearing,
+        }
+        as_stored(found, name=name, without="gnss|odometry|attitude")
+
+
+def test_numbers_of_ranges_that_receivers_mistake_stay(erring, as_stored):
+    names = ("dropouts", "range_error")
+    tables = {name: erring.tables[name].frame for name in names}
+    expected = {"outcome": erring.manifest["outcome"], "chance": erring.hearing}
+    as_stored(tables | expected | {"mistaken": [erring.mistaken(r) for r in range(4)]})

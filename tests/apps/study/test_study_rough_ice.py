@@ -77,7 +77,7 @@ def places_of(flown):
     return tuple(everyone[who, m.range_sample] for who in (m.range_transmitter, m.range_receiver))
 
 
-def test_ranges_of_a_study_are_first_arrivals_under_its_draw_of_ice(rough):
+def test_ranges_of_a_study_are_first_arrivals_under_its_draw_of_ice(rough, as_stored):
     """The medium is built here by hand."""
     source, receiver = places_of(rough)
     ice = BoundarySurface(1.5, roughness=Roughness(np.radians(0.5), 20.0, draw=0))
@@ -85,6 +85,7 @@ def test_ranges_of_a_study_are_first_arrivals_under_its_draw_of_ice(rough):
     arrivals = find_eigenrays(medium, source, receiver, 3)
     assert np.count_nonzero(arrivals.surface_bounces) >= 3
     np.testing.assert_allclose(times_of(rough), arrivals.first().travel_time, rtol=1e-9)
+    as_stored({"arrivals": rough[0].arrivals, "picture": rough[0].picture})
 
 
 def test_another_draw_is_other_ice_and_the_same_draw_the_same(rough, fly_under):

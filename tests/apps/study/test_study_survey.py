@@ -40,7 +40,10 @@ def test_survey_is_a_driven_fleet_with_clocks_and_landmarks():
     assert config.noise.clock_skew_sigma > 0.0
 
 
-def test_survey_mows_its_lawn(survey_run):
+def test_survey_mows_its_lawn(survey_run, as_stored):
+    outcome = survey_run.manifest["outcome"]
+    as_stored({"outcome": outcome, "truth": survey_run.truth, "ranges": survey_run.measurements})
+    as_stored({n: survey_run.tables[n].frame for n in ("ate_pooled", "ping_error")}, name="tables")
     truth, o = survey_run.truth, survey_run.measurements
     assert survey_run.manifest["outcome"]["stopped_vehicles"] == {}
     # sin of half the angle, twice
@@ -158,7 +161,7 @@ def test_every_estimator_solves_the_survey(tmp_path):
     assert 1.2 * rms["straight"] < rms["mean-slowness"] < rms["refracted"] < rms["constant"]
 
 
-def test_the_current_carries_vehicles_and_buoys_on_request(survey_run):
+def test_the_current_carries_vehicles_and_buoys_on_request(survey_run, as_stored):
     """
     Over ground they move as they do through the water and with the current, which here hardly
     varies.
@@ -173,6 +176,7 @@ def test_the_current_carries_vehicles_and_buoys_on_request(survey_run):
     config = parse_study(tree)
     ocean = mission_ocean(config)
     truth = simulate_fleet(build_fleet(config), ocean)
+    as_stored(truth)
     assert truth.role.tolist() == ["station"] + 4 * ["waypoints"] + 2 * ["drifting"]
     hours = truth.time[-1]
     for row, depth in ((5, 0.5), (6, 400.0)):

@@ -169,7 +169,7 @@ def test_slots_let_one_vehicle_ping_at_a_time(table):
     )
 
 
-def test_a_list_of_pings_makes_one_link_of_both_ways_at_one_time(table, tmp_path):
+def test_a_list_of_pings_makes_one_link_of_both_ways_at_one_time(table, tmp_path, as_stored):
     pings = PingList(
         (10.0, 10.0, 500.5, 9999.0), ("A", "B", "M", "A"), (("B",), ("A",), ("A", "L"), ())
     )
@@ -194,6 +194,7 @@ def test_a_list_of_pings_makes_one_link_of_both_ways_at_one_time(table, tmp_path
     written = run_study(parse_study(tree, folder=tmp_path), tmp_path / "run", workers=1)
     same_ranges(run, written)
     assert str(tmp_path / "pings.csv") in written.manifest["ocean"]["sha256"]
+    as_stored({"m": run.measurements, "truth": run.ranging_truth, "fleet": run.truth})
 
 
 @pytest.mark.parametrize("timing", [pytest.param("one-way", marks=pytest.mark.slow), "two-way"])

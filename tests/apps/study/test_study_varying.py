@@ -209,7 +209,7 @@ def test_the_series_encloses_the_mission_and_is_the_sources_own_water(moving_con
     np.testing.assert_allclose(currents(3.0 * HOUR).velocity[..., 1], middle, rtol=0, atol=1e-15)
 
 
-def test_each_ping_of_a_study_is_ranged_in_the_water_of_its_time(moving_config, moving):
+def test_each_ping_of_a_study_is_ranged_in_the_water_of_its_time(moving_config, moving, as_stored):
     truth, links, found = moving.truth, moving.links, moving.arrivals.first()
     marks, medium = (
         moving.measurements.landmark_position,
@@ -228,6 +228,8 @@ def test_each_ping_of_a_study_is_ranged_in_the_water_of_its_time(moving_config, 
         changed.append(np.nanmax(np.abs(own.travel_time - early.travel_time)))
     assert max(changed) > 1e-6  # s
     assert moving.picture["ray_arrives"].sum() > 0
+    found = {"first": moving.arrivals.first(), "truth": moving.ranging_truth}
+    as_stored(found | {"picture": moving.picture, "fleet": moving.truth.position})
 
 
 def test_a_fleet_in_varying_water_ends_at_other_positions(moving_config, moving):

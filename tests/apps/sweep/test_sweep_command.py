@@ -78,6 +78,11 @@ def test_a_sweep_from_its_plan_to_its_table(mantaray, told, file, tmp_path):
     )
 
 
+def test_the_plan_of_a_sweep_is_shown(mantaray, told, file, as_stored):
+    as_stored(mantaray("sweep", "show", file, "--workers", "2").out)
+    assert told("sweep", "show", file)["to_do"]["points"] == 4
+
+
 def test_the_exit_status_says_that_points_have_failed(mantaray, told, file, monkeypatch, tmp_path):
     monkeypatch.setattr("pymantaray.apps.sweep.runner.open_pool", pool_here)
     file.write_text('base = "small.toml"\ncross.fleet.vehicles.A.north = [1e6]')

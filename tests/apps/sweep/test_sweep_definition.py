@@ -99,11 +99,12 @@ def test_all_else_is_the_base(sweep):
     assert point.ocean.centre is None  # the whole section is another
 
 
-def test_a_sweep_written_out_needs_nothing_else_and_is_the_same(tmp_path):
+def test_a_sweep_written_out_needs_nothing_else_and_is_the_same(tmp_path, as_stored):
     (tmp_path / "base.toml").write_text(study_toml(load_study("quick")))
     (tmp_path / "sweep.toml").write_text(FILE.replace('"quick"', '"base.toml"'))
     sweep = load_sweep(tmp_path / "sweep.toml")
     text = sweep.to_toml()
+    as_stored(text)
     (tmp_path / "base.toml").unlink()
     again = parse_sweep(text, "again", tmp_path / "elsewhere")
     assert [axis.coordinates() for axis in again.axes] == [
@@ -152,7 +153,7 @@ def test_input_files_are_relative_to_the_sweep(tmp_path):
     ]
 
 
-def test_the_size_of_a_fleet_and_its_spacing_are_fields_too(small):
+def test_the_size_of_a_fleet_and_its_spacing_are_fields_too(small, as_stored):
     tree = {
         "kind": "waypoints",
         "name": "W",
@@ -173,6 +174,7 @@ def test_the_size_of_a_fleet_and_its_spacing_are_fields_too(small):
     assert (after[1].north, after[1].east) == (0.5 * before.north, 0.5 * before.east)
     assert after[1].target_depth == before.target_depth
     assert (after[2].points, after[2].depth) == (((2.0, 3.0, 8.0),), 5.0)
+    as_stored([sweep.point(n).model_dump(mode="json")["fleet"] for n in (0, 1)])
 
 
 @pytest.mark.parametrize("none", [{}, None, "none"])

@@ -3,6 +3,7 @@ Running sweeps on this machine: one result each, the same whoever computes it, a
 twice.
 """
 
+import json
 from concurrent.futures import Future
 from functools import partial
 
@@ -14,7 +15,9 @@ import xarray as xr
 
 from pymantaray.apps.study import open_run, run_study
 from pymantaray.apps.sweep import Sweep, run_sweep, stages, tasks
+from pymantaray.apps.sweep.estimate import cost_of, estimate, known_cost
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
+from pymantaray.apps.sweep.page import write_sweep_page
 from pymantaray.apps.sweep.plan import SweepPlan, SweepQueue
 from pymantaray.apps.sweep.points import stage_name
 from pymantaray.apps.sweep.tasks import SweepTask, run_task
@@ -25,6 +28,7 @@ from pymantaray.evaluation import dropout_table, error_table
 from pymantaray.jobs.pool import Pool
 from pymantaray.jobs.processes import WorkerEndedError
 from pymantaray.jobs.store import open_store
+from pymantaray.pages.page import Page
 
 
 @pytest.fixture
@@ -152,7 +156,9 @@ def test_workers_change_no_digit(depths, tmp_path, monkeypatch):
     assert digits(workers) == digits(alone)
 
 
-def test_a_point_that_fails_is_a_result_and_the_others_go_on(here, counted, small, tmp_path):
+def test_a_point_that_fails_is_a_result_and_the_others_go_on(
+    here, counted, small, tmp_path, monkeypatch, as_stored
+):
     far = Sweep(
         small, cross={"fleet.vehicles.A.north": [0.0, 1e6], "noise.range_sigma": [1.0, 2.0]}
     )
@@ -164,6 +170,11 @@ def test_a_point_that_fails_is_a_result_and_the_others_go_on(here, counted, smal
     assert "A" in line
     assert "\n" not in line
     table = results.table()
+    as_stored({"table": table, "line": line}, without="key|seconds|version")
+    monkeypatch.setattr(Page, "write", lambda page, _: page)
+    page = write_sweep_page(table, ["noise.range_sigma"], tmp_path, title="far", notes=["note"])
+    data = json.loads(page.explorer.data)
+    as_stored({"facts": page.facts, "notes": page.notes, "data": data}, name="page")
     assert table["error"].tolist() == ["", "", "", "", line, line]
     assert np.isnan(table["mean_m"].iloc[-1])
     run_sweep(far, tmp_path / "out")
@@ -192,7 +203,7 @@ def test_points_leave_their_studies_where_asked_for(here, noises, summaries, tmp
     assert summaries(run_sweep(noises(2), tmp_path / "without")) == summaries(results)
 
 
-def test_the_table_is_tidy_and_the_dataset_has_the_swept_fields(here, small, tmp_path):
+def test_the_table_is_tidy_and_the_dataset_has_the_swept_fields(here, small, tmp_path, as_stored):
     vehicles = small.model_dump(exclude_none=True)["fleet"]["vehicles"]
     zipped = [
         {"name": "plan", "labels": ["both", "one"], "fleet.vehicles": [vehicles, vehicles[:1]]}
@@ -200,6 +211,7 @@ def test_the_table_is_tidy_and_the_dataset_has_the_swept_fields(here, small, tmp
     sweep = Sweep(small, cross={"noise.range_sigma": [1.0, 2.0]}, zipped=zipped)
     results = run_sweep(sweep, tmp_path / "out")
     table, dataset = results.table(), results.dataset()
+    as_stored({"table": table, "dataset": dataset}, without="key|seconds|version")
     assert len(table) == 8
     assert table[["point", "condition"]].drop_duplicates().shape == (8, 2)
     assert dataset.sizes == {"noise.range_sigma": 2, "plan": 2, "condition": 2}
@@ -214,6 +226,18 @@ def test_the_table_is_tidy_and_the_dataset_has_the_swept_fields(here, small, tmp
     for name in ("attempts", "rays_seconds"):
         assert dataset[name].dims == ("noise.range_sigma", "plan")
     assert pd.api.types.is_numeric_dtype(table["position_nees_ratio"])
+
+
+def test_the_cost_of_a_sweep_is_that_of_its_steps_links_and_poses(depths, as_stored):
+    plan = SweepPlan(depths)
+    cost = known_cost(depths)
+    as_stored([cost, estimate(plan, plan.points, cost), estimate(plan, [*plan.points][:3], cost)])
+    one = {"ocean": 1.0, "fleet": 2.0, "rays": 4.0, "solve": 8.0, "write": 16.0}
+    contents = [{"seconds": one}, {}, {"seconds": dict.fromkeys(one, 1.0)}]
+    found = cost_of(contents)
+    assert found.seconds == {"ocean": 1.0, "fleet": 1.5, "rays": 2.5, "point": 13.0}
+    assert found.origin == "2 finished points"
+    assert cost_of([{}]) is None
 
 
 def test_each_task_follows_the_stage_that_it_needs(depths):

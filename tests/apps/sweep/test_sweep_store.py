@@ -4,8 +4,10 @@ import json
 import os
 import shutil
 import time
+from pathlib import Path
 
 import factories
+import pandas as pd
 import pytest
 from dask_cluster import client_here
 from refusals import refused
@@ -19,6 +21,7 @@ from pymantaray.config.build.study import build_study
 from pymantaray.errors import JobError, SweepError, WriteError
 from pymantaray.installation import code_version
 from pymantaray.jobs.store import failure_content, open_store
+from pymantaray.pages.page import Page
 from pymantaray.records.writing import netcdf_groups
 
 
@@ -63,6 +66,22 @@ def test_what_is_written_is_read_counted_and_removed(store):
     store.remove("points/aa/aa1.json")
     assert not store.has("points/aa/aa1.json")
     assert store.has("points/ab/ab2.json")
+
+
+def test_the_table_and_the_page_of_a_sweep_are_collected(
+    results, mantaray, tmp_path, monkeypatch, as_stored
+):
+    pages = []
+    monkeypatch.setattr(Page, "write", lambda page, to: pages.append(page) or Path(to, "page"))
+    out = tmp_path / "out"
+    done = mantaray("sweep", "collect", out)
+    assert done.out.split() == [str(out / name) for name in ("table.csv", "table.nc", "page")]
+    (page,) = pages
+    assert page.title == f"Sweep over {results.sweep.name}"
+    columns = ["point", "noise.range_sigma", "condition", "rmse_m"]
+    table = pd.read_csv(out / "table.csv")[columns]
+    as_stored({"facts": page.facts, "notes": page.notes, "table": table})
+    as_stored(out / "table.nc", without="^(?!rmse_m|attempts|attrs)", name="dataset")
 
 
 def test_a_sweep_in_an_object_store_has_the_digits_of_one_in_a_folder(

@@ -1,5 +1,6 @@
 """`mantaray table`."""
 
+import json
 from pathlib import Path
 
 import pytest
@@ -29,10 +30,11 @@ LIMITS = ("--source-depth", "10:50:10", "--receiver-depth", "10:150:20", "--rang
 
 @pytest.mark.usefixtures("profile")
 def test_a_profile_without_a_sea_floor_makes_a_table_and_a_reader(
-    capsys: pytest.CaptureFixture[str],
+    capsys: pytest.CaptureFixture[str], as_stored
 ) -> None:
     assert _run(*LIMITS, "--out", "t.mtt", "--c-reader", "reader.h") == 0
-    assert "% direct" in capsys.readouterr().out
+    text = capsys.readouterr().out
+    assert "% direct" in text
     table = open_table("t.mtt")
     assert table.lower == (10.0, 10.0, 100.0)
     assert table.upper == (50.0, 150.0, 1000.0)
@@ -40,18 +42,22 @@ def test_a_profile_without_a_sea_floor_makes_a_table_and_a_reader(
         506.36 / 1476.0, rel=2e-3
     )
     assert "mantaray_table_open" in Path("reader.h").read_text()
+    as_stored([text, table.tree, table.shares()])
 
 
 def test_a_table_says_where_its_water_is_linear(
-    profile: Path, capsys: pytest.CaptureFixture[str]
+    profile: Path, capsys: pytest.CaptureFixture[str], as_stored
 ) -> None:
     rows = [f"{z},{1500 - 0.12 * z}" for z in range(0, 101, 20)]
     profile.write_text("\n".join(["depth_m,sound_speed", *rows, "2000,1510", ""]))
     limits = ("--source-depth", "10:20:10", "--receiver-depth", "100:140:40", "--range", "100:200")
-    assert _run(*limits, "--out", "t.nc") == 0
+    assert _run(*limits, "--out", "t.nc", "--json") == 0
     note = "between 100 and 2000 m the sound speed is linear"
-    assert note in capsys.readouterr().err
+    printed = capsys.readouterr()
+    assert note in printed.err
+    as_stored(json.loads(printed.out), name="told")
     assert note in open_table("t.nc").attrs["water"]["notes"]
+    as_stored(open_table("t.nc").attrs)
 
 
 @pytest.mark.usefixtures("profile")

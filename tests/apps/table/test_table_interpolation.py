@@ -42,7 +42,7 @@ def test_cubic_polynomials_and_their_derivatives_are_reproduced(seed: int) -> No
     np.testing.assert_allclose(result.gradient, _gradient(coefficients, place), atol=1e-12 * scale)
 
 
-def test_error_falls_with_the_fourth_power_of_the_size() -> None:
+def test_error_falls_with_the_fourth_power_of_the_size(as_stored) -> None:
     wave = np.array([1.1, 0.7, 0.9])
     at = np.random.default_rng(0).uniform(size=(200, 3))
     errors = []
@@ -57,3 +57,4 @@ def test_error_falls_with_the_fourth_power_of_the_size() -> None:
         errors.append(np.abs(result.value - np.sin(length * at @ wave)).max())
     orders = np.log2(np.divide(errors[:-1], errors[1:]))
     assert np.all(orders > 3.5)
+    as_stored(result)

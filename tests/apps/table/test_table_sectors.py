@@ -32,7 +32,7 @@ def sectored() -> TravelTimeTable:
     )
 
 
-def test_a_bearing_selects_the_water_of_its_sector(sectored: TravelTimeTable) -> None:
+def test_a_bearing_selects_the_water_of_its_sector(sectored: TravelTimeTable, as_stored) -> None:
     rng = np.random.default_rng(4)
     low, high = np.array(LIMITS).T
     places = rng.uniform(low, high, (400, 3))
@@ -60,6 +60,7 @@ def test_a_bearing_selects_the_water_of_its_sector(sectored: TravelTimeTable) ->
         np.nanmedian(np.abs(opposite.horizontal_range - places[:, 2])[far])
         > 5.0 * sectored.tolerance
     )
+    as_stored([found, opposite, sectored.shares()])
 
 
 def test_sectors_that_are_too_large_together_are_refused() -> None:

@@ -63,12 +63,15 @@ def test_no_range_in_a_shadow_and_no_shadow_at_an_arrival(
     assert (found.status == CellStatus.BORDER).mean() < 0.06
 
 
-def test_range_and_travel_time_are_inverse(table: TravelTimeTable, places: np.ndarray) -> None:
+def test_range_and_travel_time_are_inverse(
+    table: TravelTimeTable, places: np.ndarray, as_stored
+) -> None:
     there = table.travel_time(*places.T)
     back = table.horizontal_range(places[:, 0], places[:, 1], there.travel_time)
     ok = np.isin(there.status, WITH_RANGE)
     np.testing.assert_allclose(back.horizontal_range[ok], places[ok, 2], atol=1e-8)
     np.testing.assert_array_equal(back.status[ok], there.status[ok])
+    as_stored([there, back, table.tree, table.shares()])
 
 
 def _two_arrivals(places: np.ndarray) -> Samples:
@@ -102,7 +105,7 @@ def _two_arrivals(places: np.ndarray) -> Samples:
     )
 
 
-def test_a_small_region_with_an_earlier_arrival_is_found() -> None:
+def test_a_small_region_with_an_earlier_arrival_is_found(as_stored) -> None:
     box = Box((0.0, 0.0, 1000.0), (100.0, 200.0, 2000.0), (5.0, 5.0, 20.0))
     table = TravelTimeTable(box.lower, box.upper, 0.05, build_tree(box, [_two_arrivals], 0.05))
     places = POCKET + POCKET_SIZE * np.random.default_rng(2).uniform(-5.0, 5.0, (40_000, 3))
@@ -114,6 +117,7 @@ def test_a_small_region_with_an_earlier_arrival_is_found() -> None:
     assert ok.sum() > 100
     assert np.abs(found.travel_time - time)[ok].max() * 1500.0 < table.tolerance
     assert table.shares()["border"] < 0.01
+    as_stored([found, table.tree])
 
 
 def _island(places: np.ndarray) -> Samples:
@@ -134,7 +138,7 @@ def _island(places: np.ndarray) -> Samples:
     )
 
 
-def test_arrivals_in_a_small_region_within_a_shadow_are_found() -> None:
+def test_arrivals_in_a_small_region_within_a_shadow_are_found(as_stored) -> None:
     box = Box((0.0, 0.0, 1000.0), (100.0, 200.0, 2000.0), (5.0, 5.0, 20.0))
     table = TravelTimeTable(box.lower, box.upper, 0.05, build_tree(box, [_island], 0.05))
     places = [30.0, 55.0, 1400.0] + np.array([6.0, 6.0, 29.0]) * np.random.default_rng(6).uniform(
@@ -143,6 +147,7 @@ def test_arrivals_in_a_small_region_within_a_shadow_are_found() -> None:
     assert np.isfinite(_island(places).value).all()
     assert not np.any(table.travel_time(*places.T).status == CellStatus.SHADOW)
     assert table.shares()["shadow"] > 0.99
+    as_stored([table.tree, table.shares()])
 
 
 @pytest.mark.slow
@@ -167,11 +172,12 @@ def test_derivatives_equal_differences(
     np.testing.assert_allclose((high - low) / (2.0 * step), derivative, rtol=1e-5, atol=1e-6)
 
 
-def test_faster_water_means_a_longer_range(table: TravelTimeTable) -> None:
+def test_faster_water_means_a_longer_range(table: TravelTimeTable, as_stored) -> None:
     at = table.horizontal_range(50.0, 200.0, [1.0, 1.02])
     assert at.range_by_scale[0] == pytest.approx(
         np.diff(at.horizontal_range)[0] / np.log(1.02), rel=0.02
     )
+    as_stored(at)
 
 
 @pytest.mark.parametrize("name", ["table.nc", "table.mtt"])
@@ -281,7 +287,7 @@ def test_a_netcdf_table_of_other_values_is_refused(table: TravelTimeTable, tmp_p
         )
 
 
-def test_sigma_is_that_of_two_oceans(water: Water, tmp_path: Path) -> None:
+def test_sigma_is_that_of_two_oceans(water: Water, tmp_path: Path, as_stored) -> None:
     faster = tmp_path / "faster.csv"
     depth = np.linspace(0.0, 1000.0, 41)
     speed = 1500.0 - 30.0 / (1.0 + np.exp(-(depth - 80.0) / 25.0)) + 0.017 * depth
@@ -297,6 +303,7 @@ def test_sigma_is_that_of_two_oceans(water: Water, tmp_path: Path) -> None:
     assert found.range_sigma[0] == pytest.approx(
         found.range_by_scale[0] * 1e-3 / np.sqrt(2.0), rel=0.01
     )
+    as_stored([found, table.tree])
 
 
 @pytest.mark.parametrize(
@@ -313,7 +320,7 @@ def test_wrong_limits_are_refused(water: Water, limits, words: str) -> None:
         build_table(water, *limits)
 
 
-def test_progress_grows_to_the_whole_volume_of_all_sectors(water: Water) -> None:
+def test_progress_grows_to_the_whole_volume_of_all_sectors(water: Water, as_stored) -> None:
     told: list[tuple[str, int, int]] = []
     limits = (0.0, 40.0), (0.0, 60.0), (50.0, 400.0)
     build_table(
@@ -323,6 +330,7 @@ def test_progress_grows_to_the_whole_volume_of_all_sectors(water: Water) -> None
     assert done == sorted(done)
     assert {(stage, total) for stage, _, total in told} == {("table", 200)}
     assert {100, 200} <= set(done)
+    as_stored(done)
 
 
 def test_a_table_that_would_be_too_large_is_refused(water: Water) -> None:

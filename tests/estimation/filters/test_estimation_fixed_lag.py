@@ -72,7 +72,7 @@ def test_a_filter_of_a_linear_chain_is_the_batch_of_what_it_has_heard():
     )
 
 
-def test_a_lag_as_long_as_the_mission_ends_at_the_batch_optimum(make_fleet):
+def test_a_lag_as_long_as_the_mission_ends_at_the_batch_optimum(make_fleet, as_stored):
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     graph, samples = build_graph(fleet.noisy, "straight"), [10, 20]
     batch = GraphSolver(SolveOptions(step_tolerance=1e-7)).solve(
@@ -86,9 +86,10 @@ def test_a_lag_as_long_as_the_mission_ends_at_the_batch_optimum(make_fleet):
     )
     np.testing.assert_allclose(end.covariances.pose, batch.covariances.pose, rtol=1e-2, atol=1e-6)
     assert end.final_cost == pytest.approx(batch.final_cost, rel=1e-6)
+    as_stored(end)
 
 
-def test_its_errors_have_the_covariances_that_it_gives(make_fleet):
+def test_its_errors_have_the_covariances_that_it_gives(make_fleet, as_stored):
     free, samples, ratio = make_fleet(seed=6, turn=0.0, gnss_every=15), [10, 20, 29], []
     for seed in range(12):
         o = factories.add_noise(free.noise_free, seed)
@@ -98,6 +99,7 @@ def test_its_errors_have_the_covariances_that_it_gives(make_fleet):
         ratio.append(nees(error.reshape(3, 9), joint) / 9)
     # 12 draws of 9 degrees of freedom
     np.testing.assert_allclose(np.mean(ratio, axis=0), 1.0, atol=4.0 * np.sqrt(2.0 / (9 * 12)))
+    as_stored(end)
 
 
 def test_bad_requests_are_refused(make_fleet):
@@ -135,9 +137,7 @@ def test_the_smoother_equals_the_batch_if_its_lag_covers_the_mission(
     assert np.isfinite(end.update_seconds).all()
 
 
-def test_both_smoothers_with_a_short_lag_agree_to_a_fraction_of_sigma(
-    make_fleet,
-):
+def test_both_smoothers_with_a_short_lag_agree_to_a_fraction_of_sigma(make_fleet, as_stored):
     fleet = make_fleet(seed=4, gnss_every=10, n_landmarks=1)
     graph, poses = build_graph(fleet.noisy, "straight"), poses_at(fleet.noisy, [10, 20])
     ends = [
@@ -153,6 +153,7 @@ def test_both_smoothers_with_a_short_lag_agree_to_a_fraction_of_sigma(
     difference = np.abs(ends[0].position - ends[1].position)[poses]
     assert difference.max() > 0.0
     assert (difference < 0.1 * sigma).all()
+    as_stored(ends)
 
 
 @pytest.mark.slow

@@ -46,7 +46,7 @@ def cut(graph, until):
 
 
 @pytest.mark.parametrize("every", ["ping", "sample"])
-def test_last_update_ends_at_the_batch_optimum(mission, every):
+def test_last_update_ends_at_the_batch_optimum(mission, every, as_stored):
     _, graph, start = mission
     batch = GraphSolver(TIGHT).solve(graph, start)
     end = solve_incrementally(
@@ -57,6 +57,7 @@ def test_last_update_ends_at_the_batch_optimum(mission, every):
     np.testing.assert_allclose(end.landmark_position, batch.landmark_position, rtol=0, atol=ATOL)
     assert end.final_cost == pytest.approx(batch.final_cost, abs=1e-3)
     assert end.expected_cost == batch.expected_cost
+    as_stored(end)
 
 
 def test_distance_from_the_batch_optimum_falls_with_the_threshold(mission):
@@ -86,7 +87,7 @@ def test_the_estimate_at_each_epoch_is_the_batch_optimum_until_then(mission):
         np.testing.assert_allclose(on_line.position[now], known.position[now], rtol=0, atol=0.1)
 
 
-def test_between_pings_a_vehicle_knows_what_it_reckons_from_the_last(mission):
+def test_between_pings_a_vehicle_knows_what_it_reckons_from_the_last(mission, as_stored):
     fleet, graph, start = mission
     on_line = solve_incrementally(graph, start)
     np.testing.assert_array_equal(on_line.update_time, np.array([5, 10, 15, 20, 25, 29]) * 200.0)
@@ -106,6 +107,7 @@ def test_between_pings_a_vehicle_knows_what_it_reckons_from_the_last(mission):
     assert on_line.seconds.shape == on_line.relinearized.shape == (6,)
     assert (on_line.seconds > 0.0).all()
     assert on_line.relinearized[1:].any()
+    as_stored(on_line)
 
 
 def test_the_future_does_not_reach_back(mission):
@@ -179,7 +181,7 @@ def test_what_cannot_be_replayed_is_refused_in_one_line(mission):
             solve_incrementally(bad, start, **options)
 
 
-def test_options_of_the_solver_reach_the_replay(mission):
+def test_options_of_the_solver_reach_the_replay(mission, as_stored):
     fleet, graph, start = mission
     strict = SolveOptions(decrement_tolerance=1e-30)
     method = Method(incremental=True)
@@ -194,10 +196,11 @@ def test_options_of_the_solver_reach_the_replay(mission):
     assert updates[1] >= fleet.position.shape[1] > updates[0]
     one = {"e": Estimator("straight", method=method)}
     assert solve_conditions(fleet.noisy, one, solver=often)["e"].iterations == updates[1]
+    as_stored(updates)
 
 
 @pytest.mark.parametrize("lag", [None, 1e6])
-def test_a_landmark_without_a_prior_enters_when_it_is_determined(tmp_path, lag):
+def test_a_landmark_without_a_prior_enters_when_it_is_determined(tmp_path, lag, as_stored):
     """
     Its vertex is 1 km off, so that it can only come from the ranges; the optimum is that of a
     batch.
@@ -212,6 +215,7 @@ def test_a_landmark_without_a_prior_enters_when_it_is_determined(tmp_path, lag):
     assert solution.usable
     np.testing.assert_allclose(solution.landmark_position[0], landmark, atol=3.0)
     np.testing.assert_allclose(solution.position, batch.position, atol=ATOL)
+    as_stored(solution)
 
 
 @pytest.mark.parametrize("loss", LOSSES)

@@ -78,7 +78,7 @@ def with_more_sensors(o, fleet, rng):
 
 
 @pytest.mark.parametrize("more", [False, True])
-def test_nearly_linear_filters_equal_the_batch_at_the_last_pose(make_fleet, more):
+def test_nearly_linear_filters_equal_the_batch_at_the_last_pose(make_fleet, more, as_stored):
     fleet = make_fleet(seed=4, gnss_every=8, n_landmarks=2, n_vehicles=2)
     o = nearly_linear(fleet)
     o = with_more_sensors(o, fleet, np.random.default_rng(8)) if more else o
@@ -106,6 +106,7 @@ def test_nearly_linear_filters_equal_the_batch_at_the_last_pose(make_fleet, more
     assert np.abs(end.position - batch.position).max() > 5.0 * sigma.min(), (
         "earlier poses hear nothing later"
     )
+    as_stored(end)
 
 
 def test_derivatives_of_a_step_are_those_of_finite_differences():
@@ -149,7 +150,7 @@ def test_its_errors_have_the_covariances_that_it_gives(make_fleet):
     np.testing.assert_allclose(np.mean(ratio, axis=0), 1.0, atol=4.0 * np.sqrt(2.0 / (9 * 12)))
 
 
-def test_innovations_of_ranges_have_their_expected_size(make_fleet):
+def test_innovations_of_ranges_have_their_expected_size(make_fleet, as_stored):
     free, nis, rows = make_fleet(seed=6, turn=0.0, gnss_every=15), 0.0, 0
     for seed in range(12):
         o = factories.add_noise(free.noise_free, seed)
@@ -163,15 +164,17 @@ def test_innovations_of_ranges_have_their_expected_size(make_fleet):
         assert np.isnan(own.range_nis[2]), "sample 21 has no ranges"
         nis, rows = nis + own.range_nis[:2].sum(), rows + own.range_dimension.sum()
     assert nis / rows == pytest.approx(1.0, abs=4.0 * np.sqrt(2.0 / rows))
+    as_stored(end)
 
 
-def test_a_range_model_gives_the_estimate_of_its_distances(make_fleet):
+def test_a_range_model_gives_the_estimate_of_its_distances(make_fleet, as_stored):
     o = make_fleet(seed=3, gnss_every=10, n_landmarks=1).noisy
     distances, times = (
         solve_conditions(o, {"e": Estimator("refracted", method=KALMAN, model=model)})["e"]
         for model in (None, Asked())
     )
     np.testing.assert_allclose(times.position, distances.position, rtol=0, atol=1e-6)
+    as_stored(times)
 
 
 class Asked(RangeModel):
@@ -188,7 +191,7 @@ class Asked(RangeModel):
         return out if self.possible is None else out._replace(possible=self.possible(links))
 
 
-def test_links_without_an_arrival_are_left_out_and_counted(make_fleet):
+def test_links_without_an_arrival_are_left_out_and_counted(make_fleet, as_stored):
     o = make_fleet(seed=3, gnss_every=10, n_landmarks=1).noisy
     gate = Asked(lambda links: links.time != 10 * factories.PERIOD)
     end = solve_conditions(o, {"e": Estimator("refracted", method=KALMAN, model=gate)})["e"]
@@ -202,9 +205,10 @@ def test_links_without_an_arrival_are_left_out_and_counted(make_fleet):
     without = solve_conditions(lost, {"e": Estimator("refracted", method=KALMAN)})["e"]
     np.testing.assert_allclose(end.position, without.position, rtol=0, atol=1e-6)
     assert end.expected_cost == without.expected_cost
+    as_stored(end)
 
 
-def test_a_fitted_sigma_meets_the_expected_innovations(make_fleet):
+def test_a_fitted_sigma_meets_the_expected_innovations(make_fleet, as_stored):
     o, rng = make_fleet(seed=7, gnss_every=10).noisy, np.random.default_rng(1)
     wild = replace(
         o, refracted_range=o.straight_range + 25.0 * rng.standard_normal(o.range_sigma.size)
@@ -216,6 +220,7 @@ def test_a_fitted_sigma_meets_the_expected_innovations(make_fleet):
     assert fitted.unknowns.value[0] == pytest.approx(
         25.0, rel=5.0 / np.sqrt(2.0 * o.range_sigma.size)
     )
+    as_stored(fitted)
 
 
 def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
@@ -261,7 +266,7 @@ def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
     )
 
 
-def test_a_measured_pose_is_uncertain_in_the_axes_of_the_body(monkeypatch):
+def test_a_measured_pose_is_uncertain_in_the_axes_of_the_body(monkeypatch, as_stored):
     """Uneven standard deviations on a tilted body: the last pose is that of the batch."""
     fleet = factories.make_fleet(n_vehicles=1, n_times=6, n_landmarks=1)
     kinds = dict(KINDS)
@@ -283,3 +288,4 @@ def test_a_measured_pose_is_uncertain_in_the_axes_of_the_body(monkeypatch):
         )
         shifts.append(after - before)
     np.testing.assert_allclose(shifts[1], shifts[0], rtol=0, atol=0.01 * np.abs(shifts[0]).max())
+    as_stored(shifts)

@@ -67,13 +67,14 @@ def test_predictions_are_conditioned_on_earlier_measurements():
         np.testing.assert_allclose(projected(before[k], k), expected, rtol=1e-9, atol=1e-12)
 
 
-def test_two_passes_are_conditioned_on_all_other_measurements():
+def test_two_passes_are_conditioned_on_all_other_measurements(as_stored):
     forward, backward = run(range(TIMES.size)), run(range(TIMES.size - 1, -1, -1))
     for k in range(TIMES.size):
         both = fuse(forward[k], backward[k], PROCESSES)
         others = [i for i in range(TIMES.size) if i != k]
         expected = conditioned(k, others)
         np.testing.assert_allclose(projected(both, k), expected, rtol=1e-8, atol=1e-10)
+    as_stored(both)
 
 
 def test_likelihood_is_that_of_the_joint_distribution():
@@ -98,7 +99,7 @@ def test_a_measurement_that_nothing_explains_changes_nothing():
     np.testing.assert_allclose(state.covariance, before.covariance, rtol=1e-9)
 
 
-def test_two_candidates_give_mean_and_covariance_of_their_mixture():
+def test_two_candidates_give_mean_and_covariance_of_their_mixture(as_stored):
     """One process of variance 4, measured at 1 or at -3, each with a variance of 1."""
     single = Processes(np.array([2.0]), np.array([np.inf]))
     state = GaussMarkovFilter(single, 0.0)
@@ -111,3 +112,4 @@ def test_two_candidates_give_mean_and_covariance_of_their_mixture():
     mean = weight @ means
     assert state.mean[0] == pytest.approx(mean)
     assert state.covariance[0, 0] == pytest.approx(0.8 + weight @ (means - mean) ** 2)
+    as_stored([outcome, state.estimate])

@@ -18,7 +18,7 @@ def run(tmp_path, monkeypatch):
 
 
 @pytest.mark.network
-def test_hycom_is_fetched_by_the_command_of_the_documentation(run, thredds, monkeypatch):
+def test_hycom_is_fetched_by_the_command_of_the_documentation(run, thredds, monkeypatch, as_stored):
     monkeypatch.setenv("MANTARAY_OCEAN_SERVERS", thredds.root)
     words = ["hycom", *WINDOW, "--time", "2014-07-15T12", "--out", "ocean.nc", "-v"]
     result = run(*words)
@@ -37,6 +37,7 @@ def test_hycom_is_fetched_by_the_command_of_the_documentation(run, thredds, monk
     )
     quiet = run(*words, "--force", "--nearest", "--quiet")
     assert (quiet.stdout, quiet.stderr) == ("ocean.nc\n", "")
+    as_stored(ocean)
 
 
 @pytest.mark.parametrize("text", ["73", "73,", "a,b", "1,2,3", ""])

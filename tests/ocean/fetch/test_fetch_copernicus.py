@@ -137,7 +137,7 @@ def service(glorys, monkeypatch):
         ((0.5, 1.2), 0.5),
     ],
 )
-def test_a_window_of_a_day_becomes_a_valid_ocean(service, tmp_path, lon, first):
+def test_a_window_of_a_day_becomes_a_valid_ocean(service, tmp_path, lon, first, as_stored):
     fetched = fetch_copernicus((73.0, 74.0), lon, "2014-07-15T18", tmp_path / "glorys.nc")
     with xr.open_dataset(fetched.path) as written:
         ocean = written.load()
@@ -159,9 +159,10 @@ def test_a_window_of_a_day_becomes_a_valid_ocean(service, tmp_path, lon, first):
     expected = gsw.t_from_CT(SA, gsw.CT_from_pt(SA, potential(z, east) + 0.01), p)
     assert float(point["water_temp"]) == pytest.approx(float(expected), abs=1e-4)
     assert list(tmp_path.iterdir()) == [fetched.path]
+    as_stored(fetched)
 
 
-def test_several_data_sets_of_a_product_are_one_ocean(service, tmp_path):
+def test_several_data_sets_of_a_product_are_one_ocean(service, tmp_path, as_stored):
     servers = tmp_path / "servers.toml"
     servers.write_text(
         """[[copernicus]]
@@ -182,6 +183,7 @@ datasets = [
     assert [a.dataset_id for a in service] == ["t", "s", "c"]
     with xr.open_dataset(fetched.path) as ocean:
         validate_ocean(ocean)
+    as_stored(fetched)
 
 
 @pytest.fixture

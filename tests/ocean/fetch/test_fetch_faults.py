@@ -54,7 +54,7 @@ CASES = [
 ]
 
 
-def test_each_of_many_passing_faults_ends_in_success(fetch, is_true, thredds):
+def test_each_of_many_passing_faults_ends_in_success(fetch, is_true, thredds, as_stored):
     """In one fetch, whose four blocks meet all faults of a block in turn."""
     variables = ("water_temp", "salinity", "water_u", "water_v")
     faults = [
@@ -66,6 +66,7 @@ def test_each_of_many_passing_faults_ends_in_success(fetch, is_true, thredds):
     assert thredds.app.faults == []
     # one more: after its attributes, the description is asked for again
     assert fetched.requests == len(thredds.app.asked) == 11 + len(FAULTS) + 3
+    as_stored(fetched)
 
 
 @pytest.mark.slow
@@ -93,12 +94,13 @@ def test_a_lasting_fault_ends_in_one_line(refusal, thredds, fault):
     assert message.endswith("(3 attempts)")
 
 
-def test_compressed_answers_are_read(fetch, is_true, thredds):
+def test_compressed_answers_are_read(fetch, is_true, thredds, as_stored):
     thredds.app.faults += [(place, "gzip") for place in PLACES.values()]
     fetched, ocean = fetch()
     is_true(ocean, "2014-07-15T12:00")
     assert fetched.requests == 11
     assert thredds.app.faults == []
+    as_stored(fetched)
 
 
 def test_a_server_that_asks_to_come_back_much_later_is_asked_soon(fetch, is_true, thredds):
@@ -168,7 +170,9 @@ def test_nobody_at_the_address_is_said_so(refusal):
     assert "connection refused (3 attempts)" in refusal(servers="http://127.0.0.1:9/dodsC")
 
 
-def test_a_password_goes_to_the_server_and_nowhere_else(fetch, is_true, refusal, thredds, tmp_path):
+def test_a_password_goes_to_the_server_and_nowhere_else(
+    fetch, is_true, refusal, thredds, tmp_path, as_stored
+):
     thredds.app.account = "Basic " + base64.b64encode(b"ann@home:pa:ss word").decode()
     address = thredds.root.replace("http://", "http://ann%40home:pa:ss%20word@")
     (tmp_path / "mine.toml").write_text(f'[addresses]\nopendap = "{address}"\n')
@@ -192,6 +196,7 @@ def test_a_password_goes_to_the_server_and_nowhere_else(fetch, is_true, refusal,
         assert "is not a valid URL" in message
         assert "ann" not in message
         assert "ss@" not in message
+    as_stored(fetched)
 
 
 class Recording(http.server.BaseHTTPRequestHandler):

@@ -15,7 +15,7 @@ from pymantaray.ocean import open_ocean
 pytestmark = pytest.mark.network
 
 
-def test_a_window_of_the_reanalysis_is_the_server_s_water(fetch, is_true, thredds):
+def test_a_window_of_the_reanalysis_is_the_server_s_water(fetch, is_true, thredds, as_stored):
     progress = []
     fetched, ocean = fetch(progress=lambda *words: progress.append(words))
     is_true(ocean, "2014-07-15T12:00")
@@ -32,6 +32,7 @@ def test_a_window_of_the_reanalysis_is_the_server_s_water(fetch, is_true, thredd
     assert fetched.remarks == ()
     assert fetched.requests == len(thredds.app.asked)
     assert progress == [("fetch", i, 4) for i in range(5)]
+    as_stored(fetched)
 
 
 def test_only_the_window_is_read_in_blocks_of_levels(fetch, is_true, thredds):
@@ -111,7 +112,9 @@ def test_between_two_year_files_the_nearest_steps_come_from_both(refusal, fetch,
     is_true(ocean, "2015-01-01T12:00")
 
 
-def test_a_step_that_the_server_lacks_is_refused_with_its_neighbours(refusal, fetch, is_true):
+def test_a_step_that_the_server_lacks_is_refused_with_its_neighbours(
+    refusal, fetch, is_true, as_stored
+):
     message = refusal(time="2014-06-28T18")
     assert (
         "has no step 2014-06-28T18:00; the nearest are 2014-06-28T09:00 and 2014-06-29T12:00"
@@ -124,6 +127,7 @@ def test_a_step_that_the_server_lacks_is_refused_with_its_neighbours(refusal, fe
         "2014-06-28T18:00 does not exist: nearest step 2014-06-28T09:00 used",
     )
     assert fetched.remarks[0] in ocean.attrs["history"].splitlines()
+    as_stored(fetched)
 
 
 def test_a_step_that_only_one_of_two_data_sets_has_is_missing(refusal, fetch, is_true):
@@ -133,13 +137,16 @@ def test_a_step_that_only_one_of_two_data_sets_has_is_missing(refusal, fetch, is
     is_true(ocean, "2019-03-14T09:00")
 
 
-def test_an_experiment_without_the_time_gives_way_to_the_next(fetch, is_true, thredds, monkeypatch):
+def test_an_experiment_without_the_time_gives_way_to_the_next(
+    fetch, is_true, thredds, monkeypatch, as_stored
+):
     model = thredds.app.models["GLBv0.08/expt_57.2"]
     monkeypatch.setattr(model, "instants", model.instants[800:])
     fetched, ocean = fetch(time="2016-06-01T00")
     is_true(ocean, "2016-06-01T00:00")
     assert "expt_56.3" in fetched.title
     assert "expt_57.2 on the server does not cover 2016-06-01T00:00" in fetched.remarks[0]
+    as_stored(fetched)
 
 
 def test_a_time_axis_that_moves_during_the_fetch_is_noticed(refusal, thredds, monkeypatch):
