@@ -50,3 +50,15 @@ def test_a_range_model_reaches_its_estimator_and_no_other(factory):
     assert isinstance(believing.model, EigenrayModel)
     assert believing.correlated
     assert believing.uncertainty is not None
+
+
+@pytest.mark.parametrize(("keys", "right"), [
+    ({"ranges": "straight"}, True),
+    ({"ranges": "refracted"}, False),
+    ({"range_model": EXACT}, True),
+    ({"range_model": EXACT, "variance": ERRORS}, False),
+    ({"range_model": EXACT, "range_sigma": 3.0}, False),
+    ({"range_model": CONSTANT}, False),
+])  # fmt: skip
+def test_a_cost_has_bounds_where_every_assumption_holds(factory, keys, right):
+    assert made(factory, **keys).model_is_right is right

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.collections import QuadMesh
+from PIL import Image
 from refusals import refused
 
 from pymantaray.apps.atlas import page as atlas_page
@@ -137,7 +138,10 @@ def test_the_page_has_every_instant_or_every_second_column(tmp_path, monkeypatch
     atlas = made(times=3).assign_attrs(title="made")
     whole = write_atlas_page(atlas, [], tmp_path)
     monkeypatch.setattr(atlas_page, "_MAX_NUMBERS", 600)
-    half = write_atlas_page(atlas, [], tmp_path)
+    figures = [tmp_path / "atlas_error.png", tmp_path / "atlas_error.pdf"]
+    Image.new("L", (80, 60)).save(figures[0])
+    half = write_atlas_page(atlas, figures, tmp_path)
+    assert [(len(p.pictures), len(p.notes)) for p in (whole, half)] == [(0, 0), (1, 1)]
     as_stored([[p.facts, p.notes, json.loads(p.explorer.data)] for p in (whole, half)])
     errors = np.array(json.loads(half.explorer.data)["error"], dtype=float)
     own = atlas["worst_range_error"].values[:, ::2, ::2].ravel()

@@ -28,6 +28,9 @@ def test_export_names_what_it_made_and_refuses_in_one_line(mantaray, tiny_run_fo
         "error: export: unknown format 'ply'; allowed: tum, kitti, cf, csv, parquet, g2o, pyfg,"
         " rrd, mcap, bag, vtk, kml, geojson, mat\n"
     )
+    for option, given in (("to", ("--out", tmp_path / "other")), ("out", ("--to", "csv"))):
+        done = mantaray("export", tiny_run_folder, *given)
+        assert (done.code, f"Missing option '--{option}'" in done.err) == (2, True)
     again = mantaray("export", tiny_run_folder, "--to", "csv", "--out", tmp_path / "tables")
     assert again.code == 2
     assert len(again.err.splitlines()) == 1

@@ -271,7 +271,13 @@ def test_an_atlas_becomes_cells_with_its_errors(tmp_path):
     assert values["time_utc"] == "2020-01-01T00:00:00Z"
     assert len({f["properties"]["fill"] for f in features}) == 5
     export_run(tmp_path / "atlas.nc", "kml", tmp_path / "atlas.kml")
-    assert len(placemarks((tmp_path / "atlas.kml").read_text())) == 5
+    text = (tmp_path / "atlas.kml").read_text()
+    assert len(placemarks(text)) == 5
+    assert "<name>2020-01-01T00:00:00Z</name>" in text
+    undated = data.assign(others).assign_coords(time=np.array(["NaT"], dtype="datetime64[ns]"))
+    undated.to_netcdf(tmp_path / "undated.nc")
+    export_run(tmp_path / "undated.nc", "kml", tmp_path / "undated.kml")
+    assert "<name>cells</name>" in (tmp_path / "undated.kml").read_text()
 
 
 def test_paraview_gets_fleet_residuals_and_rays(run, exported):

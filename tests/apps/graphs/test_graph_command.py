@@ -384,6 +384,13 @@ def test_convert_writes_depths_as_ranges(graph, tmp_path, as_stored):
     as_stored(out)
 
 
+def test_short_ranges_with_metres_of_noise_are_explained(told, file):
+    """Residuals of less than 5 m are never a large share, as they are of times of 5 m."""
+    text = file.read_text().replace("9.05 0.01", "6 4").replace("17.7 0.01", "14 4")
+    file.write_text(text)
+    assert told("graph", "solve", file, "--no-truth")["unexplained"] is None
+
+
 @pytest.mark.parametrize(
     ("changes", "said"),
     [

@@ -311,6 +311,14 @@ def test_a_plan_gives_the_best_radius_of_each_pattern(told, tmp_path):
     assert north == sorted(north, reverse=True)
 
 
+def test_a_plan_says_what_it_assumes(mantaray, tmp_path):
+    words = ("--profile", profile_csv(tmp_path), "--pattern", "circle", "--radii", 900, 901, 2)
+    done = mantaray("locate", "plan", "--depth", 2000, *words, "--pings", 12, "--sigma", "2 ms")
+    said = " ".join(done.out.split())
+    assert "position in 3-D), 12 pings of 2 ms, node at 2000 m, ship at 2 m/s" in said
+    assert "circle: the best radius is the smallest of the search; a better one may be" in said
+
+
 def test_a_plan_searches_until_the_best_radius_is_not_at_an_edge(as_stored):
     plan = plan_survey(
         water(), PlanOptions(300.0, 2e-4, criterion="depth"), shapes=("cross",), pings=20

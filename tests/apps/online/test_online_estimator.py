@@ -17,7 +17,7 @@ from refusals import refused
 from pymantaray.acoustics import Medium
 from pymantaray.apps.online import Beacon, OnlineEstimator, Outcome, StartPose
 from pymantaray.apps.online.range_model import TableModel
-from pymantaray.apps.online.saved_state import read_state, write_state
+from pymantaray.apps.online.saved_state import _fault, read_state, write_state
 from pymantaray.errors import OnlineError
 from pymantaray.estimation import (
     GraphSolver,
@@ -333,6 +333,18 @@ def test_a_damaged_or_foreign_file_is_refused_in_one_line(tmp_path):
     )
     file.write_text("hello")
     refused(OnlineError, "not a saved estimator", OnlineEstimator.restore, file, SPEED)
+
+
+@pytest.mark.parametrize(("name", "value"), [
+    ("lag", 0.0), ("gate", -1.0), ("longest_step", "10"), ("horizon", math.inf), ("lag", None),
+])  # fmt: skip
+def test_a_saved_number_that_is_none_is_refused(tmp_path, name, value):
+    file = tmp_path / "state.json"
+    new().save(file)
+    written = json.loads(file.read_text().splitlines()[1])
+    content = {**written, name: value}
+    assert not _fault(written)
+    assert _fault(content) == f"{name} is {value!r}"
 
 
 def test_one_wrong_stamp_or_size_is_refused_and_what_follows_is_used():

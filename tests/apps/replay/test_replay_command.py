@@ -85,6 +85,14 @@ def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, drawn, file
     as_stored(files / "out", name="files", without=MADE)
 
 
+def test_directions_are_compared_within_the_window(mantaray, files, undrawn):
+    """Events are a minute apart, which is the window without the option."""
+    done = mantaray("replay", "events.csv", *WATER, "--window", "59 s", "--out", "out")
+    assert done.code == 0
+    (row,) = pd.read_csv(files / "out" / "tables" / "reciprocity.csv").to_dict("records")
+    assert (row["forth"], row["back"], row["matched"]) == (4, 4, 0)
+
+
 def test_an_ocean_is_a_water_too(told, files, ocean_file, undrawn, as_stored):
     words = ("--ocean", ocean_file, "--half-extent", 4000, 4000, "--quiet", "--out", "out")
     result = told("replay", "events.csv", *words)

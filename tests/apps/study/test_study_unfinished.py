@@ -15,6 +15,7 @@ import pytest
 
 from pymantaray.apps.study import open_run, run_study, runner
 from pymantaray.apps.study.realization import RealizationResult, RealizationSolver
+from pymantaray.apps.study.store import Run
 from pymantaray.config import load_study
 from pymantaray.errors import JobError, WriteError
 from pymantaray.estimation import UnknownsEstimate
@@ -282,3 +283,10 @@ def test_kill_minus_nine_at_any_moment_loses_no_realization(tmp_path):
     assert len(there) < REALIZATIONS
     same(*(run_study(config, tmp_path / name, workers=1) for name in ("run", "undisturbed")))
     assert {path.name for path in tmp_path.iterdir()} == {"run", "undisturbed"}
+
+
+def test_a_run_without_a_manifest_has_the_files_that_are_there(tmp_path):
+    run = Run(tmp_path)
+    assert not run.has_file("estimates.nc")
+    (tmp_path / "estimates.nc").touch()
+    assert run.has_file("estimates.nc")

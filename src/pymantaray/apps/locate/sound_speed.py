@@ -94,7 +94,7 @@ class Spline:
         if np.isinf(memory):
             differences = np.diff(np.eye(size), n=2, axis=0)
             values, vectors = np.linalg.eigh(differences.T @ differences)
-            unit = 1.0 / np.sqrt(values[_UNPENALIZED:])
+            unit = values[_UNPENALIZED:] ** -0.5
         else:
             apart = step * np.abs(np.subtract.outer(np.arange(size), np.arange(size)))
             without = np.eye(size) - plain @ plain.T
