@@ -14,6 +14,7 @@ from PIL import Image
 from pymantaray.apps.study.report_process import ReportProcess, _start
 from pymantaray.cli.main import main, tree
 from pymantaray.config import load_study, study_toml
+from pymantaray.errors import MantaRayError
 from pymantaray.pages import writing
 from pymantaray.pages.page import Page
 
@@ -114,6 +115,31 @@ def told(mantaray, as_stored):
         result = json.loads(done.out, parse_constant=lambda word: pytest.fail(word))
         as_stored(result, without=without, name=f"told {next(calls)}")
         return result
+
+    return call
+
+
+@pytest.fixture
+def reached(mantaray, monkeypatch, as_stored):
+    """
+    Call `mantaray` with words until it calls a function of the library, which is not done: what it
+    is given, which is stored, functions by their presence.
+    """
+
+    def call(function, *words, without="(?!)"):
+        given = []
+
+        def instead(*arguments, **options):
+            given.append({**dict(enumerate(arguments)), **options})
+            raise MantaRayError("reached")
+
+        with monkeypatch.context() as patch:
+            patch.setattr(function, instead)
+            done = mantaray(*words)
+        assert (done.code, len(given)) == (2, 1), done.err
+        plain = {k: "a function" if callable(v) else v for k, v in given[0].items()}
+        as_stored(plain, without=without, name=" ".join(("reached", function.rpartition(".")[2])))
+        return given[0]
 
     return call
 

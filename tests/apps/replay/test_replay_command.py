@@ -144,6 +144,12 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
     np.testing.assert_allclose(*levels, rtol=1e-9)
 
 
+def test_every_option_reaches_the_replay(reached, files):
+    options = {"--window": "20 s", "--reference": "B", "--rule": "within:9", "--draws": 7}
+    words = [str(word) for pair in options.items() for word in pair]
+    reached("pymantaray.apps.replay.replay_events", "replay", "events.csv", *WATER, *words)
+
+
 REFUSED = {
     "rule 'loudest'; allowed are first": (*WATER, "--rule", "loudest"),
     "rule threshold: it needs a sonar": (*WATER, "--rule", "threshold"),
