@@ -510,7 +510,7 @@ depth [m],temperature,salinity
 """
 
 
-def test_a_cast_is_uniform_water_over_the_sea_floor_of_the_study(day, beliefs, tmp_path):
+def test_a_cast_is_uniform_water_over_the_sea_floor_of_the_study(day, beliefs, tmp_path, as_stored):
     (tmp_path / "cast.csv").write_text(CAST)
     belief = beliefs.believed(file_belief(tmp_path / "cast.csv"), 0)
     cast = read_cast(tmp_path / "cast.csv")
@@ -530,6 +530,7 @@ def test_a_cast_is_uniform_water_over_the_sea_floor_of_the_study(day, beliefs, t
     here = day.ocean["sea_floor_depth"].interp(north=0.0, east=0.0)
     there = floor.interp({floor.dims[0]: 0.0, floor.dims[1]: 0.0})
     np.testing.assert_allclose(there, here, rtol=0.01)
+    as_stored(belief.local)
 
 
 def test_a_cast_whose_file_names_no_place_is_believed_too(day, beliefs, tmp_path):

@@ -10,6 +10,8 @@ from pymantaray import Water, load_study, measure, open_water, open_waters
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, thin_profile
 from pymantaray.apps.atlas import Atlas
 from pymantaray.config import load_sound
+from pymantaray.config.build.ocean import build_mission_ocean, open_start
+from pymantaray.config.build.water import configuration_of, open_local
 from pymantaray.errors import MantaRayError, OceanError, StudyError, WaterError
 from pymantaray.ocean import open_ocean, to_local, with_ice
 from pymantaray.records import RayStatus
@@ -70,6 +72,18 @@ def test_a_local_ocean_is_taken_as_it_is(fram):
     np.testing.assert_array_equal(water.medium.field, Medium.from_dataset(local).field)
     assert water.reception.max_surface_bounces == 2
     assert open_water(local, ice=1.0).medium.surface.depth.max() == 1.0
+    assert water.medium.earth is None
+    assert open_local(local, earth="sphere").medium.earth is not None
+
+
+def test_water_that_varies_has_its_instants(tiny):
+    window = {"half_extent_north": 6e3, "half_extent_east": 6e3}
+    config = tiny(ocean={"time_varying": True, **window}, mission={"duration_h": 4.0})
+    ocean = build_mission_ocean(config).open()
+    assert ocean.varies
+    assert ocean.series["time"].values.tolist() == [0.0, 10_800.0, 21_600.0]
+    one = ocean.series.isel(time=0, drop=True)
+    np.testing.assert_array_equal(ocean.local["sound_speed"], one["sound_speed"])
 
 
 def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile, as_stored):
@@ -276,3 +290,17 @@ def poses():
             "depth": 50.0,
         }
     )
+
+
+@pytest.mark.parametrize(("salty", "options", "lacks"), [
+    (False, {"centre": (78.0, 1.0), "bathymetry": 900.0}, "temperature and salinity"),
+    (True, {"bathymetry": 900.0}, "position, which"),
+    (True, {"centre": (78.0, 1.0), "bathymetry": "floor.nc"}, "sea bed of one depth"),
+])  # fmt: skip
+def test_a_profile_needs_all_of_an_ocean_for_a_grid(tmp_path, salty, options, lacks):
+    table = pd.DataFrame({"depth": [0, 100, 300], "sound_speed": [1450.0, 1451.0, 1455.0]})
+    if salty:
+        table = table.assign(temperature=3.0, salinity=35.0)
+    table.to_csv(tmp_path / "a.csv", index=False)
+    section = configuration_of(tmp_path / "a.csv", options).ocean
+    refused(OceanError, f"a.csv: the profile has no {lacks}", open_start, section)

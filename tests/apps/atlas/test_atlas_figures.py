@@ -148,6 +148,12 @@ def test_the_page_has_every_instant_or_every_second_column(tmp_path, monkeypatch
     np.testing.assert_array_equal(errors, own.round(3))
 
 
+def test_a_series_without_a_place_is_of_the_middle_column():
+    atlas = made(times=2)
+    title = error_series(atlas, 0, None).axes[0].get_title(loc="left")
+    assert title == "77.5° N, 0°, 2 km"
+
+
 @pytest.mark.slow
 def test_figures_are_written_and_what_is_not_there_is_refused(tmp_path):
     paths = write_atlas_plots(made(times=2), tmp_path, pair=(20.0, 800.0), distance=1e4)

@@ -11,6 +11,7 @@ from bellhop_stand_in import read_boundary, read_env, read_grids
 from scipy.interpolate import CubicSpline
 
 from pymantaray.apps.study import open_run
+from pymantaray.errors import AcousticsError
 
 LINKS = """source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth
 0,0,100,3000,4000,400
@@ -107,3 +108,106 @@ def test_links_of_a_run_come_with_the_runs_ocean(mantaray, files, tiny_run_folde
     np.testing.assert_array_equal(c, run.ocean["sound_speed"].transpose("north", "east", "depth"))
     refused = mantaray(*words, "--link", 1000000, "--out", "run")
     assert "--link is 1000000; the run has links 0 to" in refused.err
+
+
+EVERY = (
+    "--bathymetry 3km --crs EPSG:3996 --currents carry --equation unesco --centre 74.1 -140.2"
+    " --half-extent 9km 11000 --repair-freezing --ice 2 --ice-slope 3 --ice-length 4"
+    " --earth sphere --thin 0.5"
+)
+SAME = r"lut|knots|nodes|^[012](\.|$)"  # of a medium and of ends
+COMMANDS = {
+    "compare": "rays compare-bellhop links.csv --out out.csv",
+    "write": "rays write-bellhop links.csv --out run",
+}
+
+
+@pytest.mark.parametrize("interpolation", [(), ("--interpolation", "smooth")])
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_reaches_the_water(reached, files, command, interpolation):
+    words = (*COMMANDS[command].split(), "--profile", "profile.csv", *EVERY.split())
+    reached("pymantaray.config.build.water.open_waters", *words, *interpolation)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_reaches_the_finer_cells(reached, files, command):
+    words = (*COMMANDS[command].split(), *PROFILE, "--interpolation", "smooth", "--refine", 5)
+    reached("pymantaray.apps.bellhop.linear_medium", *words, without=SAME)
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_every_option_reaches_the_comparison(reached, files, quiet):
+    options = ("--program", "mine", "--timeout", "3 min", "--step", "0.07km")
+    words = (*COMMANDS["compare"].split(), *PROFILE, *options, *quiet)
+    known = "lut|knots|nodes" if quiet else SAME
+    reached("pymantaray.apps.bellhop.compare_with_bellhop", *words, without=known)
+
+
+def test_every_option_reaches_the_table_that_is_written(mantaray, files, monkeypatch, as_stored):
+    times = {
+        "travel_time_s": [1.0, 2.0, np.nan, 4.0],
+        "bellhop_travel_time_s": [1.1, np.nan, np.nan, 4.2],
+        "difference_us": [3.0, np.nan, np.nan, -7.0],
+        "cpu_ms": [0.5, 0.6, 0.7, 1.4],
+        "bellhop_cpu_ms": [11.0, 12.0, 13.0, 22.0],
+    }
+    table = pd.DataFrame(times)
+    written, compared = [], [table, table, table.assign(difference_us=np.nan)]
+    monkeypatch.setattr(
+        "pymantaray.apps.bellhop.compare_with_bellhop", lambda *_, **__: compared.pop(0)
+    )
+    monkeypatch.setattr("pymantaray.apps.rays.tables.write_table", lambda *a: written.append(a))
+    words = (*COMMANDS["compare"].split(), *PROFILE[:3], 2000)
+    done, quiet, none = (mantaray(*words, *more) for more in ((), ("--quiet",), ()))
+    assert quiet.out == "out.csv\n"
+    assert quiet.err == ""
+    as_stored([done.out.splitlines(), done.err, none.out.splitlines()])
+    assert len(written) == 3
+    assert written[0] == (table, Path("out.csv"))
+
+
+def test_every_option_reaches_the_files(reached, mantaray, files, monkeypatch):
+    options = ["--write", "eigenrays", "--beams", "7", "--step", "0.07km", "--sea-bed", "vacuum"]
+    words = (*COMMANDS["write"].split(), *PROFILE[:3], 2000, *options)
+    function = "pymantaray.apps.bellhop.write_bellhop"
+    given = reached(function, *words, without="lut|knots|nodes")
+    assert given[0] == Path("run")
+    monkeypatch.setattr(function, lambda *_: [Path("run/a.env"), Path("run/b.env")])
+    done = mantaray(*words)
+    assert done.out == "run/a.env\nrun/b.env\n"
+    assert "profile.csv: ends at 1000 m, above the sea bed at 2000 m" in done.err
+
+
+def test_every_option_reaches_the_files_of_a_run(reached, files, tiny_run_folder):
+    words = ("rays", "write-bellhop", "--run", tiny_run_folder, "--out", "run")
+    function = "pymantaray.apps.bellhop.write_bellhop"
+    reached(function, *words, "--link", 3, "--link", 5, without=r"lut|knots|nodes|^1\.")
+
+
+def test_the_last_link_of_a_run_is_there_and_the_next_is_not(mantaray, files, tiny_run_folder):
+    last = open_run(tiny_run_folder).links.sample.size - 1
+    words = ("rays", "write-bellhop", "--run", tiny_run_folder)
+    assert mantaray(*words, "--out", "a", "--link", last).code == 0
+    for row in (last + 1, -1):
+        refused = mantaray(*words, "--out", "b", "--link", 0, f"--link={row}")
+        assert f"--link is {row}; the run has links 0 to {last}" in refused.err
+
+
+def test_every_option_reaches_the_check_of_the_output(mantaray, files, monkeypatch):
+    given = []
+
+    def check(*arguments, **options):
+        given.append((arguments, options))
+        raise AcousticsError("reached")
+
+    monkeypatch.setattr("pymantaray.cli.output.check_output", check)
+    for name in ("floor.nc", "ice.nc"):
+        Path(name).write_text("")
+    water = ("--profile", "profile.csv", "--bathymetry", "floor.nc", "--ice", "ice.nc")
+    for force in ((), ("--force",)):
+        assert mantaray(*COMMANDS["compare"].split(), *water, *force).code == 2
+    inputs = [Path(name) for name in ("links.csv", "profile.csv", "floor.nc", "ice.nc")]
+    assert given == [
+        ((Path("out.csv"), (".csv",)), {"inputs": inputs, "force": force})
+        for force in (False, True)
+    ]

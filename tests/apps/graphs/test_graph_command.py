@@ -2,7 +2,9 @@
 
 import json
 import re
+from contextlib import nullcontext
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -112,6 +114,105 @@ def test_solve_writes_trajectories_and_a_summary(
     if start == "dead-reckoning":
         as_stored(out, without="/(truth|graph)")
         as_stored(done.out, name="text")
+
+
+READING = (
+    *("--leave-out", "EDGE_SE3_XYZ", "--leave-out", "FIX", "--skip-unknown", "--isam"),
+    *("--half-angles", "--indefinite", "repair", "--covariances", "isotropic"),
+)
+
+
+@pytest.mark.parametrize("words", [
+    ("show", "g.pyfg"),
+    ("solve", "g.pyfg"),
+    ("convert", "g.pyfg", "new.pyfg", "--leave-out", "ranges", "--leave-out", "all"),
+], ids=["show", "solve", "convert"])  # fmt: skip
+def test_every_option_reaches_the_reader_of_a_graph(reached, file, words, monkeypatch):
+    monkeypatch.chdir(file.parent)
+    opened = "pymantaray.apps.graphs.open_graph"
+    given = reached(opened, "graph", *words, *READING)
+    assert given[0] == Path("g.pyfg")
+    if words[0] == "show":
+        reached("pymantaray.apps.graphs.command.printer", "graph", *words, "--json")
+
+
+@pytest.fixture
+def shown_steps(monkeypatch):
+    """Progress of a solve as in a terminal."""
+    monkeypatch.setattr(
+        "pymantaray.cli.output.step_line", lambda *, quiet: nullcontext(None if quiet else print)
+    )
+
+
+SOLVING = (
+    *("--start", "best", "--random-starts", 3, "--seed", 7, "--estimator", "huber", "--anchor"),
+    *("--no-truth", "--no-certify"),
+)
+
+
+def test_every_option_reaches_the_solve_of_a_graph(reached, file, tmp_path, shown_steps):
+    solved = "pymantaray.apps.graphs.solve_graph"
+    reached(solved, "graph", "solve", file, *SOLVING, without="^0")
+    words = ("graph", "solve", file, "--start", "file", "--worst", 2, "--estimator", "huber")
+    out = tmp_path / "out"
+    saved = "pymantaray.apps.graphs.external.GraphResult.save"
+    given = reached(saved, *words, "--out", out, without=r"^[01]|B\.|all")
+    assert given[1].parent == tmp_path
+    assert given[1] != out  # until it is whole
+    reached("pymantaray.estimation.solvers.influence.factor_influence", *words, without="^0")
+    reached("pymantaray.estimation.solvers.influence.worst_factors", *words, without="^0")
+    reached("pymantaray.cli.options.printer", *words, "--json", "--quiet", "--to", "latex")
+
+
+@pytest.mark.parametrize("words", [
+    (), ("--quiet", "--truth", "--certify"), ("--no-truth", "--no-certify"),
+], ids=["default", "yes", "no"])  # fmt: skip
+def test_every_flag_reaches_the_solve_of_a_graph(reached, file, shown_steps, words):
+    certified = "pymantaray.apps.graphs.external.with_certificate"
+    reached(certified, "graph", "solve", file, *words, without="^0")
+    solved = "pymantaray.apps.graphs.solve_graph"
+    reached(solved, "graph", "solve", file, *words, without="^0")
+
+
+@pytest.mark.parametrize(("words", "known"), [((), False), (("--truth",), True)])
+def test_vertices_of_a_pose_graph_are_no_truth(reached, tmp_path, words, known):
+    path = tmp_path / "ring.g2o"
+    path.write_text(ring(6, 1, 9, 0.9, 20.0))
+    solved = "pymantaray.apps.graphs.solve_graph"
+    assert reached(solved, "graph", "solve", path, *words, without="^0")["truth"] is known
+
+
+@pytest.mark.parametrize("words", [
+    ("g.g2o", "--leave-out", "all", "--symbols"),
+    ("g.g2o", "--leave-out", "ranges", "--leave-out", "EDGE_SE3:QUAT", "--half-angles"),
+    ("g.pyfg",),
+    ("g.tum",),
+], ids=["all", "ranges", "pyfg", "tum"])  # fmt: skip
+def test_every_option_reaches_the_writer_of_a_graph(reached, file, tmp_path, words):
+    name = {
+        ".g2o": "pymantaray.apps.graphs.g2o.write_g2o",
+        ".pyfg": "pymantaray.estimation.write_pyfg",
+        ".tum": "pymantaray.exchange.write_graph_tum",
+    }[Path(words[0]).suffix]
+    out = tmp_path / "new" / words[0]
+    out.parent.mkdir()
+    out.write_text("7\n")
+    given = reached(name, "graph", "convert", file, out, *words[1:], "--force", without=r"^0|^1\.factors")
+    assert out in given.values()
+
+
+def test_converted_files_are_replaced_by_force(graph, file, tmp_path):
+    for name, more in (("a.g2o", ()), ("a.pyfg", ()), ("a.tum", ("a-A.tum", "a-B.tum"))):
+        out = tmp_path / name
+        for _ in range(2):
+            done = graph("convert", file, out, "--leave-out", "all", "--force").out
+        assert done.splitlines() == [str(tmp_path / word) for word in more or (name,)]
+
+
+def test_incremental_least_squares_have_standard_errors(graph, file):
+    words = ("--estimator", "incremental", "--start", "file", "--json")
+    rows = json.loads(graph("solve", file, *words).out)["trajectory_error"]
+    assert all(row["rmse_standard_error_m"] > 0.0 for row in rows)
 
 
 def test_without_a_folder_nothing_is_written(graph, file, tmp_path):

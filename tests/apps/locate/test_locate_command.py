@@ -6,6 +6,8 @@ is refused.
 import json
 import re
 import tomllib
+from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -29,6 +31,7 @@ from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Su
 from pymantaray.apps.locate.options import CRITERIA
 from pymantaray.apps.locate.page import plan_figure
 from pymantaray.apps.locate.plan import expected_covariance, plan_survey
+from pymantaray.apps.locate.read_options import ReadOptions
 
 MADE = r"made|origin|citation|links|references|words|explorer"  # of a page
 NOISE = 1e-4  # s; of the campaign
@@ -390,6 +393,192 @@ def test_a_plan_is_kept_by_a_survey_of_its_pattern(told, tmp_path, as_stored):
     sigma = found[["sigma_north_m", "sigma_east_m", "sigma_depth_m"]].to_numpy(dtype=float)
     np.testing.assert_allclose(sigma, expected, rtol=0.35)  # 60 pings give their own noise to 10 %
     as_stored([covariance, found.to_dict()])
+
+
+@pytest.fixture
+def short(tmp_path, monkeypatch):
+    """Four pings to each of two nodes with their profile, in the current folder."""
+    monkeypatch.chdir(tmp_path)
+    write_table(make_campaign(2, pings=4, nodes=2), tmp_path)
+    profile_csv(tmp_path)
+    profile_csv(tmp_path, "other.csv", step=750.0)
+    (tmp_path / "earlier.json").write_text('{"nodes": 2}')
+    (tmp_path / "track.csv").write_text("time,vehicle,north,east,depth\n0,ship,1,2,3\n")
+    return tmp_path
+
+
+SURVEY = ("locate", "pings.csv", "--nodes", "nodes.csv", "--profile", "cast.csv")
+READ = (
+    *("--depth", "1.25 km", "--depth-sigma", "26 m", "--horizontal-sigma", 17),
+    *("--turn-around", "14 ms", "--turn-around-sigma", "0.3 ms", "--sigma", "0.2 ms"),
+    *("--lever", 6, -2.5, 19, "--lever-sigma", 0.1, 0.2, 0.4, "--transducer-depth", "4 m"),
+    *("--clock-offset-sigma", "2 ms", "--clock-drift-sigma", 3e-7),
+    *("--platform-sigma", 0.7, 1.4, "--platform-correlation", "5 min"),
+)
+SOLVED = (
+    *("--correlation", "none", "--gross", 6.5, "--sound-speed", "modes", "--rigid"),
+    *("--sound-speed-sigma", 0.004, "--gradient-sigma", 0.0002, "--knots", "12 min"),
+    *("--earth", "flat", "--repair-freezing", "--modes", "cast.csv", "--modes", "other.csv"),
+)
+
+
+def test_every_option_reaches_the_reader_of_a_survey(reached, short):
+    tracks = ("--track", "track.csv", "--track", "other.csv", "--platform", "ship")
+    words = (*SURVEY, *READ, *tracks, "--position-at", "reception")
+    given = reached("pymantaray.apps.locate.read_survey", *words)
+    assert (given[0], given[1].nodes) == (Path("pings.csv"), Path("nodes.csv"))
+    assert given[1].track == (Path("track.csv"), Path("other.csv"))
+
+
+def test_every_option_reaches_the_solver_of_a_survey(reached, short, monkeypatch):
+    words = (*SURVEY, *READ, *SOLVED, "--bootstrap", 3, "--seed", 5)
+    given = reached("pymantaray.ocean.casts.read_casts", *words)
+    assert given == {0: Path("cast.csv"), "repair_freezing": True}
+    monkeypatch.setattr(
+        "pymantaray.ocean.casts.read_casts", lambda path, **options: [f"{path} {options}"]
+    )
+    reached("pymantaray.ocean.modes.vertical_modes", *words)
+    monkeypatch.setattr("pymantaray.ocean.modes.vertical_modes", len)
+    reached("pymantaray.apps.locate.locate", *words, without=r"^1\.")
+
+
+@pytest.mark.parametrize("words", [("--bootstrap", 3, "--quiet"), (), ("--free",)])
+def test_a_survey_shows_the_progress_of_its_bootstrap(reached, short, words):
+    without = r"^0\.(?!rigid)|^1\.(?!interpolation|bed.depth)"
+    reached("pymantaray.apps.locate.locate", *SURVEY, *words, without=without)
+
+
+PLACES = {"--centre": (74.5, -140.25), "--position": (-33.5, 151.25)}
+
+
+def of_water(place):
+    """Options of water, with a position that is its centre or that of its profile."""
+    return (
+        *("--bathymetry", "2.1 km", "--crs", "EPSG:3996", "--currents", "carry"),
+        *("--equation", "unesco", "--half-extent", "4 km", 3000, "--time", "2020-03-10T12:00"),
+        *("--repair-freezing", "--name", "temp=sea_water_temperature", "--ice", "2.5 m"),
+        *("--ice-slope", 12, "--ice-length", "25 m", "--interpolation", "smooth"),
+        *("--earth", "sphere", "--thin", 0.05, "--smooth", "6 m", place, *PLACES[place]),
+    )
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.parametrize("command", ["survey", "plan"])
+def test_every_option_reaches_the_water_of_locate(reached, short, command, place):
+    words = {"survey": SURVEY, "plan": ("locate", "plan", "--depth", 900, "--profile", "cast.csv")}
+    given = reached(OPENED, *words[command], *of_water(place))
+    assert given["time"] == datetime(2020, 3, 10, 12)  # noqa: DTZ001
+    assert ("earth" in given) == (command == "plan")  # locate itself has the Earth's shape
+
+
+OPENED = "pymantaray.config.build.water.open_waters"
+
+
+@pytest.mark.parametrize("depth", [900, 2600])
+def test_water_is_deeper_than_its_profile_and_the_node(reached, short, depth):
+    given = reached(OPENED, "locate", "plan", "--depth", depth, "--profile", "cast.csv")
+    assert given["bathymetry"] == max(3000.0, 1.2 * depth)
+
+
+@pytest.mark.parametrize("sigma", [50, 450, 4500])
+def test_water_is_deeper_than_nodes_may_be(reached, short, sigma):
+    text = (short / "nodes.csv").read_text()
+    (short / "nodes.csv").write_text(text.replace(",5,5,", f",5,{sigma},"))
+    (short / "cast.csv").write_text("depth_m,sound_speed\n0,1480\n1500,1505.5\n")
+    given = reached(OPENED, *SURVEY)
+    assert given["bathymetry"] == pytest.approx(1.2 * (1312.0 + 3.0 * min(sigma, 100.0)))
+
+
+def test_an_ocean_is_centred_at_the_survey(reached, tmp_path):
+    ini = write_garpos(make_campaign(2, pings=4, nodes=2), tmp_path)
+    reached(OPENED, "locate", ini, "--ocean", "synthetic:fram")
+
+
+@pytest.mark.parametrize("words", [
+    (),
+    ("--thin", 3.5, "--smooth", "400 m", "--interpolation", "smooth"),
+    ("--bathymetry", 3100, "--ice", "2.5 m", "--thin", 0),
+], ids=["alone", "reduced", "between"])  # fmt: skip
+def test_every_option_reaches_the_profile_of_a_survey(reached, tmp_path, words):
+    ini = write_garpos(make_campaign(2, pings=4, nodes=2), tmp_path)
+    without = r"^0\.|^1\.(?!(depth|sound_speed|bed.depth|surface.depth|interpolation)$)|^2"
+    given = reached("pymantaray.apps.locate.locate", "locate", ini, *words, without=without)
+    assert given["bootstrap"] == 0
+
+
+@pytest.fixture
+def located(short, monkeypatch):
+    """A survey that is located already."""
+    from pymantaray.apps.locate import read_survey
+
+    options = ReadOptions(nodes=short / "nodes.csv", lever=(6.0, -2.5, 20.0))
+    survey = read_survey(short / "pings.csv", options)
+    found = locate(survey, water(), LocateOptions(speed_model="known", correlation="none"))
+    monkeypatch.setattr("pymantaray.apps.locate.locate", lambda *_, **__: found)
+    return found
+
+
+def test_every_option_reaches_the_files_of_a_survey(reached, located, monkeypatch):
+    words = (*SURVEY, "--with", "earlier.json", "--out", "there", "--format", "pdf,tex")
+    given = reached("pymantaray.apps.locate.read_campaign", *words)
+    assert given == {0: Path("earlier.json")}
+    monkeypatch.setattr("pymantaray.apps.locate.read_campaign", str)
+    given = reached("pymantaray.apps.locate.location.Location.since", *words, without="^0")
+    assert given[0] is located
+    assert given[1] == "earlier.json"
+    monkeypatch.setattr("pymantaray.apps.locate.location.Location.since", lambda found, _: found)
+    written = "pymantaray.apps.locate.write_location_page"
+    given = reached(written, *words, without="^0|mantaray")
+    assert given[0] is located
+    assert (given[1], given["formats"]) == (Path("there"), ("pdf", "tex"))
+    reached("pymantaray.cli.options.printer", *SURVEY, "--json", "--quiet", "--to", "latex")
+
+
+def test_the_water_of_a_survey_reaches_its_files(reached, located, tmp_path):
+    ini = write_garpos(make_campaign(2, pings=4, nodes=2), tmp_path)
+    words = ("locate", ini, "--thin", 3.5, "--smooth", "400 m", "--out", "there")
+    given = reached("pymantaray.apps.locate.write_location_page", *words, without="^0|mantaray|~")
+    assert given["made_by"]["survey"] == str(ini)
+
+
+PLANNED = (
+    *("locate", "plan", "--profile", "cast.csv", "--depth", "1.7 km", "--sigma", "2 ms"),
+    *("--pattern", "rose", "--pattern", "cross", "--pings", 40, "--radii", 300, 900, 4),
+    *("--transducer-depth", "6 m", "--ship-speed", 3, "--turn-time", "4 min"),
+    *("--criterion", "depth", "--sound-speed", "gradient", "--sound-speed-sigma", 0.004),
+    *("--lever-sigma", 0.1, 0.2, 0.4, "--depth-sigma", "80 m", "--platform-sigma", 0.7, 1.4),
+)
+
+
+def test_every_option_reaches_the_plan_of_a_survey(reached, short, monkeypatch):
+    without = r"^0\.(?!bed.depth|interpolation)"
+    planned = "pymantaray.apps.locate.plan.plan_survey"
+    reached(planned, *PLANNED, without=without)
+    plan = plan_survey(water(), PlanOptions(300.0), [90.0], shapes=("cross",), pings=20)
+    monkeypatch.setattr(planned, lambda *_, **__: plan)
+    drawn = "pymantaray.apps.locate.write_plan_figure"
+    given = reached(drawn, *PLANNED, "--out", "plan.png", without="^0.survey")
+    assert given == {0: plan, 1: Path("plan.png")}
+    reached("pymantaray.cli.options.printer", *PLANNED, "--json", "--quiet", "--to", "latex")
+
+
+def test_a_quiet_plan_of_all_patterns_shows_no_progress(reached, short):
+    words = ("locate", "plan", "--profile", "cast.csv", "--depth", 900, "--quiet")
+    reached("pymantaray.apps.locate.plan.plan_survey", *words, without=r"^0\.")
+
+
+def test_a_plan_replaces_its_files_by_force(mantaray, undrawn, short):
+    words = ("locate", "plan", "--profile", "cast.csv", "--depth", 900, "--pattern", "circle")
+    words += ("--radii", 300, 900, 2, "--pings", 8, "--out", "plan.pdf")
+    for name in ("plan.csv", "plan.pdf"):
+        (short / name).write_text("mine")
+        refused = mantaray(*words)
+        assert refused.err == f"error: {name}: already exists; give another name or --force\n"
+        assert mantaray(*words, "--force").out.splitlines()[-2:] == ["plan.pdf", "plan.csv"]
+        (short / name).rename(short / f"first-{name}")
+        (short / {"plan.csv": "plan.pdf", "plan.pdf": "plan.csv"}[name]).unlink()
+    same = mantaray(*words, "--ice", "plan.pdf", "--force")
+    assert same.err == "error: plan.pdf: is the input; give another name\n"
 
 
 @pytest.mark.slow

@@ -11,6 +11,7 @@ import xarray as xr
 from pymantaray.config import load_study, preset_text
 from pymantaray.config.build.fleet import planned_points
 from pymantaray.config.build.ocean import build_ocean
+from pymantaray.errors import OceanError
 from pymantaray.geometry import stream
 from pymantaray.ocean import (
     cast_ocean,
@@ -505,3 +506,256 @@ def test_water_in_metres_shows_its_region(mantaray, told, tmp_path, as_stored):
     assert len(rows) > 2
     assert any("1440" in str(value) for row in rows for value in row.values())
     assert all(str(next(iter(row.values()))) in shown for row in rows)
+
+
+GRID = (
+    "--bathymetry 390 --crs EPSG:3996 --currents carry --equation unesco --centre 74.1 -140.2"
+    " --half-extent 9km 11000 --time 2014-07-24T19:20 --repair-freezing"
+    " --name temp=sea_water_temperature"
+)
+RAYS = (
+    "--ice 2 --ice-slope 3 --ice-length 4 --interpolation linear --earth sphere --thin 0.5"
+    " --smooth 6"
+)
+HERE = "--half-extent 9km 11000 --equation unesco --centre 74.01 -140.02 --currents rest"
+KNOWN = r"attrs|^0\.(lat|lon|depth|time|water_[uv])"  # of the ocean
+ON_A_GRID = {
+    "check": "check ocean.nc",
+    "show": "show ocean.nc",
+    "plot": "plot ocean.nc --out p",
+    "perturb": "perturb ocean.nc new.nc --method mean",
+    "correct": "correct ocean.nc cast.csv new.nc",
+}
+
+
+@pytest.mark.parametrize("options", [GRID, "", "--position 73 -139"], ids=["all", "none", "place"])
+@pytest.mark.parametrize("command", ON_A_GRID)
+def test_every_option_reaches_the_configuration_of_the_ocean(make, reached, command, options):
+    words = (*ON_A_GRID[command].split(), *options.split())
+    given = reached("pymantaray.config.build.water.configuration_of", "ocean", *words)
+    time = given[1].get("time")
+    assert (time and time.isoformat()) == ("2014-07-24T19:20:00" if options == GRID else None)
+
+
+CHECKED = {
+    "levels": f"ocean.nc {HERE} --time 2014-07-24T19:20",
+    "floor": f"ocean.nc {HERE} --bathymetry 390",
+    "profile": "cast.csv --half-extent 9km 11000 --equation unesco --bathymetry 390",
+    "study": "ocean.nc --study quick --half-extent 5km 6km --set fleet.vehicles.B.target_depth=99",
+}
+
+
+@pytest.mark.parametrize("how", CHECKED)
+def test_every_option_reaches_the_check(make, reached, how):
+    given = reached("pymantaray.ocean.check_ocean", "ocean", "check", *CHECKED[how].split())
+    assert isinstance(given[0], xr.Dataset) == (how in ("floor", "profile"))
+
+
+def test_every_option_reaches_the_check_of_water(make, reached):
+    rays = RAYS.removesuffix(" --smooth 6").split()
+    words = ("ocean", "check", "cast.csv", "--bathymetry", 390, "--half-extent", 9, 11, *rays)
+    reached("pymantaray.config.build.water.open_water", *words)
+
+
+def test_every_option_reaches_the_study_of_the_check(make, reached):
+    words = ("--study", "quick", "--set", "noise.range_sigma=7", *GRID.split(), *RAYS.split())
+    given = reached("pymantaray.config.load_study", "ocean", "check", "a.nc", "b.nc", *words)
+    assert given["ocean.time"].isoformat() == "2014-07-24T19:20:00"
+    assert given["ocean"] == ["a.nc", "b.nc"]
+
+
+@pytest.mark.parametrize("function", ["ocean_facts", "region_table", "variable_table"])
+def test_every_option_reaches_the_tables_that_are_shown(make, reached, function):
+    words = ("ocean", "show", "ocean.nc", *HERE.split(), "--bathymetry", 390)
+    reached(f"pymantaray.ocean.summary.{function}", *words, without=KNOWN)
+
+
+def test_every_option_reaches_what_is_shown(make, mantaray, told, as_stored):
+    words = ("ocean", "show", "ocean.nc", *HERE.split(), "--bathymetry", 390)
+    done = mantaray(*words, "--to", "csv")
+    as_stored([done.out, done.err], name="csv")
+    told(*words)
+
+
+def test_every_option_reaches_profiles_that_are_shown(make, mantaray, told, as_stored):
+    Path("two.csv").write_text(
+        "station,depth,temperature,salinity\nA,0,1,30\nA,9,2,31\nB,0,3,32\nB,99,4,33\nB,120,,34\n"
+    )
+    words = ("ocean", "show", "two.csv", "--equation", "unesco", "--position", 70, -130)
+    done, one = mantaray(*words), mantaray("ocean", "show", "cast.csv", *words[3:])
+    as_stored([done.out.splitlines(), done.err, one.out.splitlines(), one.err])
+    told(*words)
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_every_option_reaches_the_plots(make, reached, mantaray, monkeypatch, quiet):
+    words = ("ocean", "plot", "ocean.nc", *HERE.split(), "--bathymetry", 390, "--out", "p", *quiet)
+    function = "pymantaray.apps.ocean.write_ocean_plots"
+    where = ("--depth", "0.1km", "--at", "74.02,-140.03")
+    given = reached(function, *words, *where, without=KNOWN)
+    assert given[1] == Path("p")
+    monkeypatch.setattr(function, lambda *_, **__: [Path("p/a.png"), Path("p/a.pdf")])
+    done = mantaray(*words)
+    assert done.out == "p/a.png\np/a.pdf\n"
+    assert (done.err == "") == bool(quiet) or not quiet
+
+
+CAST_OPTIONS = "--lat 73 --lon -139 --time 2014-07-25T10:00 --name cast --repair-freezing"
+UNIFORM = "--bathymetry 0.5km --half-extent 9km 11000 --equation unesco"
+
+
+def test_every_option_reaches_the_ocean_of_a_cast(make, mantaray, reached, monkeypatch, as_stored):
+    words = ("ocean", "from-cast", "cast.csv", "new.nc", *CAST_OPTIONS.split(), *UNIFORM.split())
+    assert reached("pymantaray.ocean.read_cast", *words)[0] == Path("cast.csv")
+    reached("pymantaray.ocean.cast_ocean", *words, "--below", "constant")
+    read = []
+    monkeypatch.setattr(
+        "pymantaray.ocean.read_cast", lambda *a, **k: read.append([*a, k]) or read_cast(*a, **k)
+    )
+    Path("deeper.csv").write_text(CAST.replace("400,0.6,34.8", "400,0.6,34.8\n600,0.5,34.9"))
+    done = mantaray(*words, "--below-cast", "deeper.csv")
+    assert read[1][0] == Path("deeper.csv")
+    as_stored([read[1][1], done.out, done.err, Path("new.nc")])
+
+
+def test_every_option_reaches_the_profiles_that_are_written(make, reached, spied, as_stored):
+    table = ["station,depth,temperature,salinity"]
+    table += [f"{s},{10 * z},{1 + 0.1 * z**1.5},{30 + z}" for s in ("A", "B") for z in range(9)]
+    Path("two.csv").write_text("\n".join([*table, "B,200,,30"]))
+    convert = ("ocean", "convert-cast", "two.csv")
+    place = ("--lat", 73, "--lon", -139, "--repair-freezing")
+    which = (*place, "--time", "2014-07-25T10:00", "--name", "B")
+    few = (*which, "--thin", 0.2)
+    reached("pymantaray.acoustics.read_profiles", *convert, "new.nc", *place)
+    given = reached("pymantaray.acoustics.thin_profile", *convert, "new.nc", *few)
+    assert given["interpolation"] == "linear"
+    reached("pymantaray.acoustics.write_asvp", *convert, "new.asvp", *few)
+    Path("new.nc").write_text("")
+    words = (*convert, "new.nc", *which[:-2], "--force")
+    given = spied("pymantaray.acoustics.write_profiles", *words)
+    assert given[0] == Path("new.nc")
+    as_stored(given[1])
+
+
+@pytest.fixture
+def spied(mantaray, monkeypatch):
+    """What a command gives a function of the library, which is not done, and is not stored."""
+
+    def call(function, *words):
+        given = []
+        with monkeypatch.context() as patch:
+            patch.setattr(function, lambda *a, **k: given.append({**dict(enumerate(a)), **k}))
+            done = mantaray(*words)
+        assert (done.code, len(given)) == (0, 1), done.err
+        return given[0] | {"done": done}
+
+    return call
+
+
+CASTS = [Path("warmer.csv"), Path("cast.csv")]
+FIELDS = f"{HERE} --time 2014-07-24T19:20 --repair-freezing".split()
+
+
+def test_every_option_reaches_the_correction(make, mantaray, reached, as_stored):
+    words = ("ocean", "correct", "ocean.nc", *CASTS, "new.nc", *FIELDS)
+    given = reached("pymantaray.ocean.read_casts", *words)
+    assert given[0] == CASTS
+    scales = ("--scale", "7000m", "--noise-ratio", 0.3, "--vertical-scale", "0.2km")
+    time = ("--time-scale", "36 h")
+    reached("pymantaray.ocean.correct_with_casts", *words, *scales, *time, without=KNOWN)
+    Path("bare.csv").write_text(CAST.replace("50,0.4,30.7", "50,,30.7"))
+    done = mantaray(*words[:3], "bare.csv", "new.nc", *scales, "--time-scale", 2)
+    as_stored([done.out, done.err, Path("new.nc")], name="written")
+
+
+def test_every_option_reaches_the_perturbation(make, mantaray, reached, as_stored):
+    words = ("ocean", "perturb", "ocean.nc", "new.nc", *FIELDS)
+    modes = (*words, "--mode-cast", "warmer.csv", "--mode-cast", "cast.csv")
+    member = ("--rms", "20 cm/s", "--scale", "8000m", "--down-to", "0.2km", "--seed", 3)
+    given = reached("pymantaray.ocean.read_casts", *modes, *member)
+    assert given[0] == CASTS
+    reached("pymantaray.ocean.vertical_modes", *modes, *member)
+    given = reached("pymantaray.ocean.perturb_ocean", *modes, *member, without=KNOWN)
+    expected = stream(3, 0, "ocean", "perturb")
+    assert given["rng"].bit_generator.state == expected.bit_generator.state
+
+
+def test_notes_of_casts_for_modes_are_told(make, mantaray, as_stored):
+    Path("bare.csv").write_text(CAST.replace("50,0.4,30.7", "50,,30.7"))
+    words = ("ocean", "perturb", "ocean.nc", "new.nc", *FIELDS)
+    modes = ("--mode-cast", "bare.csv", "--mode-cast", "warmer.csv")
+    done = mantaray(*words, *modes, "--rms", "20 cm/s", "--scale", "8000m", "--seed", 3)
+    as_stored([done.out, done.err, Path("new.nc")])
+
+
+@pytest.mark.parametrize("function", ["mean_ocean", "column_ocean"])
+def test_every_option_reaches_the_uniform_ocean(make, reached, function):
+    words = ("ocean", "perturb", "ocean.nc", "new.nc", *FIELDS)
+    method = ("--method", "column", "--place", 74.03, -140.04)
+    reached(
+        f"pymantaray.ocean.{function}",
+        *words,
+        *(method if function == "column_ocean" else ("--method", "mean")),
+        without=KNOWN,
+    )
+
+
+OUTPUTS = {  # input files of commands that write
+    "from-cast cast.csv new.nc": ["cast.csv"],
+    "convert-cast cast.csv new.nc": ["cast.csv"],
+    "correct ocean.nc warmer.csv cast.csv new.nc": ["ocean.nc", "warmer.csv", "cast.csv"],
+    "perturb a.nc b.nc new.nc --rms 1 --scale 2 --mode-cast cast.csv --mode-cast warmer.csv": [
+        "a.nc", "b.nc", "cast.csv", "warmer.csv",
+    ],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("words", OUTPUTS)
+def test_every_option_reaches_the_check_of_the_output(make, mantaray, monkeypatch, words):
+    for name in ("a.nc", "b.nc"):
+        Path(name).write_text("")
+    given = []
+
+    def check(*arguments, **options):
+        given.append((arguments, options))
+        raise OceanError("reached")
+
+    monkeypatch.setattr("pymantaray.apps.ocean.command.check_output", check)
+    for force in ((), ("--force",)):
+        assert mantaray("ocean", *words.split(), *force).code == 2
+    endings = [".asvp", ".nc"] if "convert" in words else [".nc"]
+    inputs = [Path(name) for name in OUTPUTS[words]]
+    assert given == [
+        ((Path("new.nc"), endings), {"inputs": inputs, "force": force}) for force in (False, True)
+    ]
+
+
+WINDOW = "--lat 74.1,74.9 --lon 170,-170 --time 2014-07-15T12 --out fetched --servers mine --force"
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_every_option_reaches_the_fetch_of_hycom(reached, quiet):
+    words = ["--nearest", "--experiment", "GLBy0.08", "--attempts", "3", "--time-limit", "77"]
+    function = "pymantaray.ocean.fetch.fetch_hycom"
+    given = reached(function, "ocean", "fetch", "hycom", *WINDOW.split(), *words, *quiet)
+    assert given["out"] == Path("fetched")
+
+
+def test_every_option_reaches_the_fetch_of_copernicus(reached):
+    function = "pymantaray.ocean.fetch.fetch_copernicus"
+    words = ("ocean", "fetch", "copernicus", *WINDOW.split(), "--product", "GLORYS")
+    assert reached(function, *words)["out"] == Path("fetched")
+
+
+@pytest.mark.parametrize("name", ["hycom", "copernicus"])
+def test_what_was_fetched_is_told(mantaray, monkeypatch, name):
+    from pymantaray.ocean.fetch import FetchResult
+
+    result = FetchResult(
+        Path("f/new.nc"), "A title", np.datetime64("2014-07-15"), 12, ("one", "two")
+    )
+    monkeypatch.setattr(f"pymantaray.ocean.fetch.fetch_{name}", lambda **_: result)
+    done = mantaray("ocean", "fetch", name, *WINDOW.split(), "--verbose")
+    assert (done.code, done.out) == (0, "f/new.nc\n")
+    lines = done.err.splitlines()
+    assert lines[:3] == ["warning: one", "warning: two", "A title: 12 requests"]

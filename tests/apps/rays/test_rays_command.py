@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 
 from pymantaray.acoustics import Medium, RayPaths, find_eigenrays, thin_profile, trace_paths
+from pymantaray.errors import AcousticsError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.seawater import sound_speed
@@ -497,3 +498,141 @@ def test_one_link_is_written_in_the_singular(mantaray, tmp_path):
         500,
     )
     assert mantaray("rays", "times", *words).out.splitlines()[0] == "1 link: 1 ok"
+
+
+SEARCH = "--max-surface-bounces 1 --max-bottom-bounces 2 --cutoff-db 25 --tolerance 2mm"
+BENT = f"--profile profile.csv --bathymetry 2.5km --ice 3 --equation unesco {SEARCH}"
+EVERY = (
+    "--bathymetry 3km --crs EPSG:3996 --currents carry --equation unesco --centre 74.1 -140.2"
+    " --half-extent 9km 11000 --time 2014-07-24T19:20 --repair-freezing"
+    " --name temp=sea_water_temperature --ice 2 --ice-slope 3 --ice-length 4"
+    f" --interpolation linear --earth sphere --thin 0.5 {SEARCH}"
+)
+COMMANDS = {
+    "times": "times links.csv out.nc",
+    "eigen": "eigen links.csv out.nc",
+    "trace": "trace links.csv out.nc",
+    "plot": "plot out.png --source 0,0,20 --receiver 9,8,7",
+}
+SAME = r"lut|knots|nodes|^0\."  # of a medium
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_option_reaches_the_water(reached, folder, command):
+    words = (*COMMANDS[command].split(), "--profile", "profile.csv", *EVERY.split())
+    given = reached("pymantaray.config.build.water.open_waters", "rays", *words)
+    assert given[0] == ["profile.csv"]
+    assert given["time"].isoformat() == "2014-07-24T19:20:00"
+    assert given["names"] == {"temp": "sea_water_temperature"}
+
+
+def test_every_option_reaches_the_water_of_a_run(reached, folder, tiny_run_folder):
+    words = ("rays", "times", "links.csv", "out.csv", "--run", tiny_run_folder, *SEARCH.split())
+    reached("pymantaray.config.build.water.open_local", *words, without=r"^0\.")
+
+
+@pytest.mark.parametrize("command", ["times", "eigen", "trace"])
+def test_every_option_reaches_the_search(reached, folder, command):
+    words = ("rays", command, "links.csv", "out.csv", *BENT.split())
+    known = "lut|knots|nodes" if command == "times" else SAME
+    reached("pymantaray.acoustics.find_eigenrays", *words, without=known)
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_every_option_reaches_the_bar_of_many_links(reached, folder, monkeypatch, quiet):
+    monkeypatch.setattr("pymantaray.apps.rays.command._MIN_LINKS_FOR_BAR", 4)
+    words = ("rays", "eigen", "links.csv", "out.csv", *BENT.split(), *quiet)
+    reached("pymantaray.acoustics.find_eigenrays", *words, without=rf"{SAME}|^[12]$")
+
+
+CURRENT = "--currents carry --max-surface-bounces 1 --max-bottom-bounces 1 --tolerance 2mm"
+
+
+def test_every_option_reaches_the_currents(reached, folder, tiny_run_folder):
+    one = f"{','.join(ENDS)}\n0,0,100,900,400,200\n"
+    Path("one.csv").write_text(one)
+    words = ("rays", "times", "one.csv", "out.csv", "--run", tiny_run_folder, *CURRENT.split())
+    reached("pymantaray.acoustics.currents.carried", *words, without=rf"{SAME}|^4\.")
+
+
+def test_every_option_reaches_the_paths(reached, folder):
+    words = ("rays", "trace", "links.csv", "out.csv", *BENT.split())
+    reached("pymantaray.acoustics.trace_paths", *words, without=SAME)
+
+
+TOWARDS = "--fan -20 30 3"
+FAN = f"{TOWARDS} --azimuth 40 --distance 0.2km"
+BOUNCES = "--max-surface-bounces 1 --max-bottom-bounces 2"
+
+
+@pytest.mark.parametrize("words", [f"{FAN} {BOUNCES}", TOWARDS], ids=["all", "to the receiver"])
+def test_every_option_reaches_the_fan(reached, folder, words):
+    table = ("rays", "trace", "links.csv", "out.csv", *WATER, "--tolerance", 0.03)
+    reached("pymantaray.acoustics.trace_fan", *table, *words.split(), without=SAME)
+
+
+WRITTEN = ["times", "eigen", "trace", "trace fan"]
+
+
+@pytest.mark.parametrize("ending", ["csv", "nc"])
+@pytest.mark.parametrize("command", WRITTEN)
+def test_every_option_reaches_what_is_written(
+    rays, folder, monkeypatch, as_stored, command, ending
+):
+    given = []
+    monkeypatch.setattr("pymantaray.apps.rays.tables.write_result", lambda *a: given.append(a))
+    name, *fan = command.split()
+    water = BENT.replace(" --cutoff-db 25", "").split() if fan else BENT.split()
+    Path("links.csv").write_text(LINKS.replace("C,-100", "C,-50").replace("D,5,5,40", "D,5,6,40"))
+    out = rays(name, "links.csv", f"out.{ending}", *water, *(FAN.split() if fan else []))
+    ((result, path, record),) = given
+    assert path == Path(f"out.{ending}")
+    if ending == "nc":
+        as_stored(out.splitlines())
+        assert isinstance(result, xr.Dataset)
+    else:
+        as_stored([out.splitlines(), result, record], without="mantaray")
+
+
+@pytest.mark.parametrize(
+    "ends", [DIRECT, (*DIRECT, "--receiver", "1km,2,3"), ("--links", "one.csv")]
+)
+def test_every_option_reaches_the_picture(rays, reached, folder, monkeypatch, as_stored, ends):
+    Path("one.csv").write_text(f"name,{','.join(ENDS)}\nA,0,1,20,-300,-4,60\nB,0,2,5,90,4,60\n")
+    words = (*ends, *BENT.split(), "--fan", -9, 8, 3)
+    reached("pymantaray.acoustics.ray_picture", "rays", "plot", "out.png", *words, without=SAME)
+    given = []
+    monkeypatch.setattr("pymantaray.apps.rays.write_ray_plot", lambda *a, **k: given.append((a, k)))
+    printed = rays("plot", "out.png", *words)
+    ((pictures, path), names) = given[0]
+    assert path == Path("out.png")
+    as_stored([printed.splitlines(), [p["ray_arrives"] for p in pictures], names])
+    assert rays("plot", "out.png", *words, "--quiet") == "out.png\n"
+
+
+OUTPUTS = {"times": "csv", "eigen": "nc", "trace": "csv", "plot": "png"}
+
+
+@pytest.mark.parametrize("command", OUTPUTS)
+def test_every_option_reaches_the_check_of_the_output(mantaray, folder, monkeypatch, command):
+    given = []
+
+    def check(*arguments, **options):
+        given.append((arguments, options))
+        raise AcousticsError("reached")
+
+    monkeypatch.setattr("pymantaray.cli.output.check_output", check)
+    for name in ("floor.nc", "ice.nc"):
+        Path(name).write_text("")
+    out = f"out.{OUTPUTS[command]}"
+    ends = (out, "--links", "links.csv") if command == "plot" else ("links.csv", out)
+    words = (*ends, "--profile", "profile.csv", "--bathymetry", "floor.nc", "--ice", "ice.nc")
+    for force in ((), ("--force",)):
+        assert mantaray("rays", command, *words, *force).code == 2
+    files = ["links.csv", "profile.csv", "floor.nc", "ice.nc"]
+    inputs = [*files[1:], files[0]] if command == "plot" else files
+    endings = (".png", ".pdf") if command == "plot" else (".csv", ".nc")
+    beside = {} if command == "plot" else {"beside": [Path("out.csv.json")] * out.endswith("csv")}
+    for (arguments, options), force in zip(given, (False, True), strict=True):
+        assert arguments == (Path(out), endings)
+        assert options == {"inputs": [*map(Path, inputs)], "force": force, **beside}

@@ -3,6 +3,8 @@
 """
 
 import json
+from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -144,10 +146,102 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
     np.testing.assert_allclose(*levels, rtol=1e-9)
 
 
-def test_every_option_reaches_the_replay(reached, files):
-    options = {"--window": "20 s", "--reference": "B", "--rule": "within:9", "--draws": 7}
-    words = [str(word) for pair in options.items() for word in pair]
-    reached("pymantaray.apps.replay.replay_events", "replay", "events.csv", *WATER, *words)
+def as_words(options):
+    """Words of a command line: names with a value, a tuple of them, or none."""
+    return [
+        str(word)
+        for name, value in options.items()
+        for word in (name, *(value if isinstance(value, tuple) else (value,)))
+        if word != ""
+    ]
+
+
+COMPARED = as_words(
+    {
+        "--nodes": "nodes.csv",
+        "--detection": "sonar.toml",
+        "--window": "20 s",
+        "--reference": "B",
+        "--rule": "within:9",
+        "--smooth-positions": "3.5 m",
+        "--clock-drift": "",
+    }
+)
+PREDICTED = as_words(
+    {
+        "--draws": 7,
+        "--position-sigma": "2.5 m",
+        "--sound-speed-sigma": 0.3,
+        "--wind": 11,
+        "--learn": "smooth",
+    }
+)
+SEARCH = {"--max-surface-bounces": 2, "--max-bottom-bounces": 3, "--cutoff-db": 21}
+OF_WATER = r"lut|knots|nodes|local|currents|frame|attrs|notes"
+
+
+@pytest.fixture
+def node_file(files):
+    (files / "nodes.csv").write_text("name,north,east,depth\nB,3001,7,151\n")
+
+
+def test_every_option_reaches_the_replay(reached, files, node_file):
+    words = ("replay", "events.csv", *WATER, *COMPARED, *PREDICTED)
+    reached("pymantaray.apps.replay.replay_events", *words, without=OF_WATER)
+    given = reached("pymantaray.apps.replay.read_events", *words)
+    assert given == {0: Path("events.csv"), 1: Path("nodes.csv")}
+    given = reached("pymantaray.apps.replay.smooth_positions", *words, without=r"^0\.")
+    np.testing.assert_array_equal(given[0].source_position[1], (3001.0, 7.0, 151.0))
+
+
+def test_a_quiet_replay_shows_no_progress(reached, files):
+    words = ("replay", "events.csv", *WATER, "--quiet")
+    reached("pymantaray.apps.replay.replay_events", *words, without=r"^(?!progress|window)")
+    given = reached("pymantaray.apps.replay.write_replay", *words, without=r"^(?!progress|formats)")
+    assert given[1] is None
+
+
+def test_every_option_reaches_the_files_of_a_replay(reached, files, node_file, monkeypatch):
+    search = as_words(SEARCH)
+    words = ("replay", "events.csv", *WATER, *COMPARED, *PREDICTED[2:8], *search, "--out", "there")
+    given = reached(
+        "pymantaray.apps.replay.write_replay",
+        *(*words, "--format", "pdf,tex"),
+        without=r"^0\.(events|candidates|summary|tables|more)|mantaray",
+    )
+    assert (given[1], given["formats"]) == (Path("there"), ("pdf", "tex"))
+    monkeypatch.setattr("pymantaray.apps.replay.write_replay", lambda *_, **__: Path("page"))
+    reached("pymantaray.cli.options.printer", *words, "--json", "--quiet", "--to", "latex")
+
+
+PLACES = {"--centre": (74.5, -140.25), "--position": (-33.5, 151.25)}
+
+
+@pytest.mark.parametrize("place", PLACES)
+def test_every_option_reaches_the_water_of_a_replay(reached, files, place):
+    options = SEARCH | {
+        place: PLACES[place],
+        "--bathymetry": "2.1 km",
+        "--crs": "EPSG:3996",
+        "--currents": "carry",
+        "--equation": "unesco",
+        "--half-extent": ("4 km", 3000),
+        "--time": "2020-03-10T12:00",
+        "--repair-freezing": "",
+        "--name": "temp=sea_water_temperature",
+        "--ice": "2.5 m",
+        "--ice-slope": 12,
+        "--ice-length": "25 m",
+        "--interpolation": "linear",
+        "--earth": "sphere",
+        "--thin": 0.05,
+        "--smooth": "6 m",
+        "--detection": "sonar.toml",
+        "--set": "ranging.slot_s=4",
+    }
+    words = ("replay", "events.csv", "--profile", "casts.csv", *as_words(options))
+    given = reached("pymantaray.config.build.water.open_waters", *words)
+    assert given["time"] == datetime(2020, 3, 10, 12)  # noqa: DTZ001
 
 
 REFUSED = {

@@ -1,6 +1,7 @@
 """`mantaray table`."""
 
 import json
+from datetime import datetime
 from pathlib import Path
 
 import pytest
@@ -58,6 +59,85 @@ def test_a_table_says_where_its_water_is_linear(
     as_stored(json.loads(printed.out), name="told")
     assert note in open_table("t.nc").attrs["water"]["notes"]
     as_stored(open_table("t.nc").attrs)
+
+
+BOX = (
+    *("--source-depth", "10:50:5", "--receiver-depth", "20:150:25", "--range", "0.1 km:1 km:40"),
+    *("--error", "20 cm", "--node", "300,-0.2 km", "--sectors", 3),
+)
+PLACES = {"--centre": (74.5, -140.25), "--position": (-33.5, 151.25)}
+
+
+@pytest.mark.parametrize("place", PLACES)
+@pytest.mark.usefixtures("profile")
+def test_every_option_reaches_the_water_of_a_table(reached, place) -> None:
+    words = (
+        *("--bathymetry", "2.1 km", "--crs", "EPSG:3996", "--currents", "carry"),
+        *("--equation", "unesco", "--half-extent", "4 km", 3000, "--time", "2020-03-10T12:00"),
+        *("--repair-freezing", "--name", "temp=sea_water_temperature", "--ice", "2.5 m"),
+        *("--ice-slope", 12, "--ice-length", "25 m", "--interpolation", "linear"),
+        *("--earth", "sphere", "--thin", 0.05, "--smooth", "6 m", place, *PLACES[place]),
+        *("--max-surface-bounces", 2, "--max-bottom-bounces", 3, "--cutoff-db", 21),
+        *("--arrival", "direct-or-first", "--out", "t.nc"),
+    )
+    used = "pymantaray.config.build.water.configuration_of"
+    given = reached(used, "table", "profile.csv", "synthetic:fram", *words, *BOX)
+    assert given[0] == ["profile.csv", "synthetic:fram"]
+    assert given[1]["time"] == datetime(2020, 3, 10, 12)  # noqa: DTZ001
+
+
+@pytest.mark.usefixtures("profile")
+def test_every_option_reaches_the_table(reached, monkeypatch) -> None:
+    Path("other.csv").write_text("depth_m,sound_speed\n0,1470\n")
+    monkeypatch.setattr(
+        "pymantaray.config.build.water.open_water",
+        lambda source, **keys: {"source": str(source), **keys},
+    )
+    words = ("table", "profile.csv", *BOX, "--out", "t.mtt", "--arrival", "strongest")
+    words += ("--cutoff-db", 21, "--ensemble", "other.csv", "--ensemble", "profile.csv")
+    reached("pymantaray.apps.table.build_table", *words)
+
+
+@pytest.mark.usefixtures("profile")
+def test_a_quiet_table_shows_no_progress(reached) -> None:
+    words = ("table", "profile.csv", *LIMITS, "--out", "t.mtt", "--quiet")
+    reached("pymantaray.apps.table.build_table", *words, without="^0")
+
+
+@pytest.mark.parametrize(
+    ("levels", "deepest", "expected"), [(300, 150, 300.0), (300, 400, 400.0), (60, 150, 150.0)]
+)
+def test_a_sea_floor_is_below_the_profile_and_the_table(
+    reached, profile: Path, levels, deepest, expected
+) -> None:
+    profile.write_text(f"depth_m,sound_speed\n0,1470\n{levels},1475\n")
+    limits = ("--source-depth", f"10:{deepest}", "--receiver-depth", "10:50", *LIMITS[4:])
+    opened = "pymantaray.config.build.water.open_water"
+    given = reached(opened, "table", "profile.csv", *limits, "--out", "t.nc")
+    assert given["bathymetry"] == expected
+
+
+@pytest.mark.usefixtures("profile")
+def test_every_option_reaches_the_files_of_a_table(reached, mantaray, monkeypatch) -> None:
+    words = ("table", "profile.csv", *LIMITS, "--error", "0.5 m", "--out", "t.mtt")
+    words += ("--c-reader", "r.h")
+    made = mantaray(*words).out.splitlines()
+    assert ("below 0.5 m" in made[0], made[-2:]) == (True, ["t.mtt", "r.h"])
+    table = open_table("t.mtt")
+    monkeypatch.setattr("pymantaray.apps.table.build_table", lambda *_, **__: table)
+    for name, other in (("t.mtt", "r.h"), ("r.h", "t.mtt")):
+        Path(name).write_text("mine")
+        Path(other).unlink()
+        refused = mantaray(*words)
+        assert refused.err == f"error: {name}: already exists; give another name or --force\n"
+        given = reached("pymantaray.apps.table.save_table", *words, "--force", without="^[01]")
+        assert given == {0: table, 1: Path("t.mtt"), "replace": True}
+        assert mantaray(*words, "--force").code == 0
+        assert Path(name).stat().st_size > len("mine")
+    same = mantaray(*words[:-1], "profile.csv", "--force")
+    assert same.code == 2
+    form = ("--force", "--json", "--quiet")
+    reached("pymantaray.cli.options.printer", *words, *form)
 
 
 @pytest.mark.usefixtures("profile")

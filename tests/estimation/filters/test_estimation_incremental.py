@@ -144,7 +144,7 @@ def test_starting_values_of_what_odometry_reaches_do_not_matter(mission):
     np.testing.assert_array_equal(a.position, b.position)
 
 
-def test_undetermined_variables_fail_without_ending_the_interpreter(mission):
+def test_undetermined_variables_fail_without_ending_the_interpreter(mission, as_stored):
     _, graph, start = mission
     of_landmark = np.flatnonzero((graph["range"].variables >= graph.n_poses).any(axis=1))
     # a landmark without a prior, ranged once
@@ -154,6 +154,7 @@ def test_undetermined_variables_fail_without_ending_the_interpreter(mission):
     assert failed.solution.status == SolveStatus.FAILED
     assert np.isnan(failed.solution.position).all()
     assert np.isnan(failed.seconds).any()
+    as_stored(failed.solution)
 
 
 def test_what_cannot_be_replayed_is_refused_in_one_line(mission):
