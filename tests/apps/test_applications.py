@@ -1,5 +1,6 @@
 """An application is a folder: without it, its command is gone and everything else is there."""
 
+import json
 import shutil
 import sys
 from pathlib import Path
@@ -56,3 +57,68 @@ def test_deleting_a_folder_deletes_the_application(application, tmp_path):
 def test_commands_of_applications_have_different_names():
     names = [name for path in sorted(PACKAGE.glob("apps/*")) for name in commands_of(path.name)]
     assert sorted(names) == sorted(commands())
+
+
+STATE = {
+    "version": "1.2.3",
+    "folder": "there",
+    "python": "3.11.7, python",
+    "platform": "Linux",
+    "packages": [
+        {"name": "numpy", "version": "2.1", "needs": ">=2", "fault": ""},
+        {"name": "nosuch", "version": None, "needs": ">=1", "fault": "is not installed"},
+    ],
+    "extras": [
+        {"name": "more", "missing": ["one>=2", "two"], "install": "pip install more"},
+        {"name": "all", "missing": [], "install": "pip install all"},
+    ],
+    "folders": [
+        {"use": "figures", "folder": "pictures", "writable": True, "remedy": ""},
+        {"use": "temporary files", "folder": "tmp", "writable": False, "remedy": "set TMPDIR"},
+    ],
+    "kernels": {"compiled": 17, "all": 40},
+    "processors": {"cores": 8, "usable_cores": 6, "memory_gib": 31.4},
+    "faults": ["nosuch: is not installed", "tmp: not writable"],
+}
+
+
+@pytest.mark.parametrize("faults", [True, False])
+@pytest.mark.parametrize("words", [(), ("--compile",)], ids=["report", "compile"])
+def test_every_option_reaches_the_doctor(mantaray, monkeypatch, as_stored, faults, words):
+    state = STATE | {"faults": STATE["faults"] if faults else []}
+    found = [state | {"kernels": {"compiled": 5, "all": 40}}, state] if words else [state]
+    answers, used, clock = [*found, *found], [], iter([3.0, 45.25, 3.0, 45.25])
+    monkeypatch.setattr("pymantaray.installation.installation", lambda: answers.pop(0))
+    monkeypatch.setattr("pymantaray.apps.doctor.command._use_kernels", lambda: used.append(1))
+    monkeypatch.setattr("time.process_time", lambda: next(clock))
+    done = mantaray("doctor", *words)
+    assert done.code == int(faults)
+    as_stored(done.out.splitlines())
+    told = mantaray("doctor", *words, "--json")
+    assert told.code == int(faults)
+    compiled = {"compiled_now": 12, "compile_s": 42.2} if words else {}
+    assert json.loads(told.out) == compiled | state
+    assert len(used) == 2 * len(words)
+
+
+def test_every_option_reaches_the_kernels(monkeypatch, as_stored):
+    from pymantaray.apps.doctor.command import _use_kernels
+    from pymantaray.config import load_study
+
+    given = []
+
+    def instead(name):
+        return lambda *a, **k: given.append((name, *a, k)) or name
+
+    for name in ("find_eigenrays", "ray_picture", "trace_paths"):
+        monkeypatch.setattr(f"pymantaray.acoustics.{name}", instead(name))
+    monkeypatch.setattr("pymantaray.apps.study.run_study", instead("run_study"))
+    _use_kernels()
+    rays, studies = given[:-2], given[-2:]
+    as_stored([call[:1] + call[2:] for call in rays])
+    as_stored(rays[0][1], without="lut|knots|nodes", name="medium")
+    for (_, config, folder, options), name in zip(studies, ("quick", "survey"), strict=True):
+        assert config == load_study(name, realizations=1)
+        assert folder.name == name
+        assert not folder.parent.exists()
+        assert options == {"workers": 1}

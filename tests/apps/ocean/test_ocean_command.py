@@ -341,6 +341,8 @@ def test_oceans_are_made_by_commands_as_by_functions(make, says, as_stored):
     ("perturb ocean.nc ocean.nc --method mean --force", "is the input"),
     ("perturb ocean.nc new.nc", "--method eof needs --rms and --scale"),
     ("perturb ocean.nc new.nc --method mean --rms 1", "--method mean does not use --rms"),
+    ("perturb ocean.nc new.nc --method mean --down-to 9 --mode-cast cast.csv",
+     "--method mean does not use --down-to and --mode-cast; remove the option"),
     ("perturb ocean.nc new.nc --rms 0 --scale 10", "rms is 0; it must be positive"),
     ("check ocean.nc --bathymetry none.nc", "none.nc: no such file"),
     ("plot ocean.nc --out figures --bathymetry none.nc", "none.nc: no such file"),
@@ -612,7 +614,9 @@ def test_every_option_reaches_the_ocean_of_a_cast(make, mantaray, reached, monke
     monkeypatch.setattr(
         "pymantaray.ocean.read_cast", lambda *a, **k: read.append([*a, k]) or read_cast(*a, **k)
     )
-    Path("deeper.csv").write_text(CAST.replace("400,0.6,34.8", "400,0.6,34.8\n600,0.5,34.9"))
+    Path("deeper.csv").write_text(
+        CAST.replace("400,0.6,34.8", "400,0.6,34.8\n500,,34\n600,0.5,34.9")
+    )
     done = mantaray(*words, "--below-cast", "deeper.csv")
     assert read[1][0] == Path("deeper.csv")
     as_stored([read[1][1], done.out, done.err, Path("new.nc")])

@@ -571,6 +571,11 @@ def test_every_option_reaches_the_fan(reached, folder, words):
     reached("pymantaray.acoustics.trace_fan", *table, *words.split(), without=SAME)
 
 
+def lines_of(printed):
+    """Lines without those of kernels that were not compiled yet."""
+    return [line for line in printed.splitlines() if "compiling kernels" not in line]
+
+
 WRITTEN = ["times", "eigen", "trace", "trace fan"]
 
 
@@ -588,10 +593,10 @@ def test_every_option_reaches_what_is_written(
     ((result, path, record),) = given
     assert path == Path(f"out.{ending}")
     if ending == "nc":
-        as_stored(out.splitlines())
+        as_stored(lines_of(out))
         assert isinstance(result, xr.Dataset)
     else:
-        as_stored([out.splitlines(), result, record], without="mantaray")
+        as_stored([lines_of(out), result, record], without="mantaray")
 
 
 @pytest.mark.parametrize(
@@ -606,7 +611,7 @@ def test_every_option_reaches_the_picture(rays, reached, folder, monkeypatch, as
     printed = rays("plot", "out.png", *words)
     ((pictures, path), names) = given[0]
     assert path == Path("out.png")
-    as_stored([printed.splitlines(), [p["ray_arrives"] for p in pictures], names])
+    as_stored([lines_of(printed), [p["ray_arrives"] for p in pictures], names])
     assert rays("plot", "out.png", *words, "--quiet") == "out.png\n"
 
 

@@ -16,14 +16,17 @@ from factories import names_in
 import pymantaray
 from pymantaray.apps.study import command as study_commands
 from pymantaray.apps.study import open_run, run_study
+from pymantaray.apps.study.references import citation
 from pymantaray.cli.main import main
 from pymantaray.cli.output import Watch
 from pymantaray.cli.printing import Printer
 from pymantaray.config import load, load_study, preset_text
 from pymantaray.config.common import Section
+from pymantaray.config.text import commented_toml
 from pymantaray.errors import StudyError
 from pymantaray.evaluation import ALL_LINKS, error_table
 from pymantaray.records import RayStatus, SolveStatus
+from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import SOLVE_STATUS_WORDS
 
 PRESETS = "beaufort, estimators-beaufort, estimators-fram, fram, quick, survey"
@@ -481,3 +484,272 @@ def test_tables_of_a_run_are_printed_with_the_numbers_of_the_library(
     unknown = mantaray("study", "tables", tiny_run_folder, "--to", "word")
     assert unknown.code == 2
     assert "'text', 'latex', 'csv', 'json'" in unknown.err.replace("\n", " ")
+
+
+COMMAND = "pymantaray.apps.study.command"
+WATER = (
+    "--bathymetry 390 --crs EPSG:3996 --currents carry --equation unesco --centre 74.1 -140.2"
+    " --half-extent 9km 11000 --time 2014-07-24T19:20 --repair-freezing"
+    " --name temp=sea_water_temperature --ice 2 --ice-slope 3 --ice-length 4"
+    " --interpolation linear --earth sphere --thin 0.5 --smooth 6 --max-surface-bounces 1"
+    " --max-bottom-bounces 2 --cutoff-db 25"
+)
+CHANGES = ("--set", "noise.range_sigma=2", "--set", "mission.duration_h=5")
+LOADED = {
+    "show": "study show quick",
+    "cite": "study cite quick",
+    "run": f"study run quick --realizations 7 --ocean a.nc b.nc {WATER}",
+    "run in a profile": "study run quick --profile a.nc",
+}
+
+
+@pytest.fixture
+def spied(mantaray, monkeypatch):
+    """What a command gives a function of the library, which gives a result and is not stored."""
+
+    def call(function, result, *words, code=0):
+        given = []
+
+        def instead(*arguments, **options):
+            given.append({**dict(enumerate(arguments)), **options})
+            return result
+
+        monkeypatch.setattr(function, instead)
+        done = mantaray(*words)
+        assert (done.code, len(given)) == (code, 1), done.err
+        return given[0], done
+
+    return call
+
+
+@pytest.mark.parametrize("command", LOADED)
+def test_every_option_reaches_the_configuration(reached, small, command):
+    for name in ("a.nc", "b.nc"):
+        Path(name).write_text("")
+    given = reached("pymantaray.config.load_study", *LOADED[command].split(), *CHANGES)
+    if command == "run":
+        assert given["ocean.time"].isoformat() == "2014-07-24T19:20:00"
+
+
+def test_every_option_reaches_the_file_of_a_preset(mantaray, reached, small):
+    reached("pymantaray.config.starter_text", "study", "init", "fram", "mine.toml", *CHANGES)
+    done = mantaray("study", "init", "fram", "mine.toml")
+    assert done.out == (
+        "mine.toml: written from preset fram; edit it, then: mantaray study run mine.toml\n"
+    )
+    nowhere = mantaray("study", "init", "fram", "no/mine.toml")
+    assert nowhere.err == "error: no/mine.toml: cannot be written: No such file or directory\n"
+
+
+def test_every_option_reaches_the_import(mantaray, spied, small):
+    Path("sim.json").write_text("{}")
+    imported = (load_study("quick"), ["one", "two"])
+    function = "pymantaray.config.load.import_study"
+    given, printed = spied(function, imported, "study", "import", "sim.json")
+    assert given == {0: Path("sim.json")}
+    assert printed.err == "sim.json: one\nsim.json: two\n"
+    assert printed.out == commented_toml(imported[0])
+    done = mantaray("study", "import", "sim.json", "--out", "mine.toml")
+    assert (done.code, done.err) == (0, printed.err)
+    assert done.out == (
+        "mine.toml: written from sim.json; edit it, then: mantaray study run mine.toml\n"
+    )
+    assert Path("mine.toml").read_text() == f"# one\n# two\n\n{printed.out}"
+
+
+def test_every_option_reaches_the_citation(mantaray):
+    references = citation(load_study("quick"))
+    assert mantaray("study", "cite", "quick").out == f"{references}\n"
+    assert mantaray("study", "cite", "quick", "--bibtex").out == references.bibtex
+
+
+class NoReport:
+    """A report that is not made, and what it was asked for."""
+
+    failures = ()
+
+    def __init__(self, *, formats):
+        type(self).formats = formats
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        pass
+
+    def begin(self, _):
+        return ()
+
+    def write(self, run, progress):
+        type(self).written = run, progress
+        return [*self.failures]
+
+
+@pytest.fixture
+def unreported(monkeypatch):
+    """Studies whose report is not made."""
+    kind = type("NoReport", (NoReport,), {})
+    monkeypatch.setattr("pymantaray.apps.study.report_process.ReportProcess", kind)
+    return kind
+
+
+@pytest.mark.parametrize(
+    "how", [(), ("--quiet",), ("--no-figures",)], ids=["told", "quiet", "no figures"]
+)
+def test_every_option_reaches_the_run(reached, small, unreported, how):
+    paper = () if how == ("--no-figures",) else ("--format", "pdf,tex")
+    words = ("study", "run", "quick", "--out", "run", "--workers", 3, *paper, *CHANGES, *how)
+    given = reached("pymantaray.apps.study.run_study", *words)
+    assert (given[1], given["workers"]) == (Path("run"), 3)
+    changes = {"noise.range_sigma": 2, "mission.duration_h": 5}
+    assert given[0] == load_study("quick", **changes)
+    if paper:
+        assert unreported.formats == ("pdf", "tex")
+
+
+@pytest.mark.parametrize("conditions", ["default", "none"])
+@pytest.mark.parametrize("figures", [True, False])
+def test_every_option_reaches_the_bars_of_the_run(reached, small, unreported, conditions, figures):
+    words = ("--set", "conditions=[]") if conditions == "none" else ()
+    more = () if figures else ("--no-figures", "--quiet")
+    reached(f"{COMMAND}.progress_bars", "study", "run", "quick", *words, *more)
+
+
+@pytest.fixture(scope="module")
+def opened(tiny_run_folder):
+    """A run whose tables are computed once."""
+    return open_run(tiny_run_folder)
+
+
+@pytest.fixture
+def finished(opened, monkeypatch):
+    """A run that took known times and memory, some of whose solves and vehicles failed."""
+    run = opened
+    unhealthy = [{"condition": "straight", "realization": 1, "status": "FAILED"}]
+    manifest = run.manifest | {
+        "seconds": {"ocean": 1.5, "rays": 2.25, "tables": 4.5},
+        "peak_memory_mib": {"main": 321.4, "largest_worker": 210.6},
+        "machine": run.manifest["machine"] | {"workers": 3},
+        "from_batch_m": {"gtsam": [1e-3, 2.34e-3], "isam": [5e-4]},
+        "outcome": {
+            "stopped_vehicles": {"A": {"time_s": 5400.0, "status": "GROUNDED"}},
+            "unhealthy_solves": unhealthy,
+        },
+    }
+    monkeypatch.setitem(vars(run), "manifest", manifest)
+    clock = iter([100.0, 103.0, 160.0, *range(200, 290, 7)])
+    monkeypatch.setattr(f"{COMMAND}.perf_counter", lambda: next(clock))
+    monkeypatch.setattr(f"{COMMAND}.STARTED", 40.0)
+    monkeypatch.setattr("pymantaray.apps.study.run_study", lambda *_, **__: run)
+    return run
+
+
+@pytest.mark.parametrize("words", [(), ("--no-figures",)], ids=["report", "tables"])
+def test_every_option_reaches_what_a_run_prints(
+    mantaray, small, finished, unreported, as_stored, words
+):
+    done = mantaray("study", "run", "quick", *words)
+    assert done.code == 0, done.err
+    lines = done.out.splitlines()
+    if not words:
+        assert unreported.written[0] is finished
+        assert lines[-2] == f"page: {finished.path / 'index.html'}"
+    assert lines[-1] == str(finished.path)
+    said = [line for line in lines[: -1 if words else -2] if line[:1].strip()]
+    as_stored([*said, done.err], name="printed")
+
+
+@pytest.mark.parametrize("words", [(), ("--no-figures",)], ids=["report", "tables"])
+def test_every_option_reaches_what_a_run_tells(told, small, finished, unreported, words):
+    tables = "dropouts|range_error|ate_pooled|ping_error|notes"
+    values = told("study", "run", "quick", *words, without=tables)
+    assert values["folder"] == str(finished.path)
+    assert values.get("page") == (None if words else str(finished.path / "index.html"))
+    last = {"tables": 7.5} if words else {"tables": 4.5, "report": 3.0}
+    spent = {"ocean": 1.5, "rays": 2.25, **last}
+    assert values["seconds"] == {"start": 120.0 - sum(spent.values()), **spent}
+    assert values["peak_memory_mib"] == {"main": 321.4, "largest_worker": 210.6}
+
+
+def test_every_option_reaches_the_page_of_the_run(
+    mantaray, small, finished, unreported, monkeypatch
+):
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda page: opened.append(page) or len(opened) == 1)
+    page = finished.path / "index.html"
+    words = ("study", "run", "quick", "--quiet", "--open")
+    for warned in ("", f"warning: no browser to open {page}\n"):
+        done = mantaray(*words[:3], "--open") if warned else mantaray(*words)
+        assert done.code == 0
+        assert done.err.endswith(warned)
+    assert opened == [page.resolve().as_uri()] * 2
+    unreported.failures = ("figure a failed", "figure b failed")
+    failed = mantaray(*words)
+    assert failed.code == 1
+    assert failed.err == "error: figure a failed\nerror: figure b failed\n"
+    assert failed.out == f"{finished.path}\n"
+    assert len(opened) == 2
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_every_option_reaches_the_report(reached, spied, small, monkeypatch, quiet):
+    function = "pymantaray.apps.study.report.report_of"
+    Path("run").mkdir()
+    words = ("study", "report", "run", "--format", "svg,84mm", *quiet)
+    assert reached(function, *words)[0] == Path("run")
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda page: not opened.append(page))
+    _, done = spied(function, (Path("run/index.html"), ["a", "b"]), *words, "--open", code=1)
+    assert (done.out, done.err) == ("run/index.html\n", "error: a\nerror: b\n")
+    assert opened == [Path("run/index.html").resolve().as_uri()]
+
+
+@pytest.mark.parametrize("to", ["text", "csv", "latex"])
+def test_every_option_reaches_the_tables(mantaray, told, tiny_run_folder, as_stored, to):
+    words = ("study", "tables", tiny_run_folder, "range_error", "dropouts")
+    as_stored(mantaray(*words, "--to", to).out)
+    if to == "csv":
+        assert list(told(*words)) == ["range_error", "dropouts"]
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_every_option_reaches_the_comparison(reached, small, quiet):
+    for name in ("one", "two"):
+        Path(name).mkdir()
+    words = ("study", "compare", "one", "two", "--out", "both", "--format", "pdf", *quiet)
+    given = reached("pymantaray.apps.study.write_comparison", *words)
+    assert given[0] == [Path("one"), Path("two")]
+    assert given[1] == Path("both")
+
+
+@pytest.mark.parametrize("runs", [2, 3])
+@pytest.mark.parametrize("same", [True, False])
+def test_every_option_reaches_what_a_comparison_prints(
+    mantaray, told, spied, small, monkeypatch, as_stored, runs, same
+):
+    names = ["Sea A", "Sea B", "Sea C"][:runs]
+    rows = [] if same else [["study.seed", *range(runs)]]
+    configuration = pd.DataFrame(rows, columns=["key", *names])
+    region = pd.DataFrame([["depth", *range(10, 10 + runs)]], columns=["property", *names])
+    frames = {"configuration": configuration, "region": region}
+    tables = {name: ResultTable(name, frame) for name, frame in frames.items()}
+    asked = []
+    page = "pymantaray.apps.study.comparison_page"
+    monkeypatch.setattr(f"{page}.read_comparison", lambda folder: asked.append(folder) or tables)
+    monkeypatch.setattr(f"{page}.SUMMARY", ("region", "ate_pooled", "configuration"))
+    opened = []
+    monkeypatch.setattr("webbrowser.open", lambda page: not opened.append(page))
+    folders = ["one", "two", "three"][:runs]
+    for name in folders:
+        Path(name).mkdir()
+    words = ("study", "compare", *folders)
+    function = "pymantaray.apps.study.write_comparison"
+    _, done = spied(function, Path("both/index.html"), *words, "--open")
+    as_stored(done.out.splitlines())
+    assert asked == [Path("both")]
+    assert opened == [Path("both/index.html").resolve().as_uri()]
+    values = told(*words)
+    assert values["page"] == "both/index.html"
+    assert mantaray(*words, "--quiet").out == "both/index.html\n"
+    assert mantaray(*words, "--to", "csv").out.startswith("property,")
+    assert len(opened) == 1

@@ -2,6 +2,8 @@
 
 import subprocess
 import sys
+from pathlib import Path
+from types import SimpleNamespace
 
 import pandas as pd
 import pytest
@@ -9,7 +11,11 @@ import xarray as xr
 from factories import pool_here
 from oracles import cf_errors
 
-from pymantaray.apps.sweep import open_sweep
+from pymantaray.apps.sweep import load_sweep, open_sweep
+from pymantaray.apps.sweep.estimate import Cost
+from pymantaray.apps.sweep.plan import SweepPlan
+from pymantaray.apps.sweep.results import Status
+from pymantaray.records.csv_text import csv_text
 
 SWEEP = """
 base = "small.toml"
@@ -116,3 +122,151 @@ def test_nothing_of_dask_is_imported_before_it_is_asked_for():
         [sys.executable, "-c", code], capture_output=True, text=True, check=True
     )
     assert printed.stdout == "set()\n", printed.stderr
+
+
+COMMAND = "pymantaray.apps.sweep"
+CHANGES = ("--set", "noise.depth_sigma=2", "--set", "mission.duration_h=5")
+
+
+@pytest.fixture
+def spied(mantaray, monkeypatch):
+    """What a command gives a function of the library, which gives a result and is not stored."""
+
+    def call(function, result, *words, code=0):
+        given = []
+
+        def instead(*arguments, **options):
+            given.append({**dict(enumerate(arguments)), **options})
+            return result
+
+        monkeypatch.setattr(function, instead)
+        done = mantaray(*words)
+        assert done.code == code, done.err
+        return given, done
+
+    return call
+
+
+@pytest.mark.parametrize("words", ["show", "run --out out"])
+def test_every_option_reaches_the_sweep(reached, file, words):
+    name, *more = words.split()
+    assert reached(f"{COMMAND}.load_sweep", "sweep", name, file, *more, *CHANGES)[0] == file
+
+
+COST = Cost({"ocean": 1.0, "fleet": 20.0, "rays": 300.0, "point": 4000.0}, 5_000_000, "a guess")
+
+
+@pytest.mark.parametrize("done", [2, 0])
+@pytest.mark.parametrize("measured", [(), ("--measure",)], ids=["known", "measured"])
+def test_every_option_reaches_what_is_shown(
+    told, spied, file, monkeypatch, as_stored, done, measured
+):
+    monkeypatch.chdir(file.parent)
+    text = SWEEP.replace("[0.5, 1.0]", str([0.1 * k for k in range(1, 10)]))
+    file.write_text(f"{text}study.description = ['{44 * 'x'}']\n")
+    changes = {"noise.depth_sigma": 2, "mission.duration_h": 5}
+    points = list(SweepPlan(load_sweep(file, **changes)).points)
+    found = set(points[:done]), {points[2]}
+    asked = []
+    monkeypatch.setattr(
+        f"{COMMAND}.points.finished", lambda store, of: asked.append((store, {*of})) or found
+    )
+    monkeypatch.setattr(f"{COMMAND}.open_sweep", lambda where: SimpleNamespace(contents=[where]))
+    monkeypatch.setattr(
+        f"{COMMAND}.estimate.cost_of", lambda contents: COST._replace(origin=f"{contents[0]} it")
+    )
+    words = ("sweep", "show", file, "--out", "here", "--workers", 3, *measured, *CHANGES)
+    function = f"{COMMAND}.estimate.measured_cost"
+    given, shown = spied(function, COST, *words)
+    assert len(given) == len(measured)
+    if measured:
+        assert given[0][0].point(0).mission.duration_h == 5
+    as_stored(shown.out.splitlines())
+    assert asked[0][1] == {*points}
+    values = told(*words, without="axes")
+    assert (values["workers"], values["done"], values["failed"]) == (3, done, 1)
+    assert values["to_do"]["points"] == len(points) - done - 1
+
+
+@pytest.mark.parametrize("quiet", [(), ("--quiet",)])
+def test_every_option_reaches_the_run_of_the_sweep(reached, file, quiet):
+    where = ("--out", "here", "--workers", 3, "--scheduler", "tcp://a:1")
+    words = ("sweep", "run", file, *where, "--studies", "--retry-failed", *quiet, *CHANGES)
+    given = reached(f"{COMMAND}.run_sweep", *words)
+    assert (len(given[0]), given["workers"], given["client"]) == (4, 3, "tcp://a:1")
+    assert given[0].point(0).mission.duration_h == 5
+
+
+def test_every_option_reaches_the_stages_that_are_kept(reached, file):
+    words = ("sweep", "run", file, "--out", "here", "--keep-stages")
+    assert reached(f"{COMMAND}.run_sweep", *words)["workers"] is None
+
+
+@pytest.mark.parametrize("reasons", [0, 5, 6])
+def test_every_option_reaches_the_count_of_points(told, spied, mantaray, file, as_stored, reasons):
+    failures = {f"reason {k}": 10 - k for k in range(reasons)}
+    counts = Status(90, 20, sum(failures.values()), failures)
+    results = SimpleNamespace(status=lambda: counts, notes=["a note"])
+    code = int(reasons > 0)
+    words = ("sweep", "run", file, "--out", "here")
+    _, done = spied(f"{COMMAND}.run_sweep", results, *words, code=code)
+    as_stored([*done.out.splitlines(), *done.err.splitlines()])
+    assert done.out.splitlines()[-1] == "here"
+    assert mantaray(*words, "--quiet").out == "here\n"
+    assert told(*words, code=code)["folder"] == "here"
+    given, status = spied(f"{COMMAND}.open_sweep", results, "sweep", "status", "there", code=code)
+    assert given == [{0: "there"}]
+    assert status.out == f"there{done.out.splitlines()[0].removeprefix('here')}\n"
+    assert status.err == done.err.removeprefix("a note\n")
+
+
+@pytest.fixture
+def collected(monkeypatch, file):
+    """A sweep whose table is collected, and what is written as NetCDF and as a page."""
+    monkeypatch.chdir(file.parent)
+    sweep = load_sweep(file)
+    table = pd.DataFrame({"noise.range_sigma": [0.5, 1.0], "rmse_m": [3.25, 4.5]})
+    made = SimpleNamespace(opened=[], netcdf=[], pages=[], table=table, data=xr.Dataset())
+    results = SimpleNamespace(
+        sweep=sweep, notes=["a note"], table=lambda: table, dataset=lambda: made.data
+    )
+    monkeypatch.setattr(f"{COMMAND}.open_sweep", lambda where: made.opened.append(where) or results)
+    monkeypatch.setattr("pymantaray.records.write_netcdf", lambda *a: made.netcdf.append(a))
+    monkeypatch.setattr(
+        f"{COMMAND}.write_sweep_page",
+        lambda *a, **k: made.pages.append((*a, k)) or Path(a[2], "page.html"),
+    )
+    return made
+
+
+def test_every_option_reaches_the_table_of_the_folder(mantaray, collected):
+    Path("here").mkdir()
+    done = mantaray("sweep", "collect", "here")
+    assert (done.code, done.out) == (0, "here/table.csv\nhere/table.nc\nhere/page.html\n")
+    assert Path("here/table.csv").read_text() == csv_text(collected.table)
+    assert collected.netcdf == [(collected.data, Path("here/table.nc"))]
+    fields = ["noise.range_sigma", "mission.ping_interval_h"]
+    title = {"title": "quick", "notes": ["a note"]}
+    assert collected.pages == [(collected.table, fields, "here", title)]
+
+
+@pytest.mark.parametrize(
+    ("words", "out"),
+    [("here --out mine.csv", "mine.csv"), ("here --out mine.nc", "mine.nc"),
+     ("memory://here", "sweep.csv"), ("memory://here --out mine.nc", "mine.nc")],
+)  # fmt: skip
+def test_every_option_reaches_the_one_table(mantaray, collected, words, out):
+    Path(out).write_text("old")
+    refused = mantaray("sweep", "collect", *words.split())
+    assert refused.code == 2
+    assert f"{out}: already exists" in refused.err
+    done = mantaray("sweep", "collect", *words.split(), "--force")
+    assert (done.code, done.out) == (0, f"{out}\n")
+    assert set(collected.opened) == {words.split()[0]}
+    if out.endswith("nc"):
+        assert collected.netcdf == [(collected.data, Path(out))]
+        assert Path(out).read_text() == "old"
+    else:
+        assert Path(out).read_text() == csv_text(collected.table)
+        assert collected.netcdf == []
+    assert collected.pages == []

@@ -130,7 +130,7 @@ def ranges(
         source.words,
         mission=mission.keys,
         enu=mission.enu,
-        names=names,
+        vehicles=names,
         **water.keys,
         **arrivals.keys,
     ).with_(**changes_of(changes))

@@ -110,7 +110,7 @@ def ranges_config(
     ocean: WaterSource | Mapping[str, Any],
     *,
     enu: bool = False,
-    names: Sequence[str] = (),
+    vehicles: Sequence[str] = (),
     **options: Any,
 ) -> StudyConfig:
     """
@@ -130,7 +130,7 @@ def ranges_config(
     tree["study"] = {"name": "ranges", **sections.get("study", {})}
     tree["conditions"] = []
     files = [str(path) for path in trajectories]
-    tree["fleet"] = {"trajectories": files, "enu": enu, "names": list(names)}
+    tree["fleet"] = {"trajectories": files, "enu": enu, "names": list(vehicles)}
     for key, value in dotted_keys(options).items():
         tree = with_key(tree, key, value)
     return parse_study(tree, "ranges")
