@@ -24,6 +24,7 @@ import pytest
 import xarray as xr
 from matplotlib.colors import to_rgba_array
 from matplotlib.figure import Figure
+from matplotlib.ticker import FixedFormatter
 
 RTOL = 1e-6  # of the largest number of an array: solvers end within it on any machine
 ATOL = 1e-12  # below: rounding of what is zero
@@ -159,6 +160,7 @@ def artists(axes) -> dict:
         "labels": [axes.get_xlabel(), axes.get_ylabel()],
         "limits": [*axes.get_xlim(), *axes.get_ylim()],
         "scales": [axes.get_xscale(), axes.get_yscale()],
+        "ticks": [_ticks(axes.xaxis), _ticks(axes.yaxis)],
         "lines": [_line(line) for line in axes.lines],
         "texts": [[text.get_text(), *text.get_position(), text.get_size()] for text in axes.texts],
         "collections": [_collection(collection) for collection in axes.collections],
@@ -168,6 +170,13 @@ def artists(axes) -> dict:
     if legend := axes.get_legend():
         drawn["legend"] = [text.get_text() for text in legend.get_texts()]
     return drawn
+
+
+def _ticks(axis):
+    """Names at an axis, if they are not its numbers, and how they are turned."""
+    formatter = axis.get_major_formatter()
+    names = [*formatter.seq] if isinstance(formatter, FixedFormatter) else []
+    return [" ".join(names), *(label.get_rotation() for label in axis.get_ticklabels()[:1])]
 
 
 def _line(line):

@@ -13,9 +13,9 @@ from command_fixtures import registered_commands
 from refusals import refused
 from typer.testing import CliRunner
 
-from pymantaray.cli.options import OceanCommand, parse_duration, parse_place, quantity
+from pymantaray.cli.options import GridOptions, OceanCommand, parse_duration, parse_place, quantity
 from pymantaray.config import load_study, parse_study
-from pymantaray.errors import MantaRayError
+from pymantaray.errors import MantaRayError, WaterError
 
 app = typer.Typer()
 
@@ -219,6 +219,11 @@ def test_an_option_refuses_another_quantity_in_one_line(mantaray):
         "error: --bathymetry: found '2 kg'; allowed: a number of metres, or text"
     )
     assert len(done.err.splitlines()) == 1
+
+
+def test_a_centre_beside_a_position_is_refused():
+    both = GridOptions(centre=(70.0, 2.0), position=(70.0, 1.0))
+    refused(WaterError, "--centre and --position: .* give one of them", getattr, both, "keys")
 
 
 @pytest.mark.parametrize(

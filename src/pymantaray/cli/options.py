@@ -444,6 +444,10 @@ class GridOptions:
             raise WaterError(
                 f"--time is given {len(self.time)} times; only one instant is allowed; give one"
             )
+        if self.centre is not None and self.position is not None:
+            raise WaterError(
+                "--centre and --position: a profile lies at the centre; give one of them"
+            )
         time = _instant(self.time[0]) if self.time else None
         half = (
             None

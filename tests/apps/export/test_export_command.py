@@ -1,8 +1,10 @@
 """The command `mantaray export`."""
 
 import re
+from pathlib import Path
 
 import pandas as pd
+import pytest
 from authors_files import write_simulation
 from factories import names_in
 
@@ -53,3 +55,46 @@ def test_export_authors_takes_a_study_or_a_run_and_import_reads_it(mantaray, tmp
     assert mantaray("study", "import", tmp_path / "two" / "sim.json").code == 0
     refused = mantaray("export", "authors", tmp_path / "study.toml")
     assert (refused.code, "export authors STUDY FOLDER" in refused.err) == (2, True)
+
+
+def test_every_option_reaches_the_export(reached, mantaray, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "run").mkdir()
+    words = ("export", "run", "--to", "tum", "--out", "new", "--realization", 3)
+    given = reached("pymantaray.apps.export.export_run", *words)
+    assert (given[0], given[2]) == (Path("run"), Path("new"))
+    monkeypatch.setattr(
+        "pymantaray.apps.export.export_run", lambda run, to, out, **more: f"{run} {to} {out} {more}"
+    )
+    assert mantaray(*words[:-2]).out == "run tum new {'realization': 0}\n"
+    gone = mantaray("export", "gone", *words[2:])
+    assert gone.err == "error: gone: no such file or folder; name an existing file or folder\n"
+
+
+def test_every_option_reaches_the_export_to_the_authors(mantaray, monkeypatch):
+    monkeypatch.setattr(
+        "pymantaray.apps.export.export_authors",
+        lambda study, folder: (f"{folder}/made of {study}", ("one", "two")),
+    )
+    done = mantaray("export", "authors", "quick", "new")
+    assert (done.code, done.out) == (0, "new/made of quick\n")
+    assert done.err == "quick: one\nquick: two\n"
+
+
+@pytest.mark.parametrize(("words", "said"), [
+    (("authors", "quick"), "Usage: mantaray export authors STUDY FOLDER"),
+    (("authors", "quick", "new", "more"), "Usage: mantaray export authors STUDY FOLDER"),
+    (("authors", "quick", "new", "--to", "tum"), "Usage: mantaray export authors STUDY FOLDER"),
+    (("authors", "quick", "new", "--out", "x"), "Usage: mantaray export authors STUDY FOLDER"),
+    (("authors", "--to", "tum"), "Missing option '--out'; see"),
+    (("authors", "--to", "tum", "--out", "x"), "authors: no such file or folder"),
+    (("run", "quick", "--to", "tum"), "Got unexpected extra argument (quick)"),
+    (("run", "--out", "x"), "Missing option '--to'; see"),
+    (("run", "--to", "tum"), "Missing option '--out'; see"),
+])  # fmt: skip
+def test_words_that_export_does_not_take_are_refused(mantaray, tmp_path, monkeypatch, words, said):
+    monkeypatch.chdir(tmp_path)
+    done = mantaray("export", *words)
+    assert (done.code, len(done.err.splitlines())) == (2, 1)
+    assert said in done.err
+    assert names_in(tmp_path) == []

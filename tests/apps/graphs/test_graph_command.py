@@ -197,7 +197,8 @@ def test_every_option_reaches_the_writer_of_a_graph(reached, file, tmp_path, wor
     out = tmp_path / "new" / words[0]
     out.parent.mkdir()
     out.write_text("7\n")
-    given = reached(name, "graph", "convert", file, out, *words[1:], "--force", without=r"^0|^1\.factors")
+    words = (*words[1:], "--force")
+    given = reached(name, "graph", "convert", file, out, *words, without=r"^0|^1\.factors")
     assert out in given.values()
 
 
@@ -207,6 +208,11 @@ def test_converted_files_are_replaced_by_force(graph, file, tmp_path):
         for _ in range(2):
             done = graph("convert", file, out, "--leave-out", "all", "--force").out
         assert done.splitlines() == [str(tmp_path / word) for word in more or (name,)]
+
+
+def test_a_graph_is_not_converted_onto_itself(mantaray, file):
+    done = mantaray("graph", "convert", file, file, "--force")
+    assert done.err == f"error: {file}: is the input; give another name\n"
 
 
 def test_incremental_least_squares_have_standard_errors(graph, file):

@@ -314,12 +314,13 @@ def test_a_plan_gives_the_best_radius_of_each_pattern(told, tmp_path):
     assert north == sorted(north, reverse=True)
 
 
-def test_a_plan_says_what_it_assumes(mantaray, tmp_path):
+def test_a_plan_says_what_it_assumes(mantaray, tmp_path, as_stored):
     words = ("--profile", profile_csv(tmp_path), "--pattern", "circle", "--radii", 900, 901, 2)
     done = mantaray("locate", "plan", "--depth", 2000, *words, "--pings", 12, "--sigma", "2 ms")
     said = " ".join(done.out.split())
     assert "position in 3-D), 12 pings of 2 ms, node at 2000 m, ship at 2 m/s" in said
     assert "circle: the best radius is the smallest of the search; a better one may be" in said
+    as_stored(done.out)
 
 
 def test_a_plan_searches_until_the_best_radius_is_not_at_an_edge(as_stored):
@@ -489,6 +490,21 @@ def test_water_is_deeper_than_nodes_may_be(reached, short, sigma):
     assert given["bathymetry"] == pytest.approx(1.2 * (1312.0 + 3.0 * min(sigma, 100.0)))
 
 
+@pytest.mark.parametrize("place", PLACES)
+def test_a_profile_is_read_at_its_position(reached, short, place):
+    words = ("locate", "plan", "--depth", 900, "--profile", "cast.csv", place, *PLACES[place])
+    reached("pymantaray.acoustics.read_profiles", *words)
+
+
+def test_the_bed_is_below_the_profile_of_a_survey_and_its_nodes(reached, tmp_path):
+    ini = write_garpos(make_campaign(2, pings=4, nodes=2), tmp_path)
+    (tmp_path / "obsdata" / "SITE-svp.csv").write_text("depth,speed\n0,1480\n1500,1505.5\n")
+    without = r"^0|^1\.(?!bed.depth)|^2"
+    given = reached("pymantaray.apps.locate.locate", "locate", ini, without=without)
+    deepest = max(node.position[2] + 3.0 * node.sigma[2] for node in given[0].nodes)
+    assert given[1].bed.depth == pytest.approx(1.2 * deepest)
+
+
 def test_an_ocean_is_centred_at_the_survey(reached, tmp_path):
     ini = write_garpos(make_campaign(2, pings=4, nodes=2), tmp_path)
     reached(OPENED, "locate", ini, "--ocean", "synthetic:fram")
@@ -497,7 +513,7 @@ def test_an_ocean_is_centred_at_the_survey(reached, tmp_path):
 @pytest.mark.parametrize("words", [
     (),
     ("--thin", 3.5, "--smooth", "400 m", "--interpolation", "smooth"),
-    ("--bathymetry", 3100, "--ice", "2.5 m", "--thin", 0),
+    ("--bathymetry", 3100, "--ice", "2.5 m", "--thin", 3.5),
 ], ids=["alone", "reduced", "between"])  # fmt: skip
 def test_every_option_reaches_the_profile_of_a_survey(reached, tmp_path, words):
     ini = write_garpos(make_campaign(2, pings=4, nodes=2), tmp_path)

@@ -1,6 +1,7 @@
 """Plans: what is refused before anything runs, the search, and the files of its results."""
 
 import json
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -190,6 +191,70 @@ def test_changes_between_trees_name_entries():
     assert difference(old, new) == {"a": {"c": "none"}, "v": {"B": {"z": 3}}, "k": [1, 3]}
     assert difference(old, {**old, "v": old["v"][:1]}) == {"v": [{"name": "A", "z": 1}]}
     assert np.all([difference(tree, tree) == {} for tree in (old, new)])
+
+
+def test_every_option_reaches_the_search(reached, mantaray, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    file = write(tmp_path, free={"landmarks.T.depth": [5.0, 300.0]})
+    words = ("plan", file, "--set", "noise.range_sigma=2.5", "--set", "mission.duration_h=6")
+    words += ("--workers", 3, "--scheduler", "tcp://there:8786")
+    assert reached("pymantaray.apps.plan.load_plan", *words)[0] == file
+    given = reached("pymantaray.apps.plan.search_designs", *words, without="^0")
+    plan = given[0]
+    assert (given["workers"], given["client"]) == (3, "tcp://there:8786")
+    assert (plan.base.noise.range_sigma, plan.base.mission.duration_h) == (2.5, 6.0)
+    monkeypatch.setattr(
+        "pymantaray.apps.plan.search_designs",
+        lambda plan, **_: PlanResults(
+            plan,
+            [plan.lists_at(k) for k in (0, 1)],
+            [[Scores(error_m=e, lost_percent=1.0 + e)] for e in (9.0, 7.0)],
+            [Scores(error_m=8.0, lost_percent=2.0)],
+        ),
+    )
+    monkeypatch.setattr(PlanResults, "notes", ["of the ocean"])
+    out = ("--out", "best.toml", "--table", "t.csv", "--page", "page")
+    pages = []
+    monkeypatch.setattr(
+        "pymantaray.apps.plan.write_plan_page",
+        lambda *given: pages.append(given) or given[1] / "index.html",
+    )
+    done = mantaray(*words, *out, "--json")
+    told = json.loads(done.out)
+    assert [told[name] for name in ("study", "csv", "page")] == [
+        "best.toml",
+        "t.csv",
+        "page/index.html",
+    ]
+    assert (pages[0][0].plan.base, pages[0][1]) == (plan.base, Path("page"))
+    assert (told["best"], told["notes"]) == ({"landmarks.T.depth": 300.0}, ["of the ocean"])
+    assert (tmp_path / "t.csv").read_text().splitlines()[1].startswith("300.0,7.0,")
+    for name in ("best.toml", "t.csv"):
+        refused = mantaray(*words, *out[:4])
+        assert refused.err == f"error: {name}: already exists; give another name or --force\n"
+        given = reached("pymantaray.apps.plan.results.PlanResults.write_best",
+                        *words, *out, "--force", without="^0")  # fmt: skip
+        assert (given[1], given["replace"]) == (Path("best.toml"), True)
+        assert mantaray(*words, *out, "--force").code == 0
+        (tmp_path / "best.toml").unlink()
+    reached("pymantaray.cli.options.printer", *words, "--json", "--quiet", "--to", "latex")
+
+
+def test_a_quiet_search_shows_no_progress(reached, tmp_path):
+    file = write(tmp_path, free={"landmarks.T.depth": [5.0]})
+    given = reached("pymantaray.apps.plan.search_designs", "plan", file, "-q", without="^0")
+    assert (given["workers"], given["progress"]) == (None, None)
+
+
+@pytest.mark.parametrize("names", [("file",), ("folder", "mine")])
+def test_a_page_of_a_plan_needs_a_new_folder(mantaray, tmp_path, names):
+    file = write(tmp_path, free={"landmarks.T.depth": [5.0]})
+    page = tmp_path / names[0]
+    page.mkdir() if names[1:] else page.touch()
+    for name in names[1:]:
+        (page / name).touch()
+    done = mantaray("plan", file, "--page", page)
+    assert done.err == f"error: {page}: already exists; give a new or empty folder\n"
 
 
 def test_a_command_with_a_bad_output_computes_nothing(tmp_path, capsys):

@@ -146,37 +146,12 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
     np.testing.assert_allclose(*levels, rtol=1e-9)
 
 
-def as_words(options):
-    """Words of a command line: names with a value, a tuple of them, or none."""
-    return [
-        str(word)
-        for name, value in options.items()
-        for word in (name, *(value if isinstance(value, tuple) else (value,)))
-        if word != ""
-    ]
-
-
-COMPARED = as_words(
-    {
-        "--nodes": "nodes.csv",
-        "--detection": "sonar.toml",
-        "--window": "20 s",
-        "--reference": "B",
-        "--rule": "within:9",
-        "--smooth-positions": "3.5 m",
-        "--clock-drift": "",
-    }
+COMPARED = (
+    *("--nodes", "nodes.csv", "--detection", "sonar.toml", "--window", "20 s"),
+    *("--reference", "B", "--rule", "within:9", "--smooth-positions", "3.5 m", "--clock-drift"),
 )
-PREDICTED = as_words(
-    {
-        "--draws": 7,
-        "--position-sigma": "2.5 m",
-        "--sound-speed-sigma": 0.3,
-        "--wind": 11,
-        "--learn": "smooth",
-    }
-)
-SEARCH = {"--max-surface-bounces": 2, "--max-bottom-bounces": 3, "--cutoff-db": 21}
+ERRORS = ("--position-sigma", "2.5 m", "--sound-speed-sigma", 0.3, "--wind", 11)
+SEARCH = ("--max-surface-bounces", 2, "--max-bottom-bounces", 3, "--cutoff-db", 21)
 OF_WATER = r"lut|knots|nodes|local|currents|frame|attrs|notes"
 
 
@@ -186,7 +161,8 @@ def node_file(files):
 
 
 def test_every_option_reaches_the_replay(reached, files, node_file):
-    words = ("replay", "events.csv", *WATER, *COMPARED, *PREDICTED)
+    predicted = (*ERRORS, "--draws", 7, "--learn", "smooth")
+    words = ("replay", "events.csv", *WATER, *COMPARED, *predicted)
     reached("pymantaray.apps.replay.replay_events", *words, without=OF_WATER)
     given = reached("pymantaray.apps.replay.read_events", *words)
     assert given == {0: Path("events.csv"), 1: Path("nodes.csv")}
@@ -202,8 +178,7 @@ def test_a_quiet_replay_shows_no_progress(reached, files):
 
 
 def test_every_option_reaches_the_files_of_a_replay(reached, files, node_file, monkeypatch):
-    search = as_words(SEARCH)
-    words = ("replay", "events.csv", *WATER, *COMPARED, *PREDICTED[2:8], *search, "--out", "there")
+    words = ("replay", "events.csv", *WATER, *COMPARED, *ERRORS, *SEARCH, "--out", "there")
     given = reached(
         "pymantaray.apps.replay.write_replay",
         *(*words, "--format", "pdf,tex"),
@@ -219,29 +194,33 @@ PLACES = {"--centre": (74.5, -140.25), "--position": (-33.5, 151.25)}
 
 @pytest.mark.parametrize("place", PLACES)
 def test_every_option_reaches_the_water_of_a_replay(reached, files, place):
-    options = SEARCH | {
-        place: PLACES[place],
-        "--bathymetry": "2.1 km",
-        "--crs": "EPSG:3996",
-        "--currents": "carry",
-        "--equation": "unesco",
-        "--half-extent": ("4 km", 3000),
-        "--time": "2020-03-10T12:00",
-        "--repair-freezing": "",
-        "--name": "temp=sea_water_temperature",
-        "--ice": "2.5 m",
-        "--ice-slope": 12,
-        "--ice-length": "25 m",
-        "--interpolation": "linear",
-        "--earth": "sphere",
-        "--thin": 0.05,
-        "--smooth": "6 m",
-        "--detection": "sonar.toml",
-        "--set": "ranging.slot_s=4",
-    }
-    words = ("replay", "events.csv", "--profile", "casts.csv", *as_words(options))
+    options = (
+        *("--bathymetry", "2.1 km", "--crs", "EPSG:3996", "--currents", "carry"),
+        *("--equation", "unesco", "--half-extent", "4 km", 3000, "--time", "2020-03-10T12:00"),
+        *("--repair-freezing", "--name", "temp=sea_water_temperature", "--ice", "2.5 m"),
+        *("--ice-slope", 12, "--ice-length", "25 m", "--interpolation", "linear"),
+        *("--earth", "sphere", "--thin", 0.05, "--smooth", "6 m", place, *PLACES[place]),
+        *("--detection", "sonar.toml", "--set", "ranging.slot_s=4", *SEARCH),
+    )
+    words = ("replay", "events.csv", "--profile", "casts.csv", *options)
     given = reached("pymantaray.config.build.water.open_waters", *words)
     assert given["time"] == datetime(2020, 3, 10, 12)  # noqa: DTZ001
+
+
+@pytest.mark.parametrize(("earth", "geographic", "sphere"), [
+    (None, True, True), ("flat", True, False), ("sphere", True, True), (None, False, False),
+])  # fmt: skip
+def test_positions_on_earth_are_replayed_on_a_sphere(reached, files, earth, geographic, sphere):
+    names = {"source_north": "source_lat", "source_east": "source_lon"}
+    names |= {name.replace("source", "receiver"): names[name].replace("source", "receiver")
+              for name in names}  # fmt: skip
+    north = ["source_north", "receiver_north"]
+    events = EVENTS.assign(**{name: 70.0 + EVENTS[name] / 111e3 for name in north})
+    (events.rename(columns=names) if geographic else EVENTS).to_csv("events.csv", index=False)
+    words = ("replay", "events.csv", *WATER, *(("--earth", earth) if earth else ()))
+    replayed = "pymantaray.apps.replay.replay_events"
+    given = reached(replayed, *words, without=r"^(?!1\[\].medium.earth)")
+    assert [water.medium.earth is not None for water in given[1]] == [sphere, sphere]
 
 
 REFUSED = {
