@@ -378,7 +378,8 @@ def compare(
     with progress_bars(quiet=quiet) as progress:
         page = write_comparison(runs, out, formats=format_names(formats), progress=progress)
     with printer(as_json=as_json, quiet=quiet, to=to) as printed:
-        _print_comparison(printed, page.parent, len(runs))
+        text = to == "text" and not as_json
+        _print_comparison(printed, page.parent, numbered=text and len(runs) > _MAX_NAMED_RUNS)
         printed.paths(page=page)
     if open_page:
         _open(page)
@@ -472,18 +473,14 @@ def _print_causes(out: Printer, dropouts: "pd.DataFrame", cutoff_db: float | Non
         )
 
 
-def _print_comparison(out: Printer, folder: Path, runs: int) -> None:
-    """Print the tables of a comparison; the columns of many runs have numbers instead of names."""
+def _print_comparison(out: Printer, folder: Path, *, numbered: bool) -> None:
+    """Print the tables of a comparison, with numbers instead of names of runs above columns."""
     from pymantaray.apps.study.comparison_page import SUMMARY, read_comparison
 
     tables = read_comparison(folder)
     names = tables["configuration"].frame.columns[1:]
     out.add(runs=names)
-    numbers = (
-        dict(zip(names, map(str, range(1, runs + 1)), strict=True))
-        if runs > _MAX_NAMED_RUNS
-        else {}
-    )
+    numbers = {name: str(k + 1) for k, name in enumerate(names) if numbered}
     for name, number in numbers.items():
         out.line(f"{number}: {name}")
     for name in SUMMARY:
