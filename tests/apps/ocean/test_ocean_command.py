@@ -123,6 +123,14 @@ def test_files_are_checked_about_the_centre_that_a_run_gives_them(mantaray, ocea
     assert (result.code, "outside the domain" in result.out) == (2, True)
 
 
+def test_the_check_tells_the_notes_of_a_reader(mantaray, tmp_path):
+    rows = ["depth,temperature,salinity", "0,2,30", "50,2,-9", "100,2,31", "200,2,32"]
+    (tmp_path / "cast.csv").write_text("\n".join(["# lat 75, lon 1", *rows, ""]))
+    done = mantaray("ocean", "check", tmp_path / "cast.csv", "--bathymetry", 200)
+    assert done.code == 0
+    assert "1 of 4 rows dropped: with " in done.err
+
+
 def test_options_of_ice_and_profiles_are_checked_without_a_study(mantaray, ocean_file):
     assert mantaray("ocean", "check", ocean_file, "--ice", "2").code == 0
     for words, says in (

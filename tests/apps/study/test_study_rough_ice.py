@@ -13,6 +13,8 @@ from pymantaray.apps.ranges import measure
 from pymantaray.apps.service import RangingService
 from pymantaray.errors import StudyError
 from pymantaray.geometry.roughness import Roughness
+from pymantaray.records import RayStatus
+from pymantaray.sensing.draws import RangingDraws
 
 DEPTH = np.array([0.0, 40.0, 55.0, 60.0, 65.0, 80.0, 100.0, 150.0, 300.0, 1000.0, 2700.0])
 SPEED = np.array(
@@ -96,6 +98,35 @@ def test_another_draw_is_other_ice_and_the_same_draw_the_same(rough, fly_under):
         assert (np.isnan(apart) | (apart > 1e-7)).any()
         assert (apart == 0.0).any(), "direct arrivals do not meet the ice"
     np.testing.assert_array_equal(other[0].truth.position, rough[0].truth.position)
+
+
+def test_a_realization_has_the_ranges_of_its_draw(tiny_run):
+    """The second draw is a millisecond later, and its first attempt is not heard."""
+    noise, truth, status = (
+        tiny_run.noise,
+        tiny_run.ranging_truth,
+        tiny_run.measurements.range_status,
+    )
+    two = {
+        name: np.tile(getattr(truth, name), (2, 1))
+        for name in ("travel_time", "near_cutoff", "departure_angle", "arrival_angle")
+    }
+    two["travel_time"][1] += 1e-3
+    lost = np.tile(status, (2, 1))
+    first = np.flatnonzero(status == RayStatus.OK)[0]
+    lost[1, first] = RayStatus.SHADOW
+    own = noise._replace(
+        draws=RangingDraws(range_status=lost, probability=np.ones(lost.shape), **two)
+    )
+    assert own.ranging_truth_in(None) is truth
+    np.testing.assert_array_equal(own.ranging_truth_in(1).travel_time, two["travel_time"][1])
+    for realization in (0, 1):
+        found, plain = (source.noisy(realization) for source in (own, noise))
+        np.testing.assert_array_equal(found.range_status, lost[realization])
+        later = own.ranging_truth_in(realization).refracted_range - truth.refracted_range
+        heard = found.range_status == RayStatus.OK
+        moved = (found.refracted_range - plain.refracted_range)[heard]
+        np.testing.assert_allclose(moved, later[heard], rtol=0, atol=1e-6)
 
 
 @pytest.mark.slow

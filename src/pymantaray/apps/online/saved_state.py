@@ -138,7 +138,7 @@ def _base_fault(base: dict[str, Any]) -> str:
         return f"base.position is beyond {LARGEST:g} m"
     if not (np.abs(covariance) <= LARGEST**2).all():
         return "base.covariance is too large"
-    values = np.linalg.eigvalsh(0.5 * (covariance + covariance.T))
+    values = np.linalg.eigvalsh(covariance + covariance.T)
     if values.min(initial=0.0) < -_ROUNDING * max(float(values.max(initial=0.0)), 1e-300):
         return "base.covariance is not positive semidefinite"
     return ""
