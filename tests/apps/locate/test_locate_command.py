@@ -33,7 +33,7 @@ from pymantaray.apps.locate.page import plan_figure
 from pymantaray.apps.locate.plan import expected_covariance, plan_survey
 from pymantaray.apps.locate.read_options import ReadOptions
 
-MADE = r"made|origin|citation|links|references|words|explorer"  # of a page
+MADE = r"made|origin|citation|links|references|words|explorer|height|width"  # of a page
 NOISE = 1e-4  # s; of the campaign
 KEYS = {
     "name",

@@ -17,7 +17,7 @@ from pymantaray.cli.main import main
 from pymantaray.config import load_study
 from pymantaray.errors import PlanError, StudyError, WriteError
 
-MADE = r"made|origin|citation|links|references"  # of a page
+MADE = r"made|origin|citation|links|references|height|width"  # of a page
 LANDMARK = {"name": "T", "north": 100.0, "east": -200.0, "depth": 5.0}
 
 

@@ -25,7 +25,7 @@ EVENTS = pd.DataFrame(
         "travel_time": np.hypot(3000.0, 120.0) / 1450.0 + 1e-3 * np.array([1.0, -1.0] * 4),
     }
 )
-MADE = r"made|origin|citation|links|references|words|explorer"  # of a page
+MADE = r"made|origin|citation|links|references|words|explorer|height|width"  # of a page
 DETECTION = """[detection]
 source_level_db = 190.0
 frequency_hz = 10e3
