@@ -18,6 +18,15 @@ from pymantaray.errors import MantaRayError
 from pymantaray.pages import writing
 from pymantaray.pages.page import Page
 
+WATER_WORDS = (
+    "--bathymetry 390 --crs EPSG:3996 --currents carry --equation unesco --centre 74.1 -140.2"
+    " --half-extent 9km 11000 --time 2014-07-24T19:20 --repair-freezing"
+    " --name temp=sea_water_temperature --ice 2 --ice-slope 3 --ice-length 4"
+    " --interpolation linear --earth sphere --thin 0.5 --smooth 6 --max-surface-bounces 1"
+    " --max-bottom-bounces 2 --cutoff-db 25"
+)
+"""Every option of water and of arrivals, each with another value than its default."""
+
 
 @cache
 def registered_commands():
@@ -104,8 +113,8 @@ def report_here(undrawn, monkeypatch):
 @pytest.fixture
 def told(mantaray, as_stored):
     """
-    Call `mantaray` with words and ``--json``: what it told, which is one JSON object without NaN,
-    and nothing else, with the numbers stored of the test's calls but for named ones.
+    Call `mantaray` with words and ``--json``: what it told, which is one JSON object without NaN
+    and nothing else. Its numbers are compared with stored ones; `without` leaves some out.
     """
     calls = itertools.count(1)
 
@@ -142,6 +151,41 @@ def reached(mantaray, monkeypatch, as_stored):
         return given[0]
 
     return call
+
+
+@pytest.fixture
+def spied(mantaray, monkeypatch):
+    """
+    Call `mantaray` with a function of the library replaced by its result: what each call was given,
+    and what the command printed.
+    """
+
+    def call(function, result, *words, code=0):
+        given = []
+
+        def instead(*arguments, **options):
+            given.append({**dict(enumerate(arguments)), **options})
+            return result
+
+        monkeypatch.setattr(function, instead)
+        done = mantaray(*words)
+        assert done.code == code, done.err
+        return given, done
+
+    return call
+
+
+@pytest.fixture
+def checked_outputs(monkeypatch):
+    """What commands give the check of an output, where they end: arguments and options."""
+    given = []
+
+    def check(*arguments, **options):
+        given.append((arguments, options))
+        raise MantaRayError("reached")
+
+    monkeypatch.setattr("pymantaray.cli.output.check_output", check)
+    return given
 
 
 @pytest.fixture

@@ -224,7 +224,7 @@ def moved(stored: list | str, now: list | str) -> bool:
 
 @pytest.fixture
 def as_stored(request):
-    """Assert that the numbers of a fast test's result are those stored, but for named ones."""
+    """Compare the numbers of a result with stored ones; slow tests store none."""
     file = request.path.parent / "stored" / f"{request.path.stem}.json"
 
     def check(result: Any, *, without: str = "(?!)", name: str = "") -> None:

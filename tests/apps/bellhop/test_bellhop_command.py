@@ -11,7 +11,6 @@ from bellhop_stand_in import read_boundary, read_env, read_grids
 from scipy.interpolate import CubicSpline
 
 from pymantaray.apps.study import open_run
-from pymantaray.errors import AcousticsError
 
 LINKS = """source_north,source_east,source_depth,receiver_north,receiver_east,receiver_depth
 0,0,100,3000,4000,400
@@ -193,21 +192,14 @@ def test_the_last_link_of_a_run_is_there_and_the_next_is_not(mantaray, files, ti
         assert f"--link is {row}; the run has links 0 to {last}" in refused.err
 
 
-def test_every_option_reaches_the_check_of_the_output(mantaray, files, monkeypatch):
-    given = []
-
-    def check(*arguments, **options):
-        given.append((arguments, options))
-        raise AcousticsError("reached")
-
-    monkeypatch.setattr("pymantaray.cli.output.check_output", check)
+def test_every_option_reaches_the_check_of_the_output(mantaray, files, checked_outputs):
     for name in ("floor.nc", "ice.nc"):
         Path(name).write_text("")
     water = ("--profile", "profile.csv", "--bathymetry", "floor.nc", "--ice", "ice.nc")
     for force in ((), ("--force",)):
         assert mantaray(*COMMANDS["compare"].split(), *water, *force).code == 2
     inputs = [Path(name) for name in ("links.csv", "profile.csv", "floor.nc", "ice.nc")]
-    assert given == [
+    assert checked_outputs == [
         ((Path("out.csv"), (".csv",)), {"inputs": inputs, "force": force})
         for force in (False, True)
     ]

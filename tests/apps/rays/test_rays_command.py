@@ -12,7 +12,6 @@ import pytest
 import xarray as xr
 
 from pymantaray.acoustics import Medium, RayPaths, find_eigenrays, thin_profile, trace_paths
-from pymantaray.errors import AcousticsError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.seawater import sound_speed
@@ -619,14 +618,7 @@ OUTPUTS = {"times": "csv", "eigen": "nc", "trace": "csv", "plot": "png"}
 
 
 @pytest.mark.parametrize("command", OUTPUTS)
-def test_every_option_reaches_the_check_of_the_output(mantaray, folder, monkeypatch, command):
-    given = []
-
-    def check(*arguments, **options):
-        given.append((arguments, options))
-        raise AcousticsError("reached")
-
-    monkeypatch.setattr("pymantaray.cli.output.check_output", check)
+def test_every_option_reaches_the_check_of_the_output(mantaray, folder, checked_outputs, command):
     for name in ("floor.nc", "ice.nc"):
         Path(name).write_text("")
     out = f"out.{OUTPUTS[command]}"
@@ -638,6 +630,6 @@ def test_every_option_reaches_the_check_of_the_output(mantaray, folder, monkeypa
     inputs = [*files[1:], files[0]] if command == "plot" else files
     endings = (".png", ".pdf") if command == "plot" else (".csv", ".nc")
     beside = {} if command == "plot" else {"beside": [Path("out.csv.json")] * out.endswith("csv")}
-    for (arguments, options), force in zip(given, (False, True), strict=True):
+    for (arguments, options), force in zip(checked_outputs, (False, True), strict=True):
         assert arguments == (Path(out), endings)
         assert options == {"inputs": [*map(Path, inputs)], "force": force, **beside}

@@ -5,18 +5,12 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from command_fixtures import WATER_WORDS
 
 from pymantaray import open_water
 from pymantaray.acoustics import Medium
 from pymantaray.apps.service import command
 
-WATER = (
-    "--bathymetry 390 --crs EPSG:3996 --currents carry --equation unesco --centre 74.1 -140.2"
-    " --half-extent 9km 11000 --time 2014-07-24T19:20 --repair-freezing"
-    " --name temp=sea_water_temperature --ice 2 --ice-slope 3 --ice-length 4"
-    " --interpolation linear --earth sphere --thin 0.5 --smooth 6 --max-surface-bounces 1"
-    " --max-bottom-bounces 2 --cutoff-db 25"
-)
 CAST = """# drop 9, 2014-07-24/1920 UTC, lat 74.0, lon -140.0
 depth_m,temperature_degC,practical_salinity
 2,-1.2,27.2
@@ -63,7 +57,7 @@ def test_every_option_reaches_the_service(reached, profile):
     for name in ("a.nc", "b.nc"):
         Path(name).write_text("")
     options = ("--workers", 3, "--water-interval", "2 min", "--set", "ranging.timing=two-way")
-    words = ("serve", "a.nc", "b.nc", *WATER.split(), *options)
+    words = ("serve", "a.nc", "b.nc", *WATER_WORDS.split(), *options)
     given = reached("pymantaray.apps.service.RangingService", *words)
     assert given["workers"] == 3
     assert given["time"].isoformat() == "2014-07-24T19:20:00"

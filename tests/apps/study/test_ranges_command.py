@@ -3,17 +3,10 @@
 from pathlib import Path
 
 import pytest
+from command_fixtures import WATER_WORDS
 
 from pymantaray.apps.ranges.ranging import ranges_config
 
-WATER = (
-    "--bathymetry 390 --crs EPSG:3996 --currents carry --equation unesco --centre 74.1 -140.2"
-    " --half-extent 9km 11000 --time 2014-07-24T19:20 --repair-freezing"
-    " --ice 2 --ice-slope 3 --ice-length 4"
-    " --name temp=sea_water_temperature"
-    " --interpolation linear --earth sphere --thin 0.5 --smooth 6 --max-surface-bounces 1"
-    " --max-bottom-bounces 2 --cutoff-db 25"
-)
 CONFIG = "pymantaray.apps.ranges.ranging.ranges_config"
 SCHEDULES = {
     "interval": "--interval 0.2h --sampling 0.1h",
@@ -39,7 +32,7 @@ def files(tmp_path, monkeypatch):
 def test_every_option_reaches_the_configuration_of_ranges(reached, files, schedule):
     how = (*SCHEDULES[schedule].split(), "--enu", "--vehicles", "A, B,")
     Path("a.nc").write_text("")
-    given = reached(CONFIG, "ranges", "own.csv", "--ocean", "a.nc", *WATER.split(), *how)
+    given = reached(CONFIG, "ranges", "own.csv", "--ocean", "a.nc", *WATER_WORDS.split(), *how)
     assert [Path(file).name for file in given[0]] == ["own.csv"]
     assert given["time"].isoformat() == "2014-07-24T19:20:00"
 

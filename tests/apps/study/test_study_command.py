@@ -11,6 +11,7 @@ from time import perf_counter
 
 import pandas as pd
 import pytest
+from command_fixtures import WATER_WORDS
 from factories import names_in
 
 import pymantaray
@@ -487,39 +488,13 @@ def test_tables_of_a_run_are_printed_with_the_numbers_of_the_library(
 
 
 COMMAND = "pymantaray.apps.study.command"
-WATER = (
-    "--bathymetry 390 --crs EPSG:3996 --currents carry --equation unesco --centre 74.1 -140.2"
-    " --half-extent 9km 11000 --time 2014-07-24T19:20 --repair-freezing"
-    " --name temp=sea_water_temperature --ice 2 --ice-slope 3 --ice-length 4"
-    " --interpolation linear --earth sphere --thin 0.5 --smooth 6 --max-surface-bounces 1"
-    " --max-bottom-bounces 2 --cutoff-db 25"
-)
 CHANGES = ("--set", "noise.range_sigma=2", "--set", "mission.duration_h=5")
 LOADED = {
     "show": "study show quick",
     "cite": "study cite quick",
-    "run": f"study run quick --realizations 7 --ocean a.nc b.nc {WATER}",
+    "run": f"study run quick --realizations 7 --ocean a.nc b.nc {WATER_WORDS}",
     "run in a profile": "study run quick --profile a.nc",
 }
-
-
-@pytest.fixture
-def spied(mantaray, monkeypatch):
-    """What a command gives a function of the library, which gives a result and is not stored."""
-
-    def call(function, result, *words, code=0):
-        given = []
-
-        def instead(*arguments, **options):
-            given.append({**dict(enumerate(arguments)), **options})
-            return result
-
-        monkeypatch.setattr(function, instead)
-        done = mantaray(*words)
-        assert (done.code, len(given)) == (code, 1), done.err
-        return given[0], done
-
-    return call
 
 
 @pytest.mark.parametrize("command", LOADED)
@@ -545,7 +520,7 @@ def test_every_option_reaches_the_import(mantaray, spied, small):
     Path("sim.json").write_text("{}")
     imported = (load_study("quick"), ["one", "two"])
     function = "pymantaray.config.load.import_study"
-    given, printed = spied(function, imported, "study", "import", "sim.json")
+    (given,), printed = spied(function, imported, "study", "import", "sim.json")
     assert given == {0: Path("sim.json")}
     assert printed.err == "sim.json: one\nsim.json: two\n"
     assert printed.out == commented_toml(imported[0])
@@ -699,7 +674,7 @@ def test_every_option_reaches_the_report(reached, spied, small, monkeypatch, qui
     assert reached(function, *words)[0] == Path("run")
     opened = []
     monkeypatch.setattr("webbrowser.open", lambda page: not opened.append(page))
-    _, done = spied(function, (Path("run/index.html"), ["a", "b"]), *words, "--open", code=1)
+    (_,), done = spied(function, (Path("run/index.html"), ["a", "b"]), *words, "--open", code=1)
     assert (done.out, done.err) == ("run/index.html\n", "error: a\nerror: b\n")
     assert opened == [Path("run/index.html").resolve().as_uri()]
 
@@ -744,7 +719,7 @@ def test_every_option_reaches_what_a_comparison_prints(
         Path(name).mkdir()
     words = ("study", "compare", *folders)
     function = "pymantaray.apps.study.write_comparison"
-    _, done = spied(function, Path("both/index.html"), *words, "--open")
+    (_,), done = spied(function, Path("both/index.html"), *words, "--open")
     as_stored(done.out.splitlines())
     assert asked == [Path("both")]
     assert opened == [Path("both/index.html").resolve().as_uri()]

@@ -128,25 +128,6 @@ COMMAND = "pymantaray.apps.sweep"
 CHANGES = ("--set", "noise.depth_sigma=2", "--set", "mission.duration_h=5")
 
 
-@pytest.fixture
-def spied(mantaray, monkeypatch):
-    """What a command gives a function of the library, which gives a result and is not stored."""
-
-    def call(function, result, *words, code=0):
-        given = []
-
-        def instead(*arguments, **options):
-            given.append({**dict(enumerate(arguments)), **options})
-            return result
-
-        monkeypatch.setattr(function, instead)
-        done = mantaray(*words)
-        assert done.code == code, done.err
-        return given, done
-
-    return call
-
-
 @pytest.mark.parametrize("words", ["show", "run --out out"])
 def test_every_option_reaches_the_sweep(reached, file, words):
     name, *more = words.split()
