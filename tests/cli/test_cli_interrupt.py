@@ -309,8 +309,9 @@ def test_a_process_in_compiled_code_stops_within_seconds(sent, code, where, pati
 def test_signals_of_a_forked_child_do_not_stop_its_parent():
     done = python("""
 import os, signal, time
-from pymantaray.cli.stopping import answered_stops
-with answered_stops():
+import pymantaray.cli.stopping as stopping
+stopping._PATIENCE = 0.3
+with stopping.answered_stops():
     child = os.fork()
     if not child:
         signal.signal(signal.SIGTERM, signal.SIG_IGN)
@@ -319,7 +320,7 @@ with answered_stops():
         os.kill(os.getpid(), signal.SIGTERM)
         os._exit(0)
     os.waitpid(child, 0)
-    time.sleep(4.0)
+    time.sleep(0.9)
 print("there")
 """)
     assert (done.returncode, done.stdout) == (0, "there\n"), done.stderr
