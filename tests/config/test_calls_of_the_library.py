@@ -75,7 +75,7 @@ def test_of_an_ocean_with_a_sea_floor_and_ice(calls, tiny, tmp_path, change, as_
         }
         | change
     )
-    build_mission_ocean(config).open()
+    assert build_mission_ocean(config).open().region.shape[1] == 1
     as_stored(calls)
 
 

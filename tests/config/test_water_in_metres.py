@@ -160,6 +160,8 @@ def test_a_study_runs_in_water_in_metres(tmp_path, as_stored):
         str(tmp_path / "data" / "ssp" / "data.npy") in load_study("quick", ocean=path, **keys).files
     )
     as_stored(mission)
+    as_stored(mission.ocean.region, name="region")
+    as_stored(mission.ocean.profile, name="profile")
 
 
 def test_ranges_between_existing_trajectories_in_water_in_metres(tmp_path, as_stored):

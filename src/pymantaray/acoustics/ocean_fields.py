@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from types import MappingProxyType
 from typing import Any
 
@@ -34,13 +34,6 @@ class OceanFields:
     """Temperature, salinity and currents of the source (depth, lat, lon); None for a profile."""
     local: xr.Dataset
     """Local ocean (north, east, depth)."""
-    profile: xr.Dataset
-    """
-    Mean, minimum and maximum sound speed of each level, in the requested domain or else the whole
-    region.
-    """
-    region: pd.DataFrame
-    """Properties of the region, one per row."""
     series: xr.Dataset | None = None
     """Local ocean over the mission (time [s], north, east, depth); None if it does not vary."""
     cast: Profile | None = None
@@ -53,6 +46,28 @@ class OceanFields:
     """Reduction of a profile, for files."""
     notes: tuple[str, ...] = ()
     """Doubts about the source."""
+    summarize: Callable[[], tuple[xr.Dataset, pd.DataFrame]] = lambda: (
+        xr.Dataset(),
+        pd.DataFrame(),
+    )
+    """Function that gives `profile` and `region`, called at their first use."""
+
+    @property
+    def profile(self) -> xr.Dataset:
+        """
+        Mean, minimum and maximum sound speed of each level, in the requested domain or else the
+        whole region.
+        """
+        return self._summary[0]
+
+    @property
+    def region(self) -> pd.DataFrame:
+        """Properties of the region, one per row."""
+        return self._summary[1]
+
+    @cached_property
+    def _summary(self) -> tuple[xr.Dataset, pd.DataFrame]:
+        return self.summarize()
 
     @property
     def drift(self) -> xr.Dataset:

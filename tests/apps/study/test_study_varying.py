@@ -8,7 +8,6 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-import pandas as pd
 import pytest
 import xarray as xr
 from factories import assert_same
@@ -330,7 +329,7 @@ def test_a_medium_around_positions_has_the_same_travel_times(
         },
         coords=axes,
     )
-    ocean = OceanFields(None, water, xr.Dataset(), pd.DataFrame())
+    ocean = OceanFields(None, water)
     whole = Medium.from_dataset(water, interpolation=interpolation)
     for centre, columns in (((20e3, -60e3, 0.0), 57), ((87e3, 149e3, 0.0), 33)):
         ends = np.add(centre, [[0.0, -3e3, 60.0], [2.5e3, 800.0, 400.0]])

@@ -60,6 +60,7 @@ from pymantaray.records.status import ARRIVES
 from pymantaray.sensing import Candidates, Hearing, Links, RangingDraws, draw_picks
 
 if TYPE_CHECKING:
+    from pymantaray.acoustics.ocean_fields import OceanFields
     from pymantaray.apps.study.mission import Mission
 
 
@@ -485,15 +486,28 @@ class Run:
             raise StudyError(f"realization {realization}: the run has 0 to {count - 1}")
 
 
+class _RunInMemory(Run):
+    """The summaries of the ocean take as long as its rays; few ask for them."""
+
+    _fields: "OceanFields"
+
+    @cached_property
+    def profile(self) -> xr.Dataset:
+        return self._fields.profile
+
+    @cached_property
+    def region(self) -> pd.DataFrame:
+        return self._fields.region
+
+
 def run_in_memory(study: Study, mission: "Mission") -> Run:
     """Run without a folder and without estimates, from a mission."""
-    run = Run(Path())
+    run = _RunInMemory(Path())
     vars(run).update(  # values that would be read from files
         config=study.config,
         study=study,
         ocean=mission.ocean.local,
-        profile=mission.ocean.profile,
-        region=mission.ocean.region,
+        _fields=mission.ocean,
         truth=mission.truth,
         links=mission.links,
         arrivals=mission.arrivals,

@@ -169,10 +169,9 @@ def _unpack_ocean(groups: dict[str, xr.Dataset]) -> OceanFields:
     return OceanFields(
         geographic,
         groups["local"],
-        groups["profile"],
-        region,
         groups.get("series"),
         notes=tuple(text["notes"].splitlines()),
+        summarize=lambda: (groups["profile"], region),
     )
 
 

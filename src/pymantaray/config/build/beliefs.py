@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import Protocol
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -91,14 +90,6 @@ class KnownMission(Protocol):
         """Local ocean at the start."""
 
     @property
-    def profile(self) -> xr.Dataset:
-        """Spread of the sound speed of each level."""
-
-    @property
-    def region(self) -> pd.DataFrame:
-        """Properties of the region."""
-
-    @property
     def truth(self) -> Trajectories:
         """True poses of the fleet."""
 
@@ -165,9 +156,7 @@ class Beliefs:
         if section not in self._over_time:
             ocean = self.config.ocean
             if isinstance(section, InternalTideBelief):
-                run = self._run
-                local = with_tide(section, self._run.ocean)
-                self._over_time[section] = OceanFields(None, local, run.profile, run.region)
+                self._over_time[section] = OceanFields(None, with_tide(section, self._run.ocean))
                 return self._over_time[section]
             if isinstance(section, OtherDayBelief):
                 day = mission_start(ocean) - np.timedelta64(dt.timedelta(days=section.days_earlier))

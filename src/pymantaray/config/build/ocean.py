@@ -2,9 +2,11 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import xarray as xr
 from numpy.typing import NDArray
 
@@ -248,17 +250,21 @@ def build_ocean(
             yield local_ocean(section, oceans.pop(), sea_floor)
 
     series = series_of(local_ones(), time) if section.time_varying else None
-    domain = at_domain(section, geographic)
-    profile = sound_speed_profile_spread(domain, equation=section.equation)
-    whole = profile if domain is geographic else None
     return OceanFields(
         geographic=geographic,
         local=next(local_ones()) if series is None else series.isel(time=0, drop=True),
-        profile=profile,
-        region=region_table(geographic, equation=section.equation, profile=whole),
         series=series,
         notes=_notes(geographic, sea_floor),
+        summarize=partial(_summary, section, geographic),
     )
+
+
+def _summary(section: OceanSection, geographic: xr.Dataset) -> tuple[xr.Dataset, pd.DataFrame]:
+    """Sound speed of each level of the domain, and properties of the region."""
+    domain = at_domain(section, geographic)
+    profile = sound_speed_profile_spread(domain, equation=section.equation)
+    whole = profile if domain is geographic else None
+    return profile, region_table(geographic, equation=section.equation, profile=whole)
 
 
 def _notes(geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> tuple[str, ...]:
@@ -280,8 +286,7 @@ def local_fields(section: OceanSection, data: xr.Dataset) -> OceanFields:
     return OceanFields(
         geographic=None,
         local=local,
-        profile=columns_spread(local),
-        region=profile_region(local),
+        summarize=lambda: (columns_spread(local), profile_region(local)),
     )
 
 
@@ -294,12 +299,11 @@ def profile_fields(
     return OceanFields(
         geographic=None,
         local=local,
-        profile=profile_spread(water.local),
-        region=profile_region(water.local),
         cast=profile,
         unbounded=section.half_extent is None and section.internal_tide is None,
         record=water.record,
         notes=water.notes,
+        summarize=lambda: (profile_spread(water.local), profile_region(water.local)),
     )
 
 

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import xarray as xr
 
 from pymantaray.acoustics import Currents, Medium
@@ -162,7 +161,7 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
     return Water(
         medium,
         Currents.from_dataset(local) if config.acoustics.currents else None,
-        build_sound(config).reception(OceanFields(geographic, local, xr.Dataset(), pd.DataFrame())),
+        build_sound(config).reception(OceanFields(geographic, local)),
         config.ranging.build_timing(),
         local=local,
         start=local.attrs.get("time"),
