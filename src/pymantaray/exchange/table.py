@@ -133,7 +133,7 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
         names = np.full(time.size, path.stem)
     poses = []
     centre = centre_in_comments(table.comments, path)
-    line = table.frame.index.to_numpy(dtype=np.int64)
+    line = table.lines
     for name in dict.fromkeys(names.tolist()):
         rows = names == name
         attitude = None if quaternion is None else quaternion[rows]

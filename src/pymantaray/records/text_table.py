@@ -63,6 +63,11 @@ class TextTable:
         if twice:
             raise RecordError(f"{self.path}: two columns {twice[0]}; remove one")
 
+    @property
+    def lines(self) -> "NDArray[np.int64]":
+        """Line of the file of each row."""
+        return self.frame.index.to_numpy(dtype="int64")
+
     def numbers(self, columns: list[str]) -> "NDArray[np.float64]":
         """Columns as finite numbers (n_rows, n_columns); any other cell raises an error."""
         import numpy as np

@@ -149,7 +149,7 @@ def _possible(table: TextTable, positions: PositionRows) -> TextTable:
             possible = positions.possible(
                 instant,
                 np.column_stack(position),
-                table.frame.index.to_numpy(dtype=np.int64)[keep],
+                table.lines[keep],
                 geographic=False,
             )
             keep[np.flatnonzero(keep)[~possible]] = False
@@ -224,7 +224,7 @@ def _survey(
         transmit_attitude=_attitude(table, "0")[order],
         receive_attitude=_attitude(table, "1" if "head1" in columns else "0")[order],
         flagged=flags[order],
-        line=table.frame.index.to_numpy(dtype=np.int64)[order],
+        line=table.lines[order],
         epoch=epoch,
         source=str(table.path),
         notes=(note,) if note else (),

@@ -146,13 +146,13 @@ def _answers(paths: list[Path], count: int) -> _Answers:
         times.append(row)
         lines.append(number)
     invalid.refuse_most(len(times), LocateError)
-    values = np.array(times, dtype=float).reshape(-1, count) * 1e-6
+    values = np.array(times).reshape(-1, count) * 1e-6
     values[values <= 0.0] = np.nan
     order = np.argsort(stamps, kind="stable")
     return _Answers(
         time=np.array(stamps)[order],
         two_way_time=values[order],
-        line=np.array(lines, dtype=np.int64)[order],
+        line=np.array(lines)[order],
         notes=invalid.notes,
     )
 

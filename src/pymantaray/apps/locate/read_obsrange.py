@@ -99,7 +99,7 @@ def read_obsrange(path: Path, options: ReadOptions) -> Survey:
     positions.refuse_most(int(keep.sum()))
     survey = _survey(path, head, [pings[row] for row in np.flatnonzero(keep)], options)
     notes = (*skipped_note(path, n_skipped), *invalid.notes, *positions.notes)
-    return options.apply(survey.assign(line=np.array(lines, dtype=np.int64)[keep], notes=notes))
+    return options.apply(survey.assign(line=np.array(lines)[keep], notes=notes))
 
 
 class _Ping(NamedTuple):

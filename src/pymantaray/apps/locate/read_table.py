@@ -68,7 +68,7 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
         partner=np.array([number.get(name, -1) for name in partners]),
         sigma=table.optional("sigma_s"),
         flagged=np.array([word.lower() in _FALSE for word in table.words("use")]),
-        line=table.frame.index.to_numpy(dtype=np.int64),
+        line=table.lines,
         lever=LeverArm(),
         frame=frame,
         epoch=epoch,
@@ -96,7 +96,8 @@ def _possible(
     if options.track:
         return table
     time, _ = table.seconds("time")
-    keep = np.array([word == "" for word in table.words("partner")], dtype=bool)
+    from_platform = _from_platform(table)
+    keep = from_platform.copy()
     for axes in (("lat", "lon"), ("north_m", "east_m")):
         for end in ("", "_rx"):
             first, second = (
@@ -109,14 +110,19 @@ def _possible(
             possible = positions.possible(
                 time[rows],
                 np.column_stack([table.optional(first)[rows], table.optional(second)[rows]]),
-                table.frame.index.to_numpy(dtype=np.int64)[rows],
+                table.lines[rows],
                 geographic=axes[0] == "lat",
                 stated_degrees=in_degrees,
             )
             keep[rows[~possible]] = False
     positions.refuse_most(int(keep.sum()))
-    keep |= np.array([word != "" for word in table.words("partner")], dtype=bool)
+    keep |= ~from_platform
     return table if keep.all() else replace(table, frame=table.frame[keep])
+
+
+def _from_platform(table: TextTable) -> NDArray[np.bool_]:
+    """Rows between the platform and a node, not between two nodes."""
+    return np.array([word == "" for word in table.words("partner")], dtype=bool)
 
 
 def _readable(
@@ -131,7 +137,7 @@ def _readable(
         invalid, times=["time"], numbers=[kind], words=["node"], optional=optional, choices=choices
     )
     keep = np.ones(len(table.frame), dtype=bool)
-    from_platform = np.array([word == "" for word in table.words("partner")], dtype=bool)
+    from_platform = _from_platform(table)
     for name in _HORIZONTAL:
         if options.track or name not in table.frame.columns:
             continue

@@ -203,14 +203,14 @@ def _events(table: TextTable, invalid: InvalidLines) -> Events:
     time, epoch = table.seconds("time")
     events = Events(
         time=time,
-        source=np.array(names["source"], dtype=str),
-        receiver=np.array(names["receiver"], dtype=str),
+        source=np.array(names["source"]),
+        receiver=np.array(names["receiver"]),
         source_position=table.numbers(source_columns),
         receiver_position=table.numbers(receiver_columns),
         travel_time=table.numbers(["travel_time"])[:, 0],
         geographic=geographic,
         sigma=table.optional("sigma"),
-        cast=np.array(table.words("cast"), dtype=str),
+        cast=np.array(table.words("cast")),
         epoch=epoch,
         notes=(*invalid.notes, *notes),
         level_db=table.optional("level_db"),
@@ -225,7 +225,7 @@ def _possible(table: TextTable, *, geographic: bool) -> tuple[TextTable, tuple[s
 
     The positions of a node are those of both ends of its events.
     """
-    line = table.frame.index.to_numpy(dtype=np.int64)
+    line = table.lines
     time, epoch = table.seconds("time")
     keys = [table.frame[end].to_numpy(dtype=str) for end in ENDS]
     repeated = repeated_rows([time, *keys, table.numbers(["travel_time"])[:, 0]])

@@ -36,7 +36,7 @@ def consistency_over_time(
     looks = {name: every[name] for name in tested}
     lines = style.legend_lines(len(looks) + 2)
     tables = [table[table["statistic"] == key] for key, _ in _PANELS]
-    ratio = np.concatenate([part["ratio"].to_numpy(dtype=float) for part in tables])
+    ratio = np.concatenate([part["ratio"].to_numpy() for part in tables])
     log = bool(ratio.size) and bool(
         ratio.max() > _LINEAR_REACH or ratio.min() < 1.0 / _LINEAR_REACH
     )
@@ -55,7 +55,7 @@ def consistency_over_time(
             if len(part):
                 reach = _ZOOM * float(np.maximum(part["high"] - 1.0, 1.0 - part["low"]).max())
                 grid[1, c].set_ylim(max(1.0 - reach, 0.0), 1.0 + reach)
-    hours = np.unique(np.concatenate([part["time_h"].to_numpy(dtype=float) for part in tables]))
+    hours = np.unique(np.concatenate([part["time_h"].to_numpy() for part in tables]))
     if 0 < hours.size <= _TICKS:
         grid[-1, 0].set_xticks(hours)
     for axes in grid[:, 0]:
@@ -91,7 +91,7 @@ def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) ->
         style.note(axes, "no usable solve")
         return
     axes.axhline(1.0, color=style.GREY, linewidth=0.8)
-    hours = np.unique(table["time_h"].to_numpy(dtype=float))
+    hours = np.unique(table["time_h"].to_numpy())
     step = float(np.diff(hours).min()) if hours.size > 1 else 1.0
     first = float(hours[0]) - 0.5 * step
     last = float(hours[-1]) + 0.5 * step
@@ -101,7 +101,7 @@ def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) ->
         .last()
     )
     edges = np.concatenate([[first], 0.5 * (hours[1:] + hours[:-1]), [last]])
-    low, high = (bounds[side].to_numpy(dtype=float) for side in ("low", "high"))
+    low, high = (bounds[side].to_numpy() for side in ("low", "high"))
     axes.fill_between(
         edges, [*low, low[-1]], [*high, high[-1]], step="post", color=style.BAND, linewidth=0.0
     )

@@ -35,8 +35,8 @@ def error_and_consistency(
     colours = [colour for colour, _ in style.condition_looks(names).values()]
     handles = list[Line2D | Patch]()
     under_water = at_pings.set_index("condition").reindex(names)
-    _draw_errors(grid[0], errors["rmse_m"].to_numpy(dtype=float), colours)
-    _draw_errors(grid[1], under_water["rmse_m"].to_numpy(dtype=float), colours)
+    _draw_errors(grid[0], errors["rmse_m"].to_numpy(), colours)
+    _draw_errors(grid[1], under_water["rmse_m"].to_numpy(), colours)
     for least in under_water.loc[under_water.index == BASELINE, "bound_rmse_m"].dropna():
         look: dict[str, Any] = {"color": style.GREY, "linewidth": 0.8, "linestyle": "--"}
         handles.append(grid[1].axvline(least, label="lower bound", **look))
