@@ -47,7 +47,7 @@ def planar_ranges(seed=1, *, loops=True):
 def spatial(seed=4):
     """PyFactorGraph text of a few poses with every kind of factor that the certificate has."""
     rng = np.random.default_rng(seed)
-    n, sigma = 6, np.repeat([0.1, 0.05], 3)
+    n, sigma = 6, np.array([0.1, 0.11, 0.12, 0.05, 0.06, 0.07])
     place, turn = 10.0 * rng.normal(size=(n, 3)), Rotation.random(n, random_state=seed)
     landmark = np.array([3.0, -4.0, 5.0])
 

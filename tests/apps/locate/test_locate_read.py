@@ -113,8 +113,16 @@ BAD_GARPOS = {
     "[Site-parameter] has no Stations": (" Stations ", " Station "),
     "[Model-parameter] has no N2_dPos": ("N2_dPos", "N9_dPos"),
     "Latitude0 is 'north'; it must be 1 finite numbers": ("= 34.96", "= north"),
+    "site at -94.96, ": ("= 34.96", "= -94.96"),
+    "degrees within 90 and 360 are needed": ("Longitude0  = ", "Longitude0  = -9"),
     "./obsdata/none.csv is neither in the working folder": ("SITE-obs.csv", "none.csv"),
 }
+
+
+def test_an_ini_file_without_sections_is_refused_as_one_of_garpos(tmp_path):
+    path = tmp_path / "site.ini"
+    path.write_text("node,time,travel_time\n")
+    refused(LocateError, "site.ini: not a readable ini file", read_survey, path)
 
 
 @pytest.mark.parametrize("message", BAD_GARPOS)

@@ -405,6 +405,16 @@ def test_a_state_with_impossible_numbers_is_refused(tmp_path, name, factor, faul
     refused(OnlineError, fault, OnlineEstimator.restore, file, SPEED)
 
 
+def test_a_state_with_a_beacon_far_away_is_refused(tmp_path):
+    file = tmp_path / "state.json"
+    new().save(file)
+    content = read_state(file)
+    content["fixed"][0][2] = -2e9
+    write_state(content, file)
+    fault = "fixed is not finite, or beyond 1e.09 m"
+    refused(OnlineError, fault, OnlineEstimator.restore, file, SPEED)
+
+
 def test_a_state_with_a_wrong_field_is_refused_in_one_line(tmp_path):
     file = tmp_path / "state.json"
     estimator = new()

@@ -300,10 +300,10 @@ def _check(campaign: Campaign) -> None:
             f"{campaign.source}: {k} names, positions {shapes[0]}, covariance {shapes[1]}; they"
             " must be of the same nodes, each with one name"
         )
-    symmetric = 0.5 * (campaign.covariance + campaign.covariance.T)
+    symmetric = campaign.covariance + campaign.covariance.T
     if not (
         (np.abs(campaign.positions) <= LARGEST_POSITION).all()
-        and (np.abs(symmetric) <= LARGEST_POSITION**2).all()
+        and (np.abs(campaign.covariance) <= LARGEST_POSITION**2).all()
         and np.linalg.eigvalsh(symmetric).min() >= -1e-9 * max(np.trace(symmetric), 1e-300)
     ):
         raise LocateError(
