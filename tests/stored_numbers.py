@@ -29,7 +29,7 @@ from matplotlib.ticker import FixedFormatter
 RTOL = 1e-6  # of the largest number of an array: solvers end within it on any machine
 ATOL = 1e-12  # below: rounding of what is zero
 SHORT = 12  # numbers of an array that is stored whole
-NUMBER = re.compile(r"(?<![\w.])[-+−]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+NUMBER = re.compile(r"(?<![\w.#])[-+−]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
 PATH = re.compile(r"\S*/\S*/\S*")
 CHANGES = re.compile(
     r"seconds|elapsed|created|version|history|modified|folder|path$|^sha256|_s_cpu|cpu_ms|memory"

@@ -22,6 +22,7 @@ from pymantaray.config import (
     preset_text,
     study_toml,
 )
+from pymantaray.config.build.study import build_study
 from pymantaray.config.fleet import FloatSection, FloatVehicle, StationVehicle
 from pymantaray.config.mission import MissionSection, keys_of_schedule
 from pymantaray.config.sections import StudyConfig
@@ -536,6 +537,11 @@ def test_input_files_are_relative_to_the_configuration(quick, tmp_path):
     (tmp_path / "mine.toml").write_text(tomli_w.dumps(quick))
     ocean = load_study(tmp_path / "mine.toml").ocean
     assert (ocean.synthetic, ocean.files) == (True, (floor,))
+    quick["mission"]["schedule"] = {"kind": "pings", "file": "pings.csv"}
+    pings, track = (str(tmp_path / name) for name in ("pings.csv", "track.csv"))
+    assert build_study(parse_study(quick, folder=tmp_path)).ranging.files == (pings,)
+    quick["fleet"], quick["mission"] = {"trajectories": "track.csv"}, {"ping_interval_h": 1.0}
+    assert build_study(parse_study(quick, folder=tmp_path)).ranging.files == (track,)
 
 
 def test_ocean_files_of_a_tree_are_relative_to_the_working_folder(quick, tmp_path, monkeypatch):

@@ -355,7 +355,8 @@ def test_mean_and_cast_are_uniform_and_the_cast_is_a_column(day, beliefs):
 
 
 def test_other_day_is_the_source_at_that_day_and_exact_the_run_itself(day, beliefs):
-    earlier = beliefs.believed(OtherDayBelief(kind="other-day", days_earlier=5.0), 0)
+    other_day = OtherDayBelief(kind="other-day", days_earlier=5.0)
+    earlier = beliefs.believed(other_day, 0)
     time = day.config.ocean.time - dt.timedelta(days=5)
     expected = to_local(
         open_ocean("synthetic:beaufort", time=np.datetime64(time, "ns")),
@@ -363,6 +364,8 @@ def test_other_day_is_the_source_at_that_day_and_exact_the_run_itself(day, belie
         half_extent=day.config.ocean.half_extent,
     )
     np.testing.assert_array_equal(earlier.medium.sound_speed, expected["sound_speed"].values)
+    same_water(beliefs.believed(file_belief("synthetic:beaufort", time=time), 0), earlier)
+    assert beliefs.varying(other_day).local["sound_speed"].equals(earlier.local["sound_speed"])
     exact = beliefs.believed(ExactBelief(kind="exact"), 0)
     np.testing.assert_array_equal(exact.medium.sound_speed, day.ocean["sound_speed"].values)
     # in these 30 km the eddies of this ocean change little in five days; by the last digits it is
@@ -542,6 +545,15 @@ def test_a_cast_whose_file_names_no_place_is_believed_too(day, beliefs, tmp_path
         beliefs.believed(file_belief(tmp_path / f"{name}.csv"), 0) for name in ("without", "with")
     )
     np.testing.assert_array_equal(without.medium.sound_speed, named.medium.sound_speed)
+
+
+def test_notes_of_a_cast_that_is_believed_are_those_of_its_reader(day, tmp_path):
+    path = tmp_path / "cold.csv"
+    path.write_text(CAST.replace("200,-1.4,33", "200,-4.4,33"))
+    run = with_estimators(day, {"range_model": eigenray({"kind": "file", "source": str(path)})})
+    notes = read_cast(path).notes
+    assert any("freezing" in note for note in notes)
+    assert Beliefs(run).notes() == [f"estimators: cold: {note}" for note in notes]
 
 
 def test_a_study_in_a_cast_may_assume_another_cast_but_no_other_day(fly_tiny, tmp_path):

@@ -157,11 +157,16 @@ def test_one_depth_is_the_sea_floor_of_an_ocean_too(fram, as_stored):
 
 
 def test_a_map_lies_under_a_profile_about_its_centre(profile, fram, tmp_path, as_stored):
-    depth = xr.full_like(fram["water_temp"][0], 500.0).drop_vars("depth") + 0.1 * (
-        fram["lat"] - 79.0
-    )
-    depth.attrs = {"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"}
-    depth.drop_vars("time").rename("deptho").to_netcdf(tmp_path / "floor.nc")
+    """The maps have no values far from the domain."""
+    level = xr.zeros_like(fram["water_temp"][0]).drop_vars(["depth", "time"])
+    north, east = fram["lat"] - 79.0, fram["lon"] - 1.0
+    level = level.where((abs(north) < 0.3) & (abs(east) < 1.5))
+    for name, standard_name, values in (
+        ("floor", "height_above_mean_sea_level", level - 500.0 - 0.1 * north),
+        ("ice", "sea_ice_draft", level + 2.0 + 10.0 * abs(north)),
+    ):
+        values.attrs = {"standard_name": standard_name, "units": "m"}
+        values.rename(name).to_netcdf(tmp_path / f"{name}.nc")
     options = {"bathymetry": tmp_path / "floor.nc", "half_extent": 20e3}
     refused(OceanError, "ocean.bathymetry is a map, which needs", open_water, profile, **options)
     water = open_water(profile, centre=(79.0, 1.0), **options)
@@ -169,6 +174,23 @@ def test_a_map_lies_under_a_profile_about_its_centre(profile, fram, tmp_path, as
     assert at_north == pytest.approx(500.0 + 0.1 * 15e3 / 111.7e3, abs=1e-3)
     assert water.frame.latitude_deg == 79.0
     as_stored(water)
+    under = open_water(profile, centre=(79.0, 1.0), ice=tmp_path / "ice.nc", **options)
+    draft = under.medium.surface.depth
+    middle = len(draft) // 2
+    expected = 2.0 + 10.0 * np.array([0.0, 20e3]) / 111.7e3
+    np.testing.assert_allclose(draft[[middle, -1], middle], expected, rtol=0, atol=0.02)
+
+
+@pytest.mark.parametrize("east", [5e3, 20e3])
+def test_a_narrow_domain_has_the_nodes_of_a_map_along_it(profile, fram, tmp_path, east):
+    """The middle of its north edge is beyond the corners, and a point of the map in between."""
+    floor = xr.full_like(fram["water_temp"][0], 500.0).drop_vars(["depth", "time"])
+    floor.attrs = {"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"}
+    floor.rename("deptho").to_netcdf(tmp_path / "floor.nc")
+    place = {"centre": (79.0, 1.0), "half_extent": (50.0, east)}
+    bed = open_water(profile, bathymetry=tmp_path / "floor.nc", **place).medium.bed
+    cell = 2.0 * east / (bed.depth.shape[1] - 1)
+    assert cell == pytest.approx(np.radians(0.08) * 6.39e6 * np.cos(np.radians(79.0)), rel=0.05)
 
 
 def test_currents_are_carried_on_request_only(fram, as_stored):

@@ -140,7 +140,7 @@ def test_rows_are_sorted_and_a_time_that_comes_twice_counts_once(as_stored):
     np.testing.assert_array_equal(tracks.poses[0].place, PLACE)
     assert tracks.notes[0].startswith("mission.csv, pose 1: A: time ")
     assert tracks.notes[0].endswith("rows sorted by time (2 falls)")
-    assert tracks.notes[1:] == ("mission.csv: A: 1 poses at repeated times dropped",)
+    assert tracks.notes[1:] == ("mission.csv: A: 1 pose at repeated times dropped",)
     as_stored(tracks)
 
 

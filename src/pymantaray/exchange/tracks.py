@@ -402,7 +402,8 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
     first = np.ones(time.size, dtype=bool)
     first[1:] = np.diff(time) > least
     if not first.all():
-        notes.append(f"{who}: {np.count_nonzero(~first)} poses at repeated times dropped")
+        dropped = counted(np.count_nonzero(~first), "pose")
+        notes.append(f"{who}: {dropped} at repeated times dropped")
     order = order[first]
     time = time[first]
     place = place[first]

@@ -115,6 +115,7 @@ def test_through_time_the_share_of_instants_and_the_series_of_a_place(look, as_s
     atlas = made(times=4)
     figure = look.draw(share_maps(atlas, 1, 0))
     as_stored(figure, name="share")
+    as_stored(figure.get_size_inches(), name="size of share")
     worst = np.fmax.reduce(atlas["worst_range_error"].values[:, :, :, 1, :, 0], axis=-1)
     for axes, limit in zip(figure.axes, (1.0, 5.0, 20.0), strict=False):
         expected = np.where(
@@ -127,6 +128,8 @@ def test_through_time_the_share_of_instants_and_the_series_of_a_place(look, as_s
     assert figure.axes[0].get_title(loc="left") == "78.5° N, 2° E, 2 km"
     figure = look.draw(error_series(atlas, 0, (78.1, -1.9)))
     as_stored(figure, name="series")
+    heights = figure.axes[0].get_gridspec().get_height_ratios()
+    as_stored([figure.get_size_inches(), heights], name="size")
     lines = figure.axes[0].get_lines()
     for k in range(5):
         expected = atlas["worst_range_error"].values[:, 2, 0, k, :, 0].max(axis=-1)
@@ -149,9 +152,16 @@ def test_the_page_has_every_instant_or_every_second_column(tmp_path, monkeypatch
 
 
 def test_a_series_without_a_place_is_of_the_middle_column():
-    atlas = made(times=2)
+    atlas = made(times=2).assign_coords(lon=10.0 + np.arange(5))
     title = error_series(atlas, 0, None).axes[0].get_title(loc="left")
-    assert title == "77.5° N, 0°, 2 km"
+    assert title == "77.5° N, 12° E, 2 km"
+
+
+def test_a_place_of_a_series_may_be_given_east_or_west_of_180():
+    atlas = made(times=2).assign_coords(lon=178.0 + np.arange(5))
+    for east in (181.0, -179.0):
+        title = error_series(atlas, 0, (78.1, east)).axes[0].get_title(loc="left")
+        assert title == "78° N, 179° W, 2 km"
 
 
 @pytest.mark.slow

@@ -241,7 +241,11 @@ def test_a_file_of_something_else_is_left_alone(here, file, links, tmp_path):
     (tmp_path / "b.nc.blocks").mkdir()
     (tmp_path / "b.nc.blocks" / "thesis.tex").write_text("x")
     refused(
-        JobError, "this folder is not empty and has no atlas", run_atlas, atlas, tmp_path / "b.nc"
+        JobError,
+        "this folder is not empty and has no atlas; give a new",
+        run_atlas,
+        atlas,
+        tmp_path / "b.nc",
     )
 
 

@@ -22,6 +22,7 @@ from pymantaray.errors import ExchangeError, LocateError, MantaRayError, StudyEr
 from pymantaray.exchange.maps import Feature, geojson, kml
 from pymantaray.exchange.matlab import write_mat
 from pymantaray.exchange.vtk import write_fleet, write_ranges
+from pymantaray.pages.style import GREY
 from pymantaray.records import RayStatus, VehicleStatus
 
 shapely = pytest.importorskip("shapely")
@@ -218,7 +219,7 @@ def test_located_nodes_become_points_and_ellipses(location, tmp_path):
     assert {key[0] for key in marks} == {"nodes", "95 % ellipses"}
 
 
-def test_an_atlas_becomes_cells_with_its_errors(tmp_path):
+def test_an_atlas_becomes_cells_with_its_errors(tmp_path, as_stored):
     n_lat, n_lon = 2, 3
     shape = (1, n_lat, n_lon)
     worst = np.arange(48.0).reshape(*shape, 2, 2, 2)  # convention, pair, distance
@@ -253,6 +254,7 @@ def test_an_atlas_becomes_cells_with_its_errors(tmp_path):
     others = {name: (place, np.zeros(shape)) for name in VARIABLES.keys() - set(data.variables)}
     data.assign(others).to_netcdf(tmp_path / "atlas.nc")
     export_run(tmp_path / "atlas.nc", "geojson", tmp_path / "atlas.geojson")
+    as_stored(json.loads((tmp_path / "atlas.geojson").read_text()))
     features = features_of((tmp_path / "atlas.geojson").read_text())
     assert len(features) == 5
     seam = next(f for f in features if f["properties"]["name"] == "70.0000, 180.0000")
@@ -275,9 +277,13 @@ def test_an_atlas_becomes_cells_with_its_errors(tmp_path):
     assert len(placemarks(text)) == 5
     assert "<name>2020-01-01T00:00:00Z</name>" in text
     undated = data.assign(others).assign_coords(time=np.array(["NaT"], dtype="datetime64[ns]"))
+    undated["worst_range_error"][:] = np.nan  # no direct path anywhere
     undated.to_netcdf(tmp_path / "undated.nc")
     export_run(tmp_path / "undated.nc", "kml", tmp_path / "undated.kml")
     assert "<name>cells</name>" in (tmp_path / "undated.kml").read_text()
+    export_run(tmp_path / "undated.nc", "geojson", tmp_path / "undated.geojson")
+    features = features_of((tmp_path / "undated.geojson").read_text())
+    assert {f["properties"]["fill"] for f in features} == {GREY}
 
 
 def test_paraview_gets_fleet_residuals_and_rays(run, exported):

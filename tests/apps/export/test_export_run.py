@@ -60,6 +60,11 @@ def test_evo_reads_the_same_errors_from_tum(run, exported, poses):
     metrics = pytest.importorskip("evo.core.metrics")
     out = exported("tum")
     assert names_in(out) == sorted(f"{condition}-{vehicle}.tum" for condition, vehicle in poses)
+    lat, lon = run.truth.centre
+    assert (out / "truth-A.tum").read_text().splitlines()[:2] == [
+        f"# centre_latitude_deg = {lat}",
+        f"# centre_longitude_deg = {lon}",
+    ]
     errors = (
         run.errors()
         .set_index(["condition", "realization", "vehicle"])

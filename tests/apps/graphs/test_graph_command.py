@@ -79,6 +79,28 @@ def test_show_counts_what_is_there(graph, told, file, as_stored):
     as_stored(out, name="text")
 
 
+def test_a_graph_in_the_plane_is_shown_with_two_dimensions(graph, told, tmp_path):
+    path = tmp_path / "flat.g2o"
+    vertices = [f"VERTEX_SE2 {k} {10 * k} 0 0" for k in range(3)]
+    edges = [f"EDGE_SE2 {k} {k + 1} 10 0 0 4 0 0 4 0 100" for k in range(2)]
+    path.write_text("\n".join([*vertices, *edges, ""]))
+    assert graph("show", path).out.splitlines()[0].split() == ["dimensions", "two"]
+    assert told("graph", "show", path)["dimensions"] == 2
+
+
+@pytest.mark.parametrize(("how", "name", "expected"), [
+    ("repair", "repaired", {"EDGE_SE2": 1}),
+    ("drop", "left_out", {"EDGE_SE2 (indefinite matrix)": 1}),
+])  # fmt: skip
+def test_indefinite_matrices_are_told(mantaray, tmp_path, how, name, expected):
+    path = tmp_path / "g.g2o"
+    edges = [f"EDGE_SE2 0 1 {step} 0 0 {m}" for step, m in ((1, "4 0 0 4 0 4"), (3, "0 0 0 1 0 1"))]
+    path.write_text("\n".join(["VERTEX_SE2 0 0 0 0", "VERTEX_SE2 1 1 0 0", *edges, ""]))
+    for command in ("show", "solve"):
+        done = mantaray("graph", command, path, "--indefinite", how, "--json")
+        assert json.loads(done.out)[name] == expected
+
+
 @pytest.mark.parametrize("start", ["file", "dead-reckoning"])
 def test_solve_writes_trajectories_and_a_summary(
     mantaray, told, graph, file, tmp_path, start, as_stored
@@ -213,6 +235,9 @@ def test_converted_files_are_replaced_by_force(graph, file, tmp_path):
 def test_a_graph_is_not_converted_onto_itself(mantaray, file):
     done = mantaray("graph", "convert", file, file, "--force")
     assert done.err == f"error: {file}: is the input; give another name\n"
+    own = file.rename(file.with_name("g-A.tum"))  # which has the name of an output
+    done = mantaray("graph", "convert", own, own.with_name("g.tum"), "--force")
+    assert done.err == f"error: {own}: is the input; give another name\n"
 
 
 def test_incremental_least_squares_have_standard_errors(graph, file):

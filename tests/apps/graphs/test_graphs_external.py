@@ -105,6 +105,14 @@ def test_an_estimator_has_a_name_or_is_a_function(foreign):
     )
 
 
+def test_a_solver_that_gives_up_says_why_in_one_line(foreign):
+    def lost(*_):
+        raise RuntimeError("no memory\nat all")
+
+    message = "^the solver gave up: no memory$"
+    refused(EstimationError, message, solve_graph, open_graph(foreign[0]), estimator=lost)
+
+
 def test_g2o_graph_is_anchored_by_itself_and_has_no_truth_of_its_own(foreign, tmp_path, as_stored):
     path, *_ = foreign
     file = open_graph(path)

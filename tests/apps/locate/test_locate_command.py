@@ -6,6 +6,7 @@ is refused.
 import json
 import re
 import tomllib
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -25,13 +26,19 @@ from campaigns import (
     write_table,
 )
 from oracles import cf_errors
+from refusals import refused
 
 from pymantaray.acoustics import Medium
 from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Survey, locate
+from pymantaray.apps.locate.displacement import campaign_of
+from pymantaray.apps.locate.halves import HALVES
+from pymantaray.apps.locate.mirror import Mirror
 from pymantaray.apps.locate.options import CRITERIA
-from pymantaray.apps.locate.page import plan_figure
+from pymantaray.apps.locate.page import plan_figure, warnings_of
+from pymantaray.apps.locate.patterns import NoiseTest
 from pymantaray.apps.locate.plan import expected_covariance, plan_survey
 from pymantaray.apps.locate.read_options import ReadOptions
+from pymantaray.errors import LocateError
 
 MADE = r"made|origin|citation|links|references|words|explorer|height|width"  # of a page
 NOISE = 1e-4  # s; of the campaign
@@ -161,9 +168,8 @@ def test_an_unconverged_survey_prints_its_status_and_exits_with_1(
     assert done.err.splitlines()[-1].startswith(f"error: {pings}: not converged; ")
 
 
-def test_an_answer_that_explains_nothing_exits_with_1(
-    mantaray, undrawn, campaign, tmp_path, as_stored
-):
+@pytest.mark.usefixtures("located_once", "undrawn")
+def test_an_answer_that_explains_nothing_exits_with_1(mantaray, campaign, tmp_path, as_stored):
     pings, nodes = write_table(campaign, tmp_path)
     table = pd.read_csv(pings, comment="#")
     times = np.random.default_rng(0).uniform(1.0, 4.0, len(table))
@@ -182,6 +188,9 @@ def test_an_answer_that_explains_nothing_exits_with_1(
     assert "unexplained, the median residual is" in (out / "index.html").read_text()
     assert not json.loads((out / "location.json").read_text())["usable"]
     as_stored(told, without="candidates|budget")
+    lines = mantaray("locate", pings, "--nodes", nodes, *options).out.splitlines()
+    listed = [line for line in lines if line.startswith("  not used: line ")]
+    assert f"  and {len(told['rejected']) - len(listed)} more" in lines
 
 
 @pytest.mark.parametrize(("factor", "status"), [(0.2, "ok"), (0.005, "unexplained")])
@@ -351,6 +360,17 @@ def test_a_plan_has_hours_and_best_radii_by_its_criterion(as_stored):
         least = plan.table.groupby("pattern")[column].min()
         np.testing.assert_array_equal(best.sort_index(), least.sort_index())
     as_stored([plan.table, plan.best, plan_figure(plan)])
+
+
+@pytest.mark.parametrize(("wrong", "message"), [
+    ({"sigma": 0.0}, "plan: sigma is 0 s, .* must be positive"),
+    ({"ship_speed": -1.0}, "ship_speed -1 m/s, .* must be positive"),
+    ({"turn_time": -1.0}, "turn_time -1 s; .* not negative"),
+    ({"sigma": 1e300}, "plan: sigma is 1e.300 s"),
+    ({"ship_speed": 1e300}, "plan: ship_speed is 1e.300 m/s"),
+])  # fmt: skip
+def test_a_plan_without_noise_speed_or_time_is_refused(wrong, message):
+    refused(LocateError, message, PlanOptions, 1800.0, **wrong)
 
 
 def test_a_plan_is_equal_in_a_grid_and_in_its_profile(as_stored):
@@ -550,6 +570,36 @@ def test_every_option_reaches_the_files_of_a_survey(reached, located, monkeypatc
     reached("pymantaray.cli.options.printer", *SURVEY, "--json", "--quiet", "--to", "latex")
 
 
+def test_failed_tests_mirrors_and_displacements_are_told(mantaray, located, monkeypatch, as_stored):
+    whole = replace(
+        located,
+        tests=[NoiseTest(HALVES, 6.75, 3.0, 1e-5, passed=False)],
+        mirrors=[
+            Mirror("N1", 510.0, -400.0, 1300.0, 3.2, undecided=True),
+            Mirror("N2", -505.0, 410.0, 1312.0, 31.0, undecided=False),
+        ],
+    )
+    earlier = campaign_of(located)
+    positions = earlier.positions + np.array([[0.3, -0.2, 0.1], [0.4, -0.2, 0.1]])
+    covariance = np.diag(np.tile([4e-4, 1e-4, 9e-4], 2))
+    earlier = replace(earlier, positions=positions, covariance=covariance, source="earlier")
+    whole = whole.since(earlier)
+    assert whole.widening == 1.5  # the root of 6.75 / 3
+    monkeypatch.setattr("pymantaray.apps.locate.locate", lambda *_, **__: whole)
+    done = mantaray(*SURVEY)
+    assert done.code == 0, done.err
+    for line in (
+        "failed tests: all standard deviations are multiplied by 1.5\n",
+        "1300.0 m with a chi-square larger by 3.2: the pings do not exclude it\n",
+        "1312.0 m with a chi-square larger by 31.0: the pings exclude it\n",
+        "Displacement of the nodes since the earlier campaign",
+    ):
+        assert line in done.out
+    lines = warnings_of(whole)
+    assert "All standard deviations are multiplied by 1.5 because of failed tests." in lines
+    as_stored([done.out, lines])
+
+
 def test_the_water_of_a_survey_reaches_its_files(reached, located, tmp_path):
     ini = write_garpos(make_campaign(2, pings=4, nodes=2), tmp_path)
     words = ("locate", ini, "--thin", 3.5, "--smooth", "400 m", "--out", "there")
@@ -588,8 +638,8 @@ def test_a_plan_replaces_its_files_by_force(mantaray, undrawn, short):
     words += ("--radii", 300, 900, 2, "--pings", 8, "--out", "plan.pdf")
     for name in ("plan.csv", "plan.pdf"):
         (short / name).write_text("mine")
-        refused = mantaray(*words)
-        assert refused.err == f"error: {name}: already exists; give another name or --force\n"
+        done = mantaray(*words)
+        assert done.err == f"error: {name}: already exists; give another name or --force\n"
         assert mantaray(*words, "--force").out.splitlines()[-2:] == ["plan.pdf", "plan.csv"]
         (short / name).rename(short / f"first-{name}")
         (short / {"plan.csv": "plan.pdf", "plan.pdf": "plan.csv"}[name]).unlink()

@@ -177,6 +177,8 @@ def file_of(**changes):
         (file_of(positions_m=[[True, False, True]]), "no positions with"),
         (file_of(positions_m=[["1", "2", "3"]]), "no positions with"),
         (file_of(positions_m=[[1e308, 0, 0]]), "within 1e.06 m"),
+        (file_of(positions_m=[[-1e308, 0, 0]]), "within 1e.06 m"),
+        (file_of(covariance_m2=np.full((3, 3), -1e308).tolist()), "within 1e.06 m"),
         (file_of(origin_deg=[60, 1e9]), "no positions with"),
         (file_of(origin_deg=[60, 10, 5]), "no positions with"),
         (file_of(epoch_utc="9999-12-31"), "allowed: 1678 to 2261"),

@@ -233,7 +233,7 @@ def test_swapped_coordinates_of_nodes_are_refused(tmp_path):
     pings.write_text("\n".join(["time,node,two_way_time_s,lat,lon,depth_m", *rows]) + "\n")
     for place, message in (
         ("34.96,-139.26", "wrong sign .east or west."),
-        ("-34.96,139.26", "north or south"),
+        ("-34.96,139.26", "7,775 km apart; .*north or south"),  # 69.922 degrees of 111.195 km
     ):
         nodes.write_text(f"name,lat,lon,depth_m\nA,{place},1300\n")
         refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
@@ -320,6 +320,7 @@ TRUNCATED = {  # what is left of a row, and the reason
         lambda row: row.replace(row.split(",")[0], "noon", 1),
         "time is 'noon'; all cells must be seconds",
     ),
+    "no name": (lambda row: re.sub(r",N\d,", ",,", row), " is ''; it must have a name"),
 }
 
 
@@ -353,6 +354,28 @@ def test_unreadable_rows_of_garpos_are_listed_and_left_out(campaign, tmp_path, c
     assert survey.notes[-1].startswith(f"{table}: 1 line left out, not readable: line 9: ")
 
 
+@pytest.mark.parametrize("column", ["ant_n0", "ant_e0", "ant_n1", "ant_e1"])
+def test_impossible_positions_of_garpos_are_left_out(campaign, tmp_path, column):
+    path = write_garpos(campaign, tmp_path)
+    whole = read_survey(path)
+    table = tmp_path / "obsdata" / "SITE-obs.csv"
+    lines = table.read_text().splitlines()
+    cells = lines[8].split(",")
+    cells[lines[1].split(",").index(column)] = "45000"
+    lines[8] = ",".join(cells)
+    table.write_text("\n".join(lines) + "\n")
+    survey = read_survey(path)
+    np.testing.assert_array_equal(survey.line, whole.line[whole.line != 9])
+    assert survey.notes[-1].startswith(f"{table}: 1 line left out, impossible position: line 9: ")
+
+
+@pytest.mark.parametrize("rows", ["0 1480\n", "0 1480\n-100 nan\n", "0\n-100\n", "depth speed\n"])
+def test_a_wrong_profile_of_gnatss_is_refused(campaign, tmp_path, rows):
+    path = write_gnatss(campaign, tmp_path)
+    (tmp_path / "ctd").write_text(rows)
+    refused(LocateError, "ctd: not a profile; it must have two columns", read_survey, path)
+
+
 def test_a_table_of_mostly_unreadable_rows_is_refused_in_one_line(campaign, tmp_path):
     pings, nodes = write_table(campaign, tmp_path)
     head, *rows = pings.read_text().splitlines()[1:]
@@ -362,6 +385,13 @@ def test_a_table_of_mostly_unreadable_rows_is_refused_in_one_line(campaign, tmp_
         f"line 2: use is 'perhaps'; allowed: .* .{len(bad)} of {len(rows)} lines: not readable"
     )
     refused(LocateError, message, read_survey, pings, ReadOptions(nodes=nodes))
+
+
+def test_a_table_of_one_unreadable_row_is_refused(tmp_path):
+    pings = tmp_path / "pings.csv"
+    pings.write_text("time,node,two_way_time_s,lat,lon,depth_m\n0,A,late,34.96,139.26,3\n")
+    message = "line 2: two_way_time_s is 'late'; it must be a finite number$"
+    refused(LocateError, message, read_survey, pings)
 
 
 def test_rows_that_omit_their_last_optional_cells_are_whole(tmp_path, as_stored):
@@ -523,4 +553,6 @@ def test_the_prior_of_a_node_is_the_median_of_its_pings(tmp_path):
         table.loc[5, "lat"] += 0.02  # 2.2 km: a ship may be there
 
     near = np.array(geographic(tmp_path).nodes[0].position)
-    assert np.linalg.norm(geographic(tmp_path, spread).nodes[0].position - near) < 60.0
+    survey = geographic(tmp_path, spread)
+    assert np.linalg.norm(survey.nodes[0].position - near) < 60.0
+    assert not survey.notes

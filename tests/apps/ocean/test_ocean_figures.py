@@ -46,6 +46,7 @@ def floor():
 def test_the_map_shows_the_level_s_sound_speed_and_currents(look, ocean, as_stored):
     figure = look.draw(sound_speed_map(ocean, 90.0, HEADER))
     as_stored(figure, without=LABELS)
+    as_stored(figure.get_size_inches(), name="size")
     axes = figure.axes[0]
     level = ocean.sel(depth=90.0)
     mesh = next(c for c in axes.collections if isinstance(c, QuadMesh))
@@ -88,6 +89,7 @@ def test_a_sea_floor_file_is_drawn_at_the_longitudes_of_the_ocean(look, ocean, f
 def test_sections_go_through_the_place_and_depth_grows_downward(look, ocean, as_stored):
     figure = look.draw(sound_speed_sections(ocean, (77.5, 4.1), HEADER))
     as_stored(figure, without=LABELS)
+    as_stored(figure.get_size_inches(), name="size")
     upper, _, lower, lower_north = figure.axes[:4]
     assert upper.get_ylim() == (500.0, 0.0)
     assert lower.get_ylim()[0] == pytest.approx(3_060.0)

@@ -295,6 +295,7 @@ def test_invalid_input_gives_one_line():
         STEP_SIGMA,
     )
     refused(OnlineError, "lag is 0 s", new, lag=0.0)
+    refused(OnlineError, "longest_step is 0 s", new, longest_step=0.0)
     refused(OnlineError, "gate is 0", new, gate=0.0)
     refused(OnlineError, "names must differ", OnlineEstimator, {"north": START}, BEACONS, SPEED)
     refused(
@@ -388,6 +389,7 @@ def test_steps_may_be_as_long_as_is_said():
     ("name", "factor", "fault"),
     [
         ("rotation", 1e300, "is no rotation"),
+        ("rotation", -1e300, "is no rotation"),
         ("rotation", 0.0, "is no rotation"),
         ("position", 1e300, "beyond 1e.09 m"),
         ("covariance", -1.0, "not positive semidefinite"),
@@ -413,6 +415,24 @@ def test_a_state_with_a_beacon_far_away_is_refused(tmp_path):
     write_state(content, file)
     fault = "fixed is not finite, or beyond 1e.09 m"
     refused(OnlineError, fault, OnlineEstimator.restore, file, SPEED)
+
+
+@pytest.mark.parametrize("path", [("base", "position"), ("base", "time"), ("fixed",), ("events",)])
+def test_a_state_with_texts_for_numbers_is_refused(tmp_path, path):
+    file = tmp_path / "state.json"
+    estimator = new()
+    estimator.add_odometry(1.0, [1, 0, 0], [0, 0, 0], STEP_SIGMA)
+    estimator.save(file)
+    content = read_state(file)
+    *before, last = path
+    inside = content[before[0]] if before else content
+    if last == "events":
+        *_, values = inside[last][0]
+        values[0] = str(values[0])
+    else:
+        inside[last] = np.array(inside[last]).astype(str).tolist()
+    write_state(content, file)
+    refused(OnlineError, "is no array of numbers", OnlineEstimator.restore, file, SPEED)
 
 
 def test_a_state_with_a_wrong_field_is_refused_in_one_line(tmp_path):
@@ -470,3 +490,5 @@ def test_an_estimate_that_explains_no_range_says_so(gate, error, words):
             estimator.add_range(0.1 * k, "B", travel_time, 1e-3)
     why = estimator.unexplained()
     assert why is None if words is None else words in why
+    _, times, sigmas = np.transpose(estimator._timeline.range_residuals())
+    assert (times.size, set(sigmas)) == (6, {1e-3})

@@ -10,11 +10,12 @@ import tomli_w
 from factories import TINY
 from refusals import refused
 
-from pymantaray.apps.plan import load_plan, search_designs
+from pymantaray.apps.plan import DeploymentPlan, load_plan, search_designs
+from pymantaray.apps.plan.definition import PlanSection
 from pymantaray.apps.plan.evaluate import Scores
 from pymantaray.apps.plan.results import PlanResults, difference
 from pymantaray.cli.main import main
-from pymantaray.config import load_study
+from pymantaray.config import load_study, parse_study
 from pymantaray.errors import PlanError, StudyError, WriteError
 
 MADE = r"made|origin|citation|links|references|height|width"  # of a page
@@ -185,6 +186,28 @@ def test_sentences_compare_scores_with_their_digits_and_one_unit(tmp_path):
     ]
 
 
+def test_notes_are_of_the_water_its_interpolation_and_the_tracks(tmp_path):
+    (tmp_path / "cast.csv").write_text(
+        "depth,sound_speed\n5,1440\n100,1445\n100.01,1475\n500,1500\n"
+    )
+    (tmp_path / "track.csv").write_text("time,north,east,depth\n0,0,0,9\n900,9,0,9\n900,9,0,9\n")
+    tree = TINY | {
+        "ocean": {"source": str(tmp_path / "cast.csv"), "bathymetry": 500.0},
+        "fleet": {"trajectories": [str(tmp_path / "track.csv")]},
+        "mission": {"ping_interval_h": 0.1},
+    }
+    section = PlanSection(free={"noise.range_sigma": [1.0]})
+    plan = DeploymentPlan(parse_study(tree, "tiny"), section)
+    notes = PlanResults(plan, [{}], [[Scores()]], [Scores()]).notes
+    assert [note.removeprefix(f"{tmp_path}/").split(": ")[0] for note in notes] == [
+        "cast.csv",
+        "sound speed changes by 30 m/s between 100 and 100.01 m depth",
+        "between 0 and 99.99 m the sound speed is linear",
+        "between 100.02 and 500 m the sound speed is linear",
+        "track.csv",
+    ]
+
+
 def test_changes_between_trees_name_entries():
     old = {"a": {"b": 1, "c": 2}, "v": [{"name": "A", "z": 1}, {"name": "B", "z": 1}], "k": [1, 2]}
     new = {"a": {"b": 1}, "v": [{"name": "A", "z": 1}, {"name": "B", "z": 3}], "k": [1, 3]}
@@ -272,9 +295,17 @@ def test_the_page_has_the_front_the_map_and_the_sentences(drawn, tmp_path, as_st
     from pymantaray.apps.plan import write_plan_page
 
     free = {"landmarks.T.depth": [5.0, 300.0]}
-    results = search_designs(load_plan(write(tmp_path, free=free, lost_of="T")), workers=1)
+    found = search_designs(load_plan(write(tmp_path, free=free, lost_of="T")), workers=1)
+    failed = [Scores(failure="no vehicle is under water")] * len(found.plan.waters)
+    results = PlanResults(
+        found.plan,
+        [*found.designs, *({"landmarks.T.depth": depth} for depth in (310.0, 320.0))],
+        [*found.scores, failed, failed],
+        found.base,
+    )
     page = write_plan_page(results, tmp_path / "page")
     text = page.read_text()
+    assert "2 designs failed: no vehicle is under water" in text
     for name in ("front", "map", "error_over_time", "lost_by_pair"):
         assert f'id="{name}"' in text
         assert (page.parent / "figures" / f"{name}.png").is_file()
@@ -282,6 +313,8 @@ def test_the_page_has_the_front_the_map_and_the_sentences(drawn, tmp_path, as_st
         assert (page.parent / "tables" / f"{name}.csv").stat().st_size > 20
     assert all(sentence in text for sentence in results.sentences if "'" not in sentence)
     as_stored(drawn, without=MADE)
+    as_stored(json.loads(drawn.pages[0].explorer.data), name="explorer")
+    as_stored([figure.get_size_inches() for figure in drawn.figures], name="sizes")
 
 
 def test_the_map_fills_its_figure(tmp_path, as_stored):

@@ -178,6 +178,7 @@ def test_a_fan_without_refraction_is_straight(rays, as_stored):
     assert rays("trace", "sources.csv", "fan.csv", *words).startswith("2 sources: 6 rays, ")
     out = pd.read_csv("fan.csv")
     as_stored([out, medium_of("fan.csv")])
+    assert "outcomes" not in json.loads(Path("fan.csv.json").read_text())
     start = np.array([[10.0, 20.0, 300.0], [-5.0, 0.0, 500.0]])[out["row"]]
     slope = np.tan(np.radians(np.array([-2.0, 1.0, 4.0])[out["ray"]]))
     line = start + out["range_m"].to_numpy()[:, None] * np.stack(

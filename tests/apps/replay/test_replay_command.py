@@ -84,6 +84,7 @@ def test_results_are_a_folder_of_tables_figures_and_a_page(mantaray, drawn, file
         assert f"tables/{name}.csv" in page
     as_stored([done.out, drawn], without=MADE)
     as_stored(json.loads(drawn.pages[0].explorer.data), name="explorer")
+    as_stored([figure.get_size_inches() for figure in drawn.figures], name="sizes")
     as_stored(files / "out", name="files", without=MADE)
 
 

@@ -98,6 +98,7 @@ BAD = {
     "has positions in lat, lon and in north, east": (f"{HEAD},source_north", f"{ROW},0"),
     "two columns sigma; remove one": (f"{HEAD},sigma,sigma", f"{ROW},1,1"),
     "two columns cast; remove one": (f"{HEAD},cast,cast", f"{ROW},a,a"),
+    "two columns level_db; remove one": (f"{HEAD},level_db,level_db", f"{ROW},1,1"),
 }
 
 
@@ -108,13 +109,39 @@ def test_what_is_no_event_is_refused_by_its_line(tmp_path, message):
 
 
 @pytest.mark.parametrize(
-    "bad", [ROW[:40], ROW.replace("1.6", "soon"), ROW.replace(",B,", ",,"), f"{ROW},{ROW}"]
+    "bad",
+    [
+        ROW[:40],
+        ROW.replace("1.6", "soon"),
+        ROW.replace(",B,", ",,"),
+        ROW.replace("2020-03-10T12:00:00Z", "noon"),
+        f"{ROW},{ROW}",
+    ],
 )
 def test_lines_that_are_no_events_are_listed_and_left_out(tmp_path, bad):
     path = write(tmp_path, ROW, bad, ROW.replace("12:00:00Z", "12:01:00Z"))
     events = read_events(path)
     assert events.travel_time.tolist() == [1.6, 1.6]
     assert events.notes[0].startswith(f"{path}: 1 line left out, not readable: line 3: ")
+
+
+@pytest.mark.parametrize("column", ["sigma", "level_db"])
+def test_lines_with_a_word_for_an_optional_number_are_left_out(tmp_path, column):
+    rows = (f"{ROW},1", f"{ROW},small", f"{ROW.replace('12:00:00Z', '12:01:00Z')},")
+    path = write(tmp_path, *rows, head=f"{HEAD},{column}")
+    events = read_events(path)
+    np.testing.assert_array_equal(getattr(events, column), [1.0, np.nan])
+    assert events.notes[0].startswith(f"{path}: 1 line left out, not readable: line 3: {column}")
+
+
+def test_a_node_may_be_carried_elsewhere_by_an_aircraft(tmp_path):
+    """At 200 m/s, which no vessel reaches."""
+    north = np.repeat([0.0, 12e3], 4)
+    rows = [f"{60 * k},A,B,{x},0,30,{x + 900.0},0,60,0.6" for k, x in enumerate(north)]
+    head = HEAD.replace("_lat", "_north").replace("_lon", "_east")
+    events = read_events(write(tmp_path, *rows, head=head))
+    np.testing.assert_array_equal(events.source_position[:, 0], north)
+    assert not events.notes
 
 
 def events_at(times, casts=None, epoch="2020-03-10T12:00:00"):
@@ -336,6 +363,37 @@ def test_positions_of_events_in_radians_are_refused(tmp_path):
     row = ROW.replace("72,-145", "1.2566,-2.5307").replace("72.02,-145.1", "1.2570,-2.5325")
     words = "travel_time is 1.* times the distance .* look like radians; convert them to degrees"
     refused(ReplayError, words, read_events, write(tmp_path, row.replace("1.6", "2.9")))
+
+
+def test_events_in_degrees_with_long_times_are_not_in_radians(tmp_path):
+    row = ROW.replace(",72", ",-72").replace("1.6", "160")  # south and west: all are negative
+    assert read_events(write(tmp_path, row)).travel_time.tolist() == [160.0]
+
+
+@pytest.mark.parametrize(
+    ("ratio", "unit"), [(400.0, True), (200.0, False), (1.0 / 2000.0, True), (1.0 / 5000.0, False)]
+)
+def test_travel_times_in_another_unit_are_refused(tmp_path, ratio, unit):
+    """Over 1500 m of depth, which take about a second."""
+    head = HEAD.replace("_lat", "_north").replace("_lon", "_east")
+    path = write(tmp_path, f"0,A,B,0,0,700,0,0,2200,{ratio}", head=head)
+    if unit:
+        words = rf"travel_time is {ratio:.3g} times the distance .* s\); it must be in seconds"
+        refused(ReplayError, words, read_events, path)
+    else:
+        assert read_events(path).travel_time == ratio
+
+
+def test_nodes_at_one_place_may_hear_each_other_at_once(tmp_path):
+    row = ROW.replace("72.02,-145.1,150,1.6", "72,-145,30,0.001")
+    assert read_events(write(tmp_path, row)).travel_time.tolist() == [0.001]
+
+
+def test_echoes_say_nothing_about_the_unit_of_times(tmp_path):
+    """Its ends are as far apart as an echo sounder moves, half a metre."""
+    head = HEAD.replace("_lat", "_north").replace("_lon", "_east")
+    events = read_events(write(tmp_path, "0,A,A,0,0,700,0,0,700.5,0.6", head=head))
+    assert events.is_echo.all()
 
 
 def test_events_at_both_sides_of_the_date_line_have_right_distances(tmp_path):

@@ -3,12 +3,13 @@ Laws that hold for every figure, and figures of the water and the fleet read bac
 what they were given.
 """
 
+from collections import Counter
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.collections import LineCollection, QuadMesh
-from matplotlib.colors import to_hex
+from matplotlib.colors import to_hex, to_rgba_array
 from matplotlib.contour import ContourSet
 from matplotlib.text import Text
 from refusals import refused
@@ -126,6 +127,34 @@ def test_numbers_of_the_figures_of_a_run_stay(run, as_stored):
     as_stored({f"{n} size": f.get_size_inches() for n, f in drawn.items()}, name="sizes")
 
 
+def looks_of(figure):
+    """Colours, sizes and styles of all that is drawn, with the legends."""
+    legends = [*figure.legends, *(a.get_legend() for a in figure.axes if a.get_legend())]
+    artists = [*figure.texts, *(a for k in legends for a in (*k.legend_handles, *k.get_texts()))]
+    for axes in figure.axes:
+        artists += [*axes.lines, *axes.patches, *axes.collections, *axes.texts, axes._left_title]
+        artists += [axes.title, axes.xaxis.label, axes.yaxis.label]
+
+    def of(key):
+        return [getattr(a, f"get_{key}")() for a in artists if hasattr(a, f"get_{key}")]
+
+    colours, numbers = "color edgecolor facecolor markerfacecolor", "fontsize linewidth markersize"
+    words = "fontweight horizontalalignment linestyle marker verticalalignment visible"
+    return {
+        **{k: np.concatenate([to_rgba_array(c) for c in ([], *of(k))]) for k in colours.split()},
+        **{k: np.concatenate([np.ravel(v) for v in ([], *of(k))]) for k in numbers.split()},
+        **{k: Counter(str(v) for v in of(k) if not isinstance(v, list)) for k in words.split()},
+        "order": of("zorder"),
+        "places": [text.get_position() for text in figure.texts],
+        "axes": [[*axes.get_position().bounds, axes.axison] for axes in figure.axes],
+        "columns": [legend._ncols for legend in legends],
+    }
+
+
+def test_colours_sizes_and_styles_in_figures_stay(small_figures, as_stored):
+    as_stored({f"figure {n}": looks_of(figure) for n, figure in enumerate(small_figures)})
+
+
 def test_a_colour_of_sound_speed_is_the_same_in_every_figure(small_figures):
     maps = [
         mesh.get_cmap()
@@ -152,6 +181,9 @@ def test_figures_for_one_column_can_be_read_at_its_width(look, run):
         for text in figure.findobj(Text):
             if text.get_visible() and text.get_text().strip():
                 assert text.get_fontsize() >= 6.0, (name, text)
+        for legend in figure.legends if figure.get_supxlabel() else ():
+            under = figure._supxlabel.get_window_extent(renderer)
+            assert legend.get_window_extent(renderer).y1 <= under.y0, name
         for text in (*figure.texts, *figure.legends):
             box = text.get_window_extent(renderer)
             assert box.x0 >= -1.0, (name, text)

@@ -4,6 +4,7 @@ Figures of range and position errors: artists are read back and compared with wh
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_hex
 from scipy import stats
 
 from pymantaray.apps.study.figures.ranging import (
@@ -123,11 +124,12 @@ def test_the_band_of_error_over_time_is_between_the_quartiles(look, records):
     values = ranks * np.array([1.0, 2.0, 5.0, 10.0])[:, None] * np.linspace(1.0, 3.0, time.size)
     figure = look.draw(
         error_over_time(
-            time, list("ABCD"), {"straight": values}, np.zeros((4, time.size), bool), HEADER
+            time, list("ABCD"), {"refracted": values}, np.zeros((4, time.size), bool), HEADER
         )
     )
     for axes, scale in zip(figure.axes, (1.0, 2.0, 5.0, 10.0), strict=False):
         (band,) = axes.collections
+        assert to_hex(band.get_facecolor()[0]) == to_hex(axes.lines[0].get_color())
         corners = band.get_paths()[0].vertices
         for hour, factor in ((0.0, 1.0), (time[-1] / 3600.0, 3.0)):
             edge = corners[np.isclose(corners[:, 0], hour), 1]

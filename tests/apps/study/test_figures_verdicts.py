@@ -51,15 +51,20 @@ def test_curves_are_the_ratios_and_each_marker_says_its_verdict(look, tables, as
     assert 1.15 < roof < 1.5
     sure = look.draw(consistency_over_time(table[table["condition"] != "refracted"], HEADER))
     assert [axes.get_yscale() for axes in sure.axes] == ["linear"] * 2
+    one = consistency_over_time(table[table["time_h"] == 48.0], HEADER)
+    assert one.axes[0].get_xlim() == (47.5, 48.5)
 
 
 def test_many_estimators_look_different_and_names_are_literal(look, tables):
-    names = ["straight", "a$x$", "b", "c", "d", "e", "f", "g"]
+    names = ["straight", "a$x$", *"bcdefghijkl"]
     table = tables.consistency_rows({(n, "horizontal"): [1.02, 0.98, 1.3, 1.0] for n in names})
     figure = look.draw(consistency_over_time(table, HEADER))
     lines, handles = curves(figure.axes[0]), figure.legends[0].get_lines()
     looks = {(a.get_color(), b.get_marker()) for a, b in zip(lines, handles, strict=False)}
     assert len(looks) == len(names)
+    first = [line.get_xdata()[0] for line in lines]  # within half of the 12 hours between epochs
+    spread = 6.0 / len(names) * np.arange(len(names))
+    np.testing.assert_allclose(first, 24.0 + spread - spread.mean())
     assert r"a\$x\$" in look.texts(figure)
     assert look.texts(figure).count("no usable solve") == 1, "no ranges in this table"
     assert (
@@ -99,10 +104,10 @@ def test_estimators_are_where_the_tables_say(look, tables, as_stored):
     assert every == points[0].get_color()
     assert some not in {"white", points[1].get_color()}
     assert none == "white"
-    assert (
-        len(look.draw(error_and_consistency(tables.errors, tables.at_pings, None, HEADER)).axes)
-        == 2
-    )
+    two = look.draw(error_and_consistency(tables.errors, tables.at_pings, None, HEADER)).axes
+    assert len(two) == 2
+    for axes in two:
+        assert {2.0, 5.0, 10.0, 20.0, 50.0, 100.0} <= {*axes.get_xticks()}
 
 
 def test_numbers_of_wide_axes_are_powers_of_ten_that_do_not_touch(look, tables):

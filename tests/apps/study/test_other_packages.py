@@ -27,6 +27,7 @@ from pymantaray.apps.study import command as commands
 from pymantaray.apps.study import open_run, report
 from pymantaray.apps.study.figures import register as figures
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
+from pymantaray.apps.study.manifest import Stopwatch, describe_run
 from pymantaray.apps.study.runner import _job_key
 from pymantaray.apps.sweep.keys import POINT, STAGES, task_keys
 from pymantaray.config import parse_study
@@ -307,6 +308,19 @@ def test_versions_and_sources_of_entry_points_are_in_the_keys(install):
     study = build_study(with_sensor())
     assert [*task_keys(study, {}).items(), ("run", _job_key(study, {}))] == keys[0]
     assert STAGES == ("ocean", "fleet", "rays")
+
+
+def test_a_manifest_has_the_packages_of_its_sensors(install):
+    manifests = []
+    for config in (parse_study(TINY), with_sensor()):
+        install(NOTHING, version="2.5")
+        machine = {"references": (), "workers": 1, "worker_memory_mib": 0.0}
+        ocean = {"synthetic": 1}
+        manifests.append(describe_run(build_study(config), {}, Stopwatch(), ocean=ocean, **machine))
+    assert "extensions" not in manifests[0]
+    (used,) = manifests[1]["extensions"]
+    assert (used["name"], used["package"], used["version"]) == ("bad", "other", "2.5")
+    assert manifests[1]["versions"]["other"] == "2.5"
 
 
 def test_two_packages_with_one_name_are_refused(install, monkeypatch):

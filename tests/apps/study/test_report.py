@@ -18,6 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
+from command_fixtures import ReportHere
 from matplotlib.figure import Figure
 from refusals import refused
 
@@ -77,7 +78,9 @@ def without_drawing(monkeypatch):
     monkeypatch.setattr(write, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
     specs = run_figure_specs
     monkeypatch.setattr(
-        report, "run_figure_specs", lambda r: [replace(p, draw=Figure) for p in specs(r)]
+        report,
+        "run_figure_specs",
+        lambda r, **of: [replace(spec, draw=Figure) for spec in specs(r, **of)],
     )
 
 
@@ -164,9 +167,14 @@ def test_tables_for_a_paper_are_those_of_the_page(reported):
 
 
 def test_a_report_has_figures_for_one_column_if_asked(made_run, tmp_path, monkeypatch):
-    folder = made_run(realizations=1).write(tmp_path / "run")
+    folder, told = made_run(realizations=1).write(tmp_path / "run"), []
     without_drawing(monkeypatch)
-    text = write_report(folder, formats=["84mm"]).read_text(encoding="utf-8")
+    with ReportHere(formats=["84mm"]) as process:
+        process.begin(folder)
+        assert process.write(open_run(folder), lambda *step: told.append(step)) == []
+    assert told == [("report", 0, 1), ("report", 1, 1)]
+    text = (folder / "index.html").read_text(encoding="utf-8")
+    assert re.search(r", 1 noise realization\b", text)
     files = {path.name for path in (folder / "figures").glob("*.pdf")}
     assert files == {f"{n}.84mm.pdf" for n in ("error_over_time", "factor_graph", "fleet_layout")}
     assert all(f'href="figures/{name}"' in text for name in files)
@@ -205,6 +213,7 @@ def test_page_needs_no_network_and_says_that_the_ocean_is_synthetic(reported):
         r'(src|href)="(?!figures/|tables/|data:image/png;base64,|#|config.toml|manifest.json)', own
     )
     assert "The ocean of this study is synthetic" in text
+    assert f" on {open_run(reported.folder).manifest['made']['began'][:10]}." in text
     assert len(re.findall(r"<figcaption>[^<]*Synthetic ocean\.", text)) == len(reported.figures)
 
 

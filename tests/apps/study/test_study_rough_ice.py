@@ -14,6 +14,7 @@ from pymantaray.apps.service import RangingService
 from pymantaray.errors import StudyError
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.records import RayStatus
+from pymantaray.sensing import PingList
 from pymantaray.sensing.draws import RangingDraws
 
 DEPTH = np.array([0.0, 40.0, 55.0, 60.0, 65.0, 80.0, 100.0, 150.0, 300.0, 1000.0, 2700.0])
@@ -175,6 +176,24 @@ def test_each_realization_has_the_ice_of_its_number(fly_under):
     rows = each.tables["ranging_draws"].frame
     assert rows["realization"].tolist() == [0, 1]
     assert rows["mean_m"].iloc[0] != rows["mean_m"].iloc[1]
+
+
+def test_each_draw_of_the_ice_has_the_pings_of_a_list(sea):
+    """A is heard 5 minutes after the start, once for each draw."""
+    north = {"A": 0.0, "B": 1500.0}
+    poses = pd.DataFrame([(t, k, n) for k, n in north.items() for t in (0.0, 600.0)])
+    poses.columns = ["time", "vehicle", "north"]
+    run = measure(
+        poses.assign(east=0.0, depth=90.0),
+        sea[0] | ROUGH | {"ice_draw": "each", "centre_lat": 74.5, "centre_lon": -140.0},
+        PingList((300.0,), ("A",)),
+        study={"realizations": 2},
+    )
+    times = [run.ranging_truth_in(k).travel_time for k in range(2)]
+    np.testing.assert_array_equal(times[0], run.ranging_truth.travel_time)
+    np.testing.assert_allclose(times, 1500.0 / 1437.5, rtol=1e-3)
+    assert np.shape(times) == (2, 1)
+    assert run.tables["ranging_draws"].frame["realization"].tolist() == [0, 1]
 
 
 @pytest.mark.slow

@@ -25,6 +25,8 @@ from pymantaray import (
     run_study,
 )
 from pymantaray.apps.export.run_files import export_run
+from pymantaray.apps.study.figures.register import RunResults
+from pymantaray.apps.study.page import warnings_of
 from pymantaray.config import parse_study
 from pymantaray.config.build.fleet import with_tracks
 from pymantaray.config.build.study import build_study
@@ -117,6 +119,7 @@ def test_a_study_of_trajectories_equals_one_of_the_same_vehicles(study_run, tmp_
     )
     assert run.config.mission.duration_h == 4.0
     assert list(run.manifest["ocean"]["sha256"]) == [str(study_run.path / "truth.nc")]
+    assert np.datetime64(run.manifest["fleet"]["start"]) == study_run.truth.start
 
 
 def test_places_in_latitude_and_longitude_make_a_frame_of_their_own(study_run, tmp_path):
@@ -500,6 +503,8 @@ def test_the_centre_that_nobody_named_is_told(table, tmp_path, caplog):
         assert f"{abs(round(part, 3)):g} {'N' if part > 0 else 'W'}" in line
     assert "`centre`" in line
     assert "ocean.centre_lat" in line
+    assert run.notes == [line], "of the run itself, not of a folder in which it was made"
+    refused(StudyError, "a run in memory has no manifest", getattr, run, "manifest")
     caplog.clear()
     measure(table, OCEAN, 1800.0)
     named = tmp_path / "named.csv"
@@ -524,8 +529,10 @@ def test_a_run_of_local_positions_has_its_centre_in_the_manifest(table, tmp_path
     config = parse_study(tree)
     assert "own vehicles, as long as their trajectories, 25" in repr(config)
     run = run_study(config, tmp_path / "run", workers=1)
+    assert run.manifest["fleet"]["start"] is None
     (note,) = [n for n in run.manifest["fleet"]["notes"] if "the middle of the ocean is used" in n]
     assert f"{run.ocean.attrs['centre_latitude_deg']:g} N" in note
+    assert warnings_of(RunResults(run)) == run.notes, "it has no solves"
 
 
 def test_ranges_need_no_currents_unless_they_carry_sound(table, tmp_path):

@@ -78,6 +78,7 @@ def test_the_table_and_the_page_of_a_sweep_are_collected(
     assert done.out.split() == [str(out / name) for name in ("table.csv", "table.nc", "page")]
     (page,) = pages
     assert page.title == f"Sweep over {results.sweep.name}"
+    assert [len(table.frame) for table in page.tables] == [len(results.table())]
     columns = ["point", "noise.range_sigma", "condition", "rmse_m"]
     table = pd.read_csv(out / "table.csv")[columns]
     as_stored({"facts": page.facts, "notes": page.notes, "table": table})

@@ -153,6 +153,7 @@ def test_undetermined_variables_fail_without_ending_the_interpreter(mission, as_
     failed = solve_incrementally(unknown, start)
     assert failed.solution.status == SolveStatus.FAILED
     assert np.isnan(failed.solution.position).all()
+    assert failed.optimum.progress.singular
     assert np.isnan(failed.seconds).any()
     as_stored(failed.solution)
 

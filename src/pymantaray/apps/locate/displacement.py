@@ -256,7 +256,7 @@ def read_campaign(path: str | Path) -> Campaign:
     values: Any = tree.get("campaign") if isinstance(tree, dict) else None
     try:
         campaign = _campaign(values, str(file))
-    except (KeyError, TypeError, ValueError, IndexError, OverflowError):
+    except (KeyError, TypeError, ValueError):
         raise LocateError(
             f"{file}: no positions with a joint covariance (key campaign); give {CAMPAIGN_FILE} of"
             " the earlier campaign"
@@ -300,16 +300,22 @@ def _check(campaign: Campaign) -> None:
             f"{campaign.source}: {k} names, positions {shapes[0]}, covariance {shapes[1]}; they"
             " must be of the same nodes, each with one name"
         )
-    symmetric = campaign.covariance + campaign.covariance.T
     if not (
         (np.abs(campaign.positions) <= LARGEST_POSITION).all()
         and (np.abs(campaign.covariance) <= LARGEST_POSITION**2).all()
-        and np.linalg.eigvalsh(symmetric).min() >= -1e-9 * max(np.trace(symmetric), 1e-300)
+        and _is_semidefinite(campaign.covariance)
     ):
         raise LocateError(
             f"{campaign.source}: positions must be finite and within {LARGEST_POSITION:g} m, and"
             " the covariance positive semidefinite"
         )
+
+
+def _is_semidefinite(covariance: Array) -> bool:
+    """True without negative variances, which rounding may leave."""
+    symmetric = covariance + covariance.T
+    least = -1e-9 * max(np.trace(symmetric), 1e-300)
+    return bool(np.linalg.eigvalsh(symmetric).min() >= least)
 
 
 def displacement_between(later: Campaign, earlier: Campaign) -> Displacement:
@@ -368,7 +374,7 @@ def displacement_between(later: Campaign, earlier: Campaign) -> Displacement:
     probability = float(chdtrc(degrees, chi_square)) if degrees else 1.0
     widening = 1.0
     if probability < LEVEL:
-        widening = float(np.sqrt(max(chi_square / degrees, 1.0)))
+        widening = float(np.sqrt(chi_square / degrees))
     years = np.nan
     if not (np.isnat(now.epoch) or np.isnat(before.epoch)):
         years = float((now.epoch - before.epoch) / np.timedelta64(1, "D")) / 365.25

@@ -11,6 +11,7 @@ import numpy as np
 
 from pymantaray.apps.online.drifting_water import saved_water
 from pymantaray.apps.online.filter import Kind, Outcome
+from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.filters.error_state import SIZE
 from pymantaray.estimation.graph.graph import LARGEST
@@ -87,7 +88,7 @@ def _fault(content: dict[str, Any]) -> str:
     if not isinstance(content["model"], str):
         return f"model is {content['model']!r}"
     base = content["base"]
-    fixed = np.array(content["fixed"], dtype=float).reshape(-1, 3)
+    fixed = _numbers(content["fixed"]).reshape(-1, 3)
     n = len(vehicles)
     water = saved_water(content["water"])
     size = len(names) - len(fixed) + (0 if water is None else water.members)
@@ -100,7 +101,7 @@ def _fault(content: dict[str, Any]) -> str:
         "water_time": (),
     }
     for name, shape in shapes.items():
-        values = np.array(base[name], dtype=float)
+        values = _numbers(base[name])
         if values.shape != shape or not np.isfinite(values).all():
             return f"base.{name} is not a finite array of shape {shape}"
     if not (np.abs(fixed) <= LARGEST).all():
@@ -126,10 +127,18 @@ def _fault(content: dict[str, Any]) -> str:
     return next((fault for row in rows if (fault := _event(row, len(names), n))), "")
 
 
+def _numbers(values: Any) -> Array:
+    """Array of numbers; an error for texts, which NumPy would convert."""
+    array = np.array(values)
+    if array.dtype.kind not in "if":
+        raise OnlineError(f"{one_line(values, 60)} is no array of numbers")
+    return array.astype(float)
+
+
 def _base_fault(base: dict[str, Any]) -> str:
     """Fault of the numbers of a base of the right shape; empty without one."""
     rotation, position, covariance = (
-        np.array(base[name], dtype=float) for name in ("rotation", "position", "covariance")
+        _numbers(base[name]) for name in ("rotation", "position", "covariance")
     )
     is_small = (np.abs(rotation) <= 1.0 + _ROUNDING).all()
     if not is_small or not np.allclose(rotation @ rotation.transpose(0, 2, 1), np.eye(3)):
@@ -152,7 +161,7 @@ def _event(row: Any, n_members: int, n_vehicles: int) -> str:
         and len(members) == (2 if kind == Kind.RANGE else 1)
         and all(type(m) is int and 0 <= m < n_members for m in members)
         and members[-1] < n_vehicles
-        and np.isfinite(np.array([time, *values], dtype=float)).all()
+        and np.isfinite(_numbers([time, *values])).all()
         and len(values) == _N_VALUES[Kind(kind)]
     )
     return "" if fitting else f"event {one_line(row, 60)}"

@@ -487,9 +487,20 @@ class Run:
 
 
 class _RunInMemory(Run):
-    """The summaries of the ocean take as long as its rays; few ask for them."""
+    """What would be read from files; the summaries of the ocean wait, because few ask for them."""
 
     _fields: "OceanFields"
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        raise StudyError("a run in memory has no manifest; run_study writes one to a folder")
+
+    @property
+    def notes(self) -> list[str]:
+        from pymantaray.apps.study.manifest import fleet_notes, ocean_notes
+
+        attrs = self.ocean.attrs
+        return [*ocean_notes(attrs), *fleet_notes(self.study, attrs)]
 
     @cached_property
     def profile(self) -> xr.Dataset:

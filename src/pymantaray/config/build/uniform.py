@@ -226,10 +226,12 @@ def _sea_floor(
     """Flat sea bed on the grid of the water, or a sea bed from a file on its own axes. [m]"""
     bed = section.bathymetry
     if not isinstance(bed, str):
-        return np.full(shape, bed, dtype=float)
+        return np.full(shape, bed)
     assert place is not None  # checked for maps
     frame = LocalFrame(*place)
-    lat, lon = frame.to_geodetic(*np.meshgrid(*([-1.1 * h, 1.1 * h] for h in half), indexing="ij"))
+    # the latitude of an edge in the north or south is extreme at its middle, not at the corners
+    edges = (np.linspace(-1.1 * h, 1.1 * h, 3) for h in half)
+    lat, lon = frame.to_geodetic(*np.meshgrid(*edges, indexing="ij"))
     box = float(lat.min()), float(lat.max()), float(lon.min()), float(lon.max())
     coarse = Window(np.array(box[:2]), np.array(box[2:]), frame)
     sea_floor = open_sea_floor(bed, window=box, crs=section.bathymetry_crs)

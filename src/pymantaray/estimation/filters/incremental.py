@@ -95,9 +95,7 @@ def solve_incrementally(
             break
         log.note(k, variables[variables < graph.n_poses], new, smoother, effort)
     for _ in range(0 if failed else options.incremental.final_updates):
-        effort = smoother.update(
-            factors, none, entering.values(none, smoother, update_time.size - 1)
-        )
+        effort = smoother.update(factors, none, entering.values(none, smoother, k))
         steps += 1
         if effort is None or effort.relinearized == 0:
             failed = effort is None
