@@ -97,6 +97,19 @@ def test_a_slow_reader_holds_up_the_work(single_rows):
     assert len(begun) == 1 + 4 * 2
 
 
+def test_rows_that_are_faster_together_are_in_one_block(single_rows, monkeypatch):
+    sizes = [
+        stop - start for start, stop in in_blocks(lambda *rows: rows, 101, threads=1, least=32)
+    ]
+    assert sizes == [1, 32, 32, 32, 4]
+    sizes = [stop - start for start, stop in in_blocks(lambda *rows: rows, 41, threads=4, least=32)]
+    assert sizes == [1, 11, 11, 11, 7], "each thread has some"
+
+    monkeypatch.setattr(solving, "_LONGEST", 0.05)
+    slow = in_blocks(lambda a, b: time.sleep(0.005 * (b - a)) or b - a, 40, threads=1, least=32)
+    assert max(slow) <= 10, "not if that takes long"
+
+
 def test_what_waits_is_dropped_when_the_reader_stops(single_rows, monkeypatch):
     begun, stopped = [], threading.Event()
 

@@ -28,6 +28,9 @@ _MAX_BLOCK_ROWS = 512  # rows of a block, at most
 # s; duration of a block: long compared with Python's work between two blocks, and short enough to
 # stop quickly
 _BLOCK_SECONDS = 0.05
+# direct links of a block, unless they take longer [s]: the kernel traces rays of eight links
+# together, and at the end of a block lanes are idle
+_TOGETHER, _LONGEST = 32, 1.0
 _BLOCKS_AHEAD = 4  # blocks per thread that wait or are unread, at most
 _OWN = threading.local()  # arrays of `_workspace`
 
@@ -87,7 +90,13 @@ def solve_on_processor(
         return _compact(results, n)
 
     together = bounces is None and len(source) <= _FEW_LINKS
-    return in_blocks(solve, len(source), threads=threads, first=len(source) if together else 1)
+    return in_blocks(
+        solve,
+        len(source),
+        threads=threads,
+        first=len(source) if together else 1,
+        least=_TOGETHER if bounces is None else 1,
+    )
 
 
 def _workspace(n_depth: int) -> tuple[Results, Room]:
@@ -104,17 +113,24 @@ def _workspace(n_depth: int) -> tuple[Results, Room]:
 
 
 def in_blocks(
-    work: Callable[[int, int], T], n_rows: int, *, threads: int | None = None, first: int = 1
+    work: Callable[[int, int], T],
+    n_rows: int,
+    *,
+    threads: int | None = None,
+    first: int = 1,
+    least: int = 1,
 ) -> Generator[T, None, None]:
     """
     Yield the results of work(start, stop) for blocks of rows, in order, from several threads.
 
-    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks. The first
+    A block has at most 512 rows and takes about 0.05 s, as estimated from recent blocks, or has
+    ``least`` rows if these take at most a second and each thread has a block. The first
     block has ``first`` rows and is finished before the threads start, so kernels are compiled once.
     Without rows there is one empty block. The result of a row must not depend on the block. When
     the consumer stops or an interrupt arrives, waiting blocks are dropped and running ones finish.
     """
     pace = 0.0  # s per row
+    most = threads or os.cpu_count() or 1
 
     def timed(start: int, stop: int) -> tuple[T, float]:
         begin = time.perf_counter()
@@ -122,16 +138,16 @@ def in_blocks(
         return done, (time.perf_counter() - begin) / max(stop - start, 1)
 
     def after(start: int) -> int:
-        return min(
-            start + min(max(int(_BLOCK_SECONDS / max(pace, 1e-9)), 1), _MAX_BLOCK_ROWS), n_rows
-        )
+        short, long = (int(seconds / max(pace, 1e-9)) for seconds in (_BLOCK_SECONDS, _LONGEST))
+        rows = max(short, min(least, -(-n_rows // most), long), 1)
+        return min(start + min(rows, _MAX_BLOCK_ROWS), n_rows)
 
     start = min(n_rows, first)
     done, pace = timed(0, start)
     yield done
     if start == n_rows:
         return
-    workers = min(threads or os.cpu_count() or 1, n_rows - start)
+    workers = min(most, n_rows - start)
     if (
         workers <= 1 or pace * (n_rows - start) < _BLOCK_SECONDS
     ):  # starting threads would take longer
