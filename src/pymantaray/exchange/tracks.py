@@ -402,7 +402,7 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
     first = np.ones(time.size, dtype=bool)
     first[1:] = np.diff(time) > least
     if not first.all():
-        dropped = counted(np.count_nonzero(~first), "pose")
+        dropped = counted(int(np.count_nonzero(~first)), "pose")
         notes.append(f"{who}: {dropped} at repeated times dropped")
     order = order[first]
     time = time[first]

@@ -10,10 +10,9 @@ from collections.abc import Hashable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pymantaray.apps.study.references import Citations
-from pymantaray.apps.study.store import Run
 from pymantaray.apps.study.tracks import centre_note
 from pymantaray.config.build.fleet import TrackFiles
 from pymantaray.config.build.study import Study
@@ -22,6 +21,9 @@ from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.jobs.keys import sha256
 from pymantaray.messages import without_secrets
 from pymantaray.version import __version__
+
+if TYPE_CHECKING:
+    from pymantaray.apps.study.store import Run
 
 
 class Stopwatch:
@@ -123,7 +125,7 @@ def fleet_notes(study: Study, ocean: Mapping[Hashable, Any]) -> list[str]:
     return [*existing.tracks.notes, *([note] if note else [])]
 
 
-def estimator_notes(run: Run) -> list[str]:
+def estimator_notes(run: "Run") -> list[str]:
     """Notes of the readers of files that estimators assume."""
     if not any(condition.files for condition in run.study.conditions):
         return []

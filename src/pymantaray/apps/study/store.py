@@ -487,7 +487,7 @@ class Run:
 
 
 class _RunInMemory(Run):
-    """What would be read from files; the summaries of the ocean wait, because few ask for them."""
+    """Run without a folder, whose summaries of the ocean wait: few ask for them."""
 
     _fields: "OceanFields"
 
