@@ -73,6 +73,7 @@ def tracked():
     return {f"pymantaray/{path.relative_to(PACKAGE).as_posix()}" for path in files}
 
 
+@pytest.mark.slow
 def test_archives_hold_the_package_and_nothing_else(archives):
     source, wheel = archives
     names = set(zipfile.ZipFile(wheel).namelist())

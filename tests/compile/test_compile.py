@@ -373,9 +373,8 @@ def test_a_medium_from_another_process_needs_no_other_kernels(earth):
     assert other.travel_time[0] == one.travel_time[0]
 
 
-@pytest.mark.parametrize(
-    "place", ["beside the source", pytest.param("NUMBA_CACHE_DIR", marks=pytest.mark.slow)]
-)
+@pytest.mark.parametrize("place", ["beside the source", "NUMBA_CACHE_DIR"])
+@pytest.mark.slow
 def test_change_in_a_called_file_is_seen_wherever_the_cache_lies(two_files, tmp_path, place):
     """And damage."""
     own = place == "NUMBA_CACHE_DIR"
@@ -391,6 +390,7 @@ def test_change_in_a_called_file_is_seen_wherever_the_cache_lies(two_files, tmp_
         damaged_is_compiled_again(two_files, folder, damage, 3.0, environment)
 
 
+@pytest.mark.slow
 def test_kernels_are_compiled_in_memory_if_no_folder_is_writable(two_files, tmp_path):
     (tmp_path / "__pycache__").touch()
     nowhere = str(tmp_path / "__pycache__" / "nowhere")

@@ -234,6 +234,7 @@ def test_variance_of_the_share_is_that_of_as_many_independent_draws():
     assert p * (1 - p) / share.var() == pytest.approx(row["effective_n"] / n, rel=0.06)
 
 
+@pytest.mark.slow
 def test_straight_ranges_are_consistent_and_refracted_ranges_are_not(tmp_path):
     """
     Five vehicles of the quick preset for eight hours, 16 realizations, covariances at its pings.

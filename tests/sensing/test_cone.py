@@ -57,6 +57,7 @@ def test_a_fan_may_lose_one_direction_only():
     assert sound.status[0] == RayStatus.OK
 
 
+@pytest.mark.slow
 def test_a_study_with_a_narrow_fan_loses_ranges_and_keeps_the_others():
     from pymantaray.apps.study.manifest import Stopwatch
     from pymantaray.apps.study.mission import simulate_mission

@@ -374,6 +374,7 @@ print(*sys.modules)
 """
 
 
+@pytest.mark.slow
 def test_no_module_that_shows_results_is_loaded_by_a_run(ocean_file, tmp_path):
     """A change in a module that is not in the key cannot change a result."""
     package = Path(pymantaray.__file__).parent

@@ -194,7 +194,8 @@ def test_mixture_of_one_candidate_is_the_plain_factor(make_fleet):
     )
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(4, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 4])
 def test_mixture_is_as_good_as_ranges_without_mistakes(make_fleet, seed):
     fleet = make_fleet(seed=seed, n_vehicles=5, n_times=21)
     model = mirrors_about(fleet)
