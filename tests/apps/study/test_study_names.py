@@ -56,6 +56,8 @@ def test_thirty_vehicles_with_long_names_run_and_go_to_a_graph_file(run, tmp_pat
     assert (tmp_path / f"solved/estimate-{NAMES[29]}.tum").is_file()
     summary = json.loads((tmp_path / "solved/summary.json").read_text())
     assert summary["trajectory_error"][NAMES[0]]["n"] == 19
+    labels = run.plot.error_by_vehicle().get_xticklabels()
+    assert {label.get_rotation() for label in labels} == {90.0}, "thirty names are upright"
 
 
 @pytest.mark.slow

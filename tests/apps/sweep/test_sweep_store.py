@@ -79,6 +79,7 @@ def test_the_table_and_the_page_of_a_sweep_are_collected(
     (page,) = pages
     assert page.title == f"Sweep over {results.sweep.name}"
     assert [len(table.frame) for table in page.tables] == [len(results.table())]
+    assert page.explorer is not None
     columns = ["point", "noise.range_sigma", "condition", "rmse_m"]
     table = pd.read_csv(out / "table.csv")[columns]
     as_stored({"facts": page.facts, "notes": page.notes, "table": table})

@@ -220,13 +220,12 @@ def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
     rotation, translation, covariance, cost = steps
     translation_of = table.column("position")
     measured = table.kind.measured
-    with_rotation = "quaternion" in table.kind.columns_at
-    rotation_of = (
-        matrix_from_quaternion(table.column("quaternion")) if with_rotation else np.empty((0, 3, 3))
-    )
+    rotation_of = None
+    if "quaternion" in table.kind.columns_at:
+        rotation_of = matrix_from_quaternion(table.column("quaternion"))
     for i, (k, a) in enumerate(zip(*rows, strict=True)):
         innovation = translation_of[i] - translation[k, a]
-        if with_rotation:  # in the tangent of the second body
+        if rotation_of is not None:  # in the tangent of the second body
             by_errors = np.eye(SIZE)
             own = np.swapaxes(rotation[k, a], 0, 1)
             innovation = np.concatenate(
