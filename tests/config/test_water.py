@@ -1,5 +1,7 @@
 """Water from any source is the same water, and the same options mean the same."""
 
+import pickle
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -8,6 +10,7 @@ from refusals import refused
 
 from pymantaray import Water, load_study, measure, open_water, open_waters
 from pymantaray.acoustics import Currents, Medium, find_eigenrays, thin_profile
+from pymantaray.acoustics.ocean_fields import OceanFields, build_medium
 from pymantaray.apps.atlas import Atlas
 from pymantaray.config import load_sound
 from pymantaray.config.build.ocean import build_mission_ocean, open_start
@@ -84,6 +87,23 @@ def test_water_that_varies_has_its_instants(tiny):
     assert ocean.series["time"].values.tolist() == [0.0, 10_800.0, 21_600.0]
     one = ocean.series.isel(time=0, drop=True)
     np.testing.assert_array_equal(ocean.local["sound_speed"], one["sound_speed"])
+
+
+@pytest.mark.parametrize("source", ["a profile", "in memory"])
+def test_varying_water_can_be_sent_to_a_process(tiny, profile, source):
+    keys = {"bathymetry": 600.0, "internal_tide": {"amplitude": 5.0}}
+    ocean = build_mission_ocean(tiny(ocean={"source": str(profile), **keys})).open()
+    if source == "in memory":
+        ocean = OceanFields(None, ocean.local)
+    assert ocean.varies
+    medium_at = build_medium(ocean, "linear")
+    there = sent(medium_at)(3600.0)
+    np.testing.assert_array_equal(there.sound_speed, medium_at(3600.0).sound_speed)
+    assert sent(ocean).profile.equals(ocean.profile)
+
+
+def sent(value):
+    return pickle.loads(pickle.dumps(value))
 
 
 def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile, as_stored):

@@ -23,6 +23,11 @@ from pymantaray.ocean.varying import snapshot_at
 _MARGIN_COLUMNS = 24  # the effect of a spline's end decreases by 0.27 from column to column
 
 
+def _no_summary() -> tuple[xr.Dataset, pd.DataFrame]:
+    """Summary of water that nobody describes."""
+    return xr.Dataset(), pd.DataFrame()
+
+
 @dataclass(frozen=True, eq=False)
 class OceanFields:
     """
@@ -46,11 +51,8 @@ class OceanFields:
     """Reduction of a profile, for files."""
     notes: tuple[str, ...] = ()
     """Doubts about the source."""
-    summarize: Callable[[], tuple[xr.Dataset, pd.DataFrame]] = lambda: (
-        xr.Dataset(),
-        pd.DataFrame(),
-    )
-    """Function that gives `profile` and `region`, called at their first use."""
+    summarize: Callable[[], tuple[xr.Dataset, pd.DataFrame]] = _no_summary
+    """Function that gives `profile` and `region`, called at their first use; it can be pickled."""
 
     @property
     def profile(self) -> xr.Dataset:

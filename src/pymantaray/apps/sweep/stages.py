@@ -5,6 +5,7 @@ Stages of a mission that points share. Each is computed once and stays in memory
 import io
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from time import perf_counter
 from typing import Any
 
@@ -160,6 +161,11 @@ def _pack_ocean(ocean: OceanFields) -> dict[str, xr.Dataset]:
     return {"region": xr.Dataset(attrs=text), **groups}
 
 
+def _stored(profile: xr.Dataset, region: pd.DataFrame) -> tuple[xr.Dataset, pd.DataFrame]:
+    """Summary of an ocean that was stored with it."""
+    return profile, region
+
+
 def _unpack_ocean(groups: dict[str, xr.Dataset]) -> OceanFields:
     text = groups.pop("region").attrs
     region = pd.read_csv(io.StringIO(text["csv"]), index_col=0)
@@ -171,7 +177,7 @@ def _unpack_ocean(groups: dict[str, xr.Dataset]) -> OceanFields:
         groups["local"],
         groups.get("series"),
         notes=tuple(text["notes"].splitlines()),
-        summarize=lambda: (groups["profile"], region),
+        summarize=partial(_stored, groups["profile"], region),
     )
 
 

@@ -1,6 +1,6 @@
 """The ocean of a section: fields over a mission, local ocean, sea floor and start."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
@@ -267,6 +267,13 @@ def _summary(section: OceanSection, geographic: xr.Dataset) -> tuple[xr.Dataset,
     return profile, region_table(geographic, equation=section.equation, profile=whole)
 
 
+def _local_summary(
+    local: xr.Dataset, spread: Callable[[xr.Dataset], xr.Dataset]
+) -> tuple[xr.Dataset, pd.DataFrame]:
+    """Sound speed of each level, and properties of water without latitude and longitude."""
+    return spread(local), profile_region(local)
+
+
 def _notes(geographic: xr.Dataset, sea_floor: xr.DataArray | None) -> tuple[str, ...]:
     """Notes of the readers of an ocean and of its sea floor."""
     title = geographic.attrs["title"]
@@ -286,7 +293,7 @@ def local_fields(section: OceanSection, data: xr.Dataset) -> OceanFields:
     return OceanFields(
         geographic=None,
         local=local,
-        summarize=lambda: (columns_spread(local), profile_region(local)),
+        summarize=partial(_local_summary, local, columns_spread),
     )
 
 
@@ -303,7 +310,7 @@ def profile_fields(
         unbounded=section.half_extent is None and section.internal_tide is None,
         record=water.record,
         notes=water.notes,
-        summarize=lambda: (profile_spread(water.local), profile_region(water.local)),
+        summarize=partial(_local_summary, water.local, profile_spread),
     )
 
 
