@@ -149,7 +149,7 @@ def test_the_ocean_of_a_run_is_a_water_too(told, files, tiny_run_folder, detecti
 
 COMPARED = (
     *("--nodes", "nodes.csv", "--detection", "sonar.toml", "--window", "20 s"),
-    *("--reference", "B", "--rule", "within:9", "--smooth-positions", "3.5 m", "--clock-drift"),
+    *("--reference", "B", "--rule", "persist:9", "--smooth-positions", "3.5 m", "--clock-drift"),
 )
 ERRORS = ("--position-sigma", "2.5 m", "--sound-speed-sigma", 0.3, "--wind", 11)
 SEARCH = ("--max-surface-bounces", 2, "--max-bottom-bounces", 3, "--cutoff-db", 21)
@@ -236,7 +236,11 @@ REFUSED = {
         "--detection",
         "salty.toml",
     ),
-    "reference 'Z': no such node": (*WATER, "--reference", "Z"),
+    # before the water is opened, which cannot be
+    "reference 'Z': no such node": ("--profile", "empty.toml", "--reference", "Z"),
+    "rule first: learning needs the rule persist": (
+        *("--profile", "empty.toml", "--rule", "first", "--learn", "causal"),
+    ),
     "--window is -5 s; it must be finite and zero or positive": (*WATER, "--window", -5),
     "not a run folder": ("--run", "."),
 }

@@ -118,8 +118,9 @@ def replay(
     changes: Set = None,
 ) -> None:
     """Compare measured with predicted one-way travel times."""
-    from pymantaray.apps.replay import DetectionRule, read_events, replay_events, write_replay
+    from pymantaray.apps.replay import read_events, replay_events, write_replay
     from pymantaray.apps.replay import smooth_positions as smooth
+    from pymantaray.apps.replay.compare import checked_rule
     from pymantaray.cli.output import progress_bars
     from pymantaray.cli.water import search_record, water_notes
     from pymantaray.config.load import sound_sections
@@ -127,7 +128,13 @@ def replay(
 
     window_s = parse_duration("--window", comparing.window, positive=False)
     event_data = read_events(events, comparing.nodes)
-    kind = DetectionRule.parse(comparing.rule)
+    rule = checked_rule(
+        event_data,
+        comparing.rule,
+        options=prediction,
+        window=window_s,
+        reference=comparing.reference,
+    )
     positions = None
     if comparing.smooth_positions is not None:
         event_data, positions = smooth(event_data, comparing.smooth_positions)
@@ -148,7 +155,7 @@ def replay(
         result = replay_events(
             event_data,
             waters,
-            kind,
+            rule,
             options=prediction,
             window=window_s,
             reference=comparing.reference,

@@ -319,21 +319,12 @@ def replay_events(
         If an event names an unknown cast, no cast can be assigned, the rule needs a sonar and there
         is none, or the window is negative.
     """
+    rule = checked_rule(events, rule, options=options, window=window, reference=reference)
     waters = _waters(waters)
-    rule = DetectionRule.parse(rule) if isinstance(rule, str) else rule
     if rule.kind == "threshold" and any(water.reception.detector is None for water in waters):
         raise ReplayError(
             "rule threshold: it needs a sonar; give a section [detection], or use another rule"
         )
-    if not window >= 0.0:
-        raise ReplayError(f"window is {window:g} s; allowed are 0 s and more")
-    nodes = set(events.source) | set(events.receiver)
-    if reference is not None and reference not in nodes:
-        raise ReplayError(
-            f"reference {reference!r}: no such node; allowed are"
-            f" {', '.join(sorted(nodes)[:_MAX_NAMES])}"
-        )
-    rule = _rule_of_learning(rule) if options.learn else rule
     has_mixture = options.draws > 1 or rule.kind == "persist"
     parts = []
     done = 0
@@ -371,6 +362,35 @@ def replay_events(
     earth = _earth_note(events, waters, table["distance_m"].to_numpy())
     notes = hint if earth is None else (*hint, earth)
     return Replay(table, rule, window, seed, all_candidates, reference, notes, more=more)
+
+
+def checked_rule(
+    events: Events,
+    rule: DetectionRule | str,
+    *,
+    options: PredictionOptions,
+    window: float,
+    reference: str | None,
+) -> DetectionRule:
+    """
+    Rule of `replay_events`, whose other arguments are checked, too, before any water is opened.
+
+    Errors are learned with the rule ``persist``, which then also replaces the default rule.
+    """
+    rule = DetectionRule.parse(rule) if isinstance(rule, str) else rule
+    if not window >= 0.0:
+        raise ReplayError(f"window is {window:g} s; allowed are 0 s and more")
+    nodes = set(events.source) | set(events.receiver)
+    if reference is not None and reference not in nodes:
+        raise ReplayError(
+            f"reference {reference!r}: no such node; allowed are"
+            f" {', '.join(sorted(nodes)[:_MAX_NAMES])}"
+        )
+    if options.learn is None or rule.kind == "persist":
+        return rule
+    if str(rule) != DEFAULT_RULE:
+        raise ReplayError(f"rule {rule}: learning needs the rule persist, or persist:MINUTES")
+    return DetectionRule.parse("persist")
 
 
 def _joined(
@@ -464,15 +484,6 @@ def _with_mixture(
         unexplained_s=mixture.unexplained,
     )
     return table, all_candidates, more
-
-
-def _rule_of_learning(rule: DetectionRule) -> DetectionRule:
-    """Rule with which errors are learned: ``persist``, also for the default rule."""
-    if rule.kind == "persist":
-        return rule
-    if str(rule) != DEFAULT_RULE:
-        raise ReplayError(f"rule {rule}: learning needs the rule persist, or persist:MINUTES")
-    return DetectionRule.parse("persist")
 
 
 def _waters(waters: Water | Source | Sequence[Water]) -> list[Water]:
