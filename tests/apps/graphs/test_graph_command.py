@@ -86,6 +86,9 @@ def test_a_graph_in_the_plane_is_shown_with_two_dimensions(graph, told, tmp_path
     path.write_text("\n".join([*vertices, *edges, ""]))
     assert graph("show", path).out.splitlines()[0].split() == ["dimensions", "two"]
     assert told("graph", "show", path)["dimensions"] == 2
+    path.write_text("\n".join([*edges, ""]))
+    lines = graph("show", path).out.splitlines()
+    assert "values             none in the file; by chordal initialization" in lines
 
 
 @pytest.mark.parametrize(("how", "name", "expected"), [
@@ -420,10 +423,9 @@ def test_costs_outside_their_bounds_have_advice(graph, told, file, scale, status
     assert (result["status"], f"{status}: {result['advice']}") == (status, lines[1])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("start", ["dead-reckoning", "chordal"])
-def test_variables_that_start_as_in_the_file_are_counted(graph, told, file, start):
-    """L2 has one range and B0 nothing before it: of 5 poses the edge A1 B1 places both of B."""
+@pytest.fixture
+def ranged(file):
+    """File of a graph whose landmark has ranges alone, all from one line."""
     text = file.read_text()
     prior = next(line for line in text.splitlines() if "XYZ:PRIOR" in line)
     file.write_text(
@@ -433,12 +435,26 @@ def test_variables_that_start_as_in_the_file_are_counted(graph, told, file, star
             for a, d in (("A0", 10.49), ("A1", 10.49), ("B0", 9.11), ("B1", 9.11))
         )
     )
+    return file
+
+
+AS_IN_FILE = (
+    "started at the file's values, because only ranges constrain them: 0 poses, 1 of 1 landmarks"
+)
+
+
+def test_a_landmark_that_starts_as_in_the_file_is_counted(graph, ranged):
+    words = ("--start", "dead-reckoning", "--no-certify")
+    assert AS_IN_FILE in graph("solve", ranged, *words).out.splitlines()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", ["dead-reckoning", "chordal"])
+def test_variables_that_start_as_in_the_file_are_counted(graph, told, ranged, start):
+    """L2 has one range and B0 nothing before it: of 5 poses the edge A1 B1 places both of B."""
+    file = ranged
     lines = graph("solve", file, "--start", start).out.splitlines()
-    said = (
-        "started at the file's values, because only ranges constrain them: 0 poses, 1 of 1"
-        " landmarks"
-    )
-    assert said in lines
+    assert AS_IN_FILE in lines
     assert told("graph", "solve", file, "--start", start)["as_in_file"] == {
         "poses": 0,
         "landmarks": 1,

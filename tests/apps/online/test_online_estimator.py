@@ -17,7 +17,7 @@ from refusals import refused
 from pymantaray.acoustics import Medium
 from pymantaray.apps.online import Beacon, OnlineEstimator, Outcome, StartPose
 from pymantaray.apps.online.range_model import TableModel
-from pymantaray.apps.online.saved_state import _fault, read_state, write_state
+from pymantaray.apps.online.saved_state import _checksum, _fault, read_state, write_state
 from pymantaray.errors import OnlineError
 from pymantaray.estimation import (
     GraphSolver,
@@ -245,6 +245,7 @@ def test_a_table_and_eigenrays_give_the_same_position(table, water, as_stored):
     np.testing.assert_allclose(by_table.position(), by_rays.position(), rtol=0, atol=0.3)
     far = OnlineEstimator(START, {"far": Beacon((1e5, 0.0, 50.0))}, table)
     assert far.add_range(0.0, "far", 66.0, 1e-3) == Outcome.NO_ARRIVAL
+    assert far._timeline.range_residuals() == []
     as_stored([by_table.pose(), by_rays.pose()])
 
 
@@ -298,6 +299,7 @@ def test_invalid_input_gives_one_line():
     refused(OnlineError, "longest_step is 0 s", new, longest_step=0.0)
     refused(OnlineError, "gate is 0", new, gate=0.0)
     refused(OnlineError, "names must differ", OnlineEstimator, {"north": START}, BEACONS, SPEED)
+    refused(OnlineError, "vehicles: found none", OnlineEstimator, {}, BEACONS, SPEED)
     refused(
         OnlineError,
         "missing; allowed: A, B",
@@ -334,6 +336,13 @@ def test_a_damaged_or_foreign_file_is_refused_in_one_line(tmp_path):
     )
     file.write_text("hello")
     refused(OnlineError, "not a saved estimator", OnlineEstimator.restore, file, SPEED)
+    deep = "[" * 100_000
+    file.write_text(deep)
+    refused(OnlineError, "not a saved estimator", OnlineEstimator.restore, file, SPEED)
+    for text in ('{"lag": ', deep):
+        changed = json.dumps({**json.loads(head), "sha256": _checksum(text)})
+        file.write_text(f"{changed}\n{text}\n")
+        refused(OnlineError, "not a usable state: ", OnlineEstimator.restore, file, SPEED)
 
 
 @pytest.mark.parametrize(("name", "value"), [
@@ -346,6 +355,14 @@ def test_a_saved_number_that_is_none_is_refused(tmp_path, name, value):
     content = {**written, name: value}
     assert not _fault(written)
     assert _fault(content) == f"{name} is {value!r}"
+
+
+@pytest.mark.parametrize("names", [[], ["vehicle", "vehicle"], [1]])
+def test_saved_vehicles_need_different_texts_as_names(tmp_path, names):
+    file = tmp_path / "state.json"
+    new().save(file)
+    fault = _fault({**read_state(file), "vehicles": names})
+    assert fault == "the names of vehicles and beacons are not different texts"
 
 
 def test_one_wrong_stamp_or_size_is_refused_and_what_follows_is_used():

@@ -2,6 +2,7 @@
 Events in: tables read or refused by their line, the water that each belongs to, and its ends there.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -256,6 +257,9 @@ def test_a_correction_removes_known_clocks_and_suspect_offsets(as_stored):
     )
     assert (distance, azimuth) == pytest.approx((50.0, np.degrees(np.arctan2(-40.0, 30.0))))
     as_stored(right)
+    local = correct_events(replace(events, geographic=False), found)
+    moved = local.receiver_position - events.receiver_position
+    np.testing.assert_allclose(moved, [[30.0, -40.0, 0.0]] * 2, atol=1e-12)
 
 
 def test_instants_of_water_that_varies_are_rounded_in_its_span():
