@@ -249,7 +249,8 @@ def test_incremental_least_squares_have_standard_errors(graph, file):
     assert all(row["rmse_standard_error_m"] > 0.0 for row in rows)
 
 
-def test_without_a_folder_nothing_is_written(graph, file, tmp_path):
+def test_without_a_folder_nothing_is_written(graph, file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     graph("solve", file, "--no-truth")
     assert [p.name for p in tmp_path.iterdir()] == ["g.pyfg"]
 
@@ -544,6 +545,10 @@ def test_short_ranges_with_metres_of_noise_are_explained(told, file):
     [
         ({"9.05": "60", "17.7": "150"}, "% of what was measured"),
         ({"A2 20 ": "A2 20000 ", "EDGE_RANGE": "#"}, "rms residual is "),
+        (
+            {"9.05 0.01": "7.05 1e-4\nEDGE_RANGE 1 A1 B1 11.05 1e-4", "EDGE_RANGE 1 A2": "#"},
+            "median residual is 200 stated standard deviations",
+        ),
     ],
 )
 def test_an_optimum_that_explains_nothing_exits_1(mantaray, told, file, tmp_path, changes, said):
@@ -566,6 +571,24 @@ def test_an_optimum_that_explains_nothing_exits_1(mantaray, told, file, tmp_path
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["status"], summary["usable"]) == ("UNEXPLAINED", False)
     assert (tmp_path / "out" / "estimate.nc").is_file()
+
+
+def test_one_wrong_depth_of_a_chain_is_not_explained(mantaray, tmp_path):
+    """One degree of freedom, so the cost to expect is a half."""
+    poses = [f"VERTEX_SE3:QUAT {k} A{k} {10 * k} 0 0 0 0 0 1" for k in range(2)]
+    tied = [
+        f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}",
+        f"EDGE_SE3:QUAT 1 A0 A1 10 0 0 0 0 0 1 {NOISE}",
+        "VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 20 0 0 0 1 "
+        + NOISE.replace("0.01", "1e12", 2).replace("1e-4", "1e12"),
+    ]
+    path = tmp_path / "g.pyfg"
+    path.write_text("\n".join([*poses, *tied, ""]))
+    done = mantaray("graph", "solve", path, "--start", "file", "--no-certify", "--json")
+    result = json.loads(done.out)
+    assert (done.code, result["expected_cost"]) == (1, 0.5)
+    ratio = np.sqrt(result["final_cost"] / 0.5)
+    assert f"the rms residual is {ratio:.3g} stated standard dev" in result["unexplained"]
 
 
 def test_a_cost_above_its_bounds_is_a_warning_not_silence(mantaray, told, file):

@@ -180,6 +180,7 @@ def test_a_quiet_replay_shows_no_progress(reached, files):
     reached("pymantaray.apps.replay.replay_events", *words, without=r"^(?!progress|window)")
     given = reached("pymantaray.apps.replay.write_replay", *words, without=r"^(?!progress|formats)")
     assert given[1] is None
+    assert given["made_by"]["detection"] is None
 
 
 def test_every_option_reaches_the_files_of_a_replay(reached, files, node_file, monkeypatch):

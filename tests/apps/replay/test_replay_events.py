@@ -374,6 +374,12 @@ def test_events_in_degrees_with_long_times_are_not_in_radians(tmp_path):
     assert read_events(write(tmp_path, row)).travel_time.tolist() == [160.0]
 
 
+def test_nodes_that_drift_beside_the_equator_are_not_in_radians(tmp_path):
+    """At 0.1 m/s, which is a walk if the degrees were radians."""
+    rows = [f"{60 * k},A,B,{1.0 + 5.4e-5 * k},1,30,1.01,1,150,0.74" for k in range(4)]
+    assert len(read_events(write(tmp_path, *rows)).time) == 4
+
+
 @pytest.mark.parametrize(
     ("ratio", "unit"), [(400.0, True), (200.0, False), (1.0 / 2000.0, True), (1.0 / 5000.0, False)]
 )
