@@ -267,6 +267,8 @@ def test_instants_of_water_that_varies_are_rounded_in_its_span():
     rows, events = np.arange(3), events_at([0.0, 700.0, 4000.0])
     found = instants_in(events, rows, span, 600.0)
     np.testing.assert_array_equal(found, [3600.0, 4200.0, 5400.0])
+    later = SimpleNamespace(**vars(span) | {"start": "2020-03-10T11:58", "span": (100.0, 5400.0)})
+    np.testing.assert_array_equal(instants_in(events, rows[:1], later, 600.0), [100.0])
     refused(
         ReplayError,
         "times are seconds, but the water varies",
