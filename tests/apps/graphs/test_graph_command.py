@@ -86,6 +86,9 @@ def test_a_graph_in_the_plane_is_shown_with_two_dimensions(graph, told, tmp_path
     path.write_text("\n".join([*vertices, *edges, ""]))
     assert graph("show", path).out.splitlines()[0].split() == ["dimensions", "two"]
     assert told("graph", "show", path)["dimensions"] == 2
+    path.write_text("\n".join([*edges, ""]))
+    lines = graph("show", path).out.splitlines()
+    assert "values             none in the file; by chordal initialization" in lines
 
 
 @pytest.mark.parametrize(("how", "name", "expected"), [
@@ -246,7 +249,8 @@ def test_incremental_least_squares_have_standard_errors(graph, file):
     assert all(row["rmse_standard_error_m"] > 0.0 for row in rows)
 
 
-def test_without_a_folder_nothing_is_written(graph, file, tmp_path):
+def test_without_a_folder_nothing_is_written(graph, file, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
     graph("solve", file, "--no-truth")
     assert [p.name for p in tmp_path.iterdir()] == ["g.pyfg"]
 
@@ -420,10 +424,9 @@ def test_costs_outside_their_bounds_have_advice(graph, told, file, scale, status
     assert (result["status"], f"{status}: {result['advice']}") == (status, lines[1])
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("start", ["dead-reckoning", "chordal"])
-def test_variables_that_start_as_in_the_file_are_counted(graph, told, file, start):
-    """L2 has one range and B0 nothing before it: of 5 poses the edge A1 B1 places both of B."""
+@pytest.fixture
+def ranged(file):
+    """File of a graph whose landmark has ranges alone, all from one line."""
     text = file.read_text()
     prior = next(line for line in text.splitlines() if "XYZ:PRIOR" in line)
     file.write_text(
@@ -433,12 +436,26 @@ def test_variables_that_start_as_in_the_file_are_counted(graph, told, file, star
             for a, d in (("A0", 10.49), ("A1", 10.49), ("B0", 9.11), ("B1", 9.11))
         )
     )
+    return file
+
+
+AS_IN_FILE = (
+    "started at the file's values, because only ranges constrain them: 0 poses, 1 of 1 landmarks"
+)
+
+
+def test_a_landmark_that_starts_as_in_the_file_is_counted(graph, ranged):
+    words = ("--start", "dead-reckoning", "--no-certify")
+    assert AS_IN_FILE in graph("solve", ranged, *words).out.splitlines()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("start", ["dead-reckoning", "chordal"])
+def test_variables_that_start_as_in_the_file_are_counted(graph, told, ranged, start):
+    """L2 has one range and B0 nothing before it: of 5 poses the edge A1 B1 places both of B."""
+    file = ranged
     lines = graph("solve", file, "--start", start).out.splitlines()
-    said = (
-        "started at the file's values, because only ranges constrain them: 0 poses, 1 of 1"
-        " landmarks"
-    )
-    assert said in lines
+    assert AS_IN_FILE in lines
     assert told("graph", "solve", file, "--start", start)["as_in_file"] == {
         "poses": 0,
         "landmarks": 1,
@@ -528,6 +545,10 @@ def test_short_ranges_with_metres_of_noise_are_explained(told, file):
     [
         ({"9.05": "60", "17.7": "150"}, "% of what was measured"),
         ({"A2 20 ": "A2 20000 ", "EDGE_RANGE": "#"}, "rms residual is "),
+        (
+            {"9.05 0.01": "7.05 1e-4\nEDGE_RANGE 1 A1 B1 11.05 1e-4", "EDGE_RANGE 1 A2": "#"},
+            "median residual is 200 stated standard deviations",
+        ),
     ],
 )
 def test_an_optimum_that_explains_nothing_exits_1(mantaray, told, file, tmp_path, changes, said):
@@ -550,6 +571,24 @@ def test_an_optimum_that_explains_nothing_exits_1(mantaray, told, file, tmp_path
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert (summary["status"], summary["usable"]) == ("UNEXPLAINED", False)
     assert (tmp_path / "out" / "estimate.nc").is_file()
+
+
+def test_one_wrong_depth_of_a_chain_is_not_explained(mantaray, tmp_path):
+    """One degree of freedom, so the cost to expect is a half."""
+    poses = [f"VERTEX_SE3:QUAT {k} A{k} {10 * k} 0 0 0 0 0 1" for k in range(2)]
+    tied = [
+        f"VERTEX_SE3:QUAT:PRIOR 0 A0 0 0 0 0 0 0 1 {NOISE}",
+        f"EDGE_SE3:QUAT 1 A0 A1 10 0 0 0 0 0 1 {NOISE}",
+        "VERTEX_SE3:QUAT:PRIOR 1 A1 0 0 20 0 0 0 1 "
+        + NOISE.replace("0.01", "1e12", 2).replace("1e-4", "1e12"),
+    ]
+    path = tmp_path / "g.pyfg"
+    path.write_text("\n".join([*poses, *tied, ""]))
+    done = mantaray("graph", "solve", path, "--start", "file", "--no-certify", "--json")
+    result = json.loads(done.out)
+    assert (done.code, result["expected_cost"]) == (1, 0.5)
+    ratio = np.sqrt(result["final_cost"] / 0.5)
+    assert f"the rms residual is {ratio:.3g} stated standard dev" in result["unexplained"]
 
 
 def test_a_cost_above_its_bounds_is_a_warning_not_silence(mantaray, told, file):

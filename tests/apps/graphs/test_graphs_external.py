@@ -62,7 +62,11 @@ def test_both_starts_end_at_the_optimum_far_below_dead_reckoning(foreign, as_sto
 
 def test_results_on_disk_are_those_in_memory(foreign, tmp_path):
     path, *_ = foreign
-    result = solve_graph(open_graph(path), start="dead-reckoning")
+    steps = []
+    result = solve_graph(
+        open_graph(path), start="dead-reckoning", report=lambda *step: steps.append(step)
+    )
+    assert steps[-1][1] == pytest.approx(result.solution.final_cost)
     out = tmp_path / "out"
     out.mkdir()
     result.save(

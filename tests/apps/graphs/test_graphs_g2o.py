@@ -101,7 +101,7 @@ def test_hand_written_file_means_what_it_says(tmp_path):
     graph, values = load_g2o(tmp_path / "g.g2o")[:2]
     assert [graph.variable_name(i) for i in range(2)] == ["A3", "A7"]
     np.testing.assert_array_equal(values.quaternion[1], [0.8, 0, 0, 0.6])
-    half, _ = load_g2o(tmp_path / "g.g2o", half_angles=True)[:2]
+    half = open_graph(tmp_path / "g.g2o", half_angles=True).graph
     whole, quarter = (
         np.linalg.inv(g["edge"].covariance[0]) for g in (graph, half)
     )  # rotation first

@@ -17,7 +17,7 @@ from refusals import refused
 from pymantaray.acoustics import Medium
 from pymantaray.apps.online import Beacon, OnlineEstimator, Outcome, StartPose
 from pymantaray.apps.online.range_model import TableModel
-from pymantaray.apps.online.saved_state import _fault, read_state, write_state
+from pymantaray.apps.online.saved_state import _checksum, _fault, read_state, write_state
 from pymantaray.errors import OnlineError
 from pymantaray.estimation import (
     GraphSolver,
@@ -245,6 +245,7 @@ def test_a_table_and_eigenrays_give_the_same_position(table, water, as_stored):
     np.testing.assert_allclose(by_table.position(), by_rays.position(), rtol=0, atol=0.3)
     far = OnlineEstimator(START, {"far": Beacon((1e5, 0.0, 50.0))}, table)
     assert far.add_range(0.0, "far", 66.0, 1e-3) == Outcome.NO_ARRIVAL
+    assert far._timeline.range_residuals() == []
     as_stored([by_table.pose(), by_rays.pose()])
 
 
@@ -273,7 +274,10 @@ def test_invalid_input_gives_one_line():
     )
     refused(OnlineError, "depth of vehicle", estimator.add_depth, 29.0, math.nan, 0.1)
     refused(OnlineError, "time is nan", estimator.add_depth, math.nan, 5.0, 0.1)
+    refused(OnlineError, "time is -10000000000000.0; it must", estimator.add_depth, -1e13, 5.0, 0.1)
     refused(OnlineError, "sigma is 0; it must be positive", estimator.add_depth, 29.0, 5.0, 0.0)
+    for sigma in (np.ones(2), [0.1, [0.2], 0.3], [0.1, 0.2]):
+        refused(OnlineError, "fix of vehicle: sigma", estimator.add_fix, 29.0, [0, 0, 0], sigma)
     refused(OnlineError, "travel time is nan s", estimator.add_range, 29.0, "east", math.nan, 1e-3)
     refused(OnlineError, "more than the lag", estimator.add_depth, 1e9, 5.0, 0.1)
     refused(
@@ -298,6 +302,7 @@ def test_invalid_input_gives_one_line():
     refused(OnlineError, "longest_step is 0 s", new, longest_step=0.0)
     refused(OnlineError, "gate is 0", new, gate=0.0)
     refused(OnlineError, "names must differ", OnlineEstimator, {"north": START}, BEACONS, SPEED)
+    refused(OnlineError, "vehicles: found none", OnlineEstimator, {}, BEACONS, SPEED)
     refused(
         OnlineError,
         "missing; allowed: A, B",
@@ -306,6 +311,19 @@ def test_invalid_input_gives_one_line():
     by_transmitter = OnlineEstimator(START, BEACONS, TransmitterSpeed())
     refused(OnlineError, "needs one", by_transmitter.add_range, 0.0, "east", 0.5, 1e-3)
     refused(OnlineError, "found str; it must be", OnlineEstimator, START, BEACONS, "1500")
+
+
+def test_a_state_of_numbers_of_numpy_can_be_saved(tmp_path):
+    one, small = np.int64(1), np.float32(0.5)
+    estimator = new(start=one, lag=10 * one, longest_step=60 * one, gate=8 * small)
+    step = (np.ones(3, dtype=np.int64), np.zeros(3, dtype=np.float32), 0.01 * small)
+    assert estimator.add_odometry(2 * one, *step) == Outcome.USED
+    assert estimator.add_depth(2 * one, 50 * one, one) == Outcome.USED
+    assert estimator.add_range(one, "north", one, one) == Outcome.USED
+    assert estimator.add_range(3 * one, "north", one, small, sound_speed=1450 * one).name
+    estimator.save(tmp_path / "state.json")
+    restored = OnlineEstimator.restore(tmp_path / "state.json", np.float32(SPEED))
+    assert_same_pose(restored.pose(2 * one), estimator.pose(2.0))
 
 
 def test_a_damaged_or_foreign_file_is_refused_in_one_line(tmp_path):
@@ -334,6 +352,13 @@ def test_a_damaged_or_foreign_file_is_refused_in_one_line(tmp_path):
     )
     file.write_text("hello")
     refused(OnlineError, "not a saved estimator", OnlineEstimator.restore, file, SPEED)
+    deep = "[" * 100_000
+    file.write_text(deep)
+    refused(OnlineError, "not a saved estimator", OnlineEstimator.restore, file, SPEED)
+    for text in ('{"lag": ', deep):
+        changed = json.dumps({**json.loads(head), "sha256": _checksum(text)})
+        file.write_text(f"{changed}\n{text}\n")
+        refused(OnlineError, "not a usable state: ", OnlineEstimator.restore, file, SPEED)
 
 
 @pytest.mark.parametrize(("name", "value"), [
@@ -346,6 +371,14 @@ def test_a_saved_number_that_is_none_is_refused(tmp_path, name, value):
     content = {**written, name: value}
     assert not _fault(written)
     assert _fault(content) == f"{name} is {value!r}"
+
+
+@pytest.mark.parametrize("names", [[], ["vehicle", "vehicle"], [1]])
+def test_saved_vehicles_need_different_texts_as_names(tmp_path, names):
+    file = tmp_path / "state.json"
+    new().save(file)
+    fault = _fault({**read_state(file), "vehicles": names})
+    assert fault == "the names of vehicles and beacons are not different texts"
 
 
 def test_one_wrong_stamp_or_size_is_refused_and_what_follows_is_used():
@@ -394,6 +427,7 @@ def test_steps_may_be_as_long_as_is_said():
         ("position", 1e300, "beyond 1e.09 m"),
         ("covariance", -1.0, "not positive semidefinite"),
         ("covariance", 1e300, "too large"),
+        ("covariance", -1e300, "too large"),
     ],
 )
 def test_a_state_with_impossible_numbers_is_refused(tmp_path, name, factor, fault):
@@ -407,7 +441,7 @@ def test_a_state_with_impossible_numbers_is_refused(tmp_path, name, factor, faul
     refused(OnlineError, fault, OnlineEstimator.restore, file, SPEED)
 
 
-def test_a_state_with_a_beacon_far_away_is_refused(tmp_path):
+def test_a_state_with_a_member_far_away_is_refused(tmp_path):
     file = tmp_path / "state.json"
     new().save(file)
     content = read_state(file)
@@ -415,6 +449,22 @@ def test_a_state_with_a_beacon_far_away_is_refused(tmp_path):
     write_state(content, file)
     fault = "fixed is not finite, or beyond 1e.09 m"
     refused(OnlineError, fault, OnlineEstimator.restore, file, SPEED)
+    content["fixed"][0][2], content["base"]["position"][0] = 0.0, [0.0, 0.0, -2e9]
+    write_state(content, file)
+    fault = "base.position is beyond 1e.09 m"
+    refused(OnlineError, fault, OnlineEstimator.restore, file, SPEED)
+
+
+@pytest.mark.parametrize(("event", "fault"), [
+    ([1.0, 1, [True], [50.0, 1.0]], "event [1.0, 1, [True], [50.0, 1.0]]"),
+    ([1.0, 1, [-1], [50.0, 1.0]], "event [1.0, 1, [-1], [50.0, 1.0]]"),
+    ([1.0, 3, [7, 0], [0.5, 1.0, 0.0]], "event [1.0, 3, [7, 0], [0.5, 1.0, 0.0]]"),
+    ([-1.0, 1, [0], [50.0, 1.0]], "event [-1.0, 1, [0], [50.0, 1.0]] is before the horizon"),
+])  # fmt: skip
+def test_a_saved_event_of_no_member_or_too_early_is_named(tmp_path, event, fault):
+    file = tmp_path / "state.json"
+    new().save(file)
+    assert _fault({**read_state(file), "events": [event]}) == fault
 
 
 @pytest.mark.parametrize("path", [("base", "position"), ("base", "time"), ("fixed",), ("events",)])

@@ -3,6 +3,7 @@
 """
 
 import json
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 
@@ -10,6 +11,9 @@ import numpy as np
 import pandas as pd
 import pytest
 from factories import names_in
+
+from pymantaray.apps.replay.command import _print_result
+from pymantaray.cli.printing import Printer
 
 EVENTS = pd.DataFrame(
     {
@@ -176,6 +180,7 @@ def test_a_quiet_replay_shows_no_progress(reached, files):
     reached("pymantaray.apps.replay.replay_events", *words, without=r"^(?!progress|window)")
     given = reached("pymantaray.apps.replay.write_replay", *words, without=r"^(?!progress|formats)")
     assert given[1] is None
+    assert given["made_by"]["detection"] is None
 
 
 def test_every_option_reaches_the_files_of_a_replay(reached, files, node_file, monkeypatch):
@@ -299,6 +304,44 @@ def test_smoothed_positions_drifts_and_gross_errors_are_reported(
     assert "sigma is 0 m" in refused.err
     assert not (files / "other").exists()
     as_stored([done.out, tables])
+
+
+def test_draws_learning_and_changes_of_candidates_are_printed(made_replay, capsys, as_stored):
+    """Of 20 events of each direction, every second one takes another candidate than the last."""
+    n = np.arange(40)
+    late = 0.02 * (n // 4 % 2) + np.where(n % 2, -1e-3, 1e-3) + 1e-4 * (n % 5 - 2)
+    events = made_replay.events.assign(
+        measured_s=2.0 + late, residual_s=late, residual_m=1500.0 * late
+    )
+    times = {"event": np.repeat(n, 2), "travel_time_s": np.tile([2.0, 2.02], 40), "loss_db": 70.0}
+    sizes = pd.DataFrame({"name": ["water"], "value": [4e-4]})
+    groups = {"group": [1, 2, 3], "draws": [3, 2, 2], "median_size_m": [2.5, 1.25, 2.0]}
+    more = {"coverage": sizes, "error_sizes": sizes, "draws": pd.DataFrame(groups)}
+    result = replace(
+        made_replay, events=events, candidates=pd.DataFrame(times), window=100.0, more=more
+    )
+    told = Printer(quiet=False, to="json")
+    for printer in (told, Printer(quiet=False)):
+        _print_result(printer, result, Path("page"))
+    text = capsys.readouterr().out
+    assert "median by groups of 2 draws, without learning: 1.25 to 2.50 m" in text
+    assert "candidates change in 0.474 of 38 steps of 90 s, 0.526 if independent" in text
+    clock = result.clocks.set_index("node").loc["B"]
+    assert f"B +0.500 ± {1e3 * clock['standard_error_s']:.3f}" in text
+    assert text.splitlines()[-1] == "page"
+    as_stored([told.values, text])
+
+
+def test_the_sigma_of_a_prediction_explains_residuals_too(made_replay):
+    late = 5e-3 * (-1.0) ** (np.arange(40) // 2)
+    events = made_replay.events.assign(
+        measured_s=2.0 + late, residual_s=late, residual_m=1500.0 * late, sigma_s=5e-5
+    )
+    result = replace(made_replay, events=events)
+    assert "100 stated standard deviations" in result.unexplained
+    assert "The water and the positions do not explain" in result.findings[0]
+    uncertain = events.assign(prediction_sigma_s=1.2e-4)  # 38 standard deviations of both
+    assert replace(made_replay, events=uncertain).unexplained is None
 
 
 def test_predictions_that_explain_nothing_exit_with_1(mantaray, files, undrawn, as_stored):

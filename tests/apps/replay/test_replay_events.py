@@ -2,6 +2,7 @@
 Events in: tables read or refused by their line, the water that each belongs to, and its ends there.
 """
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -256,6 +257,9 @@ def test_a_correction_removes_known_clocks_and_suspect_offsets(as_stored):
     )
     assert (distance, azimuth) == pytest.approx((50.0, np.degrees(np.arctan2(-40.0, 30.0))))
     as_stored(right)
+    local = correct_events(replace(events, geographic=False), found)
+    moved = local.receiver_position - events.receiver_position
+    np.testing.assert_allclose(moved, [[30.0, -40.0, 0.0]] * 2, atol=1e-12)
 
 
 def test_instants_of_water_that_varies_are_rounded_in_its_span():
@@ -263,6 +267,8 @@ def test_instants_of_water_that_varies_are_rounded_in_its_span():
     rows, events = np.arange(3), events_at([0.0, 700.0, 4000.0])
     found = instants_in(events, rows, span, 600.0)
     np.testing.assert_array_equal(found, [3600.0, 4200.0, 5400.0])
+    later = SimpleNamespace(**vars(span) | {"start": "2020-03-10T11:58", "span": (100.0, 5400.0)})
+    np.testing.assert_array_equal(instants_in(events, rows[:1], later, 600.0), [100.0])
     refused(
         ReplayError,
         "times are seconds, but the water varies",
@@ -368,6 +374,12 @@ def test_positions_of_events_in_radians_are_refused(tmp_path):
 def test_events_in_degrees_with_long_times_are_not_in_radians(tmp_path):
     row = ROW.replace(",72", ",-72").replace("1.6", "160")  # south and west: all are negative
     assert read_events(write(tmp_path, row)).travel_time.tolist() == [160.0]
+
+
+def test_nodes_that_drift_beside_the_equator_are_not_in_radians(tmp_path):
+    """At 0.1 m/s, which is a walk if the degrees were radians."""
+    rows = [f"{60 * k},A,B,{1.0 + 5.4e-5 * k},1,30,1.01,1,150,0.74" for k in range(4)]
+    assert len(read_events(write(tmp_path, *rows)).time) == 4
 
 
 @pytest.mark.parametrize(

@@ -266,6 +266,52 @@ def test_graphs_that_a_filter_cannot_take_are_refused(make_fleet):
     )
 
 
+@pytest.mark.parametrize(
+    ("like", "axes"), [("attitude", (2,)), ("fix", (3, 4)), ("edge", ()), ("dvl", (3,))]
+)
+def test_a_part_of_a_pose_moves_the_filter_as_the_batch(monkeypatch, like, axes):
+    fleet = factories.make_fleet(n_vehicles=1, n_times=6, n_landmarks=1)
+    kinds = dict(KINDS)
+    kind = replace(KINDS[like], what="part", plural="parts", word=None, axes=axes, source=None)
+    monkeypatch.setattr(
+        "pymantaray.estimation.graph.graph.KINDS",
+        {**kinds, "part": kind, "range": kinds.pop("range")},
+    )
+    graph = build_graph(fleet.noise_free, "straight")
+    last = graph.n_poses - 1
+    turn = matrix_from_quaternion(fleet.truth.quaternion)
+    rotation, place = turn[last], fleet.truth.position[last]
+    if len(kind.ends) == 2:
+        rotation = turn[last - 1].T @ rotation
+        place = turn[last - 1].T @ (place - fleet.truth.position[last - 1])
+    rotation = rotation @ so3_exp(np.array([[1e-4, -2e-4, 3e-4]]))
+    parts = {
+        "position": place + np.array([1e-3, -2e-3, 3e-3]),
+        "quaternion": quaternion_from_matrix(rotation),
+    }
+    table = kind.table(
+        [[last - 1, last][-len(kind.ends) :]],
+        [parts[name] for name, *_ in kind.columns],
+        [np.diag((1e-3 * 2.0 ** np.arange(kind.rows)) ** 2)],
+    )
+    shifts, costs = [], []
+    for method in (Method(), KALMAN):
+        before, after = (
+            GraphSolver(SolveOptions(step_tolerance=1e-9)).solve(
+                g, fleet.truth, method=method, model_is_right=False
+            )
+            for g in (graph, graph.with_factors(part=table))
+        )
+        turned = matrix_from_quaternion(before.quaternion[last]).T @ matrix_from_quaternion(
+            after.quaternion[last]
+        )
+        shifts.append([*(after.position - before.position)[last], *so3_log(turned[None])[0]])
+        costs.append(after.final_cost - before.final_cost)
+    assert np.abs(shifts[0]).max() > 1e-5
+    np.testing.assert_allclose(shifts[1], shifts[0], rtol=0, atol=0.01 * np.abs(shifts[0]).max())
+    assert costs[1] == pytest.approx(costs[0], rel=0.01)
+
+
 def test_a_measured_pose_is_uncertain_in_the_axes_of_the_body(monkeypatch, as_stored):
     """Uneven standard deviations on a tilted body: the last pose is that of the batch."""
     fleet = factories.make_fleet(n_vehicles=1, n_times=6, n_landmarks=1)
@@ -289,3 +335,7 @@ def test_a_measured_pose_is_uncertain_in_the_axes_of_the_body(monkeypatch, as_st
         shifts.append(after - before)
     np.testing.assert_allclose(shifts[1], shifts[0], rtol=0, atol=0.01 * np.abs(shifts[0]).max())
     as_stored(shifts)
+    partial = replace(kind, axes=(0, 3)).table([[last]], measured, [np.eye(2)])
+    fault = "a Kalman filter cannot use poses, which measure a part of a pose; choose solver batch"
+    changed = graph.with_factors(pose=partial)
+    refused(EstimationError, fault, GraphSolver().solve, changed, fleet.truth, method=KALMAN)

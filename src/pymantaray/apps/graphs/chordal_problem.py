@@ -204,8 +204,8 @@ class ChordalProblem:
             )
             position = table.column("position")[:, : self.d] if "position" in columns else None
             kappa = 0.5 / variance[:, turns].mean(axis=1) if turn else np.empty(0)
-            along = [a + 3 * turn for a in range(self.d)]
-            tau = 1.0 / variance[:, along].mean(axis=1) if position is not None else np.empty(0)
+            along = variance[:, -3:][:, : self.d]  # rows of a rotation come first
+            tau = 1.0 / along.mean(axis=1) if position is not None else np.empty(0)
             out.append(_Differences(first, ends[:, -1], rotation, position, kappa, tau))
         return out
 

@@ -373,10 +373,7 @@ def solve_graph(
     _check_choice(estimator, start, random_starts)
     graph, poses = anchor_graph(file, all_parts=anchor)
     if graph.degrees_of_freedom < 0:
-        fallback = (
-            f"{graph.variable_name(0)}: fewer measurements than unknowns by"
-            f" {-graph.degrees_of_freedom}; singular"
-        )
+        fallback = f"{graph.variable_name(0)}: fewer measurements than unknowns; singular"
         raise EstimationError(diagnose(graph, file.values) or fallback)
     solver = GraphSolver(SolveOptions(report=report))
     start = start or _default_start(graph, estimator, random_starts)

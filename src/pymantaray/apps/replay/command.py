@@ -238,7 +238,7 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
             draws=draws,
         )
     clocks = result.clocks.dropna(subset=["offset_s", "standard_error_s"])
-    values = clocks[["node", "offset_s", "standard_error_s"]].to_numpy(dtype=object)
+    values = clocks[["node", "offset_s", "standard_error_s"]].to_numpy()
     offsets = [f"{node} {1e3 * offset:+.3f} ± {1e3 * error:.3f}" for node, offset, error in values]
     if 0 < len(offsets) <= _MAX_NODES:
         out.line(f"clocks [ms]: {', '.join(offsets)}")

@@ -36,7 +36,7 @@ def correct_events(events: Events, replay: Replay) -> Events:
     wrong = clock_errors(pd.DataFrame(ends), clocks)
     changes: dict[str, Any] = {"travel_time": events.travel_time - np.nan_to_num(wrong)}
     suspect = replay.nodes[replay.nodes["suspect"]]
-    offsets = suspect[["node", "north_m", "east_m"]].to_numpy(dtype=object)
+    offsets = suspect[["node", "north_m", "east_m"]].to_numpy()
     for end in ("source", "receiver"):
         name = getattr(events, end)
         position = getattr(events, f"{end}_position").copy()

@@ -227,7 +227,7 @@ def _possible(table: TextTable, *, geographic: bool) -> tuple[TextTable, tuple[s
     """
     line = table.lines
     time, epoch = table.seconds("time")
-    keys = [table.frame[end].to_numpy(dtype=str) for end in ENDS]
+    keys = [table.frame[end].to_numpy() for end in ENDS]
     repeated = repeated_rows([time, *keys, table.numbers(["travel_time"])[:, 0]])
     notes = [repeated_note(table.path, line[repeated].tolist())] if repeated.any() else []
     keep = ~repeated

@@ -86,7 +86,7 @@ def smooth_positions(events: Events, sigma: float) -> SmoothedPositions:
         instants, reading_of = np.unique(times[of_node], return_inverse=True)
         sums = [np.bincount(reading_of, coordinate) for coordinate in coordinates[of_node].T]
         readings = np.stack(sums, axis=-1) / np.bincount(reading_of)[:, None]
-        walk, axes = _fit_walk(instants - instants[0], readings, sigma)
+        walk, axes = _fit_walk(instants, readings, sigma)
         north, east = axes
         smooth = np.stack([north.position, east.position], axis=-1)
         change = np.linalg.norm(smooth - readings, axis=-1)

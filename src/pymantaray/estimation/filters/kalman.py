@@ -370,7 +370,7 @@ class _PoseMeasurements:
         parts = []
         if self._rotation is not None:
             error = np.swapaxes(self._rotation[rows], 1, 2) @ state.rotation[vehicle]
-            parts.append(np.asarray(so3_log(error)))
+            parts.append(so3_log(error))
         if self._position is not None:
             axes = slice(2, None) if self._position.ndim == 1 else slice(None)
             estimated = state.position[vehicle][:, axes]
