@@ -38,6 +38,7 @@ from pymantaray.apps.locate.page import plan_figure, warnings_of
 from pymantaray.apps.locate.patterns import NoiseTest
 from pymantaray.apps.locate.plan import expected_covariance, plan_survey
 from pymantaray.apps.locate.read_options import ReadOptions
+from pymantaray.apps.locate.write import summary
 from pymantaray.errors import LocateError
 
 MADE = r"made|origin|citation|links|references|words|explorer|height|width"  # of a page
@@ -598,6 +599,7 @@ def test_failed_tests_mirrors_and_displacements_are_told(mantaray, located, monk
     lines = warnings_of(whole)
     assert "All standard deviations are multiplied by 1.5 because of failed tests." in lines
     as_stored([done.out, lines])
+    assert summary(whole)["displacement"] == whole.displacement.as_dict()
 
 
 def test_the_water_of_a_survey_reaches_its_files(reached, located, tmp_path):
