@@ -78,7 +78,7 @@ def _difference(name: str, solution: SurveySolution, second: Mask, spread: Array
     normalized = (vectors.T @ change)[free] / np.sqrt(values[free])
     total = float(np.sum(normalized**2))
     degrees = float(free.sum())
-    probability = float(chdtrc(degrees, total)) if degrees else 1.0
+    probability = float(chdtrc(degrees, total))
     variances = np.diag(covariance)
     known = variances > _MIN_VARIANCE * values.max()
     sigmas = change[known] / np.sqrt(variances[known])
