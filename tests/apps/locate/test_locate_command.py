@@ -38,6 +38,7 @@ from pymantaray.apps.locate.page import plan_figure, warnings_of
 from pymantaray.apps.locate.patterns import NoiseTest
 from pymantaray.apps.locate.plan import expected_covariance, plan_survey
 from pymantaray.apps.locate.read_options import ReadOptions
+from pymantaray.apps.locate.write import summary, write_location
 from pymantaray.errors import LocateError
 
 MADE = r"made|origin|citation|links|references|words|explorer|height|width"  # of a page
@@ -570,6 +571,15 @@ def test_every_option_reaches_the_files_of_a_survey(reached, located, monkeypatc
     reached("pymantaray.cli.options.printer", *SURVEY, "--json", "--quiet", "--to", "latex")
 
 
+def test_a_survey_without_pings_of_the_platform_has_no_graph(located, tmp_path):
+    between = located.survey.assign(partner=1 - located.survey.node)
+    folder = tmp_path / "files"
+    folder.mkdir()
+    files = write_location(replace(located, survey=between), folder)
+    assert sorted(files) == sorted(folder.iterdir())
+    assert {file.suffix for file in files} == {".toml", ".geojson", ".nc", ".json"}
+
+
 def test_failed_tests_mirrors_and_displacements_are_told(mantaray, located, monkeypatch, as_stored):
     whole = replace(
         located,
@@ -589,6 +599,7 @@ def test_failed_tests_mirrors_and_displacements_are_told(mantaray, located, monk
     done = mantaray(*SURVEY)
     assert done.code == 0, done.err
     for line in (
+        "\nN1: two solutions, 4 of 4 pings used\n",
         "failed tests: all standard deviations are multiplied by 1.5\n",
         "1300.0 m with a chi-square larger by 3.2: the pings do not exclude it\n",
         "1312.0 m with a chi-square larger by 31.0: the pings exclude it\n",
@@ -598,6 +609,7 @@ def test_failed_tests_mirrors_and_displacements_are_told(mantaray, located, monk
     lines = warnings_of(whole)
     assert "All standard deviations are multiplied by 1.5 because of failed tests." in lines
     as_stored([done.out, lines])
+    assert summary(whole)["displacement"] == whole.displacement.as_dict()
 
 
 def test_the_water_of_a_survey_reaches_its_files(reached, located, tmp_path):

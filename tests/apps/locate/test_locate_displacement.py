@@ -117,12 +117,12 @@ def test_a_rigid_array_has_the_displacement_of_its_shift():
     rng = np.random.default_rng(4)
     positions = arrangement(rng, 3)
     one = np.tile(np.eye(3), (3, 1))
-    first, second = np.diag([1.0, 2.0, 3.0]) * 1e-4, np.eye(3) * 1e-4
+    first, second = np.diag([1.0, 2.0, 3.0]) * 1e-8, np.eye(3) * 1e-8
     earlier = Campaign(["A", "B", "C"], positions, one @ first @ one.T, None, NONE, "one")
     later = Campaign(["A", "B", "C"], positions + MOVED, one @ second @ one.T, None, NONE, "two")
     found = displacement_between(later, earlier)
     np.testing.assert_allclose(found.value, MOVED, atol=1e-9)
-    np.testing.assert_allclose(found.covariance, first + second, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, first + second, atol=1e-16)
     assert found.degrees == 0.0
 
 
@@ -171,6 +171,7 @@ def file_of(**changes):
         ('{"campaign": {"names": ["A"]}}', "no positions with a joint covariance"),
         (file_of(covariance_m2=[[1]]), "must be of the same nodes"),
         (file_of(covariance_m2=np.diag([1, 1, -1]).tolist()), "positive semidefinite"),
+        (file_of(covariance_m2=np.diag([1, 1, -3e-9]).tolist()), "positive semidefinite"),
         (file_of(names="A"), "no positions with"),
         (file_of(axes=["east", "north", "up"]), "no positions with"),
         (file_of(positions_m=[[10**400, 0, 0]]), "no positions with"),
@@ -192,6 +193,30 @@ def test_a_file_without_a_campaign_is_refused_in_one_line(tmp_path, text, messag
     file = tmp_path / "location.json"
     file.write_text(text)
     refused(LocateError, message, read_campaign, file)
+
+
+def test_a_campaign_has_the_values_of_its_file(tmp_path):
+    covariance = np.diag([4.0, 1.0, 9.0, 1.0, 1.0, -1e-9])  # rounding, less than 1e-9 of the trace
+    values = {
+        "names": ["A", "B"],
+        "positions_m": [[1, 2, 3], [4, -5, 6.5]],
+        "covariance_m2": covariance.tolist(),
+        "origin_deg": [38, 143.25],
+        "epoch_utc": "2020-01-02T03:04:05",
+    }
+    file = tmp_path / "location.json"
+    file.write_text(json.dumps(with_checksum(json.loads(file_of(**values)))))
+    for path in (file, tmp_path):
+        campaign = read_campaign(path)
+        assert campaign.names == ["A", "B"]
+        np.testing.assert_array_equal(campaign.positions, values["positions_m"])
+        np.testing.assert_array_equal(campaign.covariance, covariance)
+        assert campaign.origin == (38.0, 143.25)
+        assert campaign.epoch == np.datetime64("2020-01-02T03:04:05", "ns")
+        assert campaign.source == str(file)
+    file.write_text(file_of())
+    unknown = read_campaign(file)
+    assert (unknown.origin, np.isnat(unknown.epoch)) == (None, True)
 
 
 @pytest.mark.slow

@@ -31,6 +31,11 @@ def test_a_drift_is_a_constant_a_line_and_columns_of_variance_one(memory, as_sto
     as_stored([columns, spline.unit])
 
 
+def test_a_drift_of_one_instant_has_knots_of_a_second():
+    knots = Spline(np.full((1, 2), 5.0), 600.0, 40).knots
+    assert (knots[3], knots[-4]) == (5.0, 6.0)
+
+
 @pytest.fixture(scope="module")
 def medium():
     return deep_water()

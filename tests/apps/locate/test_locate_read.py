@@ -11,7 +11,7 @@ import pytest
 from campaigns import make_campaign, write_garpos, write_gnatss, write_obsrange, write_table
 from refusals import refused
 
-from pymantaray.apps.locate import ReadOptions, read_survey
+from pymantaray.apps.locate import ReadOptions, TravelDirection, read_survey
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 
@@ -95,6 +95,30 @@ def test_times_of_garpos_may_be_unordered_and_of_any_clock(campaign, tmp_path):
     assert str(survey.epoch)[:10] == "2019-03-15"
 
 
+def test_a_survey_of_garpos_that_passes_midnight_is_refused(campaign, tmp_path):
+    path = write_garpos(campaign, tmp_path)
+    table = tmp_path / "obsdata" / "SITE-obs.csv"
+    lines = table.read_text().splitlines()
+    head = lines[1].split(",")
+    for row in range(2, len(lines)):
+        cells = lines[row].split(",")
+        for name in ("ST", "RT"):
+            k = head.index(name)
+            cells[k] = f"{(float(cells[k]) + 56_165.0) % 86_400.0:.6f}"  # 235 s to midnight
+        lines[row] = ",".join(cells)
+    table.write_text("\n".join(lines) + "\n")
+    refused(LocateError, "line 21: time falls from 86393 to 35 s", read_survey, path)
+
+
+@pytest.mark.parametrize("column", ["ant_e1", "ant_u1"])
+def test_garpos_may_lack_a_profile_and_places_at_reception(campaign, tmp_path, column):
+    path = edited(write_garpos(campaign, tmp_path), (" SoundSpeed ", " Sound "))
+    edited(tmp_path / "obsdata" / "SITE-obs.csv", (column, "other"))
+    survey = read_survey(path)
+    assert survey.profile is None
+    np.testing.assert_array_equal(survey.receive_position, survey.transmit_position)
+
+
 def test_fixed_stations_and_a_free_centre_are_a_rigid_array(campaign, tmp_path):
     path = write_garpos(campaign, tmp_path)
     edited(
@@ -114,7 +138,8 @@ BAD_GARPOS = {
     "[Model-parameter] has no N2_dPos": ("N2_dPos", "N9_dPos"),
     "Latitude0 is 'north'; it must be 1 finite numbers": ("= 34.96", "= north"),
     "site at -94.96, ": ("= 34.96", "= -94.96"),
-    "degrees within 90 and 360 are needed": ("Longitude0  = ", "Longitude0  = -9"),
+    "site at 34.96, 361; degrees within 90 and 360 are needed": ("= 139.26", "= 361"),
+    "site at 34.96, -361; degrees within 90 and 360 are needed": ("= 139.26", "= -361"),
     "./obsdata/none.csv is neither in the working folder": ("SITE-obs.csv", "none.csv"),
 }
 
@@ -157,6 +182,22 @@ def test_scripps_text_has_one_position_per_ping_at_both_ends(tmp_path, as_stored
     speed = np.linalg.norm(moved[20, :2]) / received.travel_time[20]
     assert 0.5 < speed < 30.0  # m/s, as the ship's places a minute apart say
     as_stored([survey, received])
+
+
+def test_a_drop_point_off_the_globe_is_refused(tmp_path):
+    path, _ = write_obsrange(tmp_path)
+    text = path.read_bytes().decode()
+    for key, limit in (("Latitude", 90), ("Longitude", 360)):
+        for value in (limit + 0.5, -limit - 0.5):
+            path.write_text(re.sub(rf"(\({key}\): +)\S+", rf"\g<1>{value}", text))
+            message = f"drop point {key.lower()} is {value}; it must be -{limit} to {limit} degrees"
+            refused(LocateError, message, read_survey, path)
+
+
+def test_the_depth_of_a_drop_point_may_be_negative(tmp_path):
+    path, _ = write_obsrange(tmp_path)
+    nodes = read_survey(path).nodes
+    assert read_survey(edited(path, (" 2540", " -2540"))).nodes == nodes
 
 
 WHOI = """#==============================================================================
@@ -321,6 +362,10 @@ TRUNCATED = {  # what is left of a row, and the reason
         "time is 'noon'; all cells must be seconds",
     ),
     "no name": (lambda row: re.sub(r",N\d,", ",,", row), " is ''; it must have a name"),
+    "no roll": (
+        lambda row: re.sub(r",[-\d.]+(,yes)?$", r",left\1", row),
+        "_deg is 'left'; it must",
+    ),
 }
 
 
@@ -367,6 +412,31 @@ def test_impossible_positions_of_garpos_are_left_out(campaign, tmp_path, column)
     survey = read_survey(path)
     np.testing.assert_array_equal(survey.line, whole.line[whole.line != 9])
     assert survey.notes[-1].startswith(f"{table}: 1 line left out, impossible position: line 9: ")
+
+
+def test_files_of_gnatss_may_have_comments_and_fortran_numbers(campaign, tmp_path):
+    path = write_gnatss(campaign, tmp_path)
+    positions = tmp_path / "POS_FREED_TRANS_TWTT"
+    positions.write_text(positions.read_text().replace("1e-6\n", "0.7D-05\n"))
+    (tmp_path / "ctd").write_text("# depth, speed\n\n-10, 1481\n0 1480\n-10 1482\n-20 1483\n")
+    survey = read_survey(path)
+    assert survey.platform_error.horizontal == pytest.approx(np.sqrt((1e-6 + 1e-6 + 7e-6) / 3.0))
+    np.testing.assert_array_equal(survey.profile, [[0.0, 10.0, 20.0], [1480.0, 1481.0, 1483.0]])
+
+
+def test_positions_of_garpos_are_those_of_any_platform(campaign, tmp_path):
+    """A ship is not as fast, but the travel time of a wrong position reveals it."""
+    path = write_garpos(campaign, tmp_path)
+    whole = read_survey(path)
+    table = tmp_path / "obsdata" / "SITE-obs.csv"
+    lines = table.read_text().splitlines()
+    cells = lines[8].split(",")
+    column = lines[1].split(",").index("ant_n0")
+    cells[column] = f"{float(cells[column]) + 300.0:.5f}"  # 1.5 s from the pings beside it
+    lines[8] = ",".join(cells)
+    table.write_text("\n".join(lines) + "\n")
+    survey = read_survey(path)
+    assert (len(survey), survey.notes) == (len(whole), whole.notes)
 
 
 @pytest.mark.parametrize("rows", ["0 1480\n", "0 1480\n-100 nan\n", "0\n-100\n", "depth speed\n"])
@@ -542,6 +612,12 @@ def test_radians_and_times_that_pass_midnight_are_refused(tmp_path):
 
     refused(LocateError, "look like radians; convert them", geographic, tmp_path, to_radians)
 
+    def stated(table):
+        to_radians(table)
+        return table.rename(columns={"lat": "lat_deg", "lon": "lon_deg"})
+
+    assert len(geographic(tmp_path, stated)) == 30
+
     def late(table):
         table["time"] = (86_300.0 + table["time"]) % 86_400.0
 
@@ -556,3 +632,120 @@ def test_the_prior_of_a_node_is_the_median_of_its_pings(tmp_path):
     survey = geographic(tmp_path, spread)
     assert np.linalg.norm(survey.nodes[0].position - near) < 60.0
     assert not survey.notes
+
+
+def test_two_answers_to_one_ping_are_two_pings(tmp_path):
+    def answer(table):
+        table.loc[5, ["time", "lat", "lon"]] = table.loc[4, ["time", "lat", "lon"]]
+
+    survey = geographic(tmp_path, answer)
+    assert (len(survey), survey.notes) == (30, ())
+
+
+def test_titles_of_a_table_may_state_degrees_and_milliseconds(tmp_path):
+    def titled(table):
+        table = table.assign(two_way_time_s=1e3 * table["two_way_time_s"], sigma_s=2e-4)
+        table["time"] = pd.Timestamp("2020-01-01") + pd.to_timedelta(table["time"], unit="s")
+        names = {"lat": "lat_deg", "lon": "lon_deg", "two_way_time_s": "two_way_time_ms"}
+        return table.rename(columns=names)
+
+    plain, survey = geographic(tmp_path), geographic(tmp_path, titled)
+    np.testing.assert_allclose(survey.travel_time, plain.travel_time)
+    np.testing.assert_allclose(survey.transmit_position, plain.transmit_position)
+    np.testing.assert_array_equal(survey.time, plain.time)
+    np.testing.assert_array_equal(survey.sigma, 2e-4)
+    assert survey.epoch == np.datetime64("2020-01-01")
+
+
+def test_nodes_without_a_table_are_in_the_order_of_their_names(tmp_path):
+    names = [f"T{k}" for k in np.random.default_rng(1).permutation(30)]
+    survey = geographic(tmp_path, lambda table: table.assign(node=names))
+    assert survey.names == sorted(names)
+
+
+def test_a_row_without_a_position_of_the_platform_is_left_out(tmp_path):
+    survey = geographic(
+        tmp_path, lambda table: table.assign(lat=table["lat"].mask(table.index == 4))
+    )
+    assert survey.line.tolist() == [row for row in range(2, 32) if row != 6]
+    (note,) = survey.notes
+    assert "line 6: the position of the platform is incomplete: lat is ''" in note
+
+
+def test_a_wrong_direction_of_a_one_way_time_is_left_out(tmp_path):
+    def one_way(table):
+        table["direction"] = ["to node", "From node", "sideways", *[""] * 27]
+        return table.rename(columns={"two_way_time_s": "one_way_time_s"})
+
+    survey = geographic(tmp_path, one_way)
+    away, towards = TravelDirection.FROM_NODE, TravelDirection.TO_NODE
+    assert survey.direction.tolist() == [towards, *[away] * 28]
+    assert "line 4: direction is 'sideways'; allowed: from node, to node" in survey.notes[0]
+
+
+def test_pings_between_nodes_have_the_frame_of_the_nodes(tmp_path):
+    pings, nodes = tmp_path / "pings.csv", tmp_path / "nodes.csv"
+    pings.write_text("time,node,partner,two_way_time_s\n0,A,B,0.5\n9,B,C,0.6\n")
+    nodes.write_text("name,lat,lon,depth_m\nA,60,-10,90\nB,60.01,-10.01,80\nC,60.03,-10.04,70\n")
+    survey = read_survey(pings, ReadOptions(nodes=nodes))
+    assert survey.frame.latitude_deg == pytest.approx(60.01, abs=1e-9)
+    assert survey.frame.longitude_deg == pytest.approx(-10.01, abs=1e-9)
+    np.testing.assert_allclose(survey.nodes[1].position, [0.0, 0.0, 80.0], atol=1e-6)
+    nodes.write_text("name,north_m,east_m,depth_m\nA,1,2,90\nB,3,4,80\nC,5,6,70\n")
+    survey = read_survey(pings, ReadOptions(nodes=nodes))
+    assert (survey.frame, survey.nodes[2].position) == (None, (5.0, 6.0, 70.0))
+
+
+def with_track(folder, pings, **options):
+    """
+    Survey of pings at some times with the track of one of two ships, which turns by 1 degree in 10
+    s and sails north from latitude 44.5; times are dates or numbers.
+    """
+    start, clock = np.datetime64("2020-01-01T00:00:00", "ns"), np.arange(0.0, 101.0, 10.0)
+    if np.issubdtype(np.asarray(pings).dtype, np.datetime64):
+        clock = start + (1e9 * clock).astype("m8[ns]")
+    rows = ["time,vehicle,lat,lon,depth,heading_deg"]
+    for name, lat in (("tender", 44.501), ("ship", 44.5)):
+        rows += [f"{t},{name},{lat + 1e-5 * k:.6f},-125.1,4,{30 + k}" for k, t in enumerate(clock)]
+    (folder / "track.csv").write_text("\n".join(rows) + "\n")
+    rows = [f"{t},T1,2.5" for t in pings]
+    (folder / "pings.csv").write_text("\n".join(["time,node,two_way_time_s", *rows]) + "\n")
+    (folder / "nodes.csv").write_text("name,lat,lon,depth_m\nT1,44.51,-125.1,1300\n")
+    chosen = {"platform": "ship", "track": (folder / "track.csv",), "nodes": folder / "nodes.csv"}
+    return read_survey(folder / "pings.csv", ReadOptions(**chosen | options))
+
+
+@pytest.mark.parametrize("dated", [True, False])
+def test_a_track_gives_positions_and_headings_at_both_instants(tmp_path, dated):
+    since = np.array([20.0, 23.0, 61.0])
+    dates = np.datetime64("2020-01-01T00:00:00", "ns") + (1e9 * since).astype("m8[ns]")
+    survey = with_track(tmp_path, dates if dated else since)
+    assert survey.frame.latitude_deg == pytest.approx(44.5, abs=2e-3)  # of the track
+    for wait, position, attitude in (
+        (0.0, survey.transmit_position, survey.transmit_attitude),
+        (2.5, survey.receive_position, survey.receive_attitude),
+    ):
+        lat, lon = survey.frame.to_geodetic(*position[:, :2].T)
+        np.testing.assert_allclose(lat, 44.5 + 1e-6 * (since + wait), atol=1e-9)
+        np.testing.assert_allclose(lon, -125.1, atol=1e-9)
+        np.testing.assert_allclose(np.degrees(attitude[:, 0]), 30.0 + 0.1 * (since + wait))
+
+
+def test_a_platform_that_the_track_lacks_is_refused(tmp_path):
+    refused(LocateError, "it contains tender, ship; name the platform with `platform`",
+            with_track, tmp_path, [20.0], platform=None)  # fmt: skip
+    refused(LocateError, "no platform boat; available: tender, ship",
+            with_track, tmp_path, [20.0], platform="boat")  # fmt: skip
+    dates = tmp_path / "dates.csv"
+    rows = [f"2020-01-01T00:00:0{k},A,44,3,2" for k in range(2)]
+    dates.write_text("\n".join(["time,vehicle,lat,lon,depth", *rows]) + "\n")
+    refused(LocateError, "only one of track and survey has dates",
+            with_track, tmp_path, [20.0], platform="A", track=(dates,))  # fmt: skip
+
+
+def test_pings_are_in_the_time_of_their_track(tmp_path):
+    """Up to the rounding of times, 1 us."""
+    assert len(with_track(tmp_path, ["-0.0000005", "97.5000005"])) == 2
+    early, late = ["-0.0000015", 50.0], [50.0, "97.5000015"]
+    refused(LocateError, "the transmission is -0.0 s after", with_track, tmp_path, early)
+    refused(LocateError, "the reception is 100.0 s after", with_track, tmp_path, late)

@@ -3,6 +3,7 @@ Positions from made-up surveys: truth within the stated uncertainty, gross error
 solutions, failures told.
 """
 
+from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -119,8 +120,11 @@ def test_the_bootstrap_agrees_with_the_posterior_for_any_threads(located, campai
     stated = np.sqrt(np.diag(located.covariance)).reshape(-1, 3)
     assert (spread < 1.5 * stated).all()
     assert (spread > 0.2 * stated).all()
-    alone = locate(survey_of(campaign, sigma=1e-4), medium, bootstrap=40, seed=5, threads=1)
+    survey, done = survey_of(campaign, sigma=1e-4), []
+    options = {"bootstrap": 40, "seed": 5, "threads": 1}
+    alone = locate(survey, medium, **options, progress=lambda *parts: done.append(parts))
     np.testing.assert_array_equal(alone.bootstrap, located.bootstrap)
+    assert done == [(k, 40) for k in range(1, 41)]
 
 
 def test_absolute_and_relative_uncertainties_are_reported_apart(located):
@@ -724,6 +728,30 @@ def flat(depth=300.0, *, lift=0.0, bottom=400.0, draft=0.0, prior=290.0):
 KNOWN = LocateOptions(speed_model="known", correlation="none")
 
 
+def test_stated_noise_contains_errors_of_positions_on_each_leg():
+    survey, medium = flat()
+    located = locate(survey, medium, KNOWN)
+    linear = copy(located.solution.linear)
+    linear.residual = np.full(60, 0.01)
+    for direction, legs in ((TravelDirection.TWO_WAY, 2.0), (TravelDirection.TO_NODE, 1.0)):
+        time = 0.5 * legs * located.solution.legs.travel_time
+        water = replace(located.solution.legs, travel_time=time)
+        noisy = survey.assign(
+            direction=np.full(60, direction),
+            sigma=np.full(60, 1e-4),
+            platform_error=PlatformError(0.06, 0.08),  # 0.1 m
+        )
+        solution = replace(located.solution, linear=linear, legs=water)
+        whole = replace(located, survey=noisy, solution=solution)
+        ratio = 0.01 / np.hypot(1e-4, legs * 0.1 / 1500.0)
+        by_noise = f"the median residual is {ratio:.3g} stated standard deviations"
+        assert whole.unexplained[0].startswith(by_noise)
+        # the unknown clock of a one-way time may make it short
+        short = replace(whole, survey=noisy.assign(travel_time=np.full(60, 0.05)))
+        by_time = "the median residual is 20 % of what was measured"
+        assert short.unexplained[0].startswith(by_time if legs == 2.0 else by_noise)
+
+
 def test_a_transducer_far_above_the_surface_is_refused(as_stored):
     survey, medium = flat(lift=18.0)
     refused(
@@ -796,6 +824,31 @@ def test_extreme_standard_deviations_are_refused(campaign, value):
     refused(LocateError, "1e-18 to 1e.12 seconds", lambda: survey.assign(sigma=wrong))
     refused(LocateError, "within 10000 metres", LeverArm, (1e300, 0.0, 0.0))
     refused(LocateError, "within 1e.06 m", Node, "A", (1e300, 0.0, 9.0))
+
+
+@pytest.mark.parametrize("values", [{"scale": 0.0}, {"gradient": -1e-4}, {"knot_interval": -1.0}])
+def test_a_prior_of_the_sound_speed_must_be_positive(values):
+    refused(LocateError, "speed_prior: scale .* all must be positive", SpeedPrior, **values)
+
+
+def test_pings_of_unknown_nodes_or_places_are_refused(campaign):
+    survey = survey_of(campaign)
+    for name, value in (("node", -1), ("node", 3), ("partner", 3)):
+        wrong = getattr(survey, name).copy()
+        wrong[5] = value
+        message = "the node of a ping does not exist; allowed indices: 0 to 2"
+        refused(LocateError, message, survey.assign, **{name: wrong})
+    wrong = survey.transmit_position.copy()
+    wrong[5, 1] = np.nan
+    message = "ping 6: transmit_position is .*; allowed: finite metres"
+    refused(LocateError, message, survey.assign, transmit_position=wrong)
+
+
+def test_a_turn_around_time_of_more_than_a_minute_is_refused():
+    assert Node("A", (0.0, 0.0, 9.0), turn_around=60.0).turn_around == 60.0
+    refused(
+        LocateError, "is 60.5 s, which is too long", Node, "A", (0.0, 0.0, 9.0), turn_around=60.5
+    )
 
 
 def test_knots_that_would_fill_the_memory_are_refused(campaign, medium):

@@ -33,9 +33,7 @@ def bootstrap_positions(
     if not 1 < draws <= _MAX_DRAWS:
         raise LocateError(f"bootstrap is {draws}; it must be 2 to {_MAX_DRAWS:,} draws")
     rows = np.concatenate(list(solution.whitened_rows()))
-    sd = solution.unknowns.scaled_sd(
-        dict.fromkeys(solution.unknowns.groups, 1.0) | dict(solution.posterior.hyperparameters)
-    )
+    sd = solution.unknowns.scaled_sd(solution.posterior.hyperparameters)
     active = np.flatnonzero(sd > 0.0)
     design = rows[:, active] * (sd[active] / solution.posterior.sigma)
     residual = rows[:, -1] / solution.posterior.sigma

@@ -36,7 +36,7 @@ def error_budget(solution: SurveySolution, of_models: Array, widening: float) ->
     columns = solution.unknowns.slices
     by_position = unknowns.position_map(solution.values).reshape(-1, unknowns.size)
     spread = by_position @ fit.covariance
-    sd = unknowns.scaled_sd(dict.fromkeys(unknowns.groups, 1.0) | dict(fit.hyperparameters))
+    sd = unknowns.scaled_sd(fit.hyperparameters)
     is_known = np.diag(fit.covariance) <= 0.0
     inverse = np.where(is_known | (sd <= 0.0), 0.0, 1.0 / np.maximum(sd, 1e-300))
     parts = {

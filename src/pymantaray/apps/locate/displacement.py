@@ -314,8 +314,7 @@ def _check(campaign: Campaign) -> None:
 def _is_semidefinite(covariance: Array) -> bool:
     """True without negative variances, which rounding may leave."""
     symmetric = covariance + covariance.T
-    least = -1e-9 * max(np.trace(symmetric), 1e-300)
-    return bool(np.linalg.eigvalsh(symmetric).min() >= least)
+    return bool(np.linalg.eigvalsh(symmetric).min() >= -1e-9 * np.trace(symmetric))
 
 
 def displacement_between(later: Campaign, earlier: Campaign) -> Displacement:
@@ -358,7 +357,7 @@ def displacement_between(later: Campaign, earlier: Campaign) -> Displacement:
         )
     values, vectors = np.linalg.eigh(now.covariance + before.covariance)
     # combinations without variance, such as the shape of a rigid array, contain no information
-    free = values > _MIN_VARIANCE * max(float(values.max()), 1e-300)
+    free = values > _MIN_VARIANCE * values.max()
     root = vectors[:, free].T / np.sqrt(values[free, None])
     design = root @ np.tile(np.eye(3), (len(names), 1))
     if np.linalg.matrix_rank(design) < 3:
@@ -375,14 +374,12 @@ def displacement_between(later: Campaign, earlier: Campaign) -> Displacement:
     widening = 1.0
     if probability < LEVEL:
         widening = float(np.sqrt(chi_square / degrees))
-    years = np.nan
-    if not (np.isnat(now.epoch) or np.isnat(before.epoch)):
-        years = float((now.epoch - before.epoch) / np.timedelta64(1, "D")) / 365.25
-        if years < 0.0:
-            raise LocateError(
-                f"{earlier.source}: is of {before.epoch.astype('M8[s]')}, later than"
-                f" {later.source}, of {now.epoch.astype('M8[s]')}; exchange the two campaigns"
-            )
+    years = float((now.epoch - before.epoch) / np.timedelta64(1, "D")) / 365.25  # NaN without dates
+    if years < 0.0:
+        raise LocateError(
+            f"{earlier.source}: is of {before.epoch.astype('M8[s]')}, later than"
+            f" {later.source}, of {now.epoch.astype('M8[s]')}; exchange the two campaigns"
+        )
     return Displacement(
         value,
         widening**2 * covariance,

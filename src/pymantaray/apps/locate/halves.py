@@ -64,8 +64,7 @@ def _difference(name: str, solution: SurveySolution, second: Mask, spread: Array
     """Chi-square of the difference between two parts in their mean position."""
     unknowns = solution.unknowns
     one, two = (_part(solution, solution.used & part) for part in (~second, second))
-    hyper = dict.fromkeys(unknowns.groups, 1.0) | dict(solution.posterior.hyperparameters)
-    sd = unknowns.scaled_sd(hyper)
+    sd = unknowns.scaled_sd(solution.posterior.hyperparameters)
     precision = np.zeros(sd.size)
     precision[sd > 0.0] = sd[sd > 0.0] ** -2.0
     shared = one.covariance @ (precision[:, None] * two.covariance)
@@ -75,13 +74,13 @@ def _difference(name: str, solution: SurveySolution, second: Mask, spread: Array
     covariance = mean @ whole @ mean.T + _PARTS**2 * nodes @ spread @ nodes.T
     change = mean @ (two.change - one.change)
     values, vectors = np.linalg.eigh(covariance)
-    free = values > _MIN_VARIANCE * max(float(values.max()), 1e-300)
+    free = values > _MIN_VARIANCE * values.max()
     normalized = (vectors.T @ change)[free] / np.sqrt(values[free])
     total = float(np.sum(normalized**2))
     degrees = float(free.sum())
-    probability = float(chdtrc(degrees, total)) if degrees else 1.0
+    probability = float(chdtrc(degrees, total))
     variances = np.diag(covariance)
-    known = variances > _MIN_VARIANCE * max(float(values.max()), 1e-300)
+    known = variances > _MIN_VARIANCE * values.max()
     sigmas = change[known] / np.sqrt(variances[known])
     axes = np.array(["north", "east", "depth"])[known]
     details = ", ".join(

@@ -313,13 +313,12 @@ class Location:
             return UNEXPLAINED
         if n_used < _MIN_PINGS:
             no_ray = of_node & ~self.solution.legs.possible
-            is_most = no_ray.any() and no_ray.sum() > 0.5 * of_node.sum()
-            return "no ray" if is_most else "too few pings"
+            return "no ray" if no_ray.sum() > 0.5 * of_node.sum() else "too few pings"
         if position[2] <= _MIN_DEPTH:
             return "above the surface"
         if any(mirror.undecided for mirror in self.mirrors if mirror.node == survey.names[k]):
             return "two solutions"
-        return "above the platform" if np.isfinite(top) and position[2] < top else "ok"
+        return "above the platform" if position[2] < top else "ok"
 
     @cached_property
     def centre(self) -> dict[str, float]:

@@ -154,7 +154,7 @@ def _possible(table: TextTable, positions: PositionRows) -> TextTable:
             )
             keep[np.flatnonzero(keep)[~possible]] = False
     positions.refuse_most(int(keep.sum()))
-    return table if keep.all() else replace(table, frame=table.frame[keep])
+    return replace(table, frame=table.frame[keep])
 
 
 def _nodes(

@@ -307,7 +307,5 @@ def _profile(path: Path) -> tuple[Array, Array]:
             f"{path}: not a profile; it must have two columns, depth (negative down) and sound"
             " speed"
         ) from None
-    depth = np.abs(table[:, 0])
-    order = np.argsort(depth, kind="stable")
-    keep = np.diff(depth[order], prepend=-1.0) > 0.0
-    return depth[order][keep], table[order, 1][keep]
+    depth, first = np.unique(np.abs(table[:, 0]), return_index=True)
+    return depth, table[first, 1]

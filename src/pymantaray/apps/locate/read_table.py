@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from pymantaray.apps.locate.checks import check_positions
 from pymantaray.apps.locate.read_options import ReadOptions
-from pymantaray.apps.locate.survey import LeverArm, Node, Survey, TravelDirection, check_names
+from pymantaray.apps.locate.survey import Node, Survey, TravelDirection, check_names
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
@@ -69,7 +69,6 @@ def read_table(path: Path, options: ReadOptions) -> Survey:
         sigma=table.optional("sigma_s"),
         flagged=np.array([word.lower() in _FALSE for word in table.words("use")]),
         line=table.lines,
-        lever=LeverArm(),
         frame=frame,
         epoch=epoch,
         source=str(path),
@@ -117,7 +116,7 @@ def _possible(
             keep[rows[~possible]] = False
     positions.refuse_most(int(keep.sum()))
     keep |= ~from_platform
-    return table if keep.all() else replace(table, frame=table.frame[keep])
+    return replace(table, frame=table.frame[keep])
 
 
 def _from_platform(table: TextTable) -> NDArray[np.bool_]:
