@@ -1,15 +1,18 @@
 """What an estimator gets of the keys of its condition."""
 
+from types import SimpleNamespace
+
 import pytest
 
 from pymantaray.apps.study import open_run
 from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.config.estimators import ConditionSection
-from pymantaray.estimation import ConstantSpeed
+from pymantaray.estimation import LOSSES, ConstantSpeed, Method
 from pymantaray.range_models.eigenray_model import EigenrayModel
 
 CONSTANT = {"kind": "constant", "sound_speed": 1450.0}
 EXACT = {"kind": "eigenray", "belief": "exact"}
+ON_LINE = {"kind": "fixed-lag", "lag_h": 8.0, "incremental": True}
 ERRORS = {"kind": "correlated", "rms": 1.0, "horizontal_scale": 1e4}
 
 
@@ -34,6 +37,9 @@ def made(factory, **keys):
         ({"directions": "mean"}, "mean_of_directions", True),
         ({"ranges": "none", "solver": "dead-reckoning"}, "dead_reckoned", True),
         ({"start": "dead-reckoning"}, "initial", None),
+        ({"loss": "huber"}, "method", Method(LOSSES["huber"])),
+        ({"solver": "kalman-filter"}, "method", Method(kalman=True)),
+        ({"solver": ON_LINE}, "method", Method(lag=28_800.0, incremental=True)),
         ({"clocks": {"offset_sigma": 0.5, "skew_sigma": 2e-6}}, "clocks", (0.5, 2e-6, None)),
     ],
 )
@@ -50,6 +56,15 @@ def test_a_range_model_reaches_its_estimator_and_no_other(factory):
     assert isinstance(believing.model, EigenrayModel)
     assert believing.correlated
     assert believing.uncertainty is not None
+
+
+def test_an_estimator_of_all_realizations_has_no_model(tiny, tiny_run_folder):
+    config = tiny(conditions=["straight", {"name": "rays", "range_model": EXACT}])
+    factory = EstimatorFactory(
+        SimpleNamespace(config=config, truth=open_run(tiny_run_folder).truth)
+    )
+    assert factory.without_model("straight").ranges == "straight"
+    assert factory.without_model("rays") is None
 
 
 @pytest.mark.parametrize(("keys", "right"), [

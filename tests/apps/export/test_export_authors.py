@@ -16,6 +16,7 @@ from pymantaray import load_study, run_study
 from pymantaray.apps.export import export_authors
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
+from pymantaray.apps.study.store import run_in_memory
 from pymantaray.config.build.study import build_study
 from pymantaray.config.load import import_study
 from pymantaray.errors import ExchangeError, MantaRayError, OceanError, StudyError
@@ -428,6 +429,15 @@ def test_exported_files_define_the_same_study(tmp_path):
     for section, fields in theirs.items():
         for key, values in fields.items():
             np.testing.assert_array_equal(ours[section][key], values)
+
+
+def test_a_run_is_exported_without_the_files_of_its_water(tmp_path):
+    config = load_study(write_simulation(tmp_path), **{"mission.duration_h": 0.5})
+    run = run_in_memory(build_study(config), mission_of(config))
+    (tmp_path / "environment.json").unlink()
+    folder, _ = export_authors(run, tmp_path / "out")
+    ours, theirs = read_arrays(folder / "environment.json")["ssp"], arrays()["ssp"]
+    np.testing.assert_allclose(ours["data"][..., : theirs["z"].size], theirs["data"])
 
 
 def test_a_preset_becomes_files_of_the_program(tmp_path):
