@@ -2,12 +2,15 @@
 
 from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from pymantaray.apps.study import open_run
 from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.config.estimators import ConditionSection
 from pymantaray.estimation import LOSSES, ConstantSpeed, Method
+from pymantaray.estimation.ranges.range_models import RangeEndpoints
+from pymantaray.geometry.sphere import EarthSphere
 from pymantaray.range_models.eigenray_model import EigenrayModel
 
 CONSTANT = {"kind": "constant", "sound_speed": 1450.0}
@@ -65,6 +68,21 @@ def test_an_estimator_of_all_realizations_has_no_model(tiny, tiny_run_folder):
     )
     assert factory.without_model("straight").ranges == "straight"
     assert factory.without_model("rays") is None
+
+
+def test_straight_ranges_on_a_sphere_are_chords_and_rays_are_not(tiny, tiny_run_folder):
+    run = open_run(tiny_run_folder)
+    known = {"truth": run.truth, "ocean": run.ocean, "ocean_in": run.ocean_in}
+    config = tiny(acoustics={"earth": "sphere"})
+    factory = EstimatorFactory(SimpleNamespace(config=config, **known))
+    a, b = np.zeros((1, 3)), np.array([[4e3, 0.0, 900.0]])
+    links = RangeEndpoints(np.zeros(1), a, b, np.array([1450.0]))
+    chord = EarthSphere.at_latitude(74.5).straight_distance(a, b)
+    for keys in ({}, {"range_model": CONSTANT}):
+        found = made(factory, **keys).model.predict(links).travel_time
+        np.testing.assert_allclose(found, chord / 1450.0, rtol=1e-12)
+    assert isinstance(made(factory, range_model=EXACT).model, EigenrayModel)
+    assert made(factory, ranges="none").model is None
 
 
 @pytest.mark.parametrize(("keys", "right"), [

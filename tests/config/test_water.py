@@ -89,6 +89,7 @@ def test_a_local_ocean_is_taken_as_it_is(fram, as_stored):
     heard = water.reception.detector.absorption.db_per_km(SOURCE, 25e3)
     np.testing.assert_array_equal(heard, expected)
     assert water.notes == ("bounded",)
+    assert (water.frame.latitude_deg, water.frame.longitude_deg) == (78.0, 0.0)
     as_stored(water, without="attrs")
 
 
@@ -122,6 +123,7 @@ def test_water_and_what_is_believed_vary_until_the_end_of_the_mission(fram, tiny
 def test_varying_water_can_be_sent_to_a_process(tiny, profile, source):
     keys = {"bathymetry": 600.0, "internal_tide": {"amplitude": 5.0}}
     ocean = build_mission_ocean(tiny(ocean={"source": str(profile), **keys})).open()
+    assert ocean.profile["mean"].values[0] == SPEED[0]
     if source == "in memory":
         ocean = OceanFields(None, ocean.local)
     assert ocean.varies
