@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pymantaray.apps.study import open_run
-from pymantaray.config.build.estimators import EstimatorFactory
+from pymantaray.config.build.estimators import EstimatorFactory, build_condition
 from pymantaray.config.estimators import ConditionSection
 from pymantaray.estimation import LOSSES, ConstantSpeed, Method
 from pymantaray.estimation.ranges.range_models import RangeEndpoints
@@ -59,6 +59,12 @@ def test_a_range_model_reaches_its_estimator_and_no_other(factory):
     assert isinstance(believing.model, EigenrayModel)
     assert believing.correlated
     assert believing.uncertainty is not None
+
+
+@pytest.mark.parametrize("clocks", [None, {"offset_sigma": 0.5, "skew_sigma": 2e-6}])
+def test_a_condition_says_if_it_estimates_clocks(clocks):
+    section = ConditionSection.model_validate({"name": "own", "clocks": clocks})
+    assert build_condition(section).estimates_clocks is (clocks is not None)
 
 
 def test_an_estimator_of_all_realizations_has_no_model(tiny, tiny_run_folder):

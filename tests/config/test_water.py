@@ -147,6 +147,8 @@ def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile, as_stored):
     assert water.frame is None
     assert water.record["bottom_depth_m"] == 700.0
     as_stored(water)
+    rough = {"ice_slope_deg": 3.0, "ice_length": 30.0}
+    assert rough.items() <= open_water(profile, bathymetry=700.0, ice=3.0, **rough).record.items()
 
 
 def test_a_profile_with_sides_ends_there_and_is_the_same_inside(profile):
