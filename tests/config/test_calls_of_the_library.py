@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from pymantaray.config.build.beliefs import Beliefs
-from pymantaray.config.build.ocean import build_mission_ocean
+from pymantaray.config.build.ocean import build_mission_ocean, open_start
 from pymantaray.config.build.range_models import BUILDERS
-from pymantaray.config.build.water import open_water
+from pymantaray.config.build.water import configuration_of, open_water
 from pymantaray.config.estimators import ConditionSection
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.ocean import open_ocean
@@ -102,6 +102,14 @@ def test_of_a_profile_with_every_option(calls, tmp_path, change, as_stored):
     as_stored(calls)
 
 
+def test_of_a_profile_on_a_grid(calls, tmp_path, as_stored):
+    (tmp_path / "cast.csv").write_text("depth,temperature,salinity\n0,-1,30\n90,1,31\n300,0,34\n")
+    options = {"bathymetry": 350.0, "centre": (78.1, 3.2), "half_extent": (4e3, 5e3)}
+    options |= {"equation": "del-grosso", "time": "2020-03-01T00:00:00"}
+    open_start(configuration_of(tmp_path / "cast.csv", options).ocean)
+    as_stored(calls)
+
+
 KINDS = (
     {"kind": "exact"},
     {"kind": "mean"},
@@ -125,4 +133,13 @@ def test_of_each_belief(calls, flown, belief, as_stored):
     beliefs = Beliefs(flown)
     BUILDERS["eigenray"](section.range_model, beliefs, 1)
     beliefs.covariance(0.7, 15e3, 250.0)
+    as_stored(calls)
+
+
+def test_of_a_cast_that_is_believed(calls, flown, tmp_path, as_stored):
+    (tmp_path / "cast.csv").write_text("depth,temperature,salinity\n0,-1,28\n90,1,31\n600,0,34\n")
+    belief = {"kind": "file", "source": str(tmp_path / "cast.csv")}
+    model = {"kind": "eigenray", "belief": belief}
+    section = ConditionSection.model_validate({"name": "own", "range_model": model})
+    BUILDERS["eigenray"](section.range_model, Beliefs(flown), 1)
     as_stored(calls)

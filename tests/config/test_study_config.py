@@ -539,9 +539,12 @@ def test_input_files_are_relative_to_the_configuration(quick, tmp_path):
     assert (ocean.synthetic, ocean.files) == (True, (floor,))
     quick["mission"]["schedule"] = {"kind": "pings", "file": "pings.csv"}
     pings, track = (str(tmp_path / name) for name in ("pings.csv", "track.csv"))
-    assert build_study(parse_study(quick, folder=tmp_path)).ranging.files == (pings,)
+    study = build_study(parse_study(quick, folder=tmp_path))
+    assert (study.ranging.files, study.fleet.files) == ((pings,), (pings,))
     quick["fleet"], quick["mission"] = {"trajectories": "track.csv"}, {"ping_interval_h": 1.0}
-    assert build_study(parse_study(quick, folder=tmp_path)).ranging.files == (track,)
+    study = build_study(parse_study(quick, folder=tmp_path))
+    assert (study.ranging.files, study.fleet.files) == ((track,), (track,))
+    assert build_study(load_study("quick")).fleet.files == ()
 
 
 def test_ocean_files_of_a_tree_are_relative_to_the_working_folder(quick, tmp_path, monkeypatch):

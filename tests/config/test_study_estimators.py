@@ -5,6 +5,7 @@ Estimators of a study: their sections, what they believe, and their place among 
 import datetime as dt
 import tomllib
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import xarray as xr
 from oracles import nonlinear_vector_factors
 from refusals import refused
 
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study import run_study
 from pymantaray.apps.study.realization import RealizationSolver
 from pymantaray.apps.study.store import Run
@@ -240,6 +242,28 @@ def test_errors_of_depth_and_of_instruments_are_as_requested(beliefs):
     gradient = np.diff(short[depth > 500.0]) / np.diff(depth[depth > 500.0])
     np.testing.assert_allclose(
         gradient, PRESSURE_GRADIENT, rtol=0.15, err_msg="water of one kind below"
+    )
+
+
+def test_the_error_of_a_cast_is_linear_between_its_levels(day):
+    """A spline through this step would leave it: the medium has more levels than its water."""
+    axes = {"north": [-9e3, 9e3], "east": [-9e3, 9e3], "depth": [0.0, 50.0, 60.0, 200.0, 900.0]}
+    speed = np.broadcast_to([1440.0, 1440.0, 1475.0, 1476.0, 1480.0], (2, 2, 5))
+    floor = {"sea_floor_depth": (("north", "east"), np.full((2, 2), 900.0))}
+    local = xr.Dataset({"sound_speed": (tuple(axes), speed)} | floor, axes)
+    run = SimpleNamespace(config=day.config, ocean=local)
+    beliefs = Beliefs(run, OceanFields(None, local))
+    right = beliefs.believed(CastBelief(kind="cast"), 0)
+    wrong = beliefs.believed(CastBelief(kind="cast", bias_sigma=0.3, noise_sigma=0.1), 0)
+    assert right.medium.depth.size > local.sizes["depth"]
+    error = profile(wrong) - profile(right)
+    assert np.abs(error).max() > 0.05
+    between = np.interp(right.medium.depth, axes["depth"], error)
+    np.testing.assert_allclose(
+        wrong.medium.sound_speed - right.medium.sound_speed,
+        np.broadcast_to(between, wrong.medium.sound_speed.shape),
+        rtol=0,
+        atol=1e-9,
     )
 
 
@@ -600,6 +624,18 @@ def test_what_from_cast_writes_is_believed_within_its_window(day, beliefs, tmp_p
         file_belief(tmp_path / "small.nc"),
         0,
     )
+
+
+def test_the_ocean_of_a_file_needs_currents_if_rays_do(day, tmp_path):
+    (tmp_path / "cast.csv").write_text(CAST)
+    lat, lon = day.config.ocean.centre
+    cast = replace(read_cast(tmp_path / "cast.csv"), lat=lat, lon=lon)
+    uniform = cast_ocean(cast, bathymetry=2600.0, below="constant", half_extent=(20e3, 20e3))
+    write_netcdf(uniform.drop_vars(["water_u", "water_v"]), tmp_path / "still.nc")
+    source = file_belief(tmp_path / "still.nc")
+    tree = day.config.model_dump() | {"acoustics": {"currents": True}}
+    run = SimpleNamespace(config=StudyConfig.model_validate(tree), ocean=day.ocean)
+    refused(OceanError, "still.nc: .*water_u", Beliefs(run).believed, source, 0)
 
 
 def test_files_that_cannot_be_believed_are_refused_in_one_line(day, beliefs, tmp_path):

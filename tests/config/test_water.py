@@ -1,20 +1,24 @@
 """Water from any source is the same water, and the same options mean the same."""
 
 import pickle
+from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
+import pyproj
 import pytest
 import xarray as xr
 from refusals import refused
 
 from pymantaray import Water, load_study, measure, open_water, open_waters
-from pymantaray.acoustics import Currents, Medium, find_eigenrays, thin_profile
+from pymantaray.acoustics import Absorption, Currents, Medium, find_eigenrays, thin_profile
 from pymantaray.acoustics.ocean_fields import OceanFields, build_medium
 from pymantaray.apps.atlas import Atlas
 from pymantaray.config import load_sound
+from pymantaray.config.build.beliefs import Beliefs
 from pymantaray.config.build.ocean import build_mission_ocean, open_start
 from pymantaray.config.build.water import configuration_of, open_local
+from pymantaray.config.estimators import ExactBelief
 from pymantaray.errors import MantaRayError, OceanError, StudyError, WaterError
 from pymantaray.ocean import open_ocean, to_local, with_ice
 from pymantaray.records import RayStatus
@@ -69,7 +73,7 @@ def test_every_source_of_one_ocean_is_the_same_water(fram, tmp_path, as_stored):
     as_stored(waters[2], without="source|memory|title")
 
 
-def test_a_local_ocean_is_taken_as_it_is(fram):
+def test_a_local_ocean_is_taken_as_it_is(fram, as_stored):
     local = to_local(fram, half_extent=(HALF, HALF))
     water = open_water(local, max_surface_bounces=2)
     np.testing.assert_array_equal(water.medium.field, Medium.from_dataset(local).field)
@@ -77,6 +81,16 @@ def test_a_local_ocean_is_taken_as_it_is(fram):
     assert open_water(local, ice=1.0).medium.surface.depth.max() == 1.0
     assert water.medium.earth is None
     assert open_local(local, earth="sphere").medium.earth is not None
+    options = {"detection": {"source_level_db": 170.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}}
+    options |= {"interpolation": "linear", "earth": "sphere", "currents": "carry"}
+    noted = local.assign_attrs(sound_speed_bound="bounded")
+    water = open_local(noted, geographic=fram, **options)
+    expected = Absorption.from_dataset(fram).db_per_km(SOURCE, 25e3)
+    heard = water.reception.detector.absorption.db_per_km(SOURCE, 25e3)
+    np.testing.assert_array_equal(heard, expected)
+    assert water.notes == ("bounded",)
+    assert (water.frame.latitude_deg, water.frame.longitude_deg) == (78.0, 0.0)
+    as_stored(water, without="attrs")
 
 
 def test_water_that_varies_has_its_instants(tiny):
@@ -89,10 +103,27 @@ def test_water_that_varies_has_its_instants(tiny):
     np.testing.assert_array_equal(ocean.local["sound_speed"], one["sound_speed"])
 
 
+def test_water_and_what_is_believed_vary_until_the_end_of_the_mission(fram, tiny, tmp_path):
+    small = fram.isel(lat=slice(30, 36), lon=slice(100, 108))
+    hours = [small["time"] + np.timedelta64(3 * k, "h") for k in range(4)]
+    series = xr.concat([small.assign_coords(time=hour) for hour in hours], "time")
+    series["time"].attrs = fram["time"].attrs
+    series.to_netcdf(tmp_path / "series.nc")
+    sides = dict.fromkeys(("centre_lat", "centre_lon", "half_extent_north", "half_extent_east"))
+    source = {"source": str(tmp_path / "series.nc"), "time_varying": True}
+    config = tiny(ocean=source | sides, mission={"duration_h": 4.0})
+    water = open_water(config)
+    assert water.span == (0.0, 21_600.0)
+    assert water.record["interpolation"] == "smooth"
+    assumed = Beliefs(SimpleNamespace(config=config)).varying(ExactBelief(kind="exact"))
+    assert assumed.series["time"].values.tolist() == [0.0, 10_800.0, 21_600.0]
+
+
 @pytest.mark.parametrize("source", ["a profile", "in memory"])
 def test_varying_water_can_be_sent_to_a_process(tiny, profile, source):
     keys = {"bathymetry": 600.0, "internal_tide": {"amplitude": 5.0}}
     ocean = build_mission_ocean(tiny(ocean={"source": str(profile), **keys})).open()
+    assert ocean.profile["mean"].values[0] == SPEED[0]
     if source == "in memory":
         ocean = OceanFields(None, ocean.local)
     assert ocean.varies
@@ -112,9 +143,12 @@ def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile, as_stored):
     for mine, its in zip(times(water, 1), times(Water(by_hand), 1), strict=True):
         np.testing.assert_array_equal(mine, its)
     assert water.uniform
+    assert water.span == (-np.inf, np.inf)
     assert water.frame is None
     assert water.record["bottom_depth_m"] == 700.0
     as_stored(water)
+    rough = {"ice_slope_deg": 3.0, "ice_length": 30.0}
+    assert rough.items() <= open_water(profile, bathymetry=700.0, ice=3.0, **rough).record.items()
 
 
 def test_a_profile_with_sides_ends_there_and_is_the_same_inside(profile):
@@ -199,6 +233,20 @@ def test_a_map_lies_under_a_profile_about_its_centre(profile, fram, tmp_path, as
     middle = len(draft) // 2
     expected = 2.0 + 10.0 * np.array([0.0, 20e3]) / 111.7e3
     np.testing.assert_allclose(draft[[middle, -1], middle], expected, rtol=0, atol=0.02)
+
+
+def test_a_map_in_a_projection_lies_under_a_profile(profile, tmp_path):
+    to_file = pyproj.Transformer.from_crs("EPSG:4326", "EPSG:3996", always_xy=True)
+    x, y = to_file.transform(1.0, 79.0)
+    axes = {"y": y + np.linspace(-20e3, 20e3, 9), "x": x + np.linspace(-20e3, 20e3, 9)}
+    floor = xr.DataArray(np.full((9, 9), 500.0), axes, tuple(axes), "deptho")
+    floor.attrs = {"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"}
+    for axis in axes:
+        floor[axis].attrs = {"standard_name": f"projection_{axis}_coordinate", "units": "m"}
+    floor.to_netcdf(tmp_path / "floor.nc")
+    place = {"centre": (79.0, 1.0), "half_extent": 5e3, "bathymetry_crs": "EPSG:3996"}
+    water = open_water(profile, bathymetry=tmp_path / "floor.nc", **place)
+    np.testing.assert_allclose(water.medium.bed.depth, 500.0)
 
 
 @pytest.mark.parametrize("east", [5e3, 20e3])
@@ -346,3 +394,18 @@ def test_a_profile_needs_all_of_an_ocean_for_a_grid(tmp_path, salty, options, la
     table.to_csv(tmp_path / "a.csv", index=False)
     section = configuration_of(tmp_path / "a.csv", options).ocean
     refused(OceanError, f"a.csv: the profile has no {lacks}", open_start, section)
+
+
+def test_notes_of_a_reader_are_those_of_an_ocean_before_it_is_opened(fram, tmp_path):
+    rows = ["depth,temperature,salinity", "0,2,30", "50,2,-9", "100,2,31", "200,2,32"]
+    (tmp_path / "cast.csv").write_text("\n".join(["# lat 75, lon 1", *rows, ""]))
+    small = fram.isel(lat=slice(30, 36), lon=slice(100, 108))
+    small.assign_attrs(history="climatology, for July").to_netcdf(tmp_path / "fram.nc")
+
+    def notes(name):
+        return build_mission_ocean(configuration_of(tmp_path / name, {})).notes()
+
+    assert [note.split(" with")[0] for note in notes("cast.csv")] == [
+        "cast.csv: 1 of 4 rows dropped:"
+    ]
+    assert notes("fram.nc") == (f"{fram.attrs['title']}: climatology, for July",)

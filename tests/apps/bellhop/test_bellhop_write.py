@@ -184,3 +184,12 @@ def test_a_finer_linear_medium_nears_the_same_ocean(interpolation):
     else:  # second order, also between 2 and 8 where the cells are small
         assert errors[0] > 0.1
         assert errors[1] / errors[3] > 8.0, errors
+
+
+def test_the_medium_of_two_columns_is_linear_between_them():
+    column = np.array([1450.0, 1451.0, 1453.0, 1456.0])
+    speed = np.add.outer([[0.0, 2.0], [4.0, 6.0]], column)
+    axes = [0.0, 1e3], [0.0, 2e3], [0.0, 50.0, 100.0, 200.0]
+    medium = Medium.from_grid(*axes, speed, bathymetry=200.0)
+    finer = linear_medium(medium, horizontal=2, vertical=1)
+    np.testing.assert_allclose(finer.sound_speed[1, 1], column + 3.0, rtol=1e-12)

@@ -16,6 +16,7 @@ from pymantaray import load_study, run_study
 from pymantaray.apps.export import export_authors
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
+from pymantaray.apps.study.store import run_in_memory
 from pymantaray.config.build.study import build_study
 from pymantaray.config.load import import_study
 from pymantaray.errors import ExchangeError, MantaRayError, OceanError, StudyError
@@ -428,6 +429,24 @@ def test_exported_files_define_the_same_study(tmp_path):
     for section, fields in theirs.items():
         for key, values in fields.items():
             np.testing.assert_array_equal(ours[section][key], values)
+
+
+def test_a_run_is_exported_as_its_files_or_without_them(tmp_path):
+    path = write_simulation(tmp_path)
+    theirs = arrays()
+    axes = {"x": np.array([-9e3, 9e3]), "y": np.array([-8e3, 8e3]), "z": np.array([0.0, 2e3])}
+    theirs["current"] = axes | dict.fromkeys("uv", np.zeros((2, 2, 2)))
+    write_environment(tmp_path, theirs)
+    config = load_study(path, **{"mission.duration_h": 0.5})
+    run = run_in_memory(build_study(config), mission_of(config))
+    files, _ = export_authors(run, tmp_path / "files")
+    (tmp_path / "environment.json").unlink()
+    none, _ = export_authors(run, tmp_path / "none")
+    same, ours = (read_arrays(folder / "environment.json") for folder in (files, none))
+    assert same["current"]["z"].tolist() == [0.0, 2e3]
+    levels = theirs["ssp"]["z"].size
+    np.testing.assert_allclose(ours["ssp"]["data"][..., :levels], theirs["ssp"]["data"])
+    assert ours["current"]["z"].size >= levels, "on the grid of the run"
 
 
 def test_a_preset_becomes_files_of_the_program(tmp_path):

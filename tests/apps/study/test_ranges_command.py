@@ -6,6 +6,7 @@ import pytest
 from command_fixtures import WATER_WORDS
 
 from pymantaray.apps.ranges.ranging import ranges_config
+from pymantaray.config import load_sound
 
 CONFIG = "pymantaray.apps.ranges.ranging.ranges_config"
 SCHEDULES = {
@@ -42,6 +43,13 @@ def test_names_of_variables_are_no_names_of_vehicles(files):
     config = ranges_config(["own.csv"], "a.nc", mission={"ping_interval_h": 1.0}, **options)
     assert config.ocean.names == ("temp=sea_water_temperature",)
     assert config.fleet.names == ("B",)
+
+
+def test_a_section_of_ranges_adds_its_keys_to_those_of_the_water(files):
+    water = load_sound("quick", **{"acoustics.max_bottom_bounces": 2})
+    sections = {"mission": {"ping_interval_h": 1.0}, "acoustics": {"max_surface_bounces": 1}}
+    found = ranges_config(["own.csv"], water, **sections).acoustics
+    assert (found.max_surface_bounces, found.max_bottom_bounces) == (1, 2)
 
 
 def test_no_option_reaches_the_configuration_of_ranges(reached, files):
