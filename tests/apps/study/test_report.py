@@ -167,8 +167,10 @@ def test_tables_for_a_paper_are_those_of_the_page(reported):
 
 
 def test_a_report_has_figures_for_one_column_if_asked(made_run, tmp_path, monkeypatch):
-    folder, told = made_run(realizations=1).write(tmp_path / "run"), []
+    folder, told, drawn = made_run(realizations=1).write(tmp_path / "run"), [], []
     without_drawing(monkeypatch)
+    render = write.rendered
+    monkeypatch.setattr(write, "rendered", lambda *a, **k: drawn.append(a) or render(*a, **k))
     with ReportHere(formats=["84mm"]) as process:
         process.begin(folder)
         assert process.write(open_run(folder), lambda *step: told.append(step)) == []
@@ -179,6 +181,7 @@ def test_a_report_has_figures_for_one_column_if_asked(made_run, tmp_path, monkey
     assert files == {f"{n}.84mm.pdf" for n in ("error_over_time", "factor_graph", "fleet_layout")}
     assert all(f'href="figures/{name}"' in text for name in files)
     assert all(f'href="figures/{name.partition(".")[0]}.png"' in text for name in files)
+    assert len(drawn) == len([*(folder / "figures").iterdir()])  # each once
 
 
 def test_an_unknown_format_is_one_clear_line(tmp_path):
@@ -227,6 +230,8 @@ def test_tables_are_those_of_the_evaluation_and_the_page_quotes_them(reported):
         pd.testing.assert_frame_equal(
             read, frame.reset_index(drop=True), check_dtype=False, rtol=1e-12, obj=name
         )
+    for shared in (run.bounds, run.degrees_of_freedom):
+        assert shared["refracted"] is shared["straight"]
     tables = {name: table.frame for name, table in run.tables.items()}
     assert len(tables["solves"]) == run.estimates.solve_status.size
     for name, expected in (
@@ -268,6 +273,7 @@ def test_a_report_works_without_ranges_and_with_failed_solves(run, made_run, tmp
     without_drawing(monkeypatch)
     text = write_report(lone.write(tmp_path / "lone"), formats=["tex"]).read_text(encoding="utf-8")
     assert "0 of 0" in text
+    assert "Test Sea: 1 vehicle, " in text
     assert ">no rows</td>" in text  # of the differences between conditions
     assert "ray_picture" not in text
     difference = pd.read_csv(tmp_path / "lone" / "tables" / "ate_difference.csv")

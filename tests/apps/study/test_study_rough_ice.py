@@ -3,6 +3,8 @@ Rough ice in studies, for existing trajectories and in the service: the same ice
 ice in other draws.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -128,6 +130,11 @@ def test_a_realization_has_the_ranges_of_its_draw(tiny_run):
         heard = found.range_status == RayStatus.OK
         moved = (found.refracted_range - plain.refracted_range)[heard]
         np.testing.assert_allclose(moved, later[heard], rtol=0, atol=1e-6)
+    faint = np.ones(lost.shape)
+    faint[1] = 0.0
+    modem = own._replace(probability=faint[0], draws=replace(own.draws, probability=faint))
+    np.testing.assert_array_equal(modem.noisy(0).range_status, lost[0])
+    assert not (modem.noisy(1).range_status == RayStatus.OK).any()
 
 
 @pytest.mark.slow

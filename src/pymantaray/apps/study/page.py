@@ -17,7 +17,7 @@ from pymantaray.pages.drawing import Picture
 from pymantaray.pages.page import Card, Explorer, Page, origin_table
 from pymantaray.pages.style import clock, condition_label
 from pymantaray.records import SolveStatus
-from pymantaray.records.digits import metres, signed_metres
+from pymantaray.records.digits import counted, metres, signed_metres
 from pymantaray.records.glossary import GLOSSARY, glossary_lines
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import SOLVE_STATUS_WORDS
@@ -44,10 +44,9 @@ def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Pag
     run = results.run
     study = run.study
     hours = study.duration / 3600.0
-    mission = f"{results.region}: {run.truth.name.size} vehicles, {hours:g} h"
+    mission = f"{results.region}: {counted(run.truth.name.size, 'vehicle')}, {hours:g} h"
     if study.solves:
-        count = study.realizations
-        mission += f", {count} noise realization{'' if count == 1 else 's'}"
+        mission += f", {counted(study.realizations, 'noise realization')}"
     return Page(
         title=study.name,
         facts=[mission],
