@@ -5,6 +5,7 @@ Figures of range and position errors: artists are read back and compared with wh
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from scipy import stats
 
 from pymantaray.apps.study.figures.ranging import (
@@ -13,7 +14,12 @@ from pymantaray.apps.study.figures.ranging import (
     range_error_split,
 )
 from pymantaray.apps.study.figures.register import range_ends
-from pymantaray.apps.study.figures.trajectory import ApePanel, error_over_time, pooled_ape
+from pymantaray.apps.study.figures.trajectory import (
+    ApePanel,
+    draw_error_distribution,
+    error_over_time,
+    pooled_ape,
+)
 from pymantaray.evaluation import range_errors
 from pymantaray.pages import style
 from pymantaray.records import RayStatus
@@ -115,6 +121,15 @@ def test_pooled_errors_are_shares_with_mean_and_quartiles_marked(look, as_stored
     for name in ("odometry", "constant"):
         beyond = 100.0 * np.mean(ape[name][np.isfinite(ape[name])] > reach)
         assert f"{beyond:.0f} % beyond the axis" in look.texts(figure)
+
+
+@pytest.mark.parametrize(("number", "words"), [(4, ""), (7, ", 1 % beyond the axis")])
+def test_half_a_percent_beyond_the_axis_is_said(number, words):
+    errors = {"straight": np.linspace(1.0, 2.0, 1000), "odometry": np.ones(1000)}
+    errors["odometry"][:number] = 1e3
+    axes = Figure().subplots()
+    draw_error_distribution(axes, errors, "odometry", log=False)
+    assert axes.texts[-1].get_text() == f"mean {errors['odometry'].mean():.2f} m{words}"
 
 
 def test_the_band_of_error_over_time_is_between_the_quartiles(look, records):

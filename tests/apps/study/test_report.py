@@ -25,7 +25,7 @@ from refusals import refused
 from pymantaray.apps.study import open_run, report, write_report
 from pymantaray.apps.study.explore import _first_vehicle, _fleet
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
-from pymantaray.apps.study.page import headlines, run_page
+from pymantaray.apps.study.page import citation_of, headlines, run_page
 from pymantaray.apps.study.report_process import ReportProcess
 from pymantaray.apps.study.tables import TABLES as TABLES_OF_PAGE
 from pymantaray.config.headings import key_heading
@@ -173,7 +173,9 @@ def test_a_report_has_figures_for_one_column_if_asked(made_run, tmp_path, monkey
     monkeypatch.setattr(write, "rendered", lambda *a, **k: drawn.append(a) or render(*a, **k))
     with ReportHere(formats=["84mm"]) as process:
         process.begin(folder)
-        assert process.write(open_run(folder), lambda *step: told.append(step)) == []
+        run = open_run(folder)
+        assert process.write(run, lambda *step: told.append(step)) == []
+    assert set(run.tables._made) == {"dropouts", "range_error", "ate_pooled", "ping_error"}
     assert told == [("report", 0, 1), ("report", 1, 1)]
     text = (folder / "index.html").read_text(encoding="utf-8")
     assert re.search(r", 1 noise realization\b", text)
@@ -250,6 +252,20 @@ def test_tables_are_those_of_the_evaluation_and_the_page_quotes_them(reported):
     refracted = tables["ate_pooled"].set_index("condition")["mean_m"]["refracted"]
     assert f"{refracted:.2f}\u00a0m" in reported.text, "a number and its unit stay in one line"
     assert re.search("RMSE [\\d.]+\u00a0m(\u00a0±\u00a0[\\d.]+\u00a0m)?; RMSE", reported.text)
+
+
+def test_a_citation_has_version_commit_and_day_if_the_manifest_has(run):
+    entries = {"versions": {"pymantaray": "1.2", "git_commit": "0123456789abcdef"}}
+    entries["made"] = {"began": "2025-03-04T05:06:07Z"}
+    for of_run, how, year in (
+        (entries, "version 1.2, commit 0123456789ab on 2025-03-04", "2025"),
+        ({"versions": {}, "made": None}, "version unknown", None),
+    ):
+        known = SimpleNamespace(study=run.study, manifest=run.manifest | of_run)
+        words, bibtex = citation_of([SimpleNamespace(run=known)])
+        assert words.endswith(f", made with MantaRay, {how}.")
+        assert f"{{{how.partition(' on ')[0]}; study {run.study.name}, seed" in bibtex
+        assert year is None or f"year = {{{year}}}" in bibtex
 
 
 def test_names_are_escaped_everywhere(made_run, tmp_path, monkeypatch):

@@ -20,7 +20,7 @@ from pymantaray.apps.study import open_run, run_study, runner
 from pymantaray.apps.study.manifest import Stopwatch, checksums, describe_run, estimator_notes
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.realization import SolverInputs
-from pymantaray.apps.study.store import summarize
+from pymantaray.apps.study.store import run_in_memory, summarize
 from pymantaray.config import parse_study
 from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.config.build.study import build_study
@@ -206,6 +206,9 @@ def test_the_rays_of_a_lone_vehicle_are_done_at_once():
     study = build_study(parse_study(tree))
     mission = simulate_mission(study, Stopwatch(), lambda *step: steps.append(step))
     assert mission.measurements.range_status.size == 0
+    run = run_in_memory(study, mission)
+    assert run.study is study
+    assert run.profile is mission.ocean.profile
     last = {stage: (done, total) for stage, done, total in steps}
     assert last == dict.fromkeys(("ocean", "fleet", "rays"), (1, 1))
 
@@ -379,6 +382,15 @@ def test_notes_of_files_that_estimators_assume_are_of_their_readers(tiny, tiny_r
     notes = estimator_notes(run)
     assert {note[:18] for note in notes} == {"estimators: cold: "}
     assert any("freezing" in note for note in notes)
+
+
+def test_notes_of_a_run_are_of_its_ocean_its_fleet_and_its_estimators(tiny_run_folder):
+    run = open_run(tiny_run_folder)
+    for parts in (("ocean", "fleet", "estimators"), ("estimators",), ()):
+        vars(run)["manifest"] = {part: {"notes": [f"of the {part}"]} for part in parts}
+        assert run.notes == [f"of the {part}" for part in parts]
+    vars(run)["manifest"] = {"fleet": {}}
+    assert run.notes == []
 
 
 def test_files_may_go_while_realizations_are_solved(tiny, fly_tiny, tmp_path):
