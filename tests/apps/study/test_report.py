@@ -561,7 +561,10 @@ def test_numbers_of_the_data_and_words_of_a_page_stay(reported, as_stored):
     data = json.loads(gzip.decompress(base64.b64decode(packed[0])))
     as_stored(data | {"rays": data["rays"][::9]})
     results = RunResults(open_run(reported.folder))
+    (origin,) = (page := run_page(results, [], "[]")).origin
+    assert (origin.caption, origin.file) == ("Manifest", "manifest.json")
+    assert page.references == results.run.manifest["references"]
+    assert page.links == {"Configuration": "config.toml"}
     captions = {spec.name: spec.caption for spec in run_figure_specs(results)}
-    page = run_page(results, [], "[]")
     said = {"facts": page.facts, "notes": page.notes, "cards": page.cards, "words": page.words}
     as_stored(said | captions, name="words")

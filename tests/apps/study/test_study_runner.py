@@ -19,7 +19,7 @@ from refusals import refused
 from pymantaray.apps.study import open_run, run_study, runner
 from pymantaray.apps.study.manifest import Stopwatch, checksums, describe_run, estimator_notes
 from pymantaray.apps.study.mission import simulate_mission
-from pymantaray.apps.study.realization import SolverInputs
+from pymantaray.apps.study.realization import SolverInputs, start_solver
 from pymantaray.apps.study.store import run_in_memory, summarize
 from pymantaray.config import parse_study
 from pymantaray.config.build.estimators import EstimatorFactory
@@ -349,6 +349,22 @@ def test_three_realizations_have_a_worker_if_there_are_cores(
 ):
     monkeypatch.setattr("os.cpu_count", lambda: cores)
     assert runner._worker_count(realizations) == workers
+
+
+def test_processes_solve_if_there_are_several_workers(tiny, fly_tiny, tmp_path, monkeypatch):
+    asked, (mission, _) = [], fly_tiny()
+
+    class PoolHere(runner.Pool):
+        def __init__(self, start, workers):
+            asked.append((start, workers))
+            super().__init__(start)
+
+    monkeypatch.setattr(runner, "ProcessPool", PoolHere)
+    config = tiny(conditions=["odometry"])
+    for workers in (1, 2):
+        run = run_study(config, tmp_path / f"{workers}", workers=workers, mission=mission)
+        assert run.manifest["machine"]["workers"] == workers
+    assert asked == [(start_solver, 2)]
 
 
 def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path, as_stored):
