@@ -8,6 +8,7 @@ import hashlib
 import pickle
 import shutil
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -20,7 +21,7 @@ from pymantaray.apps.study import open_run, run_study, runner
 from pymantaray.apps.study.manifest import Stopwatch, checksums, describe_run, estimator_notes
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.realization import SolverInputs, start_solver
-from pymantaray.apps.study.store import run_in_memory, summarize
+from pymantaray.apps.study.store import Run, run_in_memory, summarize
 from pymantaray.config import parse_study
 from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.config.build.study import build_study
@@ -349,6 +350,17 @@ def test_three_realizations_have_a_worker_if_there_are_cores(
 ):
     monkeypatch.setattr("os.cpu_count", lambda: cores)
     assert runner._worker_count(realizations) == workers
+
+
+def test_conditions_with_like_measurements_share_what_follows_from_them(tiny):
+    own = [{"name": "deaf", "ranges": "none"}, {"name": "own", "ranges": "refracted"}]
+    run = Run(Path())
+    study = build_study(tiny(conditions=["refracted", *own]))
+    vars(run).update(study=study, truth="truth", measurements="measurements")
+    found = run._by_measurements(lambda *given: list(given))
+    kinds = {"refracted": "straight", "deaf": "no-ranges", "own": "straight"}
+    assert found == {name: ["truth", "measurements", like] for name, like in kinds.items()}
+    assert found["own"] is found["refracted"]
 
 
 def test_processes_solve_if_there_are_several_workers(tiny, fly_tiny, tmp_path, monkeypatch):
