@@ -167,6 +167,8 @@ def test_error_over_time_is_the_median_of_healthy_realizations(look, records):
     assert len({line.get_color() for line in lines}) == len(errors)
     assert figure.legends[0].get_texts()[-1].get_text() == "GNSS fix"
     middle = np.median(np.delete(values, 2, axis=0), axis=0)
+    labelled = [axes.xaxis.get_tick_params()["labelbottom"] for axes in figure.axes[:4]]
+    assert labelled == [False, True, True, True]  # of four in three columns, two have none below
     for i, axes in enumerate(figure.axes[:4]):
         (line,) = look.markers(axes, style.BLUE)
         np.testing.assert_allclose(line.get_ydata(), middle[i])

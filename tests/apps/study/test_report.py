@@ -449,9 +449,9 @@ def test_an_rmse_has_its_standard_error_if_that_is_known(run):
 def test_many_conditions_are_a_table_and_each_word_is_explained(made_run, run, reported, tmp_path):
     conditions = tuple(f"estimator-{i}" for i in range(7))
     many = run_page(
-        RunResults(open_run(made_run(conditions=conditions).write(tmp_path / "run"))), [], "[]"
+        RunResults(open_run(made_run(conditions=conditions).write(tmp_path / "run"))), "[]"
     ).html()
-    few = run_page(RunResults(run), [], "[]").html()
+    few = run_page(RunResults(run), "[]").html()
     assert many.count('class="card"') == 3
     assert all(f"Position error, {name}" in many for name in conditions)
     assert few.count('class="card"') == 3
@@ -519,7 +519,7 @@ def test_page_tells_of_a_vehicle_that_stopped(made_run, tmp_path):
     status = run.truth.status.copy()
     status[1, 60:] = 1
     run.__dict__["truth"] = type(run.truth)(**{**vars(run.truth), "status": status})
-    text = run_page(RunResults(run), [], "[]").html()
+    text = run_page(RunResults(run), "[]").html()
     assert "Vehicle B stopped after 10 h 00 min: GROUNDED." in text
 
 
@@ -561,7 +561,7 @@ def test_numbers_of_the_data_and_words_of_a_page_stay(reported, as_stored):
     data = json.loads(gzip.decompress(base64.b64decode(packed[0])))
     as_stored(data | {"rays": data["rays"][::9]})
     results = RunResults(open_run(reported.folder))
-    (origin,) = (page := run_page(results, [], "[]")).origin
+    (origin,) = (page := run_page(results, "[]")).origin
     assert (origin.caption, origin.file) == ("Manifest", "manifest.json")
     assert page.references == results.run.manifest["references"]
     assert page.links == {"Configuration": "config.toml"}

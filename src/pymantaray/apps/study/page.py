@@ -13,7 +13,6 @@ from pymantaray.apps.study.mission import earth_note
 from pymantaray.apps.study.references import MANTARAY
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.jobs.run_folder import CONFIG, without_checksums
-from pymantaray.pages.drawing import Picture
 from pymantaray.pages.page import Card, Explorer, Page, origin_table
 from pymantaray.pages.style import clock, condition_label
 from pymantaray.records import SolveStatus
@@ -39,8 +38,8 @@ _CONDITIONS = {
 }
 
 
-def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Page:
-    """Page of a run with its figures; ``rays`` is the result of `mission_rays`."""
+def run_page(results: RunResults, rays: str) -> Page:
+    """Page of a run without its figures; ``rays`` is the result of `mission_rays`."""
     run = results.run
     study = run.study
     hours = study.duration / 3600.0
@@ -58,7 +57,6 @@ def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Pag
         long=True,
         words=_words(results),
         explorer=Explorer("run", explorer(results, rays)),
-        pictures=pictures,
         tables=list(results.tables.values()),
         links={"Configuration": "config.toml"},
         made=_provenance(results),
