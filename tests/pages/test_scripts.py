@@ -103,7 +103,7 @@ def comparison_page(results, _):
 
 
 PAGES = {
-    "run": lambda results, _: run_page(results, [], "[]").html(),
+    "run": lambda results, _: run_page(results, "[]").html(),
     "comparison": comparison_page,
     "sweep": sweep_page,
     "atlas": atlas_page,

@@ -209,13 +209,18 @@ def test_a_rewritten_profile_has_other_scores_in_the_same_process(tiny, tmp_path
 
 
 def test_the_waters_of_a_plan_are_those_of_the_files_now(tiny, tmp_path):
-    file = tmp_path / "water.csv"
+    """Of the study, and of the values of a free key, in the folder of the plan or elsewhere."""
     tree = tiny.model_dump(exclude_none=True)
-    tree["ocean"] = {"source": [str(file)], "bathymetry": 2000.0}
-    plan = plan_of(parse_study(tree, "tiny"), free={"ocean.source": [[str(file)], ["other.csv"]]})
+    tree["ocean"] = {"source": [str(tmp_path / "base.csv")], "bathymetry": 2000.0}
+    others = [["free.csv"], [str(tmp_path / "elsewhere.csv")], ["missing.csv"]]
+    section = PlanSection(free={"ocean": {"source": others}})
+    plan = DeploymentPlan(parse_study(tree, "tiny"), section, folder=tmp_path)
+    files = [tmp_path / f"{name}.csv" for name in ("base", "free", "elsewhere")]
+    water = "depth,sound_speed\n0,1450\n2000,1500\n"
     keys = []
-    for text in ("1450", "1460", "1450"):
-        file.write_text(f"depth,sound_speed\n0,{text}\n2000,1500\n")
+    for changed in (None, *files, None):
+        for file in files:
+            file.write_text(water.replace("1450", "1460") if file == changed else water)
         keys.append(plan.fingerprint)
-    assert keys[0] == keys[2] != keys[1]
-    assert str(file) in plan.files
+    assert (len({*keys}), keys[0]) == (4, keys[-1])
+    assert plan.files == tuple(map(str, files))

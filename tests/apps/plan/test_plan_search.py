@@ -313,6 +313,9 @@ def test_the_page_has_the_front_the_map_and_the_sentences(drawn, tmp_path, as_st
         assert (page.parent / "tables" / f"{name}.csv").stat().st_size > 20
     assert all(sentence in text for sentence in results.sentences if "'" not in sentence)
     as_stored(drawn, without=MADE)
+    (origin,) = drawn.pages[0].origin
+    assert (origin.caption, origin.file) == ("Options", "plan.json")
+    assert ["plan / lost_of", "T"] in origin.frame.to_numpy().tolist()
     as_stored(json.loads(drawn.pages[0].explorer.data), name="explorer")
     as_stored([figure.get_size_inches() for figure in drawn.figures], name="sizes")
 

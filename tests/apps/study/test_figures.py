@@ -144,6 +144,7 @@ def looks_of(figure):
         **{k: np.concatenate([to_rgba_array(c) for c in ([], *of(k))]) for k in colours.split()},
         **{k: np.concatenate([np.ravel(v) for v in ([], *of(k))]) for k in numbers.split()},
         **{k: Counter(str(v) for v in of(k) if not isinstance(v, list)) for k in words.split()},
+        "size": figure.get_size_inches(),
         "order": of("zorder"),
         "places": [text.get_position() for text in figure.texts],
         "axes": [[*axes.get_position().bounds, axes.axison] for axes in figure.axes],

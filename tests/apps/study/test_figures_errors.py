@@ -5,6 +5,7 @@ Figures of range and position errors: artists are read back and compared with wh
 import numpy as np
 import pytest
 from matplotlib.colors import to_hex
+from matplotlib.figure import Figure
 from scipy import stats
 
 from pymantaray.apps.study.figures.ranging import (
@@ -13,7 +14,12 @@ from pymantaray.apps.study.figures.ranging import (
     range_error_split,
 )
 from pymantaray.apps.study.figures.register import range_ends
-from pymantaray.apps.study.figures.trajectory import ApePanel, error_over_time, pooled_ape
+from pymantaray.apps.study.figures.trajectory import (
+    ApePanel,
+    draw_error_distribution,
+    error_over_time,
+    pooled_ape,
+)
 from pymantaray.evaluation import range_errors
 from pymantaray.pages import style
 from pymantaray.records import RayStatus
@@ -117,6 +123,15 @@ def test_pooled_errors_are_shares_with_mean_and_quartiles_marked(look, as_stored
         assert f"{beyond:.0f} % beyond the axis" in look.texts(figure)
 
 
+@pytest.mark.parametrize(("number", "words"), [(4, ""), (7, ", 1 % beyond the axis")])
+def test_half_a_percent_beyond_the_axis_is_said(number, words):
+    errors = {"straight": np.linspace(1.0, 2.0, 1000), "odometry": np.ones(1000)}
+    errors["odometry"][:number] = 1e3
+    axes = Figure().subplots()
+    draw_error_distribution(axes, errors, "odometry", log=False)
+    assert axes.texts[-1].get_text() == f"mean {errors['odometry'].mean():.2f} m{words}"
+
+
 def test_the_band_of_error_over_time_is_between_the_quartiles(look, records):
     """Of ranks 0 to 100 the quartiles are 25 and 75."""
     time = records.truth.time
@@ -152,6 +167,8 @@ def test_error_over_time_is_the_median_of_healthy_realizations(look, records):
     assert len({line.get_color() for line in lines}) == len(errors)
     assert figure.legends[0].get_texts()[-1].get_text() == "GNSS fix"
     middle = np.median(np.delete(values, 2, axis=0), axis=0)
+    labelled = [axes.xaxis.get_tick_params()["labelbottom"] for axes in figure.axes[:4]]
+    assert labelled == [False, True, True, True]  # of four in three columns, two have none below
     for i, axes in enumerate(figure.axes[:4]):
         (line,) = look.markers(axes, style.BLUE)
         np.testing.assert_allclose(line.get_ydata(), middle[i])

@@ -144,7 +144,7 @@ def test_a_replay_calls_the_share_of_predicted_events_by_its_name(
 
 
 def test_the_page_says_what_its_words_mean_and_how_to_cite_it(run):
-    text = run_page(RunResults(run), [], "[]").html()
+    text = run_page(RunResults(run), "[]").html()
     digest = hashlib.sha256((run.path / "config.toml").read_bytes()).hexdigest()
     assert f"configuration {digest[:12]}" in text
     assert "@software{mantaray," in text

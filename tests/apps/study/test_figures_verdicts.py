@@ -55,6 +55,24 @@ def test_curves_are_the_ratios_and_each_marker_says_its_verdict(look, tables, as
     assert one.axes[0].get_xlim() == (47.5, 48.5)
 
 
+@pytest.mark.parametrize(
+    ("ratio", "low", "high", "near"),
+    [
+        (0.24, 0.8, 1.1, (0.5, 1.5)),
+        (0.26, 0.8, 1.1, None),
+        (3.9, 0.9, 1.5, None),
+        (4.1, 0.9, 1.5, (0.0, 2.25)),
+    ],
+)
+def test_ratios_beyond_four_need_a_logarithmic_axis_and_a_near_one(tables, ratio, low, high, near):
+    """The near one has 2.5 times the wider side of the band to both sides, and none below zero."""
+    kinds = [("straight", "horizontal"), ("straight", "ranges")]
+    table = tables.consistency_rows({kind: [1.0, 1.0, ratio, 1.0] for kind in kinds})
+    grid = consistency_over_time(table.assign(low=low, high=high), HEADER).axes
+    assert [axes.get_yscale() for axes in grid[:2]] == ["linear" if near is None else "log"] * 2
+    assert [axes.get_ylim() for axes in grid[2:]] == [pytest.approx(near)] * (2 if near else 0)
+
+
 def test_many_estimators_look_different_and_names_are_literal(look, tables):
     names = ["straight", "a$x$", *"bcdefghijkl"]
     table = tables.consistency_rows({(n, "horizontal"): [1.02, 0.98, 1.3, 1.0] for n in names})

@@ -16,7 +16,7 @@ import matplotlib as mpl
 import numpy as np
 import pytest
 import typer
-from factories import TINY, python
+from factories import TINY, assert_same, python
 from matplotlib.figure import Figure
 from other_package import NOTHING, install
 from refusals import refused
@@ -182,6 +182,14 @@ def measure(scene, noise):
     assert capsys.readouterr().out == ""
 
 
+def test_a_sensor_replaces_its_columns_in_a_realization(install, tiny_run):
+    depth = "{'depth': np.full(measurements.depth.shape, 5.0)}"
+    install(NOTHING.rpartition("{}")[0] + depth)
+    noisy = tiny_run.noise._replace(sensors=("bad",)).noisy(0)
+    assert (noisy.depth == 5.0).all()
+    assert_same(noisy, tiny_run.noisy_measurements(0), but=("depth",))
+
+
 FIGURE = """
 from matplotlib.figure import Figure
 from pymantaray.apps.study.figures.register import register
@@ -220,13 +228,39 @@ def test_a_figure_that_fails_is_named_and_left_out(install, tiny_run, source, fa
     assert fault in line
 
 
+def test_a_figure_that_a_run_does_not_need_is_left_out(install, tiny_run):
+    install(FIGURE + "register('a', **given, needs=lambda r: False)", group="figures")
+    assert drawn_of(RunResults(tiny_run)) == ([], [])
+
+
+def test_a_figure_of_the_mission_that_fails_is_reported_at_the_end(
+    install, made_run, tmp_path, monkeypatch
+):
+    source = "register('a', **given | {'draw': lambda r: 1 / 0}, of_mission=True)"
+    install(FIGURE + source, group="figures")
+    specs = run_figure_specs
+    monkeypatch.setattr(
+        report, "run_figure_specs", lambda r, **of: [s for s in specs(r, **of) if s.name == "a"]
+    )
+    folder = made_run(realizations=1).write(tmp_path / "run")
+    maker = report.ReportMaker(formats=())
+    maker.prepare(folder)
+    assert [*maker._tables] == ["bound"]
+    made = maker.make(folder.rename(tmp_path / "finished"))
+    (line,) = made.failures
+    assert "figure 'a': ZeroDivisionError" in line
+    assert b"A figure is missing: package " in made.files["index.html"]
+
+
 def drawn_of(results):
     """Figures of other packages that are drawn, and the lines of those that fail."""
     specs = run_figure_specs(results)
     own = {name for name, entry in figures._REGISTER.items() if entry.owner is None}
     assert own >= {"ray_picture", "sound_speed"}
+    others = [s for s in specs if s.name not in own]
+    assert {s.name for s in others} <= {"a", "bad"}  # of the figure, or of the entry point
     failures = []
-    drawn = draw([s for s in specs if s.name not in own], formats=(), failures=failures)
+    drawn = draw(others, formats=(), failures=failures)
     return [picture.name for picture in drawn], failures
 
 

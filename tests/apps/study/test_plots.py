@@ -5,12 +5,14 @@ same.
 
 import matplotlib.pyplot as plt
 import numpy as np
+import pandas as pd
 import pytest
 from factories import make_arrivals
 from matplotlib.figure import Figure
 
 from pymantaray.acoustics import Medium, RayPaths
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
+from pymantaray.apps.study.figures.vehicles import draw_vehicle_errors
 
 
 @pytest.fixture(autouse=True)
@@ -68,6 +70,15 @@ def test_the_figure_by_vehicle_equals_the_figure_of_the_report(run):
             [np.stack(lines.get_segments())[:, :, 1] for lines in axes.collections]
         )
         np.testing.assert_array_equal(quartiles, table[["p25_m", "p75_m"]])
+
+
+@pytest.mark.parametrize(("vehicles", "angle"), [(6, 0.0), (7, 90.0)])
+def test_names_that_do_not_fit_side_by_side_are_upright(vehicles, angle):
+    names = [f"vehicle {k:04d}" for k in range(vehicles)]  # 96 letters and gaps of two fit
+    errors = dict.fromkeys(["rmse_m", "p25_m", "p75_m"], 1.0)
+    axes = Figure().subplots()
+    draw_vehicle_errors(axes, pd.DataFrame({"vehicle": names, "condition": "straight", **errors}))
+    assert {label.get_rotation() for label in axes.get_xticklabels()} == {angle}
 
 
 def test_a_medium_shows_its_profile_and_its_bed(as_stored):

@@ -25,7 +25,7 @@ from refusals import refused
 from pymantaray.apps.study import open_run, report, write_report
 from pymantaray.apps.study.explore import _first_vehicle, _fleet
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
-from pymantaray.apps.study.page import headlines, run_page
+from pymantaray.apps.study.page import citation_of, headlines, run_page
 from pymantaray.apps.study.report_process import ReportProcess
 from pymantaray.apps.study.tables import TABLES as TABLES_OF_PAGE
 from pymantaray.config.headings import key_heading
@@ -167,11 +167,15 @@ def test_tables_for_a_paper_are_those_of_the_page(reported):
 
 
 def test_a_report_has_figures_for_one_column_if_asked(made_run, tmp_path, monkeypatch):
-    folder, told = made_run(realizations=1).write(tmp_path / "run"), []
+    folder, told, drawn = made_run(realizations=1).write(tmp_path / "run"), [], []
     without_drawing(monkeypatch)
+    render = write.rendered
+    monkeypatch.setattr(write, "rendered", lambda *a, **k: drawn.append(a) or render(*a, **k))
     with ReportHere(formats=["84mm"]) as process:
         process.begin(folder)
-        assert process.write(open_run(folder), lambda *step: told.append(step)) == []
+        run = open_run(folder)
+        assert process.write(run, lambda *step: told.append(step)) == []
+    assert set(run.tables._made) == {"dropouts", "range_error", "ate_pooled", "ping_error"}
     assert told == [("report", 0, 1), ("report", 1, 1)]
     text = (folder / "index.html").read_text(encoding="utf-8")
     assert re.search(r", 1 noise realization\b", text)
@@ -179,6 +183,7 @@ def test_a_report_has_figures_for_one_column_if_asked(made_run, tmp_path, monkey
     assert files == {f"{n}.84mm.pdf" for n in ("error_over_time", "factor_graph", "fleet_layout")}
     assert all(f'href="figures/{name}"' in text for name in files)
     assert all(f'href="figures/{name.partition(".")[0]}.png"' in text for name in files)
+    assert len(drawn) == len([*(folder / "figures").iterdir()])  # each once
 
 
 def test_an_unknown_format_is_one_clear_line(tmp_path):
@@ -227,6 +232,8 @@ def test_tables_are_those_of_the_evaluation_and_the_page_quotes_them(reported):
         pd.testing.assert_frame_equal(
             read, frame.reset_index(drop=True), check_dtype=False, rtol=1e-12, obj=name
         )
+    for shared in (run.bounds, run.degrees_of_freedom):
+        assert shared["refracted"] is shared["straight"]
     tables = {name: table.frame for name, table in run.tables.items()}
     assert len(tables["solves"]) == run.estimates.solve_status.size
     for name, expected in (
@@ -245,6 +252,20 @@ def test_tables_are_those_of_the_evaluation_and_the_page_quotes_them(reported):
     refracted = tables["ate_pooled"].set_index("condition")["mean_m"]["refracted"]
     assert f"{refracted:.2f}\u00a0m" in reported.text, "a number and its unit stay in one line"
     assert re.search("RMSE [\\d.]+\u00a0m(\u00a0±\u00a0[\\d.]+\u00a0m)?; RMSE", reported.text)
+
+
+def test_a_citation_has_version_commit_and_day_if_the_manifest_has(run):
+    entries = {"versions": {"pymantaray": "1.2", "git_commit": "0123456789abcdef"}}
+    entries["made"] = {"began": "2025-03-04T05:06:07Z"}
+    for of_run, how, year in (
+        (entries, "version 1.2, commit 0123456789ab on 2025-03-04", "2025"),
+        ({"versions": {}, "made": None}, "version unknown", None),
+    ):
+        known = SimpleNamespace(study=run.study, manifest=run.manifest | of_run)
+        words, bibtex = citation_of([SimpleNamespace(run=known)])
+        assert words.endswith(f", made with MantaRay, {how}.")
+        assert f"{{{how.partition(' on ')[0]}; study {run.study.name}, seed" in bibtex
+        assert year is None or f"year = {{{year}}}" in bibtex
 
 
 def test_names_are_escaped_everywhere(made_run, tmp_path, monkeypatch):
@@ -268,6 +289,7 @@ def test_a_report_works_without_ranges_and_with_failed_solves(run, made_run, tmp
     without_drawing(monkeypatch)
     text = write_report(lone.write(tmp_path / "lone"), formats=["tex"]).read_text(encoding="utf-8")
     assert "0 of 0" in text
+    assert "Test Sea: 1 vehicle, " in text
     assert ">no rows</td>" in text  # of the differences between conditions
     assert "ray_picture" not in text
     difference = pd.read_csv(tmp_path / "lone" / "tables" / "ate_difference.csv")
@@ -427,9 +449,9 @@ def test_an_rmse_has_its_standard_error_if_that_is_known(run):
 def test_many_conditions_are_a_table_and_each_word_is_explained(made_run, run, reported, tmp_path):
     conditions = tuple(f"estimator-{i}" for i in range(7))
     many = run_page(
-        RunResults(open_run(made_run(conditions=conditions).write(tmp_path / "run"))), [], "[]"
+        RunResults(open_run(made_run(conditions=conditions).write(tmp_path / "run"))), "[]"
     ).html()
-    few = run_page(RunResults(run), [], "[]").html()
+    few = run_page(RunResults(run), "[]").html()
     assert many.count('class="card"') == 3
     assert all(f"Position error, {name}" in many for name in conditions)
     assert few.count('class="card"') == 3
@@ -497,7 +519,7 @@ def test_page_tells_of_a_vehicle_that_stopped(made_run, tmp_path):
     status = run.truth.status.copy()
     status[1, 60:] = 1
     run.__dict__["truth"] = type(run.truth)(**{**vars(run.truth), "status": status})
-    text = run_page(RunResults(run), [], "[]").html()
+    text = run_page(RunResults(run), "[]").html()
     assert "Vehicle B stopped after 10 h 00 min: GROUNDED." in text
 
 
@@ -539,7 +561,10 @@ def test_numbers_of_the_data_and_words_of_a_page_stay(reported, as_stored):
     data = json.loads(gzip.decompress(base64.b64decode(packed[0])))
     as_stored(data | {"rays": data["rays"][::9]})
     results = RunResults(open_run(reported.folder))
+    (origin,) = (page := run_page(results, "[]")).origin
+    assert (origin.caption, origin.file) == ("Manifest", "manifest.json")
+    assert page.references == results.run.manifest["references"]
+    assert page.links == {"Configuration": "config.toml"}
     captions = {spec.name: spec.caption for spec in run_figure_specs(results)}
-    page = run_page(results, [], "[]")
     said = {"facts": page.facts, "notes": page.notes, "cards": page.cards, "words": page.words}
     as_stored(said | captions, name="words")

@@ -19,11 +19,16 @@ def test_rays_of_the_page_under_rough_ice_have_no_reflections(tmp_path, as_store
         }
     )
     poses["north"], poses["east"] = [0.0, 100.0, 1500.0, 1500.0], 0.0
-    run = measure(
-        poses, str(tmp_path / "cast.csv"), 600.0,
-        bathymetry=1000.0, ice=1.5, ice_slope_deg=0.5, max_surface_bounces=2, centre=(74.5, -140.0),
+    smooth, run = (
+        measure(
+            poses, str(tmp_path / "cast.csv"), 600.0,
+            bathymetry=1000.0, ice=1.5, max_surface_bounces=2, centre=(74.5, -140.0), **rough,
+        )
+        for rough in ({}, {"ice_slope_deg": 0.5})
     )  # fmt: skip
     assert run.arrivals.surface_bounces.max() > 0
+    (section,) = json.loads(mission_rays(RunResults(smooth)))
+    assert section["surface"] == smooth.arrivals.surface_bounces.tolist() == [0, 1]
     sections = json.loads(mission_rays(RunResults(run)))
     assert sections
     assert all(section["surface"] == [0] for section in sections)

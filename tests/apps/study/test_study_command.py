@@ -284,6 +284,14 @@ def test_what_is_not_healthy_is_a_line_each(tiny_run_folder, monkeypatch):
     )
 
 
+def test_one_vehicle_and_one_realization_are_no_plural(made_run, tmp_path, capsys):
+    lone = made_run(names=("A",), pings=0, realizations=1, conditions=("odometry",), rays=False)
+    run = open_run(lone.write(tmp_path / "run"))
+    run.manifest["outcome"] = {"stopped_vehicles": {}, "unhealthy_solves": []}
+    study_commands._print_summary(Printer(quiet=False), run)
+    assert " h, 1 vehicle, 1 realization, synthetic ocean\n" in capsys.readouterr().out
+
+
 def test_causes_of_lost_ranges_have_the_words_of_the_page(capsys):
     counts = {"category": ALL_LINKS} | {status.name.lower(): 0 for status in RayStatus}
     counts |= {

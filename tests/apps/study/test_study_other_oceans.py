@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 import xarray as xr
 
+from pymantaray.acoustics import Medium
+from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study import run_study
+from pymantaray.apps.study.mission import with_notes
 from pymantaray.config import load_study
 from pymantaray.config.build.ocean import build_ocean
 from pymantaray.geometry import LocalFrame
@@ -130,3 +133,18 @@ def test_profiles_are_of_the_domain_that_was_asked_for_and_no_further(tiny, tiny
     expected = sound_speed_profile_spread(part)
     assert tiny_run.profile.equals(expected)
     assert tiny_run.profile["count"][0] < 0.1 * whole.sizes["lat"] * whole.sizes["lon"]
+
+
+def test_notes_of_an_ocean_and_its_medium_are_attributes_of_the_ocean():
+    local = xr.Dataset(attrs={"title": "sea"})
+    ocean = OceanFields(None, local, notes=("one", "two"))
+    still, stepped = (
+        Medium.from_profile([0.0, 100.0, 100.01, 500.0], speed, bottom_depth=500.0)
+        for speed in ([1440.0] * 4, [1440.0, 1445.0, 1475.0, 1500.0])
+    )
+    assert stepped.notes
+    for medium in (stepped, lambda _: stepped):
+        attributes = with_notes(ocean, medium).local.attrs
+        assert attributes == {"title": "sea", "notes": "\n".join(["one", "two", *stepped.notes])}
+    silent = OceanFields(None, local)
+    assert with_notes(silent, still) is silent

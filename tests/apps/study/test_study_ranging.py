@@ -104,6 +104,11 @@ def test_noise_is_that_of_sensing_with_what_the_sections_say(request, name, opti
     seed = {"root_seed": run.config.study.seed, "realization": 0}
     expected = perturb(run.measurements, **seed, **options, ranging_truth=run.ranging_truth)
     assert run.noisy_measurements(0).to_dataset().identical(expected.to_dataset())
+    options |= {"ranging_truth": run.ranging_truth, "correlation_time": 1e5}
+    lasting = perturb(run.measurements, **seed, **options).to_dataset()
+    drawn = run.noise._replace(pick_correlation_time=1e5).noisy(0).to_dataset()
+    assert drawn.identical(lasting)
+    assert drawn.identical(expected.to_dataset()) == (run.candidates is None)
 
 
 def test_two_way_ranges_move_with_the_vehicles_and_the_current(two_way, one_way, tiny_run):

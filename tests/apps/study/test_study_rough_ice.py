@@ -3,6 +3,8 @@ Rough ice in studies, for existing trajectories and in the service: the same ice
 ice in other draws.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -128,6 +130,11 @@ def test_a_realization_has_the_ranges_of_its_draw(tiny_run):
         heard = found.range_status == RayStatus.OK
         moved = (found.refracted_range - plain.refracted_range)[heard]
         np.testing.assert_allclose(moved, later[heard], rtol=0, atol=1e-6)
+    faint = np.ones(lost.shape)
+    faint[1] = 0.0
+    modem = own._replace(probability=faint[0], draws=replace(own.draws, probability=faint))
+    np.testing.assert_array_equal(modem.noisy(0).range_status, lost[0])
+    assert not (modem.noisy(1).range_status == RayStatus.OK).any()
 
 
 @pytest.mark.slow
@@ -183,12 +190,15 @@ def test_each_draw_of_the_ice_has_the_pings_of_a_list(sea):
     north = {"A": 0.0, "B": 1500.0}
     poses = pd.DataFrame([(t, k, n) for k, n in north.items() for t in (0.0, 600.0)])
     poses.columns = ["time", "vehicle", "north"]
+    steps = []
     run = measure(
         poses.assign(east=0.0, depth=90.0),
         sea[0] | ROUGH | {"ice_draw": "each", "centre_lat": 74.5, "centre_lon": -140.0},
         PingList((300.0,), ("A",)),
         study={"realizations": 2},
+        progress=lambda *step: steps.append(step),
     )
+    assert [step[1:] for step in steps if step[0] == "rays"] == [(0, 1), (1, 2), (2, 2)]
     times = [run.ranging_truth_in(k).travel_time for k in range(2)]
     np.testing.assert_array_equal(times[0], run.ranging_truth.travel_time)
     np.testing.assert_allclose(times, 1500.0 / 1437.5, rtol=1e-3)

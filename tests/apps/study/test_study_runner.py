@@ -2,24 +2,29 @@
 A whole small study: what is on disk is what was computed, the same whoever computes it, or nothing.
 """
 
+import copy
 import datetime as dt
 import hashlib
 import pickle
 import shutil
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 import xarray as xr
-from factories import assert_same, names_in, python
+from factories import TINY, assert_same, changed, names_in, python
 from refusals import refused
 
 from pymantaray.apps.study import open_run, run_study, runner
-from pymantaray.apps.study.manifest import checksums, describe_run
-from pymantaray.apps.study.realization import SolverInputs
-from pymantaray.apps.study.store import summarize
+from pymantaray.apps.study.manifest import Stopwatch, checksums, describe_run, estimator_notes
+from pymantaray.apps.study.mission import simulate_mission
+from pymantaray.apps.study.realization import SolverInputs, start_solver
+from pymantaray.apps.study.store import Run, run_in_memory, summarize
+from pymantaray.config import parse_study
 from pymantaray.config.build.estimators import EstimatorFactory
+from pymantaray.config.build.study import build_study
 from pymantaray.config.estimators import STANDARD, ConditionSection
 from pymantaray.errors import FleetError, JobError, StudyError
 from pymantaray.estimation import (
@@ -195,6 +200,20 @@ def test_the_default_folder_has_a_date_and_progress_reaches_its_end(tiny, tmp_pa
     assert all(done == total for done, total in last.values())
 
 
+def test_the_rays_of_a_lone_vehicle_are_done_at_once():
+    tree = changed(copy.deepcopy(TINY), DEAD_RECKONING)
+    tree["landmarks"], tree["fleet"]["vehicles"] = [], tree["fleet"]["vehicles"][:1]
+    steps = []
+    study = build_study(parse_study(tree))
+    mission = simulate_mission(study, Stopwatch(), lambda *step: steps.append(step))
+    assert mission.measurements.range_status.size == 0
+    run = run_in_memory(study, mission)
+    assert run.study is study
+    assert run.profile is mission.ocean.profile
+    last = {stage: (done, total) for stage, done, total in steps}
+    assert last == dict.fromkeys(("ocean", "fleet", "rays"), (1, 1))
+
+
 def test_vehicle_that_leaves_stops_and_the_study_goes_on(run_tiny):
     away = {"twist": [0, 0, 0, 3.0, 0, 0], "heading_deg": 90.0}
     sections = {"study": {"realizations": 1}, "conditions": ["odometry", "straight"]}
@@ -322,6 +341,44 @@ def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path,
     assert steps == ["ended", "described"]
 
 
+@pytest.mark.parametrize(
+    ("realizations", "cores", "workers"),
+    [(0, 8, 0), (1, 8, 1), (3, 8, 1), (4, 8, 2), (24, 8, 8), (25, 8, 8), (25, None, 1)],
+)
+def test_three_realizations_have_a_worker_if_there_are_cores(
+    monkeypatch, realizations, cores, workers
+):
+    monkeypatch.setattr("os.cpu_count", lambda: cores)
+    assert runner._worker_count(realizations) == workers
+
+
+def test_conditions_with_like_measurements_share_what_follows_from_them(tiny):
+    own = [{"name": "deaf", "ranges": "none"}, {"name": "own", "ranges": "refracted"}]
+    run = Run(Path())
+    study = build_study(tiny(conditions=["refracted", *own]))
+    vars(run).update(study=study, truth="truth", measurements="measurements")
+    found = run._by_measurements(lambda *given: list(given))
+    kinds = {"refracted": "straight", "deaf": "no-ranges", "own": "straight"}
+    assert found == {name: ["truth", "measurements", like] for name, like in kinds.items()}
+    assert found["own"] is found["refracted"]
+
+
+def test_processes_solve_if_there_are_several_workers(tiny, fly_tiny, tmp_path, monkeypatch):
+    asked, (mission, _) = [], fly_tiny()
+
+    class PoolHere(runner.Pool):
+        def __init__(self, start, workers):
+            asked.append((start, workers))
+            super().__init__(start)
+
+    monkeypatch.setattr(runner, "ProcessPool", PoolHere)
+    config = tiny(conditions=["odometry"])
+    for workers in (1, 2):
+        run = run_study(config, tmp_path / f"{workers}", workers=workers, mission=mission)
+        assert run.manifest["machine"]["workers"] == workers
+    assert asked == [(start_solver, 2)]
+
+
 def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path, as_stored):
     manifest = tiny_run.manifest
     assert manifest["random"]["seed"] == tiny_run.config.study.seed
@@ -339,6 +396,29 @@ def test_manifest_has_seeds_versions_and_checksums(tiny, tiny_run, tmp_path, as_
     config = tiny(ocean={"source": [str(content)]})
     assert checksums(config.files) == {str(content): hashlib.sha256(b"ocean").hexdigest()}
     assert manifest["ocean"]["synthetic"] is True
+
+
+def test_notes_of_files_that_estimators_assume_are_of_their_readers(tiny, tiny_run, tmp_path):
+    assert estimator_notes(tiny_run) == []
+    file = tmp_path / "cold.csv"
+    file.write_text("depth,temperature,salinity\n0,-1.0,28\n200,-4.4,33\n600,0.5,34.8\n")
+    belief = {"kind": "file", "source": [str(file)]}
+    model = {"name": "assumed", "range_model": {"kind": "eigenray", "belief": belief}}
+    config = tiny(conditions=[model])
+    of_run = {name: getattr(tiny_run, name) for name in ("ocean", "truth")}
+    run = SimpleNamespace(config=config, study=build_study(config), **of_run)
+    notes = estimator_notes(run)
+    assert {note[:18] for note in notes} == {"estimators: cold: "}
+    assert any("freezing" in note for note in notes)
+
+
+def test_notes_of_a_run_are_of_its_ocean_its_fleet_and_its_estimators(tiny_run_folder):
+    run = open_run(tiny_run_folder)
+    for parts in (("ocean", "fleet", "estimators"), ("estimators",), ()):
+        vars(run)["manifest"] = {part: {"notes": [f"of the {part}"]} for part in parts}
+        assert run.notes == [f"of the {part}" for part in parts]
+    vars(run)["manifest"] = {"fleet": {}}
+    assert run.notes == []
 
 
 def test_files_may_go_while_realizations_are_solved(tiny, fly_tiny, tmp_path):

@@ -185,6 +185,17 @@ def test_none_takes_a_section_out(small, none):
     assert sweep.axes[0].coordinates()["detection"][1] == "none"
 
 
+def test_of_many_bad_points_twenty_are_named_and_the_rest_is_counted(small):
+    for bad, rest in ((20, []), (22, ["and 2 more"])):
+        depths = [-1.0 - number for number in range(bad)]
+        with pytest.raises(SweepError) as caught:
+            SweepPlan(Sweep(small, cross={"mission.gnss_depth": depths}))
+        lines = str(caught.value).splitlines()
+        assert [line.partition(" (")[0] for line in lines] == [
+            f"point {n}" for n in range(20)
+        ] + rest
+
+
 def test_a_bad_point_is_one_line_and_all_are_told_at_once(small):
     sweep = Sweep(
         small, cross={"noise.range_sigma": [1.0, -1.0, "x"], "mission.gnss_depth": [1.0, 2.0]}

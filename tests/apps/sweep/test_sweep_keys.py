@@ -7,7 +7,7 @@ import datetime as dt
 import re
 import shutil
 import sys
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass, replace
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -225,6 +225,7 @@ def test_the_store_returns_all_digits(config, sections):
     if "ice" in tree["ocean"]:
         tree["acoustics"]["ice_loss_db"], modem = 2.0, MODEM | {"leakage": True}
     ocean, fleet, rays = stages_of(parse_study(tree | {"detection": modem}))
+    ocean = replace(ocean, notes=("one", "two"))
     again = {
         stage: _UNPACK[stage](netcdf_groups(netcdf_content(_PACK[stage](result))))
         for stage, result in ((OCEAN, ocean), (FLEET, fleet), (RAYS, rays))
@@ -241,6 +242,7 @@ def test_the_store_returns_all_digits(config, sections):
         assert {k: str(v) for k, v in one.attrs.items()} == {
             k: str(v) for k, v in two.attrs.items()
         }
+    assert again[OCEAN].notes == ("one", "two")
     assert again[OCEAN].region.to_csv() == ocean.region.to_csv()
     pairs = [(fleet, again[FLEET])]
     records = [name for name in rays._fields if is_dataclass(getattr(rays, name))]

@@ -203,6 +203,28 @@ def test_points_leave_their_studies_where_asked_for(here, noises, summaries, tmp
     assert summaries(run_sweep(noises(2), tmp_path / "without")) == summaries(results)
 
 
+def test_a_point_leaves_a_study_of_its_own_mission_with_a_picture(
+    here, counted, small, tmp_path, monkeypatch
+):
+    """Also of the ranges in each realization, if each has its own ice."""
+    monkeypatch.setattr(stages, "open_ocean", MissionOcean.open)
+    cast = tmp_path / "cast.csv"
+    cast.write_text("depth,sound_speed\n0,1440\n900,1460\n")
+    ice = {"ice": 2.0, "ice_slope_deg": 0.5, "ice_length": 20.0, "ice_draw": "each"}
+    tree = small.model_dump(exclude_none=True) | {"conditions": ["odometry"]}
+    tree["ocean"] = {"source": str(cast), "bathymetry": 900.0, "currents": "rest", **ice}
+    tree["study"] |= {"realizations": 2}
+    sweep = Sweep(parse_study(tree), seeds=[3])
+    (content,) = run_sweep(sweep, tmp_path / "out", studies=True).contents
+    run = open_run(tmp_path / "out" / "studies" / content["key"])
+    assert (run.config.study.seed, counted[RAYS]) == (3, 1)
+    assert set(run.manifest["seconds"]) == {"files", "realizations"}  # no mission of its own
+    assert run.ray_picture.sizes
+    times = [run.ranging_truth_in(k).travel_time for k in range(2)]
+    np.testing.assert_array_equal(times[0], run.ranging_truth.travel_time)
+    assert np.isfinite(times).any()
+
+
 def test_the_table_is_tidy_and_the_dataset_has_the_swept_fields(here, small, tmp_path, as_stored):
     vehicles = small.model_dump(exclude_none=True)["fleet"]["vehicles"]
     zipped = [

@@ -420,14 +420,16 @@ def _print_summary(out: Printer, run: "Run") -> None:
     Print dropouts, range errors and trajectory errors, and warn of failed solves and stopped
     vehicles.
     """
+    from pymantaray.records.digits import counted
+
     study = run.study
     hours = study.duration / 3600.0
-    vehicles = run.truth.name.size
-    count = f", {study.realizations} realization{'' if study.realizations == 1 else 's'}"
+    vehicles = int(run.truth.name.size)
+    fleet = counted(vehicles, "vehicle")
+    count = f", {counted(study.realizations, 'realization')}"
     water = "synthetic ocean" if run.synthetic else "ocean from files"
     out.line(
-        f"\n{study.name}: {hours:g} h, {vehicles} vehicles{count if run.study.solves else ''},"
-        f" {water}",
+        f"\n{study.name}: {hours:g} h, {fleet}{count if study.solves else ''}, {water}",
         study=study.name,
         duration_h=hours,
         vehicles=vehicles,

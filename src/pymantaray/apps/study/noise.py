@@ -33,7 +33,7 @@ class NoiseSource(NamedTuple):
         measurements, probability = self.measurements, self.probability
         if self.draws is not None:
             measurements = self.draws.measurements(measurements, self.ranging_truth, realization)
-            probability = None if probability is None else self.draws.probability[realization]
+            probability = self.draws.probability[realization]
         return perturb(
             measurements,
             root_seed=self.seed,

@@ -13,11 +13,10 @@ from pymantaray.apps.study.mission import earth_note
 from pymantaray.apps.study.references import MANTARAY
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.jobs.run_folder import CONFIG, without_checksums
-from pymantaray.pages.drawing import Picture
 from pymantaray.pages.page import Card, Explorer, Page, origin_table
 from pymantaray.pages.style import clock, condition_label
 from pymantaray.records import SolveStatus
-from pymantaray.records.digits import metres, signed_metres
+from pymantaray.records.digits import counted, metres, signed_metres
 from pymantaray.records.glossary import GLOSSARY, glossary_lines
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import SOLVE_STATUS_WORDS
@@ -39,15 +38,14 @@ _CONDITIONS = {
 }
 
 
-def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Page:
-    """Page of a run with its figures; ``rays`` is the result of `mission_rays`."""
+def run_page(results: RunResults, rays: str) -> Page:
+    """Page of a run without its figures; ``rays`` is the result of `mission_rays`."""
     run = results.run
     study = run.study
     hours = study.duration / 3600.0
-    mission = f"{results.region}: {run.truth.name.size} vehicles, {hours:g} h"
+    mission = f"{results.region}: {counted(run.truth.name.size, 'vehicle')}, {hours:g} h"
     if study.solves:
-        count = study.realizations
-        mission += f", {count} noise realization{'' if count == 1 else 's'}"
+        mission += f", {counted(study.realizations, 'noise realization')}"
     return Page(
         title=study.name,
         facts=[mission],
@@ -59,7 +57,6 @@ def run_page(results: RunResults, pictures: Sequence[Picture], rays: str) -> Pag
         long=True,
         words=_words(results),
         explorer=Explorer("run", explorer(results, rays)),
-        pictures=pictures,
         tables=list(results.tables.values()),
         links={"Configuration": "config.toml"},
         made=_provenance(results),

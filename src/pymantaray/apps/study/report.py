@@ -119,7 +119,7 @@ class ReportMaker:
         vars(run).update(self._mission)
         run.tables.use(self._tables)
         results = RunResults(run)
-        page = run_page(results, (), self._rays or mission_rays(results))
+        page = run_page(results, self._rays or mission_rays(results))
         specs = run_figure_specs(results)
         failures: list[str] = []
         pictures = draw(

@@ -113,7 +113,7 @@ def _draw(axes: Axes, table: pd.DataFrame, looks: dict[str, tuple[str, str]]) ->
         x = part["time_h"] + (i - 0.5 * (len(shown) - 1)) * dodge
         axes.plot(x, part["ratio"], color=colour, linewidth=0.9)
         for inside in (True, False):
-            chosen = part["inside"].to_numpy(dtype=bool) == inside
+            chosen = part["inside"].to_numpy() == inside
             look: Any = {
                 "color": colour,
                 "markerfacecolor": colour if inside else "white",

@@ -103,8 +103,8 @@ def _draw_consistency(
         part = table[table["condition"] == name]
         if part.empty:
             continue
-        ratio = part["ratio"].to_numpy(dtype=float)
-        inside = part["inside"].to_numpy(dtype=bool)
+        ratio = part["ratio"].to_numpy()
+        inside = part["inside"].to_numpy()
         face = colour if inside.all() else style.GREY if inside.any() else "white"
         axes.plot([ratio.min(), ratio.max()], [i, i], color=colour, linewidth=0.9)
         axes.plot(
