@@ -516,12 +516,15 @@ def test_invalid_file_names_and_endless_files_are_refused():
     refused(StudyError, "/dev/zero: not a regular file", load_study, "/dev/zero")
 
 
-def test_configuration_prints_as_one_short_line():
+def test_configuration_prints_as_one_short_line(quick):
     config = load_study("quick")
     assert str(config) == repr(config)
     assert repr(config) == (
         "<StudyConfig quick: 11 vehicles, 24 h, 3 realizations, ocean synthetic:beaufort>"
     )
+    quick["fleet"]["vehicles"] = quick["fleet"]["vehicles"][:1]
+    quick["study"]["realizations"] = 1
+    assert ": 1 vehicle, 24 h, 1 realization, " in repr(parse_study(quick))
 
 
 def test_input_files_are_relative_to_the_configuration(quick, tmp_path):

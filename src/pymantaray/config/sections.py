@@ -51,6 +51,7 @@ from pymantaray.geometry.sphere import Earth
 from pymantaray.ocean.equations import EQUATIONS, Equation
 from pymantaray.ocean.names import SYNTHETIC
 from pymantaray.quantities.units import is_like_quantity, quantity_of
+from pymantaray.records.digits import counted
 from pymantaray.records.status import TRUTH
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
@@ -893,12 +894,12 @@ class StudyConfig(SoundConfig):
     def __repr__(self) -> str:
         """One line; `study_toml` returns the whole configuration."""
         own = self.fleet.trajectories and "duration_h" not in self.mission.model_fields_set
-        count = self.study.realizations
+        fleet = counted(n, "vehicle") if (n := len(self.fleet.vehicles)) else "own vehicles"
         lasts = "as long as their trajectories" if own else f"{self.mission.duration_h:g} h"
         return (
-            f"<StudyConfig {self.study.name}: {len(self.fleet.vehicles) or 'own'} vehicles,"
-            f" {lasts}, {count} realization{'' if count == 1 else 's'}, ocean"
-            f" {', '.join(self.ocean.source)}>"
+            f"<StudyConfig {self.study.name}: {fleet}, {lasts},"
+            f" {counted(self.study.realizations, 'realization')},"
+            f" ocean {', '.join(self.ocean.source)}>"
         )
 
     __str__ = __repr__

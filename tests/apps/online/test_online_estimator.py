@@ -302,6 +302,8 @@ def test_invalid_input_gives_one_line():
     refused(OnlineError, "longest_step is 0 s", new, longest_step=0.0)
     refused(OnlineError, "gate is 0", new, gate=0.0)
     refused(OnlineError, "names must differ", OnlineEstimator, {"north": START}, BEACONS, SPEED)
+    wrong = {"far": Beacon((0.0, 0.0, 50.0), sigma=-1.0)}
+    refused(OnlineError, "sigma of beacon far is -1", OnlineEstimator, START, wrong, SPEED)
     refused(OnlineError, "vehicles: found none", OnlineEstimator, {}, BEACONS, SPEED)
     refused(
         OnlineError,
