@@ -67,7 +67,7 @@ def test_a_condition_says_if_it_estimates_clocks(clocks):
     assert build_condition(section).estimates_clocks is (clocks is not None)
 
 
-def test_settings_of_a_condition_are_keys_that_its_name_does_not_define():
+def test_settings_of_a_condition_are_keys_that_its_name_lacks():
     def settings(**keys):
         return build_condition(ConditionSection.model_validate(keys)).settings
 
