@@ -54,6 +54,12 @@ def test_deleting_a_folder_deletes_the_application(application, tmp_path):
     assert left == every - commands_of(application), done.stderr
 
 
+def test_a_first_word_has_the_commands_of_its_applications_only():
+    assert set(commands("export")) == {"export"}
+    assert {name.split()[0] for name in commands("rays")} == {"rays"}
+    assert commands("no such word").keys() == commands().keys()
+
+
 def test_commands_of_applications_have_different_names():
     names = [name for path in sorted(PACKAGE.glob("apps/*")) for name in commands_of(path.name)]
     assert sorted(names) == sorted(commands())

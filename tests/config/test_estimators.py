@@ -67,6 +67,17 @@ def test_a_condition_says_if_it_estimates_clocks(clocks):
     assert build_condition(section).estimates_clocks is (clocks is not None)
 
 
+def test_settings_of_a_condition_are_keys_that_its_name_lacks():
+    def settings(**keys):
+        return build_condition(ConditionSection.model_validate(keys)).settings
+
+    assert settings(name="straight") == {}
+    assert settings(name="own", ranges="straight", links="all") == {
+        "ranges": "straight",
+        "links": "all",
+    }
+
+
 def test_an_estimator_of_all_realizations_has_no_model(tiny, tiny_run_folder):
     config = tiny(conditions=["straight", {"name": "rays", "range_model": EXACT}])
     factory = EstimatorFactory(

@@ -491,6 +491,22 @@ def test_the_truths_own_file_is_the_exact_belief_to_the_last_digit(day, beliefs,
         np.testing.assert_array_equal(one, other)
 
 
+def test_a_file_is_believed_at_the_start_and_needs_no_currents(day, beliefs, tmp_path):
+    lat, lon = day.config.ocean.centre
+    near = {"lat": slice(lat - 0.3, lat + 0.3), "lon": slice(lon - 1.0, lon + 1.0)}
+    true = true_ocean(day).drop_vars(["water_u", "water_v"]).sel(near)
+    later = true.assign(water_temp=true["water_temp"] + 0.5)
+    later["water_temp"].attrs = true["water_temp"].attrs
+    before, after = (later["time"] + np.timedelta64(days, "D") for days in (-1, 1))
+    hours = [later.assign_coords(time=before), true, later.assign_coords(time=after)]
+    series = xr.concat(hours, "time")
+    series["time"].attrs = true["time"].attrs
+    series.to_netcdf(tmp_path / "series.nc")
+    assumed = beliefs.believed(file_belief(tmp_path / "series.nc"), 0)
+    exact = beliefs.believed(ExactBelief(kind="exact"), 0)
+    np.testing.assert_array_equal(assumed.medium.sound_speed, exact.medium.sound_speed)
+
+
 @pytest.mark.slow
 def test_files_of_the_built_in_beliefs_are_these_beliefs(day, beliefs, tmp_path):
     true, place = true_ocean(day), day.config.ocean.centre

@@ -20,7 +20,7 @@ from pymantaray.config.build.ocean import build_mission_ocean, open_start
 from pymantaray.config.build.water import configuration_of, open_local
 from pymantaray.config.estimators import ExactBelief
 from pymantaray.errors import MantaRayError, OceanError, StudyError, WaterError
-from pymantaray.ocean import open_ocean, to_local, with_ice
+from pymantaray.ocean import cast_ocean, open_ocean, read_cast, to_local, with_ice
 from pymantaray.records import RayStatus
 
 HALF = 15e3
@@ -80,7 +80,8 @@ def test_a_local_ocean_is_taken_as_it_is(fram, as_stored):
     assert water.reception.max_surface_bounces == 2
     assert open_water(local, ice=1.0).medium.surface.depth.max() == 1.0
     assert water.medium.earth is None
-    assert open_local(local, earth="sphere").medium.earth is not None
+    sphere = open_local(local, earth="sphere")
+    assert (sphere.medium.earth is not None, sphere.currents) == (True, None)
     options = {"detection": {"source_level_db": 170.0, "frequency_hz": 25e3, "bandwidth_hz": 4e3}}
     options |= {"interpolation": "linear", "earth": "sphere", "currents": "carry"}
     noted = local.assign_attrs(sound_speed_bound="bounded")
@@ -89,6 +90,7 @@ def test_a_local_ocean_is_taken_as_it_is(fram, as_stored):
     heard = water.reception.detector.absorption.db_per_km(SOURCE, 25e3)
     np.testing.assert_array_equal(heard, expected)
     assert water.notes == ("bounded",)
+    assert water.start == fram["time"].values.astype("M8[s]").astype(str)
     assert (water.frame.latitude_deg, water.frame.longitude_deg) == (78.0, 0.0)
     as_stored(water, without="attrs")
 
@@ -147,7 +149,7 @@ def test_a_profile_is_the_medium_that_is_made_of_it_by_hand(profile, as_stored):
     assert water.frame is None
     assert water.record["bottom_depth_m"] == 700.0
     as_stored(water)
-    rough = {"ice_slope_deg": 3.0, "ice_length": 30.0}
+    rough = {"ice_slope_deg": 3.0, "ice_length": 30.0, "ice_draw": 4}
     assert rough.items() <= open_water(profile, bathymetry=700.0, ice=3.0, **rough).record.items()
 
 
@@ -394,6 +396,17 @@ def test_a_profile_needs_all_of_an_ocean_for_a_grid(tmp_path, salty, options, la
     table.to_csv(tmp_path / "a.csv", index=False)
     section = configuration_of(tmp_path / "a.csv", options).ocean
     refused(OceanError, f"a.csv: the profile has no {lacks}", open_start, section)
+
+
+def test_a_profile_on_a_grid_has_the_extent_of_a_cast(tmp_path):
+    rows = "depth,temperature,salinity\n0,-1,30\n90,1,31\n300,0,34\n"
+    (tmp_path / "cast.csv").write_text(rows)
+    options = {"bathymetry": 350.0, "centre": (78.1, 3.2)}
+    ocean = open_start(configuration_of(tmp_path / "cast.csv", options).ocean)
+    cast = read_cast(tmp_path / "cast.csv", default_place=(78.1, 3.2))
+    expected = cast_ocean(cast, bathymetry=350.0, below="constant")
+    for axis in ("lat", "lon"):
+        np.testing.assert_array_equal(ocean[axis], expected[axis])
 
 
 def test_notes_of_a_reader_are_those_of_an_ocean_before_it_is_opened(fram, tmp_path):

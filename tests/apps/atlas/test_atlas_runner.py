@@ -201,7 +201,9 @@ def test_a_damaged_number_of_an_atlas_is_one_line(coarse, tmp_path, name):
     place = content.index(number) if name == "lat" else content.index(ZLIB) + 20
     content[place] ^= 1
     out.write_bytes(bytes(content))
-    line = "not a readable NetCDF file" if name == "lat" else r"damaged: \w+ cannot be read"
+    line = (
+        "not a readable NetCDF file: NetCDF: " if name == "lat" else r"damaged: \w+ cannot be read"
+    )
     refused(AtlasError, f"atlas.nc: {line}", open_atlas, out)
 
 

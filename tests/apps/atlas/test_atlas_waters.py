@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+import xarray as xr
 from factories import pool_here
 from refusals import refused
 
 from pymantaray.acoustics import Currents, Medium, find_eigenrays
-from pymantaray.apps.atlas import Atlas, AtlasLinks, open_atlas, run_atlas
+from pymantaray.apps.atlas import Atlas, AtlasLinks, open_atlas, plan, run_atlas
+from pymantaray.apps.atlas.column import LAND, WATER
+from pymantaray.apps.atlas.dataset import VARIABLES
 from pymantaray.errors import AtlasError
 from pymantaray.ocean import synthetic_ocean, to_local, with_ice
 
@@ -43,6 +46,25 @@ def test_an_ocean_in_memory_has_the_atlas_of_its_name(fram, tmp_path):
     np.testing.assert_array_equal(in_memory, by_name)
 
 
+def test_columns_on_both_sides_of_the_date_line_have_their_water(fram, tmp_path, monkeypatch):
+    """Longitudes of the second block are 179.9 and 180.22; those of its water are about -180."""
+    monkeypatch.setattr(plan, "_COLUMNS", 2)
+    here = fram.sel(lat=slice(78.5, 79.0), lon=slice(-1.8, 1.5)).copy(deep=True)
+    for name in ("water_temp", "salinity", "water_u", "water_v"):
+        here[name][:, 5:8, [14, 22, 26]] = np.nan  # islands
+    there = here.assign_coords(lon=here["lon"] + 179.9)
+    there["lon"].attrs = fram["lon"].attrs
+    options = {"every": 4, "equation": "unesco"}  # which is the same at all longitudes
+    window = (78.66, 78.81, 179.09, 180.26)
+    _, mine = errors(tmp_path / "there.nc", there, LINKS, window=window, **options)
+    window = (78.66, 78.81, -0.81, 0.36)
+    _, expected = errors(tmp_path / "here.nc", here, LINKS, window=window, **options)
+    np.testing.assert_allclose(mine["lon"], [179.26, 179.58, 179.9, 180.22])
+    np.testing.assert_allclose(mine["range_error"], expected["range_error"], rtol=1e-4, atol=1e-3)
+    assert mine["column_status"].values.ravel().tolist() == [LAND, WATER, LAND, LAND]
+    assert mine["range_error"].encoding["chunksizes"][:3] == (1, 1, 2)
+
+
 def test_ice_floor_and_currents_are_those_of_the_local_ocean(fram, tmp_path, as_stored):
     options = {"ice": 5.0, "bathymetry": 900.0, "currents": "carry"}
     mine, atlas = errors(tmp_path / "atlas.nc", "synthetic:fram", LINKS, **WHERE, **options)
@@ -75,6 +97,12 @@ def test_a_profile_has_one_column(tmp_path, as_stored):
     np.testing.assert_allclose(mine, expected, rtol=1e-6)  # single precision
     assert (atlas.sizes["lat"], atlas.sizes["lon"]) == (1, 1)
     assert float(atlas["lat"][0]) == 74.0
+    with xr.open_dataset(tmp_path / "atlas.nc", decode_cf=False) as raw:
+        for name in VARIABLES:
+            v = raw[name]
+            absent = v.attrs.get("_FillValue", 0.0)
+            assert np.isnan(absent) == (v.dtype == np.float32), name
+            assert ("coordinates" in v.attrs) == ("pair" in v.dims), name
     as_stored(atlas, without="_key")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from authors_files import arrays, simulation, write_environment, write_simulation
+from authors_files import FLOOR, arrays, simulation, write_environment, write_simulation
 from refusals import refused
 from scipy.interpolate import RegularGridInterpolator
 from trilinear_fan import first_direct_time
@@ -429,6 +429,16 @@ def test_exported_files_define_the_same_study(tmp_path):
     for section, fields in theirs.items():
         for key, values in fields.items():
             np.testing.assert_array_equal(ours[section][key], values)
+
+
+def test_water_that_a_study_changes_is_exported_as_changed(tmp_path):
+    path = write_simulation(tmp_path)
+    smaller = {"ocean.half_extent_north": 3000.0, "ocean.half_extent_east": 3000.0}
+    for k, change in enumerate([{"ocean.bathymetry": FLOOR - 300.0}, smaller]):
+        folder, _ = export_authors(load_study(path, **change), tmp_path / str(k))
+        ours = read_arrays(folder / "environment.json")["bathymetry"]
+        np.testing.assert_allclose(ours["data"], change.get("ocean.bathymetry", FLOOR))
+        assert (ours["x"][0] > -9e3) == (change is smaller)
 
 
 def test_a_run_is_exported_as_its_files_or_without_them(tmp_path):

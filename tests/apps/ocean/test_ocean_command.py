@@ -121,14 +121,18 @@ def test_files_are_checked_about_the_centre_that_a_run_gives_them(mantaray, ocea
     (tmp_path / "far.toml").write_text(far, encoding="utf-8")
     result = mantaray("ocean", "check", *files, "--study", tmp_path / "far.toml")
     assert (result.code, "outside the domain" in result.out) == (2, True)
+    assert result.out.splitlines()[-1].startswith("3 wrong, ")
 
 
-def test_the_check_tells_the_notes_of_a_reader(mantaray, tmp_path):
+def test_the_check_and_the_plot_tell_the_notes_of_a_reader(mantaray, monkeypatch, tmp_path):
     rows = ["depth,temperature,salinity", "0,2,30", "50,2,-9", "100,2,31", "200,2,32"]
     (tmp_path / "cast.csv").write_text("\n".join(["# lat 75, lon 1", *rows, ""]))
     done = mantaray("ocean", "check", tmp_path / "cast.csv", "--bathymetry", 200)
     assert done.code == 0
     assert "1 of 4 rows dropped: with " in done.err
+    words = ("ocean", "plot", tmp_path / "cast.csv", "--bathymetry", 200, "--out", tmp_path / "p")
+    monkeypatch.setattr("pymantaray.apps.ocean.write_ocean_plots", lambda *_, **__: [])
+    assert "1 of 4 rows dropped: with " in mantaray(*words).err
 
 
 def test_options_of_ice_and_profiles_are_checked_without_a_study(mantaray, ocean_file):
@@ -584,7 +588,8 @@ def test_every_option_reaches_what_is_shown(make, mantaray, told, as_stored):
     words = ("ocean", "show", "ocean.nc", *HERE.split(), "--bathymetry", 390)
     done = mantaray(*words, "--to", "csv")
     as_stored([done.out, done.err], name="csv")
-    told(*words)
+    history = mantaray(*words).out.partition("\nhistory\n")[2].splitlines()
+    assert told(*words)["history"] == history != []
 
 
 def test_every_option_reaches_profiles_that_are_shown(make, mantaray, told, as_stored):

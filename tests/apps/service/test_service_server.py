@@ -322,14 +322,15 @@ def test_where_nobody_can_listen_is_refused_in_one_line(service, port):
 
 
 def test_a_server_has_limits_of_its_own_and_answers_by_its_name(service, monkeypatch):
-    monkeypatch.setattr(server, "_THREADS", 3)  # another number than that of waitress
+    monkeypatch.setattr(server, "_THREADS", 3)  # other numbers than those of waitress
+    monkeypatch.setattr(connections, "TIMEOUT", 77)
     own = make_server(service)
     try:
         limits = own.adj
         assert limits.max_request_body_size == server._READ_BYTES > MAX_BYTES
         assert limits.max_request_header_size == server._MAX_HEADERS
         assert limits.connection_limit == own.connections + server._OWN_SOCKETS
-        assert (limits.threads, limits.channel_timeout) == (3, connections.TIMEOUT)
+        assert (limits.threads, limits.channel_timeout) == (3, 77)
         assert (limits.cleanup_interval, limits.ident) == (1, "mantaray")
         assert limits.asyncore_use_poll
     finally:

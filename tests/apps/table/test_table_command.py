@@ -134,6 +134,16 @@ def test_every_option_reaches_the_files_of_a_table(reached, mantaray, monkeypatc
         assert given == {0: table, 1: Path("t.mtt"), "replace": True}
         assert mantaray(*words, "--force").code == 0
         assert Path(name).stat().st_size > len("mine")
+
+    def meanwhile(*_, **__):
+        Path("r.h").write_text("mine")
+        return table
+
+    for name in ("t.mtt", "r.h"):
+        Path(name).unlink()
+    with monkeypatch.context() as patch:
+        patch.setattr("pymantaray.apps.table.build_table", meanwhile)
+        assert (mantaray(*words).code, Path("r.h").read_text()) == (2, "mine")
     same = mantaray(*words[:-1], "profile.csv", "--force")
     assert same.code == 2
     form = ("--force", "--json", "--quiet")

@@ -79,7 +79,7 @@ def block_errors(block: Block) -> dict[str, NDArray[Any]]:
         sea_floor = block.ocean.sea_floor(ocean)
         notes = list(block.ocean.notes_of(ocean, sea_floor))
         columns = list(_columns(block, ocean, sea_floor))
-    out[NOTES] = np.array(notes, dtype=np.str_)
+    out[NOTES] = np.array(notes)
     for i, j, status, errors in columns:
         out[_STATUS][i, j] = status
         for name, values in errors.items():
