@@ -76,6 +76,7 @@ def fly(medium: Medium, ranges, *, later: bool = False) -> tuple[OnlineEstimator
     return estimator, outcomes
 
 
+@pytest.mark.slow
 def test_a_fleet_is_located_by_eigenrays_and_by_a_table(medium, table):
     for ranges in (medium, table):
         estimator, outcomes = fly(medium, ranges)

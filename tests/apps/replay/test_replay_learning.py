@@ -187,6 +187,7 @@ def test_smooth_predictions_leave_their_own_event_out(short):
     assert moved[125] < 0.2 * moved[115:136].max()
 
 
+@pytest.mark.slow
 def test_water_that_is_right_stays_right(as_stored):
     events, candidates, _ = tables(3, n=200, size=0.0)
     mixture, learned = learn(events, candidates)

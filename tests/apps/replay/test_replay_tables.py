@@ -212,6 +212,7 @@ def summary_events(values, pair, *, distance=2000.0, status="ok"):
     )
 
 
+@pytest.mark.slow
 def test_intervals_draw_pairs_not_events(as_stored):
     """
     Of pairs that share their errors the interval is that of the pairs' medians, whatever the number

@@ -352,7 +352,7 @@ def test_three_realizations_have_a_worker_if_there_are_cores(
     assert runner._worker_count(realizations) == workers
 
 
-def test_conditions_with_like_measurements_share_what_follows_from_them(tiny):
+def test_conditions_with_like_measurements_share_their_bounds(tiny):
     own = [{"name": "deaf", "ranges": "none"}, {"name": "own", "ranges": "refracted"}]
     run = Run(Path())
     study = build_study(tiny(conditions=["refracted", *own]))

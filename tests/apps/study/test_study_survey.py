@@ -40,6 +40,7 @@ def test_survey_is_a_driven_fleet_with_clocks_and_landmarks():
     assert config.noise.clock_skew_sigma > 0.0
 
 
+@pytest.mark.slow
 def test_survey_mows_its_lawn(survey_run, as_stored):
     outcome = survey_run.manifest["outcome"]
     as_stored({"outcome": outcome, "truth": survey_run.truth, "ranges": survey_run.measurements})

@@ -118,8 +118,7 @@ def replay(
     changes: Set = None,
 ) -> None:
     """Compare measured with predicted one-way travel times."""
-    from pymantaray.apps.replay import read_events, replay_events, write_replay
-    from pymantaray.apps.replay import smooth_positions as smooth
+    from pymantaray.apps.replay import read_events, replay_events, smooth_positions, write_replay
     from pymantaray.apps.replay.compare import checked_rule
     from pymantaray.cli.output import progress_bars
     from pymantaray.cli.water import search_record, water_notes
@@ -128,16 +127,10 @@ def replay(
 
     window_s = parse_duration("--window", comparing.window, positive=False)
     event_data = read_events(events, comparing.nodes)
-    rule = checked_rule(
-        event_data,
-        comparing.rule,
-        options=prediction,
-        window=window_s,
-        reference=comparing.reference,
-    )
+    rule = checked_rule(event_data, comparing.rule, prediction, window_s, comparing.reference)
     positions = None
     if comparing.smooth_positions is not None:
-        event_data, positions = smooth(event_data, comparing.smooth_positions)
+        event_data, positions = smooth_positions(event_data, comparing.smooth_positions)
     sections = {} if comparing.detection is None else sound_sections(comparing.detection)
     waters, earth = _waters_on_earth(
         event_data, source, water, search, sections=sections, changes=changes_of(changes)

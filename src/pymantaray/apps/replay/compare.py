@@ -319,7 +319,7 @@ def replay_events(
         If an event names an unknown cast, no cast can be assigned, the rule needs a sonar and there
         is none, or the window is negative.
     """
-    rule = checked_rule(events, rule, options=options, window=window, reference=reference)
+    rule = checked_rule(events, rule, options, window, reference)
     waters = _waters(waters)
     if rule.kind == "threshold" and any(water.reception.detector is None for water in waters):
         raise ReplayError(
@@ -367,7 +367,6 @@ def replay_events(
 def checked_rule(
     events: Events,
     rule: DetectionRule | str,
-    *,
     options: PredictionOptions,
     window: float,
     reference: str | None,
