@@ -504,7 +504,8 @@ def test_a_file_is_believed_at_the_start_and_needs_no_currents(day, beliefs, tmp
     series.to_netcdf(tmp_path / "series.nc")
     assumed = beliefs.believed(file_belief(tmp_path / "series.nc"), 0)
     exact = beliefs.believed(ExactBelief(kind="exact"), 0)
-    np.testing.assert_array_equal(assumed.medium.sound_speed, exact.medium.sound_speed)
+    # the file ends nearer, which changes its splines in the last digits
+    np.testing.assert_allclose(assumed.medium.sound_speed, exact.medium.sound_speed, atol=1e-6)
 
 
 @pytest.mark.slow
