@@ -516,6 +516,10 @@ def test_invalid_file_names_and_endless_files_are_refused():
     refused(StudyError, "/dev/zero: not a regular file", load_study, "/dev/zero")
 
 
+def test_a_text_for_a_number_of_realizations_is_refused():
+    refused(StudyError, "study.realizations: found 'x'; ", load_study, "quick", realizations="x")
+
+
 def test_configuration_prints_as_one_short_line(quick):
     config = load_study("quick")
     assert str(config) == repr(config)

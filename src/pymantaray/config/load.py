@@ -16,7 +16,6 @@ from pymantaray.config.parse import Like, parse
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import commented_toml, starter
 from pymantaray.errors import StudyError
-from pymantaray.records.digits import counted
 from pymantaray.user_files import exists, parse_toml, read_text
 
 if TYPE_CHECKING:
@@ -148,7 +147,7 @@ def load_study(
     tree = _tree(name_or_file)
     if realizations is not None:
         tree = with_key(tree, "study.realizations", realizations)
-        words.append(counted(realizations, "realization"))
+        words.append(f"{realizations} realization{'' if realizations == 1 else 's'}")
     if ocean is not None:
         sources = _sources(ocean)
         tree = {**tree, "ocean": _ocean_section(sources)}

@@ -58,7 +58,13 @@ def test_what_is_reciprocal_leaves_nothing(replay):
 
 def test_each_event_is_replayed_in_its_nearest_cast(short_campaign, as_stored):
     """The casts are those of the start and of the end."""
-    replay = replay_events(short_campaign.events, short_campaign.waters)
+    told = []
+    replay = replay_events(
+        short_campaign.events, short_campaign.waters, progress=lambda *of: told.append(of)
+    )
+    done, totals = zip(*told, strict=True)
+    assert sorted(done) == [*done]
+    assert done[0] < done[-1] == totals[0] == totals[-1] == len(replay.events)
     second = replay.events["cast"] == "second"
     np.testing.assert_array_equal(second, short_campaign.events.time > 60.0)
     as_stored(replay, without="explorer")
