@@ -87,6 +87,12 @@ ROWS = (
     ),
     Row("raw cast, 2 km links, 7 surface bounces", "2 ms", "bench_tail.py", "^cast"),
     Row(
+        "a link under a draw of rough ice, by range and reflections",
+        "20 ms to 3 km, 200 ms to 10 km",
+        "bench_rough.py",
+        "^rough ice",
+    ),
+    Row(
         "surveys in drifting water: 95 % regions that contain the node, halves",
         "0.92 to 0.98; mean chi-square 3",
         "bench_drift.py --surveys 100",

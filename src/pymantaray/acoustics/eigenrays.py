@@ -219,7 +219,7 @@ def _under_rough_surface(
             flat, *ends[:2], *ends.bounces, ends.cutoff_db, threads=threads, **options
         )
     flat_bed = bool((medium.bed.depth == medium.bed.depth[0, 0]).all())
-    if medium.earth is not None or not (medium.uniform and flat_bed):
+    if not (medium.uniform and flat_bed):
         return find_eigenrays(
             realized(medium, ends),
             *ends[:2],

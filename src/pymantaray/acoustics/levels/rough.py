@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
     from pymantaray.acoustics._kernels.skips import SkipLink, SkipWater
     from pymantaray.acoustics.medium import Medium
+    from pymantaray.geometry.sphere import EarthSphere
 
 _ZONE = 0.5  # m; spacing of levels above the deck
 _LEVELS = (
@@ -58,8 +59,8 @@ class Ends(NamedTuple):
 
 class SurfaceProfile(NamedTuple):
     """
-    Depth of the rough surface as a function of north and east, and the spacing at which it is
-    sampled. [m]
+    Depth of the rough surface as a function of north and east, flattened on a spherical Earth, and
+    the spacing at which it is sampled. [m]
     """
 
     depth: Callable[[Array, Array], Array]
@@ -75,7 +76,7 @@ def with_rough_rays(
     Parameters
     ----------
     medium : Medium
-        Horizontally uniform water over a flat sea bed.
+        Horizontally uniform water over a flat sea bed, on a flat or spherical Earth.
     ends : Ends
     direct : Arrivals
         Eigenrays of the links without a reflection at the surface.
@@ -88,14 +89,15 @@ def with_rough_rays(
     -----
     Rays stay in the vertical plane of their link: slopes of the surface across it have no effect.
     The spreading across the plane is that of a flat surface. Rays are refined to 0.1 mm, and their
-    times are those of levels 1 m apart in the upper 150 m. At most 64 rays of a link, the
-    strongest, are kept.
+    times are those of levels 1 m apart in the upper 150 m. Rays in windows of launch angles that
+    are narrower than 2e-5 rad may be missing. At most 64 rays of a link, the strongest, are kept.
     """
     from pymantaray.acoustics._kernels.skips import N_RAY, RATE, find_skips
 
     water = skip_water(medium, ends.bounces[1])
-    a = np.where(turned[:, None], ends.receiver, ends.source)
-    b = np.where(turned[:, None], ends.source, ends.receiver)
+    pair = ends[:2] if medium.earth is None else medium.earth.flattened_ends(*ends[:2])
+    a = np.where(turned[:, None], pair[1], pair[0])
+    b = np.where(turned[:, None], pair[0], pair[1])
     horizontal = np.hypot(*(b - a)[:, :2].T)
     surface = _surface_of(medium)
     steepest = min(_steepest(water, ends.bounces[1]), _STEEPEST)
@@ -111,7 +113,7 @@ def with_rough_rays(
         speed = np.interp((a[i, 2], b[i, 2]), water.depth, water.speed)
         cosine = min(math.cos(steepest) * speed[0] / water.speed[water.deck], 1.0)
         straight = math.atan((a[i, 2] + b[i, 2]) / link.length)  # one reflection without refraction
-        tilt = 2.0 * float(np.abs(link.slope).max())
+        tilt = 2.0 * float(np.abs(link.pieces[:, 1]).max())
         most = min(max(math.acos(cosine), straight) + tilt + _BEYOND, _STEEPEST)
         n = find_skips(water, link, (-most, most, _SPACING, _MIN_SPACING), weak, rows, work)
         spreading = _spreading_db(rows[:n], link.length, length, speed)
@@ -123,7 +125,7 @@ def with_rough_rays(
 
     with ThreadPoolExecutor(threads) as pool:
         solved = [rows for rows, _ in pool.map(solve, range(len(a)))]
-    return _joined(direct, solved, (a, b), turned, water)
+    return _joined(direct, solved, (a, b), turned, water, medium.earth)
 
 
 def _joined(
@@ -132,6 +134,7 @@ def _joined(
     ends: tuple[Array, Array],
     turned: NDArray[np.bool_],
     water: SkipWater,
+    earth: EarthSphere | None,
 ) -> Arrivals:
     """Arrivals without and with reflections at the surface, by link and time."""
     from pymantaray.acoustics._kernels import skips as at
@@ -146,15 +149,22 @@ def _joined(
         along = np.cos(angle)[:, None] * unit[link]
         return np.concatenate([along, np.sin(angle)[:, None]], axis=1) / speed[:, None]
 
+    def in_true_water(slowness: Array, depth: Array) -> Array:
+        if earth is not None:
+            slowness[:, 2] *= earth.stretch(earth.true_depth(depth))[link]
+        return slowness
+
     first = slowness(rows[:, at.ANGLE], a[:, 2])
     last = slowness(rows[:, at.END_ANGLE], b[:, 2])
+    # the vertical slowness times the remaining miss in depth corrects the time
+    travel_time = rows[:, at.TRAVEL] - last[:, 2] * rows[:, at.MISS]
+    first, last = in_true_water(first, a[:, 2]), in_true_water(last, b[:, 2])
     back = turned[link]
     launch = np.where(back, -rows[:, at.END_ANGLE], rows[:, at.ANGLE])
     arrival = np.where(back, -rows[:, at.ANGLE], rows[:, at.END_ANGLE])
     more: dict[str, Any] = {
         "link": link,
-        # the vertical slowness times the remaining miss in depth corrects the time
-        "travel_time": rows[:, at.TRAVEL] - last[:, 2] * rows[:, at.MISS],
+        "travel_time": travel_time,
         "surface_bounces": rows[:, at.SURFACES].astype(np.int64),
         "bottom_bounces": rows[:, at.BOTTOMS].astype(np.int64),
         "turning_points": rows[:, at.TURNED].astype(np.int64),
@@ -176,7 +186,7 @@ def _joined(
 
 
 def skip_water(medium: Medium, most_bottom: int) -> SkipWater:
-    """Levels and table of skips of horizontally uniform water."""
+    """Levels and table of skips of horizontally uniform water, flattened on a spherical Earth."""
     from pymantaray.acoustics._kernels.skips import SkipWater, fill_table
 
     surface = medium.surface
@@ -187,6 +197,11 @@ def skip_water(medium: Medium, most_bottom: int) -> SkipWater:
         raise AcousticsError(
             f"rough surface: it reaches {deck:g} m, but the sea bed is at {bed:g} m"
         )
+    own = medium.depth[(medium.depth > deck + 1e-3) & (medium.depth < bed - 1e-3)]
+    earth = medium.earth
+    if earth is not None:
+        own = earth.flattened_depth(own)
+        deck, bed = earth.flattened_depth([deck, bed]).tolist()
     n = max(math.ceil(deck / _ZONE), 1)
     levels = []
     z = deck
@@ -196,21 +211,27 @@ def skip_water(medium: Medium, most_bottom: int) -> SkipWater:
         z = stop if stop == bed else float(levels[-1][-1]) + spacing
         if stop == bed:
             break
-    own = medium.depth[(medium.depth > deck + 1e-3) & (medium.depth < bed - 1e-3)]
     lower = np.unique(np.concatenate([*levels, own, [bed]]))
     lower = lower[np.append(True, np.diff(lower) > 1e-6)]
     depth = np.concatenate([np.linspace(0.0, deck, n, endpoint=False), lower])
-    open_water = replace(medium, surface=BoundarySurface(0.0))
-    places = np.zeros((depth.size, 3))
-    places[:, :2] = medium.north[0], medium.east[0]
-    places[:, 2] = depth
-    speed = open_water.sound_speed_at(places)
+    speed = _speed_at(medium, depth)
     table = np.zeros((4, _TABLE))
     water = SkipWater(
         depth, np.ascontiguousarray(speed), n, deck / n, bed, table, _STEEPEST / (_TABLE - 3)
     )
     fill_table(water, most_bottom)
     return water
+
+
+def _speed_at(medium: Medium, depth: Array) -> Array:
+    """Sound speed of the water without ice at depths, both flattened on a spherical Earth."""
+    open_water = replace(medium, surface=BoundarySurface(0.0))
+    earth = medium.earth
+    places = np.zeros((depth.size, 3))
+    places[:, :2] = medium.north[0], medium.east[0]
+    places[:, 2] = depth if earth is None else earth.true_depth(depth)
+    speed = open_water.sound_speed_at(places)
+    return speed if earth is None else speed * earth.stretch(places[:, 2])
 
 
 def _steepest(water: SkipWater, most_bottom: int) -> float:
@@ -225,11 +246,13 @@ def _surface_of(medium: Medium) -> SurfaceProfile:
     """Rough surface of a medium."""
     surface = medium.surface
     roughness = medium.surface.roughness
+    earth = medium.earth
 
     def depth(north: Array, east: Array) -> Array:
         mean = surface.depth_at(np.stack([north, east], axis=-1))
         rough = 0.0 if roughness is None else roughness.elevation_at(north, east)
-        return np.asarray(np.maximum(mean + rough, 0.0))
+        true = np.maximum(mean + rough, 0.0)
+        return true if earth is None else earth.flattened_depth(true)
 
     if roughness is not None:
         roughness.elevation_at(0.0, 0.0)  # the draw is made before the threads start
@@ -250,8 +273,23 @@ def _link(surface: SurfaceProfile, a: Array, b: Array, bounces: tuple[int, int])
     share = np.linspace(0.0, 1.0, n)
     depth = surface.depth(a[0] + share * (b[0] - a[0]), a[1] + share * (b[1] - a[1]))
     spacing = length / (n - 1)
-    slope = np.gradient(depth, spacing, edge_order=2)
-    return SkipLink(float(a[2]), float(b[2]), length, depth, slope, spacing, *bounces)
+    rise = spacing * np.gradient(depth, spacing, edge_order=2)
+    return SkipLink(
+        float(a[2]), float(b[2]), length, _pieces(depth, rise, spacing), spacing, *bounces
+    )
+
+
+def _pieces(depth: Array, rise: Array, spacing: float) -> Array:
+    """
+    Cubic Hermite polynomials between points by the range, and the greatest Bernstein coefficient
+    of each, which bounds its depth.
+    """
+    start, end = depth[:-1], depth[1:]
+    first, last = rise[:-1], rise[1:]
+    square = (3.0 * (end - start) - 2.0 * first - last) / spacing**2
+    cube = (2.0 * (start - end) + first + last) / spacing**3
+    deepest = np.max([start, start + first / 3.0, end - last / 3.0, end], axis=0)
+    return np.ascontiguousarray(np.stack([start, first / spacing, square, cube, deepest], axis=1))
 
 
 def _spreading_db(

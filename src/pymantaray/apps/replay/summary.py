@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.geometry import stream
 from pymantaray.records import RayStatus
 
@@ -17,6 +17,7 @@ _DEPTH_STEPS = (1.0, 2.0, 5.0, 10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1000.0, 20
 _RANGE_STEPS = (10.0, 20.0, 50.0, 100.0, 200.0, 500.0, 1e3, 2e3, 5e3, 1e4, 2e4, 5e4, 1e5)  # m
 _MAX_DEPTH_GROUPS = 12
 _MAX_RANGE_GROUPS = 8
+_VALUES_PER_BLOCK = 4_000_000  # of resamples
 
 
 def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
@@ -131,6 +132,21 @@ class _Intervals(NamedTuple):
     """Of the median absolute value."""
 
 
+def _resampled_medians(values: Array, pair: Indices, counts: NDArray[np.int64]) -> Array:
+    """Median of each resample, in which values occur as often as their pair (resamples, pairs)."""
+    order = np.argsort(values, kind="stable")
+    values, pair = values[order], pair[order]
+    medians = np.empty(len(counts))
+    rows = max(_VALUES_PER_BLOCK // values.size, 1)
+    for start in range(0, len(counts), rows):
+        total = np.cumsum(counts[start : start + rows, pair], axis=1)
+        n = total[:, -1:]
+        # the middle value, or both middle values of an even number
+        lower, upper = (np.sum(total < rank, axis=1) for rank in ((n + 1) // 2, n // 2 + 1))
+        medians[start : start + rows] = 0.5 * (values[lower] + values[upper])
+    return medians
+
+
 def _bootstrap(
     residual: Array, pair: NDArray[np.str_], seed: int, names: tuple[str, str]
 ) -> _Intervals:
@@ -138,14 +154,13 @@ def _bootstrap(
     pairs = np.unique(pair)
     if pairs.size < 2:
         return _Intervals()
-    parts = [residual[pair == name] for name in pairs]
     draws = stream(seed, 0, "replay", "bootstrap", *names).integers(
         0, pairs.size, (RESAMPLES, pairs.size)
     )
-    medians = np.empty(RESAMPLES)
-    sizes = np.empty(RESAMPLES)
-    for i, draw in enumerate(draws):
-        values = np.concatenate([parts[k] for k in draw])
-        medians[i] = np.median(values)
-        sizes[i] = np.median(np.abs(values))
+    counts = np.zeros((RESAMPLES, pairs.size), dtype=np.int64)
+    np.add.at(counts, (np.arange(RESAMPLES)[:, None], draws), 1)
+    medians, sizes = (
+        _resampled_medians(values, np.searchsorted(pairs, pair), counts)
+        for values in (residual, np.abs(residual))
+    )
     return _Intervals(percentiles(medians), percentiles(sizes))
