@@ -70,7 +70,7 @@ _EXIT_AGREEMENT = (
     0.3  # of the distance to the exit: allowed error of the exit that the derivatives predict
 )
 # rad; width down to which rays that stay in the water are searched between two that left it
-_WINDOW_WIDTH = 2e-5
+_WINDOW_WIDTH = 1e-6
 # A sound-speed maximum may part two rays if the miss bends by more than the first share of its
 # size, and if this share times the error of the predicted turning depths exceeds the second number
 # of metres
