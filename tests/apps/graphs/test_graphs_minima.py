@@ -232,6 +232,30 @@ def test_a_descent_that_ends_early_is_ranked_by_cost_and_continued(opened):
     assert continued.solution.final_cost == pytest.approx(whole.solution.final_cost, rel=1e-6)
 
 
+def test_a_descent_that_cannot_reach_a_rival_ends_early(opened):
+    """It ends at a cost between that of its minimum and that of its start."""
+    file = opened(beacons(1, noise=3.0), "b.pyfg")
+    graph, _ = anchor_graph(file)
+    start = random_start(graph, file.values, np.random.default_rng(4))
+    whole, hopeless = (
+        GraphSolver(SolveOptions(rival_cost=cost)).solve(graph, start) for cost in (np.inf, 1.0)
+    )
+    assert whole.usable
+    assert hopeless.status is SolveStatus.NOT_CONVERGED
+    assert hopeless.iterations < whole.iterations
+    assert whole.cost < hopeless.cost < whole.initial_cost
+    further = GraphSolver().solve(graph, hopeless.values)
+    assert further.cost == pytest.approx(whole.cost, rel=1e-6)
+
+
+def test_equal_starts_have_one_solution(opened):
+    """Without loop closures, chordal initialization is dead reckoning."""
+    outcomes = solve_graph(opened(drone()[0], "g.pyfg")).outcomes
+    solution = {outcome.name: outcome.solution for outcome in outcomes}
+    assert solution["chordal"] is solution["dead-reckoning"]
+    assert solution["file"] is not solution["dead-reckoning"]
+
+
 def test_a_published_log_reaches_the_minimum_that_gtsam_reaches():
     """
     1,562.5 from the start of trilateration by GTSAM 4.3; the other starts end in a minimum of

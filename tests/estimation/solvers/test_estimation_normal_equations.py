@@ -290,9 +290,14 @@ def wound(rings, angle, length, seed=0):
     return anchor_loose_parts(graph, values)[0], values
 
 
-def test_the_full_matrix_is_the_second_derivative_along_arcs():
+@pytest.mark.parametrize("n_ranges", [0, 5], ids=["along arcs", "along lines with ranges"])
+def test_the_full_matrix_is_the_second_derivative(n_ranges):
     graph, values = wound(4, 0.3, 2.0)
     graph = graph.with_factors(prior=graph["prior"][:0])  # its own curvature is left out
+    rng = np.random.default_rng(1)
+    ends = np.stack([np.arange(n_ranges), np.arange(n_ranges) + 7], axis=1)
+    distance = rng.uniform(20.0, 60.0, n_ranges)
+    graph = graph.with_factors(range=KINDS["range"].table(ends, [distance], np.ones(n_ranges)))
     problem, state = distance_problem(graph), GraphState.of(values)
     equations = problem.linearize(state, 4)
     matrix, gradient = (
@@ -300,14 +305,15 @@ def test_the_full_matrix_is_the_second_derivative_along_arcs():
         equations.gradient[problem.structure.row].ravel(),
     )
     gauss_newton = problem.linearize(state, 1).information().toarray()
-    rng = np.random.default_rng(1)
     for _ in range(5):
         direction = rng.normal(size=matrix.shape[0])
         by_row = np.empty((graph.n_poses, SIZE))
         by_row[problem.structure.row] = direction.reshape(-1, SIZE)
         h = 1e-4
         ahead, behind = (
-            problem.cost(state.after_step(problem.structure, s * h * by_row, arc=True))
+            problem.cost(
+                state.after_step(problem.structure, s * h * by_row, arc=problem.without_ranges)
+            )
             for s in (1, -1)
         )
         assert (ahead - behind) / (2 * h) == pytest.approx(gradient @ direction, rel=1e-5)

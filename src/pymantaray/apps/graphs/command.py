@@ -202,7 +202,6 @@ def solve(
     """Estimate all trajectories of a graph; with --out, as TUM and NetCDF files with a summary."""
     from pymantaray.cli.output import step_line
     from pymantaray.errors import EstimationError
-    from pymantaray.exchange import write_graph_tum
     from pymantaray.jobs.folder import staged_folder
     from pymantaray.records import SolveStatus
 
@@ -219,6 +218,8 @@ def solve(
             raise EstimationError(f"{file}: {result.diagnosis}")
         errors = _errors(result)
         if folder is not None:
+            from pymantaray.exchange import write_graph_tum  # takes more time than a small solve
+
             result.save(folder, more=errors)
             for name, values in result.trajectories.items():
                 write_graph_tum(folder / f"{name}.tum", result.graph, values)

@@ -378,8 +378,9 @@ def solve_graph(
     solver = GraphSolver(SolveOptions(report=report))
     start = start or _default_start(graph, estimator, random_starts)
 
-    def solve(initial: GraphValues) -> GraphSolution:
+    def solve(initial: GraphValues, rival: float = np.inf) -> GraphSolution:
         if isinstance(estimator, str):
+            solver.options = replace(solver.options, rival_cost=rival)
             return solver.solve(graph, initial, method=METHODS[estimator])
         return estimator(graph, initial)
 
@@ -485,7 +486,7 @@ def _outcomes(
     file: GraphFile,
     graph: FactorGraph,
     start: Start,
-    solve: Callable[[GraphValues], GraphSolution],
+    solve: Callable[..., GraphSolution],
     *,
     random_starts: int,
     seed: int,

@@ -2,7 +2,7 @@
 Search for the lowest minimum of a graph's cost: several starts, mirrored landmarks, random starts.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,6 +14,7 @@ from pymantaray.apps.graphs.staircase import can_relax, relax, rounded
 from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solvers.descents import finish, lowest, same_cost
+from pymantaray.estimation.solvers.problems import Distances, FactorsExceptRanges, GraphState
 from pymantaray.estimation.solvers.solution import GraphSolution
 from pymantaray.estimation.solvers.starts import (
     StartingValues,
@@ -28,9 +29,12 @@ from pymantaray.estimation.solvers.trilateration import (
 )
 from pymantaray.geometry import stream
 
-SolveFrom = Callable[[GraphValues], GraphSolution]
+SolveFrom = Callable[[GraphValues, float], GraphSolution]
+"""Solve from some values, unless the descent is certain to stay above a cost."""
 
 _SAME_POSITION = 1e-3  # of the extent of all positions; smaller differences are of one minimum
+# of the extent, and of quaternions; files with six digits differ less from composed edges
+_SAME_START = 1e-4
 _PLAUSIBLE = 0.95  # quantile of chi-square within which a second minimum is plausible, too
 _MAX_MIRRORED = 64  # solves from mirrored landmarks
 
@@ -77,10 +81,12 @@ def search_minima(
     lowest of these unless that is certified, and then the lowest of all with one landmark after the
     other at its mirrored positions. The descent of the lowest one is continued if it has not
     converged.
+
+    Solves begin with the start of lowest cost. A descent may end early if it falls too slowly to
+    reach a plausible cost. Equal starts have one solution.
     """
-    outcomes = []
-    for name, start in _starts(graph, values, random_starts, seed, first=first):
-        outcomes.append(StartOutcome(name, start.values, start.unchanged, solve(start.values)))
+    starts = list(_starts(graph, values, random_starts, seed, first=first))
+    outcomes = _solve_all(graph, starts, solve)
     _finish(outcomes, solve)
     outcomes += _relaxed(graph, lowest(outcomes), solve)
     _finish(outcomes, solve)
@@ -89,12 +95,35 @@ def search_minima(
     return outcomes
 
 
+def _solve_all(
+    graph: FactorGraph, starts: list[tuple[str, StartingValues]], solve: SolveFrom
+) -> list[StartOutcome]:
+    """Outcome of each start, in their order."""
+    factors = FactorsExceptRanges(graph)
+    ranges = Distances(graph)
+
+    def cost(row: int) -> float:
+        state = GraphState.of(starts[row][1].values)
+        return factors.cost(state) + ranges.cost(state, None)
+
+    done: dict[int, StartOutcome] = {}
+    for row in sorted(range(len(starts)), key=cost):
+        name, start = starts[row]
+        equal = (o.solution for o in done.values() if _same_start(o.initial, start.values))
+        solution = next(equal, None)
+        if solution is None:
+            limit = _plausible_cost(graph, done.values())
+            solution = solve(start.values, limit)
+        done[row] = StartOutcome(name, start.values, start.unchanged, solution)
+    return [done[row] for row in range(len(starts))]
+
+
 def _finish(outcomes: list[StartOutcome], solve: SolveFrom) -> None:
     """Finish the descent of the lowest outcome, in place."""
     best = lowest(outcomes)
 
     def further(outcome: StartOutcome) -> StartOutcome:
-        again = solve(outcome.solution.values)
+        again = solve(outcome.solution.values, np.inf)
         return replace(outcome, solution=outcome.solution.append(again))
 
     outcomes[outcomes.index(best)] = finish(best, further)
@@ -110,11 +139,17 @@ def plausible_alternative(
     chi-square with the degrees of freedom of one position.
     """
     best = lowest(outcomes)
-    limit = best.cost + 0.5 * chdtri(2 if graph.planar else 3, 1.0 - _PLAUSIBLE)
+    limit = _plausible_cost(graph, outcomes)
     others = [
         o for o in outcomes if o.solution.usable and o.cost <= limit and not same_minimum(best, o)
     ]
     return min(others, key=lambda o: o.cost) if others else None
+
+
+def _plausible_cost(graph: FactorGraph, outcomes: Collection[StartOutcome]) -> float:
+    """Largest plausible cost of a second minimum; infinite without outcomes."""
+    cost = min((outcome.cost for outcome in outcomes), default=np.inf)
+    return cost + 0.5 * float(chdtri(2 if graph.planar else 3, 1.0 - _PLAUSIBLE))
 
 
 def same_minimum(one: StartOutcome, other: StartOutcome) -> bool:
@@ -125,6 +160,16 @@ def same_minimum(one: StartOutcome, other: StartOutcome) -> bool:
     b = _positions(other.solution.values)
     extent = float(np.linalg.norm(np.ptp(a, axis=0)))
     return float(np.abs(a - b).max(initial=0.0)) <= _SAME_POSITION * extent
+
+
+def _same_start(one: GraphValues, other: GraphValues) -> bool:
+    """True if a solve from one start is one from the other, except for rounding."""
+    a = _positions(one)
+    extent = float(np.linalg.norm(np.ptp(a, axis=0)))
+    sign = np.where(np.sum(one.quaternion * other.quaternion, axis=1) < 0.0, -1.0, 1.0)
+    turn = np.abs(one.quaternion - sign[:, None] * other.quaternion).max(initial=0.0)
+    far = np.abs(a - _positions(other)).max(initial=0.0)
+    return bool(turn <= _SAME_START and far <= _SAME_START * extent)
 
 
 def largest_difference(
@@ -230,7 +275,8 @@ def _relaxed(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[S
     if relaxation.tight and best.solution.usable:
         return []
     start = rounded(problem, relaxation.point, values)
-    return [StartOutcome("relaxation", start, np.empty(0, dtype=np.intp), solve(start))]
+    solution = solve(start, _plausible_cost(graph, [best]))
+    return [StartOutcome("relaxation", start, np.empty(0, dtype=np.intp), solution)]
 
 
 def _mirrored(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[StartOutcome]:
@@ -255,7 +301,8 @@ def _mirrored(graph: FactorGraph, best: StartOutcome, solve: SolveFrom) -> list[
                     return outcomes
                 start = with_landmarks(graph, values, {landmark: position})
                 name = f"mirrored-{graph.variable_name(landmark)}"
-                outcomes.append(StartOutcome(name, start, np.empty(0, dtype=np.intp), solve(start)))
+                solution = solve(start, _plausible_cost(graph, [best]))
+                outcomes.append(StartOutcome(name, start, np.empty(0, dtype=np.intp), solution))
                 if lowest([best, outcomes[-1]]) is not best:
                     best = outcomes[-1]
                     lower = True

@@ -21,6 +21,8 @@ from pymantaray.estimation._kernels.products import (
 )
 
 _SMALL_ANGLE = 1e-2  # rad; below it series replace closed forms: what they leave out is below 1e-16
+# rad; step of central differences of gradients, with a relative error of 1e-10
+_DIFFERENCE_ANGLE = 1e-5
 
 
 # Scratch: blocks of six by six and matrices of three by three; the latter, by what they hold:
@@ -133,12 +135,12 @@ def _whiten_block(root, i, j, to, m, parts):  # type: ignore[no-untyped-def]
 
 @inlined
 def _pull(root, i, r, v):  # type: ignore[no-untyped-def]
-    """Derivative of the cost by an element of the translation's residual."""
+    """Derivative of the cost by an element of the residual."""
     if root.ndim == 2:
-        return root[i, 3 + r] * v[WHITE, 3 + r]
+        return root[i, r] * v[WHITE, r]
     total = 0.0
-    for k in range(3 + r, 6):
-        total += root[i, k, 3 + r] * v[WHITE, k]
+    for k in range(r, 6):
+        total += root[i, k, r] * v[WHITE, k]
     return total
 
 
@@ -304,7 +306,7 @@ def _add_curvature(relative, blocks, poses, matrix, i, m, v):  # type: ignore[no
         poses.rotation,
     )
     for r in range(3):  # on the residual, on the error, on the stride
-        v[RESIDUAL, r] = _pull(root, i, r, v)
+        v[RESIDUAL, r] = _pull(root, i, 3 + r, v)
     for r in range(3):
         v[RESIDUAL, 3 + r] = 0.0
         for k in range(3):
@@ -332,6 +334,107 @@ def _add_gradient(gradient, row, j, p, v):  # type: ignore[no-untyped-def]
     for r in range(6):
         for c in range(6):
             gradient[row, c] += j[p, r, c] * v[WHITE, r]
+
+
+@inlined
+def _add_pair_gradient(relative, poses, i, work, out, row, factor):  # type: ignore[no-untyped-def]
+    """Add a multiple of a cost's gradient by both poses of a pair to a row of ``out``, (12,)."""
+    _, m, v = work
+    _residual(relative, poses, i, m, v)
+    _whiten(relative.root, i, v)
+    _by_second(m, v)
+    first, second = relative.first[i], relative.second[i]
+    _by_first(first, second, relative.rotation, i, poses.rotation, m, v)
+    for r in range(6):
+        v[RESIDUAL, r] = factor * _pull(relative.root, i, r, v)
+    for r in range(3):
+        on_rotation, on_translation = v[RESIDUAL, r], v[RESIDUAL, 3 + r]
+        for c in range(3):
+            along = m[TRANSLATION_BY_POSITION, r, c] * on_translation
+            out[row, c] += m[ROTATION_BY_FIRST, r, c] * on_rotation
+            out[row, c] += m[TRANSLATION_BY_FIRST, r, c] * on_translation
+            out[row, 3 + c] -= along
+            out[row, 6 + c] += m[ROTATION_BY_SECOND, r, c] * on_rotation
+            out[row, 6 + c] += m[TRANSLATION_BY_SECOND, r, c] * on_translation
+            out[row, 9 + c] += along
+
+
+@inlined
+def _differ(relative, poses, i, work, out):  # type: ignore[no-untyped-def]
+    """Rows of a cost's Hessian by the rotations of both poses of a pair, (6, 12)."""
+    j, rotation = work[0], poses.rotation
+    for end in range(2):
+        pose = relative.second[i] if end else relative.first[i]
+        for r in range(3):
+            for c in range(3):
+                j[1, r, c] = rotation[pose, r, c]
+        for axis in range(3):
+            row = 3 * end + axis
+            p, q = (axis + 1) % 3, (axis + 2) % 3
+            for c in range(12):
+                out[row, c] = 0.0
+            for side in range(2):
+                angle = -_DIFFERENCE_ANGLE if side else _DIFFERENCE_ANGLE
+                cosine, sine = math.cos(angle), math.sin(angle)
+                for r in range(3):
+                    rotation[pose, r, p] = cosine * j[1, r, p] + sine * j[1, r, q]
+                    rotation[pose, r, q] = cosine * j[1, r, q] - sine * j[1, r, p]
+                _add_pair_gradient(relative, poses, i, work, out, row, 0.5 / angle)
+            for r in range(3):
+                for c in range(3):
+                    rotation[pose, r, c] = j[1, r, c]
+
+
+@inlined
+def _subtract_products(relative, poses, i, work, out):  # type: ignore[no-untyped-def]
+    """Subtract the product of Jacobians from rows of a Hessian, see `_differ`."""
+    j, m, v = work
+    _residual(relative, poses, i, m, v)
+    _by_second(m, v)
+    first, second = relative.first[i], relative.second[i]
+    _by_first(first, second, relative.rotation, i, poses.rotation, m, v)
+    _whiten_block(relative.root, i, j, 2, m, (ROTATION_BY_FIRST, TRANSLATION_BY_FIRST, -1.0))
+    _whiten_block(relative.root, i, j, 3, m, (ROTATION_BY_SECOND, TRANSLATION_BY_SECOND, 1.0))
+    for row in range(6):
+        for c in range(12):
+            for r in range(6):
+                out[row, c] -= j[2 + row // 3, r, row % 3] * j[2 + c // 6, r, c % 6]
+
+
+@entry
+def add_full_curvature(relative, blocks, poses, matrix, lacking, work):  # type: ignore[no-untyped-def]
+    """
+    Add the curvature of relative poses: the Hessian less the product of Jacobians.
+
+    Residuals are linear in positions, so the difference involves rotations only. Central
+    differences of each residual's gradient, with its two poses rotated, give it. ``lacking`` (6,
+    12) is scratch, and ``poses.rotation`` is the same at the end.
+    """
+    row, diagonal, above = matrix.row, matrix.diagonal, matrix.above
+    for i in range(relative.first.size):
+        a, b, block = relative.first[i], relative.second[i], blocks.block[i]
+        if a < 0:
+            continue
+        _differ(relative, poses, i, work, lacking)
+        _subtract_products(relative, poses, i, work, lacking)
+        for r in range(3):
+            for c in range(3):
+                # symmetric except for the rotation of the body's axes
+                diagonal[row[a], r, c] += 0.5 * (lacking[r, c] + lacking[c, r])
+                diagonal[row[b], r, c] += 0.5 * (lacking[3 + r, 6 + c] + lacking[3 + c, 6 + r])
+                diagonal[row[a], r, 3 + c] += lacking[r, 3 + c]
+                diagonal[row[a], 3 + c, r] += lacking[r, 3 + c]
+                diagonal[row[b], r, 3 + c] += lacking[3 + r, 9 + c]
+                diagonal[row[b], 3 + c, r] += lacking[3 + r, 9 + c]
+                both = 0.5 * (lacking[r, 6 + c] + lacking[3 + c, r])
+                if blocks.reverse[i]:
+                    above[block, c, r] += both
+                    above[block, 3 + c, r] += lacking[r, 9 + c]
+                    above[block, c, 3 + r] += lacking[3 + c, 3 + r]
+                else:
+                    above[block, r, c] += both
+                    above[block, r, 3 + c] += lacking[r, 9 + c]
+                    above[block, 3 + r, c] += lacking[3 + c, 3 + r]
 
 
 @entry

@@ -17,6 +17,7 @@ _COST_ROUNDING = 1e-9  # relative; smaller increases of the cost are rounding
 _MAX_RISES = 2
 _CURVATURE_GAIN = 100.0  # factor by which a step with curvature shortens the next step
 _HIGHEST_ORDER = 3  # of the matrices of undamped steps
+_FULL_ORDER = 4  # of those of damped steps
 _SLOW = 0.5  # ratio of successive steps with curvature; with large residuals it approaches 1
 _MAX_SLOW = 3  # such steps before the curvature is given up
 _MAX_STALLED = 10  # such steps without curvature before damped steps take over
@@ -27,6 +28,7 @@ _STALLED_FALL = (
 _FIRST_DAMPING = 1e-5  # of the diagonal
 _MAX_DAMPING = 1e5
 _SMALL_FALL = 0.01  # relative decrease of the cost below which damped steps use full curvature
+_RATE_STEPS = 10  # damped steps whose mean decrease of the cost is compared with a rival's cost
 
 
 class LastStep(NamedTuple):
@@ -53,7 +55,8 @@ def optimize(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
     or takes ten steps that do not become shorter, damped steps take over, from the start or,
     without ranges or after such steps, from the state of lowest cost. Gauss-Newton then refines
     their result, unless it diverges because of large residuals. The last system is undamped, and
-    its step measures convergence.
+    its step measures convergence. Damped steps that fall too slowly to reach the rival's cost end
+    the descent without convergence.
     """
     first, lowest = _gauss_newton(problem, initial, options)
     progress = first.progress
@@ -66,11 +69,15 @@ def optimize(problem: Problem, initial: GraphState, options: SolveOptions) -> Op
     if (problem.without_ranges or stalled) and not progress.singular:
         begin = lowest
         taken = progress.iterations
-    damped, iterations = _levenberg_marquardt(
+    damped, iterations, given_up = _levenberg_marquardt(
         problem, begin, options, taken, singular=progress.singular
     )
     if iterations == 0 and begin is initial:
         return Optimum(initial, replace(progress, iterations=0, final_cost=progress.initial_cost))
+    if given_up:
+        cost = problem.cost(damped)
+        taken += iterations
+        return Optimum(damped, replace(progress, iterations=taken, final_cost=cost, singular=False))
     end, _ = _gauss_newton(problem, damped, options, taken + iterations)
     # undamped steps left the minimum of large residuals, or are about to: keep the damped result
     if not (end.progress.singular or end.progress.last_step <= options.step_tolerance):
@@ -185,37 +192,62 @@ def _largest(values: Array) -> float:
     return float(max(values.max(), -values.min()))
 
 
+class _DampedSteps(NamedTuple):
+    """End of damped steps, their number, and true if they stay above the rival's cost."""
+
+    state: GraphState
+    iterations: int
+    given_up: bool = False
+
+
 def _levenberg_marquardt(
     problem: Problem, initial: GraphState, options: SolveOptions, taken: int, *, singular: bool
-) -> tuple[GraphState, int]:
+) -> _DampedSteps:
     """
-    Damped steps until a minimum, until no damping lowers the cost, or until a singular graph
-    stalls; returns their number, too.
+    Damped steps until a minimum, until no damping lowers the cost, until a singular graph stalls,
+    or until the rival's cost is out of reach.
 
     Without ranges poses move along arcs, so that a chain can rotate as a whole. Ranges tie chains
-    to each other; arcs from far away then lead to other minima. If a step along arcs gained little,
+    to each other; arcs from far away then lead to other minima. If a step gained little,
     Gauss-Newton's matrix is a poor model of the cost, and the matrix with full curvature is tried
     first. It is not positive definite far from a minimum.
     """
     state = initial
     damping = _FIRST_DAMPING
     fall = np.inf
-    for iteration in range(10 * options.max_iterations):
-        matrices = [problem.linearize(state)]
-        if fall <= _SMALL_FALL and problem.without_ranges and not singular:
-            matrices.insert(0, problem.linearize(state, 4))
+    most = 10 * options.max_iterations
+    costs: list[float] = []
+    plain: NormalEquations | None = None
+    curved: NormalEquations | None = None
+    for iteration in range(most):
+        plain = problem.linearize(state, 1, plain)
+        matrices = [plain]
+        if fall <= _SMALL_FALL and not singular:
+            curved = problem.linearize(state, _FULL_ORDER, curved)
+            matrices.insert(0, curved)
         before = matrices[0].cost
         damped = _damped_step(problem, state, matrices, damping, options.step_tolerance)
         if damped is None:
-            return state, iteration
+            return _DampedSteps(state, iteration)
         state, cost, damping = damped
         fall = (before - cost) / before
         if options.report is not None:
             options.report(taken + iteration + 1, cost)
         if singular and fall <= _STALLED_FALL:
-            return state, iteration + 1
+            return _DampedSteps(state, iteration + 1)
+        costs.append(cost)
+        if _stays_above(costs, options.rival_cost, most - iteration - 1):
+            return _DampedSteps(state, iteration + 1, given_up=True)
         damping *= 0.1
-    return state, 10 * options.max_iterations
+    return _DampedSteps(state, most)
+
+
+def _stays_above(costs: list[float], rival: float, steps: int) -> bool:
+    """True if the cost stays above a rival's, at the mean rate of the last steps."""
+    if len(costs) <= _RATE_STEPS:
+        return False
+    rate = (costs[-1 - _RATE_STEPS] - costs[-1]) / _RATE_STEPS
+    return costs[-1] - steps * rate > rival
 
 
 class _DampedStep(NamedTuple):
@@ -245,7 +277,8 @@ def _damped_step(
             if solved is None and len(matrices) > 1:
                 matrices.remove(equations)
             elif solved is not None:
-                _, step = solved
+                factor, step = solved
+                factor.release()
                 if damping <= _FIRST_DAMPING and _largest(step) <= tolerance:
                     return None
                 trial = state.after_step(problem.structure, step, arc=problem.without_ranges)

@@ -24,12 +24,9 @@ from pymantaray.estimation.solvers.normal_equations import (
     NormalEquations,
     Structure,
 )
-from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
+from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
 _OUT_OF_PLANE = np.array([0, 1, 5])  # rx, ry and z of a block
-_DIFFERENCE_ANGLE = (
-    1e-5  # rad; step of central differences of gradients, with a relative error of 1e-10
-)
 _PIECE = 1 << 16  # rows to convert at once
 _MIN_WEIGHT = 1e-12  # smallest weight of a range under a loss; its rows lose all digits below
 
@@ -88,20 +85,6 @@ class FactorBlocks(NamedTuple):
     relative: Blocks
     sightings: Blocks
     batches: assembly.Batches
-
-
-def _symmetric_blocks(lacking: Array) -> Array:
-    """
-    Second derivatives by both poses of each pair, (n, 2, 6, 2, 6), from those by a rotation and a
-    pose, (n, 2, 3, 2, 6). Those by two positions are 0.
-    """
-    whole = np.zeros((len(lacking), 2, SIZE, 2, SIZE))
-    whole[:, :, ROTATION] = lacking
-    whole[:, :, POSITION, :, ROTATION] = np.moveaxis(lacking[..., POSITION], (1, 2), (3, 4))
-    # symmetric except for the rotation of the body's axes
-    rotations = whole[:, :, ROTATION, :, ROTATION]
-    whole[:, :, ROTATION, :, ROTATION] = 0.5 * (rotations + np.moveaxis(rotations, (1, 2), (3, 4)))
-    return whole
 
 
 class FactorsExceptRanges:
@@ -174,70 +157,12 @@ class FactorsExceptRanges:
         out.cost += sum(float(cost.sum()) for cost in costs)
 
     def add_curvature(self, state: GraphState, blocks: FactorBlocks, out: NormalEquations) -> None:
-        """
-        Add the full curvature of relative poses: the Hessian less the product of Jacobians.
-
-        Residuals are linear in positions, so the difference involves rotations only. Central
-        differences of each residual's gradient, with its two poses rotated, give it.
-        """
-        inner = self._inner
-        m = len(self._relative_pairs)
-        one, other = self._relative_pairs.T
-        row = np.arange(2 * m)
-        copies = residuals.RelativePoses(
-            row[:m], row[m:], *(column[inner] for column in self._relative[2:])
+        """Add the full curvature of relative poses."""
+        poses = residuals.PoseArrays(state.rotation.copy(), state.position)
+        lacking = np.empty((SIZE, 2 * SIZE))
+        residuals.add_full_curvature(
+            self._relative, blocks.relative, poses, out.matrix, lacking, _scratch()
         )
-        pairs = Blocks(row[:m], np.zeros(m, dtype=np.bool_))
-        position = np.concatenate([state.position[one], state.position[other]])
-        rotation = np.concatenate([state.rotation[one], state.rotation[other]])
-
-        factors = assembly.ChainFactors(
-            copies, pairs, residuals.Positions(*(c[:0] for c in self._positions))
-        )
-        batches = _batches(np.array([0, 2 * m]), row[:m], row[:0])
-        start = np.minimum(np.arange(2 * m + 1), m)
-
-        def each(rotation: Array) -> residuals.Matrix:
-            """Blocks and gradient of each residual separately."""
-            by_itself = residuals.Matrix(
-                row,
-                np.empty((2 * m, SIZE, SIZE)),
-                np.empty((m, SIZE, SIZE)),
-                np.empty((2 * m, SIZE)),
-            )
-            upper = cholesky.Upper(
-                start, row, by_itself.diagonal, by_itself.above, *np.empty((2, 0, SIZE))
-            )
-            poses = residuals.PoseArrays(rotation, position)
-            costs = assembly.Costs(np.empty(m), np.empty(0))
-            assembly.assemble(
-                factors, batches, poses, by_itself, upper, (1, False), costs, _scratch()
-            )
-            return by_itself
-
-        at = each(rotation)
-        # rotated end and axis, end and component of the gradient
-        lacking = np.empty((m, 2, 3, 2, SIZE))
-        for end, axis in np.ndindex(2, 3):
-            some = slice(end * m, (end + 1) * m)
-            gradients = []
-            for angle in (_DIFFERENCE_ANGLE, -_DIFFERENCE_ANGLE):
-                rotation_after = rotation.copy()
-                rotation_after[some] = rotation[some] @ so3_exp(angle * np.eye(3)[axis])
-                gradients.append(each(rotation_after).gradient.reshape(2, m, SIZE))
-            change = np.moveaxis(gradients[0] - gradients[1], 0, 1) / (2.0 * _DIFFERENCE_ANGLE)
-            ends = (at.diagonal[:m, axis], at.above[:, axis])
-            if end == 1:
-                ends = (at.above[:, :, axis], at.diagonal[m:, axis])
-            lacking[:, end, axis] = change - np.stack(ends, axis=1)
-        whole = _symmetric_blocks(lacking)
-        rows = out.structure.row
-        np.add.at(out.diagonal, rows[one], whole[:, 0, :, 0])
-        np.add.at(out.diagonal, rows[other], whole[:, 1, :, 1])
-        between = whole[:, 0, :, 1]
-        back = blocks.relative.reverse[inner]
-        between[back] = np.swapaxes(between[back], 1, 2)
-        np.add.at(out.above, blocks.relative.block[inner], between)
 
     def cost(self, state: GraphState) -> float:
         """Half the sum of squared residuals."""
@@ -703,7 +628,8 @@ class Problem:
         if order > 3:
             out.scale = np.diagonal(out.diagonal, axis1=1, axis2=2).copy()
             self.factors.add_curvature(state, self._blocks, out)
-            _add_arcs(state, out, row[:n])
+            if self.without_ranges:
+                _add_arcs(state, out, row[:n])
         if self.factors.planar:
             _hold_in_plane(out, row[:m])
         return out
@@ -728,8 +654,9 @@ def _hold_in_plane(out: NormalEquations, rows: Indices) -> None:
     out.diagonal[rows[:, None], _OUT_OF_PLANE, :] = 0.0
     out.diagonal[rows[:, None], :, _OUT_OF_PLANE] = 0.0
     out.diagonal[rows[:, None], _OUT_OF_PLANE, _OUT_OF_PLANE] = 1.0
-    out.above[:, _OUT_OF_PLANE, :] = 0.0
-    out.above[:, :, _OUT_OF_PLANE] = 0.0
+    for k in _OUT_OF_PLANE.tolist():  # much faster than all three at once
+        out.above[:, k, :] = 0.0
+        out.above[:, :, k] = 0.0
     out.gradient[rows[:, None], _OUT_OF_PLANE] = 0.0
 
 

@@ -96,6 +96,9 @@ class SolveOptions:
     chi_square_sigmas : float
         Half width of the allowed interval about the expected cost if the model is right, in
         standard deviations of the chi-square distribution. [-]
+    rival_cost : float
+        Cost of another solution of the graph. A batch descent by damped steps ends as
+        ``NOT_CONVERGED`` if it would stay above this cost at the rate of its last steps.
     incremental : IncrementalOptions
         Limits of an incremental solve.
     report : callable, optional
@@ -107,6 +110,7 @@ class SolveOptions:
     max_iterations: int = 50
     decrement_tolerance: float = 1e-3
     chi_square_sigmas: float = 5.0
+    rival_cost: float = math.inf
     incremental: IncrementalOptions = field(default_factory=IncrementalOptions)
     report: Callable[[int, float], None] | None = None
 
