@@ -172,10 +172,11 @@ def test_a_file_is_open_only_while_no_other_thread_is_at_netcdf(tmp_path, monkey
     write_netcdf(xr.Dataset({"v": ("x", np.arange(3))}), tmp_path / "a.nc")
     assert taken_by_another_thread()
     monkeypatch.setattr(xr, "open_dataset", watched("open", xr.open_dataset))
-    for name in ("load", "close", "to_netcdf"):
+    for name in ("load", "close", "dump_to_store"):
         monkeypatch.setattr(xr.Dataset, name, watched(name, getattr(xr.Dataset, name)))
     write_netcdf(read_netcdf(tmp_path / "a.nc"), tmp_path / "b.nc")
-    assert seen == [("open", False), ("load", False), ("close", False), ("to_netcdf", False)]
+    steps = "open", "load", "close", "load", "dump_to_store"
+    assert seen == [(step, False) for step in steps]
 
 
 def test_missing_file_is_one_line(tmp_path):

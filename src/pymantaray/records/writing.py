@@ -179,6 +179,10 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
     replace : bool
         As in `whole_file`.
     """
+    # xarray's own `to_netcdf` imports dask's scheduler if it is installed
+    from netCDF4 import Dataset
+    from xarray.backends import NetCDF4DataStore
+
     dataset = dataset.copy()
     path = Path(path)
     about = {"title": path.stem.replace("_", " "), "history": f"pymantaray {version('pymantaray')}"}
@@ -192,7 +196,9 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
     with whole_file(path, replace=replace) as temporary, deferred_stops(), NETCDF_LOCK:
         check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
         try:
-            dataset.to_netcdf(temporary, engine="netcdf4", format="NETCDF4")
+            dataset.load()
+            with Dataset(temporary, "w", format="NETCDF4") as file:
+                dataset.dump_to_store(NetCDF4DataStore(file))  # type: ignore[no-untyped-call]
         except RuntimeError as error:  # netCDF4 raises this for a full disk
             raise OSError(str(error)) from None
 
