@@ -9,7 +9,8 @@ import pytest
 from factories import python
 
 import pymantaray
-from pymantaray.apps import commands
+from pymantaray.apps import commands, summaries
+from pymantaray.cli.main import tree
 
 PACKAGE = Path(pymantaray.__file__).parent
 LAST = (
@@ -52,6 +53,16 @@ def test_deleting_a_folder_deletes_the_application(application, tmp_path):
     done = python(LIST.format(str(tmp_path)), cwd=tmp_path)
     left = set(done.stdout.strip().split(","))
     assert left == every - commands_of(application), done.stderr
+
+
+def test_summaries_are_the_help_of_the_commands():
+    """They are read from sources, without an import."""
+    whole = tree().commands
+    assert {name: one.help for name, one in summaries().items()} == {
+        name: command.help for name, command in whole.items()
+    }
+    groups = {name for name, command in whole.items() if hasattr(command, "commands")}
+    assert {name for name, one in summaries().items() if one.is_group} == groups
 
 
 def test_a_first_word_has_the_commands_of_its_applications_only():

@@ -10,7 +10,7 @@ from typing import Annotated, Any, NoReturn
 
 import typer
 
-from pymantaray.apps import commands
+from pymantaray.apps import commands, summaries
 from pymantaray.cli.arguments import in_options
 from pymantaray.cli.options import Commands
 from pymantaray.cli.output import EXIT_KNOWN_ERROR, standard_streams
@@ -50,12 +50,7 @@ def tree(first: str = "") -> Any:
     Tree of all commands, or of those with a first word, if any has it; a name of two words is that
     of a group and its command.
     """
-    app = Commands(
-        name="mantaray",
-        help="Effects of refraction in the ocean on acoustic ranges between vehicles, and on their"
-        " estimated positions.",
-    )
-    app.callback()(_root)
+    app = _empty_root()
     groups = {"": app}
     for name, command in sorted(commands(first).items()):
         group, _, own = name.rpartition(" ")
@@ -65,6 +60,32 @@ def tree(first: str = "") -> Any:
         else:
             groups[group].command(own)(command)
     return typer.main.get_command(app)
+
+
+def _listed() -> Any:
+    """Tree of the names of commands and groups with their help, which loads no application."""
+    app = _empty_root()
+    for name, (text, is_group) in sorted(summaries().items()):
+        if is_group:
+            app.add_typer(Commands(help=text), name=name)
+        else:
+            app.command(name, help=text)(_nothing)
+    return typer.main.get_command(app)
+
+
+def _nothing() -> None:
+    """Do nothing: a command that is only listed."""
+
+
+def _empty_root() -> Commands:
+    """Root of a tree, without commands."""
+    app = Commands(
+        name="mantaray",
+        help="Effects of refraction in the ocean on acoustic ranges between vehicles, and on their"
+        " estimated positions.",
+    )
+    app.callback()(_root)
+    return app
 
 
 def main(arguments: list[str] | None = None) -> None:
@@ -84,7 +105,9 @@ def _run(arguments: list[str] | None) -> None:
             _check_environment()
             words = sys.argv[1:] if arguments is None else arguments
             _check_names(words)
-            command = tree(words[0] if words else "")
+            completes = "_MANTARAY_COMPLETE" in os.environ  # as typer names it
+            is_help = not completes and words in ([], ["--help"])
+            command = _listed() if is_help else tree(words[0] if words else "")
             sys.exit(command.main(args=words, prog_name="mantaray", standalone_mode=False) or 0)
         except _UsageError as error:
             _refuse(error)

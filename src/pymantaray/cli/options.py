@@ -17,9 +17,8 @@ from pymantaray.cli.groups import existing, number_in, quantity
 from pymantaray.cli.panels import ARRIVALS, OUTPUT, WATER, Command, Group
 from pymantaray.cli.printing import Printer, log_to_stderr, printer
 from pymantaray.errors import AcousticsError, MantaRayError, StudyError, WaterError
-from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.names import Equation
 from pymantaray.pages.folder import FORMATS
-from pymantaray.quantities.checks import check_number
 from pymantaray.quantities.units import is_like_quantity
 
 if TYPE_CHECKING:
@@ -119,6 +118,8 @@ def parse_duration(option: str, text: str, unit: str = "s", *, positive: bool = 
         value = number_in(text, unit)
     except ValueError as error:
         raise MantaRayError(f"{option}: {error}") from None
+    from pymantaray.quantities.checks import check_number
+
     check_number(MantaRayError, option, value, unit, positive=positive)
     return value
 
@@ -659,6 +660,8 @@ class SearchOptions(ArrivalOptions):
     ] = 1e-3
 
     def __post_init__(self) -> None:
+        from pymantaray.quantities.checks import check_number
+
         check_number(AcousticsError, "--tolerance", self.tolerance, "m", positive=True)
         super().__post_init__()
 

@@ -26,7 +26,8 @@ from pymantaray.config.common import (
     own_files,
 )
 from pymantaray.config.references import References, data_references
-from pymantaray.ocean.equations import EQUATIONS, Equation
+from pymantaray.ocean.equations import EQUATIONS
+from pymantaray.ocean.names import Equation
 
 
 def _kind_alone(value: object) -> object:

@@ -48,8 +48,8 @@ from pymantaray.config.mission import MissionSection, PingsSection
 from pymantaray.config.parse import parse
 from pymantaray.config.references import References, data_references
 from pymantaray.geometry.sphere import Earth
-from pymantaray.ocean.equations import EQUATIONS, Equation
-from pymantaray.ocean.names import SYNTHETIC
+from pymantaray.ocean.equations import EQUATIONS
+from pymantaray.ocean.names import SYNTHETIC, Equation
 from pymantaray.quantities.units import is_like_quantity, quantity_of
 from pymantaray.records.digits import counted
 from pymantaray.records.status import TRUTH

@@ -18,9 +18,9 @@ from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, RecordError
 from pymantaray.ocean.cast_rows import LIMITS, usable_rows, without_fills
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit, vertical_of
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.instrument_table import InstrumentTable
 from pymantaray.ocean.instruments import instrument_table
+from pymantaray.ocean.names import Equation
 from pymantaray.ocean.positions import is_position, position_in_text
 from pymantaray.ocean.schema import latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, freezing_notes, repair_salinity, sound_speed

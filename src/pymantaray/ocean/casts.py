@@ -27,9 +27,9 @@ from pymantaray.ocean.cast import Cast, CastTable, clean_cast, read_cast_table
 from pymantaray.ocean.cast_folders import is_cast_folder, read_each
 from pymantaray.ocean.cf_profiles import DATA_SET, holds_profiles, read_cf_profiles
 from pymantaray.ocean.convert import DEEPEST, parse_instant
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.files import is_netcdf, open_file
 from pymantaray.ocean.instrument_table import written_instant
+from pymantaray.ocean.names import Equation
 from pymantaray.ocean.positions import Position, known_position, position_in_comment
 from pymantaray.ocean.rsk import is_rsk, read_rsk
 from pymantaray.ocean.schema import assemble_ocean, latitude, place_text, with_history

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OceanError
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.local import floor_in_domain
+from pymantaray.ocean.names import Equation
 from pymantaray.ocean.open import CurrentsPolicy, read_ocean
 from pymantaray.ocean.schema import Finding, latitude, longitude, place_of, violations
 from pymantaray.ocean.sea_floor_water import sea_floor_notes

@@ -17,7 +17,7 @@ References
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal, NamedTuple, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.polynomial import polynomial
@@ -25,9 +25,8 @@ from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
+from pymantaray.ocean.names import Equation
 
-Equation = Literal["teos-10", "del-grosso", "unesco"]
-"""Names of the equations."""
 _DBAR_PER_KGF_CM2 = 9.80665
 
 # Del Grosso's form from [3] for ITS-90: (power of S, of T, of P) and coefficient; P in kgf/cm2

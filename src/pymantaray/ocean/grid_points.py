@@ -11,7 +11,8 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array, Mask
-from pymantaray.ocean.equations import Equation, check_equation
+from pymantaray.ocean.equations import check_equation
+from pymantaray.ocean.names import Equation
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import (
     extended_down,

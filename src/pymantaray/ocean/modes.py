@@ -16,7 +16,7 @@ from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.ocean.cast import Cast, notes_of_casts
-from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.names import Equation
 from pymantaray.ocean.schema import layer_edges, validate_ocean
 from pymantaray.ocean.seawater import sound_speed
 

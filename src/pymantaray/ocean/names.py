@@ -1,4 +1,8 @@
-"""Names that stand for an ocean without a file."""
+"""Names of oceans without a file, and of equations of the sound speed."""
+
+from typing import Literal
 
 SYNTHETIC = "synthetic:"
 """Prefix of the name of a synthetic ocean, as in ``synthetic:fram``."""
+Equation = Literal["teos-10", "del-grosso", "unesco"]
+"""Names of the equations of the sound speed of sea water."""

@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.modes import VerticalModes, vertical_modes
+from pymantaray.ocean.names import Equation
 from pymantaray.ocean.schema import (
     VARIABLES,
     latitude,

@@ -15,7 +15,8 @@ import xarray as xr
 from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
-from pymantaray.ocean.equations import EQUATIONS, Equation, check_equation
+from pymantaray.ocean.equations import EQUATIONS, check_equation
+from pymantaray.ocean.names import Equation
 
 SUPERCOOLED = 0.05
 """Water further below its freezing point has a wrong temperature or salinity. [K]"""

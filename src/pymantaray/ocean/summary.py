@@ -9,7 +9,7 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.frames import ellipsoid
 from pymantaray.ocean.convert import time_text
-from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.names import Equation
 from pymantaray.ocean.schema import DIMS, VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed

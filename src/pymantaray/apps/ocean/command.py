@@ -31,7 +31,7 @@ from pymantaray.cli.output import check_output, progress_bars
 from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import MantaRayError, OceanError
-from pymantaray.ocean.equations import Equation
+from pymantaray.ocean.names import Equation
 
 if TYPE_CHECKING:
     import numpy as np

@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
     from pymantaray.acoustics import Medium
     from pymantaray.arrays import Array
-    from pymantaray.ocean.equations import Equation
+    from pymantaray.ocean.names import Equation
     from pymantaray.records import Arrivals
     from pymantaray.sensing.water import Water
 

@@ -63,10 +63,10 @@ from pymantaray.ocean import (
     vertical_modes,
 )
 from pymantaray.ocean.cast import notes_of_casts
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.local import TensorSpline
 from pymantaray.ocean.metres import file_in_metres, ocean_in_metres, read_file_in_metres
+from pymantaray.ocean.names import Equation
 from pymantaray.ocean.perturb import draw_sound_speed_error
 from pymantaray.ocean.schema import reading_notes
 from pymantaray.ocean.window import Window

@@ -38,9 +38,9 @@ from pymantaray.ocean import (
     to_local,
     window_of,
 )
-from pymantaray.ocean.equations import Equation
 from pymantaray.ocean.instants import utc_instant
 from pymantaray.ocean.internal_tide import with_internal_tide
+from pymantaray.ocean.names import Equation
 from pymantaray.ocean.open import Source
 from pymantaray.ocean.schema import reading_notes
 from pymantaray.ocean.sea_floor_water import sea_floor_notes
