@@ -25,13 +25,25 @@ def small(header="Test Sea"):
     return figure
 
 
-def test_a_picture_of_few_colours_has_the_pixels_of_the_whole_one():
-    whole, few = (rendered(small(), ("png",), few_colours=f)["png"] for f in (False, True))
-    with Image.open(BytesIO(whole)) as image:
-        expected = np.asarray(image.convert("RGB").quantize(256).convert("RGB"))
-    with Image.open(BytesIO(few)) as image:
-        assert image.mode == "P"
-        np.testing.assert_array_equal(np.asarray(image.convert("RGB")), expected)
+def mode_and_pixels(png):
+    with Image.open(BytesIO(png)) as image:
+        return image.mode, np.asarray(image.convert("RGB")).astype(float)
+
+
+@pytest.mark.parametrize("colours", ["few", "many"])
+def test_a_picture_of_few_colours_is_as_the_whole_one(colours):
+    """It differs by less than one of 255 steps (RMS), and its white is white."""
+    figure = small()
+    if colours == "many":
+        noise = np.random.default_rng(5).normal(size=(60, 60))
+        figure.axes[0].pcolormesh(noise, cmap="turbo")
+    whole, few = (rendered(figure, ("png",), few_colours=f)["png"] for f in (False, True))
+    (_, expected), (mode, got) = mode_and_pixels(whole), mode_and_pixels(few)
+    assert len(np.unique(expected.reshape(-1, 3), axis=0)) > 256
+    assert mode == "P"
+    assert len(np.unique(got.reshape(-1, 3), axis=0)) <= 256
+    assert np.sqrt(np.mean((got - expected) ** 2)) < 1.0
+    np.testing.assert_array_equal(got[(expected == 255.0).all(axis=-1)], 255.0)
     assert len(few) < 0.6 * len(whole)
 
 

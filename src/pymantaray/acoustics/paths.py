@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -430,14 +430,16 @@ def ray_picture(
     """
     import xarray as xr
 
-    variables, status = picture_variables(
-        medium,
-        source,
-        receiver,
-        fan_angles=fan_angles,
-        shape=(n_range, n_depth, n_points),
-        bounces=(max_surface_bounces, max_bottom_bounces),
-        spreading_cutoff_db=spreading_cutoff_db,
+    variables, status = next(
+        picture_variables(
+            medium,
+            source,
+            receiver,
+            fan_angles=fan_angles,
+            shape=(n_range, n_depth, n_points),
+            bounces=(max_surface_bounces, max_bottom_bounces),
+            spreading_cutoff_db=spreading_cutoff_db,
+        )
     )
     picture = xr.Dataset(
         {
@@ -458,44 +460,42 @@ def picture_variables(
     shape: tuple[int, int, int],
     bounces: tuple[int, int],
     spreading_cutoff_db: float | None,
-) -> tuple[dict[str, Variable], RayStatus]:
+) -> Iterator[tuple[dict[str, Variable], RayStatus]]:
     """
-    Variables of `ray_picture` as arrays, for many links, and the status of the link.
+    Yield the variables of `ray_picture` as arrays, and the status, of each of many links.
 
     The shape has its numbers of points along range, depth and rays; the bounces are at the surface
     and at the bed.
     """
-    a = as_positions("source", source)[0]
-    b = as_positions("receiver", receiver)[0]
-    step = b - a
-    horizontal = math.hypot(step[0], step[1])
-    unit = step[:2] / horizontal if horizontal > 0.0 else np.array([1.0, 0.0])
-    arrivals = find_eigenrays(medium, a, b, *bounces, spreading_cutoff_db)
-    rays = [trace_paths(medium, a, b, arrivals)]
+    sources = as_positions("source", source)
+    receivers = as_positions("receiver", receiver)
+    n_range, n_depth, n_points = shape
+    arrivals = find_eigenrays(medium, sources, receivers, *bounces, spreading_cutoff_db)
+    eigenrays = _at_steps(trace_paths(medium, sources, receivers, arrivals), n_points)
+    eigenrays = eigenrays._replace(travel_time=arrivals.travel_time)
+    ends = np.searchsorted(arrivals.link, np.arange(len(sources) + 1))
     fan = np.asarray(fan_angles, dtype=float)
     fan = fan[np.abs(fan) <= _STEEPEST]
-    if fan.size and horizontal > 0.0:
-        azimuth = math.atan2(unit[1], unit[0])
-        others = trace_fan(
-            medium,
-            a,
-            azimuth,
-            fan,
-            horizontal,
-            max_surface_bounces=bounces[0],
-            max_bottom_bounces=bounces[1],
-        )
-        rays.append(others)
-    n_range, n_depth, n_points = shape
-    chord_time = arrivals.chord_travel_time[0]
-    variables: dict[str, Variable] = {
-        **_section(medium, a, unit, horizontal, n_range, n_depth),
-        **_ray_variables(rays, arrivals, a, unit, n_points),
-        "chord_travel_time": ((), chord_time, "s", "travel time along the chord"),
-        "chord_range": ("end", np.array([0.0, horizontal]), "m", "range of the ends"),
-        "chord_depth": ("end", np.array([a[2], b[2]]), "m", "depth of the ends"),
-    }
-    return variables, RayStatus(int(arrivals.status[0]))
+    for link, (a, b) in enumerate(zip(sources, receivers, strict=True)):
+        step = b - a
+        horizontal = math.hypot(step[0], step[1])
+        unit = step[:2] / horizontal if horizontal > 0.0 else np.array([1.0, 0.0])
+        own = slice(ends[link], ends[link + 1])
+        rays = [eigenrays.part(own)]
+        if fan.size and horizontal > 0.0:
+            azimuth = math.atan2(unit[1], unit[0])
+            most = {"max_surface_bounces": bounces[0], "max_bottom_bounces": bounces[1]}
+            others = trace_fan(medium, a, azimuth, fan, horizontal, **most)
+            rays.append(_at_steps(others, n_points))
+        chord_time = arrivals.chord_travel_time[link]
+        variables: dict[str, Variable] = {
+            **_section(medium, a, unit, horizontal, n_range, n_depth),
+            **_ray_variables(rays, arrivals.spreading_db[own], a, unit),
+            "chord_travel_time": ((), chord_time, "s", "travel time along the chord"),
+            "chord_range": ("end", np.array([0.0, horizontal]), "m", "range of the ends"),
+            "chord_depth": ("end", np.array([a[2], b[2]]), "m", "depth of the ends"),
+        }
+        yield variables, RayStatus(int(arrivals.status[link]))
 
 
 def _section(
@@ -525,21 +525,43 @@ def _section(
     }
 
 
-def _ray_variables(
-    rays: Sequence[RayPaths], arrivals: Arrivals, start: Array, unit: Array, n_points: int
-) -> dict[str, Variable]:
-    """Rays in a vertical section, eigenrays first."""
-    paths = np.concatenate([resample(some, n_points) for some in rays])
-    last = np.concatenate([_per_ray(some.travel_time, some, np.maximum) for some in rays])
-    surface, bottom = (
-        np.concatenate([_per_ray(some.boundary == where, some, np.add) for some in rays])
-        // 2  # nodes a bounce
-        for where in (1, 2)
+class _Rays(NamedTuple):
+    """Rays at equal steps of travel time."""
+
+    position: Array
+    """Shape (rays, points, 3). [m]"""
+    travel_time: Array
+    """To the ends of the rays. [s]"""
+    surface_bounces: NDArray[np.int64]
+    bottom_bounces: NDArray[np.int64]
+
+    def part(self, rays: slice) -> _Rays:
+        """Some of the rays."""
+        return _Rays(
+            self.position[rays],
+            self.travel_time[rays],
+            self.surface_bounces[rays],
+            self.bottom_bounces[rays],
+        )
+
+
+def _at_steps(paths: RayPaths, n_points: int) -> _Rays:
+    """Rays with this number of points each."""
+    surface, bottom = (  # a bounce has two nodes
+        _per_ray(paths.boundary == where, paths, np.add) // 2 for where in (1, 2)
     )
-    arrives = np.arange(len(paths)) < arrivals.link.size
+    time = _per_ray(paths.travel_time, paths, np.maximum)
+    return _Rays(resample(paths, n_points), time, surface, bottom)
+
+
+def _ray_variables(
+    rays: Sequence[_Rays], spreading_db: Array, start: Array, unit: Array
+) -> dict[str, Variable]:
+    """Rays in a vertical section, first the eigenrays with a geometric spreading."""
+    paths, last, surface, bottom = (np.concatenate(columns) for columns in zip(*rays, strict=True))
+    arrives = np.arange(len(paths)) < spreading_db.size
     spreading = np.full(len(paths), np.nan)
-    last[arrives] = arrivals.travel_time
-    spreading[arrives] = arrivals.spreading_db
+    spreading[arrives] = spreading_db
     ranges = (paths[..., :2] - start[:2]) @ unit
     return {
         "ray_range": (("ray", "point"), ranges, "m", "range along the ray"),

@@ -6,7 +6,6 @@ from typing import Any
 
 import numpy as np
 
-_WHOLE = re.compile(r"\.0(?![0-9])")
 _NOT_FINITE = re.compile("NaN|-?Infinity")
 
 
@@ -27,4 +26,5 @@ def _json(value: Any) -> str:
     if array.dtype.kind != "f":
         return json.dumps(array.tolist(), separators=(",", ":"))
     text = json.dumps((array + 0.0).tolist(), separators=(",", ":"))  # without negative zeros
-    return _NOT_FINITE.sub("null", _WHOLE.sub("", text))
+    text = text.replace(".0,", ",").replace(".0]", "]").removesuffix(".0")
+    return text if np.isfinite(array).all() else _NOT_FINITE.sub("null", text)

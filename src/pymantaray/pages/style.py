@@ -33,6 +33,7 @@ from matplotlib.ticker import (
     MaxNLocator,
     NullFormatter,
 )
+from numpy.typing import NDArray
 from PIL import Image
 
 from pymantaray.errors import WriteError
@@ -103,6 +104,7 @@ _FITS = 28  # characters of a name on a figure
 _LETTERS_PER_INCH = 19.0  # of a header
 _SYNTHETIC = "synthetic ocean"
 _COMPRESSION = 7  # of a PNG; 9 takes six times as long for 6 % less
+_EXACT_COLOURS = 64  # of 256 in a picture of few
 _HEADER_GAP = 6.0  # points between a header and a legend on its line
 
 with as_file(files("pymantaray.pages") / "mantaray.mplstyle") as _file:
@@ -431,8 +433,34 @@ def _save_few_colours(figure: Figure, file: BytesIO, dpi: float) -> None:
     canvas: Any = FigureCanvasAgg(figure)  # untyped
     canvas.draw()
     figure.dpi = before
-    few = Image.fromarray(np.asarray(canvas.buffer_rgba())).convert("RGB").quantize(256)
-    few.save(file, "PNG", compress_level=_COMPRESSION)
+    _few_colours(np.asarray(canvas.buffer_rgba())).save(file, "PNG", compress_level=_COMPRESSION)
+
+
+def _few_colours(pixels: NDArray[np.uint8]) -> Image.Image:
+    """
+    Picture of 256 colours of opaque pixels (height, width, 4).
+
+    The most frequent colours stay as they are. A median cut of all others chooses the rest, each
+    with the square root of its number of pixels, which takes a third of the time of a median cut of
+    all pixels.
+    """
+    words = np.ascontiguousarray(pixels).view(np.uint32).ravel()
+    colours, row, count = np.unique(words, return_inverse=True, return_counts=True)
+    order = np.argsort(-count, kind="stable")
+    rgb = colours[order].view(np.uint8).reshape(-1, 4)[:, :3]
+    place = np.arange(order.size)  # in the palette, of colours by frequency
+    palette = rgb[:_EXACT_COLOURS].tobytes()
+    if order.size > _EXACT_COLOURS:
+        weight = np.ceil(np.sqrt(count[order][_EXACT_COLOURS:])).astype(np.intp)
+        line = np.repeat(rgb[_EXACT_COLOURS:], weight, axis=0)[np.newaxis]
+        others = Image.fromarray(line).quantize(256 - _EXACT_COLOURS)
+        place[_EXACT_COLOURS:] = _EXACT_COLOURS + np.asarray(others)[0, np.cumsum(weight) - 1]
+        palette += bytes(others.getpalette() or ())
+    index = np.empty(order.size, dtype=np.uint8)
+    index[order] = place
+    few = Image.fromarray(index[row].reshape(pixels.shape[:2]))
+    few.putpalette(palette[: 3 * 256])
+    return few
 
 
 def write_figures(

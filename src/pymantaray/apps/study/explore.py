@@ -204,12 +204,15 @@ def _rays(run: Run, ends: PageLinks) -> Iterator[dict[str, Any]]:
     if water is None:
         return
     search = run.study.sound.options
-    for link in ends.with_rays().tolist():  # in the order of their pings
-        medium = water(float(run.truth.time[ends.sample[link]]))
-        variables, _ = picture_variables(
+    links = ends.with_rays()  # in the order of their pings
+    for several in np.split(links, np.flatnonzero(np.diff(ends.sample[links])) + 1):
+        if not several.size:
+            continue
+        medium = water(float(run.truth.time[ends.sample[several[0]]]))
+        pictures = picture_variables(
             medium,
-            ends.source[link],
-            ends.receiver[link],
+            ends.source[several],
+            ends.receiver[several],
             shape=(_RANGES, _DEPTHS, _POINTS),
             bounces=(
                 search.max_surface_bounces if medium.surface.roughness is None else 0,
@@ -217,7 +220,9 @@ def _rays(run: Run, ends: PageLinks) -> Iterator[dict[str, Any]]:
             ),
             spreading_cutoff_db=search.spreading_cutoff_db,
         )
-        yield {"link": link, **_shown({name: value for name, (_, value, *_) in variables.items()})}
+        for link, (variables, _) in zip(several.tolist(), pictures, strict=True):
+            values = {name: value for name, (_, value, *_) in variables.items()}
+            yield {"link": link, **_shown(values)}
 
 
 def _shown(values: dict[str, Array]) -> dict[str, Any]:
