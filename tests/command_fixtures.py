@@ -107,7 +107,8 @@ class ReportHere(ReportProcess):
 @pytest.fixture
 def report_here(undrawn, monkeypatch):
     """Commands that run studies make their reports in this process, undrawn."""
-    monkeypatch.setattr("pymantaray.apps.study.report_process.ReportProcess", ReportHere)
+    for name in ("ReportProcess", "LaterReport"):
+        monkeypatch.setattr(f"pymantaray.apps.study.report_process.{name}", ReportHere)
 
 
 @pytest.fixture

@@ -26,7 +26,7 @@ from pymantaray.apps.study import open_run, report, write_report
 from pymantaray.apps.study.explore import _first_vehicle, _fleet
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.page import citation_of, headlines, run_page
-from pymantaray.apps.study.report_process import ReportProcess
+from pymantaray.apps.study.report_process import LaterReport, ReportProcess
 from pymantaray.apps.study.tables import TABLES as TABLES_OF_PAGE
 from pymantaray.config.headings import key_heading
 from pymantaray.errors import MantaRayError, ReportError
@@ -342,6 +342,22 @@ def test_a_report_begun_before_the_estimates_is_the_same(reported, tiny_run_fold
         run = open_run(folder)
         report.write(run)
         assert set(run.tables._made) == {"dropouts", "range_error", "ate_pooled", "ping_error"}
+    assert_like(folder, reported)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("reported", [rendered], indirect=True, ids=["drawn"])
+def test_a_report_of_this_process_is_the_same(reported, tiny_run_folder, tmp_path):
+    folder = tmp_path / "run"
+    shutil.copytree(tiny_run_folder, folder)
+    with LaterReport(formats=()) as report:
+        assert report.begin(folder) == ()
+        assert report.write(open_run(folder)) == []
+    assert_like(folder, reported)
+
+
+def assert_like(folder, reported):
+    """The report in a folder is one that also has PDF, without it."""
     for path in sorted(
         (*reported.folder.glob("figures/*.png"), *reported.folder.glob("tables/*.csv"))
     ):

@@ -572,7 +572,8 @@ class NoReport:
 def unreported(monkeypatch):
     """Studies whose report is not made."""
     kind = type("NoReport", (NoReport,), {})
-    monkeypatch.setattr("pymantaray.apps.study.report_process.ReportProcess", kind)
+    for name in ("ReportProcess", "LaterReport"):
+        monkeypatch.setattr(f"pymantaray.apps.study.report_process.{name}", kind)
     return kind
 
 

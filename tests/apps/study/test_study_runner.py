@@ -22,6 +22,7 @@ from pymantaray.apps.study.manifest import Stopwatch, checksums, describe_run, e
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.realization import SolverInputs, start_solver
 from pymantaray.apps.study.store import Run, run_in_memory, summarize
+from pymantaray.apps.study.workers import worker_count
 from pymantaray.config import parse_study
 from pymantaray.config.build.estimators import EstimatorFactory
 from pymantaray.config.build.study import build_study
@@ -343,13 +344,17 @@ def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path,
 
 @pytest.mark.parametrize(
     ("realizations", "cores", "workers"),
-    [(0, 8, 0), (1, 8, 1), (3, 8, 1), (4, 8, 2), (24, 8, 8), (25, 8, 8), (25, None, 1)],
+    [(0, 8, 1), (1, 8, 1), (3, 8, 1), (4, 8, 2), (24, 8, 8), (25, 8, 8), (25, None, 1)],
 )
 def test_three_realizations_have_a_worker_if_there_are_cores(
     monkeypatch, realizations, cores, workers
 ):
     monkeypatch.setattr("os.cpu_count", lambda: cores)
-    assert runner._worker_count(realizations) == workers
+    assert worker_count(realizations) == workers
+
+
+def test_workers_that_are_asked_for_are_at_most_the_realizations():
+    assert [worker_count(5, asked) for asked in (1, 3, 9)] == [1, 3, 5]
 
 
 def test_conditions_with_like_measurements_share_their_bounds(tiny):

@@ -252,15 +252,20 @@ def run_and_report(
     quiet: bool,
 ) -> Path:
     """
-    Run a study, draw figures of its mission meanwhile, print a summary, and return the folder.
+    Run a study, make its report, print a summary, and return the folder.
+
+    If other processes solve its realizations, another one begins the report meanwhile.
 
     The exit status is 1 if a figure of another package fails.
     """
-    from pymantaray.apps.study.report_process import ReportProcess
+    from pymantaray.apps.study.report_process import LaterReport, ReportProcess
+    from pymantaray.apps.study.workers import worker_count
 
     # the process starts after the file is read, and imports its modules while this process imports
     # others
-    with ReportProcess(formats=format_names(formats)) if figures else nullcontext() as report:
+    several = config.solves and worker_count(config.study.realizations, workers) > 1
+    kind = ReportProcess if several else LaterReport
+    with kind(formats=format_names(formats)) if figures else nullcontext() as report:
         from pymantaray.apps.study import run_study
 
         with progress_bars(

@@ -67,7 +67,7 @@ def report_of(
     maker = ReportMaker(formats=formats)
     run = open_run(run_dir)
     with staged_parts(run.path, PARTS) as stage:
-        report = maker.make(run.path, progress)
+        report = maker.make_of(run, progress)
         write_files(stage, report.files)
     return run.path / PAGE, report.failures
 
@@ -113,9 +113,12 @@ class ReportMaker:
             name: value for name, value in vars(run).items() if name not in _OF_FINISHED_RUN
         }
 
-    def make(self, folder: Path, progress: Progress | None = None) -> RunReport:
+    def make(self, folder: Path) -> RunReport:
+        """Report of the finished run in a folder, as by `make_of`."""
+        return self.make_of(open_run(folder))
+
+    def make_of(self, run: Run, progress: Progress | None = None) -> RunReport:
         """Report of a finished run; it lacks the figures of other packages that fail."""
-        run = open_run(folder)
         vars(run).update(self._mission)
         run.tables.use(self._tables)
         results = RunResults(run)

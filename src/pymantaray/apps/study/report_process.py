@@ -1,4 +1,4 @@
-"""A process that makes the report of a study while the study is still running."""
+"""Report of a study by another process while the study is running, or by this one afterwards."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future
@@ -54,6 +54,37 @@ class ReportProcess(Workers):
         run.tables.use(report.tables)
         if progress is not None:
             progress("report", 1, 1)
+        return report.failures
+
+
+class LaterReport:
+    """
+    Report that this process makes after the study, with the methods of `ReportProcess`.
+
+    Another process takes as long to import its modules and to read the run as it takes to draw a
+    third of the figures, which pays only if other processes solve the realizations as well.
+    """
+
+    def __init__(self, *, formats: Sequence[str]) -> None:
+        self._formats = formats
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        pass
+
+    def begin(self, _stage: Path) -> Sequence[Future[Any]]:
+        """Begin nothing before the run is finished."""
+        return ()
+
+    def write(self, run: "Run", progress: Progress | None = None) -> list[str]:
+        """Write the report of the finished run; return a line for each missing figure."""
+        from pymantaray.apps.study.report import ReportMaker
+
+        with staged_parts(run.path, PARTS) as stage:
+            report = ReportMaker(formats=self._formats).make_of(run, progress)
+            write_files(stage, report.files)
         return report.failures
 
 

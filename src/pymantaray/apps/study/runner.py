@@ -27,6 +27,7 @@ from pymantaray.apps.study.realization import (
 from pymantaray.apps.study.references import citation
 from pymantaray.apps.study.store import Run, open_run, run_in_memory, summarize
 from pymantaray.apps.study.tracks import mission_size
+from pymantaray.apps.study.workers import worker_count
 from pymantaray.config.build.fleet import with_tracks
 from pymantaray.config.build.study import Study, build_study
 from pymantaray.config.sections import StudyConfig
@@ -42,7 +43,6 @@ from pymantaray.records import Estimates, whole_file, write_netcdf
 from pymantaray.records.writing import pack
 
 LOG = logging.getLogger(__name__)
-_REALIZATIONS_PER_WORKER = 3
 _CURRENTS = ("current_north", "current_east")
 _CURRENT_STEP = 1e-5  # m/s; of currents in a file if rays do not need them
 # bytes of memory, as measured on the presets: a pose in a solution, in a graph that is solved, a
@@ -108,7 +108,7 @@ def run_study(
         )
     study = build_study(with_tracks(config))
     count = study.realizations if study.solves else 0
-    workers = max(1, min(_worker_count(count) if workers is None else workers, count))
+    workers = worker_count(count, workers)
     refuse_too_large(study, workers)
     _refuse_missing_files(study)
     references = citation(study.config)  # read before the files can change
@@ -160,14 +160,6 @@ def run_study(
         report("files", 1, 1)
     kept.clear()
     return open_run(folder)
-
-
-def _worker_count(realizations: int) -> int:
-    """
-    Number of processes by default; one takes as long to start as it takes to solve a few short
-    realizations.
-    """
-    return min(os.cpu_count() or 1, -(-realizations // _REALIZATIONS_PER_WORKER))
 
 
 def _restore(kept: Checkpoint, study: Study, stage: Path) -> dict[str, str] | None:
