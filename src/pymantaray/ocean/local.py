@@ -14,8 +14,8 @@ from pymantaray.errors import OceanError
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.grid import linear_interpolator
 from pymantaray.geometry.splines import ACROSS_MARGIN, axis_spline
-from pymantaray.ocean.names import Equation
 from pymantaray.ocean.grid_points import GridPoints
+from pymantaray.ocean.names import Equation
 from pymantaray.ocean.sea_floor import levels_to, local_floor, sea_floor_depth
 from pymantaray.ocean.window import Window, centred, rectangle
 
