@@ -31,10 +31,8 @@ LIBRARY = {  # what is done in one process in this order, and what is not import
     " bottom_depth=5)": "xarray pandas",
     "import pymantaray.estimation": "gtsam",
     "import pymantaray.apps.study.realization": "xarray pandas pydantic gsw pyproj matplotlib",
-    "import pymantaray; pymantaray.open_water('synthetic:beaufort').at_start": (
-        "matplotlib gtsam scipy.interpolate scipy.optimize scipy.spatial"
-    ),
-    "import pymantaray.apps.study.runner": "matplotlib gtsam scipy.interpolate scipy.optimize",
+    "import pymantaray; pymantaray.open_water('synthetic:beaufort').at_start": "matplotlib gtsam",
+    "import pymantaray.apps.study.runner": "matplotlib gtsam",
     "import xarray; from pymantaray.records import write_netcdf;"
     " write_netcdf(xarray.Dataset(), 'x.nc')": "distributed",
 }
