@@ -13,9 +13,11 @@ from pymantaray.acoustics import (
     Medium,
     find_eigenrays,
     path_integrals,
+    ray_picture,
     trace_paths,
     travel_time_sensitivity,
 )
+from pymantaray.acoustics.levels.loss import find_bounces
 from pymantaray.records import RayAxis
 
 
@@ -62,6 +64,33 @@ def test_a_ray_that_turns_back_on_a_slope_has_its_reflections():
         np.testing.assert_array_equal(met, 2 * bounces)  # a node before and one after
     time = path_integrals(paths, lambda x: np.full(len(x), 1.0 / 1500.0))[:, 0]
     np.testing.assert_allclose(time, arrivals.travel_time, rtol=0, atol=1e-7)
+
+
+@pytest.mark.parametrize("interpolation", ["linear", "smooth"])
+def test_a_reflection_in_layers_has_two_nodes_and_a_loss(interpolation):
+    medium = Medium.from_profile(
+        [0.0, 100.0, 300.0, 1000.0],
+        [1450.0, 1460.0, 1455.0, 1470.0],
+        bottom_depth=1000.0,
+        interpolation=interpolation,
+    )
+    ends = [0.0, 0.0, 50.0], [5000.0, 0.0, 200.0]
+    arrivals = find_eigenrays(medium, *ends, 1, 1)
+    paths = trace_paths(medium, *ends, arrivals)
+    bounces = find_bounces(paths)
+    picture = ray_picture(medium, *ends, max_surface_bounces=1, max_bottom_bounces=1)
+    for code, expected, shown in (
+        (1, arrivals.surface_bounces, picture.ray_surface_bounces),
+        (2, arrivals.bottom_bounces, picture.ray_bottom_bounces),
+    ):
+        assert expected.sum() >= 2
+        rows = bounces.arrival[bounces.boundary == code]
+        np.testing.assert_array_equal(np.bincount(rows, minlength=expected.size), expected)
+        np.testing.assert_array_equal(shown, expected)
+    # Snell's law to a flat boundary
+    horizontal = np.hypot(*arrivals.source_slowness[:, :2].T)
+    met = np.cos(bounces.grazing_angle) / bounces.sound_speed
+    np.testing.assert_allclose(met, horizontal[bounces.arrival], rtol=1e-9)
 
 
 def test_no_steep_ray_steps_over_a_ridge():

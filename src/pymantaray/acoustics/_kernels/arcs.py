@@ -109,7 +109,7 @@ def _fill(path, count, here, point, g, a, dr, c_ref):
     """Record intermediate points of an arc; return the number of rows in use minus one."""
     z, c, _, _ = here
     r, tau = point
-    n = min(2 * int(dr / _NODE), path.shape[0] - 2 - count)
+    n = min(2 * int(dr / _NODE), path.shape[0] - 3 - count)
     for i in range(1, n + 1):
         step = dr * i / (n + 1)
         z1, _, s1, _, cos1 = _end(here, at.ArcRates(0.0, 0.0, 0.0), g, a, 0.0, step)
@@ -271,6 +271,9 @@ def trace_arcs(s, walls, course, angle, ray):
         hit = at.IN_WATER
         if z >= bottom if down else z <= top:
             hit = at.AT_BOTTOM if down else at.AT_SURFACE
+            if room > 0:  # a reflection has two nodes
+                _record(path[count], tau, r, z, (c_ref * way.a, c_ref * here.sine / c), hit)
+                count += 1
             here, xi = at.ArcPoint(z, c, -sine, here.cosine), -xi
             rates = at.ArcRates(-rates.sine, rates.cosine, rates.range)
             ok, reflections = turn_back(walls, rule, ray, r, hit, reflections)

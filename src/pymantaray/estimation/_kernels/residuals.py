@@ -402,12 +402,12 @@ def _subtract_products(relative, poses, i, work, out):  # type: ignore[no-untype
 
 
 @entry
-def add_full_curvature(relative, blocks, poses, matrix, lacking, work):  # type: ignore[no-untyped-def]
+def add_full_curvature(relative, blocks, poses, matrix, extra, work):  # type: ignore[no-untyped-def]
     """
     Add the curvature of relative poses: the Hessian less the product of Jacobians.
 
     Residuals are linear in positions, so the difference involves rotations only. Central
-    differences of each residual's gradient, with its two poses rotated, give it. ``lacking`` (6,
+    differences of each residual's gradient, with its two poses rotated, give it. ``extra`` (6,
     12) is scratch, and ``poses.rotation`` is the same at the end.
     """
     row, diagonal, above = matrix.row, matrix.diagonal, matrix.above
@@ -415,26 +415,26 @@ def add_full_curvature(relative, blocks, poses, matrix, lacking, work):  # type:
         a, b, block = relative.first[i], relative.second[i], blocks.block[i]
         if a < 0:
             continue
-        _differ(relative, poses, i, work, lacking)
-        _subtract_products(relative, poses, i, work, lacking)
+        _differ(relative, poses, i, work, extra)
+        _subtract_products(relative, poses, i, work, extra)
         for r in range(3):
             for c in range(3):
                 # symmetric except for the rotation of the body's axes
-                diagonal[row[a], r, c] += 0.5 * (lacking[r, c] + lacking[c, r])
-                diagonal[row[b], r, c] += 0.5 * (lacking[3 + r, 6 + c] + lacking[3 + c, 6 + r])
-                diagonal[row[a], r, 3 + c] += lacking[r, 3 + c]
-                diagonal[row[a], 3 + c, r] += lacking[r, 3 + c]
-                diagonal[row[b], r, 3 + c] += lacking[3 + r, 9 + c]
-                diagonal[row[b], 3 + c, r] += lacking[3 + r, 9 + c]
-                both = 0.5 * (lacking[r, 6 + c] + lacking[3 + c, r])
+                diagonal[row[a], r, c] += 0.5 * (extra[r, c] + extra[c, r])
+                diagonal[row[b], r, c] += 0.5 * (extra[3 + r, 6 + c] + extra[3 + c, 6 + r])
+                diagonal[row[a], r, 3 + c] += extra[r, 3 + c]
+                diagonal[row[a], 3 + c, r] += extra[r, 3 + c]
+                diagonal[row[b], r, 3 + c] += extra[3 + r, 9 + c]
+                diagonal[row[b], 3 + c, r] += extra[3 + r, 9 + c]
+                both = 0.5 * (extra[r, 6 + c] + extra[3 + c, r])
                 if blocks.reverse[i]:
                     above[block, c, r] += both
-                    above[block, 3 + c, r] += lacking[r, 9 + c]
-                    above[block, c, 3 + r] += lacking[3 + c, 3 + r]
+                    above[block, 3 + c, r] += extra[r, 9 + c]
+                    above[block, c, 3 + r] += extra[3 + c, 3 + r]
                 else:
                     above[block, r, c] += both
-                    above[block, r, 3 + c] += lacking[r, 9 + c]
-                    above[block, 3 + r, c] += lacking[3 + c, 3 + r]
+                    above[block, r, 3 + c] += extra[r, 9 + c]
+                    above[block, 3 + r, c] += extra[3 + c, 3 + r]
 
 
 @entry
