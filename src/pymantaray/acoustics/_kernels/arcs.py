@@ -255,11 +255,7 @@ def trace_arcs(s, walls, course, angle, ray):
         rates = _rates(face, here, rates, way, g)
         if room > 0:
             count = _fill(path, count, here, (r, tau), g, way.a, step, c_ref) + 1
-        tau += (
-            c_ref * _time(g, step, z - here.depth, here.speed, c)
-            if ray.K.shape[1] == at.N_FULL
-            else 0.0
-        )
+            tau += c_ref * _time(g, step, z - here.depth, here.speed, c)
         r += step
         turns += 1 if turning else 0
         if y[at.GONE] == 0.0 and rule.kind == at.OPEN and _above(walls, here, face, way, g, r):
