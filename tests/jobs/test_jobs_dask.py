@@ -14,7 +14,7 @@ from refusals import refused
 from stub_tasks import Square, run_squares, squares_in
 
 from pymantaray.errors import JobError
-from pymantaray.jobs import dask_pool
+from pymantaray.jobs import dask_pool, store
 from pymantaray.jobs.dask_pool import check_scheduler
 
 pytest.importorskip("distributed")
@@ -108,7 +108,9 @@ def test_a_scheduler_that_does_not_answer_is_one_line(tmp_path, monkeypatch):
 
 
 @pytest.mark.slow
-def test_killed_workers_and_a_restarted_scheduler_lose_nothing(cluster, tmp_path, caplog):
+def test_killed_workers_and_a_restarted_scheduler_lose_nothing(
+    cluster, tmp_path, caplog, monkeypatch
+):
     out = tmp_path / "out"
 
     def mishaps():
@@ -130,6 +132,9 @@ def test_killed_workers_and_a_restarted_scheduler_lose_nothing(cluster, tmp_path
     assert "answers again; continuing" in caplog.text
     run_squares(tasks(100, 0.0), tmp_path / "here", workers=2)
     assert squares_in(out) == squares_in(tmp_path / "here")
+    # a worker that was killed while it wrote a file leaves one, which a later run removes
+    monkeypatch.setattr(store, "_STALE_AGE", -1.0)
+    run_squares(tasks(100, 0.0), out)
     assert not list(out.rglob("*.part"))
 
 
