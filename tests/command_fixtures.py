@@ -2,7 +2,6 @@
 
 import itertools
 import json
-from concurrent.futures import Future
 from functools import cache
 from io import BytesIO
 from types import SimpleNamespace
@@ -11,7 +10,6 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from pymantaray.apps.study.report_process import ReportProcess, _start
 from pymantaray.cli.main import main, tree
 from pymantaray.config import load_study, study_toml
 from pymantaray.errors import MantaRayError
@@ -83,32 +81,6 @@ def drawn(undrawn, monkeypatch):
     )
     monkeypatch.setattr(Page, "files", lambda page, *a: made.pages.append(page) or files(page, *a))
     return made
-
-
-class ReportHere(ReportProcess):
-    """A report made in this process, where fixtures apply."""
-
-    def __init__(self, *, formats):
-        self._formats = formats
-
-    def __enter__(self):
-        self._work = _start(self._formats)
-        return self
-
-    def __exit__(self, *_):
-        pass
-
-    def submit(self, task):
-        done = Future()
-        done.set_result(self._work(task))
-        return done
-
-
-@pytest.fixture
-def report_here(undrawn, monkeypatch):
-    """Commands that run studies make their reports in this process, undrawn."""
-    for name in ("ReportProcess", "LaterReport"):
-        monkeypatch.setattr(f"pymantaray.apps.study.report_process.{name}", ReportHere)
 
 
 @pytest.fixture

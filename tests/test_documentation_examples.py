@@ -39,7 +39,7 @@ def marked(page: Path):
 
 @pytest.mark.parametrize("page", [marked(page) for page in WITH_CODE])
 @pytest.mark.filterwarnings("default")  # as the reader's Python has it
-def test_a_page_runs_as_it_stands(page, tmp_path, monkeypatch, report_here):
+def test_a_page_runs_as_it_stands(page, tmp_path, monkeypatch, undrawn):
     """README's commands have processes of their own, and its figures are drawn."""
     monkeypatch.setenv("COLUMNS", "160")
     monkeypatch.setattr("os.cpu_count", lambda: 1)  # no workers, which take seconds to start

@@ -23,6 +23,7 @@ _ATTEMPTS = 3  # per task if its worker ends
 # one task at a time per worker: numerical libraries are not thread-safe
 _EXECUTION_LOCK = threading.Lock()
 _CHECK_INTERVAL = 5.0  # between checks of the scheduler [s]
+_NO_STEP = object()
 
 
 class StoreTask(Protocol):
@@ -207,23 +208,23 @@ class ProcessPool(Pool):
         return "" if self._attempts[key] < _ATTEMPTS else f"{error} ({_ATTEMPTS} attempts)"
 
 
-def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Callable[[], None] | None = None) -> None:
+def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Iterable[object] = ()) -> None:
     """
     Run all tasks of a queue in a pool; a task whose worker ends is issued again.
 
-    ``meanwhile`` is called once after the first tasks are issued.
+    ``meanwhile`` has steps of other work of this process. One is taken after the first tasks are
+    issued, and then one between results until all tasks are finished.
     """
     outcomes: SimpleQueue[Any] = SimpleQueue()
     running: dict[Any, str] = {}
+    steps = iter(meanwhile)
     while queue.left:
         try:
             while len(running) < pool.window and (key := queue.next()) is not None:
                 running[_submit(queue, pool, key, outcomes)] = key
             pool.flush()
-            if meanwhile is not None:
-                meanwhile()
-                meanwhile = None
-            for future in _finished_futures(outcomes, pool):
+            is_idle = next(steps, _NO_STEP) is _NO_STEP
+            for future in _finished_futures(outcomes, pool, wait=is_idle):
                 if future in running:  # others belong to a lost scheduler
                     _record(queue, pool, running[future], future)
                     del running[future]
@@ -234,13 +235,17 @@ def run_tasks(queue: Queue, pool: Pool, *, meanwhile: Callable[[], None] | None 
             pool.reconnect()
 
 
-def _finished_futures(outcomes: "SimpleQueue[Any]", pool: Pool) -> list[Any]:
-    """Finished futures, after waiting for the first; none if the pool was checked meanwhile."""
+def _finished_futures(outcomes: "SimpleQueue[Any]", pool: Pool, *, wait: bool) -> list[Any]:
+    """
+    Finished futures, on request after waiting for the first; none if the pool was checked
+    meanwhile.
+    """
     futures = []
-    try:
-        futures.append(outcomes.get(timeout=_CHECK_INTERVAL))
-    except Empty:
-        pool.check()
+    if wait:
+        try:
+            futures.append(outcomes.get(timeout=_CHECK_INTERVAL))
+        except Empty:
+            pool.check()
     with suppress(Empty):
         while True:
             futures.append(outcomes.get_nowait())

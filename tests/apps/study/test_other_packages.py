@@ -244,9 +244,10 @@ def test_a_figure_of_the_mission_that_fails_is_reported_at_the_end(
     )
     folder = made_run(realizations=1).write(tmp_path / "run")
     maker = report.ReportMaker(formats=())
-    maker.prepare(folder)
+    for _ in maker.prepare(folder):
+        pass
     assert [*maker._tables] == ["bound"]
-    made = maker.make(folder.rename(tmp_path / "finished"))
+    made = maker.make_of(open_run(folder.rename(tmp_path / "finished")))
     (line,) = made.failures
     assert "figure 'a': ZeroDivisionError" in line
     assert b"A figure is missing: package " in made.files["index.html"]

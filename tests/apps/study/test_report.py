@@ -10,6 +10,7 @@ import re
 import shutil
 from dataclasses import replace
 from html.parser import HTMLParser
+from itertools import islice
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -18,7 +19,6 @@ import numpy as np
 import pandas as pd
 import pytest
 import xarray as xr
-from command_fixtures import ReportHere
 from matplotlib.figure import Figure
 from refusals import refused
 
@@ -26,7 +26,7 @@ from pymantaray.apps.study import open_run, report, write_report
 from pymantaray.apps.study.explore import _first_vehicle, _fleet
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.page import citation_of, headlines, run_page
-from pymantaray.apps.study.report_process import LaterReport, ReportProcess
+from pymantaray.apps.study.study_report import StudyReport
 from pymantaray.apps.study.tables import TABLES as TABLES_OF_PAGE
 from pymantaray.config.headings import key_heading
 from pymantaray.errors import MantaRayError, ReportError
@@ -171,12 +171,10 @@ def test_a_report_has_figures_for_one_column_if_asked(made_run, tmp_path, monkey
     without_drawing(monkeypatch)
     render = write.rendered
     monkeypatch.setattr(write, "rendered", lambda *a, **k: drawn.append(a) or render(*a, **k))
-    with ReportHere(formats=["84mm"]) as process:
-        process.begin(folder)
-        run = open_run(folder)
-        assert process.write(run, lambda *step: told.append(step)) == []
-    assert set(run.tables._made) == {"dropouts", "range_error", "ate_pooled", "ping_error"}
-    assert told == [("report", 0, 1), ("report", 1, 1)]
+    maker = StudyReport(formats=["84mm"])
+    assert [*maker.begin(folder)]
+    assert maker.write(open_run(folder), lambda *step: told.append(step)) == []
+    assert told == [("report", n, len(told) - 1) for n in range(len(told))]
     text = (folder / "index.html").read_text(encoding="utf-8")
     assert re.search(r", 1 noise realization\b", text)
     files = {path.name for path in (folder / "figures").glob("*.pdf")}
@@ -325,34 +323,35 @@ def test_a_new_report_replaces_the_old_one_or_leaves_it_as_it_was(made_run, tmp_
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("steps", [None, 4, 0], ids=["all", "some", "none"])
 @pytest.mark.parametrize("reported", [rendered], indirect=True, ids=["drawn"])
-def test_a_report_begun_before_the_estimates_is_the_same(reported, tiny_run_folder, tmp_path):
+def test_a_report_begun_before_the_estimates_is_the_same(
+    reported, tiny_run_folder, tmp_path, steps
+):
     """Without PDF, to which the page then does not refer."""
     stage, folder = tmp_path / "stage", tmp_path / "run"
     shutil.copytree(tiny_run_folder, stage)
     later = {p.name: p.read_bytes() for p in map(stage.joinpath, LATER)}
     for name in later:
         (stage / name).unlink()
-    with ReportProcess(formats=()) as report:
-        for part in report.begin(stage):
-            part.result()
-        for name, content in later.items():
-            (stage / name).write_bytes(content)
-        stage.rename(folder)
-        run = open_run(folder)
-        report.write(run)
-        assert set(run.tables._made) == {"dropouts", "range_error", "ate_pooled", "ping_error"}
+    maker = StudyReport(formats=())
+    for _ in islice(maker.begin(stage), steps):
+        pass
+    for name, content in later.items():
+        (stage / name).write_bytes(content)
+    stage.rename(folder)
+    assert maker.write(open_run(folder)) == []
     assert_like(folder, reported)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("reported", [rendered], indirect=True, ids=["drawn"])
-def test_a_report_of_this_process_is_the_same(reported, tiny_run_folder, tmp_path):
+def test_a_report_whose_beginning_fails_is_made_afterwards(reported, tiny_run_folder, tmp_path):
     folder = tmp_path / "run"
     shutil.copytree(tiny_run_folder, folder)
-    with LaterReport(formats=()) as report:
-        assert report.begin(folder) == ()
-        assert report.write(open_run(folder)) == []
+    maker = StudyReport(formats=())
+    assert [*maker.begin(tmp_path / "missing")] == []
+    assert maker.write(open_run(folder)) == []
     assert_like(folder, reported)
 
 

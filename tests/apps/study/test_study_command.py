@@ -201,16 +201,14 @@ def test_init_needs_no_word_and_never_overwrites(mantaray, tmp_path, monkeypatch
 
 
 @pytest.mark.slow
-def test_an_interrupted_report_is_written_by_a_later_command(
-    mantaray, small, monkeypatch, report_here
-):
+def test_an_interrupted_report_is_written_by_a_later_command(mantaray, small, monkeypatch, undrawn):
     stages = {}
 
     def interrupt(*_arguments, **_options):
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr("pymantaray.apps.study.report_process.write_files", interrupt)
+        patch.setattr("pymantaray.apps.study.study_report.write_files", interrupt)
         patch.setattr(
             Watch, "report", lambda watch, stage, *_: stages.update({stage: watch.stages})
         )
@@ -362,7 +360,7 @@ def test_the_page_opens_in_the_browser_that_the_user_has(mantaray, small, monkey
 
 
 @pytest.mark.slow
-def test_runs_with_reports_are_compared(mantaray, told, small, report_here):
+def test_runs_with_reports_are_compared(mantaray, told, small, undrawn):
     text = small.read_text().replace("synthetic:beaufort", "synthetic:fram")
     Path("other.toml").write_text(text.replace("= 74.5", "= 78.0").replace("= -140.0", "= 0.0"))
     for name in ("small", "other"):
@@ -554,14 +552,8 @@ class NoReport:
     def __init__(self, *, formats):
         type(self).formats = formats
 
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        pass
-
     def begin(self, _):
-        return ()
+        return iter(())
 
     def write(self, run, progress):
         type(self).written = run, progress
@@ -572,8 +564,7 @@ class NoReport:
 def unreported(monkeypatch):
     """Studies whose report is not made."""
     kind = type("NoReport", (NoReport,), {})
-    for name in ("ReportProcess", "LaterReport"):
-        monkeypatch.setattr(f"pymantaray.apps.study.report_process.{name}", kind)
+    monkeypatch.setattr("pymantaray.apps.study.study_report.StudyReport", kind)
     return kind
 
 

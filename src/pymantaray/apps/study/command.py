@@ -1,6 +1,5 @@
 """Commands of `mantaray study`; they import modules when they run, which keeps the help fast."""
 
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
@@ -254,42 +253,36 @@ def run_and_report(
     """
     Run a study, make its report, print a summary, and return the folder.
 
-    If other processes solve its realizations, another one begins the report meanwhile.
+    If other processes solve its realizations, this one begins the report meanwhile.
 
     The exit status is 1 if a figure of another package fails.
     """
-    from pymantaray.apps.study.report_process import LaterReport, ReportProcess
-    from pymantaray.apps.study.workers import worker_count
+    from pymantaray.apps.study import run_study
+    from pymantaray.apps.study.study_report import StudyReport
 
-    # the process starts after the file is read, and imports its modules while this process imports
-    # others
-    several = config.solves and worker_count(config.study.realizations, workers) > 1
-    kind = ReportProcess if several else LaterReport
-    with kind(formats=format_names(formats)) if figures else nullcontext() as report:
-        from pymantaray.apps.study import run_study
-
-        with progress_bars(
-            quiet=quiet, stages=_stages(solves=config.solves, figures=figures)
-        ) as progress:
-            results = run_study(
-                config,
-                out,
-                workers=workers,
-                progress=progress,
-                mission_ready=None if report is None else report.begin,
-            )
-            complete = perf_counter()
-            failures: list[str] = []
-            if report is not None:
-                try:
-                    failures = report.write(results, progress)
-                except BaseException:
-                    typer.echo(
-                        "the data are complete; write their report with: mantaray study report"
-                        f" {results.path}",
-                        err=True,
-                    )
-                    raise
+    report = StudyReport(formats=format_names(formats)) if figures else None
+    with progress_bars(
+        quiet=quiet, stages=_stages(solves=config.solves, figures=figures)
+    ) as progress:
+        results = run_study(
+            config,
+            out,
+            workers=workers,
+            progress=progress,
+            mission_ready=None if report is None else report.begin,
+        )
+        complete = perf_counter()
+        failures: list[str] = []
+        if report is not None:
+            try:
+                failures = report.write(results, progress)
+            except BaseException:
+                typer.echo(
+                    "the data are complete; write their report with: mantaray study report"
+                    f" {results.path}",
+                    err=True,
+                )
+                raise
     _print_summary(printed, results)
     what = "report" if figures else "tables"
     _print_cost(printed, results, what, perf_counter() - complete)

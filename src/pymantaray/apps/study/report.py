@@ -1,16 +1,16 @@
 """Report of a run in its folder: tables, figures and page, replaced atomically."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from pymantaray.apps.study.explore import mission_rays
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.page import run_page
 from pymantaray.apps.study.store import Run, open_run
-from pymantaray.apps.study.tables import OF_MISSION, SUMMARY
+from pymantaray.apps.study.tables import OF_MISSION
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages.drawing import Picture
@@ -77,8 +77,6 @@ class RunReport(NamedTuple):
 
     files: dict[str, bytes]
     """Files by name."""
-    tables: dict[str, ResultTable]
-    """Tables that a command prints."""
     failures: list[str]
     """A line for each figure of another package that is missing because it fails."""
 
@@ -91,35 +89,38 @@ class ReportMaker:
 
     def __init__(self, *, formats: Sequence[str]) -> None:
         self._formats = checked_formats(formats)
-        self._mission, self._tables = dict[str, Any](), dict[str, ResultTable]()
+        self._mission: Run | None = None
+        self._tables = dict[str, ResultTable]()
         self._pictures = dict[str, Picture]()
         self._rays = ""
 
-    def prepare(self, folder: Path) -> None:
+    def prepare(self, folder: Path) -> Iterator[None]:
         """
         Draw figures and compute tables that do not depend on the realizations, of a run's working
-        folder.
-        """
-        results = RunResults(Run(folder))
-        run = results.run
-        run.expect_errors()
-        self._tables = {name: run.tables[name] for name in OF_MISSION if name in run.tables}
-        specs = run_figure_specs(results, of_mission=True)
-        # a figure that fails is drawn again and reported by `make`
-        pictures = draw(specs, formats=self._formats, failures=[])
-        self._pictures = {picture.name: picture for picture in pictures}
-        self._rays = mission_rays(results)
-        self._mission = {
-            name: value for name, value in vars(run).items() if name not in _OF_FINISHED_RUN
-        }
+        folder, one at each step.
 
-    def make(self, folder: Path) -> RunReport:
-        """Report of the finished run in a folder, as by `make_of`."""
-        return self.make_of(open_run(folder))
+        `make_of` does what is left if not all steps are taken.
+        """
+        run = self._mission = Run(folder)
+        results = RunResults(run)
+        for _ in run.expect_errors():
+            yield
+        for name in OF_MISSION:
+            if name in run.tables:
+                self._tables[name] = run.tables[name]
+                yield
+        for spec in run_figure_specs(results, of_mission=True):
+            # a figure that fails is drawn again and reported by `make_of`
+            for picture in draw([spec], formats=self._formats, failures=[]):
+                self._pictures[picture.name] = picture
+            yield
+        self._rays = mission_rays(results)
 
     def make_of(self, run: Run, progress: Progress | None = None) -> RunReport:
         """Report of a finished run; it lacks the figures of other packages that fail."""
-        vars(run).update(self._mission)
+        if self._mission is not None:
+            known = vars(self._mission).items()
+            vars(run).update((name, x) for name, x in known if name not in _OF_FINISHED_RUN)
         run.tables.use(self._tables)
         results = RunResults(run)
         page = run_page(results, self._rays or mission_rays(results))
@@ -135,6 +136,5 @@ class ReportMaker:
         notes = [*page.notes, *(f"A figure is missing: {line}." for line in failures)]
         return RunReport(
             replace(page, pictures=pictures, notes=notes).files(self._formats),
-            {name: results.tables[name] for name in SUMMARY if name in results.tables},
             failures,
         )

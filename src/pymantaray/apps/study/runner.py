@@ -3,11 +3,8 @@
 import logging
 import math
 import os
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, wait
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from pymantaray.apps.study.graphs import write_graphs
 from pymantaray.apps.study.manifest import (
@@ -59,7 +56,7 @@ def run_study(
     *,
     workers: int | None = None,
     progress: Progress | None = None,
-    mission_ready: Callable[[Path], Sequence[Future[Any]]] | None = None,
+    mission_ready: Callable[[Path], Iterator[None]] | None = None,
     mission: Mission | None = None,
 ) -> Run:
     """
@@ -80,8 +77,9 @@ def run_study(
     progress : callable, optional
         Called with the name of a stage, the number of its finished parts and the total.
     mission_ready : callable, optional
-        Called before realizations are solved, with the folder of all data that they do not change.
-        The folder is moved to its final place after the returned futures are done.
+        Called before other processes solve the realizations, with the folder of all data that they
+        do not change. This process takes the steps of the returned iterator until all realizations
+        are solved.
     mission : Mission, optional
         Mission of the configuration, if it has already been simulated.
 
@@ -130,19 +128,18 @@ def run_study(
             notes = estimator_notes(known)
             solved = kept.results(count, RealizationResult.from_bytes)
             with kept.saving(stage, solved, RealizationResult.to_bytes) as keep:
-                reading = () if mission_ready is None else mission_ready(stage)
+                steps: Iterable[None] = ()
+                if mission_ready is not None and workers > 1:
+                    steps = mission_ready(stage)
                 if study.solves:
                     with watch.stage("realizations"):
-                        _solve(known, stage, pool, solved, keep, report)
+                        _solve(known, stage, pool, solved, keep, report, steps)
         report("files", 0, 1)
         estimates = None
         with watch.stage("files"):
             if study.solves:
                 estimates = _write_results(known, [solved[n] for n in range(count)], stage)
         outcome = summarize(known, estimates)
-        if reading:  # its first part, which begins with the realizations
-            with watch.stage("report"):
-                wait(reading)
         content = describe_run(
             study,
             inputs,
@@ -186,8 +183,12 @@ def _solve(
     solved: dict[int, RealizationResult],
     keep: Callable[[], None],
     report: Progress,
+    steps: Iterable[None],
 ) -> None:
-    """Solve the unsolved realizations, and write the graphs of the first into a folder."""
+    """
+    Solve the unsolved realizations, write the graphs of the first into a folder, and take steps of
+    other work of this process while it would wait.
+    """
     count = run.study.realizations
     graphs = folder / run_folder.PYFG
     graphs.mkdir()
@@ -199,12 +200,18 @@ def _solve(
 
     report("realizations", len(solved), count)
     queue = RealizationQueue((n for n in range(count) if n not in solved), ended)
-    write = partial(write_graphs, run, 0, graphs, "realization-0-", compact=True)
+
+    def meanwhile() -> Iterator[None]:
+        write_graphs(run, 0, graphs, "realization-0-", compact=True)
+        yield
+        yield from steps
+
+    others = meanwhile()
     if queue.left:
         pool.give(SolverInputs.of(run), folder)
-        run_tasks(queue, pool, meanwhile=write)
+        run_tasks(queue, pool, meanwhile=others)
     else:
-        write()
+        next(others)
 
 
 def _cpu_seconds(solved: Mapping[int, RealizationResult]) -> dict[str, list[float]]:

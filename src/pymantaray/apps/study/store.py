@@ -1,6 +1,6 @@
 """Run on disk: the content of each file, and its reader."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -272,17 +272,21 @@ class Run:
         """
         return self._by_measurements(DegreesOfFreedom)
 
-    def expect_errors(self) -> None:
+    def expect_errors(self) -> Iterator[object]:
         """
-        Compute `bounds` and `degrees_of_freedom` for all tables; they do not depend on estimates.
+        Compute `bounds` and `degrees_of_freedom` for all tables, one number at each step; they do
+        not depend on estimates.
         """
         if not self.study.solves:
             return
-        _ = self.bounds
+        yield self.bounds
         for expected in self.degrees_of_freedom.values():
-            _ = expected.fleet, expected.vehicle, expected.at_pings
+            yield expected.fleet
+            yield expected.vehicle
+            yield expected.at_pings
             if self.measurements.attitude_vehicle.size:
-                _ = expected.tilt, expected.heading
+                yield expected.tilt
+                yield expected.heading
 
     def _by_measurements(
         self, function: Callable[[Trajectories, Measurements, str], _T]

@@ -94,7 +94,7 @@ class RunTables(Mapping[str, ResultTable]):
         return self._made[name]
 
     def use(self, tables: Mapping[str, ResultTable]) -> None:
-        """Use tables of the same run that another process has computed."""
+        """Use tables of the same run that were computed before it was finished."""
         self._made.update(tables)
 
     def __contains__(self, name: object) -> bool:
