@@ -87,10 +87,10 @@ def measure(scene: Scene, noise: DvlNoise) -> Columns:
 
 def perturb(measurements: Measurements, normal: Normal) -> Columns:
     """Add noise and bias; remove velocities of fewer than three beams."""
-    from scipy.special import ndtr
-
     if not measurements.dvl_vehicle.size:
         return {}
+    from scipy.special import ndtr
+
     vehicle = measurements.dvl_vehicle
     sample = measurements.dvl_sample
     edges = measurements.time.size - 1
