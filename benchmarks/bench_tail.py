@@ -10,7 +10,8 @@ call.
 ``duct``: medium `e` of the reference (an Arctic duct with a front and an eddy), smooth, 2,310 links
 of 0.5 to 12 km between twelve depths. ``gulf``, ``gulf-1d``: a map of 60 ranges and 60 depths from
 one source in HYCOM's Gulf Stream, and in the profile at its source: links with a direct ray and
-links without. ``cast``: links of 2 km in a raw Arctic cast of 1 m, `linear`, direct and with 7
+links without; and random links there of 6 to 30 km, by range. ``cast``: links of 2 km in a raw
+Arctic cast of 1 m, `linear`, direct and with 7
 reflections at the surface. Beside them the time of sorting a million numbers.
 """
 
@@ -189,6 +190,26 @@ def bench_maps(sort_seconds: float) -> None:
         )
 
 
+def bench_ranges(sort_seconds: float) -> None:
+    """Random links through the Gulf Stream's front, by range, with a direct ray and without."""
+    ocean = open_ocean(DATA / "hycom" / "hycom_glby_930_2019030712_t003_ts3z.nc", currents="rest")
+    sea = Medium.from_dataset(to_local(ocean))
+    rng, n = np.random.default_rng(12), 4000
+    source = rng.uniform([-40e3, -33e3, 1.0], [40e3, 33e3, 200.0], (n, 3))
+    azimuth, distance = rng.uniform(0.0, 2.0 * np.pi, n), rng.uniform(6e3, 30e3, n)
+    along = distance[:, None] * np.column_stack([np.cos(azimuth), np.sin(azimuth)])
+    receiver = np.column_stack([source[:, :2] + along, rng.uniform(1.0, 500.0, n)])
+    arrivals = find_eigenrays(sea, source, receiver)
+    has_ray = np.bincount(arrivals.link, minlength=n) > 0
+    for low, high in ((6, 12), (12, 18), (18, 30)):
+        here = (distance >= 1e3 * low) & (distance < 1e3 * high)
+        here &= arrivals.status != RayStatus.OUTSIDE
+        for name, own in (("with a ray", here & has_ray), ("without", here & ~has_ray)):
+            some = np.flatnonzero(own)[:200]
+            ends = source[some], receiver[some]
+            one_call(f"gulf, {low} to {high} km, {name}", sea, ends, sort_seconds)
+
+
 def bench_cast(sort_seconds: float) -> None:
     cast = read_cast(DATA / "casts" / "beaufort_axctd_20140724_74N140W.csv")
     medium = Medium.from_profile(
@@ -213,6 +234,7 @@ def main() -> None:
     print(f"sorting a million numbers: {1e3 * sort_seconds:.1f} ms")
     bench_duct(sort_seconds)
     bench_maps(sort_seconds)
+    bench_ranges(sort_seconds)
     bench_cast(sort_seconds)
 
 

@@ -21,6 +21,8 @@ from lost_rays import (
 from section_fan import SectionFan
 
 from pymantaray.acoustics import find_eigenrays
+from pymantaray.acoustics._kernels.layout import RESOLVED, Settings
+from pymantaray.acoustics.solving import solve_on_processor
 from pymantaray.records import RayStatus
 
 UNEVEN = 0.5  # dB; near caustics, levels of fans and of arrivals differ by this
@@ -123,7 +125,20 @@ LINKS = {
         (0.016421, 1),
         (-0.023483, 2),
     ),
+    # between two rays that pass the receiver on one side, and a middle ray that cubics predict
+    "pair-7.5-km": (
+        "gulf",
+        [12699.276820294865, 26038.19777807616, 128.4763505412683],
+        [6603.0619295243805, 30473.17883546913, 290.0004529997517],
+        5e-5,
+        (0.003315, 1),
+        (-0.087425, 2),
+    ),
 }
+FAR_PAIR = (
+    [4144.207364179347, -6422.1708682477, 179.90831307438054],
+    [-5040.537512378474, -32533.825752213874, 214.55801361802384],
+)
 
 
 def medium_of(name):
@@ -170,13 +185,26 @@ def test_a_far_link_with_arrivals_has_the_rays_of_both_ends():
     The fan of one end meets a curve of rays that the fan of the other end does not meet, and both
     searches seem complete.
     """
-    source = np.array([4144.207364179347, -6422.1708682477, 179.90831307438054])
-    receiver = np.array([-5040.537512378474, -32533.825752213874, 214.55801361802384])
+    source, receiver = map(np.array, FAR_PAIR)
     medium, both = several_extrema(2), ((source, receiver), (receiver, source))
     one, other = (found_rays(find_eigenrays(medium, *ends, canonical=False)) for ends in both)
     assert len(missing(one, other)) == 1
     found = found_rays(find_eigenrays(medium, source, receiver))
     assert missing(one, found) == missing(other, found) == []
+
+
+def test_far_links_need_both_ends_if_fronts_focus_their_rays():
+    """
+    The fan of such a link has rays whose cross-track offset decreases with their cross-track
+    slowness; that of the other link, of 23 km and with 12 arrivals, has none.
+    """
+    medium, settings = several_extrema(2), Settings(15.0, 1e-3, canonical=True, shallower=False)
+    even = random_links(medium, 1, [9, 2], 12e3, 30e3)
+    ends = (np.array([far, *near]) for far, near in zip(FAR_PAIR, even, strict=True))
+    (results,) = solve_on_processor(medium.domain(), None, settings, *ends, threads=1)
+    assert (results.counts >= 10).all()
+    assert 0.0 < results.info[0, RESOLVED] < 1.0
+    assert results.info[1, RESOLVED] == 1.0
 
 
 def test_the_other_end_finds_the_ray_of_a_folded_search():

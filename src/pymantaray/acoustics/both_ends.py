@@ -29,8 +29,8 @@ _KNOWLEDGE = (RayStatus.UNRESOLVED, RayStatus.SHADOW, RayStatus.BLOCKED, RayStat
 
 def unresolved_links(results: Results) -> NDArray[np.intp]:
     """
-    Indices of the links whose search left intervals that may contain more rays, or found rays
-    beside the plane.
+    Indices of the links whose search left intervals that may contain more rays, or found signs of
+    rays that it does not follow.
     """
     return np.flatnonzero(results.info[:, at.RESOLVED] < 1.0)
 

@@ -43,14 +43,17 @@ N_NODE = 8
 
 # Ray of a fan: launch angle, miss and its slope, slowness and its slope, 1 if it reached the end,
 # code of its reflections, cross-track slowness at the source. For the search only: error of the
-# cubic near it, tolerance, divergence on the path (before tracing: expected divergence), GONE with
-# its two derivatives, and smallest and largest depth relative to the source with their derivatives.
-# The upper end of an interval has the number of the fan's interval instead of DEFECT.
+# cubic of the miss near it, tolerance, divergence on the path (before tracing: expected
+# divergence), GONE with its two derivatives, smallest and largest depth relative to the source with
+# their derivatives, and derivative of the cross-track offset by the cross-track slowness, divided
+# by the ray's length. The upper end of an interval has the number of the fan's interval instead of
+# DEFECT.
 ANGLE, MISS, SLOPE, SLOWNESS, SLOWNESS_SLOPE, GOOD, CODE, CROSS, DEFECT, TOL, GROWTH = range(11)
 LEFT, LEFT_RATE, LEFT_BEND = range(11, 14)
 TOP, TOP_RATE, LOW, LOW_RATE = range(14, 18)
+SPREAD = 18
 INTERVAL = DEFECT
-N_RAY = 18
+N_RAY = 19
 N_BRACKET = 8  # number of these columns, from the first, that an end of a bracket has
 
 # A link in the queue of `march`: its number (negative: none), columns of its section, their
@@ -186,8 +189,8 @@ angle; squared sine and c at the source."""
 Progress = namedtuple("Progress", "asked top left right brackets margin rays complete resolved")
 Progress.__doc__ = """Progress of a search: intervals that wait for rays, intervals on the stack,
 first and last interval of the fan that is not yet judged, number of brackets, smallest miss, number
-of rays, 1 if the limits were sufficient, and 1 if no interval remained unresolved. All
-are floats."""
+of rays, 1 if the limits were sufficient, and 1 if no interval remained unresolved, or a half if
+other rays may exist that the search does not follow. All are floats."""
 
 Link = namedtuple("Link", "z0 z1 c0 c1 horizontal length unit_north unit_east")
 Link.__doc__ = """Ends of a link: depths, sound speeds, distances and direction."""

@@ -46,6 +46,7 @@ from pymantaray.acoustics._kernels.refine import (
 )
 from pymantaray.acoustics._kernels.search import (
     BEYOND,
+    FROM_ONE_END,
     STEEP,
     Search,
     advance,
@@ -87,9 +88,9 @@ _SPACING_LINEAR = 0.008, 1e-9
 _RESOLVED = (
     30.0  # m; by which neighbours may fail to predict the miss and the extreme depths of each other
 )
-# RESOLVED of a link of at least this length with rays beside the plane: others may be on a curve of
-# rays that this end does not meet
-_FROM_ONE_END, _FAR = 0.5, 12e3  # and m
+# m; a longer link with arrivals is solved from both ends if a curve of rays may exist that this end
+# does not meet
+_FAR = 12e3
 # rad; an upper bound of the shift by horizontal refraction, about twenty times the shift itself
 _SMALL_SHIFT = 1e-4
 _REACH_SLOPE = 0.05  # largest mean slope of a ray beyond the depths of both ends
@@ -460,9 +461,9 @@ def _end(section, course, tally, bounces, settings, i, work, results):
     info[at.MARGIN] = 0.0 if count > 0 else margin
     info[at.RAYS] = rays
     info[at.COMPLETE] = 1.0 if complete else 0.0
-    info[at.RESOLVED] = 1.0 if resolved and complete else 0.0
-    if resolved and complete and course.cross and count > 0 and link.horizontal > _FAR:
-        info[at.RESOLVED] = _FROM_ONE_END
+    if resolved == FROM_ONE_END and (count == 0 or link.horizontal <= _FAR):
+        resolved = 1.0
+    info[at.RESOLVED] = resolved if complete else 0.0
     if count > 0:
         sort_rows(work.rows, count)
         results.status[i] = OK
@@ -511,7 +512,7 @@ def _predicted_bracket(link, chord_time, work):
         end[at.ANGLE] = angle + (2 * i - 1) * _CHORD_HALF_WIDTH
         end[at.MISS], end[at.SLOPE] = link.length * (end[at.ANGLE] - angle), link.length
         end[at.CROSS] = 0.0
-    return 1, 0.0, 0, True, True
+    return 1, 0.0, 0, True, 1.0
 
 
 @kernel

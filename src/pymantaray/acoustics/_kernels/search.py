@@ -84,6 +84,11 @@ _PASSAGE_WIDTH = (
 _WEAK_SHARE = 0.1  # of the slope of a weak ray: slope of a ray at the cut-off
 _FOLD, _FOLD_RATE = 1e-4, 20.0  # jump of the cross-track slowness, and its rate by the launch angle
 _UNKNOWN = 1e30  # m; error of a cubic
+# derivative of the cross-track offset by the cross-track slowness, divided by the distance: about 1
+# in uniform water, and negative somewhere between two rays of one launch angle that both end in the
+# plane. If it leaves these limits on the curve of rays that the search follows, others may exist
+_LEAST_SPREAD, _MOST_SPREAD = 0.5, 2.0
+FROM_ONE_END = 0.5  # RESOLVED of such a search
 # Between two rays that do not turn, no ray of the first fan is needed if both slopes of the miss
 # differ from the mean by less than the first share, and the slownesses at the end from their
 # predictions by less than the second share of the smaller one
@@ -165,6 +170,7 @@ def _shoot_across(s, walls, course, angle, tol, node, work):
         if not ok:
             break
         change = y[at.Y] / y[at.DY_DQ]  # of the cross-track slowness, to end in the plane
+        node[at.SPREAD] = y[at.DY_DQ] / course.length
         y[at.W] = offset_in_plane(y)
         y[at.P] -= y[at.P_Q] * change
         node[at.CROSS] -= change
@@ -367,6 +373,7 @@ def put_fan(n_nodes, tol, gap, work):
         ray = fan[i]
         ray[at.ANGLE], ray[at.TOL], ray[at.GOOD] = work.nodes[i], tol, WAITING
         ray[at.GROWTH], ray[at.DEFECT], ray[at.CROSS] = 0.0, 0.0, 0.0
+        ray[at.SPREAD] = 1.0
         if 0 < i < n_nodes - 1 and work.nodes[i + 1] - previous <= gap:
             ray[at.GOOD] = LEFT_OUT
         else:
@@ -461,7 +468,8 @@ def find_brackets(s, walls, course, n_nodes, gap, search, work):
     traced one by one. gap is that of `put_fan`.
 
     Returns the number of brackets, the smallest miss, the number of rays, True if the budget was
-    sufficient, and True if no interval remained unresolved.
+    sufficient, and RESOLVED: 0 if an interval remained unresolved, FROM_ONE_END if there are signs
+    of rays that the search does not follow, otherwise 1.
     """
     progress = put_fan(n_nodes, search.coarse, gap, work)
     fan = first_row(work)
@@ -486,8 +494,8 @@ def find_brackets(s, walls, course, n_nodes, gap, search, work):
 @kernel
 def tally_of(progress):
     """Values that `find_brackets` returns."""
-    complete, resolved = progress.complete > 0.0, progress.resolved > 0.0
-    return int(progress.brackets), progress.margin, int(progress.rays), complete, resolved
+    complete = progress.complete > 0.0
+    return int(progress.brackets), progress.margin, int(progress.rays), complete, progress.resolved
 
 
 @shared
@@ -511,7 +519,7 @@ def advance(varies, course, search, progress, work):
     tally = tally_of(progress)
     if tally[2] == 0:  # no ray counted yet: the first fan was traced just now
         right = _close_gaps(right + 2, work) - 2
-        tally = 0, _read_fan(right + 2, work), right + 2, True, True
+        tally = 0, _read_fan(right + 2, work), right + 2, True, 1.0
     asked, top, tally = _put_back(course, asked, top, tally, search.fine, work)
     asked, pending, tally = _gather(varies, course, search, asked, (top, left, right), tally, work)
     top, left, right = pending
@@ -525,7 +533,7 @@ def advance(varies, course, search, progress, work):
         margin,
         float(rays),
         1.0 if complete else 0.0,
-        1.0 if resolved else 0.0,
+        resolved,
     )
 
 
@@ -605,12 +613,9 @@ def _gather(varies, course, search, asked, pending, tally, work):
             for end in (0, 1):
                 if n_brackets < work.brackets.shape[0] and _meets(st[top, end], fine, h):
                     n_brackets = _add_around(st[top, end], fine, n_brackets, k, work)
-        if verdict == _DROP and same and not reflecting and h < search.min_width:
-            resolved = resolved and not _unresolved(a, b, h, search)
-        if verdict != _SPLIT and course.cross:
-            resolved = resolved and not _folds(a, b, h, search.weak)
-            resolved = resolved and not (h < _WINDOW_WIDTH and _window(a, b, course.length))
         if verdict != _SPLIT:
+            dropped = verdict == _DROP and same and not reflecting
+            resolved = min(resolved, _resolution(a, b, dropped, course, search))
             continue
         # the error of a ray may hide on which side of the receiver it passes
         nearest = min(abs(a[at.MISS]), abs(b[at.MISS]))
@@ -621,7 +626,7 @@ def _gather(varies, course, search, asked, pending, tally, work):
             full = spent[k] >= budget or top + 2 * asked + 4 > st.shape[0]
             if full or rays >= MAX_RAYS:  # a narrow edge between reflections contains no ray
                 complete = complete and reflecting and not same and h < _WEAK_WIDTH
-                resolved = resolved and reflecting
+                resolved = resolved if reflecting else 0.0
                 continue
             traced = _ask_middle(a, b, tol_here, asked, work)
         spent[k] += traced
@@ -779,6 +784,22 @@ def _add_edges(ends, rule, overhang, n, interval, work):
         if n < work.brackets.shape[0] and _points_across(ray, rule, beyond):
             n = _add_bracket(ray, ray, n, interval, work)
     return n
+
+
+@kernel
+def _resolution(a, b, dropped, course, search):
+    """RESOLVED of an interval that is not divided; dropped: it counts as one without a root."""
+    h = b[at.ANGLE] - a[at.ANGLE]
+    if dropped and h < search.min_width and _unresolved(a, b, h, search):
+        return 0.0
+    if not course.cross:
+        return 1.0
+    if _folds(a, b, h, search.weak) or (h < _WINDOW_WIDTH and _window(a, b, course.length)):
+        return 0.0
+    for ray in (a, b):
+        if ray[at.GOOD] > 0.0 and not _LEAST_SPREAD < ray[at.SPREAD] < _MOST_SPREAD:
+            return FROM_ONE_END
+    return 1.0
 
 
 @kernel
