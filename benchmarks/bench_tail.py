@@ -11,8 +11,8 @@ call.
 of 0.5 to 12 km between twelve depths. ``gulf``, ``gulf-1d``: a map of 60 ranges and 60 depths from
 one source in HYCOM's Gulf Stream, and in the profile at its source: links with a direct ray and
 links without; and random links there of 6 to 30 km, by range. ``cast``: links of 2 km in a raw
-Arctic cast of 1 m, `linear`, direct and with 7
-reflections at the surface. Beside them the time of sorting a million numbers.
+Arctic cast of 1 m, `linear`, direct and with 7 reflections at the surface. Beside them the time of
+sorting a million numbers.
 """
 
 import argparse
