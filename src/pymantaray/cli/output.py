@@ -133,9 +133,14 @@ class Watch:
     """
 
     def __init__(
-        self, stages: Sequence[str] = (), clock: Callable[[], float] = time.monotonic
+        self,
+        stages: Sequence[str] = (),
+        clock: Callable[[], float] = time.monotonic,
+        *,
+        estimate: bool = True,
     ) -> None:
         self.stages = stages
+        self._estimate = estimate
         self._clock = clock
         self._present = ""
         self._begun: dict[
@@ -155,10 +160,10 @@ class Watch:
     def left(self, stage: str) -> str:
         """
         Text with the remaining time of a stage at its mean speed so far; empty before the first
-        part is finished.
+        part is finished, or without estimates.
         """
         (begin, before), (latest, done, _, total) = self._begun[stage], self._latest[stage]
-        if not before < done < total:
+        if not (self._estimate and before < done < total):
             return ""
         end = latest + (latest - begin) / (done - before) * (total - done)
         return f"{duration(max(end - self._clock(), 0.0))} left"
@@ -194,17 +199,20 @@ class Watch:
 
 
 @contextmanager
-def progress_bars(*, quiet: bool, stages: Sequence[str] = ()) -> Iterator[Report | None]:
+def progress_bars(
+    *, quiet: bool, stages: Sequence[str] = (), estimate: bool = True
+) -> Iterator[Report | None]:
     """
     Show progress on standard error: a bar per stage in a terminal, otherwise a line per minute;
     None if ``quiet``.
 
-    ``stages`` are the known stages in order.
+    ``stages`` are the known stages in order. Without ``estimate``, for parts whose times differ
+    much, no remaining time is shown.
     """
     if quiet or sys.stderr is None:
         yield None
         return
-    watch = Watch(stages)
+    watch = Watch(stages, estimate=estimate)
     with _bars(watch) if sys.stderr.isatty() else _lines(watch, sys.stderr) as report:
         yield report
 
