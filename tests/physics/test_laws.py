@@ -501,6 +501,9 @@ def test_time_error_is_of_first_order_in_the_tolerance_or_better(kind):
             for i, t in zip(exact.link, exact.travel_time, strict=True)
         ]
         errors.append(np.percentile(gap, 90))
+    if kind == "profile":  # quadrature over depth does not depend on the tolerance
+        assert max(errors) < 1e-10, errors
+        return
     order = np.polyfit(np.log(tolerances), np.log(errors), 1)[0]
     assert order > 0.7, (order, errors)
     assert errors[2] < 3e-8, errors  # s, at the default tolerance

@@ -38,6 +38,9 @@ _SLOWEST = 1000.0  # m/s; other values have a wrong unit
 _FASTEST = 2500.0
 _VALUES_PER_PART = 2**22  # whose spline coefficients are computed at a time
 _MAX_ADDED_LEVELS = 100  # above the first level
+# 1/(m s); mean change of the second derivative of sound speed from one level to the next beyond
+# which fans are traced layer by layer, and least number of levels
+_ROUGH, _MANY_LEVELS = 1e-4, 32
 _COLUMN_STEP = 500.0  # m; spacing of the columns of a section at most
 
 
@@ -198,7 +201,7 @@ class Medium:
         for array in (n, e, z, c, field, knots_n, knots_e, lut):
             array.setflags(write=False)
         uniform = bool((c == c[0, 0]).all())
-        layered = uniform and interpolation == "linear" and bool(bed.depth.max() <= z[-1])
+        layered = uniform and _is_layered(interpolation, z, bed, surface)
         between = bed, surface, interpolation
         return cls(
             n,
@@ -592,6 +595,18 @@ class Medium:
         """
         return self._domain
 
+    def _needs_ladder(self, depth: Array) -> bool:
+        """
+        True for layered water whose sound speed bends at so many levels [m] that the steps of
+        integrated rays are short.
+        """
+        n = depth.size
+        if not self.layered or self.interpolation == "linear" or n < _MANY_LEVELS:
+            return self.layered and self.interpolation == "linear"
+        speed, slope, h = self.field[0, 0, :n], self.field[0, 0, n:], np.diff(depth)
+        second = (6.0 * np.diff(speed) / h - 4.0 * slope[:-1] - 2.0 * slope[1:]) / h
+        return bool(np.abs(np.diff(second)).mean() > _ROUGH)
+
     @cached_property
     def _domain(self) -> Domain:
         from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain
@@ -623,10 +638,20 @@ class Medium:
             surface,
             self.uniform,
             self.layered,
+            self._needs_ladder(depth),
             radius,
         )
         every: Domain = _read_only(domain)
         return every
+
+
+def _is_layered(
+    interpolation: Interpolation, depth: Array, bed: BoundarySurface, surface: BoundarySurface
+) -> bool:
+    """True if rays in uniform water can be traced layer by layer."""
+    if interpolation == "smooth":
+        return bool(surface.grid.depth.size == 1)
+    return bool(bed.depth.max() <= depth[-1])
 
 
 def _read_only(value: Any) -> Any:

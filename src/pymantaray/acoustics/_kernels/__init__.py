@@ -5,13 +5,13 @@ Each module uses the modules before it in this list. `layout` names all columns 
 (`at.NAME`). `field` computes the sound speed in a vertical section along a link, a `FieldSection`.
 `step` contains the ray equations and one integration step. `boundary` contains sea bed and surface:
 intersections with rays, and reflections. `lanes` is arithmetic on sixteen numbers at once. Three
-tracers solve the same equations: `arcs` in closed form through layers of constant gradient; `march`
-for sixteen direct rays of any links at a time, through smooth sound speed; `trace` for any ray,
-including those that the other two cannot trace. `search` launches a fan and brackets the zeros of
-the miss; `refine` finds a zero by Newton's method and fills the row of an arrival; `cells` does the
-same for reflected rays over a gridded bed, for given cells; `search_reflected` searches both fans
-of reflected rays. `flights` contains the links whose rays `march` traces together. `link` solves
-links, and `paths` traces an eigenray again to record its path.
+tracers solve the same equations: `curves` layer by layer through water that varies with depth only;
+`march` for sixteen direct rays of any links at a time, through smooth sound speed; `trace` for any
+ray, including those that the other two cannot trace. `search` launches a fan and brackets the zeros
+of the miss; `refine` finds a zero by Newton's method and fills the row of an arrival; `cells` does
+the same for reflected rays over a gridded bed, for given cells; `search_reflected` searches both
+fans of reflected rays. `flights` contains the links whose rays `march` traces together. `link`
+solves links, and `paths` traces an eigenray again to record its path.
 
 XI, the derivative of a ray's offset by its launch angle, changes its sign at every reflection. A
 zero anywhere else is a caustic.

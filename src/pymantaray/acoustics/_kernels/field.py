@@ -322,13 +322,17 @@ def cut_section(domain, line, horizontal, work):
         # first cell
         step = max(horizontal / (count - 1), _MIN_STEP)
         _cut_smooth(domain, line, step, count, work)
-        return FieldSection(domain.kind, count, 0.0, step, breaks, *levels, store, domain.layered)
+        return FieldSection(
+            domain.kind, count, 0.0, step, breaks, *levels, store, domain.layered, domain.ladder
+        )
     reach = 1000.0  # m beyond the ends; rays of steep links may extend behind the source
     breaks[0] = -reach
     count = 1 if domain.uniform else add_crossings(domain, line, horizontal + reach, breaks, 1)
     count = sort_breaks(horizontal + reach, breaks, count)
     _cut_linear(domain, line, breaks, count - 1, store)
-    return FieldSection(domain.kind, count - 1, 0.0, 1.0, breaks, *levels, store, domain.layered)
+    return FieldSection(
+        domain.kind, count - 1, 0.0, 1.0, breaks, *levels, store, domain.layered, domain.ladder
+    )
 
 
 @inlined

@@ -63,6 +63,7 @@ def own_work(work, flights, k, columns):
         work.cuts,
         work.extremes,
         work.ladder,
+        work.layers,
         flights.nodes[k],
         flights.rays[k],
         flights.stack[k],
@@ -214,6 +215,7 @@ def section_of(domain, row, work):
         domain.lut_scale,
         work.store,
         domain.layered,
+        domain.ladder,
     )
     baseline = Baseline(line[0], line[1], line[2], line[3])
     n_breaks = int(row[at.FLIGHT_BREAKS])

@@ -100,19 +100,20 @@ SMOOTH, LINEAR = 0, 1  # kinds of a field
 Domain = namedtuple(
     "Domain",
     "kind north east depth field knots_north degree_north knots_east degree_east lut lut_scale"
-    " column_step bed surface uniform layered radius",
+    " column_step bed surface uniform layered ladder radius",
 )
 Domain.__doc__ = """Medium for the kernels: sound speed, and `BoundaryGrid` of the sea bed and of
 the surface.
 
 For SMOOTH, field contains B-spline coefficients (north, east, 2 * depth); for LINEAR, the sound
 speed (north, east, depth). A surface without ice has one point at depth 0. A uniform medium does
-not vary horizontally; a layered medium is uniform and LINEAR, and its levels reach the sea bed.
-radius is that of the Earth if depths and sound speeds are those of flattened water, otherwise 0.
-[m]"""
+not vary horizontally; a layered medium is uniform, and LINEAR with levels that reach the sea bed or
+SMOOTH with a flat surface. With ladder, fans of direct rays through layered water use `ladder`
+instead of `march`. radius is that of the Earth if depths and sound speeds are those of
+flattened water, otherwise 0. [m]"""
 
 FieldSection = namedtuple(
-    "FieldSection", "kind n_range r_first r_step breaks depth lut lut_scale data layered"
+    "FieldSection", "kind n_range r_first r_step breaks depth lut lut_scale data layered ladder"
 )
 FieldSection.__doc__ = """Sound-speed field along one baseline.
 
@@ -175,13 +176,6 @@ SearchResult = namedtuple("SearchResult", "count weak rays complete")
 SearchResult.__doc__ = """Result of a search: number of arrivals, of rays below the cut-off and of
 traced rays; True if there was room for all."""
 
-ArcPoint = namedtuple("ArcPoint", "depth speed sine cosine")
-ArcPoint.__doc__ = """Point of an arc of `arcs`: depth, sound speed, and sine (positive down) and
-cosine of the ray's angle."""
-
-ArcRates = namedtuple("ArcRates", "sine cosine range")
-ArcRates.__doc__ = """Derivatives of sine, cosine and range by the launch angle at a fixed depth."""
-
 Snell = namedtuple("Snell", "a da sine_squared c_ref")
 Snell.__doc__ = """Constants of a ray through layers: a = cos / c and its derivative by the launch
 angle; squared sine and c at the source."""
@@ -228,13 +222,15 @@ MAX_AHEAD = 2 * MAX_HALVED  # rays of a link traced ahead
 MAX_FLIGHTS = 8  # links whose rays are traced together
 MAX_CANDIDATES = 96
 N_LADDER = 12  # rows, see `ladder`
+BLOCK = 32  # layers of a block of `ladder`
+N_LAYER = 11  # rows of a block of layers
 # nodes of a first fan without those of the levels: twice the widest fan divided by its spacing
 _ANGLES = 768
 
 Work = namedtuple(
     "Work",
     "y K K_fan K_space ynew no_path path breaks wall_breaks cells candidates small acc store cuts"
-    " extremes ladder nodes rays stack halves kinds brackets rows",
+    " extremes ladder layers nodes rays stack halves kinds brackets rows",
 )
 Work.__doc__ = """Workspaces of one thread, shared by all kernels; kernels write them for each link
 before they read them.
@@ -280,7 +276,8 @@ def shapes(
         store=(columns, n_depth, 16),
         cuts=(n_depth + columns + 4,),
         extremes=(2, n_depth),
-        ladder=(N_LADDER, max(n_depth + 8, 40)),
+        ladder=(N_LADDER, 3 * n_depth + 64),
+        layers=(N_LAYER * (3 * n_depth + 64 + 2 * BLOCK),),
         nodes=(nodes,),
         rays=(6 * halved + nodes, N_RAY),
         stack=(20 + 16 * halved, 2, N_RAY),

@@ -69,7 +69,7 @@ from pymantaray.acoustics._kernels.trace import (
     direct_course,
     ray_axis,
 )
-from pymantaray.compile import compact, entry, kernel, shared
+from pymantaray.compile import compact, entry, inlined, kernel, shared
 from pymantaray.geometry.boundary_kernels import depth_at
 
 # Ray of a bracket: in the water, through the surface, into the sea bed, in the water and weak; or
@@ -265,13 +265,21 @@ def _direct_search(s, link, cross, settings):
     """Settings of the search of direct rays."""
     accuracy, weak_slope = _tolerances(s, link, settings)
     resolved = _RESOLVED if cross else math.inf
-    return Search(accuracy.coarse, accuracy.fine, RESOLUTION, 0.0, 0.0, weak_slope, 0.0, resolved)
+    # a ladder has no tolerance
+    coarse = accuracy.fine if s.ladder else accuracy.coarse
+    return Search(coarse, accuracy.fine, RESOLUTION, 0.0, 0.0, weak_slope, 0.0, resolved, 0.0)
 
 
 @kernel
 def _spacing(s):
     """Spacing of the first fan, and distance within which nodes are merged. [rad]"""
     return _SPACING_LINEAR if s.kind == at.LINEAR else _SPACING_SMOOTH
+
+
+@inlined
+def _one_by_one(domain):
+    """True if the rays of a fan are traced one after another."""
+    return domain.kind == at.LINEAR or domain.ladder
 
 
 @kernel
@@ -370,7 +378,7 @@ def _start(domain, bounces, settings, ends, slot, work, flights, results):
     course = direct_course(link, n_nodes == 0, cross)
     if n_nodes == 0:
         tally = _predicted_bracket(link, results.info[i, at.CHORD_TIME], work)
-    elif flights is not None and domain.kind == at.SMOOTH:  # for None, Numba omits this branch
+    elif flights is not None and not _one_by_one(domain):  # for None, Numba omits this branch
         fan = put_fan(n_nodes, search.coarse, _first_gap(s), work)
         put_flight(section, slot[:2], fan, cross, work, flights)
         return True
@@ -715,7 +723,7 @@ def _solve(domain, bounces, settings, ends, share, work, flights, results):
     """As `solve_links`; with flights, the rays of several links are traced together."""
     source, receiver = ends
     following, every = share
-    if flights is None or domain.kind == at.LINEAR:
+    if flights is None or _one_by_one(domain):
         for i in range(following, source.shape[0], every):
             _start(
                 domain,

@@ -17,9 +17,9 @@ from collections import namedtuple
 import numpy as np
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.arcs import fits
 from pymantaray.acoustics._kernels.beside import direct_ray_end, offset_in_plane, trace_direct
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
+from pymantaray.acoustics._kernels.curves import fits_curves
 from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
 from pymantaray.acoustics._kernels.ladder import (
     add_middles,
@@ -71,6 +71,7 @@ _EXIT_AGREEMENT = (
 )
 # rad; width down to which rays that stay in the water are searched between two that left it
 _WINDOW_WIDTH = 1e-6
+_NARROWEST_LATE = 2e-3  # rad; width down to which `Search.late` applies
 # A sound-speed maximum may part two rays if the miss bends by more than the first share of its
 # size, and if this share times the error of the predicted turning depths exceeds the second number
 # of metres
@@ -89,6 +90,9 @@ _UNKNOWN = 1e30  # m; error of a cubic
 # plane. If it leaves these limits on the curve of rays that the search follows, others may exist
 _LEAST_SPREAD, _MOST_SPREAD = 0.5, 2.0
 FROM_ONE_END = 0.5  # RESOLVED of such a search
+# rad; a ray of the fan through layered SMOOTH water turns so much before the first or last level
+# that it does not graze the surface or the sea bed
+_BEFORE_LEVEL = 1e-6
 # Between two rays that do not turn, no ray of the first fan is needed if both slopes of the miss
 # differ from the mean by less than the first share, and the slownesses at the end from their
 # predictions by less than the second share of the smaller one
@@ -99,7 +103,7 @@ HALVE, _FINER, _MOVE_FIRST, _MOVE_SECOND = range(
     4
 )  # what an interval waits for: its middle, finer ends, an end beyond the root
 
-Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang resolved")
+Search = namedtuple("Search", "coarse fine min_width trust steep weak overhang resolved late")
 Search.__doc__ = """Settings of a search: tolerances of the fan's rays and of rays near the receiver
 [m], narrowest interval [rad].
 
@@ -107,7 +111,8 @@ Across a change of code the slopes of the miss are used beyond the angle steep a
 narrower than trust [rad]. Rays with a slope above weak [m/rad] are too weak to be searched. A ray
 at a change of code that would meet the receiver within overhang [rad] beyond the change is a
 bracket without width. Two direct rays may be neighbours only if both slopes of the miss predict the
-other miss to within resolved [m]."""
+other miss to within resolved [m]. Between two rays of which one has too many reflections only in
+the last share, late, of the course, rays with fewer reflections are searched."""
 
 
 @kernel
@@ -128,12 +133,13 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
     """
     rule = course.rule
     y = work.y
-    grown = 0.0
+    grown, exact = 0.0, fits_curves(s, walls, course, angle, 0.0)
+    laddered = exact and (s.ladder or rule.kind == at.FORWARD)
     while True:
         if growth > 0.0:
             course = course_to_levels(s, course)
         finer = allowed(tol, growth, course.to_levels)
-        if s.kind == at.LINEAR and has_ladder(work) and fits(s, walls, course, 0.0):
+        if has_ladder(work) and laddered:
             ok, code = trace_ladder(s, walls, course, angle, work)
         elif course.cross:
             ok, code = _shoot_across(s, walls, course, angle, finer, node, work)
@@ -141,7 +147,11 @@ def shoot(s, walls, course, angle, tol, growth, node, work):
             ok, _, _, code = trace(s, walls, course, angle, 0.0, finer, fan_ray(work))
         grown = y[at.GROWN] / course.length
         gone = rule.kind == at.OPEN and y[at.GONE] > 0.0
-        if gone or not again(y[at.W] - course.target, tol, grown, growth, course.to_levels):
+        if (
+            gone
+            or exact
+            or not again(y[at.W] - course.target, tol, grown, growth, course.to_levels)
+        ):
             break
         growth = grown
     node[at.ANGLE], node[at.MISS], node[at.SLOPE] = angle, y[at.W] - course.target, y[at.XI]
@@ -473,9 +483,9 @@ def find_brackets(s, walls, course, n_nodes, gap, search, work):
     """
     progress = put_fan(n_nodes, search.coarse, gap, work)
     fan = first_row(work)
-    if s.kind == at.LINEAR:
+    if s.ladder or course.rule.kind == at.FORWARD:
         put_ladder(s, walls, course, work)
-        for i in range(n_nodes if has_ladder(work) else 0):
+        for i in range(n_nodes if s.kind == at.LINEAR and has_ladder(work) else 0):
             work.rays[fan + i, at.DEFECT] = (
                 _UNKNOWN  # beside a change of reflections: the middle decides
             )
@@ -866,7 +876,9 @@ def _judge(a, b, varies, course, search):
     if a[at.GOOD] + b[at.GOOD] == 0.0 or (
         reflecting and _too_many_bounces(a, rule) and _too_many_bounces(b, rule)
     ):
-        if not reflecting or h < search.trust or not _window(a, b, course.length):
+        last = max(a[at.LEFT], b[at.LEFT])
+        late = h > _NARROWEST_LATE and last > (1.0 - search.late) * course.length
+        if not reflecting or h < search.trust or not (late or _window(a, b, course.length)):
             return _DROP, False
         return _SPLIT, False
     if reflecting and not same:
@@ -971,12 +983,13 @@ def _add_level_angles(s, lo, hi, c_source, n, nodes):
     nodes.
     """
     for k in range(s.depth.size):
-        c_first = 0.0
+        at_boundary = s.layered and k % (s.depth.size - 1) == 0
+        c_first, before = 0.0, _BEFORE_LEVEL if at_boundary else 0.0
         for cell in range(s.n_range):
             c = level_speed(s, cell, k)
             c_first = c if cell == 0 else c_first
             if c > c_source and n < nodes.size - 2:
-                angle = math.acos(c_source / c)
+                angle = math.acos(c_source / c) - before
                 if angle < hi:
                     nodes[n] = angle
                     n += 1

@@ -21,6 +21,7 @@ from pymantaray.acoustics._kernels.cells import (
     candidate,
     solve_candidate,
 )
+from pymantaray.acoustics._kernels.curves import fits_curves
 from pymantaray.acoustics._kernels.refine import INSET, Launch, finish, refine_reflected, tube
 from pymantaray.acoustics._kernels.search import (
     Search,
@@ -40,6 +41,7 @@ _SPACING_LEGS = 0.13  # rad
 # of the plane
 _OVERHANG = 0.08
 _RESOLUTION = 1e-6  # rad; narrower windows between changes of reflections are not searched
+_LATE = 0.25  # of the course, see `Search`
 _TRUST = 2e-4  # rad; rays above the usual cut-off have wider windows
 _SAME_TIME, _SAME_ANGLE = 2e-8, 4e-5  # s, rad
 _SAME_ERRORS = 4.0  # tolerances of the rays' ends, for a ray of both fans
@@ -172,8 +174,11 @@ def _collect(s, walls, courses, n_nodes, steep, hunt, result, work):
         width, trust = 1e-3 * width, 1e-3 * trust
     gridded = walls.bed.depth.size > 1 and course.rule.fold == 0
     overhang = min(_OVERHANG, reach.slope + reach.across) if gridded else 0.0
+    coarse, late = accuracy.coarse, 0.0
+    if s.kind == at.SMOOTH and fits_curves(s, walls, course, math.inf, 0.0):
+        coarse, late = accuracy.fine, _LATE
     search = Search(
-        accuracy.coarse, accuracy.fine, width, trust, steep, hunt.weak_slope, overhang, math.inf
+        coarse, accuracy.fine, width, trust, steep, hunt.weak_slope, overhang, math.inf, late
     )
     n_brackets, _, more_rays, all_there, _ = find_brackets(
         s, walls, fan_course, n_nodes, 0.0, search, work

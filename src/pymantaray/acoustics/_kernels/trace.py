@@ -11,7 +11,6 @@ this; the row of an arrival records it as RAY_AXIS.
 import math
 
 from pymantaray.acoustics._kernels import layout as at
-from pymantaray.acoustics._kernels.arcs import fits, trace_arcs
 from pymantaray.acoustics._kernels.boundary import (
     BOTTOM,
     FAR,
@@ -33,6 +32,7 @@ from pymantaray.acoustics._kernels.boundary import (
     start_cell,
     surface_at,
 )
+from pymantaray.acoustics._kernels.curves import fits_curves, trace_curves
 from pymantaray.acoustics._kernels.field import find_level, move_level
 from pymantaray.acoustics._kernels.layout import MAX_STEPS, BoundaryRule, Course, Ray
 from pymantaray.acoustics._kernels.step import (
@@ -153,11 +153,10 @@ def trace(s, walls, course, angle, q0, tol, ray):
         modulo 1024.
     """
     out_of_line()
-    if s.kind == at.LINEAR and fits(s, walls, course, q0):
-        return trace_arcs(s, walls, course, angle, ray)
+    if fits_curves(s, walls, course, angle, q0):
+        return trace_curves(s, walls, course, angle, ray)
     rule, axis, length = course.rule, course.axis, course.length
-    y, K, path = ray.y, ray.K, ray.path
-    n_eq = K.shape[1]
+    y, K, path, n_eq = ray.y, ray.K, ray.path, ray.K.shape[1]
     ok, cell, down = _launch(s, walls, course, angle, q0, ray)
     if not ok:
         return False, 0, 0, 0
@@ -175,8 +174,7 @@ def trace(s, walls, course, angle, q0, tol, ray):
         h = min(h, step_to_level(s, cell.layer, axis.z_source, down))
     # offset of a plane surface
     lowest = walls.surface.depth[0, 0] if walls.surface.depth.size == 1 else math.inf
-    hit = at.IN_WATER
-    near = max(ON_FACE, 1e-3 * tol)
+    hit, near = at.IN_WATER, max(ON_FACE, 1e-3 * tol)
     aims = s.kind == at.LINEAR and rule.kind == at.OPEN and axis.sb == 0.0
     faces = 0 if s.kind == at.LINEAR else SURFACE, SURFACE if rule.kind == at.OPEN else BOTTOM + 1
     for _ in range(MAX_STEPS):
