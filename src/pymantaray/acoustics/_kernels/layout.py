@@ -108,9 +108,9 @@ the surface.
 For SMOOTH, field contains B-spline coefficients (north, east, 2 * depth); for LINEAR, the sound
 speed (north, east, depth). A surface without ice has one point at depth 0. A uniform medium does
 not vary horizontally; a layered medium is uniform, and LINEAR with levels that reach the sea bed or
-SMOOTH with a flat surface. With ladder, fans of direct rays through layered water use `ladder`
-instead of `march`. radius is that of the Earth if depths and sound speeds are those of
-flattened water, otherwise 0. [m]"""
+SMOOTH with a flat surface. With ladder, fans of direct rays are traced by `ladder`, not by `march`.
+radius is that of the Earth if depths and sound speeds are those of flattened water, otherwise 0.
+[m]"""
 
 FieldSection = namedtuple(
     "FieldSection", "kind n_range r_first r_step breaks depth lut lut_scale data layered ladder"
