@@ -597,8 +597,8 @@ class Medium:
 
     def _needs_ladder(self, depth: Array) -> bool:
         """
-        True for layered water whose sound speed bends at so many levels [m] that the steps of
-        integrated rays are short.
+        True if fans of rays are faster layer by layer: in LINEAR layered water, and in SMOOTH water
+        whose sound speed bends at most of its levels [m].
         """
         n = depth.size
         if not self.layered or self.interpolation == "linear" or n < _MANY_LEVELS:

@@ -3,6 +3,8 @@ What a study says of timing, currents, detection, ice and mistaken arrivals reac
 measurements.
 """
 
+import time
+
 import numpy as np
 import pytest
 
@@ -239,3 +241,37 @@ def test_numbers_of_ranges_that_receivers_mistake_stay(erring, as_stored):
     tables = {name: erring.tables[name].frame for name in names}
     expected = {"outcome": erring.manifest["outcome"], "chance": erring.hearing}
     as_stored(tables | expected | {"mistaken": [erring.mistaken(r) for r in range(4)]})
+
+
+class CountedSteps:
+    """Steps of other work, and how often the next one was asked for."""
+
+    def __init__(self, left):
+        self.left, self.asked = left, 0
+
+    def __iter__(self):
+        return self
+
+    def __next__(self):
+        self.asked += 1
+        self.left -= 1
+        if self.left < 0:
+            raise StopIteration
+        time.sleep(1e-3)
+
+
+def slow_task():
+    return lambda task: time.sleep(0.3) or task
+
+
+@pytest.mark.parametrize("count", [0, 5, 10**9])
+def test_a_process_works_between_results_and_waits_without_work(count):
+    """It takes many steps of 1 ms while two tasks of 0.3 s run, and rarely asks in vain."""
+    steps, done = CountedSteps(count), {}
+    with ProcessPool(slow_task, 1) as pool:
+        run_tasks(RealizationQueue(range(2), done.__setitem__), pool, meanwhile=steps)
+    assert sorted(done) == [0, 1]
+    if count > 5:
+        assert steps.asked > 20
+    else:
+        assert count < steps.asked < count + 10

@@ -90,8 +90,8 @@ _UNKNOWN = 1e30  # m; error of a cubic
 # plane. If it leaves these limits on the curve of rays that the search follows, others may exist
 _LEAST_SPREAD, _MOST_SPREAD = 0.5, 2.0
 FROM_ONE_END = 0.5  # RESOLVED of such a search
-# rad; a ray of the fan through layered SMOOTH water turns so much before the first or last level
-# that it does not graze the surface or the sea bed
+# rad; rays of a fan through layered SMOOTH water turn this much before the first and last level,
+# because a ray that grazes the surface or the sea bed does not arrive
 _BEFORE_LEVEL = 1e-6
 # Between two rays that do not turn, no ray of the first fan is needed if both slopes of the miss
 # differ from the mean by less than the first share, and the slownesses at the end from their
