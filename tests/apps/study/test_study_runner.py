@@ -36,6 +36,7 @@ from pymantaray.estimation import (
     dead_reckon,
     read_pyfg,
 )
+from pymantaray.jobs.run_folder import ESTIMATES
 from pymantaray.records import RayStatus, SolveStatus, VehicleStatus
 
 STEP = 0.401e-3  # m; half of the steps in which a file holds positions
@@ -340,6 +341,22 @@ def test_workers_have_ended_when_the_manifest_tells_their_memory(tiny, tmp_path,
     monkeypatch.setattr(runner, "describe_run", describe)
     run_study(tiny(conditions=["odometry"]), tmp_path / "run", workers=2)
     assert steps == ["ended", "described"]
+
+
+@pytest.mark.slow
+def test_a_study_works_on_its_report_while_others_solve(tiny, tmp_path):
+    seen = []
+
+    def report(stage):
+        while True:
+            seen.append((stage / ESTIMATES).is_file())  # written after all realizations
+            yield
+
+    config = tiny(conditions=["odometry"])
+    run = run_study(config, tmp_path / "run", workers=2, mission_ready=report)
+    assert seen
+    assert not any(seen)
+    assert (run.path / ESTIMATES).is_file()
 
 
 @pytest.mark.parametrize(
