@@ -13,8 +13,7 @@ from refusals import refused
 import pymantaray.acoustics.levels.loss
 import pymantaray.apps.bellhop.output
 import pymantaray.sensing  # noqa: F401  whose records are among the kinds
-from pymantaray.acoustics.levels.caustics import waves_of
-from pymantaray.errors import AcousticsError, RecordError
+from pymantaray.errors import RecordError
 from pymantaray.estimation import FactorGraph
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import (
@@ -208,28 +207,14 @@ def test_rows_and_columns_of_covariances_have_the_same_labels():
     assert pair.dims == ("condition", "realization", "epoch")
 
 
-def test_a_file_without_a_column_that_has_a_default_has_it_everywhere():
+def test_a_column_with_a_default_has_it_everywhere_and_is_in_files():
     true = RangingTruth([1.0, 2.0], [3.0, 4.0], [5.0, 6.0], [7.0, 8.0])
     assert true.near_cutoff.tolist() == [0, 0]
-    older = true.to_dataset().drop_vars("near_cutoff")
-    assert RangingTruth.from_dataset(older).near_cutoff.tolist() == [0, 0]
-    assert np.isnan(
-        RangingTruth.from_dataset(older.drop_vars("departure_angle")).departure_angle
-    ).all()
+    assert np.isnan(true.departure_angle).all()
     marked = RangingTruth([1.0], [2.0], [3.0], [4.0], [1])
     assert RangingTruth.from_dataset(marked.to_dataset()).near_cutoff.tolist() == [1]
-
-
-def test_arrivals_of_older_runs_have_unknown_caustics(tmp_path):
-    """
-    Run folders of formats 2 and 3 have no caustics; rays can be drawn, and pressures are refused.
-    """
-    record = make_arrivals([0, 0, 1], status=(0, 0), travel_time=[1.0, 2.0, 1.5])
-    record.to_dataset().drop_vars("caustics").to_netcdf(tmp_path / "old.nc")
-    old = Arrivals.load(tmp_path / "old.nc")
-    assert old.caustics.tolist() == [-1, -1, -1]
-    assert_equal(replace(old, caustics=record.caustics), record)
-    refused(AcousticsError, "number of caustics unknown", waves_of, old, None)
+    lacking = marked.to_dataset().drop_vars("near_cutoff")
+    refused(RecordError, "no near_cutoff", RangingTruth.from_dataset, lacking)
 
 
 def test_a_short_representation_counts_in_words():

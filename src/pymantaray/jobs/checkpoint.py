@@ -18,8 +18,8 @@ from pymantaray.records import whole_file
 
 _LOG = logging.getLogger("pymantaray.jobs")
 _SAVE_INTERVAL = 30.0  # shorter jobs save nothing [s]
-_STAGE = "mission"  # names from earlier versions
-_CHECKSUMS = "mission.json"
+_STAGE = "stage"
+_CHECKSUMS = "stage.json"
 ResultT = TypeVar("ResultT")
 
 

@@ -218,9 +218,7 @@ def _names(picture: xr.Dataset) -> tuple[str, str]:
 
 
 def _kinds(picture: xr.Dataset) -> NDArray[np.intp]:
-    """Row of `RAY_KINDS` of each ray; all rays are direct in a picture of an older version."""
-    if "ray_surface_bounces" not in picture:
-        return np.zeros(picture.sizes["ray"], dtype=np.intp)
+    """Row of `RAY_KINDS` of each ray."""
     by_surface, by_bed = (
         picture[f"ray_{where}_bounces"].values > 0 for where in ("surface", "bottom")
     )

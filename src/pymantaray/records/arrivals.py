@@ -58,11 +58,7 @@ class Arrivals(Record):
         "arrival", "1", "vertical turning points, without reflections", "i2"
     )
     caustics: Column = column(
-        "arrival",
-        "1",
-        "caustics on the way, in the vertical plane of the ray; -1 in files of older versions",
-        "i2",
-        default=-1,
+        "arrival", "1", "caustics on the way, in the vertical plane of the ray", "i2"
     )
     launch_angle: Column = column(
         "arrival", "rad", "angle from the horizontal at the source, positive down"

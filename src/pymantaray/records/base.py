@@ -65,12 +65,11 @@ def column(
     """
     Declare an array field of a record. Spaces separate dimensions; units are in CF notation.
 
-    An optional column without a default is empty if it is not given, or absent in a file of an
-    older version; one with a default then has this value everywhere. A column that labels its
-    dimension is the coordinate of that name in a data set. Flags are the allowed values of an
-    integer column, with their meanings. A file holds the nearest multiples of ``step`` (one, or one
-    for each component), which take a fraction of the room of all digits, or ``digits`` significant
-    digits.
+    A column that may lack is empty if it is not given or absent in a file; one with a default that
+    is not given has this value everywhere. A column that labels its dimension is the coordinate of
+    that name in a data set. Flags are the allowed values of an integer column, with their meanings.
+    A file holds the nearest multiples of ``step`` (one, or one for each component), which take a
+    fraction of the room of all digits, or ``digits`` significant digits.
     """
     metadata: dict[str, Any] = {"dims": tuple(dims.split()), "units": units, "long_name": long_name}
     metadata |= {"dtype": np.dtype(dtype), "labels": labels, "flags": flags, "default": default}
@@ -236,8 +235,7 @@ class Record:
         names = {
             item.name: names[item.name]
             for item in cls._columns()
-            if (item.metadata["default"] is None and item.default_factory is MISSING)
-            or names[item.name] in dataset.variables
+            if item.default_factory is MISSING or names[item.name] in dataset.variables
         }
         missing = [name for name, variable in names.items() if variable not in dataset.variables]
         if missing:

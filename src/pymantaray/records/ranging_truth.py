@@ -18,8 +18,7 @@ class RangingTruth(Record):
     time along the chord and the sound speed if an end lies outside the water. Two-way,
     ``travel_time`` is half the round trip minus half the turn-around time, and the angles are those
     of the ping. If ``near_cutoff`` is 1, a cut-off of the rays' spreading 1 dB higher or lower
-    selects another arrival, or none: there travel times jump. Runs of older versions have no
-    angles.
+    selects another arrival, or none: there travel times jump.
     """
 
     kind: ClassVar[str] = "ranging_truth"

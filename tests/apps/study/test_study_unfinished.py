@@ -168,11 +168,11 @@ def test_a_damaged_mission_is_discarded_and_simulated_again(
     config, out = tiny(study={"realizations": 3}), tmp_path / "run"
     interrupted(config, out, 1)
     (own,) = (tmp_path / "run.unfinished").iterdir()
-    truth = own / "mission" / "truth.nc"
+    truth = own / "stage" / "truth.nc"
     if damage == "gone":
         truth.unlink()
     else:
-        path = own / "mission.json"
+        path = own / "stage.json"
         path.write_bytes(path.read_bytes()[:-9])
     mine = own.with_name("notes.txt")
     mine.write_text("mine")

@@ -12,7 +12,6 @@ from pymantaray.acoustics.eigenrays import find_eigenrays
 from pymantaray.acoustics.levels.loss import TransmissionLoss, transmission_loss
 from pymantaray.acoustics.medium import Medium
 from pymantaray.arrays import Array, Indices
-from pymantaray.errors import AcousticsError
 from pymantaray.geometry.boundary import Reflection
 from pymantaray.records import Arrivals
 
@@ -77,11 +76,6 @@ class Tails(NamedTuple):
 
 def waves_of(arrivals: Arrivals, loss: TransmissionLoss) -> Waves:
     """Pressures from losses; each caustic reduces the phase by a quarter of a cycle."""
-    if np.any(arrivals.caustics < 0):
-        raise AcousticsError(
-            "arrivals: number of caustics unknown, because an older version wrote them; compute"
-            " them again"
-        )
     size = -loss.total_db * math.log(10.0) / 20.0
     return Waves(
         arrivals.travel_time, size, loss.boundary_phase - 0.5 * math.pi * arrivals.caustics

@@ -17,7 +17,6 @@ from pymantaray.installation import code_version
 from pymantaray.jobs.keys import sha256
 from pymantaray.jobs.pool import Queue
 
-EARLIER = "an earlier version"
 _MAX_FAULTS = 20  # in one message
 
 
@@ -108,7 +107,7 @@ def read_plan(content: bytes | None) -> Planned | None:
     try:
         tree = json.loads(content or b"")
         keys = [key for key in tree["keys"] if isinstance(key, str)]
-        return Planned(str(tree["sweep"]), str(tree.get("version", EARLIER)), keys)
+        return Planned(str(tree["sweep"]), str(tree["version"]), keys)
     except (ValueError, TypeError, KeyError, AttributeError, RecursionError):
         return None
 

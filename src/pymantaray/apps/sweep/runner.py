@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from pymantaray.apps.sweep.definition import Sweep
 from pymantaray.apps.sweep.keys import POINT, STAGES
-from pymantaray.apps.sweep.plan import EARLIER, SweepPlan, SweepQueue, plan_content, read_plan
+from pymantaray.apps.sweep.plan import SweepPlan, SweepQueue, plan_content, read_plan
 from pymantaray.apps.sweep.points import (
     PLAN,
     SWEEP,
@@ -135,11 +135,11 @@ def _warn_of_other_code(store: Store, plan: SweepPlan) -> None:
     there = {name.partition(".")[0] for name in store.names("points")}
     if others := len(there.intersection(latest.keys) - plan.points.keys()):
         _LOG.warning(
-            "%s: %d points were computed by %s, but this is pymantaray %s; they are computed"
-            " again, and the old files stay",
+            "%s: %d points were computed by pymantaray %s, but this is pymantaray %s; they are"
+            " computed again, and the old files stay",
             store.url,
             others,
-            latest.version if latest.version == EARLIER else f"pymantaray {latest.version}",
+            latest.version,
             code_version(),
         )
 
