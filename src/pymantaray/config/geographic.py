@@ -8,8 +8,6 @@ from typing import Any
 from pymantaray.geometry import LocalFrame
 from pymantaray.quantities.units import quantity_of
 
-PLACED = frozenset({"ocean", "fleet", "landmarks", "conditions"})
-"""Sections with positions, and the one with the centre of their frame."""
 _CENTRE = ("centre_lat", "centre_lon")
 
 

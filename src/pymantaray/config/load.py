@@ -12,7 +12,7 @@ from pymantaray.config.checks import NAME
 from pymantaray.config.common import located
 from pymantaray.config.conditions import with_conditions
 from pymantaray.config.keys import Tree, changed, described, merged, with_key, words_of
-from pymantaray.config.parse import Like, parse
+from pymantaray.config.parse import parse
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import commented_toml, starter
 from pymantaray.errors import StudyError
@@ -368,11 +368,7 @@ def _named(tree: Tree, own: Tree, label: str, base: str) -> Tree:
 
 
 def parse_study(
-    tree: dict[str, Any],
-    label: str = "study",
-    folder: Path | None = None,
-    *,
-    like: Like | None = None,
+    tree: dict[str, Any], label: str = "study", folder: Path | None = None
 ) -> StudyConfig:
     """
     Check the nested dictionaries of a configuration.
@@ -385,9 +381,6 @@ def parse_study(
         Name of its origin, for messages.
     folder : pathlib.Path, optional
         Folder for relative file names. Default: the working folder.
-    like : tuple of dict and StudyConfig, optional
-        Another tree and its configuration. Sections that are the same objects in both trees are not
-        checked again.
 
     Returns
     -------
@@ -401,7 +394,7 @@ def parse_study(
     if BASE in tree:
         folder = folder or Path()
         tree = _over_base(located(tree, folder), folder, label, ())
-    return parse(StudyConfig, tree, label, folder, like)
+    return parse(StudyConfig, tree, label, folder)
 
 
 def _no_study(path: Path) -> StudyError:

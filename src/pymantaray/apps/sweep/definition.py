@@ -6,7 +6,6 @@ import os
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from functools import cached_property
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -250,11 +249,7 @@ class Sweep:
                 tree = _with(tree, field, values[field])
             except (StudyError, SweepError) as error:
                 raise StudyError(f"{label}: {error}") from None
-        return with_tracks(parse_study(tree, label, self._folder, like=(self._base, self._config)))
-
-    @cached_property
-    def _config(self) -> StudyConfig:
-        return parse_study(self._base, self.name, self._folder)
+        return with_tracks(parse_study(tree, label, self._folder))
 
     def to_toml(self) -> str:
         """
