@@ -20,7 +20,9 @@ from pathlib import Path
 
 import numpy as np
 
-from pymantaray import Beacon, OnlineEstimator, StartPose, build_table, open_water
+from pymantaray import open_water
+from pymantaray.apps.online import Beacon, OnlineEstimator, StartPose
+from pymantaray.apps.table import build_table
 from pymantaray.geometry.se3 import so3_exp
 
 STEP, PING, DURATION = 0.1, 20.0, 1200.0  # s

@@ -15,15 +15,11 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from pymantaray import (
-    RangingService,
-    StudyConfig,
-    error_table,
-    load_study,
-    measure,
-    range_error_table,
-    run_study,
-)
+from pymantaray import StudyConfig, load_study
+from pymantaray.apps.ranges import measure
+from pymantaray.apps.service import RangingService
+from pymantaray.apps.study import run_study
+from pymantaray.evaluation import error_table, range_error_table
 
 CENTRE = {"centre_lat": 74.5, "centre_lon": -140.0}
 OCEAN = {"source": "synthetic:beaufort", **CENTRE}

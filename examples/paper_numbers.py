@@ -7,7 +7,7 @@ import sys
 
 import numpy as np
 
-from pymantaray import open_run
+from pymantaray.apps.study import open_run
 from pymantaray.records import RayStatus
 
 

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from pymantaray import load_study, run_study
+from pymantaray import load_study
+from pymantaray.apps.study import run_study
 from pymantaray.records import RayStatus
 
 

@@ -7,7 +7,7 @@ import heapq
 
 import numpy as np
 
-from pymantaray import RangingService
+from pymantaray.apps.service import RangingService
 from pymantaray.records import RayStatus
 
 NAMES = ("A", "B", "C", "D")

@@ -10,7 +10,8 @@ import tomllib
 import pytest
 from pages import DOCS, ROOT
 
-from pymantaray import citation, load_study
+from pymantaray import load_study
+from pymantaray.apps.study import citation
 
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 URLS = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["urls"]

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from matplotlib import pyplot as plt
 
-from pymantaray import Atlas, AtlasLinks, open_atlas, run_atlas
+from pymantaray.apps.atlas import Atlas, AtlasLinks, open_atlas, run_atlas
 
 links = AtlasLinks(pairs=((100.0, 300.0),), distances=(3_000.0,), bearings=4)
 with tempfile.TemporaryDirectory() as folder:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 from matplotlib import pyplot as plt
 
-from pymantaray import measure
+from pymantaray.apps.ranges import measure
 
 time = np.arange(0.0, 7201.0, 60.0)
 moves = (

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib import pyplot as plt
 
-from pymantaray import open_graph, solve_graph
+from pymantaray.apps.graphs import open_graph, solve_graph
 
 rng, lines = np.random.default_rng(1), list[str]()
 corners = [[0, 0], [1, 0], [2, 0], [2, 1], [2, 2], [1, 2], [0, 2], [0, 1]]

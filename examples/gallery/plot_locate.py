@@ -15,8 +15,8 @@ from pathlib import Path
 from matplotlib import pyplot as plt
 from matplotlib.patches import Ellipse
 
-from pymantaray import LocateOptions, ReadOptions, locate, read_survey
 from pymantaray.acoustics import Medium, read_profile
+from pymantaray.apps.locate import LocateOptions, ReadOptions, locate, read_survey
 
 with tempfile.TemporaryDirectory() as folder:
     runpy.run_path("../locate_survey.py")["main"](folder)  # this script runs in its own folder

@@ -9,7 +9,7 @@ little.
 
 from matplotlib import pyplot as plt
 
-from pymantaray import DeploymentPlan, PlanSection, search_designs
+from pymantaray.apps.plan import DeploymentPlan, PlanSection, search_designs
 from pymantaray.config import load_study
 
 receiver = {"name": "T", "north": 0.0, "east": 0.0, "depth": 1.0, "sigma": 2.0}

@@ -14,7 +14,8 @@ from pathlib import Path
 import pandas as pd
 from matplotlib import pyplot as plt
 
-from pymantaray import open_waters, read_events, replay_events
+from pymantaray import open_waters
+from pymantaray.apps.replay import read_events, replay_events
 
 with tempfile.TemporaryDirectory() as folder:
     runpy.run_path("../replay_campaign.py")["main"](folder)  # this script runs in its own folder

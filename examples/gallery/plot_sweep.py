@@ -10,7 +10,7 @@ import tempfile
 
 from matplotlib import pyplot as plt
 
-from pymantaray import Sweep, run_sweep
+from pymantaray.apps.sweep import Sweep, run_sweep
 
 sweep = Sweep("quick", cross={"mission.ping_interval_h": [0.5, 1.0, 2.0]})
 with tempfile.TemporaryDirectory() as folder:

@@ -10,10 +10,11 @@ import pytest
 import xarray as xr
 from refusals import refused
 
-from pymantaray import Water, load_study, measure, open_water, open_waters
+from pymantaray import Water, load_study, open_water, open_waters
 from pymantaray.acoustics import Absorption, Currents, Medium, find_eigenrays, thin_profile
 from pymantaray.acoustics.ocean_fields import OceanFields, build_medium
 from pymantaray.apps.atlas import Atlas
+from pymantaray.apps.ranges import measure
 from pymantaray.config import load_sound
 from pymantaray.config.build.beliefs import Beliefs
 from pymantaray.config.build.ocean import build_mission_ocean, open_start

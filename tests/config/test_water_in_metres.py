@@ -11,14 +11,15 @@ import xarray as xr
 from authors_files import FLOOR, X, Y, Z, arrays, currents, sound_speed, write_environment
 from refusals import refused
 
-from pymantaray import find_eigenrays, load_study, measure, open_water, simulate
+from pymantaray import find_eigenrays, load_study, open_water
 from pymantaray.acoustics import Medium
 from pymantaray.apps.atlas import Atlas
+from pymantaray.apps.ranges import measure
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.config.build.study import build_study
 from pymantaray.errors import MantaRayError, OceanError
-from pymantaray.fleet import Drifting, Vehicle
+from pymantaray.fleet import Drifting, Vehicle, simulate
 from pymantaray.ocean.environment import environment_arrays, read_environment
 from pymantaray.records import Trajectories
 

@@ -275,7 +275,8 @@ def test_a_drifter_without_depth_is_at_the_surface(tmp_path, as_stored):
 
 
 def test_the_truth_of_a_study_is_read_as_trajectories(tiny_run_folder, as_stored):
-    from pymantaray import LocalFrame, open_run
+    from pymantaray import LocalFrame
+    from pymantaray.apps.study import open_run
 
     truth = open_run(tiny_run_folder).truth
     tracks = read_trajectories(tiny_run_folder / "truth.nc")

@@ -187,8 +187,8 @@ def test_tum_files_of_ros_have_other_axes(tmp_path, as_stored):
 def test_what_was_exported_of_a_run_is_read_as_its_truth(
     kind, file, tiny_run_folder, tmp_path, as_stored
 ):
-    from pymantaray import open_run
     from pymantaray.apps.export.run_files import export_run
+    from pymantaray.apps.study import open_run
 
     run = open_run(tiny_run_folder)
     export_run(run, kind, tmp_path / "out")

@@ -19,7 +19,8 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
 from mantaray_ros.tracks import Tracks
-from pymantaray import MantaRayError, RangingService
+from pymantaray import MantaRayError
+from pymantaray.apps.service import RangingService
 from pymantaray.records import RayStatus
 
 DEPTH = 100  # messages in a queue

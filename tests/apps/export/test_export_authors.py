@@ -12,8 +12,9 @@ from refusals import refused
 from scipy.interpolate import RegularGridInterpolator
 from trilinear_fan import first_direct_time
 
-from pymantaray import load_study, run_study
+from pymantaray import load_study
 from pymantaray.apps.export import export_authors
+from pymantaray.apps.study import run_study
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import run_in_memory

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from refusals import refused
 
-from pymantaray import Beacon, DriftingWater, OnlineEstimator, StartPose
+from pymantaray.apps.online import Beacon, DriftingWater, OnlineEstimator, StartPose
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.filters.error_state import State
 

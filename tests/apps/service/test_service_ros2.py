@@ -18,8 +18,9 @@ from pages import ROOT
 from refusals import refused
 
 import pymantaray
-from pymantaray import MantaRayError, RangingService
+from pymantaray import MantaRayError
 from pymantaray.acoustics import Medium
+from pymantaray.apps.service import RangingService
 from pymantaray.config.build.water import open_water
 
 PACKAGE = ROOT / "ros2" / "mantaray_ros"

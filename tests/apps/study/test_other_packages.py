@@ -86,7 +86,7 @@ SENSOR = """
 import json
 import numpy as np
 from factories import TINY
-from pymantaray import open_run, run_study
+from pymantaray.apps.study import open_run, run_study
 from pymantaray.config import parse_study
 plain, gauge = (parse_study(TINY, "tiny"), parse_study({**TINY, "mission": {**TINY["mission"],
     "sensors": ["pressure-gauge"]}}, "tiny"))
@@ -397,7 +397,8 @@ def test_damaged_metadata_of_a_package_are_left_out_with_a_warning(install, capl
 RUN = """
 import sys
 from factories import TINY
-from pymantaray import ocean, run_study
+from pymantaray import ocean
+from pymantaray.apps.study import run_study
 from pymantaray.config import parse_study
 ocean.synthetic_ocean
 tree = TINY | {"conditions": ["odometry", "refracted"]}

@@ -4,7 +4,7 @@ import json
 
 import pandas as pd
 
-from pymantaray import measure
+from pymantaray.apps.ranges import measure
 from pymantaray.apps.study.explore import mission_rays
 from pymantaray.apps.study.figures.register import RunResults
 

@@ -7,7 +7,8 @@ from importlib.resources import files
 import pytest
 import xarray as xr
 
-from pymantaray import citation, load_study, run_study
+from pymantaray import load_study
+from pymantaray.apps.study import citation, run_study
 from pymantaray.apps.study.references import Citations
 from pymantaray.config import list_presets
 from pymantaray.errors import OceanError

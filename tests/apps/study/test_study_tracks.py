@@ -11,29 +11,22 @@ import pytest
 from factories import TINY
 from refusals import refused
 
-from pymantaray import (
-    LocalFrame,
-    PingList,
-    PingSchedule,
-    SlotSchedule,
-    Tracks,
-    dropout_table,
-    load_study,
-    measure,
-    open_run,
-    range_error_table,
-    run_study,
-)
+from pymantaray import LocalFrame, load_study
 from pymantaray.apps.export.run_files import export_run
+from pymantaray.apps.ranges import measure
+from pymantaray.apps.study import open_run, run_study
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.apps.study.page import warnings_of
 from pymantaray.config import parse_study
 from pymantaray.config.build.fleet import with_tracks
 from pymantaray.config.build.study import build_study
 from pymantaray.errors import ExchangeError, MantaRayError, StudyError
+from pymantaray.evaluation import dropout_table, range_error_table
+from pymantaray.exchange import Tracks
 from pymantaray.exchange.centre import centre_beside
 from pymantaray.ocean import open_ocean
 from pymantaray.records import RayStatus, VehicleStatus, write_netcdf
+from pymantaray.sensing import PingList, PingSchedule, SlotSchedule
 
 OCEAN = {
     "source": "synthetic:beaufort",

@@ -75,7 +75,8 @@ def measure(
 
     Examples
     --------
-    >>> from pymantaray import measure, range_error_table
+    >>> from pymantaray.apps.ranges import measure
+    >>> from pymantaray.evaluation import range_error_table
     >>> run = measure("mission.csv", "synthetic:beaufort", 600.0)  # doctest: +SKIP
     >>> range_error_table(run.measurements, run.ranging_truth, run.truth)  # doctest: +SKIP
     """

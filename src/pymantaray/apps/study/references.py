@@ -127,7 +127,8 @@ def citation(config: StudyConfig) -> Citations:
 
     Examples
     --------
-    >>> from pymantaray import citation, load_study
+    >>> from pymantaray import load_study
+    >>> from pymantaray.apps.study import citation
     >>> [reference.key for reference in citation(load_study("fram"))][-3:]
     ['dormand1980', 'snieder1998', 'sturm2012']
     """

@@ -86,8 +86,8 @@ def run_study(
     Returns
     -------
     Run
-        Results, read from ``out`` at their first use; `pymantaray.report.write_report` adds tables
-        and figures.
+        Results, read from ``out`` at their first use; `pymantaray.apps.study.write_report` adds
+        tables and figures.
 
     Raises
     ------
