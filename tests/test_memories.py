@@ -25,7 +25,7 @@ MEMORIES = {
     "compile/linking.py: known": "compiled functions, of code that a process loads once",
     "compile/linking.py: loaded": "compiled functions, of code that a process loads once",
     "compile/linking.py: packers": "by the types of arguments",
-    "config/authors_holds.py: counted_steps": PURE,
+    "apps/authors/holds.py: counted_steps": PURE,
     "config/build/fleet.py: _read": "by the stamps of the files, which change with their content",
     "config/common.py: _may_lack": "of the fields of a class",
     "config/meanings.py: _texts": "of the source of a module, which is in memory",

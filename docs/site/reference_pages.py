@@ -23,7 +23,15 @@ FOLDERS = (
         "apps.replay",
     ),
     *("apps.locate", "apps.table", "apps.online", "apps.plan", "apps.atlas", "apps.service"),
-    *("apps.graphs", "apps.bellhop", "apps.rays", "apps.ranges", "apps.ocean", "apps.export"),
+    *(
+        "apps.graphs",
+        "apps.bellhop",
+        "apps.rays",
+        "apps.ranges",
+        "apps.ocean",
+        "apps.export",
+        "apps.authors",
+    ),
 )
 """Folders in the order in which data flows."""
 

@@ -29,7 +29,7 @@ COMMANDS = [
     "replay no.csv --profile there.csv --bathymetry 200 --out x",
     "serve no.csv --bathymetry 200 --port 0",
     "study compare there no",
-    "study import no.json",
+    "authors import no.json",
     "study report no",
     "study tables no",
     "sweep run no.toml s",

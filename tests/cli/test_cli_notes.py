@@ -62,8 +62,8 @@ NOTED = {  # words of a command, its output, and a part of the note
         OF_CAST,
     ),
     "rays write-bellhop": (f"links.csv --out bellhop {WATER} --force", OF_CAST),
-    "export": ("authors noted.toml authors", OF_CAST),
-    "study import": ("sim.json", "without meaning here"),
+    "authors export": ("noted.toml authors", OF_CAST),
+    "authors import": ("sim.json", "without meaning here"),
     "study run": ("study.toml --out run --no-figures", OF_TRACKS),
     "sweep run": ("sweep.toml --out sweep --workers 1", OF_CAST),
 }
@@ -80,6 +80,7 @@ MORE = [  # of the same commands, other readers
 READS_NONE = {
     "atlas plot": "the page of an atlas has its notes",
     "doctor": "reads no file",
+    "export": "reads a run, whose page has its notes",
     "ocean fetch copernicus": "downloads",
     "ocean fetch hycom": "downloads",
     "study cite": "reads a configuration only",

@@ -25,7 +25,7 @@ PATHS_ONLY = {
     "atlas plot", "export", "graph convert", "ocean correct", "ocean fetch copernicus",
     "ocean fetch hycom", "ocean from-cast",
     "ocean convert-cast", "ocean perturb", "ocean plot", "rays plot", "rays write-bellhop", "serve",
-    "study cite", "study import", "study init", "study report", "sweep collect",
+    "study cite", "authors export", "authors import", "study init", "study report", "sweep collect",
 }  # fmt: skip
 """
 Commands that print the names of what they wrote, an address or references, and nothing that would

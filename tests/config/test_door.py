@@ -28,7 +28,7 @@ from pymantaray.sensing import PingSchedule, TwoWay
 
 PACKAGE = Path(pymantaray.__file__).parent
 OPEN_THE_DOOR = {
-    "apps/export/authors_program.py: export_authors",
+    "apps/authors/export.py: export_authors",
     "apps/study/command.py: run_and_report",
     "apps/study/references.py: citation",
     "apps/study/runner.py: run_study",
@@ -44,10 +44,7 @@ def sections():
         section = waiting.pop()
         found.add(section.__name__)
         waiting += [
-            s
-            for s in section.__subclasses__()
-            if s.__module__.startswith("pymantaray.config")
-            and s.__module__ != "pymantaray.config.authors"  # of another program's file
+            s for s in section.__subclasses__() if s.__module__.startswith("pymantaray.config")
         ]
     for file in (PACKAGE / "config").glob("*.py"):
         found |= set(re.findall(r"^(Any\w+) = Annotated", file.read_text(), re.MULTILINE))

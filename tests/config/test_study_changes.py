@@ -129,7 +129,7 @@ def test_none_takes_out_what_the_base_has(write):
      "base: a.toml -> b.toml -> a.toml is a circle; remove one"),
     ({"a": 'base = "a.toml"'}, "base: a.toml -> a.toml is a circle"),
     ({"a": 'base = "beufort"'}, ("base: found 'beufort'; did you mean beaufort\\? allowed: a file"
-                                " that ends in .toml or .json, beaufort, ")),
+                                " that ends in .toml, beaufort, ")),
     ({"a": "base = 3"}, "base: found '3'; allowed: a file"),
     ({"a": 'base = "gone.toml"'}, "base: .*gone.toml: no such file"),
     ({"a": 'base = "quick"\n[fleet.vehicles]\nZ = 3'},

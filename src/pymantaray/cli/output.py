@@ -341,3 +341,14 @@ def check_output(
             raise WriteError(f"{path}: symbolic links form a circle; give another name")
         if path.is_dir() or (path.exists() and not force):
             raise WriteError(f"{path}: already exists; give another name or --force")
+
+
+def write_new(file: Path, text: str) -> None:
+    """Write a text to a new file."""
+    try:
+        with file.open("x", encoding="utf-8") as copy:
+            copy.write(text)
+    except FileExistsError:
+        raise WriteError(f"{file}: already exists; give another name") from None
+    except OSError as error:
+        raise WriteError(f"{file}: cannot be written: {error.strerror}") from None

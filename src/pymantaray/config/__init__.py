@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.config.load import import_study as import_study
     from pymantaray.config.load import list_presets as list_presets
     from pymantaray.config.load import load_sound as load_sound
     from pymantaray.config.load import load_study as load_study

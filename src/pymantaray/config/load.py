@@ -1,7 +1,6 @@
 """Reading of presets and TOML files, with their bases, to validated configurations."""
 
 import difflib
-import logging
 import re
 from collections.abc import Sequence
 from importlib.resources import files
@@ -21,11 +20,8 @@ from pymantaray.user_files import exists, parse_toml, read_text
 if TYPE_CHECKING:
     import xarray as xr
 
-LOG = logging.getLogger(__name__)
-SIMULATION = ".json"
-"""Ending of a configuration of the paper's authors' program."""
-STUDY_FILES = (".toml", SIMULATION)
-"""Endings of study files."""
+STUDY_FILE = ".toml"
+"""Ending of a study file."""
 BASE = "base"
 """Key at the top of a file for the preset or file that it changes."""
 PLAN = "plan"
@@ -109,9 +105,8 @@ def load_study(
     Parameters
     ----------
     name_or_file : str or pathlib.Path
-        Name of a preset, a TOML file, or a ``sim.json`` of the paper's authors' program. Names of
-        files in it are relative to its folder. The key ``base`` of a TOML file is a preset or
-        another file, whose keys apply unless the file has them.
+        Name of a preset, or a TOML file. Names of files in it are relative to its folder. The key
+        ``base`` of a file is a preset or another file, whose keys apply unless the file has them.
     realizations : int, optional
         Number of realizations, which replaces the configured one.
     ocean : str, path, sequence of them, or xarray.Dataset, optional
@@ -188,32 +183,6 @@ def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[st
     return [str(stored_ocean(ocean))]
 
 
-def import_study(file: str | Path) -> tuple[StudyConfig, tuple[str, ...]]:
-    """
-    Read a ``sim.json`` of the paper's authors' program as a study.
-
-    Parameters
-    ----------
-    file : str or pathlib.Path
-
-    Returns
-    -------
-    config : StudyConfig
-        As from `load_study`.
-    lines : tuple of str
-        Keys without meaning in a study, and differences from the program, one line each.
-
-    Raises
-    ------
-    MantaRayError
-        If the file cannot be read, a key is unknown, or a value is not allowed.
-    """
-    from pymantaray.config.authors import read_simulation
-
-    found = read_simulation(Path(file))
-    return parse_study(dict(located(found.tree, Path(file).parent)), str(file)), found.lines
-
-
 def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
     """
     Read the sections of a configuration that ranging needs; a file may have only these.
@@ -281,9 +250,9 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = ()) -> Tree:
     """
     path = Path(name_or_file)
     name = str(name_or_file)
-    if path.suffix == SIMULATION:
-        return _simulation(path)
-    is_file = path.suffix == ".toml" or len(path.parts) > 1 or isinstance(name_or_file, Path)
+    if path.suffix == ".json":
+        raise _no_study(path)
+    is_file = path.suffix == STUDY_FILE or len(path.parts) > 1 or isinstance(name_or_file, Path)
     if not is_file and name not in preset_names() and exists(path):
         raise _no_study(path)
     if not is_file:
@@ -296,19 +265,6 @@ def _tree(name_or_file: str | Path, chain: tuple[str, ...] = ()) -> Tree:
     tree = _over_base(tree, folder, name, (*chain, here)) if BASE in tree else tree
     whole: Tree = with_conditions(tree)
     return whole
-
-
-def _simulation(path: Path) -> Tree:
-    """
-    Tree of a ``sim.json`` of the paper's authors' program; logs its keys without meaning and
-    differences from the program.
-    """
-    from pymantaray.config.authors import read_simulation
-
-    imported = read_simulation(path)
-    for line in imported.lines:
-        LOG.warning("%s: %s", path, line)
-    return dict(located(imported.tree, path.parent))
 
 
 def _parsed(text: str, label: str, folder: Path) -> Tree:
@@ -327,14 +283,14 @@ def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> 
     """
     base = tree[BASE]
     rest = {key: value for key, value in tree.items() if key != BASE}
-    if not isinstance(base, str) or not (base in preset_names() or base.endswith(STUDY_FILES)):
+    if not isinstance(base, str) or not (base in preset_names() or base.endswith(STUDY_FILE)):
         hint = "".join(
             f"did you mean {name}? "
             for name in difflib.get_close_matches(str(base), preset_names(), n=1)
         )
         raise StudyError(
             f"{label}: base: found {str(base)[:100]!r}; {hint}allowed: a file that ends in"
-            f" {' or '.join(STUDY_FILES)}, {', '.join(preset_names())}"
+            f" {STUDY_FILE}, {', '.join(preset_names())}"
         )
     source = str(base) if base in preset_names() else folder / base
     reached = source if isinstance(source, str) else str(source.resolve())
@@ -398,12 +354,16 @@ def parse_study(
 
 
 def _no_study(path: Path) -> StudyError:
-    """Error about a file or folder that is no study; a run folder contains one."""
+    """
+    Error about a file or folder that is no study; a run folder contains one, and a file of the
+    paper's authors' program becomes one.
+    """
     inside = path / "config.toml"
     remedy = f"use {inside}" if inside.is_file() else "correct the name"
+    if path.suffix == ".json":
+        remedy = f"convert a sim.json with mantaray authors import {path}"
     return StudyError(
-        f"{path}: not a preset, and not a study file, whose name ends in .toml or {SIMULATION};"
-        f" {remedy}"
+        f"{path}: not a preset, and not a study file, whose name ends in {STUDY_FILE}; {remedy}"
     )
 
 

@@ -5,7 +5,6 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
-from authors_files import write_simulation
 from factories import names_in
 
 from pymantaray.apps.export.run_files import FORMATS
@@ -39,24 +38,6 @@ def test_export_names_what_it_made_and_refuses_in_one_line(mantaray, tiny_run_fo
     assert names_in(tmp_path) == ["tables"]
 
 
-def test_export_authors_takes_a_study_or_a_run_and_import_reads_it(mantaray, tmp_path):
-    write_simulation(tmp_path)
-    done = mantaray("study", "import", tmp_path / "sim.json", "--out", tmp_path / "study.toml")
-    assert done.code == 0
-    assert "without meaning here: output_dir" in done.err
-    assert "output_dir" in (tmp_path / "study.toml").read_text()
-    run = tmp_path / "run"
-    words = ("--realizations", 1, "--no-figures", "--out", run)
-    assert mantaray("study", "run", tmp_path / "study.toml", *words).code == 0
-    for source, folder in ((tmp_path / "study.toml", "one"), (run, "two")):
-        done = mantaray("export", "authors", source, tmp_path / folder)
-        assert (done.code, done.out) == (0, f"{tmp_path / folder}\n"), done.err
-        assert names_in(tmp_path / folder) == ["environment", "environment.json", "sim.json"]
-    assert mantaray("study", "import", tmp_path / "two" / "sim.json").code == 0
-    refused = mantaray("export", "authors", tmp_path / "study.toml")
-    assert (refused.code, "export authors STUDY FOLDER" in refused.err) == (2, True)
-
-
 def test_every_option_reaches_the_export(reached, mantaray, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "run").mkdir()
@@ -71,24 +52,9 @@ def test_every_option_reaches_the_export(reached, mantaray, tmp_path, monkeypatc
     assert gone.err == "error: gone: no such file or folder; name an existing file or folder\n"
 
 
-def test_every_option_reaches_the_export_to_the_authors(mantaray, monkeypatch):
-    monkeypatch.setattr(
-        "pymantaray.apps.export.export_authors",
-        lambda study, folder: (f"{folder}/made of {study}", ("one", "two")),
-    )
-    done = mantaray("export", "authors", "quick", "new")
-    assert (done.code, done.out) == (0, "new/made of quick\n")
-    assert done.err == "quick: one\nquick: two\n"
-
-
 @pytest.mark.parametrize(("words", "said"), [
-    (("authors", "quick"), "Usage: mantaray export authors STUDY FOLDER"),
-    (("authors", "quick", "new", "more"), "Usage: mantaray export authors STUDY FOLDER"),
-    (("authors", "quick", "new", "--to", "tum"), "Usage: mantaray export authors STUDY FOLDER"),
-    (("authors", "quick", "new", "--out", "x"), "Usage: mantaray export authors STUDY FOLDER"),
-    (("authors", "--to", "tum"), "Missing option '--out'; see"),
-    (("authors", "--to", "tum", "--out", "x"), "authors: no such file or folder"),
-    (("run", "quick", "--to", "tum"), "Got unexpected extra argument (quick)"),
+    (("run", "--to", "tum", "--out", "x"), "run: no such file or folder"),
+    (("run", "quick", "--to", "tum", "--out", "x"), "Got unexpected extra argument(s) (quick)"),
     (("run", "--out", "x"), "Missing option '--to'; see"),
     (("run", "--to", "tum"), "Missing option '--out'; see"),
 ])  # fmt: skip

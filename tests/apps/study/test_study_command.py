@@ -23,7 +23,6 @@ from pymantaray.cli.output import Watch
 from pymantaray.cli.printing import Printer
 from pymantaray.config import load, load_study, preset_text
 from pymantaray.config.common import Section
-from pymantaray.config.text import commented_toml
 from pymantaray.errors import StudyError
 from pymantaray.evaluation import ALL_LINKS, error_table
 from pymantaray.records import RayStatus, SolveStatus
@@ -440,8 +439,7 @@ def test_a_run_folder_is_not_a_study_but_contains_one(mantaray, small):
     Path("done/config.toml").write_text(small.read_text())
     check_refusal(
         mantaray("study", "show", "./done"),
-        "done: not a preset, and not a study file, whose name ends in .toml or .json; use"
-        " done/config.toml",
+        "done: not a preset, and not a study file, whose name ends in .toml; use done/config.toml",
         ("done", "small.toml"),
     )
 
@@ -520,22 +518,6 @@ def test_every_option_reaches_the_file_of_a_preset(mantaray, reached, small):
     )
     nowhere = mantaray("study", "init", "fram", "no/mine.toml")
     assert nowhere.err == "error: no/mine.toml: cannot be written: No such file or directory\n"
-
-
-def test_every_option_reaches_the_import(mantaray, spied, small):
-    Path("sim.json").write_text("{}")
-    imported = (load_study("quick"), ["one", "two"])
-    function = "pymantaray.config.load.import_study"
-    (given,), printed = spied(function, imported, "study", "import", "sim.json")
-    assert given == {0: Path("sim.json")}
-    assert printed.err == "sim.json: one\nsim.json: two\n"
-    assert printed.out == commented_toml(imported[0])
-    done = mantaray("study", "import", "sim.json", "--out", "mine.toml")
-    assert (done.code, done.err) == (0, printed.err)
-    assert done.out == (
-        "mine.toml: written from sim.json; edit it, then: mantaray study run mine.toml\n"
-    )
-    assert Path("mine.toml").read_text() == f"# one\n# two\n\n{printed.out}"
 
 
 def test_every_option_reaches_the_citation(mantaray):

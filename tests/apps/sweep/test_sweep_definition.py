@@ -267,7 +267,7 @@ def test_a_field_that_is_not_there_is_told_with_its_name(small, field, value, li
         (
             'base = "quik"',
             (
-                "s.toml: base: found 'quik'; allowed: a file that ends in .toml or .json, beaufort,"
+                "s.toml: base: found 'quik'; allowed: a file that ends in .toml, beaufort,"
                 " .*, survey"
             ),
         ),

@@ -23,7 +23,7 @@ from pymantaray.cli.options import (
     changes_of,
     format_names,
 )
-from pymantaray.cli.output import EXIT_UNUSABLE, STARTED, duration, progress_bars
+from pymantaray.cli.output import EXIT_UNUSABLE, STARTED, duration, progress_bars, write_new
 from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import LOG, Printer, printer
 from pymantaray.pages.folder import PAGE
@@ -114,57 +114,8 @@ def init(
     """Write a preset with all its keys to a file for editing."""
     from pymantaray.config import starter_text
 
-    _write_new(file, starter_text(name, **changes_of(changes)))
+    write_new(file, starter_text(name, **changes_of(changes)))
     typer.echo(f"{file}: written from preset {name}; edit it, then: mantaray study run {file}")
-
-
-@app.command("import")
-def import_command(
-    simulation: Annotated[
-        Path,
-        typer.Argument(
-            callback=existing(),
-            metavar="SIM.json",
-            help="Configuration of the paper's authors' program.",
-        ),
-    ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="STUDY.toml",
-            help="File to write. Default: print the text.",
-            rich_help_panel=OUTPUT,
-        ),
-    ] = None,
-) -> None:
-    """
-    Convert a configuration of the paper's authors' program to a study, and list what has no meaning
-    here.
-    """
-    from pymantaray.config.load import import_study
-    from pymantaray.config.text import commented_toml
-
-    config, lines = import_study(simulation)
-    text = commented_toml(config)
-    Printer(quiet=False).notes(f"{simulation}: {line}" for line in lines)
-    if out is None:
-        typer.echo(text, nl=False)
-    else:
-        _write_new(out, "".join(f"# {line}\n" for line in lines) + "\n" + text)
-        typer.echo(f"{out}: written from {simulation}; edit it, then: mantaray study run {out}")
-
-
-def _write_new(file: Path, text: str) -> None:
-    """Write a text to a new file."""
-    from pymantaray.errors import StudyError
-
-    try:
-        with file.open("x", encoding="utf-8") as copy:
-            copy.write(text)
-    except FileExistsError:
-        raise StudyError(f"{file}: already exists; give another name") from None
-    except OSError as error:
-        raise StudyError(f"{file}: cannot be written: {error.strerror}") from None
 
 
 @app.command()

@@ -16,7 +16,7 @@ from pymantaray.config.build.fleet import with_tracks
 from pymantaray.config.common import NONE
 from pymantaray.config.conditions import with_conditions
 from pymantaray.config.keys import Tree, with_key
-from pymantaray.config.load import STUDY_FILES, preset_names
+from pymantaray.config.load import STUDY_FILE, preset_names
 from pymantaray.errors import StudyError, SweepError
 from pymantaray.user_files import parse_toml, read_text
 
@@ -308,7 +308,7 @@ def parse_sweep(
     base, cross, zipped, seeds = (tree.get(key) for key in ("base", "cross", "zip", "seeds"))
     folder = folder / tree.get("folder", "")
     if isinstance(base, str):
-        base = folder / base if Path(base).suffix in STUDY_FILES else base
+        base = folder / base if Path(base).suffix == STUDY_FILE else base
     elif isinstance(base, dict):
         base = parse_study(base, f"{label}: base", folder)
     else:
@@ -323,7 +323,7 @@ def parse_sweep(
     if isinstance(base, str) and base not in preset_names():
         raise SweepError(
             f"{label}: base: found {base!r}; allowed: a file that ends in"
-            f" {' or '.join(STUDY_FILES)}, {', '.join(preset_names())}"
+            f" {STUDY_FILE}, {', '.join(preset_names())}"
         )
     if changes:
         base = (base if isinstance(base, StudyConfig) else load_study(base)).with_(**changes)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from pymantaray.config.authors_holds import _passed, counted_steps
+from pymantaray.apps.authors.holds import _passed, counted_steps
 
 
 @pytest.mark.parametrize("limit", [5, 3_000_000])

@@ -7,20 +7,22 @@ import re
 from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, Self
+from typing import Annotated, Any, Literal, NamedTuple, Self
 
 from pydantic import BeforeValidator, Field, model_validator
 
-from pymantaray.config.authors_holds import DEPTH_GAIN, Holds, counted_steps, extra_steps
+from pymantaray.apps.authors.holds import DEPTH_GAIN, Holds, counted_steps, extra_steps
+from pymantaray.arrays import Array
 from pymantaray.config.checks import NAME, checked
-from pymantaray.config.common import NonNegativeFloat, PositiveFloat, Section
+from pymantaray.config.common import NonNegativeFloat, PositiveFloat, Section, located
 from pymantaray.config.keys import Tree
+from pymantaray.config.load import parse_study
+from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import OceanError, StudyError
+from pymantaray.geometry.boundary import BoundarySurface
+from pymantaray.ocean.environment import find_file, read_arrays, read_environment, read_json
+from pymantaray.ocean.metres import ocean_in_metres
 from pymantaray.user_files import exists, shown
-
-if TYPE_CHECKING:
-    from pymantaray.arrays import Array
-    from pymantaray.geometry.boundary import BoundarySurface
 
 LETTERS = "ABCDEFGHIJKLMNOPQRSTUVWXYZ"
 """Letters of the program's robots."""
@@ -219,34 +221,20 @@ WITHOUT_MEANING = {
 """Keys without meaning in a study, and why."""
 
 
-class StudyImport(NamedTuple):
-    """Study from a ``sim.json``."""
-
-    tree: Tree
-    """Nested dictionaries of the study."""
-    unused: tuple[str, ...]
-    """Keys of the file without meaning in a study."""
-    notes: tuple[str, ...]
-    """Differences from the program, one line each."""
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """Notes and unused keys for a user, one line each."""
-        unused = "; ".join(f"{key} ({WITHOUT_MEANING[key]})" for key in self.unused)
-        return (*self.notes, *([f"without meaning here: {unused}"] if unused else []))
-
-
-def read_simulation(path: Path) -> StudyImport:
+def import_authors(file: str | Path) -> tuple[StudyConfig, tuple[str, ...]]:
     """
-    Read a ``sim.json`` as the nested dictionaries of a study.
+    Read a ``sim.json`` of the paper's authors' program as a study.
 
     Parameters
     ----------
-    path : pathlib.Path
+    file : str or pathlib.Path
 
     Returns
     -------
-    StudyImport
+    config : StudyConfig
+        As from `load_study`.
+    lines : tuple of str
+        Differences from the program, and keys without meaning in a study, one line each.
 
     Raises
     ------
@@ -255,13 +243,12 @@ def read_simulation(path: Path) -> StudyImport:
     OceanError
         If the water cannot be read.
     """
-    from pymantaray.ocean.environment import find_file, read_json
-
+    path = Path(file)
     try:
         content = read_json(path)
     except OceanError as error:
         raise StudyError(str(error)) from None
-    label = str(path)
+    label = str(file)
     simulation = checked(Simulation, content, label, path.parent)
     robots = [_robot(robot, f"{label}: robots[{i}]") for i, robot in enumerate(simulation.robots)]
     period = _sampling_period(simulation, label)
@@ -270,14 +257,16 @@ def read_simulation(path: Path) -> StudyImport:
         raise StudyError(
             f"{label}: env_config_file: no file {shown(environment)}; correct the name"
         )
-    notes = [
+    lines = [
         *_notes(simulation, period),
         *_float_notes(simulation, robots),
         *_water_notes(simulation, robots, environment, label),
     ]
     tree = _study(simulation, robots, period, environment, path)
-    given = (key for key in WITHOUT_MEANING if _is_given(content, key))
-    return StudyImport(tree, tuple(given), tuple(notes))
+    unused = [f"{key} ({why})" for key, why in WITHOUT_MEANING.items() if _is_given(content, key)]
+    if unused:
+        lines.append(f"without meaning here: {'; '.join(unused)}")
+    return parse_study(dict(located(tree, path.parent)), label), tuple(lines)
 
 
 def _is_given(content: Any, key: str) -> bool:
@@ -414,7 +403,7 @@ class _WaterVolume(NamedTuple):
 
     x: tuple[float, float]
     y: tuple[float, float]
-    bed: "BoundarySurface"
+    bed: BoundarySurface
 
     def fault(self, position: tuple[float, float, float]) -> str | None:
         """Limit that a position x, y, z exceeds, for messages; None if it is in the water."""
@@ -432,10 +421,6 @@ class _WaterVolume(NamedTuple):
 
 def _water_volume(environment: Path) -> _WaterVolume:
     """Volume of the water of an ``environment.json``."""
-    from pymantaray.geometry.boundary import BoundarySurface
-    from pymantaray.ocean.environment import read_environment
-    from pymantaray.ocean.metres import ocean_in_metres
-
     arrays = read_environment(environment)
     local = ocean_in_metres(arrays, environment.name)
     bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
@@ -451,8 +436,6 @@ def _water_notes(
     label: str,
 ) -> Iterator[str]:
     """Check positions in the grid; yield what the program cannot do in it."""
-    from pymantaray.ocean.environment import read_arrays
-
     water = _water_volume(environment)
     for name, positions in (
         ("landmarks", simulation.landmarks),
@@ -482,7 +465,7 @@ def _water_notes(
 
 
 def _drift_notes(
-    robot: CurrentDrift, water: _WaterVolume, current: "dict[str, Array] | None"
+    robot: CurrentDrift, water: _WaterVolume, current: dict[str, Array] | None
 ) -> Iterator[str]:
     """Positions of a drifting robot outside the water or outside the grid of its current."""
     x, y, z = robot.position

@@ -13,13 +13,13 @@ from scipy.interpolate import RegularGridInterpolator
 from trilinear_fan import first_direct_time
 
 from pymantaray import load_study
-from pymantaray.apps.export import export_authors
+from pymantaray.apps.authors import export_authors, import_authors
 from pymantaray.apps.study import run_study
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import run_in_memory
 from pymantaray.config.build.study import build_study
-from pymantaray.config.load import import_study
+from pymantaray.config.text import commented_toml
 from pymantaray.errors import ExchangeError, MantaRayError, OceanError, StudyError
 from pymantaray.ocean.environment import read_arrays
 from pymantaray.records import RayStatus
@@ -27,12 +27,24 @@ from pymantaray.records import RayStatus
 RUN = Path(__file__).parents[4] / "shared" / "data" / "authors"
 
 
+def study_of(path):
+    """Study of a configuration of the program."""
+    return import_authors(path)[0]
+
+
+def study_file(folder):
+    """File of the study of a configuration of the program."""
+    path = folder / "two.toml"
+    path.write_text(commented_toml(study_of(write_simulation(folder))))
+    return path
+
+
 def mission_of(config):
     return simulate_mission(build_study(config), Stopwatch(), lambda *_: None)
 
 
 def test_every_value_has_its_place(tmp_path):
-    config = load_study(write_simulation(tmp_path))
+    config = study_of(write_simulation(tmp_path))
     a, b = config.fleet.vehicles
     assert (a.kind, a.north, a.east, a.depth, a.target_depth) == (
         "float",
@@ -60,7 +72,7 @@ def test_every_value_has_its_place(tmp_path):
 
 
 def test_keys_without_meaning_are_named(tmp_path):
-    _, lines = import_study(write_simulation(tmp_path))
+    _, lines = import_authors(write_simulation(tmp_path))
     unused = next(line for line in lines if line.startswith("without meaning here: "))
     for key in (
         "output_dir",
@@ -80,7 +92,7 @@ def test_a_float_moves_as_in_the_program(tmp_path):
     299.99 m at 0.5 m/s are 600 steps of 0.5 s twice, so 1200 steps: arrival at 600 s, ascent after
     1200.5 s.
     """
-    depth = mission_of(load_study(write_simulation(tmp_path))).truth.position[0, :, 2]
+    depth = mission_of(study_of(write_simulation(tmp_path))).truth.position[0, :, 2]
     assert depth[:7] == pytest.approx(
         [0.01, 50.01, 100.01, 150.01, 200.01, 250.01, 300.0], abs=1e-9
     )
@@ -145,7 +157,7 @@ def test_floats_keep_the_depths_of_the_program_over_many_cycles(step, keys, tmp_
     }
     tree["timing"] = {"end_time_hours": 8.0, "physics_dt": step, "ping_interval_min": 30.0}
     tree["robots"] = [robot, tree["robots"][1]]
-    ours = mission_of(load_study(write_simulation(tmp_path, tree))).truth.position[0, :, 2]
+    ours = mission_of(study_of(write_simulation(tmp_path, tree))).truth.position[0, :, 2]
     theirs = program_depths(robot, step, 288, round(100.0 / step))
     np.testing.assert_allclose(
         ours,
@@ -161,20 +173,20 @@ def test_steps_that_no_mission_takes_are_refused(step, tmp_path):
     tree = simulation()
     tree["timing"] |= {"physics_dt": step, "end_time_hours": 168.0}
     line = f"timing.physics_dt is {step:g} s, .* steps in 168 h; allowed: at most 1e.08 steps"
-    refused(StudyError, line, load_study, write_simulation(tmp_path, tree))
+    refused(StudyError, line, import_authors, write_simulation(tmp_path, tree))
 
 
 def test_a_first_hold_is_at_the_start_depth(tmp_path):
     tree = simulation()
     tree["robots"][0] |= {"position": [0.0, 0.0, 40.0], "start_offset_seconds": 300.0}
-    depth = mission_of(load_study(write_simulation(tmp_path, tree))).truth.position[0, :, 2]
+    depth = mission_of(study_of(write_simulation(tmp_path, tree))).truth.position[0, :, 2]
     assert depth[:5] == pytest.approx([40.0, 40.0, 40.0, 40.0, 90.0], abs=1e-9)
 
 
 def test_two_way_ranges_are_distances(tmp_path):
     tree = simulation()
     tree["acoustics"]["tof_mode"] = "two_way"
-    config, lines = import_study(write_simulation(tmp_path, tree))
+    config, lines = import_authors(write_simulation(tmp_path, tree))
     assert any("two_way: the program gives twice the distance" in line for line in lines)
     mission = mission_of(config)
     m, truth = mission.measurements, mission.ranging_truth
@@ -186,7 +198,7 @@ def test_poses_contain_pings_that_the_program_ties_to_earlier_ones(tmp_path):
     tree["timing"] |= {"ping_interval_min": 25.0, "end_time_hours": 2.5}  # 1500 s, 9000 s
     for key in ("gt_freq_hz", "odom_freq_hz", "gps_freq_hz"):
         tree["sensors"][key] = 0.001
-    config, lines = import_study(write_simulation(tmp_path, tree))
+    config, lines = import_authors(write_simulation(tmp_path, tree))
     assert config.mission.sampling_period_s == 500.0
     assert any("ties ranges to earlier poses" in line for line in lines)
     # two edges of 500 s have the variance of one of 1000 s
@@ -198,14 +210,14 @@ def test_poses_contain_pings_that_the_program_ties_to_earlier_ones(tmp_path):
 def test_a_fleet_of_twelve_has_a_line(tmp_path):
     tree = simulation()
     tree["robots"] = [{**tree["robots"][0], "position": [100.0 * i, 0.0, 0.01]} for i in range(12)]
-    config, lines = import_study(write_simulation(tmp_path, tree))
+    config, lines = import_authors(write_simulation(tmp_path, tree))
     assert config.fleet.vehicles[11].name == "L"
     assert any("12th robot the letter L" in line for line in lines)
     tree["robots"] = [tree["robots"][0]] * 27
     refused(
         StudyError,
         "robots: found 27 entries; allowed: 26 or less",
-        load_study,
+        import_authors,
         write_simulation(tmp_path, tree),
     )
 
@@ -213,7 +225,7 @@ def test_a_fleet_of_twelve_has_a_line(tmp_path):
 def test_multipath_takes_reflections_only_without_a_direct_arrival(tmp_path):
     tree = simulation()
     tree["acoustics"]["allow_multipath"] = True
-    acoustics = load_study(write_simulation(tmp_path, tree)).acoustics
+    acoustics = study_of(write_simulation(tmp_path, tree)).acoustics
     assert acoustics.arrival == "direct-or-first"
     assert acoustics.max_surface_bounces > 0
 
@@ -221,14 +233,14 @@ def test_multipath_takes_reflections_only_without_a_direct_arrival(tmp_path):
 def test_depths_that_the_program_does_not_reach_have_a_line(tmp_path):
     tree = simulation()
     tree["robots"][0]["target_depth"] = 1950.0
-    _, lines = import_study(write_simulation(tmp_path, tree))
+    _, lines = import_authors(write_simulation(tmp_path, tree))
     assert any("target_depth 1950 m is outside the water, z 0 to 1900 m" in line for line in lines)
     tree = simulation()
     tree["timing"]["physics_dt"] = 0.05
-    _, lines = import_study(write_simulation(tmp_path, tree))
+    _, lines = import_authors(write_simulation(tmp_path, tree))
     assert any("physics_dt is 0.05 s, and the program" in line for line in lines)
     tree["timing"]["physics_dt"] = 1.0
-    _, lines = import_study(write_simulation(tmp_path, tree))
+    _, lines = import_authors(write_simulation(tmp_path, tree))
     assert any("the program passes a depth by up to 0.5 m" in line for line in lines)
 
 
@@ -249,7 +261,7 @@ def test_a_float_outside_the_grid_of_the_current_has_a_line(tmp_path):
         tree = simulation()
         tree["robots"][0]["position"] = [-500.0, 0.0, 0.01] if key == "x" else [500.0, 0.0, 0.01]
         path.write_text(json.dumps(tree))
-        _, lines = import_study(path)
+        _, lines = import_authors(path)
         assert any(
             f"robots[0]: it leaves the grid of the current, {line}" in said for said in lines
         ), lines
@@ -258,11 +270,11 @@ def test_a_float_outside_the_grid_of_the_current_has_a_line(tmp_path):
 def test_whole_numbers_may_have_a_point(tmp_path):
     tree = simulation() | {"rng_seed": 3.0}
     tree["acoustics"]["num_beams"] = 100.0
-    assert load_study(write_simulation(tmp_path, tree)).study.seed == 3
+    assert study_of(write_simulation(tmp_path, tree)).study.seed == 3
     refused(
         StudyError,
         "rng_seed: found 3.5",
-        load_study,
+        import_authors,
         write_simulation(tmp_path, tree | {"rng_seed": 3.5}),
     )
 
@@ -316,7 +328,7 @@ REFUSED = {
 def test_what_the_program_refuses_or_cannot_use_is_refused(line, tmp_path):
     tree = simulation()
     REFUSED[line](tree)
-    refused(MantaRayError, line, load_study, write_simulation(tmp_path, tree))
+    refused(MantaRayError, line, import_authors, write_simulation(tmp_path, tree))
 
 
 @pytest.mark.parametrize(
@@ -331,18 +343,18 @@ def test_what_the_program_refuses_or_cannot_use_is_refused(line, tmp_path):
 )
 def test_what_is_no_configuration_is_refused(text, line, tmp_path):
     (tmp_path / "sim.json").write_text(text)
-    refused(StudyError, line, load_study, tmp_path / "sim.json")
+    refused(StudyError, line, import_authors, tmp_path / "sim.json")
 
 
 def test_files_of_a_configuration_are_regular(tmp_path):
     os.mkfifo(tmp_path / "pipe.json")
-    refused(StudyError, "pipe.json: not a regular file", load_study, tmp_path / "pipe.json")
+    refused(StudyError, "pipe.json: not a regular file", import_authors, tmp_path / "pipe.json")
     for name in ("/dev/zero", str(tmp_path / "pipe.json"), str(tmp_path)):
         path = write_simulation(tmp_path, simulation() | {"env_config_file": name})
-        refused(MantaRayError, "not a regular file|is a folder", load_study, path)
+        refused(MantaRayError, "not a regular file|is a folder", import_authors, path)
     for name in ("n" * 5000, "a\0b"):
         path = write_simulation(tmp_path, simulation() | {"env_config_file": name})
-        refused(StudyError, "env_config_file: no file", load_study, path)
+        refused(StudyError, "env_config_file: no file", import_authors, path)
 
 
 def test_land_and_robots_that_leave_have_a_line(tmp_path):
@@ -353,7 +365,7 @@ def test_land_and_robots_that_leave_have_a_line(tmp_path):
     land["bathymetry"]["data"][0, 0] = -2.5
     land["ssp"]["data"][0, 0] = np.nan
     write_environment(tmp_path, land)
-    config, lines = import_study(path)
+    config, lines = import_authors(path)
     assert any("the water has land, at which the program stops" in line for line in lines)
     assert any("robots[1]: its last position is outside the grid" in line for line in lines)
     assert mission_of(config).truth.status[1, -1] != 0
@@ -364,7 +376,7 @@ def test_beliefs_about_water_in_metres(tmp_path):
     With the file of the true water, the estimate is that of the exact water; in other water it is
     not.
     """
-    write_simulation(tmp_path)
+    study_file(tmp_path)
     model = "range_model = {{ kind = 'eigenray', belief = {} }}"
     beliefs = {
         "exact": "'exact'",
@@ -374,7 +386,7 @@ def test_beliefs_about_water_in_metres(tmp_path):
         "offset": "{ kind = 'offset', sound_speed = [1.0] }",
         "numerics": "{ kind = 'numerics', every_level = 2 }",
     }
-    text = 'base = "sim.json"\n[study]\nrealizations = 1\n'
+    text = 'base = "two.toml"\n[study]\nrealizations = 1\n'
     text += "".join(
         f"[conditions.{name}]\n{model.format(belief)}\n" for name, belief in beliefs.items()
     )
@@ -403,9 +415,9 @@ def test_beliefs_about_water_in_metres(tmp_path):
     ],
 )
 def test_beliefs_that_need_temperature_are_refused_in_water_in_metres(belief, tmp_path):
-    write_simulation(tmp_path)
+    study_file(tmp_path)
     text = (
-        f"base = 'sim.json'\n[conditions.one]\nrange_model = {{ kind = 'eigenray', belief ="
+        f"base = 'two.toml'\n[conditions.one]\nrange_model = {{ kind = 'eigenray', belief ="
         f" {belief} }}\n"
     )
     (tmp_path / "mine.toml").write_text(text)
@@ -414,16 +426,16 @@ def test_beliefs_that_need_temperature_are_refused_in_water_in_metres(belief, tm
 
 
 def test_a_toml_file_can_change_a_configuration_of_the_program(tmp_path):
-    write_simulation(tmp_path)
-    (tmp_path / "mine.toml").write_text('base = "sim.json"\n[mission]\nduration_h = 1.0\n')
+    study_file(tmp_path)
+    (tmp_path / "mine.toml").write_text('base = "two.toml"\n[mission]\nduration_h = 1.0\n')
     config = load_study(tmp_path / "mine.toml")
     assert (config.mission.duration_h, config.fleet.vehicles[0].name) == (1.0, "A")
 
 
 def test_exported_files_define_the_same_study(tmp_path):
     path = write_simulation(tmp_path)
-    folder, _ = export_authors(path, tmp_path / "out")
-    again, first = load_study(folder / "sim.json"), load_study(path)
+    folder, _ = export_authors(study_of(path), tmp_path / "out")
+    again, first = study_of(folder / "sim.json"), study_of(path)
     for section in ("study", "mission", "acoustics", "ranging", "noise", "fleet", "landmarks"):
         assert getattr(again, section) == getattr(first, section), section
     ours, theirs = read_arrays(folder / "environment.json"), arrays()
@@ -436,7 +448,7 @@ def test_water_that_a_study_changes_is_exported_as_changed(tmp_path):
     path = write_simulation(tmp_path)
     smaller = {"ocean.half_extent_north": 3000.0, "ocean.half_extent_east": 3000.0}
     for k, change in enumerate([{"ocean.bathymetry": FLOOR - 300.0}, smaller]):
-        folder, _ = export_authors(load_study(path, **change), tmp_path / str(k))
+        folder, _ = export_authors(study_of(path).with_(**change), tmp_path / str(k))
         ours = read_arrays(folder / "environment.json")["bathymetry"]
         np.testing.assert_allclose(ours["data"], change.get("ocean.bathymetry", FLOOR))
         assert (ours["x"][0] > -9e3) == (change is smaller)
@@ -448,7 +460,7 @@ def test_a_run_is_exported_as_its_files_or_without_them(tmp_path):
     axes = {"x": np.array([-9e3, 9e3]), "y": np.array([-8e3, 8e3]), "z": np.array([0.0, 2e3])}
     theirs["current"] = axes | dict.fromkeys("uv", np.zeros((2, 2, 2)))
     write_environment(tmp_path, theirs)
-    config = load_study(path, **{"mission.duration_h": 0.5})
+    config = study_of(path).with_(**{"mission.duration_h": 0.5})
     run = run_in_memory(build_study(config), mission_of(config))
     files, _ = export_authors(run, tmp_path / "files")
     (tmp_path / "environment.json").unlink()
@@ -469,7 +481,7 @@ def test_a_preset_becomes_files_of_the_program(tmp_path):
     for robot, vehicle in zip(robots, config.fleet.build(), strict=True):
         east, north, depth = robot["position"]
         assert [north, east, depth] == vehicle.position.tolist()
-    again = load_study(folder / "sim.json")
+    again = study_of(folder / "sim.json")
     a, b = (mission_of(c).truth.position for c in (config, again))
     np.testing.assert_allclose(a, b, rtol=0, atol=1e-6)  # the same water on the same grid
 
@@ -500,7 +512,7 @@ def test_what_the_program_does_not_have_is_not_exported(line, tmp_path):
 def imported():
     if not (RUN / "sim.json").is_file():
         pytest.skip(f"no {RUN}")
-    return mission_of(load_study(RUN / "sim.json"))
+    return mission_of(study_of(RUN / "sim.json"))
 
 
 def test_the_run_has_the_same_poses(imported):
@@ -595,6 +607,6 @@ def test_an_independent_fan_has_our_ranges_where_theirs_differ(imported, compare
 def test_the_run_is_exported_byte_by_byte(tmp_path):
     if not (RUN / "sim.json").is_file():
         pytest.skip(f"no {RUN}")
-    folder, _ = export_authors(RUN / "sim.json", tmp_path / "out")
+    folder, _ = export_authors(study_of(RUN / "sim.json"), tmp_path / "out")
     for path in RUN.glob("environment/**/*.npy"):
         assert (folder / path.relative_to(RUN)).read_bytes() == path.read_bytes()

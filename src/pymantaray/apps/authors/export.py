@@ -9,10 +9,10 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
+from pymantaray.apps.authors.holds import counted_steps, extra_steps
+from pymantaray.apps.authors.simulation import LETTERS, REFLECTED
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.arrays import Array
-from pymantaray.config.authors import LETTERS, REFLECTED
-from pymantaray.config.authors_holds import counted_steps, extra_steps
 from pymantaray.config.build.study import Study, build_study
 from pymantaray.config.load import load_study
 from pymantaray.config.sections import StudyConfig
