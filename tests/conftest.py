@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import HealthCheck, settings
+from needs import missing_applications
 
 pytest_plugins = ["command_fixtures", "stored_numbers"]
 
@@ -79,6 +80,14 @@ def pytest_configure(config):
             subprocess.run(
                 [sys.executable, "-c", COMPILE], check=True, env=os.environ | {"PYTHONPATH": path}
             )
+
+
+def pytest_ignore_collect(collection_path):
+    """A module or folder of tests that needs a deleted application is not collected."""
+    is_folder = collection_path.is_dir()
+    module = collection_path / "conftest.py" if is_folder else collection_path
+    is_there = module.suffix == ".py" and module.is_file()
+    return True if is_there and missing_applications(module) else None
 
 
 def pytest_collection_finish():

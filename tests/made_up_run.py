@@ -13,8 +13,6 @@ from matplotlib.colors import to_hex
 from matplotlib.patches import StepPatch
 
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.apps.replay import DetectionRule, Replay
-from pymantaray.apps.study import open_run
 from pymantaray.config import load_study, study_toml
 from pymantaray.jobs import run_folder as names
 from pymantaray.records import RayStatus, SolveStatus, write_netcdf
@@ -177,6 +175,8 @@ def run_folder(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def run(run_folder):
+    from pymantaray.apps.study import open_run
+
     return open_run(run_folder)
 
 
@@ -257,6 +257,8 @@ def tables():
 @pytest.fixture(scope="session")
 def made_replay():
     """Forty events of two nodes, every other one after a bounce; residuals count them."""
+    from pymantaray.apps.replay import DetectionRule, Replay
+
     n = np.arange(40)
     events = pd.DataFrame(
         {

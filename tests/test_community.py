@@ -11,9 +11,7 @@ from pages import ROOT
 yaml = pytest.importorskip("yaml")
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
 CITATION = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-REFERENCES = tomllib.loads(
-    (ROOT / "src/pymantaray/apps/study/references.toml").read_text(encoding="utf-8")
-)
+REFERENCES = tomllib.loads((ROOT / "src/pymantaray/references.toml").read_text(encoding="utf-8"))
 
 
 def read(name):

@@ -5,10 +5,6 @@ import copy
 import pytest
 from factories import TINY, changed
 
-from pymantaray.apps.study import open_run, run_study
-from pymantaray.apps.study.manifest import Stopwatch
-from pymantaray.apps.study.mission import simulate_mission
-from pymantaray.apps.study.store import run_in_memory
 from pymantaray.config import parse_study
 from pymantaray.config.build.study import build_study
 
@@ -26,12 +22,15 @@ def tiny_config(tiny):
 
 @pytest.fixture(scope="session")
 def tiny_run(tiny_run_folder):
+    from pymantaray.apps.study import open_run
+
     return open_run(tiny_run_folder)
 
 
 @pytest.fixture(scope="session")
 def run_tiny(tiny, tmp_path_factory):
     """Run TINY with other sections, in a folder of its own."""
+    from pymantaray.apps.study import run_study
 
     def run(workers=1, **sections):
         return run_study(tiny(**sections), tmp_path_factory.mktemp("run") / "tiny", workers=workers)
@@ -42,6 +41,9 @@ def run_tiny(tiny, tmp_path_factory):
 @pytest.fixture(scope="session")
 def fly_tiny(tiny):
     """The mission of TINY with other sections, and as a run without estimates."""
+    from pymantaray.apps.study.manifest import Stopwatch
+    from pymantaray.apps.study.mission import simulate_mission
+    from pymantaray.apps.study.store import run_in_memory
 
     def fly(**sections):
         config = tiny(**sections)

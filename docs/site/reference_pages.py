@@ -7,33 +7,20 @@ import re
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
+from pkgutil import iter_modules
 from typing import Any
 
 import pydantic
 
+from pymantaray import apps
+
+APPLICATIONS = tuple(name for _, name, _ in iter_modules(apps.__path__))
 FOLDERS = (
     *("geometry", "records", "ocean", "ocean.fetch", "acoustics", "fleet", "sensing", "estimation"),
-    *(
-        "evaluation",
-        "exchange",
-        "config",
-        "config.build",
-        "apps.study",
-        "apps.sweep",
-        "apps.replay",
-    ),
-    *("apps.locate", "apps.table", "apps.online", "apps.plan", "apps.atlas", "apps.service"),
-    *(
-        "apps.graphs",
-        "apps.bellhop",
-        "apps.rays",
-        "apps.ranges",
-        "apps.ocean",
-        "apps.export",
-        "apps.authors",
-    ),
+    *("evaluation", "exchange", "config", "config.build"),
+    *(f"apps.{name}" for name in APPLICATIONS if name != "doctor"),
 )
-"""Folders in the order in which data flows."""
+"""Folders of the library in the order in which data flows, and applications that export names."""
 
 NOMENCLATURE = Path(__file__).resolve().parents[1] / "nomenclature.md"
 _UNIT = re.compile(r"\s*\[([^][]+)\]\.?$")
@@ -72,14 +59,9 @@ def column_unit(name: str, unit: str) -> str:
 
 def configuration() -> dict[str, str]:
     """Page of all keys of all configurations."""
-    from pymantaray.apps.plan.definition import PlanFile
-    from pymantaray.apps.sweep.definition import KEYS
     from pymantaray.config import StudyConfig
     from pymantaray.ocean.fetch.catalogue import Catalogue
 
-    sweep = table(
-        ("key", "meaning"), [(f"`{key}`", text(meaning)) for key, meaning in KEYS.items()]
-    )
     parts = [
         "# Configuration keys",
         (
@@ -110,15 +92,8 @@ def configuration() -> dict[str, str]:
             " [options](commands.md)."
         ),
         *sections(StudyConfig),
-        "## A sweep",
-        "`mantaray sweep run` reads these keys ([how-to](../how-to/sweep.md)).",
-        sweep,
-        "## A plan",
-        (
-            "`mantaray plan` reads these keys in the section `[plan]` of a study file"
-            " ([how-to](../how-to/plan.md))."
-        ),
-        *sections(PlanFile),
+        *(keys_of_a_sweep() if "sweep" in APPLICATIONS else ()),
+        *(keys_of_a_plan() if "plan" in APPLICATIONS else ()),
         "## Servers of oceans",
         (
             "The file of `mantaray ocean fetch --servers` and of the variable"
@@ -128,6 +103,27 @@ def configuration() -> dict[str, str]:
         *sections(Catalogue),
     ]
     return {"reference/configuration.md": "\n\n".join(parts) + "\n"}
+
+
+def keys_of_a_sweep() -> Iterator[str]:
+    """Section about the file of a sweep."""
+    from pymantaray.apps.sweep.definition import KEYS
+
+    yield "## A sweep"
+    yield "`mantaray sweep run` reads these keys ([how-to](../how-to/sweep.md))."
+    yield table(("key", "meaning"), [(f"`{key}`", text(meaning)) for key, meaning in KEYS.items()])
+
+
+def keys_of_a_plan() -> Iterator[str]:
+    """Section about the part of a study file that plans a deployment."""
+    from pymantaray.apps.plan.definition import PlanFile
+
+    yield "## A plan"
+    yield (
+        "`mantaray plan` reads these keys in the section `[plan]` of a study file"
+        " ([how-to](../how-to/plan.md))."
+    )
+    yield from sections(PlanFile)
 
 
 def sections(model: type[pydantic.BaseModel]) -> Iterator[str]:
@@ -255,14 +251,14 @@ def choices() -> dict[str, str]:
             " take such a name accept all of its table."
         ),
         *choices_of_the_world(),
+        *(choices_of_a_replay() if "replay" in APPLICATIONS else ()),
         *choices_of_an_estimator(),
     ]
     return {"reference/choices.md": "\n\n".join(parts) + "\n"}
 
 
 def choices_of_the_world() -> Iterator[str]:
-    """Tables of equations, behaviours, sensors and rules of detection."""
-    from pymantaray.apps.replay.rules import RULES
+    """Tables of equations, behaviours and sensors."""
     from pymantaray.fleet.behaviours import BEHAVIOURS
     from pymantaray.ocean.equations import EQUATIONS
     from pymantaray.sensing.noise import SENSORS
@@ -287,6 +283,12 @@ def choices_of_the_world() -> Iterator[str]:
         ("name", "meaning"),
         [(f"`{getattr(s, '__name__', '').rpartition('.')[2]}`", summary(s)) for s in SENSORS],
     )
+
+
+def choices_of_a_replay() -> Iterator[str]:
+    """Table of rules of detection."""
+    from pymantaray.apps.replay.rules import RULES
+
     yield "## Rules of detection"
     yield "The option `--rule` of `mantaray replay`."
     yield table(("text", "meaning"), [(f"`{form}`", text(words)) for form, words in RULES.values()])
@@ -452,7 +454,7 @@ def water_table() -> str:
     """Which command takes which sources and options of water, from the commands' own options."""
     commands = {" ".join(words[1:]): command for words, command in command_tree()}
     rows = []
-    for name in _WATER_COMMANDS:
+    for name in filter(commands.__contains__, _WATER_COMMANDS):
         options = {option for p in commands[name].params for option in (*p.opts, *p.secondary_opts)}
         sources = [
             f"`{option}`" for option in ("--ocean", "--profile", "--run") if option in options

@@ -1,7 +1,10 @@
 """An application is a folder: without it, its command is gone and everything else is there."""
 
 import json
+import os
+import re
 import shutil
+import subprocess
 import sys
 from pathlib import Path
 
@@ -13,27 +16,46 @@ from pymantaray.apps import commands, summaries
 from pymantaray.cli.main import tree
 
 PACKAGE = Path(pymantaray.__file__).parent
-LAST = (
-    "atlas",
-    "bellhop",
-    "doctor",
-    "export",
-    "locate",
-    "online",
-    "plan",
-    "ranges",
-    "replay",
-    "service",
-)
+ROOT = PACKAGE.parents[1]
+ALL = sorted(path.name for path in (PACKAGE / "apps").iterdir() if (path / "__init__.py").is_file())
 FAST = ("locate",)
-LIST = """
-import sys
-sys.path.insert(0, {!r})
+USE = """
+import runpy, sys
+from pymantaray import *
 from pymantaray.apps import commands
-from pymantaray.cli.main import tree
+from pymantaray.cli.main import main, tree
 print(*sorted(commands()), sep=",")
 tree()
+pages = runpy.run_path("docs/site/reference_pages.py")
+for name in ("configuration", "choices", "commands", "interface"):
+    pages[name]()
+main(["--help"])
 """
+
+
+def users_of(application):
+    """The application and all others that import it."""
+    found = {application}
+    for other in ALL:
+        sources = (path.read_text() for path in (PACKAGE / "apps" / other).rglob("*.py"))
+        if other not in found and any(
+            re.search(rf"pymantaray\.apps\.{application}\b", source) for source in sources
+        ):
+            found |= users_of(other)
+    return found
+
+
+def copy_without(applications, folder, *, tests=False):
+    """Copy of the package and the pages, or of the project, without some applications."""
+    outside = ("runs", ".git", ".venv", "__pycache__")
+    for path in ROOT.iterdir() if tests else (ROOT / "src", ROOT / "docs"):
+        if path.is_file():
+            shutil.copy(path, folder / path.name)
+        elif path.name not in outside and not path.name.endswith("_cache"):
+            shutil.copytree(path, folder / path.name, ignore=shutil.ignore_patterns("__pycache__"))
+    for name in applications:
+        shutil.rmtree(folder / "src" / "pymantaray" / "apps" / name)
+        shutil.rmtree(folder / "tests" / "apps" / name, ignore_errors=True)
 
 
 def commands_of(application):
@@ -44,15 +66,32 @@ def commands_of(application):
 
 @pytest.mark.parametrize(
     "application",
-    [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in LAST],
+    [name if name in FAST else pytest.param(name, marks=pytest.mark.slow) for name in ALL],
 )
 def test_deleting_a_folder_deletes_the_application(application, tmp_path):
-    every = set(commands())
-    shutil.copytree(PACKAGE, tmp_path / "pymantaray", ignore=shutil.ignore_patterns("__pycache__"))
-    shutil.rmtree(tmp_path / "pymantaray" / "apps" / application)
-    done = python(LIST.format(str(tmp_path)), cwd=tmp_path)
-    left = set(done.stdout.strip().split(","))
-    assert left == every - commands_of(application), done.stderr
+    """With it go those that import it; public names, help, commands and reference remain."""
+    every, gone = set(commands()), users_of(application)
+    copy_without(gone, tmp_path)
+    done = python(USE, cwd=tmp_path, environment={"PYTHONPATH": str(tmp_path / "src")})
+    left = set(done.stdout.partition("\n")[0].split(","))
+    assert left == every - set().union(*map(commands_of, gone)), done.stderr
+    assert "Usage: mantaray" in done.stdout, done.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kept", [["study"], sorted({*ALL} - users_of("study"))], ids=str)
+def test_all_other_tests_are_collected_without_applications(kept, tmp_path):
+    copy_without({*ALL} - {*kept}, tmp_path, tests=True)
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "--collect-only", "-q", "tests"],
+        cwd=tmp_path,
+        env=os.environ | {"PYTHONPATH": f"{tmp_path / 'src'}:{tmp_path / 'tests'}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-2000:]
+    assert "tests/acoustics/test_eigenrays.py" in done.stdout
 
 
 def test_summaries_are_the_help_of_the_commands():

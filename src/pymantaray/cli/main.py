@@ -54,6 +54,9 @@ def tree(first: str = "") -> Any:
     groups = {"": app}
     for name, command in sorted(commands(first).items()):
         group, _, own = name.rpartition(" ")
+        if group not in groups:  # its own application was deleted
+            groups[group] = Commands()
+            app.add_typer(groups[group], name=group)
         if isinstance(command, Commands):
             groups[name] = command.own()
             groups[group].add_typer(groups[name], name=own)

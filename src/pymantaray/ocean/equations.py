@@ -140,7 +140,7 @@ class SoundSpeedEquation(NamedTuple):
 
     sound_speed: Callable[[ArrayLike, ArrayLike, ArrayLike, ArrayLike, ArrayLike], Array]
     references: tuple[str, ...]
-    """Keys of its publications in ``apps/study/references.toml``."""
+    """Keys of its publications in ``references.toml``."""
 
 
 EQUATIONS: dict[Equation, SoundSpeedEquation] = {

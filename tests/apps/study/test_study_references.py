@@ -91,7 +91,7 @@ def test_every_reference_is_that_of_some_study(tiny, tmp_path):
         cited |= keys_of(citation(tiny(**sections)))
     for name in EQUATIONS:
         cited |= keys_of(citation(tiny(ocean={"source": "synthetic:beaufort", "equation": name})))
-    text = (files("pymantaray.apps.study") / "references.toml").read_text(encoding="utf-8")
+    text = (files("pymantaray") / "references.toml").read_text(encoding="utf-8")
     assert cited == {*tomllib.loads(text), "mantaray"}
 
 

@@ -160,7 +160,7 @@ def _names(uses: Iterable[str]) -> Iterator[str]:
 @cache
 def _references() -> dict[str, dict[str, Any]]:
     return tomllib.loads(
-        (files("pymantaray.apps.study") / "references.toml").read_text(encoding="utf-8")
+        (files("pymantaray") / "references.toml").read_text(encoding="utf-8")
     )
 
 
