@@ -39,8 +39,8 @@ SLOW = {  # folders of tests, or files
     "replay": ("tests/apps/replay", "tests/apps/online"),
     "study": ("tests/apps/study", "tests/apps/sweep", "tests/apps/plan", "tests/config"),
     "applications": (
-        *(f"tests/apps/{name}" for name in ("atlas", "bellhop", "export", "graphs", "ocean")),
-        *(f"tests/apps/{name}" for name in ("rays", "service", "table")),
+        *(f"tests/apps/{name}" for name in ("atlas", "authors", "bellhop", "export", "graphs")),
+        *(f"tests/apps/{name}" for name in ("ocean", "rays", "service", "table")),
         "tests/apps/test_applications.py",
     ),
     "library": (

@@ -31,6 +31,7 @@ VERSIONS = {
 COPIED = ("tests", "benchmarks", "examples", "docs", "ros2")
 """Folders that tests of the installed wheel read."""
 NEED_SOURCE = (
+    "test_applications.py",
     "test_documentation*.py",
     "test_nomenclature.py",
     "test_packages.py",

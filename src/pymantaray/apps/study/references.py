@@ -159,9 +159,7 @@ def _names(uses: Iterable[str]) -> Iterator[str]:
 
 @cache
 def _references() -> dict[str, dict[str, Any]]:
-    return tomllib.loads(
-        (files("pymantaray") / "references.toml").read_text(encoding="utf-8")
-    )
+    return tomllib.loads((files("pymantaray") / "references.toml").read_text(encoding="utf-8"))
 
 
 def _fields(key: str) -> Mapping[str, Any]:
