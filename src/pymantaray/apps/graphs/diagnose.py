@@ -4,12 +4,12 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import diags_array, eye_array
-from scipy.sparse.linalg import splu
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 from pymantaray.estimation.solvers.normal_equations import SIZE
 from pymantaray.estimation.solvers.problems import GraphState, distance_problem
+from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
 _UNDETERMINED = (
@@ -163,7 +163,7 @@ def _weakest_direction(graph: FactorGraph, values: GraphValues) -> _Weakest:
         return _Weakest(free // SIZE, free % SIZE < 3, np.inf, 0.0)
     scale = 1.0 / np.sqrt(diagonal)
     scaled = diags_array(scale) @ information @ diags_array(scale)
-    factors = splu((scaled + _DAMPING * eye_array(scale.size)).tocsc())
+    factors = symmetric_factor((scaled + _DAMPING * eye_array(scale.size)).tocsc())
     x = np.random.default_rng(0).standard_normal(scale.size)
     for _ in range(_INVERSE_ITERATIONS):
         x = factors.solve(x)
