@@ -207,6 +207,22 @@ def test_far_links_need_both_ends_if_fronts_focus_their_rays():
     assert results.info[1, RESOLVED] == 1.0
 
 
+@pytest.mark.parametrize(("name", "number"), [(1, 34), (2, 300), (3, 265)])
+def test_searches_from_both_ends_are_complete_and_agree(name, number):
+    """
+    Narrow caustics, places of exit that jump and steep changes of the cross-track slowness do not
+    end a search before it is complete.
+    """
+    medium = several_extrema(name)
+    links = random_links(medium, number, [4101, name], 6e3)
+    ends = [end[-1:] for end in links]
+    one, other = (find_eigenrays(medium, *pair, canonical=False) for pair in (ends, ends[::-1]))
+    assert one.complete.all()
+    assert other.complete.all()
+    assert one.travel_time.size > 3
+    assert one.travel_time == pytest.approx(other.travel_time, abs=1e-7)
+
+
 def test_the_other_end_finds_the_ray_of_a_folded_search():
     source = np.array([15527.339087846281, -6716.33675777106, 129.5028867243823])
     receiver = np.array([3159.9861333226945, 12143.671831188141, 107.65844948445161])

@@ -39,6 +39,13 @@ def cubic(t, h, f0, d0, f1, d1):
 
 
 @kernel
+def cubic_slope(t, h, f0, d0, f1, d1):
+    """Derivative of the cubic at the fraction t of an interval h, as `cubic`."""
+    rise = 6.0 * t * (1.0 - t) * (f1 - f0) / h
+    return rise + (1.0 - t) * (1.0 - 3.0 * t) * d0 + t * (3.0 * t - 2.0) * d1
+
+
+@kernel
 def cubic_root(h, f0, d0, f1, d1):
     """
     Fraction of an interval h at which the cubic is zero; the values at the ends have different

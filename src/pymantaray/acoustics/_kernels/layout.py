@@ -45,15 +45,15 @@ N_NODE = 8
 # code of its reflections, cross-track slowness at the source. For the search only: error of the
 # cubic of the miss near it, tolerance, divergence on the path (before tracing: expected
 # divergence), GONE with its two derivatives, smallest and largest depth relative to the source with
-# their derivatives, and derivative of the cross-track offset by the cross-track slowness, divided
-# by the ray's length. The upper end of an interval has the number of the fan's interval instead of
-# DEFECT.
+# their derivatives, derivative of the cross-track offset by the cross-track slowness, divided by
+# the ray's length, and derivative of CROSS by the launch angle. The upper end of an interval has
+# the number of the fan's interval instead of DEFECT.
 ANGLE, MISS, SLOPE, SLOWNESS, SLOWNESS_SLOPE, GOOD, CODE, CROSS, DEFECT, TOL, GROWTH = range(11)
 LEFT, LEFT_RATE, LEFT_BEND = range(11, 14)
 TOP, TOP_RATE, LOW, LOW_RATE = range(14, 18)
-SPREAD = 18
+SPREAD, CROSS_SLOPE = 18, 19
 INTERVAL = DEFECT
-N_RAY = 19
+N_RAY = 20
 N_BRACKET = 8  # number of these columns, from the first, that an end of a bracket has
 
 # A link in the queue of `march`: its number (negative: none), columns of its section, their

@@ -58,6 +58,7 @@ from pymantaray.acoustics._kernels.search import (
     put_fan,
     shoot,
     shoot_waiting,
+    slope_at_root,
     snell_limit,
     speed_extremes,
     tally_of,
@@ -75,9 +76,10 @@ from pymantaray.geometry.boundary_kernels import depth_at
 # Ray of a bracket: in the water, through the surface, into the sea bed, in the water and weak; or
 # no ray because the miss jumps; or no ray
 _CLEAR, _THROUGH, _BLOCKED, _WEAK, _JUMP, _NONE = range(6)
-# Brackets in the order of refinement: those that may contain an arrival, those with a jump, those
-# with a miss so steep that rays are weak
-_LIKELY, _UNLIKELY, _STEEP_BRACKET = range(3)
+# Brackets in the order of refinement: those that may contain an arrival, those whose cubic predicts
+# a ray below the cut-off, those with a jump, those with a miss so steep that rays are weak
+_LIKELY, _FAINT, _UNLIKELY, _STEEP_BRACKET = range(4)
+_FAINT_SHARE = 0.3  # of the slope of a weak ray: slope of a ray three times as weak as the cut-off
 OK, SHADOW, BLOCKED, OUTSIDE, WEAK, UNRESOLVED = 0, 1, 2, 3, 4, 7  # as `records.RayStatus`
 _LATER = -1  # status of a link that is put off
 _SPACING_SMOOTH = (
@@ -564,7 +566,7 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
     brackets, rank = work.brackets, work.nodes  # the search has ended and needs its nodes no longer
     count, through_surface, blocked, weak = 0, 0, 0, 0
     for i in range(n):
-        rank[i] = _STEEP_BRACKET if is_weak(brackets[i], cutoff[1], RESOLUTION) else _LIKELY
+        rank[i] = _rank(brackets[i], cutoff[1])
     for round_rank in range(_STEEP_BRACKET + 1):
         for i in range(n):
             if rank[i] != round_rank:
@@ -572,7 +574,7 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
             if round_rank == _STEEP_BRACKET:
                 verdict = _course_of_weak(s, walls, course, brackets[i], accuracy, work)
             else:
-                own = brackets[i], course, round_rank == _LIKELY
+                own = brackets[i], course, round_rank <= _FAINT
                 verdict = _keep_bracket(s, walls, link, own, cutoff, accuracy, (count, work))
             if verdict == _JUMP:
                 rank[i] = _UNLIKELY
@@ -585,6 +587,14 @@ def _keep_direct(s, walls, link, fan, cutoff, accuracy, work):
         if count + weak > 0:  # the other brackets matter only without any ray
             break
     return count, through_surface, blocked, weak
+
+
+@kernel
+def _rank(bracket, weak):
+    """Round in which a bracket is refined."""
+    if is_weak(bracket, weak, RESOLUTION):
+        return _STEEP_BRACKET
+    return _FAINT if slope_at_root(bracket) > _FAINT_SHARE * weak else _LIKELY
 
 
 @kernel

@@ -546,7 +546,7 @@ def _end_in_plane(node, rows, lane):
     change = rows[_OFFSET, lane] / rows[_Y_Q, lane]
     side = -rows[_Y_ANGLE, lane] / rows[_Y_Q, lane]
     node[at.CROSS] -= change
-    node[at.SPREAD] = rows[_Y_Q, lane] / rows[_SPAN, lane]
+    node[at.SPREAD], node[at.CROSS_SLOPE] = rows[_Y_Q, lane] / rows[_SPAN, lane], side
     rows[at.W, lane] -= change * rows[_W_Q, lane]
     rows[at.P, lane] -= change * rows[_P_Q, lane]
     rows[at.XI, lane] += side * rows[_W_Q, lane]

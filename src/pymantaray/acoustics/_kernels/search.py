@@ -20,7 +20,13 @@ from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.beside import direct_ray_end, offset_in_plane, trace_direct
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
 from pymantaray.acoustics._kernels.curves import fits_curves
-from pymantaray.acoustics._kernels.field import cubic, level_speed, sort_head
+from pymantaray.acoustics._kernels.field import (
+    cubic,
+    cubic_root,
+    cubic_slope,
+    level_speed,
+    sort_head,
+)
 from pymantaray.acoustics._kernels.ladder import (
     add_middles,
     add_turning_angles,
@@ -71,6 +77,11 @@ _EXIT_AGREEMENT = (
 )
 # rad; width down to which rays that stay in the water are searched between two that left it
 _WINDOW_WIDTH = 1e-6
+# the logarithm of the steepness of the later exit changes by less in an interval whose rays all
+# leave the water there: the steepness goes to zero like a square root
+_EXIT_CHANGE = 0.3
+# rad; width down to which intervals that may contain a pair of rays about a caustic are divided
+_CAUSTIC_WIDTH = 1e-8
 _NARROWEST_LATE = 2e-3  # rad; width down to which `Search.late` applies
 # A sound-speed maximum may part two rays if the miss bends by more than the first share of its
 # size, and if this share times the error of the predicted turning depths exceeds the second number
@@ -82,14 +93,25 @@ _NOISE = (
 _PASSAGE_WIDTH = (
     2e-4  # rad; rays that pass a sound-speed maximum within a narrower interval are weak
 )
-_WEAK_SHARE = 0.1  # of the slope of a weak ray: slope of a ray at the cut-off
-_FOLD, _FOLD_RATE = 1e-4, 20.0  # jump of the cross-track slowness, and its rate by the launch angle
+_FOLD_WEAK = 0.15  # of the slope of a weak ray: larger slopes beside a fold are too weak
+# jump of the cross-track slowness; share of its change that its derivatives must predict
+_FOLD, _FOLD_DEFECT = 1e-4, 0.5
 _UNKNOWN = 1e30  # m; error of a cubic
 # derivative of the cross-track offset by the cross-track slowness, divided by the distance: about 1
 # in uniform water, and negative somewhere between two rays of one launch angle that both end in the
 # plane. If it leaves these limits on the curve of rays that the search follows, others may exist
 _LEAST_SPREAD, _MOST_SPREAD = 0.5, 2.0
+# of the slope of a weak ray: a ray with a wider tube, 26 dB below the cut-off, is no sign of others
+_SHEET_SHARE = 40.0
+# times the reach of the cubic; a jump of the cross-track slowness whose rays miss the receiver by
+# more does not lead to it
+_FOLD_REACH = 3.0
 FROM_ONE_END = 0.5  # RESOLVED of such a search
+# of the miss: between two rays that predict the miss of each other to this, or to
+# `Search.resolved`, the miss does not become zero. A ray along the crest of a sound-speed maximum,
+# at a distance d [rad] from another one, changes its miss by A log(d), and the slopes at the ends
+# of an interval by about 2 A divided by its width
+_FAR_SHARE = 0.125
 # rad; rays of a fan through layered SMOOTH water turn this much before the first and last level,
 # because a ray that grazes the surface or the sea bed does not arrive
 _BEFORE_LEVEL = 1e-6
@@ -181,6 +203,7 @@ def _shoot_across(s, walls, course, angle, tol, node, work):
             break
         change = y[at.Y] / y[at.DY_DQ]  # of the cross-track slowness, to end in the plane
         node[at.SPREAD] = y[at.DY_DQ] / course.length
+        node[at.CROSS_SLOPE] = -y[at.Y_ANGLE] / y[at.Y_Q]
         y[at.W] = offset_in_plane(y)
         y[at.P] -= y[at.P_Q] * change
         node[at.CROSS] -= change
@@ -249,6 +272,20 @@ def _window(a, b, length):
     once more before.
     """
     return a[at.LEFT] * b[at.LEFT] > 0.0 and abs(a[at.LEFT] - b[at.LEFT]) > _EXIT_GAP * length
+
+
+@kernel
+def _may_stay(a, b, h, length):
+    """
+    True if direct rays between two that left the water far apart may stay in it: the later exit may
+    vanish between them.
+    """
+    if not _window(a, b, length):
+        return False
+    late = a if a[at.LEFT] > b[at.LEFT] else b
+    shift = abs(h * late[at.LEFT_RATE])
+    remains = abs(h * late[at.LEFT_BEND]) < _EXIT_CHANGE and shift < _EXIT_AGREEMENT * late[at.LEFT]
+    return not (remains and late[at.LEFT] + shift < length)
 
 
 @kernel
@@ -330,6 +367,15 @@ def is_weak(bracket, weak, resolution):
 
 
 @kernel
+def slope_at_root(bracket):
+    """Slope of the miss at the root of a bracket's cubic. [m/rad]"""
+    a, b = bracket[0], bracket[1]
+    h = b[at.ANGLE] - a[at.ANGLE]
+    ends = a[at.MISS], a[at.SLOPE], b[at.MISS], b[at.SLOPE]
+    return abs(cubic_slope(cubic_root(h, *ends), h, *ends))
+
+
+@kernel
 def _points_across(end, rule, overhang):
     """
     True if a reflected ray at an edge of its cells would meet the receiver if the cells were
@@ -383,7 +429,7 @@ def put_fan(n_nodes, tol, gap, work):
         ray = fan[i]
         ray[at.ANGLE], ray[at.TOL], ray[at.GOOD] = work.nodes[i], tol, WAITING
         ray[at.GROWTH], ray[at.DEFECT], ray[at.CROSS] = 0.0, 0.0, 0.0
-        ray[at.SPREAD] = 1.0
+        ray[at.SPREAD], ray[at.CROSS_SLOPE] = 1.0, 0.0
         if 0 < i < n_nodes - 1 and work.nodes[i + 1] - previous <= gap:
             ray[at.GOOD] = LEFT_OUT
         else:
@@ -609,7 +655,8 @@ def _gather(varies, course, search, asked, pending, tally, work):
             and same
             and h < _WEAK_WIDTH
             and min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak
-        ):  # a root between two weak rays is weak too
+            and not _dips(a, b, h)
+        ):  # a root between two weak rays is weak too, except about an extremum
             verdict = _BRACKET if crosses and room else _DROP
         if verdict == _BRACKET:
             complete = complete and room
@@ -804,10 +851,14 @@ def _resolution(a, b, dropped, course, search):
         return 0.0
     if not course.cross:
         return 1.0
-    if _folds(a, b, h, search.weak) or (h < _WINDOW_WIDTH and _window(a, b, course.length)):
+    if _folds(a, b, h, search.weak):
+        return 0.0
+    if h < _WINDOW_WIDTH and _may_stay(a, b, h, course.length):
         return 0.0
     for ray in (a, b):
-        if ray[at.GOOD] > 0.0 and not _LEAST_SPREAD < ray[at.SPREAD] < _MOST_SPREAD:
+        arrives = ray[at.GOOD] > 0.0 and ray[at.LEFT] == 0.0
+        strong = abs(ray[at.SLOPE] * ray[at.SPREAD]) < _SHEET_SHARE * search.weak
+        if arrives and strong and not _LEAST_SPREAD < ray[at.SPREAD] < _MOST_SPREAD:
             return FROM_ONE_END
     return 1.0
 
@@ -817,13 +868,40 @@ def _unresolved(a, b, h, search):
     """
     True if a pair of rays about an extremum of the miss may be between two rays at the resolution.
 
-    Where the miss jumps, rays are too weak.
+    Where the miss jumps, and between two weak rays, rays are too weak. A monotonic miss has no
+    extremum.
     """
     rise = b[at.MISS] - a[at.MISS]
-    reach = _CUBIC_DEPARTURE * (abs(h * a[at.SLOPE] - rise) + abs(h * b[at.SLOPE] - rise))
+    ea, eb = h * a[at.SLOPE] - rise, h * b[at.SLOPE] - rise
+    if _is_monotonic(a, b, rise, max(abs(ea), abs(eb))) and not _oscillates(a, b, h):
+        return False
+    reach = _CUBIC_DEPARTURE * (abs(ea) + abs(eb))
     noise = search.fine * max(1.0, min(a[at.GROWTH], b[at.GROWTH]))
     nearest = min(abs(a[at.MISS]), abs(b[at.MISS]))
-    return abs(rise) < search.weak * h and nearest < reach + noise
+    weak = min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak and not _dips(a, b, h)
+    return not weak and abs(rise) < search.weak * h and nearest < reach + noise
+
+
+@kernel
+def _dips(a, b, h):
+    """True if the cubic between two rays on the same side of the receiver is zero twice."""
+    side = 1.0 if a[at.MISS] > 0.0 else -1.0
+    fa, fb = side * a[at.MISS], side * b[at.MISS]
+    da, db = side * h * a[at.SLOPE], side * h * b[at.SLOPE]
+    if not (fb > 0.0 and da < 0.0 < db):
+        return False
+    # the zero of the derivative da + 2 c t + 3 d t^2 between 0 and 1
+    c, d = 3.0 * (fb - fa) - 2.0 * da - db, da + db - 2.0 * (fb - fa)
+    t = -da / (c + math.sqrt(c * c - 3.0 * d * da))
+    return cubic(t, 1.0, fa, da, fb, db) < 0.0
+
+
+@kernel
+def _is_monotonic(a, b, rise, defect):
+    """
+    True if the miss between two rays has no extremum, from the larger defect of its slopes.
+    """
+    return a[at.SLOPE] * rise > 0.0 and b[at.SLOPE] * rise > 0.0 and defect < 1.5 * abs(rise)
 
 
 @kernel
@@ -834,9 +912,16 @@ def _folds(a, b, h, weak):
     """
     if h >= _WEAK_WIDTH or a[at.GOOD] * b[at.GOOD] <= 0.0 or a[at.LEFT] + b[at.LEFT] > 0.0:
         return False
-    if min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > _WEAK_SHARE * weak:
+    if min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > _FOLD_WEAK * weak:
         return False
-    return abs(b[at.CROSS] - a[at.CROSS]) > max(_FOLD, _FOLD_RATE * h)
+    change = b[at.CROSS] - a[at.CROSS]
+    defect = max(abs(h * a[at.CROSS_SLOPE] - change), abs(h * b[at.CROSS_SLOPE] - change))
+    rise = b[at.MISS] - a[at.MISS]
+    reach = _CUBIC_DEPARTURE * (abs(h * a[at.SLOPE] - rise) + abs(h * b[at.SLOPE] - rise))
+    nearest = min(abs(a[at.MISS]), abs(b[at.MISS]))
+    if a[at.MISS] * b[at.MISS] > 0.0 and nearest > _FOLD_REACH * reach:
+        return False
+    return defect > max(_FOLD, _FOLD_DEFECT * abs(change))
 
 
 @kernel
@@ -908,9 +993,7 @@ def _judge_smooth(a, b, varies, direct, length, search):
     ea = h * a[at.SLOPE] - rise
     eb = h * b[at.SLOPE] - rise
     monotonic = (
-        a[at.SLOPE] * rise > 0.0
-        and b[at.SLOPE] * rise > 0.0
-        and max(abs(ea), abs(eb)) < 1.5 * abs(rise)
+        _is_monotonic(a, b, rise, max(abs(ea), abs(eb)))
         and e < 0.05 * abs(rise)
         and not _oscillates(a, b, h)
     )
@@ -925,12 +1008,16 @@ def _judge_smooth(a, b, varies, direct, length, search):
     sure = tol <= search.fine or nearest > 4.0 * tol
     even = sure and monotonic and max(abs(ea), abs(eb)) < 0.5 * abs(rise)
     clear = even or (nearest > reach + tol and not _oscillates(a, b, h))
-    clear = clear and max(abs(ea), abs(eb)) < search.resolved
-    window = varies and h > _WINDOW_WIDTH and _window(a, b, length)
+    clear = clear and max(abs(ea), abs(eb)) < max(search.resolved, _FAR_SHARE * nearest)
+    window = varies and h > _WINDOW_WIDTH and _may_stay(a, b, h, length)
     may_hide = direct and varies and h > _PASSAGE_WIDTH
     bend = max(abs(ea), abs(eb)) / max(nearest, 1e-9)
     hidden = may_hide and _maximum_between(a, b, h, bend, search.resolved)
-    return _DROP if h < search.min_width or (clear and not window and not hidden) else _SPLIT
+    if h < search.min_width:
+        doubtful = direct and h > _CAUSTIC_WIDTH and _unresolved(a, b, h, search)
+        return _SPLIT if doubtful else _DROP
+    folds = direct and search.resolved < math.inf and _folds(a, b, h, search.weak)
+    return _DROP if clear and not (window or hidden or folds) else _SPLIT
 
 
 @kernel
