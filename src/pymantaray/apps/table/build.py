@@ -35,6 +35,8 @@ _BRANCH_BYTES = 4  # approximate sizes in a table
 _CELL_BYTES = 60
 _Accepted = tuple[Whole, Whole, Whole]
 """Branches of cells, keys of their corners, and their status."""
+_Verdicts = tuple[NDArray[np.bool_], Whole, Whole]
+"""Cells that are final, their status, and the axis along which to halve the others."""
 _KEY_BITS = 21  # per coordinate of a lattice point in a key
 
 
@@ -86,11 +88,16 @@ class _Store:
 
     def rows(self, points: Whole) -> Whole:
         """Rows of lattice points, shape (..., 3), after those that are not yet solved have been."""
-        keys = (points[..., 0] << 2 * _KEY_BITS) + (points[..., 1] << _KEY_BITS) + points[..., 2]
+        keys = _keys(points)
         new = np.setdiff1d(keys, self.keys)
         if new.size:
             self._add(new, _rounded(self._sampler(self.places(self.points(new)))))
         return np.searchsorted(self.keys, keys)
+
+    def family(self, points: Whole) -> Whole:
+        """Families of lattice points, shape (..., 3)."""
+        rows = self.rows(points)
+        return self.solved.family[rows]
 
     @staticmethod
     def points(keys: Whole) -> Whole:
@@ -107,6 +114,11 @@ class _Store:
             keys = np.concatenate([self.keys, keys])
         order = np.argsort(keys)
         self.keys, self._samples = keys[order], Samples._make(column[order] for column in samples)
+
+
+def _keys(points: Whole) -> Whole:
+    """Keys of lattice points, shape (..., 3)."""
+    return (points[..., 0] << 2 * _KEY_BITS) + (points[..., 1] << _KEY_BITS) + points[..., 2]
 
 
 def _rounded(samples: Samples) -> Samples:
@@ -168,9 +180,8 @@ def build_tree(
     accepted: list[_Accepted] = []
     final = 0.0
     while cells.branch.size:
-        rows = store.rows(cells.low[:, None] + (_HALVES << (cells.log_size[:, None] - 1)))
-        corners = store.keys[rows[:, _CORNER_ROWS]]
-        done, status, axis = _judge(store, rows, cells, top, tolerance)
+        done, status, axis = _verdicts(store, cells, top, tolerance)
+        corners = _keys(cells.low[:, None] + (_CORNERS << cells.log_size[:, None]))
         has = done & (status <= CellStatus.AMBIGUOUS)
         accepted.append((cells.branch[has], corners[has], status[has]))
         empty = done & ~has
@@ -189,10 +200,40 @@ def build_tree(
     return tree if len(samplers) == 1 else tree._replace(sigma=_sigma(store, accepted, samplers))
 
 
-def _judge(
-    store: _Store, rows: Whole, cells: _Cells, top: Whole, tolerance: float
-) -> tuple[NDArray[np.bool_], Whole, Whole]:
-    """Decide which cells are final, their status, and the axis along which to halve the others."""
+def _verdicts(store: _Store, cells: _Cells, top: Whole, tolerance: float) -> _Verdicts:
+    """
+    Decide which cells are final, their status, and the axis along which to halve the others.
+
+    The corners are sufficient to halve a cell if their families differ; most cells of water with
+    many arrivals are such cells.
+    """
+    family = store.family(cells.low[:, None] + (_CORNERS << cells.log_size[:, None]))
+    mixed = np.any(family != family[:, :1], axis=1)
+    can = cells.log_size > _FINEST
+    done = np.asarray(~can.any(axis=1))
+    status = np.full(done.size, int(CellStatus.BORDER))
+    axis = np.zeros(done.size, dtype=np.int64)
+    axis[mixed] = _axis_of_corners(family[mixed], cells.log_size[mixed], can[mixed])
+    alike = np.flatnonzero(~mixed)
+    if alike.size:
+        one_family = _Cells(*(column[alike] for column in cells))
+        done[alike], status[alike], axis[alike] = _judge(store, one_family, top, tolerance)
+    return done, status, axis
+
+
+def _axis_of_corners(family: Whole, log_size: Whole, can: NDArray[np.bool_]) -> Whole:
+    """Axis along which to halve cells: the longest one along which the family changes."""
+    cube = family.reshape(-1, 2, 2, 2)  # the last axis of a cube is the first of a cell
+    changes = np.stack(
+        [np.any(np.diff(cube, axis=3 - axis) != 0, axis=(1, 2, 3)) for axis in range(3)], axis=1
+    )
+    score = np.where(changes, 1e6 * log_size, 0.0) + 1e-9 * log_size
+    return np.asarray(np.argmax(np.where(can, score, -1.0), axis=1))
+
+
+def _judge(store: _Store, cells: _Cells, top: Whole, tolerance: float) -> _Verdicts:
+    """As `_verdicts`, for cells whose corners have equal families."""
+    rows = store.rows(cells.low[:, None] + (_HALVES << (cells.log_size[:, None] - 1)))
     samples = store.solved
     family = samples.family[rows]
     alike = np.all(family == family[:, :1], axis=1)
