@@ -25,6 +25,7 @@ _HALVES = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2], [0, 1, 2], indexing="ij"), 
     -1, 3
 )
 _CORNERS = np.array([[corner & 1, corner >> 1 & 1, corner >> 2 & 1] for corner in range(8)])
+_CENTRED = np.vstack([2 * _CORNERS, [1, 1, 1]])
 _CORNER_ROWS = np.array(
     [int(np.flatnonzero(np.all(2 * c == _HALVES, axis=1))[0]) for c in _CORNERS]
 )
@@ -214,6 +215,10 @@ def _verdicts(store: _Store, cells: _Cells, top: Whole, tolerance: float) -> _Ve
     status = np.full(done.size, int(CellStatus.BORDER))
     axis = np.zeros(done.size, dtype=np.int64)
     axis[mixed] = _axis_of_corners(family[mixed], cells.log_size[mixed], can[mixed])
+    # the smallest cells have no halves that would use their other points
+    finest = np.flatnonzero(done & ~mixed)
+    finest_cells = _Cells(*(column[finest] for column in cells))
+    mixed[finest] = ~_may_be_accurate(store, finest_cells, _MARGIN * tolerance)
     alike = np.flatnonzero(~mixed)
     if alike.size:
         one_family = _Cells(*(column[alike] for column in cells))
@@ -262,6 +267,19 @@ def _judge(store: _Store, cells: _Cells, top: Whole, tolerance: float) -> _Verdi
         status.astype(np.int64),
         _axis(family, error, jump, cells.log_size, early[:, None] & (halvings < _FIRST_HALVINGS)),
     )
+
+
+def _may_be_accurate(store: _Store, cells: _Cells, bound: float) -> NDArray[np.bool_]:
+    """True for cells that are accurate at their corners and centre, and of one family there."""
+    rows = store.rows(cells.low[:, None] + (_CENTRED << (cells.log_size[:, None] - 1)))
+    family = store.solved.family[rows]
+    good = np.all(family == family[:, :1], axis=1)
+    some = np.flatnonzero(good & (family[:, 0] >= 0))
+    size = np.exp2(cells.log_size[some]) * store.step
+    error = _errors(store.solved, rows[some, :8], size, rows[some, 8:], 0.5 * _CENTRED[8:])
+    jump = _jumps(store.solved, rows[some], size).sum(axis=2)
+    good[some] = np.maximum(error.max(axis=1), jump.max(axis=1)) <= bound
+    return np.asarray(good)
 
 
 def _accurate_within(
