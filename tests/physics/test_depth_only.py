@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from oracles import DenseFan
 from scipy.integrate import quad, solve_ivp
-from scipy.interpolate import CubicSpline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 from pymantaray.acoustics import Medium, find_eigenrays
 
@@ -92,6 +92,42 @@ def test_linear_profiles_have_the_closed_form_of_arcs():
             getattr(rays, name)[there] for rays, there in zip(kinds, layer_by_layer, strict=True)
         ]
         np.testing.assert_allclose(*values, rtol=0.0, atol=error)
+
+
+def below_levels(depth, speed, interpolation):
+    """Sound speed, or its derivative by depth, in the levels of a medium and below them."""
+    spline = CubicSpline(depth, speed, bc_type="natural")
+    slope = spline(depth[-1], 1)
+    if interpolation == "linear":
+        spline = make_interp_spline(depth, speed, k=1)
+        slope = (speed[-1] - speed[-2]) / (depth[-1] - depth[-2])
+
+    def profile(z, order=0):
+        x = max(z - depth[-1], 0.0)
+        stretch = 1.0 + (x / 200.0) ** 2
+        if order == 1:
+            return slope * stretch**-1.5 if x > 0.0 else spline(z, 1)
+        return spline(min(z, depth[-1])) + slope * x / np.sqrt(stretch)
+
+    return profile
+
+
+@pytest.mark.parametrize("interpolation", ["smooth", "linear"])
+def test_rays_from_below_the_deepest_level_end_at_the_receiver(interpolation):
+    depth, speed = np.linspace(0.0, 800.0, 9), 1440.0 + 0.016 * np.linspace(0.0, 800.0, 9)
+    speed[3] += 1.5
+    medium = Medium.from_profile(depth, speed, bottom_depth=3000.0, interpolation=interpolation)
+    profile = below_levels(medium.depth, medium.sound_speed[0, 0], interpolation)
+    source = np.array([[0.0, 0.0, z] for z in (2500.0, 1500.0, 1000.0, 900.0)])
+    receiver = np.array([[9000.0, 0.0, z] for z in (2000.0, 300.0, 900.0, 850.0)])
+    rays = find_eigenrays(medium, source, receiver)
+    assert np.unique(rays.link).size == 4
+    for k, i in enumerate(rays.link):
+        z, t = integrated(profile, source[i, 2], rays.launch_angle[k], receiver[i, 0])
+        miss = z - receiver[i, 2]
+        assert abs(miss) < 5e-3
+        slowness = rays.receiver_slowness[k, 2]
+        assert t - slowness * miss == pytest.approx(rays.travel_time[k], rel=0.0, abs=1e-9)
 
 
 def range_rate(z, a, profile):

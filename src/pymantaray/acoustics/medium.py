@@ -201,7 +201,7 @@ class Medium:
         for array in (n, e, z, c, field, knots_n, knots_e, lut):
             array.setflags(write=False)
         uniform = bool((c == c[0, 0]).all())
-        layered = uniform and _is_layered(interpolation, z, bed, surface)
+        layered = uniform and (interpolation == "linear" or surface.grid.depth.size == 1)
         between = bed, surface, interpolation
         return cls(
             n,
@@ -607,6 +607,15 @@ class Medium:
         second = (6.0 * np.diff(speed) / h - 4.0 * slope[:-1] - 2.0 * slope[1:]) / h
         return bool(np.abs(np.diff(second)).mean() > _ROUGH)
 
+    @property
+    def _layers(self) -> int:
+        """Domain.layered."""
+        from pymantaray.acoustics._kernels.layout import DEEPER, LAYERED, VARYING
+
+        if not self.layered:
+            return VARYING
+        return DEEPER if self.bed.depth.max() > self.depth[-1] else LAYERED
+
     @cached_property
     def _domain(self) -> Domain:
         from pymantaray.acoustics._kernels.layout import LINEAR, SMOOTH, Domain
@@ -637,21 +646,12 @@ class Medium:
             bed,
             surface,
             self.uniform,
-            self.layered,
+            self._layers,
             self._needs_ladder(depth),
             radius,
         )
         every: Domain = _read_only(domain)
         return every
-
-
-def _is_layered(
-    interpolation: Interpolation, depth: Array, bed: BoundarySurface, surface: BoundarySurface
-) -> bool:
-    """True if rays in uniform water can be traced layer by layer."""
-    if interpolation == "smooth":
-        return bool(surface.grid.depth.size == 1)
-    return bool(bed.depth.max() <= depth[-1])
 
 
 def _read_only(value: Any) -> Any:

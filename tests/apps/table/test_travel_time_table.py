@@ -12,7 +12,8 @@ from pymantaray import Water
 from pymantaray.acoustics import choose_arrivals, find_eigenrays
 from pymantaray.apps.table import CellStatus, TravelTimeTable, build_table, open_table, save_table
 from pymantaray.apps.table.build import Box, build_tree
-from pymantaray.apps.table.samples import NO_ARRIVAL, Samples
+from pymantaray.apps.table.interpolation import REFERENCE_SLOWNESS
+from pymantaray.apps.table.samples import NO_ARRIVAL, Radial, Samples
 from pymantaray.errors import OnlineError
 
 WITH_RANGE = (CellStatus.DIRECT, CellStatus.BOUNCED, CellStatus.AMBIGUOUS)
@@ -170,6 +171,31 @@ def test_derivatives_equal_differences(
     )
     derivative = getattr(table.horizontal_range(*at.T), name)
     np.testing.assert_allclose((high - low) / (2.0 * step), derivative, rtol=1e-5, atol=1e-6)
+
+
+def test_exchanged_depths_have_the_arrival_solved_from_the_source(water: Water) -> None:
+    medium, _ = water.at_start
+    radial = Radial(medium)
+    places = np.array([[10.0, 60.0, 900.0], [60.0, 10.0, 900.0], [35.0, 35.0, 400.0]])
+    samples = radial(places)
+    source, receiver = np.zeros((2, len(places), 3))
+    source[:, 2], receiver[:, 2], receiver[:, 0] = places.T
+    arrivals = find_eigenrays(medium, source, receiver, canonical=False)
+    link, row = choose_arrivals(arrivals, "direct")
+    assert link.size == len(places)
+    distance = np.hypot(places[:, 1] - places[:, 0], places[:, 2])
+    time = (samples.value + 1.0) * REFERENCE_SLOWNESS * distance
+    np.testing.assert_allclose(time, arrivals.travel_time[row], rtol=0.0, atol=1e-9)
+    down = (places[:, 1] - places[:, 0]) / distance
+    mean = (samples.value + 1.0) * REFERENCE_SLOWNESS
+    by_depth = samples.gradient[:, :2] * REFERENCE_SLOWNESS * distance[:, None]
+    by_depth += mean[:, None] * np.column_stack([-down, down])
+    np.testing.assert_allclose(
+        by_depth,
+        np.column_stack([-arrivals.source_slowness[row, 2], arrivals.receiver_slowness[row, 2]]),
+        rtol=0.0,
+        atol=1e-9,
+    )
 
 
 def test_faster_water_means_a_longer_range(table: TravelTimeTable, as_stored) -> None:

@@ -89,7 +89,13 @@ def fits_curves(s, walls, course, angle, q0):
     flat = walls.bed.depth.size == 1 and walls.surface.depth.size == 1 and walls.held < 0.0
     bounded = (kind == at.OPEN and level) or (kind != at.OPEN and flat)
     possible = s.kind == at.LINEAR or not level or abs(angle) > _LEVEL
-    return s.layered and possible and bounded and not course.cross and abs(q0) < _MIN_SINE
+    return (
+        s.layered != at.VARYING
+        and possible
+        and bounded
+        and not course.cross
+        and abs(q0) < _MIN_SINE
+    )
 
 
 @inlined
@@ -97,8 +103,8 @@ def _linear_piece(s, k):
     """
     Piece of a layer of LINEAR water.
 
-    Beyond the levels, the gradient continues until the sound speed has changed by a fifth; beyond,
-    it is constant.
+    Beyond the levels, where no water is, the gradient continues until the sound speed has changed
+    by a fifth; beyond, it is constant.
     """
     n = s.depth.size
     i = min(max(k, 0), n - 2)
@@ -119,7 +125,7 @@ def _linear_piece(s, k):
 def piece_at(s, k):
     """Piece of a layer; layers beyond the levels are those of the extension."""
     n = s.depth.size
-    if s.kind == at.LINEAR:
+    if s.kind == at.LINEAR and (k < n - 1 or s.layered != at.DEEPER):
         return _linear_piece(s, k)
     if 0 <= k < n - 1:
         d = s.data[0, k]
@@ -131,8 +137,21 @@ def piece_at(s, k):
     d, z = s.data[0, n - 2], s.depth[n - 1]
     x = z - s.depth[n - 2]
     c, cz = d[0] + x * (d[1] + x * (d[2] + x * d[3])), d[1] + x * (2.0 * d[2] + 3.0 * x * d[3])
+    if s.kind == at.LINEAR:
+        c, cz = s.data[0, n - 1, 0], (s.data[0, n - 1, 0] - d[0]) / x
     first = BELOW_SCALE * (2.0 ** (k - n + 1) - 1.0)
     return Piece(z + first, z + 2.0 * first + BELOW_SCALE, z, c, cz, 0.0, 0.0, BELOW_SCALE)
+
+
+@kernel
+def layer_of(s, z):
+    """Layer that contains a depth; as `find_level`, but also beyond the levels."""
+    k = find_level(s, z)
+    while z > piece_at(s, k).low:
+        k += 1
+    while z < piece_at(s, k).top:
+        k -= 1
+    return k
 
 
 @inlined
@@ -162,7 +181,7 @@ def sine_at(way, c):
 
 
 @inlined
-def _is_straight(piece):
+def is_straight(piece):
     """True if the gradient of the sound speed is constant in a piece."""
     return piece.c2 == 0.0 and piece.c3 == 0.0 and piece.scale == 0.0
 
@@ -210,7 +229,7 @@ def part_to(piece, way, state, end, s1):
     """
     z0, c0, s0, c1 = state.depth, state.speed, abs(state.sine), speed_in(piece, end)[0]
     total = s0 + s1
-    if _is_straight(piece):
+    if is_straight(piece):
         rate = abs(end - z0) * (c0 + c1) / (s0 * s1 * total)
         r = way.a * s0 * s1 * rate
         action = _arc_time(piece.c1, r, end - z0, c0, c1) - way.a * r
@@ -397,7 +416,7 @@ def next_leg(piece, way, state, face):
                 break
             turns, end = False, z + 0.5 * (turn.depth - z)
             continue
-        if _is_straight(piece):
+        if is_straight(piece):
             break
         s1 = sine_at(way, speed_in(piece, end)[0])
         if max(size, s1) > _NEAR_TURN * min(size, s1):
@@ -498,7 +517,7 @@ def _end_within(length, piece, way, state, leg, beyond):
     range at the end of the leg.
     """
     share = (length - state.range) / (beyond - state.range)
-    if _is_straight(piece):
+    if is_straight(piece):
         return _point_on_arc(piece, way, state, length - state.range), share
     point = point_on(piece, way, state, leg, share)
     for _ in range(10):
@@ -592,7 +611,7 @@ def _fill(path, count, piece, way, state, leg, last):
     for i in range(1, n + 1):
         count += 1
         part = i / (n + 1.0)
-        if _is_straight(piece):
+        if is_straight(piece):
             point = _point_on_arc(piece, way, state, part * (after.range - state.range))
         else:
             point = point_on(piece, way, state, leg, part * share)
@@ -646,7 +665,7 @@ def trace_curves(s, walls, course, angle, ray):
     outward = (z <= top and state.sine < 0.0) or (z >= bottom and state.sine > 0.0)
     if course.rule.kind != at.OPEN and outward:
         return False, 0, 0, 0
-    return walk(s, walls, course, way, (find_level(s, z), state, at.Reflections(0, 0, 0)), ray)
+    return walk(s, walls, course, way, (layer_of(s, z), state, at.Reflections(0, 0, 0)), ray)
 
 
 @kernel
@@ -659,7 +678,7 @@ def launch(s, course, angle, y):
     for i in range(at.N_STATE):
         y[i] = 0.0
     if abs(sine) < _MIN_SINE:
-        falls = speed_in(piece_at(s, find_level(s, z)), z)[1] < 0.0
+        falls = speed_in(piece_at(s, layer_of(s, z)), z)[1] < 0.0
         sine = _MIN_SINE if falls else -_MIN_SINE
     way = at.Snell(cosine / c_ref, -sine / c_ref, sine * sine, c_ref)
     return way, State(z, c_ref, sine, 0.0, 0.0, 0.0)

@@ -19,7 +19,9 @@ from pymantaray.acoustics._kernels.curves import (
     arrive_on_arc,
     edges,
     fits_curves,
+    is_straight,
     launch,
+    layer_of,
     monotonic_end,
     note_exit,
     note_turn,
@@ -31,7 +33,6 @@ from pymantaray.acoustics._kernels.curves import (
     turn_back,
     walk,
 )
-from pymantaray.acoustics._kernels.field import find_level
 from pymantaray.acoustics._kernels.trace import fan_ray
 from pymantaray.compile import inlined, kernel, out_of_line, shared
 
@@ -68,7 +69,8 @@ _LEVEL_LAUNCH = 1e-9  # a ray with a smaller sine is traced layer by layer
 _MIN_SINE = 1e-12
 _BESIDE = 2e-8  # rad; distance of a node from the angle of a level
 _RESOLVED = 1e-4  # rad; a wider interval of a fan has a ray in its middle
-_LAYERS_BEYOND = 2, 14  # of the extension of LINEAR and SMOOTH water
+_CURVED = -1.0  # instead of the weight of a layer below the levels of LINEAR water
+_LAYERS_BEYOND = 2, 14  # without water, and of the extension of `field`
 # limits of a layer in one part with four nodes: `curves`
 _BEND, _STEEPER = 0.2, 2.0
 _NODES = (
@@ -101,9 +103,10 @@ def put_ladder(s, walls, course, work):
     sizes[0], sizes[5], sizes[6], sizes[7] = 0.0, -1.0, 0.0, 0.0
     if course.rule.kind == at.LEGS or not fits_curves(s, walls, course, math.inf, 0.0):
         return
-    beyond = _LAYERS_BEYOND[0] if s.kind == at.LINEAR else _LAYERS_BEYOND[1]
+    level_bed = s.kind == at.LINEAR and s.layered != at.DEEPER
+    beyond = _LAYERS_BEYOND[0] if level_bed else _LAYERS_BEYOND[1]
     for side in range(2):
-        first, k, least = i, find_level(s, z_source), 0.0
+        first, k, least = i, layer_of(s, z_source), 0.0
         state = State(z_source, c_ref, 2.0 * side - 1.0, 0.0, 0.0, 0.0)
         while i < ladder.shape[1] - 2:
             z, c = state.depth, state.speed
@@ -126,6 +129,8 @@ def put_ladder(s, walls, course, work):
                 j, place = (i - first) % _BLOCK, int(sizes[6 + side]) + (i - first) // _BLOCK
                 rows = work.layers[place * _BLOCK_SIZE : (place + 1) * _BLOCK_SIZE]
                 _put_layer(rows, j, piece, (z, c), (end, c_end), c_ref)
+            elif not is_straight(piece):
+                ladder[_WEIGHT, i] = _CURVED
             state = State(end, c_end, state.sine, 0.0, 0.0, 0.0)
             i += 1
         sizes[1 + 2 * side], sizes[2 + 2 * side] = first, i - first
@@ -172,7 +177,7 @@ def add_turning_angles(s, lo, hi, link, n, nodes):
     angle between them. Returns the number of nodes.
     """
     z, c0 = link.z0, link.c0
-    below = find_level(s, z) + 1
+    below = min(layer_of(s, z), s.depth.size - 1) + 1
     for step in (-1, 1):
         k = below if step == 1 else below - 1
         other = below - 1 if step == 1 else below
@@ -241,13 +246,14 @@ def _turning_level(least, first, layers, a2, start):
 
 
 @kernel
-def _sweep(ladder, first, n, a, start, left):
+def _sweep(s, ladder, first, n, way, left):
     """
     Compute ranges and their derivatives of the first n layers of a side, until a block ends beyond
     the range left.
 
     Returns the number of layers, their range and its derivative.
     """
+    a, start = way.a, way.sine_squared
     drop, weight, sine = ladder[_DROP], ladder[_WEIGHT], ladder[_SINE]
     ranges, rates = ladder[_RANGE], ladder[_RATE]
     a2, total, rate, done = a * a, 0.0, 0.0, 0
@@ -261,9 +267,11 @@ def _sweep(ladder, first, n, a, start, left):
             product = sine[j] * sine[j + 1]
             t = weight[begin + j] / (product * (sine[j] + sine[j + 1]))
             rates[begin + j], ranges[begin + j] = t, a * product * t
-        for j in range(size):
-            total += ranges[begin + j]
-            rate += rates[begin + j]
+        for j in range(begin, begin + size):
+            if weight[j] == _CURVED:
+                ranges[j], rates[j] = _across(s, ladder, j, way)
+            total += ranges[j]
+            rate += rates[j]
         done += size
     return done, total, rate
 
@@ -336,7 +344,7 @@ def _at_level(ladder, way, level, sign):
 
 @kernel
 def _across(s, ladder, i, way):
-    """Range of a layer of SMOOTH water and its derivative, from parts of the layer."""
+    """Range of a curved layer and its derivative, from parts of the layer."""
     z, end = ladder[_DEPTH, i], ladder[_DEPTH, i + 1]
     piece = piece_at(s, int(ladder[_PIECE, i]))
     state = _at_level(ladder, way, i, 1.0 if end > z else -1.0)
@@ -352,7 +360,7 @@ def _to_turn(s, course, ladder, side, n, way, y):
     level = int(ladder[_SIZES, 1 + 2 * side]) + n
     state = _at_level(ladder, way, level, 2.0 * side - 1.0)
     piece = piece_at(s, int(ladder[_PIECE, level]))
-    if s.kind == at.LINEAR:
+    if s.kind == at.LINEAR and is_straight(piece):
         a, g, size = way.a, abs(piece.c1), abs(state.sine)
         return size / (a * g), -1.0 / (a * a * g * size)
     after, turned, turn = to_face(piece, way, state, ladder[_DEPTH, level + 1])
@@ -408,8 +416,9 @@ def _arrive_from(s, walls, course, ladder, way, last, ray):
     here = _at_level(ladder, way, level, sign)
     here = State(here.depth, here.speed, here.sine, r, rate, 0.0)
     k = int(ladder[_PIECE, layer])
-    if s.kind == at.LINEAR:
-        arrive_on_arc(course, piece_at(s, k), way, here, ray)
+    piece = piece_at(s, k)
+    if s.kind == at.LINEAR and is_straight(piece):
+        arrive_on_arc(course, piece, way, here, ray)
         return True, reflections.code
     ok, _, _, code = walk(s, walls, course, way, (k, here, reflections), ray)
     return ok, code
@@ -429,7 +438,7 @@ def _side(s, course, side, way, point, work):
     if s.kind == at.SMOOTH:
         n, total, total_rate = _sweep_curves(s, work, side, full, way, left)
     else:
-        n, total, total_rate = _sweep(ladder, first, full, a, start, left)
+        n, total, total_rate = _sweep(s, ladder, first, full, way, left)
     if side == 0:
         _note_top(course, ladder, way, (r, rate), n, y)
     turns, to_end, rate_to_end = full < layers, total, total_rate

@@ -96,6 +96,9 @@ CANDIDATE_ANGLE, CANDIDATE_Q, CANDIDATE_COUNTS, CANDIDATE_GENERATION = range(
 N_CANDIDATE = MAX_BOUNCES + 5
 
 SMOOTH, LINEAR = 0, 1  # kinds of a field
+# Water that varies horizontally or has a surface that rays cannot cross layer by layer; layered
+# water; layered water with a sea bed below the levels
+VARYING, LAYERED, DEEPER = 0, 1, 2
 
 Domain = namedtuple(
     "Domain",
@@ -107,8 +110,8 @@ the surface.
 
 For SMOOTH, field contains B-spline coefficients (north, east, 2 * depth); for LINEAR, the sound
 speed (north, east, depth). A surface without ice has one point at depth 0. A uniform medium does
-not vary horizontally; a layered medium is uniform, and LINEAR with levels that reach the sea bed or
-SMOOTH with a flat surface. With ladder, fans of direct rays are traced by `ladder`, not by `march`.
+not vary horizontally; layered is LAYERED or DEEPER if it is also LINEAR or has a flat surface,
+and otherwise VARYING. With ladder, fans of direct rays are traced by `ladder`, not by `march`.
 radius is that of the Earth if depths and sound speeds are those of flattened water, otherwise 0.
 [m]"""
 

@@ -19,7 +19,7 @@ import numpy as np
 from pymantaray.acoustics._kernels import layout as at
 from pymantaray.acoustics._kernels.beside import direct_ray_end, offset_in_plane, trace_direct
 from pymantaray.acoustics._kernels.boundary import ON_SURFACE, append_code
-from pymantaray.acoustics._kernels.curves import fits_curves
+from pymantaray.acoustics._kernels.curves import fits_curves, piece_at
 from pymantaray.acoustics._kernels.field import (
     cubic,
     cubic_root,
@@ -1048,7 +1048,7 @@ def fan_nodes(s, lo, hi, spacing, link, nodes):
     count = min(count, nodes.size // 2)
     for i in range(count):
         nodes[i] = lo + (hi - lo) * i / (count - 1)
-    if s.kind == at.LINEAR and s.layered:
+    if s.kind == at.LINEAR and s.layered != at.VARYING:
         n = add_turning_angles(s, lo, hi, link, count, nodes)
     else:
         n = _add_level_angles(s, lo, hi, link.c0, count, nodes)
@@ -1058,7 +1058,7 @@ def fan_nodes(s, lo, hi, spacing, link, nodes):
         if nodes[i] - nodes[m - 1] > closest:
             nodes[m] = nodes[i]
             m += 1
-    if s.kind == at.LINEAR and s.layered:
+    if s.kind == at.LINEAR and s.layered != at.VARYING:
         m = add_middles(m, nodes)
     return m
 
@@ -1070,7 +1070,7 @@ def _add_level_angles(s, lo, hi, c_source, n, nodes):
     nodes.
     """
     for k in range(s.depth.size):
-        at_boundary = s.layered and k % (s.depth.size - 1) == 0
+        at_boundary = s.layered != at.VARYING and k % (s.depth.size - 1) == 0
         c_first, before = 0.0, _BEFORE_LEVEL if at_boundary else 0.0
         for cell in range(s.n_range):
             c = level_speed(s, cell, k)
@@ -1148,6 +1148,10 @@ def snell_limit(s, c_source, top, low, variation, extremes):
         if s.depth[k + 1] >= top and s.depth[k] <= low:
             slowest = min(slowest, extremes[0, k])
             fastest = max(fastest, extremes[1, k])
+    if s.layered == at.DEEPER and low > s.depth[s.depth.size - 1]:
+        edge = piece_at(s, s.depth.size - 1)
+        farthest = edge.c0 + edge.c1 * edge.scale
+        slowest, fastest = min(slowest, farthest), max(fastest, farthest)
     if fastest > c_source:
         fastest += variation
     return math.acos(c_source / fastest), math.acos(slowest / fastest)

@@ -25,6 +25,7 @@ _HALVES = np.stack(np.meshgrid([0, 1, 2], [0, 1, 2], [0, 1, 2], indexing="ij"), 
     -1, 3
 )
 _CORNERS = np.array([[corner & 1, corner >> 1 & 1, corner >> 2 & 1] for corner in range(8)])
+_CENTRED = np.vstack([2 * _CORNERS, [1, 1, 1]])
 _CORNER_ROWS = np.array(
     [int(np.flatnonzero(np.all(2 * c == _HALVES, axis=1))[0]) for c in _CORNERS]
 )
@@ -35,6 +36,8 @@ _BRANCH_BYTES = 4  # approximate sizes in a table
 _CELL_BYTES = 60
 _Accepted = tuple[Whole, Whole, Whole]
 """Branches of cells, keys of their corners, and their status."""
+_Verdicts = tuple[NDArray[np.bool_], Whole, Whole]
+"""Cells that are final, their status, and the axis along which to halve the others."""
 _KEY_BITS = 21  # per coordinate of a lattice point in a key
 
 
@@ -86,11 +89,16 @@ class _Store:
 
     def rows(self, points: Whole) -> Whole:
         """Rows of lattice points, shape (..., 3), after those that are not yet solved have been."""
-        keys = (points[..., 0] << 2 * _KEY_BITS) + (points[..., 1] << _KEY_BITS) + points[..., 2]
+        keys = _keys(points)
         new = np.setdiff1d(keys, self.keys)
         if new.size:
             self._add(new, _rounded(self._sampler(self.places(self.points(new)))))
         return np.searchsorted(self.keys, keys)
+
+    def family(self, points: Whole) -> Whole:
+        """Families of lattice points, shape (..., 3)."""
+        rows = self.rows(points)
+        return self.solved.family[rows]
 
     @staticmethod
     def points(keys: Whole) -> Whole:
@@ -107,6 +115,11 @@ class _Store:
             keys = np.concatenate([self.keys, keys])
         order = np.argsort(keys)
         self.keys, self._samples = keys[order], Samples._make(column[order] for column in samples)
+
+
+def _keys(points: Whole) -> Whole:
+    """Keys of lattice points, shape (..., 3)."""
+    return (points[..., 0] << 2 * _KEY_BITS) + (points[..., 1] << _KEY_BITS) + points[..., 2]
 
 
 def _rounded(samples: Samples) -> Samples:
@@ -168,9 +181,8 @@ def build_tree(
     accepted: list[_Accepted] = []
     final = 0.0
     while cells.branch.size:
-        rows = store.rows(cells.low[:, None] + (_HALVES << (cells.log_size[:, None] - 1)))
-        corners = store.keys[rows[:, _CORNER_ROWS]]
-        done, status, axis = _judge(store, rows, cells, top, tolerance)
+        done, status, axis = _verdicts(store, cells, top, tolerance)
+        corners = _keys(cells.low[:, None] + (_CORNERS << cells.log_size[:, None]))
         has = done & (status <= CellStatus.AMBIGUOUS)
         accepted.append((cells.branch[has], corners[has], status[has]))
         empty = done & ~has
@@ -189,10 +201,44 @@ def build_tree(
     return tree if len(samplers) == 1 else tree._replace(sigma=_sigma(store, accepted, samplers))
 
 
-def _judge(
-    store: _Store, rows: Whole, cells: _Cells, top: Whole, tolerance: float
-) -> tuple[NDArray[np.bool_], Whole, Whole]:
-    """Decide which cells are final, their status, and the axis along which to halve the others."""
+def _verdicts(store: _Store, cells: _Cells, top: Whole, tolerance: float) -> _Verdicts:
+    """
+    Decide which cells are final, their status, and the axis along which to halve the others.
+
+    The corners are sufficient to halve a cell if their families differ; most cells of water with
+    many arrivals are such cells.
+    """
+    family = store.family(cells.low[:, None] + (_CORNERS << cells.log_size[:, None]))
+    mixed = np.any(family != family[:, :1], axis=1)
+    can = cells.log_size > _FINEST
+    done = np.asarray(~can.any(axis=1))
+    status = np.full(done.size, int(CellStatus.BORDER))
+    axis = np.zeros(done.size, dtype=np.int64)
+    axis[mixed] = _axis_of_corners(family[mixed], cells.log_size[mixed], can[mixed])
+    # the smallest cells have no halves that would use their other points
+    finest = np.flatnonzero(done & ~mixed)
+    finest_cells = _Cells(*(column[finest] for column in cells))
+    mixed[finest] = ~_may_be_accurate(store, finest_cells, _MARGIN * tolerance)
+    alike = np.flatnonzero(~mixed)
+    if alike.size:
+        one_family = _Cells(*(column[alike] for column in cells))
+        done[alike], status[alike], axis[alike] = _judge(store, one_family, top, tolerance)
+    return done, status, axis
+
+
+def _axis_of_corners(family: Whole, log_size: Whole, can: NDArray[np.bool_]) -> Whole:
+    """Axis along which to halve cells: the longest one along which the family changes."""
+    cube = family.reshape(-1, 2, 2, 2)  # the last axis of a cube is the first of a cell
+    changes = np.stack(
+        [np.any(np.diff(cube, axis=3 - axis) != 0, axis=(1, 2, 3)) for axis in range(3)], axis=1
+    )
+    score = np.where(changes, 1e6 * log_size, 0.0) + 1e-9 * log_size
+    return np.asarray(np.argmax(np.where(can, score, -1.0), axis=1))
+
+
+def _judge(store: _Store, cells: _Cells, top: Whole, tolerance: float) -> _Verdicts:
+    """As `_verdicts`, for cells whose corners have equal families."""
+    rows = store.rows(cells.low[:, None] + (_HALVES << (cells.log_size[:, None] - 1)))
     samples = store.solved
     family = samples.family[rows]
     alike = np.all(family == family[:, :1], axis=1)
@@ -221,6 +267,19 @@ def _judge(
         status.astype(np.int64),
         _axis(family, error, jump, cells.log_size, early[:, None] & (halvings < _FIRST_HALVINGS)),
     )
+
+
+def _may_be_accurate(store: _Store, cells: _Cells, bound: float) -> NDArray[np.bool_]:
+    """True for cells that are accurate at their corners and centre, and of one family there."""
+    rows = store.rows(cells.low[:, None] + (_CENTRED << (cells.log_size[:, None] - 1)))
+    family = store.solved.family[rows]
+    good = np.all(family == family[:, :1], axis=1)
+    some = np.flatnonzero(good & (family[:, 0] >= 0))
+    size = np.exp2(cells.log_size[some]) * store.step
+    error = _errors(store.solved, rows[some, :8], size, rows[some, 8:], 0.5 * _CENTRED[8:])
+    jump = _jumps(store.solved, rows[some], size).sum(axis=2)
+    good[some] = np.maximum(error.max(axis=1), jump.max(axis=1)) <= bound
+    return np.asarray(good)
 
 
 def _accurate_within(

@@ -96,7 +96,26 @@ class Radial:
     bearing: float = 0.0
 
     def __call__(self, places: Array) -> Samples:
-        """Solve places."""
+        """Solve places; once if they differ by an exchange of both depths, where both are alike."""
+        if not self._reciprocal:
+            return self._solved(places)
+        exchanged = places[:, 0] < places[:, 1]
+        ordered = np.where(exchanged[:, None], places[:, [1, 0, 2]], places)
+        once, row = np.unique(ordered, axis=0, return_inverse=True)
+        samples = Samples._make(column[row] for column in self._solved(once))
+        for gradient in (samples.gradient, samples.lead_gradient):
+            gradient[exchanged] = gradient[exchanged][:, [1, 0, 2]]
+        return samples
+
+    @property
+    def _reciprocal(self) -> bool:
+        """True if the arrival does not change when both depths are exchanged."""
+        medium = self.medium
+        flat = medium.bed.depth.size == 1 and medium.surface.depth.size == 1
+        return medium.uniform and flat and medium.surface.roughness is None
+
+    def _solved(self, places: Array) -> Samples:
+        """Solve places one by one."""
         source_depth, receiver_depth, distance = places.T
         along = np.array([np.cos(self.bearing), np.sin(self.bearing)])
         source = np.column_stack(
