@@ -154,6 +154,8 @@ def make_rays(n_arriving=1):
             "ray_range": (("ray", "point"), np.broadcast_to(6000.0 * s, depth.shape)),
             "ray_depth": (("ray", "point"), depth),
             "ray_arrives": ("ray", np.r_[np.ones(n_arriving), np.zeros(3)].astype("i1")),
+            "ray_surface_bounces": ("ray", np.zeros(n_arriving + 3, "i2")),
+            "ray_bottom_bounces": ("ray", np.zeros(n_arriving + 3, "i2")),
             "chord_range": ("end", [0.0, 6000.0]),
             "chord_depth": ("end", [100.0, 800.0]),
         },

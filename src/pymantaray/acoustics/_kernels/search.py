@@ -876,10 +876,15 @@ def _unresolved(a, b, h, search):
     if _is_monotonic(a, b, rise, max(abs(ea), abs(eb))) and not _oscillates(a, b, h):
         return False
     reach = _CUBIC_DEPARTURE * (abs(ea) + abs(eb))
-    noise = search.fine * max(1.0, min(a[at.GROWTH], b[at.GROWTH]))
     nearest = min(abs(a[at.MISS]), abs(b[at.MISS]))
     weak = min(abs(a[at.SLOPE]), abs(b[at.SLOPE])) > search.weak and not _dips(a, b, h)
-    return not weak and abs(rise) < search.weak * h and nearest < reach + noise
+    return not weak and abs(rise) < search.weak * h and nearest < reach + _noise(a, b, search)
+
+
+@kernel
+def _noise(a, b, search):
+    """Error of the miss of two rays that were traced with the fine tolerance. [m]"""
+    return search.fine * max(1.0, min(a[at.GROWTH], b[at.GROWTH]))
 
 
 @kernel
@@ -1014,8 +1019,9 @@ def _judge_smooth(a, b, varies, direct, length, search):
     bend = max(abs(ea), abs(eb)) / max(nearest, 1e-9)
     hidden = may_hide and _maximum_between(a, b, h, bend, search.resolved)
     if h < search.min_width:
-        doubtful = direct and h > _CAUSTIC_WIDTH and _unresolved(a, b, h, search)
-        return _SPLIT if doubtful else _DROP
+        # rays between two whose miss is within its error do not show whether the receiver has rays
+        shows = nearest > _noise(a, b, search) and h > _CAUSTIC_WIDTH
+        return _SPLIT if direct and shows and _unresolved(a, b, h, search) else _DROP
     folds = direct and search.resolved < math.inf and _folds(a, b, h, search.weak)
     return _DROP if clear and not (window or hidden or folds) else _SPLIT
 

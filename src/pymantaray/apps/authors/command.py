@@ -11,6 +11,8 @@ from pymantaray.cli.output import write_new
 from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import Printer, printer
 
+SHOWS_RESULTS = True
+
 app = Commands(help="Read and write files of the paper's authors' program.")
 
 
