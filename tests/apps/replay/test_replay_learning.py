@@ -11,7 +11,8 @@ from refusals import refused
 
 from pymantaray import open_waters
 from pymantaray.apps.replay import PredictionOptions, read_events, replay_events
-from pymantaray.apps.replay.mixture import learn_mixture, predict_mixture
+from pymantaray.apps.replay.learned_mixture import learn_mixture
+from pymantaray.apps.replay.mixture import predict_mixture
 from pymantaray.errors import ReplayError
 
 NODES = {  # north, east, depth
@@ -92,7 +93,8 @@ def tables(seed=2, n=900, hours=30.0, size=1.0):
 
 
 def learn(events, candidates, how="causal"):
-    return learn_mixture(events, candidates, PredictionOptions(learn=how), persistence=600.0)
+    found = learn_mixture(events, candidates, PredictionOptions(learn=how), persistence=600.0)
+    return found.mixture, found.learned
 
 
 def errors_of(events, candidates, mixture, correction=0.0):
@@ -164,13 +166,14 @@ def test_later_events_do_not_change_earlier_predictions(campaign):
 
 @pytest.mark.slow
 def test_smooth_predictions_err_less(campaign):
-    events, candidates, _, (_, causal) = campaign
+    events, candidates, _, (causal_mixture, causal) = campaign
     mixture, smooth = learn(events, candidates, "smooth")
     sizes = [
         np.median(errors_of(events, candidates, None, one.parts.sum(axis=1)))
         for one in (smooth, causal)
     ]
     assert sizes[0] < sizes[1]
+    assert mixture.events["log_likelihood"].mean() > causal_mixture.events["log_likelihood"].mean()
     inside = events["measured_s"].between(mixture.events["low_s"], mixture.events["high_s"])
     assert 0.90 <= inside.mean() <= 0.97
 
@@ -272,6 +275,9 @@ def test_a_replay_has_tables_of_what_was_learned(campaign_files, mantaray, monke
     events = pd.read_csv(tables_of / "events.csv")
     parts = events[[f"learned_{name}_s" for name in ("water", "position", "pair", "clock")]]
     assert (parts.iloc[0] == 0.0).all()
+    horizons = pd.read_csv(tables_of / "horizons.csv")
+    assert horizons["since_last"].iloc[0] == "all"
+    assert set(pd.read_csv(tables_of / "followed.csv")["event"]) <= set(range(1, len(events) + 1))
     assert (parts.iloc[30:] != 0.0).any().all()
     water = pd.read_csv(tables_of / "learned_water.csv")
     assert set(water["depths"]) == {"30 and 30 m", "30 and 90 m", "90 and 90 m"}

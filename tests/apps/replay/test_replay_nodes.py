@@ -19,7 +19,7 @@ from pymantaray.apps.replay import (
     smooth_positions,
     write_replay,
 )
-from pymantaray.apps.replay.baselines import BY_DEPTHS, CONSTANT, baseline_table
+from pymantaray.apps.replay.baselines import BY_DEPTHS, CONSTANT, LAST, baseline_table
 from pymantaray.apps.replay.clocks import (
     clock_errors,
     clock_table,
@@ -450,7 +450,7 @@ def test_correction_removes_the_wrong_position_and_the_clocks(spoiled, campaign)
 def test_page_of_a_replay_has_the_baselines(campaign):
     result = replay_events(campaign.events, campaign.waters, "within:6")
     rows = result.baselines.set_index("prediction")
-    assert list(rows.index) == ["rays", CONSTANT, BY_DEPTHS]
+    assert list(rows.index) == ["rays", CONSTANT, BY_DEPTHS, LAST]
     assert rows.loc["rays", "median_size_m"] < rows.loc[CONSTANT, "median_size_m"]
     assert not result.nodes["suspect"].any()
     assert not result.events["gross"].any()

@@ -219,9 +219,11 @@ def _print_result(out: Printer, result: "Replay", page: Path) -> None:
         switching=result.switching,
     )
     out.table(result.brief_summary)
-    for name in ("coverage", "error_sizes"):
-        if name in result.more:
-            out.table(result.tables[name])
+    tables = result.tables
+    learned = ("horizons", "error_sizes") if "error_sizes" in tables else ()
+    for name in ("coverage", *learned):
+        if name in tables:
+            out.table(tables[name])
     if "draws" in result.more:
         draws = result.more["draws"]
         low, high = draws["median_size_m"].min(), draws["median_size_m"].max()

@@ -10,7 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.selection import NEAR_DB
-from pymantaray.apps.replay.baselines import baseline_table
+from pymantaray.apps.replay.baselines import baseline_table, horizon_table
 from pymantaray.apps.replay.clocks import (
     find_gross_errors,
     gross_note,
@@ -27,7 +27,8 @@ from pymantaray.apps.replay.draws import (
     with_median_candidate,
 )
 from pymantaray.apps.replay.events import Events
-from pymantaray.apps.replay.mixture import coverage_table, learn_mixture, predict_mixture
+from pymantaray.apps.replay.learned_mixture import learn_mixture
+from pymantaray.apps.replay.mixture import coverage_table, predict_mixture
 from pymantaray.apps.replay.options import DEFAULT_OPTIONS, PredictionOptions
 from pymantaray.apps.replay.rules import DEFAULT_RULE, DetectionRule, predicted_columns
 from pymantaray.apps.replay.summary import quantile_of, summary_table
@@ -56,9 +57,12 @@ CAPTIONS = {
     " independent, and by pairs",
     "reciprocity": "Residuals of one direction less those of the other near in time, the part due"
     " to clocks, and the rest",
-    "baselines": "The prediction by rays beside two without an ocean, learned from the other"
-    " pairs. Over all events, a missing prediction counts as an infinite error; clocks are not"
-    " corrected",
+    "baselines": "The prediction beside two without an ocean, learned from the other pairs, and"
+    " the last measured time of the same source and receiver. Over all events, a missing prediction"
+    " counts as an infinite error; clocks are not corrected",
+    "horizons": "Sizes of the errors by the time since the last event of the same source and"
+    " receiver, beside those of its measured time times the change of the distance. A missing"
+    " prediction counts as an infinite error; no draw has the arrivals that are not modelled",
     "nodes": "Offset of each node from its stated position that the ranges of its pairs suggest,"
     " and the scatter of ranges due to it",
     "positions": "Smoothed positions: assumed error of a reading, estimated random walk and drift,"
@@ -74,6 +78,8 @@ CAPTIONS = {
     " hour",
     "error_sizes": "Standard deviations and time scales with the largest posterior density, and the"
     " probability that there are no slow errors (no_error)",
+    "followed": "Arrivals that are followed by earlier measured times of their source and receiver,"
+    " before the event is measured; events are numbered from 1",
     "candidates": "Arrivals that a receiver could have taken; events are numbered from 1",
     "switching": "How often a receiver changes its candidate from one event to the next, and how"
     " often independent picks would",
@@ -101,6 +107,9 @@ _HEADS = {
     "within_95": "in 95 % interval [%]",
     "within_95_low": "from [%]",
     "within_95_high": "to [%]",
+    "last_median_m": "last measured time: median size [m]",
+    "last_q90_m": "last measured time: 90 % below [m]",
+    "not_modelled": "not modelled [%]",
     "pair_m": "constant per pair [m]",
     "varying_m": "varying [m]",
 }
@@ -164,8 +173,9 @@ class Replay:
         if "learned_clock_s" in events:  # the fit estimates the clocks itself
             clock = events["learned_clock_s"]
             at = candidates["event"].to_numpy(dtype=np.int64)
+            predicted = events["modelled_s"] - clock
             events = events.assign(
-                predicted_s=events["predicted_s"] - clock, residual_s=events["residual_s"] + clock
+                predicted_s=predicted, residual_s=events["measured_s"] - predicted
             )
             time = candidates["travel_time_s"] - clock.to_numpy()[at]
             candidates = candidates.assign(travel_time_s=time)
@@ -190,7 +200,7 @@ class Replay:
 
     @cached_property
     def baselines(self) -> pd.DataFrame:
-        """Errors of two predictions without an ocean beside those of the rays."""
+        """Errors of predictions without an ocean beside those of the prediction."""
         return baseline_table(self.events)
 
     @property
@@ -244,6 +254,7 @@ class Replay:
             "reciprocity": self.reciprocity,
             "switching": self.switching,
             "baselines": self.baselines,
+            "horizons": horizon_table(self.events),
             "nodes": self.nodes,
             **({} if self.positions is None else {"positions": self.positions}),
             **self.more,
@@ -310,8 +321,9 @@ def replay_events(
         reason. With draws or the rule ``persist``, it also has ``prediction_sigma_s``, ``low_s``
         and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`. With
         learning, the predicted time contains ``learned_water_s``, ``learned_position_s``,
-        ``learned_pair_s`` and ``learned_clock_s``, as from `learn_mixture`. An
-        echo has a distance of 0.
+        ``learned_pair_s`` and ``learned_clock_s``, as from `learn_mixture`; ``modelled_s`` is the
+        candidate nearest to it, and ``not_modelled`` is true if it is none of them but a followed
+        arrival. An echo has a distance of 0.
 
     Raises
     ------
@@ -451,9 +463,9 @@ def _with_mixture(
     """
     merit = None if detector is None else detector.sonar.figure_of_merit_db
     persistence = 60.0 * rule.persist_min
-    more = {}
+    more, followed = {}, None
     if options.learn:
-        mixture, learned = learn_mixture(
+        mixture, learned, followed = learn_mixture(
             table, candidates, options, persistence=persistence, merit_db=merit
         )
         parts = mixture.events.filter(regex="^learned_")
@@ -467,6 +479,7 @@ def _with_mixture(
             "learned": learned.states,
             "learned_water": learned.history,
             "error_sizes": size_table,
+            "followed": followed.assign(event=followed["event"] + 1),
         }
     else:
         mixture = predict_mixture(
@@ -474,7 +487,8 @@ def _with_mixture(
         )
     all_candidates = candidates.assign(sigma_s=mixture.sigma, probability=mixture.probability)
     if rule.kind == "persist":
-        table = with_median_candidate(table, all_candidates, mixture.events["mixture_s"].to_numpy())
+        median = mixture.events["mixture_s"].to_numpy()
+        table = with_median_candidate(table, all_candidates, median, followed)
     bias = table["predicted_s"].to_numpy() - mixture.events["mixture_s"].to_numpy()
     sigma = np.hypot(mixture.events["sigma_s"].to_numpy(), bias)
     table = table.assign(

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Currents, Medium, Sonar
 from pymantaray.acoustics.selection import first_rows
-from pymantaray.apps.replay.candidates import GRADIENT, DrawnArrivals, merge_draws
+from pymantaray.apps.replay.candidates import GRADIENT, MERGED, DrawnArrivals, merge_draws
 from pymantaray.apps.replay.events import Events
 from pymantaray.apps.replay.rules import Choice, DetectionRule, first_picks, predicted_columns
 from pymantaray.apps.replay.shared_links import SharedLinks, rows_of_ways
@@ -218,23 +218,41 @@ def _frame(
 
 
 def with_median_candidate(
-    table: pd.DataFrame, candidates: pd.DataFrame, median: Array
+    table: pd.DataFrame, candidates: pd.DataFrame, median: Array, followed: pd.DataFrame | None
 ) -> pd.DataFrame:
-    """Events whose arrival is the candidate nearest to the median of their mixture. [s]"""
-    event = candidates["event"].to_numpy(dtype=np.int64)
-    distance = np.abs(candidates["travel_time_s"].to_numpy() - median[event])
-    events, rows = first_rows(event, [distance], np.ones(event.size, dtype=bool))
-    out = table.copy()
+    """
+    Events whose arrival is the candidate or followed arrival nearest to the median of their mixture
+    [s].
+
+    A followed arrival within 1 ms of a candidate is this candidate. No draw has the others, which
+    have no bounces and no loss, and are ``not_modelled``. ``modelled_s`` is the nearest candidate.
+    """
+    numbers = ["event", "travel_time_s"]
+    every = candidates[numbers] if followed is None else pd.concat([candidates, followed])[numbers]
+    events, places = _nearest(every, median)
+    predicted = np.full(len(table), np.nan)
+    predicted[events] = every["travel_time_s"].to_numpy()[places]
+    out = table.assign(predicted_s=predicted)
+    events, rows = _nearest(candidates, predicted)
+    time = candidates["travel_time_s"].to_numpy()[rows]
+    is_modelled = np.zeros(len(table), dtype=bool)
+    is_modelled[events] = np.abs(time - predicted[events]) < MERGED
+    for name in ("surface_bounces", "bottom_bounces", "loss_db"):
+        out.loc[events, name] = candidates[name].to_numpy()[rows]
+        out.loc[~is_modelled, name] = pd.NA if name != "loss_db" else np.nan
+    if followed is not None:
+        out.loc[events, "modelled_s"] = time
+        out["not_modelled"] = np.isfinite(predicted) & ~is_modelled
+    out.loc[np.isfinite(predicted), "status"] = "ok"
     level = table["level_db"] + table["loss_db"]
-    for name, source in (
-        ("predicted_s", "travel_time_s"),
-        ("surface_bounces", "surface_bounces"),
-        ("bottom_bounces", "bottom_bounces"),
-        ("loss_db", "loss_db"),
-    ):
-        out.loc[events, name] = candidates[source].to_numpy()[rows]
-    out.loc[events, "status"] = "ok"
     return out.assign(level_db=level - out["loss_db"], next_s=np.nan, next_db=np.nan)
+
+
+def _nearest(candidates: pd.DataFrame, time: Array) -> tuple[Rows, Rows]:
+    """Events with candidates, and the row of the nearest one to a time of each event."""
+    event = candidates["event"].to_numpy(dtype=np.int64)
+    distance = np.abs(candidates["travel_time_s"].to_numpy() - time[event])
+    return first_rows(event, [distance], np.ones(event.size, dtype=bool))
 
 
 def bounce_hint(

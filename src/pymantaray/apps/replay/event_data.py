@@ -1,7 +1,8 @@
 """Events and their candidates as arrays, for passes in order of time."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -15,6 +16,35 @@ CLUTTER = 0.02
 """Share of receptions that no candidate explains."""
 CLUTTER_WIDTH = 0.1
 """Width of the distribution of their times. [s]"""
+
+
+class Components(NamedTuple):
+    """Normal distributions of travel times, one row each, by event."""
+
+    event: Indices
+    time: Array
+    """[s]"""
+    sigma: Array
+    """[s]"""
+    probability: Array
+    """Of those of an event, the sum is 1, or 0 without any."""
+
+    @classmethod
+    def joined(cls, parts: Sequence[Self]) -> Self:
+        """Distributions of several tables by event."""
+        columns = [np.concatenate(column) for column in zip(*parts, strict=True)]
+        order = np.argsort(columns[0], kind="stable")
+        return cls(*(column[order] for column in columns))
+
+    def scaled(self, share: Array) -> Self:
+        """Distributions whose probability is multiplied by a share of each event."""
+        return self._replace(probability=self.probability * share[self.event])
+
+    def density(self, rows: slice, measured: float) -> Array:
+        """Probability density of a measured time by some rows."""
+        off = (measured - self.time[rows]) / self.sigma[rows]
+        fits = np.exp(-0.5 * np.minimum(off**2, 1400.0)) / (np.sqrt(2.0 * np.pi) * self.sigma[rows])
+        return np.asarray(self.probability[rows] * fits)
 
 
 @dataclass(frozen=True, eq=False)

@@ -101,7 +101,7 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
         expected[data.rows(event)] = tracks.expect(data.ways[event], candidates)
         alternatives = data.alternatives(event, expected, sizes.unexplained_s)
         outcome = state.update(columns, values, alternatives)
-        log_likelihood[event], no_error = _average(
+        log_likelihood[event], no_error = average_models(
             outcome.log_likelihood, _log_likelihood(alternatives, 0.0, 0.0), no_error
         )
         if outcome.probability.sum() > 0.5:  # else nothing explains it, and tracks go on
@@ -121,14 +121,15 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
     )
 
 
-def learn_smoothly(data: LearningData, prior: ErrorSizes, persistence: float) -> Learned:
+def learn_smoothly(
+    data: LearningData, prior: ErrorSizes, persistence: float, causal: Learned
+) -> Learned:
     """
-    Predict every event from all other events, earlier and later ones.
+    Predict every event from all other events, from predictions by earlier events only.
 
     A filter runs forwards and another one backwards; the estimate at an event is that of the first
     before it and of the second after it. Sizes are estimated from one-step-ahead predictions.
     """
-    causal = learn_causally(data, prior, persistence)
     last = data.order[-_MAX_FIT:]
     sizes = fit_sizes(data, causal.expected, last, prior, causal.sizes)
     no_error = causal.no_error_after
@@ -218,7 +219,7 @@ def _averaged_parts(
     return np.asarray((1.0 - no_error) * terms), float(np.sqrt((1.0 - no_error) * total))
 
 
-def _average(with_errors: float, without: float, no_error: float) -> tuple[float, float]:
+def average_models(with_errors: float, without: float, no_error: float) -> tuple[float, float]:
     """
     Log likelihood of a measurement by two models, and the probability of the second after it.
 

@@ -4,7 +4,6 @@ reception to the next.
 """
 
 from collections.abc import Callable
-from dataclasses import replace
 from functools import partial
 from typing import NamedTuple
 
@@ -14,14 +13,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import probability_of_excess
 from pymantaray.acoustics.reflection import wave_height_rms
-from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, EventData
-from pymantaray.apps.replay.learned_model import PARTS, Design, ErrorSizes
-from pymantaray.apps.replay.learning import (
-    Learned,
-    LearningData,
-    learn_causally,
-    learn_smoothly,
-)
+from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, Components, EventData
 from pymantaray.apps.replay.options import PredictionOptions
 from pymantaray.apps.replay.summary import quantile_of, ratio_interval
 from pymantaray.apps.replay.tracks import ArrivalTracks
@@ -123,7 +115,7 @@ def predict_mixture(
     hours; with fewer than 40 such events, that is 95 %.
     """
     prior = first_detected(candidates, merit_db)
-    known = _known_sigma(events, candidates, options)
+    known = known_sigma(events, candidates, options)
     data = EventData.of(events, candidates, known, prior)
     even = (np.floor(events["time_s"].to_numpy() / HOUR) % 2) == 0
     even = even if even.any() else ~even
@@ -134,72 +126,13 @@ def predict_mixture(
     unexplained = float(_UNEXPLAINED[int(np.argmax(scores))])
     sigma = np.hypot(known, unexplained)
     probability, log_likelihood = _follow(data, sigma, persistence)
-    table = _intervals(events, candidates, probability, sigma, partial(_even_width, even))
+    at = candidates["event"].to_numpy(dtype=np.int64)
+    components = Components(at, data.candidate_time, sigma, probability)
+    table = intervals(events, components, partial(_even_width, even))
     return Mixture(table.assign(log_likelihood=log_likelihood), probability, sigma, unexplained)
 
 
-class LearnedMixture(NamedTuple):
-    """Mixture with learned errors of water, positions and clocks."""
-
-    mixture: Mixture
-    learned: Learned
-
-
-def learn_mixture(
-    events: pd.DataFrame,
-    candidates: pd.DataFrame,
-    options: PredictionOptions,
-    *,
-    persistence: float,
-    merit_db: float | None = None,
-) -> LearnedMixture:
-    """
-    Predict each event by a mixture whose candidates are corrected by learned errors.
-
-    Parameters
-    ----------
-    events, candidates, options, persistence, merit_db
-        As in `predict_mixture`. The errors of positions and sound speed of the options are those
-        with which learning begins.
-
-    Returns
-    -------
-    LearnedMixture
-
-    Notes
-    -----
-    The water, the positions and the clocks err by Gauss-Markov processes (`ErrorSizes`), which a
-    Kalman filter estimates from event to event. With ``causal``, a prediction uses only earlier
-    events; with ``smooth``, all but the event itself. The probability of an interval is that which
-    covered 95 % of the earlier events; with ``smooth``, of the events of even hours for odd hours
-    and vice versa.
-    """
-    without = replace(options, position_sigma=0.0, sound_speed_sigma=0.0)
-    known = _known_sigma(events, candidates, without)
-    prior = first_detected(candidates, merit_db)
-    design = Design.of(events, candidates)
-    data = LearningData.of(events, candidates, known, prior, design=design)
-    learn = learn_smoothly if options.learn == "smooth" else learn_causally
-    learned = learn(data, ErrorSizes.prior_of(options), persistence)
-    at = candidates["event"].to_numpy(dtype=np.int64)
-    sigma = np.sqrt(known**2 + (learned.unexplained**2 + learned.sigma**2)[at])
-    correction = learned.parts.sum(axis=1)
-    corrected = candidates.assign(
-        travel_time_s=candidates["travel_time_s"].to_numpy() + correction[at]
-    )
-    if options.learn == "smooth":
-        even = (np.floor(data.time / HOUR) % 2) == 0
-        width_of = partial(_other_width, even)
-    else:
-        width_of = partial(_earlier_width, data.order)
-    table = _intervals(events, corrected, learned.expected, sigma, width_of, CLUTTER)
-    parts = {f"learned_{name}_s": learned.parts[:, k] for k, name in enumerate(PARTS)}
-    table = table.assign(log_likelihood=learned.log_likelihood, **parts)
-    unexplained = float(learned.sizes.unexplained_s)
-    return LearnedMixture(Mixture(table, learned.expected, sigma, unexplained), learned)
-
-
-def _known_sigma(
+def known_sigma(
     events: pd.DataFrame, candidates: pd.DataFrame, options: PredictionOptions
 ) -> Array:
     """
@@ -259,11 +192,9 @@ def _follow(data: EventData, sigma: Array, persistence: float) -> tuple[Array, A
     return probability, log_likelihood
 
 
-def _intervals(
+def intervals(
     events: pd.DataFrame,
-    candidates: pd.DataFrame,
-    probability: Array,
-    sigma: Array,
+    components: Components,
     width_of: Callable[[Array], Array | float],
     outliers: float = 0.0,
 ) -> pd.DataFrame:
@@ -277,8 +208,7 @@ def _intervals(
     from scipy.special import ndtr
 
     n = len(events)
-    at = candidates["event"].to_numpy(dtype=np.int64)
-    time = candidates["travel_time_s"].to_numpy()
+    at, time, sigma, probability = components
     measured = events["measured_s"].to_numpy()
     mean = np.bincount(at, probability * time, minlength=n)
     has = np.bincount(at, minlength=n) > 0
@@ -327,17 +257,35 @@ def _width(far: Array) -> float:
     return min(float(np.quantile(known, _COVERED)), _MAX_QUANTILE)
 
 
-def _other_width(even: NDArray[np.bool_], far: Array) -> Array:
-    """Probability that covers 95 % of the events of odd hours, for even hours, and vice versa."""
-    return np.where(even, _width(far[~even]), _width(far[even]))
+def other_width(even: NDArray[np.bool_], group: Indices, far: Array) -> Array:
+    """
+    Probability that covers 95 % of the events of odd hours, for even hours, and vice versa, by
+    groups of events.
+    """
+    width = np.empty(far.size)
+    for mine in (even, ~even):
+        for number in np.unique(group[mine]).tolist():
+            width[mine & (group == number)] = _group_width(far[~mine], group[~mine] == number)
+    return width
 
 
-def _earlier_width(order: Indices, far: Array) -> Array:
-    """Probability that covers 95 % of the events before each event."""
+def earlier_width(order: Indices, group: Indices, far: Array) -> Array:
+    """Probability that covers 95 % of the events before each event, by groups of events."""
     width = np.full(far.size, _COVERED)
     for k in range(_MIN_EVENTS, order.size):
-        width[order[k]] = _width(far[order[max(k - _MAX_WIDTH_EVENTS, 0) : k]])
+        earlier = order[max(k - _MAX_WIDTH_EVENTS, 0) : k]
+        width[order[k]] = _group_width(far[earlier], group[earlier] == group[order[k]])
     return width
+
+
+def _group_width(far: Array, is_member: NDArray[np.bool_]) -> float:
+    """
+    Probability that covers 95 % of the members of a group; of a group with few of them that of all
+    events, but not less than 95 %.
+    """
+    if np.isfinite(far[is_member]).sum() >= _MIN_EVENTS:
+        return _width(far[is_member])
+    return max(_width(far), _COVERED)
 
 
 def coverage_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:

@@ -24,6 +24,12 @@ SHOWS_RESULTS = True
 
 _MAX_PAIRS = 12  # panels of residuals over time
 _BEYOND = 99.0  # percent of residuals that a histogram shows
+# tables with a row per event or more, which are files beside the page
+_LONG_TABLES = {
+    "events": "Every event",
+    "candidates": "Candidates",
+    "followed": "Followed arrivals",
+}
 _STATUS_STYLES = {
     "ok": (style.BLUE, "predicted"),
     "leaked": ("#332288", RAY_STATUS_WORDS[RayStatus.LEAKED].label),
@@ -82,7 +88,8 @@ def write_replay(
 
 def _page(replay: Replay, pictures: Sequence[Picture], record: dict[str, Any]) -> Page:
     events = replay.events
-    *tables, candidates, every_event = replay.tables.values()
+    tables = replay.tables
+    long_tables = {words: name for name, words in _LONG_TABLES.items() if name in tables}
     return Page(
         title="Replay of measured travel times",
         facts=[f"{len(events):,} events of {events['pair'].nunique()} pairs; rule {replay.rule}"],
@@ -90,9 +97,9 @@ def _page(replay: Replay, pictures: Sequence[Picture], record: dict[str, Any]) -
         cards=_cards(replay),
         explorer=_explorer(events),
         pictures=pictures,
-        tables=tables,
-        other_tables=[candidates, every_event],
-        links={"Every event": "tables/events.csv", "Candidates": "tables/candidates.csv"},
+        tables=[table for name, table in tables.items() if name not in _LONG_TABLES],
+        other_tables=[tables[name] for name in long_tables.values()],
+        links={words: f"tables/{name}.csv" for words, name in long_tables.items()},
         origin=[origin_table(record, "Options", "replay.json")],
     )
 
@@ -101,8 +108,10 @@ def _explorer(events: pd.DataFrame) -> Explorer | None:
     """Residuals of events over time and distance."""
     count = events["surface_bounces"] + events["bottom_bounces"]
     noun = count.eq(1).map({True: " bounce", False: " bounces"}).fillna("")
-    words = count.astype("string") + noun
-    table = events.assign(time_h=events["time_s"] / 3600.0, bounces=words.fillna("none predicted"))
+    words = (count.astype("string") + noun).fillna("none predicted")
+    if "not_modelled" in events:
+        words = words.mask(events["not_modelled"], "not modelled")
+    table = events.assign(time_h=events["time_s"] / 3600.0, bounces=words)
     return table_explorer(
         table,
         ["residual_m", "residual_s", "measured_s"],
