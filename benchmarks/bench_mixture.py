@@ -27,8 +27,8 @@ from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import Run, run_in_memory
 from pymantaray.config import parse_study
-from pymantaray.config.build.estimators import EstimatorFactory
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.estimators import EstimatorFactory
+from pymantaray.config.door.study import build_study
 from pymantaray.estimation import GraphSolution, solve_conditions
 from pymantaray.evaluation.bound import ping_samples, submerged_at_pings
 

@@ -22,7 +22,7 @@ from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.online import Beacon, OnlineEstimator, StartPose
 from pymantaray.config import load_study
-from pymantaray.config.build.ocean import mission_ocean
+from pymantaray.config.door.ocean import mission_ocean
 from pymantaray.fleet import simulate
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
 

@@ -17,7 +17,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.config import load_study
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.estimation import ClockPrior, Estimator, GraphSolver, MeanSlowness, solve_conditions
 from pymantaray.ocean.modes import vertical_modes
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays

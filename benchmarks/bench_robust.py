@@ -20,7 +20,7 @@ import numpy as np
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import open_run
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.config.load import load_study
 from pymantaray.estimation import (
     LOSSES,

@@ -7,7 +7,7 @@ import numpy as np
 from factories import TINY
 
 from pymantaray.config import parse_study
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.config.keys import with_key
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import MantaRayError

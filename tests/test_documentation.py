@@ -322,7 +322,7 @@ def test_all_top_folders_that_export_are_listed():
         for path in package.glob(pattern)
         if "__all__" in path.read_text()
     }
-    assert exporting == set(PAGES["FOLDERS"]) - {"config.build", "ocean.fetch"}
+    assert exporting == set(PAGES["FOLDERS"]) - {"config.door", "ocean.fetch"}
 
 
 def keys_of_configurations():

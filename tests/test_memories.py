@@ -26,7 +26,7 @@ MEMORIES = {
     "compile/linking.py: loaded": "compiled functions, of code that a process loads once",
     "compile/linking.py: packers": "by the types of arguments",
     "apps/authors/holds.py: counted_steps": PURE,
-    "config/build/fleet.py: _read": "by the stamps of the files, which change with their content",
+    "config/door/fleet.py: _read": "by the stamps of the files, which change with their content",
     "config/common.py: _may_lack": "of the fields of a class",
     "config/meanings.py: _texts": "of the source of a module, which is in memory",
     "entry_points.py: _loaded": "imported modules, which a process loads once",

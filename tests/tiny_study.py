@@ -6,7 +6,7 @@ import pytest
 from factories import TINY, changed
 
 from pymantaray.config import parse_study
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 
 
 @pytest.fixture(scope="session")

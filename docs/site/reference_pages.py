@@ -17,7 +17,7 @@ from pymantaray import apps
 APPLICATIONS = tuple(name for _, name, _ in iter_modules(apps.__path__))
 FOLDERS = (
     *("geometry", "records", "ocean", "ocean.fetch", "acoustics", "fleet", "sensing", "estimation"),
-    *("evaluation", "exchange", "config", "config.build"),
+    *("evaluation", "exchange", "config", "config.door"),
     *(f"apps.{name}" for name in APPLICATIONS if name != "doctor"),
 )
 """Folders of the library in the order in which data flows, and applications that export names."""
@@ -296,7 +296,7 @@ def choices_of_a_replay() -> Iterator[str]:
 
 def choices_of_an_estimator() -> Iterator[str]:
     """Tables of conditions, range models, losses, solvers and kinds of factors."""
-    from pymantaray.config.build.range_models import BUILDERS
+    from pymantaray.config.door.range_models import BUILDERS
     from pymantaray.config.estimators import STANDARD, ConditionSection
     from pymantaray.estimation.graph.graph import KINDS
     from pymantaray.estimation.solve import METHODS

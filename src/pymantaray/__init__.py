@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from pymantaray.acoustics import find_eigenrays as find_eigenrays
     from pymantaray.config import StudyConfig as StudyConfig
     from pymantaray.config import load_study as load_study
-    from pymantaray.config.build.water import open_water as open_water
-    from pymantaray.config.build.water import open_waters as open_waters
+    from pymantaray.config.door.water import open_water as open_water
+    from pymantaray.config.door.water import open_waters as open_waters
     from pymantaray.errors import MantaRayError as MantaRayError
     from pymantaray.exchange import read_trajectories as read_trajectories
     from pymantaray.geometry import LocalFrame as LocalFrame

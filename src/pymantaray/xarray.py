@@ -2,7 +2,7 @@
 
 import xarray
 
-from pymantaray.config.build.accessor import OceanAccessor
+from pymantaray.config.door.accessor import OceanAccessor
 
 __all__ = ["OceanAccessor"]
 

@@ -14,7 +14,7 @@ from refusals import refused
 
 import pymantaray.xarray
 from pymantaray.acoustics import Medium, find_eigenrays
-from pymantaray.config.build.water import open_water
+from pymantaray.config.door.water import open_water
 from pymantaray.errors import OceanError, WaterError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean.seawater import sound_speed

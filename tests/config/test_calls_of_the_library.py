@@ -8,10 +8,10 @@ from types import FunctionType
 import numpy as np
 import pytest
 
-from pymantaray.config.build.beliefs import Beliefs
-from pymantaray.config.build.ocean import build_mission_ocean, open_start
-from pymantaray.config.build.range_models import BUILDERS
-from pymantaray.config.build.water import configuration_of, open_water
+from pymantaray.config.door.beliefs import Beliefs
+from pymantaray.config.door.ocean import build_mission_ocean, open_start
+from pymantaray.config.door.range_models import BUILDERS
+from pymantaray.config.door.water import configuration_of, open_water
 from pymantaray.config.estimators import ConditionSection
 from pymantaray.geometry.roughness import Roughness
 from pymantaray.ocean import open_ocean
@@ -29,7 +29,7 @@ def plain(value):
 
 @pytest.fixture
 def calls(monkeypatch):
-    """Calls of the library's functions from `config.build` in their order, with arguments."""
+    """Calls of the library's functions from `config.door` in their order, with arguments."""
     made = []
 
     def recorded(function, name):
@@ -43,7 +43,7 @@ def calls(monkeypatch):
         return call
 
     for name in BUILD:
-        module = import_module(f"pymantaray.config.build.{name}")
+        module = import_module(f"pymantaray.config.door.{name}")
         for key, thing in list(vars(module).items()):
             home = getattr(thing, "__module__", None) or ""
             own = home.startswith("pymantaray.config") or not home.startswith("pymantaray.")

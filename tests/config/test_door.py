@@ -12,9 +12,9 @@ from sources import nodes_of
 import pymantaray
 from pymantaray import load_study
 from pymantaray.acoustics import Absorption
-from pymantaray.config.build.range_models import BUILDERS
-from pymantaray.config.build.study import build_study
 from pymantaray.config.common import Section
+from pymantaray.config.door.range_models import BUILDERS
+from pymantaray.config.door.study import build_study
 from pymantaray.config.estimators import (
     ConstantRangeModel,
     EigenrayRangeModel,

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pymantaray.apps.study import open_run
-from pymantaray.config.build.estimators import EstimatorFactory, build_condition
+from pymantaray.config.door.estimators import EstimatorFactory, build_condition
 from pymantaray.config.estimators import ConditionSection
 from pymantaray.estimation import LOSSES, ConstantSpeed, Method
 from pymantaray.estimation.ranges.range_models import RangeEndpoints

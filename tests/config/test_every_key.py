@@ -8,8 +8,8 @@ from types import SimpleNamespace
 import pytest
 from every_key import changed_keys
 
-from pymantaray.config.build.estimators import EstimatorFactory
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.estimators import EstimatorFactory
+from pymantaray.config.door.study import build_study
 from pymantaray.jobs.keys import values_of
 
 

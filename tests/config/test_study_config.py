@@ -22,7 +22,7 @@ from pymantaray.config import (
     preset_text,
     study_toml,
 )
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.config.fleet import FloatSection, FloatVehicle, StationVehicle
 from pymantaray.config.mission import MissionSection, keys_of_schedule
 from pymantaray.config.sections import StudyConfig

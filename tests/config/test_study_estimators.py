@@ -18,9 +18,9 @@ from pymantaray.apps.study import run_study
 from pymantaray.apps.study.realization import RealizationSolver
 from pymantaray.apps.study.store import Run
 from pymantaray.config import parse_study, preset_text, study_toml
-from pymantaray.config.build.beliefs import Beliefs
-from pymantaray.config.build.estimators import EstimatorFactory
-from pymantaray.config.build.ocean import mission_start, open_start
+from pymantaray.config.door.beliefs import Beliefs
+from pymantaray.config.door.estimators import EstimatorFactory
+from pymantaray.config.door.ocean import mission_start, open_start
 from pymantaray.config.estimators import (
     CastBelief,
     ConditionSection,
@@ -286,7 +286,7 @@ def test_other_numerics_are_those_of_the_same_water(beliefs, as_stored):
 
 def test_an_assumed_tide_is_in_the_water_of_the_run(beliefs, monkeypatch, as_stored):
     monkeypatch.setattr(
-        "pymantaray.config.build.beliefs.build_ocean", None
+        "pymantaray.config.door.beliefs.build_ocean", None
     )  # the source is not opened again
     tide = InternalTideBelief(kind="internal-tide", amplitude=10.0)
     exact, ocean = beliefs.believed(ExactBelief(kind="exact"), 0).local, beliefs.varying(tide)

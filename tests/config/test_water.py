@@ -16,9 +16,9 @@ from pymantaray.acoustics.ocean_fields import OceanFields, build_medium
 from pymantaray.apps.atlas import Atlas
 from pymantaray.apps.ranges import measure
 from pymantaray.config import load_sound
-from pymantaray.config.build.beliefs import Beliefs
-from pymantaray.config.build.ocean import build_mission_ocean, open_start
-from pymantaray.config.build.water import configuration_of, open_local
+from pymantaray.config.door.beliefs import Beliefs
+from pymantaray.config.door.ocean import build_mission_ocean, open_start
+from pymantaray.config.door.water import configuration_of, open_local
 from pymantaray.config.estimators import ExactBelief
 from pymantaray.errors import MantaRayError, OceanError, StudyError, WaterError
 from pymantaray.ocean import cast_ocean, open_ocean, read_cast, to_local, with_ice

@@ -17,7 +17,7 @@ from pymantaray.apps.atlas import Atlas
 from pymantaray.apps.ranges import measure
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.fleet import Drifting, Vehicle, simulate
 from pymantaray.ocean.environment import environment_arrays, read_environment

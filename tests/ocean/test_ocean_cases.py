@@ -13,7 +13,7 @@ import pytest
 from refusals import refused
 
 from pymantaray.acoustics import read_profile
-from pymantaray.config.build.water import open_water
+from pymantaray.config.door.water import open_water
 from pymantaray.errors import AcousticsError, OceanError
 from pymantaray.ocean import open_ocean, open_sea_floor, read_cast
 

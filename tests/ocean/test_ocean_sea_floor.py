@@ -11,7 +11,7 @@ import pytest
 import xarray as xr
 from refusals import refused
 
-from pymantaray.config.build.water import open_water
+from pymantaray.config.door.water import open_water
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import fill_below_sea_bed, open_sea_floor, sea_floor_depth, to_local

@@ -14,7 +14,7 @@ from pymantaray.acoustics import Medium, find_eigenrays, quadrature, trace_paths
 from pymantaray.apps.replay import Events, replay_events
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import earth_note, simulate_mission
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.config.load import load_study
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import EarthSphere, LocalFrame

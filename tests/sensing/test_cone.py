@@ -7,7 +7,7 @@ import pytest
 
 from pymantaray import open_water
 from pymantaray.acoustics import Medium
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.config.load import load_study
 from pymantaray.errors import MantaRayError
 from pymantaray.records import RayStatus

@@ -54,7 +54,7 @@ def load_waters(
     smooth. Options override ``sections``, which are keys of a file. ``changes`` are values by
     dotted key, which override both.
     """
-    from pymantaray.config.build.water import open_waters
+    from pymantaray.config.door.water import open_waters
 
     arrivals = {} if search is None else search.keys
     keys = (sections or {}) | options.keys | arrivals | (changes or {})
@@ -76,8 +76,8 @@ def _of_run(folder: Path, keys: dict[str, Any], default: "Interpolation | None")
             " --profile"
         )
     from pymantaray.config import load_study
-    from pymantaray.config.build.ocean import build_mission_ocean
-    from pymantaray.config.build.water import open_local
+    from pymantaray.config.door.ocean import build_mission_ocean
+    from pymantaray.config.door.water import open_local
     from pymantaray.jobs.run_folder import CONFIG, OCEAN, checked_file, checked_manifest
     from pymantaray.records import read_netcdf
 

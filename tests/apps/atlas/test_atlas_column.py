@@ -18,7 +18,7 @@ from pymantaray.apps.atlas import AtlasLinks
 from pymantaray.apps.atlas.column import SPLINE, column_errors, medium_at
 from pymantaray.apps.atlas.links import CONVENTIONS
 from pymantaray.config import parse_study
-from pymantaray.config.build.ocean import build_ocean
+from pymantaray.config.door.ocean import build_ocean
 from pymantaray.errors import AtlasError
 from pymantaray.evaluation.ranging_error import range_errors
 from pymantaray.ocean import open_ocean

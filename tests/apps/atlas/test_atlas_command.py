@@ -121,7 +121,7 @@ def test_every_option_reaches_the_water_of_an_atlas(reached, ocean_file, tmp_pat
         *("--ice-slope", 12, "--ice-length", "25 m", "--interpolation", "linear"),
         *("--earth", "sphere", "--thin", 0.05, "--smooth", "6 m", place, *PLACES[place]),
     )
-    used = "pymantaray.config.build.water.configuration_of"
+    used = "pymantaray.config.door.water.configuration_of"
     atlas = ("atlas", "run", ocean_file, "more.nc", "--out", tmp_path / "atlas.nc")
     (tmp_path / "more.nc").touch()
     given = reached(used, *atlas[:3], tmp_path / "more.nc", *atlas[4:], *LINKED, *words)

@@ -18,7 +18,7 @@ from pymantaray.apps.study import run_study
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import run_in_memory
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.config.text import commented_toml
 from pymantaray.errors import ExchangeError, MantaRayError, OceanError, StudyError
 from pymantaray.ocean.environment import read_arrays

@@ -125,7 +125,7 @@ COMMANDS = {
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_reaches_the_water(reached, files, command, interpolation):
     words = (*COMMANDS[command].split(), "--profile", "profile.csv", *EVERY.split())
-    reached("pymantaray.config.build.water.open_waters", *words, *interpolation)
+    reached("pymantaray.config.door.water.open_waters", *words, *interpolation)
 
 
 @pytest.mark.parametrize("command", COMMANDS)

@@ -493,7 +493,7 @@ def test_every_option_reaches_the_water_of_locate(reached, short, command, place
     assert ("earth" in given) == (command == "plan")  # locate itself has the Earth's shape
 
 
-OPENED = "pymantaray.config.build.water.open_waters"
+OPENED = "pymantaray.config.door.water.open_waters"
 
 
 @pytest.mark.parametrize("depth", [900, 2600])

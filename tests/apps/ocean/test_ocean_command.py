@@ -9,8 +9,8 @@ import pytest
 import xarray as xr
 
 from pymantaray.config import load_study, preset_text
-from pymantaray.config.build.fleet import planned_points
-from pymantaray.config.build.ocean import build_ocean
+from pymantaray.config.door.fleet import planned_points
+from pymantaray.config.door.ocean import build_ocean
 from pymantaray.errors import OceanError
 from pymantaray.geometry import stream
 from pymantaray.ocean import (
@@ -546,7 +546,7 @@ ON_A_GRID = {
 @pytest.mark.parametrize("command", ON_A_GRID)
 def test_every_option_reaches_the_configuration_of_the_ocean(make, reached, command, options):
     words = (*ON_A_GRID[command].split(), *options.split())
-    given = reached("pymantaray.config.build.water.configuration_of", "ocean", *words)
+    given = reached("pymantaray.config.door.water.configuration_of", "ocean", *words)
     time = given[1].get("time")
     assert (time and time.isoformat()) == ("2014-07-24T19:20:00" if options == GRID else None)
 
@@ -568,7 +568,7 @@ def test_every_option_reaches_the_check(make, reached, how):
 def test_every_option_reaches_the_check_of_water(make, reached):
     rays = RAYS.removesuffix(" --smooth 6").split()
     words = ("ocean", "check", "cast.csv", "--bathymetry", 390, "--half-extent", 9, 11, *rays)
-    reached("pymantaray.config.build.water.open_water", *words)
+    reached("pymantaray.config.door.water.open_water", *words)
 
 
 def test_every_option_reaches_the_study_of_the_check(make, reached):

@@ -15,7 +15,7 @@ from pymantaray.apps.online import Outcome
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.config import load_study
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.estimation import Estimator, TransmitterSpeed, solve_conditions
 from pymantaray.range_models.eigenray_model import EigenrayModel
 from pymantaray.sensing import perturb

@@ -11,7 +11,7 @@ from pymantaray.apps.plan.ensemble import worst_score
 from pymantaray.apps.plan.evaluate import DesignEvaluator
 from pymantaray.apps.plan.waters import Missions
 from pymantaray.config import parse_study
-from pymantaray.config.build.beliefs import Beliefs
+from pymantaray.config.door.beliefs import Beliefs
 from pymantaray.config.estimators import CastBelief
 from pymantaray.errors import PlanError
 from pymantaray.ocean import open_ocean

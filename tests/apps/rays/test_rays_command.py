@@ -520,7 +520,7 @@ SAME = r"lut|knots|nodes|^0\."  # of a medium
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_option_reaches_the_water(reached, folder, command):
     words = (*COMMANDS[command].split(), "--profile", "profile.csv", *EVERY.split())
-    given = reached("pymantaray.config.build.water.open_waters", "rays", *words)
+    given = reached("pymantaray.config.door.water.open_waters", "rays", *words)
     assert given[0] == ["profile.csv"]
     assert given["time"].isoformat() == "2014-07-24T19:20:00"
     assert given["names"] == {"temp": "sea_water_temperature"}
@@ -528,7 +528,7 @@ def test_every_option_reaches_the_water(reached, folder, command):
 
 def test_every_option_reaches_the_water_of_a_run(reached, folder, tiny_run_folder):
     words = ("rays", "times", "links.csv", "out.csv", "--run", tiny_run_folder, *SEARCH.split())
-    reached("pymantaray.config.build.water.open_local", *words, without=r"^0\.")
+    reached("pymantaray.config.door.water.open_local", *words, without=r"^0\.")
 
 
 @pytest.mark.parametrize("command", ["times", "eigen", "trace"])

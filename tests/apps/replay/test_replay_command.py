@@ -209,7 +209,7 @@ def test_every_option_reaches_the_water_of_a_replay(reached, files, place):
         *("--detection", "sonar.toml", "--set", "ranging.slot_s=4", *SEARCH),
     )
     words = ("replay", "events.csv", "--profile", "casts.csv", *options)
-    given = reached("pymantaray.config.build.water.open_waters", *words)
+    given = reached("pymantaray.config.door.water.open_waters", *words)
     assert given["time"] == datetime(2020, 3, 10, 12)  # noqa: DTZ001
 
 

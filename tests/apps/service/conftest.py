@@ -10,7 +10,7 @@ from pymantaray.acoustics import Medium, Sonar
 from pymantaray.apps.service import RangingService, make_server
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.config import parse_study
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.sensing import Detector, ReceptionOptions, TwoWay
 
 SONAR = Sonar(source_level_db=170.0, frequency_hz=25e3, bandwidth_hz=4e3, noise=45.0)

@@ -21,7 +21,7 @@ import pymantaray
 from pymantaray import MantaRayError
 from pymantaray.acoustics import Medium
 from pymantaray.apps.service import RangingService
-from pymantaray.config.build.water import open_water
+from pymantaray.config.door.water import open_water
 
 PACKAGE = ROOT / "ros2" / "mantaray_ros"
 PROFILE = "depth,sound_speed\n0,1440\n100,1436\n400,1452\n1000,1465\n"

@@ -31,7 +31,7 @@ from pymantaray.apps.study.manifest import Stopwatch, describe_run
 from pymantaray.apps.study.runner import _job_key
 from pymantaray.apps.sweep.keys import POINT, STAGES, task_keys
 from pymantaray.config import parse_study
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.errors import ExtensionError, MantaRayError
 from pymantaray.pages.writing import draw
 from pymantaray.sensing import NoiseModel

@@ -12,8 +12,8 @@ import pytest
 from factories import python
 
 from pymantaray.apps.study import open_run, run_study
-from pymantaray.config.build import ocean as water_ocean
-from pymantaray.config.build.beliefs import Beliefs
+from pymantaray.config.door import ocean as water_ocean
+from pymantaray.config.door.beliefs import Beliefs
 from pymantaray.config.estimators import ModesSection
 from pymantaray.errors import JobError
 from pymantaray.ocean import open_ocean

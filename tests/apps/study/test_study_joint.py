@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pymantaray.config.build.beliefs import Beliefs
+from pymantaray.config.door.beliefs import Beliefs
 from pymantaray.config.estimators import ModesSection
 from pymantaray.errors import OceanError
 

@@ -11,7 +11,7 @@ from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study import run_study
 from pymantaray.apps.study.mission import with_notes
 from pymantaray.config import load_study
-from pymantaray.config.build.ocean import build_ocean
+from pymantaray.config.door.ocean import build_ocean
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import (
     cast_ocean,

@@ -12,8 +12,8 @@ from pymantaray.acoustics import Leakage, Medium, WenzNoise
 from pymantaray.acoustics.ocean_fields import build_currents
 from pymantaray.apps.study import open_run
 from pymantaray.apps.study.realization import RealizationQueue, SolverInputs, start_solver
-from pymantaray.config.build.ocean import build_ocean
-from pymantaray.config.build.sound import build_sound
+from pymantaray.config.door.ocean import build_ocean
+from pymantaray.config.door.sound import build_sound
 from pymantaray.config.sections import DetectionSection, RangingSection
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg

@@ -24,8 +24,8 @@ from pymantaray.apps.study.realization import SolverInputs, start_solver
 from pymantaray.apps.study.store import Run, run_in_memory, summarize
 from pymantaray.apps.study.workers import worker_count
 from pymantaray.config import parse_study
-from pymantaray.config.build.estimators import EstimatorFactory
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.estimators import EstimatorFactory
+from pymantaray.config.door.study import build_study
 from pymantaray.config.estimators import STANDARD, ConditionSection
 from pymantaray.errors import FleetError, JobError, StudyError
 from pymantaray.estimation import (

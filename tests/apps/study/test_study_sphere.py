@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from pymantaray.apps.study.realization import RealizationSolver
-from pymantaray.config.build.estimators import EstimatorFactory
+from pymantaray.config.door.estimators import EstimatorFactory
 from pymantaray.estimation import (
     GraphSolver,
     IncrementalOptions,

@@ -8,8 +8,8 @@ import pytest
 from pymantaray.apps.study import run_study
 from pymantaray.apps.study.mission import simulate_fleet
 from pymantaray.config import load_study, parse_study, preset_text
-from pymantaray.config.build.fleet import build_fleet
-from pymantaray.config.build.ocean import mission_ocean
+from pymantaray.config.door.fleet import build_fleet
+from pymantaray.config.door.ocean import mission_ocean
 from pymantaray.estimation import CONDITIONS
 from pymantaray.estimation.solvers.losses import LOSSES
 from pymantaray.geometry.se3 import matrix_from_quaternion

@@ -18,8 +18,8 @@ from pymantaray.apps.study import open_run, run_study
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.apps.study.page import warnings_of
 from pymantaray.config import parse_study
-from pymantaray.config.build.fleet import with_tracks
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.fleet import with_tracks
+from pymantaray.config.door.study import build_study
 from pymantaray.errors import ExchangeError, MantaRayError, StudyError
 from pymantaray.evaluation import dropout_table, range_error_table
 from pymantaray.exchange import Tracks

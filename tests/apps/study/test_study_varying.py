@@ -22,8 +22,8 @@ from pymantaray.acoustics.ocean_fields import (
 from pymantaray.apps.study import open_run, run_study
 from pymantaray.apps.study.explore import PageLinks, mission_rays
 from pymantaray.apps.study.figures.register import RunResults
-from pymantaray.config.build.estimators import EstimatorFactory
-from pymantaray.config.build.ocean import mission_start
+from pymantaray.config.door.estimators import EstimatorFactory
+from pymantaray.config.door.ocean import mission_start
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import solve_conditions
 from pymantaray.fleet import simulate

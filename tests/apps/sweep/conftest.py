@@ -8,7 +8,7 @@ from factories import TINY, pool_here
 
 from pymantaray.apps.sweep import Sweep, stages
 from pymantaray.config import parse_study
-from pymantaray.config.build.ocean import build_ocean
+from pymantaray.config.door.ocean import build_ocean
 
 
 @pytest.fixture(scope="session")

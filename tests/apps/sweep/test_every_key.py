@@ -9,11 +9,11 @@ from every_key import changed_keys
 from pydantic import BaseModel
 
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, task_keys
-from pymantaray.config.build.fleet import build_fleet, build_pings
-from pymantaray.config.build.ocean import build_mission_ocean
-from pymantaray.config.build.sound import build_sound
-from pymantaray.config.build.study import build_study
 from pymantaray.config.common import Section
+from pymantaray.config.door.fleet import build_fleet, build_pings
+from pymantaray.config.door.ocean import build_mission_ocean
+from pymantaray.config.door.sound import build_sound
+from pymantaray.config.door.study import build_study
 
 
 class Names(dict):

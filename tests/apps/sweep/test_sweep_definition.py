@@ -11,7 +11,7 @@ from pymantaray.apps.sweep.definition import parse_sweep
 from pymantaray.apps.sweep.keys import task_keys
 from pymantaray.apps.sweep.plan import SweepPlan
 from pymantaray.config import load_study, parse_study, study_toml
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.config.keys import with_key
 from pymantaray.errors import SweepError
 

@@ -21,7 +21,7 @@ from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES, task_keys
 from pymantaray.apps.sweep.stages import _PACK, _UNPACK
 from pymantaray.config import parse_study
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.installation import PACKAGES, code_version, shows_results, versions
 from pymantaray.jobs.keys import digest, values_of
 from pymantaray.records.writing import netcdf_content, netcdf_groups

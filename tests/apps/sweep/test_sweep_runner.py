@@ -22,7 +22,7 @@ from pymantaray.apps.sweep.plan import SweepPlan, SweepQueue
 from pymantaray.apps.sweep.points import stage_name
 from pymantaray.apps.sweep.tasks import SweepTask, run_task
 from pymantaray.config import parse_study
-from pymantaray.config.build.ocean import MissionOcean
+from pymantaray.config.door.ocean import MissionOcean
 from pymantaray.errors import JobError
 from pymantaray.evaluation import dropout_table, error_table
 from pymantaray.jobs.pool import Pool

@@ -17,7 +17,7 @@ from pymantaray.apps.sweep.keys import STAGES
 from pymantaray.apps.sweep.plan import SweepPlan
 from pymantaray.apps.sweep.points import finished, point_content, point_name, stage_name
 from pymantaray.apps.sweep.stages import Stages
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.errors import JobError, SweepError, WriteError
 from pymantaray.installation import code_version
 from pymantaray.jobs.store import failure_content, open_store

@@ -80,7 +80,7 @@ def test_every_option_reaches_the_water_of_a_table(reached, place) -> None:
         *("--max-surface-bounces", 2, "--max-bottom-bounces", 3, "--cutoff-db", 21),
         *("--arrival", "direct-or-first", "--out", "t.nc"),
     )
-    used = "pymantaray.config.build.water.configuration_of"
+    used = "pymantaray.config.door.water.configuration_of"
     given = reached(used, "table", "profile.csv", "synthetic:fram", *words, *BOX)
     assert given[0] == ["profile.csv", "synthetic:fram"]
     assert given[1]["time"] == datetime(2020, 3, 10, 12)  # noqa: DTZ001
@@ -90,7 +90,7 @@ def test_every_option_reaches_the_water_of_a_table(reached, place) -> None:
 def test_every_option_reaches_the_table(reached, monkeypatch) -> None:
     Path("other.csv").write_text("depth_m,sound_speed\n0,1470\n")
     monkeypatch.setattr(
-        "pymantaray.config.build.water.open_water",
+        "pymantaray.config.door.water.open_water",
         lambda source, **keys: {"source": str(source), **keys},
     )
     words = ("table", "profile.csv", *BOX, "--out", "t.mtt", "--arrival", "strongest")
@@ -112,7 +112,7 @@ def test_a_sea_floor_is_below_the_profile_and_the_table(
 ) -> None:
     profile.write_text(f"depth_m,sound_speed\n0,1470\n{levels},1475\n")
     limits = ("--source-depth", f"10:{deepest}", "--receiver-depth", "10:50", *LIMITS[4:])
-    opened = "pymantaray.config.build.water.open_water"
+    opened = "pymantaray.config.door.water.open_water"
     given = reached(opened, "table", "profile.csv", *limits, "--out", "t.nc")
     assert given["bathymetry"] == expected
 

@@ -16,7 +16,7 @@ from scipy.integrate import quad
 
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.config.load import load_study
 from pymantaray.errors import EstimationError
 from pymantaray.estimation import (

@@ -15,7 +15,7 @@ from pymantaray.acoustics.medium import ice_of
 from pymantaray.apps.atlas.column import EDGE, LAND, WATER, column_errors, water_at
 from pymantaray.apps.atlas.dataset import NOTES, VARIABLES, shape_of
 from pymantaray.apps.atlas.plan import Block
-from pymantaray.config.build.ocean import MissionOcean
+from pymantaray.config.door.ocean import MissionOcean
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.longitude import whole_turns
 from pymantaray.jobs.pool import run_in_store

@@ -32,7 +32,7 @@ from pymantaray.errors import AtlasError
 if TYPE_CHECKING:
     import pandas as pd
 
-    from pymantaray.config.build.sound import SoundOptions
+    from pymantaray.config.door.sound import SoundOptions
     from pymantaray.records.result_table import ResultTable
 
 SHOWS_RESULTS = True
@@ -157,8 +157,8 @@ def run(
     check_output(out.out, [".nc"], inputs=[Path(name) for name in files], force=True)
     from pymantaray.apps.atlas import Atlas, open_atlas, run_atlas, safety_table
     from pymantaray.apps.atlas.dataset import notes_of
-    from pymantaray.config.build.sound import build_sound
-    from pymantaray.config.build.water import configuration_of
+    from pymantaray.config.door.sound import build_sound
+    from pymantaray.config.door.water import configuration_of
     from pymantaray.records.digits import counted
 
     config = configuration_of(files, replace(water, time=None).keys | search.keys)

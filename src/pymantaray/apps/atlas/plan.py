@@ -18,9 +18,9 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.atlas.column import SPLINE
 from pymantaray.apps.atlas.links import AtlasLinks
 from pymantaray.arrays import Array
-from pymantaray.config.build.ocean import MissionOcean, build_mission_ocean
-from pymantaray.config.build.sound import SoundOptions, build_sound
-from pymantaray.config.build.water import Source, configuration_of
+from pymantaray.config.door.ocean import MissionOcean, build_mission_ocean
+from pymantaray.config.door.sound import SoundOptions, build_sound
+from pymantaray.config.door.water import Source, configuration_of
 from pymantaray.errors import AtlasError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import wrap_longitude

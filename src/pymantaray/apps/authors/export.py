@@ -13,7 +13,7 @@ from pymantaray.apps.authors.holds import counted_steps, extra_steps
 from pymantaray.apps.authors.simulation import LETTERS, REFLECTED
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.arrays import Array
-from pymantaray.config.build.study import Study, build_study
+from pymantaray.config.door.study import Study, build_study
 from pymantaray.config.load import load_study
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import ExchangeError, WriteError

@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
     from pymantaray.acoustics.profiles import Profile
-    from pymantaray.config.build.ocean import MissionOcean
+    from pymantaray.config.door.ocean import MissionOcean
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.open import CurrentsPolicy
     from pymantaray.ocean.schema import Finding
@@ -159,8 +159,8 @@ def check(
     else:
         from pymantaray.apps.study.assemble import fleet_findings
         from pymantaray.config import load_study
-        from pymantaray.config.build.fleet import with_tracks
-        from pymantaray.config.build.study import build_study
+        from pymantaray.config.door.fleet import with_tracks
+        from pymantaray.config.door.study import build_study
         from pymantaray.config.options import dotted_keys
 
         # these files replace the study's ocean, as in `study run --ocean`
@@ -193,15 +193,15 @@ def _configured(
     words: list[str], options: GridOptions, *, currents: "CurrentsPolicy" = "required"
 ) -> "MissionOcean":
     """An ocean; whether it must have currents, unless an option says so."""
-    from pymantaray.config.build.ocean import build_mission_ocean
-    from pymantaray.config.build.water import configuration_of
+    from pymantaray.config.door.ocean import build_mission_ocean
+    from pymantaray.config.door.water import configuration_of
 
     return build_mission_ocean(configuration_of(words, {"currents": currents} | options.keys))
 
 
 def _refusals(words: list[str], options: WaterOptions) -> "list[Finding]":
     """Findings of options of ice, rays and profiles, which only the water itself has."""
-    from pymantaray.config.build.water import open_water
+    from pymantaray.config.door.water import open_water
     from pymantaray.ocean.schema import Finding
 
     try:

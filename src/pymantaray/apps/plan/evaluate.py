@@ -14,8 +14,8 @@ from pymantaray.apps.plan.definition import CostSection, DeploymentPlan, Design
 from pymantaray.apps.plan.waters import Missions
 from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
-from pymantaray.config.build.estimators import EstimatorFactory
-from pymantaray.config.build.study import Study
+from pymantaray.config.door.estimators import EstimatorFactory
+from pymantaray.config.door.study import Study
 from pymantaray.errors import MantaRayError, PlanError
 from pymantaray.estimation import GraphSolver, solve_conditions
 from pymantaray.evaluation import error_bound

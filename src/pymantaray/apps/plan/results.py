@@ -25,8 +25,8 @@ from pymantaray.apps.plan.ensemble import (
 from pymantaray.apps.plan.evaluate import Scores
 from pymantaray.arrays import Array
 from pymantaray.config import load_study
-from pymantaray.config.build.study import build_study
 from pymantaray.config.common import NONE
+from pymantaray.config.door.study import build_study
 from pymantaray.config.load import BASE, preset_names
 from pymantaray.records import whole_file
 from pymantaray.records.result_table import ResultTable

@@ -14,7 +14,7 @@ from pymantaray.apps.study.mission import assemble_mission, range_fleet, simulat
 from pymantaray.apps.study.runner import refuse_too_large
 from pymantaray.apps.study.store import Run, run_in_memory
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, task_keys
-from pymantaray.config.build.study import Study, build_study
+from pymantaray.config.door.study import Study, build_study
 from pymantaray.geometry import stream
 from pymantaray.jobs.keys import FileChecksums
 from pymantaray.ocean import perturb_ocean

@@ -118,7 +118,7 @@ def ranges(
     """
     from pymantaray.apps.ranges.ranging import ranges_config
     from pymantaray.apps.study.command import run_and_report
-    from pymantaray.config.build.fleet import track_files
+    from pymantaray.config.door.fleet import track_files
     from pymantaray.exchange.read import files_of
 
     files = files_of(trajectories)

@@ -35,7 +35,7 @@ from pymantaray.apps.replay.summary import quantile_of, summary_table
 from pymantaray.apps.replay.switching import switching_table
 from pymantaray.apps.replay.water import choose_water, ends_of, instants_in, water_of_echoes
 from pymantaray.arrays import Array
-from pymantaray.config.build.water import Source, open_waters
+from pymantaray.config.door.water import Source, open_waters
 from pymantaray.errors import ReplayError
 from pymantaray.evaluation import unexplained
 from pymantaray.geometry.sphere import flat_earth_note

@@ -22,8 +22,8 @@ from pymantaray.apps.service.facts import require_place
 from pymantaray.apps.service.ping import Participants, Ping, Pinger
 from pymantaray.arrays import Array
 from pymantaray.config import StudyConfig
-from pymantaray.config.build.fleet import with_tracks
-from pymantaray.config.build.water import Source, configuration_of, open_water
+from pymantaray.config.door.fleet import with_tracks
+from pymantaray.config.door.water import Source, configuration_of, open_water
 from pymantaray.errors import ServiceError
 from pymantaray.jobs.processes import WorkerEndedError, Workers
 from pymantaray.quantities.checks import check_number

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pymantaray.acoustics.ocean_fields import OceanFields
-from pymantaray.config.build.study import Study
+from pymantaray.config.door.study import Study
 from pymantaray.fleet.simulation import fleet_refusals
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.ocean.schema import Finding

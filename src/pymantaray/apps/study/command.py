@@ -95,7 +95,7 @@ def show(study: NameOrFile, changes: Set = None, as_json: Json = False) -> None:
     commented out.
     """
     from pymantaray.config import load_study
-    from pymantaray.config.build.fleet import with_tracks
+    from pymantaray.config.door.fleet import with_tracks
     from pymantaray.config.text import commented_toml
 
     config = with_tracks(load_study(study, **changes_of(changes)))

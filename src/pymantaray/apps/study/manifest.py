@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from pymantaray.apps.study.references import Citations
 from pymantaray.apps.study.tracks import centre_note
-from pymantaray.config.build.fleet import TrackFiles
-from pymantaray.config.build.study import Study
+from pymantaray.config.door.fleet import TrackFiles
+from pymantaray.config.door.study import Study
 from pymantaray.entry_points import extension_keys
 from pymantaray.installation import peak_memory_mib, versions
 from pymantaray.jobs.keys import sha256
@@ -129,7 +129,7 @@ def estimator_notes(run: "Run") -> list[str]:
     """Notes of the readers of files that estimators assume."""
     if not any(condition.files for condition in run.study.conditions):
         return []
-    from pymantaray.config.build.beliefs import Beliefs
+    from pymantaray.config.door.beliefs import Beliefs
 
     return Beliefs(run).notes()
 

@@ -18,8 +18,8 @@ from pymantaray.apps.study.assemble import (
 )
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.tracks import sample_tracks
-from pymantaray.config.build.fleet import MissionFleet
-from pymantaray.config.build.study import MissionRanging, Study
+from pymantaray.config.door.fleet import MissionFleet
+from pymantaray.config.door.study import MissionRanging, Study
 from pymantaray.errors import MantaRayError, StudyError
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import with_times

@@ -33,7 +33,7 @@ from pymantaray.records import (
 
 if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run
-    from pymantaray.config.build.estimators import EstimatorFactory
+    from pymantaray.config.door.estimators import EstimatorFactory
 
 _PARTS = GraphSolution, EpochCovariances, UnknownsEstimate, GraphValues, SolveStatus
 
@@ -78,7 +78,7 @@ class SolverInputs(NamedTuple):
     @classmethod
     def of(cls, run: "Run") -> Self:
         """Inputs of a run."""
-        from pymantaray.config.build.estimators import EstimatorFactory
+        from pymantaray.config.door.estimators import EstimatorFactory
 
         factory = EstimatorFactory(run)
         return cls(
@@ -138,7 +138,7 @@ class RealizationSolver:
 
     @cached_property
     def _factory(self) -> "EstimatorFactory":
-        from pymantaray.config.build.estimators import EstimatorFactory
+        from pymantaray.config.door.estimators import EstimatorFactory
 
         return EstimatorFactory(self._run)
 

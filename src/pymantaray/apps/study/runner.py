@@ -25,8 +25,8 @@ from pymantaray.apps.study.references import citation
 from pymantaray.apps.study.store import Run, open_run, run_in_memory, summarize
 from pymantaray.apps.study.tracks import mission_size
 from pymantaray.apps.study.workers import worker_count
-from pymantaray.config.build.fleet import with_tracks
-from pymantaray.config.build.study import Study, build_study
+from pymantaray.config.door.fleet import with_tracks
+from pymantaray.config.door.study import Study, build_study
 from pymantaray.config.sections import StudyConfig
 from pymantaray.entry_points import extension_keys
 from pymantaray.errors import StudyError

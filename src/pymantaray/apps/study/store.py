@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pymantaray.apps.study.data_frames import error_frame, pose_frame, range_frame
 from pymantaray.apps.study.noise import NoiseSource
 from pymantaray.apps.study.tables import SUMMARY, RunTables
-from pymantaray.config.build.study import Study, build_study
+from pymantaray.config.door.study import Study, build_study
 from pymantaray.config.load import load_study
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError

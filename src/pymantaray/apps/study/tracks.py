@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from pymantaray.arrays import Array
-from pymantaray.config.build.study import Study
+from pymantaray.config.door.study import Study
 from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import union_of_times

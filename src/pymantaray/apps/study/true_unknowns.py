@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from pymantaray.apps.study.store import Run
-from pymantaray.config.build.estimators import Condition, EstimatorFactory
+from pymantaray.config.door.estimators import Condition, EstimatorFactory
 from pymantaray.estimation import GraphSolution, UnknownsEstimate
 from pymantaray.ocean import layer_weights
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays

@@ -12,9 +12,9 @@ from typing import Any, NamedTuple
 import tomli_w
 
 from pymantaray.config import StudyConfig, load_study, parse_study
-from pymantaray.config.build.fleet import with_tracks
 from pymantaray.config.common import NONE
 from pymantaray.config.conditions import with_conditions
+from pymantaray.config.door.fleet import with_tracks
 from pymantaray.config.keys import Tree, with_key
 from pymantaray.config.load import STUDY_FILE, preset_names
 from pymantaray.errors import StudyError, SweepError

@@ -13,7 +13,7 @@ from pymantaray.apps.study.tracks import mission_size
 from pymantaray.apps.sweep.definition import Sweep
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, POINT, RAYS, STAGES
 from pymantaray.apps.sweep.plan import SweepPlan
-from pymantaray.config.build.study import Study, build_study
+from pymantaray.config.door.study import Study, build_study
 from pymantaray.errors import SweepError
 
 _OCEAN_SECONDS = 1.2

@@ -2,9 +2,9 @@
 
 from collections.abc import Callable, Mapping
 
-from pymantaray.config.build.fleet import MissionFleet
-from pymantaray.config.build.ocean import MissionOcean
-from pymantaray.config.build.study import MissionRanging, Study
+from pymantaray.config.door.fleet import MissionFleet
+from pymantaray.config.door.ocean import MissionOcean
+from pymantaray.config.door.study import MissionRanging, Study
 from pymantaray.entry_points import extension_keys
 from pymantaray.jobs.keys import digest, values_of
 

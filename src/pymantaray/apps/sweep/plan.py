@@ -11,7 +11,7 @@ from typing import NamedTuple
 from pymantaray.apps.sweep.definition import Sweep
 from pymantaray.apps.sweep.keys import POINT, STAGES, task_keys
 from pymantaray.apps.sweep.tasks import SweepTask
-from pymantaray.config.build.study import build_study
+from pymantaray.config.door.study import build_study
 from pymantaray.errors import MantaRayError, StudyError, SweepError
 from pymantaray.installation import code_version
 from pymantaray.jobs.keys import sha256

@@ -18,8 +18,8 @@ from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
 from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS
 from pymantaray.apps.sweep.points import parse_failure, stage_name
-from pymantaray.config.build.ocean import MissionOcean
-from pymantaray.config.build.study import Study
+from pymantaray.config.door.ocean import MissionOcean
+from pymantaray.config.door.study import Study
 from pymantaray.errors import SweepError, WriteError
 from pymantaray.jobs.store import Store, failure_content, read_sealed, read_valid, write_sealed
 from pymantaray.records import Arrivals, RangingTruth, Trajectories

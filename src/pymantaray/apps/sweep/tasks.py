@@ -25,7 +25,7 @@ from pymantaray.apps.sweep.keys import POINT, STAGES
 from pymantaray.apps.sweep.points import point_content, point_name
 from pymantaray.apps.sweep.stages import Stages
 from pymantaray.config import StudyConfig
-from pymantaray.config.build.study import Study, build_study
+from pymantaray.config.door.study import Study, build_study
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.installation import code_version
 from pymantaray.jobs.folder import MANIFEST

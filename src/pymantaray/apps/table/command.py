@@ -149,7 +149,7 @@ def table(
     files.check([Path(name) for name in ocean])
     from pymantaray.apps.table import build_table, save_table
     from pymantaray.apps.table.file import c_header
-    from pymantaray.config.build.water import open_water
+    from pymantaray.config.door.water import open_water
     from pymantaray.records.writing import whole_file
 
     keys = water.keys | arrivals.keys | choice.keys
@@ -196,8 +196,8 @@ def _sea_floor(ocean: list[str], keys: dict[str, Any], deepest: float) -> dict[s
     Sea floor of a profile without one: the deepest level of the profile or the largest depth of the
     table.
     """
-    from pymantaray.config.build.ocean import build_mission_ocean
-    from pymantaray.config.build.water import configuration_of
+    from pymantaray.config.door.ocean import build_mission_ocean
+    from pymantaray.config.door.water import configuration_of
 
     own = build_mission_ocean(configuration_of(ocean, keys))
     if own.has_sea_floor or not own.is_profile:

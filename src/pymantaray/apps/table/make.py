@@ -12,7 +12,7 @@ from pymantaray.apps.table.build import Box, build_tree
 from pymantaray.apps.table.cells import Tree, joined
 from pymantaray.apps.table.samples import Radial
 from pymantaray.apps.table.table import TravelTimeTable
-from pymantaray.config.build.water import Source, open_water
+from pymantaray.config.door.water import Source, open_water
 from pymantaray.errors import OnlineError
 from pymantaray.jobs.progress import Progress
 from pymantaray.sensing.water import Water

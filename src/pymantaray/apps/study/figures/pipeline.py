@@ -19,7 +19,7 @@ from matplotlib.transforms import Bbox
 from pymantaray.acoustics.ocean_fields import build_medium
 from pymantaray.apps.study.figures.register import register
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
-from pymantaray.config.build.ocean import mission_ocean
+from pymantaray.config.door.ocean import mission_ocean
 from pymantaray.estimation import collect_estimates, solve_conditions
 from pymantaray.evaluation import error_table, range_error_table
 from pymantaray.pages import style

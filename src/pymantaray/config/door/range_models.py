@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 
 from pymantaray.acoustics.ocean_fields import build_currents, medium_around
-from pymantaray.config.build.beliefs import Beliefs
-from pymantaray.config.build.fleet import planned_points
+from pymantaray.config.door.beliefs import Beliefs
+from pymantaray.config.door.fleet import planned_points
 from pymantaray.config.estimators import (
     AnyRangeModel,
     ConstantRangeModel,

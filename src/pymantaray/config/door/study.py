@@ -7,16 +7,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pymantaray.config.build.estimators import Condition, build_condition
-from pymantaray.config.build.fleet import (
+from pymantaray.config.door.estimators import Condition, build_condition
+from pymantaray.config.door.fleet import (
     MissionFleet,
     MissionPings,
     build_fleet,
     build_pings,
     planned_points,
 )
-from pymantaray.config.build.ocean import MissionOcean, build_mission_ocean
-from pymantaray.config.build.sound import SoundOptions, build_sound
+from pymantaray.config.door.ocean import MissionOcean, build_mission_ocean
+from pymantaray.config.door.sound import SoundOptions, build_sound
 from pymantaray.config.sections import StudyConfig
 from pymantaray.config.text import study_toml
 from pymantaray.sensing import (

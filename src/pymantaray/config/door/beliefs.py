@@ -16,8 +16,9 @@ from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.arrays import Array
-from pymantaray.config.build.metres import section_in_metres
-from pymantaray.config.build.ocean import (
+from pymantaray.config.common import own_files
+from pymantaray.config.door.metres import section_in_metres
+from pymantaray.config.door.ocean import (
     build_ocean,
     build_sea_floor,
     is_profile,
@@ -27,8 +28,7 @@ from pymantaray.config.build.ocean import (
     open_start,
     with_tide,
 )
-from pymantaray.config.build.sound import build_sound
-from pymantaray.config.common import own_files
+from pymantaray.config.door.sound import build_sound
 from pymantaray.config.estimators import (
     AnyBelief,
     CastBelief,

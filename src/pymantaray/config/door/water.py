@@ -11,15 +11,15 @@ from pymantaray.acoustics import Currents, Medium
 from pymantaray.acoustics.ocean_fields import OceanFields, build_currents, build_medium
 from pymantaray.acoustics.profiles import Profile, only_one
 from pymantaray.config import SoundConfig
-from pymantaray.config.build.ocean import (
+from pymantaray.config.common import IN_MEMORY
+from pymantaray.config.door.ocean import (
     is_profile,
     mission_ocean,
     mission_start,
     profile_fields,
 )
-from pymantaray.config.build.sound import build_sound
-from pymantaray.config.build.uniform import label, read_section_profiles
-from pymantaray.config.common import IN_MEMORY
+from pymantaray.config.door.sound import build_sound
+from pymantaray.config.door.uniform import label, read_section_profiles
 from pymantaray.config.load import load_sound
 from pymantaray.config.options import dotted_keys, names_configuration
 from pymantaray.config.parse import parse

@@ -7,8 +7,8 @@ from typing import Any, Literal
 import xarray as xr
 
 from pymantaray.acoustics.ocean_fields import OceanFields
-from pymantaray.config.build.beliefs import Beliefs, KnownMission
-from pymantaray.config.build.range_models import build_range_model
+from pymantaray.config.door.beliefs import Beliefs, KnownMission
+from pymantaray.config.door.range_models import build_range_model
 from pymantaray.config.estimators import (
     STANDARD,
     AnyRangeModel,

@@ -190,7 +190,7 @@ class OceanAccessor:
         )
 
     def _water(self, options: dict[str, Any]) -> Water:
-        from pymantaray.config.build.water import open_water
+        from pymantaray.config.door.water import open_water
 
         return open_water(self._data, **options)
 

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.acoustics.profiles import Profile
-from pymantaray.config.build.metres import local_of, metres_of, section_in_metres
-from pymantaray.config.build.uniform import (
+from pymantaray.config.door.metres import local_of, metres_of, section_in_metres
+from pymantaray.config.door.uniform import (
     geographic_of,
     label,
     one_profile,
