@@ -121,7 +121,8 @@ def make_campaign(seed, events=1252, hours=14.0, epoch=600.0):
 
 def _seas(rng, epochs, hours):
     """Arrivals of all pairs, and places of nodes, in each epoch."""
-    layers = zip(rng.normal(0.0, 1.6, 5), rng.uniform(10, 110, 5), rng.uniform(3, 9, 5))  # noqa: B905
+    sizes, centres, widths = rng.normal(0.0, 1.6, 5), rng.uniform(10, 110, 5), rng.uniform(3, 9, 5)
+    layers = zip(sizes, centres, widths, strict=True)
     thin = sum(a * np.exp(-(((DEPTH - z) / w) ** 2)) for a, z, w in layers)
     ice = {pair: Ice(rng) for pair in PAIRS}
     walk = {name: np.zeros(3) for name in NODES}

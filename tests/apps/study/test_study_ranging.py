@@ -266,7 +266,7 @@ def slow_task():
 
 @pytest.mark.parametrize("count", [0, 5, 10**9])
 def test_a_process_works_between_results_and_waits_without_work(count):
-    """It takes many steps of 1 ms while two tasks of 0.3 s run, and rarely asks in vain."""
+    """Two tasks take 0.3 s each, a step 1 ms; without steps left, the process only waits."""
     steps, done = CountedSteps(count), {}
     with ProcessPool(slow_task, 1) as pool:
         run_tasks(RealizationQueue(range(2), done.__setitem__), pool, meanwhile=steps)

@@ -322,8 +322,8 @@ def replay_events(
         and ``high_s`` (95 %) and ``log_likelihood``, as from `predict_mixture`. With
         learning, the predicted time contains ``learned_water_s``, ``learned_position_s``,
         ``learned_pair_s`` and ``learned_clock_s``, as from `learn_mixture`; ``modelled_s`` is the
-        candidate nearest to it, and ``not_modelled`` is true if it is none of them but a followed
-        arrival. An echo has a distance of 0.
+        time of the nearest candidate, and ``not_modelled`` is true if the prediction is a followed
+        arrival that no candidate explains. An echo has a distance of 0.
 
     Raises
     ------
