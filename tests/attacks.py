@@ -456,8 +456,7 @@ def bombs(material):
 def _bag(path, size, mode):
     """A packed bag of three poses, whose frame has a name of so many bytes."""
     from rosbags.rosbag1 import Writer as Writer1
-    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
-    from rosbags.rosbag2 import Writer as Writer2
+    from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer as Writer2
     from rosbags.typesys import Stores, get_typestore
 
     ros, kind = 1 if mode in ("bz2", "lz4") else 2, "geometry_msgs/msg/PoseStamped"

@@ -13,8 +13,7 @@ from typing import Annotated
 
 import pytest
 import typer
-from sources import PACKAGE as LIBRARY
-from sources import nodes_of
+from sources import PACKAGE as LIBRARY, nodes_of
 
 from pymantaray.apps.study import manifest
 from pymantaray.cli.arguments import _PARAMETERS, in_options, use_options_of

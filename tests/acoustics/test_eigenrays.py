@@ -2,8 +2,7 @@
 
 import numpy as np
 import pytest
-from factories import DUCT
-from factories import DUCT_DEPTH as Z
+from factories import DUCT, DUCT_DEPTH as Z
 
 from pymantaray.acoustics import Medium, find_eigenrays, ray_picture
 from pymantaray.ocean import open_ocean, to_local

@@ -16,10 +16,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from factories import DUCT, assert_same, front_links, make_front, python, wait_for
-from factories import DUCT_DEPTH as Z
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from factories import DUCT, DUCT_DEPTH as Z, assert_same, front_links, make_front, python, wait_for
+from hypothesis import given, settings, strategies as st
 
 from pymantaray.acoustics import Medium, find_eigenrays, paths, solving, trace_fan, trace_paths
 from pymantaray.acoustics._kernels.link import solve_links

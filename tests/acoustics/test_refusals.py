@@ -3,8 +3,7 @@
 import numpy as np
 import pytest
 import xarray as xr
-from factories import DUCT, make_arrivals
-from factories import DUCT_DEPTH as Z
+from factories import DUCT, DUCT_DEPTH as Z, make_arrivals
 from refusals import refused
 
 from pymantaray.acoustics import (

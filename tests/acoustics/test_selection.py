@@ -5,8 +5,7 @@ Which arrival of a link is ranged on: the four rules on arrivals made by hand, a
 import numpy as np
 import pytest
 from factories import make_arrivals
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from pymantaray.acoustics import Medium, choose_arrivals, find_eigenrays, select
 from pymantaray.acoustics.selection import is_near_cutoff, within_cutoff

@@ -13,8 +13,7 @@ from authors_files import write_simulation
 from command_fixtures import registered_commands
 from factories import pool_here
 
-from pymantaray.apps.study import command as study_command
-from pymantaray.apps.study import open_run
+from pymantaray.apps.study import command as study_command, open_run
 from pymantaray.apps.sweep import stages
 from pymantaray.ocean import cast_ocean, read_cast
 from pymantaray.records import write_netcdf

@@ -10,8 +10,7 @@ import gsw
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from refusals import refused
 
 from pymantaray.acoustics import Medium, read_profile

@@ -7,8 +7,7 @@ import gsw
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from pymantaray.ocean import open_ocean
 from pymantaray.ocean.seawater import sound_speed

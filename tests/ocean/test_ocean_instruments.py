@@ -7,8 +7,7 @@ import gsw
 import numpy as np
 import pytest
 import xarray as xr
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 from refusals import refused
 
 from pymantaray.acoustics import Medium, read_profile, read_profiles, write_asvp, write_profiles

@@ -7,8 +7,7 @@ import numpy as np
 import pyproj
 import pytest
 from factories import QUICK
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from refusals import refused
 from scipy.interpolate import (
     BSpline,

@@ -4,8 +4,7 @@ Oceans believed instead of the true one: statistics at fixed seeds, proportion, 
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from refusals import refused
 
 from pymantaray.errors import OceanError

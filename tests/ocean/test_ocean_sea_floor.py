@@ -14,8 +14,13 @@ from refusals import refused
 from pymantaray.config.door.water import open_water
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
-from pymantaray.ocean import fill_below_sea_bed, open_sea_floor, sea_floor_depth, to_local
-from pymantaray.ocean import sea_floor as sea_floor_module
+from pymantaray.ocean import (
+    fill_below_sea_bed,
+    open_sea_floor,
+    sea_floor as sea_floor_module,
+    sea_floor_depth,
+    to_local,
+)
 from pymantaray.ocean.check import check_ocean
 from pymantaray.ocean.seawater import sound_speed
 

@@ -6,8 +6,7 @@ degenerate position.
 import numpy as np
 import pytest
 from factories import QUICK
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.records import RayStatus

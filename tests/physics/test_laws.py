@@ -8,8 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 import pytest
-from factories import ARCTIC_DEPTH as DEPTH
-from factories import arctic, front_links, inner_links, make_front, twisted
+from factories import ARCTIC_DEPTH as DEPTH, arctic, front_links, inner_links, make_front, twisted
 from numpy.typing import NDArray
 from oracles import field_of, sheet_under
 from scipy.integrate import RK45

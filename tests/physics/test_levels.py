@@ -5,8 +5,7 @@ image source.
 
 import numpy as np
 import pytest
-from levels_where_rays_fail import PLACES, compare
-from levels_where_rays_fail import WATERS as COLUMNS
+from levels_where_rays_fail import PLACES, WATERS as COLUMNS, compare
 from oracles import ParabolicEquation, image_source
 
 from pymantaray.acoustics import Leakage, Medium, find_leaks

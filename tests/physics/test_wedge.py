@@ -12,8 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from factories import QUICK
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays

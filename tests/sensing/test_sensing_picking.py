@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from factories import HIDDEN, assert_same, range_fleet, ridged
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from refusals import refused
 from scipy.stats import norm
 

@@ -228,8 +228,8 @@ def _bars(watch: Watch) -> Iterator[Report]:
         Task,
         TaskID,
         TextColumn,
+        TimeElapsedColumn as Elapsed,
     )
-    from rich.progress import TimeElapsedColumn as Elapsed
     from rich.text import Text
 
     class Left(ProgressColumn):

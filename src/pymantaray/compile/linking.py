@@ -10,10 +10,11 @@ machine code of its shared kernels.
 from functools import partial
 from typing import Any, ClassVar
 
-from llvmlite import binding as llvm  # type: ignore[import-untyped]
-from llvmlite import ir
-from numba.core import cgutils, errors, types
-from numba.core import ir as numba_ir
+from llvmlite import (
+    binding as llvm,  # type: ignore[import-untyped]
+    ir,
+)
+from numba.core import cgutils, errors, ir as numba_ir, types
 from numba.core.codegen import JITCodeLibrary
 from numba.core.compiler import CompilerBase, DefaultPassBuilder
 from numba.core.compiler_machinery import PassManager, register_pass

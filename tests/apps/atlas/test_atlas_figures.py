@@ -9,8 +9,7 @@ from matplotlib.collections import QuadMesh
 from PIL import Image
 from refusals import refused
 
-from pymantaray.apps.atlas import page as atlas_page
-from pymantaray.apps.atlas import write_atlas_plots
+from pymantaray.apps.atlas import page as atlas_page, write_atlas_plots
 from pymantaray.apps.atlas.figures import (
     error_maps,
     error_series,

@@ -7,8 +7,7 @@ import math
 import numpy as np
 import pytest
 from bellhop_stand_in import read_boundary, read_env, read_grids
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from refusals import refused
 
 from pymantaray.acoustics import Medium, find_eigenrays

@@ -10,8 +10,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
-from pymantaray.apps.study import comparison_page as compare
-from pymantaray.apps.study import open_run, write_comparison
+from pymantaray.apps.study import comparison_page as compare, open_run, write_comparison
 from pymantaray.apps.study.comparison_page import (
     by_name,
     comparison_figure_specs,

@@ -23,8 +23,7 @@ from refusals import refused
 
 import pymantaray
 from pymantaray import entry_points, installation
-from pymantaray.apps.study import command as commands
-from pymantaray.apps.study import open_run, report
+from pymantaray.apps.study import command as commands, open_run, report
 from pymantaray.apps.study.figures import register as figures
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.manifest import Stopwatch, describe_run

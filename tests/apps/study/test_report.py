@@ -32,8 +32,7 @@ from pymantaray.config.headings import key_heading
 from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
-from pymantaray.pages import page as page_module
-from pymantaray.pages import writing as write
+from pymantaray.pages import page as page_module, writing as write
 from pymantaray.pages.style import rendered
 from pymantaray.records.result_table import ResultTable
 

@@ -15,8 +15,7 @@ from command_fixtures import WATER_WORDS
 from factories import names_in
 
 import pymantaray
-from pymantaray.apps.study import command as study_commands
-from pymantaray.apps.study import open_run, run_study
+from pymantaray.apps.study import command as study_commands, open_run, run_study
 from pymantaray.apps.study.references import citation
 from pymantaray.cli.main import main
 from pymantaray.cli.output import Watch

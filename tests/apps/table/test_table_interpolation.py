@@ -3,8 +3,7 @@
 import itertools
 
 import numpy as np
-from hypothesis import given
-from hypothesis import strategies as st
+from hypothesis import given, strategies as st
 from numpy.polynomial.polynomial import polyder, polyval3d
 
 from pymantaray.apps.table.interpolation import interpolate

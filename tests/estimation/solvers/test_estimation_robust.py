@@ -10,8 +10,7 @@ import gtsam
 import numpy as np
 import pytest
 from factories import values_at, without
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 from scipy.integrate import quad
 
 from pymantaray.apps.study.manifest import Stopwatch

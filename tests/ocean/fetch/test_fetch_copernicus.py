@@ -99,8 +99,7 @@ def service(glorys, monkeypatch):
     package = pytest.importorskip(
         "copernicusmarine", reason="the extra 'copernicus' is not installed"
     )
-    from copernicusmarine.download_functions import subset_parameters as parameters
-    from copernicusmarine.download_functions import subset_xarray
+    from copernicusmarine.download_functions import subset_parameters as parameters, subset_xarray
 
     signature = inspect.signature(package.subset)
     asked = []

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.apps.atlas.dataset import open_atlas as open_atlas
-    from pymantaray.apps.atlas.dataset import safety_table as safety_table
+    from pymantaray.apps.atlas.dataset import open_atlas as open_atlas, safety_table as safety_table
     from pymantaray.apps.atlas.figures import write_atlas_plots as write_atlas_plots
     from pymantaray.apps.atlas.links import AtlasLinks as AtlasLinks
     from pymantaray.apps.atlas.page import write_atlas_page as write_atlas_page

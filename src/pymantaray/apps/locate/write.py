@@ -14,8 +14,7 @@ from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.errors import LocateError
 from pymantaray.estimation.graph.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.graph.pyfg import write_pyfg
-from pymantaray.exchange.maps import Feature
-from pymantaray.exchange.maps import geojson as as_geojson
+from pymantaray.exchange.maps import Feature, geojson as as_geojson
 from pymantaray.geometry import LocalFrame
 from pymantaray.jobs.folder import write_json
 from pymantaray.jobs.keys import with_checksum

@@ -8,9 +8,11 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.apps.plan.definition import DeploymentPlan as DeploymentPlan
-    from pymantaray.apps.plan.definition import PlanSection as PlanSection
-    from pymantaray.apps.plan.definition import load_plan as load_plan
+    from pymantaray.apps.plan.definition import (
+        DeploymentPlan as DeploymentPlan,
+        PlanSection as PlanSection,
+        load_plan as load_plan,
+    )
     from pymantaray.apps.plan.page import write_plan_page as write_plan_page
     from pymantaray.apps.plan.results import PlanResults as PlanResults
     from pymantaray.apps.plan.search import search_designs as search_designs

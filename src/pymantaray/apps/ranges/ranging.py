@@ -15,8 +15,7 @@ from pymantaray.apps.study.tracks import centre_note
 from pymantaray.config.common import IN_MEMORY
 from pymantaray.config.door.fleet import with_tracks
 from pymantaray.config.door.study import build_study
-from pymantaray.config.door.water import Source as WaterSource
-from pymantaray.config.door.water import source_words
+from pymantaray.config.door.water import Source as WaterSource, source_words
 from pymantaray.config.keys import with_key
 from pymantaray.config.load import load_sound, parse_study
 from pymantaray.config.mission import keys_of_schedule

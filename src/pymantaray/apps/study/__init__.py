@@ -14,7 +14,6 @@ if TYPE_CHECKING:
     from pymantaray.apps.study.references import citation as citation
     from pymantaray.apps.study.report import write_report as write_report
     from pymantaray.apps.study.runner import run_study as run_study
-    from pymantaray.apps.study.store import Run as Run
-    from pymantaray.apps.study.store import open_run as open_run
+    from pymantaray.apps.study.store import Run as Run, open_run as open_run
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

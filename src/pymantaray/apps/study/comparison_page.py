@@ -27,8 +27,7 @@ from pymantaray.errors import ReportError
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages.drawing import FigureSpec, Picture, with_source
-from pymantaray.pages.folder import PAGE
-from pymantaray.pages.folder import TABLES as TABLES_FOLDER
+from pymantaray.pages.folder import PAGE, TABLES as TABLES_FOLDER
 from pymantaray.pages.page import Explorer, Page, entries
 from pymantaray.pages.style import condition_label, shortened
 from pymantaray.pages.table_explorer import table_explorer

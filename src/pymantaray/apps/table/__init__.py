@@ -6,10 +6,11 @@ from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from pymantaray.apps.table.cells import CellStatus as CellStatus
-    from pymantaray.apps.table.file import open_table as open_table
-    from pymantaray.apps.table.file import save_table as save_table
+    from pymantaray.apps.table.file import open_table as open_table, save_table as save_table
     from pymantaray.apps.table.make import build_table as build_table
-    from pymantaray.apps.table.table import TableRanges as TableRanges
-    from pymantaray.apps.table.table import TravelTimeTable as TravelTimeTable
+    from pymantaray.apps.table.table import (
+        TableRanges as TableRanges,
+        TravelTimeTable as TravelTimeTable,
+    )
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

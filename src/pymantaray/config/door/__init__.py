@@ -11,11 +11,12 @@ from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
     from pymantaray.config.door.accessor import OceanAccessor as OceanAccessor
-    from pymantaray.config.door.study import Study as Study
-    from pymantaray.config.door.study import build_study as build_study
-    from pymantaray.config.door.water import Source as Source
-    from pymantaray.config.door.water import open_water as open_water
-    from pymantaray.config.door.water import open_waters as open_waters
-    from pymantaray.config.door.water import water_of as water_of
+    from pymantaray.config.door.study import Study as Study, build_study as build_study
+    from pymantaray.config.door.water import (
+        Source as Source,
+        open_water as open_water,
+        open_waters as open_waters,
+        water_of as water_of,
+    )
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)
