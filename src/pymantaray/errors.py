@@ -113,6 +113,15 @@ class ExchangeError(MantaRayError):
 
 
 @contextmanager
+def errors_as(error: type[MantaRayError], *others: type[MantaRayError]) -> Iterator[None]:
+    """Raise errors of other folders as those of the caller's folder, with the same message."""
+    try:
+        yield
+    except others as cause:
+        raise error(str(cause)) from None
+
+
+@contextmanager
 def optional_package(
     error: type[MantaRayError], where: object, name: str, extra: str
 ) -> Iterator[None]:

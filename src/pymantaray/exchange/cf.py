@@ -114,17 +114,13 @@ class _TrajectoryReader:
         Variable of each quantity: on the longest common dimension, and with the shortest name among
         several.
         """
-        sizes = self._data.sizes
-
-        def on(dim: str) -> dict[str, str]:
-            return {
-                quantity: min(those, key=lambda n: (-self._data.variables[n].ndim, len(n)))
+        variables = self._data.variables
+        for dim, _ in sorted(self._data.sizes.items(), key=lambda item: -item[1]):
+            names = {
+                quantity: min(those, key=lambda n: (-variables[n].ndim, len(n)))
                 for quantity, names in self._names.items()
-                if (those := [n for n in names if dim in map(str, self._data.variables[n].dims)])
+                if (those := [n for n in names if dim in variables[n].dims])
             }
-
-        for dim in sorted(map(str, sizes), key=lambda d: -sizes[d]):
-            names = on(dim)
             if {"time", "latitude", "longitude"} <= set(names):
                 return names
         raise ExchangeError(
@@ -208,26 +204,11 @@ class _TrajectoryReader:
 
     def _identifiers(self) -> NDArray[Any] | None:
         """Names of the trajectories in the file."""
-        name = next(
-            (
-                n
-                for n, v in self._data.variables.items()
-                if v.attrs.get("cf_role") == "trajectory_id"
-            ),
-            None,
-        )
-        if name is None:
-            name = next(
-                (
-                    n
-                    for n in ("PLATFORM_NUMBER", "TRAJECTORY", "trajectory")
-                    if n in self._data.variables
-                ),
-                None,
-            )
-        if name is None:
-            return None
-        return labels_of(self._data.variables[name])
+        variables = self._data.variables
+        roles = [v for v in variables.values() if v.attrs.get("cf_role") == "trajectory_id"]
+        usual = ("PLATFORM_NUMBER", "TRAJECTORY", "trajectory")
+        known = [*roles, *(variables[name] for name in usual if name in variables)]
+        return labels_of(known[0]) if known else None
 
     def _name(self, ids: NDArray[Any] | None, k: int) -> str:
         if ids is None or k >= ids.size or not ids[k]:

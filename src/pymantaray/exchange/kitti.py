@@ -9,7 +9,6 @@ import numpy as np
 
 from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError
-from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import Poses
 from pymantaray.exchange.tum import text_numbers
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
@@ -32,14 +31,14 @@ def write_kitti(path: Path, position: Array, quaternion: Array) -> None:
         np.savetxt(temporary, poses.reshape(-1, 12), fmt="%.17g")
 
 
-def read_kitti(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, ...]]:
+def read_kitti(path: Path) -> tuple[list[Poses], tuple[str, ...]]:
     """
     Read the trajectory of a KITTI file and the times beside it; the name of the file is the name of
     the vehicle.
 
     The times, one per line, are in the first that exists of ``NAME_times.txt``,
-    ``times-VEHICLE.txt`` (`write_kitti`'s ``CONDITION-VEHICLE.txt``) and ``times.txt``. Axes are as
-    in `read_tum`. An invalid line is an error, because poses and times belong together by their
+    ``times-VEHICLE.txt`` (`write_kitti`'s ``CONDITION-VEHICLE.txt``) and ``times.txt``. An
+    invalid line is an error, because poses and times belong together by their
     numbers.
     """
     names = [f"{path.stem}_times.txt", f"times-{path.stem.partition('-')[2]}.txt", "times.txt"]
@@ -56,7 +55,6 @@ def read_kitti(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
         raise ExchangeError(f"{times}: {time.size} times, but {path.name} has {len(table)} poses")
     check_seconds(time, str(times), ExchangeError)
     rotation = table[:, :, :3]
-    place = table[:, :, 3]
     with np.errstate(all="ignore"):  # of impossible numbers
         skew = np.abs(rotation @ rotation.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
         wrong = ~((skew <= _MAX_SKEW) & (np.linalg.det(rotation) > 0.0))
@@ -65,7 +63,4 @@ def read_kitti(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str
             f"{path}: pose {int(np.argmax(wrong))} has no rotation matrix; correct or remove it"
         )
     quaternion = quaternion_from_matrix(rotation)
-    if enu:
-        place = swap_enu(place)
-        quaternion = swap_enu_attitude(quaternion)
-    return [Poses(path.stem, time, place, quaternion, False, str(path), line=line)], ()
+    return [Poses(path.stem, time, table[:, :, 3], quaternion, False, str(path), line=line)], ()

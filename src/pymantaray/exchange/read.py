@@ -14,6 +14,7 @@ from pymantaray.errors import ExchangeError, OceanError, RecordError
 from pymantaray.exchange.centre import centre_beside
 from pymantaray.exchange.cf import read_cf
 from pymantaray.exchange.euroc import HEADER, read_euroc
+from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.kitti import read_kitti
 from pymantaray.exchange.rosbag import read_bag
 from pymantaray.exchange.table import read_frame, read_table
@@ -26,6 +27,7 @@ from pymantaray.records.digits import counted
 from pymantaray.user_files import check_there, first_bytes, matching_files, shown
 
 Source = str | Path | Sequence[str | Path] | pd.DataFrame
+Reader = Callable[[Path], tuple[list[Poses], Sequence[str]]]
 
 
 def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str] = ()) -> Tracks:
@@ -62,12 +64,16 @@ def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str]
     poses: list[Poses] = []
     notes: list[str] = []
     for path in paths:
-        text = _TEXTS.get(_text_format(path))
-        own, own_notes = _reader(path)(path) if text is None else text(path, enu=enu)
-        poses += [
-            p if p.centre is not None else p._replace(centre=centre_beside(path)) for p in own
-        ]
+        kind = _format(path)
+        own, own_notes = _READERS[kind](path)
         notes += own_notes
+        for p in own:
+            if p.centre is None:
+                p = p._replace(centre=centre_beside(path))
+            if enu and kind in _TEXTS and p.quaternion is not None:
+                attitude = swap_enu_attitude(p.quaternion)
+                p = p._replace(place=swap_enu(p.place), quaternion=attitude)
+            poses.append(p)
     tracks = Tracks.of(poses, notes).selected(names)
     return replace(tracks, notes=(*tracks.notes, *same_vehicle_notes(tracks)))
 
@@ -87,23 +93,15 @@ def files_of(source: str | Path | Sequence[str | Path]) -> list[Path]:
     return paths
 
 
-def _reader(path: Path) -> Callable[[Path], tuple[list[Poses], list[str]]]:
-    if path.is_dir():
-        return read_bag
-    reader = _READERS.get(path.suffix.lower())
-    if reader is None:
+def _format(path: Path) -> str:
+    """Format of a file by its suffix, and of a text file by its first lines."""
+    suffix = ".bag" if path.is_dir() else path.suffix.lower()
+    if suffix not in _FORMATS:
         raise ExchangeError(
-            f"{path}: unknown format of trajectories; allowed: {', '.join(sorted(_READERS))} and"
-            " .tum"
+            f"{path}: unknown format of trajectories; allowed: {', '.join(sorted(_FORMATS))}"
         )
-    return reader
-
-
-def _text_format(path: Path) -> str:
-    """Format of a text file by its first lines; ``table`` for all other files."""
-    suffix = path.suffix.lower()
-    if suffix == ".tum" or suffix not in (".csv", ".tsv", ".txt") or path.is_dir():
-        return suffix.removeprefix(".")
+    if suffix not in (".csv", ".tsv", ".txt"):
+        return _FORMATS[suffix]
     lines = first_bytes(path, _HEAD).decode("utf-8", "replace").splitlines()
     if any(map(HEADER.match, lines)):
         return "euroc"
@@ -132,12 +130,19 @@ def _read_netcdf(path: Path) -> tuple[list[Poses], list[str]]:
     return read_cf(path)
 
 
-_READERS = {
-    **dict.fromkeys((".csv", ".tsv", ".txt", ".parquet"), read_table),
-    ".nc": _read_netcdf,
-    **dict.fromkeys((".bag", ".mcap", ".db3"), read_bag),
+_FORMATS = {
+    **dict.fromkeys((".csv", ".tsv", ".txt", ".parquet"), "table"),
+    **dict.fromkeys((".bag", ".mcap", ".db3"), "bag"),
+    ".nc": "netcdf",
+    ".tum": "tum",
 }
-_TEXTS = {"tum": read_tum, "euroc": read_euroc, "kitti": read_kitti}
+_TEXTS: dict[str, Reader] = {"tum": read_tum, "euroc": read_euroc, "kitti": read_kitti}
+_READERS: dict[str, Reader] = {
+    **_TEXTS,
+    "table": read_table,
+    "bag": read_bag,
+    "netcdf": _read_netcdf,
+}
 _NUMBERS = {8: "tum", 12: "kitti"}
 """Format of a text without header by the count of numbers in a row."""
 _HEAD = 65_536  # bytes

@@ -1,6 +1,7 @@
 """Reader of tables of trajectories with one pose per row: CSV and similar text, and Parquet."""
 
 import re
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +10,13 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
-from pymantaray.errors import ExchangeError, RecordError, SensingError, optional_package
+from pymantaray.errors import (
+    ExchangeError,
+    RecordError,
+    SensingError,
+    errors_as,
+    optional_package,
+)
 from pymantaray.exchange.centre import centre_in_comments
 from pymantaray.exchange.tracks import Poses, about_down, level
 from pymantaray.records.dates import seconds_since
@@ -61,6 +68,7 @@ _UNITS = {
     for names, units in _COLUMNS.values()
     for name in names.split()
 }
+_LATITUDE_UNIT = re.compile(r"lat(itude)?[\W_]+(deg|rad)", re.IGNORECASE)
 _IN_BRACKETS = re.compile(r"(\w+)\s*[\[(](.*)[\])]")
 _QUATERNION = ["qw", "qx", "qy", "qz"]
 _ANGLES = ["heading", "pitch", "roll"]
@@ -70,6 +78,7 @@ _MAX_RADIANS = 6.5  # slightly more than 2 pi
 _SAME_PLACE = 100.0  # m, above the motion of a vehicle within the resolution of its times
 
 
+@errors_as(ExchangeError, RecordError)
 def read_table(path: Path) -> tuple[list[Poses], list[str]]:
     """
     Read the trajectories of a table with a header, and a note about unused columns.
@@ -78,10 +87,12 @@ def read_table(path: Path) -> tuple[list[Poses], list[str]]:
     name of the file.
     """
     invalid = InvalidLines()
-    table = _parquet(path) if path.suffix.lower() == ".parquet" else _text(path, invalid)
-    return _trajectories(table, invalid)
+    if path.suffix.lower() == ".parquet":
+        return _trajectories(_parquet(path), invalid)
+    return _trajectories(read_text_table(path, invalid=invalid), invalid)
 
 
+@errors_as(ExchangeError, RecordError)
 def read_frame(frame: pd.DataFrame) -> tuple[list[Poses], list[str]]:
     """As `read_table`, for a data frame with the columns of a table; rows are counted from 1."""
     if frame.empty:
@@ -94,15 +105,14 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
     Poses of each vehicle in a table, and notes about unused columns and lines that are left out.
     """
     path = table.path
-    in_degrees = _states_degrees(table)
+    in_degrees = any(map(_LATITUDE_UNIT.match, table.frame.columns))
     table, factors = _known_columns(table)
     conditions = table.frame.get("condition")
     there = set(factors)
     unread = [title for title in table.frame.columns if title not in there]
-    if (
-        conditions is not None and (conditions == TRUTH).any()
-    ):  # an exported run: ignore its estimates
-        table = TextTable(path, table.frame[conditions == TRUTH], table.comments)
+    # an exported run: ignore its estimates
+    if conditions is not None and (conditions == TRUTH).any():
+        table = replace(table, frame=table.frame[conditions == TRUTH])
         unread = []
     place = ["north", "east"]
     if {"lat", "lon"} <= there or ({"lat", "lon"} & there and not {"north", "east"} & there):
@@ -116,40 +126,28 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
         ) from None
     whole = set(_QUATERNION) <= there
     angles = [n for n in factors if n in (_QUATERNION if whole else _ANGLES) or n == "convergence"]
-    names_of = {"vehicle"} & there
     table = table.readable(
-        invalid, times=["time"], numbers=[*place, "depth", *angles], words=names_of
+        invalid, times=["time"], numbers=[*place, "depth", *angles], words={"vehicle"} & there
     )
     invalid.refuse_most(len(table.frame), ExchangeError)
     place_of = _numbers(table, factors, [*place, "depth"])
-    time = _times(table)
+    time = table.times("time")
     quaternion = _attitude(table, factors)
     if place[0] == "lat" and "convergence" in there:  # attitudes are relative to a frame's north
         quaternion = about_down(quaternion, -_numbers(table, factors, ["convergence"])[:, 0])
     if "vehicle" in there:
-        names = _vehicles(table)
+        names = table.frame["vehicle"].astype(str).to_numpy()
     else:
         _refuse_two_places_at_once(table, time, place_of, unread, geographic=place[0] == "lat")
         names = np.full(time.size, path.stem)
-    poses = []
+    geodetic = place[0] == "lat"
     centre = centre_in_comments(table.comments, path)
-    line = table.lines
-    for name in dict.fromkeys(names.tolist()):
-        rows = names == name
-        attitude = None if quaternion is None else quaternion[rows]
-        poses.append(
-            Poses(
-                name,
-                time[rows],
-                place_of[rows],
-                attitude,
-                place[0] == "lat",
-                str(path),
-                centre,
-                line[rows],
-                in_degrees,
-            )
-        )
+    whole_file = Poses(
+        "", time, place_of, quaternion, geodetic, str(path), centre, table.lines, in_degrees
+    )
+    poses = [
+        whole_file.rows(names == name)._replace(name=name) for name in dict.fromkeys(names.tolist())
+    ]
     unused = [f"{path}: unused columns: {', '.join(unread)}"] if unread else []
     return poses, [*unused, *invalid.notes]
 
@@ -181,6 +179,7 @@ def _refuse_two_places_at_once(
         )
 
 
+@errors_as(ExchangeError, RecordError)
 def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
     """
     Read pings from a table with columns time, transmitter and optional receivers (names separated
@@ -189,7 +188,7 @@ def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
     Times are seconds since the start of the mission, or dates, which need the instant of that
     start.
     """
-    table, _ = _known_columns(_text(path))
+    table, _ = _known_columns(read_text_table(path))
     try:
         table.require(["time", "transmitter", *({"receivers"} & set(table.frame.columns))])
     except RecordError as error:
@@ -202,7 +201,7 @@ def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
             f"{path}: unknown column {unknown[0]!r}; allowed: {', '.join(_OF_PINGS)}; rename or"
             " remove it"
         )
-    time = _times(table)
+    time = table.times("time")
     if time.dtype.kind == "M":
         if start is None:
             raise ExchangeError(
@@ -221,13 +220,6 @@ def read_pings(path: Path, start: np.datetime64 | None) -> PingList:
         )
     except SensingError as error:
         raise ExchangeError(f"{path}: {error}") from None
-
-
-def _text(path: Path, invalid: InvalidLines | None = None) -> TextTable:
-    try:
-        return read_text_table(path, invalid=invalid)
-    except RecordError as error:
-        raise ExchangeError(str(error)) from None
 
 
 def _parquet(path: Path) -> TextTable:
@@ -270,12 +262,8 @@ def _parquet_frame(path: Path) -> pd.DataFrame:
         size = max(8 * about.num_rows * about.num_columns, packed)
     _check_size(path, size, f"{about.num_rows:,} rows of {about.num_columns} columns need")
     flat = [field for field in schema if not pa.types.is_nested(field.type)]
-    text = [
-        field.name
-        for field in flat
-        if pa.types.is_string(field.type) or pa.types.is_large_string(field.type)
-    ]
-    text += [field.name for field in flat if pa.types.is_binary(field.type)]
+    kinds = pa.types.is_string, pa.types.is_large_string, pa.types.is_binary
+    text = [field.name for field in flat if any(is_kind(field.type) for is_kind in kinds)]
     with pq.ParquetFile(path, read_dictionary=text) as file:  # repeated text is in memory once
         table = file.read(columns=[field.name for field in flat])
     for name in text:
@@ -320,36 +308,11 @@ def _known_columns(table: TextTable) -> tuple[TextTable, dict[str, float]]:
         titles.append(column)
         if key in _TITLES:
             factors[column] = factor
-    frame = table.frame.copy(deep=False)
-    frame.columns = pd.Index(titles)
-    return TextTable(table.path, frame, table.comments), factors
-
-
-def _states_degrees(table: TextTable) -> bool:
-    """True if the title of the latitudes has a unit."""
-    titles = [title.lower() for title in table.frame.columns]
-    return any(re.match(r"lat(itude)?[\W_]+(deg|rad)", title) for title in titles)
+    return replace(table, frame=table.frame.set_axis(titles, axis=1)), factors
 
 
 def _numbers(table: TextTable, factors: dict[str, float], columns: list[str]) -> Array:
-    try:
-        values = table.numbers(columns)
-    except RecordError as error:
-        raise ExchangeError(str(error)) from None
-    return values * [factors[name] for name in columns]
-
-
-def _vehicles(table: TextTable) -> NDArray[Any]:
-    """Name of the vehicle of each row."""
-    return np.asarray(table.frame["vehicle"].astype(str).to_numpy())
-
-
-def _times(table: TextTable) -> NDArray[Any]:
-    """Seconds, or dates in UTC."""
-    try:
-        return table.times("time")
-    except RecordError as error:
-        raise ExchangeError(str(error)) from None
+    return table.numbers(columns) * [factors[name] for name in columns]
 
 
 def _attitude(table: TextTable, factors: dict[str, float]) -> Array | None:

@@ -62,6 +62,15 @@ class Poses(NamedTuple):
     stated_degrees: bool = False
     """True if the file states that latitudes and longitudes are in degrees."""
 
+    def rows(self, rows: Any) -> Poses:
+        """Poses of some rows."""
+        return self._replace(
+            time=self.time[rows],
+            place=self.place[rows],
+            quaternion=None if self.quaternion is None else self.quaternion[rows],
+            line=None if self.line is None else self.line[rows],
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class Tracks:
@@ -378,13 +387,7 @@ def _possible(p: Poses, notes: list[str]) -> Poses:
     if keep.all() and order is None:
         return p
     chosen = np.arange(keep.size) if order is None else order
-    chosen = chosen[keep[chosen]]
-    return p._replace(
-        time=p.time[chosen],
-        place=p.place[chosen],
-        quaternion=None if p.quaternion is None else p.quaternion[chosen],
-        line=line[chosen],
-    )
+    return p._replace(line=line).rows(chosen[keep[chosen]])
 
 
 def _clean(p: Poses, notes: list[str]) -> Poses:
@@ -395,18 +398,16 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
         notes.append(f"{who}: renamed to {name}")
     if p.time.size:
         p = _possible(p, notes)
-    order = np.argsort(p.time, kind="stable")
-    time = p.time[order]
-    place = np.array(p.place[order], dtype=float)
-    least = np.timedelta64(1, "us") if np.issubdtype(time.dtype, np.datetime64) else SAME_TIME
-    first = np.ones(time.size, dtype=bool)
-    first[1:] = np.diff(time) > least
+    p = p.rows(np.argsort(p.time, kind="stable"))
+    least = np.timedelta64(1, "us") if p.time.dtype.kind == "M" else SAME_TIME
+    first = np.ones(p.time.size, dtype=bool)
+    first[1:] = np.diff(p.time) > least
     if not first.all():
         dropped = counted(int(np.count_nonzero(~first)), "pose")
         notes.append(f"{who}: {dropped} at repeated times dropped")
-    order = order[first]
-    time = time[first]
-    place = place[first]
+    p = p.rows(first)
+    time = p.time
+    place = np.array(p.place, dtype=float)
     if time.size < 2:
         raise ExchangeError(f"{who}: {counted(time.size, 'pose')}; a trajectory needs at least two")
     if not np.isfinite(place).all():
@@ -436,7 +437,7 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
         check_speed(time, _metres(place) if p.geodetic else place, f"{who}: time", ExchangeError)
     quaternion = None
     if p.quaternion is not None:
-        quaternion = np.array(p.quaternion[order], dtype=float)
+        quaternion = np.array(p.quaternion, dtype=float)
         with np.errstate(over="ignore"):
             length = np.linalg.norm(quaternion, axis=-1, keepdims=True)
         if not (np.abs(length - 1.0) < 0.1).all():

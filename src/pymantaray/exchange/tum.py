@@ -13,7 +13,6 @@ from pymantaray.arrays import Array
 from pymantaray.errors import ExchangeError, MantaRayError
 from pymantaray.estimation import FactorGraph, GraphValues
 from pymantaray.exchange.centre import Centre, centre_comments, centre_in_comments
-from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.tracks import Poses
 from pymantaray.messages import one_line
 from pymantaray.quantities.checks import parsed_number
@@ -117,25 +116,18 @@ def graph_tum_files(path: Path | str, graph: FactorGraph) -> list[Path]:
     ]
 
 
-def read_tum(path: Path, *, enu: bool = False) -> tuple[list[Poses], tuple[str, ...]]:
+def read_tum(path: Path) -> tuple[list[Poses], tuple[str, ...]]:
     """
     Read the trajectory of a TUM file, and a note about invalid lines; the name of the file is the
     name of the vehicle.
-
-    With ``enu``, x, y, z are east, north, up and the body axes are forward, left, up (ROS,
-    REP-103), unlike in `write_tum`.
     """
     invalid = InvalidLines()
     table, line = text_numbers(path, 8, "a TUM file has 8 per row, time x y z qx qy qz qw", invalid)
     check_seconds(table[:, 0], f"{path}: time", ExchangeError)
-    place = table[:, 1:4]
     quaternion = table[:, [7, 4, 5, 6]]
-    if enu:
-        place = swap_enu(place)
-        quaternion = swap_enu_attitude(quaternion)
     lines = read_text(path, ExchangeError).splitlines()
     centre = centre_in_comments((line for line in lines if line.lstrip().startswith("#")), path)
-    track = Poses(path.stem, table[:, 0], place, quaternion, False, str(path), centre, line)
+    track = Poses(path.stem, table[:, 0], table[:, 1:4], quaternion, False, str(path), centre, line)
     return [track], invalid.notes
 
 
