@@ -8,3 +8,5 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.signedinteger[Any]]  # of any size
 Mask = NDArray[np.bool_]
+Instants = NDArray[np.datetime64]
+AnyArray = NDArray[Any]

@@ -68,29 +68,21 @@ def checked(model: type[Model], tree: dict[str, Any], label: str, folder: Path |
 
 def finding_lines(error: ValidationError, model: type[BaseModel]) -> list[str]:
     """One line per finding of a model: the key, its value and the allowed values."""
-    findings = [dict(finding) for finding in error.errors(include_url=False)]
+    findings: list[dict[str, Any]] = [*map(dict, error.errors(include_url=False))]
     lines: dict[str, str] = {}
     for finding in findings[: 2 * _MAX_FINDINGS]:
-        if not _follows(finding, findings):
+        location: tuple[int | str, ...] = finding["loc"]
+        # a list is too short only because its entries are wrong, which other findings report
+        follows = finding["type"] == "too_short" and any(
+            other["loc"][: len(location)] == location != other["loc"] for other in findings
+        )
+        if not follows:
             fault, ends, allowed = _describe(finding, model).partition("; allowed: ")
-            before = (
-                f"{lines[fault]} or " if fault in lines else ends
-            )  # a value with several allowed types
-            lines[fault] = before + allowed
+            # a value may have several allowed types
+            lines[fault] = (f"{lines[fault]} or " if fault in lines else ends) + allowed
     shown = [fault + allowed for fault, allowed in lines.items()][:_MAX_FINDINGS]
     more = len(findings) - _MAX_FINDINGS
     return [*shown, f"and {more:,} more findings"] if more > 0 else shown
-
-
-def _follows(finding: dict[str, Any], findings: list[dict[str, Any]]) -> bool:
-    """
-    True if a list is too short only because its entries are wrong, which other findings report.
-    """
-    location = finding["loc"]
-    return finding["type"] == "too_short" and any(
-        len(other["loc"]) > len(location) and other["loc"][: len(location)] == location
-        for other in findings
-    )
 
 
 def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:

@@ -128,23 +128,13 @@ IN_MEMORY = "memory:"
 _NO_FILE = (SYNTHETIC, IN_MEMORY)
 
 
-def input_file(name: str, folder: Path) -> str:
-    """
-    Absolute name of a file from its name relative to a folder; names of synthetic oceans are
-    unchanged.
-    """
+def _anchor(name: Any, info: ValidationInfo) -> Any:
+    if not isinstance(name, str) or not name or name.startswith(_NO_FILE):
+        return name
     if "\0" in name:
         raise ValueError(f"found {name!r}, which is not a valid file name; correct it")
-    return name if name.startswith(_NO_FILE) else os.path.realpath(folder / name)
-
-
-def _anchor(name: Any, info: ValidationInfo) -> Any:
-    if not isinstance(name, str) or not name:
-        return name
-    return input_file(
-        name,
-        name.folder if isinstance(name, Located) else (info.context or {}).get("folder", Path()),
-    )
+    own = name.folder if isinstance(name, Located) else (info.context or {}).get("folder", Path())
+    return os.path.realpath(own / name)
 
 
 InputFile = Annotated[str, Field(min_length=1), BeforeValidator(_anchor)]

@@ -6,9 +6,9 @@ import math
 from typing import TYPE_CHECKING, Annotated, Literal, Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
+from pymantaray.arrays import Array
 from pymantaray.config.common import (
     Degrees,
     DegreesPerSecond,
@@ -280,7 +280,7 @@ class FleetSection(Section):
             for section in self.vehicles
         ]
 
-    def planned(self) -> "dict[str, NDArray[np.float64]]":
+    def planned(self) -> "dict[str, Array]":
         """Initial position and waypoints (n, 3) of each vehicle, without drift. [m]"""
         return {v.name: np.array(v.planned(self.floats), dtype=float) for v in self.vehicles}
 
@@ -303,7 +303,7 @@ class LandmarkSection(Section):
     """
 
     @property
-    def position(self) -> "NDArray[np.float64]":
+    def position(self) -> "Array":
         """North, east, down. [m]"""
         return np.array([self.north, self.east, self.depth])
 

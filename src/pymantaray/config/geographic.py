@@ -69,20 +69,19 @@ def _local(entry: dict[str, Any], frame: LocalFrame) -> dict[str, Any]:
     who = f"{entry.get('name', 'a vehicle')}"
     out = dict(entry)
     if "lat" not in entry or "lon" not in entry or "north" in entry or "east" in entry:
+        keys = [key for key in ("lat", "lon", "north", "east") if key in entry]
         raise ValueError(
-            f"{who}: found {', '.join(_keys(entry))}; give either lat and lon, or north and east"
+            f"{who}: found {', '.join(keys)}; give either lat and lon, or north and east"
         )
     out["north"], out["east"] = _north_east(who, out.pop("lat"), out.pop("lon"), frame)
     if "points" in entry:
-        out["points"] = [_point(who, point, frame) for point in entry["points"]]
+        out["points"] = [
+            [*_north_east(who, point[0], point[1], frame), point[2]]
+            if isinstance(point, list | tuple) and len(point) == 3
+            else point
+            for point in entry["points"]
+        ]
     return out
-
-
-def _point(who: str, point: Any, frame: LocalFrame) -> Any:
-    if not isinstance(point, list | tuple) or len(point) != 3:
-        return point
-    lat, lon, depth = point
-    return [*_north_east(who, lat, lon, frame), depth]
 
 
 def _degrees(value: Any) -> Any:
@@ -104,7 +103,3 @@ def _north_east(who: str, lat: Any, lon: Any, frame: LocalFrame) -> tuple[float,
         )
     north, east = frame.to_local(lat, lon)
     return float(north), float(east)
-
-
-def _keys(entry: dict[str, Any]) -> list[str]:
-    return [key for key in ("lat", "lon", "north", "east") if key in entry]

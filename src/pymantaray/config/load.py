@@ -13,7 +13,7 @@ from pymantaray.config.conditions import with_conditions
 from pymantaray.config.keys import Tree, changed, described, merged, with_key, words_of
 from pymantaray.config.parse import parse
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
-from pymantaray.config.text import commented_toml, starter
+from pymantaray.config.text import STARTER, commented_toml
 from pymantaray.errors import StudyError
 from pymantaray.user_files import exists, parse_toml, read_text
 
@@ -88,7 +88,8 @@ def starter_text(name: str, **changes: Any) -> str:
     """
     _check_preset(name)
     config = load_study(name, **changes)
-    return starter(config, config.study.description if changes else f"the preset {name}")
+    origin = config.study.description if changes else f"the preset {name}"
+    return STARTER.format(name=origin) + commented_toml(config)
 
 
 def load_study(
@@ -145,18 +146,14 @@ def load_study(
         words.append(f"{realizations} realization{'' if realizations == 1 else 's'}")
     if ocean is not None:
         sources = _sources(ocean)
-        tree = {**tree, "ocean": _ocean_section(sources)}
+        section = {"source": sources}
+        if len(sources) == 1 and (sources[0].endswith(STUDY_FILE) or sources[0] in preset_names()):
+            section = _tree(sources[0]).get("ocean", {})
+        tree = {**tree, "ocean": located(section, Path())}
         words.append(f"the ocean {' '.join(sources)}")
     tree = changed(tree, changes)
     words += words_of(changes)
     return parse_study(described(tree, name, words) if words else tree, name)
-
-
-def _ocean_section(sources: list[str]) -> Tree:
-    """Section ``[ocean]`` from sources, or from the configuration if the source is one."""
-    if len(sources) == 1 and (sources[0].endswith(".toml") or sources[0] in preset_names()):
-        return dict(_tree(sources[0]).get("ocean", {}))
-    return dict(located({"source": sources}, Path()))
 
 
 def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[str]:

@@ -13,12 +13,13 @@ from pymantaray.config.checks import models_in
 from pymantaray.config.meanings import meaning
 from pymantaray.config.sections import StudyConfig
 
-_HEAD = """\
+STARTER = """\
 # Made of {name}. A line that begins with # and a key, without a space between, is
 # that key's default: take the # away to set it. Lines that begin with # and a space are comments.
 # Run: mantaray study run THIS_FILE
 
 """
+"""First lines of a new study file, with a field for the name of its origin."""
 
 
 def study_toml(config: StudyConfig) -> str:
@@ -55,11 +56,6 @@ def commented_toml(config: StudyConfig) -> str:
     names = sorted(type(config).model_fields, key=lambda name: name != "study")
     tables = [_tables((name,), config) for name in names]
     return "\n\n".join(block for blocks in tables for block in blocks) + "\n"
-
-
-def starter(config: StudyConfig, name: str) -> str:
-    """Text of `commented_toml` after a few lines that explain it and name its origin."""
-    return _HEAD.format(name=name) + commented_toml(config)
 
 
 def _tables(path: tuple[str, ...], owner: BaseModel) -> list[str]:

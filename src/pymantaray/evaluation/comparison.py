@@ -4,10 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.special import stdtrit
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EvaluationError
 from pymantaray.evaluation.trajectory_error import trajectory_errors
 from pymantaray.geometry import stream
@@ -113,7 +113,7 @@ def comparison_table(
 
 
 def _differences(
-    a: Array, b: Array, resample: NDArray[np.int64], *, root: bool
+    a: Array, b: Array, resample: Indices, *, root: bool
 ) -> tuple[Array, float, Array]:
     """
     Differences of each realization, of the pool, and of resampled pools, from the moments of the

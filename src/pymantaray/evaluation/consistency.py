@@ -1,14 +1,14 @@
 """Consistency of estimators: NEES, range innovations and coverage with their 95 % bounds."""
 
 from functools import cache
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy import special
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import AnyArray, Array
 from pymantaray.errors import EvaluationError
 from pymantaray.evaluation.trajectory_error import USABLE
 from pymantaray.geometry.se3 import matrix_from_quaternion, so3_log
@@ -298,9 +298,9 @@ def coverage_table(
     return pd.DataFrame(rows, columns=columns)
 
 
-def _of_fleet(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDArray[Any]]]:
+def _of_fleet(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, AnyArray]]:
     """Statistics of the fleet and their dimensions by condition, realization and epoch."""
-    out: dict[str, tuple[Array, NDArray[Any]]] = {}
+    out: dict[str, tuple[Array, AnyArray]] = {}
     for name, axes in (("horizontal", 2), ("position", 3)):
         error = errors.position[..., :axes]
         size = error.shape[-2] * axes
@@ -313,7 +313,7 @@ def _of_fleet(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDAr
     return out
 
 
-def _by_vehicle(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, NDArray[Any]]]:
+def _by_vehicle(errors: Errors, c: PoseCovariances) -> dict[str, tuple[Array, AnyArray]]:
     """Statistics of vehicles and their dimensions by condition, realization, epoch and vehicle."""
     block = np.einsum("creaiaj->creaij", c.position_covariance)
     statistics = {

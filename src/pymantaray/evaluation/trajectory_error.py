@@ -7,9 +7,9 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import AnyArray, Array
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import FactorGraph, GraphValues, rmse_standard_error
 from pymantaray.evaluation.bound import DegreesOfFreedom
@@ -210,7 +210,7 @@ def error_table(
     errors = trajectory_errors(truth, estimates)
     usable = np.isin(estimates.solve_status, USABLE)
     keys = ["condition", *by]
-    names: dict[str, NDArray[Any]] = {
+    names: dict[str, AnyArray] = {
         "condition": estimates.condition,
         "realization": estimates.realization,
         "vehicle": estimates.name,

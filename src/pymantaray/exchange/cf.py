@@ -13,10 +13,9 @@ from typing import Any
 import gsw
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import AnyArray, Array, Indices, Instants
 from pymantaray.errors import ExchangeError, OceanError
 from pymantaray.exchange.centre import centre_attributes, centre_of_names
 from pymantaray.exchange.recording import Recording, VehiclePoses
@@ -202,7 +201,7 @@ class _TrajectoryReader:
             for k in np.unique(of_row[of_row >= 0])
         ]
 
-    def _identifiers(self) -> NDArray[Any] | None:
+    def _identifiers(self) -> AnyArray | None:
         """Names of the trajectories in the file."""
         variables = self._data.variables
         roles = [v for v in variables.values() if v.attrs.get("cf_role") == "trajectory_id"]
@@ -210,7 +209,7 @@ class _TrajectoryReader:
         known = [*roles, *(variables[name] for name in usual if name in variables)]
         return labels_of(known[0]) if known else None
 
-    def _name(self, ids: NDArray[Any] | None, k: int) -> str:
+    def _name(self, ids: AnyArray | None, k: int) -> str:
         if ids is None or k >= ids.size or not ids[k]:
             return self._path.stem if k == 0 else f"{self._path.stem}_{k}"
         return str(ids[k])
@@ -257,7 +256,7 @@ class _TrajectoryReader:
         self,
         name: str,
         time: str,
-        timed: tuple[NDArray[np.intp], Array],
+        timed: tuple[Indices, Array],
         columns: tuple[Array, ...],
     ) -> tuple[Array, ...]:
         """Columns without impossible positions, which the rows at some times [s] then lack."""
@@ -284,7 +283,7 @@ class _TrajectoryReader:
         lon[rows[~keep]] = np.nan
         return (lat, lon, *others)
 
-    def _dates(self, times: Array, name: str) -> NDArray[np.datetime64]:
+    def _dates(self, times: Array, name: str) -> Instants:
         """Dates of times in the unit of their variable."""
         variable = self._data.variables[name]
         unit = text(variable, "units")

@@ -7,9 +7,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.exchange.centre import Centre
 from pymantaray.geometry import LocalFrame
 
@@ -21,7 +20,7 @@ _ITERATIONS = 10
 class Fixes(NamedTuple):
     """Satellite fixes with a solution, from one topic or file."""
 
-    time: NDArray[np.int64]
+    time: Indices
     """[ns]"""
     latitude: Array
     """[degrees]"""
@@ -51,7 +50,7 @@ def origin_of_frame(fixes: Sequence[Fixes]) -> FrameCentre | None:
 
 
 def centre_from_fixes(
-    pairs: Sequence[tuple[NDArray[np.int64], Array, Fixes]],
+    pairs: Sequence[tuple[Indices, Array, Fixes]],
 ) -> FrameCentre | None:
     """
     Centre of the frame of local positions, from the fixes of vehicles.
@@ -72,9 +71,7 @@ def centre_from_fixes(
     return _middle(*np.transpose(centres))
 
 
-def _at_fixes(
-    time: NDArray[np.int64], place: Array, fixes: Fixes
-) -> tuple[Array, Array, Array, Array]:
+def _at_fixes(time: Indices, place: Array, fixes: Fixes) -> tuple[Array, Array, Array, Array]:
     """
     North, east [m], latitude and longitude [degrees] at the fixes between the first position and
     the last.

@@ -6,9 +6,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import ExchangeError
 from pymantaray.records import Measurements, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.status import TRUTH
@@ -28,7 +27,7 @@ class VehiclePoses(NamedTuple):
 
     condition: str
     vehicle: str
-    samples: NDArray[np.intp]
+    samples: Indices
     """Indices into the times of the truth, (n,)."""
     position: Array
     """North, east, down (n, 3). [m]"""
@@ -76,7 +75,7 @@ class Recording:
         return [*self.measurements.name.tolist(), *self.measurements.landmark_name.tolist()]
 
     @property
-    def received(self) -> NDArray[np.intp]:
+    def received(self) -> Indices:
         """Rows of received range attempts in order of time."""
         m = self.measurements
         rows = np.flatnonzero(m.range_status == RayStatus.OK)

@@ -3,13 +3,11 @@
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import AnyArray, Array
 from pymantaray.errors import (
     ExchangeError,
     RecordError,
@@ -153,7 +151,7 @@ def _trajectories(table: TextTable, invalid: InvalidLines) -> tuple[list[Poses],
 
 
 def _refuse_two_places_at_once(
-    table: TextTable, time: NDArray[Any], position: Array, unread: list[str], *, geographic: bool
+    table: TextTable, time: AnyArray, position: Array, unread: list[str], *, geographic: bool
 ) -> None:
     """
     Refuse a table without names in which one time has two positions far apart: it has several

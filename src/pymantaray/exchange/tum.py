@@ -7,9 +7,9 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import ExchangeError, MantaRayError
 from pymantaray.estimation import FactorGraph, GraphValues
 from pymantaray.exchange.centre import Centre, centre_comments, centre_in_comments
@@ -133,7 +133,7 @@ def read_tum(path: Path) -> tuple[list[Poses], tuple[str, ...]]:
 
 def text_numbers(
     path: Path, width: int, about: str, invalid: InvalidLines | None = None
-) -> tuple[Array, NDArray[np.int64]]:
+) -> tuple[Array, Indices]:
     """
     Finite numbers (n, width) of a text without header, separated by spaces or commas, and their
     lines; ``about`` describes its rows.

@@ -3,9 +3,8 @@
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 
 Degrees = TypeVar("Degrees", float, Array)
 
@@ -25,7 +24,7 @@ def eastward(west: float, east: float) -> float:
     return east if east > west else east + 360.0
 
 
-def contiguous(lon: Array) -> tuple[NDArray[np.intp], Array]:
+def contiguous(lon: Array) -> tuple[Indices, Array]:
     """
     Order that makes longitudes increase across any seam, and the sorted longitudes. [degrees]
 

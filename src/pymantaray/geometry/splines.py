@@ -3,9 +3,8 @@
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.geometry.natural_spline import SLOPE_SHARE, hermite_overshoot
 
 ACROSS_MARGIN = 5.0
@@ -134,7 +133,7 @@ def _elimination(matrix: Array) -> tuple[list[tuple[int, int, float]], Array]:
     n = len(matrix)
     steps: list[tuple[int, int, float]] = []
 
-    def clear(rows: NDArray[np.intp], k: int) -> None:
+    def clear(rows: Indices, k: int) -> None:
         for i in rows:
             factor = float(remainder[i, k] / remainder[k, k])
             remainder[i] -= factor * remainder[k]

@@ -78,11 +78,6 @@ class Store:
             path.parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise WriteError(f"{path.parent}: cannot be written: {error.strerror}") from None
-        if os.path.realpath(path.parent) != str(path.parent):
-            raise WriteError(
-                f"{path.parent}: a symbolic link leads out of {self.url}; remove the link, or give"
-                " another folder"
-            )
         with whole_file(path) as temporary:
             temporary.write_bytes(content)
 
@@ -101,8 +96,6 @@ class Store:
 
         Incomplete files of killed processes are removed.
         """
-        if self._path.is_symlink():  # the path is resolved, so this link has no target
-            raise JobError(f"{self.url}: symbolic links form a circle; give another folder")
         if self._path.exists() and not self._path.is_dir():
             raise JobError(f"{self.url}: is a file; give a folder")
         others = {path.name for path in self._path.iterdir()} if self._path.exists() else set()
@@ -113,11 +106,6 @@ class Store:
                 f"{self.url}: this folder is not empty and has no {kind}; give a new folder, or"
                 f" one of the same {kind}"
             )
-        for name in sorted(own_names & others):
-            if (self._path / name).is_symlink():
-                raise JobError(
-                    f"{self._path / name}: is a symbolic link; remove it or give another folder"
-                )
         paths = list(self._path.glob("*"))
         for name in own_names:
             paths += (self._path / name).rglob("*")

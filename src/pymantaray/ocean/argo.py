@@ -6,14 +6,12 @@ Sources: excerpts of the manual and headers of files.
 """
 
 from pathlib import Path
-from typing import Any
 
 import gsw
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import AnyArray, Array, Instants, Mask
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import Cast, clean_cast
 from pymantaray.ocean.convert import decoded_times, degrees
@@ -102,7 +100,7 @@ def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:
     return casts
 
 
-def _levels(data: xr.Dataset, shape: tuple[int, ...]) -> tuple[Array, NDArray[np.bool_], list[str]]:
+def _levels(data: xr.Dataset, shape: tuple[int, ...]) -> tuple[Array, Mask, list[str]]:
     """Values of the three parameters, a mask of usable levels, and notes for all profiles."""
     values = np.empty((3, *shape))
     usable = np.ones(shape, dtype=bool)
@@ -150,7 +148,7 @@ def _check_shape(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> None:
         raise OceanError(f"{name}: shape is {data.variables[name].shape}; it must be {shape}")
 
 
-def _letters(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> NDArray[Any] | None:
+def _letters(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> AnyArray | None:
     """First letter of each cell; None if the variable is missing."""
     if name not in data.variables:
         return None
@@ -158,7 +156,7 @@ def _letters(data: xr.Dataset, name: str, shape: tuple[int, ...]) -> NDArray[Any
     return _texts(data, name).astype("U1")
 
 
-def _texts(data: xr.Dataset, name: str) -> NDArray[Any]:
+def _texts(data: xr.Dataset, name: str) -> AnyArray:
     """Cells as text: data centres write letters, argopy writes integers or text."""
     raw = np.asarray(data.variables[name].values)
     if raw.dtype.kind in "iuf":
@@ -169,7 +167,7 @@ def _texts(data: xr.Dataset, name: str) -> NDArray[Any]:
     return np.array(cells).reshape(raw.shape)
 
 
-def _times(data: xr.Dataset, count: int) -> NDArray[np.datetime64]:
+def _times(data: xr.Dataset, count: int) -> Instants:
     """Instants to the millisecond; NaT if unknown."""
     times = np.full(count, np.datetime64("NaT", "ms"))
     name = next((n for n in ("JULD", "TIME") if n in data.variables), None)

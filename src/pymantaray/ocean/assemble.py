@@ -6,9 +6,8 @@ from typing import TYPE_CHECKING, Any
 import gsw
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Mask
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean import cf
@@ -114,7 +113,7 @@ def _provenance(collection: "Collection") -> dict[str, Any]:
     }
 
 
-def _zeros(temperature: Array, salinity: Array) -> tuple[NDArray[np.bool_], list[str]]:
+def _zeros(temperature: Array, salinity: Array) -> tuple[Mask, list[str]]:
     """
     Points where both are exactly 0 in the unit of the file, which is land unless the water is fresh
     everywhere; and notes.

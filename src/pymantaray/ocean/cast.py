@@ -24,7 +24,7 @@ from pymantaray.ocean.names import Equation
 from pymantaray.ocean.positions import is_position, position_in_text
 from pymantaray.ocean.schema import latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, freezing_notes, repair_salinity, sound_speed
-from pymantaray.ocean.whp import bottle_table, is_bottles
+from pymantaray.ocean.whp import bottle_table
 from pymantaray.quantities.checks import checked_array
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import read_text, read_text_table
@@ -329,9 +329,10 @@ class CastTable:
         try:
             return cells.to_numpy(dtype=object).astype(float)
         except ValueError:
-            raise self._no_number(
-                quantity,
-                int(np.argmax(pd.to_numeric(cells.replace("nan", "0"), errors="coerce").isna())),
+            wrong = pd.to_numeric(cells.replace("nan", "0"), errors="coerce").isna()
+            row = int(np.argmax(wrong))
+            raise OceanError(
+                f"{self.path}, line {self.lines[row]}: {self._fault(quantity, row)}"
             ) from None
 
     def readable(self, invalid: InvalidLines) -> CastTable:
@@ -363,9 +364,6 @@ class CastTable:
         notes = iter([self.notes])  # of all rows: once, with the first cast
         return {str(key): replace(self, rows=rows, notes=next(notes, ())) for key, rows in groups}
 
-    def _no_number(self, quantity: str, row: int) -> OceanError:
-        return OceanError(f"{self.path}, line {self.lines[row]}: {self._fault(quantity, row)}")
-
     def _fault(self, quantity: str, row: int) -> str:
         cell = self.rows[self.columns[quantity][0]].iloc[row]
         return f"{self.name(quantity)} is {cell!r}; it must be a number"
@@ -386,7 +384,7 @@ def read_cast_table(path: str | Path) -> CastTable:
         if instrument is not None:
             return _of_instrument(Path(path), instrument)
         invalid = InvalidLines()
-        bottles = is_bottles(lines)
+        bottles = text.startswith("BOTTLE,")
         text, notes = bottle_table(path, lines) if bottles else (text, ())
         table = read_text_table(path, text, invalid=invalid)
     except RecordError as error:

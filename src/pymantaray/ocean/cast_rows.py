@@ -6,9 +6,8 @@ air.
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array, Mask
+from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import OceanError
 from pymantaray.ocean.convert import DEEPEST
 from pymantaray.ocean.schema import VARIABLES
@@ -70,7 +69,7 @@ def usable_rows(
     titles: Mapping[str, tuple[str, str]] | None = None,
     notes: Sequence[str] = (),
     where: str,
-) -> tuple[NDArray[np.intp], list[str], int]:
+) -> tuple[Indices, list[str], int]:
     """
     Select the rows of a raw cast that are complete, possible, in water and deeper than all rows
     before.
@@ -88,7 +87,13 @@ def usable_rows(
         whole &= np.isfinite(values)
     whole &= ~_zeros(water)
     counts["with a missing value"] = int(np.count_nonzero(~whole))
-    _check_sign(depth[whole], where)
+    # an axis that is positive up, by its extremes: a logger is on deck for many rows
+    low, high = (float(end(depth[whole], initial=0.0)) for end in (np.min, np.max))
+    if -low > high:
+        raise OceanError(
+            f"{where}: depth is {low:g} to {depth[whole].max():g} m; it must be positive down;"
+            " change its sign"
+        )
     wet = whole & (depth >= 0.0)
     counts["above the surface"] = int(np.count_nonzero(whole & ~wet))
     air = wet & _in_air(depth, water)
@@ -156,15 +161,6 @@ def _zeros(water: Mapping[str, Array]) -> Mask | np.bool_:
     if not {"temperature", "salinity"} <= water.keys():
         return np.bool_(False)
     return np.asarray((water["temperature"] == 0.0) & (water["salinity"] == 0.0))
-
-
-def _check_sign(depth: Array, where: str) -> None:
-    """Refuse an axis that is positive up, by its extremes: a logger is on deck for many rows."""
-    if depth.size and -depth.min() > max(depth.max(), 0.0):
-        raise OceanError(
-            f"{where}: depth is {depth.min():g} to {depth.max():g} m; it must be positive down;"
-            " change its sign"
-        )
 
 
 def _in_air(depth: Array, water: Mapping[str, Array]) -> Mask:

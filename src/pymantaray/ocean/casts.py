@@ -31,13 +31,13 @@ from pymantaray.ocean.files import is_netcdf, open_file
 from pymantaray.ocean.instrument_table import written_instant
 from pymantaray.ocean.names import Equation
 from pymantaray.ocean.positions import Position, known_position, position_in_comment
-from pymantaray.ocean.rsk import is_rsk, read_rsk
+from pymantaray.ocean.rsk import read_rsk
 from pymantaray.ocean.schema import assemble_ocean, latitude, place_text, with_history
 from pymantaray.ocean.seawater import sound_speed
 from pymantaray.ocean.window import rectangle
 from pymantaray.quantities.checks import distinct_digits
 from pymantaray.records.text_table import MONTHS
-from pymantaray.user_files import exists
+from pymantaray.user_files import exists, first_bytes
 
 Instant = str | np.datetime64
 MadeT = TypeVar("MadeT")
@@ -242,7 +242,7 @@ def holds_casts(path: str | Path) -> bool:
 
 def cast_tables(path: Path) -> dict[str, CastTable]:
     """Casts of a text file, an ``.rsk`` file or a CF data set of profiles, as tables by name."""
-    if is_rsk(path):
+    if first_bytes(path, 15) == b"SQLite format 3":
         return read_rsk(path)
     return read_cf_profiles(path) if is_netcdf(path) else read_cast_table(path).casts()
 

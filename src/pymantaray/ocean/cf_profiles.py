@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import AnyArray, Array, Indices
 from pymantaray.errors import OceanError
 from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.convert import decoded_times, degrees
@@ -61,7 +60,7 @@ def read_cf_profiles(path: Path) -> dict[str, CastTable]:
         return _tables(data, path)
 
 
-def instance_of_rows(data: xr.Dataset, dim: str, path: Path) -> NDArray[np.int64] | None:
+def instance_of_rows(data: xr.Dataset, dim: str, path: Path) -> Indices | None:
     """Index of the feature of each row of a ragged array; None if there is one feature."""
     size = data.sizes[dim]
     for name, variable in data.variables.items():
@@ -81,7 +80,7 @@ def instance_of_rows(data: xr.Dataset, dim: str, path: Path) -> NDArray[np.int64
     return None
 
 
-def labels_of(variable: xr.Variable) -> NDArray[Any]:
+def labels_of(variable: xr.Variable) -> AnyArray:
     """Text of each element of a variable with names, letters or integers."""
     raw = np.asarray(variable.values)
     if raw.dtype.kind == "f" and np.array_equal(raw, np.round(raw)):

@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Mask
 from pymantaray.errors import GeometryError, OceanError
 from pymantaray.ocean.local import floor_in_domain
 from pymantaray.ocean.names import Equation
@@ -277,7 +276,7 @@ def _water(ocean: xr.Dataset, equation: Equation) -> Iterator[Finding]:
     yield from _levels(depth, wet, water)
 
 
-def _islands(ocean: xr.Dataset, wet: NDArray[np.bool_]) -> Iterator[Finding]:
+def _islands(ocean: xr.Dataset, wet: Mask) -> Iterator[Finding]:
     beside = np.nansum(_around(wet.astype(float)), axis=0)
     lone = wet & (beside == 0)
     if lone.any():
@@ -310,7 +309,7 @@ def _jumps(ocean: xr.Dataset, speed: Array, depth: Array) -> Iterator[Finding]:
     )
 
 
-def _levels(depth: Array, wet: NDArray[np.bool_], water: tuple[Array, Array]) -> Iterator[Finding]:
+def _levels(depth: Array, wet: Mask, water: tuple[Array, Array]) -> Iterator[Finding]:
     used = depth[wet.any(axis=(1, 2))]
     upper = int(np.count_nonzero(used <= _UPPER_DEPTH))
     if used.size < _MIN_LEVELS or (used[-1] > _UPPER_DEPTH and upper < _MIN_UPPER_LEVELS):

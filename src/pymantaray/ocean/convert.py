@@ -12,14 +12,11 @@ import gsw
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Instants
 from pymantaray.errors import OceanError
 from pymantaray.messages import one_line
 from pymantaray.ocean.files import file_name, numbers, text
-
-Instants = NDArray[np.datetime64]
 
 IN_SITU = "in situ"
 POTENTIAL = "potential"

@@ -251,7 +251,10 @@ def is_netcdf(path: Path) -> bool:
 
 def _engine(path: Path) -> str:
     if exists(path) and path.is_dir():
-        return _zarr_engine(path)
+        check_zarr(path)
+        with optional_package(OceanError, path.name, "zarr", "zarr"):
+            import zarr  # noqa: F401
+        return "zarr"
     check_regular(path, OceanError, what="a NetCDF file")
     if is_netcdf(path):
         return "netcdf4"
@@ -271,13 +274,6 @@ def _other_format(path: Path) -> str:
             f" {path.stem}.nc"
         )
     return "neither NetCDF-3 nor NetCDF-4; check that it is not a saved error page"
-
-
-def _zarr_engine(path: Path) -> str:
-    check_zarr(path)
-    with optional_package(OceanError, path.name, "zarr", "zarr"):
-        import zarr  # noqa: F401
-    return "zarr"
 
 
 def _check_length(raw: xr.Dataset, path: Path) -> None:
@@ -331,13 +327,6 @@ def _packing(title: str, name: str, value: Any) -> float:
         raise OceanError(
             f"{title}: scale_factor is 0, so all values would be equal; correct the attribute"
         )
-    return _decimal(float(number.item()))
-
-
-def _decimal(number: float) -> float:
-    """
-    Shortest decimal representation of a float32: HYCOM packs in steps of 0.001, not
-    0.0010000000474974513.
-    """
-    single = np.float32(number)
-    return float(str(single)) if float(single) == number else number
+    # shortest decimal of a float32: HYCOM packs in steps of 0.001, not 0.0010000000474974513
+    single = np.float32(number.item())
+    return float(str(single) if float(single) == number else number.item())

@@ -8,9 +8,8 @@ from typing import Any, Self
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array, Mask
+from pymantaray.arrays import AnyArray, Array, Indices, Instants, Mask
 from pymantaray.ocean.equations import check_equation
 from pymantaray.ocean.names import Equation
 from pymantaray.ocean.schema import VARIABLES, validate_ocean
@@ -22,7 +21,7 @@ from pymantaray.ocean.sea_floor import (
 )
 from pymantaray.ocean.seawater import sound_speed
 
-Places = tuple[NDArray[np.intp], NDArray[np.intp]]
+Places = tuple[Indices, Indices]
 """Rows and columns of grid points."""
 
 
@@ -41,12 +40,12 @@ class GridPoints:
     """Shape (lon,). [degrees]"""
     depth: Array
     """Shape (depth,). [m]"""
-    fields: dict[str, NDArray[Any]]
+    fields: dict[str, AnyArray]
     """Variables (depth, lat, lon); NaN below the sea bed and on land."""
     sea_floor: Array
     """Depth (lat, lon) of the sea floor from the levels, see `sea_floor_depth`. [m]"""
     equation: Equation
-    time: NDArray[np.datetime64]
+    time: Instants
     """Instant of the fields (UTC)."""
     attrs: dict[str, Any]
     """Attributes of the ocean: title, source, synthetic."""

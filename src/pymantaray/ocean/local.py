@@ -226,7 +226,8 @@ class LocalGrid:
             self._smooth(self.points.extended(name, self.added.size))
             for name in ("water_u", "water_v")
         )
-        return _along_axes(u, v, bearing)
+        cos, sin = np.cos(bearing), np.sin(bearing)  # of the bearing of true north
+        return v * cos - u * sin, v * sin + u * cos
 
     def sea_floor(self) -> BoundarySurface:
         """Sea floor on the axes of the grid, or on axes of its own. [m]"""
@@ -338,16 +339,6 @@ def _own_floor(own: Array, window: Window, at_lat: Array, at_lon: Array) -> Arra
         return np.full(at_lat.shape, own.min())
     floor = TensorSpline(window.lat, window.lon, at_lat, at_lon, degree=1)(own[None])[..., 0]
     return np.clip(floor, own.min(), own.max())  # rounding must not put it below the deepest level
-
-
-def _along_axes(u: Array, v: Array, bearing: Array) -> tuple[Array, Array]:
-    """
-    Rotate true eastward and northward components to the frame's north and east by the bearing of
-    true north. [rad]
-    """
-    cos = np.cos(bearing)
-    sin = np.sin(bearing)
-    return v * cos - u * sin, v * sin + u * cos
 
 
 def _notes(finer: xr.DataArray | None) -> dict[str, object]:

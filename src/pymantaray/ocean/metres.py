@@ -34,28 +34,20 @@ def is_in_metres(data: xr.Dataset) -> bool:
     return "sound_speed" in data and {"north", "east"} <= set(data.dims)
 
 
-def holds_metres(path: str | Path) -> bool:
-    """True if a path is a NetCDF file with a data set in metres."""
+def file_in_metres(path: str) -> bool:
+    """True if a file has water in metres."""
     if not is_netcdf(Path(path)):
-        return False
+        return is_environment(path)
     with open_file(path) as data:
         return is_in_metres(data)
 
 
-def read_metres(path: str | Path) -> xr.Dataset:
-    """Read a data set in metres from a NetCDF file."""
-    with open_file(path) as data:
-        return data.load()
-
-
-def file_in_metres(path: str) -> bool:
-    """True if a file has water in metres."""
-    return is_environment(path) or holds_metres(path)
-
-
 def read_file_in_metres(path: str) -> xr.Dataset:
     """Read a file with water in metres."""
-    return read_environment(path) if is_environment(path) else read_metres(path)
+    if is_environment(path):
+        return read_environment(path)
+    with open_file(path) as data:
+        return data.load()
 
 
 def ocean_in_metres(data: xr.Dataset, name: str = IN_MEMORY, *, at_rest: bool = True) -> xr.Dataset:

@@ -11,14 +11,12 @@ from typing import Literal, NamedTuple, Self
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Instants
 from pymantaray.errors import OceanError
 from pymantaray.ocean import cf
 from pymantaray.ocean.assemble import ocean_of
 from pymantaray.ocean.convert import (
-    Instants,
     degrees,
     has_time,
     instants,
@@ -177,7 +175,7 @@ def open_ocean_series(
     return oceans
 
 
-def ocean_times(source: Source, names: Names | None = None) -> NDArray[np.datetime64]:
+def ocean_times(source: Source, names: Names | None = None) -> Instants:
     """
     Instants at which a source has an ocean.
 

@@ -22,9 +22,8 @@ from pymantaray.ocean.cast import CastTable
 from pymantaray.ocean.instrument_table import known_unit
 from pymantaray.ocean.instruments import AIR_PRESSURE, AIR_PRESSURE_NOTE
 from pymantaray.ocean.positions import known_position
-from pymantaray.user_files import MAX_BYTES, check_regular, first_bytes
+from pymantaray.user_files import MAX_BYTES, check_regular
 
-_MAGIC = b"SQLite format 3\0"
 _MAX_VALUES = 12_000_000  # 7 h at 24 Hz with 20 channels
 _CHANNELS = {
     "depth": "depth",
@@ -47,11 +46,6 @@ class _Cast(NamedTuple):
     rows: Any
     place: tuple[float, float] | None
     name: str
-
-
-def is_rsk(path: Path) -> bool:
-    """Return True if a path is a regular file that begins like an SQLite database."""
-    return first_bytes(path, len(_MAGIC)) == _MAGIC
 
 
 def read_rsk(path: Path) -> dict[str, CastTable]:

@@ -7,9 +7,8 @@ from typing import Any, Literal
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import OceanError
 from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.ocean.convert import DEEPEST, is_our_unit, our_unit
@@ -372,7 +371,7 @@ def _wet(ocean: xr.Dataset) -> Iterator[Finding]:
         )
 
 
-def place_of(ocean: xr.Dataset, index: Sequence[Any] | NDArray[np.intp]) -> str:
+def place_of(ocean: xr.Dataset, index: Sequence[Any] | Indices) -> str:
     """Place of a grid point as text, such as ``34.64 N, 74.72 W, 50 m``, from its indices."""
     if any(name not in ocean.coords or ocean[name].ndim != 1 for name in DIMS):
         return f"index {', '.join(str(int(n)) for n in index)}"

@@ -4,9 +4,8 @@ from contextlib import suppress
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
 
@@ -72,12 +71,12 @@ def in_water(
     return depth, notes
 
 
-def _nearest(axis: Array, points: Array) -> NDArray[np.intp]:
+def _nearest(axis: Array, points: Array) -> Indices:
     """Index of the nearest entry of an increasing axis for each point."""
     return np.searchsorted(0.5 * (axis[1:] + axis[:-1]), points)
 
 
-def _from_around(depth: Array, gaps: NDArray[np.bool_]) -> Array:
+def _from_around(depth: Array, gaps: Mask) -> Array:
     """
     Depths at gaps, interpolated linearly between the points around them, or of the nearest point.
     """

@@ -24,7 +24,6 @@ from pymantaray.ocean.instrument_table import (
 from pymantaray.records.digits import counted
 
 WHP_HEADER = re.compile(r"CTD,\s*\d{8}")
-_BOTTLES = re.compile(r"BOTTLE,")
 _TITLES = {"CTDPRS": "pressure [dbar]", "CTDTMP": "temperature [degC]", "CTDSAL": "salinity [1]"}
 _BAD = {"_FLAG_W": "3459", "_FLAG_I": "349"}
 """Flags of questionable, bad, not reported and not sampled values."""
@@ -66,11 +65,6 @@ def read_whp(lines: Lines) -> InstrumentTable:
         names,
         number_of(keys.get("DEPTH", "")),
     )
-
-
-def is_bottles(lines: Lines) -> bool:
-    """True for a file of bottles."""
-    return bool(lines) and _BOTTLES.match(lines[0]) is not None
 
 
 def bottle_table(path: str | Path, lines: Lines) -> tuple[str, tuple[str, ...]]:

@@ -7,9 +7,8 @@ from typing import Self
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import OceanError
 from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.longitude import contiguous, whole_turns, wrap_longitude
@@ -45,11 +44,11 @@ class Selection:
     """True if latitudes decrease in the file."""
     blocks: tuple[slice, ...]
     """Columns of the file."""
-    order: NDArray[np.intp]
+    order: Indices
     """Order of the concatenated columns of all blocks."""
 
     @property
-    def columns(self) -> NDArray[np.intp]:
+    def columns(self) -> Indices:
         """Index in the file of each longitude."""
         return np.concatenate([np.r_[block] for block in self.blocks])[self.order]
 
@@ -146,7 +145,7 @@ def select(
     )
 
 
-def _rows(lat: Array, south: float, north: float, *, enclose: bool) -> NDArray[np.intp]:
+def _rows(lat: Array, south: float, north: float, *, enclose: bool) -> Indices:
     from_south = lat >= south - _SIDE_TOLERANCE
     to_north = lat <= north + _SIDE_TOLERANCE
     inside = from_south & to_north
@@ -158,9 +157,7 @@ def _rows(lat: Array, south: float, north: float, *, enclose: bool) -> NDArray[n
     return np.flatnonzero(inside)
 
 
-def _columns(
-    lon: Array, west: float, width: float, *, enclose: bool
-) -> tuple[NDArray[np.intp], Array]:
+def _columns(lon: Array, west: float, width: float, *, enclose: bool) -> tuple[Indices, Array]:
     """
     Columns from west to east across any seam, each meridian once, and their increasing longitudes,
     middle in -180 to 180.
@@ -205,7 +202,7 @@ def crop(
     return _columns_at(ocean.isel(lat=part.rows), part.columns, part.lon)
 
 
-def _columns_at(ocean: xr.Dataset, columns: NDArray[np.intp], lon: Array) -> xr.Dataset:
+def _columns_at(ocean: xr.Dataset, columns: Indices, lon: Array) -> xr.Dataset:
     """Ocean with some of its columns, at equal longitudes in another turn. [degrees]"""
     return ocean.isel(lon=columns).assign_coords(lon=("lon", lon, ocean["lon"].attrs))
 

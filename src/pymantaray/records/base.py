@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import AnyArray
 from pymantaray.errors import RecordError
 from pymantaray.records.digits import counted
 from pymantaray.records.notebook import notebook_html
@@ -46,7 +46,7 @@ _TIME = {
     "units_metadata": "leap_seconds: none",
     "axis": "T",
 }
-Column = NDArray[Any]  # the declared type of a field made by `column`
+Column = AnyArray  # the declared type of a field made by `column`
 
 
 def column(
@@ -145,7 +145,7 @@ class Record:
                     f"{self.kind}: {name} has length {size} along {dim!r}; it must be {common}"
                 )
 
-    def _read_only(self, name: str, content: object, dtype: np.dtype[Any]) -> NDArray[Any]:
+    def _read_only(self, name: str, content: object, dtype: np.dtype[Any]) -> AnyArray:
         """Read-only copy of the content of a column."""
         try:
             values = np.asarray(content)
@@ -398,7 +398,7 @@ class DatedRecord(Record):
         return next(_variable_name(item) for item in cls._columns() if item.name == "time")
 
 
-def _is_constant(values: NDArray[Any]) -> bool:
+def _is_constant(values: AnyArray) -> bool:
     """True if nobody can write an array, nor the array of which it is a view."""
     base: object = values.base  # or another object with a buffer
     return not values.flags.writeable and (
@@ -413,7 +413,7 @@ def _freeze(values: Any) -> None:
         values = values.base
 
 
-def _summary(values: NDArray[Any], flags: type[IntEnum] | None) -> str:
+def _summary(values: AnyArray, flags: type[IntEnum] | None) -> str:
     """Summary of values as text: counts of flags, names, or minimum, maximum and number of NaN."""
     if flags is not None:
         counts = {flag.name: int(np.count_nonzero(values == flag)) for flag in flags}

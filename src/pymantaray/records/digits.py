@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+
+from pymantaray.arrays import Array
 
 MISSING = "–"
 _MINUS = "−"
@@ -63,7 +64,7 @@ def show_row(values: Sequence[Any]) -> list[str]:
     return [show(value) for value in values]
 
 
-def measured_numbers(values: Sequence[Any]) -> NDArray[np.float64]:
+def measured_numbers(values: Sequence[Any]) -> Array:
     """Finite floating-point numbers among some values."""
     return np.array(
         [
@@ -75,7 +76,7 @@ def measured_numbers(values: Sequence[Any]) -> NDArray[np.float64]:
     )
 
 
-def number_format(numbers: NDArray[np.float64]) -> str:
+def number_format(numbers: Array) -> str:
     """
     Format for all numbers of one quantity, which then have equal decimals.
 
@@ -90,7 +91,7 @@ def number_format(numbers: NDArray[np.float64]) -> str:
     return f",.{decimals}f" if decimals <= _MAX_DECIMALS and digits <= _MAX_DIGITS else _EXPONENT
 
 
-def compact_format(numbers: NDArray[np.float64]) -> str | None:
+def compact_format(numbers: Array) -> str | None:
     """
     Format in which the largest number has four digits, and at least two decimals.
 

@@ -14,8 +14,8 @@ from enum import IntEnum
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import AnyArray
 from pymantaray.errors import RecordError
 from pymantaray.records.base import Record
 from pymantaray.records.writing import netcdf_content, netcdf_groups
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import xarray as xr
 
 _VALUES = "values"
-_Variable = tuple[list[str], NDArray[Any]]  # dimensions, values
+_Variable = tuple[list[str], AnyArray]  # dimensions, values
 
 
 def to_groups(value: Any) -> dict[str, xr.Dataset]:

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.records.base import Column, Record, column
 
 
@@ -49,6 +49,6 @@ class RangingTruth(Record):
     )
 
     @property
-    def refracted_range(self) -> NDArray[np.float64]:
+    def refracted_range(self) -> Array:
         """Sound speed at the transmitter times travel time. [m]"""
         return np.asarray(self.sound_speed * self.travel_time)

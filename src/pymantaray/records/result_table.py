@@ -10,8 +10,8 @@ from textwrap import wrap
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.records.column_attributes import UNIT_ENDINGS
 from pymantaray.records.csv_text import csv_text
 from pymantaray.records.digits import (
@@ -226,7 +226,10 @@ class ResultTable:
         """
         import pandas as pd
 
-        names = self._latex_names()
+        # room is small: settings have their meaning first and no key
+        names = [str(name) for name in self.brief or self.visible.columns]
+        if {_KEY, _MEANING} <= set(names):
+            names = [_MEANING, *(name for name in names if name not in (_KEY, _MEANING))]
         if names != [str(name) for name in self.visible.columns]:
             return replace(self, columns=names).to_latex()
         texts = pd.DataFrame(self.rows, columns=range(len(self.heads)), dtype=object).map(_latex)
@@ -241,13 +244,6 @@ class ResultTable:
         )
         return str(content)
 
-    def _latex_names(self) -> list[str]:
-        """Columns in LaTeX, where room is small: settings have their meaning first and no key."""
-        names = [str(name) for name in self.brief or self.visible.columns]
-        if {_KEY, _MEANING} <= set(names):
-            names = [_MEANING, *(name for name in names if name not in (_KEY, _MEANING))]
-        return names
-
     def _latex_columns(self) -> list[str]:
         """
         Types of the columns in LaTeX.
@@ -260,15 +256,10 @@ class ResultTable:
             not head.numbers and n > _MAX_LINE for head, n in zip(self.heads, longest, strict=True)
         ]
         paragraph = f"p{{{0.5 / max(sum(sentences), 1):.2g}\\linewidth}}"
-        types = []
-        for head, is_sentence in zip(self.heads, sentences, strict=True):
-            if head.numbers:
-                types.append("r")
-            elif is_sentence:
-                types.append(paragraph)
-            else:
-                types.append("l")
-        return types
+        return [
+            "r" if head.numbers else paragraph if is_sentence else "l"
+            for head, is_sentence in zip(self.heads, sentences, strict=True)
+        ]
 
     def __str__(self) -> str:
         """Heads and cells in columns, as a terminal shows them."""
@@ -335,7 +326,7 @@ def _formats(table: "pd.DataFrame") -> list[str]:
         column if (values == np.round(values)).all() else unit
         for column, unit, values in zip(columns, units, numbers, strict=True)
     ]
-    by_unit: dict[str, list[NDArray[np.float64]]] = {}
+    by_unit: dict[str, list[Array]] = {}
     for unit, values in zip(units, numbers, strict=True):
         by_unit.setdefault(unit, []).append(values)
     formats = {unit: compact_format(np.concatenate(parts)) for unit, parts in by_unit.items()}
@@ -345,7 +336,7 @@ def _formats(table: "pd.DataFrame") -> list[str]:
     ]
 
 
-def _significant(numbers: NDArray[np.float64], column: str) -> NDArray[np.float64]:
+def _significant(numbers: Array, column: str) -> Array:
     """
     Numbers that determine a format.
 
@@ -354,7 +345,7 @@ def _significant(numbers: NDArray[np.float64], column: str) -> NDArray[np.float6
     sizes = np.abs(numbers)
     if not column.endswith("_m") or not (sizes >= _SMALLEST_LENGTH).any():
         return numbers
-    significant: NDArray[np.float64] = numbers[(sizes >= _SMALLEST_LENGTH) | (sizes == 0.0)]
+    significant: Array = numbers[(sizes >= _SMALLEST_LENGTH) | (sizes == 0.0)]
     return significant
 
 

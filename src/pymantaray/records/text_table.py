@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from pymantaray.arrays import AnyArray, Array, Indices, Mask
 from pymantaray.errors import MantaRayError, RecordError
 from pymantaray.messages import one_line
 from pymantaray.records.csv_text import unguard_formula
@@ -19,7 +20,6 @@ from pymantaray.user_files import read_bytes
 if TYPE_CHECKING:
     import numpy as np
     import pandas as pd
-    from numpy.typing import NDArray
 
 _NAMES = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
 MONTHS = {name: k + 1 for k, name in enumerate(_NAMES)}
@@ -64,11 +64,11 @@ class TextTable:
             raise RecordError(f"{self.path}: two columns {twice[0]}; remove one")
 
     @property
-    def lines(self) -> "NDArray[np.int64]":
+    def lines(self) -> "Indices":
         """Line of the file of each row."""
         return self.frame.index.to_numpy(dtype="int64")
 
-    def numbers(self, columns: list[str]) -> "NDArray[np.float64]":
+    def numbers(self, columns: list[str]) -> "Array":
         """Columns as finite numbers (n_rows, n_columns); any other cell raises an error."""
         import numpy as np
 
@@ -105,7 +105,7 @@ class TextTable:
 
         self.require([*times, *numbers, *words])
         columns = set(self.frame.columns)
-        faults: list[tuple[NDArray[np.bool_], str, str]] = []
+        faults: list[tuple[Mask, str, str]] = []
         for name in words:
             empty = np.array([word == "" for word in self.words(name)], dtype=bool)
             faults.append((empty | self.frame[name].isna().to_numpy(), name, "it must have a name"))
@@ -140,7 +140,7 @@ class TextTable:
         cells = self.frame[column] if column in self.frame.columns else [""] * len(self.frame)
         return [str(cell).strip() for cell in cells]
 
-    def optional(self, column: str, default: float = math.nan) -> "NDArray[np.float64]":
+    def optional(self, column: str, default: float = math.nan) -> "Array":
         """Column as numbers, with a default for empty cells and without this column."""
         import numpy as np
 
@@ -153,7 +153,7 @@ class TextTable:
             raise RecordError(f"{self.where(row)}: {self._fault(column, row, _OPTIONAL)}")
         return numbers_of(cells.mask(cells == "", str(default)))
 
-    def _not_optional(self, column: str) -> "NDArray[np.bool_]":
+    def _not_optional(self, column: str) -> "Mask":
         """True for cells that are neither a number nor empty."""
         import numpy as np
 
@@ -164,7 +164,7 @@ class TextTable:
             & (cells.str.lower() != "nan").to_numpy()
         )
 
-    def seconds(self, column: str) -> "tuple[NDArray[np.float64], np.datetime64]":
+    def seconds(self, column: str) -> "tuple[Array, np.datetime64]":
         """Column of times as seconds since the first date and this date, or as seconds and NaT."""
         import numpy as np
 
@@ -175,7 +175,7 @@ class TextTable:
 
         return seconds_since(times, times[0]), times[0]
 
-    def times(self, column: str) -> "NDArray[Any]":
+    def times(self, column: str) -> "AnyArray":
         """
         Column of seconds or of dates (UTC if they have no zone).
 
@@ -203,7 +203,7 @@ class TextTable:
             dates = dates.dt.tz_convert("UTC").dt.tz_localize(None)
         return dates.to_numpy(dtype="datetime64[ns]")
 
-    def _not_times(self, column: str) -> "NDArray[np.bool_]":
+    def _not_times(self, column: str) -> "Mask":
         """True for cells that are neither seconds nor dates, or differ in this from most cells."""
         import numpy as np
         import pandas as pd
@@ -225,7 +225,7 @@ def _dates(cells: "pd.Series[Any]") -> "pd.Series[Any]":
     return dates.where(dates.dt.year.between(*_YEARS))
 
 
-def check_seconds(times: "NDArray[np.float64]", where: str, error: type[MantaRayError]) -> None:
+def check_seconds(times: "Array", where: str, error: type[MantaRayError]) -> None:
     """Raise an error for time stamps that are too large for seconds since any epoch in use."""
     latest = max(map(abs, times.tolist()), default=0.0)
     if latest > _LATEST:
@@ -238,8 +238,8 @@ def check_seconds(times: "NDArray[np.float64]", where: str, error: type[MantaRay
 
 
 def check_speed(
-    time: "NDArray[np.float64]",
-    position: "NDArray[np.float64]",
+    time: "Array",
+    position: "Array",
     where: str,
     error: type[MantaRayError],
 ) -> None:
@@ -261,7 +261,7 @@ def check_speed(
         )
 
 
-def numbers_of(cells: "pd.Series[Any]") -> "NDArray[np.float64]":
+def numbers_of(cells: "pd.Series[Any]") -> "Array":
     """
     Convert cells to numbers; NaN for other cells.
 

@@ -159,13 +159,6 @@ def pack(variable: "xr.Variable", step: float | Sequence[float]) -> None:
     variable.encoding |= {"chunksizes": chunks} if values.size else {}
 
 
-def _compress(variable: "xr.Variable") -> None:
-    """Let a file hold a long variable of numbers compressed, without a change of its values."""
-    if variable.dtype.kind in "fiu" and variable.nbytes > _COMPRESSED_BYTES:
-        variable.encoding.pop("contiguous", None)  # of the file from which it was read
-        variable.encoding |= {"zlib": True, "shuffle": True, "complevel": _COMPRESSION}
-
-
 def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = True) -> None:
     """
     Write a data set atomically as NetCDF-4 with CF attributes; long variables are compressed.
@@ -192,7 +185,9 @@ def write_netcdf(dataset: "xr.Dataset", path: Path | str, *, replace: bool = Tru
         if dataset[name].dtype.kind == "U":  # CF's checks of coordinates need characters
             dataset[name].encoding["dtype"] = "S1"
     for variable in dataset.variables.values():
-        _compress(variable)
+        if variable.dtype.kind in "fiu" and variable.nbytes > _COMPRESSED_BYTES:
+            variable.encoding.pop("contiguous", None)  # of the file from which it was read
+            variable.encoding |= {"zlib": True, "shuffle": True, "complevel": _COMPRESSION}
     with whole_file(path, replace=replace) as temporary, deferred_stops(), NETCDF_LOCK:
         check_room(temporary, dataset.nbytes + _OVERHEAD_BYTES * (1 + len(dataset.variables)))
         try:

@@ -4,7 +4,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import (
     Absorption,
@@ -18,7 +18,7 @@ from pymantaray.acoustics import (
     transmission_loss,
 )
 from pymantaray.acoustics.levels.loss import Losses, loss_under_rough_surface
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Mask
 from pymantaray.errors import SensingError
 from pymantaray.geometry.boundary import Reflection
 from pymantaray.records import Arrivals, Measurements, RayStatus
@@ -185,7 +185,7 @@ def draw_unheard(
     return mark_unheard(measurements, ok & ~(draws < probabilities))
 
 
-def mark_unheard(measurements: Measurements, lost: NDArray[np.bool_]) -> Measurements:
+def mark_unheard(measurements: Measurements, lost: Mask) -> Measurements:
     """Give lost arrivals status UNHEARD and a refracted range of NaN, and all others status OK."""
     status = measurements.range_status.copy()
     status[np.isin(status, ARRIVES)] = RayStatus.OK

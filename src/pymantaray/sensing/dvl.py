@@ -10,8 +10,8 @@ determine a velocity.
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.errors import SensingError
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import Measurements
@@ -115,7 +115,7 @@ def perturb(measurements: Measurements, normal: Normal) -> Columns:
     return {name: values[is_valid] for name, values in columns.items()}
 
 
-def three_beam_factor() -> NDArray[np.float64]:
+def three_beam_factor() -> Array:
     """Ratio of the standard deviations of each axis with three and with four beams; shape (3,)."""
     azimuth = np.radians([45.0, 135.0, 225.0, 315.0])
     across = np.sin(_TILT)

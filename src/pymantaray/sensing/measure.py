@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
 from pymantaray.records import Measurements, RangingTruth, Trajectories
@@ -29,8 +30,8 @@ def assemble(
     ranging: Ranging,
     noise: NoiseModel,
     *,
-    gnss_depth: float | NDArray[np.float64] = 0.1,
-    altitude: float | NDArray[np.float64] = 0.0,
+    gnss_depth: float | Array = 0.1,
+    altitude: float | Array = 0.0,
     sensors: Sequence[str] = (),
 ) -> Measurements:
     """
@@ -140,7 +141,7 @@ def perturb(
     or not. Therefore all conditions have the same noise.
     """
 
-    def normal(shape: tuple[int, ...], *names: str) -> NDArray[np.float64]:
+    def normal(shape: tuple[int, ...], *names: str) -> Array:
         return stream(root_seed, realization, "sensing", *map(str, names)).standard_normal(shape)
 
     truth = ranging_truth
@@ -154,7 +155,7 @@ def perturb(
             time[wrong] = detection.travel_time[picks[wrong]]
             truth = replace(truth, travel_time=time)
 
-    def range_normal(transmitter: str, receiver: str, count: int) -> NDArray[np.float64]:
+    def range_normal(transmitter: str, receiver: str, count: int) -> Array:
         return normal((count,), transmitter, "range", receiver)
 
     noise = by_pair(measurements, range_normal) * measurements.range_sigma

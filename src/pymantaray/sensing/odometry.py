@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pymantaray.arrays import Array
 from pymantaray.geometry.se3 import (
     matrix_from_quaternion,
     quaternion_from_matrix,
@@ -37,9 +38,7 @@ class OdometryNoise:
     )
     odometry_translation_drift: float = level(0.0125, "Error of translation per time. [m/s]")
 
-    def odometry_sigma(
-        self, rotation: ArrayLike, translation: ArrayLike, time: ArrayLike
-    ) -> NDArray[np.float64]:
+    def odometry_sigma(self, rotation: ArrayLike, translation: ArrayLike, time: ArrayLike) -> Array:
         r"""
         Composite standard deviation of odometry edges, in the tangent of their relative poses.
 

@@ -7,8 +7,8 @@ from functools import cache
 from typing import Any, NoReturn
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import AnyArray
 from pymantaray.entry_points import SENSORS, Extension, extension
 from pymantaray.records import Measurements
 from pymantaray.sensing.sensor import Normal, Scene
@@ -113,7 +113,7 @@ def _columns() -> dict[str, Field[Any]]:
     }
 
 
-def _fault(item: Field[Any], array: NDArray[Any], measurements: Measurements) -> str:
+def _fault(item: Field[Any], array: AnyArray, measurements: Measurements) -> str:
     """Fault of the values of a column; empty if they are allowed."""
     name = item.name
     kind = item.metadata["dtype"].kind

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Literal, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Sonar, probability_of_excess
-from pymantaray.arrays import Array, Indices
+from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import SensingError
 from pymantaray.records import Measurements, RayStatus, Trajectories
 from pymantaray.records.base import Column, Record, column
@@ -136,7 +136,7 @@ class Picker:
         return result
 
 
-def by_rank(group: NDArray[np.int64]) -> list[Indices]:
+def by_rank(group: Indices) -> list[Indices]:
     """
     First rows of all groups, then second rows of groups with two or more, and so on.
 
@@ -146,7 +146,7 @@ def by_rank(group: NDArray[np.int64]) -> list[Indices]:
     return [start[count > rank] + rank for rank in range(int(count.max(initial=0)))]
 
 
-def _earliest(ranks: list[Indices], link: Indices, mask: NDArray[np.bool_]) -> Indices:
+def _earliest(ranks: list[Indices], link: Indices, mask: Mask) -> Indices:
     """First marked row of each link."""
     row = np.full(link.max(initial=-1) + 1, -1)
     for rows in ranks:
@@ -249,7 +249,7 @@ class Candidates(Record):
             picks[attempt[hit]] = rows[hit]
         return picks
 
-    def mistaken(self, picks: Indices) -> NDArray[np.bool_]:
+    def mistaken(self, picks: Indices) -> Mask:
         """
         Attempts that mistake another arrival for the direct one.
 

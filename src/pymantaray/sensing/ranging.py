@@ -15,7 +15,6 @@ from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.exchanges import (
-    Exchanges,
     exchange_times,
     exchange_values,
     selected_exchanges,
@@ -67,9 +66,15 @@ def link_positions(
     ndarray, shape (n_links, 3)
         Positions. [m]
     """
-    participant = getattr(links, end)
+    return _positions(truth, landmark_position, getattr(links, end), links.sample)
+
+
+def _positions(
+    truth: Trajectories, landmark_position: Array, participant: Indices, sample: Indices
+) -> Array:
+    """Positions of participants at samples. [m]"""
     n_vehicles = truth.name.size
-    positions = truth.position[np.minimum(participant, n_vehicles - 1), links.sample]
+    positions = truth.position[np.minimum(participant, n_vehicles - 1), sample]
     is_landmark = participant >= n_vehicles
     positions[is_landmark] = landmark_position[participant[is_landmark] - n_vehicles]
     return np.asarray(positions)
@@ -196,26 +201,17 @@ def _pairs(attempts: Attempts, truth: Trajectories, landmarks: Sequence[Landmark
     rows = np.stack([attempts.sample, low, high], axis=-1)
     pairs, of_attempt = np.unique(rows, axis=0, return_inverse=True)
     sample, first, second = pairs.T
-    landmark_position = landmark_positions(landmarks)
-    n_vehicles = truth.name.size
-
-    def end_of(participant: Indices) -> tuple[Array, NDArray[np.bool_]]:
-        is_vehicle = participant < n_vehicles
-        vehicle = np.minimum(participant, n_vehicles - 1)
-        position = truth.position[vehicle, sample]
-        position[~is_vehicle] = landmark_position[participant[~is_vehicle] - n_vehicles]
-        return position, is_vehicle & (truth.status[vehicle, sample] != VehicleStatus.ACTIVE)
-
-    source, source_is_silent = end_of(first)
-    receiver, receiver_is_silent = end_of(second)
+    marks = landmark_positions(landmarks)
+    has_stopped = truth.status != VehicleStatus.ACTIVE
+    stopped = np.concatenate([has_stopped, np.zeros((len(marks), truth.time.size), dtype=bool)])
     return _Pairs(
         of_attempt=of_attempt.reshape(-1),
         sample=sample,
         first=first,
         second=second,
-        source=source,
-        receiver=receiver,
-        silent=source_is_silent | receiver_is_silent,
+        source=_positions(truth, marks, first, sample),
+        receiver=_positions(truth, marks, second, sample),
+        silent=stopped[first, sample] | stopped[second, sample],
     )
 
 
@@ -328,10 +324,16 @@ def _ranging(
     status = np.append(sound.status, np.int8(RayStatus.STOPPED))[link]
     is_outside_cone = (status == RayStatus.OK) & np.isnan(values["travel_time"])
     status[is_outside_cone] = RayStatus.SHADOW
+    # further columns are those of the selected reception of each ping
+    of_ping = {
+        item.name: values_at(getattr(sound.receptions, item.name), exchanges.ping)
+        for item in fields(RangingTruth)
+        if item.name != "travel_time" and hasattr(sound.receptions, item.name)
+    }
     return Ranging(
         attempts=attempts,
         status=status,
-        truth=RangingTruth(**values | _ping_columns(sound.receptions, exchanges)),
+        truth=RangingTruth(**values | of_ping),
         links=Links(
             sample=pairs.sample[active], first=pairs.first[active], second=pairs.second[active]
         ),
@@ -340,13 +342,3 @@ def _ranging(
         link=link,
         probability=np.prod(chances, axis=0),
     )
-
-
-def _ping_columns(receptions: Receptions, exchanges: Exchanges) -> dict[str, Array]:
-    """Columns of the ranging truth that are those of the selected reception of each ping."""
-    names = {item.name for item in fields(RangingTruth)} - {"travel_time"}
-    return {
-        name: values_at(getattr(receptions, name), exchanges.ping)
-        for name in names
-        if hasattr(receptions, name)
-    }

@@ -6,11 +6,10 @@ from enum import IntEnum
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import ArrivalRule, Leaks, Sonar
 from pymantaray.acoustics.selection import first_rows
-from pymantaray.arrays import Array, Indices
+from pymantaray.arrays import AnyArray, Array, Indices, Mask
 from pymantaray.records import Arrivals, RayStatus
 from pymantaray.records.base import Column, Record, column
 
@@ -149,7 +148,7 @@ def _elevation(along: Array) -> Array:
     return np.arctan2(along[:, 2], np.hypot(along[:, 0], along[:, 1]))
 
 
-def _both(values: NDArray[Any]) -> NDArray[Any]:
+def _both(values: AnyArray) -> AnyArray:
     """Values of arrivals, for receptions in both directions."""
     return np.concatenate([values, values])
 
@@ -197,7 +196,7 @@ def with_leaks(
     link: Indices,
     leaks: Leaks,
     along: AlongRays,
-    backwards: NDArray[np.bool_],
+    backwards: Mask,
 ) -> Receptions:
     """
     Add receptions of leaked or scattered sound to those of links with rays.
@@ -238,17 +237,6 @@ def within_cone(receptions: Receptions, source: Array, receiver: Array, cone: fl
     return receptions.at({"reception": ~(deviation > cone) | (receptions.arrival < 0)})
 
 
-def is_admissible(receptions: Receptions, rule: ArrivalRule) -> NDArray[np.bool_]:
-    """
-    True for rows that a rule may select.
-
-    Sound without a ray exists only on links without such an eigenray.
-    """
-    if rule != "direct":
-        return np.ones(receptions.link.size, dtype=bool)
-    return np.asarray(receptions.path != SoundPath.REFLECTED)
-
-
 def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
     """
     Receptions with at most one selected per link and direction.
@@ -263,7 +251,9 @@ def select_receptions(receptions: Receptions, rule: ArrivalRule) -> Receptions:
     if rule == "direct-or-first":
         keys.insert(0, (receptions.path == SoundPath.REFLECTED).astype(float))
     selected = np.zeros(receptions.link.size, dtype=np.int8)
-    selected[first_rows(receptions.group, keys, is_admissible(receptions, rule)).row] = 1
+    # sound without a ray exists only on links without a direct eigenray
+    admissible = (receptions.path != SoundPath.REFLECTED) | (rule != "direct")
+    selected[first_rows(receptions.group, keys, admissible).row] = 1
     probability = np.where(selected == 1, receptions.detection, 0.0)
     return replace(receptions, selected=selected, probability=probability)
 
@@ -281,7 +271,7 @@ def rows_between(start: Indices, stop: Indices) -> tuple[Indices, Indices]:
     return pair, np.arange(pair.size) - np.repeat(np.cumsum(count) - count, count) + start[pair]
 
 
-def values_at(values: NDArray[Any], rows: Indices) -> Array:
+def values_at(values: AnyArray, rows: Indices) -> Array:
     """Values at rows, NaN at rows of -1."""
     result = np.full(rows.shape + values.shape[1:], np.nan)
     exists = rows >= 0

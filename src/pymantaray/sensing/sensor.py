@@ -4,16 +4,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import field
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from numpy.typing import NDArray
-
+from pymantaray.arrays import AnyArray
 from pymantaray.records import Measurements, Trajectories
 
 if TYPE_CHECKING:
     from pymantaray.sensing.landmarks import Landmark
 
-Columns = dict[str, NDArray[Any]]
+Columns = dict[str, AnyArray]
 """Columns of `Measurements` by name."""
-Normal = Callable[..., NDArray[Any]]
+Normal = Callable[..., AnyArray]
 """Standard normal draws of a shape, from the stream named by the other arguments."""
 
 
@@ -22,9 +21,9 @@ class Scene(NamedTuple):
 
     truth: Trajectories
     landmarks: Sequence["Landmark"]
-    gnss_depth: float | NDArray[Any]
+    gnss_depth: float | AnyArray
     """Depth above which a vehicle has a GNSS fix; one value, or one per vehicle and sample. [m]"""
-    altitude: float | NDArray[Any] = 0.0
+    altitude: float | AnyArray = 0.0
     """Height above the sea floor; one value, or one per vehicle and sample. [m]"""
 
 

@@ -5,9 +5,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Indices
 from pymantaray.errors import SensingError
 from pymantaray.geometry import stream
 from pymantaray.quantities.checks import check_fields, checked_array
@@ -102,7 +101,7 @@ def half_round_trip(
     return np.asarray(0.5 * (t1 + t2 + displacement))
 
 
-def velocities(truth: Trajectories, samples: NDArray[np.int64]) -> Array:
+def velocities(truth: Trajectories, samples: Indices) -> Array:
     """
     Mean velocity (n_vehicles, n_epochs, 3) from each sample to the next. [m/s]
 
@@ -141,7 +140,7 @@ class Clocks:
             )
             object.__setattr__(self, name, array)
 
-    def of(self, participant: NDArray[np.int64]) -> tuple[Array, Array]:
+    def of(self, participant: Indices) -> tuple[Array, Array]:
         """
         Offsets and skews of participants' clocks.
 

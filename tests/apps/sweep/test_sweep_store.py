@@ -18,7 +18,7 @@ from pymantaray.apps.sweep.plan import SweepPlan
 from pymantaray.apps.sweep.points import finished, point_content, point_name, stage_name
 from pymantaray.apps.sweep.stages import Stages
 from pymantaray.config.door.study import build_study
-from pymantaray.errors import JobError, SweepError, WriteError
+from pymantaray.errors import JobError, SweepError
 from pymantaray.installation import code_version
 from pymantaray.jobs.store import failure_content, open_store
 from pymantaray.pages.page import Page
@@ -269,37 +269,3 @@ def test_points_of_other_code_are_computed_again_and_said_to_be(
     caplog.clear()
     run_sweep(sweep, out)
     assert caplog.text == ""
-
-
-@pytest.mark.parametrize("name", ["points", "stages"])
-def test_a_link_in_the_place_of_a_folder_is_not_written_through(here, noises, tmp_path, name):
-    out, away = tmp_path / "out", tmp_path / "away"
-    out.mkdir()
-    away.mkdir()
-    (out / name).symlink_to(away)
-    with pytest.raises(
-        JobError, match=f"out/{name}: is a symbolic link; remove it or give another folder$"
-    ):
-        run_sweep(noises(2), out)
-    (out / name).unlink()
-    store = open_store(out)
-    store.claim("sweep", "sweep.toml", {"points", "stages"})
-    (out / name).symlink_to(away)  # behind a runner's back
-    refused(
-        WriteError,
-        "a symbolic link leads out of .*; remove the link",
-        store.write,
-        f"{name}/x",
-        b"1",
-    )
-    assert not any(away.iterdir())
-
-
-def test_a_circle_of_links_is_refused_in_one_line(noises, tmp_path):
-    (tmp_path / "out").symlink_to(tmp_path / "out")
-    with pytest.raises(
-        JobError, match=r"out: symbolic links form a circle; give another folder$"
-    ) as caught:
-        run_sweep(noises(1), tmp_path / "out")
-    assert "\n" not in str(caught.value)
-    refused(JobError, "not a sweep|cannot be read", open_sweep, tmp_path / "out")

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pymantaray.apps.bellhop.options import BellhopOptions
+from pymantaray.arrays import Array
 from pymantaray.cli.groups import Fields, with_options
 from pymantaray.cli.options import (
     LINKS,
@@ -21,14 +22,10 @@ from pymantaray.cli.printing import Printer, printer
 from pymantaray.errors import AcousticsError
 
 if TYPE_CHECKING:
-    import numpy as np
     import pandas as pd
-    from numpy.typing import NDArray
 
     from pymantaray.acoustics import Medium
     from pymantaray.sensing.water import Water
-
-    Array = NDArray[np.float64]
 
 SHOWS_RESULTS = True
 

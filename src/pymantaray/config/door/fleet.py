@@ -6,8 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Array
 from pymantaray.config.fleet import FleetSection
 from pymantaray.config.mission import AnySchedule, PingsSection, SlotsSection
 from pymantaray.config.sections import StudyConfig
@@ -171,7 +171,7 @@ def _start(config: StudyConfig) -> np.datetime64 | None:
     return None if config.ocean.time is None else utc_instant(config.ocean.time)
 
 
-def planned_points(config: StudyConfig) -> dict[str, NDArray[np.float64]]:
+def planned_points(config: StudyConfig) -> dict[str, Array]:
     """
     Start and waypoints (n, 3) of each vehicle and landmark without drift; all points of an existing
     trajectory. [m]

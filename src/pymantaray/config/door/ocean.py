@@ -8,11 +8,11 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import xarray as xr
-from numpy.typing import NDArray
 
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.acoustics.profiles import Profile
+from pymantaray.arrays import Array
 from pymantaray.config.door.metres import local_of, metres_of, section_in_metres
 from pymantaray.config.door.uniform import (
     geographic_of,
@@ -232,7 +232,10 @@ def build_ocean(
     medium affects thinned profiles.
     """
     if (metres := metres_of(section, data)) is not None:
-        return local_fields(section, metres)
+        local = with_section_ice(section, local_of(section, metres))
+        local = with_tide(section.internal_tide, local)
+        summarize = partial(_local_summary, local, columns_spread)
+        return OceanFields(geographic=None, local=local, summarize=summarize)
     if data is None and is_profile(section):
         return profile_fields(section, one_profile(section), interpolation)
     for key in ("thin", "smooth"):
@@ -285,16 +288,6 @@ def is_profile(section: OceanSection) -> bool:
     """True if the source is a profile or cast: horizontally uniform water."""
     first = section.source[0]
     return exists(first) and not section_in_metres(section) and holds_casts(first)
-
-
-def local_fields(section: OceanSection, data: xr.Dataset) -> OceanFields:
-    """Build an ocean from a data set in metres."""
-    local = with_tide(section.internal_tide, with_section_ice(section, local_of(section, data)))
-    return OceanFields(
-        geographic=None,
-        local=local,
-        summarize=partial(_local_summary, local, columns_spread),
-    )
 
 
 def profile_fields(
@@ -387,7 +380,7 @@ def _source(section: OceanSection, data: xr.Dataset | None) -> Source:
 
 def _open(
     section: OceanSection, duration: float, data: xr.Dataset | None
-) -> tuple[list[xr.Dataset], NDArray[np.float64]]:
+) -> tuple[list[xr.Dataset], Array]:
     """Snapshots of a mission, one for a constant ocean, and their times. [s]"""
     source = _source(section, data)
     options: dict[str, Any] = {"currents": section.currents, "names": section.standard_names}

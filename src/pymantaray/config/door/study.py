@@ -4,9 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pymantaray.arrays import Array
 from pymantaray.config.door.estimators import Condition, build_condition
 from pymantaray.config.door.fleet import (
     MissionFleet,
@@ -108,7 +106,7 @@ class Study:
         return self.sound.options.detector is not None
 
     @cached_property
-    def planned(self) -> dict[str, NDArray[np.float64]]:
+    def planned(self) -> dict[str, Array]:
         """Points (n, 3) of each vehicle and landmark without drift, see `planned_points`. [m]"""
         return planned_points(self.config)
 
@@ -123,15 +121,9 @@ class Study:
         return self.config.model_dump(mode="json")
 
 
-def _installed(sensors: tuple[str, ...]) -> tuple[str, ...]:
-    """Names of sensors of other packages, all of which can be imported."""
-    other_sensors(sensors)
-    return sensors
-
-
 def build_study(config: StudyConfig) -> Study:
     """Study of a configuration that is complete, see `with_tracks`."""
-    picker = config.ranging.build_picker(config.build_sonar())
+    other_sensors(config.mission.sensors)  # all of them can be imported
     return Study(
         config=config,
         name=config.study.name,
@@ -146,10 +138,10 @@ def build_study(config: StudyConfig) -> Study:
             sound=build_sound(config),
         ),
         gnss_depth=config.mission.gnss_depth,
-        sensors=_installed(config.mission.sensors),
+        sensors=config.mission.sensors,
         noise=config.noise.model,
         clocks=config.noise.clocks,
-        picker=picker,
+        picker=config.ranging.build_picker(config.build_sonar()),
         pick_correlation_time=config.ranging.mistaken_correlation_s,
         conditions=tuple(build_condition(section) for section in config.conditions),
         covariance_interval=config.estimator.covariance_interval_h * 3600.0,

@@ -11,11 +11,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import xarray as xr
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Instants
 from pymantaray.errors import OceanError, optional_package
 from pymantaray.jobs.progress import Progress
 from pymantaray.ocean.convert import (
-    Instants,
     decoded_times,
     minute,
     parse_instant,
