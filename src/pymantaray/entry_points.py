@@ -10,7 +10,7 @@ import logging
 import os
 import sys
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, redirect_stdout, suppress
 from contextvars import ContextVar
 from dataclasses import dataclass
@@ -157,7 +157,7 @@ def extension(group: str, name: str) -> Extension:
     return one
 
 
-def extension_keys(sensors: tuple[str, ...] = ()) -> list[dict[str, str]]:
+def extension_keys(sensors: Iterable[str] = ()) -> list[dict[str, str]]:
     """Keys of all entry points in use: sensors of these names, and all figures."""
     figures = [one for several in extensions(FIGURES).values() for one in several]
     return [one.key for one in (*(extension(SENSORS, name) for name in sensors), *figures)]

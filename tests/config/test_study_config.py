@@ -22,6 +22,7 @@ from pymantaray.config import (
     preset_text,
     study_toml,
 )
+from pymantaray.config.door.fleet import build_pings, build_vehicles
 from pymantaray.config.door.study import build_study
 from pymantaray.config.fleet import FloatSection, FloatVehicle, StationVehicle
 from pymantaray.config.mission import MissionSection, keys_of_schedule
@@ -601,7 +602,9 @@ def test_a_copy_is_checked_as_a_file_is():
 
 def test_the_first_ping_may_be_at_the_start(tiny):
     times = {
-        start: tiny(mission={"ping_start_h": start}).mission.pings().times(4.0 * 3600.0).tolist()
+        start: build_pings(tiny(mission={"ping_start_h": start}))
+        .schedule.times(4.0 * 3600.0)
+        .tolist()
         for start in ("none", 0.0, "30 min")
     }
     assert times == {
@@ -658,7 +661,7 @@ def test_presets_have_the_choices_of_the_authors_program(name):
         FloatSection().depth_gain,
     )
     assert mission.gnss_depth == MissionSection().gnss_depth
-    cycle = config.fleet.build()[1].behaviour
+    cycle = build_vehicles(config.fleet)[1].behaviour
     assert (cycle.surface_depth, cycle.depth_gain) == (0.01, 10.0)
     assert (FloatCycle(99.0).surface_depth, FloatCycle(99.0).depth_gain) == (0.01, 10.0)
 

@@ -89,6 +89,10 @@ def _describe(finding: dict[str, Any], root: type[BaseModel]) -> str:
     kind = finding["type"]
     location = finding["loc"]
     context = finding.get("ctx", {})
+    owner = _walk(location[:-1], root).model if location else None
+    # a model that allows tables of other names still refuses other keys
+    if kind == "dict_type" and owner is not None and location[-1] not in owner.model_fields:
+        kind = "extra_forbidden"
     model, where, options = _walk(location[:-1] if kind == "extra_forbidden" else location, root)
     if kind == "extra_forbidden":
         key = str(location[-1])

@@ -1,14 +1,11 @@
 """
-Sections of a configuration for vehicles and landmarks, which build the objects of the simulation.
+Sections of a configuration for vehicles and landmarks.
 """
 
-import math
-from typing import TYPE_CHECKING, Annotated, Literal, Self
+from typing import Annotated, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
-from pymantaray.arrays import Array
 from pymantaray.config.common import (
     Degrees,
     DegreesPerSecond,
@@ -24,10 +21,6 @@ from pymantaray.config.common import (
     Section,
     require_unique,
 )
-
-if TYPE_CHECKING:
-    from pymantaray.fleet import Behaviour, Vehicle
-    from pymantaray.sensing import Landmark
 
 
 class FloatSection(Section):
@@ -60,14 +53,6 @@ class _Placed(Section):
     heading_deg: Degrees[float] = 0.0
     """Heading at the start, clockwise from north. [degrees]"""
 
-    def start_depth(self, _floats: FloatSection) -> float:
-        """Depth at the start. [m]"""
-        return float(getattr(self, "depth", 0.0))
-
-    def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:
-        """Initial position and waypoints. [m]"""
-        return [(self.north, self.east, self.start_depth(floats))]
-
 
 class FloatVehicle(_Placed):
     """Argo-style float: sink, hold, rise, hold at the surface; drifts with the current."""
@@ -91,34 +76,6 @@ class FloatVehicle(_Placed):
     depth_gain: PositiveFloat | None = None
     """Value of this float instead of that of ``[fleet.floats]``. [1/s]"""
 
-    def start_depth(self, floats: FloatSection) -> float:
-        """Depth at the start. [m]"""
-        if self.depth is not None:
-            return self.depth
-        return floats.surface_depth if self.surface_depth is None else self.surface_depth
-
-    def behaviour(self, floats: FloatSection) -> "Behaviour":
-        """Cycle of a float."""
-        from pymantaray.fleet import FloatCycle
-
-        own = {name: getattr(self, name) for name in FloatSection.model_fields}
-        merged = floats.model_copy(
-            update={name: value for name, value in own.items() if value is not None}
-        )
-        return FloatCycle(
-            target_depth=self.target_depth,
-            start_delay=self.start_delay_h * 3600.0,
-            hold_depth_time=merged.hold_depth_h * 3600.0,
-            hold_surface_time=merged.hold_surface_h * 3600.0,
-            vertical_speed=merged.vertical_speed,
-            surface_depth=merged.surface_depth,
-            depth_gain=merged.depth_gain,
-        )
-
-    def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:
-        """Initial position and lower hold."""
-        return [*super().planned(floats), (self.north, self.east, self.target_depth)]
-
 
 class StationVehicle(_Placed):
     """Vehicle that keeps its initial position."""
@@ -127,12 +84,6 @@ class StationVehicle(_Placed):
     """A vehicle that keeps its position."""
     depth: Depth = 0.01
     """Depth that it keeps. [m]"""
-
-    def behaviour(self, _floats: FloatSection) -> "Behaviour":
-        """Behaviour of a vehicle at rest."""
-        from pymantaray.fleet import StationKeeping
-
-        return StationKeeping(depth=self.depth)
 
 
 class DriftingVehicle(_Placed):
@@ -144,15 +95,6 @@ class DriftingVehicle(_Placed):
     """Depth that it keeps. [m]"""
     drogue_depth: Depth | None = None
     """Depth of the current that moves it. Default: its own depth. [m]"""
-
-    def behaviour(self, _floats: FloatSection) -> "Behaviour":
-        """Behaviour of a drifting buoy."""
-        from pymantaray.fleet import Drifting
-
-        return Drifting(
-            depth=self.depth,
-            drogue_depth=self.depth if self.drogue_depth is None else self.drogue_depth,
-        )
 
 
 class TwistVehicle(_Placed):
@@ -176,12 +118,6 @@ class TwistVehicle(_Placed):
     """Angular velocity about, and velocity along, forward, right and down. [rad/s, m/s]"""
     current: bool = False
     """True if the current moves the vehicle in addition."""
-
-    def behaviour(self, _floats: FloatSection) -> "Behaviour":
-        """Behaviour with the twist."""
-        from pymantaray.fleet import ConstantTwist
-
-        return ConstantTwist(twist=np.array(self.twist), current=self.current)
 
 
 class WaypointVehicle(_Placed):
@@ -208,23 +144,6 @@ class WaypointVehicle(_Placed):
     """True if the vehicle continues from the last waypoint to the first; otherwise it stops."""
     current: bool = False
     """True if the current moves the vehicle."""
-
-    def behaviour(self, _floats: FloatSection) -> "Behaviour":
-        """Behaviour with the waypoints."""
-        from pymantaray.fleet import Waypoints
-
-        return Waypoints(
-            points=np.array(self.points),
-            speed=self.speed,
-            turn_rate=math.radians(self.turn_rate_deg),
-            capture_radius=self.capture_radius,
-            loop=self.loop,
-            current=self.current,
-        )
-
-    def planned(self, floats: FloatSection) -> list[tuple[float, float, float]]:
-        """Initial position and all waypoints."""
-        return [*super().planned(floats), *self.points]
 
 
 AnyVehicle = Annotated[
@@ -266,24 +185,6 @@ class FleetSection(Section):
             raise ValueError(f"vehicles or trajectories make a fleet; {there}")
         return self
 
-    def build(self) -> "list[Vehicle]":
-        """Vehicles in the configured order; none for existing trajectories."""
-        from pymantaray.fleet import Vehicle
-
-        return [
-            Vehicle(
-                name=section.name,
-                position=np.array([section.north, section.east, section.start_depth(self.floats)]),
-                behaviour=section.behaviour(self.floats),
-                heading=math.radians(section.heading_deg),
-            )
-            for section in self.vehicles
-        ]
-
-    def planned(self) -> "dict[str, Array]":
-        """Initial position and waypoints (n, 3) of each vehicle, without drift. [m]"""
-        return {v.name: np.array(v.planned(self.floats), dtype=float) for v in self.vehicles}
-
 
 class LandmarkSection(Section):
     """Fixed point with a surveyed position; takes part in ranging."""
@@ -301,14 +202,3 @@ class LandmarkSection(Section):
     Standard deviation of each axis of the survey; large if the fleet has to locate the landmark.
     Default: ``noise.landmark_sigma``. [m]
     """
-
-    @property
-    def position(self) -> "Array":
-        """North, east, down. [m]"""
-        return np.array([self.north, self.east, self.depth])
-
-    def build(self) -> "Landmark":
-        """Landmark that takes part in ranging."""
-        from pymantaray.sensing import Landmark
-
-        return Landmark(name=self.name, position=self.position, sigma=self.sigma)

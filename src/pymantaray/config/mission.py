@@ -1,9 +1,7 @@
 """Sections of a configuration for times: durations, periods and schedules of pings."""
 
-from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from pymantaray.config.common import (
@@ -15,9 +13,7 @@ from pymantaray.config.common import (
     Seconds,
     Section,
 )
-
-if TYPE_CHECKING:
-    from pymantaray.sensing import Schedule
+from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
 
 
 class SlotsSection(Section):
@@ -32,12 +28,6 @@ class SlotsSection(Section):
     start_s: Seconds[NonNegativeFloat] = 0.0
     """Time of the first slot. [s]"""
 
-    def build(self, _start: np.datetime64 | None) -> "Schedule":
-        """Schedule of slots."""
-        from pymantaray.sensing import SlotSchedule
-
-        return SlotSchedule(self.slots, self.slot_s, self.start_s)
-
 
 class PingsSection(Section):
     """Pings from a table of times, transmitters and optional receivers."""
@@ -49,12 +39,6 @@ class PingsSection(Section):
     CSV file with columns ``time`` [s], ``transmitter`` and optional ``receivers``; relative to this
     file.
     """
-
-    def build(self, start: np.datetime64 | None) -> "Schedule":
-        """Schedule from the file; dates in it are relative to the mission's start."""
-        from pymantaray.exchange.table import read_pings
-
-        return read_pings(Path(self.file), start)
 
 
 AnySchedule = Annotated[SlotsSection | PingsSection, Field(discriminator="kind")]
@@ -92,15 +76,6 @@ class MissionSection(Section):
     paper.
     """
 
-    def pings(self, start: np.datetime64 | None = None) -> "Schedule":
-        """Schedule of the pings; lists of pings with dates need the start of the mission."""
-        from pymantaray.sensing import PingSchedule
-
-        if self.schedule is not None:
-            return self.schedule.build(start)
-        start_s = None if self.ping_start_h is None else self.ping_start_h * 3600.0
-        return PingSchedule(interval=self.ping_interval_h * 3600.0, start=start_s)
-
     @model_validator(mode="after")
     def _first_ping_is_a_sample(self) -> Self:
         if self.ping_start_h is not None:
@@ -115,10 +90,8 @@ class MissionSection(Section):
         return self
 
 
-def keys_of_schedule(schedule: "Schedule") -> dict[str, Any]:
+def keys_of_schedule(schedule: Schedule) -> dict[str, Any]:
     """Keys of ``[mission]`` for a schedule; none for a list of pings, which needs a file."""
-    from pymantaray.sensing import PingSchedule, SlotSchedule
-
     if isinstance(schedule, SlotSchedule):
         slots = {"slots": list(schedule.slots), "slot_s": schedule.slot, "start_s": schedule.start}
         return {"schedule": {"kind": "slots", **slots}}

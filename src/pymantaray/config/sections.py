@@ -8,7 +8,14 @@ from collections.abc import Mapping
 from dataclasses import fields
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self
 
-from pydantic import BeforeValidator, Field, ValidationError, create_model, model_validator
+from pydantic import (
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    ValidationError,
+    create_model,
+    model_validator,
+)
 
 from pymantaray.acoustics.reflection import Sediment, sediment_source
 from pymantaray.acoustics.selection import ArrivalRule
@@ -55,10 +62,6 @@ from pymantaray.records.digits import counted
 from pymantaray.records.status import TRUTH
 from pymantaray.sensing import ClockModel
 from pymantaray.sensing.noise import NoiseModel
-
-if TYPE_CHECKING:
-    from pymantaray.acoustics import Absorption, IceCover, Leakage, SeaSurface, Sonar
-    from pymantaray.sensing import Picker, ReceptionOptions, Timing
 
 Bounces = Annotated[int, Field(ge=0, le=15)]  # maximum of the ray solver
 
@@ -135,14 +138,6 @@ class AcousticsSection(Section):
         """Spreading cut-off for `find_eigenrays`; None for no cut-off. [dB]"""
         return None if self.spreading_cutoff_db == "none" else float(self.spreading_cutoff_db)
 
-    def build_surface(self, wind_speed: float) -> "SeaSurface | IceCover | None":
-        """Build the loss at the surface, or under ice; None without loss."""
-        from pymantaray.acoustics import IceCover, SeaSurface
-
-        if self.ice_loss_db is not None:
-            return IceCover(self.ice_loss_db)
-        return None if self.surface_loss == "none" else SeaSurface(wind_speed, self.surface_loss)
-
 
 class RangingSection(Section):
     """
@@ -170,23 +165,6 @@ class RangingSection(Section):
     """
     mistaken_correlation_s: Seconds[NonNegativeFloat] = 0.0
     """Correlation time of the choice of an arrival by a receiver. [s]"""
-
-    def build_timing(self) -> "Timing":
-        """Build the timing scheme."""
-        from pymantaray.sensing import OneWay, TwoWay
-
-        return OneWay() if self.timing == "one-way" else TwoWay(turn_around=self.turn_around_s)
-
-    def build_picker(self, sonar: "Sonar | None") -> "Picker | None":
-        """
-        Build the rule by which receivers select the direct arrival; None if receivers make no
-        mistakes.
-        """
-        from pymantaray.sensing import Picker
-
-        if self.mistaken == "none":
-            return None
-        return Picker(rule=self.mistaken, sonar=sonar, below_strongest_db=self.below_strongest_db)
 
     @model_validator(mode="after")
     def _only_two_way_turns_around(self) -> Self:
@@ -279,32 +257,6 @@ class DetectionSection(Section):
             yield "wenz1962", "ambient noise, in the form of Coates (1990)"
         if self.leakage:
             yield "itu-p526", "sound behind an edge"
-
-    def build_sonar(self) -> "Sonar":
-        """Build the modems."""
-        from pymantaray.acoustics import Sonar, WenzNoise
-
-        noise: WenzNoise | float
-        if self.noise_spectral_level_db is None:
-            shipping = 0.5 if self.shipping is None else self.shipping
-            noise = WenzNoise(wind_speed=self.wind_speed, shipping=shipping)
-        else:
-            noise = self.noise_spectral_level_db
-        return Sonar(
-            source_level_db=self.source_level_db,
-            frequency_hz=self.frequency_hz,
-            bandwidth_hz=self.bandwidth_hz,
-            noise=noise,
-            processing_gain_db=self.processing_gain_db,
-            threshold_db=self.threshold_db,
-            spread_db=self.spread_db,
-        )
-
-    def build_leakage(self) -> "Leakage | None":
-        """Build the model of sound that arrives without a ray; None without such sound."""
-        from pymantaray.acoustics import Leakage
-
-        return Leakage(self.leakage_reach_m, self.scatter_db) if self.leakage else None
 
     @model_validator(mode="after")
     def _scatter_is_part_of_leakage(self) -> Self:
@@ -558,7 +510,12 @@ class NoiseSection(_Levels):
     """
     Standard deviations of all noise, from the paper's table; record 0001 lists those that the paper
     does not specify.
+
+    A table ``[noise.NAME]`` has the levels of a sensor of another package in ``mission.sensors``.
     """
+
+    model_config = ConfigDict(extra="allow")
+    __pydantic_extra__: dict[str, dict[str, float]]
 
     clock_offset_sigma: Seconds[NonNegativeFloat] = 0.0
     """Standard deviation of the clocks' offsets at the start of the mission. [s]"""
@@ -569,6 +526,10 @@ class NoiseSection(_Levels):
     def model(self) -> NoiseModel:
         """Noise of all sensors but clocks."""
         return NoiseModel(**{f.name: getattr(self, f.name) for f in fields(NoiseModel)})
+
+    def of_other(self, sensor: str) -> dict[str, float]:
+        """Levels of a sensor of another package that are not its defaults."""
+        return dict(self.__pydantic_extra__.get(sensor, {}))
 
     @property
     def clocks(self) -> ClockModel | None:
@@ -607,47 +568,6 @@ class SoundConfig(Section):
     """Measurement of travel times."""
     detection: DetectionSection | None = None
     """Sonar equation of the modems. Default: every arrival is detected."""
-
-    def build_sonar(self) -> "Sonar | None":
-        """Build the modems; None if every arrival is detected."""
-        return None if self.detection is None else self.detection.build_sonar()
-
-    def build_reception(self, absorption: "Absorption | None") -> "ReceptionOptions":
-        """
-        Build search, losses and detection of arrivals.
-
-        Parameters
-        ----------
-        absorption : Absorption or None
-            Absorption of the water; None if it is not modelled.
-
-        Returns
-        -------
-        ReceptionOptions
-        """
-        from pymantaray.acoustics.reflection import bed_reflection
-        from pymantaray.sensing import Detector, ReceptionOptions
-
-        search = self.acoustics
-        detection = self.detection
-        detector = None
-        if detection is not None:
-            detector = Detector(
-                sonar=detection.build_sonar(),
-                absorption=absorption,
-                bottom=bed_reflection(search.sediment),
-                surface=search.build_surface(detection.wind_speed),
-                coherent=detection.coherent,
-            )
-        return ReceptionOptions(
-            spreading_cutoff_db=search.cutoff_db,
-            max_surface_bounces=search.max_surface_bounces,
-            max_bottom_bounces=search.max_bottom_bounces,
-            arrival=search.arrival,
-            cone=None if search.cone_deg is None else math.radians(search.cone_deg),
-            detector=detector,
-            leakage=None if detection is None else detection.build_leakage(),
-        )
 
     def with_(self, **changes: Any) -> Self:
         """
@@ -842,6 +762,12 @@ class StudyConfig(SoundConfig):
 
     @model_validator(mode="after")
     def _conditions_fit(self) -> Self:
+        for name in self.noise.__pydantic_extra__:
+            if name not in self.mission.sensors:
+                raise ValueError(
+                    f"noise.{name}: no sensor of this name; add it to mission.sensors, or remove"
+                    " the table"
+                )
         own = self.noise.clock_offset_sigma, self.noise.clock_skew_sigma
         for c in self.conditions:
             if follows_ocean(c.belief) and not self.ocean.time_varying:

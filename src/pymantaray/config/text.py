@@ -89,6 +89,9 @@ def _blocks(path: tuple[str, ...], section: BaseModel) -> Iterator[str]:
     yield "\n".join([f"# {meaning}", header, *_keys(section, explain=True)])
     for key in type(section).model_fields:
         yield from _tables((*path, key), section)
+    for name, table in (section.model_extra or {}).items():
+        header = f"[{'.'.join((*path, name))}]"
+        yield "\n".join([header, *(f"{key} = {_value(value)}" for key, value in table.items())])
 
 
 def _keys(section: BaseModel, *, explain: bool) -> Iterator[str]:

@@ -16,7 +16,7 @@ from pymantaray.records import Measurements, RangingTruth, Trajectories
 from pymantaray.sensing.detection import draw_unheard
 from pymantaray.sensing.landmarks import Landmark, check_names
 from pymantaray.sensing.noise import SENSORS, NoiseModel
-from pymantaray.sensing.other_packages import other_sensors
+from pymantaray.sensing.other_packages import OtherNames, other_sensors
 from pymantaray.sensing.picking import Candidates, draw_picks, range_on_picks
 from pymantaray.sensing.ranging import Ranging
 from pymantaray.sensing.schedule import by_pair
@@ -32,7 +32,7 @@ def assemble(
     *,
     gnss_depth: float | Array = 0.1,
     altitude: float | Array = 0.0,
-    sensors: Sequence[str] = (),
+    sensors: OtherNames = (),
 ) -> Measurements:
     """
     Return the measurements of a mission without noise, from its ranges.
@@ -51,7 +51,7 @@ def assemble(
         Depth above which a vehicle has a GNSS fix; 0 for no fixes, for example under ice. [m]
     altitude : float or ndarray, shape (n_vehicles, n_samples)
         Height above the sea floor; by default all vehicles are within reach of it. [m]
-    sensors : sequence of str
+    sensors : sequence of str, or mapping of str to mapping
         Sensors of other packages, see `perturb`.
 
     Returns
@@ -92,7 +92,7 @@ def perturb(
     ranging_truth: RangingTruth | None = None,
     detection: ArrayLike | Candidates | None = None,
     correlation_time: float = 0.0,
-    sensors: Sequence[str] = (),
+    sensors: OtherNames = (),
 ) -> Measurements:
     """
     Add one realization's noise to noise-free measurements.
@@ -118,8 +118,9 @@ def perturb(
         every arrival is detected and no receiver errs.
     correlation_time : float
         Correlation time of the choice among candidates, see `draw_picks`. [s]
-    sensors : sequence of str
-        Sensors of other packages, by the names of their entry points ``pymantaray.sensors``. Their
+    sensors : sequence of str, or mapping of str to mapping
+        Sensors of other packages, by the names of their entry points ``pymantaray.sensors``; a
+        mapping has the noise levels of each. Their
         columns replace those of the same names.
 
     Returns

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import Field, dataclass, replace
+from dataclasses import Field, dataclass, fields, is_dataclass, replace
 from functools import cache
 from typing import Any, NoReturn
 
@@ -10,6 +10,7 @@ import numpy as np
 
 from pymantaray.arrays import AnyArray
 from pymantaray.entry_points import SENSORS, Extension, extension
+from pymantaray.errors import ExtensionError
 from pymantaray.records import Measurements
 from pymantaray.sensing.sensor import Normal, Scene
 
@@ -19,16 +20,21 @@ _UNIT_NORM = 1e-6  # of quaternions
 _STEPS = ("dvl_sample",)  # samples of the first of two times
 
 
-def other_sensors(names: Sequence[str]) -> "tuple[OtherSensor, ...]":
+OtherNames = Sequence[str] | Mapping[str, Mapping[str, float]]
+"""Names of entry points ``pymantaray.sensors``, which may have noise levels."""
+
+
+def other_sensors(names: OtherNames) -> "tuple[OtherSensor, ...]":
     """
     Sensors of other packages, by the names of their entry points ``pymantaray.sensors``.
 
     Raises
     ------
     ExtensionError
-        If a package is missing, cannot be imported or lacks a function.
+        If a package is missing, cannot be imported or lacks a function or a noise level.
     """
-    return tuple(OtherSensor.of(extension(SENSORS, name)) for name in names)
+    levels = names if isinstance(names, Mapping) else {}
+    return tuple(OtherSensor.of(extension(SENSORS, name), levels.get(name, {})) for name in names)
 
 
 @dataclass(frozen=True)
@@ -37,23 +43,35 @@ class OtherSensor:
 
     extension: Extension
     module: Any
+    levels: Any = None
+    """Noise levels, an object of the module's data class ``Levels``; None if it has none."""
 
     @classmethod
-    def of(cls, one: Extension) -> "OtherSensor":
-        """Sensor of an entry point."""
+    def of(cls, one: Extension, levels: Mapping[str, float]) -> "OtherSensor":
+        """Sensor of an entry point, whose noise levels replace the defaults of its ``Levels``."""
         module = one.load()
         for name in _FUNCTIONS:
             with one.guarded("cannot be used"):
                 is_function = callable(getattr(module, name, None))
             if not is_function:
                 one.refuse(f"has no function {name!r}; a sensor has {' and '.join(_FUNCTIONS)}")
-        return cls(one, module)
+        own = getattr(module, "Levels", None)
+        known = [field.name for field in fields(own)] if is_dataclass(own) else []
+        for key in levels:
+            if key not in known:
+                raise ExtensionError(
+                    f"`noise.{one.name}.{key}`: unknown key. Allowed: {', '.join(known) or 'none'}"
+                )
+        with one.guarded("refuses its noise levels"):
+            return cls(one, module, own(**levels) if isinstance(own, type) and known else None)
 
     def measured(self, measurements: Measurements, scene: Scene, noise: Any) -> Measurements:
         """Measurements without noise, with the columns of the sensor."""
         own = Scene(*(_read_only_copy(part) for part in scene))
         with self.extension.guarded("fails in measure"):
-            columns = self.module.measure(own, deepcopy(noise))
+            columns = self.module.measure(
+                own, deepcopy(noise if self.levels is None else self.levels)
+            )
             return replace(measurements, **self._checked("measure", columns, measurements))
 
     def perturbed(
@@ -61,9 +79,10 @@ class OtherSensor:
     ) -> Measurements:
         """Measurements with noise, with the columns that the sensor draws from those without."""
         own = _read_only_copy(measurements)
+        levels = () if self.levels is None else (deepcopy(self.levels),)
         with self.extension.guarded("fails in perturb"):
             columns, again = (
-                self._checked("perturb", self.module.perturb(own, normal), measurements)
+                self._checked("perturb", self.module.perturb(own, normal, *levels), measurements)
                 for _ in range(2)
             )
         for name in columns:

@@ -18,6 +18,7 @@ from pymantaray.apps.study import run_study
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.apps.study.store import run_in_memory
+from pymantaray.config.door.fleet import build_vehicles
 from pymantaray.config.door.study import build_study
 from pymantaray.config.text import commented_toml
 from pymantaray.errors import ExchangeError, MantaRayError, OceanError, StudyError
@@ -478,7 +479,7 @@ def test_a_preset_becomes_files_of_the_program(tmp_path):
     folder, _ = export_authors(config, tmp_path / "out")
     robots = json.loads((folder / "sim.json").read_text())["robots"]
     assert len(robots) == len(config.fleet.vehicles)
-    for robot, vehicle in zip(robots, config.fleet.build(), strict=True):
+    for robot, vehicle in zip(robots, build_vehicles(config.fleet), strict=True):
         east, north, depth = robot["position"]
         assert [north, east, depth] == vehicle.position.tolist()
     again = study_of(folder / "sim.json")

@@ -15,6 +15,7 @@ from pymantaray.apps.online import Outcome
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.mission import simulate_mission
 from pymantaray.config import load_study
+from pymantaray.config.door.sound import build_timing
 from pymantaray.config.door.study import build_study
 from pymantaray.estimation import Estimator, TransmitterSpeed, solve_conditions
 from pymantaray.range_models.eigenray_model import EigenrayModel
@@ -39,7 +40,7 @@ def simulated(preset, **overrides):
         mission.measurements,
         root_seed=config.study.seed,
         realization=0,
-        timing=config.ranging.build_timing(),
+        timing=build_timing(config.ranging),
         ranging_truth=mission.ranging_truth,
     )
     return (

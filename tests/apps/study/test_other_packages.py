@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from dataclasses import replace
 from importlib.metadata import distributions
 from pathlib import Path
@@ -31,7 +32,8 @@ from pymantaray.apps.study.runner import _job_key
 from pymantaray.apps.sweep.keys import POINT, STAGES, task_keys
 from pymantaray.config import parse_study
 from pymantaray.config.door.study import build_study
-from pymantaray.errors import ExtensionError, MantaRayError
+from pymantaray.config.text import commented_toml, study_toml
+from pymantaray.errors import ExtensionError, MantaRayError, StudyError
 from pymantaray.pages.writing import draw
 from pymantaray.sensing import NoiseModel
 from pymantaray.sensing.other_packages import other_sensors
@@ -149,6 +151,53 @@ def test_a_sensor_that_cannot_be_used_is_named(install, source, fault):
             "package 'other': its entry point 'bad' of 'pymantaray.sensors' " + fault
         )
         assert line.endswith("repair or uninstall the package")
+
+
+LEVELS = """
+from dataclasses import dataclass
+@dataclass(frozen=True)
+class Levels:
+    depth: float = 5.0
+    bias: float = 0.0
+    def __post_init__(self):
+        if self.depth < 0.0: raise ValueError("depth is negative")
+def measure(scene, levels):
+    return {"depth": np.full(scene.truth.position.shape[:2], levels.depth)}
+def perturb(measurements, normal, levels):
+    return {"depth": measurements.depth + levels.bias}
+"""
+
+
+def with_levels(**levels):
+    noise = {**TINY.get("noise", {}), "bad": levels}
+    mission = {**TINY["mission"], "sensors": ["bad"]}
+    return parse_study({**TINY, "mission": mission, "noise": noise})
+
+
+def test_levels_of_a_sensor_are_a_table_of_the_noise(install, tiny_run_folder):
+    install(LEVELS)
+    config = parse_study(tomllib.loads(study_toml(with_levels(depth=7))))
+    assert "[noise.bad]\ndepth = 7" in commented_toml(config)
+    config = config.with_(**{"noise.bad.bias": 0.5})
+    sensors = build_study(config).sensors
+    assert sensors == {"bad": {"depth": 7.0, "bias": 0.5}}
+    run = open_run(tiny_run_folder)
+    (sensor,) = other_sensors(sensors)
+    scene = Scene(run.truth, run.study.ranging.landmarks, 0.1)
+    out = sensor.measured(run.measurements, scene, NoiseModel())
+    assert (out.depth == 7.0).all()
+    assert (sensor.perturbed(out, out, None).depth == 7.5).all()
+
+
+def test_levels_that_a_sensor_does_not_have_are_refused(install):
+    install(LEVELS)
+    unknown = "`noise.bad.dpeth`: unknown key. Allowed: depth, bias"
+    refused(ExtensionError, unknown, build_study, with_levels(dpeth=1.0))
+    negative = "refuses its noise levels: ValueError: depth is negative"
+    refused(ExtensionError, negative, build_study, with_levels(depth=-1.0))
+    refused(StudyError, "noise.bad: no sensor", lambda: parse_study({**TINY, "noise": {"bad": {}}}))
+    typo = "`noise.depth_sgma`: unknown key. Did you mean `noise.depth_sigma`?"
+    refused(StudyError, typo, lambda: parse_study({**TINY, "noise": {"depth_sgma": 1.0}}))
 
 
 def test_a_sensor_changes_nothing_but_its_columns(install, tiny_run_folder, capsys):
@@ -395,6 +444,7 @@ def test_damaged_metadata_of_a_package_are_left_out_with_a_warning(install, capl
 
 RUN = """
 import sys
+import tomllib
 from factories import TINY
 from pymantaray import ocean
 from pymantaray.apps.study import run_study

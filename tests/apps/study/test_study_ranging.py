@@ -13,8 +13,7 @@ from pymantaray.acoustics.ocean_fields import build_currents
 from pymantaray.apps.study import open_run
 from pymantaray.apps.study.realization import RealizationQueue, SolverInputs, start_solver
 from pymantaray.config.door.ocean import build_ocean
-from pymantaray.config.door.sound import build_sound
-from pymantaray.config.sections import DetectionSection, RangingSection
+from pymantaray.config.door.sound import build_picker, build_sound, build_timing
 from pymantaray.errors import StudyError
 from pymantaray.estimation import read_pyfg
 from pymantaray.jobs.pool import ProcessPool, run_tasks
@@ -44,7 +43,7 @@ def test_sections_become_what_ranging_takes(tiny):
         detection=DETECTION | {"wind_speed": 12.0},
     )
     ocean = build_ocean(config.ocean, config.mission.duration_h * 3600.0)
-    assert config.ranging.build_timing() == TwoWay(turn_around=0.5)
+    assert build_timing(config.ranging) == TwoWay(turn_around=0.5)
     assert config.noise.clocks == ClockModel(skew_sigma=1e-6)
     currents = build_currents(ocean)
     np.testing.assert_array_equal(currents.velocity[..., 0], ocean.local["current_north"].values)
@@ -55,13 +54,13 @@ def test_sections_become_what_ranging_takes(tiny):
     assert (detector.surface.wind_speed, detector.surface.model) == (12.0, "coherent")
     assert detector.bottom is not None
     assert reception.leakage is None
-    leaky = DetectionSection(**DETECTION, leakage=True, leakage_reach_m=50.0, scatter_db=30.0)
-    assert leaky.build_leakage() == Leakage(reach=50.0, scatter_db=30.0)
-    assert config.ranging.build_picker(None) is None
-    early = RangingSection(mistaken="first-detected", below_strongest_db=9.0)
-    assert early.build_picker(None) == Picker("first-detected", below_strongest_db=9.0)
-    strongest = RangingSection(mistaken="strongest-detected")
-    assert strongest.build_picker(None) == Picker("strongest-detected")
+    leaky = DETECTION | {"leakage": True, "leakage_reach_m": 50.0, "scatter_db": 30.0}
+    assert build_sound(tiny(detection=leaky)).options.leakage == Leakage(50.0, scatter_db=30.0)
+    assert build_picker(config) is None
+    early = tiny(ranging={"mistaken": "first-detected", "below_strongest_db": 9.0})
+    assert build_picker(early) == Picker("first-detected", below_strongest_db=9.0)
+    strongest = tiny(ranging={"mistaken": "strongest-detected"})
+    assert build_picker(strongest) == Picker("strongest-detected")
     deep, shallow = detector.absorption.db_per_km(np.array([[0, 0, 2000.0], [0, 0, 10.0]]), 25e3)
     assert 0.5 < deep < shallow < 10.0  # dB/km; pressure takes absorption away
 

@@ -23,6 +23,7 @@ from pymantaray.apps.study import open_run, run_study
 from pymantaray.apps.study.explore import PageLinks, mission_rays
 from pymantaray.apps.study.figures.register import RunResults
 from pymantaray.config.door.estimators import EstimatorFactory
+from pymantaray.config.door.fleet import build_vehicles
 from pymantaray.config.door.ocean import mission_start
 from pymantaray.errors import OceanError, StudyError
 from pymantaray.estimation import solve_conditions
@@ -234,7 +235,7 @@ def test_each_ping_of_a_study_is_ranged_in_the_water_of_its_time(moving_config, 
 def test_a_fleet_in_varying_water_ends_at_other_positions(moving_config, moving):
     m = moving_config.mission
     still = simulate(
-        moving_config.fleet.build(),
+        build_vehicles(moving_config.fleet),
         moving.ocean.local,
         duration=4.0 * HOUR,
         physics_step=m.physics_step_s,

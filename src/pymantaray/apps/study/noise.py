@@ -5,6 +5,7 @@ from typing import NamedTuple
 from pymantaray.arrays import Array
 from pymantaray.records import Measurements, RangingTruth
 from pymantaray.sensing import Candidates, RangingDraws, perturb
+from pymantaray.sensing.other_packages import OtherNames
 from pymantaray.sensing.timing import ClockModel, Timing
 
 
@@ -25,8 +26,8 @@ class NoiseSource(NamedTuple):
     clocks: ClockModel | None
     pick_correlation_time: float
     """Correlation time of the choice of an arrival. [s]"""
-    sensors: tuple[str, ...]
-    """Sensors of other packages."""
+    sensors: OtherNames
+    """Sensors of other packages, and their noise levels."""
 
     def noisy(self, realization: int) -> Measurements:
         """Measurements of one realization."""

@@ -1,5 +1,6 @@
 """Vehicles, existing trajectories and pings of a mission."""
 
+import math
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from pathlib import Path
@@ -8,16 +9,34 @@ from typing import Any
 import numpy as np
 
 from pymantaray.arrays import Array
-from pymantaray.config.fleet import FleetSection
+from pymantaray.config.fleet import (
+    AnyVehicle,
+    DriftingVehicle,
+    FleetSection,
+    FloatSection,
+    FloatVehicle,
+    StationVehicle,
+    TwistVehicle,
+    WaypointVehicle,
+)
 from pymantaray.config.mission import AnySchedule, PingsSection, SlotsSection
 from pymantaray.config.sections import StudyConfig
 from pymantaray.errors import StudyError
 from pymantaray.exchange import Tracks, read_trajectories
-from pymantaray.fleet import Vehicle
+from pymantaray.exchange.table import read_pings
+from pymantaray.fleet import (
+    Behaviour,
+    ConstantTwist,
+    Drifting,
+    FloatCycle,
+    StationKeeping,
+    Vehicle,
+    Waypoints,
+)
 from pymantaray.geometry import LocalFrame
 from pymantaray.jobs.keys import file_stamp
 from pymantaray.ocean.instants import utc_instant
-from pymantaray.sensing import PingSchedule, Schedule
+from pymantaray.sensing import PingSchedule, Schedule, SlotSchedule
 
 
 @dataclass(frozen=True)
@@ -49,6 +68,63 @@ def _read(own: TrackFiles, _stamps: tuple[str, ...]) -> Tracks:
     return read_trajectories(own.files, enu=own.enu, names=own.names)
 
 
+def build_vehicles(fleet: FleetSection) -> tuple[Vehicle, ...]:
+    """Vehicles of a section in their order; none for existing trajectories."""
+    return tuple(
+        Vehicle(
+            name=section.name,
+            position=_start_and_waypoints(section, fleet.floats)[0],
+            behaviour=_behaviour(section, fleet.floats),
+            heading=math.radians(section.heading_deg),
+        )
+        for section in fleet.vehicles
+    )
+
+
+def _behaviour(section: AnyVehicle, floats: FloatSection) -> Behaviour:
+    """Behaviour of a vehicle; a float's own values replace those of all floats."""
+    if isinstance(section, FloatVehicle):
+        own = {name: getattr(section, name) for name in FloatSection.model_fields}
+        of = floats.model_copy(update={name: v for name, v in own.items() if v is not None})
+        return FloatCycle(
+            target_depth=section.target_depth,
+            start_delay=section.start_delay_h * 3600.0,
+            hold_depth_time=of.hold_depth_h * 3600.0,
+            hold_surface_time=of.hold_surface_h * 3600.0,
+            vertical_speed=of.vertical_speed,
+            surface_depth=of.surface_depth,
+            depth_gain=of.depth_gain,
+        )
+    if isinstance(section, StationVehicle):
+        return StationKeeping(depth=section.depth)
+    if isinstance(section, DriftingVehicle):
+        drogue = section.depth if section.drogue_depth is None else section.drogue_depth
+        return Drifting(depth=section.depth, drogue_depth=drogue)
+    if isinstance(section, TwistVehicle):
+        return ConstantTwist(twist=np.array(section.twist), current=section.current)
+    return Waypoints(
+        points=np.array(section.points),
+        speed=section.speed,
+        turn_rate=math.radians(section.turn_rate_deg),
+        capture_radius=section.capture_radius,
+        loop=section.loop,
+        current=section.current,
+    )
+
+
+def _start_and_waypoints(section: AnyVehicle, floats: FloatSection) -> Array:
+    """Initial position of a vehicle, and its waypoints or the lower hold of a float (n, 3). [m]"""
+    depth = section.depth
+    more: list[tuple[float, float, float]] = []
+    if isinstance(section, FloatVehicle):
+        surface = floats.surface_depth if section.surface_depth is None else section.surface_depth
+        depth = surface if depth is None else depth
+        more = [(section.north, section.east, section.target_depth)]
+    elif isinstance(section, WaypointVehicle):
+        more = [*section.points]
+    return np.array([(section.north, section.east, depth), *more], dtype=float)
+
+
 @dataclass(frozen=True, eq=False)
 class MissionPings:
     """Pings of a mission: of all vehicles at an interval, or by a schedule of its own."""
@@ -75,7 +151,10 @@ class MissionPings:
         """Times, transmitters and receivers of the pings, read from a file if they are in one."""
         if self.own is None:
             return PingSchedule(interval=self.interval, start=self.first)
-        return self.own.build(self.start if self.existing is None else self.existing.tracks.start)
+        if isinstance(self.own, SlotsSection):
+            return SlotSchedule(self.own.slots, self.own.slot_s, self.own.start_s)
+        start = self.start if self.existing is None else self.existing.tracks.start
+        return read_pings(Path(self.own.file), start)
 
     def count(self, vehicles: int, duration: float) -> float:
         """Number of pings of some vehicles in a mission [s]; 0 for a table of pings."""
@@ -157,7 +236,7 @@ def build_fleet(config: StudyConfig) -> MissionFleet:
     existing = track_files(config.fleet)
     sampled = existing is not None or mission.schedule is not None
     return MissionFleet(
-        vehicles=tuple(config.fleet.build()),
+        vehicles=build_vehicles(config.fleet),
         existing=existing,
         duration=mission.duration_h * 3600.0,
         physics_step=mission.physics_step_s,
@@ -179,12 +258,15 @@ def planned_points(config: StudyConfig) -> dict[str, Array]:
     Points with latitudes and longitudes require the frame's centre in the configuration, see
     `with_tracks`.
     """
-    marks = {mark.name: mark.position[None] for mark in config.landmarks}
+    marks = {
+        mark.name: np.array([[mark.north, mark.east, mark.depth]]) for mark in config.landmarks
+    }
     existing = track_files(config.fleet)
     if existing is not None:
         frame = LocalFrame(*(config.ocean.centre or (0.0, 0.0)))  # local points do not depend on it
         return {p.name: p.place for p in existing.tracks.in_frame(frame)} | marks
-    return config.fleet.planned() | marks
+    fleet = config.fleet
+    return {v.name: _start_and_waypoints(v, fleet.floats) for v in fleet.vehicles} | marks
 
 
 def with_tracks(config: StudyConfig, tracks: Tracks | None = None) -> StudyConfig:

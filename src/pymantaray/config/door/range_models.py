@@ -13,6 +13,7 @@ import numpy as np
 from pymantaray.acoustics.ocean_fields import build_currents, medium_around
 from pymantaray.config.door.beliefs import Beliefs
 from pymantaray.config.door.fleet import planned_points
+from pymantaray.config.door.sound import build_picker, build_timing
 from pymantaray.config.estimators import (
     AnyRangeModel,
     ConstantRangeModel,
@@ -89,11 +90,11 @@ def _mixture(section: MixtureRangeModel, beliefs: Beliefs, realization: int) -> 
     """Mixture of all arrivals that a receiver may take, with the study's modems."""
     config = beliefs.config
     believed = beliefs.believed(section.belief, realization)
-    picker = config.ranging.build_picker(config.build_sonar())
+    picker = build_picker(config)
     return CandidateRays(
         believed.medium,
         beliefs.reception,
-        config.ranging.build_timing(),
+        build_timing(config.ranging),
         MixtureOptions(
             section.null_weight, section.null_width, section.persistence_s, section.gate
         ),

@@ -1,14 +1,24 @@
 """Sound of a study: medium of the rays, their search, losses and detection, and timing."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from pymantaray.acoustics import Currents, Medium
+from pymantaray.acoustics import (
+    Currents,
+    IceCover,
+    Leakage,
+    Medium,
+    SeaSurface,
+    Sonar,
+    WenzNoise,
+)
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields, build_currents, build_medium
-from pymantaray.config.sections import SoundConfig
+from pymantaray.acoustics.reflection import bed_reflection
+from pymantaray.config.sections import DetectionSection, RangingSection, SoundConfig
 from pymantaray.geometry.sphere import Earth
-from pymantaray.sensing import ReceptionOptions, Timing
+from pymantaray.sensing import Detector, OneWay, Picker, ReceptionOptions, Timing, TwoWay
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,14 +53,73 @@ class SoundOptions:
         return self.options._replace(detector=replace(self.options.detector, absorption=absorption))
 
 
+def build_sonar(detection: DetectionSection | None) -> Sonar | None:
+    """Modems of a section; None if every arrival is detected."""
+    if detection is None:
+        return None
+    noise: WenzNoise | float | None = detection.noise_spectral_level_db
+    if noise is None:
+        shipping = 0.5 if detection.shipping is None else detection.shipping
+        noise = WenzNoise(wind_speed=detection.wind_speed, shipping=shipping)
+    return Sonar(
+        source_level_db=detection.source_level_db,
+        frequency_hz=detection.frequency_hz,
+        bandwidth_hz=detection.bandwidth_hz,
+        noise=noise,
+        processing_gain_db=detection.processing_gain_db,
+        threshold_db=detection.threshold_db,
+        spread_db=detection.spread_db,
+    )
+
+
+def build_timing(ranging: RangingSection) -> Timing:
+    """Timing scheme of a section."""
+    return OneWay() if ranging.timing == "one-way" else TwoWay(turn_around=ranging.turn_around_s)
+
+
+def build_picker(config: SoundConfig) -> Picker | None:
+    """Rule by which receivers select the direct arrival; None if they make no mistakes."""
+    ranging = config.ranging
+    if ranging.mistaken == "none":
+        return None
+    return Picker(ranging.mistaken, build_sonar(config.detection), ranging.below_strongest_db)
+
+
 def build_sound(config: SoundConfig) -> SoundOptions:
     """Medium and reception of a configuration."""
+    search = config.acoustics
+    detection = config.detection
+    options = ReceptionOptions(
+        search.cutoff_db,
+        search.max_surface_bounces,
+        search.max_bottom_bounces,
+        search.arrival,
+        cone=None if search.cone_deg is None else math.radians(search.cone_deg),
+    )
+    if detection is not None and (sonar := build_sonar(detection)) is not None:
+        surface: IceCover | SeaSurface | None = None
+        if search.ice_loss_db is not None:
+            surface = IceCover(search.ice_loss_db)
+        elif search.surface_loss != "none":
+            surface = SeaSurface(detection.wind_speed, search.surface_loss)
+        options = options._replace(
+            detector=Detector(
+                sonar=sonar,
+                absorption=None,
+                bottom=bed_reflection(search.sediment),
+                surface=surface,
+                coherent=detection.coherent,
+            ),
+            leakage=Leakage(detection.leakage_reach_m, detection.scatter_db)
+            if detection.leakage
+            else None,
+        )
     return SoundOptions(
-        interpolation=config.acoustics.interpolation,
-        earth=config.acoustics.earth,
-        currents=config.acoustics.currents,
-        options=config.build_reception(None),
-        absorption="none" if config.detection is None else config.detection.absorption,
+        interpolation=search.interpolation,
+        earth=search.earth,
+        currents=search.currents,
+        options=options,
+        absorption="none" if detection is None else detection.absorption,
         centre=config.ocean.centre,
-        timing=config.ranging.build_timing(),
+        timing=build_timing(config.ranging),
     )

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
+import numpy as np
+
 from pymantaray.arrays import Array
 from pymantaray.config.door.estimators import Condition, build_condition
 from pymantaray.config.door.fleet import (
@@ -14,7 +16,7 @@ from pymantaray.config.door.fleet import (
     planned_points,
 )
 from pymantaray.config.door.ocean import MissionOcean, build_mission_ocean
-from pymantaray.config.door.sound import SoundOptions, build_sound
+from pymantaray.config.door.sound import SoundOptions, build_picker, build_sound
 from pymantaray.config.sections import StudyConfig
 from pymantaray.config.text import study_toml
 from pymantaray.sensing import (
@@ -60,8 +62,8 @@ class Study:
     ranging: MissionRanging
     gnss_depth: float
     """Depth above which vehicles have GNSS fixes. [m]"""
-    sensors: tuple[str, ...]
-    """Sensors of other packages."""
+    sensors: dict[str, dict[str, float]]
+    """Sensors of other packages, and the noise levels of each that are not its defaults."""
     noise: NoiseModel
     clocks: ClockModel | None
     """Clocks of vehicles; None if they are synchronous."""
@@ -123,7 +125,8 @@ class Study:
 
 def build_study(config: StudyConfig) -> Study:
     """Study of a configuration that is complete, see `with_tracks`."""
-    other_sensors(config.mission.sensors)  # all of them can be imported
+    sensors = {name: config.noise.of_other(name) for name in config.mission.sensors}
+    other_sensors(sensors)  # all of them can be imported
     return Study(
         config=config,
         name=config.study.name,
@@ -133,15 +136,18 @@ def build_study(config: StudyConfig) -> Study:
         ocean=build_mission_ocean(config),
         fleet=build_fleet(config),
         ranging=MissionRanging(
-            landmarks=tuple(mark.build() for mark in config.landmarks),
+            landmarks=tuple(
+                Landmark(mark.name, np.array([mark.north, mark.east, mark.depth]), mark.sigma)
+                for mark in config.landmarks
+            ),
             pings=build_pings(config),
             sound=build_sound(config),
         ),
         gnss_depth=config.mission.gnss_depth,
-        sensors=config.mission.sensors,
+        sensors=sensors,
         noise=config.noise.model,
         clocks=config.noise.clocks,
-        picker=config.ranging.build_picker(config.build_sonar()),
+        picker=build_picker(config),
         pick_correlation_time=config.ranging.mistaken_correlation_s,
         conditions=tuple(build_condition(section) for section in config.conditions),
         covariance_interval=config.estimator.covariance_interval_h * 3600.0,

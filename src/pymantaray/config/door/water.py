@@ -18,7 +18,7 @@ from pymantaray.config.door.ocean import (
     mission_start,
     profile_fields,
 )
-from pymantaray.config.door.sound import build_sound
+from pymantaray.config.door.sound import build_sound, build_timing
 from pymantaray.config.door.uniform import label, read_section_profiles
 from pymantaray.config.load import load_sound
 from pymantaray.config.options import dotted_keys, names_configuration
@@ -162,7 +162,7 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
         medium,
         Currents.from_dataset(local) if config.acoustics.currents else None,
         build_sound(config).reception(OceanFields(geographic, local)),
-        config.ranging.build_timing(),
+        build_timing(config.ranging),
         local=local,
         start=local.attrs.get("time"),
         record=_record(config, medium, local),
@@ -256,7 +256,7 @@ def _assembled(config: SoundConfig, ocean: OceanFields, data: xr.Dataset | None 
         medium,
         build_currents(ocean) if config.acoustics.currents else None,
         build_sound(config).reception(ocean),
-        config.ranging.build_timing(),
+        build_timing(config.ranging),
         ocean.local,
         span,
         start,
