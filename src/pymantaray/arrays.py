@@ -8,5 +8,6 @@ from numpy.typing import NDArray
 Array = NDArray[np.float64]
 Indices = NDArray[np.signedinteger[Any]]  # of any size
 Mask = NDArray[np.bool_]
+Codes = NDArray[np.int8]  # of a status
 Instants = NDArray[np.datetime64]
 AnyArray = NDArray[Any]

@@ -121,7 +121,11 @@ def extensions(group: str) -> Mapping[str, tuple[Extension, ...]]:
             package, number = first.name, first.version
             points = [*first.entry_points.select(group=f"pymantaray.{group}")]
         except Exception as error:  # noqa: BLE001  damaged metadata of any installed package
-            _warn_of_damage(one, error)
+            _LOG.warning(
+                "%s: its entry points cannot be read: %s; they are left out",
+                one_line(getattr(one, "_path", "a package")),
+                _text_of(error),
+            )
             continue
         if package in packages:
             continue
@@ -222,15 +226,6 @@ def _versions_of_requirements(one: Extension) -> str:
             name = Requirement(text).name
             lines.append(f"{name} {version(name)}")
     return ", ".join(sorted(lines))
-
-
-def _warn_of_damage(one: Distribution, error: Exception) -> None:
-    """Warn of damaged metadata that mention this package."""
-    _LOG.warning(
-        "%s: its entry points cannot be read: %s; they are left out",
-        one_line(getattr(one, "_path", "a package")),
-        _text_of(error),
-    )
 
 
 def _text_of_points(one: Distribution) -> str:

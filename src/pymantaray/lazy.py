@@ -25,7 +25,12 @@ def lazy_exports(package: str) -> tuple[Callable[[str], Any], Callable[[], list[
     -------
     tuple
     """
-    homes = _homes(package)
+    loader: Any = sys.modules[package].__spec__.loader  # type: ignore[union-attr]
+    blocks = (
+        node for node in ast.parse(loader.get_source(package)).body if isinstance(node, ast.If)
+    )
+    lines = (line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom))
+    homes = {name.name: str(line.module) for line in lines for name in line.names}
 
     def get(name: str) -> Any:
         """Import a public name from its module."""
@@ -35,13 +40,3 @@ def lazy_exports(package: str) -> tuple[Callable[[str], Any], Callable[[], list[
 
     names = sorted(homes)
     return get, lambda: sorted({*vars(sys.modules[package]), *names}), names
-
-
-def _homes(package: str) -> dict[str, str]:
-    """Module of each name that a package imports for type checkers."""
-    loader: Any = sys.modules[package].__spec__.loader  # type: ignore[union-attr]
-    blocks = (
-        node for node in ast.parse(loader.get_source(package)).body if isinstance(node, ast.If)
-    )
-    lines = (line for block in blocks for line in block.body if isinstance(line, ast.ImportFrom))
-    return {name.name: str(line.module) for line in lines for name in line.names}

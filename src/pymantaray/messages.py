@@ -5,6 +5,8 @@ the compilation of kernels.
 
 import logging
 import re
+from collections.abc import Iterable
+from difflib import get_close_matches
 from functools import cache
 
 # account in a URL, up to the last @: passwords may contain spaces, / and @
@@ -43,6 +45,12 @@ def one_line(text: object, longest: int = 160) -> str:
     """Convert text of unknown origin to one short printable line."""
     words = " ".join("".join(c if c.isprintable() else " " for c in str(text)).split())
     return words if len(words) <= longest else words[: longest - 3] + "..."
+
+
+def did_you_mean(word: str, known: Iterable[str], cutoff: float = 0.6) -> str:
+    """Question about the most similar of known words, with a space at its end; empty without."""
+    close = get_close_matches(word, [*known], n=1, cutoff=cutoff)
+    return f"did you mean {close[0]}? " if close else ""
 
 
 def announce_compilation(why_plain: str) -> None:

@@ -144,13 +144,12 @@ working folder; then absolute.
 """
 
 
-def _one_is_enough(value: object) -> object:
-    return (value,) if isinstance(value, str) else value
-
-
 InputFiles = Annotated[
     tuple[InputFile, ...],
-    BeforeValidator(_one_is_enough, json_schema_input_type=str | tuple[str, ...]),
+    BeforeValidator(
+        lambda value: (value,) if isinstance(value, str) else value,
+        json_schema_input_type=str | tuple[str, ...],
+    ),
     Field(strict=False),
 ]
 OceanSource = Annotated[InputFiles, Field(min_length=1)]
@@ -183,7 +182,11 @@ class Section(BaseModel):
         if not isinstance(tree, Mapping):
             return tree
         empty = cls._may_lack()
-        return {key: value for key, value in tree.items() if not (key in empty and _is_none(value))}
+        return {
+            key: value
+            for key, value in tree.items()
+            if not (key in empty and isinstance(value, str) and value == NONE)
+        }
 
     @classmethod
     def __get_pydantic_json_schema__(
@@ -239,10 +242,6 @@ class Section(BaseModel):
     def _checked(cls, tree: dict[str, Any]) -> Self:
         """Section from keys that are checked like those of a file."""
         return checked(cls, tree, cls.__name__, None)
-
-
-def _is_none(value: object) -> bool:
-    return isinstance(value, str) and value == NONE
 
 
 def require_unique(what: str, values: Sequence[str]) -> None:

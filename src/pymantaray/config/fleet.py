@@ -170,12 +170,8 @@ class FleetSection(Section):
     """Vehicles of the files to use, such as one of two topics of a robot in a bag. Default: all."""
 
     @model_validator(mode="after")
-    def _distinct(self) -> Self:
+    def _fits_together(self) -> Self:
         require_unique("vehicle names", [v.name for v in self.vehicles])
-        return self
-
-    @model_validator(mode="after")
-    def _one_or_the_other(self) -> Self:
         if bool(self.vehicles) == bool(self.trajectories):
             there = (
                 "both are given; leave one out"

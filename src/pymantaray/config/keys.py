@@ -111,11 +111,8 @@ def words_of(changes: Mapping[str, Any]) -> list[str]:
 
 def described(tree: Tree, name: str, words: Sequence[str]) -> Tree:
     """Tree of a study whose description lists the changes, after earlier changes."""
-    before = (
-        f"{tree.get('study', {}).get('description', '')}"
-        if isinstance(tree.get("study"), Mapping)
-        else ""
-    )
+    study = tree.get("study")
+    before = str(study.get("description", "")) if isinstance(study, Mapping) else ""
     start = f"{before} and" if before.startswith(f"{name} with ") else f"{name} with"
     return with_key(tree, "study.description", f"{start} {' and '.join(words)}")
 
@@ -173,14 +170,7 @@ def _find_entry(entries: Sequence[Any], parts: Sequence[str]) -> tuple[int, int]
 
 def _no_entry(entries: Sequence[Any], parts: Sequence[str], key: str) -> StudyError:
     table = key.removesuffix("." + ".".join(parts))
-    names = [
-        str(entry["name"]) for entry in entries if isinstance(entry, Mapping) and "name" in entry
-    ]
-    there = (
-        ", ".join(names)
-        if names
-        else f"numbers from 0 to {len(entries) - 1}"
-        if entries
-        else "none"
-    )
+    there = f"numbers from 0 to {len(entries) - 1}" if entries else "none"
+    if names := [str(e["name"]) for e in entries if isinstance(e, Mapping) and "name" in e]:
+        there = ", ".join(names)
     return StudyError(f"`{key}`: no such entry. Entries of `{table}`: {there[:300]}")

@@ -1,11 +1,10 @@
 """Reading of presets and TOML files, with their bases, to validated configurations."""
 
-import difflib
 import re
 from collections.abc import Sequence
 from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 from pymantaray.config.checks import NAME
 from pymantaray.config.common import located
@@ -14,7 +13,8 @@ from pymantaray.config.keys import Tree, changed, described, merged, with_key, w
 from pymantaray.config.parse import parse
 from pymantaray.config.sections import AcousticsSection, DetectionSection, SoundConfig, StudyConfig
 from pymantaray.config.text import STARTER, commented_toml
-from pymantaray.errors import StudyError
+from pymantaray.errors import MantaRayError, StudyError
+from pymantaray.messages import did_you_mean
 from pymantaray.user_files import exists, parse_toml, read_text
 
 if TYPE_CHECKING:
@@ -145,7 +145,11 @@ def load_study(
         tree = with_key(tree, "study.realizations", realizations)
         words.append(f"{realizations} realization{'' if realizations == 1 else 's'}")
     if ocean is not None:
-        sources = _sources(ocean)
+        if hasattr(ocean, "data_vars"):
+            from pymantaray.ocean import stored_ocean
+
+            ocean = stored_ocean(cast("xr.Dataset", ocean))
+        sources = listed_sources(ocean, "ocean", StudyError)
         section = {"source": sources}
         if len(sources) == 1 and (sources[0].endswith(STUDY_FILE) or sources[0] in preset_names()):
             section = _tree(sources[0]).get("ocean", {})
@@ -156,28 +160,28 @@ def load_study(
     return parse_study(described(tree, name, words) if words else tree, name)
 
 
-def _sources(ocean: "str | Path | Sequence[str | Path] | xr.Dataset") -> list[str]:
-    """Names of the files of an ocean, or of a synthetic ocean."""
-    if isinstance(ocean, str | Path):
-        return [str(ocean)]
+def listed_sources(
+    source: Any, name: str, error: type[MantaRayError], objects: str = "or an xarray.Dataset"
+) -> list[str]:
+    """
+    Words of a source that consists of names or files; another object raises an error that names
+    the allowed ``objects``.
+    """
+    if isinstance(source, str | Path):
+        return [str(source)]
     import xarray as xr
 
-    if isinstance(ocean, Sequence):
-        if several := sum(isinstance(source, xr.Dataset) for source in ocean):
-            raise StudyError(
-                f"ocean has {several} data sets in a sequence; join them with xarray.merge and"
-                " give one"
-            )
-        return [str(source) for source in ocean]
-
-    from pymantaray.ocean import stored_ocean
-
-    if not isinstance(ocean, xr.Dataset):
-        raise StudyError(
-            f"ocean is of type {type(ocean).__name__}; it must be a name, a path, a sequence of"
-            " them, or an xarray.Dataset"
+    if not isinstance(source, Sequence):
+        raise error(
+            f"{name} is of type {type(source).__name__}; it must be a name, a path, a sequence of"
+            f" them, {objects}"
         )
-    return [str(stored_ocean(ocean))]
+    if several := sum(isinstance(word, xr.Dataset) for word in source):
+        raise error(
+            f"{name} has {several} data sets in a sequence; join them with xarray.merge and give"
+            " one"
+        )
+    return [str(word) for word in source]
 
 
 def load_sound(name_or_file: str | Path, **changes: Any) -> SoundConfig:
@@ -281,10 +285,7 @@ def _over_base(tree: Tree, folder: Path, label: str, chain: tuple[str, ...]) -> 
     base = tree[BASE]
     rest = {key: value for key, value in tree.items() if key != BASE}
     if not isinstance(base, str) or not (base in preset_names() or base.endswith(STUDY_FILE)):
-        hint = "".join(
-            f"did you mean {name}? "
-            for name in difflib.get_close_matches(str(base), preset_names(), n=1)
-        )
+        hint = did_you_mean(str(base), preset_names())
         raise StudyError(
             f"{label}: base: found {str(base)[:100]!r}; {hint}allowed: a file that ends in"
             f" {STUDY_FILE}, {', '.join(preset_names())}"
@@ -382,6 +383,5 @@ def preset_names() -> list[str]:
 def _check_preset(name: str) -> None:
     known = preset_names()
     if name not in known:
-        close = difflib.get_close_matches(name, known, n=1)
-        hint = f"did you mean {close[0]}? " if close else ""
+        hint = did_you_mean(name, known)
         raise StudyError(f"no preset {name!r}; {hint}allowed: {', '.join(known)}")

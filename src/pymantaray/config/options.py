@@ -1,7 +1,6 @@
 """Options of `open_water`, and their keys in a configuration."""
 
 from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -9,6 +8,7 @@ from pymantaray.config.common import NONE
 from pymantaray.config.load import preset_names
 from pymantaray.config.sections import AcousticsSection, OceanSection
 from pymantaray.errors import WaterError
+from pymantaray.messages import did_you_mean
 
 
 def names_configuration(words: Sequence[str]) -> bool:
@@ -59,8 +59,7 @@ def dotted_keys(options: dict[str, Any]) -> dict[str, Any]:
                 }
                 - {"source"}
             )
-            close = get_close_matches(name, known, n=1)
-            hint = f"did you mean {close[0]}? " if close else ""
+            hint = did_you_mean(name, known)
             raise WaterError(f"{name}: unknown option of water; {hint}allowed: {', '.join(known)}")
     return keys
 

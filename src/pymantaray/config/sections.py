@@ -167,27 +167,19 @@ class RangingSection(Section):
     """Correlation time of the choice of an arrival by a receiver. [s]"""
 
     @model_validator(mode="after")
-    def _only_two_way_turns_around(self) -> Self:
+    def _fits_together(self) -> Self:
         if self.timing == "one-way" and self.turn_around_s > 0.0:
             raise ValueError(
                 f"turn_around_s is {self.turn_around_s:g} s, but timing is one-way, without"
                 " answers;"
                 ' remove the key or set timing = "two-way"'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _only_mistakes_stay(self) -> Self:
         if self.mistaken_correlation_s > 0.0 and self.mistaken == "none":
             raise ValueError(
                 f"mistaken_correlation_s is {self.mistaken_correlation_s:g} s, but mistaken is"
                 " none; remove the key or set"
                 ' mistaken = "first-detected"'
             )
-        return self
-
-    @model_validator(mode="after")
-    def _only_the_first_needs_a_threshold(self) -> Self:
         if self.below_strongest_db is not None and self.mistaken != "first-detected":
             raise ValueError(
                 f"below_strongest_db is {self.below_strongest_db:g}, but mistaken is"
@@ -259,16 +251,12 @@ class DetectionSection(Section):
             yield "itu-p526", "sound behind an edge"
 
     @model_validator(mode="after")
-    def _scatter_is_part_of_leakage(self) -> Self:
+    def _fits_together(self) -> Self:
         if self.scatter_db is not None and not self.leakage:
             raise ValueError(
                 f"scatter_db is {self.scatter_db:g}, but leakage is false: no sound arrives without"
                 " a ray; remove the key or set leakage = true"
             )
-        return self
-
-    @model_validator(mode="after")
-    def _fits_together(self) -> Self:
         if self.bandwidth_hz >= 2.0 * self.frequency_hz:
             raise ValueError(
                 f"bandwidth_hz is {self.bandwidth_hz:g}, but frequency_hz, the middle of the band,"
@@ -515,7 +503,7 @@ class NoiseSection(_Levels):
     """
 
     model_config = ConfigDict(extra="allow")
-    __pydantic_extra__: dict[str, dict[str, float]]
+    __pydantic_extra__: dict[str, dict[str, float]] = Field(init=False)
 
     clock_offset_sigma: Seconds[NonNegativeFloat] = 0.0
     """Standard deviation of the clocks' offsets at the start of the mission. [s]"""

@@ -8,9 +8,8 @@ from functools import cached_property
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Codes, Indices, Mask
 from pymantaray.errors import EvaluationError
 from pymantaray.estimation import CONDITIONS, Estimator, GraphValues, build_graph, covariances_at
 from pymantaray.estimation.graph.graph import FactorGraph, connected_parts
@@ -30,12 +29,12 @@ _FLEET_SETS = 3  # sets of so many vectors for a fleet, whose standard error is 
 _RANK = 1e-9  # of the largest singular value; directions with smaller ones are not determined
 
 
-def ping_samples(measurements: Measurements) -> NDArray[np.intp]:
+def ping_samples(measurements: Measurements) -> Indices:
     """Sample indices of range attempts."""
     return np.unique(measurements.range_sample).astype(np.intp)
 
 
-def submerged_at_pings(truth: Trajectories, measurements: Measurements) -> NDArray[np.bool_]:
+def submerged_at_pings(truth: Trajectories, measurements: Measurements) -> Mask:
     """
     Mask of vehicles that are active and have no GNSS fix at each ping, shape (n_pings, n_vehicles).
     """
@@ -43,9 +42,7 @@ def submerged_at_pings(truth: Trajectories, measurements: Measurements) -> NDArr
     return submerged_at(truth, measurements, ping_samples(measurements))
 
 
-def submerged_at(
-    truth: Trajectories, measurements: Measurements, samples: NDArray[np.intp]
-) -> NDArray[np.bool_]:
+def submerged_at(truth: Trajectories, measurements: Measurements, samples: Indices) -> Mask:
     """
     Mask of vehicles that are active and have no GNSS fix at some samples, shape (n_samples,
     n_vehicles).
@@ -60,7 +57,7 @@ def error_bound(
     measurements: Measurements,
     condition: str = "straight",
     *,
-    samples: NDArray[np.intp] | None = None,
+    samples: Indices | None = None,
 ) -> Array:
     r"""
     Posterior Cramér-Rao bound of the fleet's positions at the pings, along the true trajectories.
@@ -204,7 +201,7 @@ class DegreesOfFreedom:
         every = np.broadcast_to(axes, (*self._shape, 3))
         return _effective(self._covariance.rotations, every, self._signs)
 
-    def _of(self, mask: NDArray[np.bool_]) -> float:
+    def _of(self, mask: Mask) -> float:
         """Degrees of freedom of the positions of the poses of a mask."""
         return _effective(
             self._covariance.positions, mask[..., None] & np.ones(3, dtype=bool), self._signs
@@ -244,18 +241,16 @@ class _RandomSigns:
     def __init__(self, n_poses: int) -> None:
         self._rng = stream(0, 0, "evaluation", "degrees of freedom")
         self._shape = (_PROBES, n_poses, 3)
-        self._sets: list[NDArray[np.int8]] = []
+        self._sets: list[Codes] = []
 
-    def __getitem__(self, number: int) -> NDArray[np.int8]:
+    def __getitem__(self, number: int) -> Codes:
         """Set of vectors, (count, n_poses, 3)."""
         while len(self._sets) <= number:
             self._sets.append(self._rng.choice([-1.0, 1.0], self._shape).astype(np.int8))
         return self._sets[number]
 
 
-def _effective(
-    covariance: Callable[[Array], Array], mask: NDArray[np.bool_], signs: _RandomSigns
-) -> float:
+def _effective(covariance: Callable[[Array], Array], mask: Mask, signs: _RandomSigns) -> float:
     """
     Degrees of freedom of the errors of a mask, (..., 3), from random products with their
     covariance.
@@ -314,7 +309,7 @@ def _bound_graph(estimator: Estimator, measurements: Measurements) -> FactorGrap
     return graph.with_factors(**others)
 
 
-def rms_bound(bound: Array, submerged: NDArray[np.bool_]) -> float:
+def rms_bound(bound: Array, submerged: Mask) -> float:
     """
     Lower bound of the root mean square position error of vehicles under water at pings; NaN without
     such vehicles. [m]
@@ -397,9 +392,7 @@ def _rotation(place: Array, anchors: Array, covariance: Array) -> tuple[float, f
     return np.sqrt(variance) / length, variance / float(np.trace(joint))
 
 
-def _unseen(
-    truth: Trajectories, measurements: Measurements, sample: int, fixed: NDArray[np.bool_]
-) -> int:
+def _unseen(truth: Trajectories, measurements: Measurements, sample: int, fixed: Mask) -> int:
     """
     Number of directions of active vehicles' positions that the measurements of one sample without
     odometry do not determine.

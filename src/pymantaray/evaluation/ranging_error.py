@@ -4,13 +4,13 @@ Effect of refraction on ranges: signed errors, their two causes, and dropouts, b
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
 import pandas as pd
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import AnyArray, Array, Mask
 from pymantaray.errors import EvaluationError
 from pymantaray.records import Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.records.status import ARRIVES
@@ -77,7 +77,7 @@ def range_errors(ranging_truth: RangingTruth) -> RangeErrors:
     )
 
 
-def link_categories(measurements: Measurements, truth: Trajectories) -> NDArray[np.str_]:
+def link_categories(measurements: Measurements, truth: Trajectories) -> AnyArray:
     """
     Category of each range attempt by the behaviours at both ends, such as "station-keeping to
     float".
@@ -245,16 +245,12 @@ def dropout_table(measurements: Measurements, truth: Trajectories) -> pd.DataFra
     return pd.DataFrame(rows)
 
 
-def _groups(
-    measurements: Measurements, truth: Trajectories
-) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+def _groups(measurements: Measurements, truth: Trajectories) -> Iterator[tuple[str, Mask]]:
     category = link_categories(measurements, truth)
-    for a in range(len(_KINDS)):
-        for b in range(a, len(_KINDS)):
-            name = f"{_KINDS[a]} to {_KINDS[b]}"
-            mask = category == name
-            if mask.any():
-                yield name, mask
+    for one, other in combinations_with_replacement(_KINDS, 2):
+        name = f"{one} to {other}"
+        if (mask := category == name).any():
+            yield name, mask
     yield ALL_LINKS, np.ones(category.size, dtype=bool)
 
 

@@ -59,29 +59,25 @@ def centre_from_fixes(
     its fixes. Positions are interpolated to the times of the fixes. Only fixes between the first
     and last position are used.
     """
-    rows = [_at_fixes(*pair) for pair in pairs]
-    north, east, latitude, longitude = (
-        np.concatenate([row[k] for row in rows]) if rows else np.empty(0) for k in range(4)
-    )
-    if not latitude.size:
+    points = np.concatenate([np.empty((0, 4)), *(_at_fixes(*pair) for pair in pairs)])
+    if not points.size:
         return None
-    few = np.unique(np.linspace(0, latitude.size - 1, min(latitude.size, _MAX_PAIRS)).astype(int))
-    points = np.stack([north[few], east[few], latitude[few], longitude[few]], axis=1)
-    centres = [_centre_of(*map(float, point)) for point in points]
+    few = np.unique(np.linspace(0, len(points) - 1, min(len(points), _MAX_PAIRS)).astype(int))
+    centres = [_centre_of(*map(float, point)) for point in points[few]]
     return _middle(*np.transpose(centres))
 
 
-def _at_fixes(time: Indices, place: Array, fixes: Fixes) -> tuple[Array, Array, Array, Array]:
+def _at_fixes(time: Indices, place: Array, fixes: Fixes) -> Array:
     """
-    North, east [m], latitude and longitude [degrees] at the fixes between the first position and
-    the last.
+    North, east [m], latitude and longitude [degrees] (n, 4) at the fixes between the first
+    position and the last.
     """
     inside = (fixes.time >= time.min()) & (fixes.time <= time.max())
     order = np.argsort(time, kind="stable")
     at = (fixes.time[inside] - time.min()) * 1e-9
     own = (time[order] - time.min()) * 1e-9
     north, east = (np.interp(at, own, place[order, k]) for k in (0, 1))
-    return north, east, fixes.latitude[inside], fixes.longitude[inside]
+    return np.column_stack([north, east, fixes.latitude[inside], fixes.longitude[inside]])
 
 
 def _centre_of(north: float, east: float, latitude: float, longitude: float) -> Centre:

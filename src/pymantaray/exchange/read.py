@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pandas as pd
 
-from pymantaray.errors import ExchangeError, OceanError, RecordError
+from pymantaray.errors import ExchangeError, OceanError, RecordError, errors_as
 from pymantaray.exchange.centre import centre_beside
 from pymantaray.exchange.cf import read_cf
 from pymantaray.exchange.euroc import HEADER, read_euroc
@@ -119,15 +119,11 @@ def _format(path: Path) -> str:
     return _NUMBERS[len(cells)]
 
 
+@errors_as(ExchangeError, OceanError, RecordError)
 def _read_netcdf(path: Path) -> tuple[list[Poses], list[str]]:
-    try:
-        with open_file(path) as data:
-            own = data.attrs.get("mantaray_record") == Trajectories.kind
-        if own:
-            return poses_of_record(Trajectories.load(path), str(path)), []
-    except (OceanError, RecordError) as error:
-        raise ExchangeError(str(error)) from None
-    return read_cf(path)
+    with open_file(path) as data:
+        own = data.attrs.get("mantaray_record") == Trajectories.kind
+    return (poses_of_record(Trajectories.load(path), str(path)), []) if own else read_cf(path)
 
 
 _FORMATS = {

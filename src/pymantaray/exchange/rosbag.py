@@ -177,15 +177,14 @@ def _with_centres(
 
 
 def _fix_row(message: Any) -> tuple[Any, ...]:
+    is_solved = message.status.status >= 0  # -1: no fix
+    latitude = message.latitude if is_solved else np.nan
+    return _nanoseconds(message), latitude, message.longitude, message.header.frame_id
+
+
+def _nanoseconds(message: Any) -> int:
     stamp = message.header.stamp
-    m = message
-    solved = m.status.status >= 0  # -1: no fix
-    return (
-        stamp.sec * 1_000_000_000 + stamp.nanosec,
-        m.latitude if solved else np.nan,
-        m.longitude,
-        m.header.frame_id,
-    )
+    return int(stamp.sec * 1_000_000_000 + stamp.nanosec)
 
 
 def _fixes(rows: list[tuple[Any, ...]]) -> Fixes:
@@ -210,9 +209,8 @@ def _row(message: Any) -> tuple[Any, ...]:
     pose = getattr(message.pose, "pose", message.pose)
     p = pose.position
     q = pose.orientation
-    stamp = message.header.stamp
     return (
-        stamp.sec * 1_000_000_000 + stamp.nanosec,
+        _nanoseconds(message),
         (p.x, p.y, p.z),
         (q.w, q.x, q.y, q.z),
         message.header.frame_id,

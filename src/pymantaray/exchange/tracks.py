@@ -11,10 +11,10 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple, Self
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from scipy.spatial.transform import Rotation, Slerp
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import AnyArray, Array, Codes, Indices
 from pymantaray.errors import ExchangeError
 from pymantaray.geometry import LocalFrame
 from pymantaray.records import Trajectories, VehicleStatus
@@ -42,7 +42,7 @@ class Poses(NamedTuple):
     """
 
     name: str
-    time: NDArray[Any]
+    time: AnyArray
     place: Array
     """Shape (n, 3)."""
     quaternion: Array | None
@@ -57,13 +57,24 @@ class Poses(NamedTuple):
     Latitude and longitude of the local frame's centre; None if the file does not contain it.
     [degrees]
     """
-    line: NDArray[np.int64] | None = None
+    line: Indices | None = None
     """Line of each pose in the file; None for a file without lines."""
     stated_degrees: bool = False
     """True if the file states that latitudes and longitudes are in degrees."""
 
     def rows(self, rows: Any) -> Poses:
-        """Poses of some rows."""
+        """
+        Poses of some rows.
+
+        Parameters
+        ----------
+        rows : index, mask or slice
+            Selection of the rows, in any order.
+
+        Returns
+        -------
+        Poses
+        """
         return self._replace(
             time=self.time[rows],
             place=self.place[rows],
@@ -128,11 +139,10 @@ class Tracks:
                 f"{double.file}: two vehicles have the name {double.name}; rename one"
             )
         start = min(p.time[0] for p in clean)
-        if not np.issubdtype(clean[0].time.dtype, np.datetime64):
-            return cls(tuple(p._replace(time=p.time - start) for p in clean), None, tuple(notes))
-        return cls(
-            tuple(p._replace(time=seconds_since(p.time, start)) for p in clean), start, tuple(notes)
-        )
+        dated = clean[0].time.dtype.kind == "M"
+        since = seconds_since if dated else np.subtract
+        poses = tuple(p._replace(time=since(p.time, start)) for p in clean)
+        return cls(poses, start if dated else None, tuple(notes))
 
     @classmethod
     def of_record(cls, truth: Trajectories) -> Self:
@@ -228,15 +238,15 @@ class Tracks:
             pose. Without attitudes, it is level and heads along its course.
         """
         times = np.asarray(time, dtype=float)
-        local = self.in_frame(frame)
-        sampled = [_at(p, times) for p in local]
+        sampled = zip(*(_at(p, times) for p in self.in_frame(frame)), strict=True)
+        position, quaternion, status = map(np.stack, sampled)
         return Trajectories(
             name=np.array(self.names),
-            role=np.full(len(local), "track"),
+            role=np.full(len(self.poses), "track"),
             time=times,
-            position=np.stack([s[0] for s in sampled]),
-            quaternion=np.stack([s[1] for s in sampled]),
-            status=np.stack([s[2] for s in sampled]),
+            position=position,
+            quaternion=quaternion,
+            status=status,
             start=np.datetime64("NaT", "us") if self.start is None else self.start,
             centre=(frame.latitude_deg, frame.longitude_deg),
         )
@@ -315,19 +325,13 @@ def with_times(truth: Trajectories, time: Array) -> Trajectories:
     if times.size == truth.time.size:
         return truth
     before = np.searchsorted(truth.time, times + SAME_TIME) - 1
-    rows = [
-        _at(Poses(str(name), truth.time, place, quaternion, False, ""), times)
-        for name, place, quaternion in zip(
-            truth.name, truth.position, truth.quaternion, strict=True
-        )
-    ]
-    return replace(
-        truth,
-        time=times,
-        position=np.stack([r[0] for r in rows]),
-        quaternion=np.stack([r[1] for r in rows]),
-        status=truth.status[:, before],
+    rows = (
+        _at(Poses("", truth.time, place, quaternion, False, ""), times)
+        for place, quaternion in zip(truth.position, truth.quaternion, strict=True)
     )
+    position, quaternion, _ = map(np.stack, zip(*rows, strict=True))
+    status = truth.status[:, before]
+    return replace(truth, time=times, position=position, quaternion=quaternion, status=status)
 
 
 def union_of_times(first: Array, more: Array) -> Array:
@@ -351,13 +355,6 @@ def level(heading: ArrayLike, pitch: ArrayLike = 0.0, roll: ArrayLike = 0.0) -> 
     """
     angles = np.stack(np.broadcast_arrays(heading, pitch, roll), axis=-1)
     return np.asarray(Rotation.from_euler("ZYX", angles).as_quat(scalar_first=True))
-
-
-def _metres(place: Array) -> Array:
-    """North, east and depth of latitudes and longitudes, to a percent. [m]"""
-    north = _M_PER_DEGREE * place[:, 0]
-    east = _M_PER_DEGREE * np.unwrap(place[:, 1], period=360.0)
-    return np.column_stack([north, east * np.cos(np.radians(place[0, 0])), place[:, 2]])
 
 
 def _possible(p: Poses, notes: list[str]) -> Poses:
@@ -434,7 +431,12 @@ def _clean(p: Poses, notes: list[str]) -> Poses:
         )
         place[above, 2] = 0.0
     if time.dtype.kind != "M":
-        check_speed(time, _metres(place) if p.geodetic else place, f"{who}: time", ExchangeError)
+        metres = place
+        if p.geodetic:  # to a percent
+            east = _M_PER_DEGREE * np.unwrap(place[:, 1], period=360.0)
+            east *= np.cos(np.radians(place[0, 0]))
+            metres = np.column_stack([_M_PER_DEGREE * place[:, 0], east, place[:, 2]])
+        check_speed(time, metres, f"{who}: time", ExchangeError)
     quaternion = None
     if p.quaternion is not None:
         quaternion = np.array(p.quaternion, dtype=float)
@@ -481,7 +483,7 @@ def about_down(quaternion: Array | None, angle: Array) -> Array | None:
     return np.asarray((Rotation.from_euler("Z", angle[:, None]) * own).as_quat(scalar_first=True))
 
 
-def _at(p: Poses, times: Array) -> tuple[Array, Array, NDArray[np.int8]]:
+def _at(p: Poses, times: Array) -> tuple[Array, Array, Codes]:
     """Positions, attitudes and status of local poses at times."""
     there = (times >= p.time[0] - SAME_TIME) & (times <= p.time[-1] + SAME_TIME)
     inside = np.clip(times, p.time[0], p.time[-1])

@@ -8,9 +8,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Codes
 from pymantaray.errors import FleetError
 from pymantaray.fleet import kernel
 from pymantaray.fleet.behaviours import (
@@ -90,7 +89,14 @@ def simulate(
     steps, periods = _counts(duration, physics_step, sampling_period)
     names = unique_names(vehicles)
     water = _water(ocean)
-    _check_memory(len(vehicles), periods + 1)
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    size = len(vehicles) * (periods + 1) * _POSE_BYTES
+    if size > memory:
+        raise FleetError(
+            f"simulate: {len(vehicles)} vehicles x {periods + 1:g} samples x {_POSE_BYTES} bytes"
+            f" are {size / 2**30:.3g} GiB of memory; this machine has {memory / 2**30:.3g} GiB;"
+            " increase sampling_period"
+        )
     if water.time.size > 1 and not (water.time[0] <= 0.0 and duration <= water.time[-1]):
         raise FleetError(
             f"simulate: the currents cover {water.time[0]:g} to {water.time[-1]:g} s, and the"
@@ -182,16 +188,6 @@ def _counts(duration: float, physics_step: float, sampling_period: float) -> tup
     return counts[0], counts[1]
 
 
-def _check_memory(n_vehicles: int, n_samples: int) -> None:
-    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    if n_vehicles * n_samples * _POSE_BYTES > memory:
-        raise FleetError(
-            f"simulate: {n_vehicles} vehicles x {n_samples:g} samples x {_POSE_BYTES} bytes are"
-            f" {n_vehicles * n_samples * _POSE_BYTES / 2**30:.3g} GiB of memory; this machine has"
-            f" {memory / 2**30:.3g} GiB; increase sampling_period"
-        )
-
-
 def _run(
     vehicle: Vehicle,
     water: kernel.OceanArrays,
@@ -199,7 +195,7 @@ def _run(
     steps: int,
     position: Array,
     quaternion: Array,
-    status: NDArray[np.int8],
+    status: Codes,
 ) -> None:
     """Fill the rows of one vehicle, which initially contain its start pose."""
     behaviour = vehicle.behaviour
@@ -217,7 +213,20 @@ def _run(
         )
         kernel.run_float(water, cycle, step, steps, position, status)
     elif isinstance(behaviour, Drifting):
-        kernel.run_float(water, _drift_cycle(behaviour), step, steps, position, status)
+        # a float that holds its first depth forever, and returns to it at once from under ice
+        own_depth = float(behaviour.depth)
+        cycle = kernel.Cycle(
+            target=own_depth,
+            surface=own_depth,
+            start=own_depth,
+            speed=math.inf,
+            gain=math.inf,
+            delay=sys.maxsize,
+            hold_depth=0,
+            hold_surface=0,
+            drogue=float(behaviour.drogue_depth - behaviour.depth),
+        )
+        kernel.run_float(water, cycle, step, steps, position, status)
     elif isinstance(behaviour, ConstantTwist):
         twist = behaviour.twist
         current = behaviour.current
@@ -232,25 +241,6 @@ def _run(
             carried=behaviour.current,
         )
         kernel.run_waypoints(water, route, step, steps, position, quaternion, status)
-
-
-def _drift_cycle(behaviour: Drifting) -> kernel.Cycle:
-    """
-    Cycle of a float that holds its first depth forever.
-
-    It returns to it immediately from under ice.
-    """
-    return kernel.Cycle(
-        target=float(behaviour.depth),
-        surface=float(behaviour.depth),
-        start=float(behaviour.depth),
-        speed=math.inf,
-        gain=math.inf,
-        delay=sys.maxsize,
-        hold_depth=0,
-        hold_surface=0,
-        drogue=float(behaviour.drogue_depth - behaviour.depth),
-    )
 
 
 def _water(ocean: xr.Dataset) -> kernel.OceanArrays:

@@ -73,20 +73,6 @@ def checked_file(folder: Path, manifest: Mapping[str, Any], name: str) -> Path:
     return path
 
 
-def _read_manifest(folder: Path) -> dict[str, Any]:
-    try:
-        content = json.loads(read_text(folder / MANIFEST, StudyError, what="a manifest"))
-    except (ValueError, RecursionError) as error:
-        raise StudyError(
-            f"{folder / MANIFEST}: not a readable manifest: {one_line(error)}; {_REMEDY}"
-        ) from None
-    if not isinstance(content, dict):
-        raise StudyError(
-            f"{folder / MANIFEST}: not a readable manifest: it is not a table; {_REMEDY}"
-        )
-    return content
-
-
 def checked_manifest(folder: str | Path) -> dict[str, Any]:
     """
     Read the manifest of the folder of a finished run.
@@ -99,7 +85,13 @@ def checked_manifest(folder: str | Path) -> dict[str, Any]:
     path = Path(folder)
     if not (path / MANIFEST).is_file():
         raise StudyError(f"{folder}: not a run folder: it has no {MANIFEST}")
-    manifest = _read_manifest(path.resolve())
+    file = path.resolve() / MANIFEST
+    try:
+        manifest = json.loads(read_text(file, StudyError, what="a manifest"))
+    except (ValueError, RecursionError) as error:
+        raise StudyError(f"{file}: not a readable manifest: {one_line(error)}; {_REMEDY}") from None
+    if not isinstance(manifest, dict):
+        raise StudyError(f"{file}: not a readable manifest: it is not a table; {_REMEDY}")
     if (number := manifest.get("format")) != FORMAT:
         raise StudyError(f"{folder}: run format {number!r}; this version reads format {FORMAT}")
     if not has_checksum(manifest):

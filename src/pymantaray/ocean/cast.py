@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
-from pymantaray.errors import OceanError, RecordError
+from pymantaray.errors import OceanError, RecordError, errors_as
 from pymantaray.ocean.cast_rows import LIMITS, usable_rows, without_fills
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit, vertical_of
 from pymantaray.ocean.instrument_table import InstrumentTable
@@ -369,6 +369,7 @@ class CastTable:
         return f"{self.name(quantity)} is {cell!r}; it must be a number"
 
 
+@errors_as(OceanError, RecordError)
 def read_cast_table(path: str | Path) -> CastTable:
     """
     Read a CSV file with one or several casts, or an instrument's file with one cast.
@@ -377,18 +378,15 @@ def read_cast_table(path: str | Path) -> CastTable:
     case-insensitive and may include a unit, as in ``depth_m``, ``depth [m]`` or
     ``latitude[unit="degrees_north"]``.
     """
-    try:
-        text = read_text(Path(path))
-        lines = text.splitlines()
-        instrument = instrument_table(Path(path), lines)
-        if instrument is not None:
-            return _of_instrument(Path(path), instrument)
-        invalid = InvalidLines()
-        bottles = text.startswith("BOTTLE,")
-        text, notes = bottle_table(path, lines) if bottles else (text, ())
-        table = read_text_table(path, text, invalid=invalid)
-    except RecordError as error:
-        raise OceanError(str(error)) from None
+    text = read_text(Path(path))
+    lines = text.splitlines()
+    instrument = instrument_table(Path(path), lines)
+    if instrument is not None:
+        return _of_instrument(Path(path), instrument)
+    invalid = InvalidLines()
+    bottles = text.startswith("BOTTLE,")
+    text, notes = bottle_table(path, lines) if bottles else (text, ())
+    table = read_text_table(path, text, invalid=invalid)
     header = tuple(table.frame.columns)
     columns, texts = _columns(table.path, header)
     rows = table.frame.set_axis(range(len(header)), axis=1)

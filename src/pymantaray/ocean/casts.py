@@ -161,30 +161,25 @@ def read_casts(
         raise OceanError("casts: no file; name at least one")
     casts: list[Cast] = []
     place = None if lat is None or lon is None else (float(lat), float(lon))
+
+    def make(station: str, table: CastTable) -> Cast:
+        return cast_of_table(table, station, place or cast_place(table) or default_place, time)
+
     for path in files:
+        notes: tuple[str, ...] = ()
         if is_cast_folder(path):
-            own, notes = read_each(
-                path,
-                partial(read_casts, lat=lat, lon=lon, time=time, default_place=default_place),
-                OceanError,
-            )
-            casts += [replace(cast, notes=(*cast.notes, *notes)) for cast in own]
+            read = partial(read_casts, lat=lat, lon=lon, time=time, default_place=default_place)
+            own, notes = read_each(path, read, OceanError)
         elif holds_argo(path):
             if (lat, lon, time) != (None, None, None):
                 raise OceanError(
                     f"{path}: Argo profiles have their own places and times; remove `lat`, `lon`"
                     " and `time`"
                 )
-            casts += read_argo(path)
+            own = read_argo(path)
         else:
-
-            def make(station: str, table: CastTable) -> Cast:
-                return cast_of_table(
-                    table, station, place or cast_place(table) or default_place, time
-                )
-
             own, notes = each_usable(path, cast_tables(path), make)
-            casts += [replace(cast, notes=(*cast.notes, *notes)) for cast in own]
+        casts += [replace(cast, notes=(*cast.notes, *notes)) for cast in own]
     return [cast.with_repaired_salinity() for cast in casts] if repair_freezing else casts
 
 
@@ -273,7 +268,10 @@ def cast_of_table(
     notes = [*table.notes, *notes]
     kinds = _kind(table, _TEMPERATURES), _kind(table, _SALINITIES)
     values = [table.values(kind) for kind in kinds]
-    if table.bracketed and _packed(np.concatenate(values)):
+    numbers = np.concatenate(values)
+    numbers = numbers[np.isfinite(numbers)]
+    is_whole = bool(np.all(numbers == np.round(numbers)))
+    if table.bracketed and is_whole and np.abs(numbers).max(initial=0.0) > _PACKED_ABOVE:
         values = [
             np.where(raw == _PACKED_FILL, np.nan, raw * _PACKED_SCALE + _PACKED_OFFSET)
             for raw in values
@@ -382,12 +380,6 @@ def _kind(table: CastTable, kinds: dict[str, str]) -> str:
     return kind
 
 
-def _packed(values: Array) -> bool:
-    numbers = values[np.isfinite(values)]
-    whole = bool(np.all(numbers == np.round(numbers)))
-    return whole and float(np.abs(numbers).max(initial=0.0)) > _PACKED_ABOVE
-
-
 def cast_place(table: CastTable) -> Position | None:
     """
     Latitude and longitude of a cast from its columns, else from its comments, else None. [degrees]
@@ -429,32 +421,29 @@ def cast_time(table: CastTable) -> tuple[np.datetime64, list[str]]:
     """Time of a cast from its column, else from its comments, else NaT; and notes about it."""
     first = table.time or next((cell for cell in table.text("time") or [] if cell), None)
     if first is not None:
-        try:
-            if table.time or not _NUMBERS_FIRST.match(first):
-                return parse_instant(first), []
+        iso, notes = first, list[str]()
+        if not table.time and _NUMBERS_FIRST.match(first):
             iso, notes = written_instant(first)
-            return parse_instant(iso), notes
-        except OceanError:
-            where = "" if table.time else f" (line {table.lines[0]})"
-            return np.datetime64("NaT", "ns"), [
-                f"time {first[:40]!r}{where} not read; time unknown"
-            ]
+        where = "" if table.time else f" (line {table.lines[0]})"
+        return _instant_or_note(iso, notes, f"{first[:40]!r}{where}")
     for line in table.comments:
         if match := _DATE.search(line):
             clock = f"T{int(match[2]):02d}:{match[3]}:{match[4] or '00'}" if match[2] else ""
-            try:
-                return parse_instant(match[1] + clock), (
-                    [] if clock else ["time of day unknown: 0 h assumed"]
-                )
-            except OceanError:
-                return np.datetime64("NaT", "ns"), [
-                    f"time {match[1] + clock!r} not read; time unknown"
-                ]
+            notes = [] if clock else ["time of day unknown: 0 h assumed"]
+            return _instant_or_note(match[1] + clock, notes, repr(match[1] + clock))
         if match := _MONTH.search(line):
             month = MONTHS[match[1].lower()[:3]]
             note = f"day unknown: the first of {match[0]} assumed"
             return parse_instant(f"{match[2]}-{month:02d}-01"), [note]
     return np.datetime64("NaT", "ns"), ["time unknown"]
+
+
+def _instant_or_note(iso: str, notes: list[str], shown: str) -> tuple[np.datetime64, list[str]]:
+    """Instant and notes, or NaT and a note about a text that is none."""
+    try:
+        return parse_instant(iso), notes
+    except OceanError:
+        return np.datetime64("NaT", "ns"), [f"time {shown} not read; time unknown"]
 
 
 def cast_levels(bottom_depth: float) -> Array:
@@ -535,12 +524,8 @@ def cast_ocean(
     full, extensions = _extended(cast, bottom, below)
     temperature, salinity = full.cell_means(z)
     lat, lon = _axes(cast, half_extent)
-    columns = {
-        "water_temp": temperature,
-        "salinity": salinity,
-        "water_u": 0.0 * z,
-        "water_v": 0.0 * z,
-    }
+    columns = {"water_temp": temperature, "salinity": salinity}
+    columns |= dict.fromkeys(("water_u", "water_v"), 0.0 * z)
     shape = (z.size, lat.size, lon.size)
     ocean = assemble_ocean(
         {"depth": z, "lat": lat, "lon": lon},

@@ -6,13 +6,12 @@ names.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from typing import NoReturn
 
 import xarray as xr
 
 from pymantaray.errors import OceanError
-from pymantaray.messages import one_line
+from pymantaray.messages import did_you_mean, one_line
 from pymantaray.ocean.convert import (
     ABSOLUTE,
     CONSERVATIVE,
@@ -93,11 +92,9 @@ def with_standard_names(files: Sequence[xr.Dataset], names: Mapping[str, str]) -
                 f"name of {name}: {meaning!r}; it must be a CF standard name such as"
                 " sea_water_potential_temperature, or with a unit sea_water_temperature[degC]"
             )
-        close = get_close_matches(match[1], _STANDARD_NAMES, n=1, cutoff=0.9)
-        if close and match[1] not in _STANDARD_NAMES:
-            raise OceanError(
-                f"name of {name}: {match[1]!r} is not a standard name; did you mean {close[0]}?"
-            )
+        hint = did_you_mean(match[1], _STANDARD_NAMES, cutoff=0.9).strip()
+        if hint and match[1] not in _STANDARD_NAMES:
+            raise OceanError(f"name of {name}: {match[1]!r} is not a standard name; {hint}")
         holders = [data for data in files if name in data.variables]
         if not holders:
             there = ", ".join(
@@ -121,7 +118,13 @@ def layout_of(data: xr.Dataset) -> Layout:
     import cf_xarray  # noqa: F401  registers the accessor
 
     _refuse_other_horizontals(data)
-    data = _with_coordinates(data)
+    # mark coordinates as such for cf-xarray, without reading values
+    coordinates = {
+        n for n, v in data.variables.items() if v.ndim < 2 or text(v, "units").startswith("degrees")
+    }
+    for variable in data.variables.values():
+        coordinates |= set(text(variable, "coordinates").split()) & data.variables.keys()
+    data = data.set_coords(coordinates)
     named = {str(k): [str(n) for n in v] for k, v in data.cf.standard_names.items()}
     fields = tuple(f for role in _ROLES if (f := _field(data, role, named)) is not None)
     relative = tuple(n for s in _GRID_RELATIVE for n in named.get(s, []))
@@ -205,16 +208,6 @@ def _follows_bed(variable: xr.Variable) -> bool:
 
 def _refuse(data: xr.Dataset, line: str) -> NoReturn:
     raise OceanError(f"{file_name(data)}: {line}")
-
-
-def _with_coordinates(data: xr.Dataset) -> xr.Dataset:
-    """Mark coordinates as such for cf-xarray, without reading values."""
-    names = {
-        n for n, v in data.variables.items() if v.ndim < 2 or text(v, "units").startswith("degrees")
-    }
-    for variable in data.variables.values():
-        names |= set(text(variable, "coordinates").split()) & data.variables.keys()
-    return data.set_coords(names)
 
 
 def _field(data: xr.Dataset, role: str, named: dict[str, list[str]]) -> Field | None:

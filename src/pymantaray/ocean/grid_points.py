@@ -94,9 +94,12 @@ class GridPoints:
         Grid points of the rectangle that contains latitudes and longitudes [degrees], and n more on
         each side.
         """
-        return self.part(
-            *(_reaching(axis, x, n) for axis, x in zip((self.lat, self.lon), places, strict=True))
-        )
+        sides = []
+        for axis, reach in zip((self.lat, self.lon), places, strict=True):
+            first = int(np.searchsorted(axis, reach.min(), side="right")) - 1
+            last = int(np.searchsorted(axis, reach.max(), side="left"))
+            sides.append(slice(max(first - n, 0), last + n + 1))
+        return self.part(*sides)
 
     @property
     def wet(self) -> Mask:
@@ -160,9 +163,3 @@ class GridPoints:
             S = S[-1:]
         place = depth[:, None], self.lat[at[0]], self.lon[at[1]]
         return sound_speed(T, S, *place, equation=self.equation)
-
-
-def _reaching(axis: Array, reach: Array, n: int) -> slice:
-    first = int(np.searchsorted(axis, reach.min(), side="right")) - 1
-    last = int(np.searchsorted(axis, reach.max(), side="left"))
-    return slice(max(first - n, 0), last + n + 1)

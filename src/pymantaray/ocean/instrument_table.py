@@ -75,6 +75,7 @@ _DATES = [
     )
 ]
 _CLOCK = re.compile(r"[T/\s]+(\d{1,2}):(\d\d)(?::(\d\d(?:\.\d+)?))?")
+ITS_90_NOTE = "temperature converted from ITS-68 to ITS-90 (divided by 1.00024)"
 _CENTURY = 69  # two digits from here on are of 19.., as in POSIX
 _BEFORE_INSTRUMENTS = 1950  # programs with years of two digits wrote 1903 for 2003
 
@@ -165,16 +166,14 @@ def written_date(words: str, *, day_first: bool = False) -> tuple[str, list[str]
     1969 to 2068.
     """
     match = next(filter(None, (layout.match(words) for layout in _DATES)), None)
-    if match is None:
+    date = {} if match is None else match.groupdict()
+    if match is None or date.get("name", "jan").lower() not in MONTHS:
         return "", [f"date {words[:40]!r} not read"] if words.strip() else []
-    date = match.groupdict()
     text = match[0].strip()
     notes = []
     if "name" in date:
-        month = MONTHS.get(date["name"].lower(), 0)
+        month = MONTHS[date["name"].lower()]
         day = int(date["day"])
-        if not month:
-            return "", [f"date {words[:40]!r} not read"]
     elif "first" in date:
         day, month = (int(date[key]) for key in ("first", "second"))
         day_first |= date["sign"] == "."
@@ -212,4 +211,4 @@ def on_its_90(titles: list[str], rows: Rows) -> Iterator[str]:
             titles[k] = title.removesuffix(" 68")
             freezing = 32.0 if "degF" in title else 0.0
             scale_column(rows, k, 1.0 / 1.00024, freezing - freezing / 1.00024)
-            yield "temperature converted from ITS-68 to ITS-90 (divided by 1.00024)"
+            yield ITS_90_NOTE

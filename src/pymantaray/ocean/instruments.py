@@ -89,17 +89,13 @@ def instrument_table(path: Path, lines: Lines) -> InstrumentTable | None:
         raise OceanError(
             f"{path}: a file of {sheet.instrument} without {what} that are known{unread}"
         )
-    return _with_valid_time(sheet)
-
-
-def _with_valid_time(sheet: InstrumentTable) -> InstrumentTable:
-    """Replace a time that cannot be read by a note: most uses of a cast need no time."""
-    if not sheet.time:
-        return sheet
-    try:
-        parse_instant(sheet.time)
-    except OceanError:
-        return sheet._replace(time="", notes=(*sheet.notes, f"time {sheet.time[:40]!r} not read"))
+    # a note replaces a time that cannot be read: most uses of a cast need no time
+    if sheet.time:
+        try:
+            parse_instant(sheet.time)
+        except OceanError:
+            note = f"time {sheet.time[:40]!r} not read"
+            return sheet._replace(time="", notes=(*sheet.notes, note))
     return sheet
 
 

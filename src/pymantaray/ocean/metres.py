@@ -98,9 +98,11 @@ def ocean_in_metres(data: xr.Dataset, name: str = IN_MEMORY, *, at_rest: bool = 
         )
     attrs = {"title": name, "source": name, "synthetic": 0, **data.attrs}
     floor = _sea_floor(data, axes["depth"], wet.sum(axis=2), name)
-    local = assemble_local(
-        axes, _filled(speed), _currents(data, name, at_rest=at_rest), floor, attrs
-    )
+    if not wet.all():  # below the sea bed, as by `fill_below_sea_bed`
+        filled = extended_down(np.moveaxis(speed, 2, 0))
+        rows, columns = nearest_wet_columns(np.isfinite(filled[0]), np.zeros(1))
+        speed = np.ascontiguousarray(np.moveaxis(filled[:, rows, columns], 0, 2))
+    local = assemble_local(axes, speed, _currents(data, name, at_rest=at_rest), floor, attrs)
     return local.assign({key: data[key] for key in data.data_vars if key not in _QUANTITIES})
 
 
@@ -170,15 +172,6 @@ def _field(data: xr.Dataset, key: str, dims: tuple[str, ...], name: str) -> Arra
     if np.isinf(values).any():
         raise OceanError(f"{name}: {key} has infinite values; replace them")
     return np.ascontiguousarray(values)
-
-
-def _filled(speed: Array) -> Array:
-    """Sound speed (north, east, depth) without NaN, as by `fill_below_sea_bed`."""
-    if np.isfinite(speed).all():
-        return speed
-    levels = extended_down(np.moveaxis(speed, 2, 0))
-    rows, columns = nearest_wet_columns(np.isfinite(levels[0]), np.zeros(1))
-    return np.ascontiguousarray(np.moveaxis(levels[:, rows, columns], 0, 2))
 
 
 def _currents(data: xr.Dataset, name: str, *, at_rest: bool) -> tuple[Array, Array]:

@@ -8,7 +8,7 @@ of values, and that it consists of ordinary tables.
 
 import sqlite3
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import closing
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -143,21 +143,13 @@ def _casts(rsk: Any) -> Iterator[_Cast]:
     parts = [(rows["timestamp"] >= r.tstamp1) & (rows["timestamp"] <= r.tstamp2) for r in down]
     parts = [part for part in parts if part.any()] or [np.ones(rows.size, dtype=bool)]
     for k, part in enumerate(parts):
-        yield _Cast(
-            rows[part],
-            _position_at(positions, rows["timestamp"][part]),
-            str(k + 1) if len(parts) > 1 else "",
-        )
-
-
-def _position_at(
-    positions: Sequence[tuple[Any, float, float]], times: Any
-) -> tuple[float, float] | None:
-    """Position in a file that is nearest in time to the start of a cast. [degrees]"""
-    if not positions or not times.size:
-        return None
-    _, lat, lon = min(positions, key=lambda position: abs(position[0] - times[0]))
-    return known_position(float(lat), float(lon))[0]
+        place = None
+        if positions and part.any():  # the position that is nearest in time to the start of a cast
+            start = rows["timestamp"][part][0]
+            apart = [abs(time - start) for time, _, _ in positions]
+            _, lat, lon = positions[apart.index(min(apart))]
+            place = known_position(float(lat), float(lon))[0]
+        yield _Cast(rows[part], place, str(k + 1) if len(parts) > 1 else "")
 
 
 def _table(path: Path, cast: _Cast, units: dict[str, str]) -> CastTable:

@@ -9,12 +9,11 @@ from typing import Any, NamedTuple
 import numpy as np
 import pyproj
 import xarray as xr
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array
+from pymantaray.arrays import AnyArray, Array, Indices, Mask
 from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
-from pymantaray.geometry.longitude import eastward, whole_turns
+from pymantaray.geometry.longitude import whole_turns
 from pymantaray.messages import one_line
 from pymantaray.ocean.convert import is_our_unit, is_unit_of, to_our_unit
 from pymantaray.ocean.files import file_name, numbers, open_file, text
@@ -90,7 +89,7 @@ def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     )
 
 
-def fill_below_sea_bed(field: NDArray[np.floating], lat: Array) -> Array:
+def fill_below_sea_bed(field: AnyArray, lat: Array) -> Array:
     """
     Replace the NaN of a field below the sea bed and on land, so that interpolation near sea bed and
     coast has no gaps.
@@ -124,7 +123,7 @@ def fill_below_sea_bed(field: NDArray[np.floating], lat: Array) -> Array:
     return np.ascontiguousarray(filled[:, rows, columns])
 
 
-def extended_down(field: NDArray[np.floating]) -> Array:
+def extended_down(field: AnyArray) -> Array:
     """
     Copy of a field (n_depth, ...) with the value above at each NaN; a column without a value at the
     first level keeps its NaN.
@@ -136,9 +135,7 @@ def extended_down(field: NDArray[np.floating]) -> Array:
     return filled
 
 
-def nearest_wet_columns(
-    wet: NDArray[np.bool_], lat: Array
-) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def nearest_wet_columns(wet: Mask, lat: Array) -> tuple[Indices, Indices]:
     """
     Row and column (n_lat, n_lon) of the wet column nearest to each column, as in
     `fill_below_sea_bed`.
@@ -520,7 +517,7 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
 
 def _nodes(window: GeographicWindow, spacing: float, where: str) -> tuple[Array, Array]:
     south, north, west, east = window
-    east = eastward(west, east)
+    east = east if east > west else east + 360.0
     parallel = max(float(np.cos(np.radians(0.5 * (south + north)))), 1e-3)
     n_lat = 1 + max(1, round((north - south) * _DEGREE / spacing))
     n_lon = 1 + max(1, round((east - west) * _DEGREE * parallel / spacing))
@@ -548,7 +545,11 @@ def _reach(axis: Array, values: Array) -> slice:
 
 def _downward(values: Array, field: HorizontalField) -> Array:
     """Depth, positive down, 0 on land, NaN where a depth is missing."""
-    values = _without_gap_fill(values)
+    # a depth of 9999 without similar ones is an undeclared gap
+    size = np.abs(values)
+    gap = size == _GAP_FILL
+    if gap.any() and not np.any(np.abs(size[~gap] - _GAP_FILL) < _SIMILAR):
+        values = np.where(gap, np.nan, values)
     name = f"{file_name(field.data)}: {field.name}"
     positive = field.positive
     finite = values[np.isfinite(values)]
@@ -574,12 +575,3 @@ def _downward(values: Array, field: HorizontalField) -> Array:
             " window without gaps"
         )
     return np.maximum(depth, 0.0)
-
-
-def _without_gap_fill(values: Array) -> Array:
-    """NaN where a value is 9999 or -9999 without similar ones, which is an undeclared gap."""
-    size = np.abs(values)
-    gap = size == _GAP_FILL
-    if not gap.any() or np.any(np.abs(size[~gap] - _GAP_FILL) < _SIMILAR):
-        return values
-    return np.where(gap, np.nan, values)

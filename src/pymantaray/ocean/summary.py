@@ -1,5 +1,7 @@
 """Summaries of an ocean: the paper's table of regions and spread of sound-speed profiles."""
 
+from typing import Any
+
 import numpy as np
 import pandas as pd
 import xarray as xr
@@ -71,9 +73,12 @@ def region_table(
         "synthetic": "yes" if ocean.attrs["synthetic"] else "no",
         "source": str(ocean.attrs["source"]),
     }
+    return _property_table(ocean, rows)
+
+
+def _property_table(ocean: xr.Dataset, rows: dict[str, object]) -> pd.DataFrame:
     table = pd.DataFrame({str(ocean.attrs["title"]): pd.Series(rows, dtype=object)})
-    table.index.name = "property"
-    return table
+    return table.rename_axis("property")
 
 
 def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-10") -> xr.Dataset:
@@ -97,7 +102,13 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
     speed = xr.DataArray(
         ocean_sound_speed(ocean, equation=equation), {"depth": ocean["depth"]}, DIMS
     )
-    over = ("lat", "lon")
+    return _spread(speed, ("lat", "lon"), ocean, attrs)
+
+
+def _spread(
+    speed: xr.DataArray, over: tuple[str, str], ocean: xr.Dataset, attrs: dict[str, Any]
+) -> xr.Dataset:
+    """Mean, minimum and maximum over horizontal dimensions, and the number of wet points."""
     count = speed.count(over).assign_attrs(long_name="wet grid points", units="1")
     # not speed.mean, min and max: they warn of levels without water, and ignore this by filters
     # that all threads share
@@ -106,11 +117,11 @@ def sound_speed_profile_spread(ocean: xr.Dataset, *, equation: Equation = "teos-
         "min": speed.reduce(np.fmin.reduce, over),
         "max": speed.reduce(np.fmax.reduce, over),
     }
-    return xr.Dataset(
-        {name: values.drop_attrs(deep=False).assign_attrs(attrs) for name, values in spread.items()}
-        | {"count": count},
-        attrs={name: ocean.attrs[name] for name in ("title", "source", "synthetic")},
-    )
+    named = {
+        name: values.drop_attrs(deep=False).assign_attrs(attrs) for name, values in spread.items()
+    }
+    origin = {name: ocean.attrs[name] for name in ("title", "source", "synthetic")}
+    return xr.Dataset(named | {"count": count}, attrs=origin)
 
 
 def profile_spread(local: xr.Dataset) -> xr.Dataset:
@@ -140,21 +151,8 @@ def columns_spread(local: xr.Dataset) -> xr.Dataset:
     bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
     places = np.stack(np.meshgrid(*(local[name].values for name in over), indexing="ij"), axis=-1)
     wet = local["depth"].values <= bed.depth_at(places.reshape(-1, 2)).reshape(*places.shape[:2], 1)
-    speed = speed.where(xr.DataArray(wet, dims=speed.dims))
-    count = speed.count(over).assign_attrs(long_name="wet grid points", units="1")
-    spread = {
-        "mean": speed.sum(over) / count.where(count > 0),
-        "min": speed.reduce(np.fmin.reduce, over),
-        "max": speed.reduce(np.fmax.reduce, over),
-    }
-    return xr.Dataset(
-        {
-            name: values.drop_attrs(deep=False).assign_attrs(local["sound_speed"].attrs)
-            for name, values in spread.items()
-        }
-        | {"count": count},
-        attrs={name: local.attrs[name] for name in ("title", "source", "synthetic")},
-    )
+    wet_speed = speed.where(xr.DataArray(wet, dims=speed.dims))
+    return _spread(wet_speed, over, local, speed.attrs)
 
 
 def profile_region(local: xr.Dataset) -> pd.DataFrame:
@@ -171,9 +169,7 @@ def profile_region(local: xr.Dataset) -> pd.DataFrame:
         "synthetic": "no",
         "source": str(local.attrs["source"]),
     }
-    table = pd.DataFrame({str(local.attrs["title"]): pd.Series(rows, dtype=object)})
-    table.index.name = "property"
-    return table
+    return _property_table(local, rows)
 
 
 def ocean_facts(ocean: xr.Dataset, sea_floor: xr.DataArray | None = None) -> dict[str, str]:

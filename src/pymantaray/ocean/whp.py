@@ -10,10 +10,12 @@ description of the format, https://github.com/cchdo/exchange.
 """
 
 import re
+from itertools import product
 from pathlib import Path
 
 from pymantaray.errors import OceanError
 from pymantaray.ocean.instrument_table import (
+    ITS_90_NOTE,
     InstrumentTable,
     Lines,
     Rows,
@@ -42,15 +44,12 @@ def read_whp(lines: Lines) -> InstrumentTable:
     names = [name.strip() for name in lines[start].split(",")]
     units = [unit.strip() for unit in lines[start + 1].split(",")]
     rows = numeric_rows(lines[:end], start + 2, ",")
-    rejected = sum(_clear_bad(name, names, rows) for name in names if name in _TITLES)
+    notes = _without_bad(names, rows, *_TITLES)
     titles = [
         _TITLES.get(name, "") + (" 68" if name == "CTDTMP" and "68" in unit else "")
         for name, unit in zip(names, [*units, *[""] * len(names)], strict=False)
     ]
-    notes = [f"{rejected} values rejected by quality flags"] if rejected else []
-    notes += on_its_90(titles, rows)
-    if end == len(lines):
-        notes.append("no END_DATA: the file may be incomplete")
+    notes += [*on_its_90(titles, rows), *_incomplete(lines, end)]
     time = keys.get("TIME", "")
     date = keys.get("DATE", "")
     if date and not time:
@@ -60,7 +59,7 @@ def read_whp(lines: Lines) -> InstrumentTable:
         titles,
         rows,
         (keys.get("LATITUDE", ""), keys.get("LONGITUDE", "")),
-        f"{date}T{time:0>4}" if date and time else date,
+        _instant(date, time),
         tuple(notes),
         names,
         number_of(keys.get("DEPTH", "")),
@@ -84,8 +83,7 @@ def bottle_table(path: str | Path, lines: Lines) -> tuple[str, tuple[str, ...]]:
         for i, line in enumerate(lines[start + 2 : end], start + 2)
         if line.strip() and not line.startswith("#")
     }
-    known = ("CTDPRS", "CTDTMP", "CTDSAL", "SALNTY")
-    rejected = sum(_clear_bad(name, names, rows) for name in known if name in names)
+    notes = _without_bad(names, rows, "CTDPRS", "CTDTMP", "CTDSAL", "SALNTY")
     old_scale = "68" in units.get("CTDTMP", "")
     salinities = [name for name in ("CTDSAL", "SALNTY") if name in names]
     table = [""] * len(lines)
@@ -102,23 +100,24 @@ def bottle_table(path: str | Path, lines: Lines) -> tuple[str, tuple[str, ...]]:
         if old_scale and number_of(temperature) > _FILL:
             temperature = repr(number_of(temperature) / 1.00024)
         station = f"{row.get('STNNBR', '')}/{row.get('CASTNO', '')}".strip("/")
-        time = (
-            f"{row.get('DATE', '')}T{row['TIME']:0>4}" if row.get("TIME") else row.get("DATE", "")
-        )
+        time = _instant(row.get("DATE", ""), row.get("TIME", ""))
         place = row.get("LATITUDE", ""), row.get("LONGITUDE", "")
         water = row.get("CTDPRS", ""), temperature, salinity[0] if salinity else ""
         table[i] = ",".join([station, time, *place, *water])
-    notes = [f"{rejected} values rejected by quality flags"] if rejected else []
-    notes += (
-        [f"salinity of {counted(from_bottles, 'bottle')}, where the CTD has none"]
-        if from_bottles
-        else []
-    )
-    notes += (
-        ["temperature converted from ITS-68 to ITS-90 (divided by 1.00024)"] if old_scale else []
-    )
-    notes += ["no END_DATA: the file may be incomplete"] if end == len(lines) else []
-    return "\n".join(table), tuple(notes)
+    if from_bottles:
+        notes.append(f"salinity of {counted(from_bottles, 'bottle')}, where the CTD has none")
+    if old_scale:
+        notes.append(ITS_90_NOTE)
+    return "\n".join(table), (*notes, *_incomplete(lines, end))
+
+
+def _instant(date: str, time: str) -> str:
+    """Instant of a date and a time of day such as 945, which may be missing."""
+    return f"{date}T{time:0>4}" if date and time else date
+
+
+def _incomplete(lines: Lines, end: int) -> list[str]:
+    return ["no END_DATA: the file may be incomplete"] if end == len(lines) else []
 
 
 def _extent(lines: Lines) -> tuple[int, int]:
@@ -136,16 +135,15 @@ def _extent(lines: Lines) -> tuple[int, int]:
     )
 
 
-def _clear_bad(name: str, names: list[str], rows: Rows) -> int:
-    """Remove the values of a column whose flags are bad; returns their number."""
-    k = names.index(name)
+def _without_bad(names: list[str], rows: Rows, *columns: str) -> list[str]:
+    """Remove the values of columns whose flags are bad; returns a note with their number."""
     count = 0
-    for ending, bad in _BAD.items():
-        if name + ending not in names:
+    for name, (ending, bad) in product(columns, _BAD.items()):
+        if name not in names or name + ending not in names:
             continue
-        flag = names.index(name + ending)
+        k, flag = names.index(name), names.index(name + ending)
         for cells in rows.values():
             if len(cells) > max(k, flag) and cells[k] and cells[flag] in bad and cells[flag]:
                 cells[k] = ""
                 count += 1
-    return count
+    return [f"{count} values rejected by quality flags"] if count else []

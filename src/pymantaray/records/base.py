@@ -340,7 +340,11 @@ class Record:
         try:
             dataset = read_netcdf(path, decode_times=False)
             for variable in dataset.variables.values():
-                _freeze(variable.values)  # nobody else has it, so the record needs no copy
+                values: Any = variable.values
+                # nobody else has the array and those of which it is a view: no copy is needed
+                while isinstance(values, np.ndarray):
+                    values.setflags(write=False)
+                    values = values.base
             return cls.from_dataset(dataset)
         except RecordError as error:
             raise RecordError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
@@ -404,13 +408,6 @@ def _is_constant(values: AnyArray) -> bool:
     return not values.flags.writeable and (
         base is None or (isinstance(base, np.ndarray) and _is_constant(base))
     )
-
-
-def _freeze(values: Any) -> None:
-    """Let nobody write an array, nor the array of which it is a view."""
-    while isinstance(values, np.ndarray):
-        values.setflags(write=False)
-        values = values.base
 
 
 def _summary(values: AnyArray, flags: type[IntEnum] | None) -> str:

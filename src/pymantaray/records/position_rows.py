@@ -13,9 +13,8 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pymantaray.arrays import Array, Mask
+from pymantaray.arrays import AnyArray, Array, Indices, Mask
 from pymantaray.errors import MantaRayError
 from pymantaray.geometry.longitude import wrap_longitude
 from pymantaray.records.digits import counted
@@ -126,8 +125,11 @@ def missing_fixes(position: Array) -> dict[int, str]:
         zero = judged & (np.abs(position[:, :2]) <= _ROUNDED).all(axis=1)
     wrong &= judged
     reasons = {
-        row: _outside_globe(float(position[row, 0]), float(position[row, 1]))
-        for row in np.flatnonzero(wrong).tolist()
+        row: f"position is {lat:.9g}, {lon:.9g}; latitude must be -90 to 90 and longitude -360 to"
+        f" 360 degrees{'; they may be exchanged' if abs(lat) > 90.0 and abs(lon) <= 90.0 else ''}"
+        for row, (lat, lon) in zip(
+            np.flatnonzero(wrong).tolist(), position[wrong, :2].tolist(), strict=True
+        )
     }
     others = position[judged & ~wrong & ~zero]
     if zero.any() and len(others):
@@ -138,14 +140,6 @@ def missing_fixes(position: Array) -> dict[int, str]:
                 for row in np.flatnonzero(zero).tolist()
             }
     return reasons
-
-
-def _outside_globe(lat: float, lon: float) -> str:
-    hint = "; they may be exchanged" if abs(lat) > 90.0 and abs(lon) <= 90.0 else ""
-    return (
-        f"position is {lat:.9g}, {lon:.9g}; latitude must be -90 to 90 and longitude -360 to 360"
-        f" degrees{hint}"
-    )
 
 
 def _out_of_reach(
@@ -196,8 +190,8 @@ class _Parts(NamedTuple):
     time: Array
     position: Array
     geographic: bool
-    starts: NDArray[np.intp]
-    ends: NDArray[np.intp]
+    starts: Indices
+    ends: Indices
 
     def step(self, first: int, second: int) -> Jump:
         """Step from the end of one part to the start of another."""
@@ -271,7 +265,7 @@ class PositionRows:
         self,
         time: Array,
         position: Array,
-        line: Sequence[int] | NDArray[np.int64],
+        line: Sequence[int] | Indices,
         *,
         geographic: bool,
         who: str = "",
@@ -349,7 +343,7 @@ def order_of_times(
     *,
     dated: bool,
     blocks: bool = False,
-) -> tuple[NDArray[np.intp] | None, str | None]:
+) -> tuple[Indices | None, str | None]:
     """
     Order of rows in time and a note about it; None for both if times do not decrease.
 
@@ -380,7 +374,7 @@ def order_of_times(
     return np.argsort(time, kind="stable"), note
 
 
-def repeated_rows(keys: Sequence[NDArray[np.generic]]) -> Mask:
+def repeated_rows(keys: Sequence[AnyArray]) -> Mask:
     """True for rows that have the same values in all columns as an earlier row."""
     numbers = [np.unique(key, return_inverse=True)[1].ravel() for key in keys]
     _, first = np.unique(np.column_stack(numbers), axis=0, return_index=True)

@@ -10,15 +10,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from pymantaray.arrays import AnyArray, Array, Indices, Mask
 from pymantaray.errors import MantaRayError, RecordError
 from pymantaray.messages import one_line
 from pymantaray.records.csv_text import unguard_formula
+from pymantaray.records.dates import seconds_since
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.user_files import read_bytes
 
 if TYPE_CHECKING:
-    import numpy as np
     import pandas as pd
 
 _NAMES = ("jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec")
@@ -64,21 +66,17 @@ class TextTable:
             raise RecordError(f"{self.path}: two columns {twice[0]}; remove one")
 
     @property
-    def lines(self) -> "Indices":
+    def lines(self) -> Indices:
         """Line of the file of each row."""
         return self.frame.index.to_numpy(dtype="int64")
 
-    def numbers(self, columns: list[str]) -> "Array":
+    def numbers(self, columns: list[str]) -> Array:
         """Columns as finite numbers (n_rows, n_columns); any other cell raises an error."""
-        import numpy as np
-
         self.require(columns)
         values = np.empty((len(self.frame), len(columns)))
         for k, name in enumerate(columns):
             values[:, k] = numbers_of(self.frame[name])
-        wrong = np.argwhere(~np.isfinite(values))
-        if wrong.size:
-            row, k = wrong[0]
+        for row, k in np.argwhere(~np.isfinite(values)):
             raise RecordError(f"{self.where(row)}: {self._fault(columns[k], row, _FINITE)}")
         return values
 
@@ -101,8 +99,6 @@ class TextTable:
         Other rows are added to the invalid lines. Columns of ``optional`` and ``choices`` may be
         absent.
         """
-        import numpy as np
-
         self.require([*times, *numbers, *words])
         columns = set(self.frame.columns)
         faults: list[tuple[Mask, str, str]] = []
@@ -126,6 +122,11 @@ class TextTable:
             keep &= ~wrong
         return self if keep.all() else replace(self, frame=self.frame[keep])
 
+    def _refuse(self, wrong: Mask, column: str, requirement: str) -> None:
+        """Raise an error for the first cell that is wrong."""
+        for row in np.flatnonzero(wrong).tolist():
+            raise RecordError(f"{self.where(row)}: {self._fault(column, row, requirement)}")
+
     def _fault(self, column: str, row: int, requirement: str) -> str:
         cell = self.frame[column].iloc[row]
         content = repr(cell[:40]) if isinstance(cell, str) else cell
@@ -140,23 +141,16 @@ class TextTable:
         cells = self.frame[column] if column in self.frame.columns else [""] * len(self.frame)
         return [str(cell).strip() for cell in cells]
 
-    def optional(self, column: str, default: float = math.nan) -> "Array":
+    def optional(self, column: str, default: float = math.nan) -> Array:
         """Column as numbers, with a default for empty cells and without this column."""
-        import numpy as np
-
         if column not in self.frame.columns:
             return np.full(len(self.frame), default)
+        self._refuse(self._not_optional(column), column, _OPTIONAL)
         cells = self.frame[column]
-        wrong = self._not_optional(column)
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            raise RecordError(f"{self.where(row)}: {self._fault(column, row, _OPTIONAL)}")
         return numbers_of(cells.mask(cells == "", str(default)))
 
-    def _not_optional(self, column: str) -> "Mask":
+    def _not_optional(self, column: str) -> Mask:
         """True for cells that are neither a number nor empty."""
-        import numpy as np
-
         cells = self.frame[column]
         return np.asarray(
             np.isnan(numbers_of(cells))
@@ -166,50 +160,33 @@ class TextTable:
 
     def seconds(self, column: str) -> "tuple[Array, np.datetime64]":
         """Column of times as seconds since the first date and this date, or as seconds and NaT."""
-        import numpy as np
-
         times = self.times(column)
         if not np.issubdtype(times.dtype, np.datetime64):
             return times, np.datetime64("NaT", "ns")
-        from pymantaray.records.dates import seconds_since
-
         return seconds_since(times, times[0]), times[0]
 
-    def times(self, column: str) -> "AnyArray":
+    def times(self, column: str) -> AnyArray:
         """
         Column of seconds or of dates (UTC if they have no zone).
 
         A cell that is neither, or that differs from most cells, raises an error with its line.
         """
-        import numpy as np
-        import pandas as pd
-
-        cells = self.frame[column]
-        wrong = self._not_times(column)
-        if wrong.any():
-            row = int(np.argmax(wrong))
-            raise RecordError(
-                f"{self.where(row)}: {column} is {str(cells.iloc[row])[:40]!r}; {_TIMES}"
-            )
-        if pd.api.types.is_datetime64_any_dtype(cells):
-            dates = cells
-        else:
-            seconds = numbers_of(cells)
+        self._refuse(self._not_times(column), column, _TIMES)
+        dates = self.frame[column]
+        if dates.dtype.kind != "M":
+            seconds = numbers_of(dates)
             if np.isfinite(seconds).all():
                 check_seconds(seconds, f"{self.path}: {column}", RecordError)
                 return seconds
-            dates = _dates(cells)
+            dates = _dates(dates)
         if dates.dt.tz is not None:
             dates = dates.dt.tz_convert("UTC").dt.tz_localize(None)
         return dates.to_numpy(dtype="datetime64[ns]")
 
-    def _not_times(self, column: str) -> "Mask":
+    def _not_times(self, column: str) -> Mask:
         """True for cells that are neither seconds nor dates, or differ in this from most cells."""
-        import numpy as np
-        import pandas as pd
-
         cells = self.frame[column]
-        if pd.api.types.is_datetime64_any_dtype(cells):
+        if cells.dtype.kind == "M":
             return np.asarray(cells.isna())
         is_number = np.isfinite(numbers_of(cells))
         if 2 * np.count_nonzero(is_number) > is_number.size:
@@ -225,7 +202,7 @@ def _dates(cells: "pd.Series[Any]") -> "pd.Series[Any]":
     return dates.where(dates.dt.year.between(*_YEARS))
 
 
-def check_seconds(times: "Array", where: str, error: type[MantaRayError]) -> None:
+def check_seconds(times: Array, where: str, error: type[MantaRayError]) -> None:
     """Raise an error for time stamps that are too large for seconds since any epoch in use."""
     latest = max(map(abs, times.tolist()), default=0.0)
     if latest > _LATEST:
@@ -238,17 +215,15 @@ def check_seconds(times: "Array", where: str, error: type[MantaRayError]) -> Non
 
 
 def check_speed(
-    time: "Array",
-    position: "Array",
+    time: Array,
+    position: Array,
     where: str,
     error: type[MantaRayError],
 ) -> None:
     """Raise an error if positions (n, k) [m] are so fast that times [s] must be days or hours."""
-    import numpy as np
-
     step = np.diff(time)
     moves = step > 0.0
-    if np.count_nonzero(moves) < 1:
+    if not moves.any():
         return
     with np.errstate(over="ignore"):
         speed = float(
@@ -261,13 +236,12 @@ def check_speed(
         )
 
 
-def numbers_of(cells: "pd.Series[Any]") -> "Array":
+def numbers_of(cells: "pd.Series[Any]") -> Array:
     """
     Convert cells to numbers; NaN for other cells.
 
     pandas before 3.1 does not keep all digits of text.
     """
-    import numpy as np
     import pandas as pd
 
     values = pd.to_numeric(cells, errors="coerce").to_numpy(dtype=float, copy=True)

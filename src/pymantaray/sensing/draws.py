@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from typing import ClassVar, Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pymantaray.arrays import Codes
 from pymantaray.records import Measurements, RangingTruth, RayStatus
 from pymantaray.records.base import Column, Record, column
 from pymantaray.sensing.ranging import Ranging
@@ -110,6 +110,6 @@ class RangingDraws(Record):
         -------
         Measurements
         """
-        status: NDArray[np.int8] = self.range_status[realization]
+        status: Codes = self.range_status[realization]
         refracted_range = self.ranging_truth(truth, realization).refracted_range
         return replace(measurements, range_status=status, refracted_range=refracted_range)

@@ -156,10 +156,10 @@ def perturb(
             time[wrong] = detection.travel_time[picks[wrong]]
             truth = replace(truth, travel_time=time)
 
-    def range_normal(transmitter: str, receiver: str, count: int) -> Array:
-        return normal((count,), transmitter, "range", receiver)
-
-    noise = by_pair(measurements, range_normal) * measurements.range_sigma
+    noise = measurements.range_sigma * by_pair(
+        measurements,
+        lambda transmitter, receiver, count: normal((count,), transmitter, "range", receiver),
+    )
     if isinstance(clocks, ClockModel):
         clocks = clocks.draw(measurements.name.tolist(), **draw)
     if clocks is not None:

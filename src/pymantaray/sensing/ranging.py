@@ -6,11 +6,10 @@ from itertools import pairwise
 from typing import ClassVar, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.acoustics.currents import Currents
-from pymantaray.arrays import Array, Indices
+from pymantaray.arrays import Array, Codes, Indices, Mask
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals, RangingTruth, RayStatus, Trajectories, VehicleStatus
 from pymantaray.records.base import Column, Record, column
@@ -86,7 +85,7 @@ class Ranging(NamedTuple):
     """
 
     attempts: Attempts
-    status: NDArray[np.int8]
+    status: Codes
     truth: RangingTruth
     links: Links
     arrivals: Arrivals
@@ -191,7 +190,7 @@ class _Pairs(NamedTuple):
     source: Array
     receiver: Array
     """Positions of both, shape (n_pairs, 3). [m]"""
-    silent: NDArray[np.bool_]
+    silent: Mask
     """True if one of both participants has stopped."""
 
 

@@ -4,7 +4,6 @@ from dataclasses import replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.acoustics import (
     ArrivalRule,
@@ -18,7 +17,7 @@ from pymantaray.acoustics import (
 from pymantaray.acoustics.currents import Currents, current_delays
 from pymantaray.acoustics.eigenrays import solved_backwards
 from pymantaray.acoustics.selection import NEAR_DB, is_near_cutoff, within_cutoff
-from pymantaray.arrays import Array
+from pymantaray.arrays import Array, Codes, Mask
 from pymantaray.errors import SensingError
 from pymantaray.jobs.progress import CountProgress
 from pymantaray.records import Arrivals, RayStatus
@@ -88,12 +87,12 @@ class Transmission(NamedTuple):
 
     arrivals: Arrivals
     """Eigenrays of all links; their travel times are those in water at rest."""
-    status: NDArray[np.int8]
+    status: Codes
     """
     `RayStatus` of each link by the selection rule; the same in both directions, except that a cone
     may lose the rays of one.
     """
-    near_cutoff: NDArray[np.bool_]
+    near_cutoff: Mask
     """True for links on which 1 dB of the cut-off changes the selection, in water at rest."""
     receptions: Receptions
 
@@ -219,13 +218,13 @@ def find_receptions(
     return Transmission(arrivals, status, near_cutoff, receptions)
 
 
-def _status(arrivals: Arrivals, rule: ArrivalRule) -> NDArray[np.int8]:
+def _status(arrivals: Arrivals, rule: ArrivalRule) -> Codes:
     """
     Status of links by a rule.
 
     It is SHADOW for links with reflected arrivals only, if the rule is ``direct``.
     """
-    status: NDArray[np.int8] = arrivals.status.copy()
+    status: Codes = arrivals.status.copy()
     if rule == "direct":
         is_reflected = (arrivals.surface_bounces > 0) | (arrivals.bottom_bounces > 0)
         has_direct = np.bincount(arrivals.link[~is_reflected], minlength=status.size) > 0
@@ -239,7 +238,7 @@ def _rays(
     ends: LinkEnds,
     bounces: tuple[int, int],
     progress: CountProgress | None,
-) -> tuple[Arrivals, NDArray[np.bool_]]:
+) -> tuple[Arrivals, Mask]:
     """Arrivals of links, and True for links on which 1 dB of the cut-off changes the selection."""
     cutoff = reception.spreading_cutoff_db
     wide = find_eigenrays(
@@ -257,7 +256,7 @@ def _rays(
 
 def _with_leaks(
     receptions: Receptions,
-    status: NDArray[np.int8],
+    status: Codes,
     ends: LinkEnds,
     medium: Medium,
     reception: ReceptionOptions,

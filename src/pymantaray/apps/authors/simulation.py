@@ -18,7 +18,7 @@ from pymantaray.config.common import NonNegativeFloat, PositiveFloat, Section, l
 from pymantaray.config.keys import Tree
 from pymantaray.config.load import parse_study
 from pymantaray.config.sections import StudyConfig
-from pymantaray.errors import OceanError, StudyError
+from pymantaray.errors import OceanError, StudyError, errors_as
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.ocean.environment import find_file, read_arrays, read_environment, read_json
 from pymantaray.ocean.metres import ocean_in_metres
@@ -244,10 +244,8 @@ def import_authors(file: str | Path) -> tuple[StudyConfig, tuple[str, ...]]:
         If the water cannot be read.
     """
     path = Path(file)
-    try:
+    with errors_as(StudyError, OceanError):
         content = read_json(path)
-    except OceanError as error:
-        raise StudyError(str(error)) from None
     label = str(file)
     simulation = checked(Simulation, content, label, path.parent)
     robots = [_robot(robot, f"{label}: robots[{i}]") for i, robot in enumerate(simulation.robots)]
@@ -419,16 +417,6 @@ class _WaterVolume(NamedTuple):
         return None
 
 
-def _water_volume(environment: Path) -> _WaterVolume:
-    """Volume of the water of an ``environment.json``."""
-    arrays = read_environment(environment)
-    local = ocean_in_metres(arrays, environment.name)
-    bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
-    north = arrays["north"].values
-    east = arrays["east"].values
-    return _WaterVolume((east[0], east[-1]), (north[0], north[-1]), bed)
-
-
 def _water_notes(
     simulation: Simulation,
     robots: list[ConstantVelocity | CurrentDrift],
@@ -436,7 +424,11 @@ def _water_notes(
     label: str,
 ) -> Iterator[str]:
     """Check positions in the grid; yield what the program cannot do in it."""
-    water = _water_volume(environment)
+    data = read_environment(environment)
+    local = ocean_in_metres(data, environment.name)
+    bed = BoundarySurface.from_dataset(local, "sea_floor_depth", OceanError)
+    east, north = (data[name].values[[0, -1]].tolist() for name in ("east", "north"))
+    water = _WaterVolume(tuple(east), tuple(north), bed)
     for name, positions in (
         ("landmarks", simulation.landmarks),
         ("robots", [r.position for r in robots]),
@@ -549,13 +541,12 @@ def _noise(sensors: Sensors, pfg: Pfg, period: float) -> Tree:
         "odometry_z_fraction": 0.0,
         "odometry_translation_drift": sensors.odom_noise_stddev * per_edge,
     }
+    pose = pfg.pose_prior_cov_diag
     priors = {
-        "first_position_sigma": pfg.pose_prior_cov_diag,
+        "first_position_sigma": pose,
         "landmark_sigma": pfg.landmark_prior_cov_diag,
+        "first_rotation_sigma": None if pose is None else pose[3:],
     }
-    priors["first_rotation_sigma"] = (
-        None if pfg.pose_prior_cov_diag is None else pfg.pose_prior_cov_diag[3:]
-    )
     return noise | {
         key: math.sqrt(sum(variances[:3]) / 3.0)
         for key, variances in priors.items()

@@ -95,7 +95,12 @@ def write_bellhop(
             first = paths[0].with_suffix(suffix)
             _write(first, text)
             for path in paths[1:]:
-                _same_file(first, path.with_suffix(suffix))
+                other = path.with_suffix(suffix)
+                other.unlink(missing_ok=True)
+                try:
+                    other.hardlink_to(first)
+                except OSError:  # a file system without hard links
+                    shutil.copyfile(first, other)
     except OSError as error:
         raise AcousticsError(f"{error.filename}: cannot be written: {error.strerror}") from None
     for path, start, end in zip(paths, a - shift, b - shift, strict=True):
@@ -300,14 +305,6 @@ def _list(
 def _write(path: Path, text: str) -> None:
     with whole_file(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def _same_file(first: Path, other: Path) -> None:
-    other.unlink(missing_ok=True)
-    try:
-        other.hardlink_to(first)
-    except OSError:  # a file system without hard links
-        shutil.copyfile(first, other)
 
 
 def _cut(axis: Array, parts: int) -> Array:

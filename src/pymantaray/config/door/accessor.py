@@ -1,18 +1,22 @@
 """Accessor ``mantaray`` of xarray data sets: sound speed, sections, media and eigenrays."""
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
+import numpy as np
+import xarray as xr
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    import xarray as xr
-    from numpy.typing import ArrayLike
-
-    from pymantaray.acoustics import Medium
-    from pymantaray.arrays import Array
-    from pymantaray.ocean.names import Equation
-    from pymantaray.records import Arrivals
-    from pymantaray.sensing.water import Water
+from pymantaray.acoustics import Medium, find_eigenrays
+from pymantaray.arrays import Array
+from pymantaray.config.door.water import open_water
+from pymantaray.errors import WaterError
+from pymantaray.messages import one_line
+from pymantaray.ocean import cf, open_ocean
+from pymantaray.ocean.metres import is_in_metres, ocean_in_metres
+from pymantaray.ocean.names import Equation
+from pymantaray.ocean.seawater import ocean_sound_speed
+from pymantaray.records import Arrivals
+from pymantaray.sensing.water import Water
 
 _SPEED = {
     "standard_name": "speed_of_sound_in_sea_water",
@@ -57,12 +61,6 @@ class OceanAccessor:
         >>> print(f"{float(ocean.mantaray.sound_speed()[0, 40, 120]):.1f} m/s")
         1458.2 m/s
         """
-        import xarray as xr
-
-        from pymantaray.ocean import cf, open_ocean
-        from pymantaray.ocean.metres import is_in_metres, ocean_in_metres
-        from pymantaray.ocean.seawater import ocean_sound_speed
-
         if is_in_metres(self._data):
             return ocean_in_metres(self._data)["sound_speed"].where(
                 self._data["sound_speed"].notnull()
@@ -94,7 +92,7 @@ class OceanAccessor:
         -------
         Medium
         """
-        return self._water(options).at_start[0]
+        return open_water(self._data, **options).at_start[0]
 
     def section(
         self,
@@ -123,15 +121,9 @@ class OceanAccessor:
             Shape (depth, distance), with the positions of the points as coordinates; NaN outside
             the water. [m s-1]
         """
-        import numpy as np
-        import xarray as xr
-
-        from pymantaray.errors import WaterError
-        from pymantaray.messages import one_line
-
         if points < 2:
             raise WaterError(f"points is {points!r}; a section needs 2 or more points")
-        water = self._water(options)
+        water = open_water(self._data, **options)
         medium, _ = water.at_start
         ends = self._positions(water, {"start": start, "end": end}, 2)
         share = np.linspace(0.0, 1.0, points)[:, None]
@@ -175,9 +167,7 @@ class OceanAccessor:
         -------
         Arrivals
         """
-        from pymantaray.acoustics import find_eigenrays
-
-        water = self._water(options)
+        water = open_water(self._data, **options)
         ends = self._positions(water, {"source": source, "receiver": receiver}, 3)
         search = water.reception
         return find_eigenrays(
@@ -189,19 +179,8 @@ class OceanAccessor:
             search.spreading_cutoff_db,
         )
 
-    def _water(self, options: dict[str, Any]) -> Water:
-        from pymantaray.config.door.water import open_water
-
-        return open_water(self._data, **options)
-
     def _positions(self, water: Water, ends: dict[str, Any], size: int) -> dict[str, Array]:
         """Positions by name (n, 3) in the local frame, at depth 0 if they have two numbers. [m]"""
-        import numpy as np
-
-        from pymantaray.errors import WaterError
-        from pymantaray.messages import one_line
-        from pymantaray.ocean.metres import is_in_metres
-
         local = is_in_metres(self._data)
         words = ("north", "east", "down") if local else ("latitude", "longitude", "depth")
         out = {}

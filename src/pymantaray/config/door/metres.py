@@ -63,24 +63,20 @@ def local_of(section: OceanSection, data: xr.Dataset) -> xr.Dataset:
     if section.time is not None:
         local.attrs["time"] = str(np.datetime_as_string(utc_instant(section.time), unit="s"))
     if section.centre is not None:
-        local.attrs |= _position(local, section.centre, name)
+        centre = section.centre
+        own = local.attrs.get("centre_latitude_deg"), local.attrs.get("centre_longitude_deg")
+        if own not in ((None, None), centre):
+            raise OceanError(
+                f"{name}: its centre is {own[0]:g}, {own[1]:g} degrees, and {centre[0]:g},"
+                f" {centre[1]:g} is given; remove the centre"
+            )
+        local.attrs |= {
+            "centre_latitude_deg": centre[0],
+            "centre_longitude_deg": centre[1],
+            "proj_string": LocalFrame(*centre).proj_string,
+        }
     if isinstance(section.ice, str) and "centre_latitude_deg" not in local.attrs:
         raise OceanError(
             f"{name}: ocean.ice is a map, which needs the centre of the frame; give it, or a draft"
         )
     return local
-
-
-def _position(local: xr.Dataset, centre: tuple[float, float], name: str) -> dict[str, object]:
-    """Attributes of the geographic position of a local ocean without one."""
-    own = local.attrs.get("centre_latitude_deg"), local.attrs.get("centre_longitude_deg")
-    if own not in ((None, None), centre):
-        raise OceanError(
-            f"{name}: its centre is {own[0]:g}, {own[1]:g} degrees, and {centre[0]:g},"
-            f" {centre[1]:g} is given; remove the centre"
-        )
-    return {
-        "centre_latitude_deg": centre[0],
-        "centre_longitude_deg": centre[1],
-        "proj_string": LocalFrame(*centre).proj_string,
-    }

@@ -86,8 +86,7 @@ class MissionOcean:
         if self.is_profile:
             profiles = self.profiles()
             return tuple(f"{label(self.section, p)}: {note}" for p in profiles for note in p.notes)
-        ocean, sea_floor = self.in_domain()
-        return self.notes_of(ocean, sea_floor)
+        return _notes(*self.in_domain())
 
     def notes_of(self, ocean: xr.Dataset, sea_floor: xr.DataArray | None) -> tuple[str, ...]:
         """Notes of the readers of an opened ocean and its sea floor."""
@@ -370,19 +369,16 @@ def mission_start(section: OceanSection, data: xr.Dataset | None = None) -> np.d
     if section.time is None and data is None and is_profile(section):
         return start_in(section, one_profile(section))
     if section.time is None:
-        return np.datetime64(ocean_times(_source(section, data), section.standard_names)[0], "ns")
+        source: Source = section.source if data is None else data
+        return np.datetime64(ocean_times(source, section.standard_names)[0], "ns")
     return utc_instant(section.time)
-
-
-def _source(section: OceanSection, data: xr.Dataset | None) -> Source:
-    return section.source if data is None else data
 
 
 def _open(
     section: OceanSection, duration: float, data: xr.Dataset | None
 ) -> tuple[list[xr.Dataset], Array]:
     """Snapshots of a mission, one for a constant ocean, and their times. [s]"""
-    source = _source(section, data)
+    source: Source = section.source if data is None else data
     options: dict[str, Any] = {"currents": section.currents, "names": section.standard_names}
     if not section.time_varying:
         time = None if section.time is None else mission_start(section)

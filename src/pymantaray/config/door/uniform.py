@@ -1,6 +1,7 @@
 """Horizontally uniform water from one profile or cast: thinning, smoothing, sea bed and ice."""
 
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -40,14 +41,6 @@ class UniformWater:
     profile: Profile
     local: xr.Dataset
     record: dict[str, Any]
-    notes: tuple[str, ...] = ()
-
-
-@dataclass(frozen=True)
-class _Levels:
-    depth: Array
-    sound_speed: Array
-    record: dict[str, Any] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
 
@@ -97,7 +90,7 @@ def uniform_water(
         )
     if section.time_varying:
         raise OceanError(f"{where}: one profile does not vary in time; remove ocean.time_varying")
-    levels = _reduced(section, profile, interpolation)
+    depth, speed, reduction, reduction_notes = _reduced(section, profile, interpolation)
     place = section.centre or profile.position or profile.place
     half = section.half_extent or (UNBOUNDED, UNBOUNDED)
     maps = [name for name in ("bathymetry", "ice") if isinstance(getattr(section, name), str)]
@@ -108,11 +101,11 @@ def uniform_water(
         )
     n = _NODES if isinstance(section.ice, str) else 2
     north, east = (np.linspace(-h, h, n) for h in half)
-    shape = north.size, east.size, levels.depth.size
+    shape = north.size, east.size, depth.size
     floor = _sea_floor(section, place, half, shape[:2])
     local = assemble_local(
-        {"north": north, "east": east, "depth": levels.depth},
-        np.broadcast_to(levels.sound_speed, shape).copy(),
+        {"north": north, "east": east, "depth": depth},
+        np.broadcast_to(speed, shape).copy(),
         (np.zeros(shape), np.zeros(shape)),
         floor,
         {"title": profile.name, "source": section.source[0], "synthetic": 0},
@@ -129,14 +122,12 @@ def uniform_water(
     local = with_section_ice(section, local)
     deepest = float(np.max(floor))
     record = {
-        **levels.record,
-        "levels": int(levels.depth.size),
+        **reduction,
+        "levels": int(depth.size),
         "last_level_m": float(profile.depth[-1]),
+        "bottom_depth_m": deepest,
     }
-    record["bottom_depth_m"] = deepest
-    notes = [*profile.notes, *levels.notes, *_reach_notes(profile, deepest)]
-    if isinstance(floor, xr.DataArray):
-        notes += _floor_notes(floor, profile)
+    notes = (*profile.notes, *reduction_notes, *_bed_notes(profile, floor, deepest))
     return UniformWater(profile, local, record, tuple(f"{where}: {note}" for note in notes))
 
 
@@ -192,10 +183,12 @@ def start_in(section: OceanSection, profile: Profile) -> np.datetime64:
     return np.datetime64(EPOCH) if np.isnat(profile.time) else profile.time
 
 
-def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolation) -> _Levels:
+def _reduced(
+    section: OceanSection, profile: Profile, interpolation: Interpolation
+) -> tuple[Array, Array, dict[str, Any], tuple[str, ...]]:
     """
-    Levels of a profile, thinned or smoothed by the options of a section; without them, a raw cast
-    is thinned.
+    Levels of a profile [m] and their sound speed [m/s], thinned or smoothed by the options of a
+    section, a record of this and notes; without options, a raw cast is thinned.
     """
     depth = profile.depth
     speed = profile.sound_speed
@@ -206,7 +199,7 @@ def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolati
         depth, speed, thin=section.thin, smooth=section.smooth, interpolation=interpolation
     )
     if reduced is None:
-        return _Levels(depth, speed, record)
+        return depth, speed, record, ()
     size = "tolerance_m_s" if reduced.method == "thinned" else "length_m"
     record[reduced.method] = {
         size: reduced.parameter,
@@ -214,7 +207,7 @@ def _reduced(section: OceanSection, profile: Profile, interpolation: Interpolati
         "greatest_change_m_s": reduced.greatest_change,
         "vertical_change_s": reduced.vertical_change,
     }
-    return _Levels(reduced.depth, reduced.sound_speed, record, (str(reduced),))
+    return reduced.depth, reduced.sound_speed, record, (str(reduced),)
 
 
 def _sea_floor(
@@ -238,28 +231,21 @@ def _sea_floor(
     return local_floor(sea_floor, coarse, half)
 
 
-def _floor_notes(floor: xr.DataArray, profile: Profile) -> list[str]:
-    """Doubts about a sea bed from a file: missing values, and land in the middle of the domain."""
-    notes = list(sea_floor_notes(floor))
-    middle = float(floor.sel(floor_north=0.0, floor_east=0.0, method="nearest"))
-    if middle <= 0.0:
-        notes.append(
-            f"{floor.attrs['source']}: land at the centre, where the profile has water down to"
-            f" {profile.depth[-1]:g} m; check centre, sign and unit"
-        )
-    return notes
-
-
-def _reach_notes(profile: Profile, bottom: float) -> list[str]:
-    """Doubts about the first and the last level of a profile."""
+def _bed_notes(profile: Profile, floor: Array | xr.DataArray, bottom: float) -> Iterator[str]:
+    """Doubts about the first and last level of a profile, and about a sea bed from a file."""
     first = float(profile.depth[0])
     last = float(profile.depth[-1])
-    notes = []
     if first > 0.0:
-        notes.append(f"starts at {first:g} m; sound speed above is constant")
+        yield f"starts at {first:g} m; sound speed above is constant"
     if bottom > last + _MAX_GAP:
-        notes.append(
+        yield (
             f"ends at {last:g} m, above the sea bed at {bottom:g} m; sound speed below is"
             " extrapolated to a constant within about 400 m; add levels if rays go that deep"
         )
-    return notes
+    if isinstance(floor, xr.DataArray):
+        yield from sea_floor_notes(floor)
+        if floor.sel(floor_north=0.0, floor_east=0.0, method="nearest") <= 0.0:
+            yield (
+                f"{floor.attrs['source']}: land at the centre, where the profile has water down to"
+                f" {last:g} m; check centre, sign and unit"
+            )

@@ -20,7 +20,7 @@ from pymantaray.config.door.ocean import (
 )
 from pymantaray.config.door.sound import build_sound, build_timing
 from pymantaray.config.door.uniform import label, read_section_profiles
-from pymantaray.config.load import load_sound
+from pymantaray.config.load import listed_sources, load_sound
 from pymantaray.config.options import dotted_keys, names_configuration
 from pymantaray.config.parse import parse
 from pymantaray.errors import AcousticsError, WaterError
@@ -92,7 +92,8 @@ def open_waters(source: Source, **options: Any) -> list[Water]:
             raise WaterError(f"a medium allows no options; remove {', '.join(options)}")
         return [Water(source)]
     if isinstance(source, xr.Dataset):
-        return [_in_memory(source, options)]
+        config = configuration_of(IN_MEMORY, options)
+        return [_assembled(config, mission_ocean(config, source), source)]
     config = configuration_of(source, options)
     if not is_profile(config.ocean):
         return [water_of(config)]
@@ -171,11 +172,6 @@ def open_local(local: xr.Dataset, *, geographic: xr.Dataset | None = None, **opt
     )
 
 
-def _in_memory(data: xr.Dataset, options: dict[str, Any]) -> Water:
-    config = configuration_of(IN_MEMORY, options)
-    return _assembled(config, mission_ocean(config, data), data)
-
-
 def configuration_of(source: Any, options: dict[str, Any]) -> SoundConfig:
     """Configuration of a source with changed keys."""
     changes = dotted_keys(options)
@@ -192,23 +188,12 @@ def source_words(source: Any) -> list[str]:
     """
     Words of a source that consists of names or files; an object of another type raises an error.
     """
-    if isinstance(source, str | Path):
-        return [str(source)]
     if isinstance(source, Water):
         raise WaterError(
             "source is an opened Water; give the source that open_water had, and its options"
         )
-    if not isinstance(source, Sequence):
-        raise WaterError(
-            f"source is of type {type(source).__name__}; it must be a name, a path, a sequence of"
-            " them, an xarray.Dataset, a SoundConfig or a Medium"
-        )
-    if several := sum(isinstance(word, xr.Dataset) for word in source):
-        raise WaterError(
-            f"source has {several} data sets in a sequence; join them with xarray.merge and give"
-            " one"
-        )
-    return [str(word) for word in source]
+    objects = "an xarray.Dataset, a SoundConfig or a Medium"
+    return listed_sources(source, "source", WaterError, objects)
 
 
 def _frame(local: xr.Dataset) -> LocalFrame | None:

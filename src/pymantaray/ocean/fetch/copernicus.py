@@ -3,7 +3,6 @@
 import datetime as dt
 import tempfile
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -69,7 +68,7 @@ def fetch_copernicus(
     with tempfile.TemporaryDirectory(prefix="mantaray-") as folder:
         files = [Path(folder) / f"part{i}.nc" for i in range(len(chosen.datasets))]
         for part, file in zip(chosen.datasets, files, strict=True):
-            _subset(_request(part, region, day, file))
+            _subset(part, region, day, file)
         try:
             ocean = open_ocean(files, time=day)
         except OceanError as error:
@@ -84,12 +83,10 @@ def fetch_copernicus(
     return FetchResult(path, title, day, len(files))
 
 
-def _request(part: Dataset, region: Region, day: np.datetime64, file: Path) -> dict[str, Any]:
-    """
-    Arguments of ``copernicusmarine.subset`` for one data set; the time of daily means is midnight.
-    """
+def _subset(part: Dataset, region: Region, day: np.datetime64, file: Path) -> None:
+    """Download one data set; the time of daily means is midnight."""
     instant = dt.datetime.fromisoformat(str(day)).replace(tzinfo=dt.UTC)
-    return {
+    request = {
         "dataset_id": part.path,
         "variables": list(part.variables),
         "minimum_latitude": region.south,
@@ -105,10 +102,6 @@ def _request(part: Dataset, region: Region, day: np.datetime64, file: Path) -> d
         "overwrite": True,
         "disable_progress_bar": True,
     }
-
-
-def _subset(request: dict[str, Any]) -> None:
-    dataset = request["dataset_id"]
     try:
         import copernicusmarine
 
@@ -121,7 +114,7 @@ def _subset(request: dict[str, Any]) -> None:
         login = any(w in kind for w in ("Credential", "Password", "Authentication", "Abort"))
         remedy = f"; {_ACCOUNT}" if login else ""
         raise OceanError(
-            f"copernicus: {dataset}: {one_line(error) or kind} ({kind}){remedy}"
+            f"copernicus: {part.path}: {one_line(error) or kind} ({kind}){remedy}"
         ) from None
-    if not (request["output_directory"] / request["output_filename"]).is_file():
-        raise OceanError(f"copernicus: {dataset}: the service returned no file; {_ACCOUNT}")
+    if not file.is_file():
+        raise OceanError(f"copernicus: {part.path}: the service returned no file; {_ACCOUNT}")

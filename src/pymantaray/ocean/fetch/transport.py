@@ -29,6 +29,12 @@ with warnings.catch_warnings():
 
 T = TypeVar("T")
 _RETRIED = frozenset({408, 425, 429, 500, 502, 503, 504})
+_CAUSES = {
+    "IncompleteRead|incomplete|ended prematurely": "incomplete answer",
+    "refused": "connection refused",
+    "resolve|getaddrinfo|Name or service": "host not found",
+}
+"""Causes of failed connections by words in the errors of the libraries."""
 _MAX_ANSWER = 64 << 20  # bytes
 
 
@@ -260,11 +266,7 @@ def _seconds(header: str) -> float:
 
 
 def _connection_line(error: Exception) -> str:
-    text = str(error)
-    if re.search("IncompleteRead|incomplete|ended prematurely", text):
-        return "incomplete answer"
-    if "refused" in text:
-        return "connection refused"
-    if re.search("resolve|getaddrinfo|Name or service", text):
-        return "host not found"
+    for words, line in _CAUSES.items():
+        if re.search(words, str(error)):
+            return line
     return f"connection failed ({one_line(getattr(error, 'reason', None) or error, 100)})"
