@@ -18,7 +18,7 @@ from pymantaray.geometry.longitude import eastward, whole_turns
 from pymantaray.messages import one_line
 from pymantaray.ocean.convert import is_our_unit, is_unit_of, to_our_unit
 from pymantaray.ocean.files import file_name, numbers, open_file, text
-from pymantaray.ocean.schema import layer_edges
+from pymantaray.ocean.schema import SEA_FLOOR, SEA_FLOOR_ATTRIBUTES, layer_edges
 from pymantaray.ocean.sea_floor_water import SIGN_REMEDY, in_water, sea_floor_notes
 from pymantaray.ocean.window import GeographicWindow, Window, checked_window, select
 
@@ -66,8 +66,8 @@ _CRS_REMEDY = 'name it with crs, "EPSG:3996" for IBCAO, or use the geographic ve
 
 def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     """
-    Sea floor from the levels of an ocean: half-way from the deepest valid level of each column to
-    the next.
+    Sea floor of an ocean: of its model, or from its levels, half-way from the deepest valid level
+    of each column to the next.
 
     Parameters
     ----------
@@ -79,14 +79,16 @@ def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     xarray.DataArray, dimensions (lat, lon)
         Depth; 0 on land, and the depth of the last level if it is valid. [m]
     """
+    if SEA_FLOOR in ocean:
+        return ocean[SEA_FLOOR]
     depth = np.asarray(ocean["depth"].values, dtype=float)
     levels = np.isfinite(ocean["water_temp"].values).sum(axis=0)
     return xr.DataArray(
         layer_edges(depth)[levels],
         coords={"lat": ocean["lat"], "lon": ocean["lon"]},
         dims=("lat", "lon"),
-        name="sea_floor_depth",
-        attrs={"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"},
+        name=SEA_FLOOR,
+        attrs=SEA_FLOOR_ATTRIBUTES,
     )
 
 
