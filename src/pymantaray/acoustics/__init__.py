@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from pymantaray.acoustics.paths import trace_fan as trace_fan
     from pymantaray.acoustics.paths import trace_paths as trace_paths
     from pymantaray.acoustics.paths import travel_time_sensitivity as travel_time_sensitivity
+    from pymantaray.acoustics.plots import plot_arrivals as plot_arrivals
     from pymantaray.acoustics.profile_files import write_asvp as write_asvp
     from pymantaray.acoustics.profile_files import write_profiles as write_profiles
     from pymantaray.acoustics.profiles import read_profile as read_profile

@@ -18,6 +18,7 @@ from pymantaray.geometry.longitude import eastward, whole_turns
 from pymantaray.messages import one_line
 from pymantaray.ocean.convert import is_our_unit, is_unit_of, to_our_unit
 from pymantaray.ocean.files import file_name, numbers, open_file, text
+from pymantaray.ocean.rasters import RASTER
 from pymantaray.ocean.schema import SEA_FLOOR, SEA_FLOOR_ATTRIBUTES, layer_edges
 from pymantaray.ocean.sea_floor_water import SIGN_REMEDY, in_water, sea_floor_notes
 from pymantaray.ocean.window import GeographicWindow, Window, checked_window, select
@@ -56,7 +57,8 @@ _UP = (
     "altitude",
 )
 _NAMED = {"deptho": "down", "elevation": "up", "z": "up", "topo": "up", "altitude": "up"}
-_NAMED |= dict.fromkeys(("bathymetry", "bathy", "depth", "band1"), "")
+_RASTERS = (RASTER, "band1", "band_data")  # of files without names: mixed signs are heights
+_NAMED |= dict.fromkeys(("bathymetry", "bathy", "depth", *_RASTERS), "")
 _LAT = ("lat", "latitude", "nav_lat", "y")
 _LON = ("lon", "longitude", "nav_lon", "x")
 _Y = ("latitude", "projection_y_coordinate")
@@ -260,8 +262,9 @@ def open_sea_floor(
         Coordinate reference system of a file on projected axes without this information, such as
         ``"EPSG:3996"`` for IBCAO's grids.
     ocean : xarray.Dataset, optional
-        A valid ocean whose water the sea floor must hold. Where the file has no depth and the ocean
-        has water, the depth is interpolated from the points around the gap.
+        A valid ocean whose water the sea floor must hold. Where the ocean has water and the file
+        no depth, the depth is interpolated from the points around a gap, and outside the file it is
+        the ocean's own.
 
     Returns
     -------
@@ -292,7 +295,9 @@ def open_sea_floor(
         missing = int(np.count_nonzero(np.isnan(depth)))
         notes = [f"no value at {missing} of {depth.size} points: land"] if missing else []
         if ocean is not None:
-            depth, notes = in_water(depth, lat, lon, ocean, name)
+            lat, lon, depth = _extended(lat, lon, depth, window, name)
+            own = np.asarray(sea_floor_depth(ocean).values, dtype=float)
+            depth, notes = in_water(depth, lat, lon, ocean, own, name)
         return xr.DataArray(
             np.nan_to_num(depth),
             coords={
@@ -309,6 +314,32 @@ def open_sea_floor(
                 "notes": tuple(f"{name}: {note}" for note in notes),
             },
         )
+
+
+def _extended(
+    lat: Array, lon: Array, depth: Array, window: GeographicWindow | None, name: str
+) -> tuple[Array, Array, Array]:
+    """Grid with points without a value, at its own spacing, where it does not cover a window."""
+    if window is None:
+        return lat, lon, depth
+    south, north, west, east = checked_window(window)
+    turn = 360.0 * np.round((0.5 * (lon[0] + lon[-1] - west - eastward(west, east))) / 360.0)
+    axes, widths = [], []
+    sides = (south, north), (west + turn, eastward(west, east) + turn)
+    for axis, (low, high) in zip((lat, lon), sides, strict=True):
+        step = float(np.median(np.diff(axis)))
+        width = [
+            max(int(np.ceil(gap / step - 1e-6)), 0) for gap in (axis[0] - low, high - axis[-1])
+        ]
+        before, after = (step * np.arange(1, count + 1) for count in width)
+        axes.append(np.concatenate([axis[0] - before[::-1], axis, axis[-1] + after]))
+        widths.append((width[0], width[1]))
+    if axes[0].size * axes[1].size > _MAX_NODES:
+        raise OceanError(
+            f"{name}: covers only a part of the ocean, which has {axes[0].size * axes[1].size:,}"
+            f" points at its spacing; the limit is {_MAX_NODES:,}; choose a smaller ocean"
+        )
+    return axes[0], axes[1], np.pad(depth, widths, constant_values=np.nan)
 
 
 class HorizontalField(NamedTuple):
@@ -557,6 +588,8 @@ def _downward(values: Array, field: HorizontalField) -> Array:
     if not finite.size:
         raise OceanError(f"{name} has no values in the window; choose another window")
     positive = positive or ("down" if finite.min() >= 0.0 else "up" if finite.max() <= 0.0 else "")
+    if not positive and field.name in _RASTERS:
+        positive = "up"
     if not positive:
         raise OceanError(
             f"{name} has positive and negative values; set its attribute positive to 'up' or 'down'"
