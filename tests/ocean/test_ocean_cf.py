@@ -204,32 +204,10 @@ def axis(name, values, **attrs):
     return lambda d: d.assign_coords({name: (name, values, d[name].attrs | attrs)})
 
 
-def curvilinear(data):
-    lat, lon = np.meshgrid(LAT, LON, indexing="ij")
-    data = data.drop_vars(["latitude", "longitude"]).rename(latitude="y", longitude="x")
-    return data.assign_coords(
-        nav_lat=(("y", "x"), lat, {"units": "degrees_north"}),
-        nav_lon=(("y", "x"), lon, {"units": "degrees_east"}),
-    )
-
-
-def terrain(data):
-    return attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1", "positive": "up"})(
-        data
-    )
-
-
 def nameless(data):
     for name in ("thetao", "so", "uo", "vo"):
         data[name].attrs.pop("standard_name")
     return data
-
-
-BOTH = (
-    "its grid is curvilinear (nav_lat has two dimensions) and its levels follow the sea bed"
-    " (deptht); neither is supported; first regrid it to latitude and longitude (xesmf) and rotate"
-    " the currents to east and north, and interpolate it to fixed depths (xgcm, xroms)"
-)
 
 
 def staggered(data):
@@ -242,14 +220,10 @@ GRID_RELATIVE = attrs(
 )
 REFUSED = {
     "terrain": (attrs(deptht={"standard_name": "ocean_s_coordinate_g2", "units": "1"}),
-                "its levels follow the sea bed (deptht); this is not supported"),
+                "its levels follow the sea bed (deptht), but it is no file of ROMS"),
     "sigma": (attrs(deptht={"formula_terms": "sigma: s eta: zeta"}), "levels follow the sea bed"),
     "layers of density": (attrs(deptht={"standard_name": "sea_water_potential_density",
                                         "units": "kg m-3"}), "is not a depth"),
-    "curvilinear": (curvilinear, ("its grid is curvilinear (nav_lat has two dimensions); this is"
-                                 " not supported; first regrid")),
-    "curvilinear in s-levels": (lambda d: terrain(curvilinear(d)), BOTH),
-    "curvilinear in s-levels, without names": (lambda d: nameless(terrain(curvilinear(d))), BOTH),
     "without names": (nameless,
                       "it contains thetao (time_counter, deptht, latitude, longitude), so ("),
     "salinity without a name": (
@@ -259,7 +233,7 @@ REFUSED = {
     ),
     "rotated pole": (
         lambda d: d.assign(pole=((), 0, {"grid_mapping_name": "rotated_latitude_longitude"})),
-        "rotated pole (pole); regrid",
+        "rotated pole (pole); give its axes standard names",
     ),
     "grid longitude": (attrs(longitude={"standard_name": "grid_longitude"}), "rotated pole"),
     "projected": (attrs(longitude={"standard_name": "projection_x_coordinate", "units": "m"}),

@@ -454,8 +454,6 @@ def test_a_real_depth_of_9999_m_stays(tmp_path):
      "is land at .* where the ocean has water down to 2000 m; set the attribute positive"),
     (lambda depth: depth / 1e3,
      "is .* m deep where the ocean has water down to 2000 m; check its unit"),
-    (lambda depth: np.where(np.arange(depth.shape[1]) == 10, depth, np.nan),
-     "no value at .* in the ocean's water; use a file that covers it"),
 ])  # fmt: skip
 def test_a_floor_that_is_not_under_the_water_is_refused(tmp_path, sloping_ocean, change, message):
     path = floor_file(tmp_path, change)

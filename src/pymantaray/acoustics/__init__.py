@@ -37,6 +37,7 @@ if TYPE_CHECKING:
         trace_paths as trace_paths,
         travel_time_sensitivity as travel_time_sensitivity,
     )
+    from pymantaray.acoustics.plots import plot_arrivals as plot_arrivals
     from pymantaray.acoustics.profile_files import (
         write_asvp as write_asvp,
         write_profiles as write_profiles,

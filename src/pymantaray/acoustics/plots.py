@@ -10,10 +10,13 @@ from pymantaray.pages.style import axes_or_new
 from pymantaray.pages.water import RAY_KINDS
 
 if TYPE_CHECKING:
+    from pymantaray.acoustics.levels.loss import TransmissionLoss
     from pymantaray.acoustics.medium import Medium
     from pymantaray.acoustics.ray_paths import RayPaths
+    from pymantaray.records import Arrivals
 
 _KM = 1e3  # m
+_BELOW_WEAKEST = 6.0  # dB; length of the weakest arrival's line
 
 
 def plot_medium(medium: "Medium", ax: Axes | None = None) -> Axes:
@@ -49,6 +52,50 @@ def plot_medium(medium: "Medium", ax: Axes | None = None) -> Axes:
     axes.set_ylim(1.03 * bed[1], 0.0)
     axes.set_xlabel("Sound speed [m/s]")
     axes.set_ylabel("Depth [m]")
+    return axes
+
+
+def plot_arrivals(
+    arrivals: "Arrivals",
+    link: int = 0,
+    loss: "TransmissionLoss | None" = None,
+    ax: Axes | None = None,
+) -> Axes:
+    """
+    Plot the level of the arrivals of a link over the delay from the first, with line styles by
+    reflection.
+
+    Parameters
+    ----------
+    arrivals : Arrivals
+        From `find_eigenrays`.
+    link : int
+        Index of the link.
+    loss : TransmissionLoss, optional
+        Loss of the arrivals. Default: spreading beyond spherical only.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw on; by default new ones.
+
+    Returns
+    -------
+    matplotlib.axes.Axes
+    """
+    axes = axes_or_new(ax)
+    rows = np.flatnonzero(arrivals.link == link)
+    delay = 1e3 * (arrivals.travel_time[rows] - arrivals.travel_time[rows].min(initial=np.inf))
+    level = -(arrivals.spreading_db if loss is None else loss.total_db)[rows]
+    kinds = (arrivals.surface_bounces[rows] > 0) + 2 * (arrivals.bottom_bounces[rows] > 0)
+    floor = level.min(initial=0.0) - _BELOW_WEAKEST
+    for kind in np.unique(kinds).tolist():
+        name, look = RAY_KINDS[kind]
+        own = kinds == kind
+        axes.vlines(delay[own], floor, level[own], label=name, **look)
+        axes.plot(delay[own], level[own], "o", color=look["color"], markersize=3.0)
+    axes.set_ylim(bottom=floor)
+    axes.set_xlabel("Delay from the first arrival [ms]")
+    axes.set_ylabel("Level re spherical spreading [dB]" if loss is None else "Level re 1 m [dB]")
+    if rows.size:
+        axes.legend()
     return axes
 
 

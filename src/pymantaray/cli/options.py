@@ -420,6 +420,14 @@ class GridOptions:
             " atlas. Default for an atlas: the first.",
         ),
     ] = None
+    bearing: Annotated[
+        float | None,
+        typer.Option(
+            metavar="DEGREES",
+            help="Direction of a section of sound speed by range and depth, clockwise from north."
+            " Default: 0.",
+        ),
+    ] = None
     repair_freezing: RepairFreezing = False
     position: Annotated[
         Pair | None,
@@ -464,6 +472,7 @@ class GridOptions:
             "centre": self.centre or self.position,
             "half_extent": half,
             "time": time,
+            "bearing": self.bearing,
             "repair_freezing": self.repair_freezing or None,
             "names": names or None,
         }

@@ -319,6 +319,11 @@ class OceanSection(Section):
     CF standard names of the files' variables that lack one, such as
     ``temp=sea_water_potential_temperature``.
     """
+    bearing: Degrees[float] | None = Field(default=None, ge=-360.0, le=360.0)
+    """
+    Direction of a section of sound speed by range and depth, clockwise from north. Default: 0.
+    [degrees]
+    """
     thin: MetresPerSecond[NonNegativeFloat] | None = None
     """
     Remove levels of a profile if interpolation stays within this error; 0 keeps all levels.
@@ -448,9 +453,15 @@ class OceanSection(Section):
         Input files, those of the sea floor and ice last; a synthetic ocean has no files for water.
         """
         from pymantaray.ocean.environment import files_of
+        from pymantaray.ocean.range_section import files_of_section
 
         return (
-            *(file for name in own_files(self.source) for file in files_of(name)),
+            *(
+                file
+                for name in own_files(self.source)
+                for part in files_of(name)
+                for file in files_of_section(part)
+            ),
             *(file for file in (self.bathymetry, self.ice) if isinstance(file, str)),
         )
 

@@ -17,6 +17,7 @@ from pymantaray.exchange.euroc import HEADER, read_euroc
 from pymantaray.exchange.frames import swap_enu, swap_enu_attitude
 from pymantaray.exchange.kitti import read_kitti
 from pymantaray.exchange.rosbag import read_bag
+from pymantaray.exchange.surface import NMEA, read_gpx, read_nmea
 from pymantaray.exchange.table import read_frame, read_table
 from pymantaray.exchange.tracks import Poses, Tracks, poses_of_record, same_vehicle_notes
 from pymantaray.exchange.tum import read_tum
@@ -41,7 +42,8 @@ def read_trajectories(source: Source, *, enu: bool = False, names: Sequence[str]
         the format: tables (``.csv``, ``.tsv``, ``.txt``, ``.parquet``), TUM files with one vehicle
         each (``.tum``, ``.txt``), EuRoC files (``.csv``), KITTI files with times beside them
         (``.txt``), CF trajectories or a study's ``truth.nc`` (``.nc``), ROS bags (``.bag``,
-        ``.mcap``, ``.db3`` or their folder).
+        ``.mcap``, ``.db3`` or their folder); of surface vehicles GPX (``.gpx``) and NMEA 0183
+        (``.nmea``, ``.log``, ``.txt``).
     enu : bool
         True if TUM, EuRoC and KITTI files use ROS's axes: world east, north, up; body forward,
         left, up.
@@ -105,6 +107,8 @@ def _format(path: Path) -> str:
     lines = first_bytes(path, _HEAD).decode("utf-8", "replace").splitlines()
     if any(map(HEADER.match, lines)):
         return "euroc"
+    if any(map(NMEA.match, lines)):
+        return "nmea"
     first = next((line for line in lines if line.strip() and not line.lstrip().startswith("#")), "")
     cells = re.split(r"[\s,;]+", first.strip(" \t,;"))
     try:
@@ -129,6 +133,8 @@ def _read_netcdf(path: Path) -> tuple[list[Poses], list[str]]:
 _FORMATS = {
     **dict.fromkeys((".csv", ".tsv", ".txt", ".parquet"), "table"),
     **dict.fromkeys((".bag", ".mcap", ".db3"), "bag"),
+    **dict.fromkeys((".nmea", ".log"), "nmea"),
+    ".gpx": "gpx",
     ".nc": "netcdf",
     ".tum": "tum",
 }
@@ -137,6 +143,8 @@ _READERS: dict[str, Reader] = {
     **_TEXTS,
     "table": read_table,
     "bag": read_bag,
+    "gpx": read_gpx,
+    "nmea": read_nmea,
     "netcdf": _read_netcdf,
 }
 _NUMBERS = {8: "tum", 12: "kitti"}

@@ -1,5 +1,5 @@
 """
-Reader of Argo profile files, as data centres deliver them or argopy writes them.
+Reader of Argo profile files, as data centres deliver them or argopy writes them, and of EN4.
 
 Format: Argo user's manual, doi:10.13155/29825, core-Argo profile format 3.1 and reference table 2.
 Sources: excerpts of the manual and headers of files.
@@ -38,9 +38,39 @@ def read_argo(path: str | Path) -> list[Cast]:
     path = Path(path)
     try:
         with reading(path) as data:
-            return _profiles(data, path)
+            return _profiles(_of_en4(data) if "POTM_CORRECTED" in data else data, path)
     except OceanError as error:
         raise OceanError(f"{path}: {str(error).removeprefix(f'{path.name}: ')}") from None
+
+
+def _of_en4(data: xr.Dataset) -> xr.Dataset:
+    """
+    Profiles of EN4 (Good et al., 2013, https://doi.org/10.1002/2013JC009067) with the names of
+    Argo: corrected depth, potential temperature and salinity as pressure, temperature and salinity.
+    """
+    missing = [n for n in ("DEPH_CORRECTED", "PSAL_CORRECTED") if n not in data.variables]
+    if missing:
+        raise OceanError(f"lacks {' and '.join(missing)}, which profiles of EN4 have")
+    shape = data.variables["POTM_CORRECTED"].shape
+    lat, lon = (
+        np.where(np.abs(angle) < _FILL, angle, np.nan)[:, None]
+        for angle in (_angles(data, name, shape[:1]) for name in ("LATITUDE", "LONGITUDE"))
+    )
+    depth, potential, salinity = (
+        _values(data, f"{name}_CORRECTED", shape) for name in ("DEPH", "POTM", "PSAL")
+    )
+    with np.errstate(all="ignore"):
+        pressure = gsw.p_from_z(-depth, lat)
+        absolute = gsw.SA_from_SP(salinity, pressure, lon, lat)
+        temperature = gsw.pt_from_t(absolute, potential, 0.0, pressure)
+    values = {"PRES": pressure, "TEMP": temperature, "PSAL": salinity}
+    argo = data.drop_vars([n for n in data.variables if "CYCLE_NUMBER" in str(n)])
+    for (name, array), own in zip(values.items(), ("DEPH", "POTM", "PSAL"), strict=True):
+        argo[name] = _DIMS, array
+        flags = _letters(data, f"{own}_CORRECTED_QC", shape)
+        if flags is not None:
+            argo[f"{name}_QC"] = _DIMS, flags
+    return argo
 
 
 def _profiles(data: xr.Dataset, path: Path) -> list[Cast]:

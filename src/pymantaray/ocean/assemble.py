@@ -22,7 +22,13 @@ from pymantaray.ocean.convert import (
     up_to_surface,
 )
 from pymantaray.ocean.files import file_name, text
-from pymantaray.ocean.schema import DIMS, VARIABLES, assemble_ocean
+from pymantaray.ocean.schema import (
+    DIMS,
+    SEA_FLOOR,
+    SEA_FLOOR_ATTRIBUTES,
+    VARIABLES,
+    assemble_ocean,
+)
 
 if TYPE_CHECKING:
     from pymantaray.ocean.open import Collection, Part
@@ -90,6 +96,8 @@ def ocean_of(
         **_provenance(collection),
         validate=False,
     )
+    if (bed := part.sea_floor()) is not None:
+        ocean = ocean.assign({SEA_FLOOR: (DIMS[1:], bed, SEA_FLOOR_ATTRIBUTES)})
     if own and not steps:
         return _with_own_attributes(ocean, part)
     history = str(part.data.attrs.get("history", "")).splitlines()[:50]

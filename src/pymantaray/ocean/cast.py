@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 
 from pymantaray.arrays import Array
 from pymantaray.errors import OceanError, RecordError, errors_as
+from pymantaray.ocean.archives import ArchiveTable, archive_table
 from pymantaray.ocean.cast_rows import LIMITS, usable_rows, without_fills
 from pymantaray.ocean.convert import is_unit_of, minute, our_unit, to_our_unit, vertical_of
 from pymantaray.ocean.instrument_table import InstrumentTable
@@ -24,7 +25,6 @@ from pymantaray.ocean.names import Equation
 from pymantaray.ocean.positions import is_position, position_in_text
 from pymantaray.ocean.schema import latitude, layer_edges, longitude
 from pymantaray.ocean.seawater import TOO_COLD, freezing_notes, repair_salinity, sound_speed
-from pymantaray.ocean.whp import bottle_table
 from pymantaray.quantities.checks import checked_array
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.text_table import read_text, read_text_table
@@ -384,9 +384,8 @@ def read_cast_table(path: str | Path) -> CastTable:
     if instrument is not None:
         return _of_instrument(Path(path), instrument)
     invalid = InvalidLines()
-    bottles = text.startswith("BOTTLE,")
-    text, notes = bottle_table(path, lines) if bottles else (text, ())
-    table = read_text_table(path, text, invalid=invalid)
+    archive = archive_table(Path(path), text, lines) or ArchiveTable("", text, ())
+    table = read_text_table(path, archive.text, invalid=invalid)
     header = tuple(table.frame.columns)
     columns, texts = _columns(table.path, header)
     rows = table.frame.set_axis(range(len(header)), axis=1)
@@ -399,8 +398,8 @@ def read_cast_table(path: str | Path) -> CastTable:
         columns,
         texts,
         bracketed,
-        instrument="WHP-exchange bottles" if bottles else "",
-        notes=notes,
+        instrument=archive.name,
+        notes=archive.notes,
     )
     return whole.readable(invalid)
 

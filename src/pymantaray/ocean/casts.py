@@ -88,10 +88,11 @@ def read_cast(
     path : str or pathlib.Path
         One of: CSV with named columns (depth or pressure; in-situ, potential or conservative
         temperature; practical or absolute salinity); a point table of HYCOM from the NetCDF Subset
-        Service, also with packed integers; an Argo NetCDF file; a CF data set of profiles; in-situ
-        profiles of Copernicus; WHP-exchange of a CTD or bottles; a profile of an ice-tethered
-        profiler; an instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``,
-        CastAway, Valeport, AML).
+        Service, also with packed integers; a spreadsheet of Ocean Data View; CSV of the World Ocean
+        Database; an Argo NetCDF file; profiles of EN4; a CF data set of profiles; in-situ profiles
+        of Copernicus; WHP-exchange of a CTD or bottles; a profile of an ice-tethered profiler; an
+        instrument's file (Sea-Bird ``.cnv``, Sippican ``.edf``, RBR text or ``.rsk``, CastAway,
+        Valeport, AML, SAIV).
     lat, lon : float, optional
         Place. Default: columns ``lat`` and ``lon``, or a comment such as ``# ... lat 74.0, lon
         -140.0``. [degrees]
@@ -232,7 +233,8 @@ def holds_casts(path: str | Path) -> bool:
     if not is_netcdf(Path(path)):
         return True
     with open_file(path) as data:
-        return "PRES" in data.variables or holds_profiles(data)
+        known = {"PRES", "POTM_CORRECTED"} & data.variables.keys()
+        return bool(known) or holds_profiles(data)
 
 
 def cast_tables(path: Path) -> dict[str, CastTable]:

@@ -44,7 +44,6 @@ _ROLES: dict[str, dict[str, str]] = {
 _STANDARD_NAMES = [standard_name for kinds in _ROLES.values() for standard_name in kinds]
 _GRID_RELATIVE = ("sea_water_x_velocity", "sea_water_y_velocity")
 _TERRAIN = ("ocean_s_coordinate", "ocean_sigma", "ocean_double_sigma")
-_NORTH = ("degrees_north", "degree_north", "degrees_n", "degree_n")
 _MAX_NAMES = 12
 # objectively analysed mean of the World Ocean Atlas, beside statistics with the same standard name
 _ANALYSED = "_an"
@@ -53,8 +52,9 @@ _PLAIN_NAMES = {
     "longitude": ("lon", "longitude"),
     "depth": ("depth",),
 }
-_REGRID = (
-    "regrid it to latitude and longitude first (xesmf), and rotate the currents to east and north"
+_NAME_AXES = (
+    "give its axes standard names (grid_latitude, projection_x_coordinate, ...) and the parameters"
+    " of the projection, or add latitudes and longitudes in two dimensions"
 )
 
 
@@ -129,7 +129,7 @@ def layout_of(data: xr.Dataset) -> Layout:
     fields = tuple(f for role in _ROLES if (f := _field(data, role, named)) is not None)
     relative = tuple(n for s in _GRID_RELATIVE for n in named.get(s, []))
     if not fields:
-        _refuse_model_grid(data)
+        _refuse_terrain(data)
         if relative:
             _refuse(data, grid_relative_refusal(relative))
         _refuse(
@@ -172,34 +172,19 @@ def listed_variables(data: xr.Dataset) -> str:
     return ", ".join(words) + (f" and {more} more" if more > 0 else "") if words else "no variable"
 
 
-def _refuse_model_grid(data: xr.Dataset) -> None:
+def _refuse_terrain(data: xr.Dataset) -> None:
     """
-    Raise an error with all causes if a grid is curvilinear or has terrain-following levels, as in
-    ROMS.
+    Raise an error if the levels of a grid of latitudes and longitudes follow the sea bed; those of
+    a model's own grid are read before.
     """
-    curved = [str(n) for n, v in data.variables.items() if v.ndim == 2 and _is_latitude(v)]
     terrain = [str(n) for n, v in data.variables.items() if _follows_bed(v)]
-    straight = any(v.ndim == 1 and _is_latitude(v) for v in data.variables.values())
-    reasons = []
-    remedies = []
-    if curved and not straight:
-        reasons.append(f"its grid is curvilinear ({curved[0]} has two dimensions)")
-        remedies.append(
-            "regrid it to latitude and longitude (xesmf) and rotate the currents to east and north"
-        )
     if terrain:
-        reasons.append(f"its levels follow the sea bed ({terrain[0]})")
-        remedies.append("interpolate it to fixed depths (xgcm, xroms)")
-    if reasons:
-        neither = "neither is" if len(reasons) == 2 else "this is not"
         _refuse(
-            data, f"{' and '.join(reasons)}; {neither} supported; first {', and '.join(remedies)}"
+            data,
+            f"its levels follow the sea bed ({terrain[0]}), but it is no file of ROMS or CROCO with"
+            " latitudes and longitudes in two dimensions; interpolate it to fixed depths first"
+            " (xgcm, xroms)",
         )
-
-
-def _is_latitude(variable: xr.Variable) -> bool:
-    unit = text(variable, "units").lower()
-    return text(variable, "standard_name") == "latitude" or unit in _NORTH
 
 
 def _follows_bed(variable: xr.Variable) -> bool:
@@ -278,18 +263,18 @@ def _one(data: xr.Dataset, name: str, axis: str, candidates: Sequence[object]) -
         f"{name} with dimensions {', '.join(map(str, dims))} has no {axis} axis; add a coordinate"
         " with standard_name and units according to CF"
     )
-    if any(data.variables[n].ndim >= 2 for n in names):
-        _refuse_model_grid(data)
-        line = f"{axis} has two dimensions (curvilinear grid); {_REGRID}"
-        if axis == "depth":
-            line = f"{names[0]} varies horizontally; interpolate to fixed depths first (xgcm)"
+    if axis != "depth":
+        line += ", or name the file with the model's grid too"
+    if axis == "depth" and any(data.variables[n].ndim >= 2 for n in names):
+        _refuse_terrain(data)
+        line = f"{names[0]} varies horizontally; interpolate to fixed depths first (xgcm)"
     _refuse(data, line)
 
 
 def _refuse_other_verticals(data: xr.Dataset, name: str) -> None:
     standard_name = text(data.variables[name], "standard_name")
     if _follows_bed(data.variables[name]):
-        _refuse_model_grid(data)
+        _refuse_terrain(data)
     if (
         "density" in standard_name
         or "sigma_t" in standard_name
@@ -306,7 +291,8 @@ def _refuse_other_horizontals(data: xr.Dataset) -> None:
         mapping = text(variable, "grid_mapping_name")
         standard_name = text(variable, "standard_name")
         if mapping.startswith("rotated") or standard_name in ("grid_latitude", "grid_longitude"):
-            _refuse(data, f"the grid has a rotated pole ({name}); {_REGRID}")
+            _refuse(data, f"the grid has a rotated pole ({name}); {_NAME_AXES}")
         projected = standard_name in ("projection_x_coordinate", "projection_y_coordinate")
         if projected or mapping not in ("", "latitude_longitude"):
-            _refuse(data, f"the grid is projected ({name}: {mapping or standard_name}); {_REGRID}")
+            kind = mapping or standard_name
+            _refuse(data, f"the grid is projected ({name}: {kind}); {_NAME_AXES}")

@@ -59,6 +59,7 @@ _CHANGES = [
     "exactly 0",
     "valid range",
     "climatology",
+    "interpolated from",
 ]
 _DOUBTS = {  # limit and remedy
     "made up": ("", "do not report it as an ocean from a model or measurements"),

@@ -15,6 +15,7 @@ import xarray as xr
 from pymantaray.arrays import Array
 from pymantaray.errors import MantaRayError, OceanError, optional_package
 from pymantaray.messages import one_line
+from pymantaray.ocean.rasters import is_text_grid, read_text_grid
 from pymantaray.ocean.zarr_metadata import check_zarr
 from pymantaray.records.unpacking import MAX_UNPACKED_BYTES
 from pymantaray.records.writing import NETCDF_LOCK
@@ -28,17 +29,12 @@ copies of each.
 IN_MEMORY = "data set in memory"
 _SHORTEST = 4  # bytes of an integer that is a limit of real numbers, not of packed ones
 _RASTERS = {
-    b"ncols": "an ESRI ASCII grid",
-    b"ii*\0": "a GeoTIFF",
-    b"mm\0*": "a GeoTIFF",
-    b"ii+\0": "a GeoTIFF",
     b"grib": "a GRIB file",
     b"dsaa": "a Surfer grid",
     b"dsbb": "a Surfer grid",
 }
-"""Formats of grids by their first bytes, in lower case."""
-_XYZ = 6
-_NUMBER = re.compile(r"[-+]?\d*\.?\d+(e[-+]?\d+)?,?", re.IGNORECASE)
+"""Formats of grids that are not read by their first bytes, in lower case."""
+_TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _NEVER_WRITTEN = {  # default fill values of the NetCDF library
     "f4": np.float32(9.9692099683868690e36),
     "f8": np.float64(9.9692099683868690e36),
@@ -63,12 +59,18 @@ def open_file(path: str | Path | xr.Dataset) -> xr.Dataset:
         )
         raise OceanError(f"{address[0]}: {line}")
     path = Path(path)
+    if exists(path) and path.is_file() and is_text_grid(path):
+        return read_text_grid(path)
     engine = _engine(path)
-    options: dict[str, Any] = {"consolidated": False} if engine == "zarr" else {}
+    options: dict[str, Any] = {"decode_cf": False}
+    if engine == "zarr":
+        options["consolidated"] = False
+    if engine == "rasterio":  # it accepts no other value of decode_coords
+        options = {"mask_and_scale": False, "decode_times": False, "decode_coords": "all"}
     with NETCDF_LOCK, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         try:
-            raw = xr.open_dataset(path, engine=engine, decode_cf=False, **options)
+            raw = xr.open_dataset(path, engine=engine, **options)
             try:
                 if engine == "netcdf4":
                     _check_length(raw, path)
@@ -258,16 +260,17 @@ def _engine(path: Path) -> str:
     check_regular(path, OceanError, what="a NetCDF file")
     if is_netcdf(path):
         return "netcdf4"
+    if first_bytes(path, 4) in _TIFF:
+        with optional_package(OceanError, path.name, "rioxarray", "raster"):
+            import rioxarray  # noqa: F401
+        return "rasterio"
     raise OceanError(f"{path.name}: {_other_format(path)}")
 
 
 def _other_format(path: Path) -> str:
     """Cause and remedy for a file that is not NetCDF, by its first bytes."""
     start = first_bytes(path, 200)
-    words = start.decode("latin-1").split()
     grid = next((name for first, name in _RASTERS.items() if start.lower().startswith(first)), "")
-    if not grid and len(words) > _XYZ and all(map(_NUMBER.fullmatch, words[:_XYZ])):
-        grid = "a text of numbers, such as xyz"
     if grid:
         return (
             f"{grid}, not NetCDF; convert it with gdal_translate -of netCDF {path.name}"

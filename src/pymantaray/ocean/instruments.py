@@ -37,6 +37,7 @@ from pymantaray.ocean.instrument_table import (
 from pymantaray.ocean.itp import ITP_HEADER, read_itp
 from pymantaray.ocean.positions import position_in_text
 from pymantaray.ocean.whp import WHP_HEADER, read_whp
+from pymantaray.records.digits import counted
 
 _SEA_BIRD = (  # short names of Seasoft's variables
     (r"pr(50|[dDS])?M?\d?", "pressure [dbar]"),
@@ -60,6 +61,12 @@ _SEA_BIRD = (  # short names of Seasoft's variables
     (r"sv[CDW]F\d?", "sound_speed [ft/s]"),
     (r"latitude", "lat [degrees]"),
     (r"longitude", "lon [degrees]"),
+)
+_SAIV = (
+    (r"Press", "pressure [dbar]"),
+    (r"Temp", "temperature [degC]"),
+    (r"Sal", "salinity [1]"),
+    (r"S\. ?vel", "sound_speed [m/s]"),
 )
 _FRESH_WATER_DEPTH = 1.019716
 """Seasoft's depth in fresh water over pressure. [m/dbar]"""
@@ -307,6 +314,24 @@ def _valeport_mini(lines: Lines) -> InstrumentTable:
     return InstrumentTable("Valeport", columns, rows, position_texts(head), time, tuple(notes))
 
 
+def _saiv(lines: Lines) -> InstrumentTable:
+    start = next(i for i, line in enumerate(lines) if line.startswith("Ser\tMeas"))
+    names = [name.strip() for name in lines[start].split("\t")]
+    titles = first_of_each(
+        next((title for form, title in _SAIV if re.match(form, name, re.IGNORECASE)), "")
+        for name in names
+    )
+    rows = numeric_rows([line.replace(",", ".") for line in lines], start + 1, "\t")
+    series = [cells[0] for cells in rows.values()]
+    used = {i: cells for i, cells in rows.items() if cells[0] == series[0]}
+    left = len(set(series)) - 1
+    notes = [f"series {series[0]} is read, {counted(left, 'other series')} not"] if left else []
+    first = dict(zip(names, lines[min(used) - 1].split("\t"), strict=False)) if used else {}
+    when = f"{first.get('Date', '')} {first.get('Time', '')}".strip()
+    time, about_time = written_instant(when, day_first=True)
+    return InstrumentTable("SAIV", titles, used, ("", ""), time, (*notes, *about_time), names)
+
+
 def _rbr(lines: Lines) -> InstrumentTable:
     start = next(
         i
@@ -352,6 +377,7 @@ _FORMATS: tuple[tuple[Callable[[Lines], bool], Callable[[Lines], InstrumentTable
     (_any(r"\[(data|measurementdata)\]$"), _sections),
     (_any(r"Previous File Location\s*:"), _valeport_midas),
     (_any(r"Pressure units:"), _valeport_mini),
+    (_any(r"Ser\tMeas\t"), _saiv),
     (lambda head: bool(head) and _any(r"(Model=|RBR"
                                       r" )")(head[:3]) and _any("(time|timestamp|date &"
                                                                 " time)")(head), _rbr),

@@ -16,6 +16,7 @@ from pymantaray.ocean.convert import is_our_unit, our_unit
 from pymantaray.ocean.environment import is_environment, read_environment
 from pymantaray.ocean.files import IN_MEMORY, is_netcdf, open_file
 from pymantaray.ocean.local import assemble_local
+from pymantaray.ocean.range_section import is_range_section, is_section_data, read_range_section
 from pymantaray.ocean.schema import layer_edges
 from pymantaray.ocean.sea_floor import extended_down, nearest_wet_columns
 from pymantaray.quantities.checks import checked_array
@@ -30,14 +31,14 @@ _QUANTITIES = {
 
 
 def is_in_metres(data: xr.Dataset) -> bool:
-    """True if a data set has a sound speed along axes north and east."""
-    return "sound_speed" in data and {"north", "east"} <= set(data.dims)
+    """True if a data set has a sound speed along axes north and east, or along range and depth."""
+    return is_section_data(data) or ("sound_speed" in data and {"north", "east"} <= set(data.dims))
 
 
 def file_in_metres(path: str) -> bool:
     """True if a file has water in metres."""
     if not is_netcdf(Path(path)):
-        return is_environment(path)
+        return is_environment(path) or is_range_section(path)
     with open_file(path) as data:
         return is_in_metres(data)
 
@@ -46,6 +47,8 @@ def read_file_in_metres(path: str) -> xr.Dataset:
     """Read a file with water in metres."""
     if is_environment(path):
         return read_environment(path)
+    if is_range_section(path):
+        return read_range_section(path)
     with open_file(path) as data:
         return data.load()
 

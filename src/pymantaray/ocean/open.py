@@ -31,11 +31,13 @@ from pymantaray.ocean.files import (
     IN_MEMORY,
     counted_numbers,
     file_name,
+    numbers,
     open_file,
     unreadable,
 )
+from pymantaray.ocean.model_ocean import on_geographic_axes
 from pymantaray.ocean.names import SYNTHETIC
-from pymantaray.ocean.schema import VARIABLES, validate_ocean, with_history
+from pymantaray.ocean.schema import SEA_FLOOR, VARIABLES, validate_ocean, with_history
 from pymantaray.ocean.synthetic import EPOCH, synthetic_axes, synthetic_ocean
 from pymantaray.ocean.window import SAME_DEGREES, GeographicWindow, Selection, crop, select
 
@@ -56,6 +58,7 @@ def open_ocean(
     window: GeographicWindow | None = None,
     currents: CurrentsPolicy = "required",
     names: Names | None = None,
+    around: GeographicWindow | None = None,
 ) -> xr.Dataset:
     """
     Open and validate an ocean.
@@ -63,10 +66,10 @@ def open_ocean(
     Parameters
     ----------
     source : str, Path, xarray.Dataset or sequence of them
-        A NetCDF file, zarr folder or data set in memory with HYCOM's variables or CF standard
-        names; several of these that belong together; or ``"synthetic:beaufort"`` or
-        ``"synthetic:fram"``. Axes may have any order and direction. A valid ocean written as NetCDF
-        is returned unchanged.
+        A NetCDF file, zarr folder or data set in memory with HYCOM's variables, CF standard names,
+        or the names of ROMS, CROCO, NEMO or MOM6; several of these that belong together; or
+        ``"synthetic:beaufort"`` or ``"synthetic:fram"``. Axes may have any order and direction. A
+        valid ocean written as NetCDF is returned unchanged.
     time : str or numpy.datetime64, optional
         Instant (UTC). Default: the only time of files, NaT for a data set without time; 15 July
         2014, 12 h for synthetic oceans. Data sets without time, and climatologies such as the World
@@ -80,6 +83,9 @@ def open_ocean(
         CF standard names of variables without one, such as ``{"temp":
         "sea_water_potential_temperature"}``. A unit may follow, ``{"temp":
         "sea_water_temperature[degC]"}``.
+    around : tuple of float, optional
+        Window as which curvilinear grids are interpolated to latitudes and longitudes if ``window``
+        is None; it does not affect other grids. Default: the whole grid. [degrees]
 
     Returns
     -------
@@ -98,7 +104,9 @@ def open_ocean(
     >>> dict(ocean.sizes)
     {'depth': 40, 'lat': 25, 'lon': 51}
     """
-    ocean = read_ocean(source, time=time, window=window, currents=currents, names=names)
+    ocean = read_ocean(
+        source, time=time, window=window, currents=currents, names=names, around=around
+    )
     _validate(ocean, source)
     return ocean
 
@@ -110,12 +118,13 @@ def read_ocean(
     window: GeographicWindow | None,
     currents: CurrentsPolicy,
     names: Names | None = None,
+    around: GeographicWindow | None = None,
 ) -> xr.Dataset:
     """Read and convert an ocean without validation; otherwise as `open_ocean`."""
     sources, region = _sources(source)
     if region is not None:
         return crop(synthetic_ocean(region, EPOCH if time is None else time), window)
-    with Collection(sources, window, names) as collection:
+    with Collection(sources, window, names, around) as collection:
         collection.needed(currents)
         return collection.ocean_at(time, currents)
 
@@ -128,13 +137,14 @@ def open_ocean_series(
     window: GeographicWindow | None = None,
     currents: CurrentsPolicy = "required",
     names: Names | None = None,
+    around: GeographicWindow | None = None,
 ) -> tuple[xr.Dataset, ...]:
     """
     Open the oceans of a source at all instants that enclose a time span.
 
     Parameters
     ----------
-    source, window, currents, names
+    source, window, currents, names, around
         As in `open_ocean`.
     start, stop : str or numpy.datetime64
         Time span (UTC). The source must cover it.
@@ -157,7 +167,7 @@ def open_ocean_series(
         return tuple(
             crop(synthetic_ocean(region, t), window) for t in _enclosing(times, first, last, region)
         )
-    with Collection(sources, window, names) as collection:
+    with Collection(sources, window, names, around) as collection:
         if np.isnat(collection.times()).all():
             raise OceanError(
                 f"{collection.names}: no time coordinate; an ocean that varies needs one"
@@ -342,6 +352,18 @@ class Part:
         whole = self.grid.in_order(whole[:: -1 if self.upward else 1])
         return without_scaled_fill(field.variable, np.ascontiguousarray(whole)), invalid
 
+    def sea_floor(self) -> Array | None:
+        """Sea floor (lat, lon) of the model, if the file has it on its axes. [m]"""
+        variable = self.data.variables.get(SEA_FLOOR)
+        names = tuple(self.data.variables[n].dims[0] for n in (self.layout.lat, self.layout.lon))
+        if variable is None or variable.dims != names:
+            return None
+        columns = [
+            numbers(self.data, SEA_FLOOR, {str(names[0]): self.grid.rows, str(names[1]): c})
+            for c in self.grid.blocks
+        ]
+        return self.grid.in_order(np.concatenate(columns, axis=1))
+
 
 def _part(data: xr.Dataset, window: GeographicWindow | None) -> Part:
     try:
@@ -358,6 +380,7 @@ class Collection:
         paths: Sequence[str | Path | xr.Dataset],
         window: GeographicWindow | None = None,
         names: Names | None = None,
+        around: GeographicWindow | None = None,
     ) -> None:
         if not paths:
             raise OceanError("ocean: no file; name at least one NetCDF file")
@@ -366,6 +389,7 @@ class Collection:
             for one in data:
                 stack.callback(one.close)
             cf.with_standard_names(data, names or {})
+            data = list(on_geographic_axes(data, window or around))
             self.parts = [_part(one, window) for one in data]
             self.names = _names([file_name(part.data) for part in self.parts])
             missing = [r for r in _ROLES[:2] if not any(p.field(r) for p in self.parts)]

@@ -20,6 +20,9 @@ _NOTED = (
     "are exactly 0 there",
     "a salinity of 0 in salty water",
 )
+SEA_FLOOR = "sea_floor_depth"
+"""Optional variable (lat, lon): sea floor of the model; without it, the levels show the floor."""
+SEA_FLOOR_ATTRIBUTES = {"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"}
 MIN_POINTS = {"depth": 2, "lat": 4, "lon": 4}  # horizontal cubic splines need four points
 
 

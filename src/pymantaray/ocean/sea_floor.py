@@ -13,11 +13,12 @@ import xarray as xr
 from pymantaray.arrays import AnyArray, Array, Indices, Mask
 from pymantaray.errors import OceanError
 from pymantaray.geometry.grid import linear_interpolator
-from pymantaray.geometry.longitude import whole_turns
+from pymantaray.geometry.longitude import eastward, whole_turns
 from pymantaray.messages import one_line
 from pymantaray.ocean.convert import is_our_unit, is_unit_of, to_our_unit
 from pymantaray.ocean.files import file_name, numbers, open_file, text
-from pymantaray.ocean.schema import layer_edges
+from pymantaray.ocean.rasters import RASTER
+from pymantaray.ocean.schema import SEA_FLOOR, SEA_FLOOR_ATTRIBUTES, layer_edges
 from pymantaray.ocean.sea_floor_water import SIGN_REMEDY, in_water, sea_floor_notes
 from pymantaray.ocean.window import GeographicWindow, Window, checked_window, select
 
@@ -55,7 +56,8 @@ _UP = (
     "altitude",
 )
 _NAMED = {"deptho": "down", "elevation": "up", "z": "up", "topo": "up", "altitude": "up"}
-_NAMED |= dict.fromkeys(("bathymetry", "bathy", "depth", "band1"), "")
+_RASTERS = (RASTER, "band1", "band_data")  # of files without names: mixed signs are heights
+_NAMED |= dict.fromkeys(("bathymetry", "bathy", "depth", *_RASTERS), "")
 _LAT = ("lat", "latitude", "nav_lat", "y")
 _LON = ("lon", "longitude", "nav_lon", "x")
 _Y = ("latitude", "projection_y_coordinate")
@@ -65,8 +67,8 @@ _CRS_REMEDY = 'name it with crs, "EPSG:3996" for IBCAO, or use the geographic ve
 
 def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     """
-    Sea floor from the levels of an ocean: half-way from the deepest valid level of each column to
-    the next.
+    Sea floor of an ocean: of its model, or from its levels, half-way from the deepest valid level
+    of each column to the next.
 
     Parameters
     ----------
@@ -78,14 +80,16 @@ def sea_floor_depth(ocean: xr.Dataset) -> xr.DataArray:
     xarray.DataArray, dimensions (lat, lon)
         Depth; 0 on land, and the depth of the last level if it is valid. [m]
     """
+    if SEA_FLOOR in ocean:
+        return ocean[SEA_FLOOR]
     depth = np.asarray(ocean["depth"].values, dtype=float)
     levels = np.isfinite(ocean["water_temp"].values).sum(axis=0)
     return xr.DataArray(
         layer_edges(depth)[levels],
         coords={"lat": ocean["lat"], "lon": ocean["lon"]},
         dims=("lat", "lon"),
-        name="sea_floor_depth",
-        attrs={"standard_name": "sea_floor_depth_below_sea_surface", "units": "m"},
+        name=SEA_FLOOR,
+        attrs=SEA_FLOOR_ATTRIBUTES,
     )
 
 
@@ -255,8 +259,9 @@ def open_sea_floor(
         Coordinate reference system of a file on projected axes without this information, such as
         ``"EPSG:3996"`` for IBCAO's grids.
     ocean : xarray.Dataset, optional
-        A valid ocean whose water the sea floor must hold. Where the file has no depth and the ocean
-        has water, the depth is interpolated from the points around the gap.
+        A valid ocean whose water the sea floor must hold. Where the ocean has water and the file
+        no depth, the depth is interpolated from the points around a gap, and outside the file it is
+        the ocean's own.
 
     Returns
     -------
@@ -287,7 +292,9 @@ def open_sea_floor(
         missing = int(np.count_nonzero(np.isnan(depth)))
         notes = [f"no value at {missing} of {depth.size} points: land"] if missing else []
         if ocean is not None:
-            depth, notes = in_water(depth, lat, lon, ocean, name)
+            lat, lon, depth = _extended(lat, lon, depth, window, name)
+            own = np.asarray(sea_floor_depth(ocean).values, dtype=float)
+            depth, notes = in_water(depth, lat, lon, ocean, own, name)
         return xr.DataArray(
             np.nan_to_num(depth),
             coords={
@@ -304,6 +311,32 @@ def open_sea_floor(
                 "notes": tuple(f"{name}: {note}" for note in notes),
             },
         )
+
+
+def _extended(
+    lat: Array, lon: Array, depth: Array, window: GeographicWindow | None, name: str
+) -> tuple[Array, Array, Array]:
+    """Grid with points without a value, at its own spacing, where it does not cover a window."""
+    if window is None:
+        return lat, lon, depth
+    south, north, west, east = checked_window(window)
+    turn = 360.0 * np.round((0.5 * (lon[0] + lon[-1] - west - eastward(west, east))) / 360.0)
+    axes, widths = [], []
+    sides = (south, north), (west + turn, eastward(west, east) + turn)
+    for axis, (low, high) in zip((lat, lon), sides, strict=True):
+        step = float(np.median(np.diff(axis)))
+        width = [
+            max(int(np.ceil(gap / step - 1e-6)), 0) for gap in (axis[0] - low, high - axis[-1])
+        ]
+        before, after = (step * np.arange(1, count + 1) for count in width)
+        axes.append(np.concatenate([axis[0] - before[::-1], axis, axis[-1] + after]))
+        widths.append((width[0], width[1]))
+    if axes[0].size * axes[1].size > _MAX_NODES:
+        raise OceanError(
+            f"{name}: covers only a part of the ocean, which has {axes[0].size * axes[1].size:,}"
+            f" points at its spacing; the limit is {_MAX_NODES:,}; choose a smaller ocean"
+        )
+    return axes[0], axes[1], np.pad(depth, widths, constant_values=np.nan)
 
 
 class HorizontalField(NamedTuple):
@@ -517,7 +550,7 @@ def _crs_of(field: HorizontalField, crs: str | None) -> pyproj.CRS:
 
 def _nodes(window: GeographicWindow, spacing: float, where: str) -> tuple[Array, Array]:
     south, north, west, east = window
-    east = east if east > west else east + 360.0
+    east = eastward(west, east)
     parallel = max(float(np.cos(np.radians(0.5 * (south + north)))), 1e-3)
     n_lat = 1 + max(1, round((north - south) * _DEGREE / spacing))
     n_lon = 1 + max(1, round((east - west) * _DEGREE * parallel / spacing))
@@ -556,6 +589,8 @@ def _downward(values: Array, field: HorizontalField) -> Array:
     if not finite.size:
         raise OceanError(f"{name} has no values in the window; choose another window")
     positive = positive or ("down" if finite.min() >= 0.0 else "up" if finite.max() <= 0.0 else "")
+    if not positive and field.name in _RASTERS:
+        positive = "up"
     if not positive:
         raise OceanError(
             f"{name} has positive and negative values; set its attribute positive to 'up' or 'down'"

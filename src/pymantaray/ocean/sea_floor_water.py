@@ -26,11 +26,14 @@ def sea_floor_notes(sea_floor: xr.DataArray | None) -> tuple[str, ...]:
 
 
 def in_water(
-    depth: Array, lat: Array, lon: Array, ocean: xr.Dataset, name: str
+    depth: Array, lat: Array, lon: Array, ocean: xr.Dataset, own: Array, name: str
 ) -> tuple[Array, list[str]]:
     """
     Depths of a file (lat, lon) without gaps in the water of an ocean, and notes; a file that is
     land in most of the water raises an error.
+
+    Gaps that reach the edge have the depth ``own`` of the ocean (its lat, lon); others are filled
+    from the points around them.
     """
     notes: list[str] = []
     axes = [np.asarray(ocean[axis].values, dtype=float) for axis in ("lat", "lon")]
@@ -39,6 +42,10 @@ def in_water(
     levels = np.isfinite(ocean["water_temp"].values).sum(axis=0)
     water = np.asarray(ocean["depth"].values, dtype=float)[np.maximum(levels, 1) - 1]
     nearest = np.ix_(*(_nearest(own, at) for own, at in zip(axes, (lat, lon), strict=True)))
+    outside = _reaching_the_edge(np.isnan(depth))
+    if outside.any():
+        depth, note = _with_own(depth, outside, (lat, lon), (axes[0], axes[1]), own)
+        notes.append(note)
     gaps = np.isnan(depth) & (levels[nearest] > 0)
     if gaps.any():
         count = int(np.count_nonzero(gaps))
@@ -69,6 +76,36 @@ def in_water(
             " to this region and is in metres"
         )
     return depth, notes
+
+
+def _reaching_the_edge(missing: Mask) -> Mask:
+    """Missing points that are connected with the edge of a grid."""
+    from scipy import ndimage
+
+    labels, _ = ndimage.label(missing)
+    edge = np.concatenate([labels[0], labels[-1], labels[:, 0], labels[:, -1]])
+    return missing & np.isin(labels, edge[edge > 0])
+
+
+def _with_own(
+    depth: Array,
+    outside: Mask,
+    at: tuple[Array, Array],
+    axes: tuple[Array, Array],
+    own: Array,
+) -> tuple[Array, str]:
+    """Depths with those of an ocean at points outside a file, and a note with the step between."""
+    places = np.stack(np.meshgrid(*at, indexing="ij"), axis=-1)
+    theirs = linear_interpolator(axes, own)(places)
+    both = np.where(outside, theirs, depth)
+    steps = [0.0]
+    for axis in (0, 1):
+        seam = np.diff(outside.astype(int), axis=axis) != 0
+        steps.append(np.max(np.abs(np.diff(both, axis=axis)), initial=0.0, where=seam))
+    return both, (
+        f"covers {100.0 * (1.0 - outside.mean()):.3g} % of the domain; elsewhere the sea floor is"
+        f" that of the ocean, with steps of up to {np.nanmax(steps):.0f} m at the edge"
+    )
 
 
 def _nearest(axis: Array, points: Array) -> Indices:

@@ -12,7 +12,7 @@ from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.frames import ellipsoid
 from pymantaray.ocean.convert import time_text
 from pymantaray.ocean.names import Equation
-from pymantaray.ocean.schema import DIMS, VARIABLES, validate_ocean
+from pymantaray.ocean.schema import DIMS, SEA_FLOOR, VARIABLES, validate_ocean
 from pymantaray.ocean.sea_floor import sea_floor_depth
 from pymantaray.ocean.seawater import ocean_sound_speed
 
@@ -183,11 +183,9 @@ def ocean_facts(ocean: xr.Dataset, sea_floor: xr.DataArray | None = None) -> dic
     )
     wet = np.isfinite(ocean["water_temp"].values)
     floor = (sea_floor_depth(ocean) if sea_floor is None else sea_floor).values
-    origin = (
-        "where the levels end"
-        if sea_floor is None
-        else str(sea_floor.attrs.get("source", "from a file"))
-    )
+    origin = "of the model" if SEA_FLOOR in ocean else "where the levels end"
+    if sea_floor is not None:
+        origin = str(sea_floor.attrs.get("source", "from a file"))
     middle = 0.5 * (lat[0] + lat[-1])
     deepest = depth[wet.any(axis=(1, 2))][-1]
     return {

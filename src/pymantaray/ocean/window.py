@@ -272,6 +272,26 @@ def window_of(ocean: xr.Dataset) -> GeographicWindow:
     return float(lat[0]), float(lat[-1]), float(lon[0]), float(lon[-1])
 
 
+def domain_window(
+    centre: tuple[float, float], half_extent: tuple[float, float]
+) -> GeographicWindow:
+    """
+    Window with a local domain, and a fifth of its size and 0.1 degrees more on each side.
+
+    ``centre`` contains latitude and longitude, ``half_extent`` the half sides (north, east) [m].
+    """
+    north, east = rectangle(*(1.2 * float(h) for h in half_extent))
+    lat, lon = LocalFrame(*centre).to_geodetic(north, east)
+    lon = wrap_longitude(lon, centre[1])
+    more = 0.1 / max(float(np.cos(np.radians(centre[0]))), 1e-3)
+    return (
+        max(float(lat.min()) - 0.1, -90.0),
+        min(float(lat.max()) + 0.1, 90.0),
+        float(lon.min()) - more,
+        float(lon.max()) + more,
+    )
+
+
 def counted_place(ocean: xr.Dataset, place: tuple[float, float], name: str) -> tuple[float, float]:
     """
     Latitude and longitude of a place in the longitude convention of an ocean; it must be in its

@@ -2,15 +2,35 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol, Self
 
 import numpy as np
 
+from pymantaray.errors import RecordError
 from pymantaray.records.base import Column, Record, column
 from pymantaray.records.status import RayAxis, RayStatus
 
 if TYPE_CHECKING:
     import pandas as pd
+    import xarray as xr
+
+_SIDE_SAMPLES = 16  # of a response before its first and after its last arrival
+
+
+class LossOfArrivals(Protocol):
+    """Loss of arrivals, such as `pymantaray.acoustics.TransmissionLoss`."""
+
+    @property
+    def link(self) -> Column:
+        """Link of each arrival."""
+
+    @property
+    def total_db(self) -> Column:
+        """Loss re 1 m. [dB]"""
+
+    @property
+    def boundary_phase(self) -> Column:
+        """Phase that the reflections add. [rad]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,6 +149,75 @@ class Arrivals(Record):
         rows = {name: np.concatenate([getattr(self, name), more[name]]) for name in names}
         order = np.lexsort((rows["travel_time"], rows["link"]))
         return replace(self, **{name: values[order] for name, values in rows.items()})
+
+    def impulse_response(
+        self, sampling_rate: float, loss: "LossOfArrivals | None" = None
+    ) -> "xr.DataArray":
+        r"""
+        Return the impulse response of each link, band-limited to half the sampling rate.
+
+        Parameters
+        ----------
+        sampling_rate : float
+            Samples per second. [Hz]
+        loss : TransmissionLoss, optional
+            Loss of these arrivals, from `pymantaray.acoustics.transmission_loss`: spreading,
+            absorption, and size and phase of reflections. Default: amplitudes re spherical
+            spreading, with reflections that lose nothing and reverse the sign at the surface.
+
+        Returns
+        -------
+        xarray.DataArray, shape (n_links, n_samples), complex
+            Coordinates ``delay`` [s] from the first arrival of each link, and its ``travel_time``
+            [s], NaN without an arrival, where the response is 0. The received signal is the real
+            part of the analytic signal convolved with the response.
+
+        Notes
+        -----
+        Each arrival adds :math:`a\, e^{-i \phi} \operatorname{sinc}(f_s (t - T))`. The phase
+        :math:`\phi` is that of its reflections minus a quarter of a cycle for each caustic, for
+        time as :math:`e^{-i \omega t}`, as in Bellhop's arrivals.
+
+        Raises
+        ------
+        RecordError
+            If the sampling rate is not positive, or the loss has other arrivals.
+        """
+        import xarray as xr
+
+        if not (np.isfinite(sampling_rate) and sampling_rate > 0.0):
+            raise RecordError(f"sampling_rate is {sampling_rate!r} Hz; it must be positive")
+        amplitude, phase = 10.0 ** (-self.spreading_db / 20.0), np.pi * self.surface_bounces
+        if loss is not None:
+            if not np.array_equal(loss.link, self.link):
+                raise RecordError("loss is of other arrivals; compute it from these")
+            amplitude, phase = 10.0 ** (-loss.total_db / 20.0), loss.boundary_phase
+        size = amplitude * np.exp(-1j * (phase - 0.5 * np.pi * self.caustics))
+        start = np.full(self.status.size, np.inf)
+        np.minimum.at(start, self.link, self.travel_time)
+        delay = self.travel_time - start[self.link]
+        count = int(np.ceil(sampling_rate * delay.max(initial=0.0))) + _SIDE_SAMPLES + 1
+        samples = np.arange(-_SIDE_SAMPLES, count)
+        response = np.zeros((start.size, samples.size), dtype=complex)
+        for row, link in enumerate(self.link.tolist()):
+            response[link] += size[row] * np.sinc(samples - sampling_rate * delay[row])
+        return xr.DataArray(
+            response,
+            {
+                "delay": ("delay", samples / sampling_rate, {"units": "s"}),
+                "travel_time": (
+                    "link",
+                    np.where(np.isfinite(start), start, np.nan),
+                    {"units": "s"},
+                ),
+            },
+            ("link", "delay"),
+            name="impulse_response",
+            attrs={
+                "units": "1",
+                "long_name": "pressure re 1 m" if loss else "re spherical spreading",
+            },
+        )
 
     def to_dataframe(self) -> "pd.DataFrame":
         """

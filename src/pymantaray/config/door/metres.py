@@ -18,6 +18,7 @@ from pymantaray.ocean.metres import (
     read_file_in_metres,
     with_flat_floor,
 )
+from pymantaray.ocean.range_section import along_bearing, is_section_data
 
 _WITHOUT_MEANING = (
     "names",
@@ -37,11 +38,16 @@ def section_in_metres(section: OceanSection) -> bool:
 
 def metres_of(section: OceanSection, data: xr.Dataset | None) -> xr.Dataset | None:
     """Data set in metres of a section, or in memory; None if the water is not in metres."""
-    if data is not None:
-        return data if is_in_metres(data) else None
-    if not section_in_metres(section):
+    if data is None and section_in_metres(section):
+        data = read_file_in_metres(section.source[0])
+    if data is None or not is_in_metres(data):
+        if section.bearing is not None:
+            raise OceanError(
+                "ocean.bearing (--bearing) applies to a section of sound speed by range and depth;"
+                " remove it"
+            )
         return None
-    return read_file_in_metres(section.source[0])
+    return along_bearing(data, section.bearing or 0.0) if is_section_data(data) else data
 
 
 def local_of(section: OceanSection, data: xr.Dataset) -> xr.Dataset:

@@ -46,6 +46,7 @@ from pymantaray.ocean.schema import reading_notes
 from pymantaray.ocean.sea_floor_water import sea_floor_notes
 from pymantaray.ocean.summary import columns_spread, profile_region, profile_spread
 from pymantaray.ocean.varying import series_of
+from pymantaray.ocean.window import domain_window
 from pymantaray.user_files import exists
 
 
@@ -380,6 +381,8 @@ def _open(
     """Snapshots of a mission, one for a constant ocean, and their times. [s]"""
     source: Source = section.source if data is None else data
     options: dict[str, Any] = {"currents": section.currents, "names": section.standard_names}
+    if section.centre is not None and section.half_extent is not None:
+        options["around"] = domain_window(section.centre, section.half_extent)
     if not section.time_varying:
         time = None if section.time is None else mission_start(section)
         return [open_ocean(source, time=time, **options)], np.zeros(1)

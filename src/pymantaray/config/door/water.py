@@ -27,10 +27,10 @@ from pymantaray.errors import AcousticsError, WaterError
 from pymantaray.geometry import LocalFrame
 from pymantaray.sensing.water import Water
 
-Source = SoundConfig | Medium | xr.Dataset | str | Path | Sequence[str | Path]
+Source = SoundConfig | Medium | xr.Dataset | xr.DataArray | str | Path | Sequence[str | Path]
 """
 Source of `open_water`: files, a profile or cast, name of a synthetic ocean, a preset, a TOML file,
-a data set or a medium.
+a data set, a section of sound speed (range, depth) or a medium.
 """
 
 
@@ -40,12 +40,13 @@ def open_water(source: Source, **options: Any) -> Water:
 
     Parameters
     ----------
-    source : str, Path, sequence of them, xarray.Dataset, SoundConfig or Medium
-        Ocean files that belong together; a profile or cast; ``"synthetic:beaufort"`` or
-        ``"synthetic:fram"``; the name of a preset or a study's TOML file; an ``environment.json``
-        of the paper's authors; a data set in memory, either an ocean on latitude and longitude or
-        in metres (north, east, depth; sound_speed; optional currents and sea floor); a
-        configuration (`load_sound`); or a medium, which allows no options.
+    source : str, Path, sequence of them, xarray.Dataset, xarray.DataArray, SoundConfig or Medium
+        Ocean files that belong together; a profile or cast; a section of sound speed by range and
+        depth, as a table, Bellhop's ``.ssp`` or a DataArray (range, depth) in metres and m/s;
+        ``"synthetic:beaufort"`` or ``"synthetic:fram"``; the name of a preset or a study's TOML
+        file; an ``environment.json`` of the paper's authors; a data set in memory, either an ocean
+        on latitude and longitude or in metres (north, east, depth; sound_speed; optional currents
+        and sea floor); a configuration (`load_sound`); or a medium, which allows no options.
     **options
         Keys of the sections ``[ocean]`` and ``[acoustics]`` of a study, such as
         ``bathymetry=2680.0``, ``ice=1.5``, ``interpolation="linear"`` and
@@ -91,6 +92,8 @@ def open_waters(source: Source, **options: Any) -> list[Water]:
         if options:
             raise WaterError(f"a medium allows no options; remove {', '.join(options)}")
         return [Water(source)]
+    if isinstance(source, xr.DataArray):
+        source = source.to_dataset(name="sound_speed")
     if isinstance(source, xr.Dataset):
         config = configuration_of(IN_MEMORY, options)
         return [_assembled(config, mission_ocean(config, source), source)]

@@ -1,0 +1,179 @@
+"""
+Files of archives with many casts, as tables of casts: spreadsheets of Ocean Data View, the CSV of
+the World Ocean Database, and bottles in the WHP-exchange format.
+
+Sources: the generic spreadsheet in the guide of Ocean Data View (https://odv.awi.de), and the
+description of WODselect's CSV (https://www.ncei.noaa.gov/access/world-ocean-database-select).
+"""
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+from pymantaray.errors import OceanError
+from pymantaray.ocean.instrument_table import Lines, number_of
+from pymantaray.ocean.whp import bottle_table
+from pymantaray.records.digits import counted
+
+_WOD = re.compile(r"CAST\s*,,\s*\d+\s*,WOD Unique Cast Number")
+_WOD_COLUMNS = {"depth": "Depth", "pressure": "Pressure", "temperature": "Temperatur"}
+_WOD_COLUMNS["salinity"] = "Salinity"
+_WOD_MISSING = ("---*---", "**********")
+_ODV_ROLES = {
+    "cruise": r"cruise",
+    "station": r"station",
+    "time": r"yyyy-mm-dd",
+    "date": r"mon/day/yr",
+    "clock": r"hh:mm",
+    "lon": r"lon(gitude)?\b",
+    "lat": r"lat(itude)?\b",
+    "type": r"type\b",
+    "bottom": r"bot\w*\.?\s*depth",
+}
+_ODV_BAD = "48"  # questionable and bad in ODV's own scheme
+_OTHER_BAD = "3459"  # in those of SeaDataNet, Argo and WOCE
+
+
+class ArchiveTable(NamedTuple):
+    """Text of a table of casts with the lines of a file."""
+
+    name: str
+    text: str
+    notes: tuple[str, ...]
+
+
+def archive_table(path: Path, text: str, lines: Lines) -> ArchiveTable | None:
+    """Table of casts of an archive's file; None for another file."""
+    reader = next((read for known, read in _FORMATS if known(text, lines)), None)
+    return None if reader is None else reader(path, lines)
+
+
+def _bottles(path: Path, lines: Lines) -> ArchiveTable:
+    return ArchiveTable("WHP-exchange bottles", *bottle_table(path, lines))
+
+
+def _is_odv(_: str, lines: Lines) -> bool:
+    """True if the first line that is no comment has the labels of a spreadsheet."""
+    head = next((line for line in lines if line.strip() and not line.startswith("//")), "")
+    labels = _roles(_cells(head))
+    return {"station", "lat", "lon"} <= labels.keys() and bool({"time", "date"} & labels.keys())
+
+
+def _cells(line: str) -> list[str]:
+    """Cells of a line between tabs, or semicolons if it has no tab."""
+    return [cell.strip().strip('"') for cell in line.split("\t" if "\t" in line else ";")]
+
+
+def _roles(titles: list[str]) -> dict[str, int]:
+    """Columns of the labels of a spreadsheet."""
+    return {
+        role: k
+        for role, form in _ODV_ROLES.items()
+        for k in [next((k for k, t in enumerate(titles) if re.match(form, t, re.IGNORECASE)), None)]
+        if k is not None
+    }
+
+
+def _odv(_: Path, lines: Lines) -> ArchiveTable:
+    """Casts of a spreadsheet, whose labels may be in the first row of a station only."""
+    start = next(i for i, line in enumerate(lines) if line.strip() and not line.startswith("//"))
+    titles = _cells(lines[start])
+    roles = _roles(titles)
+    flags = {k for k, title in enumerate(titles) if re.match(r"Q[VF]\b", title)}
+    data = [k for k in range(len(titles)) if k not in flags and k not in roles.values()]
+    table = [""] * len(lines)
+    table[start] = "\t".join(["station", "time", "lat", "lon", *(titles[k] for k in data)])
+    label: dict[str, str] = {}
+    rejected = 0
+    for i, line in enumerate(lines[start + 1 :], start + 1):
+        if not line.strip() or line.startswith("//"):
+            continue
+        cells = _cells(line)
+        if len(cells) < len(titles) - len(flags):
+            table[i] = "\t".join(cells[:4])  # truncated, for the list of invalid lines
+            continue
+        cells += [""] * (len(titles) - len(cells))
+        own = {role: cells[k] for role, k in roles.items() if cells[k]}
+        label = own if {"station", "lat", "lon"} <= own.keys() else label | own
+        for k in flags:
+            scheme = _ODV_BAD if ":ODV" in titles[k] or ":" not in titles[k] else _OTHER_BAD
+            if k and cells[k] and cells[k] in scheme and cells[k - 1]:
+                cells[k - 1] = ""
+                rejected += 1
+        name = "/".join(filter(None, (label.get("cruise", ""), label.get("station", ""))))
+        place = label.get("lat", ""), label.get("lon", "")
+        table[i] = "\t".join([name, _odv_time(label), *place, *(cells[k] for k in data)])
+    notes = [f"{rejected} values rejected by quality flags"] if rejected else []
+    return ArchiveTable("ODV spreadsheet", "\n".join(table), tuple(notes))
+
+
+def _odv_time(label: dict[str, str]) -> str:
+    """Instant of a station in ISO 8601."""
+    if "time" in label:
+        return label["time"]
+    date = re.match(r"(\d{1,2})/(\d{1,2})/(\d{4})", label.get("date", ""))
+    if date is None:
+        return ""
+    clock = label.get("clock", "")
+    day = f"{date[3]}-{int(date[1]):02d}-{int(date[2]):02d}"
+    return f"{day}T{clock}" if re.fullmatch(r"\d\d:\d\d(:\d\d)?", clock) else day
+
+
+def _wod(path: Path, lines: Lines) -> ArchiveTable:
+    """Casts of the World Ocean Database, without values that its quality control rejects."""
+    table = [""] * len(lines)
+    table[0] = "station,time,lat,lon,depth_m,pressure_dbar,temperature_degC,salinity"
+    head: dict[str, str] = {}
+    columns: dict[str, int] = {}
+    flags: list[str] = []
+    inside, rejected = False, 0
+    for i, line in enumerate(lines):
+        cells = [cell.strip() for cell in line.split(",")]
+        key = cells[0]
+        if line.startswith("#"):
+            head, columns, flags, inside = {}, {}, [], False
+        elif key == "VARIABLES":
+            columns = {q: cells.index(n) for q, n in _WOD_COLUMNS.items() if n in cells}
+        elif key == "Prof-Flag":
+            flags, inside = cells, True
+        elif key.startswith("END OF VARIABLES"):
+            inside = False
+        elif inside and i:
+            values = {}
+            for quantity, k in columns.items():
+                value = cells[k] if k < len(cells) else ""
+                marks = [row[k + 1] for row in (cells, flags) if k + 1 < len(row)]
+                bad = value in _WOD_MISSING or any(number_of(mark) > 0.0 for mark in marks)
+                rejected += bad and value not in ("", *_WOD_MISSING)
+                values[quantity] = "" if bad else value
+            labels = head.get("CAST", ""), _wod_time(head), head.get("Latitude", "")
+            row = (*labels, head.get("Longitude", ""), *(values.get(q, "") for q in _WOD_COLUMNS))
+            table[i] = ",".join(row)
+        elif len(cells) > 2 and not columns:
+            head[key] = cells[2]
+    if not any(table[1:]):
+        raise OceanError(f"{path}: a file of the World Ocean Database without levels of any cast")
+    notes = [f"{counted(rejected, 'value')} rejected by quality flags"] if rejected else []
+    return ArchiveTable("World Ocean Database", "\n".join(table), tuple(notes))
+
+
+def _wod_time(head: dict[str, str]) -> str:
+    """Instant of a cast in ISO 8601, whose hours may be missing."""
+    year, month, day = (number_of(head.get(key, "")) for key in ("Year", "Month", "Day"))
+    if not year > 0.0 or not month > 0.0 or not day > 0.0:
+        return ""
+    date = f"{int(year):04d}-{int(month):02d}-{int(day):02d}"
+    hours = number_of(head.get("Time", ""))
+    if not 0.0 <= hours < 24.0:
+        return date
+    minutes = round(60.0 * hours)
+    return f"{date}T{min(minutes // 60, 23):02d}:{minutes % 60:02d}"
+
+
+_FORMATS: tuple[tuple[Callable[[str, Lines], bool], Callable[[Path, Lines], ArchiveTable]], ...] = (
+    (lambda text, _: text.startswith("BOTTLE,"), _bottles),
+    (lambda _, lines: any(_WOD.match(line) for line in lines[:5]), _wod),
+    (_is_odv, _odv),
+)
+"""Condition and reader of each format."""

@@ -1,0 +1,131 @@
+"""
+Tracks of surface vehicles as GPX and NMEA 0183 are those that were written, across midnight, with
+dates of RMC or ZDA, and without fixes and sentences that are wrong.
+"""
+
+from functools import reduce
+from operator import xor
+
+import numpy as np
+import pytest
+
+from pymantaray import read_trajectories
+from pymantaray.errors import ExchangeError
+
+TIMES = np.datetime64("2014-07-24T23:59:50", "ns") + np.arange(30) * np.timedelta64(1, "s")
+LAT = -33.5 + 1e-5 * np.arange(30)
+LON = -151.25 - 1e-5 * np.arange(30)
+
+
+def check(track, *, missing=(), tolerance=1e-8):
+    rows = [k for k in range(30) if k not in missing]
+    assert track.start == TIMES[rows[0]]
+    (poses,) = track.poses
+    np.testing.assert_allclose(poses.time, np.array(rows) - rows[0], atol=1e-6)
+    np.testing.assert_allclose(poses.place[:, 0], LAT[rows], atol=tolerance)
+    np.testing.assert_allclose(poses.place[:, 1], LON[rows], atol=tolerance)
+    assert np.all(poses.place[:, 2] == 0.0)
+
+
+def sentence(body, wrong=False):
+    checksum = reduce(xor, body.encode(), 0) ^ (1 if wrong else 0)
+    return f"${body}*{checksum:02X}"
+
+
+def parts(k):
+    """Time of day, date, and position of a fix in the form of NMEA."""
+    stamp = str(np.datetime_as_string(TIMES[k], unit="ms"))
+    clock = stamp[11:].replace(":", "")[:9]
+    date = stamp[8:10] + stamp[5:7] + stamp[2:4]
+    place = []
+    for value, width in ((abs(LAT[k]), 2), (abs(LON[k]), 3)):
+        minutes = 60.0 * (value % 1.0)
+        place.append(f"{int(value):0{width}d}{minutes:010.7f}")
+    return clock, date, f"{place[0]},S,{place[1]},W"
+
+
+def nmea(path, dates="RMC", broken=(), unfixed=()):
+    lines = ["# log of a receiver"]
+    for k in range(30):
+        clock, date, place = parts(k)
+        quality = 0 if k in unfixed else 4
+        lines.append(
+            sentence(f"GPGGA,{clock},{place},{quality},10,0.8,5.0,M,20.0,M,,", wrong=k in broken)
+        )
+        if dates == "RMC":
+            state = "V" if k in unfixed or k in broken else "A"
+            lines.append(sentence(f"GNRMC,{clock},{state},{place},1.2,90.0,{date},,,A"))
+        elif dates == "ZDA" and k % 7 == 3:
+            day, month, year = date[:2], date[2:4], "20" + date[4:]
+            lines.append(sentence(f"GPZDA,{clock},{day},{month},{year},00,00"))
+        lines.append(sentence("GPGSV,1,1,00"))
+    path.write_text("\r\n".join(lines) + "\r\n")
+    return path
+
+
+@pytest.mark.parametrize("dates", ["RMC", "ZDA"])
+@pytest.mark.parametrize("name", ["boat.nmea", "boat.txt", "boat.log"])
+def test_fixes_of_a_receiver_pass_midnight(tmp_path, dates, name):
+    check(read_trajectories(nmea(tmp_path / name, dates)))
+
+
+def test_wrong_sentences_are_counted_and_left_out(tmp_path):
+    track = read_trajectories(nmea(tmp_path / "boat.nmea", broken={5}, unfixed={9}))
+    check(track, missing={5, 9})
+    assert any("1 sentence with a wrong checksum" in note for note in track.notes)
+    assert any("3 sentences without a valid fix" in note for note in track.notes)
+
+
+def test_fixes_without_a_date_are_refused(tmp_path):
+    with pytest.raises(ExchangeError, match="must also write RMC or ZDA"):
+        read_trajectories(nmea(tmp_path / "boat.nmea", dates="none"))
+    (tmp_path / "none.nmea").write_text(sentence("GPGSV,1,1,00") + "\n")
+    with pytest.raises(ExchangeError, match="no valid fix"):
+        read_trajectories(tmp_path / "none.nmea")
+
+
+def gpx(path, names=("boat",), untimed=()):
+    def point(k):
+        time = "" if k in untimed else f"<time>{np.datetime_as_string(TIMES[k], unit='s')}Z</time>"
+        return f'<trkpt lat="{LAT[k]:.9f}" lon="{LON[k]:.9f}"><ele>3</ele>{time}</trkpt>'
+
+    def track(name):
+        halves = ("".join(map(point, range(15))), "".join(map(point, range(15, 30))))
+        segments = "".join(f"<trkseg>{half}</trkseg>" for half in halves)
+        return f"<trk><name>{name}</name>{segments}</trk>"
+
+    path.write_text(
+        '<?xml version="1.0"?><gpx xmlns="http://www.topografix.com/GPX/1/1" version="1.1">'
+        + "".join(map(track, names))
+        + "</gpx>"
+    )
+    return path
+
+
+def test_a_track_of_gpx_is_a_vehicle(tmp_path):
+    track = read_trajectories(gpx(tmp_path / "trip.gpx"))
+    assert track.names == ["boat"]
+    check(track)
+    assert read_trajectories(gpx(tmp_path / "two.gpx", ("A", "B"))).names == ["A", "B"]
+
+
+def test_points_without_a_time_are_counted(tmp_path):
+    track = read_trajectories(gpx(tmp_path / "trip.gpx", untimed={3}))
+    check(track, missing={3})
+    assert any("1 point without position or time" in note for note in track.notes)
+
+
+@pytest.mark.parametrize(
+    ("text", "cause"),
+    [
+        ("<gpx><wpt lat='1' lon='2'/></gpx>", "no track with points that have a time"),
+        ("<gpx>", "no XML"),
+        ("<!DOCTYPE gpx [<!ENTITY a 'b'>]><gpx/>", "declares a document type"),
+    ],
+)
+def test_other_gpx_is_refused_in_one_line(tmp_path, text, cause):
+    (tmp_path / "a.gpx").write_text(text)
+    with pytest.raises(ExchangeError) as error:
+        read_trajectories(tmp_path / "a.gpx")
+    assert cause in str(error.value)
+    assert "\n" not in str(error.value)
