@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.build import (
-    LinkChoice,
-    MeasuredRanges,
     build_graph,
     timed_ranges,
     with_ranges,
 )
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
+from pymantaray.estimation.names import STANDARD, LinkChoice, MeasuredRanges
 from pymantaray.estimation.ranges.candidates import CandidateModel
 from pymantaray.estimation.ranges.on_sphere import OnSphere
 from pymantaray.estimation.ranges.range_models import (
@@ -105,11 +104,13 @@ class Estimator:
 
 CONDITIONS: Mapping[str, Estimator] = MappingProxyType(
     {
-        "odometry": Estimator(None, dead_reckoned=True),
-        "no-ranges": Estimator(None, model_is_right=True),
-        "straight": Estimator("straight", model_is_right=True),
-        "refracted": Estimator("refracted"),
-        "straight-all": Estimator("straight", links="all", model_is_right=True),
+        name: Estimator(
+            condition.ranges,
+            condition.links,
+            model_is_right=condition.ranges != "refracted" and not condition.dead_reckoned,
+            dead_reckoned=condition.dead_reckoned,
+        )
+        for name, condition in STANDARD.items()
     }
 )
 """Ranging conditions of a study, by name."""

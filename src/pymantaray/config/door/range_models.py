@@ -20,7 +20,6 @@ from pymantaray.config.estimators import (
     MeanSlownessRangeModel,
     MixtureRangeModel,
     TransmitterRangeModel,
-    varies,
 )
 from pymantaray.estimation import (
     ConstantSpeed,
@@ -68,11 +67,11 @@ def _mean_slowness(
 
 def _eigenray(section: EigenrayRangeModel, beliefs: Beliefs, realization: int) -> RangeModel:
     """
-    Eigenrays through the ocean as it is believed, as it varies, or with modes of unknown amplitude;
+    Eigenrays through the assumed ocean, which may vary in time or have modes of unknown amplitude;
     estimators that share the belief share the rays.
     """
     belief = section.belief
-    if varies(belief):
+    if belief.varies:
         ocean = beliefs.varying(belief)
         search = beliefs.config.acoustics
         medium_at = partial(medium_around, ocean, search.interpolation, search.earth)

@@ -1,7 +1,7 @@
 """From measurements to factor graph: which measurements enter under which ranging condition."""
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +16,11 @@ from pymantaray.estimation.graph.graph import (
     check_anchored,
     check_graph,
 )
+from pymantaray.estimation.names import LinkChoice, MeasuredRanges
 from pymantaray.estimation.ranges.range_models import TimedRanges
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import Measurements, RayStatus
 from pymantaray.records.status import ARRIVES
-
-MeasuredRanges = Literal["straight", "refracted"] | None
-LinkChoice = Literal["refracted", "all"]
 
 
 def build_graph(
