@@ -91,7 +91,7 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
         if k == next_fit:
             earlier = data.order[max(k - _MAX_FIT, 0) : k]
             sizes = fit_sizes(data, expected, earlier, prior, sizes)
-            state = _repeat(data, expected, data.order[:k], sizes)
+            state = _run(data, expected, data.order[:k], sizes).state
             next_fit *= 2
         state.advance(data.time[event])
         columns, values = data.design.columns[event], data.design.values[event]
@@ -134,7 +134,7 @@ def learn_smoothly(
     sizes = fit_sizes(data, causal.expected, last, prior, causal.sizes)
     no_error = causal.no_error_after
     processes = data.design.processes(sizes)
-    forward = _estimates_before(data, causal.expected, data.order, sizes)
+    forward = _run(data, causal.expected, data.order, sizes, keep=True)
     backward_tracks = ArrivalTracks(persistence, _MEMORY)
     backward_expected = data.prior.copy()
     state = GaussMarkovFilter(processes, data.time[data.order[-1]] if data.order.size else 0.0)
@@ -144,11 +144,11 @@ def learn_smoothly(
     log_likelihood = causal.log_likelihood.copy()
     history = []
     ends_hour = data.ends_hour
-    for event in data.order[::-1].tolist():
+    for event, before in zip(data.order[::-1].tolist(), forward.before[::-1], strict=True):
         rows = data.rows(event)
         state.advance(data.time[event])
         columns, values = data.design.columns[event], data.design.values[event]
-        both = fuse(forward[event], state.estimate, processes)
+        both = fuse(before, state.estimate, processes)
         parts[event], spread[event] = _averaged_parts(data.design, event, both, no_error)
         candidates = data.candidates_of(event)
         backward_expected[rows] = backward_tracks.expect(data.ways[event], candidates)
@@ -170,7 +170,7 @@ def learn_smoothly(
         expected=expected,
         log_likelihood=log_likelihood,
         unexplained=np.full(data.time.size, sizes.unexplained_s),
-        states=_states(data.design, _repeat(data, causal.expected, data.order, sizes)),
+        states=_states(data.design, forward.state),
         history=pd.concat(history[::-1], ignore_index=True),
         sizes=sizes,
     )
@@ -189,10 +189,8 @@ def fit_sizes(
 
     def score(logarithms: Array) -> float:
         sizes = ErrorSizes.from_logarithms(logarithms)
-        state = GaussMarkovFilter(data.design.processes(sizes), data.time[rows[0]])
-        total = sum(_step(data, expected, event, sizes, state) for event in rows.tolist())
         off = (logarithms - prior.logarithms) / LOG_SCALE
-        return total - float(np.log1p(off**2).sum())
+        return _run(data, expected, rows, sizes).log_likelihood - float(np.log1p(off**2).sum())
 
     best = start.logarithms
     highest = score(best)
@@ -231,39 +229,31 @@ def average_models(with_errors: float, without: float, no_error: float) -> tuple
     return with_errors + np.log(total), float(after)
 
 
-def _step(
-    data: LearningData, expected: Array, event: int, sizes: ErrorSizes, state: GaussMarkovFilter
-) -> float:
-    """Update a state by an event, and return the log likelihood of its measured time."""
-    state.advance(data.time[event])
-    alternatives = data.alternatives(event, expected, sizes.unexplained_s)
-    columns, values = data.design.columns[event], data.design.values[event]
-    return state.update(columns, values, alternatives).log_likelihood
+class _Run(NamedTuple):
+    """Filter that has seen some events."""
+
+    state: GaussMarkovFilter
+    log_likelihood: float
+    before: list[Estimate]
+    """Estimate before each event, if they are kept."""
 
 
-def _repeat(
-    data: LearningData, expected: Array, rows: Indices, sizes: ErrorSizes
-) -> GaussMarkovFilter:
-    """State after some events with other sizes."""
+def _run(
+    data: LearningData, expected: Array, rows: Indices, sizes: ErrorSizes, *, keep: bool = False
+) -> _Run:
+    """Filter some events in turn with some sizes; the probabilities of candidates are fixed."""
     begin = data.time[rows[0]] if rows.size else 0.0
     state = GaussMarkovFilter(data.design.processes(sizes), begin)
-    for event in rows.tolist():
-        _step(data, expected, event, sizes, state)
-    return state
-
-
-def _estimates_before(
-    data: LearningData, expected: Array, rows: Indices, sizes: ErrorSizes
-) -> dict[int, Estimate]:
-    """Estimate before each event from the events before it."""
-    estimates = {}
-    begin = data.time[rows[0]] if rows.size else 0.0
-    state = GaussMarkovFilter(data.design.processes(sizes), begin)
+    total = 0.0
+    before = []
     for event in rows.tolist():
         state.advance(data.time[event])
-        estimates[event] = state.estimate
-        _step(data, expected, event, sizes, state)
-    return estimates
+        if keep:
+            before.append(state.estimate)
+        alternatives = data.alternatives(event, expected, sizes.unexplained_s)
+        columns, values = data.design.columns[event], data.design.values[event]
+        total += state.update(columns, values, alternatives).log_likelihood
+    return _Run(state, total, before)
 
 
 def _log_likelihood(alternatives: Alternatives, mean: float, variance: float) -> float:

@@ -1,7 +1,6 @@
 """Coverage and residuals of groups of events, with bootstrap intervals over pairs."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -50,7 +49,7 @@ def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
             ok = part["residual_m"].notna()
             residual = part["residual_m"][ok].to_numpy()
             pair = part["pair"][ok].to_numpy(dtype=str)
-            intervals = _bootstrap(residual, pair, seed, (by, group))
+            (low, high), (size_low, size_high) = _bootstrap(residual, pair, seed, (by, group))
             row = {
                 "by": by,
                 "group": group,
@@ -60,11 +59,11 @@ def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
                 "percent": 100.0 * float(ok.mean()),
                 **{name: int((part["status"] == name).sum()) for name in present},
                 "median_m": _of(np.median, residual),
-                "median_low_m": intervals.median[0],
-                "median_high_m": intervals.median[1],
+                "median_low_m": low,
+                "median_high_m": high,
                 "median_size_m": _of(np.median, np.abs(residual)),
-                "median_size_low_m": intervals.size[0],
-                "median_size_high_m": intervals.size[1],
+                "median_size_low_m": size_low,
+                "median_size_high_m": size_high,
                 "mean_m": _of(np.mean, residual),
                 "rms_m": np.sqrt(_of(np.mean, residual**2)),
             }
@@ -124,14 +123,6 @@ def _of(statistic: object, values: Array) -> float:
     return float(statistic(values)) if values.size else float("nan")  # type: ignore[operator]
 
 
-class _Intervals(NamedTuple):
-    """Lower and upper ends of bootstrap intervals over pairs."""
-
-    median: tuple[float, float] = (np.nan, np.nan)
-    size: tuple[float, float] = (np.nan, np.nan)
-    """Of the median absolute value."""
-
-
 def _resampled_medians(values: Array, pair: Indices, counts: NDArray[np.int64]) -> Array:
     """Median of each resample, in which values occur as often as their pair (resamples, pairs)."""
     order = np.argsort(values, kind="stable")
@@ -149,18 +140,20 @@ def _resampled_medians(values: Array, pair: Indices, counts: NDArray[np.int64]) 
 
 def _bootstrap(
     residual: Array, pair: NDArray[np.str_], seed: int, names: tuple[str, str]
-) -> _Intervals:
-    """Intervals over resampled pairs; NaN for a single pair."""
-    pairs = np.unique(pair)
+) -> list[tuple[float, float]]:
+    """
+    Intervals of the median and of the median absolute value over resampled pairs; NaN for a single
+    pair.
+    """
+    pairs, pair_of = np.unique(pair, return_inverse=True)
     if pairs.size < 2:
-        return _Intervals()
+        return [(np.nan, np.nan)] * 2
     draws = stream(seed, 0, "replay", "bootstrap", *names).integers(
         0, pairs.size, (RESAMPLES, pairs.size)
     )
     counts = np.zeros((RESAMPLES, pairs.size), dtype=np.int64)
     np.add.at(counts, (np.arange(RESAMPLES)[:, None], draws), 1)
-    medians, sizes = (
-        _resampled_medians(values, np.searchsorted(pairs, pair), counts)
+    return [
+        percentiles(_resampled_medians(values, pair_of, counts))
         for values in (residual, np.abs(residual))
-    )
-    return _Intervals(percentiles(medians), percentiles(sizes))
+    ]
