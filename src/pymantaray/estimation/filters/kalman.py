@@ -94,7 +94,7 @@ def filter_graph(
     """
     check_graph(graph)
     timeline = _Timeline.of(graph)
-    steps = _steps(graph, timeline)
+    steps, step_cost = _steps(graph, timeline)
     state = _first_state(graph)
     updates = _Updates(graph, timeline)
     ranges = _Ranges(graph, timeline, model_ranges)
@@ -105,8 +105,9 @@ def filter_graph(
     for k in range(seconds.size):
         begin = process_time()
         if k:
-            state = predict(state, slice(0, timeline.pose.shape[1]), steps.motion(k - 1))
-            cost += float(steps.cost[k - 1].sum())
+            step = Motion(*(part[k - 1] for part in steps))
+            state = predict(state, slice(0, timeline.pose.shape[1]), step)
+            cost += float(step_cost[k - 1].sum())
         for innovations in (updates.at, ranges.at):  # ranges are linearized after all others
             innovation = innovations(state, k)
             nis = np.nan
@@ -173,26 +174,11 @@ class _Timeline(NamedTuple):
         return cls(pose, sample)
 
 
-class _Steps(NamedTuple):
+def _steps(graph: FactorGraph, timeline: _Timeline) -> tuple[Motion, Array]:
     """
-    Motion from sample to sample (n_times - 1, n_vehicles): rotation, translation, and covariance in
-    the second body's tangent.
+    Motion from sample to sample, with arrays (n_times - 1, n_vehicles, ...), by the odometry
+    combined with velocities, and half the squared normalized innovations of the velocities.
     """
-
-    rotation: Array
-    translation: Array
-    covariance: Array
-    cost: (
-        Array  # half the squared normalized innovations of the velocities (n_times - 1, n_vehicles)
-    )
-
-    def motion(self, k: int) -> Motion:
-        """Steps of all vehicles from one time to the next."""
-        return Motion(self.rotation[k], self.translation[k], self.covariance[k])
-
-
-def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
-    """Steps of the odometry, combined with velocities."""
     n_times, n_vehicles = timeline.pose.shape
     shape = (n_times - 1, n_vehicles)
     row = _rows_of_steps(graph, "edge", timeline)
@@ -204,20 +190,19 @@ def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
         )
     edge = graph["edge"]
     rotation = matrix_from_quaternion(edge.column("quaternion"))[at]
-    translation = edge.column("position")[at].copy()
-    covariance = edge.covariance[at].copy()
-    steps = _Steps(rotation, translation, covariance, np.zeros(shape))
+    steps = Motion(rotation, edge.column("position")[at].copy(), edge.covariance[at].copy())
+    cost = np.zeros(shape)
     for name, table in graph.tables.items():
         if table.kind.ends == ("pose", "pose") and name != "edge":
-            _combine(steps, table, _rows_of_steps(graph, name, timeline))
-    return steps
+            _combine(steps, cost, table, _rows_of_steps(graph, name, timeline))
+    return steps, cost
 
 
-def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
+def _combine(steps: Motion, cost: Array, table: Factors, rows: tuple[Any, Any]) -> None:
     """
     Update steps by other measurements of the same steps: of their translations, or of both parts.
     """
-    rotation, translation, covariance, cost = steps
+    rotation, translation, covariance = steps
     translation_of = table.column("position")
     measured = table.kind.measured
     rotation_of = None

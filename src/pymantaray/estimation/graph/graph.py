@@ -480,8 +480,13 @@ class FactorGraph(Record):
             len(kind.rows_in("rad m", planar=self.planar)) * len(self[name])
             for name, kind in KINDS.items()
         )
+        return int(rows - self.n_unknowns)
+
+    @property
+    def n_unknowns(self) -> int:
+        """Dimension of all variables."""
         pose, landmark = (3, 2) if self.planar else (6, 3)
-        return int(rows - pose * self.n_poses - landmark * self.landmark_name.size)
+        return pose * self.n_poses + landmark * int(self.landmark_name.size)
 
     def variable_name(self, variable: int) -> str:
         """

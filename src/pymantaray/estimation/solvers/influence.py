@@ -90,7 +90,6 @@ def factor_influence(
         if loss is None
         else loss.weight(whitened_ranges(graph, values))
     )
-    n_unknowns = _unknowns(graph)
     tables = []
     done = 0
     for name, kind in KINDS.items():
@@ -105,7 +104,9 @@ def factor_influence(
             jacobian = jacobian * np.sqrt(weight)[:, None, None]
         covariance = _joint(own, between[done - count : done], factors.variables)
         tables.append(
-            _named(graph, factors).assign(**_measures(white, jacobian, covariance, n_unknowns))
+            _named(graph, factors).assign(
+                **_measures(white, jacobian, covariance, graph.n_unknowns)
+            )
         )
     return pd.concat(tables, ignore_index=True)
 
@@ -131,11 +132,6 @@ def worst_factors(influence: pd.DataFrame, measure: str, count: int) -> pd.DataF
     pandas.DataFrame
     """
     return influence[~influence["successive"]].nlargest(count, measure).reset_index(drop=True)
-
-
-def _unknowns(graph: FactorGraph) -> int:
-    pose, landmark = (3, 2) if graph.planar else (6, 3)
-    return pose * graph.n_poses + landmark * int(graph.landmark_name.size)
 
 
 def _named(graph: FactorGraph, factors: Factors) -> pd.DataFrame:
