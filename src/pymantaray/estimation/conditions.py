@@ -269,7 +269,14 @@ class _Fleet:
         Solution from the estimator's start; the fit of a range sigma begins with that of the
         estimator without a fit.
         """
-        key = _solves_like(estimator)
+        sigma = None if estimator.range_sigma == "fitted" else estimator.range_sigma
+        models = (estimator.model, estimator.uncertainty, *(estimator.initial or ()))
+        key = (
+            tuple(id(part) for part in models),
+            (estimator.ranges, estimator.links, estimator.mean_of_directions),
+            (estimator.clocks, estimator.scale_sigma, estimator.bias_sigma, sigma),
+            (estimator.correlated, estimator.model_is_right, estimator.method),
+        )
         if key not in self._first:  # the estimator keeps the objects that the key identifies
             self._first[key] = estimator, self._solved(estimator, measurements, start, solver)
         return self._first[key][1]
@@ -419,28 +426,6 @@ def _with_mean_of_directions(measurements: Measurements) -> Measurements:
     )
 
 
-def _solves_like(estimator: Estimator) -> tuple[object, ...]:
-    """
-    Equal for estimators whose first solves are equal: the same objects and values, except for the
-    fit of a range sigma.
-    """
-    sigma = None if estimator.range_sigma == "fitted" else estimator.range_sigma
-    objects = tuple(
-        id(part) for part in (estimator.model, estimator.uncertainty, *(estimator.initial or ()))
-    )
-    priors = estimator.clocks, estimator.scale_sigma, estimator.bias_sigma, sigma
-    return (
-        objects,
-        estimator.ranges,
-        estimator.links,
-        estimator.correlated,
-        estimator.model_is_right,
-        estimator.method,
-        priors,
-        estimator.mean_of_directions,
-    )
-
-
 def _scaled(measurements: Measurements, scale: float) -> Measurements:
     return replace(measurements, range_sigma=scale * measurements.range_sigma)
 
@@ -492,12 +477,10 @@ def _with_range_sigma(sigma: float, others: UnknownsEstimate | None) -> Unknowns
     Estimates with a fitted range sigma [m] as the first, which has neither a prior nor a
     covariance.
     """
-    n = 0 if others is None else others.value.size
+    nothing = np.empty(0)
+    others = others or UnknownsEstimate((), (), nothing, nothing, np.empty((0, 0)))
+    n = others.value.size
     covariance = np.full((n + 1, n + 1), np.nan)
-    if others is None:
-        return UnknownsEstimate(
-            ("range sigma",), ("m",), covariance[0], np.array([sigma]), covariance
-        )
     covariance[1:, 1:] = others.covariance
     return UnknownsEstimate(
         ("range sigma", *others.name),

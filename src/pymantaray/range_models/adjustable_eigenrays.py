@@ -1,4 +1,4 @@
-"""Eigenrays through a believed ocean whose sound speed has vertical modes of unknown amplitude."""
+"""Eigenrays in an assumed ocean whose sound speed has vertical modes of unknown amplitude."""
 
 from typing import Self
 
@@ -14,14 +14,14 @@ from pymantaray.range_models.eigenray_model import EigenrayModel, pairs_of
 
 class AdjustableEigenrays(RangeModel):
     r"""
-    Travel time of the earliest direct eigenray where what is believed lacks :math:`\sum_k a_k
-    \phi_k(z)`.
+    Travel time of the earliest direct eigenray in an assumed ocean plus the error :math:`\sum_k a_k
+    \phi_k(z)` of its sound speed.
 
-    Shapes (n_modes, n_levels) are linear between their levels [m] and constant beyond; the
-    amplitudes' prior sigma is in m/s. Rays are traced anew in the adjusted medium, so that an
-    estimate's travel times are exact whatever the amplitudes; their derivatives are integrals along
-    these rays (Fermat). The shapes are interpolated as the medium interpolates its levels, so that
-    both belong together to the last digit.
+    Shapes (n_modes, n_levels) are linear between their levels [m] and constant beyond; the prior
+    standard deviation of the amplitudes is in m/s. Rays are traced again in the adjusted medium, so
+    travel times are exact for all amplitudes; their derivatives are integrals along these rays
+    (Fermat). The shapes are interpolated like the levels of the medium, so both agree to the last
+    digit.
     """
 
     def __init__(
@@ -30,14 +30,14 @@ class AdjustableEigenrays(RangeModel):
         self.amplitude_sigma = amplitude_sigma
         medium = model.medium
         self._levels = np.stack([np.interp(medium.depth, depth, shape) for shape in shapes])
-        self._model = self._believed = model
+        self._model = self._initial = model
         self._amplitudes = np.zeros(amplitude_sigma.size)
         self._latest: Self | None = None
 
     @property
     def medium(self) -> Medium:
         """Assumed ocean, for which all amplitudes are zero."""
-        return self._believed.medium
+        return self._initial.medium
 
     def predict(self, links: RangeEndpoints) -> Prediction:
         """Travel times of the direct arrivals."""
@@ -45,8 +45,8 @@ class AdjustableEigenrays(RangeModel):
 
     def adjusted(self, amplitudes: Array) -> Self:
         """
-        Model with other amplitudes [m/s], counted from what is believed; the one asked for last is
-        kept.
+        Model with other amplitudes [m/s], relative to the initially assumed ocean; the latest model
+        is kept.
         """
         if np.array_equal(amplitudes, self._amplitudes):
             return self
@@ -55,8 +55,8 @@ class AdjustableEigenrays(RangeModel):
             other.__dict__.update(
                 self.__dict__, _latest=None, _amplitudes=np.array(amplitudes, dtype=float)
             )
-            medium = self._believed.medium
-            other._model = self._believed.through(
+            medium = self._initial.medium
+            other._model = self._initial.through(
                 Medium.from_grid(
                     medium.north,
                     medium.east,
@@ -76,7 +76,7 @@ class AdjustableEigenrays(RangeModel):
         Derivatives of the travel times by the amplitudes (n, n_modes), zero without an arrival.
         [s²/m]
         """
-        pairs = pairs_of(links, self._believed.medium)
+        pairs = pairs_of(links, self._initial.medium)
         paths, pair = self._model.paths(pairs)
         of_pairs = np.zeros((pairs.source.shape[0], self.amplitude_sigma.size))
         of_pairs[pair] = travel_time_sensitivity(paths, self._shapes_at)
@@ -84,8 +84,8 @@ class AdjustableEigenrays(RangeModel):
 
     def fit(self, difference: Array, weights: Array) -> Array:
         """
-        Amplitudes that come nearest to a difference of sound speeds at the levels, which have
-        weights. [m/s]
+        Amplitudes nearest to a difference of sound speeds at the levels, by weighted least squares.
+        [m/s]
         """
         root = np.sqrt(weights)
         return np.asarray(
@@ -93,7 +93,7 @@ class AdjustableEigenrays(RangeModel):
         )
 
     def _shapes_at(self, position: Array) -> Array:
-        medium = self._believed.medium
+        medium = self._initial.medium
         z = np.clip(position[:, 2], medium.depth[0], medium.depth[-1])
         if medium.interpolation == "smooth":
             return natural_spline(medium.depth, self._levels, z).T

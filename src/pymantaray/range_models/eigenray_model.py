@@ -1,9 +1,10 @@
 """
-The range model that traces rays: travel times and slowness vectors of the direct arrival in a
-believed medium.
+Range models that trace rays: travel times and slowness vectors of the direct arrivals in an assumed
+ocean, which may vary in time.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,8 @@ from pymantaray.arrays import Array
 from pymantaray.estimation import Prediction, RangeEndpoints, RangeModel
 from pymantaray.records import Arrivals
 
+T = TypeVar("T")
+
 
 class Pairs(NamedTuple):
     """Links as unordered pairs of positions, each pair once."""
@@ -37,11 +40,11 @@ class Pairs(NamedTuple):
 
 class EigenrayModel(RangeModel):
     """
-    Travel time of the earliest direct eigenray in the ocean that is believed.
+    Travel time of the earliest direct eigenray in the assumed ocean.
 
-    The cut-off [dB] is that of `find_eigenrays`; currents have their first-order effect, none is
-    water at rest. All links are solved in one call, reciprocal pairs once. A link without an
-    arrival is not possible. The first and the last answers are kept: realizations of a study start
+    The cut-off [dB] is that of `find_eigenrays`; currents have their first-order effect, and None
+    is water at rest. One call solves all links, reciprocal pairs once. A link without an arrival is
+    not possible. The first and the last answers are kept, because the realizations of a study start
     at the same place.
     """
 
@@ -58,13 +61,13 @@ class EigenrayModel(RangeModel):
         self._latest: dict[bytes, Arrivals] = {}
 
     def through(self, medium: Medium) -> "EigenrayModel":
-        """Give the same model in another medium."""
+        """The same model in another medium."""
         return EigenrayModel(medium, spreading_cutoff_db=self._cutoff, currents=self._currents)
 
     def predict(self, links: RangeEndpoints) -> Prediction:
         """
-        Travel times, with the slowness vectors at the ends as gradients, the current's part in
-        these left out.
+        Travel times, with the slowness vectors at the ends as gradients, which omit the effect of
+        currents.
         """
         pairs = pairs_of(links, self.medium)
         arrivals = self._solved(pairs)
@@ -104,17 +107,14 @@ class EigenrayModel(RangeModel):
         return trace_paths(self.medium, pairs.source, pairs.receiver, direct), pair
 
     def _solved(self, pairs: Pairs) -> Arrivals:
-        key = pairs.source.tobytes() + pairs.receiver.tobytes()
-        if key not in self._latest:
-            while len(self._latest) > 1:
-                self._latest.pop(list(self._latest)[1])
-            self._latest[key] = find_eigenrays(
-                self.medium,
-                pairs.source,
-                pairs.receiver,
-                spreading_cutoff_db=self._cutoff,
-            )
-        return self._latest[key]
+        return first_and_last(
+            self._latest,
+            pairs.source,
+            pairs.receiver,
+            lambda: find_eigenrays(
+                self.medium, pairs.source, pairs.receiver, spreading_cutoff_db=self._cutoff
+            ),
+        )
 
     def _delays(self, pairs: Pairs, arrivals: Arrivals) -> Array:
         if self._currents is None or not arrivals.link.size:
@@ -123,13 +123,25 @@ class EigenrayModel(RangeModel):
         return current_delays(quadrature(paths), self._currents, arrivals.link.size)
 
 
+def first_and_last(
+    answers: dict[bytes, T], source: Array, receiver: Array, answer: Callable[[], T]
+) -> T:
+    """Answer for pairs of positions; the answers of the first and of the last pairs are kept."""
+    key = source.tobytes() + receiver.tobytes()
+    if key not in answers:
+        while len(answers) > 1:
+            answers.pop(list(answers)[1])
+        answers[key] = answer()
+    return answers[key]
+
+
 def pairs_of(links: RangeEndpoints, medium: Medium) -> Pairs:
     """
-    Unordered pairs of the links' ends, sorted by position, each from the end from which it is
-    solved.
+    Unordered pairs of the links' ends, sorted by position; the source is the end at which the rays
+    start.
 
-    The estimate of a vehicle at the surface can be above it by the noise of its depth sensor. Such
-    an end is moved down to the surface.
+    The noise of a depth sensor can put the estimate of a vehicle above the surface. Such an end is
+    moved down to the surface.
     """
     transmitter, receiver = (
         np.column_stack([end[:, :2], np.fmax(end[:, 2], medium.surface_depth(end))])
@@ -145,3 +157,43 @@ def pairs_of(links: RangeEndpoints, medium: Medium) -> Pairs:
         pair.reshape(-1),
         backward,
     )
+
+
+class VaryingEigenrays(RangeModel):
+    """
+    Travel time of the earliest direct eigenray in the water at each ping, by its time since the
+    mission's start [s].
+
+    Each prediction makes a medium for each ping, at its time and around its positions (n, 3) [m],
+    and does not keep it, so memory does not grow with the pings.
+    """
+
+    def __init__(
+        self,
+        medium_at: Callable[[float, Array], Medium],
+        currents_at: Callable[[float], Currents] | None = None,
+        *,
+        spreading_cutoff_db: float | None = 15.0,
+    ) -> None:
+        self._medium_at = medium_at
+        self._currents_at = currents_at
+        self._cutoff = spreading_cutoff_db
+
+    def predict(self, links: RangeEndpoints) -> Prediction:
+        """Travel times of the direct arrivals, ping by ping."""
+        n = links.time.size
+        out = Prediction(
+            np.full(n, np.nan), np.full((n, 3), np.nan), np.full((n, 3), np.nan), np.zeros(n, bool)
+        )
+        for time in np.unique(links.time):
+            rows = links.time == time
+            ends = np.concatenate([links.transmitter[rows], links.receiver[rows]])
+            model = EigenrayModel(
+                self._medium_at(float(time), ends),
+                spreading_cutoff_db=self._cutoff,
+                currents=None if self._currents_at is None else self._currents_at(float(time)),
+            )
+            of_ping = model.predict(RangeEndpoints(*(column[rows] for column in links)))
+            for whole, part in zip(out[:4], of_ping[:4], strict=True):
+                whole[rows] = part
+        return out

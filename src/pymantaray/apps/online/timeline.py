@@ -176,16 +176,15 @@ class Timeline:
         """Bring the states after the first events up to date."""
         for k in range(self._valid, count):
             state = self._states[k - 1] if k else self.base
-            self._states[k], self._outcomes[k] = self._applied(state, self.events[k])
+            event = self.events[k]
+            for vehicle in event.members:
+                if vehicle < len(self._steps):
+                    state = self._moved(state, vehicle, event.time)
+            outcome = Outcome.USED
+            if event.kind != Kind.ODOMETRY:
+                state, outcome = apply(state, event, self.ranging, self.gate)
+            self._states[k], self._outcomes[k] = state, outcome
             self._valid = k + 1
-
-    def _applied(self, state: FleetState, event: Event) -> tuple[FleetState, Outcome]:
-        for vehicle in event.members:
-            if vehicle < len(self._steps):
-                state = self._moved(state, vehicle, event.time)
-        if event.kind == Kind.ODOMETRY:
-            return state, Outcome.USED
-        return apply(state, event, self.ranging, self.gate)
 
     def _moved(self, state: FleetState, vehicle: int, time: float) -> FleetState:
         """State with a vehicle at a time within its next step."""

@@ -31,7 +31,7 @@ from pymantaray.estimation import (
 )
 from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.range_models.candidate_rays import CandidateRays
-from pymantaray.range_models.varying_eigenrays import VaryingEigenrays
+from pymantaray.range_models.eigenray_model import VaryingEigenrays
 
 
 def build_range_model(section: AnyRangeModel, beliefs: Beliefs, realization: int) -> RangeModel:

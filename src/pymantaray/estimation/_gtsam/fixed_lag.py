@@ -12,6 +12,7 @@ from pymantaray.arrays import Array, Indices
 from pymantaray.estimation._gtsam import incremental as isam2
 from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
+from pymantaray.estimation.solvers.solution import IncrementalOptions
 
 
 class LaggedSmoother:
@@ -27,7 +28,7 @@ class LaggedSmoother:
         moment: Array,
         times: Array,
         lag: float,
-        options: isam2.Options,
+        options: IncrementalOptions,
     ) -> None:
         self._graph = graph
         self._moment = moment

@@ -9,6 +9,7 @@ import numpy as np
 from pymantaray.arrays import Array, Indices
 from pymantaray.estimation._gtsam.factors import poses_of
 from pymantaray.estimation.graph.graph import FactorGraph, Factors, GraphValues
+from pymantaray.estimation.solvers.solution import IncrementalOptions
 from pymantaray.estimation.solvers.trilateration import trilaterate
 
 
@@ -35,14 +36,7 @@ def timeline(factors: Any, variable_time: Array, update_time: Array) -> EntryUpd
     return EntryUpdates(of_factor, np.where(first_use == last, -1, first_use))
 
 
-class Options(NamedTuple):
-    """Thresholds of iSAM2 [m, rad]."""
-
-    relinearize: float
-    wildfire: float
-
-
-def parameters(options: Options) -> Any:
+def parameters(options: IncrementalOptions) -> Any:
     """Parameters of iSAM2."""
     steps = gtsam.ISAM2GaussNewtonParams()
     steps.setWildfireThreshold(options.wildfire)
@@ -65,8 +59,8 @@ class UpdateEffort(NamedTuple):
 class IncrementalSmoother:
     """Current estimate; unusable after a failed update."""
 
-    def __init__(self, relinearize: float, wildfire: float) -> None:
-        self._smoother = gtsam.ISAM2(parameters(Options(relinearize, wildfire)))
+    def __init__(self, options: IncrementalOptions) -> None:
+        self._smoother = gtsam.ISAM2(parameters(options))
 
     def update(self, factors: Any, rows: Indices, new: Any) -> UpdateEffort | None:
         """Add factors and variables and update; None if singular."""

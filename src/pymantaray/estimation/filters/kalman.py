@@ -292,7 +292,15 @@ class _Updates:
         if not any(rows.size for _, rows in some):
             return _NOTHING
         residual = np.concatenate([part.residual(state, rows) for part, rows in some])
-        columns = self._error_columns([(part, part.vehicle[rows]) for part, rows in some])
+        # the same vehicles measure at most times
+        measured = [(part, part.vehicle[rows]) for part, rows in some]
+        key = tuple(vehicles.tobytes() for _, vehicles in measured)
+        if key not in self._columns:
+            errors = [
+                (SIZE * vehicles[:, None] + part.errors).ravel() for part, vehicles in measured
+            ]
+            self._columns[key] = np.concatenate(errors)
+        columns = self._columns[key]
         if all(part.table.kind.rows == 1 for part, rows in some if rows.size):  # the usual case
             diagonal = np.concatenate([part.variance[rows] for part, rows in some if rows.size])
             return Innovation(residual, columns, np.diag(diagonal))
@@ -304,14 +312,6 @@ class _Updates:
                 variance[start:end, start:end] = block
                 start = end
         return Innovation(residual, columns, variance)
-
-    def _error_columns(self, parts: list[tuple["_PoseMeasurements", Indices]]) -> Indices:
-        """Columns of the errors that are measured; the same vehicles measure at most times."""
-        key = tuple(vehicles.tobytes() for _, vehicles in parts)
-        if key not in self._columns:
-            columns = [(SIZE * vehicles[:, None] + part.errors).ravel() for part, vehicles in parts]
-            self._columns[key] = np.concatenate(columns)
-        return self._columns[key]
 
 
 class _PoseMeasurements:

@@ -480,13 +480,7 @@ class FactorGraph(Record):
             len(kind.rows_in("rad m", planar=self.planar)) * len(self[name])
             for name, kind in KINDS.items()
         )
-        return int(rows - self.n_unknowns)
-
-    @property
-    def n_unknowns(self) -> int:
-        """Dimension of all variables."""
-        pose, landmark = (3, 2) if self.planar else (6, 3)
-        return pose * self.n_poses + landmark * int(self.landmark_name.size)
+        return int(rows - dimension(self))
 
     def variable_name(self, variable: int) -> str:
         """
@@ -565,6 +559,12 @@ class FactorGraph(Record):
             )
         planar = bool(dataset.attrs.get("planar", 0))
         return replace(super().from_dataset(dataset), factors=factors, planar=planar)
+
+
+def dimension(graph: FactorGraph) -> int:
+    """Dimension of all variables of a graph."""
+    pose, landmark = (3, 2) if graph.planar else (6, 3)
+    return pose * graph.n_poses + landmark * int(graph.landmark_name.size)
 
 
 def check_kinds() -> None:
@@ -683,12 +683,16 @@ def connected_parts(graph: FactorGraph) -> ConnectedParts:
     pairs = np.concatenate(
         [graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2]
     )
-    links = coo_array(
-        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(graph.n_variables,) * 2
-    )
-    _, part = connected_components(links, directed=False)
+    part = joined_parts(graph.n_variables, pairs)
     anchored = np.concatenate([graph[name].subject for name, kind in KINDS.items() if kind.anchors])
     return ConnectedParts(part, ~np.isin(part, part[anchored]))
+
+
+def joined_parts(size: int, pairs: Indices) -> Indices:
+    """Number of the connected part of each of ``size`` variables, by pairs (n, 2)."""
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
+    part: Indices = connected_components(links, directed=False)[1]
+    return part
 
 
 def _check_names(graph: FactorGraph) -> None:

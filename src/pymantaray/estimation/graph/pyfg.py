@@ -375,7 +375,10 @@ class _Reader:
         values = self._values[word][:, grammar.timed :]
         measurement, covariance = to_graph(values, grammar, planar=flat)
         if flat and word == POSE_PRIOR:
-            _free_out_of_plane(covariance)
+            # the axes out of the plane are free if the axes in the plane are
+            free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
+            covariance[free[:, 3:5].all(axis=1), 5, 5] = _FREE_VARIANCE
+            covariance[free[:, 2], 0, 0] = covariance[free[:, 2], 1, 1] = _FREE_VARIANCE
         return measurement, covariance
 
     def _table(self, kind: FactorKind, word: str) -> Factors:
@@ -514,13 +517,6 @@ class _Reader:
         if lifted == SIGHTING:
             table.refuse_first(lines, landmark[0] | ~landmark[1], both, "a pose, then a landmark")
         table.refuse_first(lines, landmark[0] & ~landmark[1], both, "the pose first")
-
-
-def _free_out_of_plane(covariance: Array) -> None:
-    """Free the axes out of the plane of priors (n, 6, 6) if the axes in the plane are free."""
-    free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
-    covariance[free[:, 3:5].all(axis=1), 5, 5] = _FREE_VARIANCE
-    covariance[free[:, 2], 0, 0] = covariance[free[:, 2], 1, 1] = _FREE_VARIANCE
 
 
 def _read_names(path: Path) -> dict[str, str]:

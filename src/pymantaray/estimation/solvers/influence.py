@@ -8,7 +8,14 @@ import pandas as pd
 
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph.graph import KINDS, FactorGraph, Factors, GraphValues, Residual
+from pymantaray.estimation.graph.graph import (
+    KINDS,
+    FactorGraph,
+    Factors,
+    GraphValues,
+    Residual,
+    dimension,
+)
 from pymantaray.estimation.solvers.losses import Loss, whitened_ranges
 from pymantaray.estimation.solvers.normal_equations import SIZE
 from pymantaray.estimation.solvers.optimize import check_convergence
@@ -105,7 +112,7 @@ def factor_influence(
         covariance = _joint(own, between[done - count : done], factors.variables)
         tables.append(
             _named(graph, factors).assign(
-                **_measures(white, jacobian, covariance, graph.n_unknowns)
+                **_measures(white, jacobian, covariance, dimension(graph))
             )
         )
     return pd.concat(tables, ignore_index=True)

@@ -12,15 +12,16 @@ from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 from pymantaray.estimation.ranges.candidates import CandidateArrivals, CandidateModel, of_picks
-from pymantaray.estimation.ranges.epoch_picks import EpochMixture, graduated_fits
 from pymantaray.estimation.ranges.expansion import Expansion, RangeWeights
 from pymantaray.estimation.ranges.picks import (
     NONE,
     Chains,
+    EpochMixture,
     RangeChoice,
     best_picks,
     choices,
     fits,
+    graduated_fits,
     predicted,
     probabilities,
 )

@@ -4,7 +4,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array
+from scipy.sparse import bsr_array, coo_array, csc_array
 
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.estimation._kernels import cholesky
@@ -253,8 +253,8 @@ class Factor:
 
 class NormalEquations:
     """
-    Matrix, gradient and cost of residuals linearized at one state; ``factorize`` overwrites the
-    matrix, which has to be set first.
+    Matrix, gradient and cost of residuals linearized at one state; ``step`` overwrites the matrix,
+    which has to be set first.
 
     The matrix of order 1 is that of Gauss-Newton. Order 2 adds the largest part of the curvature of
     odometry, order 3 that of distances, and order 4 all curvature of odometry, for steps along
@@ -306,18 +306,10 @@ class NormalEquations:
             self._right = np.empty_like(self.gradient)
         return self.upper(self._right)
 
-    def factorize(self) -> Factor | None:
-        """
-        Compute the Cholesky factor in place of the matrix; None if some direction is not
-        determined.
-        """
-        self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
-        return self._factor_from(0, _NO_VECTOR)
-
     def step(self) -> tuple[Factor, Array] | None:
         """
-        Factor as in `factorize`, and the step to the minimum of the linearized cost (n, 6), in the
-        order of rows.
+        Cholesky factor in place of the matrix, and the step to the minimum of the linearized cost
+        (n, 6), in the order of rows; None if some direction is not determined.
 
         The next step of equations in the same arrays may overwrite it.
         """
@@ -399,16 +391,10 @@ class NormalEquations:
     def information(self) -> csc_array:
         """The matrix in the order of the variables."""
         structure = self.structure
-        n = self.structure.row.size
-        variable = np.argsort(structure.row)
-        row = np.repeat(variable, np.diff(structure.start))
-        upper = _matrix(row, variable[structure.column], self.above, n)
-        return csc_array(upper + upper.T + _matrix(variable, variable, self.diagonal, n))
-
-
-def _matrix(row: Indices, column: Indices, blocks: Array, size: int) -> csc_array:
-    """Sparse matrix of blocks at block rows and columns."""
-    i, j = np.indices((SIZE, SIZE))
-    at = SIZE * row[:, None, None] + i, SIZE * column[:, None, None] + j
-    entries = blocks.ravel(), (at[0].ravel(), at[1].ravel())
-    return csc_array(coo_array(entries, shape=(size * SIZE, size * SIZE)))
+        n = structure.row.size
+        size = (SIZE * n, SIZE * n)
+        own = np.arange(n + 1)
+        upper = bsr_array((self.above, structure.column, structure.start), shape=size)
+        diagonal = bsr_array((self.diagonal, own[:n], own), shape=size)
+        at = (SIZE * structure.row[:, None] + np.arange(SIZE)).ravel()
+        return csc_array((upper + upper.T + diagonal).tocsc()[at][:, at])

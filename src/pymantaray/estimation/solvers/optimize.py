@@ -250,24 +250,16 @@ def _stays_above(costs: list[float], rival: float, steps: int) -> bool:
     return costs[-1] - steps * rate > rival
 
 
-class _DampedStep(NamedTuple):
-    """Result of a damped step: state, cost and damping."""
-
-    state: GraphState
-    cost: float
-    damping: float
-
-
 def _damped_step(
     problem: Problem,
     state: GraphState,
     matrices: list[NormalEquations],
     damping: float,
     tolerance: float,
-) -> _DampedStep | None:
+) -> tuple[GraphState, float, float] | None:
     """
-    Increase damping until a step lowers the cost; None if none does, or if a weakly damped step is
-    within tolerance.
+    Increase damping until a step lowers the cost, and return state, cost and damping; None if none
+    does, or if a weakly damped step is within tolerance.
 
     The first of two matrices is dropped once it is not positive definite.
     """
@@ -284,6 +276,6 @@ def _damped_step(
                 trial = state.after_step(problem.structure, step, arc=problem.without_ranges)
                 cost = problem.cost(trial)
                 if cost < equations.cost:
-                    return _DampedStep(trial, cost, damping)
+                    return trial, cost, damping
         damping *= 10.0
     return None
