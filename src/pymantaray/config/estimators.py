@@ -31,12 +31,7 @@ from pymantaray.estimation.names import LinkChoice, LossName, Ranges
 from pymantaray.ocean.equations import EQUATIONS
 from pymantaray.ocean.names import Equation
 
-
-def _kind_alone(value: object) -> object:
-    return {"kind": value} if isinstance(value, str) else value
-
-
-KindAlone = BeforeValidator(_kind_alone)
+KindAlone = BeforeValidator(lambda value: {"kind": value} if isinstance(value, str) else value)
 """A table with its ``kind``, or the kind alone."""
 
 
@@ -51,7 +46,7 @@ class BeliefSection(Section):
     @property
     def varies(self) -> bool:
         """True if the ocean varies in time."""
-        return False
+        return getattr(self, "time_varying", False)
 
 
 class ExactBelief(BeliefSection):
@@ -64,11 +59,6 @@ class ExactBelief(BeliefSection):
     """The true ocean."""
     time_varying: bool = False
     """True if the assumed ocean varies with time; otherwise it is the first snapshot."""
-
-    @property
-    def varies(self) -> bool:
-        """True if the ocean varies in time."""
-        return self.time_varying
 
 
 class PerturbedBelief(BeliefSection):
@@ -220,11 +210,6 @@ class OtherDayBelief(BeliefSection):
     """Time before the start of the study. [days]"""
     time_varying: bool = False
     """True if the assumed ocean varies from that time on."""
-
-    @property
-    def varies(self) -> bool:
-        """True if the ocean varies in time."""
-        return self.time_varying
 
 
 class FileBelief(BeliefSection):

@@ -32,7 +32,10 @@ from pymantaray.estimation.ranges.range_models import (
     UnknownsEstimate,
 )
 from pymantaray.estimation.solve import GraphSolver
-from pymantaray.estimation.solvers.covariance import dead_reckoning_covariances
+from pymantaray.estimation.solvers.covariance import (
+    checked_conditions,
+    dead_reckoning_covariances,
+)
 from pymantaray.estimation.solvers.descents import choose, same_cost
 from pymantaray.estimation.solvers.solution import (
     GraphSolution,
@@ -198,9 +201,8 @@ class _Fleet:
         if estimator.range_sigma != "fitted":
             first = self._first_solved(estimator, measurements, start, solver)
             plain = estimator.ranges is not None and estimator.method == Method()
-            plain &= not isinstance(
-                estimator.model, CandidateModel
-            )  # which starts there in any case
+            # a mixture starts there in any case
+            plain &= not isinstance(estimator.model, CandidateModel)
             again = plain and (estimator.initial is None or not first.usable)
             return self._lower(first, estimator, measurements, solver) if again else first
         n_ranges = max(int(np.isfinite(measurements.refracted_range).sum()), 1)
@@ -361,14 +363,7 @@ def collect_estimates(
     EstimationError
         If there is no realization, or two of them have different conditions.
     """
-    if not solutions:
-        raise EstimationError("no realization to collect; at least one is needed")
-    conditions = list(solutions[0])
-    odd = next((i for i, s in enumerate(solutions) if list(s) != conditions), None)
-    if odd is not None:
-        raise EstimationError(
-            f"realization {odd} has conditions {list(solutions[odd])}, realization 0 {conditions}"
-        )
+    conditions = checked_conditions(solutions)
 
     def table(attribute: str) -> NDArray[Any]:
         return np.array([[getattr(s[c], attribute) for s in solutions] for c in conditions])

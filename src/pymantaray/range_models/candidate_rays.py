@@ -65,9 +65,8 @@ class CandidateRays(CandidateModel):
 
         probability = np.prod(legs(receptions.probability), axis=0)
         back = (exchanges.direction == Direction.BACK)[:, None]
-        at_source = -np.nan_to_num(
-            np.mean(legs(receptions.source_slowness), axis=0)
-        )  # NaN for equal positions
+        # NaN for equal positions
+        at_source = -np.nan_to_num(np.mean(legs(receptions.source_slowness), axis=0))
         at_receiver = np.nan_to_num(np.mean(legs(receptions.receiver_slowness), axis=0))
         bounces = [
             np.sum(legs(n.astype(float)), axis=0).astype(np.intp)

@@ -7,9 +7,8 @@ from scipy.sparse import diags_array, eye_array
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
-from pymantaray.estimation.solvers.normal_equations import SIZE
+from pymantaray.estimation.solvers.normal_equations import SIZE, symmetric_factor
 from pymantaray.estimation.solvers.problems import GraphState, distance_problem
-from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
 _UNDETERMINED = (

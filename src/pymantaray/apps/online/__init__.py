@@ -7,7 +7,7 @@ from pymantaray.lazy import lazy_exports
 if TYPE_CHECKING:
     from pymantaray.apps.online.drifting_water import DriftingWater as DriftingWater
     from pymantaray.apps.online.drifting_water import SoundSpeedBias as SoundSpeedBias
-    from pymantaray.apps.online.filter import Outcome as Outcome
+    from pymantaray.apps.online.timeline import Outcome as Outcome
     from pymantaray.apps.online.vehicle import Beacon as Beacon
     from pymantaray.apps.online.vehicle import OnlineEstimator as OnlineEstimator
     from pymantaray.apps.online.vehicle import PoseEstimate as PoseEstimate

@@ -16,10 +16,16 @@ from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Medium
 from pymantaray.apps.online.drifting_water import DriftingWater, SoundSpeedBias, saved_water
-from pymantaray.apps.online.filter import Event, FleetState, Kind, Outcome, RangePrediction
 from pymantaray.apps.online.range_model import range_model_of
 from pymantaray.apps.online.saved_state import fault_of, read_state, write_state
-from pymantaray.apps.online.timeline import Timeline
+from pymantaray.apps.online.timeline import (
+    Event,
+    FleetState,
+    Kind,
+    Outcome,
+    RangePrediction,
+    Timeline,
+)
 from pymantaray.apps.table.table import TravelTimeTable
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OnlineError

@@ -12,10 +12,16 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import probability_of_excess
 from pymantaray.acoustics.reflection import wave_height_rms
-from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, Components, EventData
+from pymantaray.apps.replay.event_data import (
+    CLUTTER,
+    CLUTTER_WIDTH,
+    HOUR,
+    ArrivalTracks,
+    Components,
+    EventData,
+)
 from pymantaray.apps.replay.options import PredictionOptions
 from pymantaray.apps.replay.summary import quantile_of, ratio_interval
-from pymantaray.apps.replay.tracks import ArrivalTracks
 from pymantaray.arrays import Array, Indices
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import MAD_TO_SIGMA

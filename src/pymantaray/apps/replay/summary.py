@@ -95,17 +95,29 @@ def quantile_of(size: Array, level: float) -> float:
     return float(np.quantile(size, level, method="inverted_cdf")) if size.size else np.nan
 
 
+def pairs_of_depths(
+    events: pd.DataFrame, step: float = 10.0
+) -> tuple[list[str], NDArray[np.int64]]:
+    """
+    Unordered pairs of depths, rounded to multiples of a step [m], such as ``30 and 90 m``, and that
+    of each event.
+    """
+    depths = np.sort(events[["source_depth_m", "receiver_depth_m"]].to_numpy(), axis=1)
+    pairs, number = np.unique(step * np.round(depths / step), axis=0, return_inverse=True)
+    names = [f"{first:g} and {second:g} m" for first, second in pairs.tolist()]
+    return names, np.asarray(number.reshape(-1), dtype=np.int64)
+
+
 def _groupings(events: pd.DataFrame) -> Iterator[tuple[str, NDArray[np.int64], list[str]]]:
     """Name of each way to group the events, the group of each event, and the groups' names."""
     yield "all", np.zeros(len(events), dtype=np.int64), ["all"]
     pairs, group_of = np.unique(events["pair"].to_numpy(dtype=str), return_inverse=True)
     yield "pair", group_of, pairs.tolist()
-    depths = np.sort(events[["source_depth_m", "receiver_depth_m"]].to_numpy(), axis=1)
     for step in _DEPTH_STEPS:
-        values, group_of = np.unique(step * np.round(depths / step), axis=0, return_inverse=True)
-        if len(values) <= _MAX_DEPTH_GROUPS:
+        names, group_of = pairs_of_depths(events, step)
+        if len(names) <= _MAX_DEPTH_GROUPS:
             break
-    yield "depths", group_of, [f"{depth:g} and {other_depth:g} m" for depth, other_depth in values]
+    yield "depths", group_of, names
     for step in _RANGE_STEPS:
         cells, group_of = np.unique(
             np.floor(events["distance_m"].to_numpy() / step), return_inverse=True

@@ -22,8 +22,7 @@ from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method, RangeMo
 from pymantaray.estimation.names import MeasuredRanges
 from pymantaray.estimation.ranges.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.geometry.sphere import EarthSphere
-from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.range_models.eigenray_model import EigenrayModel
+from pymantaray.range_models.eigenray_model import AdjustableEigenrays, EigenrayModel
 from pymantaray.range_models.ray_uncertainty import RayUncertainty
 
 

@@ -29,9 +29,8 @@ from pymantaray.estimation import (
     RangeModel,
     TransmitterSpeed,
 )
-from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.range_models.candidate_rays import CandidateRays
-from pymantaray.range_models.eigenray_model import VaryingEigenrays
+from pymantaray.range_models.eigenray_model import AdjustableEigenrays, VaryingEigenrays
 
 
 def build_range_model(section: AnyRangeModel, beliefs: Beliefs, realization: int) -> RangeModel:

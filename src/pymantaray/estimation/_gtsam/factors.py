@@ -23,6 +23,14 @@ from pymantaray.estimation.graph.graph import (
 from pymantaray.estimation.solvers.losses import Loss
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
+_M_ESTIMATORS = {
+    "huber": "Huber",
+    "cauchy": "Cauchy",
+    "geman-mcclure": "GemanMcClure",
+    "tukey": "Tukey",
+    "welsch": "Welsch",
+}
+
 
 def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
     """
@@ -40,7 +48,8 @@ def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
     for factors in graph.of_residual(Residual.DISTANCE):
         noise = _models(_gaussian, factors.covariance)
         if loss is not None:
-            robust = _m_estimator(loss)
+            kind = getattr(gtsam.noiseModel.mEstimator, _M_ESTIMATORS[loss.kind])
+            robust = kind.Create(loss.scale)
             noise = [gtsam.noiseModel.Robust.Create(robust, model) for model in noise]
         # pose-pose, pose-landmark and landmark-landmark
         kinds = (gtsam.RangeFactorPose3, gtsam.RangeFactor3D, gtsam.RangeFactor3)
@@ -169,18 +178,6 @@ def _gaussian(covariance: Array) -> Any:
 
 def _vertical(covariance: Array) -> Any:
     return gtsam.noiseModel.Diagonal.Precisions(np.array([0.0, 0.0, 1.0 / covariance[0, 0]]))
-
-
-def _m_estimator(loss: Loss) -> Any:
-    kinds = gtsam.noiseModel.mEstimator
-    kind: Any = {
-        "huber": kinds.Huber,
-        "cauchy": kinds.Cauchy,
-        "geman-mcclure": kinds.GemanMcClure,
-        "tukey": kinds.Tukey,
-        "welsch": kinds.Welsch,
-    }[loss.kind]
-    return kind.Create(loss.scale)
 
 
 def graph_values(values: Any, graph: FactorGraph) -> GraphValues:

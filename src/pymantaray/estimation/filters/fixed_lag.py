@@ -26,7 +26,7 @@ from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
 
 if TYPE_CHECKING:
-    from pymantaray.estimation._gtsam.fixed_lag import LaggedSmoother
+    from pymantaray.estimation._gtsam.incremental import LaggedSmoother
 
 
 def smooth_with_lag(
@@ -77,7 +77,7 @@ def smooth_with_lag(
     moment[n:] = determined_times(graph, initial)
     smoother: LagWindow | LaggedSmoother = LagWindow(graph, initial, moment, times, lag, options)
     if incremental:
-        from pymantaray.estimation._gtsam.fixed_lag import LaggedSmoother
+        from pymantaray.estimation._gtsam.incremental import LaggedSmoother
 
         smoother = LaggedSmoother(graph, initial, moment, times, lag, options.incremental)
     seconds = np.full(times.size, np.nan)
@@ -92,9 +92,8 @@ def smooth_with_lag(
     cost = problem.cost(GraphState.of(initial))
     done = True
     for k, now in enumerate(times.tolist()):
-        gone = (
-            times[k + 1] - lag if k + 1 < times.size else np.inf
-        )  # poses before are marginalized next
+        # poses before this time are marginalized next
+        gone = times[k + 1] - lag if k + 1 < times.size else np.inf
         ready = (epoch_time <= now) & (epoch_time < gone)
         epochs = [epoch for epoch in np.flatnonzero(ready).tolist() if epoch not in joint]
         done = smoother.update(k, [poses[epoch] for epoch in epochs])

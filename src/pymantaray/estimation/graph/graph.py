@@ -54,9 +54,8 @@ class Residual(Enum):
 
     # of a pose in another pose or in the world; in the world also its rotation alone
     POSE = "relative pose"
-    SIGHTING = (
-        "sighting"  # of the position of a landmark or of another pose in the body frame of a pose
-    )
+    # of the position of a landmark or of another pose in the body frame of a pose
+    SIGHTING = "sighting"
     POSITION = "position"  # of a pose or a landmark in the world, or a pose's depth alone
     DISTANCE = "distance"  # between two variables
 
@@ -95,13 +94,11 @@ class FactorKind:
 
     what: str  # its name in messages
     plural: str
-    ends: tuple[
-        str, ...
-    ]  # types of its variables: "pose", "landmark", "any"; a pose comes before a landmark
+    # types of its variables: "pose", "landmark", "any"; a pose comes before a landmark
+    ends: tuple[str, ...]
     columns: tuple[tuple[str, int, str], ...]  # measured columns: name, width and unit
-    word: (
-        str | None
-    )  # that begins its lines in PyFactorGraph text; None if this text cannot hold it
+    # that begins its lines in PyFactorGraph text; None if this text cannot hold it
+    word: str | None
     axes: tuple[int, ...] = ()  # measured ones of rx ry rz x y z; default: all of the columns
     anchors: bool = False  # true if it ties its variable to the world
     reckons: bool = False  # true if dead reckoning uses it: first poses, steps and landmarks

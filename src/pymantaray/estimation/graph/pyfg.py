@@ -21,7 +21,7 @@ from typing import IO, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.arrays import Array, Mask
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.columns import ROTATION_FIRST, columns, to_graph, write_rows
 from pymantaray.estimation.graph.graph import (
@@ -387,7 +387,12 @@ class _Reader:
         variables = self._variables(word)
         if word == EDGE:
             free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
-            mine = _edges_of(kind, free)
+            # odometry has the lines that no other kind has
+            partial = {k.axes for k in KINDS.values() if k.word == EDGE and k.axes}
+            mine = np.zeros(len(free), dtype=np.bool_)
+            for axes in [kind.axes] if kind.axes else partial:
+                mine |= (free == ~np.isin(np.arange(6), axes)).all(axis=1)
+            mine = mine if kind.axes else ~mine
             variables = variables[mine]
             measurement = measurement[mine]
             covariance = covariance[mine]
@@ -610,15 +615,6 @@ def _texts(
         else:
             known[table] = factors, "".join(rows)
             yield known[table][1]
-
-
-def _edges_of(kind: FactorKind, free: Mask) -> Mask:
-    """Edges of a kind among lines with these free axes (n, 6); odometry has what no other has."""
-    partial = {k.axes for k in KINDS.values() if k.word == EDGE and k.axes}
-    mine = np.zeros(len(free), dtype=np.bool_)
-    for axes in [kind.axes] if kind.axes else partial:
-        mine |= (free == ~np.isin(np.arange(6), axes)).all(axis=1)
-    return mine if kind.axes else ~mine
 
 
 def _same(first: Factors, second: Factors) -> bool:

@@ -158,25 +158,21 @@ class TextLines:
         if never:
             self.refuse(f"no line begins with {never[0]!r}", "words of the file to leave out", 0)
         if self._unknown and not self._skip_unknown:
-            self._refuse_unknown()
+            first = list(self._unknown.items())[:_MAX_WORDS_NAMED]
+            named = [
+                f"{self._left_out[word]} of {word[:40]!r} (line {line})" for word, line in first
+            ]
+            more = len(self._unknown) - len(named)
+            listing = ", ".join(named) + (f" and {more} more words" if more else "")
+            raise EstimationError(
+                f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or"
+                " skip and count them with `skip_unknown=True`"
+            )
 
     @property
     def left_out(self) -> dict[str, int]:
         """Number of skipped lines of each word."""
         return dict(self._left_out)
-
-    def _refuse_unknown(self) -> NoReturn:
-        """Raise an error that lists the first unknown words with their counts and first lines."""
-        named = [
-            f"{self._left_out[word]} of {word[:40]!r} (line {line})"
-            for word, line in list(self._unknown.items())[:_MAX_WORDS_NAMED]
-        ]
-        more = len(self._unknown) - len(named)
-        listing = ", ".join(named) + (f" and {more} more words" if more else "")
-        raise EstimationError(
-            f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip"
-            " and count them with `skip_unknown=True`"
-        )
 
     def treat(self, word: str, matrices: Array) -> tuple[Array, Mask]:
         """

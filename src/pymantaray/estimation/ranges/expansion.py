@@ -14,9 +14,8 @@ from pymantaray.estimation.ranges.range_models import (
     chord,
 )
 
-EpochBlock = tuple[
-    Rows, Array
-]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
+# rows of the ranges of one epoch, and the covariance of their residuals [m2]
+EpochBlock = tuple[Rows, Array]
 
 _SAME_POSITION = 0.1  # m; smaller displacements and changes of curvature need no new prediction
 _SAME_CHORD = 1e-5

@@ -176,9 +176,8 @@ class EpochMixture(NamedTuple):
     receiver: Rows
     position: Array  # of the ends, (n_ends, 3) [m]
     unknowns: Array  # that all ranges share, in their prior standard deviations
-    covariance: (
-        Array  # of positions [m²] and unknowns, (3 n_ends + n_unknowns, 3 n_ends + n_unknowns)
-    )
+    # of positions [m²] and unknowns, (3 n_ends + n_unknowns, 3 n_ends + n_unknowns)
+    covariance: Array
     row: Rows  # range of each candidate
     variance: Array  # of each candidate's residual [m²]
     smallest: Array  # variance of each candidate's range in an exact ocean [m²]

@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,9 +20,8 @@ from pymantaray.errors import EstimationError
 from pymantaray.geometry.se3 import lengths
 
 Rows = Indices
-_LEVEL_DIFFERENCE = (
-    0.01  # m; below this difference in depth, Simpson's rule gives the mean slowness
-)
+# m; below this difference in depth, Simpson's rule gives the mean slowness
+_LEVEL_DIFFERENCE = 0.01
 
 
 class TimedRanges(NamedTuple):
@@ -62,6 +61,21 @@ class Prediction(NamedTuple):
     receiver_gradient: Array  # by the receiver's
     possible: Mask  # true if the assumed ocean has an arrival, (n,)
     bounces: Rows | None = None  # reflections of each path, (n,); None if all paths are direct
+
+    def put(self, rows: Rows | Mask, part: Prediction) -> None:
+        """
+        Replace some rows, in place.
+
+        Parameters
+        ----------
+        rows : ndarray of int or bool
+        part : Prediction
+            Of these rows.
+        """
+        whole: Any
+        for whole, values in zip(self, part, strict=True):
+            if whole is not None:
+                whole[rows] = values
 
     def scaled(self, factor: float | Array) -> Prediction:
         """

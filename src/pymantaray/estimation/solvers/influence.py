@@ -218,9 +218,18 @@ def _linearized(factors: Factors, state: GraphState, *, planar: bool) -> tuple[A
     ends = [_Ends(state.rotation[v], state.position[v]) for v in factors.variables.T]
 
     def residual_at(end: int, axis: int, step: float) -> Array:
-        """Residual after a step of one end."""
+        """
+        Residual after a step of one end: a rotation about an axis of the body, or a displacement
+        along an axis of the world.
+        """
         trial = list(ends)
-        trial[end] = _displace(ends[end], axis, step)
+        rotation, position = ends[end]
+        vector = step * np.eye(3)[axis % 3]
+        trial[end] = (
+            _Ends(rotation @ so3_exp(vector), position)
+            if axis < 3
+            else _Ends(rotation, position + vector)
+        )
         return residual(factors, trial)[:, measured]
 
     columns = []
@@ -230,14 +239,6 @@ def _linearized(factors: Factors, state: GraphState, *, planar: bool) -> tuple[A
         columns.append(difference / (2.0 * step))
     white = np.linalg.solve(root, residual(factors, ends)[:, measured][..., None])[..., 0]
     return white, np.linalg.solve(root, np.stack(columns, axis=-1))
-
-
-def _displace(end: _Ends, axis: int, step: float) -> _Ends:
-    """Rotate ends about an axis of the body, or translate them along an axis of the world."""
-    vector = step * np.eye(3)[axis % 3]
-    if axis < 3:
-        return end._replace(rotation=end.rotation @ so3_exp(vector))
-    return end._replace(position=end.position + vector)
 
 
 def _pose(factors: Factors, ends: list[_Ends]) -> Array:

@@ -5,11 +5,11 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.sparse import bsr_array, coo_array, csc_array
+from scipy.sparse.linalg import SuperLU, splu
 
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.estimation._kernels import cholesky
 from pymantaray.estimation._kernels.residuals import Matrix
-from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
 
 SIZE = 6  # of a block: rotation in the body's axes, position in the world's axes
 ROTATION = slice(0, 3)
@@ -17,6 +17,13 @@ POSITION = slice(3, SIZE)
 _NO_VECTOR = np.empty((0, SIZE))
 _NO_BLOCKS = np.empty((0, SIZE, SIZE))
 _LARGEST_SPARE = 1 << 26  # bytes
+
+
+def symmetric_factor(matrix: csc_array) -> SuperLU:
+    """Factor a symmetric matrix; raises `RuntimeError` if it is exactly singular."""
+    return splu(
+        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
 
 
 class Blocks(NamedTuple):
@@ -322,15 +329,11 @@ class NormalEquations:
             first = int(self.structure.batch[-2])
             step[first:] -= self.gradient[first:]
             self._element[first:] += np.diagonal(self.diagonal[first:], axis1=1, axis2=2)
-        factor = None if self.failed else self._factor_from(first, step)
-        return None if factor is None else (factor, factor.finish(step))
-
-    def _factor_from(self, first: int, right: Array) -> Factor | None:
-        """Factor after elimination of all rows from the first one."""
         structure = self.structure
-        if cholesky.factorize(self.upper(right), first, structure.row.size) >= 0:
+        if self.failed or cholesky.factorize(self.upper(step), first, structure.row.size) >= 0:
             return None
-        return Factor(structure, self.diagonal, self.above)
+        factor = Factor(structure, self.diagonal, self.above)
+        return factor, factor.finish(step)
 
     def eliminate(self, last: Indices) -> tuple[Array, Array] | None:
         """

@@ -22,9 +22,8 @@ _SLOW = 0.5  # ratio of successive steps with curvature; with large residuals it
 _MAX_SLOW = 3  # such steps before the curvature is given up
 _MAX_STALLED = 10  # such steps without curvature before damped steps take over
 _MAX_INDEFINITE = 2  # indefinite matrices of an order before it is given up
-_STALLED_FALL = (
-    1e-9  # relative decrease of the cost at which damped steps from a singular start end
-)
+# relative decrease of the cost at which damped steps from a singular start end
+_STALLED_FALL = 1e-9
 _FIRST_DAMPING = 1e-5  # of the diagonal
 _MAX_DAMPING = 1e5
 _SMALL_FALL = 0.01  # relative decrease of the cost below which damped steps use full curvature
@@ -236,18 +235,13 @@ def _levenberg_marquardt(
         if singular and fall <= _STALLED_FALL:
             return _DampedSteps(state, iteration + 1)
         costs.append(cost)
-        if _stays_above(costs, options.rival_cost, most - iteration - 1):
-            return _DampedSteps(state, iteration + 1, given_up=True)
+        if len(costs) > _RATE_STEPS:
+            # the cost stays above the rival's at the mean rate of the last steps
+            rate = (costs[-1 - _RATE_STEPS] - cost) / _RATE_STEPS
+            if cost - (most - iteration - 1) * rate > options.rival_cost:
+                return _DampedSteps(state, iteration + 1, given_up=True)
         damping *= 0.1
     return _DampedSteps(state, most)
-
-
-def _stays_above(costs: list[float], rival: float, steps: int) -> bool:
-    """True if the cost stays above a rival's, at the mean rate of the last steps."""
-    if len(costs) <= _RATE_STEPS:
-        return False
-    rate = (costs[-1 - _RATE_STEPS] - costs[-1]) / _RATE_STEPS
-    return costs[-1] - steps * rate > rival
 
 
 def _damped_step(

@@ -18,7 +18,7 @@ from pymantaray.estimation.graph.graph import (
     connected_parts,
     joined_parts,
 )
-from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
+from pymantaray.estimation.solvers.normal_equations import symmetric_factor
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import Measurements
 
