@@ -410,8 +410,7 @@ class OnlineEstimator:
         -------
         ndarray, shape (3,)
         """
-        who, _, state = self._state(time, vehicle)
-        return np.array(state.position[who])
+        return self.pose(time, vehicle=vehicle).position
 
     def covariance(self, time: float | None = None, *, vehicle: str | None = None) -> Array:
         """
@@ -428,9 +427,7 @@ class OnlineEstimator:
         -------
         ndarray, shape (3, 3)
         """
-        who, _, state = self._state(time, vehicle)
-        own = slice(SIZE * who + 3, SIZE * (who + 1))
-        return np.array(state.covariance[own, own])
+        return self.pose(time, vehicle=vehicle).covariance[3:, 3:].copy()
 
     def water_errors(self, time: float | None = None) -> list[SoundSpeedBias]:
         """

@@ -176,7 +176,8 @@ def replay(
             progress=report,
         )
     with printing.printer() as printer:
-        _print_result(printer, events, result, page)
+        _print_result(printer, result, page)
+        _exit_if_unexplained(events, result)
 
 
 def _waters_on_earth(
@@ -203,8 +204,7 @@ def _waters_on_earth(
     return on_sphere, ["Earth: sphere, because positions are geographic"]
 
 
-def _print_result(out: Printer, events: Path, result: "Replay", page: Path) -> None:
-    """Print the result, and exit with an error status if the predictions explain nothing."""
+def _print_result(out: Printer, result: "Replay", page: Path) -> None:
     out.notes(result.notes)
     for finding in result.findings:
         out.line(finding)
@@ -245,6 +245,10 @@ def _print_result(out: Printer, events: Path, result: "Replay", page: Path) -> N
             f" correlation time {switching['correlation_s']:.0f} s"
         )
     out.paths(page=page)
+
+
+def _exit_if_unexplained(events: Path, result: "Replay") -> None:
+    """End with the status of an unusable result if the predictions explain nothing."""
     if result.unexplained is not None:
         LOG.error("%s: not explained: %s", events, result.unexplained)
         raise typer.Exit(EXIT_UNUSABLE)

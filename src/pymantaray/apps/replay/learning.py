@@ -9,7 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 import pandas as pd
 
-from pymantaray.apps.replay.candidates import GRADIENT
+from pymantaray.apps.replay.draws import GRADIENT
 from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, ArrivalTracks, EventData
 from pymantaray.apps.replay.options import PredictionOptions
 from pymantaray.apps.replay.summary import pairs_of_depths
