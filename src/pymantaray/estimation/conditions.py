@@ -198,37 +198,68 @@ class _Fleet:
         if self._graph is None:
             self._graph = build_graph(measurements, estimator.ranges, estimator.links)
         start = self._values(*(estimator.initial or self._dead_reckoned))
-        if estimator.range_sigma != "fitted":
-            first = self._first_solved(estimator, measurements, start, solver)
-            plain = estimator.ranges is not None and estimator.method == Method()
-            # a mixture starts there in any case
-            plain &= not isinstance(estimator.model, CandidateModel)
-            again = plain and (estimator.initial is None or not first.usable)
-            return self._lower(first, estimator, measurements, solver) if again else first
+        if estimator.range_sigma == "fitted":
+            return self._with_fitted_sigma(estimator, measurements, start, solver)
+        first = self._first_solved(estimator, measurements, start, solver)
+        plain = estimator.ranges is not None and estimator.method == Method()
+        # a mixture starts there in any case
+        plain &= not isinstance(estimator.model, CandidateModel)
+        again = plain and (estimator.initial is None or not first.usable)
+        return self._lower(first, estimator, measurements, solver) if again else first
+
+    def _with_fitted_sigma(
+        self,
+        estimator: Estimator,
+        measurements: Measurements,
+        start: GraphValues,
+        solver: GraphSolver,
+    ) -> GraphSolution:
+        """
+        Solution with the range sigma, of at least the measured one, at which the cost equals its
+        expected value; that of the measurements if there is none.
+
+        The part of the cost that is due to ranges is nearly a power of the factor on sigma, so the
+        secant is that of logarithms.
+        """
         n_ranges = max(int(np.isfinite(measurements.refracted_range).sum()), 1)
 
-        def fits(solution: GraphSolution) -> bool:
-            return abs(_excess(solution)) <= _COST_TOLERANCE * n_ranges
+        def excess_of(solution: GraphSolution) -> float:
+            """Cost above its expected value."""
+            return solution.final_cost - solution.expected_cost
 
-        fitted = _fitted(
-            lambda k, at: (
-                self._first_solved(estimator, measurements, at, solver)
-                if k == 1.0 and at is start
-                else self._solved(estimator, _scaled(measurements, k), at, solver, fits)
-            ),
-            fits,
-            start,
-            n_ranges,
-        )
-        if fitted is None:
-            return self._solved(estimator, measurements, start, solver)
-        scale, solution = fitted
-        return replace(
-            solution,
-            unknowns=_with_range_sigma(
-                scale * float(np.median(measurements.range_sigma)), solution.unknowns
-            ),
-        )
+        def fits(solution: GraphSolution) -> bool:
+            return abs(excess_of(solution)) <= _COST_TOLERANCE * n_ranges
+
+        log_scale = 0.0
+        before = None
+        low = 0.0
+        high = np.log(_MAX_SCALE)
+        solution = self._first_solved(estimator, measurements, start, solver)
+        for _ in range(_MAX_FITS):
+            if not solution.usable:
+                break
+            excess = excess_of(solution)
+            scale = float(np.exp(log_scale))
+            if fits(solution) or (excess <= 0.0 and before is None):
+                sigma = scale * float(np.median(measurements.range_sigma))
+                return replace(solution, unknowns=_with_range_sigma(sigma, solution.unknowns))
+            low, high = (log_scale, high) if excess > 0.0 else (low, log_scale)
+            # the cost that ranges should have is half their number
+            share = float(np.log(max(1.0 + 2.0 * excess / n_ranges, _MIN_SHARE)))
+            slope = -2.0 if before is None else (share - before[1]) / (log_scale - before[0])
+            before = log_scale, share
+            guess = log_scale - share / slope if slope < 0.0 else np.inf
+            log_scale = guess if low < guess < high else 0.5 * (low + high)
+            larger = float(np.exp(log_scale)) * measurements.range_sigma
+            solution = self._solved(
+                estimator,
+                replace(measurements, range_sigma=larger),
+                solution.values,
+                solver,
+                fits,
+            )
+        # the cost is above its expected value for any weight of the ranges
+        return self._solved(estimator, measurements, start, solver)
 
     def _lower(
         self,
@@ -419,52 +450,6 @@ def _with_mean_of_directions(measurements: Measurements) -> Measurements:
         refracted_range=mean(measurements.refracted_range),
         straight_range=mean(measurements.straight_range),
     )
-
-
-def _scaled(measurements: Measurements, scale: float) -> Measurements:
-    return replace(measurements, range_sigma=scale * measurements.range_sigma)
-
-
-def _excess(solution: GraphSolution) -> float:
-    """Cost above its expected value."""
-    return solution.final_cost - solution.expected_cost
-
-
-def _fitted(
-    solve: Callable[[float, GraphValues], GraphSolution],
-    fits: Callable[[GraphSolution], bool],
-    start: GraphValues,
-    n_ranges: int,
-) -> tuple[float, GraphSolution] | None:
-    """
-    Factor of at least 1 on the range sigmas at which the cost equals its expected value, and the
-    solution; None if there is none.
-
-    The part of the cost that is due to ranges is nearly a power of the factor, so the secant is
-    that of logarithms.
-    """
-    log_scale = 0.0
-    before = None
-    low = 0.0
-    high = np.log(_MAX_SCALE)
-    for _ in range(_MAX_FITS):
-        solution = solve(float(np.exp(log_scale)), start)
-        if not solution.usable:
-            return None
-        start = solution.values
-        excess = _excess(solution)
-        if excess <= 0.0 and log_scale == 0.0:
-            return 1.0, solution
-        if fits(solution):
-            return float(np.exp(log_scale)), solution
-        low, high = (log_scale, high) if excess > 0.0 else (low, log_scale)
-        # the cost that ranges should have is half their number
-        share = float(np.log(max(1.0 + 2.0 * excess / n_ranges, _MIN_SHARE)))
-        slope = -2.0 if before is None else (share - before[1]) / (log_scale - before[0])
-        before = log_scale, share
-        guess = log_scale - share / slope if slope < 0.0 else np.inf
-        log_scale = guess if low < guess < high else 0.5 * (low + high)
-    return None  # above its expected value for any weight of the ranges
 
 
 def _with_range_sigma(sigma: float, others: UnknownsEstimate | None) -> UnknownsEstimate:

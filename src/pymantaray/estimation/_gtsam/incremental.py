@@ -103,13 +103,11 @@ class Entering:
 
     def __init__(self, graph: FactorGraph, start: Any, update_time: Array) -> None:
         self._start = start
-        self._n_poses = graph.n_poses
         self._graph = graph
         self._update_time = update_time
         self._with_prior = {
             v for table in graph.of_ends(("landmark",)) for v in table.subject.tolist()
         }
-        self._time = graph.pose_time
         prior = graph["prior"]
         edge = graph["edge"]
         priors = poses_of(prior.column("quaternion"), prior.column("position"))
@@ -124,11 +122,11 @@ class Entering:
     def values(self, variables: Indices, smoother: Smoother, update: int) -> Any:
         """Starting values of the new variables of an update."""
         out = gtsam.Values()
-        poses = variables[variables < self._n_poses]
-        for key in poses[np.argsort(self._time[poses], kind="stable")].tolist():
+        poses = variables[variables < self._graph.n_poses]
+        for key in poses[np.argsort(self._graph.pose_time[poses], kind="stable")].tolist():
             out.insert(key, self._pose(key, out, smoother))
             self._there.add(key)
-        for key in variables[variables >= self._n_poses].tolist():
+        for key in variables[variables >= self._graph.n_poses].tolist():
             out.insertPoint3(key, self._landmark(key, out, smoother, self._update_time[update]))
         return out
 
@@ -140,11 +138,11 @@ class Entering:
         if key in self._with_prior:
             return self._start.atPoint3(key)
         graph = self._graph
-        n = self._n_poses
+        n = self._graph.n_poses
 
         def past(table: Factors) -> Factors:
             first, second = table.variables.T
-            there = [pose < n and self._time[pose] <= now for pose in first.tolist()]
+            there = [pose < n and self._graph.pose_time[pose] <= now for pose in first.tolist()]
             return table[(second == key) & np.array(there, dtype=bool)]
 
         ranges = past(graph["range"])

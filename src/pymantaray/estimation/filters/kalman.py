@@ -443,17 +443,16 @@ class _Log:
     """Estimates of all poses, and covariances at the requested epochs."""
 
     def __init__(self, graph: FactorGraph, timeline: _Timeline, poses: Indices | None) -> None:
+        self._graph = graph
         self._pose = timeline.pose
-        self._n = graph.n_poses
-        self._position = np.full((self._n, 3), np.nan)
-        self._rotation = np.full((self._n, 3, 3), np.nan)
+        self._position = np.full((graph.n_poses, 3), np.nan)
+        self._rotation = np.full((graph.n_poses, 3, 3), np.nan)
         self._poses = poses
         self._epoch = (
             {}
             if poses is None
             else {int(timeline.sample[row[0]]): epoch for epoch, row in enumerate(poses)}
         )
-        self._vehicle = graph.pose_vehicle
         self._out = None if poses is None else EpochCovariances.unknown(*poses.shape)
 
     def note(self, state: State, k: int, *, range_nis: float, range_dimension: int) -> None:
@@ -467,7 +466,7 @@ class _Log:
         if self._out is None or self._poses is None or k not in self._epoch:
             return
         epoch = self._epoch[k]
-        vehicles = self._vehicle[self._poses[epoch]]
+        vehicles = self._graph.pose_vehicle[self._poses[epoch]]
         blocks = state.covariance.reshape(len(state.position), SIZE, len(state.position), SIZE)
         self._out.position[epoch] = blocks[vehicles][:, POSITION][:, :, vehicles][..., POSITION]
         to_body = np.zeros((vehicles.size, SIZE, SIZE))
@@ -482,7 +481,7 @@ class _Log:
 
     def values(self, state: State) -> GraphValues:
         """Estimates of all variables."""
-        quaternion = np.full((self._n, 4), np.nan)
+        quaternion = np.full((self._graph.n_poses, 4), np.nan)
         fine = np.isfinite(self._rotation).all(axis=(1, 2))
         quaternion[fine] = quaternion_from_matrix(self._rotation[fine])
         return GraphValues(self._position, quaternion, state.position[self._pose.shape[1] :])

@@ -55,10 +55,6 @@ class MarginalPrior:
         """The same with variables numbered by their index among sorted ones."""
         return replace(self, variables=np.searchsorted(variables, self.variables))
 
-    def renumber(self, variables: Indices) -> "MarginalPrior":
-        """The inverse of `among`."""
-        return replace(self, variables=variables[self.variables])
-
     def cost_at(self, state: GraphState) -> float:
         """Cost at a state."""
         d = self._distance(state).ravel()
@@ -359,7 +355,7 @@ class LagWindow:
         after = marginalize(graph, before, state, np.flatnonzero(~gone[involved]))
         if after is None:
             return False
-        self._prior = after.renumber(involved)
+        self._prior = replace(after, variables=involved[after.variables])
         self._inside &= ~gone
         self._left |= gone
         return True

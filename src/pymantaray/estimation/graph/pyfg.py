@@ -293,7 +293,7 @@ def load_pyfg(
     return GraphFile(
         graph,
         values,
-        lines.left_out,
+        dict(lines.left_out),
         repaired=dict(lines.repaired),
         depths_from_above=n_ranges - len(graph["range"]),
     )

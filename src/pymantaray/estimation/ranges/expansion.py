@@ -152,11 +152,12 @@ class RangeWeights:
         self._model_ranges = model_ranges
         self._variance = variance
         epoch = model_ranges.ranges.epoch
-        self._rows = [
+        # rows of the ranges of each epoch
+        self.rows = [
             np.flatnonzero(epoch == number) for number in range(int(epoch.max(initial=-1)) + 1)
         ]
         self._position: Array | None = None
-        self._full = [np.diag(variance[rows]) for rows in self._rows]
+        self._full = [np.diag(variance[rows]) for rows in self.rows]
 
     def at(self, links: RangeEndpoints) -> None:
         """Update the covariances for the positions of some links."""
@@ -171,7 +172,7 @@ class RangeWeights:
         self._position = position
         c = links.sound_speed
         for e, extra in enumerate(uncertainty.covariances(links, self._model_ranges.ranges.epoch)):
-            rows = self._rows[e]
+            rows = self.rows[e]
             added = c[rows][:, None] * extra * c[rows]
             if not self._model_ranges.correlated:
                 added = np.diag(np.diagonal(added))
@@ -179,10 +180,10 @@ class RangeWeights:
 
     def blocks(self, used: Mask) -> list[EpochBlock]:
         """Rows and covariances of the used ranges of each epoch."""
-        mine = [used[rows] for rows in self._rows]
+        mine = [used[rows] for rows in self.rows]
         return [
             (rows[m], full[np.ix_(m, m)])
-            for rows, full, m in zip(self._rows, self._full, mine, strict=True)
+            for rows, full, m in zip(self.rows, self._full, mine, strict=True)
         ]
 
 

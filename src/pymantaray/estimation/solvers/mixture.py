@@ -43,12 +43,7 @@ class PickedWeights(RangeWeights):
     def add(self, added: Array) -> None:
         """Replace the variances of the travel times of all picks. [m²]"""
         total = self._variance + added
-        self._full = [np.diag(total[rows]) for rows in self._rows]
-
-    @property
-    def rows(self) -> list[Rows]:
-        """Rows of the ranges of each epoch."""
-        return self._rows
+        self._full = [np.diag(total[rows]) for rows in self.rows]
 
 
 class MixtureIterations(OuterIterations):

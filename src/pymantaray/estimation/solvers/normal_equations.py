@@ -190,16 +190,6 @@ class Factor:
             cholesky.substitute_all(*factor, x)
         return x
 
-    def finish(self, vector: Array) -> Array:
-        """
-        Solution for a right-hand side that has gone down with the factorization, in its place.
-        """
-        structure = self._structure
-        cholesky.substitute(
-            structure.start, structure.column, self._diagonal, self._above, vector, False
-        )
-        return vector
-
     def release(self) -> None:
         """Let later equations use the arrays; the factor cannot be used any more."""
         self._structure.return_blocks(self._diagonal, self._above)
@@ -332,8 +322,10 @@ class NormalEquations:
         structure = self.structure
         if self.failed or cholesky.factorize(self.upper(step), first, structure.row.size) >= 0:
             return None
-        factor = Factor(structure, self.diagonal, self.above)
-        return factor, factor.finish(step)
+        # the right-hand side has gone down with the factorization
+        arrays = structure.start, structure.column, self.diagonal, self.above
+        cholesky.substitute(*arrays, step, False)
+        return Factor(structure, self.diagonal, self.above), step
 
     def eliminate(self, last: Indices) -> tuple[Array, Array] | None:
         """

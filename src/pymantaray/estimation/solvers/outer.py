@@ -86,15 +86,12 @@ class OuterIterations:
         self._shared = n + np.arange(-(-model_ranges.n_unknowns // SIZE))
         self._factors = cache.factors(graph)
         self.groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, self._shared)
-        epochs = [
-            np.unique(ends[ranges.epoch == number])
-            for number in range(int(ranges.epoch.max(initial=-1)) + 1)
-        ]
+        self._weights = RangeWeights(model_ranges, graph["range"].variance)
+        epochs = [np.unique(ends[rows]) for rows in self._weights.rows]
         cliques = [*self.groups, *(np.concatenate([epoch, self._shared]) for epoch in epochs)]
         self._structure = cache.structure(
             self._factors, n + self._shared.size, np.empty((0, 2), dtype=np.intp), cliques
         )
-        self._weights = RangeWeights(model_ranges, graph["range"].variance)
         self._rows = np.arange(ranges.time.size)
         self._used = np.ones(ranges.time.size, dtype=bool)
         self._gated = np.zeros(ranges.time.size, dtype=int)
