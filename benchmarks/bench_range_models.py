@@ -20,8 +20,7 @@ from pymantaray.config import load_study
 from pymantaray.config.door.study import build_study
 from pymantaray.estimation import ClockPrior, Estimator, GraphSolver, MeanSlowness, solve_conditions
 from pymantaray.ocean.modes import vertical_modes
-from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.range_models.eigenray_model import EigenrayModel
+from pymantaray.range_models.eigenray_model import AdjustableEigenrays, EigenrayModel
 from pymantaray.range_models.ray_uncertainty import RayUncertainty
 from pymantaray.sensing import perturb
 

@@ -32,6 +32,4 @@ def _tables(entries: Any) -> Any:
     """Entries as tables; text is a name without other keys."""
     if not isinstance(entries, list | tuple):
         return entries
-    if isinstance(entries, list) and not any(isinstance(entry, str) for entry in entries):
-        return entries
     return [{"name": entry} if isinstance(entry, str) else entry for entry in entries]

@@ -26,19 +26,34 @@ from pymantaray.config.common import (
     own_files,
 )
 from pymantaray.config.references import References, data_references
+from pymantaray.estimation.names import (
+    STANDARD as STANDARD_CONDITIONS,
+    LinkChoice,
+    LossName,
+    Ranges,
+)
 from pymantaray.ocean.equations import EQUATIONS
 from pymantaray.ocean.names import Equation
 
-
-def _kind_alone(value: object) -> object:
-    return {"kind": value} if isinstance(value, str) else value
-
-
-KindAlone = BeforeValidator(_kind_alone)
+KindAlone = BeforeValidator(lambda value: {"kind": value} if isinstance(value, str) else value)
 """A table with its ``kind``, or the kind alone."""
 
 
-class ExactBelief(Section):
+class BeliefSection(Section):
+    """Ocean that an estimator assumes."""
+
+    @property
+    def random(self) -> bool:
+        """True if each realization has its own errors."""
+        return False
+
+    @property
+    def varies(self) -> bool:
+        """True if the ocean varies in time."""
+        return getattr(self, "time_varying", False)
+
+
+class ExactBelief(BeliefSection):
     """
     The true ocean; if it varies, its first snapshot, or with ``time_varying`` the ocean at each
     ping.
@@ -50,7 +65,7 @@ class ExactBelief(Section):
     """True if the assumed ocean varies with time; otherwise it is the first snapshot."""
 
 
-class PerturbedBelief(Section):
+class PerturbedBelief(BeliefSection):
     """
     The true ocean with random errors in its vertical modes, one member for each realization.
 
@@ -69,15 +84,20 @@ class PerturbedBelief(Section):
     n_modes: int | None = Field(default=None, ge=1)
     """Number of vertical modes with errors. Default: modes with 99.99 % of the variance."""
 
+    @property
+    def random(self) -> bool:
+        """True if each realization has its own errors."""
+        return True
 
-class MeanBelief(Section):
+
+class MeanBelief(BeliefSection):
     """Horizontal mean of each level, as in a climatology."""
 
     kind: Literal["mean"]
     """The region's mean profile."""
 
 
-class CastBelief(Section):
+class CastBelief(BeliefSection):
     """
     One cast at the start, for the whole domain. Default: at the first vehicle on station, or at the
     centre.
@@ -105,8 +125,13 @@ class CastBelief(Section):
             raise ValueError("north and east must be given together")
         return self
 
+    @property
+    def random(self) -> bool:
+        """True if each realization has its own errors."""
+        return max(self.bias_sigma, self.noise_sigma) > 0.0
 
-class OffsetBelief(Section):
+
+class OffsetBelief(BeliefSection):
     """
     The true ocean with an error of sound speed [m/s] that depends on depth alone: linear between
     depths, constant beyond.
@@ -130,7 +155,7 @@ class OffsetBelief(Section):
         return self
 
 
-class NumericsBelief(Section):
+class NumericsBelief(BeliefSection):
     """
     The true ocean with other numerical options: fewer levels, another equation of sound speed,
     another interpolation.
@@ -162,7 +187,7 @@ class InternalTideSection(Section):
     """Wavelength. [m]"""
 
 
-class InternalTideBelief(InternalTideSection):
+class InternalTideBelief(InternalTideSection, BeliefSection):
     """
     The first snapshot of the true ocean with an internal tide, which replaces that of the true
     ocean.
@@ -171,8 +196,13 @@ class InternalTideBelief(InternalTideSection):
     kind: Literal["internal-tide"]
     """The true ocean with an internal tide."""
 
+    @property
+    def varies(self) -> bool:
+        """True if the ocean varies in time."""
+        return True
 
-class OtherDayBelief(Section):
+
+class OtherDayBelief(BeliefSection):
     """
     The same source at an earlier time: a snapshot, or with ``time_varying`` the ocean from that
     time on.
@@ -186,7 +216,7 @@ class OtherDayBelief(Section):
     """True if the assumed ocean varies from that time on."""
 
 
-class FileBelief(Section):
+class FileBelief(BeliefSection):
     """
     Another ocean, from files as in ``[ocean]``, or from a cast, which gives horizontally uniform
     water.
@@ -319,7 +349,7 @@ class EigenrayRangeModel(Section):
 
     @model_validator(mode="after")
     def _modes_of_one_water(self) -> Self:
-        if self.modes is not None and varies(self.belief):
+        if self.modes is not None and self.belief.varies:
             raise ValueError(
                 "modes cannot be estimated for a belief that varies in time; remove one of the two"
             )
@@ -370,16 +400,6 @@ AnyRangeModel = Annotated[
     Field(discriminator="kind"),
     KindAlone,
 ]
-
-
-def follows_ocean(belief: AnyBelief | None) -> bool:
-    """True if an assumed ocean varies in time like that of the study."""
-    return isinstance(belief, ExactBelief | OtherDayBelief) and belief.time_varying
-
-
-def varies(belief: AnyBelief | None) -> bool:
-    """True if an assumed ocean varies in time."""
-    return follows_ocean(belief) or isinstance(belief, InternalTideBelief)
 
 
 class FixedVariance(Section):
@@ -499,14 +519,15 @@ AnySolver = Annotated[
 ]
 AnyBatchSolver = Annotated[BatchSolver | GtsamSolver, Field(discriminator="kind"), KindAlone]
 STANDARD: dict[str, dict[str, str]] = {
-    "odometry": {"ranges": "none", "solver": "dead-reckoning"},
-    "no-ranges": {"ranges": "none"},
-    "straight": {"ranges": "straight"},
-    "refracted": {"ranges": "refracted"},
-    "straight-all": {"ranges": "straight", "links": "all"},
+    name: {"ranges": condition.ranges or "none"}
+    | ({"solver": "dead-reckoning"} if condition.dead_reckoned else {})
+    | ({"links": condition.links} if condition.links != "refracted" else {})
+    for name, condition in STANDARD_CONDITIONS.items()
 }
 """Keys of the standard conditions, by name."""
 Start = Literal["truth", "dead-reckoning"]
+_Fault = tuple[bool, str]
+"""True if a combination of keys is wrong, and the message about it."""
 
 
 class ConditionSection(Section):
@@ -522,15 +543,15 @@ class ConditionSection(Section):
 
     name: str = Field(pattern=NAME)
     """Unique; letters, digits, dot, _ and -."""
-    ranges: Literal["none", "straight", "refracted"] = "refracted"
+    ranges: Literal["none", Ranges] = "refracted"
     """Ranges to use."""
-    links: Literal["refracted", "all"] = "refracted"
+    links: LinkChoice = "refracted"
     """Links whose ranges are used: those with refracted ranges, or all."""
     range_model: AnyRangeModel = TransmitterRangeModel(kind="transmitter")
     """Prediction of travel times, by its ``kind``; text is the kind alone."""
     variance: AnyVariance = FixedVariance(kind="fixed")
     """Variance of a range, by its ``kind``; text is the kind alone."""
-    loss: Literal["none", "huber", "cauchy", "geman-mcclure", "tukey", "welsch", "gnc"] = "none"
+    loss: Literal["none", LossName] = "none"
     """Robust loss of ranges; ``"none"`` is least squares."""
     solver: AnySolver = BatchSolver(kind="batch")
     """Solver, by its ``kind``; text is the kind alone."""
@@ -606,78 +627,11 @@ class ConditionSection(Section):
         """Sound-speed modes that are estimated with the poses."""
         return getattr(self.range_model, "modes", None)
 
-    @model_validator(mode="after")
-    def _ranges_fit(self) -> Self:
-        if self.ranges == "refracted" and self.links == "all":
-            raise ValueError(
-                'refracted ranges over all links: a dropout has none; use links = "refracted"'
-            )
-        if self.ranges != "refracted" and self.range_model.kind != "transmitter":
-            raise ValueError(
-                f"range_model is {self.range_model.kind}, but ranges is {self.ranges}, which needs"
-                " no travel times;"
-                ' remove it or set ranges = "refracted"'
-            )
-        if self.solver.kind == "dead-reckoning" and self.ranges != "none":
-            raise ValueError(
-                f'solver "dead-reckoning" uses no ranges, but ranges is {self.ranges}; set ranges'
-                ' = "none"'
-            )
-        if self.ranges == "none":
-            of_ranges = (
-                "variance",
-                "loss",
-                "clocks",
-                "range_sigma",
-                "directions",
-                "scale_sigma",
-                "bias_sigma",
-            )
-            for key in of_ranges:
-                if getattr(self, key) != type(self).model_fields[key].default:
-                    raise ValueError(f'{key} is given, but ranges is "none"; remove one of the two')
-        return self
-
-    @model_validator(mode="after")
-    def _ranges_are_taken_as_asked(self) -> Self:
-        if self.directions == "mean" and (
-            self.range_model.kind != "transmitter" or self.ranges != "refracted"
-        ):
-            raise ValueError(
-                'directions "mean" is for refracted ranges that differ by the speed at their'
-                " transmitter; set range_model"
-                ' = "transmitter"'
-            )
-        if self.range_sigma == "fitted" and (
-            self.loss != "none"
-            or self.variance.kind != "fixed"
-            or self.solver.kind not in {"batch", "gtsam", "kalman-filter"}
-        ):
-            raise ValueError(
-                'range_sigma "fitted" needs a cost with an expected value: no loss, variance'
-                ' "fixed", and solver "batch", "gtsam" or "kalman-filter"'
-            )
-        return self
-
     @property
     def estimates_more(self) -> bool:
         """True if there are unknowns other than poses."""
         more = (self.modes, self.clocks, self.scale_sigma, self.bias_sigma)
         return any(prior is not None for prior in more)
-
-    @model_validator(mode="after")
-    def _unknowns_fit(self) -> Self:
-        if self.modes is not None and self.variance.kind != "fixed":
-            raise ValueError(
-                f'modes are given and variance is "{self.variance.kind}": the water\'s error would'
-                ' count twice; set "fixed"'
-            )
-        if self.solver.kind != "batch" and self.estimates_more:
-            raise ValueError(
-                f'solver "{self.solver.kind}" does not estimate modes, clocks, scale or biases;'
-                ' set solver = "batch"'
-            )
-        return self
 
     @property
     def files(self) -> tuple[str, ...]:
@@ -686,69 +640,152 @@ class ConditionSection(Section):
         return belief if self.modes is None else (*belief, *self.modes.casts)
 
     @model_validator(mode="after")
-    def _varying_rays_fit(self) -> Self:
-        if varies(self.belief) and (
-            self.range_model.kind != "eigenray" or self.variance.kind != "fixed"
+    def _keys_fit_each_other(self) -> Self:
+        for wrong, message in (
+            *self._range_faults(),
+            *self._model_faults(),
+            *self._solver_faults(),
         ):
-            raise ValueError(
-                'a belief that varies in time is for range_model "eigenray" with variance "fixed"'
-            )
+            if wrong:
+                raise ValueError(message)
         return self
 
-    @model_validator(mode="after")
-    def _mixture_fits(self) -> Self:
-        if self.range_model.kind == "mixture" and (
-            self.loss != "none" or self.range_sigma == "fitted"
-        ):
-            raise ValueError(
-                'range_model "mixture" has null_weight instead of a loss, and its cost has no'
-                " expected value; remove loss and"
-                ' range_sigma = "fitted"'
-            )
-        return self
+    def _range_faults(self) -> tuple[_Fault, ...]:
+        """Combinations of keys about ranges that no estimator has."""
+        of_ranges = (
+            "variance",
+            "loss",
+            "clocks",
+            "range_sigma",
+            "directions",
+            "scale_sigma",
+            "bias_sigma",
+        )
+        fields = type(self).model_fields
+        given = next((key for key in of_ranges if getattr(self, key) != fields[key].default), None)
+        return (
+            (
+                self.ranges == "refracted" and self.links == "all",
+                'refracted ranges over all links: a dropout has none; use links = "refracted"',
+            ),
+            (
+                self.ranges != "refracted" and self.range_model.kind != "transmitter",
+                (
+                    f"range_model is {self.range_model.kind}, but ranges is {self.ranges}, which"
+                    ' needs no travel times; remove it or set ranges = "refracted"'
+                ),
+            ),
+            (
+                self.solver.kind == "dead-reckoning" and self.ranges != "none",
+                (
+                    f'solver "dead-reckoning" uses no ranges, but ranges is {self.ranges}; set'
+                    ' ranges = "none"'
+                ),
+            ),
+            (
+                self.ranges == "none" and given is not None,
+                f'{given} is given, but ranges is "none"; remove one of the two',
+            ),
+            (
+                self.directions == "mean"
+                and (self.range_model.kind != "transmitter" or self.ranges != "refracted"),
+                (
+                    'directions "mean" is for refracted ranges that differ by the speed at their'
+                    ' transmitter; set range_model = "transmitter"'
+                ),
+            ),
+            (
+                self.range_sigma == "fitted"
+                and (
+                    self.loss != "none"
+                    or self.variance.kind != "fixed"
+                    or self.solver.kind not in {"batch", "gtsam", "kalman-filter"}
+                ),
+                (
+                    'range_sigma "fitted" needs a cost with an expected value: no loss, variance'
+                    ' "fixed", and solver "batch", "gtsam" or "kalman-filter"'
+                ),
+            ),
+        )
 
-    @model_validator(mode="after")
-    def _solver_fits(self) -> Self:
-        if self.loss != "none" and self.variance.kind == "correlated":
-            raise ValueError(
-                f'loss {self.loss} applies to single ranges; set variance = "fixed" or "per-link"'
-            )
-        if self.solver.kind not in {"batch", "kalman-filter"} and self.range_model.kind not in {
-            "constant",
-            "transmitter",
-        }:
-            raise ValueError(
-                f'range_model is {self.range_model.kind}, but solver "{self.solver.kind}" uses'
-                " ranges as distances; remove"
-                " range_model"
-            )
+    def _model_faults(self) -> tuple[_Fault, ...]:
+        """Combinations of keys about unknowns and range models that no estimator has."""
+        return (
+            (
+                self.modes is not None and self.variance.kind != "fixed",
+                (
+                    f'modes are given and variance is "{self.variance.kind}": the error of the'
+                    ' water would count twice; set "fixed"'
+                ),
+            ),
+            (
+                self.solver.kind != "batch" and self.estimates_more,
+                (
+                    f'solver "{self.solver.kind}" does not estimate modes, clocks, scale or biases;'
+                    ' set solver = "batch"'
+                ),
+            ),
+            (
+                self.belief is not None
+                and self.belief.varies
+                and (self.range_model.kind != "eigenray" or self.variance.kind != "fixed"),
+                'a belief that varies in time is for range_model "eigenray" with variance "fixed"',
+            ),
+            (
+                self.range_model.kind == "mixture"
+                and (self.loss != "none" or self.range_sigma == "fitted"),
+                (
+                    'range_model "mixture" has null_weight instead of a loss, and its cost has no'
+                    ' expected value; remove loss and range_sigma = "fitted"'
+                ),
+            ),
+        )
+
+    def _solver_faults(self) -> tuple[_Fault, ...]:
+        """Combinations of keys about solvers and variances that no estimator has."""
+        solver, model = self.solver.kind, self.range_model.kind
         without = {"incremental": {"gnc", "tukey", "welsch"}, "gtsam": {"gnc"}}
-        if self.loss in without.get(self.solver.kind, ()):
-            raise ValueError(
-                f'solver "{self.solver.kind}" cannot use loss {self.loss}; set another loss'
-            )
-        if self.solver.kind in {"fixed-lag", "kalman-filter"} and self.loss != "none":
-            raise ValueError(f'solver "{self.solver.kind}" has no robust loss; set loss = "none"')
-        if self.solver.kind == "kalman-filter" and self.variance.kind != "fixed":
-            raise ValueError(
-                f'solver "kalman-filter" has no variance "{self.variance.kind}"; set "fixed"'
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _variance_has_what_it_needs(self) -> Self:
-        if isinstance(self.variance, RayVariance) and self.range_model.kind != "eigenray":
-            raise ValueError(
-                f'variance "{self.variance.kind}" is computed along eigenrays, but range_model is'
-                f" {self.range_model.kind};"
-                ' set range_model = "eigenray"'
-            )
-        if isinstance(self.variance, RayVariance) and self.uncertainty is None:
-            raise ValueError(
-                f'variance "{self.variance.kind}" needs rms and horizontal_scale, unless the'
-                " belief is perturbed; give both"
-            )
-        return self
+        along_rays = isinstance(self.variance, RayVariance)
+        return (
+            (
+                self.loss != "none" and self.variance.kind == "correlated",
+                f'loss {self.loss} applies to single ranges; set variance = "fixed" or "per-link"',
+            ),
+            (
+                solver not in {"batch", "kalman-filter"}
+                and model not in {"constant", "transmitter"},
+                (
+                    f'range_model is {model}, but solver "{solver}" uses ranges as distances;'
+                    " remove range_model"
+                ),
+            ),
+            (
+                self.loss in without.get(solver, ()),
+                f'solver "{solver}" cannot use loss {self.loss}; set another loss',
+            ),
+            (
+                solver in {"fixed-lag", "kalman-filter"} and self.loss != "none",
+                f'solver "{solver}" has no robust loss; set loss = "none"',
+            ),
+            (
+                solver == "kalman-filter" and self.variance.kind != "fixed",
+                f'solver "kalman-filter" has no variance "{self.variance.kind}"; set "fixed"',
+            ),
+            (
+                along_rays and model != "eigenray",
+                (
+                    f'variance "{self.variance.kind}" is computed along eigenrays, but range_model'
+                    f' is {model}; set range_model = "eigenray"'
+                ),
+            ),
+            (
+                along_rays and self.uncertainty is None,
+                (
+                    f'variance "{self.variance.kind}" needs rms and horizontal_scale, unless the'
+                    " belief is perturbed; give both"
+                ),
+            ),
+        )
 
     def references(self) -> References:
         """Publications about the assumed ocean, its uncertainty and the loss."""

@@ -46,7 +46,6 @@ from pymantaray.config.estimators import (
     ConditionSection,
     InternalTideSection,
     Start,
-    follows_ocean,
 )
 from pymantaray.config.fleet import FleetSection, LandmarkSection
 from pymantaray.config.geographic import with_local_places
@@ -769,7 +768,7 @@ class StudyConfig(SoundConfig):
                 )
         own = self.noise.clock_offset_sigma, self.noise.clock_skew_sigma
         for c in self.conditions:
-            if follows_ocean(c.belief) and not self.ocean.time_varying:
+            if getattr(c.belief, "time_varying", False) and not self.ocean.time_varying:
                 raise ValueError(
                     f"condition {c.name} assumes an ocean that varies, but the study's does not;"
                     " set ocean.time_varying = true, or remove time_varying from the belief"

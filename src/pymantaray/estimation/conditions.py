@@ -15,13 +15,12 @@ from numpy.typing import NDArray
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.build import (
-    LinkChoice,
-    MeasuredRanges,
     build_graph,
     timed_ranges,
     with_ranges,
 )
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
+from pymantaray.estimation.names import STANDARD, LinkChoice, MeasuredRanges
 from pymantaray.estimation.ranges.candidates import CandidateModel
 from pymantaray.estimation.ranges.on_sphere import OnSphere
 from pymantaray.estimation.ranges.range_models import (
@@ -33,7 +32,10 @@ from pymantaray.estimation.ranges.range_models import (
     UnknownsEstimate,
 )
 from pymantaray.estimation.solve import GraphSolver
-from pymantaray.estimation.solvers.covariance import dead_reckoning_covariances
+from pymantaray.estimation.solvers.covariance import (
+    checked_conditions,
+    dead_reckoning_covariances,
+)
 from pymantaray.estimation.solvers.descents import choose, same_cost
 from pymantaray.estimation.solvers.solution import (
     GraphSolution,
@@ -105,11 +107,13 @@ class Estimator:
 
 CONDITIONS: Mapping[str, Estimator] = MappingProxyType(
     {
-        "odometry": Estimator(None, dead_reckoned=True),
-        "no-ranges": Estimator(None, model_is_right=True),
-        "straight": Estimator("straight", model_is_right=True),
-        "refracted": Estimator("refracted"),
-        "straight-all": Estimator("straight", links="all", model_is_right=True),
+        name: Estimator(
+            condition.ranges,
+            condition.links,
+            model_is_right=condition.ranges != "refracted" and not condition.dead_reckoned,
+            dead_reckoned=condition.dead_reckoned,
+        )
+        for name, condition in STANDARD.items()
     }
 )
 """Ranging conditions of a study, by name."""
@@ -194,38 +198,68 @@ class _Fleet:
         if self._graph is None:
             self._graph = build_graph(measurements, estimator.ranges, estimator.links)
         start = self._values(*(estimator.initial or self._dead_reckoned))
-        if estimator.range_sigma != "fitted":
-            first = self._first_solved(estimator, measurements, start, solver)
-            plain = estimator.ranges is not None and estimator.method == Method()
-            plain &= not isinstance(
-                estimator.model, CandidateModel
-            )  # which starts there in any case
-            again = plain and (estimator.initial is None or not first.usable)
-            return self._lower(first, estimator, measurements, solver) if again else first
+        if estimator.range_sigma == "fitted":
+            return self._with_fitted_sigma(estimator, measurements, start, solver)
+        first = self._first_solved(estimator, measurements, start, solver)
+        plain = estimator.ranges is not None and estimator.method == Method()
+        # a mixture starts there in any case
+        plain &= not isinstance(estimator.model, CandidateModel)
+        again = plain and (estimator.initial is None or not first.usable)
+        return self._lower(first, estimator, measurements, solver) if again else first
+
+    def _with_fitted_sigma(
+        self,
+        estimator: Estimator,
+        measurements: Measurements,
+        start: GraphValues,
+        solver: GraphSolver,
+    ) -> GraphSolution:
+        """
+        Solution with the range sigma, of at least the measured one, at which the cost equals its
+        expected value; that of the measurements if there is none.
+
+        The part of the cost that is due to ranges is nearly a power of the factor on sigma, so the
+        secant is that of logarithms.
+        """
         n_ranges = max(int(np.isfinite(measurements.refracted_range).sum()), 1)
 
-        def fits(solution: GraphSolution) -> bool:
-            return abs(_excess(solution)) <= _COST_TOLERANCE * n_ranges
+        def excess_of(solution: GraphSolution) -> float:
+            """Cost above its expected value."""
+            return solution.final_cost - solution.expected_cost
 
-        fitted = _fitted(
-            lambda k, at: (
-                self._first_solved(estimator, measurements, at, solver)
-                if k == 1.0 and at is start
-                else self._solved(estimator, _scaled(measurements, k), at, solver, fits)
-            ),
-            fits,
-            start,
-            n_ranges,
-        )
-        if fitted is None:
-            return self._solved(estimator, measurements, start, solver)
-        scale, solution = fitted
-        return replace(
-            solution,
-            unknowns=_with_range_sigma(
-                scale * float(np.median(measurements.range_sigma)), solution.unknowns
-            ),
-        )
+        def fits(solution: GraphSolution) -> bool:
+            return abs(excess_of(solution)) <= _COST_TOLERANCE * n_ranges
+
+        log_scale = 0.0
+        before = None
+        low = 0.0
+        high = np.log(_MAX_SCALE)
+        solution = self._first_solved(estimator, measurements, start, solver)
+        for _ in range(_MAX_FITS):
+            if not solution.usable:
+                break
+            excess = excess_of(solution)
+            scale = float(np.exp(log_scale))
+            if fits(solution) or (excess <= 0.0 and before is None):
+                sigma = scale * float(np.median(measurements.range_sigma))
+                return replace(solution, unknowns=_with_range_sigma(sigma, solution.unknowns))
+            low, high = (log_scale, high) if excess > 0.0 else (low, log_scale)
+            # the cost that ranges should have is half their number
+            share = float(np.log(max(1.0 + 2.0 * excess / n_ranges, _MIN_SHARE)))
+            slope = -2.0 if before is None else (share - before[1]) / (log_scale - before[0])
+            before = log_scale, share
+            guess = log_scale - share / slope if slope < 0.0 else np.inf
+            log_scale = guess if low < guess < high else 0.5 * (low + high)
+            larger = float(np.exp(log_scale)) * measurements.range_sigma
+            solution = self._solved(
+                estimator,
+                replace(measurements, range_sigma=larger),
+                solution.values,
+                solver,
+                fits,
+            )
+        # the cost is above its expected value for any weight of the ranges
+        return self._solved(estimator, measurements, start, solver)
 
     def _lower(
         self,
@@ -268,7 +302,14 @@ class _Fleet:
         Solution from the estimator's start; the fit of a range sigma begins with that of the
         estimator without a fit.
         """
-        key = _solves_like(estimator)
+        sigma = None if estimator.range_sigma == "fitted" else estimator.range_sigma
+        models = (estimator.model, estimator.uncertainty, *(estimator.initial or ()))
+        key = (
+            tuple(id(part) for part in models),
+            (estimator.ranges, estimator.links, estimator.mean_of_directions),
+            (estimator.clocks, estimator.scale_sigma, estimator.bias_sigma, sigma),
+            (estimator.correlated, estimator.model_is_right, estimator.method),
+        )
         if key not in self._first:  # the estimator keeps the objects that the key identifies
             self._first[key] = estimator, self._solved(estimator, measurements, start, solver)
         return self._first[key][1]
@@ -353,14 +394,7 @@ def collect_estimates(
     EstimationError
         If there is no realization, or two of them have different conditions.
     """
-    if not solutions:
-        raise EstimationError("no realization to collect; at least one is needed")
-    conditions = list(solutions[0])
-    odd = next((i for i, s in enumerate(solutions) if list(s) != conditions), None)
-    if odd is not None:
-        raise EstimationError(
-            f"realization {odd} has conditions {list(solutions[odd])}, realization 0 {conditions}"
-        )
+    conditions = checked_conditions(solutions)
 
     def table(attribute: str) -> NDArray[Any]:
         return np.array([[getattr(s[c], attribute) for s in solutions] for c in conditions])
@@ -418,85 +452,15 @@ def _with_mean_of_directions(measurements: Measurements) -> Measurements:
     )
 
 
-def _solves_like(estimator: Estimator) -> tuple[object, ...]:
-    """
-    Equal for estimators whose first solves are equal: the same objects and values, except for the
-    fit of a range sigma.
-    """
-    sigma = None if estimator.range_sigma == "fitted" else estimator.range_sigma
-    objects = tuple(
-        id(part) for part in (estimator.model, estimator.uncertainty, *(estimator.initial or ()))
-    )
-    priors = estimator.clocks, estimator.scale_sigma, estimator.bias_sigma, sigma
-    return (
-        objects,
-        estimator.ranges,
-        estimator.links,
-        estimator.correlated,
-        estimator.model_is_right,
-        estimator.method,
-        priors,
-        estimator.mean_of_directions,
-    )
-
-
-def _scaled(measurements: Measurements, scale: float) -> Measurements:
-    return replace(measurements, range_sigma=scale * measurements.range_sigma)
-
-
-def _excess(solution: GraphSolution) -> float:
-    """Cost above its expected value."""
-    return solution.final_cost - solution.expected_cost
-
-
-def _fitted(
-    solve: Callable[[float, GraphValues], GraphSolution],
-    fits: Callable[[GraphSolution], bool],
-    start: GraphValues,
-    n_ranges: int,
-) -> tuple[float, GraphSolution] | None:
-    """
-    Factor of at least 1 on the range sigmas at which the cost equals its expected value, and the
-    solution; None if there is none.
-
-    The part of the cost that is due to ranges is nearly a power of the factor, so the secant is
-    that of logarithms.
-    """
-    log_scale = 0.0
-    before = None
-    low = 0.0
-    high = np.log(_MAX_SCALE)
-    for _ in range(_MAX_FITS):
-        solution = solve(float(np.exp(log_scale)), start)
-        if not solution.usable:
-            return None
-        start = solution.values
-        excess = _excess(solution)
-        if excess <= 0.0 and log_scale == 0.0:
-            return 1.0, solution
-        if fits(solution):
-            return float(np.exp(log_scale)), solution
-        low, high = (log_scale, high) if excess > 0.0 else (low, log_scale)
-        # the cost that ranges should have is half their number
-        share = float(np.log(max(1.0 + 2.0 * excess / n_ranges, _MIN_SHARE)))
-        slope = -2.0 if before is None else (share - before[1]) / (log_scale - before[0])
-        before = log_scale, share
-        guess = log_scale - share / slope if slope < 0.0 else np.inf
-        log_scale = guess if low < guess < high else 0.5 * (low + high)
-    return None  # above its expected value for any weight of the ranges
-
-
 def _with_range_sigma(sigma: float, others: UnknownsEstimate | None) -> UnknownsEstimate:
     """
     Estimates with a fitted range sigma [m] as the first, which has neither a prior nor a
     covariance.
     """
-    n = 0 if others is None else others.value.size
+    nothing = np.empty(0)
+    others = others or UnknownsEstimate((), (), nothing, nothing, np.empty((0, 0)))
+    n = others.value.size
     covariance = np.full((n + 1, n + 1), np.nan)
-    if others is None:
-        return UnknownsEstimate(
-            ("range sigma",), ("m",), covariance[0], np.array([sigma]), covariance
-        )
     covariance[1:, 1:] = others.covariance
     return UnknownsEstimate(
         ("range sigma", *others.name),

@@ -136,7 +136,12 @@ class GraphSolver:
                 graph, initial, method, poses, model_is_right=model_is_right
             )
         elif method.incremental:
-            solution, end = self._incremental(graph, initial, loss, poses)
+            problem, groups = self._distances(graph, loss, poses)
+            result = solve_incrementally(
+                graph, initial, loss=loss, options=self.options, problem=problem
+            )
+            solution = result.solution
+            end = BatchOutcome(result.optimum, problem, groups)
         else:
             end = self._batch(graph, initial, loss, model_ranges, poses)
             solution = self._batch_solution(
@@ -184,17 +189,6 @@ class GraphSolver:
         )
         return distance_problem(graph, loss, cache=self._cache, groups=groups), groups
 
-    def _incremental(
-        self,
-        graph: FactorGraph,
-        initial: GraphValues,
-        loss: Loss | None,
-        poses: Indices,
-    ) -> tuple[GraphSolution, BatchOutcome]:
-        problem, groups = self._distances(graph, loss, poses)
-        end = solve_incrementally(graph, initial, loss=loss, options=self.options, problem=problem)
-        return end.solution, BatchOutcome(end.optimum, problem, groups)
-
     def _by_gtsam(
         self,
         graph: FactorGraph,
@@ -208,8 +202,12 @@ class GraphSolver:
         Solution by GTSAM from the start of the batch solver, and the distance from the solution of
         the latter.
         """
-        from pymantaray.estimation._gtsam.batch import optimize
-        from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, values_of
+        from pymantaray.estimation._gtsam.factors import (
+            graph_factors,
+            graph_values,
+            optimize,
+            values_of,
+        )
 
         if method.loss is not None and method.loss.graduated:
             raise EstimationError("GTSAM's optimizer has no graduated loss; choose another loss")

@@ -1,1 +1,1 @@
-"""Range models along eigenrays of a believed ocean, which several applications use."""
+"""Range models along eigenrays in an assumed ocean, which several applications use."""

@@ -13,7 +13,7 @@ from pymantaray.estimation import (
     MixtureOptions,
     RangeEndpoints,
 )
-from pymantaray.range_models.eigenray_model import pairs_of
+from pymantaray.range_models.eigenray_model import first_and_last, pairs_of
 from pymantaray.sensing import Picker, ReceptionOptions, Timing
 from pymantaray.sensing.exchanges import all_exchanges, exchange_times, exchange_values
 from pymantaray.sensing.picking import pick_receptions
@@ -65,9 +65,8 @@ class CandidateRays(CandidateModel):
 
         probability = np.prod(legs(receptions.probability), axis=0)
         back = (exchanges.direction == Direction.BACK)[:, None]
-        at_source = -np.nan_to_num(
-            np.mean(legs(receptions.source_slowness), axis=0)
-        )  # NaN for equal positions
+        # NaN for equal positions
+        at_source = -np.nan_to_num(np.mean(legs(receptions.source_slowness), axis=0))
         at_receiver = np.nan_to_num(np.mean(legs(receptions.receiver_slowness), axis=0))
         bounces = [
             np.sum(legs(n.astype(float)), axis=0).astype(np.intp)
@@ -86,14 +85,11 @@ class CandidateRays(CandidateModel):
         """
         Receptions between pairs of positions; those of the first and of the last question are kept.
         """
-        key = source.tobytes() + receiver.tobytes()
-        if key not in self._latest:
-            while len(self._latest) > 1:
-                self._latest.pop(list(self._latest)[1])
+
+        def find() -> Receptions:
             found = find_receptions(
                 source, receiver, self._medium, self._reception, currents=self._currents
             ).receptions
-            if self._picker is not None:
-                found = pick_receptions(found, self._picker)
-            self._latest[key] = found
-        return self._latest[key]
+            return found if self._picker is None else pick_receptions(found, self._picker)
+
+        return first_and_last(self._latest, source, receiver, find)

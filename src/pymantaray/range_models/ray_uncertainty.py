@@ -18,19 +18,19 @@ _MAX_SECTIONS = 64
 
 class RayUncertainty(TravelTimeUncertainty):
     r"""
-    Uncertainty of the direct arrivals' travel times in a believed ocean.
+    Uncertainty of the direct arrivals' travel times in an assumed ocean.
 
     By Fermat's principle the first-order error of a travel time is the integral of minus
-    :math:`c'/c^2` along the unperturbed ray, so that two links of one epoch have the covariance
+    :math:`c'/c^2` along the unperturbed ray, so two links of one epoch have the covariance
 
     .. math:: \int\!\!\int \frac{C(z, z') \, e^{-d^2 / 2 L^2}}{c^2 c'^2} \, ds \, ds' .
 
     Each ray is cut into pieces of at most an eighth of :math:`L`. In depth the integral over a
-    piece is exact, for :math:`C` is bilinear between levels: the hat functions of the levels are
-    integrated along the ray. Horizontally the correlation is that of the pieces' centroids. Both
-    factors of the sum are positive semidefinite, hence so is the result. A link without a ray has
-    no variance of its own. What the first order does not know is that another family of rays may
-    arrive first in the true ocean.
+    piece is exact, because :math:`C` is bilinear between levels: the hat functions of the levels
+    are integrated along the ray. Horizontally the correlation is that of the pieces' centroids.
+    Both factors of the sum are positive semidefinite, so the result is, too. A link without a ray
+    has no variance. The first order omits that another family of rays may arrive first in the true
+    ocean.
     """
 
     def __init__(self, model: EigenrayModel, covariance: SoundSpeedCovariance) -> None:
@@ -39,7 +39,7 @@ class RayUncertainty(TravelTimeUncertainty):
 
     def covariances(self, links: RangeEndpoints, epoch: NDArray[np.intp]) -> list[Array]:
         """
-        Covariances of the links of each epoch (n_links, n_links); there and back is the same ray.
+        Covariances of the links of each epoch (n_links, n_links); both directions use one ray.
         [s²]
         """
         pairs = pairs_of(links, self._model.medium)

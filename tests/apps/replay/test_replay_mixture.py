@@ -9,9 +9,9 @@ import pytest
 from refusals import refused
 
 from pymantaray.apps.replay import DetectionRule, PredictionOptions
-from pymantaray.apps.replay.candidates import MERGED, DrawnArrivals, merge_draws
+from pymantaray.apps.replay.draws import MERGED, DrawnArrivals, merge_draws
+from pymantaray.apps.replay.event_data import EventCandidates, Reception, passed
 from pymantaray.apps.replay.mixture import coverage_table, first_detected, predict_mixture
-from pymantaray.apps.replay.tracks import EventCandidates, Reception, passed
 from pymantaray.errors import ReplayError
 
 

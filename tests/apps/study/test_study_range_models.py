@@ -13,8 +13,7 @@ from pymantaray.apps.study.true_unknowns import true_amplitudes
 from pymantaray.estimation import RangeEndpoints, RangeModel
 from pymantaray.ocean import SoundSpeedCovariance
 from pymantaray.range_models import eigenray_model
-from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.range_models.eigenray_model import EigenrayModel, pairs_of
+from pymantaray.range_models.eigenray_model import AdjustableEigenrays, EigenrayModel, pairs_of
 from pymantaray.range_models.ray_uncertainty import RayUncertainty
 
 NORTH, EAST, DEPTH = (

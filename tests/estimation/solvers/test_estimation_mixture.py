@@ -26,9 +26,15 @@ from pymantaray.estimation import (
     solve_conditions,
 )
 from pymantaray.estimation.ranges.candidates import CandidateModel, of_picks
-from pymantaray.estimation.ranges.epoch_picks import EpochMixture, graduated_fits
 from pymantaray.estimation.ranges.expansion import Expansion
-from pymantaray.estimation.ranges.picks import NONE, Chains, RangeChoice, best_picks
+from pymantaray.estimation.ranges.picks import (
+    NONE,
+    Chains,
+    EpochMixture,
+    RangeChoice,
+    best_picks,
+    graduated_fits,
+)
 from pymantaray.estimation.ranges.range_models import TimedRanges
 from pymantaray.records import SolveStatus
 

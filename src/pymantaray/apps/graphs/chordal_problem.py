@@ -40,7 +40,7 @@ from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues, Residual
 from pymantaray.estimation.ranges.range_models import chord
-from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
+from pymantaray.estimation.solvers.normal_equations import symmetric_factor
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
 

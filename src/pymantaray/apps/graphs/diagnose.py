@@ -7,9 +7,8 @@ from scipy.sparse import diags_array, eye_array
 
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
-from pymantaray.estimation.solvers.normal_equations import SIZE
+from pymantaray.estimation.solvers.normal_equations import SIZE, symmetric_factor
 from pymantaray.estimation.solvers.problems import GraphState, distance_problem
-from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix, so3_exp
 
 _UNDETERMINED = (
@@ -84,7 +83,7 @@ def diagnose_start(graph: FactorGraph, values: GraphValues) -> str | None:
 
 def _is_determined(graph: FactorGraph, values: GraphValues) -> bool:
     """True if the solver can factorize the normal equations at some values."""
-    return distance_problem(graph).linearize(GraphState.of(values)).factorize() is not None
+    return distance_problem(graph).linearize(GraphState.of(values)).step() is not None
 
 
 def _jittered(values: GraphValues, *, planar: bool) -> GraphValues:
@@ -107,7 +106,7 @@ def worst_misfit(graph: FactorGraph, values: GraphValues) -> str:
     problem = distance_problem(graph)
     state = GraphState.of(values)
     variables, cost = problem.factors.worst(state)
-    ranges = 0.5 * problem.whitened(state) ** 2
+    ranges = 0.5 * problem.ranges.whitened(state) ** 2
     if ranges.max(initial=-1.0) > cost:
         variables = graph["range"].variables[ranges.argmax()].tolist()
         cost = float(ranges.max())

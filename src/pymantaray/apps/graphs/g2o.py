@@ -193,7 +193,7 @@ def load_g2o(
     except EstimationError as error:
         raise EstimationError(f"{path}: {error}") from None
     values = chordal(graph, values).values if valueless else values
-    return GraphFile(graph, values, lines.left_out, valueless, dict(lines.repaired))
+    return GraphFile(graph, values, dict(lines.left_out), valueless, dict(lines.repaired))
 
 
 def _lines(

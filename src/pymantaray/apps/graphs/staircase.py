@@ -19,7 +19,7 @@ from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 from pymantaray.apps.graphs.chordal_problem import ChordalProblem, not_quadratic
 from pymantaray.arrays import Array
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
-from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
+from pymantaray.estimation.solvers.normal_equations import symmetric_factor
 
 MAX_RELAXED_FACTORS = 500  # largest graph whose relaxation is solved: about 1 s of CPU
 # relative, and a tenth of it absolute: largest gap between cost and bound of a global minimum

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
         DriftingWater as DriftingWater,
         SoundSpeedBias as SoundSpeedBias,
     )
-    from pymantaray.apps.online.filter import Outcome as Outcome
+    from pymantaray.apps.online.timeline import Outcome as Outcome
     from pymantaray.apps.online.vehicle import (
         Beacon as Beacon,
         OnlineEstimator as OnlineEstimator,

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pymantaray.apps.online.drifting_water import saved_water
-from pymantaray.apps.online.filter import Kind, Outcome
+from pymantaray.apps.online.timeline import Kind, Outcome
 from pymantaray.arrays import Array
 from pymantaray.errors import OnlineError
 from pymantaray.estimation.filters.error_state import SIZE

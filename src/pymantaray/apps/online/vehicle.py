@@ -16,10 +16,16 @@ from numpy.typing import ArrayLike
 
 from pymantaray.acoustics import Medium
 from pymantaray.apps.online.drifting_water import DriftingWater, SoundSpeedBias, saved_water
-from pymantaray.apps.online.filter import Event, FleetState, Kind, Outcome, RangePrediction
 from pymantaray.apps.online.range_model import range_model_of
 from pymantaray.apps.online.saved_state import fault_of, read_state, write_state
-from pymantaray.apps.online.timeline import Timeline
+from pymantaray.apps.online.timeline import (
+    Event,
+    FleetState,
+    Kind,
+    Outcome,
+    RangePrediction,
+    Timeline,
+)
 from pymantaray.apps.table.table import TravelTimeTable
 from pymantaray.arrays import Array
 from pymantaray.errors import GeometryError, OnlineError
@@ -404,8 +410,7 @@ class OnlineEstimator:
         -------
         ndarray, shape (3,)
         """
-        who, _, state = self._state(time, vehicle)
-        return np.array(state.position[who])
+        return self.pose(time, vehicle=vehicle).position
 
     def covariance(self, time: float | None = None, *, vehicle: str | None = None) -> Array:
         """
@@ -422,9 +427,7 @@ class OnlineEstimator:
         -------
         ndarray, shape (3, 3)
         """
-        who, _, state = self._state(time, vehicle)
-        own = slice(SIZE * who + 3, SIZE * (who + 1))
-        return np.array(state.covariance[own, own])
+        return self.pose(time, vehicle=vehicle).covariance[3:, 3:].copy()
 
     def water_errors(self, time: float | None = None) -> list[SoundSpeedBias]:
         """

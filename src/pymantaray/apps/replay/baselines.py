@@ -5,7 +5,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.apps.replay.clocks import gross_of
-from pymantaray.apps.replay.summary import quantile_of
+from pymantaray.apps.replay.summary import pairs_of_depths, quantile_of
 from pymantaray.arrays import Array
 
 CONSTANT = "constant sound speed"
@@ -13,7 +13,6 @@ BY_DEPTHS = "one speed per pair of depths"
 LAST = "last measured time of the way"
 _HORIZONS = {"below 20 s": 20.0, "20 to 60 s": 60.0, "1 to 10 min": 600.0, "10 to 60 min": 3600.0}
 _BEYOND, _FIRST = "above 1 h", "first of a way"
-_DEPTH_STEP = 10.0  # m; ends whose depths round to the same multiples have the same pair of depths
 
 
 def baseline_table(events: pd.DataFrame) -> pd.DataFrame:
@@ -143,15 +142,6 @@ def horizon_table(events: pd.DataFrame) -> pd.DataFrame:
 def horizon_of(elapsed: Array) -> NDArray[np.int64]:
     """Number of the horizon of each time since the last event, from 0; the last without any."""
     return np.searchsorted([*_HORIZONS.values(), np.finfo(float).max], elapsed, "right")
-
-
-def pairs_of_depths(events: pd.DataFrame) -> tuple[list[str], NDArray[np.int64]]:
-    """Unordered pairs of rounded depths, such as ``30 and 90 m``, and that of each event."""
-    depths = np.sort(events[["source_depth_m", "receiver_depth_m"]].to_numpy(), axis=1)
-    rounded = _DEPTH_STEP * np.round(depths / _DEPTH_STEP)
-    pairs, number = np.unique(rounded, axis=0, return_inverse=True)
-    names = [f"{first:g} and {second:g} m" for first, second in pairs.tolist()]
-    return names, np.asarray(number.reshape(-1), dtype=np.int64)
 
 
 def _median_speeds(

@@ -5,6 +5,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.arrays import Array
+from pymantaray.estimation.graph.graph import joined_parts
 
 # s, and share of the travel time; a larger difference is no sound path
 _GROSS_TIME = 0.05
@@ -247,11 +248,7 @@ def unknown_clocks_note(clocks: pd.DataFrame) -> str | None:
 
 def _groups(k: int, first: NDArray[np.int64], second: NDArray[np.int64]) -> NDArray[np.int64]:
     """Number of the connected group of each of k nodes, by the links between them; from 1."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
-    links = coo_array((np.ones(first.size), (first, second)), shape=(k, k))
-    return np.asarray(connected_components(links, directed=False)[1], dtype=np.int64) + 1
+    return joined_parts(k, np.stack([first, second], axis=1)).astype(np.int64) + 1
 
 
 def _over_pairs(score: Array, pair: NDArray[np.str_], inverse: Array, clocks: int) -> Array:

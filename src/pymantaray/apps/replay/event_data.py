@@ -1,21 +1,141 @@
-"""Events and their candidates as arrays, for passes in order of time."""
+"""
+Events and their candidates as arrays, for passes in order of time, and arrivals that receivers
+follow from one reception to the next.
+"""
 
+from collections import deque
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from pymantaray.apps.replay.tracks import EventCandidates, bounces_of
 from pymantaray.arrays import Array, Indices
+from pymantaray.estimation.ranges.picks import persist, stay_probability
+from pymantaray.sensing.picking import LEVEL_SPREAD_DB
 
 HOUR = 3600.0
 CLUTTER = 0.02
 """Share of receptions that no candidate explains."""
 CLUTTER_WIDTH = 0.1
 """Width of the distribution of their times. [s]"""
+# s; candidates of successive events are the same arrival if their delays differ by about this
+_MATCH = 1e-3
+_OTHER_BOUNCES = 0.1  # weight of a match with other bounces
+_LOST = 1e-3  # probability that the next event does not have an arrival
+_MIN_WEIGHT = 1e-3  # of the candidates of a reception, relative to the most probable one
+_REMEMBERED = 24  # receptions of a pair, in both directions
+_OWN_WEIGHT = 5.0  # receptions of a pair that weigh as much as the probability by level
+_LEVEL_OFFSET_DB = 1e3  # dB; prior standard deviation of source level and gain
+
+
+class EventCandidates(NamedTuple):
+    """Candidates of one event: what identifies an arrival, and its probability by level."""
+
+    time: float
+    """Of the event. [s]"""
+    delay: Array
+    """Over the straight path. [s]"""
+    bounces: Array
+    prior: Array
+    """Probability that each is the first that a receiver detects."""
+    loss_db: Array
+    level_db: float
+    """Measured level; NaN if unknown."""
+
+
+class Reception(NamedTuple):
+    """Candidates of an earlier reception with the probability that it was each of them."""
+
+    time: float
+    delay: Array
+    bounces: Array
+    weight: Array
+
+
+@dataclass
+class ArrivalTracks:
+    """
+    Probabilities of candidates from the receptions before.
+
+    Parameters
+    ----------
+    persistence : float
+        Time constant with which a receiver leaves an arrival for a new choice; 0 for independent
+        choices. [s]
+    memory : float
+        Time constant with which earlier receptions of a pair, in both directions, lose weight for
+        new choices; 0 for new choices by level alone. [s]
+    """
+
+    persistence: float
+    memory: float = 0.0
+    _last: dict[tuple[str, str], Reception] = field(default_factory=dict)
+    _pairs: dict[frozenset[str], deque[Reception]] = field(default_factory=dict)
+    _levels: dict[tuple[str, str], tuple[float, float]] = field(default_factory=dict)
+
+    def expect(self, way: tuple[str, str], event: EventCandidates) -> Array:
+        """Probability of each candidate of an event of a source and a receiver."""
+        choice = self._with_level(way, event, self._new_choice(way, event))
+        before = self._last.get(way)
+        if before is None or self.persistence <= 0.0:
+            return choice
+        same = self._with_level(way, event, passed([before], event, event.prior)[0])
+        stay = stay_probability(abs(event.time - before.time), self.persistence)
+        return persist(same, choice, stay)
+
+    def learn(self, way: tuple[str, str], event: EventCandidates, weight: Array) -> None:
+        """Remember a reception, with the probability of each candidate after its measurement."""
+        kept = weight > _MIN_WEIGHT * weight.max()
+        reception = Reception(event.time, event.delay[kept], event.bounces[kept], weight[kept])
+        self._last[way] = reception
+        if self.memory > 0.0:
+            of_pair = self._pairs.setdefault(frozenset(way), deque(maxlen=_REMEMBERED))
+            of_pair.append(reception)
+        if np.isfinite(event.level_db):
+            share = weight / weight.sum()
+            mean, variance = self._levels.get(way, (0.0, _LEVEL_OFFSET_DB**2))
+            offset = event.level_db + float(share @ event.loss_db) - mean
+            gain = variance / (variance + LEVEL_SPREAD_DB**2)
+            self._levels[way] = mean + gain * offset, variance * (1.0 - gain)
+
+    def _new_choice(self, way: tuple[str, str], event: EventCandidates) -> Array:
+        """Probability of each candidate for a receiver that chooses anew."""
+        of_pair = self._pairs.get(frozenset(way))
+        if not of_pair:
+            return event.prior
+        age = np.array([abs(event.time - reception.time) for reception in of_pair])
+        weight = np.exp(-age / self.memory)
+        earlier = weight @ passed(list(of_pair), event, event.prior)
+        return np.asarray((_OWN_WEIGHT * event.prior + earlier) / (_OWN_WEIGHT + weight.sum()))
+
+    def _with_level(self, way: tuple[str, str], event: EventCandidates, choice: Array) -> Array:
+        """Probabilities by the measured level as well, if the way has had levels before."""
+        if not np.isfinite(event.level_db) or way not in self._levels:
+            return choice
+        mean, variance = self._levels[way]
+        off = event.level_db - (mean - event.loss_db)
+        fits = choice * np.exp(-0.5 * off**2 / (variance + LEVEL_SPREAD_DB**2))
+        total = float(fits.sum())
+        return fits / total if total > 0.0 else choice
+
+
+def passed(before: list[Reception], event: EventCandidates, prior: Array) -> Array:
+    """
+    Probability of each candidate if the receiver has the arrival of each of some receptions before,
+    shape (n_receptions, n_candidates).
+    """
+    delay = np.concatenate([reception.delay for reception in before])
+    bounces = np.concatenate([reception.bounces for reception in before])
+    weight = np.concatenate([reception.weight / reception.weight.sum() for reception in before])
+    match = np.exp(-0.5 * ((event.delay[None, :] - delay[:, None]) / _MATCH) ** 2)
+    match *= np.where(event.bounces[None, :] == bounces[:, None], 1.0, _OTHER_BOUNCES)
+    total = match.sum(axis=1, keepdims=True)
+    each = weight[:, None] * (match + _LOST * prior[None, :]) / (total + _LOST)
+    start = np.cumsum([0, *(reception.delay.size for reception in before[:-1])])
+    return np.asarray(np.add.reduceat(each, start, axis=0))
 
 
 class Components(NamedTuple):
@@ -85,6 +205,7 @@ class EventData:
         chord = (events["distance_m"] / events["sound_speed_m_s"]).to_numpy()
         level = events.get("measured_level_db", pd.Series(np.nan, index=events.index))
         candidate_time = candidates["travel_time_s"].to_numpy()
+        surface, bottom = (candidates[f"{end}_bounces"].to_numpy() for end in ("surface", "bottom"))
         return cls(
             order=order[stop[order] > start[order]],
             time=time,
@@ -96,7 +217,7 @@ class EventData:
             known_sigma=known_sigma,
             prior=prior,
             delay=candidate_time - chord[at],
-            bounces=bounces_of(candidates),
+            bounces=(64 * surface + bottom).astype(float),
             loss_db=candidates["loss_db"].to_numpy(),
             level_db=np.asarray(level, dtype=float),
             **more,

@@ -87,15 +87,16 @@ class Events:
         ):
             values = checked_array(ReplayError, f"events: {name}", getattr(self, name), shape)
             object.__setattr__(self, name, values)
-        for name in ("source", "receiver", "cast"):
-            words = np.array(getattr(self, name), dtype=str)
-            words = np.full(n, "") if name == "cast" and not words.size else words
-            if words.shape != (n,):
-                raise ReplayError(f"events: {name} has shape {words.shape}; it needs ({n},)")
-            object.__setattr__(self, name, words)
-        for name in ("sigma", "level_db"):
-            given = getattr(self, name)
-            values = np.array(given, dtype=float) if np.size(given) else np.full(n, np.nan)
+        for name, kind, default in (
+            ("source", str, None),
+            ("receiver", str, None),
+            ("cast", str, ""),
+            ("sigma", float, np.nan),
+            ("level_db", float, np.nan),
+        ):
+            values = np.array(getattr(self, name), dtype=kind)
+            if default is not None and not values.size:
+                values = np.full(n, default)
             if values.shape != (n,):
                 raise ReplayError(f"events: {name} has shape {values.shape}; it needs ({n},)")
             object.__setattr__(self, name, values)

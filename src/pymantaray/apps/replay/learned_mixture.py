@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from pymantaray.apps.replay.baselines import horizon_of, last_measured
 from pymantaray.apps.replay.event_data import CLUTTER, HOUR, Components
 from pymantaray.apps.replay.followed import Followed, follow
-from pymantaray.apps.replay.learned_model import PARTS, Design, ErrorSizes
 from pymantaray.apps.replay.learning import (
+    PARTS,
+    Design,
+    ErrorSizes,
     Learned,
     LearningData,
     learn_causally,

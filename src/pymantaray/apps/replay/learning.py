@@ -1,22 +1,24 @@
 """
-Slow errors of water, positions and clocks that are learned from the events: one-step-ahead
-predictions from earlier events, or predictions from all other events.
+Slow errors of water, positions and clocks, as Gauss-Markov processes that are learned from the
+events: one-step-ahead predictions from earlier events, or predictions from all other events.
 """
 
-from dataclasses import dataclass
-from typing import NamedTuple
+from dataclasses import dataclass, fields, replace
+from typing import NamedTuple, Self
 
 import numpy as np
 import pandas as pd
 
-from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, EventData
-from pymantaray.apps.replay.learned_model import LOG_SCALE, PARTS, Design, ErrorSizes
-from pymantaray.apps.replay.tracks import ArrivalTracks
+from pymantaray.apps.replay.draws import GRADIENT
+from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, ArrivalTracks, EventData
+from pymantaray.apps.replay.options import PredictionOptions
+from pymantaray.apps.replay.summary import pairs_of_depths
 from pymantaray.arrays import Array, Indices
 from pymantaray.estimation.filters.gauss_markov import (
     Alternatives,
     Estimate,
     GaussMarkovFilter,
+    Processes,
     fuse,
 )
 
@@ -25,6 +27,163 @@ _FIRST_FIT = 32  # events before the first estimate of the sizes; each of the ne
 _MAX_FIT = 1000  # events of an estimate of the sizes, the latest
 _CHANGE = 1e-3  # probability per event that errors begin or end
 _STEPS = (0.9, 0.45, 0.2)  # of the search, in logarithms
+_SHARED = np.sqrt(0.5)  # half of the variance of the water is common to all pairs of depths
+_SOUND_SPEED = 1450.0  # m/s, for sizes only
+_DAY = 86400.0
+PARTS = ("water", "position", "pair", "clock")
+"""Parts of the learned correction of a travel time, in the order of `Design`."""
+
+
+@dataclass(frozen=True)
+class ErrorSizes:
+    """
+    Standard deviations and time scales of slow errors, and the error that nothing explains.
+
+    Each field is positive; the defaults are where the search for the largest likelihood begins.
+    """
+
+    water: float = 4e-4
+    """Constant relative error of the sound speed of a pair of depths."""
+    water_varying: float = 4e-4
+    water_hours: float = 6.0
+    position_m: float = 0.7
+    """Constant error of each horizontal coordinate of a node."""
+    position_varying_m: float = 0.5
+    position_hours: float = 8.0
+    pair_m: float = 0.3
+    """Varying error of a pair that neither water nor positions explain."""
+    pair_hours: float = 3.0
+    clock_s: float = 2e-4
+    rate_s_per_day: float = 5e-5
+    unexplained_s: float = 4e-4
+
+    @classmethod
+    def prior_of(cls, options: PredictionOptions) -> Self:
+        """Return the defaults, or the errors of positions and sound speed of the options."""
+        sizes = cls()
+        if options.position_sigma > 0.0:
+            sizes = replace(sizes, position_m=options.position_sigma)
+        if options.sound_speed_sigma > 0.0:
+            sizes = replace(sizes, water=options.sound_speed_sigma / _SOUND_SPEED)
+        return sizes
+
+    @property
+    def logarithms(self) -> Array:
+        """Natural logarithms of the fields."""
+        return np.log([getattr(self, field.name) for field in fields(self)])
+
+    @classmethod
+    def from_logarithms(cls, values: Array) -> Self:
+        """Return the sizes with some logarithms."""
+        return cls(*np.exp(values).tolist())
+
+
+LOG_SCALE = np.array([1.0, 1.0, 0.5, 1.0, 1.0, 0.5, 1.0, 0.5, 1.5, 1.5, 1.0])
+"""Scales of the prior Cauchy distributions of the logarithms of `ErrorSizes`."""
+
+
+class Design(NamedTuple):
+    """Processes that contribute to the travel time of each event, and their factors."""
+
+    names: pd.DataFrame
+    """One row per process: its ``part``, ``name``, ``kind`` and ``unit``."""
+    columns: Indices
+    """(n_events, m)"""
+    values: Array
+    """Travel time per unit of the process (n_events, m). [s]"""
+    part: Indices
+    """Part of each of the m terms, an index of `PARTS`."""
+
+    @classmethod
+    def of(cls, events: pd.DataFrame, candidates: pd.DataFrame) -> Self:
+        """
+        Design of events.
+
+        Parameters
+        ----------
+        events : pandas.DataFrame
+            Events of a `Replay`.
+        candidates : pandas.DataFrame
+            As from `predict_draws`.
+        """
+        n = len(events)
+        nodes = sorted(set(events["source"]) | set(events["receiver"]))
+        pairs, pair = np.unique(events["pair"].to_numpy(dtype=str), return_inverse=True)
+        depths, depth = pairs_of_depths(events)
+        names: list[tuple[str, str, str, str]] = []
+        columns: list[Indices] = []
+        values: list[Array] = []
+        part: list[int] = []
+
+        def add(
+            what: tuple[str, str, str], labels: list[str], terms: list[tuple[Indices, Array]]
+        ) -> None:
+            """Add one process per label, and its terms."""
+            first = len(names)
+            names.extend((what[0], label, what[1], what[2]) for label in labels)
+            for index, factor in terms:
+                columns.append(first + index)
+                values.append(factor)
+                part.append(PARTS.index(what[0]))
+
+        travel_time = _mean_of(candidates, "travel_time_s", n)
+        nothing = np.zeros(n, dtype=np.int64)
+        for kind in ("water", "water_varying"):
+            add(("water", kind, "1"), ["all"], [(nothing, -_SHARED * travel_time)])
+            add(("water", kind, "1"), depths, [(depth, -_SHARED * travel_time)])
+        ends = [np.searchsorted(nodes, events[end]) for end in ("receiver", "source")]
+        signs = (1.0, -1.0)
+        along = _mean_of(candidates, GRADIENT[0], n)
+        bearing = np.radians(events["bearing_deg"].to_numpy())
+        is_other = (events["source"] != events["receiver"]).to_numpy(dtype=float)
+        for kind in ("position", "position_varying"):
+            for axis, cosine in (("north", np.cos(bearing)), ("east", np.sin(bearing))):
+                labels = [f"{node} {axis}" for node in nodes]
+                factor = is_other * along * cosine
+                terms = [(end, sign * factor) for end, sign in zip(ends, signs, strict=True)]
+                add(("position", kind, "m"), labels, terms)
+        add(("pair", "pair", "m"), list(pairs), [(pair, along)])
+        days = (events["time_s"] - 0.5 * (events["time_s"].min() + events["time_s"].max())) / _DAY
+        for kind, factor in (("clock", np.ones(n)), ("rate", days.to_numpy())):
+            terms = [(end, sign * is_other * factor) for end, sign in zip(ends, signs, strict=True)]
+            add(("clock", kind, "s" if kind == "clock" else "s/d"), nodes, terms)
+        table = pd.DataFrame(names, columns=["part", "name", "kind", "unit"])
+        return cls(table, np.stack(columns, 1), np.stack(values, 1), np.array(part))
+
+    @property
+    def water(self) -> tuple[list[str], Array]:
+        """
+        Pairs of depths, and the relative error of their sound speeds by the processes: a matrix
+        with one row per pair of depths.
+        """
+        water = self.names[self.names["part"] == "water"]
+        depths = [name for name in water["name"].unique() if name != "all"]
+        weights = np.zeros((len(depths), len(self.names)))
+        for row, depth in enumerate(depths):
+            weights[row, water.index[water["name"].isin(["all", depth])]] = _SHARED
+        return depths, weights
+
+    def processes(self, sizes: ErrorSizes) -> Processes:
+        """Processes with some sizes."""
+        constant = np.inf
+        of_kind = {
+            "water": (sizes.water, constant),
+            "water_varying": (sizes.water_varying, sizes.water_hours * HOUR),
+            "position": (sizes.position_m, constant),
+            "position_varying": (sizes.position_varying_m, sizes.position_hours * HOUR),
+            "pair": (sizes.pair_m, sizes.pair_hours * HOUR),
+            "clock": (sizes.clock_s, constant),
+            "rate": (sizes.rate_s_per_day, constant),
+        }
+        sigma, time_scale = np.array([of_kind[kind] for kind in self.names["kind"]]).T
+        return Processes(sigma, time_scale)
+
+
+def _mean_of(candidates: pd.DataFrame, name: str, events: int) -> Array:
+    """Mean of a column over the candidates of each event, 0 without any."""
+    at = candidates["event"].to_numpy(dtype=np.int64)
+    total = np.bincount(at, candidates[name].to_numpy(), minlength=events)
+    return np.asarray(total / np.maximum(np.bincount(at, minlength=events), 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -91,7 +250,7 @@ def learn_causally(data: LearningData, prior: ErrorSizes, persistence: float) ->
         if k == next_fit:
             earlier = data.order[max(k - _MAX_FIT, 0) : k]
             sizes = fit_sizes(data, expected, earlier, prior, sizes)
-            state = _repeat(data, expected, data.order[:k], sizes)
+            state = _run(data, expected, data.order[:k], sizes).state
             next_fit *= 2
         state.advance(data.time[event])
         columns, values = data.design.columns[event], data.design.values[event]
@@ -134,7 +293,7 @@ def learn_smoothly(
     sizes = fit_sizes(data, causal.expected, last, prior, causal.sizes)
     no_error = causal.no_error_after
     processes = data.design.processes(sizes)
-    forward = _estimates_before(data, causal.expected, data.order, sizes)
+    forward = _run(data, causal.expected, data.order, sizes, keep=True)
     backward_tracks = ArrivalTracks(persistence, _MEMORY)
     backward_expected = data.prior.copy()
     state = GaussMarkovFilter(processes, data.time[data.order[-1]] if data.order.size else 0.0)
@@ -144,11 +303,11 @@ def learn_smoothly(
     log_likelihood = causal.log_likelihood.copy()
     history = []
     ends_hour = data.ends_hour
-    for event in data.order[::-1].tolist():
+    for event, before in zip(data.order[::-1].tolist(), forward.before[::-1], strict=True):
         rows = data.rows(event)
         state.advance(data.time[event])
         columns, values = data.design.columns[event], data.design.values[event]
-        both = fuse(forward[event], state.estimate, processes)
+        both = fuse(before, state.estimate, processes)
         parts[event], spread[event] = _averaged_parts(data.design, event, both, no_error)
         candidates = data.candidates_of(event)
         backward_expected[rows] = backward_tracks.expect(data.ways[event], candidates)
@@ -170,7 +329,7 @@ def learn_smoothly(
         expected=expected,
         log_likelihood=log_likelihood,
         unexplained=np.full(data.time.size, sizes.unexplained_s),
-        states=_states(data.design, _repeat(data, causal.expected, data.order, sizes)),
+        states=_states(data.design, forward.state),
         history=pd.concat(history[::-1], ignore_index=True),
         sizes=sizes,
     )
@@ -189,10 +348,8 @@ def fit_sizes(
 
     def score(logarithms: Array) -> float:
         sizes = ErrorSizes.from_logarithms(logarithms)
-        state = GaussMarkovFilter(data.design.processes(sizes), data.time[rows[0]])
-        total = sum(_step(data, expected, event, sizes, state) for event in rows.tolist())
         off = (logarithms - prior.logarithms) / LOG_SCALE
-        return total - float(np.log1p(off**2).sum())
+        return _run(data, expected, rows, sizes).log_likelihood - float(np.log1p(off**2).sum())
 
     best = start.logarithms
     highest = score(best)
@@ -231,39 +388,31 @@ def average_models(with_errors: float, without: float, no_error: float) -> tuple
     return with_errors + np.log(total), float(after)
 
 
-def _step(
-    data: LearningData, expected: Array, event: int, sizes: ErrorSizes, state: GaussMarkovFilter
-) -> float:
-    """Update a state by an event, and return the log likelihood of its measured time."""
-    state.advance(data.time[event])
-    alternatives = data.alternatives(event, expected, sizes.unexplained_s)
-    columns, values = data.design.columns[event], data.design.values[event]
-    return state.update(columns, values, alternatives).log_likelihood
+class _Run(NamedTuple):
+    """Filter that has seen some events."""
+
+    state: GaussMarkovFilter
+    log_likelihood: float
+    before: list[Estimate]
+    """Estimate before each event, if they are kept."""
 
 
-def _repeat(
-    data: LearningData, expected: Array, rows: Indices, sizes: ErrorSizes
-) -> GaussMarkovFilter:
-    """State after some events with other sizes."""
+def _run(
+    data: LearningData, expected: Array, rows: Indices, sizes: ErrorSizes, *, keep: bool = False
+) -> _Run:
+    """Filter some events in turn with some sizes; the probabilities of candidates are fixed."""
     begin = data.time[rows[0]] if rows.size else 0.0
     state = GaussMarkovFilter(data.design.processes(sizes), begin)
-    for event in rows.tolist():
-        _step(data, expected, event, sizes, state)
-    return state
-
-
-def _estimates_before(
-    data: LearningData, expected: Array, rows: Indices, sizes: ErrorSizes
-) -> dict[int, Estimate]:
-    """Estimate before each event from the events before it."""
-    estimates = {}
-    begin = data.time[rows[0]] if rows.size else 0.0
-    state = GaussMarkovFilter(data.design.processes(sizes), begin)
+    total = 0.0
+    before = []
     for event in rows.tolist():
         state.advance(data.time[event])
-        estimates[event] = state.estimate
-        _step(data, expected, event, sizes, state)
-    return estimates
+        if keep:
+            before.append(state.estimate)
+        alternatives = data.alternatives(event, expected, sizes.unexplained_s)
+        columns, values = data.design.columns[event], data.design.values[event]
+        total += state.update(columns, values, alternatives).log_likelihood
+    return _Run(state, total, before)
 
 
 def _log_likelihood(alternatives: Alternatives, mean: float, variance: float) -> float:

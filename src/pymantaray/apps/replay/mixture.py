@@ -4,7 +4,6 @@ reception to the next.
 """
 
 from collections.abc import Callable
-from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -13,10 +12,16 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import probability_of_excess
 from pymantaray.acoustics.reflection import wave_height_rms
-from pymantaray.apps.replay.event_data import CLUTTER, CLUTTER_WIDTH, HOUR, Components, EventData
+from pymantaray.apps.replay.event_data import (
+    CLUTTER,
+    CLUTTER_WIDTH,
+    HOUR,
+    ArrivalTracks,
+    Components,
+    EventData,
+)
 from pymantaray.apps.replay.options import PredictionOptions
 from pymantaray.apps.replay.summary import quantile_of, ratio_interval
-from pymantaray.apps.replay.tracks import ArrivalTracks
 from pymantaray.arrays import Array, Indices
 from pymantaray.geometry import stream
 from pymantaray.geometry.spread import MAD_TO_SIGMA
@@ -128,7 +133,7 @@ def predict_mixture(
     probability, log_likelihood = _follow(data, sigma, persistence)
     at = candidates["event"].to_numpy(dtype=np.int64)
     components = Components(at, data.candidate_time, sigma, probability)
-    table = intervals(events, components, partial(_even_width, even))
+    table = intervals(events, components, lambda far: _width(far[even]))
     return Mixture(table.assign(log_likelihood=log_likelihood), probability, sigma, unexplained)
 
 
@@ -244,11 +249,6 @@ def intervals(
     return pd.DataFrame(columns)
 
 
-def _even_width(even: NDArray[np.bool_], far: Array) -> float:
-    """Probability that covers 95 % of the events of even hours."""
-    return _width(far[even])
-
-
 def _width(far: Array) -> float:
     """Probability that covers 95 % of some events; 95 % for a few."""
     known = far[np.isfinite(far)]
@@ -323,7 +323,9 @@ def coverage_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
         late = part["residual_s"][ok].abs() / sigma
         inside = part["measured_s"].between(part["low_s"], part["high_s"])[ok]
         pair = part["pair"][ok]
-        low, high = _over_pairs(inside, pair, stream(seed, 0, "replay", "coverage", name))
+        counts = inside.astype(float).groupby(pair).agg(["sum", "size"]).to_numpy()
+        rng = stream(seed, 0, "replay", "coverage", name)
+        low, high = ratio_interval(counts * [100.0, 1.0], rng)
         constant, varying = _parts(part["residual_m"][ok], pair)
         rows.append(
             {
@@ -344,14 +346,6 @@ def coverage_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
             }
         )
     return pd.DataFrame(rows)
-
-
-def _over_pairs(
-    inside: "pd.Series[bool]", pair: "pd.Series[str]", rng: np.random.Generator
-) -> tuple[float, float]:
-    """Ends of the 95 % interval of a percentage, from bootstrap samples of pairs."""
-    counts = inside.astype(float).groupby(pair).agg(["sum", "size"]).to_numpy()
-    return ratio_interval(counts * [100.0, 1.0], rng)
 
 
 def _parts(residual: "pd.Series[float]", pair: "pd.Series[str]") -> tuple[float, float]:

@@ -225,7 +225,8 @@ def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: st
         axes.axhline(0.0, color=style.INK, linewidth=0.7, linestyle="--")
         axes.set_xlabel("Straight distance [km]")
     groups = summary[(summary["by"] == "range") & (summary["predicted"] > 0)]
-    middles = [_middle(name) for name in groups["group"]]
+    ends = groups["group"].str.removesuffix(" km").str.split(" to ")  # [km]
+    middles = [0.5 * sum(map(float, pair)) for pair in ends]
     spread = np.abs(
         groups[["median_low_m", "median_high_m"]].sub(groups["median_m"], axis=0).to_numpy().T
     )
@@ -244,12 +245,6 @@ def residuals_over_range(events: pd.DataFrame, summary: pd.DataFrame, header: st
     style.panel_title(middle, "b", "middle nine tenths")
     style.common_legend(figure, overview.get_legend_handles_labels()[0], markerscale=3)
     return figure
-
-
-def _middle(name: str) -> float:
-    """Middle of a range class by its name. [km]"""
-    low, high = (float(word) for word in name.removesuffix(" km").split(" to "))
-    return 0.5 * (low + high)
 
 
 @style.styled

@@ -1,7 +1,6 @@
 """Coverage and residuals of groups of events, with bootstrap intervals over pairs."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -50,7 +49,7 @@ def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
             ok = part["residual_m"].notna()
             residual = part["residual_m"][ok].to_numpy()
             pair = part["pair"][ok].to_numpy(dtype=str)
-            intervals = _bootstrap(residual, pair, seed, (by, group))
+            (low, high), (size_low, size_high) = _bootstrap(residual, pair, seed, (by, group))
             row = {
                 "by": by,
                 "group": group,
@@ -60,11 +59,11 @@ def summary_table(events: pd.DataFrame, *, seed: int) -> pd.DataFrame:
                 "percent": 100.0 * float(ok.mean()),
                 **{name: int((part["status"] == name).sum()) for name in present},
                 "median_m": _of(np.median, residual),
-                "median_low_m": intervals.median[0],
-                "median_high_m": intervals.median[1],
+                "median_low_m": low,
+                "median_high_m": high,
                 "median_size_m": _of(np.median, np.abs(residual)),
-                "median_size_low_m": intervals.size[0],
-                "median_size_high_m": intervals.size[1],
+                "median_size_low_m": size_low,
+                "median_size_high_m": size_high,
                 "mean_m": _of(np.mean, residual),
                 "rms_m": np.sqrt(_of(np.mean, residual**2)),
             }
@@ -96,17 +95,29 @@ def quantile_of(size: Array, level: float) -> float:
     return float(np.quantile(size, level, method="inverted_cdf")) if size.size else np.nan
 
 
+def pairs_of_depths(
+    events: pd.DataFrame, step: float = 10.0
+) -> tuple[list[str], NDArray[np.int64]]:
+    """
+    Unordered pairs of depths, rounded to multiples of a step [m], such as ``30 and 90 m``, and that
+    of each event.
+    """
+    depths = np.sort(events[["source_depth_m", "receiver_depth_m"]].to_numpy(), axis=1)
+    pairs, number = np.unique(step * np.round(depths / step), axis=0, return_inverse=True)
+    names = [f"{first:g} and {second:g} m" for first, second in pairs.tolist()]
+    return names, np.asarray(number.reshape(-1), dtype=np.int64)
+
+
 def _groupings(events: pd.DataFrame) -> Iterator[tuple[str, NDArray[np.int64], list[str]]]:
     """Name of each way to group the events, the group of each event, and the groups' names."""
     yield "all", np.zeros(len(events), dtype=np.int64), ["all"]
     pairs, group_of = np.unique(events["pair"].to_numpy(dtype=str), return_inverse=True)
     yield "pair", group_of, pairs.tolist()
-    depths = np.sort(events[["source_depth_m", "receiver_depth_m"]].to_numpy(), axis=1)
     for step in _DEPTH_STEPS:
-        values, group_of = np.unique(step * np.round(depths / step), axis=0, return_inverse=True)
-        if len(values) <= _MAX_DEPTH_GROUPS:
+        names, group_of = pairs_of_depths(events, step)
+        if len(names) <= _MAX_DEPTH_GROUPS:
             break
-    yield "depths", group_of, [f"{depth:g} and {other_depth:g} m" for depth, other_depth in values]
+    yield "depths", group_of, names
     for step in _RANGE_STEPS:
         cells, group_of = np.unique(
             np.floor(events["distance_m"].to_numpy() / step), return_inverse=True
@@ -122,14 +133,6 @@ def _groupings(events: pd.DataFrame) -> Iterator[tuple[str, NDArray[np.int64], l
 
 def _of(statistic: object, values: Array) -> float:
     return float(statistic(values)) if values.size else float("nan")  # type: ignore[operator]
-
-
-class _Intervals(NamedTuple):
-    """Lower and upper ends of bootstrap intervals over pairs."""
-
-    median: tuple[float, float] = (np.nan, np.nan)
-    size: tuple[float, float] = (np.nan, np.nan)
-    """Of the median absolute value."""
 
 
 def _resampled_medians(values: Array, pair: Indices, counts: NDArray[np.int64]) -> Array:
@@ -149,18 +152,20 @@ def _resampled_medians(values: Array, pair: Indices, counts: NDArray[np.int64]) 
 
 def _bootstrap(
     residual: Array, pair: NDArray[np.str_], seed: int, names: tuple[str, str]
-) -> _Intervals:
-    """Intervals over resampled pairs; NaN for a single pair."""
-    pairs = np.unique(pair)
+) -> list[tuple[float, float]]:
+    """
+    Intervals of the median and of the median absolute value over resampled pairs; NaN for a single
+    pair.
+    """
+    pairs, pair_of = np.unique(pair, return_inverse=True)
     if pairs.size < 2:
-        return _Intervals()
+        return [(np.nan, np.nan)] * 2
     draws = stream(seed, 0, "replay", "bootstrap", *names).integers(
         0, pairs.size, (RESAMPLES, pairs.size)
     )
     counts = np.zeros((RESAMPLES, pairs.size), dtype=np.int64)
     np.add.at(counts, (np.arange(RESAMPLES)[:, None], draws), 1)
-    medians, sizes = (
-        _resampled_medians(values, np.searchsorted(pairs, pair), counts)
+    return [
+        percentiles(_resampled_medians(values, pair_of, counts))
         for values in (residual, np.abs(residual))
-    )
-    return _Intervals(percentiles(medians), percentiles(sizes))
+    ]

@@ -9,7 +9,7 @@ from pymantaray.apps.study.store import Run
 from pymantaray.config.door.estimators import Condition, EstimatorFactory
 from pymantaray.estimation import GraphSolution, UnknownsEstimate
 from pymantaray.ocean import layer_weights
-from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
+from pymantaray.range_models.eigenray_model import AdjustableEigenrays
 from pymantaray.records import SharedUnknowns, Trajectories
 from pymantaray.sensing import ClockModel
 

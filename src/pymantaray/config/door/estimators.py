@@ -18,12 +18,11 @@ from pymantaray.config.estimators import (
     FixedLagSolver,
     GtsamSolver,
 )
-from pymantaray.estimation import CONDITIONS, LOSSES, ClockPrior, Estimator, Method, RangeModel
-from pymantaray.estimation.graph.build import MeasuredRanges
+from pymantaray.estimation import LOSSES, ClockPrior, Estimator, Method, RangeModel
+from pymantaray.estimation.names import MeasuredRanges
 from pymantaray.estimation.ranges.on_sphere import ALONG_CHORDS, OnSphere
 from pymantaray.geometry.sphere import EarthSphere
-from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
-from pymantaray.range_models.eigenray_model import EigenrayModel
+from pymantaray.range_models.eigenray_model import AdjustableEigenrays, EigenrayModel
 from pymantaray.range_models.ray_uncertainty import RayUncertainty
 
 
@@ -53,7 +52,7 @@ def build_condition(section: ConditionSection) -> Condition:
         name=section.name,
         standard=section.standard,
         standard_equivalent=section.standard_equivalent,
-        ranges=_measured_ranges(section),
+        ranges=None if section.ranges == "none" else section.ranges,
         needs_cast=isinstance(section.belief, CastBelief),
         estimates_clocks=section.clocks is not None,
         files=section.files,
@@ -63,12 +62,6 @@ def build_condition(section: ConditionSection) -> Condition:
             exclude={"name", *STANDARD.get(section.name, ())},
         ),
     )
-
-
-def _measured_ranges(section: ConditionSection) -> MeasuredRanges:
-    if section.standard:
-        return CONDITIONS[section.name].ranges
-    return None if section.ranges == "none" else section.ranges
 
 
 class EstimatorFactory:

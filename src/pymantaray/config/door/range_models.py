@@ -21,7 +21,6 @@ from pymantaray.config.estimators import (
     MeanSlownessRangeModel,
     MixtureRangeModel,
     TransmitterRangeModel,
-    varies,
 )
 from pymantaray.estimation import (
     ConstantSpeed,
@@ -31,9 +30,8 @@ from pymantaray.estimation import (
     RangeModel,
     TransmitterSpeed,
 )
-from pymantaray.range_models.adjustable_eigenrays import AdjustableEigenrays
 from pymantaray.range_models.candidate_rays import CandidateRays
-from pymantaray.range_models.varying_eigenrays import VaryingEigenrays
+from pymantaray.range_models.eigenray_model import AdjustableEigenrays, VaryingEigenrays
 
 
 def build_range_model(section: AnyRangeModel, beliefs: Beliefs, realization: int) -> RangeModel:
@@ -69,11 +67,11 @@ def _mean_slowness(
 
 def _eigenray(section: EigenrayRangeModel, beliefs: Beliefs, realization: int) -> RangeModel:
     """
-    Eigenrays through the ocean as it is believed, as it varies, or with modes of unknown amplitude;
+    Eigenrays through the assumed ocean, which may vary in time or have modes of unknown amplitude;
     estimators that share the belief share the rays.
     """
     belief = section.belief
-    if varies(belief):
+    if belief.varies:
         ocean = beliefs.varying(belief)
         search = beliefs.config.acoustics
         medium_at = partial(medium_around, ocean, search.interpolation, search.earth)

@@ -1,11 +1,11 @@
 """
-Convert graphs to GTSAM factors and values, for incremental solves.
+Convert graphs to GTSAM factors and values, and solve them by its batch optimizer.
 
-`_maker` chooses a generator of GTSAM factors by `Residual`, ends and columns; a new kind with one
-of these residuals needs no change here.
+`_maker` chooses GTSAM's factor by `Residual`, ends and columns; a new kind with one of these
+residuals needs no change here.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any
 
@@ -23,6 +23,14 @@ from pymantaray.estimation.graph.graph import (
 from pymantaray.estimation.solvers.losses import Loss
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 
+_M_ESTIMATORS = {
+    "huber": "Huber",
+    "cauchy": "Cauchy",
+    "geman-mcclure": "GemanMcClure",
+    "tukey": "Tukey",
+    "welsch": "Welsch",
+}
+
 
 def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
     """
@@ -33,29 +41,49 @@ def graph_factors(graph: FactorGraph, loss: Loss | None = None) -> Any:
     for factor in _in_plane(graph) if graph.planar else ():
         out.add(factor)
     for factors in graph.of_residual(*(r for r in Residual if r is not Residual.DISTANCE)):
-        make = _maker(factors.kind)
+        make, measured = _maker(factors)
         noise = _models(_noise_of(factors.kind), factors.covariance)
-        for factor in make(factors, noise):
-            out.add(factor)
+        for ends, value, model in zip(factors.variables.tolist(), measured, noise, strict=True):
+            out.add(make(*ends, value, model))
     for factors in graph.of_residual(Residual.DISTANCE):
         noise = _models(_gaussian, factors.covariance)
         if loss is not None:
-            robust = _m_estimator(loss)
+            kind = getattr(gtsam.noiseModel.mEstimator, _M_ESTIMATORS[loss.kind])
+            robust = kind.Create(loss.scale)
             noise = [gtsam.noiseModel.Robust.Create(robust, model) for model in noise]
-        for factor in _ranges(factors, noise, graph.n_poses):
-            out.add(factor)
+        # pose-pose, pose-landmark and landmark-landmark
+        kinds = (gtsam.RangeFactorPose3, gtsam.RangeFactor3D, gtsam.RangeFactor3)
+        number = (factors.variables >= graph.n_poses).sum(axis=1).tolist()
+        distance = factors.column("distance").tolist()
+        for k, ends, *rest in zip(number, factors.variables.tolist(), distance, noise, strict=True):
+            out.add(kinds[k](*ends, *rest))
     return out
 
 
-def _maker(kind: FactorKind) -> Callable[[Factors, list[Any]], Iterator[Any]]:
-    """Generator of the factors of a kind other than ranges."""
+def _maker(factors: Factors) -> tuple[Callable[..., Any], Iterable[Any]]:
+    """
+    GTSAM's factor, of the ends, a measured value and a noise model, and the values of factors other
+    than ranges.
+    """
+    kind = factors.kind
     if kind.residual is Residual.SIGHTING:
-        return _sightings
+        # in Python, because GTSAM 4.3 does not wrap its own
+        error = _stride_error if kind.ends == ("pose", "pose") else _sighting_error
+        return partial(_sighting, error), factors.column("position")
+    if kind.is_depth:
+        # position fixes with zero horizontal precision; a pose prior is in the body's tangent, so
+        # on a tilted body depth would pull sideways
+        level = np.zeros((len(factors), 3))
+        level[:, 2] = factors.column("depth")
+        return gtsam.GPSFactor, level
     if kind.residual is Residual.POSITION:
-        return _depths if kind.is_depth else _positions
-    if len(kind.ends) == 2:
-        return _edges
-    return _priors if "position" in kind.columns_at else _attitudes
+        make: Any = gtsam.GPSFactor if kind.ends == ("pose",) else gtsam.PriorFactorPoint3
+        return make, factors.column("position")
+    quaternion = factors.column("quaternion")
+    if "position" not in kind.columns_at:
+        return gtsam.PoseRotationPrior3D, map(gtsam.Rot3, matrix_from_quaternion(quaternion))
+    make = gtsam.BetweenFactorPose3 if len(kind.ends) == 2 else gtsam.PriorFactorPose3
+    return make, poses_of(quaternion, factors.column("position"))
 
 
 def _noise_of(kind: FactorKind) -> Callable[[Array], Any]:
@@ -97,52 +125,11 @@ def _models(make: Callable[[Array], Any], covariance: Array) -> list[Any]:
     return out
 
 
-def _priors(factors: Factors, noise: list[Any]) -> Iterator[Any]:
-    poses = poses_of(factors.column("quaternion"), factors.column("position"))
-    for key, pose, model in zip(factors.subject.tolist(), poses, noise, strict=True):
-        yield gtsam.PriorFactorPose3(key, pose, model)
-
-
-def _positions(factors: Factors, noise: list[Any]) -> Iterator[Any]:
-    make = gtsam.GPSFactor if factors.kind.ends == ("pose",) else gtsam.PriorFactorPoint3
-    for row in zip(factors.subject.tolist(), factors.column("position"), noise, strict=True):
-        yield make(*row)
-
-
-def _depths(factors: Factors, noise: list[Any]) -> Iterator[Any]:
-    """
-    Position fixes with zero horizontal precision.
-
-    A pose prior is in the body's tangent, so on a tilted body depth would pull sideways.
-    """
-    level = np.zeros((len(factors), 3))
-    level[:, 2] = factors.column("depth")
-    for key, position, model in zip(factors.subject.tolist(), level, noise, strict=True):
-        yield gtsam.GPSFactor(key, position, model)
-
-
-def _attitudes(factors: Factors, noise: list[Any]) -> Iterator[Any]:
-    rotations = matrix_from_quaternion(factors.column("quaternion"))
-    for key, rotation, model in zip(factors.subject.tolist(), rotations, noise, strict=True):
-        yield gtsam.PoseRotationPrior3D(key, gtsam.Rot3(rotation), model)
-
-
-def _edges(factors: Factors, noise: list[Any]) -> Iterator[Any]:
-    steps = poses_of(factors.column("quaternion"), factors.column("position"))
-    for (first, second), step, model in zip(factors.variables.tolist(), steps, noise, strict=True):
-        yield gtsam.BetweenFactorPose3(first, second, step, model)
-
-
-def _sightings(factors: Factors, noise: list[Any]) -> Iterator[Any]:
-    """
-    Factors in Python, because GTSAM 4.3 does not wrap its own; the second variable is a landmark or
-    a pose.
-    """
-    error = _stride_error if factors.kind.ends == ("pose", "pose") else _sighting_error
-    for ends, position, model in zip(
-        factors.variables.tolist(), factors.column("position"), noise, strict=True
-    ):
-        yield gtsam.CustomFactor(model, ends, partial(error, position))
+def _sighting(
+    error: Callable[..., Array], first: int, second: int, position: Array, model: Any
+) -> Any:
+    """Factor of a sighting of a landmark or a pose from a pose."""
+    return gtsam.CustomFactor(model, [first, second], partial(error, position))
 
 
 def _sighting_error(
@@ -183,20 +170,6 @@ def _in_plane(graph: FactorGraph) -> Iterator[Any]:
         yield gtsam.PriorFactorPoint3(key, np.zeros(3), _vertical(np.eye(1)))
 
 
-def _ranges(factors: Factors, noise: list[Any], n_poses: int) -> Iterator[Any]:
-    # pose-pose, pose-landmark and landmark-landmark
-    kinds = (gtsam.RangeFactorPose3, gtsam.RangeFactor3D, gtsam.RangeFactor3)
-    kind = (factors.variables >= n_poses).sum(axis=1)
-    for k, (first, second), distance, model in zip(
-        kind.tolist(),
-        factors.variables.tolist(),
-        factors.column("distance").tolist(),
-        noise,
-        strict=True,
-    ):
-        yield kinds[k](first, second, distance, model)
-
-
 def _gaussian(covariance: Array) -> Any:
     if np.count_nonzero(covariance) <= len(covariance):
         return gtsam.noiseModel.Diagonal.Sigmas(np.sqrt(np.diagonal(covariance)))
@@ -205,18 +178,6 @@ def _gaussian(covariance: Array) -> Any:
 
 def _vertical(covariance: Array) -> Any:
     return gtsam.noiseModel.Diagonal.Precisions(np.array([0.0, 0.0, 1.0 / covariance[0, 0]]))
-
-
-def _m_estimator(loss: Loss) -> Any:
-    kinds = gtsam.noiseModel.mEstimator
-    kind: Any = {
-        "huber": kinds.Huber,
-        "cauchy": kinds.Cauchy,
-        "geman-mcclure": kinds.GemanMcClure,
-        "tukey": kinds.Tukey,
-        "welsch": kinds.Welsch,
-    }[loss.kind]
-    return kind.Create(loss.scale)
 
 
 def graph_values(values: Any, graph: FactorGraph) -> GraphValues:
@@ -237,3 +198,18 @@ def poses_of(quaternion: Array, translation: Array) -> list[Any]:
     matrix[:, :3, 3] = translation
     matrix[:, 3, 3] = 1.0
     return [gtsam.Pose3(m) for m in matrix]
+
+
+def optimize(factors: Any, start: Any, *, converged: bool) -> tuple[Any, int]:
+    """
+    Minimize a graph's cost; return the values and the number of iterations.
+
+    With the default parameters GTSAM stops once the cost falls by less than 1e-5 of itself.
+    ``converged`` continues until no damping lowers the cost.
+    """
+    parameters = gtsam.LevenbergMarquardtParams()
+    if converged:
+        parameters.setRelativeErrorTol(0.0)
+        parameters.setAbsoluteErrorTol(0.0)
+    optimizer = gtsam.LevenbergMarquardtOptimizer(factors, start, parameters)
+    return optimizer.optimize(), optimizer.iterations()

@@ -1,14 +1,19 @@
-"""GTSAM's iSAM2, fed with the factors of a graph in the order of their time."""
+"""
+GTSAM's iSAM2, fed with the factors of a graph in the order of their time, and its incremental
+fixed-lag smoother.
+"""
 
 import time
+from time import process_time
 from typing import Any, NamedTuple, Protocol
 
 import gtsam
 import numpy as np
 
 from pymantaray.arrays import Array, Indices
-from pymantaray.estimation._gtsam.factors import poses_of
+from pymantaray.estimation._gtsam.factors import graph_factors, graph_values, poses_of, values_of
 from pymantaray.estimation.graph.graph import FactorGraph, Factors, GraphValues
+from pymantaray.estimation.solvers.solution import IncrementalOptions
 from pymantaray.estimation.solvers.trilateration import trilaterate
 
 
@@ -35,14 +40,7 @@ def timeline(factors: Any, variable_time: Array, update_time: Array) -> EntryUpd
     return EntryUpdates(of_factor, np.where(first_use == last, -1, first_use))
 
 
-class Options(NamedTuple):
-    """Thresholds of iSAM2 [m, rad]."""
-
-    relinearize: float
-    wildfire: float
-
-
-def parameters(options: Options) -> Any:
+def parameters(options: IncrementalOptions) -> Any:
     """Parameters of iSAM2."""
     steps = gtsam.ISAM2GaussNewtonParams()
     steps.setWildfireThreshold(options.wildfire)
@@ -65,8 +63,8 @@ class UpdateEffort(NamedTuple):
 class IncrementalSmoother:
     """Current estimate; unusable after a failed update."""
 
-    def __init__(self, relinearize: float, wildfire: float) -> None:
-        self._smoother = gtsam.ISAM2(parameters(Options(relinearize, wildfire)))
+    def __init__(self, options: IncrementalOptions) -> None:
+        self._smoother = gtsam.ISAM2(parameters(options))
 
     def update(self, factors: Any, rows: Indices, new: Any) -> UpdateEffort | None:
         """Add factors and variables and update; None if singular."""
@@ -105,13 +103,11 @@ class Entering:
 
     def __init__(self, graph: FactorGraph, start: Any, update_time: Array) -> None:
         self._start = start
-        self._n_poses = graph.n_poses
         self._graph = graph
         self._update_time = update_time
         self._with_prior = {
             v for table in graph.of_ends(("landmark",)) for v in table.subject.tolist()
         }
-        self._time = graph.pose_time
         prior = graph["prior"]
         edge = graph["edge"]
         priors = poses_of(prior.column("quaternion"), prior.column("position"))
@@ -126,11 +122,11 @@ class Entering:
     def values(self, variables: Indices, smoother: Smoother, update: int) -> Any:
         """Starting values of the new variables of an update."""
         out = gtsam.Values()
-        poses = variables[variables < self._n_poses]
-        for key in poses[np.argsort(self._time[poses], kind="stable")].tolist():
+        poses = variables[variables < self._graph.n_poses]
+        for key in poses[np.argsort(self._graph.pose_time[poses], kind="stable")].tolist():
             out.insert(key, self._pose(key, out, smoother))
             self._there.add(key)
-        for key in variables[variables >= self._n_poses].tolist():
+        for key in variables[variables >= self._graph.n_poses].tolist():
             out.insertPoint3(key, self._landmark(key, out, smoother, self._update_time[update]))
         return out
 
@@ -142,11 +138,11 @@ class Entering:
         if key in self._with_prior:
             return self._start.atPoint3(key)
         graph = self._graph
-        n = self._n_poses
+        n = self._graph.n_poses
 
         def past(table: Factors) -> Factors:
             first, second = table.variables.T
-            there = [pose < n and self._time[pose] <= now for pose in first.tolist()]
+            there = [pose < n and self._graph.pose_time[pose] <= now for pose in first.tolist()]
             return table[(second == key) & np.array(there, dtype=bool)]
 
         ranges = past(graph["range"])
@@ -176,3 +172,79 @@ class Entering:
                 at = self._current(other, new, smoother)
                 return at.compose(step if forward else step.inverse())
         return self._start.atPose3(key)
+
+
+class LaggedSmoother:
+    """
+    Current estimate of the latest variables; unusable after a failed update. Parameters as those of
+    `LagWindow`.
+    """
+
+    def __init__(
+        self,
+        graph: FactorGraph,
+        initial: GraphValues,
+        moment: Array,
+        times: Array,
+        lag: float,
+        options: IncrementalOptions,
+    ) -> None:
+        self._graph = graph
+        self._moment = moment
+        self._times = times
+        self._smoother: Any = gtsam.IncrementalFixedLagSmoother(lag, parameters(options))
+        self._factors = graph_factors(graph)
+        self._line = timeline(self._factors, moment, times)
+        self._entering = Entering(graph, values_of(initial), times)
+        self._latest = gtsam.Values()
+        self.seconds = 0.0
+        """CPU time of the last update and of its estimate."""
+
+    def update(self, k: int, _groups: list[Indices]) -> bool:
+        """Add what enters at an update, and update; True if it succeeded."""
+        n = self._graph.n_poses
+        now = float(self._times[k])
+        variables = np.flatnonzero(self._line.variable_update == k)
+        # landmarks are never marginalized
+        there = np.flatnonzero(self._line.variable_update[n:] <= k) + n
+        time = {int(v): float(self._moment[v]) if v < n else now for v in (*variables, *there)}
+        rows = np.flatnonzero(self._line.factor_update == k)
+        return self._update(rows, self._entering.values(variables, self, k), time)
+
+    def finish(self, updates: int) -> bool:
+        """Relinearize in a number of updates without new factors; True if all succeeded."""
+        none = np.empty(0, dtype=np.intp)
+        return all(self._update(none, gtsam.Values(), {}) for _ in range(updates))
+
+    def _update(self, rows: Indices, new: Any, time: dict[int, float]) -> bool:
+        graph = gtsam.NonlinearFactorGraph()
+        for i in rows.tolist():
+            graph.add(self._factors.at(i))
+        begin = process_time()
+        try:
+            self._smoother.update(graph, new, time)
+            estimate = self._smoother.calculateEstimate()
+            self.seconds = process_time() - begin
+            self._latest.insert_or_assign(estimate)
+        except RuntimeError:  # GTSAM's IndeterminantLinearSystemException
+            return False
+        return True
+
+    def values(self) -> GraphValues:
+        """Estimate of every variable when it was last in the window."""
+        return graph_values(self._latest, self._graph)
+
+    def pose(self, key: int) -> Any:
+        """Current estimate of one pose."""
+        return self._smoother.calculateEstimatePose3(key)
+
+    def covariance(self, poses: Indices) -> Array | None:
+        """
+        Joint covariance of poses in their tangents, (6 n, 6 n); None unless all are in the window.
+        """
+        values = self._smoother.getLinearizationPoint()
+        if not all(values.exists(key) for key in poses.tolist()):
+            return None
+        marginals = gtsam.Marginals(self._smoother.getFactors(), values)
+        joint = marginals.jointMarginalCovariance(poses.tolist())
+        return np.block([[joint.at(a, b) for b in poses.tolist()] for a in poses.tolist()])

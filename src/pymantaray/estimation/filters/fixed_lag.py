@@ -1,7 +1,9 @@
 """Fixed-lag smoothing: factors enter in the order of time, and old poses are marginalized."""
 
+from __future__ import annotations
+
 from dataclasses import replace
-from typing import Protocol
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -22,6 +24,9 @@ from pymantaray.estimation.solvers.solution import (
 from pymantaray.estimation.solvers.trilateration import determined_times
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import SolveStatus
+
+if TYPE_CHECKING:
+    from pymantaray.estimation._gtsam.incremental import LaggedSmoother
 
 
 def smooth_with_lag(
@@ -70,13 +75,11 @@ def smooth_with_lag(
             f"lag is {lag:g} s, but pings are up to {longest:g} s apart; give at least that"
         )
     moment[n:] = determined_times(graph, initial)
-    smoother: _Smoother = LagWindow(graph, initial, moment, times, lag, options)
+    smoother: LagWindow | LaggedSmoother = LagWindow(graph, initial, moment, times, lag, options)
     if incremental:
-        from pymantaray.estimation._gtsam.fixed_lag import LaggedSmoother
-        from pymantaray.estimation._gtsam.incremental import Options
+        from pymantaray.estimation._gtsam.incremental import LaggedSmoother
 
-        thresholds = Options(options.incremental.relinearize, options.incremental.wildfire)
-        smoother = LaggedSmoother(graph, initial, moment, times, lag, thresholds)
+        smoother = LaggedSmoother(graph, initial, moment, times, lag, options.incremental)
     seconds = np.full(times.size, np.nan)
     poses = (
         np.empty((0, 0), dtype=np.intp)
@@ -89,9 +92,8 @@ def smooth_with_lag(
     cost = problem.cost(GraphState.of(initial))
     done = True
     for k, now in enumerate(times.tolist()):
-        gone = (
-            times[k + 1] - lag if k + 1 < times.size else np.inf
-        )  # poses before are marginalized next
+        # poses before this time are marginalized next
+        gone = times[k + 1] - lag if k + 1 < times.size else np.inf
         ready = (epoch_time <= now) & (epoch_time < gone)
         epochs = [epoch for epoch in np.flatnonzero(ready).tolist() if epoch not in joint]
         done = smoother.update(k, [poses[epoch] for epoch in epochs])
@@ -111,28 +113,6 @@ def smooth_with_lag(
     if covariance_poses is None:
         return solution
     return replace(solution, covariances=_covariances(values, poses, joint))
-
-
-class _Smoother(Protocol):
-    """Smoother with a lag."""
-
-    seconds: float
-
-    def update(self, k: int, groups: list[Indices]) -> bool:
-        """Add what enters at an update; the poses of each group need a joint covariance."""
-        ...
-
-    def finish(self, updates: int) -> bool:
-        """Improve the last estimate by updates without factors."""
-        ...
-
-    def values(self) -> GraphValues:
-        """Last estimate of each variable."""
-        ...
-
-    def covariance(self, poses: Indices) -> Array | None:
-        """Joint covariance of poses in their tangents."""
-        ...
 
 
 def _covariances(values: GraphValues, poses: Indices, joint: dict[int, Array]) -> EpochCovariances:

@@ -79,7 +79,7 @@ def solve_incrementally(
     if (line.variable_update < 0).any():
         name = graph.variable_name(int(np.argmin(line.variable_update)))
         raise EstimationError(f"{name}: no factor mentions it; give it a prior or an edge")
-    smoother = IncrementalSmoother(options.incremental.relinearize, options.incremental.wildfire)
+    smoother = IncrementalSmoother(options.incremental)
     log = _Log(graph, update_time)
     entering = Entering(graph, start, update_time)
     steps = 0

@@ -94,7 +94,7 @@ def filter_graph(
     """
     check_graph(graph)
     timeline = _Timeline.of(graph)
-    steps = _steps(graph, timeline)
+    steps, step_cost = _steps(graph, timeline)
     state = _first_state(graph)
     updates = _Updates(graph, timeline)
     ranges = _Ranges(graph, timeline, model_ranges)
@@ -105,8 +105,9 @@ def filter_graph(
     for k in range(seconds.size):
         begin = process_time()
         if k:
-            state = predict(state, slice(0, timeline.pose.shape[1]), steps.motion(k - 1))
-            cost += float(steps.cost[k - 1].sum())
+            step = Motion(*(part[k - 1] for part in steps))
+            state = predict(state, slice(0, timeline.pose.shape[1]), step)
+            cost += float(step_cost[k - 1].sum())
         for innovations in (updates.at, ranges.at):  # ranges are linearized after all others
             innovation = innovations(state, k)
             nis = np.nan
@@ -173,26 +174,11 @@ class _Timeline(NamedTuple):
         return cls(pose, sample)
 
 
-class _Steps(NamedTuple):
+def _steps(graph: FactorGraph, timeline: _Timeline) -> tuple[Motion, Array]:
     """
-    Motion from sample to sample (n_times - 1, n_vehicles): rotation, translation, and covariance in
-    the second body's tangent.
+    Motion from sample to sample, with arrays (n_times - 1, n_vehicles, ...), by the odometry
+    combined with velocities, and half the squared normalized innovations of the velocities.
     """
-
-    rotation: Array
-    translation: Array
-    covariance: Array
-    cost: (
-        Array  # half the squared normalized innovations of the velocities (n_times - 1, n_vehicles)
-    )
-
-    def motion(self, k: int) -> Motion:
-        """Steps of all vehicles from one time to the next."""
-        return Motion(self.rotation[k], self.translation[k], self.covariance[k])
-
-
-def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
-    """Steps of the odometry, combined with velocities."""
     n_times, n_vehicles = timeline.pose.shape
     shape = (n_times - 1, n_vehicles)
     row = _rows_of_steps(graph, "edge", timeline)
@@ -204,20 +190,19 @@ def _steps(graph: FactorGraph, timeline: _Timeline) -> _Steps:
         )
     edge = graph["edge"]
     rotation = matrix_from_quaternion(edge.column("quaternion"))[at]
-    translation = edge.column("position")[at].copy()
-    covariance = edge.covariance[at].copy()
-    steps = _Steps(rotation, translation, covariance, np.zeros(shape))
+    steps = Motion(rotation, edge.column("position")[at].copy(), edge.covariance[at].copy())
+    cost = np.zeros(shape)
     for name, table in graph.tables.items():
         if table.kind.ends == ("pose", "pose") and name != "edge":
-            _combine(steps, table, _rows_of_steps(graph, name, timeline))
-    return steps
+            _combine(steps, cost, table, _rows_of_steps(graph, name, timeline))
+    return steps, cost
 
 
-def _combine(steps: _Steps, table: Factors, rows: tuple[Any, Any]) -> None:
+def _combine(steps: Motion, cost: Array, table: Factors, rows: tuple[Any, Any]) -> None:
     """
     Update steps by other measurements of the same steps: of their translations, or of both parts.
     """
-    rotation, translation, covariance, cost = steps
+    rotation, translation, covariance = steps
     translation_of = table.column("position")
     measured = table.kind.measured
     rotation_of = None
@@ -307,7 +292,15 @@ class _Updates:
         if not any(rows.size for _, rows in some):
             return _NOTHING
         residual = np.concatenate([part.residual(state, rows) for part, rows in some])
-        columns = self._error_columns([(part, part.vehicle[rows]) for part, rows in some])
+        # the same vehicles measure at most times
+        measured = [(part, part.vehicle[rows]) for part, rows in some]
+        key = tuple(vehicles.tobytes() for _, vehicles in measured)
+        if key not in self._columns:
+            errors = [
+                (SIZE * vehicles[:, None] + part.errors).ravel() for part, vehicles in measured
+            ]
+            self._columns[key] = np.concatenate(errors)
+        columns = self._columns[key]
         if all(part.table.kind.rows == 1 for part, rows in some if rows.size):  # the usual case
             diagonal = np.concatenate([part.variance[rows] for part, rows in some if rows.size])
             return Innovation(residual, columns, np.diag(diagonal))
@@ -319,14 +312,6 @@ class _Updates:
                 variance[start:end, start:end] = block
                 start = end
         return Innovation(residual, columns, variance)
-
-    def _error_columns(self, parts: list[tuple["_PoseMeasurements", Indices]]) -> Indices:
-        """Columns of the errors that are measured; the same vehicles measure at most times."""
-        key = tuple(vehicles.tobytes() for _, vehicles in parts)
-        if key not in self._columns:
-            columns = [(SIZE * vehicles[:, None] + part.errors).ravel() for part, vehicles in parts]
-            self._columns[key] = np.concatenate(columns)
-        return self._columns[key]
 
 
 class _PoseMeasurements:
@@ -458,17 +443,16 @@ class _Log:
     """Estimates of all poses, and covariances at the requested epochs."""
 
     def __init__(self, graph: FactorGraph, timeline: _Timeline, poses: Indices | None) -> None:
+        self._graph = graph
         self._pose = timeline.pose
-        self._n = graph.n_poses
-        self._position = np.full((self._n, 3), np.nan)
-        self._rotation = np.full((self._n, 3, 3), np.nan)
+        self._position = np.full((graph.n_poses, 3), np.nan)
+        self._rotation = np.full((graph.n_poses, 3, 3), np.nan)
         self._poses = poses
         self._epoch = (
             {}
             if poses is None
             else {int(timeline.sample[row[0]]): epoch for epoch, row in enumerate(poses)}
         )
-        self._vehicle = graph.pose_vehicle
         self._out = None if poses is None else EpochCovariances.unknown(*poses.shape)
 
     def note(self, state: State, k: int, *, range_nis: float, range_dimension: int) -> None:
@@ -482,7 +466,7 @@ class _Log:
         if self._out is None or self._poses is None or k not in self._epoch:
             return
         epoch = self._epoch[k]
-        vehicles = self._vehicle[self._poses[epoch]]
+        vehicles = self._graph.pose_vehicle[self._poses[epoch]]
         blocks = state.covariance.reshape(len(state.position), SIZE, len(state.position), SIZE)
         self._out.position[epoch] = blocks[vehicles][:, POSITION][:, :, vehicles][..., POSITION]
         to_body = np.zeros((vehicles.size, SIZE, SIZE))
@@ -497,7 +481,7 @@ class _Log:
 
     def values(self, state: State) -> GraphValues:
         """Estimates of all variables."""
-        quaternion = np.full((self._n, 4), np.nan)
+        quaternion = np.full((self._graph.n_poses, 4), np.nan)
         fine = np.isfinite(self._rotation).all(axis=(1, 2))
         quaternion[fine] = quaternion_from_matrix(self._rotation[fine])
         return GraphValues(self._position, quaternion, state.position[self._pose.shape[1] :])

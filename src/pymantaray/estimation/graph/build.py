@@ -1,7 +1,7 @@
 """From measurements to factor graph: which measurements enter under which ranging condition."""
 
 from dataclasses import replace
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,16 +13,15 @@ from pymantaray.estimation.graph.graph import (
     FactorGraph,
     FactorKind,
     Factors,
+    FactorSource,
     check_anchored,
     check_graph,
 )
+from pymantaray.estimation.names import LinkChoice, MeasuredRanges
 from pymantaray.estimation.ranges.range_models import TimedRanges
 from pymantaray.geometry.se3 import matrix_from_quaternion
 from pymantaray.records import Measurements, RayStatus
 from pymantaray.records.status import ARRIVES
-
-MeasuredRanges = Literal["straight", "refracted"] | None
-LinkChoice = Literal["refracted", "all"]
 
 
 def build_graph(
@@ -171,9 +170,9 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
         "edge": (edges, steps, measurements.odometry_sigma.reshape(-1, 6)),
     }
     tables |= {
-        name: _columns(measurements, chain, kind)
+        name: _columns(measurements, chain, kind, source)
         for name, kind in KINDS.items()
-        if kind.source is not None
+        if (source := kind.source) is not None
     }
     graph = bare.with_factors(
         **{name: _table(bare, name, *columns) for name, columns in tables.items()}
@@ -187,13 +186,11 @@ def _without_ranges(measurements: Measurements) -> FactorGraph:
 
 
 def _columns(
-    measurements: Measurements, chain: NDArray[Any], kind: FactorKind
+    measurements: Measurements, chain: NDArray[Any], kind: FactorKind, source: FactorSource
 ) -> tuple[NDArray[Any], list[NDArray[Any]], NDArray[Any]]:
     """
     Variables, measured columns and standard deviations of a kind, from the columns of its source.
     """
-    source = kind.source
-    assert source is not None
     vehicle, sample, sigma = (
         getattr(measurements, name) for name in (source.vehicle, source.sample, source.sigma)
     )

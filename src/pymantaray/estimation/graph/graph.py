@@ -54,9 +54,8 @@ class Residual(Enum):
 
     # of a pose in another pose or in the world; in the world also its rotation alone
     POSE = "relative pose"
-    SIGHTING = (
-        "sighting"  # of the position of a landmark or of another pose in the body frame of a pose
-    )
+    # of the position of a landmark or of another pose in the body frame of a pose
+    SIGHTING = "sighting"
     POSITION = "position"  # of a pose or a landmark in the world, or a pose's depth alone
     DISTANCE = "distance"  # between two variables
 
@@ -95,13 +94,11 @@ class FactorKind:
 
     what: str  # its name in messages
     plural: str
-    ends: tuple[
-        str, ...
-    ]  # types of its variables: "pose", "landmark", "any"; a pose comes before a landmark
+    # types of its variables: "pose", "landmark", "any"; a pose comes before a landmark
+    ends: tuple[str, ...]
     columns: tuple[tuple[str, int, str], ...]  # measured columns: name, width and unit
-    word: (
-        str | None
-    )  # that begins its lines in PyFactorGraph text; None if this text cannot hold it
+    # that begins its lines in PyFactorGraph text; None if this text cannot hold it
+    word: str | None
     axes: tuple[int, ...] = ()  # measured ones of rx ry rz x y z; default: all of the columns
     anchors: bool = False  # true if it ties its variable to the world
     reckons: bool = False  # true if dead reckoning uses it: first poses, steps and landmarks
@@ -480,8 +477,7 @@ class FactorGraph(Record):
             len(kind.rows_in("rad m", planar=self.planar)) * len(self[name])
             for name, kind in KINDS.items()
         )
-        pose, landmark = (3, 2) if self.planar else (6, 3)
-        return int(rows - pose * self.n_poses - landmark * self.landmark_name.size)
+        return int(rows - dimension(self))
 
     def variable_name(self, variable: int) -> str:
         """
@@ -560,6 +556,12 @@ class FactorGraph(Record):
             )
         planar = bool(dataset.attrs.get("planar", 0))
         return replace(super().from_dataset(dataset), factors=factors, planar=planar)
+
+
+def dimension(graph: FactorGraph) -> int:
+    """Dimension of all variables of a graph."""
+    pose, landmark = (3, 2) if graph.planar else (6, 3)
+    return pose * graph.n_poses + landmark * int(graph.landmark_name.size)
 
 
 def check_kinds() -> None:
@@ -678,12 +680,16 @@ def connected_parts(graph: FactorGraph) -> ConnectedParts:
     pairs = np.concatenate(
         [graph[name].variables for name, kind in KINDS.items() if len(kind.ends) == 2]
     )
-    links = coo_array(
-        (np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(graph.n_variables,) * 2
-    )
-    _, part = connected_components(links, directed=False)
+    part = joined_parts(graph.n_variables, pairs)
     anchored = np.concatenate([graph[name].subject for name, kind in KINDS.items() if kind.anchors])
     return ConnectedParts(part, ~np.isin(part, part[anchored]))
+
+
+def joined_parts(size: int, pairs: Indices) -> Indices:
+    """Number of the connected part of each of ``size`` variables, by pairs (n, 2)."""
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(size, size))
+    part: Indices = connected_components(links, directed=False)[1]
+    return part
 
 
 def _check_names(graph: FactorGraph) -> None:

@@ -21,7 +21,7 @@ from typing import IO, Any, NamedTuple, cast
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.arrays import Array, Mask
+from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.columns import ROTATION_FIRST, columns, to_graph, write_rows
 from pymantaray.estimation.graph.graph import (
@@ -293,7 +293,7 @@ def load_pyfg(
     return GraphFile(
         graph,
         values,
-        lines.left_out,
+        dict(lines.left_out),
         repaired=dict(lines.repaired),
         depths_from_above=n_ranges - len(graph["range"]),
     )
@@ -375,7 +375,10 @@ class _Reader:
         values = self._values[word][:, grammar.timed :]
         measurement, covariance = to_graph(values, grammar, planar=flat)
         if flat and word == POSE_PRIOR:
-            _free_out_of_plane(covariance)
+            # the axes out of the plane are free if the axes in the plane are
+            free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
+            covariance[free[:, 3:5].all(axis=1), 5, 5] = _FREE_VARIANCE
+            covariance[free[:, 2], 0, 0] = covariance[free[:, 2], 1, 1] = _FREE_VARIANCE
         return measurement, covariance
 
     def _table(self, kind: FactorKind, word: str) -> Factors:
@@ -384,7 +387,12 @@ class _Reader:
         variables = self._variables(word)
         if word == EDGE:
             free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
-            mine = _edges_of(kind, free)
+            # odometry has the lines that no other kind has
+            partial = {k.axes for k in KINDS.values() if k.word == EDGE and k.axes}
+            mine = np.zeros(len(free), dtype=np.bool_)
+            for axes in [kind.axes] if kind.axes else partial:
+                mine |= (free == ~np.isin(np.arange(6), axes)).all(axis=1)
+            mine = mine if kind.axes else ~mine
             variables = variables[mine]
             measurement = measurement[mine]
             covariance = covariance[mine]
@@ -516,13 +524,6 @@ class _Reader:
         table.refuse_first(lines, landmark[0] & ~landmark[1], both, "the pose first")
 
 
-def _free_out_of_plane(covariance: Array) -> None:
-    """Free the axes out of the plane of priors (n, 6, 6) if the axes in the plane are free."""
-    free = np.diagonal(covariance, axis1=1, axis2=2) >= _FREE_VARIANCE
-    covariance[free[:, 3:5].all(axis=1), 5, 5] = _FREE_VARIANCE
-    covariance[free[:, 2], 0, 0] = covariance[free[:, 2], 1, 1] = _FREE_VARIANCE
-
-
 def _read_names(path: Path) -> dict[str, str]:
     """Names by symbol of vehicles and landmarks; empty without a table."""
     if not exists(path):
@@ -614,15 +615,6 @@ def _texts(
         else:
             known[table] = factors, "".join(rows)
             yield known[table][1]
-
-
-def _edges_of(kind: FactorKind, free: Mask) -> Mask:
-    """Edges of a kind among lines with these free axes (n, 6); odometry has what no other has."""
-    partial = {k.axes for k in KINDS.values() if k.word == EDGE and k.axes}
-    mine = np.zeros(len(free), dtype=np.bool_)
-    for axes in [kind.axes] if kind.axes else partial:
-        mine |= (free == ~np.isin(np.arange(6), axes)).all(axis=1)
-    return mine if kind.axes else ~mine
 
 
 def _same(first: Factors, second: Factors) -> bool:

@@ -126,7 +126,7 @@ class TextLines:
         self._words = tuple(words)
         self._leave_out = frozenset(leave_out)
         self._skip_unknown = skip_unknown
-        self._left_out: Counter[str] = Counter()
+        self.left_out: Counter[str] = Counter()
         self._unknown: dict[str, int] = {}  # the first line of each word
 
     def __iter__(self) -> Iterator[str]:
@@ -140,7 +140,7 @@ class TextLines:
                 if word.startswith("#"):
                     continue
                 if word in self._leave_out or word not in self._words:
-                    self._left_out[word] += 1
+                    self.left_out[word] += 1
                     if word not in self._leave_out:
                         self._unknown.setdefault(word, self.number)
                     continue
@@ -153,30 +153,21 @@ class TextLines:
         never = [
             word
             for word in self._leave_out
-            if word not in self._words and word not in self._left_out
+            if word not in self._words and word not in self.left_out
         ]
         if never:
             self.refuse(f"no line begins with {never[0]!r}", "words of the file to leave out", 0)
         if self._unknown and not self._skip_unknown:
-            self._refuse_unknown()
-
-    @property
-    def left_out(self) -> dict[str, int]:
-        """Number of skipped lines of each word."""
-        return dict(self._left_out)
-
-    def _refuse_unknown(self) -> NoReturn:
-        """Raise an error that lists the first unknown words with their counts and first lines."""
-        named = [
-            f"{self._left_out[word]} of {word[:40]!r} (line {line})"
-            for word, line in list(self._unknown.items())[:_MAX_WORDS_NAMED]
-        ]
-        more = len(self._unknown) - len(named)
-        listing = ", ".join(named) + (f" and {more} more words" if more else "")
-        raise EstimationError(
-            f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or skip"
-            " and count them with `skip_unknown=True`"
-        )
+            first = list(self._unknown.items())[:_MAX_WORDS_NAMED]
+            named = [
+                f"{self.left_out[word]} of {word[:40]!r} (line {line})" for word, line in first
+            ]
+            more = len(self._unknown) - len(named)
+            listing = ", ".join(named) + (f" and {more} more words" if more else "")
+            raise EstimationError(
+                f"{self._path}: unknown lines: {listing}; allowed: {', '.join(self._words)}; or"
+                " skip and count them with `skip_unknown=True`"
+            )
 
     def treat(self, word: str, matrices: Array) -> tuple[Array, Mask]:
         """
@@ -186,7 +177,7 @@ class TextLines:
         out, fine = definite_matrices(matrices, self.indefinite)
         count = int(np.count_nonzero(~fine))
         if self.indefinite == "drop" and count:
-            self._left_out[f"{word} (indefinite matrix)"] += count
+            self.left_out[f"{word} (indefinite matrix)"] += count
             return out, fine
         if self.indefinite == "repair" and count:
             self.repaired[word] += count

@@ -1,10 +1,11 @@
 """Ranges of a model, expanded about the estimate: residuals, gradients and weights."""
 
+from typing import NamedTuple, Self
+
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from pymantaray.arrays import Array, Mask
-from pymantaray.estimation.ranges.images import Images
+from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.estimation.ranges.range_models import (
     ModelRanges,
     Prediction,
@@ -13,14 +14,48 @@ from pymantaray.estimation.ranges.range_models import (
     chord,
 )
 
-EpochBlock = tuple[
-    Rows, Array
-]  # rows of the ranges of one epoch, and the covariance of their residuals [m2]
+# rows of the ranges of one epoch, and the covariance of their residuals [m2]
+EpochBlock = tuple[Rows, Array]
 
 _SAME_POSITION = 0.1  # m; smaller displacements and changes of curvature need no new prediction
 _SAME_CHORD = 1e-5
 _SAME_UNKNOWN = 0.01  # standard deviations of an unknown; a smaller change needs no new prediction
 _REWEIGHT_DISTANCE = 100.0  # m; a larger displacement of any end needs new variances
+
+
+class Images(NamedTuple):
+    """
+    Positions in which receivers appear to transmitters, from which the curvature of reflected
+    travel times follows.
+
+    The image lies in the direction in which sound leaves the transmitter, at the length of the
+    path. If the receiver moves, its image moves in the same way, but up instead of down if the
+    number of reflections is odd. That of a direct path is the receiver itself. All of this is exact
+    for horizontal mirrors in uniform water.
+    """
+
+    position: Array  # (n, 3) [m]
+    receiver: Array  # (n, 3) [m]
+    mirror: Array  # signs of a displacement of the image, (n, 3)
+    reflected: Mask
+
+    @classmethod
+    def of(cls, prediction: Prediction, links: RangeEndpoints, bounces: Indices) -> Self:
+        """Images of the receivers of links, whose paths have some numbers of reflections."""
+        reflected = prediction.possible & (bounces > 0)
+        slowness = np.linalg.norm(prediction.transmitter_gradient, axis=1)
+        reflected &= slowness > 0.0
+        square = np.where(reflected, slowness, 1.0) ** 2
+        path = -(prediction.travel_time / square)[:, None] * prediction.transmitter_gradient
+        mirror = np.ones_like(links.receiver)
+        mirror[reflected & (bounces % 2 == 1), 2] = -1.0
+        position = np.where(reflected[:, None], links.transmitter + path, links.receiver)
+        return cls(position, links.receiver, mirror, reflected)
+
+    def at(self, receiver: Array) -> Array:
+        """Positions of the images of moved receivers."""
+        image = self.position + self.mirror * (receiver - self.receiver)
+        return np.where(self.reflected[:, None], image, receiver)
 
 
 class Expansion:
@@ -117,11 +152,12 @@ class RangeWeights:
         self._model_ranges = model_ranges
         self._variance = variance
         epoch = model_ranges.ranges.epoch
-        self._rows = [
+        # rows of the ranges of each epoch
+        self.rows = [
             np.flatnonzero(epoch == number) for number in range(int(epoch.max(initial=-1)) + 1)
         ]
         self._position: Array | None = None
-        self._full = [np.diag(variance[rows]) for rows in self._rows]
+        self._full = [np.diag(variance[rows]) for rows in self.rows]
 
     def at(self, links: RangeEndpoints) -> None:
         """Update the covariances for the positions of some links."""
@@ -136,7 +172,7 @@ class RangeWeights:
         self._position = position
         c = links.sound_speed
         for e, extra in enumerate(uncertainty.covariances(links, self._model_ranges.ranges.epoch)):
-            rows = self._rows[e]
+            rows = self.rows[e]
             added = c[rows][:, None] * extra * c[rows]
             if not self._model_ranges.correlated:
                 added = np.diag(np.diagonal(added))
@@ -144,10 +180,10 @@ class RangeWeights:
 
     def blocks(self, used: Mask) -> list[EpochBlock]:
         """Rows and covariances of the used ranges of each epoch."""
-        mine = [used[rows] for rows in self._rows]
+        mine = [used[rows] for rows in self.rows]
         return [
             (rows[m], full[np.ix_(m, m)])
-            for rows, full, m in zip(self._rows, self._full, mine, strict=True)
+            for rows, full, m in zip(self.rows, self._full, mine, strict=True)
         ]
 
 

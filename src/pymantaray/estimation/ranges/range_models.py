@@ -10,7 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,9 +20,8 @@ from pymantaray.errors import EstimationError
 from pymantaray.geometry.se3 import lengths
 
 Rows = Indices
-_LEVEL_DIFFERENCE = (
-    0.01  # m; below this difference in depth, Simpson's rule gives the mean slowness
-)
+# m; below this difference in depth, Simpson's rule gives the mean slowness
+_LEVEL_DIFFERENCE = 0.01
 
 
 class TimedRanges(NamedTuple):
@@ -62,6 +61,21 @@ class Prediction(NamedTuple):
     receiver_gradient: Array  # by the receiver's
     possible: Mask  # true if the assumed ocean has an arrival, (n,)
     bounces: Rows | None = None  # reflections of each path, (n,); None if all paths are direct
+
+    def put(self, rows: Rows | Mask, part: Prediction) -> None:
+        """
+        Replace some rows, in place.
+
+        Parameters
+        ----------
+        rows : ndarray of int or bool
+        part : Prediction
+            Of these rows.
+        """
+        whole: Any
+        for whole, values in zip(self, part, strict=True):
+            if whole is not None:
+                whole[rows] = values
 
     def scaled(self, factor: float | Array) -> Prediction:
         """
@@ -370,30 +384,24 @@ class RangeUnknowns:
         self._clocks = clocks
         n = len(vehicle_name)
         modes = np.asarray(model.amplitude_sigma)
-        names = [f"mode {k + 1}" for k in range(modes.size)]
-        units = ["m/s"] * modes.size
-        sigma = [*modes]
+        entries = [(f"mode {k + 1}", "m/s", size) for k, size in enumerate(modes.tolist())]
         self._scaled = scale_sigma is not None
         if scale_sigma is not None:
-            names = [*names, "scale"]
-            units = [*units, "1"]
-            sigma = [*sigma, scale_sigma]
+            entries.append(("scale", "1", scale_sigma))
         priors = (0.0, 0.0) if clocks is None else (clocks.offset_sigma, clocks.skew_sigma)
         self._known = [prior == 0.0 for prior in priors]
         for prior, what, unit in zip(priors, ("offset", "skew"), ("s", "1"), strict=True):
             if prior != 0.0:
-                names += [f"clock {what} {name}" for name in vehicle_name]
-                units += [unit] * n
-                sigma += [prior] * n
-        self.name = tuple(names)
-        self.unit = tuple(units)
+                entries += [(f"clock {what} {name}", unit, prior) for name in vehicle_name]
+        self.name = tuple(name for name, _, _ in entries)
+        self.unit = tuple(unit for _, unit, _ in entries)
+        sigma = [size for _, _, size in entries]
         self._pair = np.empty(0, dtype=np.intp)
         if bias_sigma is not None:
             # landmarks are numbered after the vehicles
-            who = np.append(
-                np.asarray(pose_vehicle, dtype=np.intp),
-                n + np.arange(_n_landmarks(ranges, pose_vehicle)),
-            )
+            ends = np.concatenate([ranges.transmitter, ranges.receiver])
+            n_landmarks = max(int(ends.max(initial=-1)) + 1 - len(pose_vehicle), 0)
+            who = np.append(np.asarray(pose_vehicle, dtype=np.intp), n + np.arange(n_landmarks))
             pairs = np.stack([who[ranges.transmitter], who[ranges.receiver]], axis=1)
             distinct, self._pair = np.unique(pairs, axis=0, return_inverse=True)
             sigma += [bias_sigma] * len(distinct)
@@ -406,7 +414,7 @@ class RangeUnknowns:
         wrong = ~((self.sigma > 0.0) & np.isfinite(self.sigma))
         if wrong.any():
             first = int(np.argmax(wrong))
-            what, unit = [*zip(names, units, strict=True), ("a bias", "m")][min(first, len(names))]
+            what, unit, _ = [*entries, ("a bias", "m", bias_sigma)][min(first, len(entries))]
             raise EstimationError(
                 f"unknowns: prior sigma of {what} is {self.sigma[first]:g} {unit}; it must be"
                 " positive and finite"
@@ -519,14 +527,6 @@ class ModelRanges:
         if self.unknowns is None:
             return self.model.predict(links), np.empty((links.time.size, 0))
         return self.unknowns.predict(links, rows, u)
-
-
-def _n_landmarks(ranges: TimedRanges, pose_vehicle: NDArray[np.int32]) -> int:
-    """Number of landmarks that ranges refer to."""
-    last = max(
-        (int(end.max(initial=-1)) for end in (ranges.transmitter, ranges.receiver)), default=-1
-    )
-    return max(last + 1 - len(pose_vehicle), 0)
 
 
 def _mean_inverse(c1: Array, c2: Array) -> Array:

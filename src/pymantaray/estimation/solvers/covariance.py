@@ -155,6 +155,20 @@ def rmse_standard_error(
     return np.asarray(np.asarray(rmse, dtype=float) / np.sqrt(count))
 
 
+def checked_conditions(solutions: Sequence[Mapping[str, Any]]) -> list[str]:
+    """Conditions of all realizations, which must be the same."""
+    if not solutions:
+        raise EstimationError("no realization to collect; at least one is needed")
+    conditions = list(solutions[0])
+    odd = next((i for i, s in enumerate(solutions) if list(s) != conditions), None)
+    if odd is not None:
+        raise EstimationError(
+            f"realization {odd} has conditions {list(solutions[odd])}, realization 0 {conditions};"
+            " all must have the same conditions"
+        )
+    return conditions
+
+
 def collect_covariances(
     measurements: Measurements,
     samples: Indices,
@@ -181,12 +195,7 @@ def collect_covariances(
     EstimationError
         If there is no realization, or two of them have different conditions.
     """
-    conditions = list(solutions[0]) if solutions else []
-    if not solutions or any(list(solution) != conditions for solution in solutions):
-        raise EstimationError(
-            "covariances: all realizations must have the same conditions, and there must be at"
-            " least one"
-        )
+    conditions = checked_conditions(solutions)
     nothing = EpochCovariances.unknown(len(samples), measurements.name.size)
 
     def table(attribute: str) -> NDArray[Any]:

@@ -8,7 +8,14 @@ import pandas as pd
 
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph.graph import KINDS, FactorGraph, Factors, GraphValues, Residual
+from pymantaray.estimation.graph.graph import (
+    KINDS,
+    FactorGraph,
+    Factors,
+    GraphValues,
+    Residual,
+    dimension,
+)
 from pymantaray.estimation.solvers.losses import Loss, whitened_ranges
 from pymantaray.estimation.solvers.normal_equations import SIZE
 from pymantaray.estimation.solvers.optimize import check_convergence
@@ -90,7 +97,6 @@ def factor_influence(
         if loss is None
         else loss.weight(whitened_ranges(graph, values))
     )
-    n_unknowns = _unknowns(graph)
     tables = []
     done = 0
     for name, kind in KINDS.items():
@@ -105,7 +111,9 @@ def factor_influence(
             jacobian = jacobian * np.sqrt(weight)[:, None, None]
         covariance = _joint(own, between[done - count : done], factors.variables)
         tables.append(
-            _named(graph, factors).assign(**_measures(white, jacobian, covariance, n_unknowns))
+            _named(graph, factors).assign(
+                **_measures(white, jacobian, covariance, dimension(graph))
+            )
         )
     return pd.concat(tables, ignore_index=True)
 
@@ -131,11 +139,6 @@ def worst_factors(influence: pd.DataFrame, measure: str, count: int) -> pd.DataF
     pandas.DataFrame
     """
     return influence[~influence["successive"]].nlargest(count, measure).reset_index(drop=True)
-
-
-def _unknowns(graph: FactorGraph) -> int:
-    pose, landmark = (3, 2) if graph.planar else (6, 3)
-    return pose * graph.n_poses + landmark * int(graph.landmark_name.size)
 
 
 def _named(graph: FactorGraph, factors: Factors) -> pd.DataFrame:
@@ -215,9 +218,18 @@ def _linearized(factors: Factors, state: GraphState, *, planar: bool) -> tuple[A
     ends = [_Ends(state.rotation[v], state.position[v]) for v in factors.variables.T]
 
     def residual_at(end: int, axis: int, step: float) -> Array:
-        """Residual after a step of one end."""
+        """
+        Residual after a step of one end: a rotation about an axis of the body, or a displacement
+        along an axis of the world.
+        """
         trial = list(ends)
-        trial[end] = _displace(ends[end], axis, step)
+        rotation, position = ends[end]
+        vector = step * np.eye(3)[axis % 3]
+        trial[end] = (
+            _Ends(rotation @ so3_exp(vector), position)
+            if axis < 3
+            else _Ends(rotation, position + vector)
+        )
         return residual(factors, trial)[:, measured]
 
     columns = []
@@ -227,14 +239,6 @@ def _linearized(factors: Factors, state: GraphState, *, planar: bool) -> tuple[A
         columns.append(difference / (2.0 * step))
     white = np.linalg.solve(root, residual(factors, ends)[:, measured][..., None])[..., 0]
     return white, np.linalg.solve(root, np.stack(columns, axis=-1))
-
-
-def _displace(end: _Ends, axis: int, step: float) -> _Ends:
-    """Rotate ends about an axis of the body, or translate them along an axis of the world."""
-    vector = step * np.eye(3)[axis % 3]
-    if axis < 3:
-        return end._replace(rotation=end.rotation @ so3_exp(vector))
-    return end._replace(position=end.position + vector)
 
 
 def _pose(factors: Factors, ends: list[_Ends]) -> Array:

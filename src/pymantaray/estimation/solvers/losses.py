@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Literal, get_args
+from typing import NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -13,17 +13,46 @@ from numpy.typing import ArrayLike
 from pymantaray.arrays import Array
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
+from pymantaray.estimation.names import LossKind
 from pymantaray.estimation.ranges.range_models import chord
 
-LossKind = Literal["huber", "cauchy", "geman-mcclure", "tukey", "welsch"]
-# scales that are 95 % as efficient as least squares under normal noise
-_EFFICIENT: Mapping[str, float] = MappingProxyType(
+
+class _Shape(NamedTuple):
+    """Scale that is 95 % as efficient as least squares under normal noise, cost and weight."""
+
+    efficient: float
+    cost: Callable[[Array, float], Array]
+    """Of sizes of residuals, by the scale."""
+    weight: Callable[[Array, float], Array]
+
+
+_SHAPES: Mapping[str, _Shape] = MappingProxyType(
     {
-        "huber": 1.344998,
-        "cauchy": 2.384947,
-        "geman-mcclure": 3.787419,
-        "tukey": 4.685065,
-        "welsch": 2.984637,
+        "huber": _Shape(
+            1.344998,
+            lambda u, k: np.where(u <= k, 0.5 * u**2, k * (u - 0.5 * k)),
+            lambda u, k: np.asarray(k / np.maximum(u, k)),
+        ),
+        "cauchy": _Shape(
+            2.384947,
+            lambda u, k: np.asarray(0.5 * k**2 * np.log1p((u / k) ** 2)),
+            lambda u, k: 1.0 / (1.0 + (u / k) ** 2),
+        ),
+        "geman-mcclure": _Shape(
+            3.787419,
+            lambda u, k: 0.5 * u**2 / (1.0 + (u / k) ** 2),
+            lambda u, k: 1.0 / (1.0 + (u / k) ** 2) ** 2,
+        ),
+        "tukey": _Shape(
+            4.685065,
+            lambda u, k: k**2 / 6.0 * (1.0 - np.maximum(1.0 - (u / k) ** 2, 0.0) ** 3),
+            lambda u, k: np.asarray(np.maximum(1.0 - (u / k) ** 2, 0.0) ** 2),
+        ),
+        "welsch": _Shape(
+            2.984637,
+            lambda u, k: np.asarray(-0.5 * k**2 * np.expm1(-((u / k) ** 2))),
+            lambda u, k: np.asarray(np.exp(-((u / k) ** 2))),
+        ),
     }
 )
 
@@ -75,8 +104,8 @@ class Loss:
 
     def __post_init__(self) -> None:
         """Refuse an unknown kind or an unusable scale."""
-        if self.kind not in _EFFICIENT:
-            raise EstimationError(f"loss {self.kind!r}; allowed are {', '.join(_EFFICIENT)}")
+        if self.kind not in _SHAPES:
+            raise EstimationError(f"loss {self.kind!r}; allowed are {', '.join(_SHAPES)}")
         if not (self.scale > 0.0 and np.isfinite(self.scale)):
             raise EstimationError(
                 f"loss {self.kind}: scale is {self.scale:g}; it must be positive and finite"
@@ -106,17 +135,8 @@ class Loss:
         ndarray, shape (...)
             Cost. [-]
         """
-        u = np.abs(np.asarray(residual, dtype=float))
-        k = self.scale
-        if self.kind == "huber":
-            return np.asarray(np.where(u <= k, 0.5 * u**2, k * (u - 0.5 * k)))
-        if self.kind == "cauchy":
-            return np.asarray(0.5 * k**2 * np.log1p((u / k) ** 2))
-        if self.kind == "tukey":
-            return np.asarray(k**2 / 6.0 * (1.0 - np.maximum(1.0 - (u / k) ** 2, 0.0) ** 3))
-        if self.kind == "welsch":
-            return np.asarray(-0.5 * k**2 * np.expm1(-((u / k) ** 2)))
-        return np.asarray(0.5 * u**2 / (1.0 + (u / k) ** 2))
+        size = np.abs(np.asarray(residual, dtype=float))
+        return np.asarray(_SHAPES[self.kind].cost(size, self.scale))
 
     def weight(self, residual: ArrayLike) -> Array:
         """
@@ -132,23 +152,14 @@ class Loss:
         ndarray, shape (...)
             Weight; 1 at zero. [-]
         """
-        u = np.abs(np.asarray(residual, dtype=float))
-        k = self.scale
-        if self.kind == "huber":
-            return np.asarray(k / np.maximum(u, k))
-        if self.kind == "cauchy":
-            return np.asarray(1.0 / (1.0 + (u / k) ** 2))
-        if self.kind == "tukey":
-            return np.asarray(np.maximum(1.0 - (u / k) ** 2, 0.0) ** 2)
-        if self.kind == "welsch":
-            return np.asarray(np.exp(-((u / k) ** 2)))
-        return np.asarray(1.0 / (1.0 + (u / k) ** 2) ** 2)
+        size = np.abs(np.asarray(residual, dtype=float))
+        return np.asarray(_SHAPES[self.kind].weight(size, self.scale))
 
 
 LOSSES: Mapping[str, Loss] = MappingProxyType(
     {
-        **{kind: Loss(kind, _EFFICIENT[kind]) for kind in get_args(LossKind)},
-        "gnc": Loss("geman-mcclure", _EFFICIENT["geman-mcclure"], graduated=True),
+        **{kind: Loss(kind, _SHAPES[kind].efficient) for kind in get_args(LossKind)},
+        "gnc": Loss("geman-mcclure", _SHAPES["geman-mcclure"].efficient, graduated=True),
     }
 )
 """

@@ -13,9 +13,8 @@ from pymantaray.estimation.solvers.normal_equations import POSITION, ROTATION, S
 from pymantaray.estimation.solvers.optimize import LastStep, check_convergence
 from pymantaray.estimation.solvers.problems import GraphState, LinearTerm, Problem, distance_problem
 
-_MIN_VARIANCE = (
-    1e-8  # share of the variance of a residual; directions below it have no independent prediction
-)
+# share of the variance of a residual; directions below it have no independent prediction
+_MIN_VARIANCE = 1e-8
 
 
 def check_poses(graph: FactorGraph, poses: Indices) -> Indices:
@@ -154,9 +153,8 @@ def group_marginals(
     vehicles = np.arange(members)
     own = np.moveaxis(joint[:, vehicles, :, vehicles, :], 0, 1)
     rotation = np.tile(np.eye(SIZE), (n_epochs, members, 1, 1))
-    rotation[..., POSITION, POSITION] = last.state.rotation[
-        poses
-    ]  # from the world's axes to the body's
+    # from the world's axes to the body's
+    rotation[..., POSITION, POSITION] = last.state.rotation[poses]
     fits = [(np.nan, 0)] * n_epochs
     if innovations and problem.loss is None:
         among = problem.ranges.linear_among(last.state, np.unique(np.concatenate(groups)))

@@ -12,15 +12,16 @@ from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
 from pymantaray.estimation.graph.graph import FactorGraph, GraphValues
 from pymantaray.estimation.ranges.candidates import CandidateArrivals, CandidateModel, of_picks
-from pymantaray.estimation.ranges.epoch_picks import EpochMixture, graduated_fits
 from pymantaray.estimation.ranges.expansion import Expansion, RangeWeights
 from pymantaray.estimation.ranges.picks import (
     NONE,
     Chains,
+    EpochMixture,
     RangeChoice,
     best_picks,
     choices,
     fits,
+    graduated_fits,
     predicted,
     probabilities,
 )
@@ -42,12 +43,7 @@ class PickedWeights(RangeWeights):
     def add(self, added: Array) -> None:
         """Replace the variances of the travel times of all picks. [m²]"""
         total = self._variance + added
-        self._full = [np.diag(total[rows]) for rows in self._rows]
-
-    @property
-    def rows(self) -> list[Rows]:
-        """Rows of the ranges of each epoch."""
-        return self._rows
+        self._full = [np.diag(total[rows]) for rows in self.rows]
 
 
 class MixtureIterations(OuterIterations):
@@ -140,7 +136,7 @@ class MixtureIterations(OuterIterations):
         epochs = self._picked_weights.rows
         for number, rows in enumerate([*epochs, *epochs]):
             if number >= len(epochs):  # again, from what all other pings predict
-                earlier_picks.used[rows] = False
+                earlier_picks.prediction.possible[rows] = False
                 end = self._solve_picks(earlier_picks, end.state, limits)
             if end.last is None or not rows.size:
                 return state
@@ -162,7 +158,7 @@ class MixtureIterations(OuterIterations):
         )
         self._picked_weights.add(earlier_picks.added)
         ranges = ExpandedRanges(
-            timed, self._weights.blocks(earlier_picks.used), expansion, self._shared
+            timed, self._weights.blocks(earlier_picks.prediction.possible), expansion, self._shared
         )
         return optimize(Problem(self._factors, ranges, self._structure), state, options)
 
@@ -270,14 +266,17 @@ class _Picks:
     """
 
     def __init__(self, n: int, n_unknowns: int) -> None:
-        self.used = np.zeros(n, dtype=bool)
+        self.prediction = Prediction(
+            np.full(n, np.nan),
+            np.full((n, 3), np.nan),
+            np.full((n, 3), np.nan),
+            np.zeros(n, dtype=bool),
+            np.zeros(n, dtype=np.intp),
+        )
         self.added = np.zeros(n)
         self.transmitter = np.zeros((n, 3))
         self.receiver = np.zeros((n, 3))
-        self._time = np.full(n, np.nan)
-        self._by_ends = np.full((2, n, 3), np.nan)
         self._by_unknowns = np.zeros((n, n_unknowns))
-        self._bounces = np.zeros(n, dtype=np.intp)
 
     def add(
         self,
@@ -290,19 +289,14 @@ class _Picks:
         """Add the picks of one epoch."""
         prediction = of_picks(candidates.prediction, picks)
         by = candidates.by(picks)
-        self.used[rows] = prediction.possible
+        prediction = prediction._replace(travel_time=prediction.travel_time - by @ unknowns)
+        self.prediction.put(rows, prediction)
         self.added[rows] = candidates.added(picks)
         self.transmitter[rows] = links.transmitter
         self.receiver[rows] = links.receiver
-        self._time[rows] = prediction.travel_time - by @ unknowns
         self._by_unknowns[rows] = by
-        self._by_ends[:, rows] = prediction.transmitter_gradient, prediction.receiver_gradient
-        self._bounces[rows] = 0 if prediction.bounces is None else prediction.bounces
 
     def expansion(self, links: RangeEndpoints, travel_time: Array) -> Expansion:
         """Residuals of the picks near the links at which they were made."""
-        prediction = Prediction(
-            self._time, self._by_ends[0], self._by_ends[1], self.used, self._bounces
-        )
         zero = np.zeros(self._by_unknowns.shape[1])
-        return Expansion(prediction, links, travel_time, zero, self._by_unknowns)
+        return Expansion(self.prediction, links, travel_time, zero, self._by_unknowns)

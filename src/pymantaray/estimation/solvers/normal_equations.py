@@ -4,12 +4,12 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.sparse import coo_array, csc_array
+from scipy.sparse import bsr_array, coo_array, csc_array
+from scipy.sparse.linalg import SuperLU, splu
 
 from pymantaray.arrays import Array, Indices, Mask
 from pymantaray.estimation._kernels import cholesky
 from pymantaray.estimation._kernels.residuals import Matrix
-from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
 
 SIZE = 6  # of a block: rotation in the body's axes, position in the world's axes
 ROTATION = slice(0, 3)
@@ -17,6 +17,13 @@ POSITION = slice(3, SIZE)
 _NO_VECTOR = np.empty((0, SIZE))
 _NO_BLOCKS = np.empty((0, SIZE, SIZE))
 _LARGEST_SPARE = 1 << 26  # bytes
+
+
+def symmetric_factor(matrix: csc_array) -> SuperLU:
+    """Factor a symmetric matrix; raises `RuntimeError` if it is exactly singular."""
+    return splu(
+        matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True}
+    )
 
 
 class Blocks(NamedTuple):
@@ -183,16 +190,6 @@ class Factor:
             cholesky.substitute_all(*factor, x)
         return x
 
-    def finish(self, vector: Array) -> Array:
-        """
-        Solution for a right-hand side that has gone down with the factorization, in its place.
-        """
-        structure = self._structure
-        cholesky.substitute(
-            structure.start, structure.column, self._diagonal, self._above, vector, False
-        )
-        return vector
-
     def release(self) -> None:
         """Let later equations use the arrays; the factor cannot be used any more."""
         self._structure.return_blocks(self._diagonal, self._above)
@@ -253,8 +250,8 @@ class Factor:
 
 class NormalEquations:
     """
-    Matrix, gradient and cost of residuals linearized at one state; ``factorize`` overwrites the
-    matrix, which has to be set first.
+    Matrix, gradient and cost of residuals linearized at one state; ``step`` overwrites the matrix,
+    which has to be set first.
 
     The matrix of order 1 is that of Gauss-Newton. Order 2 adds the largest part of the curvature of
     odometry, order 3 that of distances, and order 4 all curvature of odometry, for steps along
@@ -306,18 +303,10 @@ class NormalEquations:
             self._right = np.empty_like(self.gradient)
         return self.upper(self._right)
 
-    def factorize(self) -> Factor | None:
-        """
-        Compute the Cholesky factor in place of the matrix; None if some direction is not
-        determined.
-        """
-        self._element[:] = np.diagonal(self.diagonal, axis1=1, axis2=2)
-        return self._factor_from(0, _NO_VECTOR)
-
     def step(self) -> tuple[Factor, Array] | None:
         """
-        Factor as in `factorize`, and the step to the minimum of the linearized cost (n, 6), in the
-        order of rows.
+        Cholesky factor in place of the matrix, and the step to the minimum of the linearized cost
+        (n, 6), in the order of rows; None if some direction is not determined.
 
         The next step of equations in the same arrays may overwrite it.
         """
@@ -330,15 +319,13 @@ class NormalEquations:
             first = int(self.structure.batch[-2])
             step[first:] -= self.gradient[first:]
             self._element[first:] += np.diagonal(self.diagonal[first:], axis1=1, axis2=2)
-        factor = None if self.failed else self._factor_from(first, step)
-        return None if factor is None else (factor, factor.finish(step))
-
-    def _factor_from(self, first: int, right: Array) -> Factor | None:
-        """Factor after elimination of all rows from the first one."""
         structure = self.structure
-        if cholesky.factorize(self.upper(right), first, structure.row.size) >= 0:
+        if self.failed or cholesky.factorize(self.upper(step), first, structure.row.size) >= 0:
             return None
-        return Factor(structure, self.diagonal, self.above)
+        # the right-hand side has gone down with the factorization
+        arrays = structure.start, structure.column, self.diagonal, self.above
+        cholesky.substitute(*arrays, step, False)
+        return Factor(structure, self.diagonal, self.above), step
 
     def eliminate(self, last: Indices) -> tuple[Array, Array] | None:
         """
@@ -399,16 +386,10 @@ class NormalEquations:
     def information(self) -> csc_array:
         """The matrix in the order of the variables."""
         structure = self.structure
-        n = self.structure.row.size
-        variable = np.argsort(structure.row)
-        row = np.repeat(variable, np.diff(structure.start))
-        upper = _matrix(row, variable[structure.column], self.above, n)
-        return csc_array(upper + upper.T + _matrix(variable, variable, self.diagonal, n))
-
-
-def _matrix(row: Indices, column: Indices, blocks: Array, size: int) -> csc_array:
-    """Sparse matrix of blocks at block rows and columns."""
-    i, j = np.indices((SIZE, SIZE))
-    at = SIZE * row[:, None, None] + i, SIZE * column[:, None, None] + j
-    entries = blocks.ravel(), (at[0].ravel(), at[1].ravel())
-    return csc_array(coo_array(entries, shape=(size * SIZE, size * SIZE)))
+        n = structure.row.size
+        size = (SIZE * n, SIZE * n)
+        own = np.arange(n + 1)
+        upper = bsr_array((self.above, structure.column, structure.start), shape=size)
+        diagonal = bsr_array((self.diagonal, own[:n], own), shape=size)
+        at = (SIZE * structure.row[:, None] + np.arange(SIZE)).ravel()
+        return csc_array((upper + upper.T + diagonal).tocsc()[at][:, at])

@@ -22,9 +22,8 @@ _SLOW = 0.5  # ratio of successive steps with curvature; with large residuals it
 _MAX_SLOW = 3  # such steps before the curvature is given up
 _MAX_STALLED = 10  # such steps without curvature before damped steps take over
 _MAX_INDEFINITE = 2  # indefinite matrices of an order before it is given up
-_STALLED_FALL = (
-    1e-9  # relative decrease of the cost at which damped steps from a singular start end
-)
+# relative decrease of the cost at which damped steps from a singular start end
+_STALLED_FALL = 1e-9
 _FIRST_DAMPING = 1e-5  # of the diagonal
 _MAX_DAMPING = 1e5
 _SMALL_FALL = 0.01  # relative decrease of the cost below which damped steps use full curvature
@@ -236,26 +235,13 @@ def _levenberg_marquardt(
         if singular and fall <= _STALLED_FALL:
             return _DampedSteps(state, iteration + 1)
         costs.append(cost)
-        if _stays_above(costs, options.rival_cost, most - iteration - 1):
-            return _DampedSteps(state, iteration + 1, given_up=True)
+        if len(costs) > _RATE_STEPS:
+            # the cost stays above the rival's at the mean rate of the last steps
+            rate = (costs[-1 - _RATE_STEPS] - cost) / _RATE_STEPS
+            if cost - (most - iteration - 1) * rate > options.rival_cost:
+                return _DampedSteps(state, iteration + 1, given_up=True)
         damping *= 0.1
     return _DampedSteps(state, most)
-
-
-def _stays_above(costs: list[float], rival: float, steps: int) -> bool:
-    """True if the cost stays above a rival's, at the mean rate of the last steps."""
-    if len(costs) <= _RATE_STEPS:
-        return False
-    rate = (costs[-1 - _RATE_STEPS] - costs[-1]) / _RATE_STEPS
-    return costs[-1] - steps * rate > rival
-
-
-class _DampedStep(NamedTuple):
-    """Result of a damped step: state, cost and damping."""
-
-    state: GraphState
-    cost: float
-    damping: float
 
 
 def _damped_step(
@@ -264,10 +250,10 @@ def _damped_step(
     matrices: list[NormalEquations],
     damping: float,
     tolerance: float,
-) -> _DampedStep | None:
+) -> tuple[GraphState, float, float] | None:
     """
-    Increase damping until a step lowers the cost; None if none does, or if a weakly damped step is
-    within tolerance.
+    Increase damping until a step lowers the cost, and return state, cost and damping; None if none
+    does, or if a weakly damped step is within tolerance.
 
     The first of two matrices is dropped once it is not positive definite.
     """
@@ -284,6 +270,6 @@ def _damped_step(
                 trial = state.after_step(problem.structure, step, arc=problem.without_ranges)
                 cost = problem.cost(trial)
                 if cost < equations.cost:
-                    return _DampedStep(trial, cost, damping)
+                    return trial, cost, damping
         damping *= 10.0
     return None

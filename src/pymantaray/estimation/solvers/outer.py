@@ -67,7 +67,14 @@ class OuterIterations:
         loss: Loss | None,
         poses: Indices,
     ) -> None:
-        _check_rows(graph, model_ranges)
+        ranges = model_ranges.ranges
+        ends = np.stack([ranges.transmitter, ranges.receiver], axis=1)
+        rows = graph["range"].variables
+        if not np.array_equal(np.sort(ends, axis=1), np.sort(rows, axis=1)):
+            raise EstimationError(
+                f"{len(ends)} timed ranges do not join the variables of the graph's {len(rows)}"
+                " ranges; take both from the same measurements, ranges and links"
+            )
         if loss is not None and model_ranges.correlated:
             raise EstimationError(
                 "a robust loss applies to single ranges, but these are correlated; remove the loss"
@@ -75,21 +82,16 @@ class OuterIterations:
             )
         self._model_ranges = model_ranges
         self._loss = loss
-        ranges = model_ranges.ranges
         n = graph.n_variables
         self._shared = n + np.arange(-(-model_ranges.n_unknowns // SIZE))
         self._factors = cache.factors(graph)
         self.groups = epoch_groups(poses, graph["range"].variables, graph.n_poses, self._shared)
-        ends = np.stack([ranges.transmitter, ranges.receiver], axis=1)
-        epochs = [
-            np.unique(ends[ranges.epoch == number])
-            for number in range(int(ranges.epoch.max(initial=-1)) + 1)
-        ]
+        self._weights = RangeWeights(model_ranges, graph["range"].variance)
+        epochs = [np.unique(ends[rows]) for rows in self._weights.rows]
         cliques = [*self.groups, *(np.concatenate([epoch, self._shared]) for epoch in epochs)]
         self._structure = cache.structure(
             self._factors, n + self._shared.size, np.empty((0, 2), dtype=np.intp), cliques
         )
-        self._weights = RangeWeights(model_ranges, graph["range"].variance)
         self._rows = np.arange(ranges.time.size)
         self._used = np.ones(ranges.time.size, dtype=bool)
         self._gated = np.zeros(ranges.time.size, dtype=int)
@@ -196,13 +198,3 @@ class OuterIterations:
         prediction, residual = self._first
         comparable = np.where(prediction.possible, residual, self._expansion(*arguments)[0])
         return self._factors.cost(start) + ranges.cost_of(comparable, self._loss)
-
-
-def _check_rows(graph: FactorGraph, model_ranges: ModelRanges) -> None:
-    ends = np.stack([model_ranges.ranges.transmitter, model_ranges.ranges.receiver], axis=1)
-    rows = graph["range"].variables
-    if not np.array_equal(np.sort(ends, axis=1), np.sort(rows, axis=1)):
-        raise EstimationError(
-            f"{len(ends)} timed ranges do not join the variables of the graph's {len(rows)} ranges;"
-            " take both from the same measurements, ranges and links"
-        )

@@ -634,10 +634,6 @@ class Problem:
             _hold_in_plane(out, row[:m])
         return out
 
-    def whitened(self, state: GraphState) -> Array:
-        """Residuals of the ranges in their standard deviations."""
-        return self.ranges.whitened(state)
-
 
 def _add_arcs(state: GraphState, out: NormalEquations, rows: Indices) -> None:
     """Add the curvature due to motion along arcs: half of ``g . (R w) x d``, symmetrically."""

@@ -40,7 +40,7 @@ def optimize_robust(problem: Problem, initial: GraphState, options: SolveOptions
         return _descend(problem, initial, options)
     progress, state = _descend_steps(problem.under(None), initial, _LEAST_SQUARES_OPTIONS)
     steps = progress.iterations
-    largest = float(np.abs(problem.whitened(state)).max(initial=0.0))
+    largest = float(np.abs(problem.ranges.whitened(state)).max(initial=0.0))
     control = 2.0 * (largest / loss.scale) ** 2
     while control > 1.0 and not progress.singular:
         surrogate = problem.under(replace(loss, scale=loss.scale * np.sqrt(control)))

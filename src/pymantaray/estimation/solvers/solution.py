@@ -123,9 +123,8 @@ class SolveProgress:
     initial_cost: float
     final_cost: float
     singular: bool = False  # the linear system could not be solved, or left a variable undetermined
-    gradient_norm: float = (
-        math.nan
-    )  # largest component of the cost's gradient at the last linearization
+    # largest component of the cost's gradient at the last linearization
+    gradient_norm: float = math.nan
     newton_decrement: float = math.nan  # predicted decrease of the cost by the last step
     last_step: float = math.nan  # its largest component [m, rad]
 

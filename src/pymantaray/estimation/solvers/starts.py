@@ -8,12 +8,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components, dijkstra
+from scipy.sparse.csgraph import dijkstra
 
 from pymantaray.arrays import Array, Indices
 from pymantaray.errors import EstimationError
-from pymantaray.estimation.graph.graph import FactorGraph, GraphValues, connected_parts
-from pymantaray.estimation.solvers.sparse_factor import symmetric_factor
+from pymantaray.estimation.graph.graph import (
+    FactorGraph,
+    GraphValues,
+    connected_parts,
+    joined_parts,
+)
+from pymantaray.estimation.solvers.normal_equations import symmetric_factor
 from pymantaray.geometry.se3 import matrix_from_quaternion, quaternion_from_matrix
 from pymantaray.records import Measurements
 
@@ -281,8 +286,7 @@ def first_of_chains(graph: FactorGraph) -> Indices:
 
 def _first_of_parts(size: int, ends: Indices, known: Indices) -> Indices:
     """First variable of each set that pairs (n, 2) connect, for sets without known variables."""
-    links = coo_array((np.ones(len(ends)), (ends[:, 0], ends[:, 1])), shape=(size, size))
-    _, part = connected_components(links, directed=False)
+    part = joined_parts(size, ends)
     first = np.unique(part, return_index=True)[1]
     return np.asarray(first[~np.isin(part[first], part[known])])
 
