@@ -1,6 +1,5 @@
 """Checks for impossible input before and after a solve."""
 
-import math
 from itertools import product
 
 import numpy as np
@@ -14,11 +13,8 @@ from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import transducers
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
-from pymantaray.geometry.longitude import wrap_longitude
-from pymantaray.records.position_rows import middle_longitude
 from pymantaray.records.text_table import check_speed
 
-_MAX_DISTANCE = 100_000.0  # m; no node answers from a greater distance
 _MILLISECONDS = (300.0, 3000.0)  # ratio of measured to expected times with a wrong unit
 _MIN_STEPS = 10  # between pings, to compare headings with the course
 # mean resultant length of course minus heading of a platform that heads along its course
@@ -31,40 +27,6 @@ _RARE = 0.05  # fraction of pings that may exceed it, as errors of single height
 _MAX_BELOW_BED = 1.0  # m of a node
 _ON_BOUNDARY = 2e-3  # m
 _AXES = ("forward", "starboard", "down")
-
-
-def check_positions(
-    where: str, platform: tuple[Array, Array], node: tuple[float, float], name: str
-) -> None:
-    """Raise an error if a distance implies a wrong sign or order of coordinates. [degrees]"""
-    lat = float(np.median(platform[0]))
-    lon = middle_longitude(platform[1])
-    if _distance(lat, lon, *node) < _MAX_DISTANCE:
-        return
-    advice = "check both"
-    for lat_2, lon_2, what in (
-        (lat, -lon, "one of the longitudes has the wrong sign (east or west)"),
-        (-lat, lon, "one of the latitudes has the wrong sign (north or south)"),
-        (-lat, -lon, "latitude and longitude of one have the wrong sign"),
-        (lon, lat, "latitude and longitude of one are exchanged"),
-    ):
-        if _distance(lat_2, lon_2, *node) < _MAX_DISTANCE:
-            advice = what
-    distance_km = _distance(lat, lon, *node) / 1000.0
-    raise LocateError(
-        f"{where}: the platform is at {lat:.4f}, {lon:.4f} and node {name} at {node[0]:.4f},"
-        f" {node[1]:.4f}, {distance_km:,.0f} km apart; {advice}"
-    )
-
-
-def _distance(lat: float, lon: float, lat_2: float, lon_2: float) -> float:
-    """Distance on a sphere. [m]"""
-    phi = math.radians(lat)
-    phi_2 = math.radians(lat_2)
-    half = 0.5 * math.radians(float(wrap_longitude(np.asarray(lon_2 - lon))))
-    haversine = math.sin((phi_2 - phi) / 2.0) ** 2
-    haversine += math.cos(phi) * math.cos(phi_2) * math.sin(half) ** 2
-    return 2.0 * 6371e3 * math.asin(min(1.0, math.sqrt(max(haversine, 0.0))))
 
 
 def check_survey(survey: Survey, medium: Medium) -> None:
