@@ -30,8 +30,8 @@ from pymantaray.apps.locate.displacement import campaign_of
 from pymantaray.apps.locate.evidence import posterior
 from pymantaray.apps.locate.linear import Linearization
 from pymantaray.apps.locate.mirror import with_mirrors
+from pymantaray.apps.locate.models import solve
 from pymantaray.apps.locate.noise import Correlation
-from pymantaray.apps.locate.solve import solve
 from pymantaray.apps.locate.sound_speed import SpeedPrior, sound_speed_terms
 from pymantaray.apps.locate.travel_times import predict
 from pymantaray.apps.locate.unknowns import SurveyUnknowns
@@ -264,6 +264,20 @@ def test_a_start_2_km_off_converges(campaign, medium, as_stored):
     assert nees(found, campaign.truth) < chi2.ppf(0.999, 9)
     np.testing.assert_array_equal(found.solution.used, ~campaign.gross)
     as_stored([found.nodes, found.tests, found.hyperparameters])
+
+
+def test_a_start_8_km_off_converges_among_gross_errors(campaign, medium):
+    survey = survey_of(campaign)
+    nodes = [
+        Node(node.name, (place[0] - 5600.0, place[1] + 5600.0, place[2]), (9e3, 9e3, 200.0), 0.013)
+        for node, place in zip(survey.nodes, campaign.truth, strict=True)
+    ]
+    rng = np.random.default_rng(3)
+    is_late = rng.random(len(survey)) < 0.3
+    late = survey.travel_time + is_late * rng.uniform(0.01, 0.3, len(survey))
+    found = locate(survey.assign(nodes=nodes, travel_time=late), medium, TIME)
+    assert nees(found, campaign.truth) < chi2.ppf(0.999, 9)
+    np.testing.assert_array_equal(found.solution.used, ~(campaign.gross | is_late))
 
 
 def line_survey(campaign, offset):

@@ -8,7 +8,6 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.locate.earth import in_water
 from pymantaray.apps.locate.evidence import posterior
 from pymantaray.apps.locate.solve import SurveySolution
-from pymantaray.apps.locate.starts import mean_speed
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import transducers
 from pymantaray.arrays import Array
@@ -16,6 +15,7 @@ from pymantaray.errors import LocateError
 from pymantaray.records.text_table import check_speed
 
 _MILLISECONDS = (300.0, 3000.0)  # ratio of measured to expected times with a wrong unit
+_NOMINAL_SPEED = 1500.0  # m/s
 _MIN_STEPS = 10  # between pings, to compare headings with the course
 # mean resultant length of course minus heading of a platform that heads along its course
 _MIN_RESULTANT = 0.8
@@ -48,7 +48,7 @@ def check_survey(survey: Survey, medium: Medium) -> None:
             )
     _check_turn_around(survey)
     _check_attitude(survey)
-    _check_units(survey, medium)
+    _check_units(survey)
     for node in survey.nodes:
         if node.position[2] > _deepest(medium, node.position[2]):
             raise LocateError(
@@ -184,7 +184,7 @@ def _check_attitude(survey: Survey) -> None:
         )
 
 
-def _check_units(survey: Survey, medium: Medium) -> None:
+def _check_units(survey: Survey) -> None:
     """Raise an error for times in milliseconds, a thousand times those of the prior positions."""
     transmit_position, _ = transducers(survey, np.array(survey.lever.offset))
     nodes = np.array([node.position for node in survey.nodes])
@@ -192,9 +192,8 @@ def _check_units(survey: Survey, medium: Medium) -> None:
     if not from_platform.any():
         return
     distance = np.linalg.norm(transmit_position - nodes[survey.node], axis=1)[from_platform]
-    speed = mean_speed(medium, 0.0, float(nodes[:, 2].max()))
     two_way = survey.direction[from_platform] == TravelDirection.TWO_WAY
-    expected_time = distance / speed * np.where(two_way, 2.0, 1.0)
+    expected_time = distance / _NOMINAL_SPEED * np.where(two_way, 2.0, 1.0)
     ratio = float(np.median(survey.travel_time[from_platform] / np.maximum(expected_time, 1e-6)))
     low, high = _MILLISECONDS
     if low < 1.0 / max(ratio, 1e-9) < high:

@@ -5,7 +5,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.apps.locate.earth import in_water
-from pymantaray.apps.locate.graduated import robust_sigma
+from pymantaray.apps.locate.evidence import robust_sigma
 from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import Legs, predict, transducers

@@ -11,7 +11,6 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.locate.averaging import spread_of_models
 from pymantaray.apps.locate.bootstrap import bootstrap_positions
 from pymantaray.apps.locate.budget import error_budget
 from pymantaray.apps.locate.checks import (
@@ -30,10 +29,11 @@ from pymantaray.apps.locate.earth import medium_on_earth
 from pymantaray.apps.locate.gross import reasons
 from pymantaray.apps.locate.halves import part_tests, widening
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
+from pymantaray.apps.locate.models import candidate_table, solve, spread_of_models
 from pymantaray.apps.locate.one_way import direct_arrivals
 from pymantaray.apps.locate.options import LocateOptions
 from pymantaray.apps.locate.patterns import NoiseTest, noise_tests, test_table
-from pymantaray.apps.locate.solve import SurveySolution, candidate_table, solve
+from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.apps.locate.survey import Survey, TravelDirection
 from pymantaray.arrays import Array
 from pymantaray.evaluation import unexplained

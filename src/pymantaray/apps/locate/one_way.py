@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.apps.locate.earth import in_water
-from pymantaray.apps.locate.graduated import robust_sigma
+from pymantaray.apps.locate.evidence import robust_sigma
 from pymantaray.apps.locate.survey import Node, Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import transducers
 from pymantaray.arrays import Array, Mask
