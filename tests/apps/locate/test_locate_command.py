@@ -31,13 +31,12 @@ from refusals import refused
 from pymantaray.acoustics import Medium
 from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Survey, locate
 from pymantaray.apps.locate.displacement import campaign_of
-from pymantaray.apps.locate.halves import HALVES
 from pymantaray.apps.locate.mirror import Mirror
 from pymantaray.apps.locate.options import CRITERIA
 from pymantaray.apps.locate.page import plan_figure, warnings_of
-from pymantaray.apps.locate.patterns import NoiseTest
 from pymantaray.apps.locate.plan import expected_covariance, plan_survey
 from pymantaray.apps.locate.read_options import ReadOptions
+from pymantaray.apps.locate.tests import HALVES, FitTest
 from pymantaray.apps.locate.write import summary, write_location
 from pymantaray.errors import LocateError
 
@@ -583,7 +582,7 @@ def test_a_survey_without_pings_of_the_platform_has_no_graph(located, tmp_path):
 def test_failed_tests_mirrors_and_displacements_are_told(mantaray, located, monkeypatch, as_stored):
     whole = replace(
         located,
-        tests=[NoiseTest(HALVES, 6.75, 3.0, 1e-5, passed=False)],
+        tests=[FitTest(HALVES, 6.75, 3.0, 1e-5, 2.25, passed=False)],
         mirrors=[
             Mirror("N1", 510.0, -400.0, 1300.0, 3.2, undecided=True),
             Mirror("N2", -505.0, 410.0, 1312.0, 31.0, undecided=False),

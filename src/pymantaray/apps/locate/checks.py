@@ -1,6 +1,6 @@
 """Checks for impossible input before and after a solve."""
 
-from itertools import product
+from dataclasses import replace
 
 import numpy as np
 
@@ -8,7 +8,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.locate.earth import in_water
 from pymantaray.apps.locate.evidence import posterior
 from pymantaray.apps.locate.solve import SurveySolution
-from pymantaray.apps.locate.survey import Survey, TravelDirection
+from pymantaray.apps.locate.survey import LeverArm, Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import transducers
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
@@ -19,6 +19,7 @@ _NOMINAL_SPEED = 1500.0  # m/s
 _MIN_STEPS = 10  # between pings, to compare headings with the course
 # mean resultant length of course minus heading of a platform that heads along its course
 _MIN_RESULTANT = 0.8
+_MIN_LEVER = 0.1  # m; the sign of a shorter one is not checked
 _LEVER_GAIN = 0.6  # ratio of the rms of residuals with the better sign
 _LEVER_CHI_SQUARE = 200.0
 _MAX_EXTRAPOLATION = 10.0  # m of a node below a profile's last level, or 1 % of its depth
@@ -211,48 +212,31 @@ def _check_units(survey: Survey) -> None:
 
 
 def _check_lever(solution: SurveySolution) -> None:
-    """Raise an error if another sign of a known lever arm explains the residuals much better."""
+    """Raise an error if a known lever arm explains the residuals much better with other signs."""
     unknowns = solution.unknowns
     fit = solution.posterior
-    columns = solution.unknowns.slices["lever"]
-    lever = solution.values[columns]
-    if not np.any(np.abs(lever) > 0.1) or any(unknowns.survey.lever.sigma):
+    lever = unknowns.lever(solution.values)
+    is_long = np.abs(lever) > _MIN_LEVER
+    if not is_long.any() or any(unknowns.survey.lever.sigma):
         return
-    products = solution.products
-    best_ratio = 1.0
-    best_lever = lever
-    squares_now = fit.squares * fit.sigma**2
-    for signs in product((1.0, -1.0), repeat=3):
-        candidate = lever * signs
-        if not np.any(np.abs(candidate - lever) > 0.1):
-            continue
-        # squares of the residuals after the change of the lever arm and a new fit of the others
-        change = np.zeros(unknowns.size)
-        change[columns] = candidate - lever
-        right = products.right - products.normal @ change
-        squares = (
-            products.squares - 2.0 * products.right @ change + change @ products.normal @ change
-        )
-        other = posterior(
-            products._replace(right=right, squares=float(squares)),
-            unknowns,
-            solution.values,
-            fit.hyperparameters,
-            sigma=fit.sigma,
-            steps=1,
-        )
-        ratio = other.squares * fit.sigma**2 / max(squares_now, 1e-300)
-        if ratio < best_ratio - 1e-6:
-            best_ratio = ratio
-            best_lever = candidate
-    chi_square_gain = (1.0 - best_ratio) * fit.squares
-    if np.sqrt(best_ratio) < _LEVER_GAIN and chi_square_gain > _LEVER_CHI_SQUARE:
-        wrong = [
-            name for name, is_wrong in zip(_AXES, best_lever != lever, strict=True) if is_wrong
-        ]
+    # estimate it with the other unknowns
+    sigma = 2.0 * np.abs(lever) + _MIN_LEVER
+    arm = LeverArm(unknowns.survey.lever.offset, (sigma[0], sigma[1], sigma[2]))
+    free = posterior(
+        solution.products,
+        replace(unknowns, survey=unknowns.survey.assign(lever=arm)),
+        solution.values,
+        fit.hyperparameters,
+        sigma=fit.sigma,
+        steps=1,
+    )
+    change = free.change[unknowns.slices["lever"]]
+    is_wrong = is_long & ((lever + change) * np.sign(lever) < -0.5 * np.abs(lever))
+    ratio = np.sqrt(free.squares / max(fit.squares, 1e-300))
+    if is_wrong.any() and ratio < _LEVER_GAIN and fit.squares - free.squares > _LEVER_CHI_SQUARE:
+        wrong = " and ".join(name for name, is_it in zip(_AXES, is_wrong, strict=True) if is_it)
         raise LocateError(
             f"{unknowns.survey.source}: lever arm {', '.join(f'{value:g}' for value in lever)} m"
-            " (forward, starboard, down): residuals decrease to"
-            f" {100.0 * np.sqrt(best_ratio):.0f} % with the other sign of {' and '.join(wrong)};"
-            " change the sign"
+            f" (forward, starboard, down): residuals decrease to {100.0 * ratio:.0f} % with the"
+            f" other sign of {wrong}; change the sign"
         )

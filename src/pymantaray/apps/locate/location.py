@@ -27,14 +27,13 @@ from pymantaray.apps.locate.displacement import (
 )
 from pymantaray.apps.locate.earth import medium_on_earth
 from pymantaray.apps.locate.gross import reasons
-from pymantaray.apps.locate.halves import part_tests, widening
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
 from pymantaray.apps.locate.models import candidate_table, solve, spread_of_models
 from pymantaray.apps.locate.one_way import direct_arrivals
 from pymantaray.apps.locate.options import LocateOptions
-from pymantaray.apps.locate.patterns import NoiseTest, noise_tests, test_table
 from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.apps.locate.survey import Survey, TravelDirection
+from pymantaray.apps.locate.tests import FitTest, fit_tests, test_table, widening
 from pymantaray.arrays import Array
 from pymantaray.evaluation import unexplained
 from pymantaray.geometry.tangent_plane import TangentPlane
@@ -55,7 +54,8 @@ _CAPTIONS = {
     " its 95 % interval",
     "budget": "Contributions to the standard deviations; their squares add up to that of the total",
     "tests": "Chi-square tests: residuals against the stated noise, means of bins against zero, and"
-    " the mean position from one part of the pings against that from the other",
+    " the mean position from one half of the pings against that from the other; a correct model"
+    " fails any of them with a probability of 1 %",
     "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion, best"
     " first; the chosen one is the best of those allowed, known is allowed only on request",
     "unknowns": "Other estimated parameters",
@@ -107,7 +107,7 @@ class Location:
         Values of all unknowns.
     candidates : pandas.DataFrame
         Compared models of sound speed and noise, best first.
-    tests : list of NoiseTest
+    tests : list of FitTest
         Tests of the residuals, and of positions from parts of the pings.
     spread : ndarray, shape (3 n_nodes, 3 n_nodes)
         Covariance of the positions due to the choice of the model. [m²]
@@ -128,7 +128,7 @@ class Location:
     survey: Survey
     solution: SurveySolution
     candidates: pd.DataFrame
-    tests: list[NoiseTest]
+    tests: list[FitTest]
     spread: Array
     mirrors: list[Mirror]
     reason: NDArray[np.str_]
@@ -601,7 +601,7 @@ def locate(
         survey,
         solution,
         candidate_table(candidates, selected.kinds, solution),
-        [*noise_tests(solution), *part_tests(solution, spread)],
+        fit_tests(solution, spread),
         spread,
         mirrors,
         np.where(direct.reason != "", direct.reason, reasons(solution, medium)),

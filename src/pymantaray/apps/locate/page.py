@@ -10,8 +10,8 @@ from matplotlib.figure import Figure
 
 from pymantaray.apps.locate import Location, SurveyPlan
 from pymantaray.apps.locate.displacement import CAMPAIGN_FILE, Displacement
-from pymantaray.apps.locate.halves import HALVES
 from pymantaray.apps.locate.options import CRITERIA
+from pymantaray.apps.locate.tests import HALVES
 from pymantaray.apps.locate.write import write_location
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages import style
