@@ -1,7 +1,7 @@
 """Displacement of an array of nodes between two campaigns, with its covariance."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -82,27 +82,19 @@ class Campaign:
             ]
         )
         all_turns = np.kron(np.eye(len(self.names)), turn)
-        return Campaign(
-            self.names,
-            np.column_stack([north, east, self.positions[:, 2]]),
-            all_turns @ self.covariance @ all_turns.T,
-            origin,
-            self.epoch,
-            self.source,
+        return replace(
+            self,
+            positions=np.column_stack([north, east, self.positions[:, 2]]),
+            covariance=all_turns @ self.covariance @ all_turns.T,
+            origin=origin,
         )
 
     def of_nodes(self, names: list[str]) -> "Campaign":
         """Campaign of some of the nodes, in the order of their names."""
         rows = np.array([self.names.index(name) for name in names])
         columns = (3 * rows[:, None] + np.arange(3)).ravel()
-        return Campaign(
-            names,
-            self.positions[rows],
-            self.covariance[np.ix_(columns, columns)],
-            self.origin,
-            self.epoch,
-            self.source,
-        )
+        covariance = self.covariance[np.ix_(columns, columns)]
+        return replace(self, names=names, positions=self.positions[rows], covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)
