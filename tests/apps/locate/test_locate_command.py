@@ -268,8 +268,6 @@ def test_results_are_a_folder_with_page_tables_and_files(
         "time",
         "--correlation",
         "none",
-        "--bootstrap",
-        4,
         "--out",
         tmp_path / "out",
     )
@@ -279,7 +277,7 @@ def test_results_are_a_folder_with_page_tables_and_files(
     assert "survey_map" in page
     assert 'name="viewport"' in page
     tables = {path.stem for path in (tmp_path / "out" / "tables").iterdir()}
-    assert {"nodes", "pings", "budget", "tests", "candidates", "sound_speed", "bootstrap"} <= tables
+    assert {"nodes", "pings", "budget", "tests", "candidates", "sound_speed"} <= tables
     landmarks = tomllib.loads((tmp_path / "out" / "landmarks.toml").read_text())["landmarks"]
     assert [landmark["name"] for landmark in landmarks] == campaign.names
     features = json.loads((tmp_path / "out" / "nodes.geojson").read_text())["features"]
@@ -452,7 +450,7 @@ def test_every_option_reaches_the_reader_of_a_survey(reached, short):
 
 
 def test_every_option_reaches_the_solver_of_a_survey(reached, short, monkeypatch):
-    words = (*SURVEY, *READ, *SOLVED, "--bootstrap", 3, "--seed", 5)
+    words = (*SURVEY, *READ, *SOLVED)
     given = reached("pymantaray.ocean.casts.read_casts", *words)
     assert given == {0: Path("cast.csv"), "repair_freezing": True}
     monkeypatch.setattr(
@@ -463,8 +461,8 @@ def test_every_option_reaches_the_solver_of_a_survey(reached, short, monkeypatch
     reached("pymantaray.apps.locate.locate", *words, without=r"^1\.")
 
 
-@pytest.mark.parametrize("words", [("--bootstrap", 3, "--quiet"), (), ("--free",)])
-def test_a_survey_shows_the_progress_of_its_bootstrap(reached, short, words):
+@pytest.mark.parametrize("words", [(), ("--free",)])
+def test_free_nodes_reach_the_solver(reached, short, words):
     without = r"^0\.(?!rigid)|^1\.(?!interpolation|bed.depth)"
     reached("pymantaray.apps.locate.locate", *SURVEY, *words, without=without)
 
@@ -538,8 +536,7 @@ def test_an_ocean_is_centred_at_the_survey(reached, tmp_path):
 def test_every_option_reaches_the_profile_of_a_survey(reached, tmp_path, words):
     ini = write_garpos(make_campaign(2, pings=4, nodes=2), tmp_path)
     without = r"^0\.|^1\.(?!(depth|sound_speed|bed.depth|surface.depth|interpolation)$)|^2"
-    given = reached("pymantaray.apps.locate.locate", "locate", ini, *words, without=without)
-    assert given["bootstrap"] == 0
+    reached("pymantaray.apps.locate.locate", "locate", ini, *words, without=without)
 
 
 @pytest.fixture

@@ -54,7 +54,7 @@ def campaign():
 
 @pytest.fixture(scope="module")
 def located(campaign, medium):
-    return locate(survey_of(campaign, sigma=1e-4), medium, bootstrap=40, seed=5)
+    return locate(survey_of(campaign, sigma=1e-4), medium)
 
 
 def nees(location, truth):
@@ -113,18 +113,6 @@ def test_leverages_add_up_to_the_number_of_determined_parameters(located):
     leverage = located.pings["leverage"]
     assert leverage.sum() == pytest.approx(located.solution.posterior.effective, rel=1e-6)
     assert leverage.dropna().between(0.0, 1.0).all()
-
-
-def test_the_bootstrap_agrees_with_the_posterior_for_any_threads(located, campaign, medium):
-    spread = located.bootstrap.std(axis=0, ddof=1)
-    stated = np.sqrt(np.diag(located.covariance)).reshape(-1, 3)
-    assert (spread < 1.5 * stated).all()
-    assert (spread > 0.2 * stated).all()
-    survey, done = survey_of(campaign, sigma=1e-4), []
-    options = {"bootstrap": 40, "seed": 5, "threads": 1}
-    alone = locate(survey, medium, **options, progress=lambda *parts: done.append(parts))
-    np.testing.assert_array_equal(alone.bootstrap, located.bootstrap)
-    assert done == [(k, 40) for k in range(1, 41)]
 
 
 def test_absolute_and_relative_uncertainties_are_reported_apart(located):

@@ -40,7 +40,7 @@ def check_survey(survey: Survey, medium: Medium) -> None:
         f"{survey.source}: time",
         LocateError,
     )
-    notes_outside_water(survey, medium, np.array(survey.lever.offset))
+    _notes_outside_water(survey, medium, np.array(survey.lever.offset))
     for node in survey.nodes:
         if node.position[2] < 0.0:
             raise LocateError(
@@ -51,25 +51,33 @@ def check_survey(survey: Survey, medium: Medium) -> None:
     _check_attitude(survey)
     _check_units(survey)
     for node in survey.nodes:
-        if node.position[2] > _deepest(medium, node.position[2]):
-            raise LocateError(
-                f"profile: it ends at {medium.depth[-1]:g} m, above node {node.name} at"
-                f" {node.position[2]:g} m; extend it down to the node"
-            )
+        _check_depth(medium, node.name, node.position[2])
 
 
-def check_solution(solution: SurveySolution, medium: Medium) -> None:
-    """Raise an error for a profile that ends above a node, or a wrong sign of the lever arm."""
+def check_solution(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
+    """
+    Notes about nodes and transducers outside the water; too far outside raises an error.
+
+    A profile that ends above a node and a wrong sign of the lever arm raise an error, too.
+    """
+    notes = _notes_below_bed(solution, medium)
     for name, position in zip(solution.unknowns.survey.names, solution.positions, strict=True):
-        if position[2] > _deepest(medium, position[2]):
-            raise LocateError(
-                f"profile: it ends at {medium.depth[-1]:g} m, above node {name} at"
-                f" {position[2]:.0f} m; extend it down to the node"
-            )
+        _check_depth(medium, name, position[2])
     _check_lever(solution)
+    lever = solution.unknowns.lever(solution.values)
+    return notes + _notes_outside_water(solution.unknowns.survey, medium, lever)
 
 
-def notes_outside_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, ...]:
+def _check_depth(medium: Medium, name: str, depth: float) -> None:
+    """Raise an error for a profile that ends above a node."""
+    if depth > float(medium.depth[-1]) + max(_MAX_EXTRAPOLATION, 0.01 * depth):
+        raise LocateError(
+            f"profile: it ends at {medium.depth[-1]:g} m, above node {name} at {depth:.0f} m;"
+            " extend it down to the node"
+        )
+
+
+def _notes_outside_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, ...]:
     """
     Notes about transducers outside the water, whose rays end at its boundary.
 
@@ -109,7 +117,7 @@ def notes_outside_water(survey: Survey, medium: Medium, lever: Array) -> tuple[s
     return tuple(notes)
 
 
-def notes_below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
+def _notes_below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
     """
     Notes about nodes below the sea bed, whose rays end at the bed.
 
@@ -129,10 +137,6 @@ def notes_below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]
             raise LocateError(f"{line}; give a deeper sea bed (bathymetry), or check its pings")
         notes.append(f"{line}; its rays end at the bed")
     return tuple(notes)
-
-
-def _deepest(medium: Medium, depth: float) -> float:
-    return float(medium.depth[-1]) + max(_MAX_EXTRAPOLATION, 0.01 * depth)
 
 
 def _check_times(survey: Survey) -> None:

@@ -9,7 +9,7 @@ import typer
 
 from pymantaray.apps.locate.options import LocateOptions, PlanOptions
 from pymantaray.apps.locate.read_options import ReadOptions
-from pymantaray.apps.locate.survey import PlatformError
+from pymantaray.apps.locate.survey import PlatformError, TravelDirection
 from pymantaray.cli.arguments import in_options
 from pymantaray.cli.groups import Fields, existing, quantity, with_options
 from pymantaray.cli.options import (
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from pymantaray.acoustics import Medium
     from pymantaray.apps.locate import Location, Survey
-    from pymantaray.ocean.modes import VerticalModes
     from pymantaray.sensing.water import Water
 
 SHOWS_RESULTS = True
@@ -133,7 +132,14 @@ class SurveyOptions:
 
     def locate_options(self, *, repair_freezing: bool) -> LocateOptions:
         """Return the options of the solver."""
-        return replace(self.solving, modes=_modes(self.modes, repair_freezing=repair_freezing))
+        if not self.modes:
+            return self.solving
+        from pymantaray.ocean.casts import read_casts
+        from pymantaray.ocean.modes import vertical_modes
+
+        repair = repair_freezing
+        casts = [cast for path in self.modes for cast in read_casts(path, repair_freezing=repair)]
+        return replace(self.solving, modes=vertical_modes(casts))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,16 +173,10 @@ def survey(
     values: SurveyOptions,
     folder: SurveyFolderOptions,
     printing: TableOptions,
-    bootstrap: Annotated[
-        int,
-        typer.Option(metavar="N", min=0, help="Number of resampled surveys; 0 for no bootstrap."),
-    ] = 0,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
 ) -> None:
     """Estimate node positions and their uncertainty from measured travel times."""
     from pymantaray.apps.locate import locate, read_campaign, read_survey
     from pymantaray.apps.locate.write import check_names_to_write
-    from pymantaray.cli.output import progress_bars
     from pymantaray.version import __version__
 
     campaign = None if values.earlier is None else read_campaign(values.earlier)
@@ -184,19 +184,8 @@ def survey(
     if folder.out is not None:
         check_names_to_write(pings)
     water = _water(source, replace(options, earth=None), pings)
-    with progress_bars(quiet=printing.quiet or not bootstrap) as report:
-        progress = None if report is None else partial(report, "bootstrap")
-        location = locate(
-            water.survey,
-            water.medium,
-            replace(
-                values.locate_options(repair_freezing=options.repair_freezing),
-                earth=options.earth or "auto",
-            ),
-            bootstrap=bootstrap,
-            seed=seed,
-            progress=progress,
-        )
+    solving = values.locate_options(repair_freezing=options.repair_freezing)
+    location = locate(water.survey, water.medium, replace(solving, earth=options.earth or "auto"))
     if campaign is not None:
         location = location.since(campaign)
     notes = list(dict.fromkeys([*water.notes, *location.notes]))
@@ -212,11 +201,13 @@ def survey(
         _print_result(printer, location, notes)
         if page is not None:
             printer.paths(page=page)
+        is_one_way = (pings.direction != TravelDirection.TWO_WAY).any()
+        advice = _ADVICE + (_ONE_WAY_ADVICE if is_one_way else "")
         if not location.solution.settled:
-            LOG.error("%s: not converged; %s", file, _advice(location.survey))
-        for name, why in zip(location.survey.names, location.unexplained, strict=True):
+            LOG.error("%s: not converged; %s", file, advice)
+        for name, why in zip(pings.names, location.unexplained, strict=True):
             if why is not None:
-                LOG.error("%s: node %s: %s; %s", file, name, why, _advice(location.survey))
+                LOG.error("%s: node %s: %s; %s", file, name, why, advice)
         if not location.usable:
             raise typer.Exit(EXIT_UNUSABLE)
 
@@ -360,16 +351,6 @@ def plan(
             printer.paths(out, out.with_suffix(".csv"))
 
 
-def _modes(paths: list[Path] | None, *, repair_freezing: bool) -> "VerticalModes | None":
-    if not paths:
-        return None
-    from pymantaray.ocean.casts import read_casts
-    from pymantaray.ocean.modes import vertical_modes
-
-    casts = [cast for path in paths for cast in read_casts(path, repair_freezing=repair_freezing)]
-    return vertical_modes(casts)
-
-
 class _SurveyWater(NamedTuple):
     """A survey in the frame of its water."""
 
@@ -447,14 +428,6 @@ def _water_over_bed(source: AnySourceOptions, options: WaterOptions, deepest: fl
         last = float(read_profiles(first, options.centre or options.position)[0].depth[-1])
         options = replace(options, bathymetry=str(max(last, _BED_FACTOR * deepest)))
     return load_water(source, options, default="linear")
-
-
-def _advice(survey: "Survey") -> str:
-    """Advice for a survey that did not converge."""
-    from pymantaray.apps.locate import TravelDirection
-
-    is_one_way = (survey.direction != TravelDirection.TWO_WAY).any()
-    return _ADVICE + (_ONE_WAY_ADVICE if is_one_way else "")
 
 
 def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:

@@ -235,9 +235,7 @@ def _row(pattern: Pattern, medium: Medium, options: PlanOptions) -> dict[str, An
         "sigma_horizontal_m": float(np.hypot(north, east)),
         "sigma_depth_m": depth,
         "sigma_position_m": position,
-        "sigma_volume_m": float(np.linalg.det(covariance) ** (1 / 6))
-        if lost < pattern.pings
-        else np.inf,
+        "sigma_volume_m": float(np.linalg.det(covariance) ** (1 / 6)) if has_ray else np.inf,
         "lost": lost,
         "length_m": length,
         "hours": hours,
