@@ -449,30 +449,15 @@ def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
         out.line(f"  and {len(unused) - _MAX_LISTED} more")
     tables = location.tables
     out.table(tables["nodes"])
-    for row in values["nodes"].to_dict("records"):
-        if row["status"] != "ok":
-            out.line(
-                f"{row['name']}: {row['status']}, {row['n_used']} of {row['n_all']} pings used"
-            )
     if "budget" in tables:
         out.table(tables["budget"])
     if "candidates" in tables:
         out.table(tables["candidates"].first(_MAX_CANDIDATES))
-    for mirror in location.mirrors:
-        verdict = "the pings do not exclude it" if mirror.undecided else "the pings exclude it"
-        out.line(
-            f"{mirror.node}: the pings are along a line; mirror solution at north"
-            f" {mirror.north:.1f}, east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a"
-            f" chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}"
-        )
-    for test in location.tests:
-        out.line(test.text)
-    if location.widening > 1.0:
-        out.line(f"failed tests: all standard deviations are multiplied by {location.widening:.2g}")
+    passed = [test.text for test in location.tests if test.passed]
+    for line in [*passed, *location.warnings]:
+        out.line(line)
     if location.displacement is not None:
         out.table(tables["displacement"])
-        for note in location.displacement.notes:
-            out.line(note)
     out.add(**values)
 
 

@@ -1,6 +1,7 @@
 """Results of one survey: positions of nodes, covariances, tests and tables."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -30,6 +31,7 @@ from pymantaray.apps.locate.tests import FitTest, fit_tests, test_table, widenin
 from pymantaray.arrays import Array
 from pymantaray.evaluation import unexplained
 from pymantaray.geometry.tangent_plane import TangentPlane
+from pymantaray.records.digits import show
 from pymantaray.records.result_table import ResultTable
 
 _ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a normal distribution in two dimensions
@@ -453,6 +455,29 @@ class Location:
         return pd.DataFrame(rows, columns=["unknown", "value", "sigma", "prior"])
 
     @property
+    def warnings(self) -> list[str]:
+        """Lines that a reader must know before trusting the positions."""
+        lines = [f"Test failed: {test.text}." for test in self.tests if not test.passed]
+        if self.widening > 1.0:
+            factor = show(self.widening)
+            lines.append(
+                f"All standard deviations are multiplied by {factor} because of failed tests."
+            )
+        nodes = self.nodes[["name", "status", "n_used", "n_all"]].itertuples(index=False)
+        for (name, status, n_used, n_all), why in zip(nodes, self.unexplained, strict=True):
+            if status != "ok":
+                reason = f", {why}" if why else ""
+                lines.append(f"{name}: {status}{reason}; {n_used} of {n_all} pings used.")
+        for mirror in self.mirrors:
+            verdict = "the pings do not exclude it" if mirror.undecided else "the pings exclude it"
+            lines.append(
+                f"{mirror.node}: the pings are along a line; mirror solution at north"
+                f" {mirror.north:.1f}, east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a"
+                f" chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}."
+            )
+        return lines + ([] if self.displacement is None else self.displacement.notes)
+
+    @property
     def tables(self) -> dict[str, ResultTable]:
         """All tables by name, in the order of the page; empty ones are left out."""
         moved = pd.DataFrame() if self.displacement is None else self.displacement.table
@@ -498,6 +523,17 @@ def ellipse(covariance: Array) -> tuple[float, float, float]:
     minor, major = np.sqrt(np.maximum(values, 0.0)) * _ELLIPSE
     azimuth = math.degrees(math.atan2(vectors[1, 1], vectors[0, 1])) % 180.0
     return float(major), float(minor), azimuth
+
+
+def ellipse_points(row: Mapping[Any, Any], count: int) -> Array:
+    """North and east (count, 2) of the 95 % ellipse of a row of nodes about its centre. [m]"""
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    along = row["ellipse_major_m"] * np.cos(angle)
+    across = row["ellipse_minor_m"] * np.sin(angle)
+    azimuth = np.radians(row["ellipse_azimuth_deg"])
+    north = along * np.cos(azimuth) - across * np.sin(azimuth)
+    east = along * np.sin(azimuth) + across * np.cos(azimuth)
+    return np.column_stack([north, east])
 
 
 def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None) -> Location:
