@@ -3,7 +3,7 @@
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -183,17 +183,17 @@ def survey(
     pings = read_survey(file, values.read_options())
     if folder.out is not None:
         check_names_to_write(pings)
-    water = _water(source, replace(options, earth=None), pings)
+    pings, medium, record, notes = _water(source, replace(options, earth=None), pings)
     solving = values.locate_options(repair_freezing=options.repair_freezing)
-    location = locate(water.survey, water.medium, replace(solving, earth=options.earth or "auto"))
+    location = locate(pings, medium, replace(solving, earth=options.earth or "auto"))
     if campaign is not None:
         location = location.since(campaign)
-    notes = list(dict.fromkeys([*water.notes, *location.notes]))
+    notes = list(dict.fromkeys([*notes, *location.notes]))
     page = None
     if folder.out is not None:
         from pymantaray.apps.locate import write_location_page
 
-        made_by = {"mantaray": __version__, "survey": str(file), "water": water.record}
+        made_by = {"mantaray": __version__, "survey": str(file), "water": record}
         page = write_location_page(
             location, folder.out, made_by=made_by, notes=notes, formats=format_names(folder.formats)
         )
@@ -351,18 +351,10 @@ def plan(
             printer.paths(out, out.with_suffix(".csv"))
 
 
-class _SurveyWater(NamedTuple):
-    """A survey in the frame of its water."""
-
-    survey: "Survey"
-    medium: "Medium"
-    record: dict[str, Any]
-    """Description of the water."""
-    notes: list[str]
-
-
-def _water(source: AnySourceOptions, options: WaterOptions, survey: "Survey") -> _SurveyWater:
-    """Water from the options or the survey's own files."""
+def _water(
+    source: AnySourceOptions, options: WaterOptions, survey: "Survey"
+) -> tuple["Survey", "Medium", dict[str, Any], list[str]]:
+    """Survey in the frame of its water, water, description of the water, and notes."""
     from pymantaray.acoustics import Medium
     from pymantaray.acoustics.profiles import reduce_profile
     from pymantaray.cli.water import water_notes
@@ -398,15 +390,13 @@ def _water(source: AnySourceOptions, options: WaterOptions, survey: "Survey") ->
             ice_draft=keys.get("ice", 0.0),
         )
         record = {"profile": "of the survey", "last_level_m": float(depth[-1])}
-        return _SurveyWater(survey, medium, record, notes)
+        return survey, medium, record, notes
     if source.ocean and options.centre is None and frame is not None:
         options = replace(options, centre=(frame.latitude_deg, frame.longitude_deg))
     water = _water_over_bed(source, options, deepest)
     if water.frame is not None and frame is not None and not water.uniform:
         survey = survey.in_frame(water.frame)
-    return _SurveyWater(
-        survey, water.at_start[0], dict(water.record), [*notes, *water_notes(water)]
-    )
+    return survey, water.at_start[0], dict(water.record), [*notes, *water_notes(water)]
 
 
 def _water_over_bed(source: AnySourceOptions, options: WaterOptions, deepest: float) -> "Water":

@@ -8,6 +8,7 @@ explain their times within the noise of the picks.
 """
 
 from dataclasses import replace
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -155,7 +156,9 @@ class _Shots:
         starts = self.grid(order[:size])
         fits = []
         while True:
-            ends = sorted((self.descend(start, order[:size]) for start in starts), key=_cost)
+            ends = sorted(
+                (self.descend(start, order[:size]) for start in starts), key=itemgetter(1)
+            )
             starts = [values for values, _ in ends]
             fits.append((self.misfit(starts[0], order[:size]), starts[0], order[:size]))
             if size == n:
@@ -322,10 +325,6 @@ class _Shots:
             else:
                 out.append(f"reflection at {far:.1f} km, {late:.2f} s after the direct ray")
         return out
-
-
-def _cost(end: tuple[Array, float]) -> float:
-    return end[1]
 
 
 def _direct_times(medium: Medium, top: float, ranges: Array, depths: Array) -> tuple[Array, Array]:

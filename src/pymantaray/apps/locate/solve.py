@@ -18,7 +18,7 @@ from pymantaray.apps.locate.linear import Linearization, Products
 from pymantaray.apps.locate.noise import Correlation
 from pymantaray.apps.locate.options import Arrangement, Kind, LocateOptions
 from pymantaray.apps.locate.sound_speed import sound_speed_terms
-from pymantaray.apps.locate.survey import Survey
+from pymantaray.apps.locate.survey import PlatformError, Survey
 from pymantaray.apps.locate.travel_times import Legs, extrapolate, predict, transducers
 from pymantaray.apps.locate.unknowns import SurveyUnknowns
 from pymantaray.arrays import Array, Mask
@@ -178,7 +178,14 @@ class Solver:
                 f"{self.survey.source}: the model explains no ping at the initial positions; check"
                 " the positions of platform and nodes, and the profile"
             )
-        first = sigma or self._first_sigma(linear, used)
+        # initial noise level from the residuals, or the stated level for few pings
+        first = sigma
+        n_free = np.count_nonzero(unknowns.prior_sd)
+        n_free -= sum(columns.size for columns in unknowns.groups.values())
+        if not first and used.sum() >= n_free + MIN_REDUNDANCY:
+            first = robust_sigma(linear.residual[used] / self.weight[used])
+        stated_sigma = self.survey.sigma[np.isfinite(self.survey.sigma)]
+        first = first or (float(np.median(stated_sigma)) if stated_sigma.size else _DEFAULT_SIGMA)
         products = linear.products(used, correlation, self.survey.platform_error, first)
         fit = posterior(products, unknowns, values, hyper, sigma=first)
         return SurveySolution(
@@ -198,15 +205,6 @@ class Solver:
         new_legs = predict(self.survey, self.medium, position, lever, modes)
         self._traced = position, lever, new_legs
         return new_legs
-
-    def _first_sigma(self, linear: Linearization, used: Mask) -> float:
-        """Initial noise level from the residuals, or the stated level for few pings."""
-        unknowns = linear.unknowns
-        n_scaled = sum(columns.size for columns in unknowns.groups.values())
-        if used.sum() >= np.count_nonzero(unknowns.prior_sd) - n_scaled + MIN_REDUNDANCY:
-            return robust_sigma(linear.residual[used] / self.weight[used])
-        stated_sigma = self.survey.sigma[np.isfinite(self.survey.sigma)]
-        return float(np.median(stated_sigma)) if stated_sigma.size else _DEFAULT_SIGMA
 
     def plausible(self, linear: Linearization) -> Mask:
         """Pings with a ray whose residuals are not gross errors."""
@@ -285,8 +283,10 @@ def _graduated_change(linear: Linearization, possible: Mask) -> Array:
     sd = unknowns.prior_sd
     active = np.flatnonzero(sd > 0.0)
     offset = ((unknowns.prior_mean - linear.values) / np.where(sd > 0.0, sd, 1.0))[active]
-    design = linear.columns(possible, active) * sd[active]
-    residual = linear.residual[possible] / linear.weight[possible]
+    blocks = linear.whitened_rows(possible, Correlation(), PlatformError(), 1.0)
+    rows = np.concatenate([block for block, _ in blocks])
+    design = rows[:, active] * sd[active]
+    residual = rows[:, -1]
     efficient = LOSSES["geman-mcclure"].scale
     current: Array = np.asarray(residual)
     z: Array = np.zeros(active.size)
