@@ -201,16 +201,15 @@ def _check_units(survey: Survey) -> None:
     expected_time = distance / _NOMINAL_SPEED * np.where(two_way, 2.0, 1.0)
     ratio = float(np.median(survey.travel_time[from_platform] / np.maximum(expected_time, 1e-6)))
     low, high = _MILLISECONDS
+    times = f"of the prior positions (median {np.median(survey.travel_time):g} s); they must be in"
     if low < 1.0 / max(ratio, 1e-9) < high:
         raise LocateError(
-            f"{survey.source}: travel times are {1.0 / ratio:,.0f} times shorter than those of the"
-            f" prior positions (median {np.median(survey.travel_time):g} s); they must be in the"
-            " unit of their column's name"
+            f"{survey.source}: travel times are {1.0 / ratio:,.0f} times shorter than those"
+            f" {times} the unit of their column's name"
         )
     if low < ratio < high and np.median(survey.travel_time) > 5.0:
         raise LocateError(
-            f"{survey.source}: travel times are {ratio:,.0f} times those of the prior positions"
-            f" (median {np.median(survey.travel_time):g} s); they must be in seconds; divide"
+            f"{survey.source}: travel times are {ratio:,.0f} times those {times} seconds; divide"
             " milliseconds by 1000"
         )
 

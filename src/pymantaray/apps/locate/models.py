@@ -66,25 +66,20 @@ class _Comparison:
         self._solver = solver
         self._base = base
         self._systems: dict[tuple[Kind, float], _System] = {}
-        self._candidates: dict[Model, Candidate] = {}
-
-    @property
-    def candidates(self) -> list[Candidate]:
-        """All candidates, in the order of their comparison."""
-        return list(self._candidates.values())
+        self.candidates: dict[Model, Candidate] = {}
 
     @property
     def best(self) -> Candidate:
         """Allowed candidate with the lowest ABIC."""
         allowed = self._solver.options.kinds
-        choice = [candidate for candidate in self.candidates if candidate.model.kind in allowed]
+        choice = [one for one in self.candidates.values() if one.model.kind in allowed]
         return min(choice, key=lambda candidate: candidate.abic)
 
     def add(self, models: Sequence[Model]) -> None:
         """Compare further models."""
         for model in models:
-            if model not in self._candidates:
-                self._candidates[model] = Candidate(model, self._fit(model))
+            if model not in self.candidates:
+                self.candidates[model] = Candidate(model, self._fit(model))
 
     def memories(self, now: Model) -> list[Model]:
         """Models with other memories of the sound speed."""
@@ -97,10 +92,10 @@ class _Comparison:
     def vary_amplitudes(self) -> None:
         """Add posteriors with other amplitudes of the sound speed to probable candidates."""
         limit = self.best.abic + _MAX_DIFFERENCE
-        for model, candidate in self._candidates.items():
+        for model, candidate in self.candidates.items():
             if model.splined and candidate.abic <= limit:
                 others = tuple(self._fit(model, candidate.fit, factor) for factor in _AMPLITUDES)
-                self._candidates[model] = replace(candidate, others=others)
+                self.candidates[model] = replace(candidate, others=others)
 
     def _fit(
         self, model: Model, selected: Posterior | None = None, factor: float = 1.0
@@ -187,7 +182,7 @@ def choose(solver: Solver, base: SurveySolution) -> tuple[Candidate, list[Candid
             comparison.add([best._replace(kind=kind, memory=memory)])
         comparison.add(comparison.memories(comparison.best.model))
     comparison.vary_amplitudes()
-    return comparison.best, comparison.candidates
+    return comparison.best, list(comparison.candidates.values())
 
 
 # matrices are small: threads would wait for each other

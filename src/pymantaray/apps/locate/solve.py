@@ -89,12 +89,6 @@ class SurveySolution:
             for block, _ in self.linear.whitened_rows(self.used, self.correlation, platform, sigma)
         )
 
-    def position_sd(self, values: Array) -> Array:
-        """Standard deviations of the positions (n_nodes, 3) at some values. [m]"""
-        by_columns = self.unknowns.position_map(values)
-        variance = np.einsum("kai,ij,kaj->ka", by_columns, self.posterior.covariance, by_columns)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)))
-
     def transducers(self) -> tuple[Array, Array]:
         """Positions of the transducer at transmission and reception, with its lever arm. [m]"""
         return transducers(self.unknowns.survey, self.unknowns.lever(self.values))
@@ -259,7 +253,10 @@ class Solver:
                 factor = 0.5 if np.sum(move * last) < 0.0 else 1.5
                 damping = float(np.clip(factor * damping, _MIN_DAMPING, 1.0))
             last = move
-            deviation = solution.position_sd(values)
+            by_columns = unknowns.position_map(values)
+            covariance = solution.posterior.covariance
+            variance = np.einsum("kai,ij,kaj->ka", by_columns, covariance, by_columns)
+            deviation = np.sqrt(np.maximum(variance, 0.0))
             tolerance = np.maximum(_CONVERGED, _RELATIVE * deviation)
             values = values + damping * step
             hyper = solution.posterior.hyperparameters

@@ -55,7 +55,7 @@ class Term:
         if self.spline is None:
             return np.asarray(factor.mean(axis=1)[:, None])
         at_transmission, at_reception = (
-            self.spline.rows(part, end) * factor[:, end, None] for end in (0, 1)
+            self.spline.at(self.spline.times[part, end]) * factor[:, end, None] for end in (0, 1)
         )
         return np.asarray(0.5 * (at_transmission + at_reception))
 
@@ -84,7 +84,7 @@ class Spline:
         count = max(int(np.ceil(span / spacing)), _MIN_KNOTS)
         step = span / count
         self.knots = first + step * np.arange(-_DEGREE, count + _DEGREE + 1)
-        self._times = times
+        self.times = times
         size = count + _DEGREE
         line = np.linspace(-1.0, 1.0, size)
         lengths = np.array([np.sqrt(size), np.linalg.norm(line)])
@@ -102,10 +102,6 @@ class Spline:
         sample = self.at(np.linspace(first, last, 4 * count))[:, _UNPENALIZED:] * unit
         unit /= np.sqrt(np.mean(np.sum(sample**2, axis=1)))
         self.unit = np.concatenate([lengths, unit])
-
-    def rows(self, part: slice, end: int) -> Array:
-        """Values of the columns at the times of one end of a slice of pings."""
-        return self.at(self._times[part, end])
 
     def at(self, time: Array) -> Array:
         """Values of the columns at times within the survey."""
