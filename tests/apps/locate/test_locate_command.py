@@ -31,13 +31,12 @@ from refusals import refused
 from pymantaray.acoustics import Medium
 from pymantaray.apps.locate import LocateOptions, Node, Pattern, PlanOptions, Survey, locate
 from pymantaray.apps.locate.displacement import campaign_of
-from pymantaray.apps.locate.halves import HALVES
 from pymantaray.apps.locate.mirror import Mirror
 from pymantaray.apps.locate.options import CRITERIA
-from pymantaray.apps.locate.page import plan_figure, warnings_of
-from pymantaray.apps.locate.patterns import NoiseTest
+from pymantaray.apps.locate.page import plan_figure
 from pymantaray.apps.locate.plan import expected_covariance, plan_survey
 from pymantaray.apps.locate.read_options import ReadOptions
+from pymantaray.apps.locate.tests import HALVES, FitTest
 from pymantaray.apps.locate.write import summary, write_location
 from pymantaray.errors import LocateError
 
@@ -269,8 +268,6 @@ def test_results_are_a_folder_with_page_tables_and_files(
         "time",
         "--correlation",
         "none",
-        "--bootstrap",
-        4,
         "--out",
         tmp_path / "out",
     )
@@ -280,7 +277,7 @@ def test_results_are_a_folder_with_page_tables_and_files(
     assert "survey_map" in page
     assert 'name="viewport"' in page
     tables = {path.stem for path in (tmp_path / "out" / "tables").iterdir()}
-    assert {"nodes", "pings", "budget", "tests", "candidates", "sound_speed", "bootstrap"} <= tables
+    assert {"nodes", "pings", "budget", "tests", "candidates", "sound_speed"} <= tables
     landmarks = tomllib.loads((tmp_path / "out" / "landmarks.toml").read_text())["landmarks"]
     assert [landmark["name"] for landmark in landmarks] == campaign.names
     features = json.loads((tmp_path / "out" / "nodes.geojson").read_text())["features"]
@@ -453,7 +450,7 @@ def test_every_option_reaches_the_reader_of_a_survey(reached, short):
 
 
 def test_every_option_reaches_the_solver_of_a_survey(reached, short, monkeypatch):
-    words = (*SURVEY, *READ, *SOLVED, "--bootstrap", 3, "--seed", 5)
+    words = (*SURVEY, *READ, *SOLVED)
     given = reached("pymantaray.ocean.casts.read_casts", *words)
     assert given == {0: Path("cast.csv"), "repair_freezing": True}
     monkeypatch.setattr(
@@ -464,8 +461,8 @@ def test_every_option_reaches_the_solver_of_a_survey(reached, short, monkeypatch
     reached("pymantaray.apps.locate.locate", *words, without=r"^1\.")
 
 
-@pytest.mark.parametrize("words", [("--bootstrap", 3, "--quiet"), (), ("--free",)])
-def test_a_survey_shows_the_progress_of_its_bootstrap(reached, short, words):
+@pytest.mark.parametrize("words", [(), ("--free",)])
+def test_free_nodes_reach_the_solver(reached, short, words):
     without = r"^0\.(?!rigid)|^1\.(?!interpolation|bed.depth)"
     reached("pymantaray.apps.locate.locate", *SURVEY, *words, without=without)
 
@@ -539,8 +536,7 @@ def test_an_ocean_is_centred_at_the_survey(reached, tmp_path):
 def test_every_option_reaches_the_profile_of_a_survey(reached, tmp_path, words):
     ini = write_garpos(make_campaign(2, pings=4, nodes=2), tmp_path)
     without = r"^0\.|^1\.(?!(depth|sound_speed|bed.depth|surface.depth|interpolation)$)|^2"
-    given = reached("pymantaray.apps.locate.locate", "locate", ini, *words, without=without)
-    assert given["bootstrap"] == 0
+    reached("pymantaray.apps.locate.locate", "locate", ini, *words, without=without)
 
 
 @pytest.fixture
@@ -583,7 +579,7 @@ def test_a_survey_without_pings_of_the_platform_has_no_graph(located, tmp_path):
 def test_failed_tests_mirrors_and_displacements_are_told(mantaray, located, monkeypatch, as_stored):
     whole = replace(
         located,
-        tests=[NoiseTest(HALVES, 6.75, 3.0, 1e-5, passed=False)],
+        tests=[FitTest(HALVES, 6.75, 3.0, 1e-5, 2.25, passed=False)],
         mirrors=[
             Mirror("N1", 510.0, -400.0, 1300.0, 3.2, undecided=True),
             Mirror("N2", -505.0, 410.0, 1312.0, 31.0, undecided=False),
@@ -599,16 +595,14 @@ def test_failed_tests_mirrors_and_displacements_are_told(mantaray, located, monk
     done = mantaray(*SURVEY)
     assert done.code == 0, done.err
     for line in (
-        "\nN1: two solutions, 4 of 4 pings used\n",
-        "failed tests: all standard deviations are multiplied by 1.5\n",
-        "1300.0 m with a chi-square larger by 3.2: the pings do not exclude it\n",
-        "1312.0 m with a chi-square larger by 31.0: the pings exclude it\n",
+        "\nN1: two solutions; 4 of 4 pings used.\n",
+        "All standard deviations are multiplied by 1.5 because of failed tests.\n",
+        "1300.0 m with a chi-square larger by 3.2: the pings do not exclude it.\n",
+        "1312.0 m with a chi-square larger by 31.0: the pings exclude it.\n",
         "Displacement of the nodes since the earlier campaign",
     ):
         assert line in done.out
-    lines = warnings_of(whole)
-    assert "All standard deviations are multiplied by 1.5 because of failed tests." in lines
-    as_stored([done.out, lines])
+    as_stored([done.out, whole.warnings])
     assert summary(whole)["displacement"] == whole.displacement.as_dict()
 
 

@@ -9,9 +9,16 @@ from drifting import constant_water, deep_water, drifting_survey, ornstein_uhlen
 from scipy.stats import chi2, kstest
 
 from pymantaray.apps.locate import LocateOptions, locate
-from pymantaray.apps.locate.halves import HALVES, part_tests, widening
-from pymantaray.apps.locate.patterns import NoiseTest
 from pymantaray.apps.locate.sound_speed import Spline
+from pymantaray.apps.locate.tests import (
+    HALVES,
+    LEVEL,
+    PATTERN,
+    FitTest,
+    fit_tests,
+    judged,
+    widening,
+)
 
 EXACT = {"gnss": 0.0, "red": 0.0}
 
@@ -151,7 +158,7 @@ def test_a_node_that_moves_fails_the_test_of_halves(medium, as_stored):
     )
     (test,) = (test for test in found.tests if test.name == HALVES)
     # with a spread of 100 m of the model, that of the difference of two halves is 2 times 100 m
-    wide = part_tests(found.solution, 100.0**2 * np.eye(3))[0]
+    wide = fit_tests(found.solution, 100.0**2 * np.eye(3))[-1]
     change = [float(part.split()[1]) for part in wide.details.split(", ")]
     assert abs(change[0]) > 0.2
     assert wide.chi_square == pytest.approx(np.sum(np.square(change)) / 200.0**2, rel=0.01)
@@ -162,25 +169,33 @@ def test_a_node_that_moves_fails_the_test_of_halves(medium, as_stored):
     as_stored([wide, found.tests, found.nodes])
 
 
+def test_failed_tests_widen_the_standard_deviations():
+    tests = [FitTest("stated noise", 900.0, 100.0, 0.0), FitTest(HALVES, 27.0, 3.0, 1e-5, 9.0)]
+    tests += [FitTest(PATTERN, 87.0, 24.0, 0.5, 64.0)]
+    assert widening(judged(tests)) == pytest.approx(3.0)
+    assert widening([]) == 1.0
+
+
 @pytest.mark.parametrize(
-    ("tests", "factor"),
+    ("probabilities", "passed"),
     [
-        ([], 1.0),
-        ([NoiseTest("stated noise", 900.0, 100.0, 0.0, passed=False)], 1.0),
-        ([NoiseTest(HALVES, 27.0, 3.0, 1e-5, passed=False)], 3.0),
-        ([NoiseTest(HALVES, 6.0, 3.0, 0.1, passed=True)], 1.0),
-        ([NoiseTest("pattern over bearing from the bow", 87.0, 24.0, 0.0, passed=False)], 8.0),
-        ([NoiseTest("pattern over time", 96.0, 24.0, 0.0, passed=False)], 2.0),
+        ((0.003, 0.5, 0.9), (False, True, True)),
+        ((0.004, 0.004, 0.9), (True, True, True)),
+        ((0.3, 0.004, 0.003), (True, False, False)),
+        ((0.011,), (True,)),
+        ((0.009,), (False,)),
     ],
 )
-def test_failed_tests_widen_the_standard_deviations(tests, factor):
-    assert widening(tests) == pytest.approx(factor)
+def test_tests_have_one_level_together(probabilities, passed):
+    tests = judged([FitTest("a", 1.0, 1.0, probability) for probability in probabilities])
+    assert tuple(test.passed for test in tests) == passed
+    assert min(test.level for test in tests) == pytest.approx(LEVEL / len(tests))
 
 
 def test_few_pings_have_no_test_of_parts(drifting, medium, as_stored):
     few = drifting.survey.rows(np.arange(0, 600, 40))
     found = locate(few, medium, LocateOptions(speed_model="scale"))
-    assert part_tests(found.solution, found.spread) == []
+    assert HALVES not in [test.name for test in found.tests]
     as_stored(found.nodes)
 
 

@@ -439,11 +439,19 @@ def test_positions_of_garpos_are_those_of_any_platform(campaign, tmp_path):
     assert (len(survey), survey.notes) == (len(whole), whole.notes)
 
 
-@pytest.mark.parametrize("rows", ["0 1480\n", "0 1480\n-100 nan\n", "0\n-100\n", "depth speed\n"])
-def test_a_wrong_profile_of_gnatss_is_refused(campaign, tmp_path, rows):
+@pytest.mark.parametrize(
+    ("rows", "message"),
+    [
+        ("0 1480\n", "ctd: not a profile; it must have at least two lines"),
+        ("0 1480\n-100 nan\n", "ctd, line 2: '-100 nan' is not a depth"),
+        ("0\n-100\n", "ctd, line 1: '0' is not a depth"),
+        ("depth speed\n", "ctd, line 1: 'depth speed' is not a depth"),
+    ],
+)
+def test_a_wrong_profile_of_gnatss_is_refused(campaign, tmp_path, rows, message):
     path = write_gnatss(campaign, tmp_path)
     (tmp_path / "ctd").write_text(rows)
-    refused(LocateError, "ctd: not a profile; it must have two columns", read_survey, path)
+    refused(LocateError, message, read_survey, path)
 
 
 def test_a_table_of_mostly_unreadable_rows_is_refused_in_one_line(campaign, tmp_path):

@@ -60,18 +60,18 @@ def error_budget(solution: SurveySolution, of_models: Array, widening: float) ->
     total = total + np.diag(of_models)
     variances["failed tests"] = (widening**2 - 1.0) * total
     variances["total"] = widening**2 * total
-    sigmas = {
-        source: np.sqrt(np.maximum(np.asarray(variance), 0.0)).reshape(-1, 3)
-        for source, variance in variances.items()
-    }
-    table = []
-    for k, name in enumerate(unknowns.survey.names):
-        for source, sigma in sigmas.items():
-            north, east, depth = sigma[k]
-            table.append(
-                {"node": name, "source": source, "north_m": north, "east_m": east, "depth_m": depth}
-            )
-    return pd.DataFrame(table)
+    names = unknowns.survey.names
+    sigma = np.sqrt(np.maximum(np.array(list(variances.values())), 0.0))
+    north, east, depth = sigma.reshape(len(variances), -1, 3).T
+    return pd.DataFrame(
+        {
+            "node": np.repeat(names, len(variances)),
+            "source": list(variances) * len(names),
+            "north_m": north.ravel(),
+            "east_m": east.ravel(),
+            "depth_m": depth.ravel(),
+        }
+    )
 
 
 def _noise_alone(solution: SurveySolution, by_position: Array, inverse: Array) -> Array:

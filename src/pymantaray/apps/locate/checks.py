@@ -1,7 +1,6 @@
 """Checks for impossible input before and after a solve."""
 
-import math
-from itertools import product
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,20 +8,18 @@ from pymantaray.acoustics import Medium
 from pymantaray.apps.locate.earth import in_water
 from pymantaray.apps.locate.evidence import posterior
 from pymantaray.apps.locate.solve import SurveySolution
-from pymantaray.apps.locate.starts import mean_speed
-from pymantaray.apps.locate.survey import Survey, TravelDirection
+from pymantaray.apps.locate.survey import LeverArm, Survey, TravelDirection
 from pymantaray.apps.locate.travel_times import transducers
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
-from pymantaray.geometry.longitude import wrap_longitude
-from pymantaray.records.position_rows import middle_longitude
 from pymantaray.records.text_table import check_speed
 
-_MAX_DISTANCE = 100_000.0  # m; no node answers from a greater distance
 _MILLISECONDS = (300.0, 3000.0)  # ratio of measured to expected times with a wrong unit
+_NOMINAL_SPEED = 1500.0  # m/s
 _MIN_STEPS = 10  # between pings, to compare headings with the course
 # mean resultant length of course minus heading of a platform that heads along its course
 _MIN_RESULTANT = 0.8
+_MIN_LEVER = 0.1  # m; the sign of a shorter one is not checked
 _LEVER_GAIN = 0.6  # ratio of the rms of residuals with the better sign
 _LEVER_CHI_SQUARE = 200.0
 _MAX_EXTRAPOLATION = 10.0  # m of a node below a profile's last level, or 1 % of its depth
@@ -31,40 +28,6 @@ _RARE = 0.05  # fraction of pings that may exceed it, as errors of single height
 _MAX_BELOW_BED = 1.0  # m of a node
 _ON_BOUNDARY = 2e-3  # m
 _AXES = ("forward", "starboard", "down")
-
-
-def check_positions(
-    where: str, platform: tuple[Array, Array], node: tuple[float, float], name: str
-) -> None:
-    """Raise an error if a distance implies a wrong sign or order of coordinates. [degrees]"""
-    lat = float(np.median(platform[0]))
-    lon = middle_longitude(platform[1])
-    if _distance(lat, lon, *node) < _MAX_DISTANCE:
-        return
-    advice = "check both"
-    for lat_2, lon_2, what in (
-        (lat, -lon, "one of the longitudes has the wrong sign (east or west)"),
-        (-lat, lon, "one of the latitudes has the wrong sign (north or south)"),
-        (-lat, -lon, "latitude and longitude of one have the wrong sign"),
-        (lon, lat, "latitude and longitude of one are exchanged"),
-    ):
-        if _distance(lat_2, lon_2, *node) < _MAX_DISTANCE:
-            advice = what
-    distance_km = _distance(lat, lon, *node) / 1000.0
-    raise LocateError(
-        f"{where}: the platform is at {lat:.4f}, {lon:.4f} and node {name} at {node[0]:.4f},"
-        f" {node[1]:.4f}, {distance_km:,.0f} km apart; {advice}"
-    )
-
-
-def _distance(lat: float, lon: float, lat_2: float, lon_2: float) -> float:
-    """Distance on a sphere. [m]"""
-    phi = math.radians(lat)
-    phi_2 = math.radians(lat_2)
-    half = 0.5 * math.radians(float(wrap_longitude(np.asarray(lon_2 - lon))))
-    haversine = math.sin((phi_2 - phi) / 2.0) ** 2
-    haversine += math.cos(phi) * math.cos(phi_2) * math.sin(half) ** 2
-    return 2.0 * 6371e3 * math.asin(min(1.0, math.sqrt(max(haversine, 0.0))))
 
 
 def check_survey(survey: Survey, medium: Medium) -> None:
@@ -77,7 +40,7 @@ def check_survey(survey: Survey, medium: Medium) -> None:
         f"{survey.source}: time",
         LocateError,
     )
-    notes_outside_water(survey, medium, np.array(survey.lever.offset))
+    _notes_outside_water(survey, medium, np.array(survey.lever.offset))
     for node in survey.nodes:
         if node.position[2] < 0.0:
             raise LocateError(
@@ -86,27 +49,35 @@ def check_survey(survey: Survey, medium: Medium) -> None:
             )
     _check_turn_around(survey)
     _check_attitude(survey)
-    _check_units(survey, medium)
+    _check_units(survey)
     for node in survey.nodes:
-        if node.position[2] > _deepest(medium, node.position[2]):
-            raise LocateError(
-                f"profile: it ends at {medium.depth[-1]:g} m, above node {node.name} at"
-                f" {node.position[2]:g} m; extend it down to the node"
-            )
+        _check_depth(medium, node.name, node.position[2])
 
 
-def check_solution(solution: SurveySolution, medium: Medium) -> None:
-    """Raise an error for a profile that ends above a node, or a wrong sign of the lever arm."""
+def check_solution(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
+    """
+    Notes about nodes and transducers outside the water; too far outside raises an error.
+
+    A profile that ends above a node and a wrong sign of the lever arm raise an error, too.
+    """
+    notes = _notes_below_bed(solution, medium)
     for name, position in zip(solution.unknowns.survey.names, solution.positions, strict=True):
-        if position[2] > _deepest(medium, position[2]):
-            raise LocateError(
-                f"profile: it ends at {medium.depth[-1]:g} m, above node {name} at"
-                f" {position[2]:.0f} m; extend it down to the node"
-            )
+        _check_depth(medium, name, position[2])
     _check_lever(solution)
+    lever = solution.unknowns.lever(solution.values)
+    return notes + _notes_outside_water(solution.unknowns.survey, medium, lever)
 
 
-def notes_outside_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, ...]:
+def _check_depth(medium: Medium, name: str, depth: float) -> None:
+    """Raise an error for a profile that ends above a node."""
+    if depth > float(medium.depth[-1]) + max(_MAX_EXTRAPOLATION, 0.01 * depth):
+        raise LocateError(
+            f"profile: it ends at {medium.depth[-1]:g} m, above node {name} at {depth:.0f} m;"
+            " extend it down to the node"
+        )
+
+
+def _notes_outside_water(survey: Survey, medium: Medium, lever: Array) -> tuple[str, ...]:
     """
     Notes about transducers outside the water, whose rays end at its boundary.
 
@@ -146,7 +117,7 @@ def notes_outside_water(survey: Survey, medium: Medium, lever: Array) -> tuple[s
     return tuple(notes)
 
 
-def notes_below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
+def _notes_below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]:
     """
     Notes about nodes below the sea bed, whose rays end at the bed.
 
@@ -166,10 +137,6 @@ def notes_below_bed(solution: SurveySolution, medium: Medium) -> tuple[str, ...]
             raise LocateError(f"{line}; give a deeper sea bed (bathymetry), or check its pings")
         notes.append(f"{line}; its rays end at the bed")
     return tuple(notes)
-
-
-def _deepest(medium: Medium, depth: float) -> float:
-    return float(medium.depth[-1]) + max(_MAX_EXTRAPOLATION, 0.01 * depth)
 
 
 def _check_times(survey: Survey) -> None:
@@ -222,7 +189,7 @@ def _check_attitude(survey: Survey) -> None:
         )
 
 
-def _check_units(survey: Survey, medium: Medium) -> None:
+def _check_units(survey: Survey) -> None:
     """Raise an error for times in milliseconds, a thousand times those of the prior positions."""
     transmit_position, _ = transducers(survey, np.array(survey.lever.offset))
     nodes = np.array([node.position for node in survey.nodes])
@@ -230,68 +197,49 @@ def _check_units(survey: Survey, medium: Medium) -> None:
     if not from_platform.any():
         return
     distance = np.linalg.norm(transmit_position - nodes[survey.node], axis=1)[from_platform]
-    speed = mean_speed(medium, 0.0, float(nodes[:, 2].max()))
     two_way = survey.direction[from_platform] == TravelDirection.TWO_WAY
-    expected_time = distance / speed * np.where(two_way, 2.0, 1.0)
+    expected_time = distance / _NOMINAL_SPEED * np.where(two_way, 2.0, 1.0)
     ratio = float(np.median(survey.travel_time[from_platform] / np.maximum(expected_time, 1e-6)))
     low, high = _MILLISECONDS
+    times = f"of the prior positions (median {np.median(survey.travel_time):g} s); they must be in"
     if low < 1.0 / max(ratio, 1e-9) < high:
         raise LocateError(
-            f"{survey.source}: travel times are {1.0 / ratio:,.0f} times shorter than those of the"
-            f" prior positions (median {np.median(survey.travel_time):g} s); they must be in the"
-            " unit of their column's name"
+            f"{survey.source}: travel times are {1.0 / ratio:,.0f} times shorter than those"
+            f" {times} the unit of their column's name"
         )
     if low < ratio < high and np.median(survey.travel_time) > 5.0:
         raise LocateError(
-            f"{survey.source}: travel times are {ratio:,.0f} times those of the prior positions"
-            f" (median {np.median(survey.travel_time):g} s); they must be in seconds; divide"
+            f"{survey.source}: travel times are {ratio:,.0f} times those {times} seconds; divide"
             " milliseconds by 1000"
         )
 
 
 def _check_lever(solution: SurveySolution) -> None:
-    """Raise an error if another sign of a known lever arm explains the residuals much better."""
+    """Raise an error if a known lever arm explains the residuals much better with other signs."""
     unknowns = solution.unknowns
     fit = solution.posterior
-    columns = solution.unknowns.slices["lever"]
-    lever = solution.values[columns]
-    if not np.any(np.abs(lever) > 0.1) or any(unknowns.survey.lever.sigma):
+    lever = unknowns.lever(solution.values)
+    is_long = np.abs(lever) > _MIN_LEVER
+    if not is_long.any() or any(unknowns.survey.lever.sigma):
         return
-    products = solution.products
-    best_ratio = 1.0
-    best_lever = lever
-    squares_now = fit.squares * fit.sigma**2
-    for signs in product((1.0, -1.0), repeat=3):
-        candidate = lever * signs
-        if not np.any(np.abs(candidate - lever) > 0.1):
-            continue
-        # squares of the residuals after the change of the lever arm and a new fit of the others
-        change = np.zeros(unknowns.size)
-        change[columns] = candidate - lever
-        right = products.right - products.normal @ change
-        squares = (
-            products.squares - 2.0 * products.right @ change + change @ products.normal @ change
-        )
-        other = posterior(
-            products._replace(right=right, squares=float(squares)),
-            unknowns,
-            solution.values,
-            fit.hyperparameters,
-            sigma=fit.sigma,
-            steps=1,
-        )
-        ratio = other.squares * fit.sigma**2 / max(squares_now, 1e-300)
-        if ratio < best_ratio - 1e-6:
-            best_ratio = ratio
-            best_lever = candidate
-    chi_square_gain = (1.0 - best_ratio) * fit.squares
-    if np.sqrt(best_ratio) < _LEVER_GAIN and chi_square_gain > _LEVER_CHI_SQUARE:
-        wrong = [
-            name for name, is_wrong in zip(_AXES, best_lever != lever, strict=True) if is_wrong
-        ]
+    # estimate it with the other unknowns
+    sigma = 2.0 * np.abs(lever) + _MIN_LEVER
+    arm = LeverArm(unknowns.survey.lever.offset, (sigma[0], sigma[1], sigma[2]))
+    free = posterior(
+        solution.products,
+        replace(unknowns, survey=unknowns.survey.assign(lever=arm)),
+        solution.values,
+        fit.hyperparameters,
+        sigma=fit.sigma,
+        steps=1,
+    )
+    change = free.change[unknowns.slices["lever"]]
+    is_wrong = is_long & ((lever + change) * np.sign(lever) < -0.5 * np.abs(lever))
+    ratio = np.sqrt(free.squares / max(fit.squares, 1e-300))
+    if is_wrong.any() and ratio < _LEVER_GAIN and fit.squares - free.squares > _LEVER_CHI_SQUARE:
+        wrong = " and ".join(name for name, is_it in zip(_AXES, is_wrong, strict=True) if is_it)
         raise LocateError(
             f"{unknowns.survey.source}: lever arm {', '.join(f'{value:g}' for value in lever)} m"
-            " (forward, starboard, down): residuals decrease to"
-            f" {100.0 * np.sqrt(best_ratio):.0f} % with the other sign of {' and '.join(wrong)};"
-            " change the sign"
+            f" (forward, starboard, down): residuals decrease to {100.0 * ratio:.0f} % with the"
+            f" other sign of {wrong}; change the sign"
         )

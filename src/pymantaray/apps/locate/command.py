@@ -3,13 +3,13 @@
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from pymantaray.apps.locate.options import LocateOptions, PlanOptions
 from pymantaray.apps.locate.read_options import ReadOptions
-from pymantaray.apps.locate.survey import PlatformError
+from pymantaray.apps.locate.survey import PlatformError, TravelDirection
 from pymantaray.cli.arguments import in_options
 from pymantaray.cli.groups import Fields, existing, quantity, with_options
 from pymantaray.cli.options import (
@@ -32,7 +32,6 @@ if TYPE_CHECKING:
 
     from pymantaray.acoustics import Medium
     from pymantaray.apps.locate import Location, Survey
-    from pymantaray.ocean.modes import VerticalModes
     from pymantaray.sensing.water import Water
 
 SHOWS_RESULTS = True
@@ -133,7 +132,14 @@ class SurveyOptions:
 
     def locate_options(self, *, repair_freezing: bool) -> LocateOptions:
         """Return the options of the solver."""
-        return replace(self.solving, modes=_modes(self.modes, repair_freezing=repair_freezing))
+        if not self.modes:
+            return self.solving
+        from pymantaray.ocean.casts import read_casts
+        from pymantaray.ocean.modes import vertical_modes
+
+        repair = repair_freezing
+        casts = [cast for path in self.modes for cast in read_casts(path, repair_freezing=repair)]
+        return replace(self.solving, modes=vertical_modes(casts))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -167,44 +173,27 @@ def survey(
     values: SurveyOptions,
     folder: SurveyFolderOptions,
     printing: TableOptions,
-    bootstrap: Annotated[
-        int,
-        typer.Option(metavar="N", min=0, help="Number of resampled surveys; 0 for no bootstrap."),
-    ] = 0,
-    seed: Annotated[int, typer.Option(min=0, help="Seed of the bootstrap.")] = 0,
 ) -> None:
     """Estimate node positions and their uncertainty from measured travel times."""
     from pymantaray.apps.locate import locate, read_campaign, read_survey
     from pymantaray.apps.locate.write import check_names_to_write
-    from pymantaray.cli.output import progress_bars
     from pymantaray.version import __version__
 
     campaign = None if values.earlier is None else read_campaign(values.earlier)
     pings = read_survey(file, values.read_options())
     if folder.out is not None:
         check_names_to_write(pings)
-    water = _water(source, replace(options, earth=None), pings)
-    with progress_bars(quiet=printing.quiet or not bootstrap) as report:
-        progress = None if report is None else partial(report, "bootstrap")
-        location = locate(
-            water.survey,
-            water.medium,
-            replace(
-                values.locate_options(repair_freezing=options.repair_freezing),
-                earth=options.earth or "auto",
-            ),
-            bootstrap=bootstrap,
-            seed=seed,
-            progress=progress,
-        )
+    pings, medium, record, notes = _water(source, replace(options, earth=None), pings)
+    solving = values.locate_options(repair_freezing=options.repair_freezing)
+    location = locate(pings, medium, replace(solving, earth=options.earth or "auto"))
     if campaign is not None:
         location = location.since(campaign)
-    notes = list(dict.fromkeys([*water.notes, *location.notes]))
+    notes = list(dict.fromkeys([*notes, *location.notes]))
     page = None
     if folder.out is not None:
         from pymantaray.apps.locate import write_location_page
 
-        made_by = {"mantaray": __version__, "survey": str(file), "water": water.record}
+        made_by = {"mantaray": __version__, "survey": str(file), "water": record}
         page = write_location_page(
             location, folder.out, made_by=made_by, notes=notes, formats=format_names(folder.formats)
         )
@@ -212,11 +201,13 @@ def survey(
         _print_result(printer, location, notes)
         if page is not None:
             printer.paths(page=page)
+        is_one_way = (pings.direction != TravelDirection.TWO_WAY).any()
+        advice = _ADVICE + (_ONE_WAY_ADVICE if is_one_way else "")
         if not location.solution.settled:
-            LOG.error("%s: not converged; %s", file, _advice(location.survey))
-        for name, why in zip(location.survey.names, location.unexplained, strict=True):
+            LOG.error("%s: not converged; %s", file, advice)
+        for name, why in zip(pings.names, location.unexplained, strict=True):
             if why is not None:
-                LOG.error("%s: node %s: %s; %s", file, name, why, _advice(location.survey))
+                LOG.error("%s: node %s: %s; %s", file, name, why, advice)
         if not location.usable:
             raise typer.Exit(EXIT_UNUSABLE)
 
@@ -360,28 +351,10 @@ def plan(
             printer.paths(out, out.with_suffix(".csv"))
 
 
-def _modes(paths: list[Path] | None, *, repair_freezing: bool) -> "VerticalModes | None":
-    if not paths:
-        return None
-    from pymantaray.ocean.casts import read_casts
-    from pymantaray.ocean.modes import vertical_modes
-
-    casts = [cast for path in paths for cast in read_casts(path, repair_freezing=repair_freezing)]
-    return vertical_modes(casts)
-
-
-class _SurveyWater(NamedTuple):
-    """A survey in the frame of its water."""
-
-    survey: "Survey"
-    medium: "Medium"
-    record: dict[str, Any]
-    """Description of the water."""
-    notes: list[str]
-
-
-def _water(source: AnySourceOptions, options: WaterOptions, survey: "Survey") -> _SurveyWater:
-    """Water from the options or the survey's own files."""
+def _water(
+    source: AnySourceOptions, options: WaterOptions, survey: "Survey"
+) -> tuple["Survey", "Medium", dict[str, Any], list[str]]:
+    """Survey in the frame of its water, water, description of the water, and notes."""
     from pymantaray.acoustics import Medium
     from pymantaray.acoustics.profiles import reduce_profile
     from pymantaray.cli.water import water_notes
@@ -417,15 +390,13 @@ def _water(source: AnySourceOptions, options: WaterOptions, survey: "Survey") ->
             ice_draft=keys.get("ice", 0.0),
         )
         record = {"profile": "of the survey", "last_level_m": float(depth[-1])}
-        return _SurveyWater(survey, medium, record, notes)
+        return survey, medium, record, notes
     if source.ocean and options.centre is None and frame is not None:
         options = replace(options, centre=(frame.latitude_deg, frame.longitude_deg))
     water = _water_over_bed(source, options, deepest)
     if water.frame is not None and frame is not None and not water.uniform:
         survey = survey.in_frame(water.frame)
-    return _SurveyWater(
-        survey, water.at_start[0], dict(water.record), [*notes, *water_notes(water)]
-    )
+    return survey, water.at_start[0], dict(water.record), [*notes, *water_notes(water)]
 
 
 def _water_over_bed(source: AnySourceOptions, options: WaterOptions, deepest: float) -> "Water":
@@ -449,14 +420,6 @@ def _water_over_bed(source: AnySourceOptions, options: WaterOptions, deepest: fl
     return load_water(source, options, default="linear")
 
 
-def _advice(survey: "Survey") -> str:
-    """Advice for a survey that did not converge."""
-    from pymantaray.apps.locate import TravelDirection
-
-    is_one_way = (survey.direction != TravelDirection.TWO_WAY).any()
-    return _ADVICE + (_ONE_WAY_ADVICE if is_one_way else "")
-
-
 def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
     """Print the results."""
     from pymantaray.apps.locate.write import summary
@@ -476,30 +439,15 @@ def _print_result(out: Printer, location: "Location", notes: list[str]) -> None:
         out.line(f"  and {len(unused) - _MAX_LISTED} more")
     tables = location.tables
     out.table(tables["nodes"])
-    for row in values["nodes"].to_dict("records"):
-        if row["status"] != "ok":
-            out.line(
-                f"{row['name']}: {row['status']}, {row['n_used']} of {row['n_all']} pings used"
-            )
     if "budget" in tables:
         out.table(tables["budget"])
     if "candidates" in tables:
         out.table(tables["candidates"].first(_MAX_CANDIDATES))
-    for mirror in location.mirrors:
-        verdict = "the pings do not exclude it" if mirror.undecided else "the pings exclude it"
-        out.line(
-            f"{mirror.node}: the pings are along a line; mirror solution at north"
-            f" {mirror.north:.1f}, east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a"
-            f" chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}"
-        )
-    for test in location.tests:
-        out.line(test.text)
-    if location.widening > 1.0:
-        out.line(f"failed tests: all standard deviations are multiplied by {location.widening:.2g}")
+    passed = [test.text for test in location.tests if test.passed]
+    for line in [*passed, *location.warnings]:
+        out.line(line)
     if location.displacement is not None:
         out.table(tables["displacement"])
-        for note in location.displacement.notes:
-            out.line(note)
     out.add(**values)
 
 

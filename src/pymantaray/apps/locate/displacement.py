@@ -1,7 +1,7 @@
 """Displacement of an array of nodes between two campaigns, with its covariance."""
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -9,8 +9,8 @@ import numpy as np
 import pandas as pd
 from scipy.special import chdtrc
 
-from pymantaray.apps.locate.patterns import LEVEL
 from pymantaray.apps.locate.survey import LARGEST_POSITION
+from pymantaray.apps.locate.tests import LEVEL
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError, OceanError
 from pymantaray.geometry import LocalFrame
@@ -82,27 +82,19 @@ class Campaign:
             ]
         )
         all_turns = np.kron(np.eye(len(self.names)), turn)
-        return Campaign(
-            self.names,
-            np.column_stack([north, east, self.positions[:, 2]]),
-            all_turns @ self.covariance @ all_turns.T,
-            origin,
-            self.epoch,
-            self.source,
+        return replace(
+            self,
+            positions=np.column_stack([north, east, self.positions[:, 2]]),
+            covariance=all_turns @ self.covariance @ all_turns.T,
+            origin=origin,
         )
 
     def of_nodes(self, names: list[str]) -> "Campaign":
         """Campaign of some of the nodes, in the order of their names."""
         rows = np.array([self.names.index(name) for name in names])
         columns = (3 * rows[:, None] + np.arange(3)).ravel()
-        return Campaign(
-            names,
-            self.positions[rows],
-            self.covariance[np.ix_(columns, columns)],
-            self.origin,
-            self.epoch,
-            self.source,
-        )
+        covariance = self.covariance[np.ix_(columns, columns)]
+        return replace(self, names=names, positions=self.positions[rows], covariance=covariance)
 
 
 @dataclass(frozen=True, eq=False)
@@ -253,9 +245,8 @@ def read_campaign(path: str | Path) -> Campaign:
             f"{file}: damaged: its content does not have its checksum; restore it from a copy, or"
             " locate the earlier campaign again"
         )
-    values: Any = tree.get("campaign") if isinstance(tree, dict) else None
     try:
-        campaign = _campaign(values, str(file))
+        return _campaign(tree["campaign"], str(file))
     except (KeyError, TypeError, ValueError):
         raise LocateError(
             f"{file}: no positions with a joint covariance (key campaign); give {CAMPAIGN_FILE} of"
@@ -263,58 +254,55 @@ def read_campaign(path: str | Path) -> Campaign:
         ) from None
     except OceanError as error:
         raise LocateError(f"{file}: epoch_utc: {error}") from None
-    _check(campaign)
-    return campaign
 
 
 def _campaign(values: Any, source: str) -> Campaign:
     """Campaign of values of JSON; other types than those of `campaign_values` raise an error."""
     names = values["names"]
-    if values["axes"] != list(_AXES) or not isinstance(names, list):
-        raise ValueError(names)
-    arrays = [np.array(values[name]) for name in ("positions_m", "covariance_m2")]
     origin = values["origin_deg"]
-    if origin is not None:
-        arrays.append(np.array(origin))
-        if len(origin) != _ORIGIN_SIZE or not is_position(*origin):
-            raise ValueError(origin)
-    if any(array.dtype.kind not in "if" for array in arrays):
-        raise TypeError(source)
+    arrays = [np.array(values[name]) for name in ("positions_m", "covariance_m2")]
+    arrays.append(np.array([0, 0] if origin is None else origin))
+    if (
+        values["axes"] != list(_AXES)
+        or not isinstance(names, list)
+        or arrays[2].shape != (_ORIGIN_SIZE,)
+        or any(array.dtype.kind not in "if" for array in arrays)
+        or not is_position(*arrays[2])
+    ):
+        raise ValueError(values)
+    positions, covariance, centre = (array.astype(float) for array in arrays)
+    k = len(names)
+    if (
+        not k
+        or len(set(names)) < k
+        or (positions.shape, covariance.shape)
+        != (
+            (k, 3),
+            (3 * k, 3 * k),
+        )
+    ):
+        raise LocateError(
+            f"{source}: {k} names, positions {positions.shape}, covariance {covariance.shape};"
+            " they must be of the same nodes, each with one name"
+        )
+    is_finite = (np.abs(positions) <= LARGEST_POSITION).all()
+    is_finite &= (np.abs(covariance) <= LARGEST_POSITION**2).all()
+    symmetric = covariance + covariance.T if is_finite else -np.eye(3)
+    # rounding may leave negative variances
+    if np.linalg.eigvalsh(symmetric).min() < -1e-9 * np.trace(symmetric):
+        raise LocateError(
+            f"{source}: positions must be finite and within {LARGEST_POSITION:g} m, and"
+            " the covariance positive semidefinite"
+        )
     epoch = values["epoch_utc"]
     return Campaign(
         [str(name) for name in names],
-        arrays[0].astype(float),
-        arrays[1].astype(float),
-        None if origin is None else (float(origin[0]), float(origin[1])),
+        positions,
+        covariance,
+        None if origin is None else (float(centre[0]), float(centre[1])),
         np.datetime64("NaT", "ns") if epoch is None else parse_instant(str(epoch)),
         source,
     )
-
-
-def _check(campaign: Campaign) -> None:
-    """Raise an error if the arrays of a campaign do not fit together."""
-    k = len(campaign.names)
-    shapes = (campaign.positions.shape, campaign.covariance.shape)
-    if not k or len(set(campaign.names)) < k or shapes != ((k, 3), (3 * k, 3 * k)):
-        raise LocateError(
-            f"{campaign.source}: {k} names, positions {shapes[0]}, covariance {shapes[1]}; they"
-            " must be of the same nodes, each with one name"
-        )
-    if not (
-        (np.abs(campaign.positions) <= LARGEST_POSITION).all()
-        and (np.abs(campaign.covariance) <= LARGEST_POSITION**2).all()
-        and _is_semidefinite(campaign.covariance)
-    ):
-        raise LocateError(
-            f"{campaign.source}: positions must be finite and within {LARGEST_POSITION:g} m, and"
-            " the covariance positive semidefinite"
-        )
-
-
-def _is_semidefinite(covariance: Array) -> bool:
-    """True without negative variances, which rounding may leave."""
-    symmetric = covariance + covariance.T
-    return bool(np.linalg.eigvalsh(symmetric).min() >= -1e-9 * np.trace(symmetric))
 
 
 def displacement_between(later: Campaign, earlier: Campaign) -> Displacement:

@@ -17,64 +17,51 @@ _LEAST_DISTANCE = 1.0  # m; horizontal distance with a direction
 
 def medium_on_earth(survey: Survey, medium: Medium, earth: EarthOption) -> tuple[Medium, str]:
     """Medium on the Earth of a survey, and a sentence about it."""
-    farthest = _farthest(survey)
+    # depth of the curved sea surface below the tangent plane, at the farthest ping
+    node = np.array([node.position for node in survey.nodes])
+    partner = node[np.maximum(survey.partner, 0)]
+    start = np.where(survey.between_nodes[:, None], partner, survey.transmit_position)
+    step = start - node[survey.node]
+    farthest = float(np.hypot(step[:, 0], step[:, 1]).max())
     drop = farthest**2 / (2.0 * _MEAN_RADIUS)
     distance = f"{drop:.2g} m at the farthest ping ({1e-3 * farthest:.1f} km)"
+    frame = survey.frame
+    is_plane = survey.depth_reference == "plane"
     if earth == "flat":
         reason = f"as requested; a curved sea surface is lower by {distance}"
         return medium.with_earth(None), f"Earth: flat, {reason}"
-    frame = survey.frame
-    if frame is None:
-        if survey.depth_reference == "plane":
-            raise LocateError(
-                f"{survey.source}: depths below a tangent plane need the latitude and longitude of"
-                " its origin; state its frame"
-            )
-        if earth == "sphere":
-            curved = medium.with_earth(medium.earth or EarthSphere(_MEAN_RADIUS))
-            return curved, f"Earth: {_name(curved)}, as requested"
-        if medium.earth is not None:
-            return medium, f"Earth: {_name(medium)}, that of the water"
+    if frame is None and is_plane:
+        raise LocateError(
+            f"{survey.source}: depths below a tangent plane need the latitude and longitude of"
+            " its origin; state its frame"
+        )
+    if frame is None and earth == "auto" and medium.earth is None:
         advice = ""
         if drop > _FLAT_LIMIT:
             advice = f"; `earth='sphere'` is for depths below the sea surface, lower by {distance}"
         reason = f"because positions are north and east, without latitude and longitude{advice}"
         return medium, f"Earth: flat, {reason}"
-    curved = medium.with_earth(medium.earth or EarthSphere.at_latitude(frame.latitude_deg))
-    if survey.depth_reference == "plane":
-        reason = (
-            "with positions and depths in the tangent plane of the origin, below which the sea"
-            f" surface is lower by {distance}"
-        )
+    if frame is None:
+        sphere = medium.earth or EarthSphere(_MEAN_RADIUS)
+        reason = "as requested" if earth == "sphere" else "that of the water"
     else:
+        sphere = medium.earth or EarthSphere.at_latitude(frame.latitude_deg)
         reason = (
             "because positions are geographic and depths are below the sea surface, which is lower"
             f" by {distance}"
         )
-    return curved, f"Earth: {_name(curved)}, {reason}"
-
-
-def _name(medium: Medium) -> str:
-    radius = 0.0 if medium.earth is None else medium.earth.radius
-    return f"sphere of {1e-3 * radius:,.0f} km"
-
-
-def _farthest(survey: Survey) -> float:
-    """Greatest horizontal distance of a ping from its node's prior position. [m]"""
-    node = np.array([node.position for node in survey.nodes])
-    partner = node[np.maximum(survey.partner, 0)]
-    start = np.where(survey.between_nodes[:, None], partner, survey.transmit_position)
-    step = start - node[survey.node]
-    return float(np.hypot(step[:, 0], step[:, 1]).max())
-
-
-def _is_tilted(survey: Survey, medium: Medium) -> bool:
-    return survey.depth_reference == "plane" and medium.earth is not None
+    if is_plane:
+        reason = (
+            "with positions and depths in the tangent plane of the origin, below which the sea"
+            f" surface is lower by {distance}"
+        )
+    name = f"sphere of {1e-3 * sphere.radius:,.0f} km"
+    return medium.with_earth(sphere), f"Earth: {name}, {reason}"
 
 
 def in_water(survey: Survey, medium: Medium, position: Array) -> Array:
     """Positions (n, 3) of a survey in the frame of the water: north, east, depth. [m]"""
-    if survey.frame is None or not _is_tilted(survey, medium):
+    if survey.frame is None or survey.depth_reference != "plane" or medium.earth is None:
         return position
     return TangentPlane(survey.frame).to_frame(position)
 
@@ -108,7 +95,7 @@ def in_plane(survey: Survey, medium: Medium, position: Array, gradient: Array) -
 
     ``position`` is that of the survey. The error is of second order in distance over the radius.
     """
-    if medium.earth is None or not _is_tilted(survey, medium):
+    if survey.depth_reference != "plane" or medium.earth is None:
         return gradient
     north, east, down = (position / medium.earth.radius).T
     by_north, by_east, by_depth = gradient.T

@@ -14,16 +14,22 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cho_factor, cho_solve
 
-from pymantaray.apps.locate.graduated import MIN_SIGMA
 from pymantaray.apps.locate.linear import Products
 from pymantaray.apps.locate.unknowns import SurveyUnknowns
 from pymantaray.arrays import Array
+from pymantaray.geometry.spread import MAD_TO_SIGMA
 
 _MAX_STEPS = 60
 _CONVERGED = 3e-3  # change of the logarithm of every hyperparameter
 _MIN_HYPER = 1e-8  # hyperparameters: fractions of the sound speed, also per km
 _MAX_HYPER = 1e-1
 MIN_REDUNDANCY = 3  # pings minus unknowns, for an estimate of the noise level
+MIN_SIGMA = 1e-9  # s
+
+
+def robust_sigma(residual: Array) -> float:
+    """Standard deviation of residuals from their median magnitude, always positive. [s]"""
+    return max(MAD_TO_SIGMA * float(np.median(np.abs(residual))), MIN_SIGMA)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,11 +5,10 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.apps.locate.earth import in_water
-from pymantaray.apps.locate.graduated import robust_sigma
+from pymantaray.apps.locate.evidence import robust_sigma
 from pymantaray.apps.locate.solve import SurveySolution
-from pymantaray.apps.locate.survey import Survey, TravelDirection
-from pymantaray.apps.locate.travel_times import Legs, predict, transducers
-from pymantaray.arrays import Array
+from pymantaray.apps.locate.survey import TravelDirection
+from pymantaray.apps.locate.travel_times import predict
 from pymantaray.records import RayStatus
 from pymantaray.records.status import RAY_STATUS_WORDS
 
@@ -43,48 +42,35 @@ def _explanations(
     solution: SurveySolution, medium: Medium, rows: NDArray[np.int64], tolerance: float
 ) -> dict[int, str]:
     """Explanations by another node or a reflected path, by row."""
-    survey = solution.unknowns.survey.rows(rows)
-    out = _echoes(solution, medium, survey, rows, tolerance)
-    from_platform = ~survey.between_nodes
-    for k, node in enumerate(solution.unknowns.survey.nodes):
-        others = np.flatnonzero(from_platform & (survey.node != k))
+    survey = solution.unknowns.survey
+    slowing = solution.unknowns.slowing(solution.values)
+    lever = solution.unknowns.lever(solution.values)
+    rows = rows[~survey.between_nodes[rows]]
+    is_late = solution.linear.residual[rows] > 0.0
+    is_two_way = survey.direction[rows] == TravelDirection.TWO_WAY
+    out = _echoes(solution, medium, rows[is_late & is_two_way], tolerance)
+    for k, node in enumerate(survey.nodes):
+        others = rows[survey.node[rows] != k]
         if not others.size:
             continue
         renamed = survey.rows(others).assign(node=np.full(others.size, k))
-        legs = predict(
-            renamed, medium, solution.positions, solution.unknowns.lever(solution.values)
-        )
-        predicted_time = legs.travel_time * _slowing(solution, rows[others]) + np.where(
-            renamed.direction == TravelDirection.TWO_WAY, node.turn_around, 0.0
-        )
-        for i in np.flatnonzero(np.abs(renamed.travel_time - predicted_time) < tolerance):
-            out[int(rows[others[i]])] = f"answer of {node.name}"
+        legs = predict(renamed, medium, solution.positions, lever)
+        is_two_way = renamed.direction == TravelDirection.TWO_WAY
+        time = legs.travel_time * slowing[others] + np.where(is_two_way, node.turn_around, 0.0)
+        is_answer = np.abs(renamed.travel_time - time) < tolerance
+        out |= dict.fromkeys(others[is_answer].tolist(), f"answer of {node.name}")
     return out
 
 
-def _slowing(solution: SurveySolution, rows: NDArray[np.int64]) -> Array:
-    return np.asarray(solution.unknowns.slowing(solution.values)[rows])
-
-
 def _echoes(
-    solution: SurveySolution,
-    medium: Medium,
-    survey: Survey,
-    rows: NDArray[np.int64],
-    tolerance: float,
+    solution: SurveySolution, medium: Medium, rows: NDArray[np.int64], tolerance: float
 ) -> dict[int, str]:
     """Explanations by reflections at the surface or the sea bed on one or both legs, by row."""
     out: dict[int, str] = {}
-    candidates = np.flatnonzero(
-        ~survey.between_nodes & (survey.direction == TravelDirection.TWO_WAY)
-    )
-    candidates = candidates[solution.linear.residual[rows[candidates]] > 0.0]
-    if not candidates.size:
+    if not rows.size:
         return out
-    pings = survey.rows(candidates)
-    lever = solution.unknowns.lever(solution.values)
-    legs: Legs = predict(pings, medium, solution.positions, lever)
-    start = in_water(pings, medium, transducers(pings, lever)[0])
+    pings = solution.unknowns.survey.rows(rows)
+    start = in_water(pings, medium, solution.transducers()[0][rows])
     start[:, 2] = np.maximum(start[:, 2], 1e-3)
     arrivals = find_eigenrays(
         medium,
@@ -93,20 +79,17 @@ def _echoes(
         max_surface_bounces=1,
         max_bottom_bounces=1,
     )
-    slowing = _slowing(solution, rows[candidates])
-    residual = solution.linear.residual[rows[candidates]]
-    is_reflected = (arrivals.surface_bounces + arrivals.bottom_bounces) > 0
-    for link, time, surface, bottom in zip(
-        arrivals.link[is_reflected],
-        arrivals.travel_time[is_reflected],
-        arrivals.surface_bounces[is_reflected],
-        arrivals.bottom_bounces[is_reflected],
-        strict=True,
+    slowing = solution.unknowns.slowing(solution.values)[rows]
+    both_legs = solution.legs.travel_time[rows]
+    residual = solution.linear.residual[rows]
+    bounces = zip(arrivals.surface_bounces, arrivals.bottom_bounces, strict=True)
+    for link, time, (surface, bottom) in zip(
+        arrivals.link, arrivals.travel_time, bounces, strict=True
     ):
-        delay = (time - 0.5 * legs.travel_time[link]) * slowing[link]
-        for times, where in ((1.0, "on one leg"), (2.0, "on both legs")):
-            if abs(residual[link] - times * delay) < tolerance:
-                out[int(rows[candidates[link]])] = (
+        delay = (time - 0.5 * both_legs[link]) * slowing[link]
+        for count, where in ((1.0, "on one leg"), (2.0, "on both legs")):
+            if surface + bottom and abs(residual[link] - count * delay) < tolerance:
+                out[int(rows[link])] = (
                     f"later echo, {surface} surface and {bottom} bottom reflections {where}"
                 )
     return out

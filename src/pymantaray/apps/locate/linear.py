@@ -4,7 +4,6 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pymantaray.apps.locate.noise import Correlation, Whitener
 from pymantaray.apps.locate.survey import PlatformError, TravelDirection
@@ -76,18 +75,6 @@ class Linearization:
         derivative[:, speed] = -water[:, None] * unknowns.speed.rows(part)
         derivative[:, speed.stop : columns["speed"].stop] = legs.modes[part]
         return np.asarray(derivative)
-
-    def columns(self, used: Mask, which: NDArray[np.int64]) -> Array:
-        """Columns of the used pings divided by the standard deviations of their noise."""
-        rows = np.flatnonzero(used)
-        out = np.empty((rows.size, which.size))
-        for start in range(0, rows.size, _CHUNK):
-            some = rows[start : start + _CHUNK]
-            block = self.rows(slice(int(some[0]), int(some[-1]) + 1))
-            out[start : start + some.size] = (
-                block[some - some[0]][:, which] / self.weight[some, None]
-            )
-        return out
 
     def whitened_rows(
         self, used: Mask, correlation: Correlation, platform: PlatformError, sigma: float

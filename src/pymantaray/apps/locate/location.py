@@ -1,7 +1,7 @@
 """Results of one survey: positions of nodes, covariances, tests and tables."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Self
@@ -11,15 +11,8 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium
-from pymantaray.apps.locate.averaging import spread_of_models
-from pymantaray.apps.locate.bootstrap import bootstrap_positions
 from pymantaray.apps.locate.budget import error_budget
-from pymantaray.apps.locate.checks import (
-    check_solution,
-    check_survey,
-    notes_below_bed,
-    notes_outside_water,
-)
+from pymantaray.apps.locate.checks import check_solution, check_survey
 from pymantaray.apps.locate.displacement import (
     Campaign,
     Displacement,
@@ -28,16 +21,17 @@ from pymantaray.apps.locate.displacement import (
 )
 from pymantaray.apps.locate.earth import medium_on_earth
 from pymantaray.apps.locate.gross import reasons
-from pymantaray.apps.locate.halves import part_tests, widening
 from pymantaray.apps.locate.mirror import Mirror, with_mirrors
+from pymantaray.apps.locate.models import candidate_table, solve, spread_of_models
 from pymantaray.apps.locate.one_way import direct_arrivals
 from pymantaray.apps.locate.options import LocateOptions
-from pymantaray.apps.locate.patterns import NoiseTest, noise_tests, test_table
-from pymantaray.apps.locate.solve import SurveySolution, candidate_table, solve
+from pymantaray.apps.locate.solve import SurveySolution
 from pymantaray.apps.locate.survey import Survey, TravelDirection
+from pymantaray.apps.locate.tests import FitTest, fit_tests, test_table, widening
 from pymantaray.arrays import Array
 from pymantaray.evaluation import unexplained
 from pymantaray.geometry.tangent_plane import TangentPlane
+from pymantaray.records.digits import show
 from pymantaray.records.result_table import ResultTable
 
 _ELLIPSE = math.sqrt(-2.0 * math.log(0.05))  # 95 % of a normal distribution in two dimensions
@@ -55,12 +49,12 @@ _CAPTIONS = {
     " its 95 % interval",
     "budget": "Contributions to the standard deviations; their squares add up to that of the total",
     "tests": "Chi-square tests: residuals against the stated noise, means of bins against zero, and"
-    " the mean position from one part of the pings against that from the other",
+    " the mean position from one half of the pings against that from the other; a correct model"
+    " fails any of them with a probability of 1 %",
     "candidates": "Models of sound speed and noise by Akaike's Bayesian information criterion, best"
     " first; the chosen one is the best of those allowed, known is allowed only on request",
     "unknowns": "Other estimated parameters",
     "mirrors": "Second solutions of nodes whose pings lie along one line",
-    "bootstrap": "Positions of resampled surveys",
 }
 _BRIEF = {
     "nodes": ("sigma_north_m", "sigma_east_m", "sigma_depth_m"),
@@ -107,7 +101,7 @@ class Location:
         Values of all unknowns.
     candidates : pandas.DataFrame
         Compared models of sound speed and noise, best first.
-    tests : list of NoiseTest
+    tests : list of FitTest
         Tests of the residuals, and of positions from parts of the pings.
     spread : ndarray, shape (3 n_nodes, 3 n_nodes)
         Covariance of the positions due to the choice of the model. [m²]
@@ -115,8 +109,6 @@ class Location:
         Second solutions of nodes whose pings are along one line.
     reason : ndarray of str, shape (n,)
         Reason for each unused ping; empty for used pings.
-    bootstrap : ndarray, shape (n_draws, n_nodes, 3), or None
-        Positions of resampled surveys. [m]
     notes : tuple of str
         Transducers and nodes outside the water, whose rays end at its boundary.
     earth : str
@@ -128,11 +120,10 @@ class Location:
     survey: Survey
     solution: SurveySolution
     candidates: pd.DataFrame
-    tests: list[NoiseTest]
+    tests: list[FitTest]
     spread: Array
     mirrors: list[Mirror]
     reason: NDArray[np.str_]
-    bootstrap: Array | None = None
     notes: tuple[str, ...] = ()
     earth: str = ""
     displacement: Displacement | None = None
@@ -229,46 +220,47 @@ class Location:
         survey = self.survey
         used = self.solution.used
         position = self.positions
-        lat, lon = self._geodetic(position)
-        relative = self._relative()
         count = len(survey.nodes)
+        lat, lon = self._geodetic(position)
+        depth = position[:, 2]
+        sigma = _deviations(self.covariance)
+        about_mean = np.kron(np.eye(count) - 1.0 / count, np.eye(3))
+        relative = _deviations(about_mean @ self.covariance @ about_mean.T)
+        relative = relative if count > 1 else np.full_like(sigma, np.nan)
         joint = self.covariance.reshape(count, 3, count, 3)
-        rows = []
-        for k, node in enumerate(survey.nodes):
-            covariance = joint[k, :, k]
-            north, east, depth = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-            major, minor, azimuth = ellipse(covariance[:2, :2])
-            of_node = (survey.node == k) | (survey.partner == k)
-            residual = self.residual[of_node & used]
-            rows.append(
-                {
-                    "name": node.name,
-                    "lat": lat[k],
-                    "lon": lon[k],
-                    "north": position[k, 0],
-                    "east": position[k, 1],
-                    "depth": position[k, 2],
-                    "sigma_north_m": north,
-                    "sigma_east_m": east,
-                    "sigma_depth_m": depth,
-                    "ellipse_major_m": major,
-                    "ellipse_minor_m": minor,
-                    "ellipse_azimuth_deg": azimuth,
-                    "depth_low_m": position[k, 2] - _INTERVAL * depth,
-                    "depth_high_m": position[k, 2] + _INTERVAL * depth,
-                    "relative_sigma_north_m": relative[k, 0],
-                    "relative_sigma_east_m": relative[k, 1],
-                    "relative_sigma_depth_m": relative[k, 2],
-                    "prior_north": node.position[0],
-                    "prior_east": node.position[1],
-                    "prior_depth": node.position[2],
-                    "n_used": int((of_node & used).sum()),
-                    "n_all": int(of_node.sum()),
-                    "rms_s": float(np.sqrt(np.mean(residual**2))) if residual.size else np.nan,
-                    "status": self._status(k, int((of_node & used).sum())),
-                }
-            )
-        return pd.DataFrame(rows)
+        ellipses = np.array([ellipse(joint[k, :2, k, :2]) for k in range(count)])
+        prior = np.array([node.position for node in survey.nodes])
+        of_node = [(survey.node == k) | (survey.partner == k) for k in range(count)]
+        residuals = [self.residual[rows & used] for rows in of_node]
+        rms = [float(np.sqrt(np.mean(r**2))) if r.size else np.nan for r in residuals]
+        return pd.DataFrame(
+            {
+                "name": survey.names,
+                "lat": lat,
+                "lon": lon,
+                "north": position[:, 0],
+                "east": position[:, 1],
+                "depth": depth,
+                "sigma_north_m": sigma[:, 0],
+                "sigma_east_m": sigma[:, 1],
+                "sigma_depth_m": sigma[:, 2],
+                "ellipse_major_m": ellipses[:, 0],
+                "ellipse_minor_m": ellipses[:, 1],
+                "ellipse_azimuth_deg": ellipses[:, 2],
+                "depth_low_m": depth - _INTERVAL * sigma[:, 2],
+                "depth_high_m": depth + _INTERVAL * sigma[:, 2],
+                "relative_sigma_north_m": relative[:, 0],
+                "relative_sigma_east_m": relative[:, 1],
+                "relative_sigma_depth_m": relative[:, 2],
+                "prior_north": prior[:, 0],
+                "prior_east": prior[:, 1],
+                "prior_depth": prior[:, 2],
+                "n_used": [r.size for r in residuals],
+                "n_all": [int(rows.sum()) for rows in of_node],
+                "rms_s": rms,
+                "status": [self._status(k, r.size) for k, r in enumerate(residuals)],
+            }
+        )
 
     @cached_property
     def unexplained(self) -> list[str | None]:
@@ -326,20 +318,11 @@ class Location:
         position = self.positions.mean(axis=0)
         count = len(self.survey.nodes)
         mean = np.tile(np.eye(3) / count, count)
-        sigma = np.sqrt(np.maximum(np.diag(mean @ self.covariance @ mean.T), 0.0))
+        (sigma,) = _deviations(mean @ self.covariance @ mean.T)
         lat, lon = self._geodetic(position[None])
         names = ("north", "east", "depth", "sigma_north_m", "sigma_east_m", "sigma_depth_m")
         values = dict(zip(names, map(float, [*position, *sigma]), strict=True))
         return {"lat": float(lat[0]), "lon": float(lon[0])} | values
-
-    def _relative(self) -> Array:
-        """Standard deviations (n_nodes, 3) relative to the mean position; NaN for one node. [m]"""
-        count = len(self.survey.nodes)
-        if count < 2:
-            return np.full((count, 3), np.nan)
-        mean = np.kron(np.eye(count) - 1.0 / count, np.eye(3))
-        variance = np.diag(mean @ self.covariance @ mean.T)
-        return np.asarray(np.sqrt(np.maximum(variance, 0.0)).reshape(count, 3))
 
     def _geodetic(self, position: Array) -> tuple[Array, Array]:
         """Latitudes and longitudes, NaN without a frame. [degrees]"""
@@ -364,8 +347,13 @@ class Location:
             transmit_position,
         )
         step = transmit_position - self.positions[survey.node]
+        # leverage: derivative of the prediction of a ping by its measurement
+        covariance = solution.posterior.covariance / solution.posterior.sigma**2
+        blocks = [block[:, :-1] for block in solution.whitened_rows()]
         leverage = np.full(len(survey), np.nan)
-        leverage[solution.used] = self._leverage()
+        leverage[solution.used] = np.concatenate(
+            [np.sum((block @ covariance) * block, axis=1) for block in blocks]
+        )
         table = pd.DataFrame(
             {
                 "line": survey.line,
@@ -386,15 +374,6 @@ class Location:
             instant = survey.epoch + np.round(1e9 * survey.time).astype("timedelta64[ns]")
             table.insert(2, "time", instant)
         return table
-
-    def _leverage(self) -> Array:
-        """Leverage of each used ping: derivative of its prediction by its measurement. [-]"""
-        fit = self.solution.posterior
-        blocks = self.solution.whitened_rows()
-        covariance = fit.covariance / fit.sigma**2
-        return np.concatenate(
-            [np.einsum("ij,ij->i", block[:, :-1] @ covariance, block[:, :-1]) for block in blocks]
-        )
 
     @cached_property
     def budget(self) -> pd.DataFrame:
@@ -476,6 +455,29 @@ class Location:
         return pd.DataFrame(rows, columns=["unknown", "value", "sigma", "prior"])
 
     @property
+    def warnings(self) -> list[str]:
+        """Lines that a reader must know before trusting the positions."""
+        lines = [f"Test failed: {test.text}." for test in self.tests if not test.passed]
+        if self.widening > 1.0:
+            factor = show(self.widening)
+            lines.append(
+                f"All standard deviations are multiplied by {factor} because of failed tests."
+            )
+        nodes = self.nodes[["name", "status", "n_used", "n_all"]].itertuples(index=False)
+        for (name, status, n_used, n_all), why in zip(nodes, self.unexplained, strict=True):
+            if status != "ok":
+                reason = f", {why}" if why else ""
+                lines.append(f"{name}: {status}{reason}; {n_used} of {n_all} pings used.")
+        for mirror in self.mirrors:
+            verdict = "the pings do not exclude it" if mirror.undecided else "the pings exclude it"
+            lines.append(
+                f"{mirror.node}: the pings are along a line; mirror solution at north"
+                f" {mirror.north:.1f}, east {mirror.east:.1f}, depth {mirror.depth:.1f} m with a"
+                f" chi-square larger by {mirror.chi_square_difference:.1f}: {verdict}."
+            )
+        return lines + ([] if self.displacement is None else self.displacement.notes)
+
+    @property
     def tables(self) -> dict[str, ResultTable]:
         """All tables by name, in the order of the page; empty ones are left out."""
         moved = pd.DataFrame() if self.displacement is None else self.displacement.table
@@ -492,8 +494,6 @@ class Location:
             "sound_speed": self.sound_speed,
             "pings": self.pings,
         }
-        if self.bootstrap is not None:
-            frames["bootstrap"] = self._bootstrap_table(self.bootstrap)
         coordinates = ("north", "east") if self.survey.frame is None else ("lat", "lon")
         brief = _BRIEF | {"nodes": ("name", *coordinates, "depth", *_BRIEF["nodes"])}
         return {
@@ -509,22 +509,10 @@ class Location:
             if len(frame)
         }
 
-    def _bootstrap_table(self, draws: Array) -> pd.DataFrame:
-        """Standard deviations and central 95 % interval of the bootstrap's positions."""
-        rows = []
-        for k, name in enumerate(self.survey.names):
-            low, high = np.percentile(draws[:, k], (2.5, 97.5), axis=0)
-            for axis, label in enumerate(("north", "east", "depth")):
-                sigma = float(draws[:, k, axis].std(ddof=1))
-                row = {
-                    "node": name,
-                    "axis": label,
-                    "sigma_m": sigma,
-                    "low_m": low[axis],
-                    "high_m": high[axis],
-                }
-                rows.append(row)
-        return pd.DataFrame(rows)
+
+def _deviations(covariance: Array) -> Array:
+    """Standard deviations (n, 3) of a covariance (3 n, 3 n)."""
+    return np.asarray(np.sqrt(np.maximum(np.diag(covariance), 0.0)).reshape(-1, 3))
 
 
 def ellipse(covariance: Array) -> tuple[float, float, float]:
@@ -537,16 +525,18 @@ def ellipse(covariance: Array) -> tuple[float, float, float]:
     return float(major), float(minor), azimuth
 
 
-def locate(
-    survey: Survey,
-    medium: Medium,
-    options: LocateOptions | None = None,
-    *,
-    bootstrap: int = 0,
-    seed: int = 0,
-    threads: int | None = None,
-    progress: Callable[[int, int], None] | None = None,
-) -> Location:
+def ellipse_points(row: Mapping[Any, Any], count: int) -> Array:
+    """North and east (count, 2) of the 95 % ellipse of a row of nodes about its centre. [m]"""
+    angle = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    along = row["ellipse_major_m"] * np.cos(angle)
+    across = row["ellipse_minor_m"] * np.sin(angle)
+    azimuth = np.radians(row["ellipse_azimuth_deg"])
+    north = along * np.cos(azimuth) - across * np.sin(azimuth)
+    east = along * np.sin(azimuth) + across * np.cos(azimuth)
+    return np.column_stack([north, east])
+
+
+def locate(survey: Survey, medium: Medium, options: LocateOptions | None = None) -> Location:
     """
     Estimate the positions of a survey's nodes.
 
@@ -559,14 +549,6 @@ def locate(
         defines the shape of the Earth, a sphere by default if the survey has a geographic frame.
     options : LocateOptions, optional
         Options of the solver.
-    bootstrap : int
-        Number of resampled surveys; 0 for no bootstrap.
-    seed : int
-        Seed of the bootstrap.
-    threads : int, optional
-        Threads of the bootstrap; the result does not depend on them. Default: all processors.
-    progress : callable, optional
-        Called with the number of finished draws of the bootstrap and the total.
 
     Returns
     -------
@@ -580,32 +562,28 @@ def locate(
         If units or signs are impossible, the profile ends above a node, or the model explains no
         ping.
     """
+    # prepare
     selected = options or LocateOptions()
     medium, earth = medium_on_earth(survey, medium, selected.earth)
     check_survey(survey, medium)
     direct = direct_arrivals(survey, medium)
     survey = survey.assign(flagged=survey.flagged | (direct.reason != ""))
+    # solve
     solution, candidates, solver = solve(survey, medium, selected, direct.position)
     solution, mirrors = with_mirrors(solver, solution)
     spread = spread_of_models(candidates, selected.kinds, solution)
-    notes = () if selected.modes is None else selected.modes.notes
-    notes += medium.notes + notes_below_bed(solution, medium)
-    check_solution(solution, medium)
-    notes += notes_outside_water(survey, medium, solution.unknowns.lever(solution.values))
-    draws = None
-    if bootstrap:
-        draws = bootstrap_positions(
-            solution, bootstrap, seed=seed, threads=threads, progress=progress
-        )
+    # judge
+    of_modes = () if selected.modes is None else selected.modes.notes
+    notes = (*of_modes, *medium.notes, *check_solution(solution, medium))
+    reason = np.where(direct.reason != "", direct.reason, reasons(solution, medium))
     return Location(
         survey,
         solution,
         candidate_table(candidates, selected.kinds, solution),
-        [*noise_tests(solution), *part_tests(solution, spread)],
+        fit_tests(solution, spread),
         spread,
         mirrors,
-        np.where(direct.reason != "", direct.reason, reasons(solution, medium)),
-        draws,
+        reason,
         notes,
-        earth=earth,
+        earth,
     )

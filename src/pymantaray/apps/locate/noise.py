@@ -54,29 +54,24 @@ class Whitener:
         platform: PlatformError,
         sensitivity: Array,
     ) -> None:
-        n = len(survey)
-        k = len(survey.nodes)
-        columns = []
-        memory = list[float]()
-        variance = list[float]()
-        if correlation.ratio > 0.0:
-            if correlation.shared > 0.0:
-                columns.append(np.ones((n, 1)))
-                memory.append(correlation.memory)
-                variance.append(correlation.ratio * correlation.shared)
-            if correlation.shared < 1.0:
-                columns.append((survey.node[:, None] == np.arange(k)).astype(float))
-                memory += [correlation.memory] * k
-                variance += [correlation.ratio * (1.0 - correlation.shared)] * k
+        noise = correlation
+        # observation of each process by the pings, its memory and its variance
+        processes = list[tuple[Array, float, float]]()
+        if noise.ratio > 0.0 and noise.shared > 0.0:
+            common = np.ones(len(survey))
+            processes.append((common, noise.memory, noise.ratio * noise.shared))
+        if noise.ratio > 0.0 and noise.shared < 1.0:
+            for k in range(len(survey.nodes)):
+                of_node = (survey.node == k).astype(float)
+                processes.append((of_node, noise.memory, noise.ratio * (1.0 - noise.shared)))
         sigmas = (platform.horizontal, platform.horizontal, platform.vertical)
-        for axis, sigma in enumerate(sigmas):
+        for slope, sigma in zip(sensitivity.T, sigmas, strict=True):
             if sigma > 0.0:
-                columns.append(sensitivity[:, axis : axis + 1])
-                memory.append(platform.correlation)
-                variance.append(sigma**2)
-        self._parts = np.ascontiguousarray(np.concatenate([np.empty((n, 0)), *columns], axis=1))
-        self._memory = np.array(memory)
-        self._variance = np.array(variance)
+                processes.append((slope, platform.correlation, sigma**2))
+        parts = np.array([part for part, _, _ in processes]).reshape(-1, len(survey))
+        self._parts = np.ascontiguousarray(parts.T)
+        self._memory = np.array([memory for _, memory, _ in processes])
+        self._variance = np.array([variance for *_, variance in processes])
         self._step = np.maximum(np.diff(survey.time, prepend=survey.time[0]), 0.0)
         self.log_determinant = 0.0
         """Log determinant of the covariance of all rows up to now, in units of the white noise."""

@@ -102,14 +102,15 @@ class LocateOptions:
 
     def __post_init__(self) -> None:
         """Check all values."""
-        if self.speed_model not in ("auto", *KINDS):
-            raise LocateError(
-                f"speed_model is {self.speed_model!r}; allowed: auto, {', '.join(KINDS)}"
-            )
-        if self.correlation not in ("auto", "none"):
-            raise LocateError(f"correlation is {self.correlation!r}; allowed: auto, none")
-        if self.earth not in get_args(EarthOption):
-            raise LocateError(f"earth is {self.earth!r}; allowed: auto, flat, sphere")
+        for name, allowed in (
+            ("speed_model", ("auto", *KINDS)),
+            ("correlation", ("auto", "none")),
+            ("earth", get_args(EarthOption)),
+        ):
+            if getattr(self, name) not in allowed:
+                raise LocateError(
+                    f"{name} is {getattr(self, name)!r}; allowed: {', '.join(allowed)}"
+                )
         if not self.gross > 2.0:
             raise LocateError(
                 f"gross is {self.gross:g}; it must be greater than 2 standard deviations"

@@ -9,9 +9,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from pymantaray.apps.locate import Location, SurveyPlan
-from pymantaray.apps.locate.displacement import CAMPAIGN_FILE, Displacement
-from pymantaray.apps.locate.halves import HALVES
+from pymantaray.apps.locate.displacement import CAMPAIGN_FILE
+from pymantaray.apps.locate.location import ellipse_points
 from pymantaray.apps.locate.options import CRITERIA
+from pymantaray.apps.locate.tests import HALVES
 from pymantaray.apps.locate.write import write_location
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages import style
@@ -26,9 +27,9 @@ SHOWS_RESULTS = True
 
 _MICRO = 1e6
 _MAX_NODES = 6  # whose residuals have a colour
-_MAX_WARNED = 3  # lines of notes of one kind
+_UNUSED = ["line", "node", "time_s", "travel_time_s", "residual_s", "reason"]
 _LINE_STYLES = {"circle": "-", "cross": "--", "line": ":", "rose": "-.", "lines": (0, (5, 1, 1, 1))}
-_ANGLES = np.linspace(0.0, 2.0 * np.pi, 181)
+_CORNERS = 180  # of an ellipse
 
 
 def write_location_page(
@@ -89,11 +90,19 @@ def _page(
     return Page(
         title="Located nodes",
         facts=[_fact(location)],
-        notes=[location.earth, *notes, *warnings_of(location)],
+        notes=[location.earth, *notes, *location.warnings],
         cards=_cards(location),
         pictures=pictures,
         tables=[table for table in tables.values() if table.caption],
-        excerpts=[_left_out(location)],
+        excerpts=[
+            ResultTable(
+                "left_out",
+                location.pings.loc[~location.pings["used"], _UNUSED],
+                "Unused pings",
+                folded=True,
+                file="tables/pings.csv",
+            )
+        ],
         other_tables=[table for table in tables.values() if not table.caption],
         links={
             "Every ping": "tables/pings.csv",
@@ -105,30 +114,6 @@ def _page(
         },
         origin=[origin_table(record, "Options", "locate.json")],
     )
-
-
-def warnings_of(location: Location) -> list[str]:
-    """Lines that a reader must know before trusting the positions."""
-    lines = [f"Test failed: {test.text}." for test in location.tests if not test.passed]
-    lines += _consequence(location)
-    if location.displacement is not None:
-        lines += location.displacement.notes
-    lines += [
-        f"{row['name']}: {row['status']}{f', {why}' if why else ''}."
-        for row, why in zip(location.nodes.to_dict("records"), location.unexplained, strict=True)
-        if row["status"] != "ok"
-    ][:_MAX_WARNED]
-    return lines
-
-
-def _consequence(location: Location) -> list[str]:
-    """Effect of failed tests on the stated standard deviations, as at most one line."""
-    if location.widening > 1.0:
-        factor = show(location.widening)
-        return [f"All standard deviations are multiplied by {factor} because of failed tests."]
-    if not location.passed:
-        return ["The standard deviations follow the estimated noise, not the stated noise."]
-    return []
 
 
 def _fact(location: Location) -> str:
@@ -155,7 +140,11 @@ def _cards(location: Location) -> list[Card]:
         details = f"depth {row['depth']:.2f} m; σ {sigma} m north, east, depth"
         cards.append(Card(str(row["name"]), coordinates, details))
     if location.displacement is not None:
-        cards.append(_displacement_card(location.displacement))
+        moved = location.displacement
+        value = ", ".join(f"{1e3 * metres:+.0f}" for metres in moved.value)
+        sigma = ", ".join(f"{1e3 * metres:.2g}" for metres in moved.sigma)
+        details = f"north, east, depth; σ {sigma} mm; {counted(len(moved.nodes), 'node')}"
+        cards.append(Card("Displacement", f"{value} mm", details))
     cards.append(
         Card("Residuals", f"{show(_MICRO * location.rms)} µs", "root mean square of the used pings")
     )
@@ -167,26 +156,6 @@ def _cards(location: Location) -> list[Card]:
     lines += [f"halves in time differ by {test.equivalent_sigma:.1f} sigma" for test in halves]
     cards.append(Card("Tests", verdict, "; ".join(lines)))
     return cards
-
-
-def _displacement_card(displacement: Displacement) -> Card:
-    """Displacement since the earlier campaign."""
-    value = ", ".join(f"{1e3 * metres:+.0f}" for metres in displacement.value)
-    sigma = ", ".join(f"{1e3 * metres:.2g}" for metres in displacement.sigma)
-    details = f"north, east, depth; σ {sigma} mm; {counted(len(displacement.nodes), 'node')}"
-    return Card("Displacement", f"{value} mm", details)
-
-
-def _left_out(location: Location) -> ResultTable:
-    pings = location.pings
-    columns = ["line", "node", "time_s", "travel_time_s", "residual_s", "reason"]
-    return ResultTable(
-        "left_out",
-        pings.loc[~pings["used"], columns],
-        "Unused pings",
-        folded=True,
-        file="tables/pings.csv",
-    )
 
 
 def _figure_specs(location: Location) -> list[FigureSpec]:
@@ -257,11 +226,8 @@ def survey_map(location: Location, header: str) -> Figure:
     colours = style.vehicle_colours(len(nodes))
     largest = max(float(nodes["ellipse_major_m"].max()), 1e-3)
     for colour, row in zip(colours, nodes.to_dict("records"), strict=True):
-        azimuth = np.radians(row["ellipse_azimuth_deg"])
-        along = row["ellipse_major_m"] * np.cos(_ANGLES)
-        across = row["ellipse_minor_m"] * np.sin(_ANGLES)
-        north = along * np.cos(azimuth) - across * np.sin(azimuth)
-        east = along * np.sin(azimuth) + across * np.cos(azimuth)
+        points = ellipse_points(row, _CORNERS)
+        north, east = np.vstack([points, points[:1]]).T
         detail.plot(east, north, color=colour, label=style.plain(style.short(str(row["name"]), 12)))
         detail.plot(
             row["prior_east"] - row["east"], row["prior_north"] - row["north"], "x", color=colour

@@ -52,29 +52,20 @@ class Pattern:
     def points(self) -> Array:
         """North and east of the pings (n, 2) in order of time. [m]"""
         fraction = (np.arange(self.pings) + 0.5) / self.pings
-        if self.shape == "circle":
+        if self.shape in ("circle", "rose"):
             angle = 2.0 * np.pi * fraction
-            unit = np.column_stack([np.cos(angle), np.sin(angle)])
-        elif self.shape == "rose":
-            angle = 2.0 * np.pi * fraction
-            size = np.cos(0.5 * _PETALS * angle)
-            unit = size[:, None] * np.column_stack([np.cos(angle), np.sin(angle)])
-        elif self.shape == "line":
-            unit = np.column_stack([2.0 * fraction - 1.0, 0.0 * fraction])
-        elif self.shape == "cross":
-            unit = _along_lines(fraction, 2, is_cross=True)
-        else:
-            unit = _along_lines(fraction, _LINES, is_cross=False)
-        return np.asarray(self.radius * unit)
-
-
-def _along_lines(fraction: Array, count: int, *, is_cross: bool) -> Array:
-    """Points on two crossing lines or on parallel lines, sailed once in alternating directions."""
-    which = np.minimum((fraction * count).astype(int), count - 1)
-    along = 2.0 * (fraction * count - which) - 1.0
-    along = np.where(which % 2 == 0, along, -along)
-    if is_cross:
-        first = np.column_stack([along, 0.0 * fraction])
-        second = np.column_stack([0.0 * fraction, along])
-        return np.where((which == 0)[:, None], first, second)
-    return np.column_stack([along, 2.0 * which / (count - 1) - 1.0])
+            petal = np.cos(0.5 * _PETALS * angle)
+            size = self.radius * (petal if self.shape == "rose" else np.ones(self.pings))
+            return np.column_stack([size * np.cos(angle), size * np.sin(angle)])
+        # straight lines, each sailed once in alternating directions
+        count = {"line": 1, "cross": 2}.get(self.shape, _LINES)
+        line = np.minimum((fraction * count).astype(int), count - 1)
+        along = 2.0 * (fraction * count - line) - 1.0
+        along = np.where(line % 2 == 0, along, -along)
+        across = np.zeros(self.pings)
+        if self.shape == "lines":
+            across = 2.0 * line / (count - 1) - 1.0
+        north, east = along, across
+        if self.shape == "cross":
+            north, east = np.where(line == 0, [along, across], [across, along])
+        return np.asarray(self.radius * np.column_stack([north, east]))

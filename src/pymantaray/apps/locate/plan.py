@@ -15,8 +15,8 @@ from pymantaray.apps.locate.noise import Correlation
 from pymantaray.apps.locate.options import CRITERIA, Criterion, PlanOptions
 from pymantaray.apps.locate.ping_pattern import SHAPES, Pattern, Shape
 from pymantaray.apps.locate.sound_speed import sound_speed_terms
-from pymantaray.apps.locate.survey import Node, Survey, TravelDirection
-from pymantaray.apps.locate.travel_times import Legs, predict
+from pymantaray.apps.locate.survey import Node, Survey
+from pymantaray.apps.locate.travel_times import predict
 from pymantaray.apps.locate.unknowns import SurveyUnknowns
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
@@ -25,7 +25,6 @@ Progress = Callable[[int, int], None]
 _RADII = 0.1, 3.0, 16  # first and last over the depth, and count, of the default search
 _FACTOR = 1.25  # between radii, also beyond these
 _LIMITS = 0.02, 10.0  # of the search, over the depth
-_SAME_RANGE = 6  # decimals of a metre; rays of equal ranges are traced once
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,17 +73,18 @@ def expected_survey(pattern: Pattern, options: PlanOptions) -> Survey:
     n = len(points)
     position = np.column_stack([points, np.full(n, options.transducer_depth)])
     step = np.gradient(points, axis=0)
-    attitude = np.column_stack([np.arctan2(step[:, 1], step[:, 0]), np.zeros(n), np.zeros(n)])
+    attitude = np.column_stack([np.arctan2(step[:, 1], step[:, 0]), np.zeros((n, 2))])
     node = Node(
         "node",
         (0.0, 0.0, options.depth),
         options.node_sigma,
         turn_around_sigma=options.turn_around_sigma,
     )
+    _, duration = _track(pattern, options)
     return Survey(
         nodes=(node,),
         node=np.zeros(n, dtype=np.int64),
-        time=_duration(pattern, options) / n * np.arange(float(n)),
+        time=duration / n * np.arange(float(n)),
         travel_time=np.full(n, 1.0),
         transmit_position=position,
         receive_position=position,
@@ -96,13 +96,10 @@ def expected_survey(pattern: Pattern, options: PlanOptions) -> Survey:
     )
 
 
-def _track_length(pattern: Pattern) -> float:
-    return float(np.linalg.norm(np.diff(pattern.points(), axis=0), axis=1).sum())
-
-
-def _duration(pattern: Pattern, options: PlanOptions) -> float:
-    """Duration of a pattern at the ship's speed, with its turns. [s]"""
-    return _track_length(pattern) / options.ship_speed + pattern.turns * options.turn_time
+def _track(pattern: Pattern, options: PlanOptions) -> tuple[float, float]:
+    """Length of a pattern [m], and its duration at the ship's speed with its turns. [s]"""
+    length = float(np.linalg.norm(np.diff(pattern.points(), axis=0), axis=1).sum())
+    return length, length / options.ship_speed + pattern.turns * options.turn_time
 
 
 def expected_covariance(
@@ -129,7 +126,7 @@ def expected_covariance(
     """
     survey = expected_survey(pattern, options)
     position = np.array([node.position for node in survey.nodes])
-    legs = _legs(survey, medium, position)
+    legs = predict(survey, medium, position, np.zeros(3))
     if not legs.possible.any():
         return np.diag(np.full(3, np.inf)), len(survey)
     survey = survey.assign(travel_time=np.where(legs.possible, legs.travel_time, 1.0))
@@ -142,37 +139,6 @@ def expected_covariance(
     fit = posterior(products, unknowns, values, smooth, sigma=options.sigma, steps=1)
     columns = unknowns.slices["position"]
     return fit.covariance[columns, columns], int((~legs.possible).sum())
-
-
-def _legs(survey: Survey, medium: Medium, position: Array) -> Legs:
-    """Travel times of a plan; where only the range matters, rays of equal ranges are one."""
-    is_flat = np.ptp(medium.bed.depth) == 0.0 and np.ptp(medium.surface.depth) == 0.0
-    if not (medium.uniform and is_flat):
-        return predict(survey, medium, position, np.zeros(3))
-    north, east, _ = (survey.transmit_position - position[survey.node]).T
-    _, first, group = np.unique(
-        np.round(np.hypot(north, east), _SAME_RANGE), return_index=True, return_inverse=True
-    )
-    # the platform does not move between ping and answer, so both legs are one ray
-    one_way = survey.rows(first).assign(direction=np.full(first.size, TravelDirection.TO_NODE))
-    legs = predict(one_way, medium, position, np.zeros(3))
-    rotation = (np.arctan2(east, north) - np.arctan2(east, north)[first][group])[:, None]
-
-    def rotated(gradient: Array) -> Array:
-        by_north, by_east, by_depth = np.split(gradient[group], 3, axis=1)
-        cos = np.cos(rotation)
-        sin = np.sin(rotation)
-        return np.hstack([cos * by_north - sin * by_east, sin * by_north + cos * by_east, by_depth])
-
-    return Legs(
-        travel_time=2.0 * legs.travel_time[group],
-        node_gradient=rotated(2.0 * legs.node_gradient),
-        transmit_gradient=rotated(legs.transmit_gradient),
-        receive_gradient=rotated(legs.transmit_gradient),
-        partner_gradient=rotated(legs.partner_gradient),
-        status=legs.status[group],
-        modes=legs.modes[group],
-    )
 
 
 def plan_survey(
@@ -255,11 +221,12 @@ def _search(
 
 def _row(pattern: Pattern, medium: Medium, options: PlanOptions) -> dict[str, Any]:
     """Row of the table for one pattern."""
-    covariance, n_lost = expected_covariance(pattern, medium, options)
+    covariance, lost = expected_covariance(pattern, medium, options)
     north, east, depth = np.sqrt(np.diag(covariance))
     position = float(np.sqrt(np.trace(covariance)))
-    is_finite = bool(np.isfinite(position))
-    hours = _duration(pattern, options) / 3600.0
+    has_ray = lost < pattern.pings
+    length, duration = _track(pattern, options)
+    hours = duration / 3600.0
     return {
         "pattern": pattern.shape,
         "radius_m": pattern.radius,
@@ -268,9 +235,9 @@ def _row(pattern: Pattern, medium: Medium, options: PlanOptions) -> dict[str, An
         "sigma_horizontal_m": float(np.hypot(north, east)),
         "sigma_depth_m": depth,
         "sigma_position_m": position,
-        "sigma_volume_m": float(np.linalg.det(covariance) ** (1 / 6)) if is_finite else np.inf,
-        "lost": n_lost,
-        "length_m": _track_length(pattern),
+        "sigma_volume_m": float(np.linalg.det(covariance) ** (1 / 6)) if has_ray else np.inf,
+        "lost": lost,
+        "length_m": length,
         "hours": hours,
         "hours_to_1_m": hours * position**2,
     }

@@ -48,9 +48,10 @@ def read_survey(path: str | Path, options: ReadOptions | None = None) -> Survey:
 
 
 def _reader(path: Path) -> Callable[[Path, ReadOptions], Survey]:
+    """Reader of the format of a file; files of GARPOS may have any suffix."""
     if path.suffix.lower() in (".yaml", ".yml"):
         return read_gnatss
-    if path.suffix.lower() == ".ini" or _has_sections(path):
+    if path.suffix.lower() == ".ini" or b"[Site-parameter]" in first_bytes(path, 8192):
         return read_garpos
     return read_obsrange if is_obsrange(path) else read_table
 
@@ -68,9 +69,4 @@ def _each_ping_once(survey: Survey) -> Survey:
     if order is not None and note is not None:
         notes.append(note)
         survey = survey.rows(order)
-    return survey.assign(notes=tuple(notes)) if len(notes) > len(survey.notes) else survey
-
-
-def _has_sections(path: Path) -> bool:
-    """True if a file has sections, as files of GARPOS with any suffix."""
-    return b"[Site-parameter]" in first_bytes(path, 8192)
+    return survey.assign(notes=tuple(notes))

@@ -6,20 +6,24 @@ two-way times in microseconds, one column per transponder; ``POS_FREED_TRANS_TWT
 since 2000-01-01 12:00, geocentric positions and their covariance.
 """
 
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pyproj
 from numpy.typing import ArrayLike, NDArray
 
-from pymantaray.apps.locate.read_options import ReadOptions, skipped_note
+from pymantaray.apps.locate.read_options import ReadOptions
+from pymantaray.apps.locate.read_rows import (
+    number_rows,
+    numbers_of,
+    seconds_of_day,
+    skipped_note,
+)
 from pymantaray.apps.locate.survey import Node, PlatformError, Survey
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError, optional_package
 from pymantaray.geometry import LocalFrame
-from pymantaray.messages import one_line
 from pymantaray.quantities.checks import parsed_number
 from pymantaray.records.invalid_lines import InvalidLines
 from pymantaray.records.position_rows import PositionRows
@@ -36,7 +40,7 @@ _POSITION_COLUMNS = 13  # time, X, Y, Z and the covariance matrix by rows
 
 def read_gnatss(path: Path, options: ReadOptions) -> Survey:
     """Read the survey of an array."""
-    config = _config(path)
+    config = _configuration(path)
     solver = config.get("solver") or {}
     try:
         transponders = solver["transponders"]
@@ -51,20 +55,54 @@ def read_gnatss(path: Path, options: ReadOptions) -> Survey:
             f"{path}: not a configuration of GNATSS; correct {error} in solver.transponders,"
             " solver.array_center or input_files"
         ) from None
-    answers = _answers(_files(path, files, "travel_times"), len(nodes))
-    answers = answers._replace(time=answers.time + delay)
-    positions = _positions(_files(path, files, "gps_solution"), frame, geoid)
-    survey = _survey(path, nodes, answers, positions)
-    return options.apply(
-        survey.assign(
-            frame=frame,
-            profile=_profile(_files(path, files, "sound_speed")[0]),
-            notes=(*survey.notes, *answers.notes, *positions.notes),
-        )
+    # pings, and the nearest positions of the transducer at both of their ends
+    invalid = InvalidLines()
+    answers, lines = _answers(_files(path, files, "travel_times"), len(nodes), invalid)
+    position_files = _files(path, files, "gps_solution")
+    invalid_positions = InvalidLines()
+    instants, position, variance, notes = _positions(
+        position_files, frame, geoid, invalid_positions
     )
+    stamps = answers[:, 0] + delay
+    row, node = np.nonzero(answers[:, 1:] > 0.0)
+    two_way = answers[row, 1 + node]
+    transmit_row = _nearest(instants, stamps[row])
+    receive_row = _nearest(instants, stamps[row] + two_way)
+    has_position = (transmit_row >= 0) & (receive_row >= 0)
+    if not has_position.any():
+        raise LocateError(
+            f"{path}: no position within {_TIME_TOLERANCE * 1e3:g} ms of a ping and its reply;"
+            " check transducer_delay_time"
+        )
+    n_without = np.count_nonzero(~has_position)
+    without = f"{path}: {n_without} times without a position of the platform dropped"
+    sigma = float(np.sqrt(np.median(variance.mean(axis=1))))
+    survey = Survey(
+        nodes=nodes,
+        node=node,
+        time=stamps[row] - stamps.min(),
+        travel_time=two_way,
+        transmit_position=position[transmit_row],
+        receive_position=position[receive_row],
+        line=lines[row],
+        platform_error=PlatformError(sigma, sigma),
+        frame=frame,
+        profile=_profile(_files(path, files, "sound_speed")[0]),
+        epoch=_J2000 + np.timedelta64(round(1e9 * float(stamps.min())), "ns"),
+        source=str(path),
+        notes=(
+            *skipped_note(path, answers[:, 1:].size - row.size),
+            *([without] if n_without else []),
+            *invalid.notes,
+            *invalid_positions.notes,
+            *notes,
+        ),
+    )
+    return options.apply(survey.rows(has_position))
 
 
-def _config(path: Path) -> dict[str, Any]:
+def _configuration(path: Path) -> dict[str, Any]:
+    """Content of a ``config.yaml``."""
     with optional_package(LocateError, path, "PyYAML", "gnatss"):
         import yaml
     try:
@@ -105,207 +143,82 @@ def _files(path: Path, files: dict[str, Any], key: str) -> list[Path]:
     raise LocateError(f"{path}: {key}: no file matches {pattern}")
 
 
-class _Answers(NamedTuple):
-    """Pings and their answers."""
+def _answers(
+    paths: list[Path], count: int, invalid: InvalidLines
+) -> tuple[Array, NDArray[np.int64]]:
+    """
+    Time stamps since J2000 and two-way times (n, 1 + n_nodes), and their lines, in order. [s]
 
-    time: Array
-    """Time stamps since J2000, (n,). [s]"""
-    two_way_time: Array
-    """Two-way times (n, n_nodes); NaN without an answer. [s]"""
-    line: NDArray[np.int64]
-    notes: tuple[str, ...]
+    Two-way times without an answer are 0.
+    """
 
+    def read(words: list[str]) -> list[float]:
+        day, month, year = words[0].split("-")
+        date = np.datetime64(
+            f"20{int(year) % 100:02d}-{MONTHS[month.lower()]:02d}-{int(day):02d}", "ns"
+        )
+        stamp = float((date - _J2000) / np.timedelta64(1, "s")) + seconds_of_day(words[1])
+        return [stamp, *(1e-6 * parsed_number(words[2 + k]) for k in range(count))]
 
-class _Positions(NamedTuple):
-    """Positions of the transducer."""
-
-    time: Array
-    """Times since J2000, (n,). [s]"""
-    position: Array
-    """Positions in the frame, (n, 3). [m]"""
-    variance: Array
-    """Variances of X, Y, Z, (n, 3). [m²]"""
-    notes: tuple[str, ...]
-
-
-def _answers(paths: list[Path], count: int) -> _Answers:
-    """Pings of files with one column per transponder."""
-    stamps = []
-    times = []
-    lines = []
-    invalid = InvalidLines()
-    content = f"a time such as 26-JUN-23 00:00:07.00 and {count} two-way times in microseconds"
-    for path, number, text, words in _lines(paths):
-        try:
-            stamp = _stamp(words)
-            row = [parsed_number(words[2 + k]) for k in range(count)]
-        except (ValueError, KeyError, IndexError):
-            invalid.add(path, number, f"{one_line(text, 60)!r} is not {content}")
-            continue
-        stamps.append(stamp)
-        times.append(row)
-        lines.append(number)
-    invalid.refuse_most(len(times), LocateError)
-    values = np.array(times).reshape(-1, count) * 1e-6
-    values[values <= 0.0] = np.nan
-    order = np.argsort(stamps, kind="stable")
-    return _Answers(
-        time=np.array(stamps)[order],
-        two_way_time=values[order],
-        line=np.array(lines)[order],
-        notes=invalid.notes,
-    )
+    what = f"a time such as 26-JUN-23 00:00:07.00 and {count} two-way times in microseconds"
+    table, lines = number_rows(paths, invalid, read, what)
+    order = np.argsort(table[:, 0], kind="stable")
+    return table[order], lines[order]
 
 
-def _stamp(words: list[str]) -> float:
-    """Time stamp of a row since J2000; an error if there is no such date. [s]"""
-    day, month, year = words[0].split("-")
-    date = np.datetime64(
-        f"20{int(year) % 100:02d}-{MONTHS[month.lower()]:02d}-{int(day):02d}", "ns"
-    )
-    hour, minute, second = words[1].split(":")
-    if int(hour) > 23 or int(minute) > 59 or not 0.0 <= float(second) < 61.0:
-        raise ValueError(words[1])
-    clock = 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
-    return float((date - _J2000) / np.timedelta64(1, "s")) + clock
+def _positions(
+    paths: list[Path], frame: LocalFrame, geoid: float, invalid: InvalidLines
+) -> tuple[Array, Array, Array, tuple[str, ...]]:
+    """
+    Times since J2000 [s], positions (n, 3) [m] and variances of X, Y, Z (n, 3) [m²], and notes.
+    """
 
+    def read(words: list[str]) -> list[float]:
+        values = numbers_of(words[:_POSITION_COLUMNS])
+        low, high = _RADIUS
+        # all covariances, or none
+        has_count = len(values) in (4, _POSITION_COLUMNS)
+        if not (has_count and low < float(np.linalg.norm(values[1:4])) < high):
+            raise ValueError(values)
+        return values + [0.0] * (_POSITION_COLUMNS - len(values))
 
-def _positions(paths: list[Path], frame: LocalFrame, geoid: float) -> _Positions:
-    """Positions of files with times, geocentric positions and their covariances."""
-    rows: list[list[float]] = []
-    lines: list[int] = []
-    invalid = InvalidLines()
-    for path, number, text, words in _lines(paths):
-        try:
-            values = [parsed_number(word.replace("D", "E")) for word in words[:_POSITION_COLUMNS]]
-        except ValueError:
-            values = []
-        if not _is_position(values):
-            reason = (
-                f"{one_line(text, 60)!r} is not a time, X, Y, Z near the Earth's surface and nine"
-                " covariances"
-            )
-            invalid.add(path, number, reason)
-            continue
-        values += [0.0] * (_POSITION_COLUMNS - len(values))
-        time, x, y, z, xx, _, _, _, yy, _, _, _, zz = values
-        rows.append([time, x, y, z, xx, yy, zz])
-        lines.append(number)
-    invalid.refuse_most(len(rows), LocateError)
-    table = np.array(rows)
+    what = "a time, X, Y, Z near the Earth's surface and nine covariances"
+    table, lines = number_rows(paths, invalid, read, what)
     if not table.size:
         raise LocateError(f"{paths[0]}: no position in this file")
     check_seconds(table[:, 0], f"{paths[0]}: time", LocateError)
     order = np.argsort(table[:, 0], kind="stable")
-    times, xs, ys, zs, *variances = table[order].T
+    table = table[order]
     geodetic = pyproj.Transformer.from_crs("EPSG:4978", "EPSG:4979", always_xy=True)
-    lon, lat, height = geodetic.transform(xs, ys, zs)
+    lon, lat, height = geodetic.transform(table[:, 1], table[:, 2], table[:, 3])
     north, east = _to_local(frame, lat, lon, geoid)
     positions = PositionRows(paths[0], LocateError)
     keep = positions.possible(
-        times, np.column_stack([lat, lon]), np.array(lines)[order], geographic=True
+        table[:, 0], np.column_stack([lat, lon]), lines[order], geographic=True
     )
     positions.refuse_most(int(keep.sum()))
-    return _Positions(
-        time=times[keep],
-        position=np.column_stack([north, east, geoid - height])[keep],
-        variance=np.column_stack(variances)[keep],
-        notes=(*invalid.notes, *positions.notes),
-    )
-
-
-def _is_position(values: list[float]) -> bool:
-    """True for a time and a geocentric position, with all or none of its covariances."""
-    if len(values) not in (4, _POSITION_COLUMNS) or not np.isfinite(values).all():
-        return False
-    _, x, y, z, *_ = values
-    low, high = _RADIUS
-    return low < float(np.linalg.norm([x, y, z])) < high
-
-
-def _lines(paths: list[Path]) -> Iterator[tuple[Path, int, str, list[str]]]:
-    """File, number, text and words of each line that is neither empty nor a comment."""
-    for path in paths:
-        for number, text in enumerate(read_text(path, LocateError).splitlines(), 1):
-            words = text.replace(",", " ").split()
-            if words and not words[0].startswith("#"):
-                yield path, number, text, words
-
-
-def _survey(
-    path: Path,
-    nodes: tuple[Node, ...],
-    answers: _Answers,
-    positions: _Positions,
-) -> Survey:
-    has_answer = np.isfinite(answers.two_way_time)
-    row, node = np.nonzero(has_answer)
-    two_way = answers.two_way_time[row, node]
-    transmit_row = _nearest(positions.time, answers.time[row])
-    receive_row = _nearest(positions.time, answers.time[row] + two_way)
-    has_position = (transmit_row >= 0) & (receive_row >= 0)
-    if not has_position.any():
-        raise LocateError(
-            f"{path}: no position within {_TIME_TOLERANCE * 1e3:g} ms of a ping and its reply;"
-            " check transducer_delay_time"
-        )
-    row = row[has_position]
-    node = node[has_position]
-    transmit_row = transmit_row[has_position]
-    receive_row = receive_row[has_position]
-    two_way = two_way[has_position]
-    start = answers.time.min()
-    sigma = float(np.sqrt(np.median(positions.variance.mean(axis=1))))
-    notes = skipped_note(path, int(np.count_nonzero(~has_answer)))
-    if not has_position.all():
-        count = np.count_nonzero(~has_position)
-        notes += (f"{path}: {count} times without a position of the platform dropped",)
-    return Survey(
-        nodes=nodes,
-        node=node.astype(np.int64),
-        time=answers.time[row] - start,
-        travel_time=two_way,
-        transmit_position=positions.position[transmit_row],
-        receive_position=positions.position[receive_row],
-        line=answers.line[row],
-        platform_error=PlatformError(sigma, sigma),
-        epoch=_J2000 + np.timedelta64(round(1e9 * float(start)), "ns"),
-        source=str(path),
-        notes=notes,
-    )
+    position = np.column_stack([north, east, geoid - height])
+    variance = table[:, [4, 8, 12]]
+    return table[keep, 0], position[keep], variance[keep], positions.notes
 
 
 def _nearest(time: Array, instant: Array) -> NDArray[np.int64]:
     """Index of the nearest time to each wanted time; -1 if none is within the tolerance."""
-    i = np.clip(np.searchsorted(time, instant), 1, max(time.size - 1, 1))
     last = time.size - 1
-    best = np.where(
-        np.abs(time[np.minimum(i, last)] - instant) < np.abs(time[i - 1] - instant),
-        np.minimum(i, last),
-        i - 1,
-    )
+    after = np.clip(np.searchsorted(time, instant), min(1, last), last)
+    before = np.maximum(after - 1, 0)
+    is_after = np.abs(time[after] - instant) < np.abs(time[before] - instant)
+    best = np.where(is_after, after, before)
     return np.where(np.abs(time[best] - instant) <= _TIME_TOLERANCE, best, -1)
 
 
 def _profile(path: Path) -> tuple[Array, Array]:
     """Depth and sound speed of two columns, depths negative down."""
-    rows = [
-        line.replace(",", " ").split()[:2] for line in read_text(path, LocateError).splitlines()
-    ]
-    try:
-        table = np.array(
-            [
-                [parsed_number(word) for word in row]
-                for row in rows
-                if row and not row[0].startswith("#")
-            ]
-        ).reshape(-1, 2)
-    except ValueError:
-        table = np.empty((0, 2))
-    if len(table) < 2 or not np.isfinite(table).all():
-        raise LocateError(
-            f"{path}: not a profile; it must have two columns, depth (negative down) and sound"
-            " speed"
-        ) from None
+    invalid = InvalidLines()
+    what = "a depth (negative down) and a sound speed"
+    table, _ = number_rows([path], invalid, lambda words: numbers_of([words[0], words[1]]), what)
+    invalid.refuse_most(0, LocateError)
+    if len(table) < 2:
+        raise LocateError(f"{path}: not a profile; it must have at least two lines with {what}")
     depth, first = np.unique(np.abs(table[:, 0]), return_index=True)
     return depth, table[first, 1]

@@ -10,13 +10,13 @@ antenna's height and are not used.
 
 import re
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 
-from pymantaray.apps.locate.checks import check_positions
-from pymantaray.apps.locate.read_options import ReadOptions, skipped_note
+from pymantaray.apps.locate.read_options import ReadOptions
+from pymantaray.apps.locate.read_rows import check_positions, seconds_of_day, skipped_note
 from pymantaray.apps.locate.survey import Node, Survey
+from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 from pymantaray.geometry import LocalFrame
 from pymantaray.messages import one_line
@@ -48,72 +48,90 @@ _ROW = re.compile(
     rf"\s*,\s*\d*\s*,\s*(?P<ms>[\d.]*)\s*,\s*{_LAT}\s*,\s*{_LON}"
     r"\s*,\s*(?P<gps>\d{1,2}:\d{2}:\d{2}(?:\.\d*)?)"
 )
+_DATE = re.compile(r"^\s*\d{4}-\d{2}-\d{2}\s")
 _HEAD = re.compile(r"^\s*#?\s*(?P<key>[A-Za-z][A-Za-z ()\-/]*?)\s*:\s*(?P<value>.*?)\s*$")
 
 
 def is_obsrange(path: Path) -> bool:
     """True if the header of a file has a drop point."""
-    return re.search(r"drop[ -]*point", _text(path)[:4000], re.IGNORECASE) is not None
-
-
-def _text(path: Path) -> str:
-    return read_text(path, LocateError, errors="replace")
+    text = read_text(path, LocateError, errors="replace")
+    return re.search(r"drop[ -]*point", text[:4000], re.IGNORECASE) is not None
 
 
 def read_obsrange(path: Path, options: ReadOptions) -> Survey:
     """Read the survey of one node."""
+    head, table, lines, notes = _events(path)
+    positions = PositionRows(path, LocateError, fastest=FASTEST_PLATFORM)
+    keep = positions.possible(table[:, 0], table[:, 2:], lines, geographic=True)
+    positions.refuse_most(int(keep.sum()))
+    time, ms, lat, lon = table[keep].T
+    # drop point
+    drop = _coordinate(path, head, "latitude"), _coordinate(path, head, "longitude")
+    keys = ["site", "instrument", "station"]
+    if "drop-point latitude" in head:
+        keys.insert(0, "instrument")
+    name = next((head[key] for key in keys if head.get(key)), path.stem)
+    check_positions(path, (lat, lon), drop, name)
+    depth = options.depth if options.depth is not None else _depth(path, head)
+    delay = re.fullmatch(r"([\d.]+)\s*ms", head.get("tat", "").strip())
+    turn_around = float(delay[1]) / 1000.0 if delay else 0.0
+    # survey about the drop point
+    frame = LocalFrame(*drop)
+    north, east = frame.to_local(lat, lon)
+    position = np.column_stack([north, east, np.full(time.size, options.transducer_depth)])
+    transmit_time, transmit_position, receive_position = options.both_ends(
+        time - time[0], ms / 1000.0, position
+    )
+    survey = Survey(
+        nodes=(Node(name, (0.0, 0.0, depth), _SIGMA, turn_around=turn_around),),
+        node=np.zeros(time.size, dtype=np.int64),
+        time=transmit_time,
+        travel_time=ms / 1000.0,
+        transmit_position=transmit_position,
+        receive_position=receive_position,
+        line=np.array(lines)[keep],
+        frame=frame,
+        epoch=np.datetime64(round(1e9 * float(time[0])), "ns"),
+        source=str(path),
+        notes=(*notes, *positions.notes),
+    )
+    return options.apply(survey)
+
+
+def _events(path: Path) -> tuple[dict[str, str], Array, list[int], tuple[str, ...]]:
+    """Header, pings (n, 4) as in `_ping`, their lines, and notes about the other lines."""
     head: dict[str, str] = {}
-    pings: list[_Ping] = []
+    pings: list[tuple[float, float, float, float]] = []
     lines: list[int] = []
     n_skipped = 0
     invalid = InvalidLines()
-    for number, line in enumerate(_text(path).splitlines(), 1):
-        ping = _ping(line) if not line.lstrip().startswith("#") else None
-        if ping is not None:
+    text = read_text(path, LocateError, errors="replace")
+    for number, line in enumerate(text.splitlines(), 1):
+        is_comment = line.lstrip().startswith("#")
+        row = _ROW.match(line)
+        if not is_comment and (ping := _ping(line)):
             pings.append(ping)
             lines.append(number)
-        elif (row := _ROW.match(line)) and not row["ms"]:
+        elif row and not row["ms"]:
             n_skipped += 1
-        elif (
-            row is not None
-            or _LOOKS_LIKE_PING.match(line)
-            or (pings and re.match(r"^\s*\d{4}-\d{2}-\d{2}\s", line))
-        ):
+        elif row or _LOOKS_LIKE_PING.match(line) or (pings and _DATE.match(line)):
             invalid.add(path, number, f"{one_line(line, 60)!r} is not {_ALLOWED}")
         elif not pings and (entry := _HEAD.match(line)) and "skipped" not in line.lower():
             head.setdefault(entry["key"].lower(), entry["value"])
-        elif (
-            line.strip()
-            and not set(line.strip()) <= set("=-#")
-            and not line.lstrip().startswith("#")
-        ):
+        elif line.strip() and not set(line.strip()) <= set("=-#") and not is_comment:
             n_skipped += 1
     invalid.refuse_most(len(pings), LocateError)
     if not pings:
         raise LocateError(
             f"{path}: none of {n_skipped} events has an answer; the survey needs answers"
         )
-    positions = PositionRows(path, LocateError, fastest=FASTEST_PLATFORM)
-    time, _, lat, lon = (np.array(column) for column in zip(*pings, strict=True))
-    keep = positions.possible(time, np.column_stack([lat, lon]), lines, geographic=True)
-    positions.refuse_most(int(keep.sum()))
-    survey = _survey(path, head, [pings[row] for row in np.flatnonzero(keep)], options)
-    notes = (*skipped_note(path, n_skipped), *invalid.notes, *positions.notes)
-    return options.apply(survey.assign(line=np.array(lines)[keep], notes=notes))
+    return head, np.array(pings), lines, (*skipped_note(path, n_skipped), *invalid.notes)
 
 
-class _Ping(NamedTuple):
-    """Ping of a line."""
-
-    time: float
-    """Time since 1970. [s]"""
-    two_way_ms: float
-    lat: float
-    lon: float
-
-
-def _ping(line: str) -> _Ping | None:
-    """Ping of a line; None if it is not a ping."""
+def _ping(line: str) -> tuple[float, float, float, float] | None:
+    """
+    Time since 1970 [s], two-way time [ms], latitude and longitude of a line; None for other lines.
+    """
     try:
         if match := _PING.match(line):
             day = int(match["day"])
@@ -126,23 +144,17 @@ def _ping(line: str) -> _Ping | None:
             time += 86400.0 * round((line_time - time) / 86400.0)  # use the date of the line
         else:
             return None
-        return _Ping(time, float(match["ms"]), _angle(match["lat"]), _angle(match["lon"]))
+        return time, float(match["ms"]), _angle(match["lat"]), _angle(match["lon"])
     except (ValueError, OverflowError):  # no such date, or no number
         return None
 
 
 def _instant(date: str, clock: str) -> float:
     """Seconds since 1970; a ValueError for a date or a time that does not exist."""
-    hour, minute, second = clock.split(":")
     day = np.datetime64(date, "s")
-    if (
-        not _FIRST_DAY <= day <= _LAST_DAY
-        or int(hour) > 23
-        or int(minute) > 59
-        or not float(second) < 61.0
-    ):
+    if not _FIRST_DAY <= day <= _LAST_DAY:
         raise ValueError(date)
-    return float(day.astype(np.int64)) + 3600.0 * int(hour) + 60.0 * int(minute) + float(second)
+    return float(day.astype(np.int64)) + seconds_of_day(clock)
 
 
 def _angle(text: str) -> float:
@@ -153,40 +165,6 @@ def _angle(text: str) -> float:
     if not (float(minutes) < 60.0 and value <= (90.0 if side in "NSns" else 360.0)):
         raise ValueError(degrees)
     return value * (-1.0 if side in "SWsw" else 1.0)
-
-
-def _survey(
-    path: Path,
-    head: dict[str, str],
-    pings: list[_Ping],
-    options: ReadOptions,
-) -> Survey:
-    time, ms, lat, lon = (np.array(column) for column in zip(*pings, strict=True))
-    drop = _coordinate(path, head, "latitude"), _coordinate(path, head, "longitude")
-    name = next(
-        (head[key] for key in ("site", "instrument", "station") if head.get(key)), path.stem
-    )
-    if head.get("instrument") and "drop-point latitude" in head:
-        name = head["instrument"]
-    check_positions(str(path), (lat, lon), drop, name)
-    depth = options.depth if options.depth is not None else _depth(path, head)
-    frame = LocalFrame(*drop)
-    north, east = frame.to_local(lat, lon)
-    position = np.column_stack([north, east, np.full(len(pings), options.transducer_depth)])
-    transmit_time, transmit_position, receive_position = options.both_ends(
-        time - time[0], ms / 1000.0, position
-    )
-    return Survey(
-        nodes=(Node(name, (0.0, 0.0, depth), _SIGMA, turn_around=_turn_around(head)),),
-        node=np.zeros(len(pings), dtype=np.int64),
-        time=transmit_time,
-        travel_time=ms / 1000.0,
-        transmit_position=transmit_position,
-        receive_position=receive_position,
-        frame=frame,
-        epoch=np.datetime64(round(1e9 * float(time[0])), "ns"),
-        source=str(path),
-    )
 
 
 def _coordinate(path: Path, head: dict[str, str], which: str) -> float:
@@ -221,8 +199,3 @@ def _depth(path: Path, head: dict[str, str]) -> float:
     if not value > 0.0:
         raise LocateError(f"{path}: the drop point's depth is {text!r}; give `depth` in metres")
     return value
-
-
-def _turn_around(head: dict[str, str]) -> float:
-    match = re.fullmatch(r"([\d.]+)\s*ms", head.get("tat", "").strip())
-    return float(match[1]) / 1000.0 if match else 0.0

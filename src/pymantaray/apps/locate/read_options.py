@@ -1,12 +1,13 @@
-"""Options for data that a survey's file does not contain, and functions shared by readers."""
+"""Options for data that a survey's file does not contain, or that replace its data."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 
-from pymantaray.apps.locate.survey import LeverArm, Node, PlatformError, Survey
+from pymantaray.apps.locate.survey import LeverArm, PlatformError, Survey
 from pymantaray.arrays import Array
 from pymantaray.errors import LocateError
 
@@ -72,32 +73,6 @@ class ReadOptions:
     lever_sigma: tuple[float, float, float] | None = None
     platform_error: PlatformError | None = None
 
-    def node(self, node: Node) -> Node:
-        """
-        Apply the options to a node.
-
-        Parameters
-        ----------
-        node : Node
-            Node from a file.
-
-        Returns
-        -------
-        Node
-        """
-        changes = {
-            name: getattr(self, name)
-            for name in ("turn_around", "turn_around_sigma", "offset_sigma", "drift_sigma")
-            if getattr(self, name) is not None
-        }
-        horizontal = self.horizontal_sigma
-        sigma = (
-            node.sigma[0] if horizontal is None else horizontal,
-            node.sigma[1] if horizontal is None else horizontal,
-            node.sigma[2] if self.depth_sigma is None else self.depth_sigma,
-        )
-        return replace(node, sigma=sigma, **changes)
-
     def apply(self, survey: Survey) -> Survey:
         """
         Apply the options to a survey.
@@ -111,19 +86,30 @@ class ReadOptions:
         -------
         Survey
         """
-        values: dict[str, Any] = {
-            "nodes": tuple(self.node(node) for node in survey.nodes),
-            "lever": LeverArm(
-                self.lever or survey.lever.offset, self.lever_sigma or survey.lever.sigma
-            ),
-        }
+        names = ("turn_around", "turn_around_sigma", "offset_sigma", "drift_sigma")
+        changes = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        horizontal = self.horizontal_sigma
+        nodes = []
+        for node in survey.nodes:
+            north, east, depth = node.sigma
+            if horizontal is not None:
+                north = east = horizontal
+            if self.depth_sigma is not None:
+                depth = self.depth_sigma
+            nodes.append(replace(node, sigma=(north, east, depth), **changes))
+        sigma = survey.sigma
         if self.sigma is not None:
             if not self.sigma > 0.0:
                 raise LocateError(f"sigma is {self.sigma:g} s; it must be positive")
-            values["sigma"] = np.where(np.isfinite(survey.sigma), survey.sigma, self.sigma)
-        if self.platform_error is not None:
-            values["platform_error"] = self.platform_error
-        return survey.assign(**values)
+            sigma = np.where(np.isfinite(sigma), sigma, self.sigma)
+        return survey.assign(
+            nodes=tuple(nodes),
+            lever=LeverArm(
+                self.lever or survey.lever.offset, self.lever_sigma or survey.lever.sigma
+            ),
+            sigma=sigma,
+            platform_error=self.platform_error or survey.platform_error,
+        )
 
     def both_ends(
         self, time: Array, duration: Array, position: Array
@@ -137,7 +123,7 @@ class ReadOptions:
             Times of the positions. [s]
         duration : ndarray, shape (n,)
             Two-way times. [s]
-        place : ndarray, shape (n, 3)
+        position : ndarray, shape (n, 3)
             Positions in the local frame. [m]
 
         Returns
@@ -149,31 +135,15 @@ class ReadOptions:
         """
         if self.position_at == "both":
             return time, position, position
-        rising, first = np.unique(time, return_index=True)
+        known = np.isfinite(position).all(axis=1)
+        rising, first = np.unique(time[known], return_index=True)
         if rising.size < 2:
             raise LocateError(
                 "position_at: interpolation needs at least two pings; use `position_at='both'`"
             )
-        transmit_time = time if self.position_at == "transmission" else time - duration
-        other_time = (
-            transmit_time + duration if self.position_at == "transmission" else transmit_time
-        )
-        other = np.column_stack(
-            [_extrapolate(other_time, rising, position[first, axis]) for axis in range(3)]
-        )
+        # linear, also beyond the first and the last position
+        at = make_interp_spline(rising, position[known][first], k=1)
         if self.position_at == "transmission":
-            return transmit_time, position, other
+            return time, position, at(time + duration)
         # times in order, even if a duration is wrong
-        return time - float(np.median(duration)), other, position
-
-
-def _extrapolate(instant: Array, time: Array, values: Array) -> Array:
-    """Linear interpolation with linear extrapolation."""
-    i = np.clip(np.searchsorted(time, instant) - 1, 0, time.size - 2)
-    slope = (values[i + 1] - values[i]) / (time[i + 1] - time[i])
-    return np.asarray(values[i] + slope * (instant - time[i]))
-
-
-def skipped_note(path: Path, count: int) -> tuple[str, ...]:
-    """Note with the number of events without an answer."""
-    return (f"{path}: {count} event{'' if count == 1 else 's'} without an answer",) if count else ()
+        return time - float(np.median(duration)), at(time - duration), position

@@ -19,6 +19,7 @@ from pymantaray.errors import LocateError
 from pymantaray.ocean.modes import VerticalModes
 
 KM = 1000.0
+_CHUNK = 8192  # pings whose rows are in memory at a time
 _DEGREE = 3
 _UNPENALIZED = 2  # columns of a spline without a penalty: a constant and a straight line
 _MIN_KNOTS = 4
@@ -37,10 +38,7 @@ class Term:
     multiplies them, they are 1 times `weight`.
     """
 
-    def __init__(
-        self, name: str, group: str, spline: "Spline | None", factor: Array, prior: float
-    ) -> None:
-        self.name = name
+    def __init__(self, group: str, spline: "Spline | None", factor: Array, prior: float) -> None:
         self.group = group
         self.spline = spline
         self.factor = factor
@@ -57,7 +55,7 @@ class Term:
         if self.spline is None:
             return np.asarray(factor.mean(axis=1)[:, None])
         at_transmission, at_reception = (
-            self.spline.rows(part, end) * factor[:, end, None] for end in (0, 1)
+            self.spline.at(self.spline.times[part, end]) * factor[:, end, None] for end in (0, 1)
         )
         return np.asarray(0.5 * (at_transmission + at_reception))
 
@@ -86,7 +84,7 @@ class Spline:
         count = max(int(np.ceil(span / spacing)), _MIN_KNOTS)
         step = span / count
         self.knots = first + step * np.arange(-_DEGREE, count + _DEGREE + 1)
-        self._times = times
+        self.times = times
         size = count + _DEGREE
         line = np.linspace(-1.0, 1.0, size)
         lengths = np.array([np.sqrt(size), np.linalg.norm(line)])
@@ -104,10 +102,6 @@ class Spline:
         sample = self.at(np.linspace(first, last, 4 * count))[:, _UNPENALIZED:] * unit
         unit /= np.sqrt(np.mean(np.sum(sample**2, axis=1)))
         self.unit = np.concatenate([lengths, unit])
-
-    def rows(self, part: slice, end: int) -> Array:
-        """Values of the columns at the times of one end of a slice of pings."""
-        return self.at(self._times[part, end])
 
     def at(self, time: Array) -> Array:
         """Values of the columns at times within the survey."""
@@ -137,20 +131,14 @@ class SoundSpeed:
 
     def rows(self, part: slice) -> Array:
         """Derivative of the fraction gamma by the coefficients, without modes."""
-        n = len(range(*part.indices(1 << 62)))
+        n = part.stop - part.start
         return np.concatenate([np.empty((n, 0)), *(term.rows(part) for term in self.terms)], axis=1)
 
     def fraction(self, coefficients: Array, count: int) -> Array:
         """Fraction gamma of all pings (n,)."""
-        out = np.zeros(count)
-        first = 0
-        for term in self.terms:
-            term_coefficients = coefficients[first : first + term.sd.size]
-            first += term.sd.size
-            for start in range(0, count, 8192):
-                part = slice(start, min(start + 8192, count))
-                out[part] += term.rows(part) @ term_coefficients
-        return out
+        starts = range(0, count, _CHUNK)
+        parts = [slice(start, min(start + _CHUNK, count)) for start in starts]
+        return np.concatenate([self.rows(part) @ coefficients for part in parts])
 
 
 def sound_speed_terms(
@@ -179,35 +167,20 @@ def sound_speed_terms(
     if kind == "known":
         return SoundSpeed(kind, ())
     if kind == "scale":
-        return SoundSpeed(kind, (Term("scale", "", None, one, prior.scale),))
+        return SoundSpeed(kind, (Term("", None, one, prior.scale),))
     spline = Spline(times, prior.knot_interval, _MAX_KNOTS, memory)
-    terms = [Term("time", "time", spline, one, prior.scale)]
+    terms = [Term("time", spline, one, prior.scale)]
     if kind == "gradient":
         spline = Spline(times, prior.knot_interval, _MAX_GRADIENT_KNOTS, memory)
         centre = position.mean(axis=0)
         ends = np.stack([survey.transmit_position, survey.receive_position], axis=1) - centre
-        ends = np.where(survey.between_nodes[:, None, None], 0.0, ends) / KM
-        for axis, name in enumerate(("north", "east")):
-            terms.append(
-                Term(
-                    f"platform gradient {name}",
-                    "platform gradient",
-                    spline,
-                    ends[..., axis],
-                    prior.gradient,
-                )
-            )
+        distances = {"platform gradient": np.where(survey.between_nodes[:, None, None], 0.0, ends)}
         offsets = position - centre
         if len(position) > 2 and np.linalg.norm(offsets[:, :2], axis=1).max() > _MIN_NODE_SPREAD:
-            at_node = np.repeat(offsets[survey.node][:, None, :] / KM, 2, axis=1)
-            for axis, name in enumerate(("north", "east")):
-                terms.append(
-                    Term(
-                        f"node gradient {name}",
-                        "node gradient",
-                        spline,
-                        at_node[..., axis],
-                        prior.gradient,
-                    )
-                )
+            distances["node gradient"] = np.repeat(offsets[survey.node][:, None, :], 2, axis=1)
+        terms += [
+            Term(name, spline, distance[..., axis] / KM, prior.gradient)
+            for name, distance in distances.items()
+            for axis in (0, 1)
+        ]
     return SoundSpeed(kind, tuple(terms), memory=memory)

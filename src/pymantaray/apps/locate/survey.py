@@ -74,8 +74,7 @@ class Node:
             self.offset_sigma,
             self.drift_sigma,
         )
-        name = f"node {self.name}: a standard deviation or time"
-        check_magnitudes(LocateError, name, *numbers)
+        check_magnitudes(LocateError, f"node {self.name}: a standard deviation or time", *numbers)
         if self.turn_around > 60.0:
             raise LocateError(
                 f"node {self.name}: turn-around time is {self.turn_around:g} s, which is too long;"

@@ -118,25 +118,16 @@ class SurveyUnknowns:
         offset = nodes - centre
         cos = np.cos(angle)
         sin = np.sin(angle)
-        rotated = np.stack(
-            [
-                cos * offset[:, 0] - sin * offset[:, 1],
-                sin * offset[:, 0] + cos * offset[:, 1],
-                offset[:, 2],
-            ],
-            axis=1,
-        )
-        return np.asarray(centre + rotated + [north, east, depth])
+        rotation = np.array([[cos, sin, 0.0], [-sin, cos, 0.0], [0.0, 0.0, 1.0]])
+        return np.asarray(centre + offset @ rotation + [north, east, depth])
 
     def position_map(self, values: Array) -> Array:
         """Derivative of the positions by all columns (n_nodes, 3, size)."""
         k = len(self.survey.nodes)
         out = np.zeros((k, 3, self.size))
-        nodes = np.arange(k)
-        for axis in range(3):
-            out[nodes, axis, 3 * nodes + axis] = 1.0
         array = self.slices["array"].start
         for axis in range(3):
+            out[np.arange(k), axis, 3 * np.arange(k) + axis] = 1.0
             out[:, axis, array + axis] = 1.0
         offset = self.positions(values) - self.positions(values).mean(axis=0)
         out[:, 0, array + 3] = -offset[:, 1]

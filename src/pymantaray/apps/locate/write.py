@@ -8,9 +8,9 @@ import numpy as np
 import xarray as xr
 
 from pymantaray.apps.locate.displacement import CAMPAIGN_FILE, Campaign, campaign_values
-from pymantaray.apps.locate.location import Location, ellipse
-from pymantaray.apps.locate.patterns import test_table
+from pymantaray.apps.locate.location import Location, ellipse, ellipse_points
 from pymantaray.apps.locate.survey import Survey, TravelDirection
+from pymantaray.apps.locate.tests import test_table
 from pymantaray.errors import LocateError
 from pymantaray.estimation.graph.graph import KINDS, FactorGraph, GraphValues
 from pymantaray.estimation.graph.pyfg import write_pyfg
@@ -24,6 +24,9 @@ from pymantaray.records.column_attributes import with_column_attributes
 from pymantaray.records.writing import write_netcdf
 
 _CORNERS = 72  # per ellipse
+_UNUSED = ["line", "node", "time_s", "residual_s", "reason"]
+# keys of the summary in location.json
+_STORED = ("campaign", "displacement", "tests_passed", "widening", "selection", "settled", "usable")
 _SIGMAS = ("sigma_north_m", "sigma_east_m", "sigma_depth_m")
 _ELLIPSE = ("ellipse_major_m", "ellipse_minor_m", "ellipse_azimuth_deg")
 _MIN_SIGMA = 1e-3  # m; for known positions in a graph
@@ -35,6 +38,7 @@ _PLATFORMS = ("A", "platform", *(f"platform-{k}" for k in range(1000)))
 def summary(location: Location) -> dict[str, Any]:
     """Results as the object of ``--json``."""
     moved = location.displacement
+    unused = location.pings.loc[~location.pings["used"]]
     return {
         "nodes": location.nodes,
         "rms_s": location.rms,
@@ -50,7 +54,7 @@ def summary(location: Location) -> dict[str, Any]:
         "budget": location.budget,
         "unknowns": location.other_unknowns,
         "mirrors": [vars(mirror) for mirror in location.mirrors],
-        "rejected": _rejected(location),
+        "rejected": unused[_UNUSED].to_dict("records"),
         "earth": location.earth,
         "settled": location.solution.settled,
         "usable": location.usable,
@@ -58,20 +62,6 @@ def summary(location: Location) -> dict[str, Any]:
         "campaign": campaign_values(location),
         "displacement": moved.as_dict() if moved is not None else None,
     }
-
-
-def _campaign_record(location: Location) -> dict[str, Any]:
-    """Content of ``location.json``."""
-    values = summary(location)
-    keys = ["campaign", "displacement", "tests_passed", "widening", "selection", "settled"]
-    keys += ["usable", "unexplained"]
-    return {key: values[key] for key in keys} | {"tests": values["tests"].to_dict("records")}
-
-
-def _rejected(location: Location) -> list[dict[Any, Any]]:
-    """Unused pings with their lines and reasons."""
-    out = location.pings[~location.pings["used"]]
-    return out[["line", "node", "time_s", "residual_s", "reason"]].to_dict("records")
 
 
 def landmarks_toml(location: Location) -> str:
@@ -122,18 +112,12 @@ def _features(rows: list[dict[Any, Any]], frame: LocalFrame | None) -> list[Feat
     features: list[Feature] = []
     if frame is None:
         return features
-    angle = np.linspace(0.0, 2.0 * np.pi, _CORNERS, endpoint=False)
     for row in rows:
         place = np.array([[row["lon"], row["lat"], -row["depth"]]])
         features.append(Feature("Point", place, row, "nodes", ORANGE))
-        major, minor, azimuth_deg = (row[name] for name in _ELLIPSE)
-        azimuth = np.radians(azimuth_deg)
-        along = major * np.cos(angle)
-        across = minor * np.sin(angle)
-        north = row["north"] + along * np.cos(azimuth) - across * np.sin(azimuth)
-        east = row["east"] + along * np.sin(azimuth) + across * np.cos(azimuth)
-        centre_lat, centre_lon = frame.to_geodetic(row["north"], row["east"])
-        lat, lon = frame.to_geodetic(north, east)
+        centre = np.array([row["north"], row["east"]])
+        centre_lat, centre_lon = frame.to_geodetic(*centre)
+        lat, lon = frame.to_geodetic(*(centre + ellipse_points(row, _CORNERS)).T)
         # a tangent plane has other coordinates, but the same ellipse
         ring = np.column_stack([lon + row["lon"] - centre_lon, lat + row["lat"] - centre_lat])
         properties = {"name": row["name"], "what": "95 % ellipse"}
@@ -145,9 +129,9 @@ def dataset(location: Location) -> xr.Dataset:
     """Nodes with their joint covariance, and pings, as a data set with units."""
     nodes = location.nodes
     pings = location.pings
-    data: dict[str, Any] = {}
-    for name in nodes.columns.drop("name"):
-        data[name] = "node", nodes[name].to_numpy()
+    data: dict[str, Any] = {
+        name: ("node", nodes[name].to_numpy()) for name in nodes.columns.drop("name")
+    }
     count = len(nodes)
     joint = location.covariance.reshape(count, 3, count, 3)
     data["position_covariance"] = (("node", "axis", "node_2", "axis_2"), joint, {"units": "m2"})
@@ -263,9 +247,12 @@ def write_location(location: Location, folder: Path) -> list[Path]:
     results = folder / "location.nc"
     write_netcdf(dataset(location), results)
     campaign = folder / CAMPAIGN_FILE
-    write_json(with_checksum(_campaign_record(location)), campaign)
+    values = summary(location)
+    record = {key: values[key] for key in (*_STORED, "unexplained")}
+    record["tests"] = values["tests"].to_dict("records")
+    write_json(with_checksum(record), campaign)
     if not (location.solution.used & ~location.survey.between_nodes).any():
         return [landmarks, nodes, results, campaign]
-    factor_graph, values = graph(location)
-    write_pyfg(factor_graph, folder / "survey.pyfg", initial=values)
+    factor_graph, initial = graph(location)
+    write_pyfg(factor_graph, folder / "survey.pyfg", initial=initial)
     return [landmarks, nodes, folder / "survey.pyfg", results, campaign]
