@@ -9,9 +9,8 @@ from typing import Any
 import numpy as np
 import pandas as pd
 
-from pymantaray.pages import style
-from pymantaray.pages.page import Explorer
-from pymantaray.pages.script_data import as_json
+from pymantaray.pages.page import Explorer, as_json
+from pymantaray.plotting import style
 from pymantaray.records.result_table import heading
 
 _ROWS = 20_000  # rows in the plot, at equal spacing in the table

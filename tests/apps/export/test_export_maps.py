@@ -22,7 +22,7 @@ from pymantaray.errors import ExchangeError, LocateError, MantaRayError, StudyEr
 from pymantaray.exchange.maps import Feature, geojson, kml
 from pymantaray.exchange.matlab import write_mat
 from pymantaray.exchange.vtk import write_fleet, write_ranges
-from pymantaray.pages.style import GREY
+from pymantaray.plotting.style import GREY
 from pymantaray.records import RayStatus, VehicleStatus
 
 shapely = pytest.importorskip("shapely")

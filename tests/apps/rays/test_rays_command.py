@@ -540,7 +540,7 @@ def test_every_option_reaches_the_search(reached, folder, command):
 
 @pytest.mark.parametrize("quiet", [(), ("--quiet",)])
 def test_every_option_reaches_the_bar_of_many_links(reached, folder, monkeypatch, quiet):
-    monkeypatch.setattr("pymantaray.apps.rays.command._MIN_LINKS_FOR_BAR", 4)
+    monkeypatch.setattr("pymantaray.apps.rays.tables._MIN_LINKS_FOR_BAR", 4)
     words = ("rays", "eigen", "links.csv", "out.csv", *BENT.split(), *quiet)
     reached("pymantaray.acoustics.find_eigenrays", *words, without=rf"{SAME}|^[12]$")
 

@@ -18,7 +18,7 @@ from pymantaray.apps.study.figures.fleet import factor_graph, fleet_layout
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.figures.trajectory import error_over_time
 from pymantaray.apps.study.page import run_page
-from pymantaray.pages import style
+from pymantaray.plotting import style
 from pymantaray.records import RayStatus
 from pymantaray.records.glossary import GLOSSARY
 

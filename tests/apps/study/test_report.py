@@ -26,15 +26,15 @@ from pymantaray.apps.study import open_run, report, write_report
 from pymantaray.apps.study.explore import _first_vehicle, _fleet
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.page import citation_of, headlines, run_page
-from pymantaray.apps.study.study_report import StudyReport
+from pymantaray.apps.study.report import StudyReport
 from pymantaray.apps.study.tables import TABLES as TABLES_OF_PAGE
 from pymantaray.config.headings import key_heading
 from pymantaray.errors import MantaRayError, ReportError
 from pymantaray.evaluation import comparison_table, dropout_table, error_table, range_error_table
 from pymantaray.jobs.folder import staged_parts
 from pymantaray.pages import page as page_module
-from pymantaray.pages import writing as write
-from pymantaray.pages.style import rendered
+from pymantaray.plotting import drawing as write
+from pymantaray.plotting.style import rendered
 from pymantaray.records.result_table import ResultTable
 
 OF_THE_PAPER = {

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial.polynomial import polyder, polyval3d
 
-from pymantaray.apps.table.interpolation import interpolate
+from pymantaray.apps.table.cells import interpolate
 
 _CORNERS = np.array([[corner & 1, corner >> 1 & 1, corner >> 2 & 1] for corner in range(8)])
 

@@ -12,6 +12,7 @@ from pymantaray.apps.atlas.links import AtlasLinks
 from pymantaray.apps.ocean.command import Files
 from pymantaray.cli.groups import Fields, existing, quantities, quantity, with_options
 from pymantaray.cli.options import (
+    OUTPUT,
     Commands,
     Force,
     Json,
@@ -25,7 +26,6 @@ from pymantaray.cli.options import (
     parse_duration,
 )
 from pymantaray.cli.output import check_output, counted_progress
-from pymantaray.cli.panels import OUTPUT
 from pymantaray.cli.printing import printer
 from pymantaray.errors import AtlasError
 
@@ -34,8 +34,6 @@ if TYPE_CHECKING:
 
     from pymantaray.config.door.sound import SoundOptions
     from pymantaray.records.result_table import ResultTable
-
-SHOWS_RESULTS = True
 
 app = Commands(
     cls=RunGroup, help="Map the errors of straight-line ranging in every column of an ocean."

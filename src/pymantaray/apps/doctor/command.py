@@ -13,8 +13,6 @@ import typer
 from pymantaray.cli.options import Json
 from pymantaray.cli.printing import Printer, printer
 
-SHOWS_RESULTS = True
-
 EXIT_FAULTS = 1
 _WIDTH = 12
 

@@ -10,7 +10,7 @@ from pymantaray.apps.study.store import Run
 from pymantaray.errors import ExchangeError
 from pymantaray.exchange.maps import Feature, geojson, kml
 from pymantaray.exchange.recording import Recording
-from pymantaray.pages.style import GREY, INK, LEVELS, condition_looks
+from pymantaray.plotting.style import GREY, INK, LEVELS, condition_looks
 from pymantaray.records.status import TRUTH
 
 MAPS: dict[str, Callable[[list[Feature], str], str]] = {
@@ -113,9 +113,9 @@ def _atlas_features(atlas: xr.Dataset) -> Iterator[Feature]:
         for d, distance in enumerate(distances):
             properties[f"mean_no_direct_path_{distance}_percent"] = lost[t, i, j, d]
         share = shown[t, i, j] / largest
-        colour = _hexadecimal(LEVELS(float(share))) if np.isfinite(share) else GREY
+        colour = (
+            ("#" + "".join(f"{round(255 * part):02x}" for part in LEVELS(float(share))[:3]))
+            if np.isfinite(share)
+            else GREY
+        )
         yield Feature("Polygon", ring, properties, properties.get("time_utc", "cells"), colour)
-
-
-def _hexadecimal(colour: tuple[float, ...]) -> str:
-    return "#" + "".join(f"{round(255 * part):02x}" for part in colour[:3])

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Callable
+from dataclasses import fields, replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -9,10 +10,11 @@ from typing import NamedTuple
 import numpy as np
 import pandas as pd
 
+from pymantaray.acoustics import RayPaths, trace_paths
 from pymantaray.apps.export.map_files import MAPS, run_features, source_features
-from pymantaray.apps.export.run_rays import run_rays
 from pymantaray.apps.graphs.g2o import LEFT_OUT, write_g2o
 from pymantaray.apps.study.graphs import noisy_graphs, write_graphs
+from pymantaray.apps.study.mission import medium_of_run
 from pymantaray.apps.study.store import Run, open_run
 from pymantaray.errors import ExchangeError, StudyError, WriteError, optional_package
 from pymantaray.estimation import CONDITIONS, GraphValues
@@ -27,9 +29,10 @@ from pymantaray.exchange.rosbag import write_bag
 from pymantaray.exchange.tum import write_tum
 from pymantaray.exchange.vtk import write_fleet, write_ranges, write_rays
 from pymantaray.jobs.folder import staged_folder
-from pymantaray.records import whole_file
+from pymantaray.records import Arrivals, whole_file
 from pymantaray.records.csv_text import csv_text
 from pymantaray.records.status import TRUTH
+from pymantaray.sensing.ranging import link_positions
 from pymantaray.version import __version__
 
 _SUFFIXES = {"s": "s", "m": "m", "degrees": "deg", "m s-1": "m_per_s"}
@@ -273,3 +276,38 @@ FORMATS = {
     "geojson": Format(_geojson, folder=False),
     "mat": Format(_mat, folder=False),
 }
+
+
+def run_rays(run: Run) -> RayPaths | None:
+    """
+    Trace the arrivals of a run in the water at their pings; without reflections at a rough surface.
+
+    None if there are none, or if the water varies and its files are missing or have changed.
+    """
+    water = medium_of_run(run)
+    links = run.links
+    arrivals = run.arrivals
+    landmarks = run.measurements.landmark_position
+    if water is None or not arrivals.link.size:
+        return None
+    source, receiver = (
+        link_positions(run.truth, landmarks, links, end) for end in ("first", "second")
+    )
+    parts = []
+    for sample in np.unique(links.sample[arrivals.link]).tolist():
+        medium = water(float(run.truth.time[sample]))
+        chosen = np.flatnonzero(links.sample == sample)
+        rows = np.flatnonzero(links.sample[arrivals.link] == sample)
+        if medium.surface.roughness is not None:
+            rows = rows[arrivals.surface_bounces[rows] == 0]
+        # arrivals of increasing links, in rows of these links
+        own = {
+            item.name: getattr(arrivals, item.name)[
+                rows if item.metadata["dims"][0] == "arrival" else chosen
+            ]
+            for item in fields(Arrivals)
+        }
+        some = Arrivals(**own | {"link": np.searchsorted(chosen, own["link"])})
+        paths = trace_paths(medium, source[chosen], receiver[chosen], some)
+        parts.append(replace(paths, arrival=rows[paths.arrival]))
+    return RayPaths.stack(parts)

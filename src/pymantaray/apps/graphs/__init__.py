@@ -5,11 +5,11 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.apps.graphs.certificate import Certificate as Certificate
-    from pymantaray.apps.graphs.certificate import certify as certify
     from pymantaray.apps.graphs.external import GraphResult as GraphResult
     from pymantaray.apps.graphs.external import open_graph as open_graph
     from pymantaray.apps.graphs.external import solve_graph as solve_graph
     from pymantaray.apps.graphs.external import to_gtsam as to_gtsam
+    from pymantaray.apps.graphs.staircase import Certificate as Certificate
+    from pymantaray.apps.graphs.staircase import certify as certify
 
 __getattr__, __dir__, __all__ = lazy_exports(__name__)

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 import typer
 
 from pymantaray.apps.ocean import fetch_command
-from pymantaray.cli.arguments import in_options
 from pymantaray.cli.groups import existing, quantities, quantity, with_options
 from pymantaray.cli.options import (
+    OUTPUT,
     Commands,
     Force,
     GridOptions,
@@ -28,8 +28,7 @@ from pymantaray.cli.options import (
     parse_duration,
 )
 from pymantaray.cli.output import check_output, progress_bars
-from pymantaray.cli.panels import OUTPUT
-from pymantaray.cli.printing import Printer, printer
+from pymantaray.cli.printing import Printer, in_options, printer
 from pymantaray.errors import MantaRayError, OceanError
 from pymantaray.ocean.names import Equation
 
@@ -42,8 +41,6 @@ if TYPE_CHECKING:
     from pymantaray.ocean.check import Findings
     from pymantaray.ocean.open import CurrentsPolicy
     from pymantaray.ocean.schema import Finding
-
-SHOWS_RESULTS = True
 
 EXIT_WRONG = 2
 _M_PER_KM = 1e3
@@ -157,7 +154,7 @@ def check(
         if findings.ok and water.own_keys:
             findings = Findings([*_refusals(files or [], water), *findings])
     else:
-        from pymantaray.apps.study.assemble import fleet_findings
+        from pymantaray.apps.study.mission import fleet_findings
         from pymantaray.config import load_study
         from pymantaray.config.door.fleet import with_tracks
         from pymantaray.config.door.study import build_study

@@ -57,7 +57,9 @@ class SolvedLinks:
         if water.links is None:  # no link at all
             return find_receptions(source, receiver, medium, reception, currents=currents)
         result = links_of(water.links, np.array([water.row[key] for key in keys], dtype=np.int64))
-        self._limit()
+        # forget the oldest waters, and the links of a single one, above the limit
+        while sum(len(water.row) for water in self._by_water.values()) > _LINKS:
+            self._by_water.pop(next(iter(self._by_water)))
         return result
 
     def _water(
@@ -75,11 +77,6 @@ class SolvedLinks:
             )
         name = self._latest[2] + pickle.dumps(reception)
         return self._by_water.setdefault(name, _Water())
-
-    def _limit(self) -> None:
-        """Forget the oldest waters, and the links of a single one, above the limit."""
-        while sum(len(water.row) for water in self._by_water.values()) > _LINKS:
-            self._by_water.pop(next(iter(self._by_water)))
 
 
 class _Water:

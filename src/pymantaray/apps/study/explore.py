@@ -16,12 +16,10 @@ from pymantaray.apps.study.mission import medium_of_run
 from pymantaray.apps.study.store import Run
 from pymantaray.arrays import Array
 from pymantaray.geometry.boundary import BoundarySurface
-from pymantaray.pages.script_data import as_json
-from pymantaray.pages.style import SOUND_SPEED, condition_label, condition_looks, vehicle_colours
-from pymantaray.pages.water import RAY_KINDS
+from pymantaray.pages.page import as_json
+from pymantaray.plotting.style import SOUND_SPEED, condition_label, condition_looks, vehicle_colours
+from pymantaray.plotting.water import RAY_KINDS
 from pymantaray.records import RayStatus
-
-SHOWS_RESULTS = True
 
 WORST_LINKS, ALL_LINKS_LIMIT = 50, 700
 """

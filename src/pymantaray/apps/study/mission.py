@@ -12,10 +12,6 @@ from numpy.typing import NDArray
 
 from pymantaray.acoustics import Medium, ray_picture, select
 from pymantaray.acoustics.ocean_fields import OceanFields
-from pymantaray.apps.study.assemble import (
-    altitude,
-    gnss_depth,
-)
 from pymantaray.apps.study.manifest import Stopwatch
 from pymantaray.apps.study.tracks import sample_tracks
 from pymantaray.config.door.fleet import MissionFleet
@@ -24,9 +20,12 @@ from pymantaray.errors import MantaRayError, StudyError
 from pymantaray.exchange import Tracks
 from pymantaray.exchange.tracks import with_times
 from pymantaray.fleet import simulate
+from pymantaray.fleet.simulation import fleet_refusals
+from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.sphere import flat_earth_note
 from pymantaray.jobs.progress import CountProgress, Progress
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide
+from pymantaray.ocean.schema import Finding
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (
     Candidates,
@@ -88,7 +87,16 @@ def simulate_mission(
     ``tracks``, ``schedule`` and ``data`` (the ocean) replace those of the study if they are in
     memory.
     """
-    _check_participants(study, tracks, schedule)
+    landmarks = [mark.name for mark in study.ranging.landmarks]
+    names = study.fleet.names if tracks is None else tracks.names
+    if not study.solves and len(names) + len(landmarks) < 2:
+        raise StudyError(
+            f"no ranges: {names[0]} is the only vehicle and there is no landmark; add the"
+            " trajectory of another vehicle, or a landmark: [[landmarks]] with name, north, east"
+            " and depth"
+        )
+    if schedule is not None or study.ranging.pings.own is not None:
+        (schedule or study.schedule).check_names(names, landmarks)
     progress("ocean", 0, 1)
     with watch.stage("ocean"):
         ocean = study.ocean.open(study.sound.interpolation, data)
@@ -158,23 +166,6 @@ def earth_note(study: Study, truth: Trajectories, ranging: RangingTruth) -> str 
 def _largest(lengths: NDArray[np.float64]) -> float:
     """Largest of some lengths that is known, zero without one. [m]"""
     return float(np.max(lengths, initial=0.0, where=np.isfinite(lengths)))
-
-
-def _check_participants(study: Study, tracks: Tracks | None, schedule: Schedule | None) -> None:
-    """
-    Raise an error for ranges without a pair, and for a schedule with unknown names, before the
-    simulation.
-    """
-    landmarks = [mark.name for mark in study.ranging.landmarks]
-    names = study.fleet.names if tracks is None else tracks.names
-    if not study.solves and len(names) + len(landmarks) < 2:
-        raise StudyError(
-            f"no ranges: {names[0]} is the only vehicle and there is no landmark; add the"
-            " trajectory of another vehicle, or a landmark: [[landmarks]] with name, north, east"
-            " and depth"
-        )
-    if schedule is not None or study.ranging.pings.own is not None:
-        (schedule or study.schedule).check_names(names, landmarks)
 
 
 def simulate_fleet(
@@ -392,3 +383,30 @@ def picture_of_most_bent_link(
         receiver=str(truth.name[b]),
         time_h=float(truth.time[sample]) / 3600.0,
     )
+
+
+def gnss_depth(
+    depth: float, ocean: OceanFields, truth: Trajectories
+) -> float | NDArray[np.float64]:
+    """Maximum depth of a GNSS fix: the argument in open water, 0 under ice. [m]"""
+    if "sea_ice_draft" not in ocean.local:
+        return depth
+    surface = BoundarySurface.from_dataset(ocean.local, "sea_ice_draft")
+    if surface.depth.size == 1:
+        return 0.0 if surface.depth.any() else depth
+    draft = surface.depth_at(truth.position.reshape(-1, 3)).reshape(truth.position.shape[:2])
+    return np.where(draft > 0.0, 0.0, depth)
+
+
+def altitude(ocean: OceanFields, truth: Trajectories) -> NDArray[np.float64]:
+    """Height of each vehicle above the sea floor at each sample. [m]"""
+    bed = BoundarySurface.from_dataset(ocean.local, "sea_floor_depth")
+    depth = bed.depth_at(truth.position.reshape(-1, 3)).reshape(truth.position.shape[:2])
+    return np.asarray(depth - truth.position[..., 2])
+
+
+def fleet_findings(study: Study) -> list[Finding]:
+    """Findings of the check of a run's vehicles in its ocean; none for existing trajectories."""
+    fleet = study.fleet
+    refusals = fleet_refusals(fleet.vehicles, study.ocean.local_start(), fleet.physics_step)
+    return [Finding("wrong", "fleet", str(refusal)) for refusal in refusals]

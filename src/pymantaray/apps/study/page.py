@@ -14,14 +14,12 @@ from pymantaray.apps.study.references import MANTARAY
 from pymantaray.evaluation import ALL_LINKS
 from pymantaray.jobs.run_folder import CONFIG, without_checksums
 from pymantaray.pages.page import Card, Explorer, Page, origin_table
-from pymantaray.pages.style import clock, condition_label
+from pymantaray.plotting.style import clock, condition_label
 from pymantaray.records import SolveStatus
 from pymantaray.records.digits import counted, metres, signed_metres
 from pymantaray.records.glossary import GLOSSARY, glossary_lines
 from pymantaray.records.result_table import ResultTable
 from pymantaray.records.status import SOLVE_STATUS_WORDS
-
-SHOWS_RESULTS = True
 
 SYNTHETIC_NOTE = (
     "The ocean of this study is synthetic: it is composed of published water masses, not of"
@@ -56,7 +54,7 @@ def run_page(results: RunResults, rays: str) -> Page:
         lead="refraction",
         long=True,
         words=_words(results),
-        explorer=Explorer("run", explorer(results, rays)),
+        explorer=Explorer("pymantaray.apps.study/run", explorer(results, rays)),
         tables=list(results.tables.values()),
         links={"Configuration": "config.toml"},
         made=_provenance(results),

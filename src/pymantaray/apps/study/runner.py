@@ -24,7 +24,6 @@ from pymantaray.apps.study.realization import (
 from pymantaray.apps.study.references import citation
 from pymantaray.apps.study.store import Run, open_run, run_in_memory, summarize
 from pymantaray.apps.study.tracks import mission_size
-from pymantaray.apps.study.workers import worker_count
 from pymantaray.config.door.fleet import with_tracks
 from pymantaray.config.door.study import Study, build_study
 from pymantaray.config.sections import StudyConfig
@@ -48,6 +47,7 @@ _POSE_BYTES = 160
 _GRAPH_BYTES = 4000
 _LINK_BYTES = 500
 _MAX_STEPS = 1e13  # vehicles x physics steps
+_REALIZATIONS_PER_WORKER = 3
 
 
 def run_study(
@@ -315,3 +315,13 @@ def _write_mission(study: Study, mission: Mission, folder: Path) -> None:
 
 def _silent(_stage: str, _done: int, _total: int) -> None:
     """Report nothing."""
+
+
+def worker_count(realizations: int, asked: int | None = None) -> int:
+    """
+    Number of processes for some realizations, at least one; by default at most one per core and one
+    for every three realizations, because a process takes as long to start as it takes to solve a
+    few short ones.
+    """
+    by_default = min(os.cpu_count() or 1, -(-realizations // _REALIZATIONS_PER_WORKER))
+    return max(1, min(by_default if asked is None else asked, realizations))

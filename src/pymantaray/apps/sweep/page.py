@@ -10,8 +10,6 @@ from pymantaray.config.headings import key_heading
 from pymantaray.pages.page import Page
 from pymantaray.pages.table_explorer import table_explorer
 
-SHOWS_RESULTS = True
-
 _NO_RESULTS = ("point", "status", "error", "condition", "key")
 
 

@@ -16,8 +16,7 @@ from pymantaray.acoustics import Medium
 from pymantaray.acoustics.medium import Interpolation
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.mission import range_fleet, simulate_fleet
-from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS
-from pymantaray.apps.sweep.points import parse_failure, stage_name
+from pymantaray.apps.sweep.keys import FLEET, OCEAN, RAYS, parse_failure, stage_name
 from pymantaray.config.door.ocean import MissionOcean
 from pymantaray.config.door.study import Study
 from pymantaray.errors import SweepError, WriteError
