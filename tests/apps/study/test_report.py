@@ -22,8 +22,9 @@ import xarray as xr
 from matplotlib.figure import Figure
 from refusals import refused
 
-from pymantaray.apps.study import open_run, report, write_report
+from pymantaray.apps.study import open_run, write_report
 from pymantaray.apps.study.explore import _first_vehicle, _fleet
+from pymantaray.apps.study.figures import register
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
 from pymantaray.apps.study.page import citation_of, headlines, run_page
 from pymantaray.apps.study.report import StudyReport
@@ -78,7 +79,7 @@ def without_drawing(monkeypatch):
     monkeypatch.setattr(write, "rendered", lambda _, kinds, **__: dict.fromkeys(kinds, b"drawn"))
     specs = run_figure_specs
     monkeypatch.setattr(
-        report,
+        register,
         "run_figure_specs",
         lambda r, **of: [replace(spec, draw=Figure) for spec in specs(r, **of)],
     )

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pymantaray.cli import output
 from pymantaray.cli.groups import existing, quantity, with_options
 from pymantaray.cli.options import (
     LINKS,
@@ -23,7 +24,6 @@ from pymantaray.cli.options import (
     fan_angles,
     parse_place,
 )
-from pymantaray.cli.output import check_output
 from pymantaray.cli.printing import printer
 from pymantaray.cli.water import load_water, water_notes
 from pymantaray.errors import AcousticsError
@@ -199,7 +199,7 @@ def plot(
     from pymantaray.plotting.style import ocean_header
 
     inputs = [*source.files, *water.files, *([ends.links] if ends.links else [])]
-    check_output(out, (".png", ".pdf"), inputs=inputs, force=force)
+    output.check_output(out, (".png", ".pdf"), inputs=inputs, force=force)
     angles = () if fan is None else fan_angles(*fan)
     _check_ends(ends)
     loaded = load_water(source, water, search)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from pymantaray import acoustics
 from pymantaray.acoustics import Medium, RayPaths, choose_arrivals, currents
 from pymantaray.arrays import Array
-from pymantaray.cli.output import check_output, progress_bars
+from pymantaray.cli import output
 from pymantaray.cli.water import load_water, search_record, water_notes
 from pymantaray.errors import AcousticsError
 from pymantaray.geometry import LocalFrame
@@ -266,7 +266,7 @@ class Job:
         if there are any.
         """
         reception = self.water.reception
-        with progress_bars(
+        with output.progress_bars(
             quiet=self.task.printing.quiet or len(self.source) < _MIN_LINKS_FOR_BAR
         ) as report:
             arrivals = acoustics.find_eigenrays(
@@ -364,7 +364,7 @@ class Job:
 
 def begin_job(command: str, task: "TaskOptions", *, receivers: bool = True) -> Job:
     """Read and check all input of a command before its computation."""
-    check_output(
+    output.check_output(
         task.out,
         (".csv", ".nc"),
         inputs=[task.links, *task.source.files, *task.water.files],
