@@ -246,7 +246,7 @@ def _option(hint: Any, default: Any, flag: str, text: str, unit: str) -> _Option
         else:
             kind = list[_kind(inner)]  # type: ignore[misc]
             default = None
-            convert = _as_tuple
+            convert = lambda values: tuple(values or ())
     elif kind is float and has_units(unit):
         settings["parser"] = quantity(unit)
         if unit == "s" and default is not None and default % 60.0 == 0.0 < default:
@@ -264,7 +264,3 @@ def _kind(hint: Any) -> Any:
     """
     kinds = get_args(hint) if get_origin(hint) in (Union, UnionType) else (hint,)
     return Path if Path in kinds else kinds[0]
-
-
-def _as_tuple(values: list[Any] | None) -> tuple[Any, ...]:
-    return tuple(values or ())

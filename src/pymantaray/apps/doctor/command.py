@@ -95,12 +95,10 @@ def _print(out: Printer, state: dict[str, Any]) -> None:
                 " use"
             ),
         ),
-    ]
-    facts += [
         (
             "packages",
             ", ".join(f"{row['name']} {row['version'] or '-'}" for row in state["packages"]),
-        )
+        ),
     ]
     for name, text in facts:
         out.line(f"{name:<{_WIDTH}} {text}")

@@ -21,7 +21,6 @@ from pymantaray.estimation import CONDITIONS, GraphValues
 from pymantaray.exchange.centre import ENU, NED, centre_attributes, write_sidecar
 from pymantaray.exchange.cf import write_cf
 from pymantaray.exchange.kitti import write_kitti
-from pymantaray.exchange.maps import geojson, kml
 from pymantaray.exchange.matlab import write_mat
 from pymantaray.exchange.recording import FleetPoses, Recording, new_file
 from pymantaray.exchange.rerun import write_rrd
@@ -165,8 +164,11 @@ def _tables(run: Run, realization: int) -> dict[str, pd.DataFrame]:
     return frames
 
 
-def _cf(run: Run, realization: int, folder: Path) -> None:
-    write_cf(record(run, realization), folder)
+def _recorded(
+    write: Callable[[Recording, Path], object],
+) -> Callable[[Run, int, Path], None]:
+    """Writer of the data of one realization."""
+    return lambda run, realization, path: write(record(run, realization), path)  # type: ignore[return-value]
 
 
 def _csv(run: Run, realization: int, folder: Path) -> None:
@@ -215,14 +217,6 @@ def _check_ranges(run: Run) -> None:
         )
 
 
-def _rrd(run: Run, realization: int, file: Path) -> None:
-    write_rrd(record(run, realization), file)
-
-
-def _bag(run: Run, realization: int, folder: Path) -> None:
-    write_bag(record(run, realization), folder)
-
-
 def _mcap(run: Run, realization: int, file: Path) -> None:
     with TemporaryDirectory(dir=file.parent) as folder:
         write_bag(record(run, realization), Path(folder), mcap=True)
@@ -240,14 +234,14 @@ def _mat(run: Run, realization: int, file: Path) -> None:
     write_mat(_frames(run, realization), facts, file)
 
 
-def _kml(run: Run, realization: int, file: Path) -> None:
-    recording = record(run, realization)
-    file.write_text(kml(run_features(run, recording), recording.name), encoding="utf-8")
+def _map(to: str) -> Callable[[Run, int, Path], None]:
+    """Writer of a map in a format of `MAPS`."""
 
+    def write(run: Run, realization: int, file: Path) -> None:
+        recording = record(run, realization)
+        file.write_text(MAPS[to](run_features(run, recording), recording.name), encoding="utf-8")
 
-def _geojson(run: Run, realization: int, file: Path) -> None:
-    features = run_features(run, record(run, realization))
-    file.write_text(geojson(features), encoding="utf-8")
+    return write
 
 
 def _vtk(run: Run, realization: int, folder: Path) -> None:
@@ -263,17 +257,16 @@ def _vtk(run: Run, realization: int, folder: Path) -> None:
 FORMATS = {
     "tum": Format(_tum),
     "kitti": Format(_kitti, axes=NED),
-    "cf": Format(_cf),
+    "cf": Format(_recorded(write_cf)),
     "csv": Format(_csv, axes=NED),
     "parquet": Format(_parquet, axes=NED),
     "g2o": Format(_g2o, axes=NED),
     "pyfg": Format(_pyfg, axes=NED),
-    "rrd": Format(_rrd, folder=False),
+    "rrd": Format(_recorded(write_rrd), folder=False),
     "mcap": Format(_mcap, folder=False),
-    "bag": Format(_bag),
+    "bag": Format(_recorded(write_bag)),
     "vtk": Format(_vtk, axes=ENU),
-    "kml": Format(_kml, folder=False),
-    "geojson": Format(_geojson, folder=False),
+    **{to: Format(_map(to), folder=False) for to in MAPS},
     "mat": Format(_mat, folder=False),
 }
 

@@ -466,26 +466,23 @@ def convert_cast(
     from pymantaray.acoustics.profiles import names_of
     from pymantaray.ocean.convert import parse_instant
 
-    lat = which.lat
-    lon = which.lon
-    time = which.time
-    name = which.name
-    if (lat is None) != (lon is None):
+    if (which.lat is None) != (which.lon is None):
         raise OceanError("--lat and --lon must be used together; give both")
-    place = None if lat is None or lon is None else (lat, lon)
+    place = None if which.lat is None or which.lon is None else (which.lat, which.lon)
     profiles = read_profiles(cast, place, repair_freezing=which.repair_freezing)
     names = names_of(profiles)
-    if name is not None:
-        profiles = [p for p in profiles if p.name == name]
+    if which.name is not None:
+        profiles = [p for p in profiles if p.name == which.name]
     if not profiles or (out.suffix == ".asvp" and len(profiles) > 1):
         cause = (
-            f"no cast {name!r}"
+            f"no cast {which.name!r}"
             if not profiles
             else f"{len(profiles)} casts, but .asvp allows only one"
         )
         raise OceanError(f"{cast}: {cause}; available: {names}; select one with --name")
-    if time is not None:
-        profiles = [p._replace(time=parse_instant(time)) for p in profiles]
+    if which.time is not None:
+        time = parse_instant(which.time)
+        profiles = [p._replace(time=time) for p in profiles]
     if thin is not None:
         profiles = [_thinned(p, thin) for p in profiles]
     if out.suffix == ".asvp":

@@ -5,6 +5,7 @@ best design as a study file, and sentences with numbers.
 
 import os
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,6 +50,7 @@ WORST = 0.1
 """Share of the waters that ``worst_score`` takes."""
 
 
+@dataclass(frozen=True, eq=False)
 class PlanResults:
     """
     Evaluated designs of a plan.
@@ -64,17 +66,10 @@ class PlanResults:
         Scores of the study as it is.
     """
 
-    def __init__(
-        self,
-        plan: DeploymentPlan,
-        designs: Sequence[Design],
-        scores: Sequence[Sequence[Scores]],
-        base: Sequence[Scores],
-    ) -> None:
-        self.plan = plan
-        self.designs = designs
-        self.scores = scores
-        self.base = base
+    plan: DeploymentPlan
+    designs: Sequence[Design]
+    scores: Sequence[Sequence[Scores]]
+    base: Sequence[Scores]
 
     def losses(self, ranked_by: str) -> Array:
         """

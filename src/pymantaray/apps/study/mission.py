@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import xarray as xr
@@ -257,16 +257,10 @@ def range_draws(
     return RangingDraws.of(rangings)
 
 
-def _under_draw(
-    medium: Medium | Callable[[float], Medium], draw: int
-) -> Medium | Callable[[float], Medium]:
+def _under_draw(medium: Any, draw: int) -> Any:
     """Medium, or a function that returns it, with another draw of its rough ice."""
     if callable(medium):
-        return lambda time: _of_draw(medium(time), draw)
-    return _of_draw(medium, draw)
-
-
-def _of_draw(medium: Medium, draw: int) -> Medium:
+        return lambda time: _under_draw(medium(time), draw)
     roughness = medium.surface.roughness
     assert roughness is not None
     return replace(medium, surface=medium.surface.with_roughness(roughness.with_draw(draw)))

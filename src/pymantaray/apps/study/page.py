@@ -178,7 +178,9 @@ def _difference_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
     cards = []
     for row in tables["ate_difference"].frame.head(1).to_dict("records"):
         ends = [row[f"bootstrap_{end}_m"] for end in ("low", "high")]
-        interval = f"; {' to '.join(map(signed_metres, ends))} (95 %)" if _finite(ends) else ""
+        interval = (
+            f"; {' to '.join(map(signed_metres, ends))} (95 %)" if np.isfinite(ends).all() else ""
+        )
         names = row["condition"], row["baseline"]
         difference = f"{names[0]} minus {names[1]}".capitalize()
         if names == ("refracted", "straight"):
@@ -192,10 +194,6 @@ def _difference_cards(tables: Mapping[str, ResultTable]) -> list[Card]:
             )
         )
     return cards
-
-
-def _finite(numbers: Sequence[float]) -> bool:
-    return bool(np.isfinite(numbers).all())
 
 
 def _error_cards(tables: Mapping[str, ResultTable]) -> list[Card]:

@@ -319,7 +319,7 @@ TABLES: dict[str, TableDefinition] = {
     "ranging_draws": TableDefinition(
         "Dropouts and range errors of each realization, which has its own draw of rough ice. All"
         " other tables and figures of ranges are those of realization 0",
-        lambda run: _ranging_draws(run),
+        _ranging_draws,
         lambda run: run.ranging_draws is not None,
         columns="realization attempts dropouts percent mean_m sd_m",
         words={"percent": "dropouts [%]"},
