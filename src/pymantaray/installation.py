@@ -47,7 +47,7 @@ def versions() -> dict[str, str | None]:
 
 _SHOWING = ("cli", "pages", "plotting", "figures")
 """Folders whose modules show results and change none."""
-_SHOWING_MODULES = ("command", "explore", "figures", "page", "plots", "report")
+_SHOWING_MODULES = ("command", "figures", "page", "plots", "report")
 """Last words of the names of such modules in other folders."""
 
 

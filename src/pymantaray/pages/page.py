@@ -24,10 +24,11 @@ from plotly.offline import get_plotlyjs
 from pymantaray.jobs.folder import staged_folder, write_json
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages.folder import PAGE, TABLES, write_files
+from pymantaray.plotting import style
 from pymantaray.plotting.drawing import FigureSpec, Picture, draw
 from pymantaray.plotting.formats import FIGURES, checked_formats
 from pymantaray.records import whole_file
-from pymantaray.records.result_table import ResultTable
+from pymantaray.records.result_table import ResultTable, heading
 
 _MAX_ROWS = 500  # of a table on a page
 # folders of an absolute path, in quotes if they contain spaces; not of an address, which has ://
@@ -38,6 +39,7 @@ _FOLDERS = re.compile(
 )
 _NOT_FINITE = re.compile("NaN|-?Infinity")
 _NUMBER_AND_UNIT = re.compile(r"(?<=\d) (?=(?:m|km|s|ms|h|dB|%)(?![\w]))|(?<=m) (?=± )|(?<=±) ")
+_ROWS = 20_000  # rows in the plot, at equal spacing in the table
 
 
 class Card(NamedTuple):
@@ -248,3 +250,59 @@ def write_page(
         if record:
             write_json(record, stage / f"{name}.json")
     return folder / PAGE
+
+
+def table_explorer(
+    table: pd.DataFrame,
+    up: Sequence[str],
+    across: Sequence[str],
+    each: Sequence[str],
+    *,
+    labels: Callable[[str], str] = heading,
+    lines: bool = True,
+) -> Explorer | None:
+    """
+    Interactive plot of a table; None if the table has no numbers for it.
+
+    ``up`` are columns for the vertical axis, ``across`` columns for the horizontal axis, and
+    ``each`` columns that can divide the rows into series; the first of ``each`` is the initial
+    choice. ``labels`` gives the heading of a column.
+    """
+    up = [name for name in up if pd.to_numeric(table[name], errors="coerce").notna().any()]
+    if not len(table) or not up or not across:
+        return None
+    if len(table) > _ROWS:
+        table = table.iloc[np.unique(np.linspace(0, len(table) - 1, _ROWS).round().astype(int))]
+    names = list(dict.fromkeys([*up, *across, *each]))
+    content = as_json(
+        {
+            "columns": {name: _values(table[name], number=name in up) for name in names},
+            "labels": {name: labels(name) for name in names},
+            "up": up,
+            "across": list(across),
+            "each": list(each),
+            "first": each[0] if each else "",
+            "lines": lines,
+            "colours": style.vehicle_colours(11),
+            "own": _condition_colours(table),
+        }
+    )
+    return Explorer("table", content)
+
+
+def _condition_colours(table: pd.DataFrame) -> dict[str, str]:
+    """Colour of each condition, as on all figures."""
+    if "condition" not in table:
+        return {}
+    return {
+        name: colour
+        for name, (colour, _) in style.condition_looks(list(table["condition"].unique())).items()
+    }
+
+
+def _values(column: "pd.Series[Any]", *, number: bool) -> list[object]:
+    """Numbers with six digits, other values as text."""
+    values = pd.to_numeric(column, errors="coerce")
+    if number or values.notna().all():
+        return [float(f"{value:.6g}") for value in values]
+    return ["" if value is None else str(value) for value in column]

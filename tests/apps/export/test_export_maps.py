@@ -16,8 +16,7 @@ from scipy.io import loadmat
 from pymantaray.acoustics import Medium, find_eigenrays
 from pymantaray.apps.atlas.dataset import FORMAT, VARIABLES, safety_table
 from pymantaray.apps.export import export_run
-from pymantaray.apps.export.map_files import run_features
-from pymantaray.apps.export.run_files import record
+from pymantaray.apps.export.run_files import record, run_features
 from pymantaray.errors import ExchangeError, LocateError, MantaRayError, StudyError, WriteError
 from pymantaray.exchange.maps import Feature, geojson, kml
 from pymantaray.exchange.matlab import write_mat

@@ -23,10 +23,9 @@ from matplotlib.figure import Figure
 from refusals import refused
 
 from pymantaray.apps.study import open_run, write_report
-from pymantaray.apps.study.explore import _first_vehicle, _fleet
 from pymantaray.apps.study.figures import register
 from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
-from pymantaray.apps.study.page import citation_of, headlines, run_page
+from pymantaray.apps.study.page import _first_vehicle, _fleet, citation_of, headlines, run_page
 from pymantaray.apps.study.report import StudyReport
 from pymantaray.apps.study.tables import TABLES as TABLES_OF_PAGE
 from pymantaray.config.headings import key_heading

@@ -16,8 +16,7 @@ from pymantaray.apps.plan.results import mean_score
 from pymantaray.apps.study.page import SYNTHETIC_NOTE
 from pymantaray.config.headings import key_heading
 from pymantaray.jobs.progress import Progress
-from pymantaray.pages.page import Card, Page, origin_table, write_page
-from pymantaray.pages.table_explorer import table_explorer
+from pymantaray.pages.page import Card, Page, origin_table, table_explorer, write_page
 from pymantaray.plotting import style
 from pymantaray.plotting.drawing import FigureSpec, Picture, with_source
 from pymantaray.records.digits import counted, show

@@ -11,8 +11,7 @@ from matplotlib.figure import Figure
 
 from pymantaray.apps.replay import Replay
 from pymantaray.jobs.progress import Progress
-from pymantaray.pages.page import Card, Explorer, Page, origin_table, write_page
-from pymantaray.pages.table_explorer import table_explorer
+from pymantaray.pages.page import Card, Explorer, Page, origin_table, table_explorer, write_page
 from pymantaray.plotting import style
 from pymantaray.plotting.drawing import FigureSpec, Picture
 from pymantaray.records import RayStatus

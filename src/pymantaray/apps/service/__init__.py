@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 from pymantaray.lazy import lazy_exports
 
 if TYPE_CHECKING:
-    from pymantaray.apps.service.ping import Ping as Ping
+    from pymantaray.apps.service.ranging_service import Ping as Ping
     from pymantaray.apps.service.ranging_service import RangingService as RangingService
     from pymantaray.apps.service.server import make_server as make_server
 

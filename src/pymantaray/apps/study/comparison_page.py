@@ -29,8 +29,7 @@ from pymantaray.evaluation.comparison import paired_interval
 from pymantaray.jobs.progress import Progress
 from pymantaray.pages.folder import PAGE
 from pymantaray.pages.folder import TABLES as TABLES_FOLDER
-from pymantaray.pages.page import Explorer, Page, entries, write_page
-from pymantaray.pages.table_explorer import table_explorer
+from pymantaray.pages.page import Explorer, Page, entries, table_explorer, write_page
 from pymantaray.plotting.drawing import FigureSpec, Picture, with_source
 from pymantaray.plotting.style import condition_label, shortened
 from pymantaray.plotting.water import sound_speed_profiles

@@ -4,7 +4,7 @@ import logging
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -13,19 +13,20 @@ from numpy.typing import NDArray
 from pymantaray.acoustics import Medium, ray_picture, select
 from pymantaray.acoustics.ocean_fields import OceanFields
 from pymantaray.apps.study.manifest import Stopwatch
-from pymantaray.apps.study.tracks import sample_tracks
+from pymantaray.arrays import Array
 from pymantaray.config.door.fleet import MissionFleet
 from pymantaray.config.door.study import MissionRanging, Study
 from pymantaray.errors import MantaRayError, StudyError
 from pymantaray.exchange import Tracks
-from pymantaray.exchange.tracks import with_times
+from pymantaray.exchange.tracks import union_of_times, with_times
 from pymantaray.fleet import simulate
 from pymantaray.fleet.simulation import fleet_refusals
+from pymantaray.geometry import LocalFrame
 from pymantaray.geometry.boundary import BoundarySurface
 from pymantaray.geometry.sphere import flat_earth_note
 from pymantaray.jobs.progress import CountProgress, Progress
 from pymantaray.ocean.internal_tide import displaced, has_internal_tide
-from pymantaray.ocean.schema import Finding
+from pymantaray.ocean.schema import Finding, latitude, longitude
 from pymantaray.records import Arrivals, Measurements, RangingTruth, RayStatus, Trajectories
 from pymantaray.sensing import (
     Candidates,
@@ -44,6 +45,8 @@ if TYPE_CHECKING:
     from pymantaray.apps.study.store import Run
 
 LOG = logging.getLogger(__name__)
+FAN = np.radians(np.linspace(-15.0, 15.0, 41))
+"""Launch angles of the fan behind the eigenrays, about the chord, as in the paper. [rad]"""
 
 
 @dataclass(frozen=True, eq=False)
@@ -336,10 +339,6 @@ def medium_of_run(run: "Run") -> Callable[[float], Medium] | None:
     return lru_cache(maxsize=1)(lambda time: medium_of(local_at(time)))
 
 
-FAN = np.radians(np.linspace(-15.0, 15.0, 41))
-"""Launch angles of the fan behind the eigenrays, about the chord, as in the paper. [rad]"""
-
-
 def picture_of_most_bent_link(
     medium: Medium | Callable[[float], Medium],
     truth: Trajectories,
@@ -404,3 +403,53 @@ def fleet_findings(study: Study) -> list[Finding]:
     fleet = study.fleet
     refusals = fleet_refusals(fleet.vehicles, study.ocean.local_start(), fleet.physics_step)
     return [Finding("wrong", "fleet", str(refusal)) for refusal in refusals]
+
+
+class MissionSize(NamedTuple):
+    """Amount of work of a mission, known before it runs."""
+
+    vehicles: int
+    samples: float
+    """Number of samples of each vehicle, without those at pings."""
+    steps: float
+    """Integration steps of each vehicle; 0 for existing trajectories."""
+    pings: float
+    """Number of pings of all vehicles; 0 for a table of pings."""
+
+
+def mission_size(study: Study) -> MissionSize:
+    """Size of a mission from its study and, if they exist, its trajectories."""
+    fleet = study.fleet
+    vehicles = fleet.count
+    pings = study.ranging.pings.count(vehicles, fleet.duration)
+    return MissionSize(vehicles, fleet.samples, fleet.steps, pings)
+
+
+def sample_tracks(
+    tracks: Tracks, duration: float, period: float, pings: Array, local: xr.Dataset
+) -> Trajectories:
+    """
+    Trajectories in a local ocean, sampled every period [s] from the first pose, at the end and at
+    every ping.
+    """
+    # water without a location has tracks in its own frame, which does not depend on the centre
+    frame = LocalFrame(
+        *(local.attrs.get(f"centre_{axis}_deg", 0.0) for axis in ("latitude", "longitude"))
+    )
+    grid = np.append(np.arange(0.0, duration * (1.0 - 1e-12), period), duration)
+    truth = tracks.at(union_of_times(grid, pings), frame)
+    place = truth.position[..., :2]
+    low, high = ([float(local[axis][end]) for axis in ("north", "east")] for end in (0, -1))
+    if not ((place >= low) & (place <= high)).all(axis=-1).any():
+        (north, east), (far_north, far_east) = (
+            place.min(axis=(0, 1)) / 1e3,
+            place.max(axis=(0, 1)) / 1e3,
+        )
+        raise StudyError(
+            f"{tracks.poses[0].file}: no pose is in the ocean: poses are {north:.1f} to"
+            f" {far_north:.1f} km north, {east:.1f} to {far_east:.1f} km east of"
+            f" {latitude(frame.latitude_deg)}, {longitude(frame.longitude_deg)}; the ocean reaches"
+            f" {low[0] / 1e3:.1f} to {high[0] / 1e3:.1f} and {low[1] / 1e3:.1f} to"
+            f" {high[1] / 1e3:.1f}; give another ocean or centre"
+        )
+    return truth

@@ -91,8 +91,8 @@ class StudyReport:
         `write` does what is left if not all steps are taken, and raises the error of a step again.
         """
         with suppress(Exception):
-            from pymantaray.apps.study.explore import mission_rays
             from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
+            from pymantaray.apps.study.page import mission_rays
             from pymantaray.plotting.drawing import draw
 
             run = self._mission = Run(folder)
@@ -115,9 +115,8 @@ class StudyReport:
         Write the report of the finished run into its folder; return a line for each figure of
         another package that fails, which the report lacks.
         """
-        from pymantaray.apps.study.explore import mission_rays
         from pymantaray.apps.study.figures.register import RunResults, run_figure_specs
-        from pymantaray.apps.study.page import run_page
+        from pymantaray.apps.study.page import mission_rays, run_page
         from pymantaray.plotting.drawing import draw
 
         failures: list[str] = []

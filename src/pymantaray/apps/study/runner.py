@@ -13,7 +13,7 @@ from pymantaray.apps.study.manifest import (
     describe_run,
     estimator_notes,
 )
-from pymantaray.apps.study.mission import Mission, simulate_mission
+from pymantaray.apps.study.mission import Mission, mission_size, simulate_mission
 from pymantaray.apps.study.realization import (
     RealizationQueue,
     RealizationResult,
@@ -23,7 +23,6 @@ from pymantaray.apps.study.realization import (
 )
 from pymantaray.apps.study.references import citation
 from pymantaray.apps.study.store import Run, open_run, run_in_memory, summarize
-from pymantaray.apps.study.tracks import mission_size
 from pymantaray.config.door.fleet import with_tracks
 from pymantaray.config.door.study import Study, build_study
 from pymantaray.config.sections import StudyConfig
