@@ -86,6 +86,14 @@ class Printer:
             print_table(table.short())
         self.add(**{table.name: table.frame})
 
+    def frame(self, name: str, rows: Any, caption: str = "", **options: Any) -> None:
+        """Print a data frame, or a list of rows, as `table` does with a table."""
+        from pandas import DataFrame
+
+        from pymantaray.records.result_table import ResultTable
+
+        self.table(ResultTable(name, DataFrame(rows), caption, **options))
+
     def warn(self, lines: list[str]) -> None:
         """Log warnings, and add them to JSON."""
         for line in lines:

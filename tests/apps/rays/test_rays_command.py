@@ -12,6 +12,7 @@ import pytest
 import xarray as xr
 
 from pymantaray.acoustics import Medium, RayPaths, find_eigenrays, thin_profile, trace_paths
+from pymantaray.apps.rays.command import parse_place
 from pymantaray.geometry import LocalFrame
 from pymantaray.ocean import open_ocean, to_local
 from pymantaray.ocean.seawater import sound_speed
@@ -634,3 +635,7 @@ def test_every_option_reaches_the_check_of_the_output(mantaray, folder, checked_
     for (arguments, options), force in zip(checked_outputs, (False, True), strict=True):
         assert arguments == (Path(out), endings)
         assert options == {"inputs": [*map(Path, inputs)], "force": force, **beside}
+
+
+def test_a_place_has_numbers_in_metres_or_with_units():
+    assert parse_place("--source", "6 km,0,4000") == (6000.0, 0.0, 4000.0)

@@ -355,14 +355,13 @@ def _print_worst(out: Printer, result: "GraphResult", count: int) -> None:
     """Print the factors with the largest influence on a solution, by each measure."""
     from pymantaray.estimation import LOSSES
     from pymantaray.estimation.solvers.influence import MEASURES, factor_influence, worst_factors
-    from pymantaray.records.result_table import ResultTable
 
     if not result.solution.usable:
         return
     influence = factor_influence(result.graph, result.values, LOSSES.get(result.estimator))
     for measure, caption in MEASURES.items():
         table = worst_factors(influence, measure, count).drop(columns="successive")
-        out.table(ResultTable(f"largest_{measure}", table, f"Factors with the largest {caption}"))
+        out.frame(f"largest_{measure}", table, f"Factors with the largest {caption}")
 
 
 def _errors(result: "GraphResult") -> dict[str, dict[str, dict[str, float]]]:
@@ -428,23 +427,18 @@ def _print_details(
     Print the cost from each start, a warning of a second plausible minimum, the certificate and,
     if the truth is known, trajectory errors at the start and after the solve.
     """
-    import pandas as pd
-
-    from pymantaray.records.result_table import ResultTable
-
     if len(result.outcomes) > 1:
-        starts = pd.DataFrame(result.summary()["starts"])
-        out.table(ResultTable("starts", starts, "Solutions from each start"))
+        out.frame("starts", result.summary()["starts"], "Solutions from each start")
     out.warn(result.warnings)
     out.add(alternative_start=None if result.alternative is None else result.alternative.name)
     if result.certificate is not None:
         out.line(result.certificate.text, certificate=asdict(result.certificate))
     if result.truth is not None and result.solution.usable:
         before = errors["trajectory_error_of_start"]
-        table = pd.DataFrame(
+        rows = [
             {"vehicle": name, "start_rmse_m": before[name]["rmse_m"], **row}
             for name, row in errors["trajectory_error"].items()
-        )
+        ]
         brief = [
             "vehicle",
             "n",
@@ -455,10 +449,13 @@ def _print_details(
             "p95_m",
             "max_m",
         ]
-        brief = [name for name in brief if name in table]  # a robust loss has no standard errors
-        caption = "Position error by vehicle, no alignment"
-        out.table(
-            ResultTable("trajectory_error", table, caption, brief=brief, words={"n": "poses"})
+        out.frame(
+            "trajectory_error",
+            rows,
+            "Position error by vehicle, no alignment",
+            # a robust loss has no standard errors
+            brief=[name for name in brief if any(name in row for row in rows)],
+            words={"n": "poses"},
         )
 
 

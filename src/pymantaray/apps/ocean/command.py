@@ -238,13 +238,11 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
     profiles.
     """
     from pymantaray.ocean.summary import ocean_facts, region_table, variable_table
-    from pymantaray.records.result_table import ResultTable
 
     own = _configured(files, water, currents="rest")
     with printer(as_json=as_json, to=to) as out:
         if own.in_metres:
-            table = own.open().region.reset_index()
-            out.table(ResultTable("region", table, by_row=True))
+            out.frame("region", own.open().region.reset_index(), by_row=True)
             return
         if own.is_profile and not own.has_sea_floor:
             out.notes(own.notes())
@@ -261,8 +259,7 @@ def show(files: Files, water: GridOptions, as_json: Json = False, to: To = "text
         out.notes(own.notes_of(ocean, floor))
         region = region_table(ocean, equation=own.equation, sea_floor=floor).iloc[:, 0].to_dict()
         out.add(title=facts["title"], region=region)
-        variables = variable_table(ocean, own.equation).reset_index()
-        out.table(ResultTable("variables", variables, by_row=True))
+        out.frame("variables", variable_table(ocean, own.equation).reset_index(), by_row=True)
         levels = ocean["depth"].values
         out.line(f"levels [m]\n{' '.join(f'{z:g}' for z in levels)}", levels_m=levels)
         history = str(ocean.attrs.get("history", "")).strip()
@@ -291,10 +288,7 @@ def _at_one_instant(
 
 def _show_profiles(profiles: "Sequence[Profile]", out: "Printer") -> None:
     """Print the levels of profiles, which need no sea bed here."""
-    import pandas as pd
-
     from pymantaray.ocean.schema import place_text
-    from pymantaray.records.result_table import ResultTable
 
     shown = []
     for profile in profiles:
@@ -321,14 +315,14 @@ def _show_profiles(profiles: "Sequence[Profile]", out: "Printer") -> None:
                 f"{'sea bed':<11} not part of a profile; --bathymetry gives it to commands that"
                 " need one"
             )
-            ranges = [(name, values.min(), values.max()) for name, values in columns.items()]
-            frame = pd.DataFrame(ranges, columns=["variable", "min", "max"])
-            out.table(ResultTable("variables", frame, by_row=True))
+            ranges = [
+                {"variable": name, "min": values.min(), "max": values.max()}
+                for name, values in columns.items()
+            ]
+            out.frame("variables", ranges, by_row=True)
     if len(profiles) > 1:
-        few = [
-            {name: one[name] for name in ("profile", "time", "position", "levels")} for one in shown
-        ]
-        out.table(ResultTable("profiles", pd.DataFrame(few)))
+        few = ("profile", "time", "position", "levels")
+        out.frame("profiles", [{name: one[name] for name in few} for one in shown])
     out.add(levels=shown)
 
 

@@ -10,19 +10,16 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pymantaray.cli import output
-from pymantaray.cli.groups import existing, quantity, with_options
+from pymantaray.cli.groups import existing, number_in, quantity, with_options
 from pymantaray.cli.options import (
     LINKS,
     Commands,
-    Fan,
     Force,
     PrintOptions,
     Quiet,
     SearchOptions,
     SourceOptions,
     WaterOptions,
-    fan_angles,
-    parse_place,
 )
 from pymantaray.cli.printing import printer
 from pymantaray.cli.water import load_water, water_notes
@@ -39,6 +36,17 @@ if TYPE_CHECKING:
 _MAX_LINKS = 6  # per figure
 
 app = Commands(help="Compute travel times and rays between positions.")
+
+
+_MAX_RAYS = 100_000  # of a fan
+Fan = Annotated[
+    tuple[float, float, int] | None,
+    typer.Option(
+        metavar="FROM TO COUNT",
+        help="Fan of COUNT rays between two launch angles in degrees, positive down, instead of"
+        " eigenrays (in a plot: behind them).",
+    ),
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -134,7 +142,7 @@ def trace(task: TaskOptions, rays: FanOptions) -> None:
         raise AcousticsError("--azimuth and --distance need --fan FROM TO COUNT")
     if rays.fan is not None and task.search.cutoff_db is not None:
         raise AcousticsError("--cutoff-db does not apply to --fan; remove one of them")
-    angles = None if rays.fan is None else fan_angles(*rays.fan)
+    angles = None if rays.fan is None else _fan_angles(*rays.fan)
     job = begin_job("trace", task, receivers=rays.aimed)
     found = None
     if angles is None:
@@ -200,7 +208,7 @@ def plot(
 
     inputs = [*source.files, *water.files, *([ends.links] if ends.links else [])]
     output.check_output(out, (".png", ".pdf"), inputs=inputs, force=force)
-    angles = () if fan is None else fan_angles(*fan)
+    angles = () if fan is None else _fan_angles(*fan)
     _check_ends(ends)
     loaded = load_water(source, water, search)
     medium, _ = loaded.at_start
@@ -238,6 +246,30 @@ def plot(
             )
         printed.notes(water_notes(loaded))
         printed.paths(out)
+
+
+def _fan_angles(first: float, last: float, count: int) -> "Array":
+    """Launch angles of a fan from degrees. [rad]"""
+    import numpy as np
+
+    if not 1 <= count <= _MAX_RAYS or not first <= last or (count > 1 and first == last):
+        raise AcousticsError(
+            f"--fan is {first:g} {last:g} {count}; it must be FROM TO COUNT with FROM < TO and"
+            f" COUNT 1 to {_MAX_RAYS}"
+        )
+    return np.radians(np.linspace(first, last, count))
+
+
+def parse_place(option: str, text: str) -> tuple[float, float, float]:
+    """Parse north, east and depth, separated by commas, in metres or with units. [m]"""
+    try:
+        north, east, depth = (number_in(word, "m") for word in text.split(","))
+    except ValueError:
+        raise AcousticsError(
+            f"{option} is {text!r}; it must be north, east and depth in metres, separated by"
+            " commas, such as 6000,0,500"
+        ) from None
+    return north, east, depth
 
 
 def _check_ends(ends: EndOptions) -> None:
